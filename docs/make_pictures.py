@@ -17,7 +17,7 @@ import plotly.graph_objects as go
 
 from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_options import ImportOptions
-from palpate.estimation.study.estimates import BEST, estimate_with
+from palpate.estimation.study.estimates import PREFERRED, estimate_with
 from palpate.render.estimates import estimates_view
 from palpate.render.recording.file import take_picture
 from palpate.render.report import position_figure
@@ -78,7 +78,7 @@ def draw_measured(file: Path, folder: Path) -> None:
     """A soft specimen under an indenter, with the simple model that does not describe it."""
     options = ImportOptions(where={"source_file": "230515_hold"})
     channel = import_file(file, options).channels[0]
-    found = estimate_with(channel, "kelvin_voigt", BEST)
+    found = estimate_with(channel, "kelvin_voigt", PREFERRED)
     draw(position_figure(estimates_view(found, {})), 900, PICTURES / "soft-indentation.png", folder)
 
 

@@ -348,7 +348,7 @@ class Study(ModelStudy):
         contacts = [channel for channel in self.source.channels if channel.kind is ChannelKind.CONTACT]
         if len(contacts) == 1 and not any(item.channel == contacts[0].name for item in chosen):
             base = self.channel(contacts[0].name)
-            self._keep(base, [], None)
+            self._save_stages(base, [], None)
             chosen = [kept for kept in [self.latest(base)] if kept is not None] + chosen
         names = {contact.name for contact in contacts}
         places = ["contact" if item.channel in names else item.channel for item in chosen]

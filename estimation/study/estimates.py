@@ -20,12 +20,12 @@ from palpate.estimation.study.source import Source
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray
 
-BEST = ("robust", "weighted", "lsq")  # estimators in order of preference, if only one can be shown
-MOST = 0.8  # least share of samples that the best estimate must use
+PREFERRED = ("robust", "weighted", "lsq")  # estimators in order of preference, if only one can be shown
+MIN_INLIER_SHARE = 0.8  # least share of samples that the best estimate must use
 ALL = "all"
-USUAL = ("lsq", "robust", "ransac")  # default estimators
+DEFAULT_ESTIMATORS = ("lsq", "robust", "ransac")  # default estimators
 SEED = 1  # seed of RANSAC's random subsets
-OFFSET = "contact_offset.offset"
+OFFSET_NAME = "contact_offset.offset"
 
 
 @dataclass(frozen=True, repr=False)
@@ -41,18 +41,15 @@ class ChannelEstimates(TableDisplay):
 
     @property
     def best(self) -> Estimate:
-        """The preferred estimate: the first of `BEST` that used most samples and determines the parameters.
+        """The first of the `PREFERRED` estimates that used most samples and determines the parameters.
 
         If a robust method rejects many samples, the model is probably wrong, not the samples. Without such an
-        estimate, the first one in the order of `BEST`, or the first of all, is returned.
+        estimate, the first one in the order of `PREFERRED`, or the first of all, is returned.
         """
         by_name = {estimate.estimator: estimate for estimate in self.estimates}
-        ranked = [by_name[name] for name in BEST if name in by_name]
-        trusted = [
-            estimate
-            for estimate in ranked
-            if np.mean(estimate.inliers) >= MOST and estimate.identifiability is not Identifiability.NONE
-        ]
+        ranked = [by_name[name] for name in PREFERRED if name in by_name]
+        determined = (e for e in ranked if e.identifiability is not Identifiability.NONE)
+        trusted = [estimate for estimate in determined if np.mean(estimate.inliers) >= MIN_INLIER_SHARE]
         return (trusted or ranked or list(self.estimates))[0]
 
     @property
@@ -71,7 +68,7 @@ class ChannelEstimates(TableDisplay):
         surface = self.channel.surface
         if surface is None:
             return None
-        offset = next((parameter for parameter in estimate.parameters if parameter.name == OFFSET), None)
+        offset = next((parameter for parameter in estimate.parameters if parameter.name == OFFSET_NAME), None)
         if offset is None:
             return surface
         std_err_m = offset.std_err if np.isfinite(offset.std_err) else surface.std_err_m

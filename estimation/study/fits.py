@@ -64,7 +64,7 @@ class StudyFits(TableDisplay):
         self.held_out = tuple(sorted(set(held_out)))
         self.model = model
         self._library = {effect.name: effect for effect in (*effect_library(), *user_effects.values())}
-        self._own = {effect.name: place for place, effect in user_effects.items()}
+        self._user_places = {effect.name: place for place, effect in user_effects.items()}
         self._lock = RLock()
         self._channels: dict[tuple[str, str], StudyChannel] = {}
         self._fits: dict[_FitKey, FitResult] = {}
@@ -85,9 +85,9 @@ class StudyFits(TableDisplay):
         return tuple(self._library.values())
 
     @property
-    def own_effects(self) -> tuple[Effect, ...]:
+    def user_effects(self) -> tuple[Effect, ...]:
         """Effects defined by the user."""
-        return tuple(self._library[name] for name in self._own)
+        return tuple(self._library[name] for name in self._user_places)
 
     @cached_property
     def warnings(self) -> dict[str, list[str]]:

@@ -87,7 +87,7 @@ def better_explanation(
 _FRESH_RATIO = 0.95  # ratio of held-out errors below which independent runs are suggested
 
 
-def on_clocks_of_their_own(data: ChannelData) -> ChannelData:
+def with_clock_per_run(data: ChannelData) -> ChannelData:
     """Restart the clock of a channel in each run, so that all runs are independent.
 
     Args:
@@ -96,14 +96,14 @@ def on_clocks_of_their_own(data: ChannelData) -> ChannelData:
     return replace(data, time_s=time_in_run(data.time_s, data.run))
 
 
-def relaxes_afresh(data: ChannelData, model: Model) -> bool:
+def prefers_fresh_runs(data: ChannelData, model: Model) -> bool:
     """Return whether relaxation fits better if each run meets a new object instead of the same one.
 
     Args:
         data: a contact channel; the result is false for other channels.
         model: the model, with or without relaxation.
     """
-    independent = on_clocks_of_their_own(data)
+    independent = with_clock_per_run(data)
     if data.kind is not ChannelKind.CONTACT or (independent.time_s == data.time_s).all():
         return False
     relaxing = model.without(StressRelaxation.name).with_effect_first(StressRelaxation())
@@ -111,7 +111,7 @@ def relaxes_afresh(data: ChannelData, model: Model) -> bool:
     return own_clocks < _FRESH_RATIO * one_clock
 
 
-def explained_by_fresh_runs(study: ModelStudy, diagnosis: ChannelDiagnosis) -> bool:
+def suggests_fresh_runs(study: ModelStudy, diagnosis: ChannelDiagnosis) -> bool:
     """Return whether a diagnosis with relaxation is incomplete, and independent runs would fit better.
 
     Args:
@@ -123,4 +123,4 @@ def explained_by_fresh_runs(study: ModelStudy, diagnosis: ChannelDiagnosis) -> b
     if StressRelaxation.name not in named or not unexplained:
         return False
     channel = study.channel(diagnosis.channel)
-    return relaxes_afresh(channel.data, channel.model)
+    return prefers_fresh_runs(channel.data, channel.model)

@@ -25,7 +25,8 @@ from palpate.estimation.study.study import ModelStudy
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
-Grown = Sequence[tuple[StudyChannel, Sequence[str]]]  # channels with the effects added to their base models
+# Channels with the effects added to their base models.
+Extended = Sequence[tuple[StudyChannel, Sequence[str]]]
 # Largest lag as a share of the median run, with its lower and upper limit in samples.
 _LAG_SHARE, _MIN_LAGS, _MAX_LAGS = 0.1, 25, 400
 _MIN_OVERLAP = 0.9  # least ratio of the shorter to the longer run for a comparison over time
@@ -85,7 +86,7 @@ class Side:
         """Cross-correlation of the residual with the velocity."""
         return cross_correlation(self.residual, self.data.velocity, self.data.run, self.lags)
 
-    def floors_of(self, other: "Side") -> float:
+    def noise_ratio_of(self, other: "Side") -> float:
         """Return the error of this model on the other measurement, in that measurement's noise levels.
 
         Args:
@@ -137,7 +138,7 @@ class ParameterDifference:
     is_same_data: bool = False
     # Standard error of the difference if one measurement repeats the other; None if errors are independent.
     paired_std_err: float | None = None
-    floors: float = float("inf")  # change of the effort by the difference, in noise levels
+    noise_levels: float = float("inf")  # change of the effort by the difference, in noise levels
 
     @property
     def value(self) -> float:
@@ -160,7 +161,7 @@ class ParameterDifference:
         """Whether the difference is significant and changes the effort; None if there is no interval."""
         if not np.isfinite(self.half):
             return None
-        return bool(abs(self.value) > self.half) and self.floors > _MIN_NOISE_LEVELS
+        return bool(abs(self.value) > self.half) and self.noise_levels > _MIN_NOISE_LEVELS
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -192,7 +193,7 @@ class Sides(TableDisplay):
                 second.get(name),
                 self.is_same_data,
                 self._paired_errors.get(name),
-                self._floors_of(name),
+                self._noise_levels_of(name),
             )
             for name in dict.fromkeys([*first, *second])
         )
@@ -230,7 +231,7 @@ class Sides(TableDisplay):
         fitted = self.first.compared.fitted
         return slopes_of(fitted.model, fitted.data, fitted.values)
 
-    def _floors_of(self, name: str) -> float:
+    def _noise_levels_of(self, name: str) -> float:
         """Return the change of the effort by a parameter's difference, in noise levels; inf if unknown."""
         a, b = self.first.compared, self.second.compared
         if a is None or b is None or not {name} <= a.parameters.keys() & b.parameters.keys():
@@ -265,21 +266,21 @@ class Sides(TableDisplay):
         return matched
 
     @property
-    def followed(self) -> float:
+    def agreement_percent(self) -> float:
         """Agreement of the two efforts over time [%]; NaN if the motion was not repeated."""
         return float("nan") if self.overlay is None else fit_percent(self.first.data.effort, self.overlay)
 
     @property
-    def apart(self) -> float:
+    def difference_in_noise(self) -> float:
         """Difference between the two efforts over time, relative to the noise of both; NaN if unknown."""
         a, b = self.first.compared, self.second.compared
         if self.overlay is None or a is None or b is None:
             return float("nan")
-        apart = np.nanmean((self.overlay - self.first.data.effort) ** 2)
-        return float(np.sqrt(apart) / max(np.hypot(a.noise.value, b.noise.value), np.finfo(float).tiny))
+        rms = np.sqrt(np.nanmean((self.overlay - self.first.data.effort) ** 2))
+        return float(rms / max(np.hypot(a.noise.value, b.noise.value), np.finfo(float).tiny))
 
     @cached_property
-    def fits(self) -> tuple[tuple[float, float], tuple[float, float]]:
+    def fit_matrix(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Fit [%] of each model (row) to each measurement (column)."""
         pair = (self.first, self.second)
         first, second = ((side.fit_of(pair[0]), side.fit_of(pair[1])) for side in pair)
@@ -302,7 +303,10 @@ class Sides(TableDisplay):
 
 
 def side_by_side(
-    first: ModelStudy, second: ModelStudy, names: tuple[str, str], grown: tuple[Grown, Grown] | None = None
+    first: ModelStudy,
+    second: ModelStudy,
+    names: tuple[str, str],
+    extended: tuple[Extended, Extended] | None = None,
 ) -> tuple[Sides, ...]:
     """Pair the channels that two studies share, with their base models or with added effects.
 
@@ -310,17 +314,17 @@ def side_by_side(
         first: study to compare with.
         second: study to compare.
         names: labels of the two studies.
-        grown: channels of each study with their added effects; None for all base models.
+        extended: channels of each study with their added effects; None for all base models.
 
     Raises:
         InputError: the studies share no channel.
     """
-    chosen = grown or [[(channel, ()) for channel in study.channels] for study in (first, second)]
+    chosen = extended or [[(channel, ()) for channel in study.channels] for study in (first, second)]
     comparisons = tuple(
-        Sides(_side(names[0], first, first_channel, effects), _side(names[1], second, second_channel, others))
-        for first_channel, effects in chosen[0]
-        for second_channel, others in chosen[1]
-        if second_channel.name == first_channel.name and second_channel.kind is first_channel.kind
+        Sides(_side(names[0], first, channel, effects), _side(names[1], second, other, other_effects))
+        for channel, effects in chosen[0]
+        for other, other_effects in chosen[1]
+        if other.name == channel.name and other.kind is channel.kind
     )
     if not comparisons:
         listed = [", ".join(channel.name for channel, _ in side) for side in chosen]

@@ -13,17 +13,17 @@ from palpate.estimation.data.units import LARGEST_NUMBER
 from palpate.estimation.diagnosis.result import ParameterValue
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.models import MODELS
-from palpate.estimation.study.saved_diagnosis import read_kept, with_checksum
+from palpate.estimation.study.saved_diagnosis import read_saved, with_checksum
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.whole_file import whole_file
 
 FOLDER = "revisions"
-MOST = 999_999  # largest number that palpate creates
+MAX_NUMBER = 999_999  # largest number that palpate creates
 Sized = Annotated[float, Field(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
 SizedError = Annotated[float, Field(ge=0.0, le=LARGEST_NUMBER)]
 
 
-class KeptParameter(ParameterValue):
+class SavedParameter(ParameterValue):
     """One parameter with a finite value of limited size."""
 
     model_config = ConfigDict(allow_inf_nan=False)
@@ -37,7 +37,7 @@ class Revision(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    number: int = Field(ge=0, le=MOST)  # number of the revision, unique within a study
+    number: int = Field(ge=0, le=MAX_NUMBER)  # number of the revision, unique within a study
     parent: int | None  # number of the previous revision; None for a base model
     channel: str  # name of the channel
     model: str  # name of the base model
@@ -48,7 +48,7 @@ class Revision(BaseModel):
     effort_unit: str  # unit of the errors
     rmse: SizedError  # held-out error
     noise_floor: SizedError  # held-out error of a complete model
-    parameters: dict[str, KeptParameter]  # parameters by "effect.parameter"
+    parameters: dict[str, SavedParameter]  # parameters by "effect.parameter"
     data_sha256: str  # SHA-256 of the fitted channel
     created_utc: str  # creation time
     software_version: str  # version of palpate
@@ -71,7 +71,7 @@ class Revisions:
         self._in_memory: list[Revision] = []
 
     @property
-    def is_there(self) -> bool:
+    def exists(self) -> bool:
         """Whether the folder of revisions exists."""
         return self._folder is not None and self._folder.is_dir()
 
@@ -88,7 +88,7 @@ class Revisions:
         revisions = []
         for file in sorted(numbered, key=lambda file: int(file.stem)):
             try:
-                revision = read_kept(file, Revision)
+                revision = read_saved(file, Revision)
             except ValueError as error:
                 raise _damaged(file, str(error)) from error
             if flaw := next(_flaws(revision, int(file.stem)), None):
@@ -114,7 +114,7 @@ class Revisions:
             raise InputError(f"no revision {number} in {self._folder or 'memory'}. There are: {listed}")
         return known[number]
 
-    def keep(self, make: Callable[[int], Revision]) -> Revision:
+    def save(self, make: Callable[[int], Revision]) -> Revision:
         """Save a revision under the next unused number.
 
         Args:
@@ -143,7 +143,7 @@ class Revisions:
         except OSError as error:
             raise InputError(f"cannot write {self._folder}: {error.strerror or error}") from error
 
-    def drop(self, revisions: Sequence[Revision]) -> None:
+    def discard(self, revisions: Sequence[Revision]) -> None:
         """Remove revisions that were just saved, after a failure to save the whole set.
 
         Args:
@@ -156,7 +156,7 @@ class Revisions:
                 (self._folder / _name(revision.number)).unlink(missing_ok=True)
 
 
-def own_effects(revisions: Sequence[Revision]) -> list[str]:
+def user_effects_of(revisions: Sequence[Revision]) -> list[str]:
     """Return the user-defined effects in revisions, as FILE.py:Class, without repetition.
 
     Args:

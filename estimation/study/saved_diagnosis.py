@@ -15,20 +15,20 @@ from palpate.robot_io.errors import InputError
 
 RESULT = "diagnosis.json"
 _TOLERANCE = 1e-3  # difference up to which two fits agree, relative to the value or its standard error
-_ABOUT = "judged"  # key of the data and base models to which the file refers
+_IDENTITY = "judged"  # key of the data and base models to which the file refers
 
 
-class _About(BaseModel):
+class _Identity(BaseModel):
     """Identity of the data and base model of a saved channel diagnosis."""
 
     model: str
     data_sha256: str
 
 
-class _KeptDiagnosis(Diagnosis):
+class _SavedDiagnosis(Diagnosis):
     """A file with a saved diagnosis."""
 
-    judged: dict[str, _About]
+    judged: dict[str, _Identity]
 
 
 def diagnosis_data(diagnosis: Diagnosis, channels: Sequence[StudyChannel]) -> dict[str, Any]:
@@ -38,11 +38,11 @@ def diagnosis_data(diagnosis: Diagnosis, channels: Sequence[StudyChannel]) -> di
         diagnosis: the diagnosis.
         channels: the diagnosed channels.
     """
-    about = {c.name: {"model": c.model.name, "data_sha256": c.sha256} for c in channels}
-    return with_checksum(diagnosis.model_dump(mode="json") | {_ABOUT: about})
+    identities = {c.name: {"model": c.model.name, "data_sha256": c.sha256} for c in channels}
+    return with_checksum(diagnosis.model_dump(mode="json") | {_IDENTITY: identities})
 
 
-def read_diagnosis(folder: Path | None) -> dict[tuple[str, str, str], ChannelDiagnosis]:
+def read_saved_diagnoses(folder: Path | None) -> dict[tuple[str, str, str], ChannelDiagnosis]:
     """Read the saved diagnosis of a folder.
 
     Args:
@@ -58,15 +58,15 @@ def read_diagnosis(folder: Path | None) -> dict[tuple[str, str, str], ChannelDia
     if file is None or not file.exists():
         return {}
     try:
-        saved = read_kept(file, _KeptDiagnosis)
-        about = [(channel, saved.judged[channel.channel]) for channel in saved.channels]
-        return {(channel.channel, its.model, its.data_sha256): channel for channel, its in about}
+        saved = read_saved(file, _SavedDiagnosis)
+        identities = [(channel, saved.judged[channel.channel]) for channel in saved.channels]
+        return {(channel.channel, its.model, its.data_sha256): channel for channel, its in identities}
     except (ValueError, KeyError) as error:
         flaw = error if isinstance(error, ValueError) else f"judged.{error}: is missing"
         raise InputError(f"{file}: is damaged ({flaw}); delete it, or run palpate diagnose again") from error
 
 
-def is_other(saved: float, fitted: float, std_err: float = 0.0) -> bool:
+def differs_from_fit(saved: float, fitted: float, std_err: float = 0.0) -> bool:
     """Return whether a saved number differs from the result of a repeated fit.
 
     Args:
@@ -78,13 +78,13 @@ def is_other(saved: float, fitted: float, std_err: float = 0.0) -> bool:
     return not abs(saved - fitted) <= _TOLERANCE * scale
 
 
-MOST_BYTES = 16_000_000
-MOST_TEXT = 4000  # characters
+MAX_BYTES = 16_000_000
+MAX_TEXT_LENGTH = 4000  # characters
 _CHECKSUM = "sha256"  # key of the SHA-256 of the remaining content
-Kept = TypeVar("Kept", bound=BaseModel)
+Saved = TypeVar("Saved", bound=BaseModel)
 
 
-def read_kept(file: Path, model: type[Kept]) -> Kept:
+def read_saved(file: Path, model: type[Saved]) -> Saved:
     """Read a file that palpate saved, and check its size, form, texts and checksum.
 
     Args:
@@ -97,8 +97,8 @@ def read_kept(file: Path, model: type[Kept]) -> Kept:
     try:
         if not file.is_file():  # reading a pipe may never end
             raise ValueError("it is not a regular file")
-        if file.stat().st_size > MOST_BYTES:
-            raise ValueError(f"it has more than {MOST_BYTES // 10**6} MB")
+        if file.stat().st_size > MAX_BYTES:
+            raise ValueError(f"it has more than {MAX_BYTES // 10**6} MB")
         content = json.loads(file.read_bytes())
         checksum = content.pop(_CHECKSUM, None) if isinstance(content, dict) else None
         kept = model.model_validate_json(json.dumps(content), strict=True)
@@ -113,8 +113,8 @@ def read_kept(file: Path, model: type[Kept]) -> Kept:
         where = ".".join(clean_text(str(part)) for part in first["loc"])
         raise ValueError(f"{where}: {first['msg']}" if where else first["msg"]) from error
     for text in _texts(kept.model_dump(mode="json")):
-        if len(text) > MOST_TEXT:
-            raise ValueError(f"a text has {len(text)} characters, at most {MOST_TEXT}")
+        if len(text) > MAX_TEXT_LENGTH:
+            raise ValueError(f"a text has {len(text)} characters, at most {MAX_TEXT_LENGTH}")
         if text != clean_text(text):
             raise ValueError(f"the text {text!a:.60} has characters that cannot be printed")
     if checksum is None:
@@ -125,12 +125,12 @@ def read_kept(file: Path, model: type[Kept]) -> Kept:
 
 
 def with_checksum(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return cleaned content with its checksum, in the form that `read_kept` requires.
+    """Return cleaned content with its checksum, in the form that `read_saved` requires.
 
     Args:
         content: content to be saved as JSON.
     """
-    cleaned = clean(content)
+    cleaned = clean_texts(content)
     return {**cleaned, _CHECKSUM: _checksum(cleaned)}
 
 
@@ -138,24 +138,24 @@ def _checksum(content: Mapping[str, Any]) -> str:
     return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def clean(content: Any) -> Any:  # noqa: ANN401, whatever JSON can hold
-    """Return the content with texts in the form that `read_kept` accepts.
+def clean_texts(content: Any) -> Any:  # noqa: ANN401, whatever JSON can hold
+    """Return the content with texts in the form that `read_saved` accepts.
 
     Args:
         content: content that JSON can represent.
     """
     if isinstance(content, str):
-        return clean_text(content)[:MOST_TEXT]
+        return clean_text(content)[:MAX_TEXT_LENGTH]
     if isinstance(content, Mapping):
-        return {clean(key): clean(value) for key, value in content.items()}
-    return [clean(value) for value in content] if isinstance(content, list) else content
+        return {clean_texts(key): clean_texts(value) for key, value in content.items()}
+    return [clean_texts(value) for value in content] if isinstance(content, list) else content
 
 
 def clean_text(text: str) -> str:
     """Replace each nonprintable character by a question mark.
 
     Args:
-        text: text to clean.
+        text: text to clean_texts.
     """
     return "".join(char if char.isprintable() else "?" for char in text)
 

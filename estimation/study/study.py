@@ -25,7 +25,7 @@ from palpate.estimation.study.channels import (
     unapplicable,
 )
 from palpate.estimation.study.estimates import (
-    USUAL,
+    DEFAULT_ESTIMATORS,
     ChannelEstimates,
     choose_estimators,
     estimate_with,
@@ -33,8 +33,13 @@ from palpate.estimation.study.estimates import (
 )
 from palpate.estimation.study.fits import StudyFits
 from palpate.estimation.study.results import Change, ChannelResult, RevisionTable, Stage, StudyDiagnosis
-from palpate.estimation.study.revisions import KeptParameter, Revision, Revisions
-from palpate.estimation.study.saved_diagnosis import RESULT, diagnosis_data, is_other, read_diagnosis
+from palpate.estimation.study.revisions import Revision, Revisions, SavedParameter
+from palpate.estimation.study.saved_diagnosis import (
+    RESULT,
+    diagnosis_data,
+    differs_from_fit,
+    read_saved_diagnoses,
+)
 from palpate.estimation.workers import release_freed_memory
 from palpate.robot_io.errors import InputError
 
@@ -139,7 +144,7 @@ class ModelStudy(StudyFits):
         entries = [self._diagnoses[member.key] for member in chosen]
         for member, entry in zip(chosen, entries, strict=True):
             if apply and entry.accepted:
-                self._keep(member, [accepted.effect for accepted in entry.accepted], None)
+                self._save_stages(member, [accepted.effect for accepted in entry.accepted], None)
         names = "+".join(dict.fromkeys(member.model.name for member in chosen))
         return StudyDiagnosis(file=self._file, model=names, channels=entries)
 
@@ -194,17 +199,17 @@ class ModelStudy(StudyFits):
             InputError: the saved file is damaged, or its numbers differ from this study's fits.
         """
         made = self._diagnoses.get(channel.key)
-        saved = None if made else read_diagnosis(self.folder).get(channel.key)
+        saved = None if made else read_saved_diagnoses(self.folder).get(channel.key)
         if saved is None or saved.baseline is None or channel.held_out:  # their scores are not comparable
             return made or saved
         with self._lock:
             noise, names = self.noise(channel).value, [entry.effect for entry in saved.accepted]
-            if saved.noise_floor is not None and is_other(saved.noise_floor, noise):
+            if saved.noise_floor is not None and differs_from_fit(saved.noise_floor, noise):
                 why = f"its noise is {saved.noise_floor:.4g}, but these data give {noise:.4g}"
             else:
-                why = self._other_numbers(channel, [], saved.baseline.rmse, saved.baseline.parameters)
+                why = self._difference_from_fit(channel, [], saved.baseline.rmse, saved.baseline.parameters)
             if not why and saved.final is not None:
-                why = self._other_numbers(channel, names, saved.final.rmse, saved.final.parameters)
+                why = self._difference_from_fit(channel, names, saved.final.rmse, saved.final.parameters)
         if why:
             raise InputError(
                 f"{self.folder}/{RESULT}: channel {channel.name}: {why}: the file was changed, or "
@@ -214,7 +219,7 @@ class ModelStudy(StudyFits):
 
     def estimate(
         self,
-        estimators: str | Sequence[str] = USUAL,
+        estimators: str | Sequence[str] = DEFAULT_ESTIMATORS,
         channel: str | None = None,
         runs: Sequence[int] | None = None,
     ) -> tuple[ChannelEstimates, ...]:
@@ -285,14 +290,14 @@ class ModelStudy(StudyFits):
                 self.check(parent)
             before = [] if parent is None else parent.effects
             if parent is not None:
-                self._check_own(parent)
+                self._check_user_effects(parent)
                 if repeated := [name for name in effects if name in before]:
                     raise InputError(
                         f"revision {parent.number} has {', '.join(repeated)} already: continue from one "
                         "without it (--from, see palpate revisions), or start again (--fresh)"
                     )
             added = [*before, *effects]
-            new = self._keep(base, added, parent)
+            new = self._save_stages(base, added, parent)
             return Change(self.result(base, added, self.known_diagnosis(base)), new, parent)
 
     def remove(self, effect: str, channel: str | None = None) -> Change:
@@ -316,9 +321,9 @@ class ModelStudy(StudyFits):
                 listed = ", ".join(revision.channel for revision in having)
                 raise InputError(f"remove {effect!r}: was added to {listed}; choose one with --channel")
             (parent,) = having
-            self._check_own(parent)
+            self._check_user_effects(parent)
             base, remaining = self.channel_of(parent), [name for name in parent.effects if name != effect]
-            revision = self._keep_one(base, remaining, parent, removed=effect)
+            revision = self._save_stage(base, remaining, parent, removed=effect)
             return Change(self.result(base, remaining, self.known_diagnosis(base)), (revision,), parent)
 
     @property
@@ -364,7 +369,7 @@ class ModelStudy(StudyFits):
             InputError: there is none, or it has a user-defined effect that this study does not know.
         """
         revision = self._revisions.get(number)
-        self._check_own(revision)
+        self._check_user_effects(revision)
         return revision
 
     def channel_of(self, revision: Revision) -> StudyChannel:
@@ -394,7 +399,7 @@ class ModelStudy(StudyFits):
                 "Give the options that it was made with (--where, --unit, --urdf), make a revision for "
                 "these data (palpate diagnose --apply, palpate add --fresh), or name another folder"
             )
-        if why := self._other_numbers(channel, revision.effects, revision.rmse, revision.parameters):
+        if why := self._difference_from_fit(channel, revision.effects, revision.rmse, revision.parameters):
             raise InputError(
                 f"revision {revision.number}: {why}: it was changed, or made by another version "
                 f"({revision.software_version}); add its effects again (palpate add --fresh)"
@@ -475,7 +480,7 @@ class ModelStudy(StudyFits):
         if newest is None:
             return self.result(channel, (), diagnosis)
         try:
-            self._check_own(newest)
+            self._check_user_effects(newest)
         except InputError as error:
             left_out = f"{channel.name} is shown without its added effects: {error}"
             return self.result(channel, (), diagnosis, left_out)
@@ -485,15 +490,15 @@ class ModelStudy(StudyFits):
         newest = self.newest(channel)
         return channel if newest is None else self.channel_of(newest)
 
-    def _check_own(self, revision: Revision) -> None:
+    def _check_user_effects(self, revision: Revision) -> None:
         """Raise InputError for a revision with a user-defined effect whose code is missing."""
         for place in revision.user_effects:
-            if place not in self._own.values():
+            if place not in self._user_places.values():
                 raise InputError(
                     f"revision {revision.number} has an effect of your own: add --effect {place}"
                 )
 
-    def _other_numbers(
+    def _difference_from_fit(
         self,
         channel: StudyChannel,
         effects: Sequence[str],
@@ -507,15 +512,15 @@ class ModelStudy(StudyFits):
         if not set(effects) <= set(self._library):
             return ""
         fit = self.fit(channel, effects)
-        if is_other(rmse, fit.rmse):
+        if differs_from_fit(rmse, fit.rmse):
             return f"its error is {rmse:.4g}, but these data give {fit.rmse:.4g}"
         for name, saved in parameters.items():
             fitted = fit.parameters.get(name)
-            if fitted is not None and is_other(saved.value, fitted.value, fitted.std_err):
+            if fitted is not None and differs_from_fit(saved.value, fitted.value, fitted.std_err):
                 return f"its {name} is {saved.value:.4g}, but these data give {fitted.value:.4g}"
         return ""
 
-    def _keep(
+    def _save_stages(
         self, channel: StudyChannel, effects: Sequence[str], parent: Revision | None
     ) -> tuple[Revision, ...]:
         """Save each stage after the parent, or after a base model that is already saved."""
@@ -527,19 +532,19 @@ class ModelStudy(StudyFits):
         kept: list[Revision] = []
         try:
             for count in range(0 if before is None else len(before.effects) + 1, len(effects) + 1):
-                kept.append(self._keep_one(channel, effects[:count], kept[-1] if kept else before))
+                kept.append(self._save_stage(channel, effects[:count], kept[-1] if kept else before))
         except BaseException:  # such as a full disk or Ctrl-C: save all stages or none
-            self._revisions.drop(kept)
+            self._revisions.discard(kept)
             raise
         return tuple(kept)
 
-    def _keep_one(
+    def _save_stage(
         self, channel: StudyChannel, effects: Sequence[str], parent: Revision | None, *, removed: str = ""
     ) -> Revision:
         from importlib.metadata import version  # noqa: PLC0415, slow to import
 
         fit, created = self.fit(channel, effects), self._now().isoformat(timespec="seconds")
-        return self._revisions.keep(
+        return self._revisions.save(
             lambda number: Revision(
                 number=number,
                 parent=None if parent is None else parent.number,
@@ -548,11 +553,11 @@ class ModelStudy(StudyFits):
                 added="" if removed else "".join(effects[-1:]),
                 removed=removed,
                 effects=list(effects),
-                user_effects=[self._own[name] for name in effects if name in self._own],
+                user_effects=[self._user_places[name] for name in effects if name in self._user_places],
                 effort_unit=channel.effort_unit,
                 rmse=fit.rmse,
                 noise_floor=self.noise(channel).value,
-                parameters={name: KeptParameter.of(value) for name, value in fit.parameters.items()},
+                parameters={name: SavedParameter.of(value) for name, value in fit.parameters.items()},
                 data_sha256=channel.sha256,
                 created_utc=created,
                 software_version=version("palpate"),

@@ -19,10 +19,10 @@ from palpate.estimation.study.channels import StudyChannel
 from palpate.estimation.study.study import ModelStudy
 from palpate.robot_io.errors import InputError
 
-MOST = 6  # largest number of rivals that are compared
-_ALONE = 4  # the same, including the accepted model, if the missing effect is unknown
-_CONTAINED = 1e-3  # largest relative residual of a law's contribution if another law contains it
-_UNSEEN = (1.0 + SMALL) ** 2 - 1.0  # difference relative to the noise energy below which decisions are equal
+MAX_RIVALS = 6  # largest number of rivals that are compared
+_MAX_SINGLE = 4  # the same, including the accepted model, if the missing effect is unknown
+_MAX_REST = 1e-3  # largest relative residual of a law's contribution if another law contains it
+_NEGLIGIBLE = (1.0 + SMALL) ** 2 - 1.0  # largest difference of equal decisions, relative to the noise energy
 
 
 def is_undecided(diagnosis: ChannelDiagnosis) -> bool:
@@ -57,7 +57,7 @@ def rival_effects(diagnosis: ChannelDiagnosis, effects: Iterable[Effect]) -> lis
     alone = [
         [ranked.effect] for ranked in diagnosis.ranking if ranked.score > 0.0 and ranked.effect not in names
     ]
-    return [models[:MOST] for models in questions] or [[names, *alone][:_ALONE]]
+    return [models[:MAX_RIVALS] for models in questions] or [[names, *alone][:_MAX_SINGLE]]
 
 
 def _candidates(entry: Accepted) -> list[str]:
@@ -92,7 +92,7 @@ def rivals_of(
         base = study.fit(channel).training_fit
         tried = screen_effects(base, applicable_effects(base.data, base.model, study.effects))  # best first
         effects_of_questions = [
-            [*effects_of_questions[0], *([candidate.effect.name] for candidate in tried[: _ALONE - 1])]
+            [*effects_of_questions[0], *([candidate.effect.name] for candidate in tried[: _MAX_SINGLE - 1])]
         ]
     questions = []
     for models in effects_of_questions:
@@ -105,7 +105,7 @@ def rivals_of(
     return questions
 
 
-def with_the_simplest(
+def keep_simplest_rivals(
     study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis
 ) -> ChannelDiagnosis:
     """Remove rivals that contain a simpler one.
@@ -129,7 +129,7 @@ def with_the_simplest(
 def _keep_simplest(
     study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis, place: int
 ) -> ChannelDiagnosis:
-    """Keep the simplest rivals of one accepted effect; see `with_the_simplest`."""
+    """Keep the simplest rivals of one accepted effect; see `keep_simplest_rivals`."""
     accepted, names = list(diagnosis.accepted), [entry.effect for entry in diagnosis.accepted]
     entry, known = accepted[place], {effect.name: effect for effect in study.effects}
     rivals = {
@@ -194,7 +194,7 @@ def _contains(larger: FitResult, smaller: FitResult) -> bool:
     without = fit_model(drawn, model.without(model.effects[-1].name), known, blocked.trusted, cache)
     tried = screen_effects(without, larger.model.effects[-1:])[0].search.best
     again = fit_model(drawn, tried.model, tried.parameters, blocked.trusted, cache)
-    return again.solution.sse < max(_CONTAINED * without.solution.sse, _UNSEEN * smaller.solution.sse)
+    return again.solution.sse < max(_MAX_REST * without.solution.sse, _NEGLIGIBLE * smaller.solution.sse)
 
 
 def _size(model: Model) -> int:

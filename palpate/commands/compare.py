@@ -15,8 +15,8 @@ from palpate.estimation.estimate import with_unit
 from palpate.estimation.study import ChannelResult, Comparison
 from palpate.estimation.study.channels import ALL_CHANNELS
 from palpate.estimation.study.model_suggestions import far_better_model
-from palpate.estimation.study.paired_comparison import Grown, side_by_side
-from palpate.estimation.study.revisions import Revision, own_effects
+from palpate.estimation.study.paired_comparison import Extended, side_by_side
+from palpate.estimation.study.revisions import Revision, user_effects_of
 from palpate.render.build import NAMES, REPORT, result_view, view_of, write_outcome
 from palpate.render.build import as_json as json_text
 from palpate.render.paired import PairView, as_data, print_pair, sides_view
@@ -66,7 +66,7 @@ class ComparedPair:
         first = data.study(models[0], folder)
         second = replace(data, file=files[1]).study(models[1] or models[0], None if path else folder, first)
         kept = chosen_revisions(first, revisions[0])
-        grown = _grown(first, kept), _grown(second, chosen_revisions(second, revisions[1]) or kept)
+        grown = _extended(first, kept), _extended(second, chosen_revisions(second, revisions[1]) or kept)
         self.files = files
         self.names = _names(first, second, grown)
         sides = side_by_side(first, second, self.names, grown)
@@ -135,7 +135,7 @@ def chosen_revisions(study: Study, numbers: Sequence[int]) -> list[Revision]:
     return kept
 
 
-def _grown(study: Study, kept: Sequence[Revision]) -> Grown:
+def _extended(study: Study, kept: Sequence[Revision]) -> Extended:
     """Return the models of revisions in a study, or its base models without revisions."""
     return [(study.channel_of(revision), revision.effects) for revision in kept] or [
         (channel, ()) for channel in study.channels
@@ -163,7 +163,7 @@ def write_pair(folder: Path, pair: ComparedPair, view: PairView) -> dict[str, Pa
     return {"result": folder / RESULT, "report": folder / REPORT, "recording": folder / RECORDING}
 
 
-def _names(first: Study, second: Study, grown: tuple[Grown, Grown]) -> tuple[str, str]:
+def _names(first: Study, second: Study, grown: tuple[Extended, Extended]) -> tuple[str, str]:
     """Name both sides by file, with folders if needed, or by model if the file is the same."""
     paths = [study.source.path for study in (first, second)]
     if paths[0] is None or paths[1] is None or paths[0].resolve() == paths[1].resolve():
@@ -344,7 +344,7 @@ def _after(  # noqa: PLR0917, what was typed
     """Suggest commands that follow a comparison of base models, the nearest first."""
     newest = [kept for result in results if (kept := study.newest(result.channel)) is not None]
     if newest:
-        own = list(dict.fromkeys([*(data.effect or ()), *own_effects(newest)]))
+        own = list(dict.fromkeys([*(data.effect or ()), *user_effects_of(newest)]))
         numbers = [str(revision.number) for revision in newest]
         since = data.typed(revision=numbers, folder=folder, effect=own)
         yield f"palpate compare {since}", "with the effects added since"

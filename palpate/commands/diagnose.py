@@ -17,8 +17,8 @@ from palpate.estimation.estimate import with_unit
 from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.study import StudyDiagnosis
 from palpate.estimation.study.channels import ALL_CHANNELS
-from palpate.estimation.study.estimates import ALL, USUAL
-from palpate.estimation.study.model_suggestions import better_explanation, explained_by_fresh_runs
+from palpate.estimation.study.estimates import ALL, DEFAULT_ESTIMATORS
+from palpate.estimation.study.model_suggestions import better_explanation, suggests_fresh_runs
 from palpate.estimation.study.saved_diagnosis import RESULT
 from palpate.render.build import NAMES, view_of, write_outcome
 from palpate.render.build import as_json as json_text
@@ -154,7 +154,7 @@ def _next(  # noqa: PLR0917, what was typed and found
             experiment = f"palpate probe --experiment {path_typed(plan)} {world}".strip()
             yield experiment, "the most informative next experiment"
     if study.source.session is None and any(
-        explained_by_fresh_runs(study, channel) for channel in diagnosis.channels
+        suggests_fresh_runs(study, channel) for channel in diagnosis.channels
     ):
         yield f"palpate diagnose {again} --fresh-runs", "if each run met a fresh spot; this explains more"
     if any(
@@ -184,7 +184,8 @@ def estimate_command(
     estimator: Annotated[
         str | None,
         typer.Option(
-            help=f"Some of {', '.join(ESTIMATORS)}, separated by commas. [default: {','.join(USUAL)}]",
+            help=f"Some of {', '.join(ESTIMATORS)}, separated by commas. "
+            f"[default: {','.join(DEFAULT_ESTIMATORS)}]",
             autocompletion=estimator_names,
         ),
     ] = None,
@@ -199,7 +200,7 @@ def estimate_command(
         raise InputError(f"--all and --estimator {estimator}: give only one of them")
     study = data.study(model)
     data.say_left_out()
-    estimates = study.estimate(ALL if every else USUAL if estimator is None else estimator)
+    estimates = study.estimate(ALL if every else DEFAULT_ESTIMATORS if estimator is None else estimator)
     session = study.source.session
     cut_off = session is not None and session.truncated
 

@@ -19,7 +19,7 @@ from palpate.common.files import (
     write_text,
 )
 from palpate.estimation.channel import ChannelKind
-from palpate.estimation.study.revisions import own_effects
+from palpate.estimation.study.revisions import user_effects_of
 from palpate.export.table import LAYOUT_ENDINGS, Program, check_ending, layout_of, recorded_table, write_table
 from palpate.render.build import REPORT, is_own_page
 from palpate.render.view import NOISE
@@ -264,7 +264,7 @@ def export_scenario(
                 "; a simulation with this model differs from the measurement",
             )
     export = study.export(path, [item.number for item in kept])
-    numbers, own = [str(each.number) for each in kept], own_effects(kept)
+    numbers, own = [str(each.number) for each in kept], user_effects_of(kept)
     again = data.typed(revision=numbers, folder=folder, effect=[*(data.effect or ()), *own])
     steps = [(f"palpate probe --scenario {typed(path)}", "probe the model as if it were the object")]
     if study.source.probed and data.file.is_file():

@@ -12,7 +12,7 @@ from palpate.common.options import effect_names
 from palpate.estimation.study import Revisions
 from palpate.estimation.study.channels import ALL_CHANNELS
 from palpate.estimation.study.comparison import AT_NOISE
-from palpate.estimation.study.revisions import own_effects
+from palpate.estimation.study.revisions import user_effects_of
 from palpate.render.build import NAMES, result_view, write_outcome
 from palpate.render.terminal import print_files, print_revisions, print_stages
 from palpate.workflows.data_options import (
@@ -130,9 +130,9 @@ def revisions_command(data: DataArguments, as_json: JsonOption = False, folder: 
     steps = [(f"palpate diagnose {data.typed()} --apply", "find what is missing, and add it")]
     if revisions:
         first, newest = revisions[0], {revision.channel: revision for revision in revisions}
-        added = data.typed(out=folder, effect=own_effects([first]))
+        added = data.typed(out=folder, effect=user_effects_of([first]))
         last = {"revision": [str(revision.number) for revision in newest.values()], "folder": folder}
-        compared = data.typed(**last, effect=own_effects(list(newest.values())))
+        compared = data.typed(**last, effect=user_effects_of(list(newest.values())))
         steps = [
             (
                 f"palpate add {added} EFFECT --from {first.number}",

@@ -236,7 +236,7 @@ def folder_to_fill(path: Path, out: Path | None, names: Iterable[str], *, force:
     """
     from palpate.estimation.study import Revisions  # noqa: PLC0415, takes half a second
 
-    folder, own = out or derived_folder(path), out is None or Revisions(out).is_there
+    folder, own = out or derived_folder(path), out is None or Revisions(out).exists
     spare_files(folder, names, force=force or own, keep=[path])
     return folder
 

@@ -23,7 +23,7 @@ from palpate.estimation.estimate import (
 )
 from palpate.estimation.estimate_channel import describe_steps, steps_spanned
 from palpate.estimation.fit.intervals import SIGMAS_95
-from palpate.estimation.study.estimates import BEST, MOST, OFFSET, ChannelEstimates
+from palpate.estimation.study.estimates import MIN_INLIER_SHARE, OFFSET_NAME, PREFERRED, ChannelEstimates
 from palpate.render.build import channel_view, stage_view
 from palpate.render.view import ChannelView, VerdictView
 from palpate.robot_io.calibration.applied import parse_calibrations
@@ -211,7 +211,8 @@ def _remarks_on_fits(estimates: ChannelEstimates) -> Iterator[str]:
             f"{rounded(best.rmse, 2)} {unit} (rms), the noise is {estimates.noise.describe(unit)}. "
             "The intervals do not include this model error; palpate diagnose looks for what is missing"
         )
-    surface, offset = estimates.channel.surface, next((p for p in best.parameters if p.name == OFFSET), None)
+    surface = estimates.channel.surface
+    offset = next((p for p in best.parameters if p.name == OFFSET_NAME), None)
     if surface is not None and offset is not None:
         deeper_m = surface.position_m + offset.value - surface.deepest_m
         if deeper_m > NOTABLE * offset.std_err:
@@ -224,7 +225,7 @@ def _remarks_on_fits(estimates: ChannelEstimates) -> Iterator[str]:
     against: dict[str, list[str]] = {}
     for estimate in estimates.estimates:
         left_out = 1.0 - float(np.mean(estimate.inliers))
-        if estimate.estimator == BEST[0] and left_out > 1.0 - MOST:
+        if estimate.estimator == PREFERRED[0] and left_out > 1.0 - MIN_INLIER_SHARE:
             share = f"{PERCENT * left_out:.0f} % of the samples"
             yield f"{estimate.estimator} excludes {share} as outliers: the model does not describe them"
         doubtful = estimate.identifiability is not Identifiability.GOOD or estimate.unphysical
@@ -330,7 +331,7 @@ def shown_parameters(estimate: Estimate) -> list[ParameterEstimate]:
     Args:
         estimate: estimate by one estimator.
     """
-    return [parameter for parameter in estimate.parameters if parameter.name != OFFSET]
+    return [parameter for parameter in estimate.parameters if parameter.name != OFFSET_NAME]
 
 
 def short_name(parameter: str) -> str:

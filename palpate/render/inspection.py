@@ -13,7 +13,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.channels import session_channels
 from palpate.estimation.estimate import with_unit
 from palpate.estimation.study.channels import CONTACT_MODEL
-from palpate.estimation.study.estimates import BEST, ChannelEstimates, estimate_with
+from palpate.estimation.study.estimates import PREFERRED, ChannelEstimates, estimate_with
 from palpate.render.build import channel_view
 from palpate.render.estimates import estimates_view, markdown_summary
 from palpate.render.recording.revisions import record_rerun
@@ -84,7 +84,7 @@ def look_into(session: Session, estimates: ChannelEstimates | None = None) -> In
     contact = next((channel for channel in channels if channel.kind is ChannelKind.CONTACT), None)
     if estimates is None and contact is not None:
         with suppress(InputError):  # too few contact samples for an estimate
-            estimates = estimate_with(contact, CONTACT_MODEL, BEST)
+            estimates = estimate_with(contact, CONTACT_MODEL, PREFERRED)
     truth = true_parameters(session)
     ticks = tick_columns(session) if has_ticks(session) else None
     if ticks is None and not channels:

@@ -70,9 +70,9 @@ class PairedView:
                 for data in measured
             )
             rows.append((f"{letter}'s model", tuple(fits)))
-        if np.isfinite(self.sides.followed):
-            only_noise = self.sides.apart < _ONLY_NOISE
-            followed = _NOISE_ALONE if only_noise else percent_text(self.sides.followed)
+        if np.isfinite(self.sides.agreement_percent):
+            only_noise = self.sides.difference_in_noise < _ONLY_NOISE
+            followed = _NOISE_ALONE if only_noise else percent_text(self.sides.agreement_percent)
             rows.append(("B as measured", (followed, percent_text(_PERCENT))))
         return rows
 
@@ -105,10 +105,10 @@ def _words(sides: Sides) -> Iterator[str]:
     for letter, side in zip(LETTERS, (sides.first, sides.second), strict=True):
         if side.compared is None:
             yield f"{letter} has no model: {side.reason}."
-    if sides.apart < _ONLY_NOISE:
+    if sides.difference_in_noise < _ONLY_NOISE:
         yield "B repeats A: the two differ by no more than the noise of both."
-    elif np.isfinite(sides.followed):
-        yield f"B repeats A with a fit of {sides.followed:.1f} %."
+    elif np.isfinite(sides.agreement_percent):
+        yield f"B repeats A with a fit of {sides.agreement_percent:.1f} %."
     pair = tuple(zip(LETTERS, (sides.first, sides.second), strict=True))
     if sides.is_same_data:
         texts = [f"{letter}'s model {_described(side, side)}" for letter, side in pair]
@@ -142,7 +142,7 @@ def _is_only_noise(model: Side, measured: Side) -> bool:
     The fit [%] to such a measurement depends on its noise rather than on the model.
     """
     fit = model.fit_of(measured)
-    return bool(fit < _POOR and model.floors_of(measured) < _ONLY_NOISE)
+    return bool(fit < _POOR and model.noise_ratio_of(measured) < _ONLY_NOISE)
 
 
 def _described(model: Side, measured: Side) -> str:
@@ -273,7 +273,7 @@ def as_data(sides: Sides) -> dict[str, Any]:
         "models": [side.model for side in pair],
         "reasons": [side.reason for side in pair],
         "same_data": sides.is_same_data,
-        "fit_percent": {"models": sides.fits, "measured": sides.followed},
+        "fit_percent": {"models": sides.fit_matrix, "measured": sides.agreement_percent},
         "rmse": [None if side.compared is None else side.compared.rmse for side in pair],
         "parameters": parameters,
         "residuals": [

@@ -21,7 +21,7 @@ from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.contact import find_contacts
 from palpate.estimation.data.tick_channels import contact_channels
 from palpate.estimation.study import Revision
-from palpate.estimation.study.revisions import KeptParameter
+from palpate.estimation.study.revisions import SavedParameter
 from palpate.estimation.workers import end_with_parent
 from palpate.export.scenario import FittedChannel, export_scenario
 from palpate.robot_io.errors import InputError
@@ -225,7 +225,7 @@ def _better(contact: _Contact, target: int) -> tuple[str, ObjectEstimate]:
                 effort_unit=estimates.channel.kind.effort_unit,
                 rmse=estimates.best.rmse,
                 noise_floor=0.0,
-                parameters={p.name: KeptParameter.of(p) for p in estimates.best.parameters},
+                parameters={p.name: SavedParameter.of(p) for p in estimates.best.parameters},
                 data_sha256="",
                 created_utc="",
                 software_version="",

@@ -368,7 +368,7 @@ class WorkbenchState:
     def _with(self, source: Source, held_out: Sequence[int]) -> "WorkbenchState":
         """Return a state of other data with the same base model and effects."""
         study = self.study
-        state = WorkbenchState(Study(source, study.model, effects=study.own_effects, held_out=held_out))
+        state = WorkbenchState(Study(source, study.model, effects=study.user_effects, held_out=held_out))
         state.choice = ModelSelection(self.choice.channel, self.choice.effects)
         return state
 
@@ -394,7 +394,7 @@ class WorkbenchState:
             return self._python()
         source = f"study.source.without({list(self.out)})" if self.out else "study.source"
         model = f", model={self.study.model!r}" if self.study.model else ""
-        own = ", effects=study.own_effects" if self.study.own_effects else ""
+        own = ", effects=study.user_effects" if self.study.user_effects else ""
         held = f", held_out={list(self.study.held_out)}" if self.study.held_out else ""
         return f"study = palpate.Study({source}{model}{own}{held}); " + self._python()
 

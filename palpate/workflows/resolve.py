@@ -15,7 +15,7 @@ from palpate.estimation.design.next_experiment import LONGEST_S, NextProbe
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.study.fitting import Progress
 from palpate.estimation.study.saved_diagnosis import RESULT
-from palpate.estimation.study.undecided_models import is_undecided, with_the_simplest
+from palpate.estimation.study.undecided_models import is_undecided, keep_simplest_rivals
 from palpate.render.build import as_json
 from palpate.robot_io.errors import InputError
 from palpate.runs.probing import NOBODY, ProbingJob, Watcher, run_probing
@@ -210,7 +210,7 @@ def resolve(  # noqa: PLR0917 (what to do, and who is told of it)
             }
             if end is StopReason.INSEPARABLE:
                 # State the law that all others contain, where there is one.
-                judged = [with_the_simplest(study, study.channel(item.channel), item) for item in judged]
+                judged = [keep_simplest_rivals(study, study.channel(item.channel), item) for item in judged]
                 if not any(is_undecided(item) for item in judged):
                     end = StopReason.SIMPLEST
                 diagnosis = diagnosis.model_copy(update={"channels": judged})

@@ -11,7 +11,7 @@ from palpate.estimation.data.import_file import import_table
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import table_of
 from palpate.estimation.models import MODELS
-from palpate.estimation.study.model_suggestions import on_clocks_of_their_own, relaxes_afresh
+from palpate.estimation.study.model_suggestions import prefers_fresh_runs, with_clock_per_run
 from tests.estimation.presses import RATE_HZ, kelvin_voigt, maxwell, session
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
@@ -38,8 +38,8 @@ def test_the_data_say_whether_the_object_remembered(afresh):
         return kelvin_voigt(x, v, 500.0 * (maxwell(t, x, run, TAU_S) if afresh else remembered(t, x, TAU_S)))
 
     data = session(61, law)
-    assert relaxes_afresh(data, MODEL) == afresh
-    assert not relaxes_afresh(on_clocks_of_their_own(data), MODEL)
+    assert prefers_fresh_runs(data, MODEL) == afresh
+    assert not prefers_fresh_runs(with_clock_per_run(data), MODEL)
 
 
 def test_fresh_runs_keep_spread_times_and_what_does_not_relax_says_nothing():
@@ -49,4 +49,4 @@ def test_fresh_runs_keep_spread_times_and_what_does_not_relax_says_nothing():
     table = pa.table({"time_s": coarse_s, "displacement_m": x, "force_N": f})
     (channel,) = import_table(table_of(table, Path("press")), ImportOptions(fresh=True, runs=1)).channels
     assert channel.time_s == pytest.approx(t, abs=1e-6)
-    assert not relaxes_afresh(session(62), MODEL)
+    assert not prefers_fresh_runs(session(62), MODEL)

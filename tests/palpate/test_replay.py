@@ -50,7 +50,7 @@ def test_in_the_same_world_the_motion_and_the_force_come_again(recorded, study, 
     result = done("replay", recorded, "-o", twin, "--seed", 6)
     assert ["compare", str(recorded), str(twin)] in next_commands(result)
     found = contact_of(study, Study(twin, keep=False))
-    assert found.followed > 95.0
+    assert found.agreement_percent > 95.0
     assert not any(one.differs for one in found.differences if one.name.startswith("stiffness"))
     ticks = [Session.open(path).samples("tick") for path in (recorded, twin)]
     last = [one["tip_position_world_m"][one["run"] == 1] for one in ticks]

@@ -198,7 +198,7 @@ def test_only_what_has_names_is_called_inseparable(tmp_path, diagnosed, named, m
     left = shown.model_copy(update={"verdict": Verdict.UNEXPLAINED, "accepted": [], "complete": False})
     said = diagnosed if named else diagnosed.model_copy(update={"channels": [left]})
     monkeypatch.setattr(Study, "diagnose", lambda *_, **__: said)
-    monkeypatch.setattr("palpate.workflows.resolve.with_the_simplest", lambda study, channel, item: item)
+    monkeypatch.setattr("palpate.workflows.resolve.keep_simplest_rivals", lambda study, channel, item: item)
     job = ProbingJob(find_robot("follower"), tmp_path / "r" / "p.mcap", QUICK, seed=SEED, online=None)
     (decision,) = resolve(job, Budget(2, 120.0), "joint_1", design=lambda *_: None).decisions
     assert decision.end in (

@@ -53,17 +53,17 @@ def test_the_parameter_that_differs_is_found_with_its_interval(soft, stiff):
     assert found["stiffness.k"].value == pytest.approx(40.0, abs=found["stiffness.k"].half)
     assert found["stiffness.k"].differs
     assert not found["damping.c"].differs
-    assert sides(soft, stiff).apart > 3.0
+    assert sides(soft, stiff).difference_in_noise > 3.0
 
 
 def test_a_repetition_shows_no_difference_and_follows_as_far_as_noise_lets_it(soft, again):
     found = sides(soft, again)
     assert not any(one.differs for one in found.differences)
-    assert found.followed == pytest.approx(
+    assert found.agreement_percent == pytest.approx(
         100 * (1 - 0.02 * np.sqrt(2) / found.first.data.effort.std()), abs=0.1
     )
-    assert found.apart == pytest.approx(1.0, abs=0.1)
-    (own, of_other), (other_of, other_own) = found.fits
+    assert found.difference_in_noise == pytest.approx(1.0, abs=0.1)
+    (own, of_other), (other_of, other_own) = found.fit_matrix
     assert own == pytest.approx(other_own, abs=0.3)
     assert of_other == pytest.approx(own, abs=0.3)
     assert other_of == pytest.approx(own, abs=0.3)
@@ -142,7 +142,7 @@ def test_a_difference_that_no_effort_shows_is_none_and_no_noise_is_given_in_perc
 
 
 def test_the_model_of_another_object_fits_worse(soft, stiff):
-    (own, of_other), (other_of, other_own) = sides(soft, stiff).fits
+    (own, of_other), (other_of, other_own) = sides(soft, stiff).fit_matrix
     assert min(own, other_own) > 98.0
     assert max(of_other, other_of) < 90.0
     # the truth: B's force is 40 x above A's model
@@ -161,9 +161,9 @@ def test_what_a_complete_model_leaves_is_white_and_what_a_wrong_one_leaves_is_no
 def test_two_models_of_one_measurement_have_no_interval_of_a_difference(hardening):
     found = sides(hardening, hardening, first="kelvin_voigt", second="hunt_crossley")
     assert found.is_same_data
-    assert np.isnan(found.followed)
+    assert np.isnan(found.agreement_percent)
     assert all(one.differs is None for one in found.differences)
-    assert found.fits[1][1] > found.fits[0][0]
+    assert found.fit_matrix[1][1] > found.fit_matrix[0][0]
 
 
 def test_other_times_are_no_repetition(soft, tmp_path):
@@ -171,7 +171,7 @@ def test_other_times_are_no_repetition(soft, tmp_path):
     assert sides(soft, quick).overlay is None
     three = write_presses(tmp_path / "three.csv", speeds_m_s=(0.02, 0.04, 0.08), force_of=law(400.0))
     assert sides(soft, three).overlay is None
-    assert sides(soft, three).fits[0][1] > 97.0
+    assert sides(soft, three).fit_matrix[0][1] > 97.0
 
 
 def test_a_repetition_that_began_later_and_ended_earlier_is_laid_over_run_by_run(soft, again, tmp_path):
@@ -221,7 +221,7 @@ def test_few_samples_have_no_model_and_are_laid_over_all_the_same(tmp_path):
     found = sides(*files)
     assert "samples; record at least 100" in found.first.reason
     assert found.differences == ()
-    assert found.followed > 95.0
+    assert found.agreement_percent > 95.0
     told = done("compare", *files, "--out", tmp_path / "there")
     assert "A has no model" in told.stdout
 

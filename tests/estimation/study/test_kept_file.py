@@ -7,7 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.estimation.study.revisions import Revision
-from palpate.estimation.study.saved_diagnosis import MOST_BYTES, MOST_TEXT, clean, read_kept, with_checksum
+from palpate.estimation.study.saved_diagnosis import (
+    MAX_BYTES,
+    MAX_TEXT_LENGTH,
+    clean_texts,
+    read_saved,
+    with_checksum,
+)
 from tests.revisions import revision
 
 
@@ -42,7 +48,7 @@ KEPT = revision(
 
 
 def test_what_was_written_is_read(tmp_path):
-    assert read_kept(written(tmp_path, with_checksum(KEPT)), Revision).model_dump(mode="json") == KEPT
+    assert read_saved(written(tmp_path, with_checksum(KEPT)), Revision).model_dump(mode="json") == KEPT
 
 
 @pytest.mark.parametrize("path", list(texts_of(KEPT)), ids=str)
@@ -52,13 +58,13 @@ def test_what_was_written_is_read(tmp_path):
         ("a\nforce_limit_n: 500", "cannot be printed"),
         ("\x1b[2J", "cannot be printed"),
         ("\u202e", "cannot be printed"),
-        ("a" * (MOST_TEXT + 1), "characters, at most"),
+        ("a" * (MAX_TEXT_LENGTH + 1), "characters, at most"),
         (1.0, "valid string"),
     ],
 )
 def test_every_text_is_short_and_can_be_printed(path, text, why, tmp_path):
     with pytest.raises(ValueError, match=why):
-        read_kept(written(tmp_path, changed(KEPT, path, text)), Revision)
+        read_saved(written(tmp_path, changed(KEPT, path, text)), Revision)
 
 
 @pytest.mark.parametrize(
@@ -68,13 +74,13 @@ def test_every_text_is_short_and_can_be_printed(path, text, why, tmp_path):
         (KEPT | {"more\n": 1}, r"more\?: Extra"),
         (b"[" * 100_000, "nested too deeply"),
         (b"\xff\xfe", "Invalid JSON"),
-        (b" " * (MOST_BYTES + 1), "more than 16 MB"),
+        (b" " * (MAX_BYTES + 1), "more than 16 MB"),
         (b"", "Invalid JSON"),
     ],
 )
 def test_what_is_no_such_file_is_refused(content, why, tmp_path):
     with pytest.raises(ValueError, match=why) as caught:
-        read_kept(written(tmp_path, content), Revision)
+        read_saved(written(tmp_path, content), Revision)
     assert str(caught.value).isprintable()
 
 
@@ -86,9 +92,9 @@ def test_what_is_no_such_file_is_refused(content, why, tmp_path):
     )
 )
 def test_cleaned_content_has_nothing_else(content):
-    made = clean(content)
+    made = clean_texts(content)
     assert all(text.isprintable() for text in _texts(made))
-    assert clean(made) == made or made != made
+    assert clean_texts(made) == made or made != made
 
 
 def _texts(content):

@@ -22,7 +22,7 @@ def test_what_many_write_at_once_is_all_kept(links, tmp_path, monkeypatch):
         monkeypatch.setattr(os, "link", refuse)
     with ThreadPoolExecutor(8) as pool:
         errors = [float(error) for error in range(24)]
-        kept = list(pool.map(lambda rmse: Revisions(tmp_path).keep(lambda n: revision(n, rmse)), errors))
+        kept = list(pool.map(lambda rmse: Revisions(tmp_path).save(lambda n: revision(n, rmse)), errors))
     assert sorted(one.number for one in kept) == list(range(24))
     assert list(Revisions(tmp_path).all()) == sorted(kept, key=lambda one: one.number)
     assert {one.rmse for one in Revisions(tmp_path).all()} == set(errors)
@@ -32,7 +32,7 @@ def test_what_many_write_at_once_is_all_kept(links, tmp_path, monkeypatch):
 def test_without_a_folder_they_are_kept_in_memory(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     kept = Revisions(None)
-    assert [kept.keep(revision).number for _ in range(2)] == [0, 1]
+    assert [kept.save(revision).number for _ in range(2)] == [0, 1]
     assert kept.get(1) == revision(1)
     assert not list(tmp_path.iterdir())
     with pytest.raises(InputError, match=r"no revision 7 in memory\. There are: 0, 1"):
@@ -40,7 +40,7 @@ def test_without_a_folder_they_are_kept_in_memory(tmp_path, monkeypatch):
 
 
 def test_only_what_is_a_revision_by_its_name_is_read(tmp_path):
-    kept = Revisions(tmp_path).keep(revision)
+    kept = Revisions(tmp_path).save(revision)
     for name in ("1.json", "00001.json", "²222.json", "0001.json.json"):
         (tmp_path / "revisions" / name).write_text("nonsense")
     assert Revisions(tmp_path).all() == (kept,)
@@ -92,7 +92,7 @@ STIFFNESS = {"std_err": None, "unit": "N/m"}
     ],
 )
 def test_a_revision_that_was_edited_by_hand_is_believed_only_where_it_makes_sense(key, value, said, tmp_path):
-    kept = Revisions(tmp_path).keep(revision)
+    kept = Revisions(tmp_path).save(revision)
     file = tmp_path / "revisions" / "0000.json"
     file.write_text(json.dumps(with_checksum(kept.model_dump(mode="json") | {key: value})))
     with pytest.raises(InputError, match=rf"0000\.json: is damaged: .*{said}"):
@@ -109,7 +109,7 @@ def test_a_revision_that_was_edited_by_hand_is_believed_only_where_it_makes_sens
 )
 def test_a_number_that_makes_sense_is_not_believed_where_it_was_changed(change, said, tmp_path):
     kept = Revisions(tmp_path)
-    made = kept.keep(revision)
+    made = kept.save(revision)
     assert kept.all() == (made,)
     file = tmp_path / "revisions" / "0000.json"
     file.write_text(json.dumps(change(json.loads(file.read_text()))))
@@ -126,7 +126,7 @@ def test_a_file_that_is_nested_too_deeply_is_refused(tmp_path):
 
 def test_a_value_beyond_its_physical_bounds_is_refused(tmp_path):
     lag = {"lag.tau": {"value": -5.0, "std_err": None, "unit": "s"}}
-    Revisions(tmp_path).keep(
+    Revisions(tmp_path).save(
         lambda number: revision(number, effects=["lag"], added="lag", parameters=SPRING | lag)
     )
     with pytest.raises(InputError, match=r"lag\.tau is -5, beyond"):
@@ -135,6 +135,6 @@ def test_a_value_beyond_its_physical_bounds_is_refused(tmp_path):
 
 def test_of_several_stages_all_are_kept_or_none(tmp_path):
     kept = Revisions(tmp_path)
-    first, second = kept.keep(revision), kept.keep(revision)
-    kept.drop([second])
+    first, second = kept.save(revision), kept.save(revision)
+    kept.discard([second])
     assert kept.all() == (first,)

@@ -10,7 +10,7 @@ from palpate.estimation.diagnosis import ChannelDiagnosis
 from palpate.estimation.diagnosis.candidates import effect_library
 from palpate.estimation.diagnosis.result import Accepted
 from palpate.estimation.study import ModelStudy
-from palpate.estimation.study.undecided_models import rival_effects, with_the_simplest
+from palpate.estimation.study.undecided_models import keep_simplest_rivals, rival_effects
 from tests.estimation.study.joints import joints
 
 
@@ -30,12 +30,12 @@ def study():
     ],
 )
 def test_of_laws_that_contain_it_the_simplest_is_stated(study, named, others):
-    found = with_the_simplest(study, study.channel("joint_1"), _diagnosis(named, others))
+    found = keep_simplest_rivals(study, study.channel("joint_1"), _diagnosis(named, others))
     assert [(one.effect, one.confused_with) for one in found.accepted] == [("coulomb_friction", [])]
 
 
 def test_a_law_that_does_something_else_stays(study):
-    found = with_the_simplest(
+    found = keep_simplest_rivals(
         study, study.channel("joint_1"), _diagnosis("coulomb_friction", ["joint_spring"])
     )
     assert [(one.effect, one.confused_with) for one in found.accepted] == [
@@ -68,7 +68,7 @@ def test_in_each_group_the_simplest_is_stated_and_beside_all_its_parts_a_whole(s
     data = study.channel("joint_1").data
     pulled = ModelStudy((replace(data, effort=data.effort + 0.03),), "inertia")
     groups = (TWO_GROUPS[0], ("bias", ["asymmetric_friction"]))
-    found = with_the_simplest(pulled, pulled.channel("joint_1"), _diagnosis_of(*groups))
+    found = keep_simplest_rivals(pulled, pulled.channel("joint_1"), _diagnosis_of(*groups))
     assert [(one.effect, one.confused_with) for one in found.accepted] == [
         ("coulomb_friction", ["asymmetric_friction"]),
         ("bias", ["asymmetric_friction"]),
