@@ -198,7 +198,7 @@ def test_a_difference_is_held_against_the_louder_of_both(soft, again, tmp_path):
         fitted = pair.first.compared.fitted
         pressed = np.where(fitted.data.position > 0.0, fitted.data.position, 0.0)[fitted.judged]
         change_n = abs(found.value) * np.sqrt(np.mean(pressed**2))
-        assert found.floors == pytest.approx(change_n / (10 * NOISE_N), rel=0.15)
+        assert found.noise_levels == pytest.approx(change_n / (10 * NOISE_N), rel=0.15)
 
 
 def test_a_model_describes_its_own_measurement_by_runs_that_it_was_not_fitted_to(hardening):
