@@ -121,14 +121,6 @@ class ContactImperfection(Imperfection, ABC):
     def channels(self) -> tuple[str, ...]:
         return (CONTACT,)
 
-    def effects(self, joint_count: int) -> HiddenEffects:
-        """See `Imperfection.effects`; the arm does not matter."""
-        return self._effects()
-
-    @abstractmethod
-    def _effects(self) -> HiddenEffects:
-        """Make the simulated effect, with its own memory."""
-
 
 class JointImperfection(Imperfection, ABC):
     """A hidden effect in one joint or its drive."""
@@ -147,10 +139,8 @@ class JointImperfection(Imperfection, ABC):
 
     def effects(self, joint_count: int) -> HiddenEffects:
         if self.joint > joint_count:
-            raise InputError(
-                f"hidden effect '{self.name}': joint {self.joint} does not exist; the arm has "
-                f"{joint_count} joints"
-            )
+            problem = f"joint {self.joint} does not exist; the arm has {joint_count} joints"
+            raise InputError(f"hidden effect '{self.name}': {problem}")
         return self._effects(self.joint - 1, joint_count)
 
     @abstractmethod
@@ -198,10 +188,8 @@ class SensorImperfection(Imperfection, ABC):
         slot, _, number = self.channel.partition("_")
         index = int(number or 1) - 1
         if number and index >= joint_count:
-            raise InputError(
-                f"hidden effect '{self.name}': channel {self.channel} does not exist; the arm has "
-                f"{joint_count} joints"
-            )
+            problem = f"channel {self.channel} does not exist; the arm has {joint_count} joints"
+            raise InputError(f"hidden effect '{self.name}': {problem}")
         changed = (ChannelEffect(index, self.transducer(), self.ahead_of_noise),)
         if slot == CONTACT:
             return HiddenEffects(force=changed)

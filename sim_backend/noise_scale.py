@@ -59,8 +59,8 @@ class JointScale:
     tilt_nm_rad: float  # torque for a tilt of the base in the arm's plane [N m/rad]
 
     @property
-    def mastered_nm(self) -> float:
-        """Largest unknown torque that leaves the shipped controller within a tenth of a radian [N m]."""
+    def controllable_nm(self) -> float:
+        """Largest unmodeled torque with which the shipped controller stays within 0.1 rad [N m]."""
         return 250.0 * self.inertia_kg_m2
 
 

@@ -123,7 +123,8 @@ class SampledSensor(ABC):
         low_pass: analog filter ahead of the sampling.
 
     Attributes:
-        look_s: time before which `observe` does nothing and need not be called [s].
+        next_sample_s: time before which `observe` does nothing and need not be called [s]; minus infinity
+            with a filter, which needs every step.
     """
 
     def __init__(
@@ -139,10 +140,10 @@ class SampledSensor(ABC):
         self._first_instant_s = start_s + phase / rate_hz
         self._sample_s = start_s - _SAME_TIME_S
         self._low_pass = low_pass
-        self.look_s = -inf if low_pass else self._sample_s
+        self.next_sample_s = -inf if low_pass else self._sample_s
         # As many as can be on their way at once, and the newest that has arrived.
         self._samples: deque[SensorSample] = deque(maxlen=floor(delay_s * rate_hz) + 3)
-        self._shown_at_s: float | None = None
+        self._returned_at_s: float | None = None  # time of the sample that was returned last
 
     @abstractmethod
     def _measure(self, time_s: float, signal: Sequence[float]) -> SensorSample:
@@ -162,7 +163,7 @@ class SampledSensor(ABC):
         periods = floor((time_s - self._first_instant_s + _SAME_TIME_S) / self._period_s) + 1
         self._sample_s = self._first_instant_s + periods * self._period_s - _SAME_TIME_S  # the next instant
         if not self._low_pass:
-            self.look_s = self._sample_s
+            self.next_sample_s = self._sample_s
         self._samples.append(self._measure(time_s, signal))
 
     def read(self, time_s: float) -> SensorSample | None:
@@ -180,9 +181,9 @@ class SampledSensor(ABC):
                 break
         else:
             return None
-        if sample.sampled_at_s == self._shown_at_s:
+        if sample.sampled_at_s == self._returned_at_s:
             return SensorSample(sample.value, sample.sampled_at_s, Status.STALE)
-        self._shown_at_s = sample.sampled_at_s
+        self._returned_at_s = sample.sampled_at_s
         return sample
 
 
@@ -202,7 +203,7 @@ class GaussianNoise:
         self._generator = generator
         self._block: list[float] = []
 
-    def added_to(self, signal: Sequence[float]) -> Sequence[float]:
+    def add_to(self, signal: Sequence[float]) -> Sequence[float]:
         """Add the next numbers to a signal.
 
         Args:
@@ -269,7 +270,7 @@ class SimulatedEncoder(SampledSensor):
         per_rad, count_rad = self._counts_per_rad, self._count_rad
         counted = [round(angle * per_rad) * count_rad for angle in position]
         if not self._by_difference:
-            return SensorSample([*counted, *self._noise.added_to(signal[joint_count:])], time_s)
+            return SensorSample([*counted, *self._noise.add_to(signal[joint_count:])], time_s)
         rate_hz = 1.0 / (time_s - self._before_s)
         before = self._before or counted
         moving = [(now - then) * rate_hz for now, then in zip(counted, before, strict=True)]
@@ -298,7 +299,7 @@ class _Amplifier:
         value: Sequence[float] = signal
         for effect in self._ahead:
             value = effect.measure(time_s, value)
-        value = self._noise.added_to(value)
+        value = self._noise.add_to(value)
         for effect in self._behind:
             value = effect.measure(time_s, value)
         return quantize(value, self._resolution)

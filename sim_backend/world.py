@@ -78,10 +78,9 @@ class World:
         start_s: float = 0.0,
     ) -> None:
         self.scenario = scenario
-        rotors = (
-            HiddenEffects(joint=(Rotors(arm.rotor_inertia_kg_m2),)) if arm.rotor_inertia_kg_m2 else NO_EFFECTS
-        )
-        self._effects = effects = hidden_effects(scenario.hidden, len(arm.home_rad)) + effects + rotors
+        rotors = (Rotors(arm.rotor_inertia_kg_m2),) if arm.rotor_inertia_kg_m2 else ()
+        hidden = hidden_effects(scenario.hidden, len(arm.home_rad))
+        self._effects = effects = hidden + effects + HiddenEffects(joint=rotors)
         self._sensor_axis_tip = tuple(arm.sensor_axis_tip)
         self._start_s = start_s
         self._step_s = 1.0 / scenario.physics.rate_hz
@@ -91,14 +90,11 @@ class World:
         self.held = False
         self._build_plant(arm)
         settings, step_s = scenario.sensors, self._step_s
-        self.encoder = SimulatedEncoder(
-            settings.encoder, self._noise_of("encoder"), start_s, step_s, effects.encoder
-        )
-        self.torque_sensor = SimulatedTorqueSensor(
-            settings.torque, self._noise_of("torque"), start_s, effects.torque
-        )
+        noise = {sensor: self._noise_of(sensor) for sensor in ("encoder", "torque", "force")}
+        self.encoder = SimulatedEncoder(settings.encoder, noise["encoder"], start_s, step_s, effects.encoder)
+        self.torque_sensor = SimulatedTorqueSensor(settings.torque, noise["torque"], start_s, effects.torque)
         self.force_sensor = SimulatedForceSensor(
-            settings.force, self._noise_of("force"), start_s, step_s, effects.force
+            settings.force, noise["force"], start_s, step_s, effects.force
         )
         self._torque_nm: Sequence[float] = [0.0] * self.joint_count
         self._alters_joints = bool(effects.joint or effects.friction)
@@ -171,10 +167,8 @@ class World:
     def _place(self, position_rad: ArrayLike, velocity_rad_s: ArrayLike | None = None) -> None:
         shape = (self.joint_count,)
         position = frozen_array(position_rad, shape, what="joint position")
-        at_rest = np.zeros(shape)
-        speed = frozen_array(
-            at_rest if velocity_rad_s is None else velocity_rad_s, shape, what="joint velocity"
-        )
+        velocity_rad_s = np.zeros(shape) if velocity_rad_s is None else velocity_rad_s
+        speed = frozen_array(velocity_rad_s, shape, what="joint velocity")
         self._engine.place(position.tolist(), speed.tolist())
 
     def set_torque(self, torque_nm: ArrayLike) -> None:
@@ -236,11 +230,11 @@ class World:
         self._joints = None
         time_s = self._start_s + self._steps * self._step_s
         self._contact.update(time_s)
-        if time_s >= self.encoder.look_s:
+        if time_s >= self.encoder.next_sample_s:
             self.encoder.observe(time_s, self._joint_values())
-        if time_s >= self.torque_sensor.look_s:
+        if time_s >= self.torque_sensor.next_sample_s:
             self.torque_sensor.observe(time_s, self._torque_nm)
-        if time_s >= self.force_sensor.look_s:
+        if time_s >= self.force_sensor.next_sample_s:
             force_n = self._contact.compression_n(self._sensor_axis_tip) + self.sensor_load_n
             self.force_sensor.observe(time_s, [force_n])
 

@@ -18,7 +18,7 @@ from palpate.sim_backend.noise_scale import NoiseScale
 class _Material(ContactImperfection, ABC):
     """A force on top of the object's own law, below the surface."""
 
-    def _effects(self) -> HiddenEffects:
+    def effects(self, joint_count: int) -> HiddenEffects:
         return HiddenEffects(contact=(_Added(self._added_n),))
 
     @abstractmethod
@@ -133,7 +133,7 @@ class HiddenContactOffset(ContactImperfection):
     needs_force_law = True
     offset_m: Number = parameter("m", -0.005, 0.005, ge=-0.5, le=0.5)  # d [m]
 
-    def _effects(self) -> HiddenEffects:
+    def effects(self, joint_count: int) -> HiddenEffects:
         return HiddenEffects(contact=(_Higher(self.offset_m),))
 
     @classmethod
@@ -178,7 +178,7 @@ class HiddenAdhesion(ContactImperfection):
     # Height at which the bond tears [m].
     neck_m: Positive = parameter("m", 1e-4, 5e-3, ge=1e-5, le=0.1, default=1e-3)
 
-    def _effects(self) -> HiddenEffects:
+    def effects(self, joint_count: int) -> HiddenEffects:
         return HiddenEffects(contact=(_Bond(self),))
 
     @classmethod
@@ -217,7 +217,7 @@ class HiddenDryFriction(ContactImperfection):
     # s, way in which the bristles give way [m].
     slip_m: Number = parameter("m", 2e-5, 1e-3, ge=1e-6, le=0.1, default=2e-4)
 
-    def _effects(self) -> HiddenEffects:
+    def effects(self, joint_count: int) -> HiddenEffects:
         return HiddenEffects(contact=(_Bristles(self),))
 
     @classmethod
@@ -244,10 +244,10 @@ class _Bristles(_Memory[tuple[float, float]], MaterialEffect):
         """
         before_m, before_n = self.kept
         depth_m = max(state.depth_m, 0.0)
-        way_m = depth_m - before_m
-        full_n = self._friction.friction_n if way_m > 0.0 else -self._friction.friction_n
-        bent_n = full_n + (before_n - full_n) * exp(-abs(way_m) / self._friction.slip_m)
-        self.tried = depth_m, bent_n if depth_m else 0.0
+        step_m = depth_m - before_m
+        sliding_n = self._friction.friction_n if step_m > 0.0 else -self._friction.friction_n
+        bristle_n = sliding_n + (before_n - sliding_n) * exp(-abs(step_m) / self._friction.slip_m)
+        self.tried = depth_m, bristle_n if depth_m else 0.0
         return force_n + self.tried[1]
 
 
@@ -265,11 +265,10 @@ class HiddenStressRelaxation(ContactImperfection):
     second_stiffness_n_m: Number = parameter("N/m", 0.0, 2000.0, ge=0, le=1e6, default=0.0)
     second_time_s: Number = parameter("s", 0.02, 2.0, ge=1e-3, le=1e3, default=1.0)  # tau_2 [s]
 
-    def _effects(self) -> HiddenEffects:
-        branches = [_MaxwellBranch(self.stiffness_n_m, self.time_s)]
-        if self.second_stiffness_n_m:
-            branches.append(_MaxwellBranch(self.second_stiffness_n_m, self.second_time_s))
-        return HiddenEffects(contact=tuple(branches))
+    def effects(self, joint_count: int) -> HiddenEffects:
+        second = self.second_stiffness_n_m, self.second_time_s
+        branches = [(self.stiffness_n_m, self.time_s), *([second] if self.second_stiffness_n_m else [])]
+        return HiddenEffects(contact=tuple(_MaxwellBranch(*branch) for branch in branches))
 
     def values(self) -> dict[str, tuple[float, str]]:
         """See `Imperfection.values`; a second branch only where there is one."""
@@ -325,7 +324,7 @@ class HiddenPlasticSet(ContactImperfection):
     # Time in which a dent fades to 1/e; zero is never [s].
     recovery_s: NotNegative = parameter("s", 0.0, 60.0, default=0.0)
 
-    def _effects(self) -> HiddenEffects:
+    def effects(self, joint_count: int) -> HiddenEffects:
         return HiddenEffects(contact=(_Dent(self),))
 
     @classmethod
@@ -360,10 +359,9 @@ class _Dent(_Memory[float], MaterialEffect):
         return state._replace(depth_m=state.depth_m - dent_m, rate_m_s=state.rate_m_s - dent_rate_m_s)
 
 
-_EXACT_N = 1e-9
-_EXACT_M = 1e-15
+_EXACT_N, _EXACT_M = 1e-9, 1e-15  # accuracy of the root: excess of force, and width of its bracket
 _MOST_TRIES = 60
-_RIGID_M_N = 1e-12
+_RIGID_M_N = 1e-12  # compliance below which a tool is rigid
 
 
 class HiddenToolCompliance(ContactImperfection):
@@ -378,15 +376,15 @@ class HiddenToolCompliance(ContactImperfection):
     # C, one over the tool's stiffness; zero is rigid [m/N].
     compliance_m_n: NotNegative = parameter("m/N", 1e-5, 1e-3, le=0.01)
 
-    def _effects(self) -> HiddenEffects:
-        gives_way = self.compliance_m_n > _RIGID_M_N
-        return HiddenEffects(tool=(_SeriesSpring(self.compliance_m_n),)) if gives_way else HiddenEffects()
+    def effects(self, joint_count: int) -> HiddenEffects:
+        is_rigid = self.compliance_m_n <= _RIGID_M_N
+        return HiddenEffects() if is_rigid else HiddenEffects(tool=(_SeriesSpring(self.compliance_m_n),))
 
     @classmethod
     def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         """See `Imperfection._sized`; here of what would pass for a softer object."""
-        squeeze_m = strength * scale.contact_noise_n * scale.depth_m / scale.force_n
-        return {"compliance_m_n": squeeze_m / scale.force_n}
+        compression_m = strength * scale.contact_noise_n * scale.depth_m / scale.force_n
+        return {"compliance_m_n": compression_m / scale.force_n}
 
 
 class _SeriesSpring(ToolEffect):
@@ -400,44 +398,45 @@ class _SeriesSpring(ToolEffect):
 
     def __init__(self, compliance_m_n: float) -> None:
         self._stiffness_n_m = 1.0 / compliance_m_n
-        self._squeeze_m = self._tried_squeeze_m = 0.0
+        self._compression_m = self._tried_compression_m = 0.0
         self._slope_n_m = 0.0  # of S(u), by the last step's secant
 
     def contact_force_n(self, state: ContactState, surface_n: Callable[[ContactState], float]) -> float:
         """Solve for the compression u of the tool, and return u / C."""
-        stiffness, before_m = self._stiffness_n_m, self._squeeze_m
+        stiffness, before_m = self._stiffness_n_m, self._compression_m
         time_s, step_s, depth_m, rate_m_s = state
 
-        def left_n(squeeze_m: float) -> float:
-            rate = rate_m_s - (squeeze_m - before_m) / step_s
-            answer_n = surface_n(ContactState(time_s, step_s, depth_m - squeeze_m, rate))
-            return answer_n - stiffness * squeeze_m
+        def excess_n(compression_m: float) -> float:
+            """Return by how much the object's force exceeds the tool's at a compression [N]."""
+            rate = rate_m_s - (compression_m - before_m) / step_s
+            answer_n = surface_n(ContactState(time_s, step_s, depth_m - compression_m, rate))
+            return answer_n - stiffness * compression_m
 
-        rigid_n = left_n(0.0)
-        squeeze_m = self._root(left_n, rigid_n) if rigid_n else 0.0
-        self._tried_squeeze_m = squeeze_m
-        return stiffness * squeeze_m
+        rigid_excess_n = excess_n(0.0)
+        compression_m = self._root(excess_n, rigid_excess_n) if rigid_excess_n else 0.0
+        self._tried_compression_m = compression_m
+        return stiffness * compression_m
 
-    def _root(self, left_n: Callable[[float], float], rigid_n: float) -> float:
-        """Return the root of the balance `left_n`, given its value without compression [m]."""
-        near_m, near_n = 0.0, rigid_n
-        far_m = rigid_n / (self._stiffness_n_m - self._slope_n_m)
-        far_n = left_n(far_m)
-        if far_n * rigid_n > 0.0:  # not far enough
-            near_m, near_n, far_m = far_m, far_n, rigid_n / self._stiffness_n_m
-            far_n = left_n(far_m)
+    def _root(self, excess_n: Callable[[float], float], rigid_excess_n: float) -> float:
+        """Return the root of the balance `excess_n`, given its value without compression [m]."""
+        near_m, near_n = 0.0, rigid_excess_n
+        far_m = rigid_excess_n / (self._stiffness_n_m - self._slope_n_m)
+        far_n = excess_n(far_m)
+        if far_n * rigid_excess_n > 0.0:  # not far enough
+            near_m, near_n, far_m = far_m, far_n, rigid_excess_n / self._stiffness_n_m
+            far_n = excess_n(far_m)
         for _ in range(_MOST_TRIES):
             if abs(far_n) < _EXACT_N or abs(far_m - near_m) < _EXACT_M:
                 break
-            squeeze_m = (near_m * far_n - far_m * near_n) / (far_n - near_n)
-            now_n = left_n(squeeze_m)
+            compression_m = (near_m * far_n - far_m * near_n) / (far_n - near_n)
+            now_n = excess_n(compression_m)
             if now_n * far_n < 0.0:
                 near_m, near_n = far_m, far_n
             else:
                 near_n *= 0.5
-            far_m, far_n = squeeze_m, now_n
-        self._slope_n_m = min((far_n - rigid_n) / far_m + self._stiffness_n_m, 0.0)
+            far_m, far_n = compression_m, now_n
+        self._slope_n_m = min((far_n - rigid_excess_n) / far_m + self._stiffness_n_m, 0.0)
         return far_m
 
     def settle(self) -> None:
-        self._squeeze_m = self._tried_squeeze_m
+        self._compression_m = self._tried_compression_m

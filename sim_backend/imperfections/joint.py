@@ -51,8 +51,7 @@ class HiddenViscousFriction(_Friction):
 
     @classmethod
     def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        unit = scale.joint_noise_nm / scale.joint(channel).speed_rad_s
-        return {"viscous_nms_rad": strength * unit}
+        return {"viscous_nms_rad": strength * scale.joint_noise_nm / scale.joint(channel).speed_rad_s}
 
 
 class HiddenQuadraticFriction(_Friction):
@@ -88,8 +87,7 @@ class HiddenCoulombFriction(_Friction):
     @classmethod
     def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         """See `Imperfection._sized`; at most what a controller without its model can handle."""
-        coulomb_nm = min(strength * scale.joint_noise_nm, scale.joint(channel).mastered_nm)
-        return {"coulomb_nm": coulomb_nm}
+        return {"coulomb_nm": min(strength * scale.joint_noise_nm, scale.joint(channel).controllable_nm)}
 
 
 class HiddenAsymmetricFriction(_Friction):
@@ -114,7 +112,7 @@ class HiddenAsymmetricFriction(_Friction):
     @classmethod
     def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         """See `Imperfection._sized`; at most what a controller without its model can handle."""
-        large_nm = min(1.3 * strength * scale.joint_noise_nm, scale.joint(channel).mastered_nm)
+        large_nm = min(1.3 * strength * scale.joint_noise_nm, scale.joint(channel).controllable_nm)
         small_nm = generator.uniform(0.1, 0.5) * large_nm
         positive_nm, negative_nm = generator.permutation([large_nm, small_nm]).tolist()
         return {"positive_nm": positive_nm, "negative_nm": negative_nm}
@@ -142,7 +140,7 @@ class HiddenStribeckFriction(_Friction):
         """See `Imperfection._sized`; at most what a controller without its model can handle."""
         joint = scale.joint(channel)
         return {
-            "stiction_nm": min(strength * scale.joint_noise_nm / 0.4, joint.mastered_nm),
+            "stiction_nm": min(strength * scale.joint_noise_nm / 0.4, joint.controllable_nm),
             "speed_rad_s": generator.uniform(0.2, 0.6) * joint.speed_rad_s,
         }
 
@@ -230,7 +228,7 @@ class HiddenTorqueRipple(_LinkTorque):
         joint = scale.joint(channel)
         cycles = np.exp(generator.uniform(np.log(6.0), np.log(18.0))) / joint.swing_rad
         return {
-            "amplitude_nm": min(1.4 * strength * scale.joint_noise_nm, joint.mastered_nm),
+            "amplitude_nm": min(1.4 * strength * scale.joint_noise_nm, joint.controllable_nm),
             "cycles": float(np.round(cycles)),
             "phase_rad": generator.uniform(-np.pi, np.pi),
         }
@@ -383,9 +381,8 @@ class HiddenArmature(JointImperfection):
     def _effects(self, index: int, joint_count: int) -> HiddenEffects:
         inertia_kg_m2 = np.zeros(joint_count)
         inertia_kg_m2[index] = self.inertia_kg_m2
-        return (
-            HiddenEffects(joint=(Rotors(inertia_kg_m2.tolist()),)) if self.inertia_kg_m2 else HiddenEffects()
-        )
+        rotors = (Rotors(inertia_kg_m2.tolist()),) if self.inertia_kg_m2 else ()
+        return HiddenEffects(joint=rotors)
 
     @classmethod
     def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
