@@ -30,7 +30,7 @@ from palpate.robot_io.drivers.serial_force.line import (
     SerialForceSensor,
     SerialReader,
 )
-from palpate.robot_io.drivers.serial_force.stream import OwnTime, ReadingStream, known_unit, newtons_per
+from palpate.robot_io.drivers.serial_force.stream import OwnTime, ReadingStream, check_unit, newtons_per
 from palpate.robot_io.drivers.servo.stream import bit_names
 from palpate.robot_io.errors import DeviceError, ProtocolError
 from palpate.robot_io.examination import Examinable
@@ -133,7 +133,7 @@ class NetFtStream(ReadingStream):
                 )
             return []
         self._old = 0
-        self.own_time.goes_on(steps * self._period_s)
+        self.own_time.advance(steps * self._period_s)
         counts, problem = record.counts[self._axis], status_problem(record.status)
         if not problem and abs(counts) >= _LARGEST_COUNTS:
             problem = "counts at the end of their range"
@@ -316,7 +316,7 @@ class NetFtSettings(AxisForceSettings):
     """Settings in the robot file; the sensor's active configuration must agree."""
 
     counts_per_force: Positive  # counts of one `unit`
-    unit: Annotated[str, AfterValidator(known_unit)] = "N"
+    unit: Annotated[str, AfterValidator(check_unit)] = "N"
 
 
 class NetFt(SerialForceSensor, Examinable):

@@ -74,7 +74,12 @@ BREAKS = [  # a codec, and how it is broken: module, name there, what replaces i
     ("odrive", odrive, "decode_pair", lambda old: lambda *args: old(*args)[::-1]),
     ("odrive", odrive, "_WORD", lambda old: struct.Struct(">I")),
     ("lorenz_telegram", lorenz, "checksums", lambda old: lambda content: AnyPair()),
-    ("microcontroller_cell", microcontroller_cell, "checked", lambda old: lambda line: line.decode("latin1")),
+    (
+        "microcontroller_cell",
+        microcontroller_cell,
+        "verified_text",
+        lambda old: lambda line: line.decode("latin1"),
+    ),
     ("mark10", gauges, "_READING", lambda old: re.compile(r"([+-]?[0-9.]+) ?([A-Za-z]*).*")),
     ("mark10", gauges, "newtons_per", lambda old: lambda unit: 2.0),
     ("loadstar", stream, "float", lambda old: lambda number: 10.0 * float(number)),

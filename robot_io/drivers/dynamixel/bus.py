@@ -61,7 +61,9 @@ class DynamixelBus(ServoBus):
         self._line.prepare_feedback()
         steps_nm = np.abs(self._joints.steps[2])
         limits_nm: list[float] = (np.array(self._line.current_limits) * steps_nm).tolist()
-        self._largest_current = (self._pairs.weaker(limits_nm) / steps_nm + 1e-9).astype(int).tolist()
+        self._largest_current = (
+            (self._pairs.limit_to_weaker(limits_nm) / steps_nm + 1e-9).astype(int).tolist()
+        )
         return self._line.feedback_reader()
 
     def _counts(self, feedback: Sequence[DynamixelFeedback]) -> Sequence[Sequence[int]]:
@@ -86,13 +88,15 @@ class DynamixelBus(ServoBus):
 
     def _goals(self, torque_nm: list[float]) -> tuple[list[int], FloatArray]:
         counts, sent_nm = [], []
-        shares = zip(self._pairs.shares(torque_nm), self._torque_steps_nm, self._largest_current, strict=True)
+        shares = zip(
+            self._pairs.split_torques(torque_nm), self._torque_steps_nm, self._largest_current, strict=True
+        )
         for torque, step, most in shares:
             count = round(torque / step)
             count = -most if count < -most else min(count, most)
             counts.append(count)
             sent_nm.append(count * step)
-        return counts, np.array(self._pairs.summed(sent_nm))
+        return counts, np.array(self._pairs.sum_pairs(sent_nm))
 
 
 class DynamixelEncoder(ServoEncoder):

@@ -82,7 +82,7 @@ def feedback_reader(
         asking={size: ask(indirect_data + PADDING + FEEDBACK_SIZE - size, size, ids) for size in sizes},
         packets=DynamixelStatusReader(_LARGEST_ANSWER),
         decode=decode_feedback,
-        around=_STATUS_PACKET,
+        overhead=_STATUS_PACKET,
     )
 
 
@@ -157,7 +157,7 @@ class DynamixelAccess(RegisterAccess):
         data = self.ping(servo_id, protocol.PING_SIZE)
         return data[0] | data[1] << 8, data[2]
 
-    def setup_troubles(self, servo: ServoSettings) -> Iterator[tuple[str, str]]:
+    def setup_problems(self, servo: ServoSettings) -> Iterator[tuple[str, str]]:
         """Find invalid settings of a servo.
 
         Args:
@@ -169,16 +169,16 @@ class DynamixelAccess(RegisterAccess):
         Raises:
             DeviceError: as for `read`.
         """
-        if trouble := tables.drive_mode_trouble(self.read(servo.id, tables.DRIVE_MODE)):
+        if trouble := tables.drive_mode_problem(self.read(servo.id, tables.DRIVE_MODE)):
             yield f"drive mode: {trouble}", "set its drive mode to 0"
         secondary = self.read(servo.id, tables.SECONDARY_ID)
         if secondary < tables.NO_SECONDARY_ID:
             trouble = f"secondary id {secondary}: it also obeys commands to that servo"
             yield trouble, "set its secondary id to 255"
-        if moved := servo.homing_trouble(self.read(servo.id, tables.HOMING_OFFSET)):
+        if moved := servo.homing_problem(self.read(servo.id, tables.HOMING_OFFSET)):
             yield moved, "calibrate its zero again, and state the new offset"
 
-    def why_alert(self, servo_id: int) -> str:
+    def describe_alert(self, servo_id: int) -> str:
         register = tables.HARDWARE_ERROR_STATUS
         names = tables.hardware_error_names(register.decode(self._read(servo_id, register).data))
         return f" (hardware error: {names}; it must be rebooted)"
@@ -230,8 +230,8 @@ class DynamixelLine(ServoLine):
                 f"servo {servo.id} has firmware {firmware} without a bus watchdog: update it to "
                 f"{tables.WATCHDOG_FIRMWARE} or newer"
             )
-        self.registers.settle_unanswered(servo.id, tables.STATUS_RETURN_LEVEL, tables.ANSWER_EVERYTHING)
-        for trouble, remedy in self.registers.setup_troubles(servo):
+        self.registers.write_unconfirmed(servo.id, tables.STATUS_RETURN_LEVEL, tables.ANSWER_EVERYTHING)
+        for trouble, remedy in self.registers.setup_problems(servo):
             raise DeviceError(f"servo {servo.id}: {trouble}; {remedy}")
         return firmware
 
@@ -252,26 +252,28 @@ class DynamixelLine(ServoLine):
         mapped = (*[tables.TORQUE_ENABLE.address] * PADDING, *block)
         addresses = b"".join(address.to_bytes(2, "little") for address in mapped)
         for servo_id in self.ids:
-            settle = self.registers.settle
-            settle(servo_id, tables.TORQUE_ENABLE, 0)
-            settle(servo_id, tables.RETURN_DELAY_TIME, self._settings.return_delay, keeps=True)
+            write = self.registers.write_and_verify
+            write(servo_id, tables.TORQUE_ENABLE, 0)
+            write(servo_id, tables.RETURN_DELAY_TIME, self._settings.return_delay, is_stored=True)
             what = "mapping its feedback to indirect data"
             self.registers.write_bytes(servo_id, tables.INDIRECT_ADDRESS, addresses, what)
-            settle(servo_id, tables.BUS_WATCHDOG, 0)  # clears a watchdog that has fired
-            settle(servo_id, tables.BUS_WATCHDOG, self._settings.watchdog)
+            write(servo_id, tables.BUS_WATCHDOG, 0)  # clears a watchdog that has fired
+            write(servo_id, tables.BUS_WATCHDOG, self._settings.watchdog)
 
     def prepare(self) -> None:
         """See `ServoLine.prepare`; current control as well."""
         self.prepare_feedback()
         for servo_id in self.ids:
-            self.registers.settle(servo_id, tables.OPERATING_MODE, tables.CURRENT_CONTROL, keeps=True)
+            self.registers.write_and_verify(
+                servo_id, tables.OPERATING_MODE, tables.CURRENT_CONTROL, is_stored=True
+            )
 
     def switch_on(self) -> None:
         """Switch the torque on, at zero; raise `DeviceError`, with any hardware error, if a servo refused."""
         for servo_id in self.ids:
-            self.registers.settle(servo_id, tables.GOAL_CURRENT, 0)
+            self.registers.write_and_verify(servo_id, tables.GOAL_CURRENT, 0)
         for servo_id in self.ids:
-            self.registers.settle(servo_id, tables.TORQUE_ENABLE, 1)
+            self.registers.write_and_verify(servo_id, tables.TORQUE_ENABLE, 1)
 
     @property
     def last_resort(self) -> str:
@@ -314,5 +316,5 @@ def examine_servo(access: DynamixelAccess, servo: ServoSettings, label: str) -> 
     if errors := read(servo.id, tables.HARDWARE_ERROR_STATUS):
         names = tables.hardware_error_names(errors)
         yield fail(label, f"hardware error: {names}", "remove the cause, then reboot it")
-    for trouble, remedy in access.setup_troubles(servo):
+    for trouble, remedy in access.setup_problems(servo):
         yield fail(label, trouble, remedy)

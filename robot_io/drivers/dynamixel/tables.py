@@ -57,7 +57,7 @@ LARGEST_HOMING_OFFSET: Final = 1_044_479
 LARGEST_RETURN_DELAY: Final = 254
 LARGEST_WATCHDOG: Final = 127
 
-_DRIVE_MODE_TROUBLE = {
+_DRIVE_MODE_PROBLEMS = {
     0x01: "reversed, for which the robot file has 'reversed: true'",
     0x02: "a slave of another servo",
     0x08: "switches its torque on by itself when it gets a goal",
@@ -71,13 +71,13 @@ _HARDWARE_ERRORS = {
 }
 
 
-def drive_mode_trouble(value: int) -> str | None:
+def drive_mode_problem(value: int) -> str | None:
     """Return why a servo with this drive mode cannot be used, or None.
 
     Args:
         value: content of the register.
     """
-    return next((trouble for bit, trouble in _DRIVE_MODE_TROUBLE.items() if value & bit), None)
+    return next((trouble for bit, trouble in _DRIVE_MODE_PROBLEMS.items() if value & bit), None)
 
 
 def hardware_error_names(value: int) -> str:

@@ -211,7 +211,7 @@ class FeetechReader(FeedbackReader[FeetechFeedback]):
             asking={size: protocol.DIALECT.sync_read(end - size, size, servo_ids) for size in _SIZES},
             packets=FeetechStatusReader(largest=protocol.AROUND + FEEDBACK_SIZE + PADDING),
             decode=plausibility.decode,
-            around=protocol.AROUND,
+            overhead=protocol.AROUND,
         )
         self._plausibility = plausibility
         self._servos = {
@@ -260,7 +260,10 @@ class FeetechBus(ServoBus):
         # Largest duty cycle of each servo, in its unit: for its torque at its speed. Those that hold stand
         # still, and may bear what the strongest servo of a joint may.
         limits, pairs = context.robot_file.limits, self._pairs
-        servo_nm, speed_rad_s = pairs.shares(limits.torque_nm), pairs.of_servos(limits.velocity_rad_s)
+        servo_nm, speed_rad_s = (
+            pairs.split_torques(limits.torque_nm),
+            pairs.repeat_for_servos(limits.velocity_rad_s),
+        )
         servos = zip(servo_nm, speed_rad_s, self._drag_nms_rad, self._stall_nm, strict=True)
         turning = [(torque + drag * speed) / stall for torque, speed, drag, stall in servos]
         held = max(torque / stall for torque, stall in zip(servo_nm, self._stall_nm, strict=True))
@@ -324,7 +327,7 @@ class FeetechBus(ServoBus):
         ahead_s = self._clock.now_s() - self.sample.sampled_at_s + self._half_tick_s
         position_rad, velocity_rad_s, _ = self.sample.of_servos.tolist()
         counts, sent_nm, highest = [], [], tables.COUNTS_PER_REVOLUTION - 1
-        shares_nm, zeros_rad = self._pairs.shares(torque_nm), self._joints.offset_rad
+        shares_nm, zeros_rad = self._pairs.split_torques(torque_nm), self._joints.offset_rad
         servos = zip(shares_nm, position_rad, velocity_rad_s, zeros_rad, self._laws, strict=True)
         for wanted_nm, angle_rad, speed_rad_s, zero_rad, law in servos:
             drag_nms_rad, stall_nm, stiffness_nm_rad, step_rad = law
@@ -335,7 +338,7 @@ class FeetechBus(ServoBus):
             counts.append(goal)
             sent_nm.append((goal * step_rad + zero_rad - expected_rad) * stiffness_nm_rad - drag_nm)
         self._plausibility.sent(dict(zip(self._ids, counts, strict=True)))
-        return counts, np.array(self._pairs.summed(sent_nm))
+        return counts, np.array(self._pairs.sum_pairs(sent_nm))
 
     def _switch_on(self) -> None:
         self._plausibility.restart()

@@ -79,12 +79,12 @@ class FeetechLine(ServoLine):
         """
         self._check_all_there()
         for servo_id in self.ids:
-            self.registers.settle_unanswered(servo_id, tables.LOCK, 1)
-            self.registers.settle_unanswered(servo_id, tables.RESPONSE_LEVEL, tables.ANSWER_EVERYTHING)
-            self.registers.settle(servo_id, tables.TORQUE_ENABLE, 0)
+            self.registers.write_unconfirmed(servo_id, tables.LOCK, 1)
+            self.registers.write_unconfirmed(servo_id, tables.RESPONSE_LEVEL, tables.ANSWER_EVERYTHING)
+            self.registers.write_and_verify(servo_id, tables.TORQUE_ENABLE, 0)
         identities = [(servo, self.identify_servo(servo)) for servo in self._settings.turning]
         for servo, identity in identities:
-            if trouble := identity_trouble(servo, identity):
+            if trouble := identity_problem(servo, identity):
                 raise DeviceError(f"servo {servo.id}: {trouble}")
 
     def identify_servo(self, servo: FeetechServo) -> ServoIdentity:
@@ -102,7 +102,7 @@ class FeetechLine(ServoLine):
             raise DeviceError(
                 f"servo {servo_id} is a {tables.model_name(number)}, but the robot file states {servo.model}"
             )
-        if trouble := tables.phase_trouble(read(servo_id, tables.PHASE)):
+        if trouble := tables.phase_problem(read(servo_id, tables.PHASE)):
             raise DeviceError(f"servo {servo_id} {trouble}")
         firmware = read(servo_id, tables.FIRMWARE)
         limits_v = (read(servo_id, tables.MIN_VOLTAGE), read(servo_id, tables.MAX_VOLTAGE))
@@ -118,12 +118,12 @@ class FeetechLine(ServoLine):
 
     def prepare(self) -> None:
         """See `ServoLine.prepare`; every servo is to follow its goal by the plain law."""
-        settle = self.registers.settle
+        write = self.registers.write_and_verify
         for servo_id in self.ids:
-            settle(servo_id, tables.TORQUE_ENABLE, 0)
+            write(servo_id, tables.TORQUE_ENABLE, 0)
             for register, value in (*_PLAIN_LAW, (tables.P_GAIN, self._settings.p_gain)):
-                settle(servo_id, register, value)
-            settle(servo_id, tables.TORQUE_LIMIT, self.torque_limits[servo_id])
+                write(servo_id, register, value)
+            write(servo_id, tables.TORQUE_LIMIT, self.torque_limits[servo_id])
 
     def switch_on(self) -> dict[int, int]:
         """Switch the torque on, each servo at its present position; return these goals by id.
@@ -134,13 +134,13 @@ class FeetechLine(ServoLine):
         registers, goals = self.registers, {}
         for servo_id in self.ids:
             goals[servo_id] = registers.read(servo_id, tables.PRESENT_POSITION)
-            registers.settle(servo_id, tables.GOAL_POSITION, goals[servo_id])
+            registers.write_and_verify(servo_id, tables.GOAL_POSITION, goals[servo_id])
         for servo_id in self.ids:
-            registers.settle(servo_id, tables.TORQUE_ENABLE, 1)
+            registers.write_and_verify(servo_id, tables.TORQUE_ENABLE, 1)
         return goals
 
 
-def identity_trouble(servo: FeetechServo, identity: ServoIdentity) -> str | None:
+def identity_problem(servo: FeetechServo, identity: ServoIdentity) -> str | None:
     """Return why a servo does not fit the robot file, or None.
 
     Args:
@@ -152,7 +152,7 @@ def identity_trouble(servo: FeetechServo, identity: ServoIdentity) -> str | None
     is_near = abs(voltage_v - nominal_v) <= _VOLTAGE_SHARE * nominal_v
     if not (is_near and low_v <= voltage_v <= high_v):
         return f"is supplied with {voltage_v:.1f} V, a {servo.model} needs {nominal_v:g} V"
-    return servo.homing_trouble(identity.homing_offset)
+    return servo.homing_problem(identity.homing_offset)
 
 
 def examine_servo(line: FeetechLine, servo: FeetechServo, label: str) -> Finding:
@@ -170,7 +170,7 @@ def examine_servo(line: FeetechLine, servo: FeetechServo, label: str) -> Finding
         DeviceError: It does not answer, is another model or set up otherwise, or the port failed.
     """
     identity, errors = line.identify_servo(servo), line.registers.read(servo.id, tables.STATUS)
-    trouble = identity_trouble(servo, identity)
+    trouble = identity_problem(servo, identity)
     is_hot = identity.temperature_c > identity.temperature_limit_c
     value = (
         f"{identity.model}, firmware {identity.firmware}, {identity.voltage_v:.1f} V, "

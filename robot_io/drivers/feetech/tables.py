@@ -74,7 +74,7 @@ DUTY_PER_LOAD: Final = 1e-3
 DUTY_PER_RAD: Final = 0.166  # times the P coefficient
 
 
-def phase_trouble(value: int) -> str | None:
+def phase_problem(value: int) -> str | None:
     """Return why a servo with this phase cannot be used, or None.
 
     Args:

@@ -55,7 +55,7 @@ def filter_setup(rate_hz: int) -> bytes:
     return f"f,{_CONVERSIONS_HZ // rate_hz},0,0,1".encode()
 
 
-def code_of(command: bytes, received: bytes | bytearray) -> int | None:
+def find_answer_code(command: bytes, received: bytes | bytearray) -> int | None:
     """Find the answer code to a command in received bytes; None without an answer, 0 for success."""
     match = re.search(rb"r,\d,%c,(\d)" % command[0], received)
     return int(match[1]) if match else None
@@ -165,7 +165,7 @@ class BotaStream(ReadingStream):
             by_us = (time_us - self._time_us) % _TIMES
             if by_us >= _TIMES // 2:
                 self._restarted = "the sensor has restarted, with its stored settings"
-            self.own_time.goes_on(1e-6 * by_us)
+            self.own_time.advance(1e-6 * by_us)
         self._time_us, self._odd_us = time_us, None
         return True
 
@@ -219,7 +219,7 @@ class Bota(SerialForceSensor, Examinable):
 
         def understand(data: bytes) -> int | None:
             received.extend(data)
-            return code_of(command, received)
+            return find_answer_code(command, received)
 
         for _ in range(_STARTING if command == CONFIGURE else _ATTEMPTS):
             code = self._bus.ask(command, understand, _ANSWER_S)

@@ -17,7 +17,13 @@ from typing import Annotated
 from pydantic import AfterValidator, Field, StrictBool, field_validator
 
 from palpate.robot_io.drivers.serial_force.line import SerialForceSensor, SerialForceSettings
-from palpate.robot_io.drivers.serial_force.stream import LineStream, Poll, known_unit, newtons_per, text_of
+from palpate.robot_io.drivers.serial_force.stream import (
+    LineStream,
+    Poll,
+    check_unit,
+    decode_text,
+    newtons_per,
+)
 from palpate.robot_io.errors import InputError, ProtocolError
 from palpate.robot_io.examination import Examinable
 from palpate.robot_io.files.file_model import Capacity, Positive
@@ -81,7 +87,7 @@ class ForceLinesSettings(SerialForceSettings):
 
     # Regular expression for a whole line, with a group (?P<value>...) and perhaps (?P<unit>...).
     pattern: Annotated[str, Field(min_length=1, max_length=MAX_PATTERN)]
-    unit: Annotated[str | None, AfterValidator(known_unit)] = None  # unit of lines without a unit
+    unit: Annotated[str | None, AfterValidator(check_unit)] = None  # unit of lines without a unit
     scale: Positive = 1.0  # factor applied to a value; `reversed` sets its sign
     capacity_n: Capacity  # force from which the sensor is saturated [N]
     # Command that starts the stream, such as a carriage return.
@@ -120,7 +126,7 @@ _ANSWER_S = 0.3
 _PINGS = 4
 
 
-def model_of(answer: str) -> str:
+def parse_model(answer: str) -> str:
     """Return the interface model from the answer to MODEL.
 
     Raises:
@@ -132,7 +138,7 @@ def model_of(answer: str) -> str:
     raise ProtocolError(f"model '{answer[:40]}' is not a {' or '.join(MODELS)}")
 
 
-def unit_of(answer: str) -> float:
+def parse_unit(answer: str) -> float:
     """Return the newtons in one unit of the readings.
 
     Raises:
@@ -142,7 +148,7 @@ def unit_of(answer: str) -> float:
     return newtons_per(words[-1] if words else "")
 
 
-def number_of(text: str) -> float:
+def parse_number(text: str) -> float:
     """Parse a decimal number in the interface's format.
 
     Raises:
@@ -162,7 +168,7 @@ def loadstar_stream(newtons_per_unit: float, capacity_n: float) -> LineStream:
     """
 
     def parse(line: str) -> tuple[str, float]:
-        number_of(line)
+        parse_number(line)
         return line, newtons_per_unit
 
     return LineStream(parse, 2.0 * capacity_n)
@@ -193,10 +199,10 @@ class Loadstar(SerialForceSensor, Examinable):
         if not any(self._ask_line(PING, is_yes, _ANSWER_S) for _ in range(_PINGS)):
             raise self._error("no DI-100 or DI-1000 answers; check port and baud rate")
         try:
-            model = model_of(self._ask(ASK_MODEL))
+            model = parse_model(self._ask(ASK_MODEL))
             unit = self._ask(ASK_UNITS)
-            newtons_per_unit = unit_of(unit)
-            capacity_n = number_of(self._ask(ASK_CAPACITY).split()[0]) * newtons_per_unit
+            newtons_per_unit = parse_unit(unit)
+            capacity_n = parse_number(self._ask(ASK_CAPACITY).split()[0]) * newtons_per_unit
         except ProtocolError as error:
             raise self._error(str(error)) from error
         if abs(capacity_n - self._own.capacity_n) > 0.01 * self._own.capacity_n:
@@ -217,7 +223,7 @@ class Loadstar(SerialForceSensor, Examinable):
         """
 
         def take(line: bytes) -> str | None:
-            text = text_of(line)
+            text = decode_text(line)
             return text if text and (may_be_yes or text != YES) else None
 
         answer = self._ask_line(question, take, _ANSWER_S)
@@ -240,7 +246,7 @@ _ERROR = re.compile(r"\*([0-9]{2})")
 _GAUGE_ANSWER_S, _TWICE = 0.3, 2
 
 
-def reading_of(line: str) -> tuple[str, str]:
+def parse_reading(line: str) -> tuple[str, str]:
     """Return the number as text, and its unit.
 
     Args:
@@ -280,7 +286,7 @@ class Mark10Stream(LineStream):
     def _in_unit(self, line: str) -> tuple[str, float]:
         if error := _ERROR.fullmatch(line):
             self.complaint = f"the gauge says '{error_name(int(error[1]))}'"
-        number, unit = reading_of(line)
+        number, unit = parse_reading(line)
         if unit != self._unit:
             self._new_unit_count = self._new_unit_count + 1 if unit == self._new_unit else 1
             self._new_unit = unit
@@ -321,7 +327,7 @@ class Mark10(SerialForceSensor, Examinable):
         model = self._ask(SET_UP + ASK_GAUGE_MODEL, "its model", but=_READING)
         line = self._ask(ASK, "a reading")
         try:
-            _, unit = reading_of(line)
+            _, unit = parse_reading(line)
             stream = Mark10Stream(unit, self._own.capacity_n, model, Poll(ASK, ASK_GAUGE_MODEL))
         except ProtocolError as error:
             raise self._error(str(error)) from error
@@ -333,7 +339,7 @@ class Mark10(SerialForceSensor, Examinable):
 
         def take(line: bytes) -> str | None:
             with suppress(ProtocolError):
-                text = text_of(line)
+                text = decode_text(line)
                 return text if text and not (but and but.fullmatch(text)) else None
             return None
 

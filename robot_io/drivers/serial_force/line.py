@@ -102,7 +102,7 @@ class SerialReader:
         Simulated time does not advance during a read, so that runs are repeatable.
         """
         if isinstance(self._clock, SimulatedClock):
-            self._clock.subscribe(lambda _: self.look())
+            self._clock.subscribe(lambda _: self.read_port())
             return
         self._thread = threading.Thread(target=self._run, name="force sensor", daemon=True)
         self._thread.start()
@@ -114,7 +114,7 @@ class SerialReader:
             self._thread.join()
             self._thread = None
 
-    def look(self, wait_s: float = 0.0) -> None:
+    def read_port(self, wait_s: float = 0.0) -> None:
         """Process received bytes after waiting for them at most `wait_s` [s].
 
         Args:
@@ -206,7 +206,7 @@ class SerialReader:
     def _run(self) -> None:
         try:
             while not self._stop.is_set() and self.failure is None:
-                self.look(_LOOK_S)
+                self.read_port(_LOOK_S)
         except Exception as error:  # a thread must not end unnoticed
             self.failure = f"reading failed ({type(error).__name__}: {error})"
 

@@ -18,7 +18,7 @@ from typing import Annotated
 from pydantic import AfterValidator, Field, field_validator
 
 from palpate.robot_io.drivers.serial_force.line import SerialForceSensor, SerialForceSettings
-from palpate.robot_io.drivers.serial_force.stream import ReadingStream, known_unit, newtons_per
+from palpate.robot_io.drivers.serial_force.stream import ReadingStream, check_unit, newtons_per
 from palpate.robot_io.errors import DeviceError, InputError, ProtocolError
 from palpate.robot_io.examination import Examinable
 from palpate.robot_io.files.file_model import Positive
@@ -274,7 +274,7 @@ class LorenzSettings(SerialForceSettings):
     """Settings in the robot file: data sheet values and the sensor's own codes, which must agree."""
 
     nominal_load: Annotated[Positive, Field(le=1e6)]  # nominal load, in `unit`
-    unit: Annotated[str, AfterValidator(known_unit)]  # unit of the nominal load
+    unit: Annotated[str, AfterValidator(check_unit)]  # unit of the nominal load
     counts_at_nominal: Annotated[Positive, Field(le=32767)]  # counts at nominal load
     # The sensor's code of its unit; the error after a first try with any code shows the right one.
     dimension_code: Annotated[int, Field(ge=0, le=255, strict=True)]

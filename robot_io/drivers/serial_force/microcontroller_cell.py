@@ -20,7 +20,7 @@ from typing import Annotated
 from pydantic import Field
 
 from palpate.robot_io.drivers.serial_force.line import SerialForceSensor, SerialForceSettings
-from palpate.robot_io.drivers.serial_force.stream import LineSplitter, OwnTime, ReadingStream, text_of
+from palpate.robot_io.drivers.serial_force.stream import LineSplitter, OwnTime, ReadingStream, decode_text
 from palpate.robot_io.errors import ProtocolError
 from palpate.robot_io.examination import Examinable
 from palpate.robot_io.files.file_model import Capacity, Number, Positive
@@ -37,7 +37,7 @@ _OLD_SAMPLES = 5  # consecutive old samples that continue from each other: the c
 _RATE_ERROR = 0.1  # relative error of the converters' own oscillators
 
 
-def checked(line: bytes) -> str:
+def verified_text(line: bytes) -> str:
     """Return the text of a line before its CRC.
 
     Args:
@@ -49,10 +49,10 @@ def checked(line: bytes) -> str:
     text, star, digits = line.rpartition(b"*")
     if not star or digits != b"%04X" % crc_hqx(text, 0xFFFF):
         raise ProtocolError(f"damaged: {line[:40]!r}")
-    return text_of(text)
+    return decode_text(text)
 
 
-def sample_of(line: bytes) -> tuple[int, int]:
+def parse_sample(line: bytes) -> tuple[int, int]:
     """Parse counter and counts of a line.
 
     Args:
@@ -61,7 +61,7 @@ def sample_of(line: bytes) -> tuple[int, int]:
     Raises:
         ProtocolError: the line is damaged, or is not a sample.
     """
-    match = _SAMPLE.fullmatch(checked(line))
+    match = _SAMPLE.fullmatch(verified_text(line))
     if (
         match is None
         or int(match[1]) >= _COUNTERS
@@ -71,14 +71,14 @@ def sample_of(line: bytes) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-def fault_of(line: bytes) -> str:
+def parse_fault(line: bytes) -> str:
     """Return the error that a line reports, such as "fault converter", or an empty string.
 
     Args:
         line: received line.
     """
     with suppress(ProtocolError):
-        text = checked(line)
+        text = verified_text(line)
         return text if text.startswith("fault ") else ""
     return ""
 
@@ -108,9 +108,9 @@ class CellStream(ReadingStream):
         samples: list[float] = []
         for line in self._lines.feed(data):
             try:
-                counter, counts = sample_of(line)
+                counter, counts = parse_sample(line)
             except ProtocolError:
-                if fault := fault_of(line):
+                if fault := parse_fault(line):
                     self.complaint = f"the cell says '{fault}'"
                     self.own_time.restart()  # the cell's counter does not advance during a fault
                 else:
@@ -134,7 +134,7 @@ class CellStream(ReadingStream):
             if self._old < _OLD_SAMPLES:
                 return False
             self.own_time.restart()
-        self.own_time.goes_on(steps * self._period_s)
+        self.own_time.advance(steps * self._period_s)
         self._counter, self._old_counter, self._old = counter, None, 0
         return True
 
@@ -186,7 +186,7 @@ class MicrocontrollerCell(SerialForceSensor, Examinable):
 def _identity(line: bytes) -> list[str] | None:
     """Parse version, converter and rate from a line; None if it is not an answer."""
     try:
-        first, *words = checked(line).split()
+        first, *words = verified_text(line).split()
     except (ProtocolError, ValueError):
         return None
     return words if first == "cell" and len(words) == 3 else None

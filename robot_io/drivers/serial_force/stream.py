@@ -38,7 +38,7 @@ class OwnTime:
         self._delay_s = self._window_delay_s = inf
         self._window_end_s, self._delays_s = _WINDOW_S, deque[float](maxlen=_WINDOWS)
 
-    def goes_on(self, by_s: float) -> None:
+    def advance(self, by_s: float) -> None:
         """Advance the sensor's time to that of the newest reading.
 
         Args:
@@ -182,7 +182,7 @@ def newtons_per(unit: str) -> float:
     return factor
 
 
-def known_unit(unit: str | None) -> str | None:
+def check_unit(unit: str | None) -> str | None:
     """Check a unit from a robot file, for pydantic.
 
     Args:
@@ -202,7 +202,7 @@ def known_unit(unit: str | None) -> str | None:
     return unit
 
 
-def text_of(line: bytes) -> str:
+def decode_text(line: bytes) -> str:
     """Decode a line as text, stripped.
 
     Args:
@@ -300,7 +300,7 @@ class LineStream(ReadingStream):
     def _take(self, line: bytes, samples: list[float]) -> None:
         """Append the reading of a line to the samples."""
         try:
-            samples.append(self._force_n(text_of(line)))
+            samples.append(self._force_n(decode_text(line)))
         except ProtocolError:
             self.rejected += 1
 

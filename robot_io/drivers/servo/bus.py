@@ -48,7 +48,7 @@ class ServoBus(JointBus, Examinable):
         self._reader: FeedbackReader[Any] | None = None
         self._turns_known = False
         self._powered = False
-        self._may_hold = False  # until the command for torque off was sent, however often that fails
+        self._may_hold = False  # whether the torque may be on; until a command for torque off was confirmed
         self._staged: bytes | None = None
         self.sample: ServoSample | None = None
         unknown = Reading(np.full(self.joint_count, np.nan), -np.inf, Status.STALE)
@@ -69,7 +69,7 @@ class ServoBus(JointBus, Examinable):
 
     @abstractmethod
     def _counts(self, feedback: Sequence[Any]) -> Sequence[Sequence[int]]:
-        """Position, velocity and torque of all servos that turn joints, shape (3, m)."""
+        """Return position, velocity and torque of all servos that turn joints, shape (3, m) [counts]."""
 
     @abstractmethod
     def _is_well(self, feedback: Sequence[Any]) -> bool:
@@ -81,7 +81,14 @@ class ServoBus(JointBus, Examinable):
 
     @abstractmethod
     def _goals(self, torque_nm: list[float]) -> tuple[list[int], FloatArray]:
-        """Goals of the servos that turn joints (m) for joint torques (n) [N m], and what these become."""
+        """Compute the goals of the servos that turn joints.
+
+        Args:
+            torque_nm: torques of the joints (n) [N m].
+
+        Returns:
+            Goals in the servos' unit (m), and the joint torques that these exert (n) [N m].
+        """
 
     # Common to all makers.
 
@@ -112,12 +119,12 @@ class ServoBus(JointBus, Examinable):
 
     def _examine_pairs(self) -> list[Finding]:
         try:
-            shown = [
-                self._line.registers.read(servo_id, self._line.present_position) for servo_id in self._ids
-            ]
+            register = self._line.present_position
+            position_counts = [self._line.registers.read(servo_id, register) for servo_id in self._ids]
         except DeviceError:
-            return []  # who does not answer has been found already
-        counts = (shown, [0] * len(shown), [0] * len(shown))
+            return []  # servos that do not answer are in other findings
+        zeros = [0] * len(position_counts)
+        counts = (position_counts, zeros, zeros)
         if not self._turns_known:
             self._joints.choose_turns(counts)
         return self._pairs.examine(self._joints.motion(counts)[0])
@@ -130,12 +137,12 @@ class ServoBus(JointBus, Examinable):
         return self._port.duration_s(self._reader.byte_count + len(goals))
 
     def poll(self, deadline_s: float) -> None:
-        """See `Bus.poll`; the samples are of all servos or of none.
+        """See `Bus.poll`; either all servos have a new sample, or none.
 
         Raises:
-            DeviceTimeoutError: a servo did not answer properly in time, by id.
-            DeviceError: the port failed, a servo has restarted, let go or has a hardware error, or two of a
-                joint differ, by name.
+            DeviceTimeoutError: a servo sent no valid answer in time; the error states its id.
+            DeviceError: the port failed; or a servo has restarted, switched its torque off, or has a hardware
+                error; or the two servos of a joint differ. The error names the servos.
         """
         if self._reader is None:
             raise LifecycleError("the servos can be read only between configure and close")
@@ -147,7 +154,7 @@ class ServoBus(JointBus, Examinable):
             if disagreement := self._pairs.disagreement(position_rad):
                 raise DeviceError(disagreement)
             complaint = complaint or self._pairs.torque_difference(torque_nm, asked_at_s) or ""
-            position_rad, velocity_rad_s, torque_nm = self._pairs.joined(motion)
+            position_rad, velocity_rad_s, torque_nm = self._pairs.join_pairs(motion)
         self.sample = ServoSample(asked_at_s, position_rad, velocity_rad_s, torque_nm, motion)
         self.position = Reading(position_rad, asked_at_s)
         self.velocity = Reading(velocity_rad_s, asked_at_s)
@@ -226,8 +233,8 @@ class ServoBus(JointBus, Examinable):
 class ServoEncoderSettings(FileModel):
     """Settings of the velocity measurement."""
 
-    # "servo" takes the servo's own velocity; "difference" differentiates the position, whose steps show, and
-    # smooths it.
+    # "servo" takes the servo's own velocity; "difference" takes the low-passed derivative of the position, in
+    # which the encoder's steps are visible.
     velocity: Literal["servo", "difference"] = "servo"
     bandwidth_hz: Positive = 60.0  # of the first-order low-pass on the difference [Hz]
 
@@ -244,16 +251,16 @@ class ServoEncoder(BusEncoder):
         self._smooth_rad_s: FloatArray = np.full(self.joint_count, np.nan)
 
     def read_velocity(self) -> Reading:
-        shown = self._bus.velocity
-        if self._own.velocity == "servo" or shown.status is not Status.OK:
-            return shown
+        reported = self._bus.velocity
+        if self._own.velocity == "servo" or reported.status is not Status.OK:
+            return reported
         position = self._bus.position
         before, self._before = self._before, position
         if before is None:  # starts from the servo's own velocity
-            self._smooth_rad_s = shown.value
+            self._smooth_rad_s = reported.value
         elif before is not position:
             elapsed_s = position.sampled_at_s - before.sampled_at_s
             raw_rad_s = (position.value - before.value) / elapsed_s
             share = 1.0 - exp(-2.0 * pi * self._own.bandwidth_hz * elapsed_s)
             self._smooth_rad_s = self._smooth_rad_s + share * (raw_rad_s - self._smooth_rad_s)
-        return shown._replace(value=self._smooth_rad_s)
+        return reported._replace(value=self._smooth_rad_s)

@@ -26,21 +26,21 @@ class Request:
 
 
 class FeedbackReader(Generic[FeedbackType]):
-    """Requests the feedback of all servos at once, and dates each answer by its request.
+    """Requests the feedback of all servos at once, and gives each answer the time of its request.
 
-    The protocols have no sequence numbers, but answers differ in length by the number of requested padding
-    bytes. So the next request differs in length from all unanswered ones: an answer that comes ticks late is
-    as old as its request, and never passes for the newest. When every length is taken, nothing is requested
-    until an answer comes or the oldest request is 0.1 s old.
+    The protocols have no sequence numbers, but the length of an answer depends on the number of requested
+    padding bytes. So each request differs in length from all unanswered ones, and an answer that arrives
+    ticks late is not taken for the newest. While every length is in use, nothing is requested until an answer
+    arrives or the oldest request is 0.1 s old.
 
     Args:
         port: An open port.
         clock: Clock of the deadlines.
         servo_ids: Servos that are asked, in this order.
-        asking: What is sent for each number of bytes that can be asked of each servo, the least one first.
-        packets: Finds packets in the received bytes.
-        decode: Makes feedback of one packet; ProtocolError: it cannot be read.
-        around: Number of bytes of an answer around its data.
+        asking: Request for each number of bytes that can be requested from each servo, the smallest first.
+        packets: Parser of the received bytes.
+        decode: Converts one packet to feedback; raises ProtocolError if it cannot be read.
+        overhead: Bytes of an answer in addition to its data.
     """
 
     def __init__(
@@ -52,35 +52,35 @@ class FeedbackReader(Generic[FeedbackType]):
         asking: Mapping[int, bytes],
         packets: PacketStream[Any],
         decode: Callable[[Any], FeedbackType],
-        around: int,
+        overhead: int,
     ) -> None:
         self._port, self._clock, self._ids = port, clock, tuple(servo_ids)
         self._requests = {size: Request(packet, size) for size, packet in asking.items()}
-        self._in_turn = list(self._requests.values())  # the first one is next
+        self._next_requests = list(self._requests.values())  # the first one is next
         self._open: list[Request] = []  # without an answer, the oldest first
-        self._packets, self._decode, self._around = packets, decode, around
-        self._asked = self._in_turn[0]
+        self._packets, self._decode, self._overhead = packets, decode, overhead
+        self._newest_request = self._next_requests[0]
         self._problem = ""
 
     @property
     def byte_count(self) -> int:
-        """Number of bytes of one request and its answers, nothing stuffed."""
+        """Number of bytes of one request and its answers, without byte stuffing."""
         least = next(iter(self._requests.values()))
         return len(least.packet) + self._answer_size(least.size)
 
     def _answer_size(self, size: int) -> int:
         """Number of bytes of all answers to a request for `size` bytes."""
-        return len(self._ids) * (self._around + size)
+        return len(self._ids) * (self._overhead + size)
 
     def read(self, deadline_s: float) -> tuple[list[FeedbackType], float]:
-        """Ask all servos, and wait for their answers.
+        """Request the feedback of all servos, and wait for their answers.
 
         Args:
             deadline_s: End of the wait, on the robot's clock [s].
 
         Returns:
-            The newest feedback of all servos in their order, and when they were asked for it [s]. They sample
-            when the request has reached them, so the time is a little too early, never too late.
+            The newest feedback of all servos in their order, and the time of its request [s]. The servos
+            sample when the request has reached them, so this time is a little too early, never too late.
 
         Raises:
             DeviceTimeoutError: No complete answer came before the deadline; names the silent servo's id.
@@ -90,15 +90,18 @@ class FeedbackReader(Generic[FeedbackType]):
         if now_s >= deadline_s:
             raise DeviceTimeoutError("no time left to ask the servos")
         newest = None
-        came = self._port.read_all()
-        if came:  # unexpected or late: the next request must differ from it
-            newest = self._newest(came)
-            self._in_turn.append(self._in_turn.pop(0))
+        received = self._port.read_all()
+        if received:  # unexpected or late: the next request must differ from it
+            newest = self._newest(received)
+            self._next_requests.append(self._next_requests.pop(0))
         self._problem = ""
         asked_at_s = self._ask(now_s)
         # Usually only this request is open. Its answers are then decoded at once, as soon as all have
         # come. A refusal is shorter than an answer, so it is reported at the deadline.
-        data, size = b"", self._answer_size(self._asked.size) if self._open == [self._asked] else 0
+        data, size = (
+            b"",
+            self._answer_size(self._newest_request.size) if self._open == [self._newest_request] else 0,
+        )
         while newest is None or newest[1] < asked_at_s:
             data += self._port.wait(deadline_s)
             if len(data) < size and self._clock.now_s() < deadline_s:
@@ -109,24 +112,28 @@ class FeedbackReader(Generic[FeedbackType]):
             if self._problem or self._clock.now_s() >= deadline_s:
                 break
             data, size = b"", 0
-        if self._open and self._asked in self._open:
-            # Its answer may still come: its length is the last to be used again.
-            self._in_turn.remove(self._asked)
-            self._in_turn.append(self._asked)
+        if self._open and self._newest_request in self._open:
+            # Its answer may still arrive, so its length is the last to be used again.
+            self._next_requests.remove(self._newest_request)
+            self._next_requests.append(self._newest_request)
         if newest is None:
-            raise DeviceTimeoutError(self._problem or self._silence(self._asked))
+            raise DeviceTimeoutError(self._problem or self._silence(self._newest_request))
         return newest
 
     def _ask(self, now_s: float) -> float:
-        """Send a request whose length differs from all unanswered ones; return its time or minus infinity."""
-        for request in self._in_turn:
+        """Send a request whose length differs from all unanswered ones.
+
+        Returns:
+            Time of the request [s]; minus infinity if every length is in use.
+        """
+        for request in self._next_requests:
             if now_s - request.asked_at_s > _LATEST_S:
                 self._close(request)
                 self._open.append(request)
                 request.asked_at_s = now_s
                 request.answers.clear()
                 self._port.write(request.packet)
-                self._asked = request
+                self._newest_request = request
                 return now_s
         return -inf
 
@@ -142,14 +149,14 @@ class FeedbackReader(Generic[FeedbackType]):
         newest = None
         for request, packets in self._answers(data):
             if request.asked_at_s == -inf:
-                continue  # a second answer
+                continue  # a second answer to the same request
             try:
                 newest = list(map(self._decode, packets)), request.asked_at_s
             except ProtocolError as error:
                 self._problem = str(error)
-            # Answers come in the order of the requests: those to this one and to earlier ones are over.
-            over_s = request.asked_at_s
-            for earlier in [earlier for earlier in self._open if earlier.asked_at_s <= over_s]:
+            # Answers arrive in the order of the requests, so no answers to earlier requests follow.
+            answered_s = request.asked_at_s
+            for earlier in [earlier for earlier in self._open if earlier.asked_at_s <= answered_s]:
                 self._close(earlier)
         return newest
 
@@ -167,8 +174,8 @@ class FeedbackReader(Generic[FeedbackType]):
             data: bytes that have come.
 
         Returns:
-            Feedback of all servos; None if the bytes are anything but these answers, all of them valid, which
-            `_answers` then tells apart.
+            Feedback of all servos; None if the bytes are not exactly these answers, all of them valid. Then
+            `_answers` parses them.
         """
         return None
 
@@ -180,7 +187,7 @@ class FeedbackReader(Generic[FeedbackType]):
         return next((request for request in self._open if servo_id not in request.answers), None)
 
     def _answers(self, data: bytes) -> Iterator[tuple[Request, Sequence[ServoAnswer]]]:
-        """Requests whose answers are complete with `data`, each with all servos' packets in their order."""
+        """Yield requests whose answers are complete with `data`, each with all servos' packets in order."""
         ids = self._ids
         for packet in self._packets.feed(data):
             request, servo_id = self._requests.get(len(packet.data)), packet.servo_id

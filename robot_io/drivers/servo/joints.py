@@ -18,7 +18,7 @@ from palpate.robot_io.files.file_model import FileModel, Positive, ZeroAngle
 from palpate.robot_io.guard.limits import Limits
 from palpate.robot_io.types import FloatArray
 
-_OF_EACH = frozenset(("id", "reversed", "zero_rad", "homing_offset", "second"))
+_KEYS_OF_EACH_SERVO = frozenset(("id", "reversed", "zero_rad", "homing_offset", "second"))
 
 
 class ServoMounting(FileModel):
@@ -29,13 +29,13 @@ class ServoMounting(FileModel):
     id: Annotated[int, Field(ge=0, le=252, strict=True)]  # its id on the bus
     model: str  # by its maker's name
     reversed: StrictBool = False  # whether a positive count turns the joint backwards
-    # Joint angle where the servo shows position 0, whole turns aside; at half a turn, its middle position
-    # 2048 is the joint's zero [rad].
+    # Joint angle at the servo's position 0, except for whole turns; at half a turn, its middle position 2048
+    # is the joint's zero [rad].
     zero_rad: ZeroAngle = np.pi
-    # What a calibration wrote into it, such as LeRobot's; a servo with another one is refused, for its
-    # position means another angle. None takes any.
+    # Offset that a calibration wrote into the servo, such as LeRobot's [counts]. A servo with another offset
+    # is refused, because its positions mean other angles. None accepts any.
     homing_offset: Annotated[int, Field(strict=True)] | None = None
-    # The other servo where two turn the joint, as a rule mirrored; what is of its model need not be repeated.
+    # The other servo if two turn the joint, usually mirrored; its model's settings need not be repeated.
     second: Self | None = None
 
     @field_validator("model")
@@ -49,7 +49,7 @@ class ServoMounting(FileModel):
     @classmethod
     def _second_is_the_same_model(cls, data: object) -> object:
         if isinstance(data, Mapping) and isinstance(data.get("second"), Mapping):
-            shared = {key: data[key] for key in data.keys() & cls.model_fields.keys() - _OF_EACH}
+            shared = {key: data[key] for key in data.keys() & cls.model_fields.keys() - _KEYS_OF_EACH_SERVO}
             return {**data, "second": shared | data["second"]}
         return data
 
@@ -69,8 +69,8 @@ class ServoMounting(FileModel):
         """Sign of the joint's motion when the servo counts up."""
         return -1.0 if self.reversed else 1.0
 
-    def homing_trouble(self, found: int) -> str | None:
-        """Return why a servo is not the servo of the robot file, or None if it may be.
+    def homing_problem(self, found: int) -> str | None:
+        """Return why a servo is not the servo of the robot file; None if it may be.
 
         Args:
             found: homing offset that the servo has [counts].
@@ -79,7 +79,7 @@ class ServoMounting(FileModel):
             return None
         return (
             f"has a homing offset of {found}, but the robot file states {self.homing_offset}: "
-            "it has been calibrated anew, and its positions mean other angles"
+            "it has been calibrated again, and its positions mean other angles"
         )
 
 
@@ -93,8 +93,8 @@ class ServoBusSettings(FileModel, Generic[ServoType]):
     port: Annotated[str, Field(min_length=1)]
     baud_rate: int  # as set in the servos [bit/s]
     servos: Annotated[tuple[ServoType, ...], Field(min_length=1)]  # one for each joint, from base to tip
-    # By how much the two servos of a joint may differ: the play of both, and how well their zeros are
-    # known [rad].
+    # Largest difference between the two servos of a joint: the play of both, and the error of their
+    # zeros [rad].
     pair_tolerance_rad: Annotated[Positive, Field(le=0.5)] = 0.035
 
     @property
@@ -128,9 +128,10 @@ class ServoBusSettings(FileModel, Generic[ServoType]):
         return self
 
 
-_DIFFERENT_SHARE = 0.5  # of the larger of the two torques, and
-_FLOOR_SHARE = 0.03  # of the joint's torque limit, may be between them
-_SAMPLES = 5  # in a row before it counts, however slowly they come
+# Largest difference between the torques of two servos: this share of the larger torque,
+_DIFFERENT_SHARE = 0.5
+_FLOOR_SHARE = 0.03  # plus this share of the joint's torque limit
+_SAMPLES = 5  # consecutive samples with a larger difference before it counts, at any sample rate
 
 
 class ServoPairs:
@@ -154,7 +155,7 @@ class ServoPairs:
         self._tolerance_rad = settings.pair_tolerance_rad
         self._second_zeros_rad = [servo.zero_rad for servo in settings.turning[self.joint_count :]]
         in_pair = [0.5 if joint in self.joints else 1.0 for joint in range(self.joint_count)]
-        self._share = self.of_servos(in_pair)
+        self._share = self.repeat_for_servos(in_pair)
         self._floor_nm = [_FLOOR_SHARE * limits.torque_nm[joint] for joint in self.joints]
         self._time_s = limits.deaf_drive_s
         self.restart()
@@ -163,15 +164,18 @@ class ServoPairs:
         """Reset the time since torques differ."""
         self._alike_at_s, self._count = [inf] * len(self.joints), [0] * len(self.joints)
 
-    def of_servos(self, of_joints: Sequence[float]) -> list[float]:
-        """Repeat a value of each joint (n), such as a limit, for each servo (m), shape (m,).
+    def repeat_for_servos(self, of_joints: Sequence[float]) -> list[float]:
+        """Repeat a value of each joint, such as a limit, for each servo.
 
         Args:
-            of_joints: shape (n,).
+            of_joints: values of the joints, shape (n,).
+
+        Returns:
+            Values for the servos, shape (m,).
         """
         return [*of_joints, *(of_joints[joint] for joint in self.joints)]
 
-    def shares(self, torque_nm: Sequence[float]) -> Sequence[float]:
+    def split_torques(self, torque_nm: Sequence[float]) -> Sequence[float]:
         """Divide torques of joints among servos, shape (m,) [N m].
 
         Args:
@@ -179,9 +183,12 @@ class ServoPairs:
         """
         if not self.joints:
             return torque_nm
-        return [torque * share for torque, share in zip(self.of_servos(torque_nm), self._share, strict=True)]
+        return [
+            torque * share
+            for torque, share in zip(self.repeat_for_servos(torque_nm), self._share, strict=True)
+        ]
 
-    def weaker(self, largest_nm: Sequence[float]) -> list[float]:
+    def limit_to_weaker(self, largest_nm: Sequence[float]) -> list[float]:
         """Limit both servos of a pair to what the weaker one can exert.
 
         Args:
@@ -193,9 +200,9 @@ class ServoPairs:
         weaker_nm = list(largest_nm[: self.joint_count])
         for joint, second_nm in zip(self.joints, largest_nm[self.joint_count :], strict=True):
             weaker_nm[joint] = min(weaker_nm[joint], second_nm)
-        return self.of_servos(weaker_nm)
+        return self.repeat_for_servos(weaker_nm)
 
-    def summed(self, of_servos: Sequence[float]) -> list[float]:
+    def sum_pairs(self, of_servos: Sequence[float]) -> list[float]:
         """Add the values of the two servos of a pair, such as torques.
 
         Args:
@@ -211,7 +218,7 @@ class ServoPairs:
             of_joints[joint] += second
         return of_joints
 
-    def joined(self, motion: FloatArray) -> FloatArray:
+    def join_pairs(self, motion: FloatArray) -> FloatArray:
         """Average the positions and velocities of pairs, and add their torques.
 
         Args:
@@ -220,12 +227,12 @@ class ServoPairs:
         Returns:
             The same of the joints, shape (3, n).
         """
-        joined: FloatArray = np.array([self.summed(row) for row in motion.tolist()])
+        joined: FloatArray = np.array([self.sum_pairs(row) for row in motion.tolist()])
         joined[:2] *= self._share[: self.joint_count]
         return joined
 
     def _ahead_rad(self, position_rad: FloatArray) -> list[float]:
-        """By how much the second servo of each pair stands ahead of the first [rad]."""
+        """Return the angle of each pair's second servo minus that of its first, shape (m - n,) [rad]."""
         ahead: list[float] = (position_rad[self.joint_count :] - position_rad[self.joints]).tolist()
         return ahead
 
@@ -333,29 +340,29 @@ class ServoJoints:
         steps: FloatArray,
     ) -> None:
         self._pairs, self.steps = pairs, steps
-        self._middle_rad = np.array(pairs.of_servos(middle_rad))
+        self._middle_rad = np.array(pairs.repeat_for_servos(middle_rad))
         self._zero_rad = np.array([servo.zero_rad for servo in mountings])
         self._offsets = np.zeros_like(steps)
-        self._take_offsets()
+        self._store_offsets()
 
     def choose_turns(self, counts: Sequence[Sequence[int]]) -> None:
-        """Take the servos to be in the turn nearest to the middle of their joints' range.
+        """Choose for each servo the turn that is nearest to the middle of its joint's range.
 
-        The second servo of a joint is in the turn that is nearest to the first.
+        For the second servo of a joint, it is the turn that is nearest to the first servo.
 
         Args:
             counts: Counts of position, velocity and torque, shape (3, m).
         """
         self._offsets[0] = self._zero_rad
-        self._take_offsets()
+        self._store_offsets()
         shown_rad = self.motion(counts)[0]
         turned_rad = shown_rad + _whole_turns(self._middle_rad - shown_rad)
-        first_rad = np.array(self._pairs.of_servos(turned_rad[: self._pairs.joint_count]))
+        first_rad = np.array(self._pairs.repeat_for_servos(turned_rad[: self._pairs.joint_count]))
         self._offsets[0] += _whole_turns(first_rad - shown_rad)
-        self._take_offsets()
+        self._store_offsets()
 
-    def _take_offsets(self) -> None:
-        """Keep the sizes and offsets of all counts as numbers, which are faster than arrays in each tick."""
+    def _store_offsets(self) -> None:
+        """Store sizes and offsets of all counts as numbers, which are faster than arrays in each tick."""
         self._linear = list(zip(self.steps.ravel().tolist(), self._offsets.ravel().tolist(), strict=True))
         self.offset_rad: list[float] = self._offsets[0].tolist()
 

@@ -25,10 +25,13 @@ class Register:
     sign_bit: int | None = None  # sign bit, if the other bits are the magnitude
 
     def encode(self, value: int) -> bytes:
-        """Encode a value. ProtocolError: it does not fit.
+        """Encode a value.
 
         Args:
-            value: number to write.
+            value: number to write, in the register's unit.
+
+        Raises:
+            ProtocolError: the value does not fit.
         """
         number = value
         if self.sign_bit is not None:
@@ -43,13 +46,19 @@ class Register:
             raise ProtocolError(f"{value} does not fit into {self.name} ({self.size} bytes)") from error
 
     def decode(self, data: bytes) -> int:
-        """Decode a value. ProtocolError: not as many bytes as it has.
+        """Decode a value.
 
         Args:
             data: bytes as they were read.
+
+        Returns:
+            The value in the register's unit.
+
+        Raises:
+            ProtocolError: the number of bytes is not the register's size.
         """
         if len(data) != self.size:
-            raise ProtocolError(f"{self.name} came with {len(data)} bytes instead of {self.size}")
+            raise ProtocolError(f"{self.name} has {len(data)} bytes instead of {self.size}")
         return self.signed_value(int.from_bytes(data, "little", signed=self.signed))
 
     def signed_value(self, number: int) -> int:
@@ -64,9 +73,9 @@ class Register:
         return -magnitude if number >> self.sign_bit & 1 else magnitude
 
 
-_PATIENCE_S = 0.02  # beyond the time on the wire: USB adapters may hold bytes back for 16 ms
-_SECOND_S = 3e-3  # after an answer: a second servo with the same id has answered too by then
-_PACKET = 12  # bytes of a packet around its data, at most
+_PATIENCE_S = 0.02  # longest wait beyond the time on the wire: USB adapters may hold bytes back for 16 ms
+_SECOND_ANSWER_S = 3e-3  # after this time, a second servo with the same id has answered too
+_OVERHEAD = 12  # largest number of bytes of a packet in addition to its data
 
 
 class RegisterAccess:
@@ -101,14 +110,14 @@ class RegisterAccess:
         return packet.data
 
     def count_answers(self, servo_id: int, size: int = 0) -> tuple[int, int]:
-        """Count the answers to one ping, which are two where two servos have the same id.
+        """Count the answers to one ping: two if two servos have the same id.
 
         Args:
             servo_id: id of the servo.
             size: Number of bytes of an answer.
 
         Returns:
-            Number of answers, and of damaged ones: two servos that answer at once spoil each other's.
+            Number of answers, and of damaged ones: two servos that answer at once damage each other's.
 
         Raises:
             DeviceError: The port failed.
@@ -118,7 +127,7 @@ class RegisterAccess:
             packets: list[ServoAnswer] = reader.feed(self._port.wait(deadline_s))
             new = sum(packet.servo_id == servo_id and len(packet.data) == size for packet in packets)
             if new and not answers:
-                deadline_s = min(deadline_s, self._clock.now_s() + _SECOND_S)
+                deadline_s = min(deadline_s, self._clock.now_s() + _SECOND_ANSWER_S)
             answers += new
         return answers, reader.rejected
 
@@ -153,30 +162,42 @@ class RegisterAccess:
         self.write_bytes(servo_id, register.address, register.encode(value), f"setting {register.name}")
 
     def write_bytes(self, servo_id: int, address: int, data: bytes, what: str) -> None:
-        """Set bytes from `address` on; `what` is for the error. DeviceError: as for `write`."""
+        """Set consecutive bytes, and wait for the confirmation.
+
+        Args:
+            servo_id: id of the servo.
+            address: address of the first byte.
+            data: new bytes.
+            what: name of the step in errors.
+
+        Raises:
+            DeviceError: as for `write`.
+        """
         packet = self._ask(servo_id, self._dialect.write(servo_id, address, data), 0)
         self._check(packet, what)
 
-    def settle(self, servo_id: int, register: Register, value: int, *, keeps: bool = False) -> None:
+    def write_and_verify(
+        self, servo_id: int, register: Register, value: int, *, is_stored: bool = False
+    ) -> None:
         """Set a register, and read it back.
 
         Args:
             servo_id: id of the servo.
             register: register of the servo.
             value: New value, in the servo's unit.
-            keeps: Whether it keeps its value without power, in a memory that wears out with each writing; it
-                is then only set if it differs.
+            is_stored: Whether the register keeps its value without power. Its memory wears out with each
+                writing, so it is only set if it differs.
 
         Raises:
             DeviceError: as for `write`, or it has another value afterwards.
         """
-        if keeps and self.read(servo_id, register) == value:
+        if is_stored and self.read(servo_id, register) == value:
             return
         self.write(servo_id, register, value)
         self._confirm(servo_id, register, value)
 
-    def settle_unanswered(self, servo_id: int, register: Register, value: int) -> None:
-        """Set a register of a servo that may not answer to writing, and read it back; see `settle`.
+    def write_unconfirmed(self, servo_id: int, register: Register, value: int) -> None:
+        """Set a register of a servo that may not answer to writing, and read it back; see `write_and_verify`.
 
         Args:
             servo_id: id of the servo.
@@ -186,14 +207,14 @@ class RegisterAccess:
         self._port.write(self._dialect.write(servo_id, register.address, register.encode(value)))
         self._confirm(servo_id, register, value)
 
-    def why_alert(self, servo_id: int) -> str:
-        """Return the cause of the alert bit in a servo's answers, for the end of a message."""
+    def describe_alert(self, servo_id: int) -> str:
+        """Return the cause of the alert in a servo's answers, to be added to a message; empty if unknown."""
         return ""
 
     def _confirm(self, servo_id: int, register: Register, value: int) -> None:
         shown = self.read(servo_id, register)
         if shown != value:
-            why = self.why_alert(servo_id) if self._alert else ""
+            why = self.describe_alert(servo_id) if self._alert else ""
             raise DeviceError(
                 f"servo {servo_id}: {register.name} is {shown} after it was set to {value}{why}"
             )
@@ -214,11 +235,11 @@ class RegisterAccess:
                 raise DeviceTimeoutError(f"servo {servo_id}: no answer{damaged}")
 
     def _send(self, request: bytes, size: int) -> tuple[PacketStream[Any], float]:
-        """Send a request; return what finds its answers of `size` bytes, and when to give up [s]."""
+        """Send a request; return the reader of its answers of `size` bytes, and the end of the wait [s]."""
         self._port.read_all()
         reader = self._dialect.packet_reader(request)
         self._port.write(request)
-        wire_s = self._port.duration_s(len(request) + _PACKET + size)
+        wire_s = self._port.duration_s(len(request) + _OVERHEAD + size)
         return reader, self._clock.now_s() + wire_s + _PATIENCE_S
 
     def _check(self, packet: ServoAnswer, what: str) -> None:
@@ -226,7 +247,7 @@ class RegisterAccess:
             return
         problem = f"servo {packet.servo_id}: {what}: {packet.refusal}"
         if packet.alert:
-            problem += self.why_alert(packet.servo_id)
+            problem += self.describe_alert(packet.servo_id)
         raise DeviceError(problem)
 
 
@@ -234,14 +255,14 @@ _SWITCH_OFF_ATTEMPTS = 3
 TWO_SERVOS = "two servos have this id: connect one of them alone, and give it another"
 
 
-class Survey(NamedTuple):
+class PingResult(NamedTuple):
     """Servos that answer on a line."""
 
-    answers: Counter[int]  # number of answers by id; more than one where several servos have it
-    damaged: tuple[int, ...]  # ids from which nothing but damaged answers came
+    answers: Counter[int]  # number of answers by id; more than one if several servos have this id
+    damaged: tuple[int, ...]  # ids from which only damaged answers came
 
 
-def listed(ids: Iterable[int]) -> str:
+def join_ids(ids: Iterable[int]) -> str:
     """Join ids for a message.
 
     Args:
@@ -254,7 +275,7 @@ def listed(ids: Iterable[int]) -> str:
 
 
 class ServoLine(ABC):
-    """Configures servos and switches their torque, which may take milliseconds; base of each maker's line.
+    """Configures servos and switches their torque on and off; calls may take milliseconds.
 
     Args:
         settings: Settings in the robot file.
@@ -268,7 +289,7 @@ class ServoLine(ABC):
     present_position: ClassVar[Register]
     goal: ClassVar[Register]  # register written in each tick
     ping_size: ClassVar[int]  # bytes of a servo's answer to a ping
-    ping_all_s: ClassVar[float]  # until all ids have answered to a ping of all [s]
+    ping_all_s: ClassVar[float]  # longest time until all ids have answered to a ping of all [s]
 
     def __init__(
         self, settings: ServoBusSettings[Any], registers: RegisterAccess, port: SerialPort, clock: Clock
@@ -279,7 +300,7 @@ class ServoLine(ABC):
     @property
     @abstractmethod
     def last_resort(self) -> str:
-        """Consequence of a servo that cannot be reached, for messages."""
+        """What happens if a servo cannot be reached, for messages."""
 
     @abstractmethod
     def prepare(self) -> None:
@@ -298,8 +319,7 @@ class ServoLine(ABC):
         still_on, problem = list(self.ids), ""
         off = self.torque_enable.encode(0)
         for _ in range(_SWITCH_OFF_ATTEMPTS):
-            told = dict.fromkeys(still_on, off)
-            self.port.write(self.dialect.sync_write(self.torque_enable.address, told))
+            self.port.write(self.dialect.sync_write(self.torque_enable.address, dict.fromkeys(still_on, off)))
             failures = [(servo_id, self._switch_off_failure(servo_id)) for servo_id in still_on]
             still_on = [servo_id for servo_id, failure in failures if failure]
             problem = "; ".join(failure for _, failure in failures if failure)
@@ -307,7 +327,7 @@ class ServoLine(ABC):
                 return
         raise DeviceError(f"the torque may still be on: {problem}; {self.last_resort}")
 
-    def survey(self, registers: RegisterAccess) -> Survey:
+    def ping_each(self, registers: RegisterAccess) -> PingResult:
         """Ping each servo of the settings separately.
 
         Args:
@@ -321,19 +341,19 @@ class ServoLine(ABC):
         """
         counts = {servo_id: registers.count_answers(servo_id, self.ping_size) for servo_id in self.ids}
         damaged = tuple(servo_id for servo_id, (answers, bad) in counts.items() if bad and not answers)
-        return Survey(Counter({servo_id: answers for servo_id, (answers, _) in counts.items()}), damaged)
+        return PingResult(Counter({servo_id: answers for servo_id, (answers, _) in counts.items()}), damaged)
 
     def _check_all_there(self) -> None:
-        """Ping all servos; raise `DeviceError` if some do not answer, or answer twice; names all of them."""
-        answers, damaged = self.survey(self.registers)
+        """Ping all servos; raise a `DeviceError` that names those that do not answer, or answer twice."""
+        answers, damaged = self.ping_each(self.registers)
         missing = [servo_id for servo_id in self.ids if not answers[servo_id]]
         if missing:
-            there = listed(+answers) or "none"
+            there = join_ids(+answers) or "none"
             why = "check power, cable, id and baud rate"
             if damaged:
-                why = f"damaged answers from servo {listed(damaged)}: do two servos have this id?"
+                why = f"damaged answers from servo {join_ids(damaged)}: do two servos have this id?"
             raise DeviceError(
-                f"no answer from servo {listed(missing)} at {self._settings.baud_rate} bit/s "
+                f"no answer from servo {join_ids(missing)} at {self._settings.baud_rate} bit/s "
                 f"(answering: {there}): {why}"
             )
         for servo_id in self.ids:
@@ -347,7 +367,7 @@ class ServoLine(ABC):
             if not self.port.is_open:
                 raise
             return str(error)
-        return f"servo {servo_id}: says that it is on" if on else None
+        return f"servo {servo_id}: reports that its torque is on" if on else None
 
 
 TOO_HOT = "let it cool down; see what it pushes against, and lower its load"
@@ -369,8 +389,8 @@ def examine_line(
     answers, damaged = _ping_all(line, line.port)
     if not any(answers[servo_id] for servo_id in line.ids) and not damaged:
         return [_silence_finding(settings, line, answers)]
-    strangers = sorted(answers.keys() - set(line.ids))
-    others = f", but {_ids(strangers)}, which the robot file does not have" if strangers else ""
+    unknown_ids = sorted(answers.keys() - set(line.ids))
+    others = f", but {_describe_ids(unknown_ids)}, which the robot file does not have" if unknown_ids else ""
     findings: list[Finding] = []
     for servo_id, label in zip(line.ids, settings.labels, strict=True):
         if answers[servo_id] > 1:
@@ -391,13 +411,13 @@ def examine_line(
             except DeviceError as error:
                 remedy = "correct the model or the id, or set the servo up"
                 findings.append(fail(label, str(error), remedy))
-    if strangers:
+    if unknown_ids:
         remedy = "take it off the line, or correct the ids"
-        findings.append(warn("other servos", f"{_ids(strangers)} also on the line", remedy))
+        findings.append(warn("other servos", f"{_describe_ids(unknown_ids)} also on the line", remedy))
     return findings
 
 
-def _ping_all(line: ServoLine, port: SerialPort) -> Survey:
+def _ping_all(line: ServoLine, port: SerialPort) -> PingResult:
     """Ping all, then each servo of the robot file, because some firmware answers only single pings."""
     port.read_all()
     request = line.dialect.ping_all()
@@ -406,19 +426,19 @@ def _ping_all(line: ServoLine, port: SerialPort) -> Survey:
     deadline_s = line.clock.now_s() + line.ping_all_s
     while line.clock.now_s() < deadline_s:
         answers.update(packet.servo_id for packet in reader.feed(port.wait(deadline_s)))
-    own = line.survey(RegisterAccess(line.dialect, port, line.clock))
-    return Survey(answers | own.answers, own.damaged)  # the larger number of each
+    own = line.ping_each(RegisterAccess(line.dialect, port, line.clock))
+    return PingResult(answers | own.answers, own.damaged)  # the larger number of each
 
 
 def _silence_finding(settings: ServoBusSettings[Any], line: ServoLine, answers: Counter[int]) -> Finding:
     """Describe that no servo answers, and look for other ids and other baud rates."""
     if answers:
-        value = f"{_ids(line.ids)} silent; found on the line: {_ids(sorted(answers))}"
+        value = f"{_describe_ids(line.ids)} silent; found on the line: {_describe_ids(sorted(answers))}"
         return fail("servos", value, "correct the ids in the robot file or in the servos")
     for baud_rate in get_args(type(settings).model_fields["baud_rate"].annotation):
         there = _ids_answering_at(line, baud_rate) if baud_rate != settings.baud_rate else []
         if there:
-            value = f"silent at {settings.baud_rate} bit/s; at {baud_rate} bit/s: {_ids(there)}"
+            value = f"silent at {settings.baud_rate} bit/s; at {baud_rate} bit/s: {_describe_ids(there)}"
             return fail("servos", value, f"set baud_rate: {baud_rate}, or change it in the servos")
     return fail("servos", "no servo answers at any baud rate", "check power supply, cable and adapter")
 
@@ -436,6 +456,6 @@ def _ids_answering_at(line: ServoLine, baud_rate: int) -> list[int]:
         line.port.open()
 
 
-def _ids(ids: Iterable[int]) -> str:
+def _describe_ids(ids: Iterable[int]) -> str:
     known = list(ids)
-    return f"id{'s' if len(known) > 1 else ''} {listed(known)}"
+    return f"id{'s' if len(known) > 1 else ''} {join_ids(known)}"

@@ -31,11 +31,11 @@ class PacketStream(ABC, Generic[PacketType]):
     """Splits a stream at headers and lengths, which each protocol defines.
 
     Args:
-        largest: Size of the largest expected packet [bytes]; a damaged length beyond it is not waited for.
+        largest: Size of the largest expected packet [bytes]; a larger length is treated as damaged.
 
     Attributes:
         pending: Received bytes that may begin a packet.
-        rejected: Number of byte sequences that looked like a packet and were none.
+        rejected: Number of byte sequences that began like a packet but were invalid.
     """
 
     header: ClassVar[bytes]
@@ -48,7 +48,7 @@ class PacketStream(ABC, Generic[PacketType]):
 
     @abstractmethod
     def _size(self, buffer: bytes, start: int) -> int:
-        """Size [bytes] of the packet that begins at `start`."""
+        """Return the size of the packet that begins at `start` [bytes]."""
 
     @abstractmethod
     def _decode(self, packet: bytes) -> PacketType | None:
@@ -107,7 +107,7 @@ class ServoDialect(ABC):
 
     @abstractmethod
     def _packet(self, servo_id: int, instruction: int, parameters: bytes) -> bytes:
-        """An instruction packet; raise `ProtocolError` if it would be too long."""
+        """Make an instruction packet; raise `ProtocolError` if it would be too long."""
 
     @abstractmethod
     def sync_write_block(self, address: int, size: int, block: bytes) -> bytes:
@@ -143,7 +143,11 @@ class ServoDialect(ABC):
         return self._packet(servo_id, instruction, parameters)
 
     def words(self, *values: int) -> bytes:
-        """Addresses and sizes as bytes."""
+        """Encode addresses and sizes.
+
+        Args:
+            values: numbers, each of `word` bytes.
+        """
         return b"".join(value.to_bytes(self.word, "little") for value in values)
 
     def ping(self, servo_id: int) -> bytes:
@@ -178,7 +182,9 @@ class ServoDialect(ABC):
         """
         sizes = {len(value) for value in data.values()}
         if len(sizes) != 1:
-            raise ProtocolError(f"a sync write needs equally many bytes for each servo, not {sorted(sizes)}")
+            raise ProtocolError(
+                f"a sync write needs equal numbers of bytes for all servos, not {sorted(sizes)}"
+            )
         block = b"".join(bytes((servo_id,)) + value for servo_id, value in data.items())
         return self.sync_write_block(address, sizes.pop(), block)
 

@@ -192,5 +192,5 @@ def test_requests_that_no_servo_could_understand_are_not_made():
         protocol.DIALECT.encode_packet(253, 1)
     with pytest.raises(ProtocolError, match="too long"):
         protocol.DIALECT.encode_packet(1, 3, bytes(2000))
-    with pytest.raises(ProtocolError, match="equally many"):
+    with pytest.raises(ProtocolError, match="equal numbers"):
         protocol.DIALECT.sync_write(102, {1: b"ab", 2: b"c"})

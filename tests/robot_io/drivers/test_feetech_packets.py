@@ -99,7 +99,7 @@ def test_an_echo_comes_once():
 def test_requests_that_no_servo_could_understand_are_not_made(servo_id):
     with pytest.raises(ProtocolError, match="not a servo id"):
         protocol.DIALECT.ping(servo_id)
-    with pytest.raises(ProtocolError, match="equally many"):
+    with pytest.raises(ProtocolError, match="equal numbers"):
         protocol.DIALECT.sync_write(42, {1: b"\x00", 2: b"\x00\x00"})
     with pytest.raises(ProtocolError, match="too many"):
         protocol.DIALECT.write(1, 0, bytes(250))

@@ -270,7 +270,7 @@ def test_a_second_across_the_edge_of_the_first_ones_turn_stays_beside_it():
     [([5.0, 1.0, 7.0, 3.0], [5.0, 1.0, 7.0, 1.0]), ([5.0, 3.0, 7.0, 1.0], [5.0, 1.0, 7.0, 1.0])],
 )
 def test_both_of_a_pair_may_what_the_weaker_can(largest_nm, may_nm):
-    assert pair_on_the_middle_joint().weaker(largest_nm) == may_nm
+    assert pair_on_the_middle_joint().limit_to_weaker(largest_nm) == may_nm
 
 
 STS = {"id": 1, "model": "STS3215-12V"}

@@ -156,5 +156,5 @@ def test_a_line_that_is_too_slow_is_refused(bench):
 def test_commands_are_those_of_the_maker():
     assert [bota.filter_setup(rate) for rate in (100, 800)] == [b"f,512,0,0,1", b"f,64,0,0,1"]
     assert bota.communication_setup(9600) == b"c,0,1,0,0"
-    assert bota.code_of(b"f,512,0,0,1", b"\xaar,0,C,0 r,0,f,") is None
-    assert bota.code_of(b"f,512,0,0,1", b"\xaar,0,C,0 r,0,f,0") == 0
+    assert bota.find_answer_code(b"f,512,0,0,1", b"\xaar,0,C,0 r,0,f,") is None
+    assert bota.find_answer_code(b"f,512,0,0,1", b"\xaar,0,C,0 r,0,f,0") == 0

@@ -6,7 +6,7 @@ import subprocess
 import pytest
 
 from palpate.robot_io.driver import DriverCatalog
-from palpate.robot_io.drivers.serial_force.microcontroller_cell import CellStream, checked, sample_of
+from palpate.robot_io.drivers.serial_force.microcontroller_cell import CellStream, parse_sample, verified_text
 from palpate.robot_io.errors import DeviceError, ProtocolError
 from palpate.robot_io.robot import build_robot
 from palpate.robot_io.robot_file import parse_robot_file
@@ -62,8 +62,8 @@ def test_the_firmware_and_the_driver_understand_each_other(tmp_path):
     subprocess.run(["g++", "-Wall", "-Werror", *include, "-o", program, tmp_path / "main.cpp"], check=True)
     said = subprocess.run([program, *map(str, COUNTS)], check=True, capture_output=True).stdout
     who, again, *samples = said.splitlines()
-    assert checked(who) == checked(again) == "cell 1 nau7802 320"
-    assert [sample_of(one) for one in samples] == list(enumerate(COUNTS, 1))
+    assert verified_text(who) == verified_text(again) == "cell 1 nau7802 320"
+    assert [parse_sample(one) for one in samples] == list(enumerate(COUNTS, 1))
 
 
 @pytest.mark.parametrize(
@@ -71,7 +71,7 @@ def test_the_firmware_and_the_driver_understand_each_other(tmp_path):
 )
 def test_what_is_no_sample_is_refused(text):
     with pytest.raises(ProtocolError):
-        sample_of(cell_line(text)[:-1])
+        parse_sample(cell_line(text)[:-1])
 
 
 def stream(*texts):

@@ -257,11 +257,11 @@ def test_what_waited_while_the_program_stood_still_is_as_old_as_that(arm):
     arm.robot.configure()
     arm.ticks(10, None)
     reader = arm.robot.buses["load_cell"]._reader
-    look, reader.look = reader.look, lambda wait_s=0.0: None
+    read_port, reader.read_port = reader.read_port, lambda wait_s=0.0: None
     stood_s = arm.clock.now_s()
     arm.clock.sleep_until(stood_s + 0.1)
-    reader.look = look
-    reader.look()
+    reader.read_port = read_port
+    reader.read_port()
     assert reader.newest.arrived_at_s <= stood_s + 0.5e-3
 
 

@@ -9,8 +9,8 @@ from palpate.robot_io.drivers.serial_force.gauges import (
     Mark10Stream,
     compile_pattern,
     loadstar_stream,
+    parse_reading,
     pattern_stream,
-    reading_of,
 )
 from palpate.robot_io.drivers.serial_force.stream import Poll, newtons_per
 from palpate.robot_io.errors import InputError, ProtocolError
@@ -78,25 +78,25 @@ POUND_N = 4.4482216152605  # NIST SP 811, lbf
 )
 def test_readings_of_the_manual(text, value):
     """The command set's examples, and the %12.4f of the fast interface."""
-    assert gauges.number_of(text) == value
+    assert gauges.parse_number(text) == value
 
 
 @pytest.mark.parametrize("text", ["", "nan", "inf", "1e5", "1.2.3", "0x10", "--1", "1,5", "1 2", "٣"])
 def test_what_is_no_reading_is_refused(text):
     with pytest.raises(ProtocolError):
-        gauges.number_of(text)
+        gauges.parse_number(text)
 
 
 def test_answers_of_the_manual():
-    assert gauges.model_of("FCM DI-1000") == "DI-1000"
-    assert gauges.model_of("FCM DI-100") == "DI-100"
-    assert gauges.unit_of("lbf") == pytest.approx(POUND_N)
-    assert gauges.unit_of("UNITS kgf") == pytest.approx(9.80665)
+    assert gauges.parse_model("FCM DI-1000") == "DI-1000"
+    assert gauges.parse_model("FCM DI-100") == "DI-100"
+    assert gauges.parse_unit("lbf") == pytest.approx(POUND_N)
+    assert gauges.parse_unit("UNITS kgf") == pytest.approx(9.80665)
     for unit in ("lbf-ft", "in", "psi", "", "UNITS", "MN"):
         with pytest.raises(ProtocolError, match="not a known unit"):
-            gauges.unit_of(unit)
+            gauges.parse_unit(unit)
     with pytest.raises(ProtocolError, match="iLoad"):
-        gauges.model_of("iLoad Pro")
+        gauges.parse_model("iLoad Pro")
 
 
 @pytest.mark.parametrize(
@@ -137,7 +137,7 @@ def gauge_stream(unit, capacity_n):
 
 def test_readings_of_mark10_s_manual():
     """Series 4 and 5 user's guides: tension, compression."""
-    assert reading_of("-18.78 lbF") == ("-18.78", "lbF")
+    assert parse_reading("-18.78 lbF") == ("-18.78", "lbF")
     stream = gauge_stream("lbF", 1000.0)
     assert stream.feed(b"-18.78 lbF\r\n4.285 lbF\r\n") == pytest.approx([-18.78 * POUND_N, 4.285 * POUND_N])
     assert gauge_stream("mN", 10.0).feed(b"500 mN\r\n") == pytest.approx([0.5])
@@ -146,7 +146,7 @@ def test_readings_of_mark10_s_manual():
 @pytest.mark.parametrize("line", ["", "1.5", "1.5lbF", "1,5 N", "nan N", "1e3 N", "*10", "1 N x", "-- N"])
 def test_what_mark10_does_not_write_is_refused(line):
     with pytest.raises(ProtocolError):
-        reading_of(line)
+        parse_reading(line)
 
 
 @pytest.mark.parametrize("unit", ["lbFin", "Nm", "COF", "MN"])

@@ -31,7 +31,7 @@ class ReadingLine:
         for _ in range(ticks):
             self.clock.sleep_until(self.clock.now_s() + 1e-3)
             os.write(self._write, text + b"\r\n")
-            self.reader.look()
+            self.reader.read_port()
         newest = self.reader.newest
         return newest and (newest.force_n, round(1e3 * (self.clock.now_s() - newest.arrived_at_s)))
 
@@ -161,7 +161,7 @@ def test_one_damaged_byte_never_gives_a_wrong_force(protocol, damage):
                 os.write(write, (b"\r\n" if k == 0 and protocol != "binary" else b"") + sent)
                 clock.sleep_until(clock.now_s() + 1e-3)
                 seen = reader.newest
-                reader.look()
+                reader.read_port()
                 if k < struck - 5 or reader.newest in (None, seen):
                     continue
                 # No more than one reading old, and no more than the accepted jump beside that.
@@ -193,7 +193,7 @@ def dated(late_s, clock=1.0, prompt=None, rate_error=0.0):
     """How much older than it arrived each reading is held to be; they are sampled at a steady rate [s]."""
     own_time, ages_s = OwnTime(rate_error), []
     for k, late in enumerate(late_s):
-        own_time.goes_on(clock * PERIOD_S)
+        own_time.advance(clock * PERIOD_S)
         arrived_s = 1000.0 + k * PERIOD_S + ALWAYS_S + late
         is_prompt = prompt is None or prompt[k]
         ages_s.append(arrived_s - own_time.sampled_at_s(arrived_s, prompt=is_prompt))
@@ -221,10 +221,10 @@ def test_a_rate_that_is_off_is_followed_and_what_becomes_late_shows_all_the_same
 
 def test_neither_a_long_silence_nor_a_late_look_makes_later_readings_late():
     own_time = OwnTime(longest_gap_s=0.8)
-    own_time.goes_on(PERIOD_S)
+    own_time.advance(PERIOD_S)
     own_time.sampled_at_s(1.0, prompt=True)
     for arrived_s in (3.0, 3.0 + PERIOD_S):
-        own_time.goes_on(PERIOD_S)
+        own_time.advance(PERIOD_S)
         assert own_time.sampled_at_s(arrived_s, prompt=True) == pytest.approx(arrived_s, abs=1e-5)
     # Its bytes are taken to be as old as the look before: that is no short way from the sensor.
     late_s = [0.0] * 5 + [-0.02] + [0.0] * 5
