@@ -195,7 +195,7 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
     run = _special_column(table, options, RUN)
     if run is None:  # use a column such as `trial` or `Cycle` whose numbers each occupy one block of rows
         names = (guess.column for guess in guess_columns(table.names) if guess.quantity == RUN)
-        run = next((n for n in names if table.is_numeric(n) and in_blocks(table.numbers(n))), None)
+        run = next((n for n in names if table.numeric_share(n) == 1.0 and in_blocks(table.numbers(n))), None)
     if TIME in chosen:
         efforts = [column for (quantity, _), (_, column) in chosen.items() if quantity in EFFORTS]
         motions = [column for key, (_, column) in chosen.items() if key != TIME and column not in efforts]

@@ -58,7 +58,7 @@ def choose_columns(
     is_single_joint = any(quantity in JOINT_QUANTITIES and joint == 0 for quantity, joint in known)
     if is_single_joint:  # the user named it
         named = [guess for guess in named if guess.quantity not in JOINT_QUANTITIES or not guess.joint]
-    free = [guess for guess in named if table.is_mostly_numeric(guess.column)]
+    free = [guess for guess in named if table.numeric_share(guess.column) > 0.5]
     available = {*known, *(guess.key for guess in free)}
     if not (keys_of_channels(available) and TIME in available):
         keys = keys_of_channels({*known, *(guess.key for guess in named)})

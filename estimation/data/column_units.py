@@ -235,7 +235,7 @@ class ColumnUnits:
 
         `linear` states that the position belongs to a linear axis, whose effort is a force.
         """
-        values = self.table.numbers(column) if self.table.is_numeric(column) else np.zeros(1)
+        values = self.table.numbers(column) if self.table.numeric_share(column) == 1.0 else np.zeros(1)
         span = float(np.ptp(values))
         if role.quantity == "time":
             step = float(np.median(np.diff(values))) if len(values) > 1 else 0.0

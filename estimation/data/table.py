@@ -210,21 +210,12 @@ class Table:
         """Return the rows in which a column is not empty, shape (n,)."""
         return is_filled(self._column(name))
 
-    def is_mostly_numeric(self, name: str) -> bool:
-        """Return whether most of a column's first filled cells are numbers."""
-        held = np.flatnonzero(self.filled_rows(name))[:_LOOKED_AT]
-        cells = _with_decimal_points(self._column(name).take(held), self.decimal).to_pylist()
-        return 2 * int(np.isfinite([number_of(str(cell)) for cell in cells]).sum()) > len(held)
-
-    def is_numeric(self, name: str) -> bool:
-        """Return whether all of a column's first filled cells are numbers."""
-        held = np.flatnonzero(self.filled_rows(name))[:_LOOKED_AT]
-        first = replace(self, columns=self.columns.select([name]).take(held), rows=self.rows[held])
-        try:
-            first.numbers(name)
-        except InputError:
-            return False
-        return len(held) > 0
+    def numeric_share(self, name: str) -> float:
+        """Return the share of usable numbers among a column's first filled cells; 0 if it is empty."""
+        filled = np.flatnonzero(self.filled_rows(name))[:_LOOKED_AT]
+        cells = _with_decimal_points(self._column(name).take(filled), self.decimal).to_pylist()
+        numbers = np.array([number_of(cell) for cell in cells], dtype=np.float64)
+        return 1.0 - len(invalid_rows(numbers)) / len(numbers) if len(numbers) else 0.0
 
     def _column(self, name: str) -> pa.ChunkedArray:
         try:

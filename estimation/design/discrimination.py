@@ -21,13 +21,13 @@ from palpate.estimation.fit.blocks import block_average, decimate, with_load
 from palpate.estimation.fit.fit_result import FitResult, fit_model
 from palpate.estimation.fit.inner_search import refine_inner, search_inner
 from palpate.estimation.fit.measurement_model import shuffle_noise
+from palpate.estimation.fit.samples import slopes_of
 from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.robot_io.types import BoolArray, FloatArray
 
 # Relative difference of errors that is inconclusive, see `palpate.estimation.diagnosis.bootstrap`.
 SMALL = 0.05
 CLEAR = 3.0 * SMALL  # a lead that needs no further data
-_STEP = 1e-3  # step of finite differences of an inner parameter
 
 
 @dataclass(frozen=True)
@@ -159,14 +159,7 @@ def _expected(rival: FitResult, motion: ChannelData) -> FloatArray:
 def _slopes(rival: FitResult, motion: ChannelData) -> FloatArray:
     """Return the derivative of a rival's prediction by each parameter, scaled to unit norm, shape (n, p)."""
     model, parameters = rival.solution.model, rival.solution.parameters
-    loaded = with_load(motion, model, parameters)
-    gains, predicted = model.linearise(loaded, parameters)
-    columns = [gains]
-    for name, inner in model.inner.items():
-        step = _STEP * (abs(parameters[name]) or inner.typical[1])
-        stepped = model.predict(loaded, {**parameters, name: parameters[name] + step})
-        columns.append(((stepped - predicted) / step)[:, None])
-    slopes = np.hstack(columns)
+    slopes = slopes_of(model, with_load(motion, model, parameters), parameters)
     scaled: FloatArray = slopes / np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
     return scaled
 

@@ -62,7 +62,7 @@ class ColumnGuess:
 def guess(table: Table) -> list[ColumnGuess]:
     """Guess the role of each numeric column from its name, and of the time also from its values."""
     guesses = guess_columns(table.names, clocks_of(table.columns))
-    guesses = [guessed for guessed in guesses if table.is_numeric(guessed.column)]
+    guesses = [guessed for guessed in guesses if table.numeric_share(guessed.column) == 1.0]
     best = {(each.quantity, each.joint): each for each in sorted(guesses, key=lambda each: each.fit)}
     columns = []
     for each in guesses:
