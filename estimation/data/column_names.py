@@ -158,9 +158,8 @@ def _joined_unit(name: str) -> tuple[str, str] | None:
         known = {quantity for quantity, words in WORDS.items() if plain(stuck[1]) in words} - {RUN}
         for written in (stuck[2], stuck[2][0].lower() + stuck[2][1:]):
             dimension = dimension_of(unit := normalise(written))
-            if dimension not in EFFORT_PROXIES and any(
-                dimension in QUANTITIES[quantity] for quantity in known
-            ):
+            fits = any(dimension in QUANTITIES[quantity] for quantity in known)
+            if fits and dimension not in EFFORT_PROXIES:
                 return stuck[1], unit
     return None
 
@@ -236,7 +235,7 @@ class Guess:
     unit: str = ""  # normalized unit in the name; empty if it has none
     rank: int = _BY_NAME  # how well the name fits; palpate's own names rank highest
     why: str = ""  # reason in words
-    of: tuple[str, ...] = ()  # further words in the name, such as the object whose position it is
+    joint_name: tuple[str, ...] = ()  # further words in the name, such as the joint whose position it is
 
     @property
     def key(self) -> tuple[str, int]:
@@ -259,29 +258,33 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
     # If the header contains only units ("mm", "kN", "s"), they determine the quantities.
     units = {name: normalise(name.strip("[]() ")) for name in names if not is_unnamed(name)}
     units_only = sum(map(bool, map(dimension_of, units.values()))) >= max(2.0, 0.6 * len(units))
-    guesses = [
-        Guess(name, "")
-        if (again := _REPEATED_NAME.fullmatch(name)) and again[1] in names
-        else replace(guess_column(f"{split_unit(name)[0]} [s]"), column=name)
-        if name in clocks
-        else Guess(name, quantity, None, units[name], _BY_UNIT, "by its unit")
-        if units_only and (quantity := _BY_DIMENSION.get(dimension_of(units.get(name, "")) or "", ""))
-        else guess_column(name)
-        for name in names
-    ]
+
+    def guess_alone(name: str) -> Guess:
+        repeated = _REPEATED_NAME.fullmatch(name)
+        if repeated and repeated[1] in names:
+            return Guess(name, "")
+        if name in clocks:
+            return replace(guess_column(f"{split_unit(name)[0]} [s]"), column=name)
+        quantity = _BY_DIMENSION.get(dimension_of(units.get(name, "")) or "", "") if units_only else ""
+        if quantity:
+            return Guess(name, quantity, None, units[name], _BY_UNIT, "by its unit")
+        return guess_column(name)
+
+    guesses = list(map(guess_alone, names))
     # Named joints, such as "/elbow/position", get numbers if they have a position and a torque. A word
     # without a unit determines a quantity only in such a pair.
-    loose = [
+    named = [
         guess
         for guess in guesses
         if guess.quantity in _MOTION_OR_TORQUE and guess.joint is None and guess.rank < OWN_NAME
     ]
-    has = {
-        of: {guess.quantity for guess in loose if guess.of == of}
-        for of in dict.fromkeys(guess.of for guess in loose)
-    }
-    joints = [of for of, quantities in has.items() if {"position", "torque"} <= quantities]
-    number = {of: place for place, of in enumerate(joints, 1)} if len(joints) > 1 else dict.fromkeys(joints)
+    found = {(guess.joint_name, guess.quantity) for guess in named}
+    joints = [
+        name
+        for name in dict.fromkeys(guess.joint_name for guess in named)
+        if {(name, "position"), (name, "torque")} <= found
+    ]
+    number = {name: n for n, name in enumerate(joints, 1)} if len(joints) > 1 else dict.fromkeys(joints)
     # A torque without a joint name may belong to any position.
     shared = len(joints) < 2 and any(
         guess.quantity == "torque" and guess.joint is None and guess.rank > _BY_PAIR for guess in guesses
@@ -292,8 +295,8 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
         missing |= {"displacement", "force"} - {guess.quantity for guess in guesses}
     paired = []
     for guess in guesses:
-        if guess in loose and guess.of in number:
-            paired.append(replace(guess, joint=number[guess.of]))
+        if guess in named and guess.joint_name in number:
+            paired.append(replace(guess, joint=number[guess.joint_name]))
         elif guess.rank == _BY_PAIR and guess.joint is None and not (shared and guess.quantity == "position"):
             paired.append(Guess(guess.column, ""))
         elif not guess.quantity and (quantity := quantity_in(guess.column, last=True)) in missing:
@@ -376,10 +379,10 @@ def guess_column(name: str) -> Guess:
     if quantity not in _MOTION_OR_TORQUE:
         joint = None
     uninformative = WORDS.get(quantity, frozenset()) | _UNINFORMATIVE  # `WORDS` has none for acceleration
-    of = tuple(word.lower() for word in words if plain(word) not in uninformative)
+    joint_name = tuple(word.lower() for word in words if plain(word) not in uninformative)
     why = ("by its name and others'", "by its unit", "by a word in its name", "by its name")[rank]
     specified = next((units.get(quantity, "") for pattern, units in _INTERFACES if pattern.search(name)), "")
-    return Guess(name, quantity, joint, unit or specified, rank, why, of)
+    return Guess(name, quantity, joint, unit or specified, rank, why, joint_name)
 
 
 def _match_words(whole: str, words: Sequence[str], unit: str) -> tuple[str, int]:

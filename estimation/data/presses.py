@@ -111,13 +111,11 @@ def cut_into(
     depth = np.asarray(scipy.ndimage.median_filter(displacement, 5))
     padded = np.pad(depth, 1, constant_values=depth.min())
     peaks = find_peaks(padded)[0]
-    way = peak_prominences(padded, peaks)[0]
-    pressed = (
-        np.asarray(scipy.ndimage.median_filter(force, 5))[peaks - 1]
-        > force_levels(force, displacement).released
-    )
-    is_press = pressed & (way > _RELEASED * np.ptp(depth))
-    press_peaks = np.sort(peaks[is_press][np.argsort(way[is_press])[::-1][:count]]) - 1
+    prominence = peak_prominences(padded, peaks)[0]
+    smooth_force = np.asarray(scipy.ndimage.median_filter(force, 5))
+    is_pressed = smooth_force[peaks - 1] > force_levels(force, displacement).released
+    is_press = is_pressed & (prominence > _RELEASED * np.ptp(depth))
+    press_peaks = np.sort(peaks[is_press][np.argsort(prominence[is_press])[::-1][:count]]) - 1
     run = _cut_between(force, piece, press_peaks, 1) if len(press_peaks) else piece
     if run[-1] + 1 != count:
         presses = f"{run[-1] + 1} press{'es' if run[-1] else ''}"
@@ -134,9 +132,8 @@ def _cut_between(
         if piece[first] == piece[second]:  # cut in the middle of the free air between two presses
             stretch = force[first:second]
             low = float(stretch.min())
-            free = np.flatnonzero(
-                stretch <= low + _MAX_AIR_RISE * max(min(force[first], force[second]) - low, 0.0)
-            )
+            rise = max(min(force[first], force[second]) - low, 0.0)
+            free = np.flatnonzero(stretch <= low + _MAX_AIR_RISE * rise)
             border[first + int(free[0] + free[-1] + 1) // 2] = 1
     run = np.cumsum(border)
     counts = np.bincount(run)
@@ -145,7 +142,7 @@ def _cut_between(
 
 _HOLD_SPEED = 0.05  # largest speed of a hold, relative to the usual speed
 _REVERSAL_SPEED = 0.3  # least median speed in a reversal, relative to the speed around it (0.5 for a sine)
-_FEWEST_RESTING = 3  # least number of samples at rest; a reversal of a triangle wave has fewer
+_MIN_REST = 3  # least number of samples at rest; a reversal of a triangle wave has fewer
 _EDGE_SPEED = 0.5  # smoothed velocity at the start of a motion, relative to the usual speed
 _SPRINGY = 0.5  # correlation of position and force above which the force follows the position
 _PHASE_SAMPLES = 9  # samples that determine a phase jointly, so that noise does not create phases
@@ -180,8 +177,8 @@ def press_phases(
         pressed = np.asarray(force > force_levels(force, position).released)
         if correlation_coefficient(position[~pressed], force[~pressed]) > _SPRINGY:
             pressed = np.ones(len(position), dtype=np.bool_)
-    usual = _typical_size(velocity)
-    moves = np.abs(velocity) > _HOLD_SPEED * usual
+    usual_speed = _typical_size(velocity)
+    is_moving = np.abs(velocity) > _HOLD_SPEED * usual_speed
     # A velocity that was derived over many samples starts before the motion and ends after it.
     change, half = np.empty(len(position)), _PHASE_SAMPLES // 2
     for rows in blocks(run):  # smaller of the displacements over some samples before and after each sample
@@ -189,28 +186,35 @@ def press_phases(
         padded = np.pad(displacement, half, mode="reflect", reflect_type="odd")  # extrapolates the motion
         before, after = displacement - padded[: -2 * half], padded[2 * half :] - displacement
         change[rows] = np.minimum(np.abs(before), np.abs(after))
-    moves &= (np.abs(velocity) > _EDGE_SPEED * usual) | (change > _HOLD_SPEED * _typical_size(change))
-    way = np.sign(velocity).astype(np.int8) * moves
+    has_moved = change > _HOLD_SPEED * _typical_size(change)
+    is_moving &= has_moved | (np.abs(velocity) > _EDGE_SPEED * usual_speed)
+    direction = np.sign(velocity).astype(np.int8) * is_moving
     phase = np.empty(len(position), dtype=np.int64)
     for rows in blocks(run):
-        of_run = np.asarray(
-            scipy.ndimage.median_filter(
-                way[rows], min(_PHASE_SAMPLES, rows.stop - rows.start), mode="nearest"
-            )
-        )
-        parts, speed = list(blocks(of_run)), np.abs(velocity[rows])
-        # A mere reversal is not a hold: a sine decelerates evenly.
-        for left, rest, right in zip(parts, parts[1:], parts[2:], strict=False):
-            lasts = rest.stop - rest.start
-            moves_on = min(left.stop - left.start, right.stop - right.start) >= max(2 * lasts, _PHASE_SAMPLES)
-            if of_run[rest.start] or not moves_on or of_run[left.start] == of_run[right.start]:
-                continue
-            at_ends = min(speed[rest.start - 1], speed[rest.stop])
-            if lasts < _FEWEST_RESTING or np.median(speed[rest]) > _REVERSAL_SPEED * at_ends:
-                of_run[rest] = np.sign(velocity[rows][rest])
+        window = min(_PHASE_SAMPLES, rows.stop - rows.start)
+        smooth = np.asarray(scipy.ndimage.median_filter(direction[rows], window, mode="nearest"))
         touching = np.asarray(scipy.ndimage.median_filter(pressed[rows].astype(np.int8), 3, mode="nearest"))
-        phase[rows] = _PHASES[touching, of_run + 1]
+        phase[rows] = _PHASES[touching, _without_reversals(smooth, velocity[rows]) + 1]
     return phase
+
+
+def _without_reversals(direction: IntArray, velocity: FloatArray) -> IntArray:
+    """Return the direction of motion of a run, without holds that are only reversals, as of a sine.
+
+    Args:
+        direction: -1, 0 or 1, shape (n,).
+        velocity: velocity, shape (n,).
+    """
+    result, speed, parts = direction.copy(), np.abs(velocity), list(blocks(direction))
+    for before, rest, after in zip(parts, parts[1:], parts[2:], strict=False):
+        count = rest.stop - rest.start
+        moves_on = min(before.stop - before.start, after.stop - after.start) >= max(2 * count, _PHASE_SAMPLES)
+        is_turn = direction[before.start] != direction[after.start]
+        if direction[rest.start] == 0 and moves_on and is_turn:
+            speed_beside = min(speed[rest.start - 1], speed[rest.stop])
+            if count < _MIN_REST or np.median(speed[rest]) > _REVERSAL_SPEED * speed_beside:
+                result[rest] = np.sign(velocity[rest])
+    return result
 
 
 def _typical_size(signal: FloatArray) -> float:
@@ -273,9 +277,9 @@ def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
             correlation = np.sign(np.mean(displacement) * np.mean(force))
         if abs(correlation) > _SPRINGY:
             return PressSides(force=float(np.sign(correlation)), two_sided=True, never_free=is_held)
-        against = correlation_coefficient(np.gradient(displacement), force) < _OPPOSED_CORRELATION
-        way = -1.0 if against else 1.0
-        return PressSides(force=way, two_sided=True, springy=not is_two_sided, never_free=is_held)
+        is_opposed = correlation_coefficient(np.gradient(displacement), force) < _OPPOSED_CORRELATION
+        sign = -1.0 if is_opposed else 1.0
+        return PressSides(force=sign, two_sided=True, springy=not is_two_sided, never_free=is_held)
     return sides
 
 
@@ -287,16 +291,16 @@ def _sides_of_object(displacement: FloatArray, force: FloatArray) -> PressSides:
     if abs(before) > _PRESS_CORRELATION > correlation * np.sign(before):
         displacement, force = displacement[:until], force[:until]
         correlation = before
-    way, push = 1.0, 1.0
+    depth_sign, force_sign = 1.0, 1.0
     if correlation > _PRESS_CORRELATION and _is_negative(force):  # the zero of the displacement is arbitrary
-        way = push = -1.0
+        depth_sign = force_sign = -1.0
     elif correlation < -_PRESS_CORRELATION:
-        way, push = (1.0, -1.0) if _is_negative(force) else (-1.0, 1.0)
-    zero_m = _find_zero(way * displacement, push * force)
+        depth_sign, force_sign = (1.0, -1.0) if _is_negative(force) else (-1.0, 1.0)
+    zero_m = _find_zero(depth_sign * displacement, force_sign * force)
     near = _SHALLOW * float(np.ptp(displacement))
-    if way < 0.0 and max(displacement[0] - displacement.min(), abs(displacement.min())) <= near:
+    if depth_sign < 0.0 and max(displacement[0] - displacement.min(), abs(displacement.min())) <= near:
         return PressSides()  # a displacement from about zero on would hardly press with the opposite sign
-    return PressSides(way, push, zero_m)
+    return PressSides(depth_sign, force_sign, zero_m)
 
 
 def _is_negative(signal: FloatArray) -> bool:
@@ -312,10 +316,8 @@ def _find_zero(displacement: FloatArray, force: FloatArray) -> float:
     large for the depth of a press. The force begins where a fit of a spring and damper to pressed samples
     crosses zero. A hold counts as one sample, since it may last longer than all motion.
     """
-    moved = (
-        np.diff(np.floor(displacement / (_MIN_MOVE * float(np.ptp(displacement)) or 1.0)), prepend=np.inf)
-        != 0
-    )
+    step_m = _MIN_MOVE * float(np.ptp(displacement)) or 1.0
+    moved = np.diff(np.floor(displacement / step_m), prepend=np.inf) != 0
     if np.mean(moved) < _MIN_MOVES:
         displacement, force = displacement[moved], force[moved]
     if correlation_coefficient(displacement, force) < _PRESS_CORRELATION:
