@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -163,19 +163,7 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
         InputError: a column is missing or ambiguous, or a unit is unknown or does not fit.
     """
     shift = joint_shift(table, options.columns)
-    chosen: Chosen = {}
-    for name, column in options.columns.items():
-        if column not in table.names:
-            raise InputError(f"--column {name}={column}: {table.path} has only {table.listed_names}")
-        if name not in (RUN, PHASE):
-            role = role_of_option(name, shift)
-            if role is None:
-                valid = ", ".join([*QUANTITIES, RUN, PHASE])
-                raise InputError(
-                    f"--column: '{name}' is not a quantity with a unit. Quantities: {valid}; such as force_N"
-                )
-            chosen[role.key] = (role, column)
-    chosen, notes = _assign_own_names(table, options, chosen, shift)
+    chosen, notes = _assign_own_names(table, options, _assign_by_options(table, options, shift), shift)
     if any(quantity in EFFORTS for quantity, _ in chosen):  # a goal is used only if there is no effort
         chosen = {
             key: (role, name)
@@ -192,15 +180,12 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
                 f"{table.path}: column '{column}' appears twice, with different values; choose with "
                 f"--column NAME={shlex.quote(column)} or NAME={shlex.quote(again)}, or rename one"
             )
-    run = _special_column(table, options, RUN)
-    if run is None:  # use a column such as `trial` or `Cycle` whose numbers each occupy one block of rows
-        names = (guess.column for guess in guess_columns(table.names) if guess.quantity == RUN)
-        run = next((n for n in names if table.numeric_share(n) == 1.0 and in_blocks(table.numbers(n))), None)
+    run = _run_column(table, options)
     if TIME in chosen:
         efforts = [column for (quantity, _), (_, column) in chosen.items() if quantity in EFFORTS]
         motions = [column for key, (_, column) in chosen.items() if key != TIME and column not in efforts]
-        table, note = with_one_rate(table, chosen[TIME][1], efforts, motions, run)
-        notes += [note] if note else []
+        table, rate_notes = with_one_rate(table, chosen[TIME][1], efforts, motions, run)
+        notes += rate_notes
     elif chosen:
         filled = np.logical_and.reduce([table.filled_rows(column) for _, column in chosen.values()])
         if filled.any() and not filled.all():  # shorter columns, or gaps
@@ -208,17 +193,46 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
             notes.append(table.note_left_out(np.flatnonzero(~filled), f"no value in one of {listed}"))
             table = table.select(filled)
     units = ColumnUnits(table, options)
-    notes += _displacement_or_axis(units, chosen)
+    chosen, position_notes = _press_or_axis(units, chosen)
     chosen = dict(sorted(chosen.items(), key=lambda item: table.names.index(item[1][1])))
     units.check_force_of_angle(chosen)
     units.check_known(chosen)
     assigned = {key: units.assign(role, name) for key, (role, name) in chosen.items()}
     units.check_used(chosen)
-    assigned, two_sided, note = _orient_signs(units, assigned, shift)
-    notes += [note] if note else []
-    return Columns(
-        table, assigned, run, _special_column(table, options, PHASE), tuple(notes), two_sided, shift
-    )
+    assigned, two_sided, sign_notes = _orient_signs(units, assigned, shift)
+    phase = options.columns.get(PHASE, PHASE if PHASE in table.names else None)
+    notes += [*position_notes, *sign_notes]
+    return Columns(table, assigned, run, phase, tuple(notes), two_sided, shift)
+
+
+def _assign_by_options(table: Table, options: ImportOptions, shift: int) -> Chosen:
+    """Assign the columns that the user names.
+
+    Raises:
+        InputError: there is no such column or quantity.
+    """
+    chosen: Chosen = {}
+    for name, column in options.columns.items():
+        if column not in table.names:
+            raise InputError(f"--column {name}={column}: {table.path} has only {table.listed_names}")
+        if name not in (RUN, PHASE):
+            role = role_of_option(name, shift)
+            if role is None:
+                valid = ", ".join([*QUANTITIES, RUN, PHASE])
+                raise InputError(
+                    f"--column: '{name}' is not a quantity with a unit. Quantities: {valid}; such as force_N"
+                )
+            chosen[role.key] = (role, column)
+    return chosen
+
+
+def _run_column(table: Table, options: ImportOptions) -> str | None:
+    """Return the column of runs: as named, or one such as `trial` whose numbers form blocks of rows."""
+    if RUN in options.columns or RUN in table.names:
+        return options.columns.get(RUN, RUN)
+    names = (guess.column for guess in guess_columns(table.names) if guess.quantity == RUN)
+    numeric = (name for name in names if table.numeric_share(name) == 1.0)
+    return next((name for name in numeric if in_blocks(table.numbers(name))), None)
 
 
 def _assign_own_names(
@@ -245,82 +259,82 @@ def _assign_own_names(
     return chosen, notes
 
 
-def _displacement_or_axis(units: ColumnUnits, chosen: Chosen) -> Iterator[str]:
-    """Decide whether a position belongs to a press or to a linear axis, and yield notes on the decision.
+def _press_or_axis(units: ColumnUnits, chosen: Chosen) -> tuple[Chosen, list[str]]:
+    """Decide whether a position belongs to a press or to a linear axis.
+
+    Returns:
+        The columns, with the position as a displacement if it belongs to a press, and notes on the decision.
 
     Raises:
         InputError: the column's name states no unit and the position may belong to either.
     """
     if DISPLACEMENT in chosen or not {POSITION, FORCE} <= set(chosen) or ("torque", 0) in chosen:
-        return
+        return chosen, []
     table, (role, column) = units.table, chosen[POSITION]
-    if _own_name(column) or column in units.options.columns.values():
-        return
-    if dimension_of(units.unit_of(role, column)) != "length":
-        return
-    quoted = shlex.quote(column)
-    if is_pressed(table.numbers(column), table.numbers(chosen[FORCE][1])):
-        del chosen[POSITION]
-        chosen[DISPLACEMENT] = Role(*DISPLACEMENT, role.unit or units.unit_of(role, column)), column
-        yield (
-            f"'{column}' and '{chosen[FORCE][1]}' change together, as in a press; if it belongs to a "
-            f"linear axis, add --column position={quoted}"
-        )
-    elif not role.unit:
+    unit, is_named = units.unit_of(role, column), column in units.options.columns.values()
+    if _own_name(column) or is_named or dimension_of(unit) != "length":
+        return chosen, []
+    quoted, force = shlex.quote(column), chosen[FORCE][1]
+    if is_pressed(table.numbers(column), table.numbers(force)):
+        others = {key: choice for key, choice in chosen.items() if key != POSITION}
+        return others | {DISPLACEMENT: (Role(*DISPLACEMENT, role.unit or unit), column)}, [
+            f"'{column}' and '{force}' change together, as in a press; if it belongs to a linear axis, add "
+            f"--column position={quoted}"
+        ]
+    if not role.unit:
         raise InputError(
-            f"{table.path}: '{column}' and '{chosen[FORCE][1]}' may belong to a press or to a linear "
-            f"axis; choose with --column displacement={quoted} or --column position={quoted}"
+            f"{table.path}: '{column}' and '{force}' may belong to a press or to a linear axis; choose with "
+            f"--column displacement={quoted} or --column position={quoted}"
         )
-    else:
-        yield (
-            f"'{column}' is read as the position of a linear axis; if it is the displacement of a "
-            f"press, add --column displacement={quoted}"
-        )
+    return chosen, [
+        f"'{column}' is read as the position of a linear axis; if it is the displacement of a press, add "
+        f"--column displacement={quoted}"
+    ]
 
 
 def _orient_signs(
     units: ColumnUnits, assigned: dict[Key, Assigned], shift: int
-) -> tuple[dict[Key, Assigned], bool, str]:
+) -> tuple[dict[Key, Assigned], bool, list[str]]:
     """Make displacement and force positive in compression, and detect elements that can pull.
 
     A unit with a number, such as 1N, prevents a change of sign. A displacement named by --column belongs to a
     contact.
 
     Returns:
-        The columns, whether the element is attached at both ends, and a note (empty if there is none).
+        The columns, whether the element is attached at both ends, and notes.
     """
     if DISPLACEMENT not in assigned or FORCE not in assigned:
-        return assigned, False, ""
-    table, way, force = units.table, assigned[DISPLACEMENT], assigned[FORCE]
-    sides = press_sides(way.factor * table.numbers(way.column), force.factor * table.numbers(force.column))
+        return assigned, False, []
+    depth, force = assigned[DISPLACEMENT], assigned[FORCE]
+    sides = press_sides(*(side.factor * units.table.numbers(side.column) for side in (depth, force)))
     scaled = {
         key
-        for key, source in ((DISPLACEMENT, way), (FORCE, force))
+        for key, source in ((DISPLACEMENT, depth), (FORCE, force))
         if units.is_scaled_by_user(Role(*key, "", shift), source.column)
     }
     factors = {DISPLACEMENT: sides.displacement, FORCE: sides.force}
-    turned = {key: assigned[key].column for key in factors if factors[key] < 0.0 and key not in scaled}
-    result = assigned | {key: replace(assigned[key], factor=-assigned[key].factor) for key in turned}
+    flipped = {key: assigned[key].column for key in factors if factors[key] < 0.0 and key not in scaled}
+    result = assigned | {key: replace(assigned[key], factor=-assigned[key].factor) for key in flipped}
     notes = []
-    if turned:
-        keep = " ".join(f"--unit {key[0]}=1{assigned[key].unit}" for key in turned)
-        are, signs = ("are", "their signs are") if len(turned) > 1 else ("is", "its sign is")
-        reason = f"{' and '.join(map(repr, turned.values()))} {are} negative in compression"
+    if flipped:
+        keep = " ".join(f"--unit {key[0]}=1{assigned[key].unit}" for key in flipped)
+        are, signs = ("are", "their signs are") if len(flipped) > 1 else ("is", "its sign is")
+        reason = f"{' and '.join(map(repr, flipped.values()))} {are} negative in compression"
         if sides.never_free:  # an element in tension, which is never compressed
-            reason = f"'{force.column}' and '{way.column}' increase in opposite directions"
+            reason = f"'{force.column}' and '{depth.column}' increase in opposite directions"
             signs = f"the sign of '{force.column}' is"
         notes = [f"{reason}: {signs} reversed; {keep} prevents this"]
     if sides.zero_m and not scaled:
         result[DISPLACEMENT] = replace(result[DISPLACEMENT], zero=sides.zero_m)
         notes.append(
-            f"the zero of '{way.column}' is set to {sides.zero_m / result[DISPLACEMENT].factor:.6g} "
-            f"{way.unit}, where the force begins; --unit displacement=1{way.unit} keeps the zero, "
+            f"the zero of '{depth.column}' is set to {sides.zero_m / result[DISPLACEMENT].factor:.6g} "
+            f"{depth.unit}, where the force begins; --unit displacement=1{depth.unit} keeps the zero, "
             "`palpate add FILE contact_offset` fits it"
         )
-    is_named = way.column in units.options.columns.values()
+    is_named = depth.column in units.options.columns.values()
     if not sides.two_sided or (is_named and not sides.never_free):
-        return result, False, "; ".join(notes)
-    names, quoted = f"'{way.column}' and '{force.column}' take both signs", shlex.quote(way.column)
+        return result, False, ["; ".join(notes)] if notes else []
+    names, quoted = f"'{depth.column}' and '{force.column}' take both signs", shlex.quote(depth.column)
     contact = f"--column displacement={quoted} reads it as a contact"
     pulls = sides.springy or is_named or POSITION in assigned
     if not pulls:
@@ -336,16 +350,12 @@ def _orient_signs(
             f"{names}, with the same sign at the same time: read as an element that pulls and pushes, "
             f"without a surface; {contact}, and --column position={quoted} as a linear axis"
         )
-    return result, pulls, "; ".join([*notes, note])
+    return result, pulls, ["; ".join([*notes, note])]
 
 
 def _own_name(column: str) -> bool:
     role = parse_role(column)
     return role is not None and bool(role.unit)
-
-
-def _special_column(table: Table, options: ImportOptions, name: str) -> str | None:
-    return options.columns.get(name, name if name in table.names else None)
 
 
 _SYSTEMATIC = 0.1  # least share of empty cells of a slower sensor; fewer are faults of the file
@@ -355,7 +365,7 @@ _SHARED = 0.5  # least share of the slowest column's values that must be in comp
 
 def with_one_rate(
     table: Table, time: str, efforts: Sequence[str], motions: Sequence[str], run: str | None
-) -> tuple[Table, str]:
+) -> tuple[Table, list[str]]:
     """Select or interpolate rows so that all columns in use have a value in each row.
 
     If each sensor wrote its own rows, hardly any row is complete. The other columns are then interpolated at
@@ -369,7 +379,7 @@ def with_one_rate(
         run: name of the run column, or None.
 
     Returns:
-        The table, and a note on what was done (empty if it is unchanged).
+        The table, and a note on what was done (none if it is unchanged).
 
     Raises:
         InputError: interpolation is impossible because runs or times are not in order.
@@ -381,14 +391,14 @@ def with_one_rate(
     if not sparse:
         filled = np.logical_and.reduce(list(filled_by_name.values()))
         if filled.all() or share[time] < 1.0 - _SYSTEMATIC:
-            return table, ""
+            return table, []
         lacking = ", ".join(f"'{name}'" for name, mask in filled_by_name.items() if not mask.all())
-        return table.select(filled), table.note_left_out(np.flatnonzero(~filled), f"no value in {lacking}")
+        return table.select(filled), [table.note_left_out(np.flatnonzero(~filled), f"no value in {lacking}")]
     slowest = min(sparse, key=lambda name: sparse[name])
     complete = np.logical_and.reduce([filled_by_name[name] for name in sparse])
     note = f"'{slowest}' has a value in {100.0 * sparse[slowest]:.2g} % of the rows"
     if np.sum(complete) >= max(_SHARED * np.sum(filled_by_name[slowest]), 1.0):
-        return table.select(complete), f"{note}; only complete rows are used"
+        return table.select(complete), [f"{note}; only complete rows are used"]
     if not filled_by_name[slowest].any():
         raise InputError(
             f"{table.path}: column '{slowest}' is empty; name another one with --column; if it holds "
@@ -409,4 +419,4 @@ def with_one_rate(
             values = np.interp(times, times[sampled], table.select(filled_by_name[name]).numbers(name))
             columns = columns.set_column(columns.column_names.index(name), name, pa.array(values))
     way = f"all other columns are interpolated at the times of '{base}'"
-    return replace(table, columns=columns).select(inside), f"{note}: {way}"
+    return replace(table, columns=columns).select(inside), [f"{note}: {way}"]
