@@ -116,11 +116,11 @@ class ColumnUnits:
         user_unit, named_unit = self._user_unit(role, column), self._named_unit(column)
         unit = self.unit_of(role, column)
         note = ""
-        if not unit and role.quantity == "time" and (unknown := unknown_unit(column)):
-            raise InputError(
-                f"{place}: '{unknown}' is not a known unit of time; use --unit time=s, or ms, us, min, h"
-            )
         if not unit and role.quantity == "time":
+            if unknown := unknown_unit(column):
+                raise InputError(
+                    f"{place}: '{unknown}' is not a known unit of time; use --unit time=s, or ms, us, min, h"
+                )
             unit = self._likely_unit(role, column)
             note = (
                 f"column '{column}' states no unit: its steps are read as {unit}; if that is wrong, "
@@ -133,21 +133,6 @@ class ColumnUnits:
             raise InputError(f"{place}: '{unit}' is not a unit of {role.quantity}. Valid: {valid}")
         if not 0.0 < abs(scale) < math.inf:
             raise InputError(f"{place}: unit '{user_unit}' cannot be converted")
-        if not user_unit and named_unit and dimension_of(named_unit) not in dimensions:
-            note = f"column '{column}' is read as {role.quantity} in {unit}, whatever its name says"
-        other = unit_in_name(split_unit(column)[0])  # "force_N [kN]", where a row of units contradicts
-        other = "" if other == _PREPOSITION else other
-        of_other = SI.get(dimension_of(other) or "", {})
-        if not user_unit and of_other.get(named_unit, of_other.get(other)) != of_other.get(other):
-            note = (
-                f"column '{column}' may state two units: it is read in {named_unit}; if {other} is right, "
-                f"add --unit {role.numbered}={other}"
-            )
-        if not user_unit and (factor_named := _FACTOR.search(column)):
-            note = (
-                f"the factor '{factor_named[0].strip()}' in the name of column '{column}' is ignored: it is "
-                f"read in {unit}; if that is wrong, give its unit, such as --unit {role.numbered}=1000{unit}"
-            )
         if dimension in EFFORT_PROXIES:
             effort, constant, example = EFFORT_PROXIES[dimension]
             note = (
@@ -155,6 +140,8 @@ class ColumnUnits:
                 f"1 {si_unit(dimension)} counts as 1 {effort}; give the {constant}, as in "
                 f"--unit {role.numbered}={example}"
             )
+        elif not user_unit:
+            note = _note_on_name(role, column, named_unit, unit) or note
         factor = scale * factor_to_si(unit, dimension, f"column '{column}'")
         return Assigned(column, dimension, user_unit if scale != 1.0 else unit, factor, note)
 
@@ -240,8 +227,32 @@ class ColumnUnits:
         if role.quantity == "time":
             step = float(np.median(np.diff(values))) if len(values) > 1 else 0.0
             return likely_time_unit(step, span if step > 0.0 else np.inf)
-        if linear and role.quantity == "position":
-            most, otherwise = _LARGEST_RANGE["displacement"]
-            return otherwise if span > most else "m"
-        most, otherwise = _LARGEST_RANGE.get(role.quantity, (np.inf, ""))
-        return otherwise if span > most else si_unit(QUANTITIES[role.quantity][0])
+        quantity = "displacement" if linear and role.quantity == "position" else role.quantity
+        largest, usual = _LARGEST_RANGE.get(quantity, (np.inf, ""))
+        return usual if span > largest else si_unit(QUANTITIES[quantity][0])
+
+
+def _note_on_name(role: Role, column: str, named_unit: str, unit: str) -> str:
+    """Return a note if a column's name contains a factor, two units, or another unit; empty otherwise.
+
+    Args:
+        role: role of the column.
+        column: its name in the file.
+        named_unit: unit in its name; empty for none.
+        unit: unit in which it is read.
+    """
+    if factor := _FACTOR.search(column):
+        return (
+            f"the factor '{factor[0].strip()}' in the name of column '{column}' is ignored: it is read in "
+            f"{unit}; if that is wrong, give its unit, such as --unit {role.numbered}=1000{unit}"
+        )
+    other = unit_in_name(split_unit(column)[0])  # "force_N [kN]", where a row of units contradicts
+    factors = {} if other == _PREPOSITION else SI.get(dimension_of(other) or "", {})
+    if factors.get(named_unit, factors.get(other)) != factors.get(other):
+        return (
+            f"column '{column}' may state two units: it is read in {named_unit}; if {other} is right, "
+            f"add --unit {role.numbered}={other}"
+        )
+    if named_unit and dimension_of(named_unit) not in QUANTITIES[role.quantity]:
+        return f"column '{column}' is read as {role.quantity} in {unit}, whatever its name says"
+    return ""

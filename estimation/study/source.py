@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -131,7 +132,7 @@ def limit_length(source: Source, held_out: Sequence[int] = ()) -> Source:
     Raises:
         InputError: there is no such run.
     """
-    if not isinstance(held_out, Iterable):
+    if not (isinstance(held_out, Iterable) and all(isinstance(run, Integral) for run in held_out)):
         raise InputError(f"held_out={held_out!r}: give a list of run numbers, such as [2, 5]")
     if unknown := sorted(set(held_out).difference(source.runs)):
         named = ", ".join(map(str, source.runs))
@@ -274,7 +275,10 @@ def _as_arrow(data: Any) -> pa.Table:  # noqa: ANN401
         values = data[name]
         if isinstance(values, np.ma.MaskedArray):  # masked values become NaN
             values = np.ma.filled(values.astype(np.float64), np.nan)
-        columns[str(name)] = np.asarray(values)
+        try:
+            columns[str(name)] = np.asarray(values)
+        except ValueError:  # nested values of different lengths, which `arrow_table` reports
+            columns[str(name)] = np.fromiter(values, dtype=object)
     if columns:
         return arrow_table(columns, Path(IN_MEMORY))
     raise InputError(

@@ -66,9 +66,16 @@ def test_channels_that_no_import_would_make_are_refused(change, said):
         open_source(replace(channel, **change))
 
 
-def test_runs_to_hold_out_are_a_list():
-    with pytest.raises(InputError, match="held_out=0: give a list of run numbers"):
-        limit_length(open_source(COLUMNS), 0)
+@pytest.mark.parametrize("held_out", [0, ["0", 7], [[0]]])
+def test_runs_to_hold_out_are_a_list_of_numbers(held_out):
+    with pytest.raises(InputError, match=re.escape(f"held_out={held_out!r}: give a list of run numbers")):
+        limit_length(open_source(COLUMNS), held_out)
+
+
+def test_cells_with_several_values_are_refused():
+    force = [*COLUMNS["force_N"].tolist()[:-1], [1.0, 2.0]]
+    with pytest.raises(InputError, match="column 'force_N' holds values of type float, list"):
+        open_source({**COLUMNS, "force_N": force})
 
 
 def test_masked_readings_are_left_out():
