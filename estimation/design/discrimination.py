@@ -60,7 +60,7 @@ class Rivals:
         Returns:
             Shape (r, r); the row is the true model, the column the model compared with it.
         """
-        planned_blocks, good = _coarse(planned)
+        planned_blocks, good = _block_averages(planned)
         combined = joined_channels((self.data, planned_blocks))
         used = np.concatenate([self.good, good])
         is_new = (np.arange(len(combined)) >= len(self.data))[used]
@@ -88,7 +88,7 @@ class Rivals:
         Returns:
             Leads by held-out error, shape (r, r); the row is the true model, the column the compared one.
         """
-        planned_blocks, good = _coarse(planned)
+        planned_blocks, good = _block_averages(planned)
         used = np.concatenate([self.good, good])
         noise = np.resize(self._noise, len(planned_blocks))
         shared = set.intersection(*({e.name for e in fit.solution.model.effects} for fit in self.fits))
@@ -113,7 +113,7 @@ class Rivals:
             leads: leads of the models, shape (r, r).
             planned: the channel with the planned motion.
         """
-        count = len(self.data) + len(_coarse(planned)[0])
+        count = len(self.data) + len(_block_averages(planned)[0])
         return -count * float(np.sum(np.log1p(-np.clip(leads, 0.0, 0.999))))
 
     @property
@@ -123,7 +123,7 @@ class Rivals:
         return best.solution.residual[best.problem.blocked.trusted]
 
 
-def _coarse(planned: ChannelData) -> tuple[ChannelData, BoolArray]:
+def _block_averages(planned: ChannelData) -> tuple[ChannelData, BoolArray]:
     """Return a channel with one sample per block, and the mask of its trusted samples."""
     blocked = block_average(planned)
     return decimate(blocked), blocked.trusted
@@ -171,7 +171,7 @@ EQUIVALENT = 0.9  # ratio to the best experiment's lead above which experiments 
 class Experiment:
     """A possible experiment, with its expected separation of rival models."""
 
-    words: str  # instruction for the experimenter
+    instruction: str  # instruction for the experimenter
     duration_s: float  # duration [s]
     # For each undecided channel, the expected leads between all rivals, shape (r, r); see
     # `palpate.estimation.design.discrimination`.
@@ -203,8 +203,8 @@ class Experiment:
         for first, second in zip(self.leads, other.leads, strict=True):
             squared_error = (1.0 - first) ** -2.0 + (1.0 - second) ** -2.0 - 1.0  # relative to the true model
             leads.append(1.0 - np.maximum(squared_error, 1e-3) ** -0.5)
-        words, duration_s = f"{self.words}, and {other.words}", self.duration_s + other.duration_s
-        return Experiment(words, duration_s, tuple(leads))
+        instruction = f"{self.instruction}, and {other.instruction}"
+        return Experiment(instruction, self.duration_s + other.duration_s, tuple(leads))
 
 
 @dataclass(frozen=True)
@@ -238,7 +238,7 @@ def choose(offered: Sequence[Experiment]) -> Choice | None:
     shared_rank = f"{advantage} of {len(equivalent)} nearly equally informative experiments"
     rank = "most informative experiment" if len(equivalent) == 1 else shared_rank
     reason = (
-        f"{chosen.words} ({chosen.duration_s:.0f} s). This is the {rank}, expected to separate "
+        f"{chosen.instruction} ({chosen.duration_s:.0f} s). This is the {rank}, expected to separate "
         f"{100 * chosen.separation:.0f} % of the remaining explanations"
     )
     return Choice(index, chosen, reason)

@@ -44,7 +44,7 @@ def changed_motions(data: ChannelData) -> Iterator[tuple[str, float, ChannelData
         return
     duration_s = sum(float(np.ptp(data.time_s[data.run == run])) for run in data.runs)
     is_one_way = data.kind is not ChannelKind.CONTACT and never_returns(data.position, data.run)
-    for speed_factor, range_factor, words in (*_CHANGES, _REVERSAL) if is_one_way else _CHANGES:
+    for speed_factor, range_factor, instruction in (*_CHANGES, _REVERSAL) if is_one_way else _CHANGES:
         start_s = data.time_s[0]
         scales = (range_factor, range_factor * speed_factor, range_factor * speed_factor**2)
         middle = 0.0 if data.kind is ChannelKind.CONTACT else float(np.mean(data.position))
@@ -62,7 +62,7 @@ def changed_motions(data: ChannelData) -> Iterator[tuple[str, float, ChannelData
             context=context,
             shared=None,
         )
-        yield f"{words} ({extent(changed)})", duration_s / speed_factor, changed
+        yield f"{instruction} ({extent(changed)})", duration_s / speed_factor, changed
 
 
 def extent(data: ChannelData) -> str:
@@ -128,19 +128,19 @@ def separating(effect: Effect, fits: Mapping[str, FitResult], data: ChannelData)
     names = list(fits)
     rivals = Rivals.of(list(fits.values()))
     offered = [
-        Experiment(words, duration_s, (rivals.predicted_leads(changed),))
-        for words, duration_s, changed in changed_motions(data)
+        Experiment(instruction, duration_s, (rivals.predicted_leads(changed),))
+        for instruction, duration_s, changed in changed_motions(data)
     ]
     choice = choose(offered)
     if choice is not None:
-        words = choice.experiment.words
+        instruction = choice.experiment.instruction
     else:
         hint = next((effect.confused_with[name] for name in names if name in effect.confused_with), _WIDER)
-        words = f"{hint} ({_describe_recorded(data)})"
+        instruction = f"{hint} ({_describe_recorded(data)})"
     return NextExperiment(
         purpose=f"tell {effect.name} from {', '.join(name for name in names if name != effect.name)}",
         separates=names,
-        instruction=words,
+        instruction=instruction,
         probe={},
     )
 
@@ -153,11 +153,11 @@ def exploring(signals: Sequence[str], data: ChannelData) -> NextExperiment:
         data: the channel.
     """
     signal = signals[0] if signals else "position"
-    words = f"{_BY_SIGNAL.get(signal, _WIDER)} ({_describe_recorded(data)})"
+    instruction = f"{_BY_SIGNAL.get(signal, _WIDER)} ({_describe_recorded(data)})"
     if signal in data.recorded:
-        words = f"repeat the same motion at different values of {signal}, each kept while it lasts"
+        instruction = f"repeat the same motion at different values of {signal}, each kept while it lasts"
     purpose = "show what the remaining error depends on: " + (", ".join(signals) or "nothing found yet")
-    return NextExperiment(purpose=purpose, separates=[], instruction=words, probe={})
+    return NextExperiment(purpose=purpose, separates=[], instruction=instruction, probe={})
 
 
 def _describe_recorded(data: ChannelData) -> str:
@@ -173,11 +173,12 @@ def sufficient(reason: str, kind: ChannelKind) -> NextExperiment:
         kind: kind of the channel.
     """
     remedy = reason.partition("; ")[2]
-    words = remedy or (_UNLOADED if kind is ChannelKind.CONTACT else _WIDER)
+    instruction = remedy or (_UNLOADED if kind is ChannelKind.CONTACT else _WIDER)
     if reason.startswith(SINGLE_RUN):
-        words = _REPEAT_RUNS
+        instruction = _REPEAT_RUNS
     elif FEW_READINGS in reason:
-        words = _FINER_SENSOR
+        instruction = _FINER_SENSOR
     elif remedy.endswith("?"):  # no other motion helps against a wrong unit or column
-        words = "check units and columns of this recording"
-    return NextExperiment(purpose="make a diagnosis possible", separates=[], instruction=words, probe={})
+        instruction = "check units and columns of this recording"
+    purpose = "make a diagnosis possible"
+    return NextExperiment(purpose=purpose, separates=[], instruction=instruction, probe={})
