@@ -47,7 +47,7 @@ class MoteusBusSettings(CanLineSettings):
     watchdog_s: Annotated[Number, Field(ge=1e-3, le=1)] = 0.1
 
     @model_validator(mode="after")
-    def _agree(self) -> "MoteusBusSettings":
+    def _check_consistency(self) -> "MoteusBusSettings":
         ids = [motor.motor_id for motor in self.motors]
         if len({*ids, self.host_id}) <= len(ids):
             raise ValueError(f"motors: ids {ids} and host_id {self.host_id} are not all different")

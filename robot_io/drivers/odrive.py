@@ -47,7 +47,7 @@ class OdriveBusSettings(CanLineSettings):
     watchdog_s: Annotated[Positive, Field(le=1)] = 0.1
 
     @model_validator(mode="after")
-    def _agree(self) -> "OdriveBusSettings":
+    def _check_consistency(self) -> "OdriveBusSettings":
         ids = [axis.node_id for axis in self.axes]
         if len(set(ids)) != len(ids):
             raise ValueError(f"axes: node ids {ids} are not all different")
@@ -104,14 +104,16 @@ class OdriveBus(MotorBus):
         """
         self.line.open()
         self._send_all(self._to_every_axis(AxisState.IDLE))
-        self._send_all([odrive.ask(axis.node_id, OdriveCommand.GET_VERSION) for axis in self._axes])
+        self._send_all(
+            [odrive.encode_request(axis.node_id, OdriveCommand.GET_VERSION) for axis in self._axes]
+        )
         self._wait_for(self._all_heard, self._heartbeat_timeout_s)
         for joint in range(self.joint_count):
             if problem := self._setup_problem(joint):
                 raise self._about(joint, problem)
         # Measure each axis's answering time, which corrects the times of its samples: CAN frames carry no
         # time, and a constant delay would go unnoticed. A silent axis is assumed to have no delay.
-        ask = [odrive.ask(axis.node_id, OdriveCommand.BUS_VOLTAGE_CURRENT) for axis in self._axes]
+        ask = [odrive.encode_request(axis.node_id, OdriveCommand.BUS_VOLTAGE_CURRENT) for axis in self._axes]
         latencies_s = []
         for _ in range(_LATENCY_ROUNDS):
             self._answered_at_s = [-inf] * self.joint_count
@@ -130,7 +132,9 @@ class OdriveBus(MotorBus):
         self._heartbeats = [None] * self.joint_count
         self._motion_at_s, self._torque_at_s = [-inf] * self.joint_count, [-inf] * self.joint_count
         asked = [OdriveCommand.BUS_VOLTAGE_CURRENT, OdriveCommand.GET_VERSION]
-        self._send_all([odrive.ask(axis.node_id, command) for axis in self._axes for command in asked])
+        self._send_all(
+            [odrive.encode_request(axis.node_id, command) for axis in self._axes for command in asked]
+        )
         self._wait_for(
             lambda: self._all_heard() and len(self._supply_v) == self.joint_count, self._heartbeat_timeout_s
         )
@@ -208,7 +212,7 @@ class OdriveBus(MotorBus):
     def _rate_commands(self) -> tuple[str, ...]:
         """Return the settings that make an axis send heartbeats, estimates and torques often enough."""
         heartbeat_ms = round(1e3 * self._own.heartbeat_s)
-        names = odrive.CYCLIC_RATES[self._own.firmware]
+        names = odrive.PERIOD_SETTINGS[self._own.firmware]
         return tuple(f"{name} = {ms}" for name, ms in zip(names, (heartbeat_ms, 1, 1), strict=True))
 
     @property
@@ -223,7 +227,7 @@ class OdriveBus(MotorBus):
             *self._rate_commands,
             f"{odrive.WATCHDOG_TIMEOUT} = {self._own.watchdog_s:g}",
             f"{odrive.ENABLE_WATCHDOG} = True",
-            f"{odrive.LIMITER} = False",
+            f"{odrive.ENABLE_VELOCITY_LIMIT} = False",
             *(() if are_written else limits),
             "odrv0.save_configuration()",
         )
@@ -309,15 +313,15 @@ class OdriveBus(MotorBus):
         node, command = odrive.split_odrive_id(frame.can_id)
         match command:
             case OdriveCommand.ENCODER_ESTIMATES:
-                position_rev, velocity_rev_s = odrive.decode_pair(frame, "encoder estimates")
+                position_rev, velocity_rev_s = odrive.decode_two_floats(frame, "encoder estimates")
                 sampled_s = at_s - self._latency_s[joint]
                 self._keep_motion(joint, tau * position_rev, tau * velocity_rev_s, sampled_s)
             case OdriveCommand.GET_IQ if self._own.firmware is Firmware.V0_5:
-                _, current_a = odrive.decode_pair(frame, "motor current")
+                _, current_a = odrive.decode_two_floats(frame, "motor current")
                 constant_nm_a = self._axes[joint].torque_constant_nm_a or 0.0
                 self._keep_torque(joint, current_a * constant_nm_a, at_s - self._latency_s[joint])
             case OdriveCommand.TORQUES if self._own.firmware is Firmware.V0_6:
-                _, torque_nm = odrive.decode_pair(frame, "motor torque")
+                _, torque_nm = odrive.decode_two_floats(frame, "motor torque")
                 self._keep_torque(joint, torque_nm, at_s - self._latency_s[joint])
             case OdriveCommand.HEARTBEAT:
                 beat = odrive.decode_heartbeat(frame, self._own.firmware)
@@ -327,7 +331,7 @@ class OdriveBus(MotorBus):
                     "encoder" in beat.component_errors or not _ENCODER_ERRORS.isdisjoint(names)
                 )
             case OdriveCommand.BUS_VOLTAGE_CURRENT:
-                self._supply_v[joint], _ = odrive.decode_pair(frame, "bus voltage and current")
+                self._supply_v[joint], _ = odrive.decode_two_floats(frame, "bus voltage and current")
                 self._answered_at_s[joint] = at_s
             case OdriveCommand.GET_VERSION:
                 self._versions[node] = odrive.decode_version(frame)
@@ -357,7 +361,7 @@ class OdriveBus(MotorBus):
         return (
             f"exerts {abs(self._short_nm[joint]):.2f} of {abs(self._sent_nm[joint]):.2f} N m at the motor; "
             "does something on it limit torques? As delivered, its velocity limiter does: "
-            f"{odrive.LIMITER} = False"
+            f"{odrive.ENABLE_VELOCITY_LIMIT} = False"
         )
 
     def _fault(self, joint: int, now_s: float) -> str:

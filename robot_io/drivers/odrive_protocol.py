@@ -1,4 +1,4 @@
-"""ODrive CANSimple: ids, frames to an axis, and its messages; little-endian, in motor revolutions.
+"""ODrive CANSimple: ids, frames to an axis, and messages from it; little-endian, in motor revolutions.
 
 Sources: ODrive documentation "CAN Protocol" for firmware 0.5.6 (with its table can-protocol.csv) and 0.6.10
 (docs.odriverobotics.com), the enumerations in odriverobotics/ros_odrive (odrive_enums.h, firmware 0.6), and
@@ -37,16 +37,16 @@ class OdriveCommand(IntEnum):
     TORQUES = 0x1C  # 0.6 only
 
 
-# Settings that only USB can reach, by their names in odrivetool: periods of heartbeat, encoder estimates and
-# torques (or currents), in ms, as shipped 100, 10 and 0 (none); and what cuts torques in torque mode, as
-# shipped to (2 rev/s - speed) * 0.17 N m s/rev.
-CYCLIC_RATES = {
+# Names in odrivetool of settings that only USB can reach.
+# Periods [ms] of heartbeat, encoder estimates and torques (0.5: currents); as delivered 100, 10 and 0 (none).
+PERIOD_SETTINGS = {
     Firmware.V0_5: tuple(f"odrv0.axis0.config.can.{name}_rate_ms" for name in ("heartbeat", "encoder", "iq")),
     Firmware.V0_6: tuple(
         f"odrv0.axis0.config.can.{name}_msg_rate_ms" for name in ("heartbeat", "encoder", "torques")
     ),
 }
-LIMITER = "odrv0.axis0.controller.config.enable_torque_mode_vel_limit"
+# As delivered, it limits torques in torque mode to (2 rev/s - speed) * 0.17 N m s/rev.
+ENABLE_VELOCITY_LIMIT = "odrv0.axis0.controller.config.enable_torque_mode_vel_limit"
 VELOCITY_LIMIT = "odrv0.axis0.controller.config.vel_limit"  # [rev/s]
 WATCHDOG_TIMEOUT = "odrv0.axis0.config.watchdog_timeout"  # [s]
 ENABLE_WATCHDOG = "odrv0.axis0.config.enable_watchdog"
@@ -129,7 +129,12 @@ WATCHDOG_EXPIRED = {Firmware.V0_5: 0x00000800, Firmware.V0_6: 0x01000000}
 
 
 def axis_error_names(error: int, firmware: Firmware) -> tuple[str, ...]:
-    """Name the bits that are set in an axis error; a number for a bit without a name."""
+    """Name the bits that are set in an axis error; a bit without a name is named by its number.
+
+    Args:
+        error: error bits of an axis.
+        firmware: generation of the axis.
+    """
     table = AXIS_ERRORS[firmware]
     bits = (1 << place for place in range(32) if error >> place & 1)
     return tuple(table.get(bit, f"unknown bit 0x{bit:08X}") for bit in bits)
@@ -158,7 +163,7 @@ def odrive_id(node_id: int, command: OdriveCommand) -> int:
 
     Args:
         node_id: node id of the axis, 0 to 63.
-        command: number of five bits.
+        command: command or message.
 
     Raises:
         InputError: the node id has more than six bits.
@@ -170,6 +175,9 @@ def odrive_id(node_id: int, command: OdriveCommand) -> int:
 
 def split_odrive_id(can_id: int) -> tuple[int, int]:
     """Split an arbitration id.
+
+    Args:
+        can_id: arbitration id, 11 bits.
 
     Returns:
         Node id and command number.
@@ -204,7 +212,7 @@ def decode_heartbeat(frame: CanFrame, firmware: Firmware) -> Heartbeat:
     return Heartbeat(axis_error, state, failed, trajectory_done=bool(data[7] & 0x80))
 
 
-def decode_pair(frame: CanFrame, what: str) -> tuple[float, float]:
+def decode_two_floats(frame: CanFrame, what: str) -> tuple[float, float]:
     """Decode two floats, such as position [rev] and velocity [rev/s], or desired and measured current [A].
 
     Args:
@@ -225,10 +233,13 @@ def decode_pair(frame: CanFrame, what: str) -> tuple[float, float]:
 
 
 def decode_version(frame: CanFrame) -> tuple[int, int, int]:
-    """Decode the firmware version: major, minor, revision (0.6).
+    """Decode the firmware version (0.6).
 
     Args:
         frame: received frame.
+
+    Returns:
+        Major, minor and revision number.
 
     Raises:
         ProtocolError: wrong length.
@@ -237,8 +248,13 @@ def decode_version(frame: CanFrame) -> tuple[int, int, int]:
     return frame.data[4], frame.data[5], frame.data[6]
 
 
-def ask(node_id: int, command: OdriveCommand) -> CanFrame:
-    """Request a message from an axis, as a remote frame."""
+def encode_request(node_id: int, command: OdriveCommand) -> CanFrame:
+    """Request a message from an axis, by a remote frame.
+
+    Args:
+        node_id: node id of the axis, 0 to 63.
+        command: message to request.
+    """
     return CanFrame(odrive_id(node_id, command), remote=True)
 
 
@@ -246,8 +262,8 @@ def encode_axis_state(node_id: int, state: AxisState) -> CanFrame:
     """Request a change of an axis' state.
 
     Args:
-        node_id: of the axis.
-        state: to enter.
+        node_id: node id of the axis, 0 to 63.
+        state: state to enter.
     """
     return CanFrame(odrive_id(node_id, OdriveCommand.SET_AXIS_STATE), _WORD.pack(state))
 
@@ -256,7 +272,7 @@ def encode_controller_mode(node_id: int) -> CanFrame:
     """Select torque control with input mode "passthrough".
 
     Args:
-        node_id: of the axis.
+        node_id: node id of the axis, 0 to 63.
     """
     data = _TWO_WORDS.pack(TORQUE_CONTROL, PASSTHROUGH)
     return CanFrame(odrive_id(node_id, OdriveCommand.SET_CONTROLLER_MODE), data)
@@ -295,5 +311,9 @@ def encode_limits(node_id: int, velocity_rev_s: float, current_a: float) -> CanF
 
 
 def encode_clear_errors(node_id: int) -> CanFrame:
-    """Clear an axis's errors (its identify light stays as it is)."""
+    """Clear an axis's errors; its identify light stays as it is.
+
+    Args:
+        node_id: node id of the axis, 0 to 63.
+    """
     return CanFrame(odrive_id(node_id, OdriveCommand.CLEAR_ERRORS), b"\x00")

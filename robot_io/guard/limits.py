@@ -46,7 +46,7 @@ class Limits(FileModel):
         return len(self.torque_nm)
 
     @model_validator(mode="after")
-    def _agree(self) -> "Limits":
+    def _check_consistency(self) -> "Limits":
         names = ("torque_rate_nm_s", "position_min_rad", "position_max_rad", "velocity_rad_s", "tracking_rad")
         for name in names:
             count = len(getattr(self, name))

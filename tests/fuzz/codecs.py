@@ -295,7 +295,7 @@ def decode_odrive(data: bytes) -> object:
         case 5:
             return odrive.decode_version(frame)
         case _:
-            return odrive.decode_pair(frame, "floats")
+            return odrive.decode_two_floats(frame, "floats")
 
 
 def is_wrong_odrive(data: bytes, _seen: bytes, accepted) -> bool:

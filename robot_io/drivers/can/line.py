@@ -98,15 +98,19 @@ class SlcanBus:
     """
 
     def __init__(self, channel: str, bitrate: int | None, clock: Clock) -> None:
-        path, _, baud_rate = channel.partition("@")
+        path, at, baud_rate = channel.partition("@")
+        if at and not baud_rate.isdecimal():
+            raise ValueError(
+                f"channel {channel}: after @, give a baud rate such as 3000000 instead of '{baud_rate}'"
+            )
         if bitrate is not None and bitrate not in _SPEEDS:
             raise ValueError(f"bitrate {bitrate}: valid are {', '.join(map(str, _SPEEDS))}")
         self._port = SerialPort(path, int(baud_rate or _USUAL_BAUD_RATE), clock)
-        self._rest, self._lines = b"", deque[bytes]()
+        self._unfinished, self._lines = b"", deque[bytes]()  # received line without its end; whole lines
         self._port.open()
         speed = b"" if bitrate is None else b"S%d\r" % _SPEEDS[bitrate]
         # Sent before the next frame: here, the commands that open the bus.
-        self._lead = b"\rC\r" + speed + b"O\r"
+        self._prefix = b"\rC\r" + speed + b"O\r"
         try:
             self._write(b"")
         except DeviceError:
@@ -136,10 +140,10 @@ class SlcanBus:
             DeviceError: the port has failed.
         """
         if not self._lines:
-            received = self._rest + self._port.wait(0.0)  # detects a hang-up too
-            *lines, self._rest = re.split(rb"[\r\a]", received)
+            received = self._unfinished + self._port.wait(0.0)  # detects a hang-up too
+            *lines, self._unfinished = re.split(rb"[\r\a]", received)
             self._lines.extend(line for line in lines if line not in _CONFIRMATIONS)
-            self._rest = self._rest[-_LONGEST_LINE:]  # longer is noise up to the next end of a line
+            self._unfinished = self._unfinished[-_LONGEST_LINE:]  # what is longer is noise, not a frame
         return decode_line(self._lines.popleft()) if self._lines else None
 
     def shutdown(self) -> None:
@@ -152,11 +156,11 @@ class SlcanBus:
 
     def _write(self, line: bytes) -> None:
         try:
-            self._port.write(self._lead + line)
+            self._port.write(self._prefix + line)
         except DeviceError:
-            self._lead = b"\r"  # ends a line that may have been sent in part
+            self._prefix = b"\r"  # ends a line that may have been sent in part
             raise
-        self._lead = b""
+        self._prefix = b""
 
 
 BUS_OFF = 0x040  # error classes in the id of an error frame: linux/can/error.h
@@ -200,7 +204,7 @@ class Timestamps(StrEnum):
     NONE = "none"  # unknown
 
 
-def _named(channel: str | int) -> str | int:
+def _refuse_empty_name(channel: str | int) -> str | int:
     if not str(channel).strip():
         raise ValueError("give the channel's name, such as can0, /dev/ttyACM0 or PCAN_USBBUS1")
     return channel
@@ -211,10 +215,10 @@ class CanLineSettings(FileModel):
 
     fd: ClassVar = False  # whether the devices speak CAN FD
 
-    # slcan, or a python-can interface: socketcan, pcan, virtual, udp_multicast .
+    # slcan, or an interface of python-can, such as socketcan, pcan, virtual or udp_multicast.
     interface: Annotated[str, matching(r"[a-z0-9_]{1,32}", "1 to 32 small letters, digits or _")]
     # Name of the channel in the interface.
-    channel: Annotated[str | int, AfterValidator(_named)]
+    channel: Annotated[str | int, AfterValidator(_refuse_empty_name)]
     # Bit rate [bit/s], for adapters that set it themselves; None leaves it unchanged.
     bitrate: Annotated[int, Field(gt=0, le=1_000_000, strict=True)] | None = None
     # Further arguments of the python-can interface.
@@ -222,13 +226,13 @@ class CanLineSettings(FileModel):
     timestamps: Timestamps = Timestamps.WALL  # meaning of its time stamps
 
     @model_validator(mode="after")
-    def _can_be_carried(self) -> Self:
+    def _refuse_can_fd_over_slcan(self) -> Self:
         if self.fd and self.interface == SLCAN:
             raise ValueError("interface: slcan carries no CAN FD frames; use another interface of python-can")
         return self
 
-    def arguments(self) -> dict[str, Any]:
-        """Arguments for `can.Bus`; by default, multicast stays on this machine."""
+    def bus_arguments(self) -> dict[str, Any]:
+        """Return the arguments for `can.Bus`; by default, multicast stays on this machine."""
         arguments: dict[str, Any] = {"interface": self.interface, "channel": self.channel}
         if self.bitrate is not None:
             arguments["bitrate"] = self.bitrate
@@ -272,13 +276,13 @@ class CanLine:
         Raises:
             DeviceError: there is no such adapter, it cannot be opened, or its port is in use.
         """
-        own = self._settings
-        lock = None if own.interface == SLCAN else PortLock(own.channel)
+        settings = self._settings
+        lock = None if settings.interface == SLCAN else PortLock(settings.channel)
         try:
             if lock is None:
-                self._bus = SlcanBus(str(own.channel), own.bitrate, self._clock, **own.options)
+                self._bus = SlcanBus(str(settings.channel), settings.bitrate, self._clock, **settings.options)
             else:
-                self._bus = can.Bus(**own.arguments())
+                self._bus = can.Bus(**settings.bus_arguments())
         except DeviceError as error:
             raise DeviceError(f"{self.label}: {error}") from error
         except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
@@ -349,8 +353,8 @@ class CanLine:
         """
         bus, clock = self._opened(), self._clock
         now_s = clock.now_s()
-        # Offset from a time stamp to the robot's time [s]; None if unknown.
         stamps = Timestamps.NONE if self._settings.interface == SLCAN else self._settings.timestamps
+        # Offset from a time stamp to the robot's time [s]; None if unknown.
         offset_s = {Timestamps.ROBOT: 0.0, Timestamps.WALL: now_s - time.time()}.get(stamps)
         frames: list[tuple[CanFrame, float]] = []
         emptied = False
@@ -408,10 +412,13 @@ class CanLine:
 class PortLock:
     """Exclusive lock on a serial port, as pyserial and others use it; held until `release`.
 
-    The channel is that of python-can, such as /dev/ttyACM0@115200. A channel that is not a port needs no
-    lock.
+    A channel that is not a port is not locked.
 
-    DeviceError: another program, or another part of this one, has the port.
+    Args:
+        channel: channel of the python-can interface, such as /dev/ttyACM0@115200.
+
+    Raises:
+        DeviceError: another program, or another part of this one, uses the port.
     """
 
     def __init__(self, channel: str | int) -> None:

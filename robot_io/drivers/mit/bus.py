@@ -147,9 +147,9 @@ class MitBus(AskedMotorBus[MitState]):
         self._motion_at_s = [-inf] * self.joint_count
         self._request_states(range(self.joint_count))
         self._wait_for(lambda: -inf not in self._motion_at_s, ANSWER_S)
-        evidence = "set and read back" if self._dialect.set_up else ""
+        evidence = "set and read back" if self._dialect.activation_registers else ""
         if self._tests_watchdogs:
-            evidence = "set, read back and tested" if self._dialect.set_up else "tested"
+            evidence = "set, read back and tested" if self._dialect.activation_registers else "tested"
         findings = []
         for joint, motor in enumerate(self._motors):
             label, error = self.motor_label(joint), self._error(joint)
@@ -175,7 +175,7 @@ class MitBus(AskedMotorBus[MitState]):
         return self._dialect.timeout_error is None
 
     def power_on(self) -> None:
-        if self._dialect.set_up:
+        if self._dialect.activation_registers:
             self._set_up()
         frames = [*self._to_every_motor(Order.ENTER), *self._zero_torque()]
         self._send_confirmed(frames, "motor mode is not confirmed by", enabled=True)
@@ -195,7 +195,7 @@ class MitBus(AskedMotorBus[MitState]):
         dialect = self._dialect
         timeout = round(self._own.watchdog_s / TIMEOUT_STEP_S)
         for joint in range(self.joint_count):
-            for register, value in dialect.set_up:
+            for register, value in dialect.activation_registers:
                 setting = timeout if value is None else value
                 reported = self._register(joint, register, setting)
                 if reported != setting:
@@ -221,7 +221,7 @@ class MitBus(AskedMotorBus[MitState]):
         Raises:
             DeviceError: a motor keeps its torque, or shows no torque at all.
         """
-        reports_mode = bool(self._dialect.set_up)
+        reports_mode = bool(self._dialect.activation_registers)
         trial_nm = [
             _TRIAL_SHARE * ranges.torque_nm * abs(motor.signed_ratio)
             for ranges, motor in zip(self._ranges, self._motors, strict=True)

@@ -4,15 +4,15 @@ Big-endian: position 16 bits, velocity 12, KP 12, KD 12, torque 12. An n bit num
 - low) / (2^n - 1); the ranges depend on the model, or are stated in the robot file.
 Sources: CubeMars "AK Series Actuator Driver Manual" V1.0.8, section 5.3 (frames, special codes); Damiao,
 "DM-J4310-2EC user manual" (feedback frame, registers). The protocol is that of the MIT Mini Cheetah's motor
-controller; what differs between makers is in `settings`.
+controller; `settings` holds the differences between makers.
 
 Damiao's motors have registers. A frame to id 7FF holds the motor's id (2 bytes, little-endian), 33 to read or
 55 to write, the register's number, and its value (4 bytes, a float or an integer). The motor answers with the
 same bytes under its own answer id. Source: Damiao, "DM-J4310-2EC user manual", register list.
 
-Robstride's motors take 16 bits for each number, in frames with 29 bit ids. An id is what a frame is (5 bits),
-16 bits that depend on it, and who it is for (8 bits). A command has its torque in the id. A state has mode,
-faults and the sender there; other faults come in frames of their own.
+Robstride's motors use 16 bits for each number, in frames with 29 bit ids. An id holds the frame's type (5
+bits), 16 bits whose meaning depends on the type, and the receiver (8 bits). The 16 bits of a command are its
+torque; those of a state are mode, faults and sender. Further faults come in frames of their own type.
 Sources: RobStride, user manuals of RS00 to RS06 of 2026-04-28, section 4.1 (frames, fault bits, parameters),
 and section 3.3.6 (CAN timeout); byte order of faults and the status of a parameter that could not be read:
 RobStride/Python_Sample, huggingface/lerobot#4070 (tried on RS00, RS03 and RS06).
@@ -31,7 +31,7 @@ from palpate.robot_io.errors import InputError, ProtocolError
 
 @dataclass(frozen=True, slots=True)
 class MitRanges:
-    """Ranges of the numbers on the wire; each goes from minus to plus the value."""
+    """Ranges of the numbers in a motor's frames; each is from minus to plus the value."""
 
     position_rad: float  # of the output shaft [rad]
     velocity_rad_s: float  # of the output shaft [rad/s]
@@ -44,20 +44,20 @@ CLEAR_ERROR = b"\xff\xff\xff\xff\xff\xff\xff\xfb"  # Damiao
 
 MAX_16 = (1 << 16) - 1
 _MAX_12 = (1 << 12) - 1
-_ONLY_TORQUE = 0x8000 << 48 | 0x800 << 36  # position and velocity about zero, and both gains zero
+_ONLY_TORQUE = 0x8000 << 48 | 0x800 << 36  # command of a torque: zero position, velocity and gains
 
 
 @dataclass(frozen=True, slots=True)
 class MitState:
     """State of a motor."""
 
-    motor_id: int  # which motor
+    motor_id: int  # CAN id of the motor
     position_rad: float  # of the output shaft [rad]
     velocity_rad_s: float  # of the output shaft [rad/s]
     torque_nm: float  # at the output shaft [N m]
     # Whether a value is at the end of its range, so that the true value may lie beyond.
     at_range_end: bool
-    error: int  # see the maker's table; 0 is none. Old firmware does not send it
+    error: int  # see `MitDialect.errors`; 0 is none, or old firmware that does not send it
     # Whether the motor is in motor mode; None if it does not report that.
     enabled: bool | None
 
@@ -65,7 +65,7 @@ class MitState:
 def encode_torque(motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[CanFrame, float]:
     """Make the frame for a torque at the output shaft, clipped to the range.
 
-    Zero torque has an error of half a step, because 4095 is odd.
+    Zero lies halfway between two numbers, because 4095 is odd; it is encoded as plus half a step.
 
     Args:
         motor_id: id of the receiver.
@@ -84,15 +84,15 @@ def encode_torque(motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[C
 
 
 def decode_state(frame: CanFrame, ranges: MitRanges, *, status_beside_id: bool = False) -> MitState:
-    """Parse an answer: id, position 16 bits, velocity 12, torque 12, and then temperature and error.
+    """Parse a state: id 8 bits, position 16, velocity 12, torque 12, and then temperature and error.
 
-    With `status_beside_id` the id has four bits, with four of a status above it: 0 is off, 1 on, more an
-    error; the last two bytes are temperatures then.
+    With `status_beside_id`, the id is the lower four bits of the first byte, and the upper four are a status:
+    0 is off, 1 is on, larger is an error. The last two bytes are then temperatures.
 
     Args:
         frame: the received frame.
         ranges: ranges of the motor's model.
-        status_beside_id: whether a status stands above the id.
+        status_beside_id: whether the first byte holds a status too.
 
     Raises:
         ProtocolError: wrong length.
@@ -121,13 +121,13 @@ def to_bits(value: float, low: float, high: float, largest: int) -> int:
     """Return the integer from 0 to `largest` that encodes a value.
 
     Args:
-        value: value in the unit of its range; values beyond the range are cut.
-        low: value of 0.
-        high: value of the largest number.
-        largest: number.
+        value: value to encode; values beyond the range are clipped.
+        low: value that 0 encodes, in the unit of `value`.
+        high: value that `largest` encodes, in the unit of `value`.
+        largest: largest integer, 2^n - 1.
 
     Raises:
-        InputError: it is not a number.
+        InputError: the value is not a number.
     """
     if isnan(value):
         raise InputError("a motor command is not a number")
@@ -135,12 +135,12 @@ def to_bits(value: float, low: float, high: float, largest: int) -> int:
 
 
 def from_bits(bits: int, half_range: float, largest: int) -> float:
-    """Convert a number from 0 to `largest` to a value from -half_range to half_range.
+    """Convert an integer from 0 to `largest` to a value from -half_range to half_range.
 
     Args:
-        bits: the number.
-        half_range: end of the range, in the unit of the value.
-        largest: number.
+        bits: the integer.
+        half_range: end of the range, in the unit of the returned value.
+        largest: largest integer, 2^n - 1.
     """
     return (2.0 * bits / largest - 1.0) * half_range
 
@@ -151,14 +151,14 @@ READ, WRITE = 0x33, 0x55
 
 @dataclass(frozen=True, slots=True)
 class MotorRegister:
-    """One value of a motor."""
+    """One register of a motor; Robstride calls it a parameter."""
 
-    name: str  # as in the manual
-    number: int  # of the register, or Robstride's index
-    format: str  # of its four bytes, for struct
+    name: str  # name in the manual
+    number: int  # number of the register, or Robstride's index
+    format: str  # struct format of its four bytes
 
 
-DAMIAO_CAN_TIMEOUT: Final = MotorRegister("CAN timeout", 9, "<I")  # 50 us
+DAMIAO_CAN_TIMEOUT: Final = MotorRegister("CAN timeout", 9, "<I")  # in steps of 50 us
 CONTROL_MODE: Final = MotorRegister("control mode", 10, "<I")
 POSITION_RANGE: Final = MotorRegister("PMAX", 21, "<f")  # rad
 VELOCITY_RANGE: Final = MotorRegister("VMAX", 22, "<f")  # rad/s
@@ -169,17 +169,19 @@ TIMEOUT_STEP_S: Final = 50e-6
 
 
 class Order(StrEnum):
-    """Orders that every motor accepts besides torques."""
+    """Commands other than torques; only motors of Damiao and Robstride know `CLEAR`."""
 
     ENTER = "enter motor mode"
     LEAVE = "leave motor mode"
-    CLEAR = "forget an error"
+    CLEAR = "clear an error"
 
 
 class MitFrames:
     """Frames of the Mini Cheetah's firmware, which CubeMars' motors and others use.
 
-    Some motors answer to `host_id`; `answer_ids` are the arbitration ids of each motor's answers, by its id.
+    Args:
+        host_id: CAN id of the host, to which some motors answer.
+        answer_ids: arbitration ids of each motor's answers, by its CAN id.
     """
 
     _ORDERS: ClassVar = {Order.ENTER: ENTER_MOTOR_MODE, Order.LEAVE: EXIT_MOTOR_MODE}
@@ -190,7 +192,12 @@ class MitFrames:
         self.host_id, self._answer_ids = host_id, answer_ids
 
     def order(self, motor_id: int, order: Order) -> CanFrame:
-        """Make the frame of an order; the motor answers with its state."""
+        """Make the frame of an order; the motor answers with its state.
+
+        Args:
+            motor_id: CAN id of the receiver.
+            order: the order.
+        """
         return CanFrame(motor_id, self._ORDERS[order])
 
     def torque(self, motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[CanFrame, float]:
@@ -207,7 +214,11 @@ class MitFrames:
         return encode_torque(motor_id, torque_nm, ranges)
 
     def answering_motor(self, frame: CanFrame) -> int | None:
-        """Return the id of the motor that answers a frame of the host with its state; None if none does."""
+        """Return the id of the motor that will answer a frame with its state; None if none will.
+
+        Args:
+            frame: frame from the host.
+        """
         return None if frame.can_id == REGISTERS_ID else frame.can_id
 
     def sender(self, frame: CanFrame) -> int | None:
@@ -234,7 +245,7 @@ class MitFrames:
         return decode_state(frame, ranges, status_beside_id=self._STATUS_BESIDE_ID)
 
     def is_about_register(self, frame: CanFrame, motor_id: int) -> bool:
-        """Check whether an answer is about a register, and no state.
+        """Check whether an answer is about a register instead of a state.
 
         Args:
             frame: the received frame.
@@ -253,15 +264,20 @@ class MitFrames:
         return None
 
     def read_register(self, motor_id: int, register: MotorRegister) -> CanFrame:
-        """Request a register's value."""
+        """Make the frame that requests a register's value.
+
+        Args:
+            motor_id: CAN id of the receiver.
+            register: register to read.
+        """
         data = motor_id.to_bytes(2, "little") + bytes((READ, register.number, 0, 0, 0, 0))
         return CanFrame(REGISTERS_ID, data)
 
     def write_register(self, motor_id: int, register: MotorRegister, value: float) -> CanFrame:
-        """Set a register; the value is lost without power.
+        """Make the frame that sets a register until the motor loses power.
 
         Args:
-            motor_id: id of the receiver.
+            motor_id: CAN id of the receiver.
             register: register to write.
             value: value in the register's own unit.
         """
@@ -275,7 +291,7 @@ class MitFrames:
         Args:
             frame: the received frame.
             motor_id: CAN id of its sender.
-            register: the requested one.
+            register: the register that was requested.
 
         Returns:
             The value in the register's own unit.
@@ -293,9 +309,9 @@ class MitFrames:
 
 
 class DamiaoFrames(MitFrames):
-    """Damiao's frames: an id of four bits with a status above, an additional order, and registers.
+    """Damiao's frames: a status beside an id of four bits, an additional order, and registers.
 
-    A state with the same bytes as an answer about a register would be near the end of the position's range.
+    Only a state near the end of the position's range can have the same bytes as an answer about a register.
     """
 
     _ORDERS: ClassVar = {**MitFrames._ORDERS, Order.CLEAR: CLEAR_ERROR}
@@ -303,9 +319,9 @@ class DamiaoFrames(MitFrames):
 
 
 RUN_MODE: Final = MotorRegister("run_mode", 0x7005, "<B3x")
-OPERATION_CONTROL: Final = 0  # a run mode: what others call MIT mode
+OPERATION_CONTROL: Final = 0  # value of `RUN_MODE`: the mode that others call MIT mode
 POSITION: Final = MotorRegister("mechPos", 0x7019, "<f")  # of the output shaft, over all turns [rad]
-ROBSTRIDE_CAN_TIMEOUT: Final = MotorRegister("canTimeout", 0x7028, "<I")  # 50 us
+ROBSTRIDE_CAN_TIMEOUT: Final = MotorRegister("canTimeout", 0x7028, "<I")  # in steps of 50 us
 
 _CONTROL, _STATE, _ENABLE, _STOP, _READ, _WRITE, _FAULTS = 1, 2, 3, 4, 17, 18, 21
 _ORDERS = {
@@ -313,10 +329,10 @@ _ORDERS = {
     Order.LEAVE: (_STOP, bytes(8)),
     Order.CLEAR: (_STOP, b"\x01" + bytes(7)),
 }
-_RUNNING, _MODES = 2, 3  # and number of modes
-_IDLE_GAINS = bytes((0x80, 0, 0x80, 0, 0, 0, 0, 0))  # as `_ONLY_TORQUE`
+_RUNNING, _MODE_COUNT = 2, 3
+_ONLY_TORQUE_DATA = bytes((0x80, 0, 0x80, 0, 0, 0, 0, 0))  # as `_ONLY_TORQUE`; the torque is in the id
 _FOUR_WORDS = struct.Struct(">4H")  # position, velocity, torque, temperature
-FAULT_FRAME_BITS: Final = 8  # offset of faults from fault frames above those of a state
+FAULT_FRAME_BITS: Final = 8  # shift of the bits of a fault frame, above those of a state
 
 
 class RobstrideFrames(MitFrames):
@@ -330,7 +346,10 @@ class RobstrideFrames(MitFrames):
 
     def torque(self, motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[CanFrame, float]:
         bits = to_bits(torque_nm, -ranges.torque_nm, ranges.torque_nm, MAX_16)
-        return self._frame(_CONTROL, bits, motor_id, _IDLE_GAINS), from_bits(bits, ranges.torque_nm, MAX_16)
+        return (
+            self._frame(_CONTROL, bits, motor_id, _ONLY_TORQUE_DATA),
+            from_bits(bits, ranges.torque_nm, MAX_16),
+        )
 
     def answering_motor(self, frame: CanFrame) -> int | None:
         return None if frame.can_id >> 24 == _READ else frame.can_id & 0xFF
@@ -343,8 +362,8 @@ class RobstrideFrames(MitFrames):
     def state(self, frame: CanFrame, ranges: MitRanges) -> MitState:
         expect_length(frame, "motor state", 8)
         mode = frame.can_id >> 22 & 3
-        if frame.can_id >> 24 != _STATE or mode >= _MODES:
-            raise ProtocolError(f"no state: id {frame.can_id:08X}")
+        if frame.can_id >> 24 != _STATE or mode >= _MODE_COUNT:
+            raise ProtocolError(f"not a state frame: id {frame.can_id:08X}")
         position, velocity, torque, _ = _FOUR_WORDS.unpack(frame.data)
         return MitState(
             motor_id=frame.can_id >> 8 & 0xFF,
@@ -375,10 +394,10 @@ class RobstrideFrames(MitFrames):
 
     def register_value(self, frame: CanFrame, motor_id: int, register: MotorRegister) -> float:
         expect_length(frame, "parameter", 8)
-        if frame.can_id != _READ << 24 | motor_id << 8 | self.host_id:  # between them: whether it failed
+        if frame.can_id != _READ << 24 | motor_id << 8 | self.host_id:  # bits 16 to 23 are 0 on success
             raise ProtocolError(f"not a parameter frame: id {frame.can_id:08X}")
         if frame.data[:4] != register.number.to_bytes(4, "little"):
-            raise ProtocolError(f"no parameter {register.number:04X}: {frame.data.hex(' ')}")
+            raise ProtocolError(f"expected parameter {register.number:04X}, received {frame.data.hex(' ')}")
         (value,) = struct.unpack(register.format, frame.data[4:])
         return float(value)
 

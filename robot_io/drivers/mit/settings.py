@@ -39,27 +39,27 @@ class Maker(StrEnum):
 class MitDialect:
     """Protocol details of one maker's motors."""
 
-    frames: type[MitFrames]  # frames of requests and answers
+    frames: type[MitFrames]  # encodes requests and parses answers
     models: dict[str, MitRanges]  # ranges of each model, as delivered
     errors: dict[int, str]  # name of each error; if errors are bits, of each bit
-    encoder_fault: int | None  # error of the encoder, if the maker defines one
-    largest_id: int  # of a motor
+    encoder_fault: int | None  # number or bit of the encoder fault, if the maker defines one
+    largest_id: int  # largest CAN id of a motor
     host_id: int = 0  # id under which motors answer, unless the robot file states another
-    errors_are_bits: bool = False
+    errors_are_bits: bool = False  # whether a state holds error bits instead of one error number
     has_answer_ids: bool = False  # whether each motor answers under its own id
-    timeout_error: int | None = None  # the error of a CAN timeout that has fired; each activation clears it
-    # Registers that hold its ranges of position, velocity and torque, or its position; read when configured.
+    timeout_error: int | None = None  # number of the error "CAN timeout", which each activation clears
+    # Registers of the ranges of position, velocity and torque, and of the position; read by `configure`.
     range_registers: tuple[MotorRegister, ...] = ()
     position_register: MotorRegister | None = None
-    # Registers that each activation writes and reads back: the mode, and the CAN timeout, which has no value
-    # here. A motor that has them says in its states whether it is in motor mode.
-    set_up: tuple[tuple[MotorRegister, int | None], ...] = ()
+    # Registers that each activation writes and reads back, with their values: the mode, and the CAN timeout
+    # (None: its value is in the robot file). Motors that have them report whether they are in motor mode.
+    activation_registers: tuple[tuple[MotorRegister, int | None], ...] = ()
 
     def error_names(self, error: int) -> str:
         """Name an error; if errors are bits, name each bit.
 
         Args:
-            error: number in a state.
+            error: number or bits in a state.
         """
         parts = [1 << place for place in range(error.bit_length()) if error >> place & 1]
         parts = parts if self.errors_are_bits else [error]
@@ -128,11 +128,14 @@ DIALECTS = {
             14: "overload",
         },
         encoder_fault=None,
-        largest_id=15,  # four bits of it are said
+        largest_id=15,  # a state has four bits for it
         has_answer_ids=True,
         timeout_error=13,
         range_registers=(protocol.POSITION_RANGE, protocol.VELOCITY_RANGE, protocol.TORQUE_RANGE),
-        set_up=((protocol.CONTROL_MODE, protocol.MIT_MODE), (protocol.DAMIAO_CAN_TIMEOUT, None)),
+        activation_registers=(
+            (protocol.CONTROL_MODE, protocol.MIT_MODE),
+            (protocol.DAMIAO_CAN_TIMEOUT, None),
+        ),
     ),
     Maker.ROBSTRIDE: MitDialect(
         frames=RobstrideFrames,
@@ -154,7 +157,10 @@ DIALECTS = {
         largest_id=127,
         host_id=0xFD,
         position_register=protocol.POSITION,
-        set_up=((protocol.RUN_MODE, protocol.OPERATION_CONTROL), (protocol.ROBSTRIDE_CAN_TIMEOUT, None)),
+        activation_registers=(
+            (protocol.RUN_MODE, protocol.OPERATION_CONTROL),
+            (protocol.ROBSTRIDE_CAN_TIMEOUT, None),
+        ),
     ),
 }
 
@@ -171,12 +177,12 @@ class MitRangeSettings(FileModel):
 
 
 class MitMotor(MotorMounting):
-    """One motor. It reports at its output shaft, so that `gear_ratio` is only what comes after it."""
+    """One motor. Its values are of its output shaft; `gear_ratio` is that of a further gear behind it."""
 
     motor_id: Annotated[int, Field(ge=1, le=255, strict=True)]  # its CAN id
     model: str  # model, which determines its ranges
     ranges: MitRangeSettings | None = None  # its ranges, if they differ from the model's
-    # Arbitration id of its answers (Damiao's "master id"); None is its own id and 16, as Damiao recommends.
+    # Arbitration id of its answers (Damiao's "master id"); None: its own id plus 16, as Damiao recommends.
     answer_id: Annotated[int, Field(ge=1, lt=REGISTERS_ID, strict=True)] | None = None
 
 
@@ -185,35 +191,35 @@ class MitBusSettings(CanLineSettings):
 
     maker: Maker = Maker.CUBEMARS  # maker of the motors
     motors: Annotated[tuple[MitMotor, ...], Field(min_length=1)]  # one per joint, from base to tip
-    # Id to which the motors answer; None is 0, and 253 for Robstride's. An answer under the motor's own id is
-    # taken too, except from Robstride's. Damiao's motors have an `answer_id` each instead.
+    # CAN id to which the motors answer; None: 0, or 253 for Robstride motors. Answers under a motor's own id
+    # are accepted too, except from Robstride motors. Each Damiao motor has an `answer_id` instead.
     host_id: Annotated[int, Field(ge=0, le=0x7FF, strict=True)] | None = None
-    # After how long without a command a motor lets go [s] (CAN timeout). It is written to Damiao's and
-    # Robstride's motors and read back, and Robstride's must have left motor mode after a silence at each
-    # activation. With others the protocol can do neither: every motor gets 1 % of its torque, and must have
-    # let go after the silence. Without commands for so long the host sends zero torque as well, for a motor
-    # can only be read by commanding it.
+    # CAN timeout: time without a command after which a motor switches its torque off [s]. It is written to
+    # Damiao and Robstride motors and read back. Each activation tests it on all motors but Damiao's: after a
+    # silence, Robstride motors must have left motor mode, and the torque of others, 1 % before the silence,
+    # must be zero. A motor can only be read by commanding it, so that after this time without a command the
+    # host sends zero torque.
     watchdog_s: Annotated[Number, Field(ge=1e-3, le=1)] = 0.1
-    # What makes a motor without torque say its state: "exit" keeps it off, as in the firmware that the
-    # protocol comes from, which answers every frame; "enter" is what the AK manual names for motors that are
-    # deaf to commands outside of motor mode, and zero torque and "exit" follow it. It is refused for motors
-    # that may be in another mode when they are asked, such as one that holds a position.
+    # Command that makes a motor outside of motor mode report its state. "exit" keeps it off; the firmware of
+    # the Mini Cheetah answers it. "enter" is for motors that answer no other command outside of motor mode
+    # (AK manual); zero torque and "exit" follow it. It is refused for motors that may be in another mode when
+    # their state is requested, such as position control.
     ask_with: Literal["exit", "enter"] = "exit"
 
     @model_validator(mode="after")
-    def _agree(self) -> "MitBusSettings":
+    def _check_consistency(self) -> "MitBusSettings":
         ids = [motor.motor_id for motor in self.motors]
         if len(set(ids)) != len(ids):
             raise ValueError(f"motors: ids {ids} are not all different")
         if max(ids) > self.dialect.largest_id:
             raise ValueError(
-                f"motors: ids {ids}: a motor of '{self.maker}' has at most {self.dialect.largest_id}"
+                f"motors: ids {ids}: the largest id of a motor of '{self.maker}' is {self.dialect.largest_id}"
             )
         if self.maker is Maker.ROBSTRIDE and self.host > LARGEST_ROBSTRIDE_HOST:
             raise ValueError(
                 f"host_id {self.host}: must be at most {LARGEST_ROBSTRIDE_HOST} for Robstride's motors"
             )
-        if self.ask_with == "enter" and self.dialect.set_up:
+        if self.ask_with == "enter" and self.dialect.activation_registers:
             raise ValueError(
                 f"ask_with 'enter': not allowed for motors of '{self.maker}', because it would power them"
             )
@@ -221,7 +227,7 @@ class MitBusSettings(CanLineSettings):
             raise ValueError("host_id: Damiao motors have an 'answer_id' each instead")
         if not self.dialect.has_answer_ids and any(motor.answer_id is not None for motor in self.motors):
             raise ValueError(
-                f"motors: 'answer_id' is Damiao's; those of maker '{self.maker}' have one 'host_id'"
+                f"motors: only Damiao motors have an 'answer_id'; give '{self.maker}' motors one 'host_id'"
             )
         # An answer under a motor's id would be a command to it.
         has_own = self.dialect.has_answer_ids
@@ -253,14 +259,14 @@ class MitBusSettings(CanLineSettings):
         return self.dialect.host_id if self.host_id is None else self.host_id
 
     def wire_ranges(self, motor: MitMotor) -> MitRanges:
-        """Return the ranges of the numbers on the wire."""
-        own = motor.ranges
-        if own is None:
+        """Return the ranges of the numbers in a motor's frames."""
+        changed = motor.ranges
+        if changed is None:
             return self.dialect.models[motor.model]
-        return MitRanges(own.position_rad, own.velocity_rad_s, own.torque_nm)
+        return MitRanges(changed.position_rad, changed.velocity_rad_s, changed.torque_nm)
 
     def answer_ids(self, motor: MitMotor) -> tuple[int, ...]:
-        """Return the arbitration ids under which a motor's answers are taken."""
+        """Return the arbitration ids under which a motor's answers are accepted."""
         if self.dialect.has_answer_ids:
             return (motor.answer_id or motor.motor_id + USUAL_ANSWER_OFFSET,)
         return (self.host, motor.motor_id)

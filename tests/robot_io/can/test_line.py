@@ -168,6 +168,6 @@ def test_an_adapter_that_cannot_be_closed_says_so(ends):
 
 def test_multicast_stays_on_this_machine_unless_told_otherwise():
     settings = CanLineSettings(interface="udp_multicast", channel="239.74.163.2")
-    assert settings.arguments()["hop_limit"] == 0
+    assert settings.bus_arguments()["hop_limit"] == 0
     far = CanLineSettings(interface="udp_multicast", channel="239.74.163.2", options={"hop_limit": 1})
-    assert far.arguments()["hop_limit"] == 1
+    assert far.bus_arguments()["hop_limit"] == 1

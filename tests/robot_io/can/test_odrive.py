@@ -100,7 +100,7 @@ def test_measurements_against_the_dbc(first, second):
     )
     for firmware, name, signals in cases:
         frame = by_dbc(firmware, name, **dict(zip(signals, (first, second), strict=True)))
-        assert odrive.decode_pair(frame, name) == (first, second)
+        assert odrive.decode_two_floats(frame, name) == (first, second)
 
 
 @given(FLOATS)
@@ -135,7 +135,7 @@ def test_other_commands_against_the_dbc():
         Fw_Version_Unreleased=0,
     )
     assert odrive.decode_version(version) == (0, 6, 10)
-    assert odrive.ask(NODE, OdriveCommand.GET_VERSION) == CanFrame(0x20, b"", remote=True)
+    assert odrive.encode_request(NODE, OdriveCommand.GET_VERSION) == CanFrame(0x20, b"", remote=True)
 
 
 @pytest.mark.parametrize("length", [0, 4, 7])
@@ -144,7 +144,7 @@ def test_other_commands_against_the_dbc():
     [
         lambda frame: odrive.decode_heartbeat(frame, Firmware.V0_5),
         lambda frame: odrive.decode_heartbeat(frame, Firmware.V0_6),
-        lambda frame: odrive.decode_pair(frame, "encoder estimates"),
+        lambda frame: odrive.decode_two_floats(frame, "encoder estimates"),
         odrive.decode_version,
     ],
 )
@@ -157,7 +157,7 @@ def test_what_means_nothing_is_refused():
     with pytest.raises(ProtocolError, match="state 5 "):
         odrive.decode_heartbeat(CanFrame(0x21, bytes((0, 0, 0, 0, 5, 0, 0, 0))), Firmware.V0_6)
     with pytest.raises(ProtocolError, match="finite"):
-        odrive.decode_pair(CanFrame(0x29, bytes.fromhex("0000c07f00000000")), "encoder estimates")
+        odrive.decode_two_floats(CanFrame(0x29, bytes.fromhex("0000c07f00000000")), "encoder estimates")
     for torque_nm in (float("nan"), float("inf"), 1e39):
         with pytest.raises(InputError):
             odrive.encode_input_torque(NODE, torque_nm)

@@ -179,7 +179,7 @@ def test_an_adapter_has_one_owner_and_takes_what_slcan_has(adapter):
     adapter.line.close()
     for changes, problem in (
         ({"bitrate": 33_333}, "valid are 10000"),
-        ({"channel": f"{adapter.path}@fast"}, "fast"),
+        ({"channel": f"{adapter.path}@fast"}, "give a baud rate such as 3000000 instead of 'fast'"),
         ({"options": {"sleep_after_open": 0}}, "sleep_after_open"),
     ):
         with pytest.raises(DeviceError, match=problem):
