@@ -230,7 +230,9 @@ def _accounts_for_error(
     """Return whether an effect's kind accounts for an error that no other kind explains in its place.
 
     The result is true without a test for kinds without a flexible law, and for an effect that alone leaves
-    less error than the laws of all kinds. A Shapley share counts only for members of the smallest sufficient
+    less error than the laws of all kinds. It is also true if the model leaves less than these laws with the
+    effect, and more without it, unless the effect belongs to the sensor: laws add up, and cannot explain a
+    product of two effects. A Shapley share counts only for members of the smallest sufficient
     set, or if kind and effect explain as much in the place of a member, because needless laws outside the set
     also have shares. If another kind can replace this kind, the effect must be distinguishable from it:
     nearly nothing remains unexplained, or the effect with its few parameters fits as well as the other kind's
@@ -258,8 +260,12 @@ def _accounts_for_error(
     is_counted = (entry.kind in partial.kinds or is_replacement) and is_distinct
     if entry.necessary >= _MIN_SHARE or (entry.share >= _MIN_SHARE and is_counted):
         return True
+    by_laws = partial.budget.flexible * base.held_out_mean_square
     alone = search.fitted(base.solution.model.with_effect(effect), fit.solution.parameters)
-    return bool(alone.held_out_mean_square < partial.budget.flexible * base.held_out_mean_square)
+    if alone.held_out_mean_square < by_laws:
+        return True
+    without = search.without(fit, test.effect).held_out_mean_square
+    return test.kind in _PHYSICAL_KINDS and fit.held_out_mean_square < AS_GOOD * by_laws < by_laws < without
 
 
 def _least_in_place(partial: PartiallyLinear, entry: BudgetEntry) -> Iterator[float]:

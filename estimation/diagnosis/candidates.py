@@ -27,6 +27,7 @@ from palpate.estimation.signals.runwise import finest_step
 PROMISING = 0.3  # least improvement, relative to the best candidate's, at which a candidate is refined
 REFINED = 5  # number of candidates that are always refined
 ESSENTIAL = 0.02  # least share of the squared error that the characteristic part of an effect must explain
+_FEW_STARTS = 4  # start values in a quick screening
 FAR_END = 0.99  # share of the upper bound above which a logarithmic parameter is undetermined
 _STEP = 1e-4  # step of a finite difference, relative to the deepest indentation
 _MAX_UNSTABLE = 0.01  # tolerated share of unstable samples, since a corner of the law may be as steep
@@ -197,6 +198,45 @@ def screen_effects(
             possible = is_possible(effect, best.best, fit.problem)
         candidates.append(Candidate(effect, best.without_blocks(), possible))
     return sorted(candidates, key=lambda candidate: candidate.held_out)
+
+
+def quick_screen(beside: FitResult, effects: Sequence[Effect]) -> list[Candidate]:
+    """Fit extensions of a model at few start values; return the possible ones, the best first.
+
+    Args:
+        beside: the model to extend.
+        effects: the candidate effects.
+    """
+
+    def few_starts(effect: Effect) -> Sequence[Inner]:
+        starts = effect.starts(beside.data)
+        return starts[:: max(len(starts) // _FEW_STARTS, 1)]
+
+    screened = screen_effects(beside, effects, starts=few_starts, refined=0)
+    return [candidate for candidate in screened if candidate.possible]
+
+
+def screen_product(fit: FitResult, memory: Effect, shapes: Sequence[Effect]) -> Candidate | None:
+    """Fit a law of memory together with an elastic shape, at start values of both.
+
+    The memory of a viscoelastic object acts on its elastic force (quasi-linear viscoelasticity; Y. C. Fung,
+    Biomechanics (1993), ch. 7). The law is a product, so neither factor can be fitted without the other.
+
+    Args:
+        fit: the model without both.
+        memory: the law of memory.
+        shapes: the candidate elastic shapes.
+
+    Returns:
+        The best elastic shape, in a model with the memory; None if no shape is possible.
+    """
+    pairs: list[Candidate] = []
+    for model in extended_models(fit.solution.model, memory):
+        for inner in memory.starts(fit.data):
+            start = fit.solution.parameters | {f"{memory.name}.{n}": value for n, value in inner.items()}
+            beside = FitResult(fit.data, fit.problem, solve_gains(fit.problem, model, start, rounds=2))
+            pairs += quick_screen(beside, shapes)[:1]
+    return min(pairs, key=lambda pair: pair.held_out, default=None)
 
 
 def extended_models(model: Model, effect: Effect) -> list[Model]:

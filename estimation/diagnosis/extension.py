@@ -7,11 +7,12 @@ import numpy as np
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data_quality import usable
 from palpate.estimation.diagnosis.bootstrap import SMALL
-from palpate.estimation.diagnosis.candidates import FAR_END, screen_effects
+from palpate.estimation.diagnosis.candidates import FAR_END, Candidate, screen_effects, screen_product
 from palpate.estimation.effect import Effect
 from palpate.estimation.fit.blocks import LOAD, LUMPED
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from palpate.estimation.fit.fit_result import FitResult, fit_model
+from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.workers import single_threaded
 from palpate.robot_io.types import BoolArray, FloatArray
@@ -27,8 +28,9 @@ def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitRes
     of a surface and the curvature of its spring, for effects with many inner parameters, and if the error
     exceeds that of the model without the effect. It is also repeated from other start values of an earlier
     effect whose inner parameters lie at the end of their range, since that effect may have imitated the
-    added one. The fit with the lowest held-out error is returned; a fit with an unphysical gain must have a
-    clearly lower error than a fit without one.
+    added one, and from start values of both factors if a memory and an elastic shape meet. The fit with the
+    lowest held-out error is returned; a fit with an unphysical gain must have a clearly lower error than a
+    fit without one.
 
     Args:
         data: the channel, with the runs to fit to.
@@ -56,6 +58,9 @@ def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitRes
             _with_restarted(min(fits, key=lambda fit: fit.solution.held_out), name, good)
             for name in _at_ends(parent)
         ]
+        pairs = [_product(parent.training_fit, effect, partner) for partner in parent.model.effects]
+        products = [pair.search.best for pair in pairs if pair is not None]
+        fits += [fit_model(data, product.model, product.parameters, good, cache) for product in products]
         errors = [fit.solution.held_out * (1.0 + SMALL * (not fit.solution.is_physical)) ** 2 for fit in fits]
         best = fits[int(np.argmin(errors))]
         return replace(best, validation=parent.validation)
@@ -70,6 +75,16 @@ def _at_ends(fit: FitResult) -> list[str]:
         return all(p.at_bound(value) or (p.log and value > FAR_END * p.upper) for p, value in inner)
 
     return [effect.name for effect in model.effects if effect.inner and is_at_end(effect)]
+
+
+def _product(parent: FitResult, effect: Effect, partner: Effect) -> Candidate | None:
+    """Fit an added effect together with one of the model if they are a memory and an elastic shape."""
+    by_kind = {effect.kind: effect, partner.kind: partner}
+    if by_kind.keys() != {Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY} or not (effect.inner and partner.inner):
+        return None
+    without = solve_gains(parent.problem, parent.model.without(partner.name), parent.solution.parameters)
+    reduced = FitResult(parent.data, parent.problem, without)
+    return screen_product(reduced, by_kind[Kind.TIME_MEMORY], [by_kind[Kind.ELASTIC_SHAPE]])
 
 
 def _with_restarted(fit: FitResult, name: str, good: BoolArray) -> FitResult:

@@ -22,16 +22,19 @@ from palpate.estimation.diagnosis.candidates import (
     held_out_of_all,
     parameter_count,
     screen_effects,
+    screen_product,
 )
 from palpate.estimation.diagnosis.search import TIE, Search
 from palpate.estimation.effect import Effect
 from palpate.estimation.effects.run_differences import RunVariation
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.fit.inner_search import optimize_inner
 from palpate.estimation.fit.normal_equations import held_out_sse, nuisance_of
 from palpate.estimation.fit.run_heterogeneity import run_heterogeneity
 from palpate.estimation.fit.smoothing_bias import fit_smoothing_bias
 from palpate.estimation.kinds import Kind
+from palpate.estimation.model import Model
 from palpate.robot_io.types import FloatArray
 
 _RIDGES = (1e-6, 1e-4, 1e-2)  # tried ridge penalties of a law
@@ -241,6 +244,8 @@ def named_forms(partial: PartiallyLinear) -> FitResult:
     budget = partial.budget
     sets = list(dict.fromkeys((partial.kinds, budget.thorough, *budget.alternatives, *exchanged)))[:_MAX_SETS]
     search, fits = partial.search, [_forms_of(partial, kinds) for kinds in sets]
+    if Kind.TIME_MEMORY in partial.kinds:
+        fits += _products(partial)
     sound = [fit for fit in fits if search.is_sensible(fit)] or fits
     least = min(fit.solution.held_out for fit in sound)
     near = [fit for fit in sound if fit.solution.held_out <= (1.0 + TIE) * least]
@@ -266,23 +271,49 @@ def _forms_of(partial: PartiallyLinear, kinds: Kinds) -> FitResult:
     model, parameters = search.model, dict(search.start.solution.parameters)
     for effect, inner in chosen.values():
         model, parameters = model.with_effect(effect), {**parameters, **inner}
-    fit = search.fitted(model, parameters) if chosen else search.start
-    return _with_run_differences(partial, kinds, fit)
+    return _with_run_differences(partial, kinds, model, parameters)
 
 
-def _with_run_differences(partial: PartiallyLinear, kinds: Kinds, fit: FitResult) -> FitResult:
-    if Kind.RUN_DIFFERENCES not in kinds or run_heterogeneity(fit.problem.blocked, fit.solution) is None:
-        return fit
-    search, fits = partial.search, [fit]
+def _products(partial: PartiallyLinear) -> list[FitResult]:
+    """Fit the base model with each law of memory and the elastic shape that suits it best."""
+    pair_kinds = frozenset({Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY})
+    start, kinds = partial.search.start, partial.kinds | pair_kinds
+    problem = partial.beside(pair_kinds, kinds, start.problem, start.solution)
+    null = FitResult(start.data, problem, start.solution)
+    library = applicable_effects(start.data, start.solution.model, partial.search.effects)
+    shapes = [effect for effect in library if effect.kind is Kind.ELASTIC_SHAPE]
+    fits = []
+    for memory in (effect for effect in library if effect.kind is Kind.TIME_MEMORY):
+        if (pair := screen_product(null, memory, shapes)) is not None:
+            best = pair.search.best
+            best = optimize_inner(problem, solve_gains(problem, best.model, best.parameters))
+            fits.append(_with_run_differences(partial, kinds, best.model, best.parameters))
+    return fits
+
+
+def _with_run_differences(
+    partial: PartiallyLinear, kinds: Kinds, model: Model, parameters: Mapping[str, float]
+) -> FitResult:
+    """Fit a model with the effect that describes differences between runs best, or without one.
+
+    Args:
+        partial: flexible laws of the kinds that account for the error.
+        kinds: kinds that the model describes; without differences between runs, no effect is added.
+        model: the model.
+        parameters: start values, found beside a free gain and zero of each run.
+    """
+    search, alone = partial.search, partial.search.fitted(model, parameters)
+    if Kind.RUN_DIFFERENCES not in kinds or run_heterogeneity(alone.problem.blocked, alone.solution) is None:
+        return alone
+    fits = [alone]
     for effect in search.effects:
-        is_of_runs = isinstance(effect, RunVariation) and effect.applies_to(fit.data)
+        is_of_runs = isinstance(effect, RunVariation) and effect.applies_to(alone.data)
         if is_of_runs and (effect.name != "run_ripple" or Kind.PERIODIC in kinds):
-            start = {f"{effect.name}.{n}": v for n, v in effect.starts(fit.data)[-1].items()}
-            model = fit.solution.model.with_effect(effect)
-            extended = search.fitted(model, {**fit.solution.parameters, **start})
+            start = {f"{effect.name}.{n}": v for n, v in effect.starts(alone.data)[-1].items()}
+            extended = search.refitted(model.with_effect(effect), {**parameters, **start})
             fits += [extended] if search.is_sound(extended, effect.name) else []
     best = min(fits, key=lambda candidate: candidate.solution.held_out)
-    return best if best.rmse < (1.0 - SMALL) * fit.rmse else fit
+    return best if best.rmse < (1.0 - SMALL) * alone.rmse else alone
 
 
 def _best_form(

@@ -19,6 +19,7 @@ from palpate.estimation.diagnosis.candidates import (
     is_misnamed,
     is_possible,
     parameter_count,
+    quick_screen,
     screen_effects,
 )
 from palpate.estimation.effect import Effect, Inner, SensorEffect
@@ -50,7 +51,6 @@ SHORTLIST = 8  # best candidates of the coarse copy that are tried on all sample
 _FINE = 4  # duration in blocks below which a coarse copy does not resolve times
 NEAR = 1.5  # ratio of squared errors up to which a joint fit may still make an alternative better
 _LITTLE = 0.2  # explainable share of the error above which a nonsignificant bootstrap test may lack power
-FEW_STARTS = 4  # start values in a quick screening
 _COARSE_BLOCKS, _COARSE_RUNS = 2000, 12  # blocks and runs of a coarse copy
 _MAX_BLOCKS = 12000  # largest number of blocks of a coarse copy before runs are selected
 Progress = Callable[[str, float], None]
@@ -211,7 +211,7 @@ class Search:
         Args:
             beside: the model to extend.
         """
-        return _quick_screen(beside, applicable_effects(beside.data, beside.solution.model, self.effects))
+        return quick_screen(beside, applicable_effects(beside.data, beside.solution.model, self.effects))
 
     def alternatives(self, fit: FitResult, name: str) -> list[Candidate]:
         """Fit effects that replace an effect, including itself, at few start values; the best first.
@@ -231,7 +231,7 @@ class Search:
                 rough = self.coarse.alternatives(self.coarse.fitted(fit.solution.model, known), name)
                 promising = {candidate.effect.name for candidate in rough[:SHORTLIST]} | {name}
                 tried = tuple(candidate for candidate in tried if candidate.name in promising)
-            self._alternatives[key] = _quick_screen(reduced, tried)
+            self._alternatives[key] = quick_screen(reduced, tried)
         return self._alternatives[key]
 
     def refit_effect(self, fit: FitResult, name: str) -> FitResult:
@@ -568,20 +568,6 @@ def backward_step(search: Search, fit: FitResult) -> FitResult:
         )
         fit = next(better, fit if is_sound else reduced)
     return fit
-
-
-def _quick_screen(beside: FitResult, effects: Sequence[Effect]) -> list[Candidate]:
-    """Fit extensions of a model at few start values; return the possible ones, the best first."""
-
-    def few_starts(effect: Effect) -> Sequence[Inner]:
-        starts = effect.starts(beside.data)
-        return starts[:: max(len(starts) // FEW_STARTS, 1)]
-
-    return [
-        candidate
-        for candidate in screen_effects(beside, effects, starts=few_starts, refined=0)
-        if candidate.possible
-    ]
 
 
 def _key(model: Model) -> _Key:

@@ -7,6 +7,7 @@ import pytest
 
 from palpate.estimation.diagnosis import Verdict, diagnose
 from palpate.estimation.diagnosis.acceptance import accept_forms, most_parsimonious, similar_forms
+from palpate.estimation.diagnosis.extension import fit_extended
 from palpate.estimation.diagnosis.forms import (
     Form,
     FormTest,
@@ -17,12 +18,14 @@ from palpate.estimation.diagnosis.forms import (
 )
 from palpate.estimation.diagnosis.verdict import Evidence
 from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model
 from tests.estimation.contact_data import channel
 from tests.estimation.searches import PRESS, SWING, measured, reached, searched
 from tests.estimation.swings import NOISE_NM, one_way_turns, swings
 
+TISSUE_NOISE_N = 5e-3
 RUB, RIPPLE, DRAG, SPRING = "coulomb_friction", "torque_ripple", "quadratic_friction", "joint_spring"
 
 
@@ -64,6 +67,44 @@ def test_the_best_form_of_each_kind_is_found_with_its_size():
     assert set(search.added_effects(found)) == {RUB, RIPPLE}
     assert found.solution.parameters["coulomb_friction.force"] == pytest.approx(0.4, rel=0.05)
     assert found.solution.parameters["torque_ripple.cycles"] == pytest.approx(15.0, rel=0.02)
+
+
+def tissue():
+    """Slow presses and holds of eight specimens whose elastic force stiffens and relaxes in two steps."""
+    rng, dt = np.random.default_rng(1), 0.2
+    depths, forces = [], []
+    for _ in range(8):
+        speed, deepest = rng.uniform(0.5e-3, 1.5e-3), rng.uniform(5e-3, 9e-3)
+        ramp = np.linspace(0.0, deepest, int(deepest / speed / dt))
+        depth = np.concatenate([ramp, np.full(50, deepest), ramp[::-1]])
+        elastic = 9e3 * depth**1.9
+        steps, left = np.diff(elastic, prepend=0.0), np.array([0.2, 0.5, 0.3])
+        decay, force = np.exp(-dt / np.array([np.inf, 1.2, 15.0])), np.zeros((len(depth), 3))
+        for i, step in enumerate(steps):
+            force[i] = force[i - 1] * decay + step if i else step
+        depths.append(depth)
+        force = rng.uniform(0.6, 1.4) * np.maximum(force @ left, 0.0)
+        forces.append(force + rng.normal(0.0, TISSUE_NOISE_N, len(depth)))
+    run = np.repeat(np.arange(8), list(map(len, depths)))
+    time_s = dt * np.arange(len(run)) + 1000.0 * run
+    velocity = np.concatenate([np.gradient(depth, dt) for depth in depths])
+    return channel(np.concatenate(forces), np.concatenate(depths), velocity, time_s, run=run)
+
+
+def test_an_elastic_shape_and_its_memory_are_found_as_a_product():
+    """One branch of memory without a shape fits better than each factor alone, and hides the other factor."""
+    names = {"power_law_stiffness", "relaxation_spectrum", "run_gain"}
+    search = searched(tissue(), *sorted(names), "stress_relaxation", base=PRESS)
+    found = named_forms(analyse_kinds(search))
+    assert set(search.added_effects(found)) == names
+    assert found.solution.parameters["power_law_stiffness.n"] == pytest.approx(1.9, abs=0.05)
+    accepted, _ = accept_forms(search, analyse_kinds(search), found, measured(search))
+    assert set(search.added_effects(accepted)) == names
+    flat = found.solution.model.without("power_law_stiffness")
+    hidden = fit_model(search.data, flat, found.solution.parameters)
+    extended = fit_extended(search.data, hidden, EFFECTS["power_law_stiffness"]())
+    assert extended.rmse == pytest.approx(TISSUE_NOISE_N, rel=0.1)
+    assert hidden.rmse > 5.0 * extended.rmse
 
 
 def test_a_kind_without_a_form_gets_its_closest_ones_and_no_more():
