@@ -165,17 +165,13 @@ def test_it_begins_at_rest_and_only_takes_away(shape, offset):
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_rate_and_acceleration_are_derivatives(shape):
+def test_rate_and_acceleration_are_derivatives_and_the_power_lies_between_the_frequencies(shape):
     profile = Profile(Excitation(shape=shape))
     for time_s in np.linspace(0.01, 3.9, 60):
         behind, now, ahead = (profile.at(time_s + s) for s in (-EXCITATION_STEP_S, 0.0, EXCITATION_STEP_S))
         assert now.rate_1_s == pytest.approx((ahead.value - behind.value) / (2 * EXCITATION_STEP_S), abs=1e-4)
         bend = (ahead.rate_1_s - behind.rate_1_s) / (2 * EXCITATION_STEP_S)
         assert now.acceleration_1_s2 == pytest.approx(bend, abs=0.02)
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_its_power_lies_between_the_frequencies(shape):
     excitation = Excitation(shape=shape, low_hz=1.0, high_hz=6.0, duration_s=8.0)
     found = values(Profile(excitation))[round(excitation.ramp_s * 500) :]  # from half way into the fade
     power = np.abs(np.fft.rfft(found - found.mean())) ** 2

@@ -34,25 +34,17 @@ def found(name, data, **settings):
 
 
 @EVERY
-def test_states_what_it_is(name):
+def test_states_what_it_is_gives_the_stiffness_of_its_law_and_repeats_it(name):
     estimator = CONTACT_ESTIMATORS[name]
     assert issubclass(estimator, ContactEstimator)
     assert estimator.name == name
     assert estimator.model in MODELS
     assert "Source: " in estimator.__doc__
-
-
-@EVERY
-def test_gives_the_stiffness_felt_by_its_own_law(name):
-    """Damping is left out: the model-reference one knows none."""
+    # Damping is left out: the model-reference one knows none.
     truth = HUNT_CROSSLEY if CONTACT_ESTIMATORS[name].model == "hunt_crossley" else ContactLaw(500.0, 0.0)
     truth = truth._replace(damping=0.0)
     law = found(name, press(truth, noise_n=0.005))
     assert law.compliance(0.008)[0] == pytest.approx(truth.compliance(0.008)[0], rel=0.08)
-
-
-@EVERY
-def test_a_second_fit_of_the_same_samples_gives_the_same_and_leaves_them_alone(name):
     data = press(HUNT_CROSSLEY, count=400, noise_n=0.01)
     before = [values.copy() for values in data]
     estimator = CONTACT_ESTIMATORS[name]()

@@ -44,7 +44,7 @@ def inner_values(effect):
 
 
 @EVERY
-def test_states_its_physics_signals_kind_and_what_it_is_confused_with(name):
+def test_states_its_physics_signals_kind_and_parameters_with_units_and_bounds(name):
     effect = EFFECTS[name]
     assert issubclass(effect, AdditiveEffect | MotionEffect | MemoryEffect | SensorEffect)
     assert effect.name == name == name.lower()
@@ -62,10 +62,6 @@ def test_states_its_physics_signals_kind_and_what_it_is_confused_with(name):
         assert other in EFFECTS, f"{name} is confused with '{other}', which is no effect"
         assert other != name
         assert len(experiment) > 10
-
-
-@EVERY
-def test_parameters_have_units_bounds_and_a_typical_range_within_them(name):
     effect = EFFECTS[name]
     parameters = effect.gains + effect.inner
     assert parameters or effect.needs  # without any, it must bring a signal
@@ -79,7 +75,7 @@ def test_parameters_have_units_bounds_and_a_typical_range_within_them(name):
 
 
 @EVERY
-def test_keeps_its_form_on_data(name):
+def test_keeps_its_form_on_data_and_starts_within_the_bounds(name):
     effect: Effect = EFFECTS[name]()
     for kind in effect.channels:
         data = some_channel(kind)
@@ -99,10 +95,6 @@ def test_keeps_its_form_on_data(name):
             assert effect.sense(data.effort, data, inner).shape == (len(data),)
             both = np.column_stack([data.effort, data.position])
             assert effect.sense(both, data, inner).shape == (len(data), 2)
-
-
-@EVERY
-def test_starts_lie_within_the_bounds(name):
     effect = EFFECTS[name]()
     bounds = {p.name: p for p in effect.inner}
     for kind in effect.channels:

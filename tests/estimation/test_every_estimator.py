@@ -25,15 +25,11 @@ def test_the_paper_s_estimators_are_there_and_an_unknown_name_lists_the_valid_on
 
 
 @EVERY
-def test_states_what_it_is(name):
+def test_states_what_it_is_and_recovers_the_truth(name):
     estimator = ESTIMATORS[name]
     assert issubclass(estimator, Estimator)
     assert estimator.name == name
     assert "Source: " in estimator.__doc__
-
-
-@EVERY
-def test_recovers_the_truth(name):
     found = fit(name, problem(np.random.default_rng(1), noise=GENTLE_NOISE))
     np.testing.assert_allclose(values(found), TRUTH, rtol=0.01)
     assert found.identifiability is Identifiability.GOOD
@@ -53,17 +49,13 @@ def test_errors_and_intervals_are_as_large_as_the_estimates_scatter(name):
 
 
 @EVERY
-def test_same_randomness_same_estimate_and_the_input_is_left_alone(name):
+def test_same_randomness_same_estimate_whose_residuals_inliers_and_covariance_fit_together(name):
     regression = problem(np.random.default_rng(2))
     before = regression.columns.copy(), regression.effort.copy()
     first, second = fit(name, regression, seed=7), fit(name, regression, seed=7)
     np.testing.assert_array_equal(values(first), values(second))
     np.testing.assert_array_equal(before[0], regression.columns)
     np.testing.assert_array_equal(before[1], regression.effort)
-
-
-@EVERY
-def test_residuals_inliers_and_covariance_fit_together(name):
     regression = problem(np.random.default_rng(3), noise=GENTLE_NOISE)
     found = fit(name, regression)
     expected = regression.effort - regression.columns @ values(found)
@@ -76,7 +68,7 @@ def test_residuals_inliers_and_covariance_fit_together(name):
 
 
 @EVERY
-def test_says_when_the_motion_does_not_excite_a_parameter(name):
+def test_says_when_parameters_are_not_excited_or_cannot_be_told_apart(name):
     columns, run = motion()
     columns = columns.copy()
     columns[:, 1] = 0.0
@@ -88,10 +80,6 @@ def test_says_when_the_motion_does_not_excite_a_parameter(name):
     else:
         assert found.identifiability is Identifiability.NONE
         assert "c: the motion does not excite it" in found.note
-
-
-@EVERY
-def test_says_when_two_parameters_cannot_be_told_apart(name):
     depth = motion()[0][:, 0]
     rng = np.random.default_rng(4)
     columns = np.column_stack([depth, 10.0 * depth])

@@ -53,7 +53,7 @@ def test_nearly_dependent_columns_are_still_solved_and_a_silent_one_gets_no_gain
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_nonnegative_gains_are_those_of_scipy(seed):
+def test_gains_within_bounds_and_nonnegative_ones_are_those_of_scipy(seed):
     """Columns that resemble each other: a gain that was zero may be positive beside the others' zeros."""
     rng = np.random.default_rng(seed)
     columns = rng.standard_normal((60, 8)) @ (np.eye(8) + 0.6 * rng.standard_normal((8, 8)))
@@ -61,10 +61,6 @@ def test_nonnegative_gains_are_those_of_scipy(seed):
     system, moment = columns.T @ columns, columns.T @ effort
     found = solve_within_bounds(system, moment, np.zeros(8), np.full(8, np.inf))
     np.testing.assert_allclose(found, nnls(columns, effort)[0], atol=1e-8)
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_gains_between_bounds_are_those_of_scipy(seed):
     rng = np.random.default_rng(seed)
     columns = rng.standard_normal((60, 6)) @ (np.eye(6) + 0.6 * rng.standard_normal((6, 6)))
     effort = columns @ rng.standard_normal(6) + rng.standard_normal(60)

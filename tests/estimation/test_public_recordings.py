@@ -4,6 +4,7 @@ import csv
 import gzip
 import hashlib
 import subprocess
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -33,11 +34,15 @@ KINDS = {
     "run_differences",
     "recorded_context",
 }
-RECIPE_OF = {path.stem: load_recipe(path.stem) for path in sorted(RECIPES.glob("*.yaml"))}
+
+
+@cache
+def recipes_by_name() -> dict[str, dict]:
+    return {path.stem: load_recipe(path.stem) for path in sorted(RECIPES.glob("*.yaml"))}
 
 
 def test_recipe_names_only_kinds_effects_and_models_that_exist() -> None:
-    for name, recipe in RECIPE_OF.items():
+    for name, recipe in recipes_by_name().items():
         expected = recipe["expected"]
         assert recipe["name"] == name
         assert len(recipe["origin"]["commit"]) == 40, name
@@ -56,7 +61,7 @@ def test_split_follows_from_the_last_digit_of_the_digest_unless_the_recipe_state
         digit = hashlib.sha256(name.encode()).hexdigest()[-1]
         assert split_of({"name": name}) == ("develop" if digit in "02468ace" else "held_out")
         assert split_of({"name": name, "split": "held_out"}) == "held_out"
-    assert {split_of(recipe) for recipe in RECIPE_OF.values()} == set(SPLITS)
+    assert {split_of(recipe) for recipe in recipes_by_name().values()} == set(SPLITS)
 
 
 def recipe_of(**read: Any) -> dict[str, Any]:

@@ -82,25 +82,17 @@ def test_sprls_is_unsteady_in_noise_as_the_paper_found():
 
 
 @ONLINE
-def test_history_is_what_the_loop_would_have_seen(estimator):
+def test_history_is_what_the_loop_would_have_seen_and_is_not_overwritten(estimator):
     regression = problem(np.random.default_rng(5), count=300)
     found = estimator.fit(regression, rng=np.random.default_rng(0))
     live = feed(type(estimator)(), regression.columns, regression.effort)
     assert found.history.shape == (300, 2)
     np.testing.assert_allclose(found.history[100:], live[100:], rtol=1e-4, atol=1e-3)
-
-
-@ONLINE
-def test_earlier_gains_are_not_overwritten(estimator):
     estimator.start(2)
     first = estimator.update(np.array([0.01, 0.1]), 5.0)
     kept = first.copy()
     estimator.update(np.array([0.02, 0.1]), 9.0)
     np.testing.assert_array_equal(first, kept)
-
-
-@ONLINE
-def test_columns_of_any_size_can_be_learnt(estimator):
     regression = problem(np.random.default_rng(6))
     scale = np.array([1e-6, 1e-6])
     small = type(regression)(

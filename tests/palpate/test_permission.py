@@ -44,17 +44,15 @@ MOVING = (("probe",), ("calibrate", "torque"), ("calibrate", "gravity"), ("calib
 
 
 @pytest.mark.parametrize("command", MOVING, ids=" ".join)
-def test_without_a_terminal_and_without_yes_no_real_arm_moves(command, tmp_path, monkeypatch, power):
+def test_without_a_terminal_and_without_yes_no_real_arm_moves_and_no_port_is_opened(
+    command, tmp_path, monkeypatch, power
+):
     monkeypatch.chdir(tmp_path)
     own = ("--robot", write_mock_files(tmp_path), "--drivers", "tests.mock_robot")
     assert_refused(run(*command, *own), "--yes", "--wire", "terminal")
     assert power == []
     assert not list(tmp_path.rglob("*.mcap"))
     assert not list(tmp_path.rglob("*.png"))
-
-
-@pytest.mark.parametrize("command", MOVING, ids=" ".join)
-def test_the_question_comes_before_any_port_is_opened(command, tmp_path):
     out = tmp_path / "out.mcap"
     assert_refused(run(*command, "--robot", SERVOS, "-o", out), "--yes")  # and not: no such port
 

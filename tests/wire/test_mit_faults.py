@@ -21,7 +21,7 @@ def test_what_write_returns_is_what_acts(bench):
 
 
 @pytest.mark.parametrize("ask_with", ["exit", "enter"])
-def test_no_torque_before_it_is_activated(bench, ask_with):
+def test_no_torque_before_it_is_activated_nor_after_its_timeout(bench, ask_with):
     arm = bench(CUBEMARS, [("driver: mit_bus", f"driver: mit_bus\n    ask_with: {ask_with}")])
     arm.robot.configure()
     measurement = arm.ticks(10, None)
@@ -32,10 +32,6 @@ def test_no_torque_before_it_is_activated(bench, ask_with):
     arm.robot.deactivate()
     assert arm.ticks(3, None).encoder_status is Status.OK
     assert not any(node.enabled for node in arm.motors)
-
-
-@pytest.mark.parametrize("ask_with", ["exit", "enter"])
-def test_a_timeout_that_bites_is_proven_and_leaves_no_torque(bench, ask_with):
     arm = bench(CUBEMARS, [("driver: mit_bus", f"driver: mit_bus\n    ask_with: {ask_with}")]).start()
     assert arm.tick().torque_status is Status.OK
     assert np.abs(arm.drive_torque_nm).max() < 0.02

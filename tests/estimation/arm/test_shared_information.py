@@ -83,7 +83,7 @@ def close(found, expected):
 
 
 @pytest.mark.parametrize("joint", range(JOINTS))
-def test_one_joint_with_what_the_others_know_finds_what_all_find(arm, joint):
+def test_one_joint_with_what_the_others_know_finds_what_all_find_by_the_columns_that_it_feels(arm, joint):
     others = information_of_others(arm.moments, arm.prior)[joint]
     total = training_sums(arm.moments[joint].products) / SIGMA[joint] ** 2
     b = len(arm.base.columns)
@@ -97,11 +97,7 @@ def test_one_joint_with_what_the_others_know_finds_what_all_find(arm, joint):
         close(one[:b], shared)
         if EXTRA[joint]:
             close(one[b:], own[joint])
-
-
-@pytest.mark.parametrize("joint", range(JOINTS))
-def test_a_joint_needs_only_the_columns_that_it_feels(arm, joint):
-    """Fitted with those alone, not divided by its noise, it predicts held-out folds as all together."""
+    # Fitted with those alone, not divided by its noise, it predicts held-out folds as all together.
     felt = np.flatnonzero(arm.base.affects_joint[joint])
     others = information_of_others(arm.moments, arm.prior)[joint].about(felt).times(SIGMA[joint] ** 2)
     columns = np.column_stack([arm.columns[:, joint][:, felt], arm.own[joint]])

@@ -36,14 +36,10 @@ def recorded(arm):
 
 
 @pytest.mark.parametrize("robot_file", [DYNAMIXEL, SO101], ids=["dynamixel", "feetech"])
-def test_all_at_once_is_one_by_one(bench, robot_file):
+def test_all_at_once_is_one_by_one_and_a_damaged_answer_is_not_decoded_at_once(bench, robot_file):
     _, answers = recorded(bench(robot_file))
     assert len(answers) >= TICKS
     assert [feedback for _, _, feedback, _ in answers] == [expected for *_, expected in answers]
-
-
-@pytest.mark.parametrize("robot_file", [DYNAMIXEL, SO101], ids=["dynamixel", "feetech"])
-def test_a_damaged_or_incomplete_answer_is_not_decoded_at_once(bench, robot_file):
     reader, answers = recorded(bench(robot_file))
     request, data, feedback, _ = answers[-1]
     assert reader._decode_whole(request, data) == feedback
