@@ -292,7 +292,7 @@ def test_what_would_fill_the_memory_is_refused(tmp_path, monkeypatch, contact, n
 
 
 def test_what_is_small_only_while_it_is_packed_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(whole_file, "_ALWAYS", 100_000)
+    monkeypatch.setattr(whole_file, "_ALLOWED_BYTES", 100_000)
     file = tmp_path / "x.parquet"
     same = pa.DictionaryArray.from_arrays(np.zeros(2000, np.int32), pa.array(["x" * 1000]))
     pyarrow.parquet.write_table(pa.table({"a": same}), file, store_schema=False)
