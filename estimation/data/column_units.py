@@ -94,9 +94,9 @@ class ColumnUnits:
 
     def unit_of(self, role: Role, column: str) -> str:
         """Return the unit from --unit, the column's name or the role, in this order; empty if unknown."""
-        own = read_as(self._named_unit(column), QUANTITIES[role.quantity])
-        fits = dimension_of(own) in QUANTITIES[role.quantity]
-        return self._user_unit(role, column) or (own if fits else "") or role.unit
+        named_unit = read_as(self._named_unit(column), QUANTITIES[role.quantity])
+        fits = dimension_of(named_unit) in QUANTITIES[role.quantity]
+        return self._user_unit(role, column) or (named_unit if fits else "") or role.unit
 
     def is_scaled_by_user(self, role: Role, column: str) -> bool:
         """Return whether --unit has a number before the unit, which also fixes the sign."""

@@ -191,10 +191,11 @@ def _cycles(columns: Columns) -> tuple[IntArray, str]:
     The rows remain one run, and the column name is empty, if there are very many or very short cycles, or if
     most of them do not return to their initial position.
     """
-    moved = next((key for key in columns.assigned if key[0] in {"displacement", "position"}), None)
+    moved_key = next((key for key in columns.assigned if key[0] in {"displacement", "position"}), None)
     for guess in guess_columns(columns.unused):
-        if guess.key == TIME and moved is not None:
-            cycle, position = number_recordings(columns.table.numbers(guess.column)), columns.values(moved)
+        if guess.key == TIME and moved_key is not None:
+            position = columns.values(moved_key)
+            cycle = number_recordings(columns.table.numbers(guess.column))
             if not 0 < cycle[-1] < MAX_RUNS or np.bincount(cycle).min() < MIN_RUN_ROWS:
                 continue
             returns = [

@@ -280,12 +280,12 @@ def table_of(
         InputError: the table has no rows.
     """
     columns = cells.rename_columns([" ".join(name.split()) for name in cells.column_names])
-    held = [  # omit columns that have neither a name nor a value
+    used = [  # omit columns that have neither a name nor a value
         place
         for place, name in enumerate(columns.column_names)
         if name != f"column {place + 1}" or is_filled(columns.column(place)).any()
     ]
-    columns = columns.select(held)
+    columns = columns.select(used)
     names, notes = columns.column_names, list[str]()
     rows = np.arange(1, columns.num_rows + 1) if rows is None else rows
     if tests := find_tests(names):

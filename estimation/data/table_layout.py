@@ -76,8 +76,9 @@ def matching_places(names: Sequence[str], reference: Sequence[str]) -> list[int]
         names: names of columns.
         reference: the same names in another order.
     """
-    ours, theirs = (sorted(range(len(header)), key=header.__getitem__) for header in (reference, names))
-    return [place for _, place in sorted(zip(ours, theirs, strict=True))]
+    by_name = sorted(range(len(names)), key=names.__getitem__)
+    by_reference = sorted(range(len(reference)), key=reference.__getitem__)
+    return [place for _, place in sorted(zip(by_reference, by_name, strict=True))]
 
 
 def with_run(columns: pa.Table, label: str) -> pa.Table:
@@ -100,13 +101,13 @@ def is_filled(column: pa.ChunkedArray) -> BoolArray:
     Args:
         column: column of n cells.
     """
-    held = pc.is_valid(column)
+    filled = pc.is_valid(column)
     if is_text(column.type):
         plain = pc.utf8_lower(pc.utf8_trim_whitespace(column))
-        held = pc.and_(held, pc.invert(pc.is_in(plain, pa.array(sorted(MISSING)))))
+        filled = pc.and_(filled, pc.invert(pc.is_in(plain, pa.array(sorted(MISSING)))))
     elif pa.types.is_floating(column.type):  # data frames fill shorter columns with NaN
-        held = pc.and_kleene(held, pc.invert(pc.is_nan(column)))
-    return np.asarray(pc.fill_null(held, False).to_numpy(zero_copy_only=False), dtype=np.bool_)
+        filled = pc.and_kleene(filled, pc.invert(pc.is_nan(column)))
+    return np.asarray(pc.fill_null(filled, False).to_numpy(zero_copy_only=False), dtype=np.bool_)
 
 
 def is_text(kind: pa.DataType) -> bool:

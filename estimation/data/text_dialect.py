@@ -329,8 +329,8 @@ def find_dialect(content: bytes) -> TextDialect | None:
         named = tuple(name or f"column {number}" for number, name in enumerate(names, 1))
         dialect = _dialect(lines, first)
         counts = len(lines) > 1 and is_number(line_cells(lines[1][1] + first, first)[0], dialect.decimal)
-        own = TextTable(named, begin, end, (), counts)
-        return replace(dialect, tables=(own, *(table for table in dialect.tables if table.head > own.head)))
+        first_table = TextTable(named, begin, end, (), counts)
+        return replace(dialect, tables=(first_table, *(t for t in dialect.tables if t.head > begin)))
     dialects = [_dialect(lines, delimiter) for delimiter in (*DELIMITERS, BLANKS)]
 
     def column_count(dialect: TextDialect) -> int:

@@ -202,8 +202,8 @@ def _parse_rows(
         invalid: list[pa_csv.InvalidRow] = []
         try:
             _parse(rows, table.names, delimiter, lambda row: invalid.append(row) or "skip")  # type: ignore[func-returns-value]
-        except pa.ArrowInvalid as second:
-            problem = "a line is longer than 1 MiB" if "straddl" in str(second) else problem
+        except pa.ArrowInvalid as parse_error:
+            problem = "a line is longer than 1 MiB" if "straddl" in str(parse_error) else problem
         if invalid:
             cells = f"has {invalid[0].actual_columns} cells and the header {invalid[0].expected_columns}"
             text = " ".join(invalid[0].text.split())[:_SHOWN]
@@ -262,26 +262,27 @@ def _repair_rows(
     cells = [line_cells(text, delimiter) for text in texts]
     decimal = dialect.decimal
     words = [table.counts and not is_number(row[0], decimal) and is_footer(row, counts=True) for row in cells]
-    kept = np.flatnonzero(~np.array(words))
-    lacking = [len(table.names) - len(cells[place]) for place in kept]
+    row_places = np.flatnonzero(~np.array(words))
+    lacking = [len(table.names) - len(cells[place]) for place in row_places]
     short = np.flatnonzero(np.array(lacking) > 0)
-    few = len(short) < _SYSTEMATIC * len(kept) or dialect.delimiter == BLANKS
-    if not len(kept) or (len(short) and few):
+    few = len(short) < _SYSTEMATIC * len(row_places) or dialect.delimiter == BLANKS
+    if not len(row_places) or (len(short) and few):
         return None
     remarks = []
-    if len(kept) < len(texts):
-        count, first = len(texts) - len(kept), int(np.argmax(words))
+    if len(row_places) < len(texts):
+        count, first = len(texts) - len(row_places), int(np.argmax(words))
         remarks.append(
             f"{count} line{'s' if count > 1 else ''} of text among the rows left out; the first is "
             f"line {lines[first]}: {' '.join(texts[first].split())[:_SHOWN]!r}"
         )
     if len(short):
         remarks.append(
-            f"{len(short)} of {len(kept)} rows lack their last cells, which are read as empty; the "
-            f"first is in line {lines[kept[short[0]]]}"
+            f"{len(short)} of {len(row_places)} rows lack their last cells, which are read as empty; the "
+            f"first is in line {lines[row_places[short[0]]]}"
         )
-    filled = (texts[place] + delimiter * max(lack, 0) for place, lack in zip(kept, lacking, strict=True))
-    return pa.py_buffer("\n".join(filled).encode()), lines[kept], remarks
+    places = zip(row_places, lacking, strict=True)
+    filled = (texts[place] + delimiter * max(lack, 0) for place, lack in places)
+    return pa.py_buffer("\n".join(filled).encode()), lines[row_places], remarks
 
 
 def _line_numbers(content: bytes, begin: int, end: int, count: int | None = None) -> IntArray:

@@ -58,16 +58,16 @@ def checked_ticks(session: Session) -> Samples:
     if joints > _MOST_JOINTS:
         raise SessionError(f"{place}, column 'joint_position_rad': {joints} joints, at most {_MOST_JOINTS}")
     for column in tick_stream(joints).columns:
-        own = columns.get(column.name)
-        if own is None and column.name in OPTIONAL_COLUMNS:
+        stored = columns.get(column.name)
+        if stored is None and column.name in OPTIONAL_COLUMNS:
             continue
-        if own is None:
+        if stored is None:
             raise SessionError(f"{place}: no column '{column.name}'")
         column_place = f"{place}, column '{column.name}'"
-        if own.width != column.width:
-            raise SessionError(f"{column_place}: {own.width} values a tick, expected {column.width}")
-        if np.dtype(own.dtype).kind != np.dtype(column.dtype).kind:
-            raise SessionError(f"{column_place}: is {own.dtype}, expected {column.dtype}")
+        if stored.width != column.width:
+            raise SessionError(f"{column_place}: {stored.width} values a tick, expected {column.width}")
+        if np.dtype(stored.dtype).kind != np.dtype(column.dtype).kind:
+            raise SessionError(f"{column_place}: is {stored.dtype}, expected {column.dtype}")
     _check_values(session, ticks, "time_s", np.ones(len(ticks), dtype=np.bool_))
     # The clock may restart where sessions were merged; otherwise ticks must be in order of time.
     run, late_s = ticks["run"].astype(np.int64), np.diff(ticks["time_s"])
@@ -85,10 +85,10 @@ def checked_ticks(session: Session) -> Samples:
         # Sample times must be close to the tick time.
         far = np.flatnonzero(good[status] & (np.abs(ticks[names[1]] - ticks["time_s"]) > _FAR_S))
         if len(far):
-            sampled_s, own_s = (ticks[name][far[0]] for name in (names[1], "time_s"))
+            sampled_s, tick_s = (ticks[name][far[0]] for name in (names[1], "time_s"))
             raise InputError(
                 f"{session.path}: tick {far[0] + 1}, column '{names[1]}': {sampled_s:g} s is far from the "
-                f"tick's own time, {own_s:g} s"
+                f"tick's own time, {tick_s:g} s"
             )
     in_run = good["encoder_status"] & (ticks["run"] != NO_RUN) & ~np.isin(ticks["phase"], UNUSED_PHASES)
     for name in _RUN_COLUMNS:

@@ -235,14 +235,14 @@ def scaled_unit(unit: str, own: str) -> tuple[float, str]:
     match = _SCALED.fullmatch(unit)
     if not match:
         return 1.0, unit
-    scale, of = float(match[1]), normalise(match[2])
-    whole, _, below = of.rpartition("_")
+    scale, base_unit = float(match[1]), normalise(match[2])
+    whole, _, below = base_unit.rpartition("_")
     dimension, factor = _FACTORS.get(normalise(below), ("", 1.0))
     if whole and dimension in {"current", "voltage", "pressure"}:
         read = own or normalise(below)
         if dimension_of(read) == dimension:
             return scale * factor_to_si(read, dimension, read) / factor, normalise(whole)
-    return scale, of
+    return scale, base_unit
 
 
 LARGEST_NUMBER = 1e30  # largest allowed number in any unit, so that squares do not overflow
