@@ -169,7 +169,7 @@ def _detect_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tup
     run, presses = recording, 1
     if count is not None and not is_contact:
         raise InputError(f"{place}: there is no contact to be cut into presses")
-    if count is not None and restarts >= count:
+    if count is not None and 1 < count <= restarts:
         times = "once" if restarts == 1 else f"{restarts} times"
         raise InputError(f"{place}: the clock restarts {times}, so there are at least {restarts + 1} runs")
     if is_contact and count is None:
@@ -180,8 +180,9 @@ def _detect_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tup
     if number == 1:
         return run, []
     reason = "the clock restarts: " if restarts else ""
-    which = f"one for {'each press' if presses == 1 else f'{presses} presses'}; " if is_contact else ""
-    remedy = "add --runs N" if is_contact else "name the column that numbers them, --column run=COLUMN"
+    is_cut = is_contact and count != 1
+    which = f"one for {'each press' if presses == 1 else f'{presses} presses'}; " if is_cut else ""
+    remedy = "add --runs N" if is_cut else "name the column that numbers them, --column run=COLUMN"
     return run, [f"{reason}cut into {number} runs, {which}if that is wrong, {remedy}"]
 
 
