@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from palpate.control.loop.task import NO_RUN, Phase
 from palpate.control.loop.tick_record import STREAM_NAME, tick_stream
 from palpate.estimation.channel import ChannelData, ChannelKind, Tare
-from palpate.estimation.data.contact import Contact, find_contacts, find_surface, touch_of
+from palpate.estimation.data.contact import Contact, bound_surface, find_contacts, find_surface
 from palpate.estimation.data.derivatives import differentiate, grid_step
 from palpate.estimation.data.units import describe_fault, invalid_rows
 from palpate.estimation.signals.blocks import blocks, number_pieces
@@ -297,7 +297,7 @@ def _interpolate_per_clock(
 
 def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tared: bool) -> ChannelData:
     rows = np.isin(ticks["run"], [contact.run for contact in contacts])
-    contacts = [contact.among(rows) for contact in contacts]
+    contacts = [contact.reindexed(rows) for contact in contacts]
     touching = np.concatenate([contact.rows for contact in contacts])
     chosen = ticks.select(rows)
     time_s, run = chosen["force_at_s"], chosen["run"].astype(np.int64)
@@ -314,9 +314,9 @@ def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tare
     tare = _tare(contacts)
     above_n = chosen["force_n"] - tare.of(run)
     step_m = float(np.sqrt(12 * rounding_m2))
-    touch = touch_of(along_m, above_n, contacts, step_m)
+    bounds = bound_surface(along_m, above_n, contacts, step_m)
     surface = find_surface(
-        along_m[touching], speed_m_s[touching], above_n[touching], run[touching], tare, touch
+        along_m[touching], speed_m_s[touching], above_n[touching], run[touching], tare, bounds
     )
     return ChannelData(
         name,
