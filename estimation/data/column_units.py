@@ -38,7 +38,7 @@ from palpate.robot_io.errors import InputError
 
 Chosen = dict[Key, tuple[Role, str]]  # role and column of each quantity
 
-_LARGEST_RANGE = {  # largest plausible range in SI, and the likely unit of a larger range
+_MAX_RANGE = {  # largest plausible range in SI, and the likely unit of a larger range
     "displacement": (0.2, "mm"),
     "position": (4.0 * np.pi, "deg"),
     "goal": (4.0 * np.pi, "deg"),
@@ -228,7 +228,7 @@ class ColumnUnits:
             step = float(np.median(np.diff(values))) if len(values) > 1 else 0.0
             return likely_time_unit(step, span if step > 0.0 else np.inf)
         quantity = "displacement" if linear and role.quantity == "position" else role.quantity
-        largest, usual = _LARGEST_RANGE.get(quantity, (np.inf, ""))
+        largest, usual = _MAX_RANGE.get(quantity, (np.inf, ""))
         return usual if span > largest else si_unit(QUANTITIES[quantity][0])
 
 

@@ -14,7 +14,7 @@ from palpate.estimation.data.column_names import RUN, guess_columns, split_unit,
 from palpate.estimation.data.text_dialect import MISSING
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-_FEWEST = 2  # least number of repeated columns in each test; a single repeated column is a mistake
+_MIN_COUNT = 2  # least number of repeated columns in each test; a single repeated column is a mistake
 _NUMBER = re.compile(r"[ _.(#-]*\d+\)?\s*$")
 _OF_A_PRESS = {"time", "displacement", "force"}
 
@@ -120,7 +120,7 @@ def _repeated_names(names: Sequence[str]) -> list[dict[str, int]]:
     for place, name in enumerate(names):
         places.setdefault(name, []).append(place)
     counts = {len(columns) for columns in places.values()} - {1}
-    if len(counts) != 1 or sum(len(columns) > 1 for columns in places.values()) < _FEWEST:
+    if len(counts) != 1 or sum(len(columns) > 1 for columns in places.values()) < _MIN_COUNT:
         return []
     return [
         {name: columns[min(test, len(columns) - 1)] for name, columns in places.items()}

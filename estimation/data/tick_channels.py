@@ -19,7 +19,7 @@ from palpate.robot_io.session import Samples, Session
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray, Status
 
 UNUSED_PHASES = (Phase.IDLE, Phase.STOPPED)
-_MOST_JOINTS = 100
+_MAX_JOINTS = 100
 _FAR_S = 60.0  # time between a tick and a sample in it that exceeds any age limit
 OPTIONAL_COLUMNS = {  # columns that no computation uses
     "tick",
@@ -55,8 +55,8 @@ def checked_ticks(session: Session) -> Samples:
     if "joint_position_rad" not in columns:
         raise SessionError(f"{place}: no column 'joint_position_rad'")
     joints = columns["joint_position_rad"].width
-    if joints > _MOST_JOINTS:
-        raise SessionError(f"{place}, column 'joint_position_rad': {joints} joints, at most {_MOST_JOINTS}")
+    if joints > _MAX_JOINTS:
+        raise SessionError(f"{place}, column 'joint_position_rad': {joints} joints, at most {_MAX_JOINTS}")
     for column in tick_stream(joints).columns:
         stored = columns.get(column.name)
         if stored is None and column.name in OPTIONAL_COLUMNS:

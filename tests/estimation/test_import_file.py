@@ -279,7 +279,7 @@ def test_a_file_of_very_many_columns_is_refused_briefly(tmp_path):
 
 @pytest.mark.parametrize("name", ["big.csv", "big.csv.gz", "big.npz", "big.parquet"])
 def test_what_would_fill_the_memory_is_refused(tmp_path, monkeypatch, contact, name):
-    monkeypatch.setattr(file_columns, "MOST_BYTES", 500)
+    monkeypatch.setattr(file_columns, "MAX_BYTES", 500)
     file = tmp_path / name
     if name.endswith(".npz"):
         np.savez_compressed(file, time_s=T, displacement_m=X, force_N=0 * F)
