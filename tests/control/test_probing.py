@@ -292,7 +292,8 @@ def test_a_force_bias_changes_nothing_and_noise_raises_the_touch_threshold():
 def test_an_excitation_moves_the_object_and_keeps_the_limit(shape, quantity, stiffness, damping):
     excitation = Excitation(shape=shape, quantity=quantity, duration_s=2.5)
     record, _ = probe(stiffness, damping, speeds_m_s=(0.05,), hold_s=0.4, excitation=excitation)
-    excited = record.in_phase(Phase.HOLD) & (record.time_s > dict_time(record, "excitation") + 0.5)
+    begun_s = next(time_s for time_s, event in record.events if event.kind == "excitation")
+    excited = record.in_phase(Phase.HOLD) & (record.time_s > begun_s + 0.5)
     force = record.force_n[excited]
     assert force.max() <= 10.5
     assert force.min() > 5.0
@@ -300,10 +301,6 @@ def test_an_excitation_moves_the_object_and_keeps_the_limit(shape, quantity, sti
     kinds = record.kinds()
     assert kinds.index("held") < kinds.index("excitation") < kinds.index("release")
     assert "excitation_too_strong" not in kinds
-
-
-def dict_time(record, kind: str) -> float:
-    return next(time_s for time_s, event in record.events if event.kind == kind)
 
 
 @pytest.mark.parametrize(
@@ -336,16 +333,11 @@ def test_joint_limits_bound_the_search():
 
 
 def test_without_other_limits_those_of_the_urdf_count():
-    ranges = [JointRange(low, high) for low, high in zip(*bounds_around(0.001), strict=True)]
+    ranges = [JointRange(angle - 0.001, angle + 0.001) for angle in plant_above().position_rad]
     body = RigidBody.from_urdf(dh_to_urdf(TABLE, ranges=ranges), "tip")
     task = ProbingTask(body, TOOL_AXIS_TIP, Gains(), ProbingPlan())
     with pytest.raises(InputError, match="within its joint limits"):
         task.start(plant_above().measure())
-
-
-def bounds_around(margin_rad: float):
-    position = plant_above().position_rad
-    return position - margin_rad, position + margin_rad
 
 
 def test_without_force_feedforward_it_still_holds():

@@ -177,18 +177,14 @@ def test_a_joint_is_not_asked_what_a_press_in_another_direction_is_like():
     straight, tilted = ticks(recorded()), [-0.64, 0.0, -0.77]
     turned = ticks(recorded(), press_direction_world=np.tile(tilted, (len(straight), 1)))
     whole, of_both = joint_channels(straight)[0], joint_channels(join_ticks([straight, turned]))[0]
-    first, second = (of_both.select(chosen) for chosen in _halves(of_both, len(whole)))
+    is_first = np.arange(len(of_both)) < len(whole)
+    first, second = of_both.select(is_first), of_both.select(~is_first)
     np.testing.assert_array_equal(first.effort, whole.effort)
     assert not second.context["touching"].any()
     assert np.abs(second.context["contact_force"]).max() < 0.3 * whole.context["contact_force"].max()
     assert len(second) > 0.2 * len(whole)  # what surrounds the presses is kept
     assert len(joint_channels(turned)[0]) == len(whole)  # of which nothing else is known
     assert len(joint_channels(turned, straight["press_direction_world"][0])[0]) == len(second)
-
-
-def _halves(channel, length):
-    first = np.arange(len(channel)) < length
-    return first, ~first
 
 
 def test_a_force_that_was_sampled_at_another_time_is_brought_to_the_torque_s():

@@ -156,11 +156,6 @@ def test_a_place_that_cannot_be_written_is_refused(tmp_path):
     assert_refused(run("probe", "-o", tmp_path), "is a directory")
 
 
-def is_under_way(session):
-    """Whether some ticks have reached the disk."""
-    return session.exists() and session.stat().st_size > 80_000
-
-
 def test_ctrl_c_brings_the_arm_to_rest_keeps_the_session_and_leaves_stdout_to_json(tmp_path):
     path = tmp_path / "broken_off.mcap"
     command = [sys.executable, "-m", "palpate.main", "probe", "-o", str(path), "--realtime", "--json"]
@@ -173,7 +168,9 @@ def test_ctrl_c_brings_the_arm_to_rest_keeps_the_session_and_leaves_stdout_to_js
         start_new_session=True,
     ) as process:
         deadline_s = time.monotonic() + 60
-        while not is_under_way(path) and process.poll() is None and time.monotonic() < deadline_s:
+        while process.poll() is None and time.monotonic() < deadline_s:
+            if path.exists() and path.stat().st_size > 80_000:  # some ticks have reached the disk
+                break
             time.sleep(0.05)
         for _ in range(2):  # as a terminal does: to every process of the program, the log's writer as well
             os.killpg(process.pid, signal.SIGINT)

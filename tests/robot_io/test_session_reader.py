@@ -38,13 +38,11 @@ EVENTS = (Event(0.5, "mark", "hello", {"a": [1, None]}), Event(0.6, "trip", "", 
 within_one_folder = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
-def columns_of(records):
-    return {name: records[name] for name in records.dtype.names}
-
-
 def written(path, count=1500):
     slow = {"time_s": np.array([0.1, 0.2]), "x": np.array([np.nan, -np.inf])}
-    return write_session(path, [(TICK, columns_of(ticks(range(count)))), (SLOW, slow)], METADATA, EVENTS)
+    records = ticks(range(count))
+    fast = {name: records[name] for name in records.dtype.names}
+    return write_session(path, [(TICK, fast), (SLOW, slow)], METADATA, EVENTS)
 
 
 def opened(path):

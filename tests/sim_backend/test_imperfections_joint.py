@@ -112,17 +112,13 @@ def test_friction_in_a_falling_arm_takes_energy_and_gives_none(name):
     for time_s in steps(0.4):
         world.advance_to(time_s)
         now = world.truth()
-        work += world_work(before, now)
+        work += float(now.drive_torque_nm @ (now.joint_position_rad - before.joint_position_rad))
         before = now
         q, v = now.joint_position_rad, now.joint_velocity_rad_s
         total = pinocchio.computeKineticEnergy(model, data, q, v)
         energy.append(total + pinocchio.computePotentialEnergy(model, data, q) - work)
     assert np.diff(energy[::20]).max() < 5e-3
     assert energy[-1] < energy[0] - 0.01
-
-
-def world_work(before, now):
-    return float(now.drive_torque_nm @ (now.joint_position_rad - before.joint_position_rad))
 
 
 @pytest.mark.parametrize(("joint", "lever_from"), [(3, "tip"), (2, "wrist"), (1, "elbow")])

@@ -109,10 +109,6 @@ def terminal():
         os.close(end)
 
 
-def reading(value):
-    return f"{value:12.4f}\r\n".encode()
-
-
 def test_a_thread_reads_and_ends_with_a_word_when_the_port_goes(terminal):
     master, slave, open_ends = terminal
     clock = MonotonicClock()
@@ -121,7 +117,7 @@ def test_a_thread_reads_and_ends_with_a_word_when_the_port_goes(terminal):
     try:
         os.write(master, b"\r\n")
         for i in range(1000):
-            os.write(master, reading(i % 100))
+            os.write(master, b"%12.4f\r\n" % (i % 100))
             if reader.newest is not None:
                 break
             threading.Event().wait(0.005)

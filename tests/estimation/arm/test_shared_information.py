@@ -74,10 +74,6 @@ def arm():
     return SharedArm()
 
 
-def training(arm):
-    return [np.ones(len(arm.fold), bool), *(arm.fold != f for f in range(FOLDS))]
-
-
 def close(found, expected):
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
 
@@ -92,7 +88,8 @@ def test_one_joint_with_what_the_others_know_finds_what_all_find_by_the_columns_
     system[:, :b, :b] += others.matrix
     right[:, :b] += others.vector
     gains = minimum(Information(system, right))
-    for one, used in zip(gains, training(arm), strict=True):
+    training = [np.ones(len(arm.fold), bool), *(arm.fold != f for f in range(FOLDS))]
+    for one, used in zip(gains, training, strict=True):
         shared, own = arm.stacked(used)
         close(one[:b], shared)
         if EXTRA[joint]:

@@ -51,14 +51,11 @@ EFFECTS_OF = {  # tried with other effects than these; () for all
 }
 
 
-def model_of(data):
-    return PRESS if data.name == "contact" else SWING
-
-
 def decide_verdict(data, *names, seed=1):
     """Diagnosis with some effects, or all."""
     effects = [EFFECTS[name]() for name in names] or None
-    return diagnose(data, model_of(data), effects, rng=np.random.default_rng(seed)).channels[0]
+    model = PRESS if data.name == "contact" else SWING
+    return diagnose(data, model, effects, rng=np.random.default_rng(seed)).channels[0]
 
 
 def check_shares(found):
