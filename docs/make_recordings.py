@@ -39,10 +39,10 @@ INTRODUCTION = """# Recordings
 This page shows what `palpate diagnose` says of measurements that others made and published. A picture shows
 the error budget ([diagnosis](../explanation/diagnosis.md)): the squared error of a simple base model in
 held-out runs, divided among kinds of effects, noise and an unexplained part. The dot is the share of a kind.
-Its range goes from the share that only this kind explains to the share that it explains alone. The expected
-kinds come from the publication or from plain least-squares fits; the recipe of a recording,
-`benchmarks/measured/recipes/NAME.yaml`, states the reasons. *Held out* means that nothing was developed on
-the recording before its first diagnosis. The data are not part of this project.
+Its range goes from the share that the kind explains alone to the share that it adds to all other kinds, the
+smaller first. The expected kinds come from the publication or from plain least-squares fits; the recipe of a
+recording, `benchmarks/measured/recipes/NAME.yaml`, states the reasons. *Held out* means that nothing was
+developed on the recording before its first diagnosis. The data are not part of this project.
 """
 ORIGINS = {  # of the sets: repository, licence, what was measured
     "emps": ("forgi86/sysid-neural-continuous", "Apache-2.0", "prismatic drive, two runs at 1 kHz"),

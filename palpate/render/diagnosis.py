@@ -12,7 +12,7 @@ from palpate.estimation.estimate import rounded, with_unit
 from palpate.estimation.estimate_channel import UNPHYSICAL
 from palpate.estimation.kinds import Kind
 from palpate.render import palette
-from palpate.render.view import NOISE, BudgetPart, BudgetView, VerdictView, percent
+from palpate.render.view import NOISE, RANGE, BudgetPart, BudgetView, VerdictView, percent
 
 _NO_FALL = 0.98  # ratio to the previous error above which the error counts as unchanged
 
@@ -262,7 +262,7 @@ def budget_picture(budget: BudgetView, width: int, ink: str = "currentColor") ->
     names = 176  # width of the kinds' names
     track = (names + 92, width - 4) if is_narrow else (names + 92, names + 272)
     place, anchor = (track[1], "end") if is_narrow else (track[0], "start")
-    drawn.append(_text(place, _TOP - 8, "necessary to sufficient", ink, 11, anchor, 0.7))
+    drawn.append(_text(place, _TOP - 8, RANGE, ink, 11, anchor, 0.7))
     y = float(_TOP)
     for part, own in zip(budget.parts, heights, strict=True):
         drawn += _row(part, y, track, ink, width, is_narrow=is_narrow)
@@ -284,12 +284,10 @@ def _row(
         _text(20, base, part.word, ink),
         _text(left - 12, base, part.share_text, ink, anchor="end", bold=True),
     ]
-    if part.necessary is not None and part.sufficient is not None:
+    if part.range is not None:
         low, high, share = (
-            left + (right - left) * min(max(value, 0.0), 1.0)
-            for value in (part.necessary, part.sufficient, part.share)
+            left + (right - left) * min(max(value, 0.0), 1.0) for value in (*part.range, part.share)
         )
-        low, high = min(low, high), max(low, high)
         drawn += [
             f'<rect x="{left}" y="{y + 9:.1f}" width="{right - left}" height="2" fill="{_TRACK}"/>',
             f'<rect x="{low:.1f}" y="{y + 7:.1f}" width="{max(high - low, 2.0):.1f}" height="6" rx="2" '

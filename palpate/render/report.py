@@ -25,7 +25,7 @@ from palpate.render import palette
 from palpate.render.diagnosis import budget_picture
 from palpate.render.terminal import with_interval
 from palpate.render.thinning import joined, rows_by_run, run_curves
-from palpate.render.view import ChannelView, StageView, StudyView, residual_map
+from palpate.render.view import RANGE_MEANING, ChannelView, StageView, StudyView, residual_map
 from palpate.robot_io.types import FloatArray
 
 _HERE = Path(__file__).parent
@@ -392,9 +392,8 @@ def document(view: StudyView) -> str:
         "yaml": lambda data: yaml.safe_dump(dict(data), sort_keys=False),
     }  # fmt: skip
     plotly = Markup(get_plotlyjs())  # noqa: S704, plotly's own
-    return rendered(
-        _TEMPLATE, filters, title=view.file, facts=view.facts, view=view, plotly=plotly, plots=plots
-    )
+    shown = {"view": view, "facts": view.facts, "range_meaning": RANGE_MEANING, "plots": plots}
+    return rendered(_TEMPLATE, filters, title=view.file, plotly=plotly, **shown)
 
 
 def as_html(figure: go.Figure) -> Markup:

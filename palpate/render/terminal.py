@@ -27,6 +27,7 @@ from palpate.estimation.study import Revision
 from palpate.estimation.study.comparison import FAR
 from palpate.render.view import (
     NOISE,
+    RANGE,
     BudgetView,
     ChannelView,
     ParameterView,
@@ -46,7 +47,7 @@ COLORS = {
 _ROOMY, _NARROW = 100, 80  # columns of a terminal
 _FOLDED = 12  # columns for a kind's description on a narrow terminal
 _MOST_RANKED = 5
-_RANGE = "necessary to\nsufficient"
+_RANGE = RANGE.replace(" or ", "\nor ")
 _BOUNDS = {"": "", "at most": "≤ ", "at least": "≥ "}
 _LOPSIDED = 0.1  # asymmetry, relative to the half-width, above which both ends of an interval are shown
 

@@ -14,6 +14,11 @@ from palpate.estimation.effect import Effect
 from palpate.estimation.study.patterns import Part
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
+RANGE = "alone or added last"  # header of `BudgetPart.range_text`
+RANGE_MEANING = (
+    "Ranges: from the share that a kind explains alone to the share that it adds to all other kinds, the "
+    "smaller first."
+)
 NOISE = 1.1  # multiple of the noise level below which an error is within the noise
 _MOST_PARTS = 8
 
@@ -99,11 +104,16 @@ class BudgetPart:
         return f"{self.bound} {percent(self.share, bound=self.bound)}".strip()
 
     @property
-    def range_text(self) -> str:
-        """Range from the necessary to the sufficient share; empty for noise and unexplained."""
+    def range(self) -> tuple[float, float] | None:
+        """Necessary and sufficient share, the smaller first; None for noise and unexplained."""
         if self.necessary is None or self.sufficient is None:
-            return ""
-        return f"{100 * self.necessary:.0f} to {100 * self.sufficient:.0f} %"
+            return None
+        return min(self.necessary, self.sufficient), max(self.necessary, self.sufficient)
+
+    @property
+    def range_text(self) -> str:
+        """`range` in percent, under the header `RANGE`; empty for noise and unexplained."""
+        return f"{100 * self.range[0]:.0f} to {100 * self.range[1]:.0f} %" if self.range else ""
 
     @property
     def effects_text(self) -> str:

@@ -11,6 +11,8 @@ import numpy as np
 from nicegui.element import Element
 from nicegui.elements.mixins.text_element import TextElement
 
+from palpate.render.view import RANGE_MEANING
+
 AnyElement = TypeVar("AnyElement", bound=Element)
 
 
@@ -156,10 +158,7 @@ STATE = (
     "The same curves over position and over velocity: loops show damping or friction, bends show stiffness."
 )
 MAP = "Mean of measured minus model over position and velocity: red above, blue below; a good model is pale."
-BUDGET = (
-    "Shares of the base model's squared error in held-out runs, by kind of effect. Ranges: from the share "
-    "that only this kind explains to the share that it explains alone."
-)
+BUDGET = f"Shares of the base model's squared error in held-out runs, by kind of effect. {RANGE_MEANING}"
 EVIDENCE = "Share of the held-out error that this effect removes in addition to the other ticked effects."
 ALIKE = (
     "The changes that these effects make have a cosine above 0.95; a diagnosis says whether these data "

@@ -109,6 +109,19 @@ def test_the_terminal_shows_a_row_for_each_kind(width):
     assert "closest: run_gain" not in told
 
 
+def test_a_range_goes_from_the_smaller_to_the_larger_share_in_every_view():
+    """A kind may explain less alone than is lost without it."""
+    view = budget_view(diagnosis(share("friction", 0.6, low=0.63, high=0.53), SHAPE))
+    assert view.parts[0].range_text == "53 to 63 %"
+    table = printed(diagnosis(share("friction", 0.6, low=0.63, high=0.53), SHAPE), 120)
+    header = " ".join(re.sub(r"\s+", " ", table).split())
+    assert "alone share or added last form" in header
+    assert "53 to 63 %" in header
+    picture = budget_picture(view, 800)
+    assert ">alone or added last<" in picture
+    assert "53 to 63 %" in picture
+
+
 def test_kinds_that_cannot_be_told_apart_come_with_the_experiment():
     unsure = {"replaceable_by": ["drift"], "experiment": "record the unloaded sensor"}
     other = {"replaceable_by": ["time_memory"], "experiment": "record the unloaded sensor"}

@@ -26,7 +26,7 @@ from palpate.render.recording.file import (
 from palpate.render.recording.rerun_modules import rr, rrb
 from palpate.render.terminal import with_interval
 from palpate.render.thinning import rows_by_run, run_curves
-from palpate.render.view import BudgetView, ChannelView, StudyView
+from palpate.render.view import RANGE, RANGE_MEANING, BudgetView, ChannelView, StudyView
 from palpate.robot_io.types import FloatArray
 
 WIDTH, HEIGHT = 160.0, 90.0  # size of the frame in the view's units
@@ -135,26 +135,26 @@ def log_budget(recording: rr.RecordingStream, entity: str, budget: BudgetView) -
         right = left + max(part.share, 0.0) / total * _WIDTH
         _fill(recording, f"{entity}/chart/stack/{number}", (left, right), (0.0, _STACK), part.color)
         left = right
-        # name and share; bar; line from the necessary to the sufficient share
+        # name and share; bar; line over the range
         row, y = f"{entity}/chart/row/{number}", _STACK + (number + 1) * _ROW
         place, text = (_NAMES / 2, y - 3.5), f"{part.word} {part.share_text}"
         name = rr.Points2D([place], labels=[text], colors=_INK, radii=0.0, show_labels=True)
         recording.log(f"{row}/name", name, static=True)
         end = max(part.share, 0.0) * _WIDTH
         _fill(recording, f"{row}/bar", (0.0, end), (y - _THICK / 2, y + _THICK / 2), part.color)
-        if part.necessary is not None and part.sufficient is not None:
-            ends = [[_WIDTH * share, y + _THICK / 2 + 1.5] for share in (part.necessary, part.sufficient)]
+        if part.range is not None:
+            ends = [[_WIDTH * share, y + _THICK / 2 + 1.5] for share in part.range]
             line = rr.LineStrips2D([ends], colors=palette.rgb(part.color), radii=rr.Radius.ui_points(1.0))
             recording.log(f"{row}/range", line, static=True)
     lines = ["### Error budget", budget.sentence, ""]
-    lines += ["| kind | share | 95 % interval | necessary to sufficient | form | effects |", "|---" * 6 + "|"]
+    lines += [f"| kind | share | 95 % interval | {RANGE} | form | effects |", "|---" * 6 + "|"]
     for part in budget.parts:
         interval = f"{100 * part.interval[0]:.0f} to {100 * part.interval[1]:.0f} %" if part.interval else ""
         cells = part.word, part.share_text, interval, part.range_text, part.form, part.effects_text
         lines.append(f"| {' | '.join(cells)} |")
     lines += [
-        "\nShares of the base model's squared error in held-out runs. The line below a bar goes from the "
-        "share that only this kind explains to the share that it explains alone."
+        "\nShares of the base model's squared error in held-out runs. The line below a bar is the range. "
+        + RANGE_MEANING
     ]
     lines += [f"\n{confusion}" for confusion in budget.confusions]
     words = rr.TextDocument("\n".join(lines), media_type=rr.MediaType.MARKDOWN)
