@@ -156,9 +156,10 @@ def _compare_parameters(sides: Sides) -> Iterator[str]:
     known = [difference for difference in sides.differences if difference.differs is not None]
     for difference in known:
         if difference.differs:
-            share = ""
-            if difference.first is not None and difference.first.value:
-                rounded = float(f"{_PERCENT * difference.value / abs(difference.first.value):.2g}")
+            share, first = "", difference.first
+            # a share of a value that may be zero is only noise
+            if first is not None and (first.interval[0] > 0.0 or first.interval[1] < 0.0):
+                rounded = float(f"{_PERCENT * difference.value / abs(first.value):.2g}")
                 share = f" ({rounded:+z.6g} %)"
             yield f"{difference.name} differs: {difference_text(difference)} {difference.unit}{share}."
     if known and not any(difference.differs for difference in known):

@@ -2,6 +2,7 @@
 
 import json
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from rerun.chunk import RrdReader
 
 from palpate.estimation.estimate import ParameterEstimate
 from palpate.estimation.study.paired_comparison import ParameterDifference, side_by_side
+from palpate.render.paired import _compare_parameters
 from palpate.study import Study
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 from tests.palpate.presses import NOISE_N, write_presses, write_table
@@ -117,6 +119,17 @@ def test_errors_of_two_measurements_add_as_squares():
     assert of_one.value == 10.0
     assert np.isnan(of_one.half)  # the errors of two models of one measurement are not independent
     assert of_one.differs is None
+
+
+@pytest.mark.parametrize(("first", "share"), [(10.0, "(+50 %)"), (0.1, ""), (-0.1, ""), (-10.0, "(+50 %)")])
+def test_a_difference_from_a_value_that_may_be_zero_has_no_percentage(soft, stiff, first, share):
+    pair = [
+        ParameterEstimate("bias.value", "N", value, 1.0, (value - 2.0, value + 2.0))
+        for value in (first, first + 5.0)
+    ]
+    difference = ParameterDifference("bias.value", "N", *pair)
+    told = list(_compare_parameters(SimpleNamespace(differences=[difference])))
+    assert told == [f"bias.value differs: 5.0 ± 2.8 N {share}.".replace(" .", ".")]
 
 
 def test_another_motion_is_not_paired(soft, again, tmp_path):
