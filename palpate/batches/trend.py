@@ -43,6 +43,11 @@ class Series:
     std_errs: FloatArray  # shape (n,), in the unit; zero where unknown
     left_out: tuple[tuple[int, float], ...] = ()  # rows of the table with isolated values, and these values
 
+    @property
+    def is_constant(self) -> bool:
+        """Whether all values are equal, so that there is nothing to test."""
+        return bool(np.ptp(self.values) == 0.0)
+
 
 @dataclass(frozen=True)
 class TrendChange:
@@ -129,7 +134,7 @@ def all_series(table: pa.Table, times: FloatArray) -> Iterator[Series]:
         for part in dict.fromkeys(group[rows].tolist()):
             own = np.flatnonzero(group[rows] == part)
             own = own[np.argsort(times[rows[own]], kind="stable")]
-            if len(own) < LEAST or np.ptp(values[own]) == 0.0:
+            if len(own) < LEAST:
                 continue
             left_out: tuple[tuple[int, float], ...] = ()
             if np.any(std_errs[own]):  # the ratio to the noise and shares have none; their scatter is skewed
@@ -290,12 +295,16 @@ def least_for_step(tested: int) -> int:
 def changes_of(
     table: pa.Table, times: FloatArray, names: Sequence[str] = ()
 ) -> list[tuple[Series, list[TrendChange]]]:
-    """Changes of all series of a table, at a level for the table as a whole.
+    """Changes of all series that are not constant, at a level for the table as a whole.
 
     Args:
         table: of a batch.
         times: of its rows (n,).
         names: of the series to test; all without any.
     """
-    series = [item for item in all_series(table, times) if not names or item.name in names]
+    series = [
+        item
+        for item in all_series(table, times)
+        if not item.is_constant and (not names or item.name in names)
+    ]
     return [(item, find_changes(item, LEVEL / len(series))) for item in series]

@@ -130,12 +130,18 @@ def _update(  # noqa: PLR0917, what was typed
     times, labels, what = time_axis(table, date)
     if what == "count" and (unread := [name for name in table.column_names if name.lower() in DATES]):
         console.warn(f"column {unread[0]} has no dates such as 2026-11-23: the order of rows is used")
-    available = list(dict.fromkeys(series.name for series in all_series(table, times)))
+    known = list(all_series(table, times))
+    available = list(dict.fromkeys(series.name for series in known))
     if unknown := set(names) - set(available):
         raise InputError(
             f"--parameter {min(unknown)}: no such series of at least {LEAST} measurements. "
             f"There are: {', '.join(available) or 'none'}"
         )
+    constant = [
+        " ".join(filter(None, (series.group, series.channel, series.name)))
+        for series in known
+        if series.is_constant and (not names or series.name in names)
+    ]
     tested = changes_of(table, times, names)
     least = least_for_step(len(tested))
     short = sum(len(series.values) < least for series, _ in tested)
@@ -174,6 +180,7 @@ def _update(  # noqa: PLR0917, what was typed
         "time": what,
         "measurements": len(set(table["measurement"].to_pylist())),
         "tested": len(tested),
+        "constant": constant,
         "level": LEVEL,
         "least_for_step": least,
         "short": short,
@@ -186,7 +193,9 @@ def _update(  # noqa: PLR0917, what was typed
         to.print(f"{count(len(set(labels)), 'time')}, {len(tested)} series tested")
         for change in changes:
             to.print(f"  [yellow]{safe(in_words(change))}[/yellow]")
-        if not tested:
+        if constant and (names or not tested):
+            to.print(f"  the same value in all measurements, so not tested: {safe(', '.join(constant))}")
+        elif not tested:
             to.print(f"  nothing is tested: a series needs at least {LEAST} measurements")
         elif not changes and short < len(tested):
             to.print("  nothing changes by more than its scatter")

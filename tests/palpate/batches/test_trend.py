@@ -169,6 +169,18 @@ def test_series_too_short_for_a_step_are_counted_instead_of_reported_as_unchange
     assert (alone["kind"], alone["first"]) == ("step", DAYS[7].isoformat())
 
 
+def test_a_constant_parameter_is_said_to_be_one(tmp_path):
+    write_table(tmp_path / "nightly", np.full(40, 0.2), DAYS)
+    series = ("--parameter", "coulomb_friction.torque", "--exit-code")
+    told = run("trend", tmp_path / "nightly", *series)
+    assert told.exit_code == 0
+    stated = " ".join(told.stdout.split())
+    assert "the same value in all measurements, so not tested: left joint_1 coulomb_friction.torque" in stated
+    assert "needs at least" not in stated
+    said = as_json("trend", tmp_path / "nightly")
+    assert (said["tested"], said["constant"]) == (1, ["left joint_1 coulomb_friction.torque"])
+
+
 def test_a_table_of_a_single_date_is_refused_once_it_is_long_enough_for_a_series(tmp_path):
     write_table(tmp_path / "nightly", 0.2 + 0.001 * np.arange(40), [DAYS[0]] * 40)
     assert_refused(run("trend", tmp_path / "nightly"), "all 40 measurements have 2026-01-01")
