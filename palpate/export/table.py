@@ -48,11 +48,15 @@ def recorded_table(path: Path, options: ImportOptions, name: str) -> pa.Table:
     """
     session = Session.open(path) if path.is_file() and is_session(path) else None
     streams = [] if session is None else [EVENTS, *session.stream_names]
-    if session is not None and not _CHANNEL.fullmatch(name):
-        if name not in streams:
-            raise InputError(f"{path}: has no stream or channel '{name}'. Its streams: {', '.join(streams)}")
+    is_channel = _CHANNEL.fullmatch(name) is not None  # an imported session has a stream of the same name
+    if session is not None and name in streams and not is_channel:
         return events_table(session) if name == EVENTS else stream_table(session.samples(name))
-    channels = {channel.name: channel for channel in open_source(path, options).channels}
+    try:
+        channels = {channel.name: channel for channel in open_source(path, options).channels}
+    except InputError:
+        if session is None or is_channel:
+            raise
+        channels = {}  # a session of streams alone
     if name not in channels:
         available = ", ".join([*streams, *(channel for channel in channels if channel not in streams)])
         raise InputError(f"{path}: has no stream or channel '{name}'. There are: {available}")

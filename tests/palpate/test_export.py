@@ -305,7 +305,7 @@ def test_events_are_a_table_with_their_text_as_it_is_but_for_controls_in_a_csv_f
 def test_of_a_session_without_a_channel_streams_and_events_are_written_too(tmp_path):
     path = write_session(tmp_path / "x.mcap", [], SessionMetadata(), [Event(0.5, "start", "it begins", None)])
     assert exported(path, "events", tmp_path / "e.csv")["time_s"].to_pylist() == [0.5]
-    assert_refused(run("export", path, "--stream", "tick", "-o", tmp_path / "t.csv"), "Its streams: events")
+    assert_refused(run("export", path, "--stream", "tick", "-o", tmp_path / "t.csv"), "There are: events")
 
 
 def test_a_channel_is_imported_again_as_the_same(probed, tmp_path):
@@ -327,7 +327,7 @@ def test_without_a_name_it_goes_where_what_is_derived_lies(session):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--stream", "nope"), ("no stream or channel 'nope'", "events, tick")),
+        (("--stream", "nope"), ("no stream or channel 'nope'", "events, tick, contact, joint_1")),
         (("--stream", "joint_9"), ("no stream or channel 'joint_9'", "contact, joint_1")),
         (("--stream", "tick", "-o", "x.xlsx"), ("x.xlsx", ".csv or .parquet")),
         (("--stream", "tick", "--revision", 1), ("--revision",)),
