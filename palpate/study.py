@@ -304,7 +304,7 @@ class Study(ModelStudy):
                 f"{self._file}: no channel is a joint, and {what} exports joints only. Channels: "
                 + ", ".join(item.name for item in self.channels)
             )
-        chosen = {name: kept for name, item in joints.items() if (kept := self.newest(item)) is not None}
+        chosen = self._newest_revisions(list(joints.values()), refuse_others=not numbers)
         given: dict[str, Revision] = {}
         for revision in map(self.revision, numbers):
             if revision.channel not in joints:
@@ -335,14 +335,44 @@ class Study(ModelStudy):
             raise InputError(failures[0])
         return fitted, failures
 
+    def _newest_revisions(
+        self, channels: Sequence[StudyChannel], *, refuse_others: bool
+    ) -> dict[str, Revision]:
+        """Return the newest revision of each channel that has one, by channel.
+
+        Args:
+            channels: channels of this study.
+            refuse_others: whether to refuse a folder in which a channel has only revisions of other data or
+                of another base model, or in which all revisions are of other channels.
+
+        Raises:
+            InputError: the folder is refused.
+        """
+        newest = {item.name: kept for item in channels if (kept := self.newest(item)) is not None}
+        of_any_data = {revision.channel: revision for revision in self.revisions}
+        if not refuse_others or not of_any_data:
+            return newest
+        for channel in channels:
+            if channel.name in of_any_data and channel.name not in newest:
+                other = of_any_data[channel.name]
+                self.check(other)
+                raise InputError(
+                    f"revision {other.number} is of base model {other.model}, not {channel.model.name}: "
+                    f"choose --revision {other.number}"
+                )
+        if not newest:
+            raise InputError(
+                f"{self._file}: the folder has only revisions of other channels ({', '.join(of_any_data)}); "
+                "they were made for another file, or with other options (--urdf). Name another folder"
+            )
+        return newest
+
     def to_export(self, numbers: Sequence[int] = ()) -> list[Revision]:
         """Return the revisions that `export` writes."""
         if numbers:
             chosen = [self._revisions.get(number) for number in numbers]
         else:
-            of_any_data = {revision.channel: revision for revision in self.revisions}
-            newest = (self.newest(channel) or of_any_data.get(channel.name) for channel in self.channels)
-            chosen = [revision for revision in newest if revision is not None]
+            chosen = list(self._newest_revisions(self.channels, refuse_others=True).values())
         for revision in chosen:
             self.check(revision)
         contacts = [channel for channel in self.source.channels if channel.kind is ChannelKind.CONTACT]

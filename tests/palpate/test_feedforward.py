@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 import yaml
 
+from palpate.robot_io.errors import InputError
 from palpate.sim_backend.world import ArmDescription, World
 from palpate.study import Study
 from tests.estimation.swings import DAMPING, INERTIA, WEIGHT, swings
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
-from tests.palpate.presses import write_table
+from tests.palpate.presses import write_presses, write_table
 from tests.sim_backend.hidden_parts import hidden, quiet_scenario
 
 TICK_S = 2e-3
@@ -179,6 +180,30 @@ def test_without_revisions_the_base_model_is_written(swinging, tmp_path):
     made = study.export_feedforward(tmp_path / "plain.yaml")
     assert [joint.model for joint in made.joints] == ["inertia"]
     assert made.terms[0].inertia == study.fit("joint_1").values["inertia.m"]
+
+
+def test_revisions_of_other_data_or_of_another_base_model_are_not_ignored(tmp_path):
+    study = Study(swings(4), "inertia", folder=tmp_path)
+    study.add("coulomb_friction")
+    other_data = Study(swings(5), "inertia", folder=tmp_path)
+    other_model = Study(swings(4), "pendulum", folder=tmp_path)
+    for other, words in (
+        (other_data, "revision 1 is from other data"),
+        (other_model, "revision 1 is of base model inertia, not pendulum: choose revision=1"),
+    ):
+        with pytest.raises(InputError, match=words):
+            other.export_feedforward(tmp_path / "other.yaml")
+    assert not (tmp_path / "other.yaml").exists()
+    (joint,) = other_model.export_feedforward(tmp_path / "chosen.yaml", 1).joints
+    assert joint.model == "inertia + coulomb_friction"
+
+
+def test_revisions_of_other_channels_are_not_ignored(tmp_path):
+    Study(swings(4), "inertia", folder=tmp_path).add("coulomb_friction")
+    contact = Study(write_presses(tmp_path / "press.csv"), folder=tmp_path)
+    with pytest.raises(InputError, match=r"only revisions of other channels \(joint_1\)"):
+        contact.export(tmp_path / "world.yaml")
+    assert not (tmp_path / "world.yaml").exists()
 
 
 @pytest.mark.parametrize(
