@@ -1,5 +1,6 @@
 """`palpate merge` and `reveal`: merge sessions, and open sealed answers."""
 
+import filecmp
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -42,6 +43,9 @@ def merge_command(
     places = [existing_file(path, "session").resolve() for path in sessions]
     if twice := [str(path) for n, path in enumerate(sessions) if places[n] in places[:n]]:
         raise InputError(f"{twice[0]}: is given twice; its runs would count as repeated measurements")
+    for number, path in enumerate(sessions):
+        if same := [other for other in sessions[:number] if filecmp.cmp(other, path, shallow=False)]:
+            raise InputError(f"{path}: is a copy of {same[0]}; its runs would count as repeated measurements")
     file = output_session(out, keep=sessions)
     opened = [open_session(path) for path in sessions]
     streams = merged_streams(opened)

@@ -110,7 +110,9 @@ def test_what_is_said_of_it_is_true_of_all(probings, tmp_path):
 
 
 def test_the_mark_of_a_sealed_answer_belongs_to_its_own_session(tmp_path):
-    files = [synthetic_session(tmp_path / f"{n}.mcap", extra={"seal": "5" * 32}) for n in (1, 2)]
+    files = [
+        synthetic_session(tmp_path / f"{seed}.mcap", seed=seed, extra={"seal": "5" * 32}) for seed in (1, 2)
+    ]
     merged(files, tmp_path / "both.mcap")
     assert "seal" not in Session.open(tmp_path / "both.mcap").metadata.extra
 
@@ -120,6 +122,7 @@ def test_the_mark_of_a_sealed_answer_belongs_to_its_own_session(tmp_path):
     [
         (("A",), ("one session", "two or more")),
         (("A", "A"), ("given twice",)),
+        (("A", "copy.mcap"), ("copy.mcap: is a copy of", "a.mcap; its runs would count")),
         (("A", "ARM"), ("another arm",)),
         (("A", "IMPORTED"), ("was not recorded with an arm, but", "a.mcap was;")),
         (("IMPORTED", "A"), ("a.mcap: was recorded with an arm, but", "was not;")),
@@ -140,6 +143,8 @@ def test_what_does_not_belong_together_is_refused(names, words, probings, import
     files = {"A": probings[0], "IMPORTED": imported[0], "none.mcap": tmp_path / "none.mcap"}
     files["circle.mcap"] = tmp_path / "circle.mcap"
     files["circle.mcap"].symlink_to("circle.mcap")
+    files["copy.mcap"] = tmp_path / "copy.mcap"
+    files["copy.mcap"].write_bytes(probings[0].read_bytes())
     files["ARM"] = synthetic_session(tmp_path / "arm.mcap", urdf="<robot name='r'/>")
     files["PLAIN"] = session("plain.mcap", time_s=1, width=1)
     files["WIDER"] = session("wider.mcap", time_s=1, width=2)
