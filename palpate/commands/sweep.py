@@ -66,20 +66,33 @@ def sweep_command(
     store = ResultStore(folder / RESULTS)
     cases = [case for part in parts.values() for case in part]
     chosen = cases[: _SAMPLE if plan and not store.finished() else 0 if plan else limit]
-    cluster = Cluster(scheduler, workers)
     try:
         with sweep_progress() as progress:
-            report = run_cases(chosen, store, cluster, progress)
+            report = run_cases(chosen, store, Cluster(scheduler, workers), progress)
+        rows = {name: store.rows([case.address for case in part]) for name, part in parts.items()}
+        # processor time of each finished case [s]
+        seconds = {part: [row["seconds"] for row in own if row["first"]] for part, own in rows.items()}
+        done, cost = sum(map(len, seconds.values())), sum(map(sum, seconds.values()))
+        facts = {
+            "cases": f"{done} of {len(cases)}",
+            "processor time": f"{duration(cost)}, {cost / max(done, 1):.2f} s a case",
+            "command": f"palpate sweep {PAPER if grid is None else typed(Path(what))}",
+        }
+        page = None
+        if grid is not None and not plan:
+            from palpate.sweep.report import write_grid  # noqa: PLC0415, matplotlib takes a second
+
+            page = write_grid(folder, title, grid, rows["grid"], facts)
+        elif done == len(cases) and not plan:
+            from palpate.sweep.paper import write_paper  # noqa: PLC0415, as above
+
+            page = write_paper(folder, rows, facts)
     except KeyboardInterrupt:
         finished = len(store.finished() & {case.address for case in cases})
         console.stderr().print(
             f"{finished} of {len(cases)} cases are done and kept; the same command continues from there"
         )
         raise
-    rows = {name: store.rows([case.address for case in part]) for name, part in parts.items()}
-    # processor time of each finished case [s]
-    seconds = {part: [row["seconds"] for row in own if row["first"]] for part, own in rows.items()}
-    done = sum(len(of_part) for of_part in seconds.values())
     if plan:
         known = {name: sum(own) / len(own) for name, own in seconds.items() if own}
         fallback, processes = max(known.values()), workers or os.cpu_count() or 1
@@ -105,21 +118,6 @@ def sweep_command(
             as_json=as_json,
         )
         return
-    cost = sum(map(sum, seconds.values()))
-    facts = {
-        "cases": f"{done} of {len(cases)}",
-        "processor time": f"{duration(cost)}, {cost / max(done, 1):.2f} s a case",
-        "command": f"palpate sweep {PAPER if grid is None else typed(Path(what))}",
-    }
-    page = None
-    if grid is not None:
-        from palpate.sweep.report import write_grid  # noqa: PLC0415, matplotlib takes a second
-
-        page = write_grid(folder, title, grid, rows["grid"], facts)
-    elif done == len(cases):
-        from palpate.sweep.paper import write_paper  # noqa: PLC0415, as above
-
-        page = write_paper(folder, rows, facts)
     outcome: dict[str, Any] = {
         "what": PAPER if grid is None else typed(Path(what)),
         "folder": str(folder),

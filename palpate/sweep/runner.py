@@ -4,7 +4,6 @@ Local processes communicate over pipes, which no other program can open; no port
 """
 
 import os
-import signal
 import sys
 import time
 from collections import Counter, deque
@@ -46,9 +45,11 @@ def run_in_processes(run: Run, todo: Mapping[str, Case], folder: Path, workers: 
         An empty string for each finished case, or the reason why it failed.
     """
     waiting, ends = deque(todo), Counter[str]()
-    pool = [_Worker.start(run, folder) for _ in range(min(workers, len(todo)))]
-    idle, busy = list(pool), dict[object, tuple[_Worker, str]]()
+    pool, busy = list[_Worker](), dict[object, tuple[_Worker, str]]()
     try:
+        for _ in range(min(workers, len(todo))):
+            pool.append(_Worker.start(run, folder))
+        idle = list(pool)
         while waiting or busy:
             while waiting and idle:
                 worker, address = idle.pop(), waiting.popleft()
@@ -113,9 +114,8 @@ class _Worker:
 
 def _serve(pipe: "Connection[str, tuple[Case, str]]", run: Run, folder: Path) -> None:
     """Run cases as they arrive, and send an empty string or the error for each."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
     end_with_parent()
-    with threadpool_limits(1):  # each core has its own worker
+    with threadpool_limits(1), suppress(EOFError):  # each core has its own worker; the parent may have ended
         while True:
             case, address = pipe.recv()
             try:

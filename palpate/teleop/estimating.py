@@ -6,7 +6,6 @@ whether the model is complete.
 """
 
 import os
-import signal
 from collections.abc import Callable
 from dataclasses import replace
 from math import nan
@@ -163,8 +162,7 @@ class _EstimatorProcess:
 
 
 def _serve(pipe: Connection, estimate: EstimateFunction, nice: int) -> None:
-    """Estimate all received samples at low priority; exit with the parent, which handles Ctrl-C."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Estimate all received samples at low priority; exit with the parent."""
     os.nice(nice)
     end_with_parent()
     pipe.send(None)  # ready: all modules are imported

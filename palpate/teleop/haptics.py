@@ -5,7 +5,6 @@ estimates that the leader's main process has checked. If that process dies, the 
 closes the session and ends.
 """
 
-import signal
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from math import inf
@@ -117,7 +116,6 @@ def run_haptics(pipe: Connection, job: HapticJob) -> None:
         pipe: connection to the main process.
         job: settings of the loop.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process handles Ctrl-C, and then ends this one
     clock, lateness, failure, opened = MonotonicClock(), Histogram(), "", False
     try:
         with build_operator(job.operator, clock) as device:
