@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from pydantic import ConfigDict, Field, PrivateAttr, field_validator
 
 from palpate.robot_io.files.file_model import (
-    MOST_BYTES,
+    MAX_TEXT_BYTES,
     FileModel,
     NotNegative,
     Number,
@@ -141,8 +141,8 @@ def load_robot_file(path: str | Path) -> RobotFile:
         name = getattr(robot_file, key)
         if name is not None and not os.path.isfile(robot_file.resolve(name)):
             raise input_error(robot_file.document, (key,), f"no such file: {robot_file.resolve(name)}")
-        if name is not None and os.path.getsize(robot_file.resolve(name)) > MOST_BYTES:
-            raise input_error(robot_file.document, (key,), f"larger than {MOST_BYTES} bytes", name)
+        if name is not None and os.path.getsize(robot_file.resolve(name)) > MAX_TEXT_BYTES:
+            raise input_error(robot_file.document, (key,), f"larger than {MAX_TEXT_BYTES} bytes", name)
     # Refuse two buses with the same serial port, also under different names.
     taken: dict[str, str] = {}
     for name, bus in robot_file.buses.items():

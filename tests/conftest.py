@@ -31,7 +31,7 @@ def pytest_configure(config):
     """Read the same few files once; `make test-all`, which leaves no slow test out, tries more examples."""
     from palpate.robot_io.files import file_model  # once the number of threads is set
 
-    file_model._composed = lru_cache(maxsize=64)(file_model._composed)
+    file_model._parse_nodes = lru_cache(maxsize=64)(file_model._parse_nodes)
     if not config.option.markexpr:
         settings.load_profile("all")
 

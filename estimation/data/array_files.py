@@ -18,8 +18,8 @@ from palpate.estimation.data.column_names import parse_role
 from palpate.estimation.data.file_columns import FileColumns, check_size
 from palpate.robot_io.errors import InputError
 
-_MOST_PACKED = 50  # assumed compression ratio of a MATLAB file whose variables cannot be listed
-_LEAST_CELL = 4  # assumed least number of bytes per value
+_MAX_COMPRESSION = 50  # assumed compression ratio of a MATLAB file whose variables cannot be listed
+_MIN_CELL_BYTES = 4  # assumed least number of bytes per value
 _BATCH_ROWS = 256
 
 
@@ -35,7 +35,7 @@ def read_parquet(path: Path) -> FileColumns:
     from pyarrow.parquet import ParquetFile  # noqa: PLC0415, slow to import
 
     with path.open("rb") as opened, ParquetFile(opened) as file:  # Arrow only accepts UTF-8 file names
-        check_size(path, _LEAST_CELL * file.metadata.num_rows * file.metadata.num_columns)
+        check_size(path, _MIN_CELL_BYTES * file.metadata.num_rows * file.metadata.num_columns)
         batches, size = [], 0
         for batch in file.iter_batches(_BATCH_ROWS, use_threads=False):  # gives the actual size of the rows
             size += batch.nbytes
@@ -87,7 +87,7 @@ def read_mat(path: Path) -> FileColumns:
     from scipy.io import loadmat, whosmat  # noqa: PLC0415, slow to import
 
     try:
-        size = _MOST_PACKED * path.stat().st_size
+        size = _MAX_COMPRESSION * path.stat().st_size
         with suppress(TypeError):  # objects of MATLAB's own classes have no shape
             size = sum(8 * math.prod(shape) for _, shape, _ in whosmat(path))
         check_size(path, size)
@@ -148,7 +148,7 @@ def arrow_table(arrays: Mapping[str, NDArray[Any]], place: Path) -> pa.Table:
     for name, array in arrays.items():
         try:
             # Arrow takes neither the other byte order nor more than 64 bits.
-            is_long = array.dtype.kind == "f" and array.dtype.itemsize > _MOST_BYTES
+            is_long = array.dtype.kind == "f" and array.dtype.itemsize > _MAX_BYTES
             kind = np.dtype(np.float64) if is_long else array.dtype.newbyteorder("=")
             columns[name] = pa.array(array.astype(kind, copy=False))
         except (pa.ArrowException, TypeError, ValueError, OverflowError) as error:
@@ -158,7 +158,7 @@ def arrow_table(arrays: Mapping[str, NDArray[Any]], place: Path) -> pa.Table:
     return pa.table(columns)
 
 
-_MOST_BYTES = 8  # of a number
+_MAX_BYTES = 8  # of a number
 _TIME, _EPISODE, _STATE = "timestamp", "episode_index", "observation.state"
 _QUANTITY_BY_ARRAY = {  # quantity of each array; an action is a command and belongs to no channel
     _STATE: "position",
@@ -184,8 +184,8 @@ _PALPATE_UNITS = {
     "force": "N",
     "time": "s",  # replaces the data set's time, which is the frame number divided by the rate
 }
-_MOST_JOINTS = 64
-_MOST_INFO_BYTES = 1 << 20
+_MAX_JOINTS = 64
+_MAX_INFO_BYTES = 1 << 20
 
 
 def _lerobot_columns(table: pa.Table, path: Path) -> FileColumns:
@@ -198,7 +198,7 @@ def _lerobot_columns(table: pa.Table, path: Path) -> FileColumns:
     info: Any = {}  # description of the data set that contains the file, if there is one
     for folder in path.absolute().parents[:4]:
         description = folder / "meta" / "info.json"
-        if description.is_file() and description.stat().st_size < _MOST_INFO_BYTES:
+        if description.is_file() and description.stat().st_size < _MAX_INFO_BYTES:
             with suppress(OSError, ValueError, RecursionError):
                 info = json.loads(description.read_text(encoding="utf-8"))
             break
@@ -214,7 +214,7 @@ def _lerobot_columns(table: pa.Table, path: Path) -> FileColumns:
             continue
         rows = table[array].combine_chunks()
         widths = pc.unique(pc.list_value_length(rows)).to_pylist()
-        if len(widths) != 1 or widths[0] is None or not 0 < widths[0] <= _MOST_JOINTS:
+        if len(widths) != 1 or widths[0] is None or not 0 < widths[0] <= _MAX_JOINTS:
             continue
         values = np.asarray(rows.flatten()).reshape(-1, widths[0])
         quantity_of_array, elements = _QUANTITY_BY_ARRAY.get(array, array), _element_names(info, array)
@@ -243,4 +243,4 @@ def _element_names(info: Mapping[str, Any], array: str) -> list[str]:
         return []
     if isinstance(names, Mapping):
         names = next(iter(names.values()), [])
-    return [str(name)[:60] for name in names[:_MOST_JOINTS]] if isinstance(names, list) else []
+    return [str(name)[:60] for name in names[:_MAX_JOINTS]] if isinstance(names, list) else []

@@ -173,12 +173,12 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
     reserved = {*options.columns.values(), *options.context, *(column for _, column in chosen.values())}
     chosen |= choose_columns(ColumnUnits(table, options), chosen, reserved, shift)
     for _, column in chosen.values():
-        again, cells = f"{column} (2)", table.columns
-        is_chosen = column in options.columns.values() or again not in table.names
-        if not is_chosen and not cells.column(column).equals(cells.column(again)):
+        repeated_name, cells = f"{column} (2)", table.columns
+        is_chosen = column in options.columns.values() or repeated_name not in table.names
+        if not is_chosen and not cells.column(column).equals(cells.column(repeated_name)):
             raise InputError(
                 f"{table.path}: column '{column}' appears twice, with different values; choose with "
-                f"--column NAME={shlex.quote(column)} or NAME={shlex.quote(again)}, or rename one"
+                f"--column NAME={shlex.quote(column)} or NAME={shlex.quote(repeated_name)}, or rename one"
             )
     run = _run_column(table, options)
     if TIME in chosen:

@@ -16,7 +16,7 @@ from palpate.estimation.data.tick_channels import (
     join_ticks,
     joint_channels,
 )
-from palpate.estimation.data.units import MIN_STEP_S, describe_fault, invalid_rows
+from palpate.estimation.data.units import MIN_INCREASE_S, describe_fault, invalid_rows
 from palpate.estimation.signals.runwise import sample_time
 from palpate.robot_io.errors import InputError, SessionError
 from palpate.robot_io.session import Column, Samples, Session, Stream
@@ -97,7 +97,7 @@ def _imported_channel(name: str, samples: Samples) -> ChannelData:
     if not kinds:
         raise SessionError(f"stream '{name}' is not a channel: its columns are {', '.join(samples)}")
     _check(name, samples, ("time_s", "run", "phase", *_COLUMNS[kinds[0]]))
-    late = np.diff(samples["time_s"]) < MIN_STEP_S  # the same limit as in the import
+    late = np.diff(samples["time_s"]) < MIN_INCREASE_S  # the same limit as in the import
     if (late & (np.diff(samples["run"]) == 0)).any():
         raise InputError(f"stream '{name}', column 'time_s': times must increase within a run")
     position, velocity, acceleration, effort = (samples[column] for column in _COLUMNS[kinds[0]])

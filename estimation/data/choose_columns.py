@@ -125,10 +125,10 @@ def _best_matches(table: Table, key: Key, guesses: list[Guess]) -> list[Guess]:
         guesses = [guess for guess in guesses if len(table.labels(guess.column)[0]) > 1] or guesses
     if len(guesses) > 1 and key == TIME:
         guesses = [guess for guess in guesses if table.varies(guess.column)] or guesses
-        for goes_on in (np.greater, np.greater_equal):  # a clock may repeat a time
-            onward = [guess for guess in guesses if goes_on(np.diff(table.numbers(guess.column)), 0.0).all()]
-            if onward:
-                guesses = onward
+        for compare in (np.greater, np.greater_equal):  # a clock may repeat a time
+            increasing = [g for g in guesses if compare(np.diff(table.numbers(g.column)), 0.0).all()]
+            if increasing:
+                guesses = increasing
                 break
     fit = max(guess.fit for guess in guesses)
     first, *equal = (guess for guess in guesses if guess.fit == fit)
@@ -172,9 +172,9 @@ def joint_shift(table: Table, columns: Mapping[str, str]) -> int:
     Raises:
         InputError: the joint numbers of positions and of another quantity start at different numbers.
     """
-    own = _numbered(name for name in table.names if name not in columns.values())
-    positions = own.get("position", {})
-    for quantity, columns_of in own.items():  # reject numbers that are ambiguous by one joint
+    numbered = _numbered(name for name in table.names if name not in columns.values())
+    positions = numbered.get("position", {})
+    for quantity, columns_of in numbered.items():  # reject numbers that are ambiguous by one joint
         if len(positions) == len(columns_of) and {min(positions), min(columns_of)} == {0, 1}:
             first, pairs = min(positions), zip(sorted(positions), sorted(columns_of), strict=True)
             remedy = " ".join(
@@ -185,7 +185,8 @@ def joint_shift(table: Table, columns: Mapping[str, str]) -> int:
                 f"{table.path}: joint numbers of position start at {first}, those of {quantity} at "
                 f"{1 - first}; give the columns of one joint the same number, such as {remedy}"
             )
-    return int(any(0 in joints for numbered in (own, _numbered(columns)) for joints in numbered.values()))
+    all_joints = [*numbered.values(), *_numbered(columns).values()]
+    return int(any(0 in joints for joints in all_joints))
 
 
 def _numbered(names: Iterable[str]) -> Numbered:

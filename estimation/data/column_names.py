@@ -278,11 +278,11 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
         for guess in guesses
         if guess.quantity in _MOTION_OR_TORQUE and guess.joint is None and guess.rank < OWN_NAME
     ]
-    found = {(guess.joint_name, guess.quantity) for guess in named}
+    quantities_by_name = {(guess.joint_name, guess.quantity) for guess in named}
     joints = [
         name
         for name in dict.fromkeys(guess.joint_name for guess in named)
-        if {(name, "position"), (name, "torque")} <= found
+        if {(name, "position"), (name, "torque")} <= quantities_by_name
     ]
     number = {name: n for n, name in enumerate(joints, 1)} if len(joints) > 1 else dict.fromkeys(joints)
     # A torque without a joint name may belong to any position.

@@ -30,7 +30,7 @@ class Contact:
     baseline_std_err_n: float  # its standard error, valid for autocorrelated noise [N]
     noise_n: float  # standard deviation of the force in free air [N]
 
-    def among(self, kept: BoolArray) -> "Contact":
+    def reindexed(self, kept: BoolArray) -> "Contact":
         """Return the contact with indices relative to the kept samples, which must include its own.
 
         Args:
@@ -100,7 +100,7 @@ _SOFTEST_START = 3.0  # largest assumed power of the depth in the force law near
 
 
 @dataclass(frozen=True)
-class Touch:
+class SurfaceBounds:
     """Range of positions of the surface that the contacts at one place allow.
 
     Coordinates are measured along the press direction; a larger coordinate is deeper.
@@ -117,7 +117,7 @@ class Touch:
         """Deepest position of the surface: half a step below the shallowest sample in contact [m]."""
         return self.first_m + self.step_m / 2
 
-    def alone(self) -> Surface:
+    def uniform_surface(self) -> Surface:
         """Return the surface from the contact alone: uniformly distributed between free air and contact."""
         width_m = self.first_m - self.air_m + self.step_m
         return Surface((self.air_m + self.first_m) / 2, width_m / np.sqrt(12), self.highest_m, self.deepest_m)
@@ -129,7 +129,7 @@ def find_surface(  # noqa: PLR0917
     force_n: FloatArray,
     run: IntArray,
     tare: Tare,
-    touch: Touch,
+    bounds: SurfaceBounds,
 ) -> Surface:
     """Estimate the common surface of runs at one place: the zero of a fit of a spring and a damper.
 
@@ -143,25 +143,27 @@ def find_surface(  # noqa: PLR0917
         force_n: force above that in free air, positive in compression, shape (n,) [N].
         run: run number of each sample, shape (n,).
         tare: offset subtracted from the force.
-        touch: result of `touch_of`.
+        bounds: result of `bound_surface`.
     """
-    if np.ptp(tip_m) < MIN_STEPS * touch.step_m:
-        return touch.alone()
-    columns = np.column_stack([tip_m - touch.first_m, speed_m_s, np.ones(len(tip_m))])
+    if np.ptp(tip_m) < MIN_STEPS * bounds.step_m:
+        return bounds.uniform_surface()
+    columns = np.column_stack([tip_m - bounds.first_m, speed_m_s, np.ones(len(tip_m))])
     stiffness, _, offset_n = gains = solve(columns, force_n).gains
     if stiffness <= 0.0:
-        return Surface(touch.first_m, float("nan"), touch.highest_m, touch.deepest_m)
+        return Surface(bounds.first_m, float("nan"), bounds.highest_m, bounds.deepest_m)
     residuals = force_n - columns @ gains
     covariance = sandwich(columns, residuals, np.ones(len(residuals)), run)
     deeper_m = -float(offset_n / stiffness)
     slope = np.array([-deeper_m, 0.0, -1.0]) / stiffness  # derivative of deeper_m by the gains
     matrix = covariance.matrix + common_error_covariance(columns, tare.index(run), tare.std_err)
     std_err_m = float(np.sqrt(slope @ matrix @ slope))
-    surface_m = max(touch.first_m + min(deeper_m, 0.0), touch.highest_m)
-    return Surface(surface_m, std_err_m, touch.highest_m, touch.deepest_m)
+    surface_m = max(bounds.first_m + min(deeper_m, 0.0), bounds.highest_m)
+    return Surface(surface_m, std_err_m, bounds.highest_m, bounds.deepest_m)
 
 
-def touch_of(tip_m: FloatArray, force_n: FloatArray, contacts: list[Contact], step_m: float) -> Touch:
+def bound_surface(
+    tip_m: FloatArray, force_n: FloatArray, contacts: list[Contact], step_m: float
+) -> SurfaceBounds:
     """Bound the surface by the samples around the contacts at one place.
 
     If the force of an object grows with a power p of the depth, the last sample in free air has the share
@@ -177,8 +179,8 @@ def touch_of(tip_m: FloatArray, force_n: FloatArray, contacts: list[Contact], st
     free = np.concatenate([contact.free for contact in contacts])
     first_m, last_m = float(tip_m[rows].min()), float(tip_m[rows].max())
     if not len(free):
-        return Touch(float("-inf"), first_m, first_m, step_m)
+        return SurfaceBounds(float("-inf"), first_m, first_m, step_m)
     air_m = min(float(tip_m[free].min()), first_m)
     touch_n = touch_force_n(max(contact.noise_n for contact in contacts))
     share = min(touch_n / float(force_n[rows].max()), 0.5) ** (1 / _SOFTEST_START)
-    return Touch(air_m - share / (1 - share) * (last_m - air_m) - step_m / 2, air_m, first_m, step_m)
+    return SurfaceBounds(air_m - share / (1 - share) * (last_m - air_m) - step_m / 2, air_m, first_m, step_m)

@@ -342,14 +342,14 @@ def _fits_by_piece(
     fitted, variance = np.zeros((2, last[-1], 3))
     uneven, units_s = np.zeros(last[-1], dtype=np.bool_), np.zeros(len(pieces))
     for number, (rows, chosen) in enumerate(zip(pieces, centers, strict=True)):
-        times, own = time_s[rows], slice(last[number] - counts[number], last[number])
+        times, chosen_rows = time_s[rows], slice(last[number] - counts[number], last[number])
         steps, width = times[1:] - times[:-1], min(2 * half + 1, len(times))
         if len(steps) and steps.max() - steps.min() > _EVEN * steps.max():
-            uneven[own], units_s[number] = True, width / 2 * float(times[-1] - times[0]) / len(steps)
+            uneven[chosen_rows], units_s[number] = True, width / 2 * float(times[-1] - times[0]) / len(steps)
             continue
         starts = np.clip(chosen - half, 0, len(times) - width)
         fit = _even_fit(float(np.mean(steps)) if len(steps) else 1.0, position[rows], chosen, starts, width)
-        fitted[own], variance[own] = fit.fitted, fit.variance
+        fitted[chosen_rows], variance[chosen_rows] = fit.fitted, fit.variance
     first, length = np.repeat([(rows.start, rows.stop - rows.start) for rows in pieces], counts, axis=0).T
     unit_s, place = np.repeat(units_s, counts), np.concatenate(centers)
     widths, terms = np.minimum(2 * half + 1, length), np.minimum(DEGREE, length - 1) + 1

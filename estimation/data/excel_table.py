@@ -17,7 +17,7 @@ from python_calamine import CalamineSheet, CalamineWorkbook
 from palpate.estimation.data.file_columns import FileColumns, check_size, list_first
 from palpate.estimation.data.table_layout import matching_places, with_run
 from palpate.estimation.data.text_dialect import (
-    FEWEST_NUMBERS,
+    MIN_NUMBERS,
     NAMELESS,
     Block,
     Layout,
@@ -33,10 +33,10 @@ from palpate.estimation.data.text_dialect import (
 from palpate.robot_io.errors import InputError
 
 _LOOKED_AT = 200  # first rows of a sheet in which the start of a table is searched
-_MOST_CELLS = 30_000_000  # cells of a sheet including empty ones, since the reader stores all of them
+_MAX_CELLS = 30_000_000  # cells of a sheet including empty ones, since the reader stores all of them
 _CELL = re.compile(r"([A-Z]{1,3})(\d{1,7})")
 _BELOW = 8  # rows below a row of words that are examined
-_MOST_SHEETS = 200
+_MAX_SHEETS = 200
 _BEGINNINGS = (b"PK", bytes.fromhex("D0CF11E0A1B11AE1"))  # of .xlsx, a ZIP archive, and of .xls, [MS-CFB] 2.2
 
 
@@ -65,7 +65,7 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
     """
     _check_workbook(path)
     book = CalamineWorkbook.from_path(path)
-    sheets = [book.get_sheet_by_name(name) for name in book.sheet_names[:_MOST_SHEETS]]
+    sheets = [book.get_sheet_by_name(name) for name in book.sheet_names[:_MAX_SHEETS]]
     notes: list[str] = []
     tables = [table for sheet in sheets for table in _tables(sheet)]
     if not tables:
@@ -116,7 +116,7 @@ def _check_workbook(path: Path) -> None:
             check_size(path, sum(entry.file_size for entry in archive.infolist()))
             for entry in archive.infolist():  # any entry may be a sheet
                 height, width = _extent(archive.read(entry))
-                if height * width > _MOST_CELLS:
+                if height * width > _MAX_CELLS:
                     raise InputError(
                         f"{path}: a sheet has {height} rows and {width} columns, too many to read; split it"
                     )
@@ -167,7 +167,7 @@ def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_SheetTable
     looked_at = set(range(min(len(rows), _LOOKED_AT)))
     for place, row in enumerate(rows):  # examine rows of words and the rows below them
         words = sum(isinstance(cell, str) and cell != "" for cell in row)
-        if words > 1 and sum(isinstance(cell, int | float) for cell in row) < FEWEST_NUMBERS:
+        if words > 1 and sum(isinstance(cell, int | float) for cell in row) < MIN_NUMBERS:
             looked_at.update(range(place, min(len(rows), place + _BELOW)))
     places = sorted(looked_at)
     head = [[_text(cell, decimal) for cell in rows[place]] for place in places]

@@ -10,11 +10,11 @@ from pathlib import Path
 
 from palpate.estimation.data.arrow import pa
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.files.whole_file import most_unpacked
+from palpate.robot_io.files.whole_file import max_unpacked_bytes
 from palpate.robot_io.types import IntArray
 
 BAGS = (".mcap", ".db3")  # endings of ROS 2 recordings
-MOST_BYTES = 2**30  # size limit, ten hours at 1 kHz, to protect the memory
+MAX_BYTES = 2**30  # size limit, ten hours at 1 kHz, to protect the memory
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def most_bytes(path: Path) -> int:
     Args:
         path: path of the file, which may be compressed.
     """
-    return min(MOST_BYTES, most_unpacked(path.stat().st_size))
+    return min(MAX_BYTES, max_unpacked_bytes(path.stat().st_size))
 
 
 def check_size(path: Path, size: int) -> None:

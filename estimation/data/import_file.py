@@ -24,7 +24,7 @@ from palpate.estimation.data.import_rows import UNKNOWN_PHASE, Rows, arrange_row
 from palpate.estimation.data.measured_derivatives import is_difference, mistaken_scale
 from palpate.estimation.data.presses import press_phases
 from palpate.estimation.data.table import Table, read_table
-from palpate.estimation.data.units import LONGEST_STEP_S, likely_time_unit
+from palpate.estimation.data.units import MAX_STEP_S, likely_time_unit
 from palpate.estimation.signals.blocks import blocks, number_pieces
 from palpate.estimation.signals.runwise import sample_time
 from palpate.estimation.statistics.correlation import correlation_coefficient
@@ -34,9 +34,9 @@ from palpate.robot_io.types import FloatArray
 ARM_MOTION = ("joint_position", "joint_velocity", "joint_acceleration")
 # Derived signals of a joint; a column with such a name would be mistaken for the signal that a model needs.
 DERIVED_SIGNALS = ("load", "rigid_body_torque", "rigid_body_regressor", "payload_effort_per_kg")
-_LONGEST_SIGNAL = 50  # characters; a session allows 64 including a prefix
+_MAX_SIGNAL_LENGTH = 50  # characters; a session allows 64 including a prefix
 _RESERVED_SIGNALS = frozenset({*ARM_MOTION, *DERIVED_SIGNALS})
-_SHORTEST_STEP_S = 1e-5  # steps between samples below it, or above `LONGEST_STEP_S`, are noted
+_MIN_STEP_S = 1e-5  # steps between samples below it, or above `MAX_STEP_S`, are noted
 _SPECIMEN = re.compile(
     r"specimen|sample|probek?(?!\w)|prüfling|éprouvette|échantillon|probeta|试样|試料", re.IGNORECASE
 )
@@ -127,7 +127,7 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> Imported:
             "torque divided by the servo's position gain (model position_servo)"
         )
     step_s = sample_time(rows.time_s, rows.run)
-    if TIME in columns and not _SHORTEST_STEP_S <= step_s <= LONGEST_STEP_S:  # the unit of time may be wrong
+    if TIME in columns and not _MIN_STEP_S <= step_s <= MAX_STEP_S:  # the unit of time may be wrong
         time = columns.assigned[TIME]
         notes.append(
             f"column '{time.column}': samples are {step_s:.3g} s apart; if this unit is wrong, give "
@@ -151,7 +151,7 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> Imported:
 
 def _signal_name(column: str) -> str:
     """Convert a column name to a signal name that a session can store."""
-    return re.sub(r"\W+", "_", column, flags=re.ASCII)[:_LONGEST_SIGNAL]
+    return re.sub(r"\W+", "_", column, flags=re.ASCII)[:_MAX_SIGNAL_LENGTH]
 
 
 def chosen_texts(name: str, given: str, texts: Collection[str], place: str) -> list[str]:

@@ -18,7 +18,7 @@ from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import ENDINGS, Table, read_table
 from palpate.robot_io.errors import InputError
 
-_MOST_FILES = 2000
+_MAX_FILES = 2000
 
 
 def data_files(folder: Path) -> list[Path]:
@@ -38,8 +38,8 @@ def data_files(folder: Path) -> list[Path]:
     lerobot = (folder / "meta" / "info.json").is_file()
     candidates = folder.glob("data/**/*.parquet") if lerobot else folder.iterdir()
     paths = [path for path in candidates if path.name.lower().removesuffix(".gz").endswith(ENDINGS)]
-    if len(paths) > _MOST_FILES:
-        raise InputError(f"{folder}: {len(paths)} data files, at most {_MOST_FILES}; join some of them")
+    if len(paths) > _MAX_FILES:
+        raise InputError(f"{folder}: {len(paths)} data files, at most {_MAX_FILES}; join some of them")
     return sorted((path for path in paths if path.is_file()), key=natural_key)
 
 

@@ -10,16 +10,16 @@ from palpate.estimation.data.assign_columns import Columns, in_blocks
 from palpate.estimation.data.column_names import DISPLACEMENT, FORCE, RUN, TIME, guess_columns
 from palpate.estimation.data.presses import MAX_RUNS, MIN_RUN_ROWS, cut_into, cut_presses, number_recordings
 from palpate.estimation.data.table import Table
-from palpate.estimation.data.units import MIN_STEP_S
+from palpate.estimation.data.units import MIN_INCREASE_S
 from palpate.estimation.signals.blocks import blocks, time_in_run
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray, IntArray
 
 UNKNOWN_PHASE = -1
-_LONGEST_NUMBER = 18  # digits of a run number; longer ones are names, such as serial numbers
-_MOST_REPEATED = 0.05  # largest share of rows that may repeat the time of the previous row
+_MAX_DIGITS = 18  # digits of a run number; longer ones are names, such as serial numbers
+_MAX_REPEATED_SHARE = 0.05  # largest share of rows that may repeat the time of the previous row
 _GAP, _QUICK = 1.5, 0.75  # least step of a gap and largest step in a burst, relative to the usual step
-_FEW_GAPS, _LONGEST_BURST = 0.05, 50  # largest share of gaps; most steps of a gap and its burst
+_FEW_GAPS, _MAX_BURST = 0.05, 50  # largest share of gaps; most steps of a gap and its burst
 _CYCLE_RANGE = 0.3  # least share of the position's range that a cycle covers
 _CYCLE_SHARE = 0.8  # least share of the stretches between clock restarts that must be cycles
 _MIN_ROWS = 5  # least number of samples in a run; with fewer the acceleration is meaningless
@@ -69,9 +69,9 @@ def arrange_rows(columns: Columns, *, fresh: bool, count: int | None) -> Rows:
             "no column holds a time: rows count as 1 s apart, so speeds, damping, inertia and relaxation "
             "times are not in seconds; if a column does, add --column time=COLUMN"
         )
-    is_repeated = np.abs(np.diff(time_s, prepend=-np.inf)) < MIN_STEP_S
+    is_repeated = np.abs(np.diff(time_s, prepend=-np.inf)) < MIN_INCREASE_S
     is_repeated[1:] &= np.diff(run[order]) == 0
-    if 0 < np.sum(is_repeated) < _MOST_REPEATED * len(order):
+    if 0 < np.sum(is_repeated) < _MAX_REPEATED_SHARE * len(order):
         notes.append(table.note_left_out(order[is_repeated], "they repeat the previous time"))
         order, time_s = order[~is_repeated], time_s[~is_repeated]
     counts = np.bincount(run[order]) if columns.run is None else np.array([_MIN_ROWS])
@@ -105,7 +105,7 @@ def _numbered_runs(table: Table, column: str) -> tuple[IntArray, dict[int, str]]
     """
     names, index = table.labels(column)
     numbers = list(range(len(names)))
-    if all(name.isdecimal() and len(name) <= _LONGEST_NUMBER for name in names):
+    if all(name.isdecimal() and len(name) <= _MAX_DIGITS for name in names):
         numbers_in_file = [int(name) for name in names]
         if len(set(numbers_in_file)) == len(names):  # "1" and "01" are two runs
             numbers = numbers_in_file
@@ -169,7 +169,7 @@ def _detect_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tup
     run, presses = recording, 1
     if count is not None and not is_contact:
         raise InputError(f"{place}: there is no contact to be cut into presses")
-    if count is not None and restarts >= count:
+    if count is not None and 1 < count <= restarts:
         times = "once" if restarts == 1 else f"{restarts} times"
         raise InputError(f"{place}: the clock restarts {times}, so there are at least {restarts + 1} runs")
     if is_contact and count is None:
@@ -180,8 +180,9 @@ def _detect_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tup
     if number == 1:
         return run, []
     reason = "the clock restarts: " if restarts else ""
-    which = f"one for {'each press' if presses == 1 else f'{presses} presses'}; " if is_contact else ""
-    remedy = "add --runs N" if is_contact else "name the column that numbers them, --column run=COLUMN"
+    is_cut = is_contact and count != 1
+    which = f"one for {'each press' if presses == 1 else f'{presses} presses'}; " if is_cut else ""
+    remedy = "add --runs N" if is_cut else "name the column that numbers them, --column run=COLUMN"
     return run, [f"{reason}cut into {number} runs, {which}if that is wrong, {remedy}"]
 
 
@@ -191,10 +192,11 @@ def _cycles(columns: Columns) -> tuple[IntArray, str]:
     The rows remain one run, and the column name is empty, if there are very many or very short cycles, or if
     most of them do not return to their initial position.
     """
-    moved = next((key for key in columns.assigned if key[0] in {"displacement", "position"}), None)
+    moved_key = next((key for key in columns.assigned if key[0] in {"displacement", "position"}), None)
     for guess in guess_columns(columns.unused):
-        if guess.key == TIME and moved is not None:
-            cycle, position = number_recordings(columns.table.numbers(guess.column)), columns.values(moved)
+        if guess.key == TIME and moved_key is not None:
+            position = columns.values(moved_key)
+            cycle = number_recordings(columns.table.numbers(guess.column))
             if not 0 < cycle[-1] < MAX_RUNS or np.bincount(cycle).min() < MIN_RUN_ROWS:
                 continue
             returns = [
@@ -216,7 +218,7 @@ def _spread_repeated_times(time_s: FloatArray, run: IntArray) -> FloatArray:
     for rows in blocks(run):
         read = time_s[rows]
         steps = np.diff(read)
-        first = np.flatnonzero(np.append(True, steps > MIN_STEP_S))  # rows at which the clock advances
+        first = np.flatnonzero(np.append(True, steps > MIN_INCREASE_S))  # rows at which the clock advances
         if (steps < 0.0).any() or len(first) in {1, len(read)}:
             continue
         usual_s = (read[first[-1]] - read[0]) / first[-1]
@@ -241,7 +243,7 @@ def _spread_late_stamps(time_s: FloatArray, run: IntArray) -> FloatArray:
         if len(gaps) > _FEW_GAPS * len(steps):
             continue
         for gap in gaps:
-            burst = steps[gap : gap + _LONGEST_BURST]
+            burst = steps[gap : gap + _MAX_BURST]
             quick = int(np.argmin(np.append(burst[1:] < _QUICK * step_s, False)))  # stamps in the burst
             late = float(burst[: quick + 1].sum()) - (quick + 1) * step_s
             if quick and abs(late) < 0.5 * step_s:
@@ -264,7 +266,7 @@ def _phases(table: Table, column: str | None) -> IntArray:
 
 
 def _check_times(columns: Columns, rows: Rows) -> None:
-    late = np.flatnonzero((np.diff(rows.time_s) < MIN_STEP_S) & (np.diff(rows.run) == 0))
+    late = np.flatnonzero((np.diff(rows.time_s) < MIN_INCREASE_S) & (np.diff(rows.run) == 0))
     if not len(late):
         return
     table, name = columns.table, columns.name(TIME)

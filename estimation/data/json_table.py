@@ -14,7 +14,7 @@ from palpate.estimation.data.text_dialect import NAMELESS, numbered_names
 from palpate.estimation.data.text_table import as_utf8
 from palpate.robot_io.errors import InputError
 
-_FEWEST = 3  # least number of rows of a table
+_MIN_COUNT = 3  # least number of rows of a table
 
 
 def read_json(path: Path) -> FileColumns:
@@ -74,16 +74,16 @@ def _tables(content: object) -> Iterator[tuple[dict[str, list[Any]], list[str]]]
         if isinstance(value, Mapping):
             lists = {str(key): part for key, part in value.items() if isinstance(part, list)}
             flat = {key: part for key, part in lists.items() if part and not any(map(_is_nested, part))}
-            lengths = [len(part) for part in flat.values() if len(part) >= _FEWEST]
+            lengths = [len(part) for part in flat.values() if len(part) >= _MIN_COUNT]
             for length in set(lengths):
                 if lengths.count(length) > 1:
-                    other_lengths = [key for key, part in flat.items() if _FEWEST <= len(part) != length]
+                    other_lengths = [key for key, part in flat.items() if _MIN_COUNT <= len(part) != length]
                     yield {key: part for key, part in flat.items() if len(part) == length}, other_lengths
             for part in lists.values():
                 names = [words for words in flat.values() if isinstance(words[0], str)]
                 yield from ((table, []) for table in _rows(part, names))
             pending += [part for part in value.values() if isinstance(part, Mapping | list)]
-        elif isinstance(value, list) and len(value) >= _FEWEST:
+        elif isinstance(value, list) and len(value) >= _MIN_COUNT:
             if all(isinstance(record, Mapping) for record in value):
                 records = [_flatten(record) for record in value]
                 columns = dict.fromkeys(name for record in records for name in record)
@@ -95,7 +95,7 @@ def _tables(content: object) -> Iterator[tuple[dict[str, list[Any]], list[str]]]
 def _rows(rows: list[Any], names: list[list[str]]) -> Iterator[dict[str, list[Any]]]:
     """Convert a list of equally long rows to a table; its first row or a list of names gives the names."""
     width = len(rows[0]) if rows and isinstance(rows[0], list) else 0
-    if width > 1 and len(rows) >= _FEWEST and all(isinstance(r, list) and len(r) == width for r in rows):
+    if width > 1 and len(rows) >= _MIN_COUNT and all(isinstance(r, list) and len(r) == width for r in rows):
         if all(isinstance(cell, str) for cell in rows[0]):
             names, rows = [rows[0], *names], rows[1:]
         header = next((row for row in names if len(set(row)) == width == len(row)), numbered_names(width))

@@ -13,7 +13,7 @@ _CLEAR_MOTION = 20.0  # least range of a position that moves, in standard deviat
 _OTHER_SCALE = 1.5  # least ratio of a wrong unit: smoothing changes a velocity by less than a third
 _SPANS = tuple(2**power for power in range(12))  # numbers of samples over which the two are compared
 _PAUSE = 5.0  # ratio to the usual step above which sampling paused
-_LEAST_SPANS = 0.5  # least share of the samples at which a span begins
+_MIN_SPANS = 0.5  # least share of the samples at which a span begins
 _HALVES = (1, 2, 3, 4, 5, 8, 10, 16, 32)  # number of samples on each side of a central difference
 _REACHES = (*((half, half) for half in _HALVES), (1, 0), (0, 1))  # central, backward and forward
 _DIFFERENCE_NOISE = 0.5  # largest squared deviation from a finite difference, relative to its noise
@@ -45,7 +45,7 @@ def mistaken_scale(
     best, ratio, likeness = 0.0, 1.0, 0.0
     for samples in _SPANS:
         same = piece[samples:] == piece[:-samples]
-        if np.sum(same) < _LEAST_SPANS * len(position):
+        if np.sum(same) < _MIN_SPANS * len(position):
             break
         moved, by_velocity = ((x[samples:] - x[:-samples])[same] for x in (position, led))
         correlation = correlation_coefficient(moved, by_velocity)

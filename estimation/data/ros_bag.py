@@ -21,7 +21,7 @@ from palpate.estimation.data.file_columns import BAGS, FileColumns, check_size, 
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
-_MOST_MESSAGE_BYTES = 1 << 20
+_MAX_MESSAGE_BYTES = 1 << 20
 
 
 def _messages(path: Path) -> Iterator[tuple[str, bytes]]:
@@ -39,7 +39,7 @@ def _messages(path: Path) -> Iterator[tuple[str, bytes]]:
             read_only = f"{part.resolve().as_uri()}?mode=ro&immutable=1"
             with closing(sqlite3.connect(read_only, uri=True)) as database:
                 database.execute("PRAGMA trusted_schema=OFF")
-                database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MOST_MESSAGE_BYTES)
+                database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MAX_MESSAGE_BYTES)
                 # Read tables only: a view in an untrusted file may never end.
                 rows = database.execute("SELECT name FROM sqlite_schema WHERE type='table'")
                 if not {"topics", "messages"} <= {name for (name,) in rows}:
@@ -90,7 +90,7 @@ _ARRAYS = {"position": "position_{}_rad", "velocity": "velocity_{}_rad_s", "torq
 _CDR_BYTES = 4  # header before the first field; it states the byte order
 _STAMP_BYTES = 8  # seconds and nanoseconds
 _NANO = 10**9
-_MOST_KINDS = 1000
+_MAX_LAYOUTS = 1000
 
 
 @dataclass(frozen=True)
@@ -195,9 +195,9 @@ def _joint_states(path: Path) -> list[_MessageGroup]:
         if not group.messages:
             groups.append(group)
         group.messages.append(message)
-        if len(groups) > _MOST_KINDS:
+        if len(groups) > _MAX_LAYOUTS:
             raise InputError(
-                f"{path}: its messages use more than {_MOST_KINDS} different sets of joint names"
+                f"{path}: its messages use more than {_MAX_LAYOUTS} different sets of joint names"
             )
     return groups
 

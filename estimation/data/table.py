@@ -19,7 +19,7 @@ from palpate.estimation.data.arrow import pa, pc
 from palpate.estimation.data.file_columns import BAGS, FileColumns, is_bag
 from palpate.estimation.data.json_table import read_json
 from palpate.estimation.data.table_layout import find_tests, is_filled, is_text, stack_tests, with_seconds
-from palpate.estimation.data.text_dialect import LEAST_UNMARKED, thousands_ambiguity
+from palpate.estimation.data.text_dialect import MIN_UNMARKED, thousands_ambiguity
 from palpate.estimation.data.text_table import as_utf8, number_of, read_text_table
 from palpate.estimation.data.units import describe_fault, invalid_rows
 from palpate.robot_io.errors import InputError, UnknownNameError
@@ -27,8 +27,8 @@ from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _SHOWN = 60  # characters of a value in an error message
-_LONGEST_LABEL = 1000  # characters of the name of a run or a phase
-_MOST_NAMES = 20  # names that an error message lists
+_MAX_LABEL_LENGTH = 1000  # characters of the name of a run or a phase
+_MAX_NAMES = 20  # names that an error message lists
 _HEAD_BYTES = 1 << 14
 _LOOKED_AT = 100  # first filled rows that decide whether a column contains numbers
 _GROUPED = {  # numbers with thousands separators, by the separator
@@ -85,8 +85,8 @@ class Table:
     @property
     def listed_names(self) -> str:
         """Names for an error message, shortened if there are many."""
-        more = f" and {len(self.names) - _MOST_NAMES} more" if len(self.names) > _MOST_NAMES else ""
-        return ", ".join(self.names[:_MOST_NAMES]) + more
+        more = f" and {len(self.names) - _MAX_NAMES} more" if len(self.names) > _MAX_NAMES else ""
+        return ", ".join(self.names[:_MAX_NAMES]) + more
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -138,7 +138,7 @@ class Table:
         unmarked = np.where(marked, 0.0, np.abs(values))
         texts = (str(trimmed[row]) for row in np.flatnonzero(marked).tolist())
         if ambiguity := thousands_ambiguity(texts, float(unmarked.max(initial=0.0)), self.decimal):
-            whole = trimmed[int(np.argmax(unmarked >= LEAST_UNMARKED))]
+            whole = trimmed[int(np.argmax(unmarked >= MIN_UNMARKED))]
             raise InputError(
                 f"{self.place(np.argmax(marked), name)}: {ambiguity}, since numbers such as '{whole}' have "
                 "no decimal mark; write numbers without thousands separators"
@@ -182,9 +182,9 @@ class Table:
             for value in coded.dictionary.to_pylist()
         ]
         longest = max(map(len, texts), default=0)
-        if longest > _LONGEST_LABEL:
+        if longest > _MAX_LABEL_LENGTH:
             raise InputError(
-                f"{place}: a name has {longest} characters; at most {_LONGEST_LABEL} are allowed"
+                f"{place}: a name has {longest} characters; at most {_MAX_LABEL_LENGTH} are allowed"
             )
         number = {text: number for number, text in enumerate(dict.fromkeys(texts))}
         of_code = np.array([number[text] for text in texts], dtype=np.int64)
@@ -280,12 +280,12 @@ def table_of(
         InputError: the table has no rows.
     """
     columns = cells.rename_columns([" ".join(name.split()) for name in cells.column_names])
-    held = [  # omit columns that have neither a name nor a value
+    used = [  # omit columns that have neither a name nor a value
         place
         for place, name in enumerate(columns.column_names)
         if name != f"column {place + 1}" or is_filled(columns.column(place)).any()
     ]
-    columns = columns.select(held)
+    columns = columns.select(used)
     names, notes = columns.column_names, list[str]()
     rows = np.arange(1, columns.num_rows + 1) if rows is None else rows
     if tests := find_tests(names):

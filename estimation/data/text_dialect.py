@@ -28,10 +28,10 @@ NUMBER = {  # pattern by decimal mark; the other mark may separate thousands
     ".": re.compile(_NUMBER.format(",", r"\."), re.IGNORECASE),
     ",": re.compile(_NUMBER.format(r"\.", ","), re.IGNORECASE),
 }
-LEAST_UNMARKED = 100.0  # least number without a decimal mark that may come before "1.000"
+MIN_UNMARKED = 100.0  # least number without a decimal mark that may come before "1.000"
 _ALIKE = 3  # consecutive lines that are checked to be a table
-FEWEST_NUMBERS = 2  # least number of numbers in such a line
-_MOST_SETTINGS = 4  # most rows between the names and the numbers
+MIN_NUMBERS = 2  # least number of numbers in such a line
+_MAX_SETTINGS = 4  # most rows between the names and the numbers
 _UNITS_OF = re.compile(r"\W*(?:(\w[\w ]*?)[ _-])?units?\W+(.+?)\W*", re.IGNORECASE)  # "Force unit: N"
 _COMMENT = "#%/;! \ufeff"
 _COMMENT_SIGNS = frozenset("#%/;!")
@@ -87,7 +87,7 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[Layout
 def _is_body(body: Sequence[Sequence[str]], decimal: str) -> bool:
     """Return whether rows are the first of a table: each column has only numbers or only words."""
     rows = [row for row in body if any(row) or row is body[0]]
-    if any(sum(_are_numbers(row, decimal)) < FEWEST_NUMBERS for row in rows):
+    if any(sum(_are_numbers(row, decimal)) < MIN_NUMBERS for row in rows):
         return False
     columns = zip_longest(*body, fillvalue="")
     kinds = ({is_number(cell, decimal) for cell in column if not is_missing(cell)} for column in columns)
@@ -127,7 +127,7 @@ def _header_rows(
             and (row[0].strip() and not is_number(row[0], decimal))
             and any(_are_numbers(row[1:], decimal))
         )
-        if not header and first - place <= _MOST_SETTINGS and (is_remark or is_setting):
+        if not header and first - place <= _MAX_SETTINGS and (is_remark or is_setting):
             continue
         if has_labels and len(_strip_empty(row)) == width - 1:  # R writes no name for the row labels
             row = ["", *row]
@@ -143,7 +143,7 @@ def _preamble(rows: Sequence[Sequence[str]], first: int, decimal: str) -> Iterat
     """Yield the rows above a table, the highest last, up to the rows of numbers of another table."""
     for place in range(first - 1, -1, -1):
         is_remark = bool(rows[place]) and rows[place][0].endswith(":")
-        if not is_remark and sum(_are_numbers(rows[place], decimal)) >= FEWEST_NUMBERS:
+        if not is_remark and sum(_are_numbers(rows[place], decimal)) >= MIN_NUMBERS:
             break
         yield rows[place]
 
@@ -219,10 +219,10 @@ def thousands_ambiguity(texts: Iterator[str], largest_unmarked: float, decimal: 
 
     Returns:
         The first text with both meanings, if each text could have a thousands separator in the place of the
-        mark and others of at least `LEAST_UNMARKED` have none; otherwise empty.
+        mark and others of at least `MIN_UNMARKED` have none; otherwise empty.
     """
     grouped, first = re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(decimal)}\d{{3}}"), next(texts, "")
-    if largest_unmarked < LEAST_UNMARKED or not all(map(grouped.fullmatch, chain([first], texts))):
+    if largest_unmarked < MIN_UNMARKED or not all(map(grouped.fullmatch, chain([first], texts))):
         return ""
     value = float(first.replace(decimal, "."))
     return f"'{first}' may mean {value:g} or {1000.0 * value:g}"
@@ -265,7 +265,7 @@ NAMELESS = "no names of columns"
 DELIMITERS = (",", ";", "\t", "|")
 BLANKS = " "  # one or more blanks between cells
 _LOOKED_AT = 1 << 18  # bytes
-_MOST_LINES = 400
+_MAX_LINES = 400
 _LINE = re.compile(rb"[^\n]*(\n|$)")
 _WORDS = re.compile(  # a line that begins with a word, possibly after the number of a test
     rb"\n[ \t,;|\"']*(?:\d+[\"']?[ \t]*[,;|\t][ \t,;|\"']*)?[A-Za-z(\[{<#%/!\x80-\xff][^\r\n]*"
@@ -273,7 +273,7 @@ _WORDS = re.compile(  # a line that begins with a word, possibly after the numbe
 _CELLS = re.compile(
     rb"(?:^|[\r\n\t,;|])[ \"]*[-+]?[\d.,]*\d(?:[eE][-+]?\d+)?[ \"]*(?=$|[\t,;|])"
 )  # cells with numbers
-_MOST_HEADERS, _BELOW = 10_000, 8  # most lines with words, and lines below each, that are examined
+_MAX_HEADERS, _BELOW = 10_000, 8  # most lines with words, and lines below each, that are examined
 _LEFT_OUT = "(lines left out)"
 _BLANK = re.compile(r"[ \t]+(?![\[(])")  # except a blank between a name and its unit
 _ANY_BLANK, _ONLY_UNITS = re.compile(r"[ \t]+"), re.compile(r"([\[(][^])]*[])][ \t]*)+")  # "(s) (mm) (N)"
@@ -329,8 +329,8 @@ def find_dialect(content: bytes) -> TextDialect | None:
         named = tuple(name or f"column {number}" for number, name in enumerate(names, 1))
         dialect = _dialect(lines, first)
         counts = len(lines) > 1 and is_number(line_cells(lines[1][1] + first, first)[0], dialect.decimal)
-        own = TextTable(named, begin, end, (), counts)
-        return replace(dialect, tables=(own, *(table for table in dialect.tables if table.head > own.head)))
+        first_table = TextTable(named, begin, end, (), counts)
+        return replace(dialect, tables=(first_table, *(t for t in dialect.tables if t.head > begin)))
     dialects = [_dialect(lines, delimiter) for delimiter in (*DELIMITERS, BLANKS)]
 
     def column_count(dialect: TextDialect) -> int:
@@ -356,7 +356,7 @@ def _nameless_dialect(lines: list[tuple[int, str]]) -> TextDialect | None:
         rows = list(_cells(texts, delimiter))
         decimal = decimal_mark(rows, in_doubt=delimiter != ",")
         columns, numbers = len(rows[0]), [sum(_are_numbers(row, decimal)) for row in rows]
-        if columns >= FEWEST_NUMBERS <= min(numbers) and all(len(row) == columns for row in rows):
+        if columns >= MIN_NUMBERS <= min(numbers) and all(len(row) == columns for row in rows):
             words = sum(not is_missing(cell) for row in rows for cell in row) - sum(numbers)
             table = TextTable(numbered_names(columns), begin, begin, (), True)
             options.append((words, TextDialect(delimiter, decimal, (table,))))
@@ -380,9 +380,9 @@ def _sample_lines(content: bytes) -> list[tuple[int, str]]:
                 begin = match.end()
         return begin
 
-    end = take(0, min(len(content), _LOOKED_AT), _MOST_LINES)
+    end = take(0, min(len(content), _LOOKED_AT), _MAX_LINES)
     words = (match for match in _WORDS.finditer(content, end - 1) if len(_CELLS.findall(match.group())) < 2)
-    for match in islice(words, _MOST_HEADERS):
+    for match in islice(words, _MAX_HEADERS):
         begin = max(match.start() + 1, end)
         if begin > end:
             lines.append((end, _LEFT_OUT))
@@ -420,7 +420,7 @@ def is_footer(cells: Sequence[str], *, counts: bool) -> bool:
     filled = [cell for cell in cells if cell.strip()]
     numbers = [any(is_number(cell, mark) for mark in NUMBER) for cell in filled]
     words = bool(filled) and not numbers[0]
-    return not filled or (words and (sum(numbers) < FEWEST_NUMBERS or (counts and not is_missing(cells[0]))))
+    return not filled or (words and (sum(numbers) < MIN_NUMBERS or (counts and not is_missing(cells[0]))))
 
 
 def line_cells(line: str, delimiter: str) -> list[str]:

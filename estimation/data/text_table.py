@@ -34,8 +34,8 @@ from palpate.estimation.data.text_dialect import (
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import IntArray
 
-_LONGEST_LINE = 2**20 - 1  # bytes; the reader uses blocks of 1 MiB, each of which must contain a line end
-_MOST_COLUMNS = 20_000  # limits computing time, since each name is compared with all words for a quantity
+_MAX_LINE_BYTES = 2**20 - 1  # bytes; the reader uses blocks of 1 MiB, each of which must contain a line end
+_MAX_COLUMNS = 20_000  # limits computing time, since each name is compared with all words for a quantity
 _SHOWN = 60  # characters of a rejected line that an error message shows
 _SYSTEMATIC = 0.25  # least share of short rows that are intentional; fewer are damaged rows
 
@@ -56,12 +56,12 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     if dialect is None:  # names may have quoted line breaks, as spreadsheets write them
         content = _NAMES_IN_QUOTES.sub(_one_line, content[:_LOOKED_AT]) + content[_LOOKED_AT:]
         dialect = find_dialect(content) or _raise_no_table(content, path)
-    if (columns := max(len(table.names) for table in dialect.tables)) > _MOST_COLUMNS:
+    if (columns := max(len(table.names) for table in dialect.tables)) > _MAX_COLUMNS:
         raise InputError(
-            f"{path}: has {columns:,} columns, at most {_MOST_COLUMNS:,} are read; "
+            f"{path}: has {columns:,} columns, at most {_MAX_COLUMNS:,} are read; "
             "keep those of time, motion and effort"
         )
-    if not content[dialect.tables[0].start :][:_LONGEST_LINE].strip():
+    if not content[dialect.tables[0].start :][:_MAX_LINE_BYTES].strip():
         raise InputError(f"{path}: no rows of data")
     heads = [*(table.head for table in dialect.tables[1:]), len(content)]
     pairs = list(zip(dialect.tables, heads, strict=True))
@@ -114,8 +114,8 @@ def _read_text(path: Path) -> tuple[bytes, str]:
         raise InputError(f"{path}: no rows of data; the file is empty")
     if content.count(b"\r") > content.count(b"\r\n"):  # line ends of old programs
         content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    first_lines = content.lstrip()[: _LONGEST_LINE + 1]
-    if len(first_lines) > _LONGEST_LINE and b"\n" not in first_lines:
+    first_lines = content.lstrip()[: _MAX_LINE_BYTES + 1]
+    if len(first_lines) > _MAX_LINE_BYTES and b"\n" not in first_lines:
         raise InputError(f"{path}: its first line is longer than 1 MiB; put the names of the columns there")
     return content, encoding
 
@@ -127,7 +127,7 @@ def _labels_as_header(content: bytes) -> bytes:
     become empty, so that line numbers are preserved, except if the first line is already a row.
     """
     lines = content.splitlines() if _PAIR.search(content[:_LOOKED_AT]) else []
-    first = next((n for n, line in enumerate(lines[:_MOST_ABOVE]) if len(_PAIR.findall(line)) > 1), None)
+    first = next((n for n, line in enumerate(lines[:_MAX_LINES_ABOVE]) if len(_PAIR.findall(line)) > 1), None)
     if first is None:
         return content
     labels = [(label, unit) for label, _, unit in _PAIR.findall(lines[first])]
@@ -136,7 +136,7 @@ def _labels_as_header(content: bytes) -> bytes:
         pairs, rest = _PAIR.findall(line), _PAIR.sub(b"", line).strip(b" ,;|\t")
         same_labels = not rest and [(label, unit) for label, _, unit in pairs] == labels
         rows.append(b",".join(number for _, number, _ in pairs) if same_labels else b"")
-    if sum(map(bool, rows)) < max(_FEWEST_LABELLED, len(rows) / 2):
+    if sum(map(bool, rows)) < max(_MIN_LABELED, len(rows) / 2):
         return content
     names = b",".join(b"%b [%b]" % pair if pair[1] else pair[0] for pair in labels)
     return b"\n".join([*[b""] * (first - 1), names, *rows])
@@ -202,8 +202,8 @@ def _parse_rows(
         invalid: list[pa_csv.InvalidRow] = []
         try:
             _parse(rows, table.names, delimiter, lambda row: invalid.append(row) or "skip")  # type: ignore[func-returns-value]
-        except pa.ArrowInvalid as second:
-            problem = "a line is longer than 1 MiB" if "straddl" in str(second) else problem
+        except pa.ArrowInvalid as parse_error:
+            problem = "a line is longer than 1 MiB" if "straddl" in str(parse_error) else problem
         if invalid:
             cells = f"has {invalid[0].actual_columns} cells and the header {invalid[0].expected_columns}"
             text = " ".join(invalid[0].text.split())[:_SHOWN]
@@ -262,26 +262,27 @@ def _repair_rows(
     cells = [line_cells(text, delimiter) for text in texts]
     decimal = dialect.decimal
     words = [table.counts and not is_number(row[0], decimal) and is_footer(row, counts=True) for row in cells]
-    kept = np.flatnonzero(~np.array(words))
-    lacking = [len(table.names) - len(cells[place]) for place in kept]
+    row_places = np.flatnonzero(~np.array(words))
+    lacking = [len(table.names) - len(cells[place]) for place in row_places]
     short = np.flatnonzero(np.array(lacking) > 0)
-    few = len(short) < _SYSTEMATIC * len(kept) or dialect.delimiter == BLANKS
-    if not len(kept) or (len(short) and few):
+    few = len(short) < _SYSTEMATIC * len(row_places) or dialect.delimiter == BLANKS
+    if not len(row_places) or (len(short) and few):
         return None
     remarks = []
-    if len(kept) < len(texts):
-        count, first = len(texts) - len(kept), int(np.argmax(words))
+    if len(row_places) < len(texts):
+        count, first = len(texts) - len(row_places), int(np.argmax(words))
         remarks.append(
             f"{count} line{'s' if count > 1 else ''} of text among the rows left out; the first is "
             f"line {lines[first]}: {' '.join(texts[first].split())[:_SHOWN]!r}"
         )
     if len(short):
         remarks.append(
-            f"{len(short)} of {len(kept)} rows lack their last cells, which are read as empty; the "
-            f"first is in line {lines[kept[short[0]]]}"
+            f"{len(short)} of {len(row_places)} rows lack their last cells, which are read as empty; the "
+            f"first is in line {lines[row_places[short[0]]]}"
         )
-    filled = (texts[place] + delimiter * max(lack, 0) for place, lack in zip(kept, lacking, strict=True))
-    return pa.py_buffer("\n".join(filled).encode()), lines[kept], remarks
+    places = zip(row_places, lacking, strict=True)
+    filled = (texts[place] + delimiter * max(lack, 0) for place, lack in places)
+    return pa.py_buffer("\n".join(filled).encode()), lines[row_places], remarks
 
 
 def _line_numbers(content: bytes, begin: int, end: int, count: int | None = None) -> IntArray:
@@ -362,7 +363,7 @@ _PAIR = re.compile(  # a label, its number, and possibly a unit
     rb"([A-Za-z\x80-\xff][\w \x80-\xff]{0,60}?)[ \t]{0,8}[:=][ \t]{0,8}([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)"
     rb"[ \t]?([A-Za-z\xb0-\xff%/]{0,5})(?=[\s,;|]|$)"
 )
-_MOST_ABOVE, _FEWEST_LABELLED = 100, 5  # most lines above labeled rows; least number of such rows
+_MAX_LINES_ABOVE, _MIN_LABELED = 100, 5  # most lines above labeled rows; least number of such rows
 
 
 def _end_of_rows(content: bytes, table: TextTable, end: int, delimiter: str) -> int:

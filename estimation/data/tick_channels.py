@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from palpate.control.loop.task import NO_RUN, Phase
 from palpate.control.loop.tick_record import STREAM_NAME, tick_stream
 from palpate.estimation.channel import ChannelData, ChannelKind, Tare
-from palpate.estimation.data.contact import Contact, find_contacts, find_surface, touch_of
+from palpate.estimation.data.contact import Contact, bound_surface, find_contacts, find_surface
 from palpate.estimation.data.derivatives import differentiate, grid_step
 from palpate.estimation.data.units import describe_fault, invalid_rows
 from palpate.estimation.signals.blocks import blocks, number_pieces
@@ -19,7 +19,7 @@ from palpate.robot_io.session import Samples, Session
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray, Status
 
 UNUSED_PHASES = (Phase.IDLE, Phase.STOPPED)
-_MOST_JOINTS = 100
+_MAX_JOINTS = 100
 _FAR_S = 60.0  # time between a tick and a sample in it that exceeds any age limit
 OPTIONAL_COLUMNS = {  # columns that no computation uses
     "tick",
@@ -55,19 +55,19 @@ def checked_ticks(session: Session) -> Samples:
     if "joint_position_rad" not in columns:
         raise SessionError(f"{place}: no column 'joint_position_rad'")
     joints = columns["joint_position_rad"].width
-    if joints > _MOST_JOINTS:
-        raise SessionError(f"{place}, column 'joint_position_rad': {joints} joints, at most {_MOST_JOINTS}")
+    if joints > _MAX_JOINTS:
+        raise SessionError(f"{place}, column 'joint_position_rad': {joints} joints, at most {_MAX_JOINTS}")
     for column in tick_stream(joints).columns:
-        own = columns.get(column.name)
-        if own is None and column.name in OPTIONAL_COLUMNS:
+        stored = columns.get(column.name)
+        if stored is None and column.name in OPTIONAL_COLUMNS:
             continue
-        if own is None:
+        if stored is None:
             raise SessionError(f"{place}: no column '{column.name}'")
         column_place = f"{place}, column '{column.name}'"
-        if own.width != column.width:
-            raise SessionError(f"{column_place}: {own.width} values a tick, expected {column.width}")
-        if np.dtype(own.dtype).kind != np.dtype(column.dtype).kind:
-            raise SessionError(f"{column_place}: is {own.dtype}, expected {column.dtype}")
+        if stored.width != column.width:
+            raise SessionError(f"{column_place}: {stored.width} values a tick, expected {column.width}")
+        if np.dtype(stored.dtype).kind != np.dtype(column.dtype).kind:
+            raise SessionError(f"{column_place}: is {stored.dtype}, expected {column.dtype}")
     _check_values(session, ticks, "time_s", np.ones(len(ticks), dtype=np.bool_))
     # The clock may restart where sessions were merged; otherwise ticks must be in order of time.
     run, late_s = ticks["run"].astype(np.int64), np.diff(ticks["time_s"])
@@ -85,10 +85,10 @@ def checked_ticks(session: Session) -> Samples:
         # Sample times must be close to the tick time.
         far = np.flatnonzero(good[status] & (np.abs(ticks[names[1]] - ticks["time_s"]) > _FAR_S))
         if len(far):
-            sampled_s, own_s = (ticks[name][far[0]] for name in (names[1], "time_s"))
+            sampled_s, tick_s = (ticks[name][far[0]] for name in (names[1], "time_s"))
             raise InputError(
                 f"{session.path}: tick {far[0] + 1}, column '{names[1]}': {sampled_s:g} s is far from the "
-                f"tick's own time, {own_s:g} s"
+                f"tick's own time, {tick_s:g} s"
             )
     in_run = good["encoder_status"] & (ticks["run"] != NO_RUN) & ~np.isin(ticks["phase"], UNUSED_PHASES)
     for name in _RUN_COLUMNS:
@@ -297,7 +297,7 @@ def _interpolate_per_clock(
 
 def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tared: bool) -> ChannelData:
     rows = np.isin(ticks["run"], [contact.run for contact in contacts])
-    contacts = [contact.among(rows) for contact in contacts]
+    contacts = [contact.reindexed(rows) for contact in contacts]
     touching = np.concatenate([contact.rows for contact in contacts])
     chosen = ticks.select(rows)
     time_s, run = chosen["force_at_s"], chosen["run"].astype(np.int64)
@@ -314,9 +314,9 @@ def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tare
     tare = _tare(contacts)
     above_n = chosen["force_n"] - tare.of(run)
     step_m = float(np.sqrt(12 * rounding_m2))
-    touch = touch_of(along_m, above_n, contacts, step_m)
+    bounds = bound_surface(along_m, above_n, contacts, step_m)
     surface = find_surface(
-        along_m[touching], speed_m_s[touching], above_n[touching], run[touching], tare, touch
+        along_m[touching], speed_m_s[touching], above_n[touching], run[touching], tare, bounds
     )
     return ChannelData(
         name,

@@ -15,8 +15,8 @@ _PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6}
 _STANDARD_GRAVITY = 9.80665  # [m/s^2]; converts grams and kilograms that are used as units of force
 _POUND = 0.45359237 * _STANDARD_GRAVITY
 _INCH = 0.0254
-LONGEST_STEP_S = 0.5  # step between samples above which another unit of time is more likely
-SHORTEST_RECORDING_S = 1.0  # shortest plausible duration of a recording
+MAX_STEP_S = 0.5  # step between samples above which another unit of time is more likely
+MIN_RECORDING_S = 1.0  # shortest plausible duration of a recording
 
 
 def _with_prefixes(unit: str, prefixes: str) -> dict[str, float]:
@@ -175,9 +175,9 @@ def dimension_of(unit: str) -> str | None:
 
 
 def likely_time_unit(step: float, span: float = math.inf) -> str:
-    """Return the largest unit of time in which the step between samples is at most `LONGEST_STEP_S`.
+    """Return the largest unit of time in which the step between samples is at most `MAX_STEP_S`.
 
-    If the whole recording would be shorter than `SHORTEST_RECORDING_S` in that unit, the next larger unit is
+    If the whole recording would be shorter than `MIN_RECORDING_S` in that unit, the next larger unit is
     returned.
 
     Args:
@@ -185,8 +185,8 @@ def likely_time_unit(step: float, span: float = math.inf) -> str:
         span: time from the first to the last sample, in the same unit.
     """
     units = ("s", "ms", "us", "ns")
-    number = next((n for n, unit in enumerate(units[:3]) if step * _TIME[unit] <= LONGEST_STEP_S), 3)
-    is_too_short = span * _TIME[units[number]] < SHORTEST_RECORDING_S
+    number = next((n for n, unit in enumerate(units[:3]) if step * _TIME[unit] <= MAX_STEP_S), 3)
+    is_too_short = span * _TIME[units[number]] < MIN_RECORDING_S
     return units[number - 1] if is_too_short and number > 0 else units[number]
 
 
@@ -235,19 +235,19 @@ def scaled_unit(unit: str, own: str) -> tuple[float, str]:
     match = _SCALED.fullmatch(unit)
     if not match:
         return 1.0, unit
-    scale, of = float(match[1]), normalise(match[2])
-    whole, _, below = of.rpartition("_")
+    scale, base_unit = float(match[1]), normalise(match[2])
+    whole, _, below = base_unit.rpartition("_")
     dimension, factor = _FACTORS.get(normalise(below), ("", 1.0))
     if whole and dimension in {"current", "voltage", "pressure"}:
         read = own or normalise(below)
         if dimension_of(read) == dimension:
             return scale * factor_to_si(read, dimension, read) / factor, normalise(whole)
-    return scale, of
+    return scale, base_unit
 
 
 LARGEST_NUMBER = 1e30  # largest allowed number in any unit, so that squares do not overflow
 SMALLEST = 1.0 / LARGEST_NUMBER  # least allowed maximum of a signal, so that squares do not underflow
-MIN_STEP_S = 1e-12  # least increase between samples of a clock, far below any clock's step
+MIN_INCREASE_S = 1e-12  # least increase between samples of a clock, far below any clock's step
 
 
 def invalid_rows(values: FloatArray) -> NDArray[np.int64]:

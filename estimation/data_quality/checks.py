@@ -164,9 +164,9 @@ def _warnings(data: ChannelData, model: Model | None) -> Iterator[tuple[str, str
     good = data.select(usable(data))
     if len(good) < MIN_SAMPLES:
         return
-    found = [(kind, check(good)) for kind, check in _IMPLAUSIBLE]
-    found += [(kind, check(good, model)) for kind, check in _IMPLAUSIBLE_WITH_MODEL]
-    yield from ((kind, warning) for kind, warning in found if warning)
+    results = [(kind, check(good)) for kind, check in _IMPLAUSIBLE]
+    results += [(kind, check(good, model)) for kind, check in _IMPLAUSIBLE_WITH_MODEL]
+    yield from ((kind, warning) for kind, warning in results if warning)
 
 
 def _distance_from_median(signal: FloatArray, run: IntArray) -> tuple[FloatArray, float]:

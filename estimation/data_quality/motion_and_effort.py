@@ -249,16 +249,17 @@ def angle_in_degrees(data: ChannelData, model: Model | None) -> str | None:
     turns = float(np.ptp(data.position)) / (2.0 * np.pi)
     if turns < _MIN_TURNS:
         return None
-    radians = [np.sin(data.position), np.cos(data.position)]
-    degrees = [np.sin(np.radians(data.position)), np.cos(np.radians(data.position))]
-    none, slow, both = (_mean_squared_residual(data, law) for law in ([], degrees, [*degrees, *radians]))
-    is_explained = none - slow >= _MIN_SLOW * float(np.var(data.effort)) and slow <= _MAX_LEFT * none
-    if not is_explained or slow > _EQUIVALENT * both:
+    radian_law = [np.sin(data.position), np.cos(data.position)]
+    degree_law = [np.sin(np.radians(data.position)), np.cos(np.radians(data.position))]
+    laws: list[list[FloatArray]] = [[], degree_law, [*degree_law, *radian_law]]
+    without, in_degrees, in_both = (_mean_squared_residual(data, law) for law in laws)
+    is_large = without - in_degrees >= _MIN_SLOW * float(np.var(data.effort))
+    if not is_large or in_degrees > min(_MAX_LEFT * without, _EQUIVALENT * in_both):
         return None
     if not any(effect.name in HEAVY for effect in model.effects):  # as well as a cubic, not as a quadratic
         x = (data.position - data.position.mean()) / float(np.std(data.position))
         quadratic, cubic = (_mean_squared_residual(data, law) for law in ([x, x**2], [x, x**2, x**3]))
-        if slow > _EQUIVALENT * cubic or quadratic < _WORSE * slow:
+        if in_degrees > _EQUIVALENT * cubic or quadratic < _WORSE * in_degrees:
             return None
     return (
         f"the joint turns {turns:.0f} times, and its effort does not repeat with each turn as gravity does; "

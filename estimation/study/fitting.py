@@ -77,8 +77,8 @@ def fit_held(data: ChannelData, fit: FitResult, held: Mapping[str, float]) -> Fi
         held: values of held parameters by "effect.parameter".
     """
     with single_threaded():
-        again = fit_model(data, replace(fit.model, held=held), fit.values, usable(data))
-        return replace(again, validation=fit.validation)
+        refitted = fit_model(data, replace(fit.model, held=held), fit.values, usable(data))
+        return replace(refitted, validation=fit.validation)
 
 
 def diagnose(
@@ -98,8 +98,8 @@ def diagnose(
         file: name of the data, for the result.
     """
     # Workers of a sweep must not start processes, and user-defined effects are unknown in other processes.
-    own = all(type(effect).__module__.startswith("palpate.estimation.") for effect in effects)
-    processes = os.cpu_count() or 1 if own and not current_process().daemon else 1
+    are_built_in = all(type(effect).__module__.startswith("palpate.estimation.") for effect in effects)
+    processes = os.cpu_count() or 1 if are_built_in and not current_process().daemon else 1
     with single_threaded():
         return diagnosis.diagnose(
             channels,

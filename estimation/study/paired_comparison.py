@@ -95,23 +95,27 @@ class Side:
         Returns:
             The ratio; NaN if a prediction is impossible.
         """
-        predicted = self._prediction_of(other)
-        if predicted is None or other.compared is None:
+        scored = self._scored(other)
+        if scored is None or other.compared is None:
             return float("nan")
-        judged, floor = other.compared.fitted.judged, other.compared.noise.value
-        error = float(np.sqrt(np.mean((other.data.effort - predicted)[judged] ** 2)))
-        return error / floor if floor > 0.0 else float("inf")
+        error, noise = float(np.sqrt(np.mean((scored[0] - scored[1]) ** 2))), other.compared.noise.value
+        return error / noise if noise > 0.0 else float("inf")
 
-    def _prediction_of(self, other: "Side") -> FloatArray | None:
-        """Predict the effort (n,) for the other motion (cross-validated for its own); None if impossible."""
+    def _scored(self, other: "Side") -> tuple[FloatArray, FloatArray] | None:
+        """Return the other side's scored efforts (n,) and their prediction by this model; None if impossible.
+
+        The prediction of its own measurement is cross-validated.
+        """
         if self.compared is None or other.compared is None:
             return None
+        judged, effort = other.compared.fitted.judged, other.data.effort
         if other is self:
-            return other.data.effort - self.residual
+            return effort[judged], (effort - self.residual)[judged]
         try:
-            return self.compared.fitted.model.predict(other.data, self.compared.fitted.values)
+            predicted = self.compared.fitted.model.predict(other.data, self.compared.fitted.values)
         except (InputError, KeyError):  # the other measurement lacks a signal that this model needs
             return None
+        return effort[judged], predicted[judged]
 
     def fit_of(self, other: "Side") -> float:
         """Return how well this model fits the other measurement [%]; its own measurement is cross-validated.
@@ -119,11 +123,8 @@ class Side:
         Args:
             other: the side whose measurement is predicted.
         """
-        predicted = self._prediction_of(other)
-        if predicted is None or other.compared is None:
-            return float("nan")
-        judged = other.compared.fitted.judged
-        return fit_percent(other.data.effort[judged], predicted[judged])
+        scored = self._scored(other)
+        return float("nan") if scored is None else fit_percent(*scored)
 
 
 @dataclass(frozen=True)
@@ -206,12 +207,12 @@ class Sides(TableDisplay):
         is (X'X)^-1 X'(eB - eA). The common part of both residuals cancels, such as that of a missing effect.
         """
         a, b = self.first.compared, self.second.compared
-        position = self._at_times_of_first(self.second.data.position)
-        if a is None or b is None or position is None or list(a.parameters) != list(b.parameters):
+        if a is None or b is None or list(a.parameters) != list(b.parameters):
             return {}
-        residual_b = b.fitted.data.effort - b.fitted.predicted
-        aligned_b = self._at_times_of_first(np.where(b.fitted.judged, residual_b, np.nan))
-        assert aligned_b is not None  # noqa: S101, as the position
+        residual_b = np.where(b.fitted.judged, b.fitted.data.effort - b.fitted.predicted, np.nan)
+        position, aligned_b = map(self._at_times_of_first, (self.second.data.position, residual_b))
+        if position is None or aligned_b is None:
+            return {}
         residual = aligned_b - (a.fitted.data.effort - a.fitted.predicted)
         rows = a.fitted.judged & np.isfinite(residual)
         distance = np.nanstd(position - self.first.data.position)

@@ -101,7 +101,7 @@ def read_saved(file: Path, model: type[Saved]) -> Saved:
             raise ValueError(f"it has more than {MAX_BYTES // 10**6} MB")
         content = json.loads(file.read_bytes())
         checksum = content.pop(_CHECKSUM, None) if isinstance(content, dict) else None
-        kept = model.model_validate_json(json.dumps(content), strict=True)
+        saved = model.model_validate_json(json.dumps(content), strict=True)
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise ValueError("Invalid JSON") from error
     except RecursionError as error:
@@ -112,7 +112,7 @@ def read_saved(file: Path, model: type[Saved]) -> Saved:
         first = error.errors(include_url=False, include_input=False)[0]
         where = ".".join(clean_text(str(part)) for part in first["loc"])
         raise ValueError(f"{where}: {first['msg']}" if where else first["msg"]) from error
-    for text in _texts(kept.model_dump(mode="json")):
+    for text in _texts(saved.model_dump(mode="json")):
         if len(text) > MAX_TEXT_LENGTH:
             raise ValueError(f"a text has {len(text)} characters, at most {MAX_TEXT_LENGTH}")
         if text != clean_text(text):
@@ -121,7 +121,7 @@ def read_saved(file: Path, model: type[Saved]) -> Saved:
         raise ValueError(f"{_CHECKSUM}: is missing, as in files of earlier versions")
     if checksum != _checksum(content):
         raise ValueError(f"{_CHECKSUM}: does not match the content, which was changed after palpate wrote it")
-    return kept
+    return saved
 
 
 def with_checksum(content: Mapping[str, Any]) -> dict[str, Any]:

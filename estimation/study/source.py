@@ -82,9 +82,8 @@ class Source:
         Args:
             runs: numbers of recorded runs to remove.
         """
-        left_out = (self.runs_of(channel, runs) for channel in self.channels)
-        kept = (c.of_runs(np.setdiff1d(c.runs, out)) for c, out in zip(self.channels, left_out, strict=True))
-        return replace(self, channels=tuple(kept))
+        remaining = (c.of_runs(np.setdiff1d(c.runs, self.runs_of(c, runs))) for c in self.channels)
+        return replace(self, channels=tuple(remaining))
 
     def tared(self, names: Collection[str]) -> tuple[ChannelData, ...]:
         """Return channels with the force in free air subtracted, as the estimation of a stiffness requires.
@@ -217,8 +216,8 @@ def _check_channel(channel: ChannelData) -> None:
     if unknown := set(channel.phase.tolist()) - {-1, *Phase}:
         raise InputError(f"{place}: there is no phase {min(unknown)}. Valid: -1 to {max(Phase)}")
     changes = np.flatnonzero(np.diff(channel.run)) + 1
-    again = np.setdiff1d(np.arange(len(channel)), np.unique(channel.run, return_index=True)[1])
-    if len(scattered := np.intersect1d(changes, again)):
+    repeated = np.setdiff1d(np.arange(len(channel)), np.unique(channel.run, return_index=True)[1])
+    if len(scattered := np.intersect1d(changes, repeated)):
         run = channel.run[scattered[0]]
         raise InputError(f"{place}: run {run} continues at sample {scattered[0]}, after another run")
     late = np.flatnonzero((np.diff(channel.time_s) <= 0.0) & (np.diff(channel.run) == 0))

@@ -171,11 +171,10 @@ class ModelStudy(StudyFits):
         """
         if self._planner is None:
             return None
-        names = [tuple(effect.effect for effect in entry.accepted) for entry in diagnosed]
-        known = [
-            (self.channel(entry.channel).key, entry.verdict, accepted)
-            for entry, accepted in zip(diagnosed, names, strict=True)
-        ]
+        known = (
+            (self.channel(entry.channel).key, entry.verdict, tuple(each.effect for each in entry.accepted))
+            for entry in diagnosed
+        )
         key = longest_s, tuple(known)
         if key not in self._probes:
             self._probes[key] = self._planner(self, diagnosed, longest_s, progress)
@@ -242,9 +241,10 @@ class ModelStudy(StudyFits):
             data = replace(self.source, channels=tuple(data)).without(self.held_out).channels
         if not data:
             raise InputError(f"no channel '{channel}' to estimate. There are: {', '.join(models)}")
-        chosen = [channel if runs is None else only_runs(channel, runs, self.source) for channel in data]
+        if runs is not None:
+            data = [only_runs(channel_data, runs, self.source) for channel_data in data]
         estimates = []
-        for channel_data in chosen:
+        for channel_data in data:
             try:
                 noise = self.noise(channel_data.name)
             except InputError:  # the channel cannot be fitted

@@ -90,9 +90,9 @@ def rivals_of(
     effects_of_questions = rival_effects(diagnosis, study.effects)
     if len(effects_of_questions[0]) == 1:
         base = study.fit(channel).training_fit
-        tried = screen_effects(base, applicable_effects(base.data, base.model, study.effects))  # best first
+        ranked = screen_effects(base, applicable_effects(base.data, base.model, study.effects))  # best first
         effects_of_questions = [
-            [*effects_of_questions[0], *([candidate.effect.name] for candidate in tried[: _MAX_SINGLE - 1])]
+            [*effects_of_questions[0], *([candidate.effect.name] for candidate in ranked[: _MAX_SINGLE - 1])]
         ]
     questions = []
     for models in effects_of_questions:
@@ -190,11 +190,11 @@ def _contains(larger: FitResult, smaller: FitResult) -> bool:
     """Return whether a larger model can reproduce the prediction of a smaller one, except for noise."""
     blocked, model, known = smaller.problem.blocked, smaller.solution.model, smaller.solution.parameters
     motion, cache = decimate(blocked), FitCache()
-    drawn = replace(motion, effort=model.predict(with_load(motion, model, known), known))
-    without = fit_model(drawn, model.without(model.effects[-1].name), known, blocked.trusted, cache)
-    tried = screen_effects(without, larger.model.effects[-1:])[0].search.best
-    again = fit_model(drawn, tried.model, tried.parameters, blocked.trusted, cache)
-    return again.solution.sse < max(_MAX_REST * without.solution.sse, _NEGLIGIBLE * smaller.solution.sse)
+    simulated = replace(motion, effort=model.predict(with_load(motion, model, known), known))
+    without = fit_model(simulated, model.without(model.effects[-1].name), known, blocked.trusted, cache)
+    extended = screen_effects(without, larger.model.effects[-1:])[0].search.best
+    refitted = fit_model(simulated, extended.model, extended.parameters, blocked.trusted, cache)
+    return refitted.solution.sse < max(_MAX_REST * without.solution.sse, _NEGLIGIBLE * smaller.solution.sse)
 
 
 def _size(model: Model) -> int:

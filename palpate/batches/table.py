@@ -16,7 +16,7 @@ from palpate.common.csv_text import harmless_table
 from palpate.common.files import whole_file
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.errors import InputError, one_line
-from palpate.robot_io.files.whole_file import as_utf8
+from palpate.robot_io.files.whole_file import replace_undecodable
 from palpate.robot_io.types import FloatArray
 from palpate.sweep.case import ADDRESS
 
@@ -118,9 +118,11 @@ def make_table(
         **{name: [each.fields.get(name) for each in chosen] for name in fields},
     }
     for name, cells in known.items():
-        encodable = [cell if cell is None else as_utf8(cell) for cell in cells]
+        encodable = [cell if cell is None else replace_undecodable(cell) for cell in cells]
         table = table.append_column(name, pa.array(encodable, pa.string()))
-    failed = pa.array([as_utf8(failures.get(each.name, "")) or None for each in chosen], pa.string())
+    failed = pa.array(
+        [replace_undecodable(failures.get(each.name, "")) or None for each in chosen], pa.string()
+    )
     if "error" in table.column_names:
         place = table.column_names.index("error")
         table = table.set_column(place, "error", pc.coalesce(table["error"], failed))

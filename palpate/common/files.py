@@ -15,7 +15,7 @@ from palpate.common.console import typed
 from palpate.common.failures import make_folder
 from palpate.estimation.data.file_columns import is_session
 from palpate.robot_io.errors import InputError, SessionError
-from palpate.robot_io.files.whole_file import as_utf8
+from palpate.robot_io.files.whole_file import replace_undecodable
 from palpate.robot_io.files.whole_file import whole_file as written_whole
 from palpate.robot_io.session import Session
 
@@ -195,7 +195,7 @@ def whole_set(texts: Mapping[Path, str]) -> Iterator[None]:
     """
     with ExitStack() as files:
         for path, text in texts.items():
-            files.enter_context(whole_file(path)).write_text(as_utf8(text), encoding="utf-8")
+            files.enter_context(whole_file(path)).write_text(replace_undecodable(text), encoding="utf-8")
         yield
 
 

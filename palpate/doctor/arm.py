@@ -14,7 +14,7 @@ from palpate.control.loop.loop import READ_SHARE
 from palpate.doctor.limits import examine_limits
 from palpate.doctor.machine import can_interface, serial_port
 from palpate.doctor.signs import EmulatedHand, Hand, count_down, examine_powered, examine_signs
-from palpate.robot_io.calibration.applied import doubtful, load_calibrations
+from palpate.robot_io.calibration.applied import find_large_zero_shift, load_calibrations
 from palpate.robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.errors import DeviceError, InputError, PalpateError, describe_error
@@ -67,7 +67,7 @@ def examine_arm(check: ArmCheck) -> Iterator[Finding]:
         clock, robot_file, hand = _set_up(check, stack)
         body = RigidBody.of_robot(check.robot_file, calibrations)
         make = partial(build_robot, robot_file, drivers, clock, calibrations)
-        doubt = doubtful(calibrations.encoder) if calibrations.encoder else None
+        doubt = find_large_zero_shift(calibrations.encoder) if calibrations.encoder else None
 
         def unpowered() -> Iterator[Finding]:
             robot = make()

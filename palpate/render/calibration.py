@@ -15,7 +15,7 @@ from palpate.calibration.force import ForceFit
 from palpate.common.console import safe, significant, table
 from palpate.render import palette
 from palpate.render.report import styled
-from palpate.robot_io.calibration.applied import doubtful
+from palpate.robot_io.calibration.applied import find_large_zero_shift
 from palpate.robot_io.calibration.file import Calibration, Quantities, Quantity
 
 _MILLI = 1e3
@@ -45,7 +45,7 @@ def print_calibration(console: Console, calibration: Calibration, remarks: Seque
         for row in _rows(name, quantity):
             made.add_row(*(f"[dim]{cell}[/dim]" for cell in row), "[dim]found, not applied[/dim]")
     console.print(made)
-    if doubt := doubtful(calibration):
+    if doubt := find_large_zero_shift(calibration):
         console.print(f"[bold red]check again:[/bold red] {safe(doubt)}", soft_wrap=True)
     for remark in remarks:
         console.print(f"[yellow]{safe(remark)}[/yellow]")

@@ -22,7 +22,7 @@ from palpate.render.recording.session import record_session
 from palpate.render.report import write_report
 from palpate.render.view import ChannelView, StudyView, VerdictView
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.files.whole_file import as_utf8
+from palpate.robot_io.files.whole_file import replace_undecodable
 from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import SURFACE, true_parameters
 
@@ -113,7 +113,7 @@ def look_into(session: Session, estimates: ChannelEstimates | None = None) -> In
         estimate=estimates.best if estimates else None,
         surface_m=surface.position_m if surface else last_known(ticks["surface_m"]),
         truth={name: value for name, value in truth.items() if name != SURFACE},
-        summary=as_utf8(summary),
+        summary=replace_undecodable(summary),
     )
     return Inspection(session, view, scene)
 

@@ -1,7 +1,7 @@
 """Load the calibrations that a robot file names, check them, and apply them to its devices.
 
 A calibration belongs to a device: its driver and those settings that affect its readings. It acts between the
-sensors and the guard, so a wrong one must neither hide forces nor command more than a drive may exert.
+sensors and the guard. A wrong calibration must neither hide forces nor command more than a drive may exert.
 
 A calibrated device wraps a driver and corrects its readings and commands. This module alone applies
 calibrations between driver and `Measurement` or `Command`. Samples keep their time and status; NaN stays NaN.
@@ -37,7 +37,7 @@ from palpate.robot_io.robot_file import DeviceSection, RobotFile
 from palpate.robot_io.types import FloatArray, Reading, frozen_array
 
 # Settings that affect a sample's time or rejection, but not its value; they may change after a calibration.
-_PASSING = frozenset(
+_SETTINGS_OUTSIDE_IDENTITY = frozenset(
     {
         *("scenario", "baud_rate", "delay_s", "return_delay_s", "watchdog_s"),
         *("heartbeat_s", "fast_sync_read", "velocity", "bandwidth_hz", "pair_tolerance_rad"),
@@ -48,15 +48,19 @@ _PASSING = frozenset(
 def device_identity(robot_file: RobotFile, kind: str) -> dict[str, object]:
     """Describe the device that a calibration belongs to, with its bus; gravity belongs to the drives.
 
+    Args:
+        robot_file: robot with the device.
+        kind: kind of the calibration.
+
     Returns:
         Driver and settings.
     """
     key = "torque" if kind == "gravity" else kind
     section: DeviceSection = getattr(robot_file, key)
-    identity: dict[str, object] = {"driver": section.driver, **_lasting(section.settings)}
+    identity: dict[str, object] = {"driver": section.driver, **_identifying_settings(section.settings)}
     if section.bus is not None:
         bus = robot_file.buses[section.bus]
-        identity["bus"] = {"driver": bus.driver, **_lasting(bus.settings)}
+        identity["bus"] = {"driver": bus.driver, **_identifying_settings(bus.settings)}
     return identity
 
 
@@ -71,7 +75,7 @@ def first_difference(
         at: prefix of the keys.
 
     Returns:
-        Key and both values, or None.
+        Key and both values; None if the identities are equal.
     """
     for key in (*expected, *(key for key in actual if key not in expected)):
         before, now = expected.get(key), actual.get(key)
@@ -86,6 +90,9 @@ def first_difference(
 def urdf_sha256(robot_file: RobotFile) -> str:
     """Hash the robot's URDF.
 
+    Args:
+        robot_file: names the URDF.
+
     Returns:
         Hexadecimal SHA-256.
 
@@ -98,18 +105,26 @@ def urdf_sha256(robot_file: RobotFile) -> str:
         raise InputError(f"{robot_file.urdf_path}: cannot be read ({error.strerror})") from error
 
 
-def _lasting(settings: Mapping[str, object]) -> dict[str, object]:
-    return {key: value for key, value in settings.items() if key not in _PASSING}
+def _identifying_settings(settings: Mapping[str, object]) -> dict[str, object]:
+    return {key: value for key, value in settings.items() if key not in _SETTINGS_OUTSIDE_IDENTITY}
 
 
 _ZERO_SHARE = 0.5  # largest zero, as a share of the force limit
 _SLOPE_SHARE = 0.5  # smallest slope up to the force limit, as a share of the scale
 _OFFSET_SHARE = 0.2  # largest offset, as a share of the torque limit
-_LARGE_ZERO_RAD = 0.2
+_LARGE_ZERO_SHIFT_RAD = 0.2
 
 
-def implausible(calibration: Calibration, limits: Limits) -> str | None:
-    """Describe why a calibration cannot belong to this arm."""
+def find_implausible_value(calibration: Calibration, limits: Limits) -> str | None:
+    """Describe the first value of a calibration that cannot belong to this arm.
+
+    Args:
+        calibration: calibration to check.
+        limits: limits of the arm.
+
+    Returns:
+        Value and largest plausible value; None if all values are plausible.
+    """
     if isinstance(calibration, ForceCalibration):
         values, limit_n = calibration.values, limits.force_n
         scale = values.scale.value
@@ -117,11 +132,11 @@ def implausible(calibration: Calibration, limits: Limits) -> str | None:
         under = f"under a force limit of {limit_n:g} N"
         if zero_n > most_n:
             return f"has a zero of {zero_n:.3g} N; {under}, at most {most_n:.3g} N is allowed"
-        # At this reading even the flattest curve that is allowed is beyond the limit; if it bends back, then
-        # only beyond three times as much.
-        furthest = 2.0 * limit_n / (scale * (1.0 + _SLOPE_SHARE))
+        # With the most negative curvature that is allowed, this reading above zero is the force limit; the
+        # curve falls below the limit again only at three times this reading.
+        reading_at_limit = 2.0 * limit_n / (scale * (1.0 + _SLOPE_SHARE))
         curvature = values.curvature.value if values.curvature else 0.0
-        most = (1.0 - _SLOPE_SHARE) * scale / (2.0 * furthest)
+        most = (1.0 - _SLOPE_SHARE) * scale / (2.0 * reading_at_limit)
         if abs(curvature) > most:
             return (
                 f"has a curvature of {curvature:.3g} N/N^2, which hides forces from the guard; {under}, "
@@ -140,17 +155,25 @@ def implausible(calibration: Calibration, limits: Limits) -> str | None:
     return None
 
 
-def doubtful(calibration: Calibration) -> str | None:
-    """Describe what a person must check before this calibration is used; the calibration is not rejected.
+def find_large_zero_shift(calibration: Calibration) -> str | None:
+    """Describe large shifts of joint zeros, which a person must confirm; they are not rejected.
 
-    Any zero is possible, but a wrong zero sends the arm to unexpected places. A large offset usually means
-    that the pose or the stop was a different one.
+    Any zero is possible, but with a wrong zero the arm moves to unexpected places. A large shift usually
+    means that the arm was in another pose, or at another stop, than stated.
+
+    Args:
+        calibration: calibration of any kind.
+
+    Returns:
+        Joints, shifts and consequence; None if no zero is shifted far.
     """
     if not isinstance(calibration, EncoderCalibration):
         return None
     offsets = enumerate(calibration.values.offset.value, 1)
     far = [
-        f"joint {joint} by {offset:+.3g} rad" for joint, offset in offsets if abs(offset) > _LARGE_ZERO_RAD
+        f"joint {joint} by {offset:+.3g} rad"
+        for joint, offset in offsets
+        if abs(offset) > _LARGE_ZERO_SHIFT_RAD
     ]
     if not far:
         return None
@@ -161,7 +184,7 @@ def doubtful(calibration: Calibration) -> str | None:
 
 
 GRAVITY_M_S2 = 9.81
-_CLOCK_MAY_DIFFER = timedelta(days=1)
+_CLOCK_TOLERANCE = timedelta(days=1)
 
 
 @dataclass(frozen=True)
@@ -266,11 +289,11 @@ def _reject_reason(
     calibration: Calibration, kind: str, robot_file: RobotFile, now_utc: datetime, *, emulated: bool
 ) -> str | None:
     """Describe why this calibration must not be used, or return None."""
-    again = f"make a new one: palpate calibrate {calibration.kind}"
+    remedy = f"make a new one: palpate calibrate {calibration.kind}"
     unit = getattr(calibration, "reading_unit", "N")
     difference = first_difference(calibration.device, device_identity(robot_file, calibration.kind))
-    # Simulated devices have their own drivers.
-    is_emulated = not emulated and calibration.source == "emulated"
+    # Calibrations of simulated devices name other drivers, so that `difference` rejects them.
+    is_foreign_emulation = not emulated and calibration.source == "emulated"
     made, until = calibration.made_utc, calibration.valid_until_utc
     reasons = (
         (calibration.kind != kind, f"is a calibration of kind '{calibration.kind}'"),
@@ -285,22 +308,25 @@ def _reject_reason(
         ),
         (
             calibration.urdf_sha256 not in (None, urdf_sha256(robot_file)),
-            f"was made with another URDF than '{robot_file.urdf}' is now; {again}",
+            f"was made with another URDF than '{robot_file.urdf}' is now; {remedy}",
         ),
-        (unit != "N", f"is for readings in {unit}, and the robot's driver gives N; {again}, on the robot"),
-        (is_emulated, f"was made with emulated devices (--wire), not with the robot's own; {again}"),
+        (unit != "N", f"is for readings in {unit}, and the robot's driver gives N; {remedy}, on the robot"),
+        (
+            is_foreign_emulation,
+            f"was made with emulated devices (--wire), not with the robot's own; {remedy}",
+        ),
         (
             not emulated and calibration.source is None,
-            f"does not say whether real devices were read ('source'); {again}",
+            f"does not say whether real devices were read ('source'); {remedy}",
         ),
-        (now_utc >= until, f"expired on {until:%Y-%m-%d}; {again}"),
+        (now_utc >= until, f"expired on {until:%Y-%m-%d}; {remedy}"),
         (
-            now_utc + _CLOCK_MAY_DIFFER < made,
+            now_utc + _CLOCK_TOLERANCE < made,
             f"was made on {made:%Y-%m-%d}, after today ({now_utc:%Y-%m-%d}): set the clock",
         ),
     )
     reason = next((text for holds, text in reasons if holds), None)
-    return reason or implausible(calibration, robot_file.limits)
+    return reason or find_implausible_value(calibration, robot_file.limits)
 
 
 Driver = TypeVar("Driver", bound=Component)

@@ -5,7 +5,7 @@ Everything under `values` is applied; `findings` are for people and are never ap
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import yaml
 from pydantic import AwareDatetime, BeforeValidator, Field, model_validator
@@ -25,9 +25,9 @@ from palpate.robot_io.files.file_model import (
     validate,
 )
 
-MAX_BYTES = 64 * 1024
+MAX_BYTES = 64 * 1024  # size of a file
 MOST_JOINTS = 32
-_SCALES = (0.5, 2.0)  # of readings in N
+_SMALLEST_SCALE, _LARGEST_SCALE = 0.5, 2.0  # scale of readings in N
 _Text = Annotated[str, Field(min_length=1, max_length=200)]
 _Sha256 = Annotated[str, matching(r"[0-9a-f]{64}", "64 hexadecimal digits, in small letters")]
 _Unit = Annotated[
@@ -35,36 +35,38 @@ _Unit = Annotated[
 ]
 
 
-def _date_as_text(value: object) -> object:
-    """Reject numbers as dates, because they would be read as seconds since 1970."""
+def _refuse_number(value: object) -> object:
+    """Reject a number, because it would be read as seconds since 1970."""
     if isinstance(value, int | float):
         raise PydanticCustomError("not_a_date", "expected a date such as 2026-11-20T08:00:00+00:00")
     return value
 
 
-_Date = Annotated[AwareDatetime, BeforeValidator(_date_as_text)]
+_Date = Annotated[AwareDatetime, BeforeValidator(_refuse_number)]
 
 
 class Quantity(FileModel):
-    """One value."""
+    """A value with its uncertainty."""
 
     value: Number  # in `unit`
     std_err: NotNegative  # standard uncertainty, in `unit`; twice as much covers about 95 %
-    unit: Annotated[str, Field(max_length=40)]  # of both
+    unit: Annotated[str, Field(max_length=40)]  # unit of `value` and `std_err`
 
 
 class Quantities(FileModel):
-    """A value for each joint, from base to tip."""
+    """A value with its uncertainty for each joint, from base to tip."""
 
     value: Annotated[tuple[Number, ...], Field(min_length=1, max_length=MOST_JOINTS)]  # shape (n,), in `unit`
-    # Standard uncertainties, shape (n,).
+    # Standard uncertainties, shape (n,), in `unit`.
     std_err: Annotated[tuple[NotNegative, ...], Field(min_length=1, max_length=MOST_JOINTS)]
-    unit: Annotated[str, Field(max_length=40)]  # of all
+    unit: Annotated[str, Field(max_length=40)]  # unit of all values and uncertainties
 
     @model_validator(mode="after")
-    def _agree(self) -> "Quantities":
+    def _check_lengths(self) -> "Quantities":
         if len(self.value) != len(self.std_err):
-            raise ValueError(f"has {len(self.value)} values and {len(self.std_err)} uncertainties")
+            raise ValueError(
+                f"has {len(self.value)} values and {len(self.std_err)} uncertainties; give one each per joint"
+            )
         return self
 
 
@@ -75,13 +77,11 @@ class RawData(FileModel):
     """Data that a calibration was computed from."""
 
     file: _Text  # name of the session or data file, without its folder
-    sha256: _Sha256  # of its bytes
+    sha256: _Sha256  # hash of its bytes
 
 
 class Calibration(FileModel):
     """Common part of every calibration."""
-
-    units: ClassVar[Mapping[str, str]] = {}
 
     palpate_calibration: Literal[1]  # version of this format
     kind: str  # one of the four kinds
@@ -112,9 +112,9 @@ class Calibration(FileModel):
         return text
 
     @model_validator(mode="after")
-    def _dates_in_order(self) -> "Calibration":
+    def _check_dates(self) -> "Calibration":
         if self.valid_until_utc <= self.made_utc:
-            raise problem_at("valid_until_utc", "is not after made_utc")
+            raise problem_at("valid_until_utc", f"must be after made_utc ({self.made_utc.isoformat()})")
         return self
 
 
@@ -151,7 +151,7 @@ class ForceCalibration(Calibration):
     values: ForceValues
 
     @model_validator(mode="after")
-    def _plausible(self) -> "ForceCalibration":
+    def _check_values(self) -> "ForceCalibration":
         unit = self.reading_unit
         _expect_units(self.values, {"zero": unit, "scale": f"N/{unit}", "curvature": f"N/{unit}^2"})
         if not self.values.scale.value > 0.0:
@@ -160,12 +160,12 @@ class ForceCalibration(Calibration):
                 f"must be positive (is {self.values.scale.value:.3g}); reverse the sign in the driver's "
                 "settings",
             )
-        if unit == "N" and not _SCALES[0] <= self.values.scale.value <= _SCALES[1]:
+        if unit == "N" and not _SMALLEST_SCALE <= self.values.scale.value <= _LARGEST_SCALE:
             raise problem_at(
                 "values.scale.value",
-                f"must be within {_SCALES[0]:g} and {_SCALES[1]:g} (is {self.values.scale.value:.3g}); "
-                "if the true scale is outside, correct the driver's setting, such as capacity_n, and "
-                "check the stated weights",
+                f"must be within {_SMALLEST_SCALE:g} and {_LARGEST_SCALE:g} (is "
+                f"{self.values.scale.value:.3g}); if the true scale is outside, correct the driver's "
+                "setting, such as capacity_n, and check the stated weights",
             )
         return self
 
@@ -187,7 +187,7 @@ class EncoderCalibration(Calibration):
         return len(self.values.offset.value)
 
     @model_validator(mode="after")
-    def _plausible(self) -> "EncoderCalibration":
+    def _check_values(self) -> "EncoderCalibration":
         _expect_units(self.values, {"offset": "rad"})
         _expect_range("offset", self.values.offset.value, -3.1416, 3.1416)
         return self
@@ -213,7 +213,7 @@ class TorqueCalibration(Calibration):
         return len(self.values.gain.value)
 
     @model_validator(mode="after")
-    def _plausible(self) -> "TorqueCalibration":
+    def _check_values(self) -> "TorqueCalibration":
         values = self.values
         _expect_units(values, {"gain": "1", "offset": "N m", "command_offset": "N m"})
         _expect_range("gain", values.gain.value, 0.2, 5.0)
@@ -223,7 +223,7 @@ class TorqueCalibration(Calibration):
 
 
 class GravityValues(FileModel):
-    """Tilt of the base: pitch about its y axis (x dipping), after roll about its x axis."""
+    """Tilt of the base: roll about its x axis, then pitch about its y axis, positive with x downwards."""
 
     pitch: Quantity | None = None
     roll: Quantity | None = None
@@ -237,7 +237,7 @@ class GravityCalibration(Calibration):
     values: GravityValues  # see `GravityValues`; an angle without effect on the torques is absent (0)
 
     @model_validator(mode="after")
-    def _plausible(self) -> "GravityCalibration":
+    def _check_values(self) -> "GravityCalibration":
         if self.values.pitch is None and self.values.roll is None:
             raise problem_at("values", "pitch or roll is required")
         _expect_units(self.values, {"pitch": "rad", "roll": "rad"})

@@ -28,7 +28,7 @@ from pydantic_core import PydanticCustomError
 from palpate.robot_io.errors import InputError, one_line
 from palpate.robot_io.registry import Registry
 
-MAX_BYTES = 256 * 1024
+MAX_YAML_BYTES = 256 * 1024
 MAX_DEPTH = 20
 
 KeyPath = tuple[str | int, ...]
@@ -55,7 +55,7 @@ class YamlDocument:
         return self.lines.get(key_path, 1)
 
 
-def load_yaml(path: str | Path, max_bytes: int = MAX_BYTES) -> YamlDocument:
+def load_yaml(path: str | Path, max_bytes: int = MAX_YAML_BYTES) -> YamlDocument:
     """Read a YAML file.
 
     Args:
@@ -75,7 +75,7 @@ def load_yaml(path: str | Path, max_bytes: int = MAX_BYTES) -> YamlDocument:
     return parse_yaml(text, str(path))
 
 
-def parse_yaml(text: str, origin: str, max_bytes: int = MAX_BYTES) -> YamlDocument:
+def parse_yaml(text: str, origin: str, max_bytes: int = MAX_YAML_BYTES) -> YamlDocument:
     """Read YAML from text.
 
     Args:
@@ -90,8 +90,8 @@ def parse_yaml(text: str, origin: str, max_bytes: int = MAX_BYTES) -> YamlDocume
         raise InputError(f"{origin}: larger than {max_bytes} bytes, the limit for such a file")
     lines: dict[KeyPath, int] = {}
     try:
-        node = _composed(text)
-        data = _value(node, (), lines) if node is not None else {}
+        node = _parse_nodes(text)
+        data = _build_value(node, (), lines) if node is not None else {}
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 1
         raise InputError(f"{origin} line {line}: {one_line(error.problem)}") from error
@@ -102,13 +102,13 @@ def parse_yaml(text: str, origin: str, max_bytes: int = MAX_BYTES) -> YamlDocume
     return YamlDocument(origin, text, data, lines)
 
 
-def _composed(text: str) -> yaml.Node | None:
-    """Return the node tree; nothing below changes it."""
-    return _Composer(text).get_single_node()
+def _parse_nodes(text: str) -> yaml.Node | None:
+    """Return the node tree, which callers do not change."""
+    return _NodeLoader(text).get_single_node()
 
 
-class _Composer(yaml.SafeLoader):
-    """PyYAML up to the node tree; values are made by `_value`, so that nothing else can be constructed."""
+class _NodeLoader(yaml.SafeLoader):
+    """PyYAML up to the node tree; `_build_value` makes the values, so that no other objects can be made."""
 
     _depth = 0
 
@@ -116,49 +116,49 @@ class _Composer(yaml.SafeLoader):
         event: yaml.Event = self.peek_event()  # type: ignore[no-untyped-call]
         for forbidden in ("anchor", "tag"):  # an alias is an event that holds an anchor
             if getattr(event, forbidden, None) is not None:
-                raise _error("an anchor (&), alias (*) or tag (!) is not allowed; quote text", event)
+                raise _marked_error("an anchor (&), alias (*) or tag (!) is not allowed; quote text", event)
         if any("\ud800" <= letter <= "\udfff" for letter in getattr(event, "value", "")):
-            raise _error("half of a surrogate pair (\\ud800 to \\udfff) is not a character", event)
+            raise _marked_error("half of a surrogate pair (\\ud800 to \\udfff) is not a character", event)
         self._depth += 1
         if self._depth > MAX_DEPTH:
-            raise _error(f"nested deeper than {MAX_DEPTH} levels", event)
+            raise _marked_error(f"nested deeper than {MAX_DEPTH} levels", event)
         node = super().compose_node(parent, index)
         self._depth -= 1
         return node
 
 
-def _error(problem: str, at: yaml.Event | yaml.Node) -> yaml.MarkedYAMLError:
+def _marked_error(problem: str, at: yaml.Event | yaml.Node) -> yaml.MarkedYAMLError:
     return yaml.MarkedYAMLError(problem=problem, problem_mark=cast("yaml.error.Mark", at.start_mark))
 
 
-def _value(node: yaml.Node, key_path: KeyPath, lines: dict[KeyPath, int]) -> object:
-    """Return the value of `node`; records the line of everything inside it."""
+def _build_value(node: yaml.Node, key_path: KeyPath, lines: dict[KeyPath, int]) -> object:
+    """Return the value of `node`, and record the line of each key and list entry in it."""
     lines.setdefault(key_path, node.start_mark.line + 1)
     if isinstance(node, yaml.MappingNode):
         mapping: dict[str, object] = {}
         for key_node, value_node in node.value:
             if not isinstance(key_node, yaml.ScalarNode):
-                raise _error("a key must be a plain word", key_node)
+                raise _marked_error("a key must be a plain word", key_node)
             key: str = key_node.value
             if key in mapping:
-                raise _error(f"the key '{key:.60}' appears twice", key_node)
+                raise _marked_error(f"the key '{key:.60}' appears twice", key_node)
             lines[(*key_path, key)] = key_node.start_mark.line + 1
-            mapping[key] = _value(value_node, (*key_path, key), lines)
+            mapping[key] = _build_value(value_node, (*key_path, key), lines)
         return mapping
     if isinstance(node, yaml.SequenceNode):
-        return [_value(item, (*key_path, index), lines) for index, item in enumerate(node.value)]
+        return [_build_value(item, (*key_path, index), lines) for index, item in enumerate(node.value)]
     # A plain value by the core schema of YAML 1.2; quoted text stays text.
     text: str = node.value
     if cast("yaml.ScalarNode", node).style is None:
-        if text.lower() in _WORDS:
-            return _WORDS[text.lower()]
+        if text.lower() in _PLAIN_WORDS:
+            return _PLAIN_WORDS[text.lower()]
         for pattern, convert in _NUMBERS:
             if pattern.fullmatch(text):
                 return convert(text)
     return text
 
 
-_WORDS = {"": None, "~": None, "null": None, "true": True, "false": False}
+_PLAIN_WORDS = {"": None, "~": None, "null": None, "true": True, "false": False}
 _NUMBERS: tuple[tuple[re.Pattern[str], Callable[[str], float]], ...] = (
     (re.compile(r"[-+]?[0-9]{1,18}"), int),
     (re.compile(r"0x[0-9a-fA-F]{1,16}"), lambda text: int(text, 16)),
@@ -167,15 +167,15 @@ _NUMBERS: tuple[tuple[re.Pattern[str], Callable[[str], float]], ...] = (
 )
 
 
-MOST_BYTES = 16 * 1024 * 1024
+MAX_TEXT_BYTES = 16 * 1024 * 1024
 
 
-def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
+def read_text(path: Path, max_bytes: int = MAX_TEXT_BYTES) -> str:
     """Read a text file.
 
     Args:
         path: path of the file.
-        most_bytes: largest size.
+        max_bytes: largest size.
 
     Raises:
         OSError: the file cannot be read.
@@ -186,9 +186,9 @@ def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise ValueError("a device or a pipe, not a file")
     with path.open("rb") as file:
-        content = file.read(most_bytes + 1)
-    if len(content) > most_bytes:
-        raise ValueError(f"larger than {most_bytes} bytes, the limit for such a file")
+        content = file.read(max_bytes + 1)
+    if len(content) > max_bytes:
+        raise ValueError(f"larger than {max_bytes} bytes, the limit for such a file")
     try:
         return content.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -198,13 +198,13 @@ def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
 _MAX_SHOWN = 60  # characters of a value in an error
 
 
-def _refuse_boolean(value: object) -> object:
+def _expect_number(value: object) -> object:
     if isinstance(value, bool | str):
         raise PydanticCustomError("not_a_number", "expected a number")
     return value
 
 
-Number = Annotated[float, BeforeValidator(_refuse_boolean), Field(allow_inf_nan=False)]
+Number = Annotated[float, BeforeValidator(_expect_number), Field(allow_inf_nan=False)]
 """A finite number that was written as a number: `true` is not 1."""
 Positive = Annotated[Number, Field(gt=0)]
 NotNegative = Annotated[Number, Field(ge=0)]
@@ -215,7 +215,7 @@ def matching(pattern: str, words: str) -> AfterValidator:
 
     Args:
         pattern: regular expression.
-        words: description of valid text, after "give ".
+        words: description of valid text, to follow "give ".
     """
     compiled = re.compile(pattern)
 
@@ -338,7 +338,10 @@ def member(value: object, registry: Registry[Model], key: str) -> Model:
         return value
     if not isinstance(value, Mapping) or not isinstance(value.get(key), str):
         valid = ", ".join(registry)
-        raise InputError(f"a {registry.kind} is a mapping with '{key}' and parameters. Valid: {valid}")
+        raise InputError(
+            f"{value!r:.60} is not a {registry.kind}: give a mapping with '{key}' and parameters. "
+            f"Valid: {valid}"
+        )
     return validate(registry[value[key]], {name: entry for name, entry in value.items() if name != key})
 
 

@@ -7,7 +7,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from palpate.robot_io.files.file_model import MOST_BYTES
+from palpate.robot_io.files.file_model import MAX_TEXT_BYTES
 
 MOST_ELEMENTS = 20_000
 MOST_LINKS = 500
@@ -43,7 +43,7 @@ def parse_urdf(text: str) -> Element:
                 if not 0.0 <= _number(mass.get("value", "")) < math.inf:
                     raise ValueError(f"mass of link '{name}' is {mass.get('value')} kg")
             for element in inertial.iter("inertia"):
-                values = dict(_numbers(element))
+                values = dict(_finite_numbers(element))
                 tensor = np.array([values.get(key, math.nan) for key in _TENSOR]).reshape(3, 3)
                 if not np.isfinite(tensor).all():
                     raise ValueError(f"inertia of link '{name}' lacks a number")
@@ -52,7 +52,7 @@ def parse_urdf(text: str) -> Element:
                     moment = f"{moments[0]:.3g} kg m^2"
                     raise ValueError(f"inertia of link '{name}' has a negative moment, {moment}")
     for element in robot.iter():
-        list(_numbers(element))
+        list(_finite_numbers(element))
     return robot
 
 
@@ -66,10 +66,10 @@ def parse_xml(text: str, *, comments: bool = False) -> Element:
     Raises:
         ValueError: the text is not XML, has a document type, or is larger than any arm needs.
     """
-    if len(text) > MOST_BYTES:
-        raise ValueError(f"larger than {MOST_BYTES} characters")
+    if len(text) > MAX_TEXT_BYTES:
+        raise ValueError(f"larger than {MAX_TEXT_BYTES} characters")
     try:
-        parser = ElementTree.XMLParser(target=_Bounded(insert_comments=comments))  # noqa: S314, bounded
+        parser = ElementTree.XMLParser(target=_BoundedTreeBuilder(insert_comments=comments))  # noqa: S314, bounded
         return ElementTree.fromstring(text, parser)  # noqa: S314, bounded
     except ElementTree.ParseError as error:
         raise ValueError(str(error)) from error
@@ -84,19 +84,21 @@ def last_link(robot: Element) -> str:
     Returns:
         Name of the link.
     """
-    parents = {_linked(joint, "child"): _linked(joint, "parent") for joint in robot.findall("joint")}
+    parents = {
+        _linked_name(joint, "child"): _linked_name(joint, "parent") for joint in robot.findall("joint")
+    }
     names = [link.get("name", "") for link in robot.findall("link")]
-    return max(reversed(names), key=lambda name: _depth(name, parents), default="")
+    return max(reversed(names), key=lambda name: _joints_to_root(name, parents), default="")
 
 
-def _depth(link: str, parents: dict[str, str]) -> int:
+def _joints_to_root(link: str, parents: dict[str, str]) -> int:
     depth = 0
     while link in parents:
         link, depth = parents[link], depth + 1
     return depth
 
 
-def without_files(robot: Element) -> Element:
+def remove_file_references(robot: Element) -> Element:
     """Remove meshes and textures, so that drawing opens no file and asks no server.
 
     Args:
@@ -115,7 +117,7 @@ def without_files(robot: Element) -> Element:
     return robot
 
 
-class _Bounded(ElementTree.TreeBuilder):
+class _BoundedTreeBuilder(ElementTree.TreeBuilder):
     """Refuses documents that are deeper or longer than a URDF, before they take memory."""
 
     _depth = _count = 0
@@ -140,7 +142,7 @@ def _check_tree(robot: Element) -> None:
         raise ValueError(f"{len(links)} links, at most {MOST_LINKS}")
     parents: dict[str, str] = {}
     for joint in robot.findall("joint"):
-        child, parent = (_linked(joint, role) for role in ("child", "parent"))
+        child, parent = (_linked_name(joint, role) for role in ("child", "parent"))
         if child in parents:
             raise ValueError(f"link '{child}' has two parent joints")
         parents[child] = parent
@@ -154,14 +156,14 @@ def _check_tree(robot: Element) -> None:
             raise ValueError(f"link '{link}' is its own ancestor: its joints form a loop")
 
 
-def _linked(joint: Element, role: str) -> str:
+def _linked_name(joint: Element, role: str) -> str:
     element = joint.find(role)
     if element is None or not element.get("link"):
         raise ValueError(f"joint '{joint.get('name')}' has no <{role}>")
     return element.get("link", "")
 
 
-def _numbers(element: Element) -> Iterator[tuple[str, float]]:
+def _finite_numbers(element: Element) -> Iterator[tuple[str, float]]:
     """An element's numbers; each is finite."""
     names, count = _NUMBERS.get(element.tag, ((), 0))
     for name in names:

@@ -5,11 +5,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-_ALWAYS = 128 * 1024**2  # bytes that every file may hold: an hour of four columns at 1 kHz
-_TIMES = 20  # times the packed size; noisy measurements come to 2 to 5, steady signals to 15
+_ALLOWED_BYTES = 128 * 1024**2  # allowed for every file: an hour of four columns at 1 kHz
+_BYTES_PER_PACKED_BYTE = 20  # allowed in addition; noisy measurements need 2 to 5, steady signals 15
 
 
-def most_unpacked(packed_bytes: int) -> int:
+def max_unpacked_bytes(packed_bytes: int) -> int:
     """Compute how much memory a packed file may take.
 
     Args:
@@ -18,11 +18,11 @@ def most_unpacked(packed_bytes: int) -> int:
     Returns:
         Largest unpacked size [bytes].
     """
-    return _ALWAYS + _TIMES * packed_bytes
+    return _ALLOWED_BYTES + _BYTES_PER_PACKED_BYTE * packed_bytes
 
 
-def as_utf8(text: str) -> str:
-    """Replace bytes of a file's name that UTF-8 cannot hold by question marks.
+def replace_undecodable(text: str) -> str:
+    """Replace the bytes of a file's name that are not UTF-8 by question marks.
 
     Args:
         text: text from a file's name.
@@ -35,7 +35,7 @@ def as_utf8(text: str) -> str:
 
 @contextmanager
 def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
-    """Give a temporary name to write under; the finished file is renamed on exit.
+    """Write a file under a temporary name, and rename it once it is complete.
 
     Args:
         path: final name of the file.
@@ -48,20 +48,20 @@ def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
         FileExistsError: a file exists and is not to be replaced.
         OSError: the file cannot be written.
     """
-    # The ending stays: it tells the format.
+    # The name keeps its extension, from which writers choose the format.
     unfinished = path.with_name(f".{os.getpid()}.{os.urandom(4).hex()}.part.{path.name}")
     try:
         yield unfinished
         if replace:
             unfinished.replace(path)
         else:
-            # Rename a file to an unused name; of several programs that try at once, one succeeds.
+            # A link fails if the name exists: of several programs that try at once, one succeeds.
             try:
                 os.link(unfinished, path)
             except FileExistsError:
                 raise
             except OSError:  # a file system without links
-                with held_name(path):
+                with reserve_name(path):
                     if path.exists():
                         raise FileExistsError(path) from None
                     unfinished.replace(path)
@@ -70,18 +70,18 @@ def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
 
 
 @contextmanager
-def held_name(path: Path) -> Iterator[None]:
-    """Hold a name by a second file, for as long as it takes to give it to a file.
+def reserve_name(path: Path) -> Iterator[None]:
+    """Reserve a file name by a second file, while this program creates the file.
 
     Args:
-        path: the name.
+        path: name of the file.
 
     Raises:
-        FileExistsError: another program uses it.
+        FileExistsError: another program has reserved the name.
     """
-    taken = path.with_name(f".{path.name}.taken")
-    taken.touch(exist_ok=False)
+    reservation = path.with_name(f".{path.name}.taken")
+    reservation.touch(exist_ok=False)
     try:
         yield
     finally:
-        taken.unlink()
+        reservation.unlink()

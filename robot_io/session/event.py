@@ -139,22 +139,22 @@ def encode_event(event: Event) -> bytes:
         event: to encode.
     """
     keyed = {str(key): value for key, value in (event.data or {}).items()}
-    data_json = "" if event.data is None else json.dumps(keyed, default=_plain)
-    encoded = _serialised(event, event.text, data_json)
+    data_json = "" if event.data is None else json.dumps(keyed, default=_to_json_value)
+    encoded = _serialize_event(event, event.text, data_json)
     if len(encoded) <= MAX_EVENT_BYTES:
         return encoded
     text = event.text.encode(errors="replace")[: MAX_EVENT_BYTES // 2].decode(errors="ignore")
-    return _serialised(event, text + _CUT, "")
+    return _serialize_event(event, text + _CUT, "")
 
 
-def _serialised(event: Event, text: str, data_json: str) -> bytes:
+def _serialize_event(event: Event, text: str, data_json: str) -> bytes:
     kind, text = (word.encode(errors="replace").decode() for word in (event.kind[:64], text))
     message = _EventMessage(time_s=event.time_s, kind=kind, text=text, data_json=data_json)
     data: bytes = message.SerializeToString()
     return data
 
 
-def _plain(value: object) -> object:
+def _to_json_value(value: object) -> object:
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else str(value)
 
 

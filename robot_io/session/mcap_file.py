@@ -23,7 +23,7 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from numpy.typing import NDArray
 
 from palpate.robot_io.errors import SessionError
-from palpate.robot_io.files.whole_file import as_utf8, most_unpacked
+from palpate.robot_io.files.whole_file import max_unpacked_bytes, replace_undecodable
 from palpate.robot_io.session.event import (
     EVENT_STREAM,
     MAX_EVENT_BYTES,
@@ -148,7 +148,9 @@ class _Scanner:
         self._size = file.seek(0, SEEK_END)
         file.seek(max(self._size - len(MCAP0_MAGIC), 0))
         self.closed = self._size > len(MCAP0_MAGIC) and file.read() == MCAP0_MAGIC
-        self._bytes_left = min(MAX_DATA_BYTES, most_unpacked(self._size)) if self._size else MAX_DATA_BYTES
+        self._bytes_left = (
+            min(MAX_DATA_BYTES, max_unpacked_bytes(self._size)) if self._size else MAX_DATA_BYTES
+        )
 
     def run(self) -> None:
         file = self._file
@@ -282,7 +284,9 @@ class McapFile:
             (HEADER_RECORD, header | metadata.to_strings()),
             (EXTRA_RECORD, metadata.extra),
         ):
-            self._mcap.add_metadata(record, {as_utf8(key): as_utf8(text) for key, text in texts.items()})
+            self._mcap.add_metadata(
+                record, {replace_undecodable(key): replace_undecodable(text) for key, text in texts.items()}
+            )
         self._channels = {EVENT_STREAM: self._register(EVENT_STREAM, event_descriptor_set(), {"time_s": "s"})}
         for name, wire in self._formats.items():
             units = {column.name: column.unit for column in wire.stream.columns}

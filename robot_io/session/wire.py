@@ -1,10 +1,10 @@
 """A stream's records as protobuf messages, many at once.
 
-Every column is written in every message, in order, and only with types of fixed size. All messages of a
-stream then have the same length, with the same tag bytes at the same places, and a numpy structured type with
-gaps for the tags reads and writes them as whole arrays. Where a message holds several records, each field has
-the values of all, and the last message alone may be shorter. Any protobuf library reads the messages with the
-descriptor that is stored beside them.
+Every message holds all columns, in order, with types of fixed size only. All messages of a stream then have
+the same length, with the same tag bytes at the same places: a numpy structured type with gaps for the tags
+reads and writes them as whole arrays. If a message holds several records, each field has the values of all of
+them, and only the last message may be shorter. Any protobuf library reads the messages with the descriptor
+that is stored beside them.
 
 Encoding: https://protobuf.dev/programming-guides/encoding/
 """
@@ -49,7 +49,7 @@ class WireFormat:
 
     @cached_property
     def dtype(self) -> np.dtype[np.void]:
-        """Columns at their places in a message, (batch,) or (batch, width), with gaps for the tags."""
+        """Columns at their places in a message, shape (batch,) or (batch, width), with gaps for the tags."""
         offsets, end = [], 0
         for column, tag in zip(self.stream.columns, self._tags, strict=True):
             offsets.append(end + len(tag))
@@ -108,14 +108,14 @@ class WireFormat:
             values = records[column.name][: whole * self.stream.batch]
             messages[column.name] = values.reshape(-1, self.stream.batch, *column.shape)
         data, rest = messages.tobytes(), records[whole * self.stream.batch :]
-        last = self._of(len(rest)).encode(rest) if len(rest) else []
+        last = self._with_batch(len(rest)).encode(rest) if len(rest) else []
         return [data[start : start + size] for start in range(0, len(data), size)] + last
 
     def decode(self, messages: bytes) -> dict[str, NDArray[Any]]:
-        """Decode messages one after the other.
+        """Decode messages.
 
         Args:
-            messages: messages made by `encode`.
+            messages: messages made by `encode`, joined.
 
         Returns:
             Columns of shape (n,) or (n, width).
@@ -126,7 +126,7 @@ class WireFormat:
         whole = len(messages) // self.dtype.itemsize * self.dtype.itemsize
         parts = [self._view(memoryview(messages)[:whole])]
         if rest := memoryview(messages)[whole:]:
-            shorter = map(self._of, range(1, self.stream.batch))
+            shorter = map(self._with_batch, range(1, self.stream.batch))
             last = next((form for form in shorter if form.dtype.itemsize == len(rest)), None)
             if last is None:
                 raise SessionError(
@@ -138,12 +138,12 @@ class WireFormat:
             for column in self.stream.columns
         }
 
-    def _of(self, batch: int) -> "WireFormat":
+    def _with_batch(self, batch: int) -> "WireFormat":
         """Return the same stream's format with a number of records per message."""
         return WireFormat(replace(self.stream, batch=batch))
 
     def _view(self, messages: memoryview) -> RecordArray:
-        """Whole messages as a view of `dtype`."""
+        """View whole messages as records of `dtype`; raise `SessionError` if a tag differs."""
         raw, tags = np.frombuffer(messages, np.uint8).reshape(-1, self.dtype.itemsize), self._is_tag
         if (raw[:, tags] != self._template[tags]).any():
             raise SessionError(
@@ -152,7 +152,7 @@ class WireFormat:
         return raw.reshape(-1).view(self.dtype)
 
     def descriptor_set(self) -> bytes:
-        """Serialise the message type as a FileDescriptorSet, as MCAP needs it for protobuf."""
+        """Serialize the message type as a FileDescriptorSet, as MCAP needs it for protobuf."""
         message = descriptor_pb2.DescriptorProto(name=self.stream.name)
         for number, column in enumerate(self.stream.columns, start=1):
             message.field.add(
@@ -174,7 +174,7 @@ class Decoder:
     """
 
     def __init__(self, wire: WireFormat, most_bytes: int) -> None:
-        self._wire, self._waiting, self._rows = wire, bytearray(), 0
+        self._wire, self._undecoded, self._rows = wire, bytearray(), 0
         self._error: SessionError | None = None  # raised once the whole file has been read
         most = (most_bytes // wire.dtype.itemsize + 1) * wire.stream.batch
         self._columns: dict[str, NDArray[Any]] = {
@@ -187,11 +187,11 @@ class Decoder:
         Args:
             message: message made by `WireFormat.encode`.
         """
-        self._waiting += message
-        if len(self._waiting) >= _DECODED_BYTES:
-            end = len(self._waiting) // self._wire.dtype.itemsize * self._wire.dtype.itemsize
-            self._decode(bytes(self._waiting[:end]))
-            del self._waiting[:end]
+        self._undecoded += message
+        if len(self._undecoded) >= _DECODED_BYTES:
+            end = len(self._undecoded) // self._wire.dtype.itemsize * self._wire.dtype.itemsize
+            self._decode(bytes(self._undecoded[:end]))
+            del self._undecoded[:end]
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """Return the columns of all messages, of shape (n,) or (n, width).
@@ -199,8 +199,8 @@ class Decoder:
         Raises:
             SessionError: messages are not of this form.
         """
-        self._decode(bytes(self._waiting))
-        self._waiting.clear()
+        self._decode(bytes(self._undecoded))
+        self._undecoded.clear()
         if self._error is not None:
             raise self._error
         return {name: column[: self._rows] for name, column in self._columns.items()}
@@ -217,7 +217,7 @@ class Decoder:
 
 
 def file_descriptor_set(message: descriptor_pb2.DescriptorProto) -> bytes:
-    """Wrap one message type into a serialised proto3 FileDescriptorSet."""
+    """Wrap one message type into a serialized proto3 FileDescriptorSet."""
     data: bytes = descriptor_pb2.FileDescriptorSet(file=[_file(message)]).SerializeToString()
     return data
 

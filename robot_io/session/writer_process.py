@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from palpate.robot_io.errors import SessionError
-from palpate.robot_io.files.whole_file import held_name
+from palpate.robot_io.files.whole_file import reserve_name
 from palpate.robot_io.session.event import EVENT_STREAM, SessionMetadata, encode_event, unclosed
 from palpate.robot_io.session.mcap_file import McapFile
 from palpate.robot_io.session.shared_log import FINISHED, READY, Job, SharedLog, lock
@@ -46,7 +46,7 @@ def main() -> None:
 
 def _write_session(job: Job, streams: tuple[Stream, ...], log: SharedLog) -> None:
     path = Path(job.path)
-    with held_name(path):  # exclusive creation; another program may have been faster
+    with reserve_name(path):  # exclusive creation; another program may have been faster
         file = path.open("xb")
     with file:
         lock(file)

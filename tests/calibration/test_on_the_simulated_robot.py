@@ -106,7 +106,9 @@ class TestDrives:
         assert abs(pitch.value - hidden["pitch"]) < 4 * pitch.std_err < 2e-3
         assert calibration.values.roll is None  # the joints' axes are all across
 
-    def test_make_a_file_that_says_where_it_comes_from(self, excited):
+    def test_make_a_file_that_says_where_it_comes_from_and_a_whole_session_with_the_arm_back_home(
+        self, excited
+    ):
         job, _, fit = excited
         calibration = fits.torque_calibration(fit, stamp(job))
         again = parse_calibration(calibration.to_yaml(), "torque.yaml")
@@ -114,8 +116,6 @@ class TestDrives:
         assert again.raw_data.file == job.session.name
         assert again.device["driver"] == "sim_torque"
         assert "coulomb_friction" in again.findings
-
-    def test_the_session_is_a_whole_one_and_the_arm_is_back_home(self, excited):
         session = opened(excited[0])
         ticks = session.samples("tick")
         assert not session.truncated

@@ -273,13 +273,10 @@ def test_a_rate_that_is_none_is_refused(rate_hz):
         run_loop(arm.robot, arm.guard, SwingTask(), arm.clock, MemoryLog(), rate_hz=rate_hz)
 
 
-def test_a_slow_rate_is_one():
+def test_a_slow_rate_is_one_and_the_rate_limit_starts_afresh_in_each_run():
     arm = MockArm()
     log = MemoryLog()
     assert run_loop(arm.robot, arm.guard, SwingTask(done_at=1), arm.clock, log, rate_hz=0.9).ticks == 1
-
-
-def test_the_rate_limit_starts_afresh_in_each_run():
     arm = MockArm()
     run(arm, SwingTask(done_at=10, torque_nm=5.0))
     first = len(arm.sent_nm)

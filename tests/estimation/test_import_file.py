@@ -279,7 +279,7 @@ def test_a_file_of_very_many_columns_is_refused_briefly(tmp_path):
 
 @pytest.mark.parametrize("name", ["big.csv", "big.csv.gz", "big.npz", "big.parquet"])
 def test_what_would_fill_the_memory_is_refused(tmp_path, monkeypatch, contact, name):
-    monkeypatch.setattr(file_columns, "MOST_BYTES", 500)
+    monkeypatch.setattr(file_columns, "MAX_BYTES", 500)
     file = tmp_path / name
     if name.endswith(".npz"):
         np.savez_compressed(file, time_s=T, displacement_m=X, force_N=0 * F)
@@ -292,7 +292,7 @@ def test_what_would_fill_the_memory_is_refused(tmp_path, monkeypatch, contact, n
 
 
 def test_what_is_small_only_while_it_is_packed_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(whole_file, "_ALWAYS", 100_000)
+    monkeypatch.setattr(whole_file, "_ALLOWED_BYTES", 100_000)
     file = tmp_path / "x.parquet"
     same = pa.DictionaryArray.from_arrays(np.zeros(2000, np.int32), pa.array(["x" * 1000]))
     pyarrow.parquet.write_table(pa.table({"a": same}), file, store_schema=False)
@@ -676,8 +676,14 @@ def test_a_joint_without_an_effort_is_asked_for_the_column_that_stands_for_it(co
     assert only(import_file(path, ImportOptions(**options))).effort == pytest.approx(F)
 
 
-def test_a_stated_number_of_presses_that_restarts_of_the_clock_contradict_is_refused(contact):
-    twice = np.tile(np.arange(50), 2)
-    path = contact(time_s=T[twice], displacement_m=X[twice], force_N=F[twice])
-    with pytest.raises(InputError, match="--runs 1: the clock restarts once, so there are at least 2 runs"):
-        import_file(path, ImportOptions(runs=1))
+def test_a_stated_number_of_presses_is_no_remedy_for_restarts_of_the_clock(contact):
+    several = np.tile(np.arange(50), 3)
+    path = contact(time_s=T[several], displacement_m=X[several], force_N=F[several])
+    with pytest.raises(
+        InputError, match="--runs 2: the clock restarts 2 times, so there are at least 3 runs"
+    ):
+        import_file(path, ImportOptions(runs=2))
+    imported = import_file(path, ImportOptions(runs=1))
+    assert len(imported.run_labels) == 3
+    assert "if that is wrong, name the column that numbers them" in imported.notes[0]
+    assert "--runs" not in imported.notes[0]

@@ -318,7 +318,7 @@ def test_a_workbook_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch)
         InputError, match="a sheet has 1048576 rows and 16384 columns, too many to read; split it"
     ):
         read_table(path)
-    monkeypatch.setattr(file_columns, "MOST_BYTES", 100)
+    monkeypatch.setattr(file_columns, "MAX_BYTES", 100)
     with pytest.raises(InputError, match="holds more than 0 MiB, the limit; split it"):
         read_table(path)
 

@@ -84,14 +84,11 @@ def test_spring_and_damper_describe_a_linear_axis_too():
         described_by(turning, "kelvin_voigt")
 
 
-def test_the_users_word_makes_a_contact_or_an_axis_of_it():
+def test_the_users_word_makes_a_contact_or_an_axis_and_one_spring_is_not_cut_into_presses():
     contact = element(SPRING, ImportOptions(columns={"displacement": "displacement_m"})).channels[0]
     assert contact.touching is None
     axis = element(SPRING, ImportOptions(columns={"position": "displacement_m"})).channels[0]
     assert axis.kind is ChannelKind.PRISMATIC
-
-
-def test_a_single_recording_of_a_spring_is_not_cut_into_presses():
     found = imported(time_s=T, displacement_m=0.02 * np.sin(3.0 * T), force_N=16.0 * np.sin(3.0 * T) + NOISE)
     assert len(found.channels[0].runs) == 1
     assert reject_reason(found.channels[0]) is None

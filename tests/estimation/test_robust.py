@@ -29,15 +29,12 @@ def test_one_sided_outliers_hardly_move_it(outliers):
     assert np.all(scatter(Robust(), 25, outliers=outliers) < 2.2 * cramer_rao(np.full(900, 0.02)))
 
 
-def test_outliers_are_no_inliers():
+def test_outliers_are_no_inliers_and_it_loses_little_without_them():
     regression = problem(np.random.default_rng(1), outliers=0.2)
     found = fit(Robust(), regression)
     wrong = regression.effort - regression.columns @ TRUTH > 0.3
     assert not found.inliers[wrong].any()
     assert found.inliers[~wrong].mean() > 0.98
-
-
-def test_loses_little_where_nothing_is_wrong():
     assert np.all(scatter(Robust(), 80) < 1.2 * cramer_rao(np.full(900, 0.02)))
 
 

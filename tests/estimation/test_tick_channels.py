@@ -157,16 +157,13 @@ def test_a_move_belongs_to_the_run_after_it_and_useless_phases_to_none():
     np.testing.assert_array_equal(channel.run[moving], 1)
 
 
-def test_no_joint_feels_what_the_force_sensor_reads_in_free_air():
+def test_a_joint_knows_where_the_tip_touches_and_feels_no_force_in_free_air():
     truth = recorded()
     biased = joint_channels(ticks(truth, force_n=truth.force_n + 0.7))[0].context["contact_force"]
     assert biased == pytest.approx(joint_channels(ticks(truth))[0].context["contact_force"])
     in_air = truth.phase == Phase.FREE_AIR
     assert abs(np.mean(biased[in_air])) < 0.1 * NOISE_N
     assert biased.max() == pytest.approx(truth.force_n.max(), rel=0.02)
-
-
-def test_a_joint_knows_where_the_tip_touches():
     truth = recorded()
     context = joint_channels(ticks(truth))[0].context
     touching = context["touching"] == 1.0

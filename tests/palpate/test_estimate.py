@@ -33,16 +33,13 @@ def test_every_estimator_finds_the_simulated_object(probed):
         assert estimate["surface"]["position_m"] == pytest.approx(-0.05, abs=1e-4)
 
 
-def test_the_table_shows_truth_error_and_interval(probed):
+def test_the_table_shows_truth_error_and_interval_of_three_estimators_unless_asked_for_others(probed):
     shown = run("estimate", probed[0]).stdout
     for words in (
         *("k", "[N/m]", "[N s/m]", "±", "error", "truth", "500"),
         *("robust", "surface at -", "(truth -50.00"),
     ):
         assert words in shown
-
-
-def test_three_estimators_of_all_runs_are_used_unless_others_are_asked_for(probed):
     (channel,) = estimate_json(probed[0])["channels"]
     assert [estimate["estimator"] for estimate in channel["estimates"]] == ["lsq", "robust", "ransac"]
     assert_refused(run("estimate", probed[0], "--all", "--estimator", "lsq"), "--all", "--estimator lsq")

@@ -24,7 +24,7 @@ def moved(goals, ticks_each):
     return reference, [np.array(part) for part in zip(*motions, strict=True)]
 
 
-def test_a_far_goal_is_reached_within_the_limits_and_without_overshoot():
+def test_goals_are_reached_within_the_limits_without_overshoot_or_steps():
     reference, (position, velocity, acceleration) = moved([(2.0, -2.0)], 4000)
     assert reference.arrived
     assert position[-1] == pytest.approx([2.0, -2.0], abs=1e-3)
@@ -32,9 +32,6 @@ def test_a_far_goal_is_reached_within_the_limits_and_without_overshoot():
     assert np.abs(velocity[:, 1]).max() > 1.9
     assert np.abs(acceleration).max() <= 5.0
     assert np.abs(position).max() < 2.01
-
-
-def test_goals_at_a_program_s_rate_make_no_steps():
     times = np.arange(0.0, 3.0, 0.02)
     _, (_, _, acceleration) = moved([(0.3 * np.sin(2 * t), 0.0) for t in times], 20)
     settled = acceleration[500:, 0]

@@ -176,13 +176,11 @@ def test_a_channel_that_cannot_be_judged_is_told_too(tmp_path):
 class TestFigures:
     """What is drawn is what the view holds."""
 
-    def test_bars_are_the_errors_and_the_line_is_the_floor(self, result):
+    def test_bars_are_the_errors_and_curves_the_measured_first_and_last_model(self, result):
         view = result_view(result)
         shown = report.fall_figure(view)
         np.testing.assert_allclose(shown.data[0].x, [stage.rmse for stage in result.stages])
         assert shown.layout.shapes[0].x0 == view.noise_level
-
-    def test_curves_over_time_are_measured_first_and_last_model_with_what_they_leave(self, result):
         shown = report.time_figure(result_view(result))
         names = ["measured", *("kelvin_voigt", "kelvin_voigt + cubic_stiffness") * 2]
         assert [trace.name for trace in shown.data] == names

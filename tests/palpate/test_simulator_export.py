@@ -90,7 +90,7 @@ def test_an_exported_joint_predicts_an_unseen_motion_as_well_as_the_fit_promised
     assert trip.motion < 0.01 * trip.nominal_motion  # under the same commands
 
 
-def test_springs_dampers_and_rotor_act_as_their_equations_say():
+def test_springs_dampers_rotor_and_dry_friction_act_as_their_equations_say():
     spring = {"stiffness": 1.5, "preload": -0.6, "cubic": 2.0}
     plain = mujoco.MjModel.from_xml_string(HAND_MADE.replace('damping="0.7"', ""))
     model, _ = patched(arm_of(damping=0.3, damping_quadratic=0.08, armature=0.02, **spring))
@@ -98,9 +98,6 @@ def test_springs_dampers_and_rotor_act_as_their_equations_say():
         extra = effort(model, (0.2, q), (0.0, v), (0.0, a)) - effort(plain, (0.2, q), (0.0, v), (0.0, a))
         expected = 1.5 * q - 0.6 + 2.0 * q**3 + 0.3 * v + 0.08 * v * abs(v) + 0.02 * a
         assert extra == pytest.approx(expected, abs=1e-6)
-
-
-def test_dry_friction_turns_round_with_the_motion_and_not_ahead_of_it():
     model, _ = patched(arm_of(frictionloss=0.5, damping=0.0))
     plain = mujoco.MjModel.from_xml_string(HAND_MADE.replace('damping="0.7"', ""))
     for v, a in ((0.05, -8.0), (-0.05, 8.0), (1.0, 0.0)):

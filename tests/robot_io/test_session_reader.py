@@ -366,7 +366,7 @@ def test_more_data_than_there_is_memory_for_is_refused(tmp_path, monkeypatch):
 
 def test_a_session_that_is_small_only_while_it_is_packed_is_refused(tmp_path, monkeypatch):
     path = foreign(tmp_path / "s.mcap", {}, [("events", bytes(4_000_000))] * 10)
-    monkeypatch.setattr(whole_file, "_ALWAYS", 1_000_000)
+    monkeypatch.setattr(whole_file, "_ALLOWED_BYTES", 1_000_000)
     with pytest.raises(SessionError, match="far more data"):
         Session.open(path)
 

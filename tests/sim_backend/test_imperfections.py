@@ -138,20 +138,14 @@ class TestEveryEffect:
             hidden_effects([entry], 3)
 
 
-def test_a_world_with_nothing_hidden_has_no_effects_at_work():
+def test_nothing_hidden_nothing_at_work_effects_side_by_side_and_a_secret_in_public():
     effects = hidden_effects(Scenario().hidden, 3)
     assert not any(vars(effects).values())
-
-
-def test_effects_work_side_by_side():
     entries = [at_strength(name, 5.0) for name in ALL if name != "plastic_set"]
     world = World(shipped_arm("follower"), Scenario().with_hidden(entries))
     world.object.move_surface(world.truth().tip_position_world_m[2] + 0.002)
     world.advance_to(0.2)
     assert np.isfinite(world.truth().joint_position_rad).all()
-
-
-def test_a_scenario_says_in_public_nothing_of_what_it_hides():
     world = Scenario(seed=7).with_hidden([at_strength(name, 10.0) for name in ALL])
     public = world.public_yaml()
     assert "hidden" not in public

@@ -69,7 +69,7 @@ def test_stribeck_friction_lets_go_at_once_and_falls_with_speed():
     assert velocity[-1] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_asymmetric_friction_brakes_one_way_more_than_the_other():
+def test_asymmetric_friction_brakes_one_way_more_and_load_dependent_takes_a_share_of_the_load():
     world = hidden_slider(
         hidden("asymmetric_friction", joint=1, positive_nm=3.0, negative_nm=1.0), gravity=0.0
     )
@@ -77,10 +77,7 @@ def test_asymmetric_friction_brakes_one_way_more_than_the_other():
     assert measured == pytest.approx([-3.0, 1.0], abs=1e-6)
     for force, expected in ((2.9, 0.0), (-0.9, 0.0), (3.5, 0.5), (-1.5, -0.5)):
         assert accelerations(world, force, 0.0) == pytest.approx(expected, abs=1e-6)
-
-
-def test_load_dependent_friction_takes_a_share_of_what_reaches_the_link():
-    """Of 1 kg with an acceleration a the load is a; the drive bears it and 0.2 a, or is helped by 0.2 a."""
+    # Of 1 kg with an acceleration a the load is a; the drive bears it and 0.2 a, or is helped by 0.2 a.
     world = hidden_slider(hidden("load_dependent_friction", joint=1, load_share=0.2), gravity=0.0)
     for speed, drive_per_load in ((0.0, 1.2), (1.0, 1.2), (-1.0, 0.8)):
         assert drive_per_load * accelerations(world, 5.0, speed) == pytest.approx(5.0)

@@ -33,7 +33,7 @@ def test_a_shipped_scenario_survives_being_written_and_read(name):
     assert load_scenario(scenario) is scenario
 
 
-def test_the_default_file_states_every_default_and_nothing_else():
+def test_the_default_file_states_every_default_and_named_objects_are_what_they_are_called():
     default = load_scenario("default")
     assert default.model_copy(update={"description": ""}) == Scenario()
     stated = load_scenario("default").model_dump(exclude_unset=True)
@@ -41,9 +41,6 @@ def test_the_default_file_states_every_default_and_nothing_else():
     assert {key: part.keys() for key, part in stated["sensors"].items()} == {
         key: part.keys() for key, part in default.model_dump()["sensors"].items()
     }
-
-
-def test_the_paper_s_and_the_stiff_object_are_what_they_are_called():
     assert load_scenario("paper").object.law.model_dump() == {
         "stiffness_n_m": 500.0,
         "damping_n_s_m": 100.0,

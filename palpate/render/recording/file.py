@@ -18,7 +18,7 @@ from palpate.common.files import whole_file
 from palpate.render import palette
 from palpate.render.recording.rerun_modules import experimental, rerun_cli, rr, rrb
 from palpate.robot_io.errors import PalpateError
-from palpate.robot_io.files.whole_file import as_utf8
+from palpate.robot_io.files.whole_file import replace_undecodable
 from palpate.robot_io.types import FloatArray
 
 TIME, REVISION = "time", "revision"  # timelines
@@ -41,7 +41,7 @@ def recording_file(name: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[
     # Write to memory first, then to the disk, because Rerun's writer hangs if the disk is full.
     with whole_file(path) as unfinished:
         unfinished.touch()  # checks the folder before the work begins
-        name = as_utf8(name)
+        name = replace_undecodable(name)
         recording = rr.RecordingStream("palpate", recording_id=name)
         memory = recording.memory_recording()
         recording.send_blueprint(blueprint)

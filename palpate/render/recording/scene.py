@@ -20,7 +20,7 @@ from palpate.estimation.estimate import Estimate, ParameterEstimate
 from palpate.render.recording.file import BACKGROUND, time_column
 from palpate.render.recording.rerun_modules import rr, rrb, urdf_reader
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.files.urdf_text import parse_urdf, without_files
+from palpate.robot_io.files.urdf_text import parse_urdf, remove_file_references
 from palpate.robot_io.session import Event, Session
 from palpate.robot_io.types import FloatArray, IntArray
 
@@ -322,7 +322,7 @@ def load_urdf(text: str, entity: str = _ARM, frame_prefix: str = "") -> urdf_rea
         ValueError: the URDF cannot be used.
         RuntimeError: the URDF cannot be used.
     """
-    drawn = tostring(without_files(parse_urdf(text)), encoding="unicode")
+    drawn = tostring(remove_file_references(parse_urdf(text)), encoding="unicode")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "arm.urdf"
         path.write_text(drawn, encoding="utf-8")

@@ -93,15 +93,12 @@ def test_the_shortest_of_those_that_tell_most_is_chosen():
     assert choose([]) is None
 
 
-def test_an_experiment_that_sets_all_apart_beats_one_that_sets_one_rival_apart_far():
+def test_an_experiment_that_sets_all_or_one_pair_apart_beats_one_that_sets_one_rival_far_or_none():
     """After the first, one of two rivals that it does not tell apart is left in two cases of three."""
     far, all_apart = np.zeros((3, 3)), np.full((3, 3), 0.2)
     far[0, 1:] = far[1:, 0] = 0.9
     offered = [Experiment("far", 1, (far,)), Experiment("all", 20, (all_apart,))]
     assert choose(offered).index == 1
-
-
-def test_an_experiment_that_tells_one_pair_of_three_apart_beats_one_that_tells_none():
     one_pair = np.zeros((3, 3))
     one_pair[0, 2] = one_pair[2, 0] = 0.3
     offered = [Experiment("none", 1, (np.full((3, 3), 0.01),)), Experiment("one", 1, (one_pair,))]

@@ -166,16 +166,13 @@ def test_where_something_is_left_it_is_told_how_much_and_what_it_depends_on(swun
     assert said(swung, complete=True, nothing=True)[0].verdict is Verdict.ADEQUATE
 
 
-def test_an_objection_says_what_is_left(swung):
+def test_an_objection_says_what_is_left_and_the_noise_is_one_number_whatever_the_model(swung):
     objection = ResidualFinding("run 2 is off", "run")
     found, *_ = said(swung, complete=False, objection=objection)
     assert found.verdict is Verdict.MISSING
     assert found.reason.endswith("; run 2 is off")
     assert found.depends_on == ["run"]
     assert found.next_experiment.purpose.endswith("run")
-
-
-def test_the_noise_is_one_number_whatever_model_the_search_ends_with(swung):
     told = [
         said(swung, complete=complete, nothing=nothing)[0]
         for complete, nothing in ((True, False), (False, False), (False, True))
@@ -200,16 +197,13 @@ def test_candidates_that_lower_the_error_alone_are_ranked_by_the_error_that_each
         assert one.score == pytest.approx(1.0 - one.rmse_held_out / search.start.rmse)
 
 
-def test_where_nothing_is_established_the_best_single_effect_is_named_with_what_it_takes_away(swung):
+def test_where_nothing_is_established_the_best_single_effect_is_named_and_its_fits_handed_over(swung):
     found, *_ = said(swung, complete=False, nothing=True)
     share = f"{100 * found.ranking[0].score:.0f} %"
     assert found.reason.endswith(
         f"; the best single effect, joint_spring, removes {share} of the error, but is not established"
     )
     assert "best single effect" not in said(swung, complete=False)[0].reason
-
-
-def test_the_fits_behind_the_numbers_are_handed_over_once(swung):
     found, *_ = said(swung, complete=True)
     fits = found.take_fits()
     assert set(fits) == {("joint_spring",), BOTH}

@@ -109,15 +109,12 @@ def test_neither_motion_nor_a_trembling_encoder_makes_a_still_sensor_a_stuck_one
     assert ticks_until_named(StuckForce(LIMIT_S), forces_n, speeds_rad_s=trembles) is None
 
 
-def test_a_sensor_that_holds_its_zero_on_purpose_is_not_accused():
+def test_a_zero_held_on_purpose_and_a_blow_that_rings_accuse_no_coarse_sensor():
     """Indicators do: in a first short stretch of free air, and in a longer one after the press."""
     pressed = np.concatenate([np.linspace(0, 5, 300), np.full(500, 5.0), np.linspace(5, 0, 300)])
     forces_n = np.concatenate([np.zeros(300), pressed + noise(1100, step=0.01), np.zeros(6000)])
     assert ticks_until_named(StuckForce(LIMIT_S), forces_n) is None
-
-
-def test_a_blow_that_rings_does_not_make_a_coarse_sensor_a_noisy_one():
-    """In the air it alternates on the edge between two steps; held in the middle of one it stands still."""
+    # In the air it alternates on the edge between two steps; held in the middle of one it stands still.
     blow, step = np.tile([3.0, 0.0], 40), 0.1
     forces_n = np.concatenate([np.full(AIR, 0.05), blow, np.full(HOLD, 3.0)])
     forces_n = np.round((forces_n + noise(len(forces_n), step=1e-6)) / step) * step

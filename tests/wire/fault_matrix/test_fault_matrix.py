@@ -76,13 +76,10 @@ def test_a_fault_ends_as_the_matrix_says(row: Row, tmp_path):
         assert seen.last_tick_s >= row.at_s - 2 * rig.tick_s  # nor the tick of the fault
 
 
-def test_what_takes_longer_than_its_limit_and_two_ticks_has_a_reason():
+def test_rows_that_take_longer_have_a_reason_none_is_there_twice_and_the_document_is_up_to_date():
     slow = [row.label for row in ROWS if row.ticks is not None and row.ticks > row.prompt_ticks]
     deaf = [row.label for row in ROWS if row.ticks is None and row.off_ms is not None]
     assert {*slow, *deaf} <= {row.label for row in ROWS if row.because}
-
-
-def test_no_row_is_there_twice_and_the_document_is_up_to_date():
     assert len({row.label for row in ROWS}) == len(ROWS)
     # Otherwise run `.venv/bin/python docs/make_fault_matrix.py`.
     assert DOCUMENT.read_text(encoding="utf-8") == document(ROWS)
