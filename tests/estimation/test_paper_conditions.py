@@ -1,5 +1,7 @@
 """Stiffness and damping under the paper's conditions, on the simulator of little_probe.py."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -12,9 +14,14 @@ from tests.estimation.little_probe import hunt_crossley, kelvin_voigt, probe, ti
 CORNERS = [(200.0, 0.0), (200.0, 100.0), (2000.0, 0.0), (2000.0, 100.0), (500.0, 20.0)]
 
 
-def probed(law, name, model="kelvin_voigt", **settings):
+@cache
+def recorded(law, **settings):
     (data,) = contact_channels(ticks(probe(law, **settings)), tared=True)
-    return estimated(data, model, name, surface_found=True)
+    return data
+
+
+def probed(law, name, model="kelvin_voigt", **settings):
+    return estimated(recorded(law, **settings), model, name, surface_found=True)
 
 
 @pytest.mark.parametrize(("stiffness", "damping"), CORNERS)

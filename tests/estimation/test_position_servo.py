@@ -48,16 +48,16 @@ def servo(seed, dry=0.0, weight=0.0, gap=0.0, seconds=12.0):
     return table
 
 
-def written(folder, **hidden):
-    runs = [servo(seed, **hidden) for seed in range(4)]
+def written(folder, count=4, **settings):
+    runs = [servo(seed, **settings) for seed in range(count)]
     t, goal, q = np.concatenate(runs).T
-    run = np.repeat(np.arange(4), len(runs[0]))
+    run = np.repeat(np.arange(count), len(runs[0]))
     return write_table(folder / "servo.csv", time_s=t, run=run, goal_position_rad=goal, position_rad=q)
 
 
 def test_hidden_dry_friction_is_named_with_its_size_in_goal_error(tmp_path, monkeypatch):
     try_few_effects(monkeypatch, "stribeck_friction", "quadratic_friction", "backlash")
-    study = Study(written(tmp_path, dry=0.15), keep=False)
+    study = Study(written(tmp_path, dry=0.15, seconds=8.0), keep=False)
     (channel,) = study.channels
     assert (channel.kind, channel.model.name) == (ChannelKind.SERVO, "position_servo")
     (found,) = study.diagnose().channels
@@ -72,7 +72,7 @@ def test_hidden_dry_friction_is_named_with_its_size_in_goal_error(tmp_path, monk
 
 
 def test_hidden_weight_is_found_in_goal_error(tmp_path):
-    study = Study(written(tmp_path, weight=0.9), keep=False)
+    study = Study(written(tmp_path, weight=0.9, seconds=8.0), keep=False)
     study.add("weight")
     (result,) = study.results()
     parameters = result.stages[-1].parameters
@@ -118,7 +118,7 @@ def test_an_effort_that_was_measured_goes_before_the_goal(tmp_path):
 
 
 def test_the_model_is_of_servos_alone(tmp_path):
-    path = written(tmp_path)
+    path = written(tmp_path, 2, seconds=6.0)
     with pytest.raises(InputError, match="position_servo"):
         Study(path, "inertia_of_nothing", keep=False)
     study = Study(path, "position_servo", keep=False)
