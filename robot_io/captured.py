@@ -1,4 +1,4 @@
-"""Capture output that C code prints past Python's own streams.
+"""Capture output that C code prints past Python's original streams.
 
 Errors are printed as one line, and other programs read the JSON output, so nothing else may be printed.
 """
@@ -23,7 +23,7 @@ def captured(lines: list[str], *descriptors: int) -> Iterator[None]:
         descriptors: file descriptors, such as `STDOUT` and `STDERR`.
     """
     _flush()
-    kept = [(descriptor, os.dup(descriptor)) for descriptor in descriptors]
+    originals = [(descriptor, os.dup(descriptor)) for descriptor in descriptors]
     in_memory = hasattr(os, "memfd_create")  # created late: reading a file must open none for writing
     file: BinaryIO
     with os.fdopen(os.memfd_create("captured"), "w+b") if in_memory else tempfile.TemporaryFile() as file:
@@ -33,9 +33,9 @@ def captured(lines: list[str], *descriptors: int) -> Iterator[None]:
             yield
         finally:
             _flush()
-            for descriptor, own in kept:
-                os.dup2(own, descriptor)
-                os.close(own)
+            for descriptor, original in originals:
+                os.dup2(original, descriptor)
+                os.close(original)
             file.seek(0)
             lines += file.read().decode("utf-8", "replace").splitlines()
 

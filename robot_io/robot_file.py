@@ -182,9 +182,11 @@ def _from_document(document: YamlDocument) -> RobotFile:
             problem = f"has {len(values)} values, home_rad has {count}: one per joint"
             raise input_error(robot_file.document, key_path, problem, list(values))
     for joint, inertia in enumerate(robot_file.rotor_inertia_kg_m2 or ()):
-        most = robot_file.limits.torque_nm[joint] / _SLOWEST_RAD_S2
-        if inertia > most:
-            problem = f"give 0 to {most:g} kg m2: with more, the torque limit needs over 1 s to reach 1 rad/s"
+        largest = robot_file.limits.torque_nm[joint] / _SLOWEST_RAD_S2
+        if inertia > largest:
+            problem = (
+                f"give 0 to {largest:g} kg m2: with more, the torque limit needs over 1 s to reach 1 rad/s"
+            )
             raise input_error(robot_file.document, ("rotor_inertia_kg_m2", joint), problem, inertia)
     limits = robot_file.limits
     for joint, home in enumerate(robot_file.home_rad):

@@ -147,7 +147,7 @@ class TipContact:
         self._object = target
         self._step_s = step_s
         self._response = ObjectResponse(effects)
-        self._speed_before_m_s: float | None = None
+        self._last_speed_m_s: float | None = None
 
     def update(self, time_s: float) -> None:
         """Compute depth, rate and force in the arm's current state.
@@ -156,9 +156,9 @@ class TipContact:
             time_s: time of that state [s].
         """
         self.tip_position_m, velocity, self._quaternion = self._engine.tip_state()
-        speed, before = -velocity[2], self._speed_before_m_s
-        self._speed_before_m_s = speed
-        self.rate_m_s = speed if before is None else 1.5 * speed - 0.5 * before
+        speed, last_speed = -velocity[2], self._last_speed_m_s
+        self._last_speed_m_s = speed
+        self.rate_m_s = speed if last_speed is None else 1.5 * speed - 0.5 * last_speed
         self.depth_m = self._object.surface_height_m - self.tip_position_m[2]
         by_engine_n = self._engine.surface_force_n() if self._object.is_engine_contact else None
         state = ContactState(time_s, self._step_s, self.depth_m, self.rate_m_s)
@@ -167,7 +167,7 @@ class TipContact:
 
     def restart(self) -> None:
         """Reset the last step's speed, because the arm was placed elsewhere."""
-        self._speed_before_m_s = None
+        self._last_speed_m_s = None
 
     def compression_n(self, sensor_axis_tip: Sequence[float]) -> float:
         """Compute the part of the force along the sensor axis: the force times the cosine of the tool's tilt.

@@ -40,8 +40,8 @@ class SimulatedBus(JointBus):
     name = "pybullet"
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
-        own = context.settings_as(SimulatedBusSettings, settings)
-        if isinstance(own.scenario, Mapping) and own.scenario.get("hidden"):
+        validated = context.settings_as(SimulatedBusSettings, settings)
+        if isinstance(validated.scenario, Mapping) and validated.scenario.get("hidden"):
             problem = "belongs in a scenario file: a session keeps the robot file, for everybody to read"
             raise input_error(context.robot_file.document, (*context.section, "scenario", "hidden"), problem)
         self._clock = context.clock
@@ -52,7 +52,7 @@ class SimulatedBus(JointBus):
         self._powered = False
         self.position = self.velocity = self.torque = _reading(None, self.joint_count)
         self.force = _reading(None, 1)
-        self.scenario = load_scenario(own.scenario, context.robot_file.path.parent)
+        self.scenario = load_scenario(validated.scenario, context.robot_file.path.parent)
         if isinstance(self._clock, SimulatedClock):
             self._clock.subscribe(lambda time_s: self._world.advance_to(time_s) if self._world else None)
 

@@ -260,7 +260,7 @@ class SimulatedEncoder(SampledSensor):
         sample_period_s = max(1.0 / settings.rate_hz, step_s)
         self._velocity_low_pass = LowPass(settings.velocity.bandwidth_hz, sample_period_s)
         self._effects = effects
-        self._before_s, self._before = -inf, list[float]()
+        self._last_s, self._last_position = -inf, list[float]()
 
     def _measure(self, time_s: float, signal: Sequence[float]) -> SensorSample:
         joint_count = len(signal) // 2
@@ -271,10 +271,10 @@ class SimulatedEncoder(SampledSensor):
         counted = [round(angle * per_rad) * count_rad for angle in position]
         if not self._by_difference:
             return SensorSample([*counted, *self._noise.add_to(signal[joint_count:])], time_s)
-        rate_hz = 1.0 / (time_s - self._before_s)
-        before = self._before or counted
-        moving = [(now - then) * rate_hz for now, then in zip(counted, before, strict=True)]
-        self._before_s, self._before = time_s, counted
+        rate_hz = 1.0 / (time_s - self._last_s)
+        last_position = self._last_position or counted
+        moving = [(angle - last) * rate_hz for angle, last in zip(counted, last_position, strict=True)]
+        self._last_s, self._last_position = time_s, counted
         return SensorSample(counted + self._velocity_low_pass.filter(moving), time_s)
 
 

@@ -38,12 +38,12 @@ class ClockOffset:
 
     def __init__(self) -> None:
         # Sorted by age, each with a shorter round trip than all younger ones; the first is the best.
-        self._kept: deque[Offset] = deque()
+        self._exchanges: deque[Offset] = deque()
 
     @property
     def best(self) -> Offset | None:
         """Exchange with the shortest round trip of the last seconds; None before the first."""
-        return self._kept[0] if self._kept else None
+        return self._exchanges[0] if self._exchanges else None
 
     def update(self, t0_s: float, t1_s: float, t2_s: float, t3_s: float) -> None:
         """Add one exchange; time stamps that are not finite or contradict each other are ignored.
@@ -57,12 +57,12 @@ class ClockOffset:
         round_trip_s = (t3_s - t0_s) - (t2_s - t1_s)
         if not (isfinite(round_trip_s) and round_trip_s >= 0.0 and t3_s >= t0_s):
             return
-        kept = self._kept
-        while kept and kept[-1].round_trip_s >= round_trip_s:
-            kept.pop()
-        kept.append(Offset(0.5 * ((t1_s - t0_s) + (t2_s - t3_s)), round_trip_s, t3_s))
-        while kept[0].at_s < t3_s - _WINDOW_S or len(kept) > _MAX_EXCHANGES:
-            kept.popleft()
+        exchanges = self._exchanges
+        while exchanges and exchanges[-1].round_trip_s >= round_trip_s:
+            exchanges.pop()
+        exchanges.append(Offset(0.5 * ((t1_s - t0_s) + (t2_s - t3_s)), round_trip_s, t3_s))
+        while exchanges[0].at_s < t3_s - _WINDOW_S or len(exchanges) > _MAX_EXCHANGES:
+            exchanges.popleft()
 
 
 _WINDOW = 64  # number of recent sequence numbers that are tracked individually

@@ -52,9 +52,9 @@ class ForceComparison:
         since_s = self.time_s - begins_s[np.searchsorted(begins_s, self.time_s, side="right") - 1]
         return self.select((since_s >= TOUCH_S) & ~self.stalled)
 
-    def select(self, kept: BoolArray) -> "ForceComparison":
+    def select(self, rows: BoolArray) -> "ForceComparison":
         """Return the comparison with the selected samples."""
-        return ForceComparison(self.time_s[kept], self.felt_n[kept], self.real_n[kept], self.stalled[kept])
+        return ForceComparison(self.time_s[rows], self.felt_n[rows], self.real_n[rows], self.stalled[rows])
 
     def summary(self) -> str:
         """Return the share, such as "1.2 % rms of 8000 samples"."""

@@ -73,7 +73,7 @@ class _OnBus:
     Settings: ClassVar[type[FileModel]] = FileModel  # what the robot file says; that of the bus is the rest
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
-        self._own = context.settings_as(self.Settings, settings)
+        self._settings = context.settings_as(self.Settings, settings)
         self._bus = context.bus_as(self.bus_type)
 
     @property

@@ -183,8 +183,10 @@ def decode_state(frame: CanFrame) -> MoteusState:
         ProtocolError: the length is wrong, or the frame is not the requested answer.
     """
     expect_length(frame, "moteus state", _ANSWER.size)
-    head, mode, floats, turns, speed, torque, rest, home, volts, celsius, fault = _ANSWER.unpack(frame.data)
-    if (head, floats, rest) != _HEADS:
+    head, mode, floats_head, turns, speed, torque, integers_head, home, volts, celsius, fault = (
+        _ANSWER.unpack(frame.data)
+    )
+    if (head, floats_head, integers_head) != _HEADS:
         raise ProtocolError(f"unexpected answer: {frame.data.hex(' ')}")
     return MoteusState(mode, turns, speed, torque, home, _VOLT * volts, celsius, fault)
 
@@ -204,13 +206,13 @@ class MoteusBus(AskedMotorBus[MoteusState]):
     name = "moteus_bus"
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
-        own = context.settings_as(MoteusBusSettings, settings)
-        ids = [motor.motor_id for motor in own.motors]
-        super().__init__(own, own.motors, context, ids, own.watchdog_s)
-        self._own, self._motors = own, own.motors
-        self._shown: list[MoteusState | None] = [None] * len(ids)
-        self._state_request_frames = [encode_question(own.host_id, motor_id) for motor_id in ids]
-        self._stops = [encode_stop(own.host_id, motor_id) for motor_id in ids]
+        validated = context.settings_as(MoteusBusSettings, settings)
+        ids = [motor.motor_id for motor in validated.motors]
+        super().__init__(validated, validated.motors, context, ids, validated.watchdog_s)
+        self._settings, self._motors = validated, validated.motors
+        self._observed_states: list[MoteusState | None] = [None] * len(ids)
+        self._state_request_frames = [encode_question(validated.host_id, motor_id) for motor_id in ids]
+        self._stops = [encode_stop(validated.host_id, motor_id) for motor_id in ids]
 
     def configure(self) -> None:
         """Open the adapter and receive a state of every controller, without changing modes.
@@ -224,7 +226,7 @@ class MoteusBus(AskedMotorBus[MoteusState]):
 
     def _refuse_lost(self) -> None:
         """Raise a DeviceError if a controller knows no position, or only one relative to its start."""
-        for joint, state in enumerate(self._shown):
+        for joint, state in enumerate(self._observed_states):
             if self._motion_is_wrong[joint]:
                 raise self._about(
                     joint, f"does not know its position: {self._error_names(self._errors[joint])}"
@@ -233,10 +235,10 @@ class MoteusBus(AskedMotorBus[MoteusState]):
                 raise self._about(joint, "has no reference for its position (home state 0)")
 
     def _report(self) -> list[Finding]:
-        self._shown = [None] * self.joint_count
+        self._observed_states = [None] * self.joint_count
         self._request_states(range(self.joint_count))
-        self._wait_for(lambda: None not in self._shown, ANSWER_S)
-        return [self._observe(joint, state) for joint, state in enumerate(self._shown)]
+        self._wait_for(lambda: None not in self._observed_states, ANSWER_S)
+        return [self._observe(joint, state) for joint, state in enumerate(self._observed_states)]
 
     def _observe(self, joint: int, state: MoteusState | None) -> Finding:
         label = self.motor_label(joint)
@@ -297,7 +299,7 @@ class MoteusBus(AskedMotorBus[MoteusState]):
         return [self._state_request_frames[joint]]
 
     def _joint_of(self, frame: CanFrame) -> int | None:
-        is_answer = frame.fd and not frame.remote and frame.can_id & 0xFF == self._own.host_id
+        is_answer = frame.fd and not frame.remote and frame.can_id & 0xFF == self._settings.host_id
         return self._joint_by_id.get(frame.can_id >> 8) if is_answer else None
 
     def _take(self, frame: CanFrame, at_s: float) -> bool:
@@ -314,7 +316,7 @@ class MoteusBus(AskedMotorBus[MoteusState]):
         return state.error, state.mode == POSITION
 
     def _keep(self, joint: int, state: MoteusState, asked_s: float) -> None:
-        self._shown[joint] = state
+        self._observed_states[joint] = state
         self._motion_is_wrong[joint] = not state.is_known or state.error in ENCODER_FAULTS
         if state.is_known:
             self._keep_motion(joint, tau * state.position_rev, tau * state.velocity_rev_s, asked_s)
@@ -324,7 +326,7 @@ class MoteusBus(AskedMotorBus[MoteusState]):
     def _encode_shaft(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
         motor = self._motors[joint]
         output_nm = clip(torque_nm, -motor.max_torque_nm, motor.max_torque_nm)
-        frame = encode_torque(self._own.host_id, motor.motor_id, output_nm, self._own.watchdog_s)
+        frame = encode_torque(self._settings.host_id, motor.motor_id, output_nm, self._settings.watchdog_s)
         return frame, float(np.float32(output_nm))
 
     def _error_names(self, error: int) -> str:
@@ -332,7 +334,7 @@ class MoteusBus(AskedMotorBus[MoteusState]):
 
     def _hint(self, joint: int) -> str:
         """See `MotorBus._hint`: a controller reports the cause of a reduced torque."""
-        state = self._shown[joint]
+        state = self._observed_states[joint]
         if state is None or state.error or state.fault < FIRST_LIMIT:
             return ""
         return f"its torque is limited by {LIMITS.get(state.fault, f'code {state.fault}')}"

@@ -285,23 +285,23 @@ class NetFtLine(ForceLine):
     name = "net_ft_line"
     Settings = NetFtLineSettings
     reader_type = DatagramReader
-    _own: NetFtLineSettings
+    _settings: NetFtLineSettings
     _port: _Socket | None
 
     @property
     def label(self) -> str:
-        return f"Net F/T {self._own.host}"
+        return f"Net F/T {self._settings.host}"
 
     def configure(self) -> None:
         """Open a socket; raise `DeviceError` if the host has no address, or there is no way to it."""
         try:
-            self._port = _Socket(self._own.host, self._own.rdt_port)
+            self._port = _Socket(self._settings.host, self._settings.rdt_port)
         except (OSError, UnicodeError) as error:  # the latter if the text cannot be a host name
             raise DeviceError(f"{self.label}: cannot be reached ({error})") from error
 
     def read_configuration(self) -> Configuration:
         """Read the sensor's configuration; raise `DeviceError` if no answer, or an invalid one."""
-        return read_configuration(self._own.host, self._own.http_port)
+        return read_configuration(self._settings.host, self._settings.http_port)
 
     def _close_port(self) -> None:
         if self._port is not None:
@@ -326,7 +326,7 @@ class NetFt(SerialForceSensor, Examinable):
     Settings = NetFtSettings
     line_type = NetFtLine
     end_of_stream = STOP
-    _own: NetFtSettings
+    _settings: NetFtSettings
     _bus: NetFtLine
 
     def configure(self) -> None:
@@ -335,14 +335,14 @@ class NetFt(SerialForceSensor, Examinable):
         Raises:
             DeviceError: it does not answer, its forces have another scale, or it sends no records.
         """
-        own, configuration = self._own, self._bus.read_configuration()
+        settings, configuration = self._settings, self._bus.read_configuration()
         newtons_per_count = newtons_per(configuration.unit) / configuration.counts_per_force
-        stated = newtons_per(own.unit) / own.counts_per_force
+        stated = newtons_per(settings.unit) / settings.counts_per_force
         if not abs(newtons_per_count / stated - 1.0) <= _AGREE:
             raise self._error(
                 f"counts {configuration.counts_per_force:.10g} for 1 {configuration.unit}, but the "
-                f"robot file states {own.counts_per_force:.10g} for 1 {own.unit}: another configuration "
-                "is active"
+                f"robot file states {settings.counts_per_force:.10g} for 1 {settings.unit}: another "
+                "configuration is active"
             )
         if not configuration.is_streaming:
             raise self._error("RDT is disabled: enable it on its page 'Communications'")
@@ -350,6 +350,6 @@ class NetFt(SerialForceSensor, Examinable):
         if not any(self._bus.ask(START, lambda d: len(d) == RECORD_SIZE or None, _ANSWER_S) for _ in tries):
             raise self._error("sends no records; check rdt_port, firewall and other programs")
         device = f"{configuration.product}, {configuration.rate_hz} records/s"
-        self._identified = f"{device}, {own.axis} axis, {own.capacity_n:.4g} N"
-        stream = NetFtStream(newtons_per_count, own.axis, configuration.rate_hz)
-        self._bus.listen(stream, own.capacity_n)
+        self._identified = f"{device}, {settings.axis} axis, {settings.capacity_n:.4g} N"
+        stream = NetFtStream(newtons_per_count, settings.axis, configuration.rate_hz)
+        self._bus.listen(stream, settings.capacity_n)

@@ -79,19 +79,19 @@ class OdriveBus(MotorBus):
     name = "odrive_bus"
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
-        own = context.settings_as(OdriveBusSettings, settings)
-        super().__init__(own, own.axes, context)
-        self._own = own
-        self._axes = own.axes
-        self._joint_by_node = {axis.node_id: joint for joint, axis in enumerate(own.axes)}
-        self._heartbeats: list[Heartbeat | None] = [None] * len(own.axes)
-        self._heartbeat_at_s = [-inf] * len(own.axes)
+        validated = context.settings_as(OdriveBusSettings, settings)
+        super().__init__(validated, validated.axes, context)
+        self._settings = validated
+        self._axes, count = validated.axes, len(validated.axes)
+        self._joint_by_node = {axis.node_id: joint for joint, axis in enumerate(validated.axes)}
+        self._heartbeats: list[Heartbeat | None] = [None] * count
+        self._heartbeat_at_s = [-inf] * count
         self._supply_v: dict[int, float] = {}
-        self._answered_at_s = [-inf] * len(own.axes)
-        self._latency_s = [0.0] * len(own.axes)
+        self._answered_at_s = [-inf] * count
+        self._latency_s = [0.0] * count
         self._versions: dict[int, tuple[int, int, int]] = {}
-        self._sent_nm, self._expected_nm = [0.0] * len(own.axes), [0.0] * len(own.axes)  # at the motors
-        self._short_nm, self._short_count = [0.0] * len(own.axes), [0] * len(own.axes)
+        self._sent_nm, self._expected_nm = [0.0] * count, [0.0] * count  # at the motors
+        self._short_nm, self._short_count = [0.0] * count, [0] * count
 
     def motor_label(self, joint: int) -> str:
         return f"joint {joint + 1} (node {self._axes[joint].node_id})"
@@ -104,21 +104,18 @@ class OdriveBus(MotorBus):
         """
         self.line.open()
         self._send_all(self._to_every_axis(AxisState.IDLE))
-        self._send_all(
-            [odrive.encode_request(axis.node_id, OdriveCommand.GET_VERSION) for axis in self._axes]
-        )
+        self._request_all(OdriveCommand.GET_VERSION)
         self._wait_for(self._all_heard, self._heartbeat_timeout_s)
         for joint in range(self.joint_count):
             if problem := self._setup_problem(joint):
                 raise self._about(joint, problem)
         # Measure each axis's answering time, which corrects the times of its samples: CAN frames carry no
         # time, and a constant delay would go unnoticed. A silent axis is assumed to have no delay.
-        ask = [odrive.encode_request(axis.node_id, OdriveCommand.BUS_VOLTAGE_CURRENT) for axis in self._axes]
         latencies_s = []
         for _ in range(_LATENCY_ROUNDS):
             self._answered_at_s = [-inf] * self.joint_count
             asked_s = self._clock.now_s()
-            self._send_all(ask)
+            self._request_all(OdriveCommand.BUS_VOLTAGE_CURRENT)
             complete = self._wait_for(lambda: -inf not in self._answered_at_s, _LATEST_ANSWER_S)
             latencies_s.append([at_s - asked_s for at_s in self._answered_at_s])
             if not complete:
@@ -131,10 +128,7 @@ class OdriveBus(MotorBus):
     def _report(self) -> list[Finding]:
         self._heartbeats = [None] * self.joint_count
         self._motion_at_s, self._torque_at_s = [-inf] * self.joint_count, [-inf] * self.joint_count
-        asked = [OdriveCommand.BUS_VOLTAGE_CURRENT, OdriveCommand.GET_VERSION]
-        self._send_all(
-            [odrive.encode_request(axis.node_id, command) for axis in self._axes for command in asked]
-        )
+        self._request_all(OdriveCommand.BUS_VOLTAGE_CURRENT, OdriveCommand.GET_VERSION)
         self._wait_for(
             lambda: self._all_heard() and len(self._supply_v) == self.joint_count, self._heartbeat_timeout_s
         )
@@ -149,7 +143,7 @@ class OdriveBus(MotorBus):
         if problem := self._setup_problem(joint):
             return fail(label, problem, f"over USB: {'; '.join(self._setup_commands)}")
         version = self._versions.get(self._axes[joint].node_id)
-        firmware = f"firmware {'.'.join(map(str, version))}" if version else f"firmware {self._own.firmware}"
+        firmware = f"firmware {'.'.join(map(str, version)) if version else self._settings.firmware}"
         supply = "supply voltage not reported" if supply_v is None else f"{supply_v:.1f} V"
         value = f"{firmware}, {supply}, {self._describe(beat)}"
         if supply_v is not None and supply_v < odrive.UNDERVOLTAGE_V:
@@ -165,17 +159,17 @@ class OdriveBus(MotorBus):
     def power_on(self) -> None:
         """See `JointBus.power_on`; checks the watchdogs first."""
         self._arm()
-        bit = odrive.WATCHDOG_EXPIRED[self._own.firmware]
+        bit = odrive.WATCHDOG_EXPIRED[self._settings.firmware]
 
         def armed() -> list[int]:
             return [j for j, beat in enumerate(self._heartbeats) if not (beat and beat.axis_error & bit)]
 
-        limit_s = self._own.watchdog_s + self._heartbeat_timeout_s
+        limit_s = self._settings.watchdog_s + self._heartbeat_timeout_s
         if not self._wait_for(lambda: not armed(), limit_s):
             raise DeviceError(
                 f"{self.line.label}: the watchdog of {', '.join(map(self.motor_label, armed()))} did not "
                 f"expire in {limit_s:.2g} s without commands; set {odrive.ENABLE_WATCHDOG} = True; "
-                f"{odrive.WATCHDOG_TIMEOUT} = {self._own.watchdog_s:g}"
+                f"{odrive.WATCHDOG_TIMEOUT} = {self._settings.watchdog_s:g}"
             )
         self._arm()
         self._powered = True
@@ -198,21 +192,26 @@ class OdriveBus(MotorBus):
 
     @property
     def _heartbeat_timeout_s(self) -> float:
-        return _LOST_HEARTBEATS * self._own.heartbeat_s
+        return _LOST_HEARTBEATS * self._settings.heartbeat_s
 
     def _to_every_axis(self, state: AxisState) -> list[CanFrame]:
         return [odrive.encode_axis_state(axis.node_id, state) for axis in self._axes]
 
+    def _request_all(self, *messages: OdriveCommand) -> None:
+        """Request messages from every axis."""
+        frames = [odrive.encode_request(axis.node_id, each) for axis in self._axes for each in messages]
+        self._send_all(frames)
+
     def _all_heard(self) -> bool:
-        versions = self._own.firmware is Firmware.V0_5 or len(self._versions) == len(self._axes)
+        versions = self._settings.firmware is Firmware.V0_5 or len(self._versions) == len(self._axes)
         moved, pulled = -inf not in self._motion_at_s, -inf not in self._torque_at_s
         return versions and None not in self._heartbeats and moved and pulled
 
     @property
     def _rate_commands(self) -> tuple[str, ...]:
         """Return the settings that make an axis send heartbeats, estimates and torques often enough."""
-        heartbeat_ms = round(1e3 * self._own.heartbeat_s)
-        names = odrive.PERIOD_SETTINGS[self._own.firmware]
+        heartbeat_ms = round(1e3 * self._settings.heartbeat_s)
+        names = odrive.PERIOD_SETTINGS[self._settings.firmware]
         return tuple(f"{name} = {ms}" for name, ms in zip(names, (heartbeat_ms, 1, 1), strict=True))
 
     @property
@@ -220,12 +219,12 @@ class OdriveBus(MotorBus):
         """Return all settings that an axis needs over USB, as odrivetool commands."""
         limits = (
             f"{odrive.VELOCITY_LIMIT} = {max(map(self._fastest_rev_s, range(self.joint_count))):.1f} or more",
-            f"{odrive.CURRENT_LIMIT[self._own.firmware]} = what max_torque_nm needs",
+            f"{odrive.CURRENT_LIMIT[self._settings.firmware]} = what max_torque_nm needs",
         )
         are_written = all(axis.current_limit_a for axis in self._axes)
         return (
             *self._rate_commands,
-            f"{odrive.WATCHDOG_TIMEOUT} = {self._own.watchdog_s:g}",
+            f"{odrive.WATCHDOG_TIMEOUT} = {self._settings.watchdog_s:g}",
             f"{odrive.ENABLE_WATCHDOG} = True",
             f"{odrive.ENABLE_VELOCITY_LIMIT} = False",
             *(() if are_written else limits),
@@ -251,7 +250,7 @@ class OdriveBus(MotorBus):
         """Return what an axis does not send, or its wrong firmware; an empty string if its setup is right."""
         if self._heartbeats[joint] is None:
             return f"no heartbeat in {self._heartbeat_timeout_s:.2g} s"
-        version, stated = self._versions.get(self._axes[joint].node_id), self._own.firmware
+        version, stated = self._versions.get(self._axes[joint].node_id), self._settings.firmware
         if version is None and stated is Firmware.V0_6:
             return "does not answer Get_Version, as firmware 0.6 would"
         if version is not None and f"{version[0]}.{version[1]}" != stated:
@@ -298,9 +297,9 @@ class OdriveBus(MotorBus):
             raise DeviceError(f"{self.line.label}: no closed-loop control: {states}")
 
     def _describe(self, beat: Heartbeat) -> str:
-        names = odrive.axis_error_names(beat.axis_error, self._own.firmware)
-        parts = tuple(f"{part} error" for part in beat.component_errors)
-        return " ".join((beat.state.name, *names, *parts))
+        names = odrive.axis_error_names(beat.axis_error, self._settings.firmware)
+        components = tuple(f"{component} error" for component in beat.component_errors)
+        return " ".join((beat.state.name, *names, *components))
 
     def _joint_of(self, frame: CanFrame) -> int | None:
         node, _ = odrive.split_odrive_id(frame.can_id)
@@ -316,17 +315,17 @@ class OdriveBus(MotorBus):
                 position_rev, velocity_rev_s = odrive.decode_two_floats(frame, "encoder estimates")
                 sampled_s = at_s - self._latency_s[joint]
                 self._keep_motion(joint, tau * position_rev, tau * velocity_rev_s, sampled_s)
-            case OdriveCommand.GET_IQ if self._own.firmware is Firmware.V0_5:
+            case OdriveCommand.GET_IQ if self._settings.firmware is Firmware.V0_5:
                 _, current_a = odrive.decode_two_floats(frame, "motor current")
                 constant_nm_a = self._axes[joint].torque_constant_nm_a or 0.0
                 self._keep_torque(joint, current_a * constant_nm_a, at_s - self._latency_s[joint])
-            case OdriveCommand.TORQUES if self._own.firmware is Firmware.V0_6:
+            case OdriveCommand.TORQUES if self._settings.firmware is Firmware.V0_6:
                 _, torque_nm = odrive.decode_two_floats(frame, "motor torque")
                 self._keep_torque(joint, torque_nm, at_s - self._latency_s[joint])
             case OdriveCommand.HEARTBEAT:
-                beat = odrive.decode_heartbeat(frame, self._own.firmware)
+                beat = odrive.decode_heartbeat(frame, self._settings.firmware)
                 self._heartbeats[joint], self._heartbeat_at_s[joint] = beat, at_s
-                names = odrive.axis_error_names(beat.axis_error, self._own.firmware)
+                names = odrive.axis_error_names(beat.axis_error, self._settings.firmware)
                 self._motion_is_wrong[joint] = (
                     "encoder" in beat.component_errors or not _ENCODER_ERRORS.isdisjoint(names)
                 )
@@ -370,8 +369,8 @@ class OdriveBus(MotorBus):
         if silent_s > self._heartbeat_timeout_s:
             return f"heartbeat lost, the last came {silent_s:.2g} s ago"
         if beat is None or not (beat.axis_error or beat.component_errors):
-            left = self._powered and beat is not None and beat.state is not AxisState.CLOSED_LOOP_CONTROL
-            return f"left closed-loop control, is {beat.state.name}" if left and beat else ""
+            has_left = self._powered and beat is not None and beat.state is not AxisState.CLOSED_LOOP_CONTROL
+            return f"left closed-loop control, is {beat.state.name}" if has_left and beat else ""
         return self._describe(beat) if self._powered else ""
 
 

@@ -338,10 +338,7 @@ def member(value: object, registry: Registry[Model], key: str) -> Model:
         return value
     if not isinstance(value, Mapping) or not isinstance(value.get(key), str):
         valid = ", ".join(registry)
-        raise InputError(
-            f"{value!r:.60} is not a {registry.kind}: give a mapping with '{key}' and parameters. "
-            f"Valid: {valid}"
-        )
+        raise InputError(f"a {registry.kind} is a mapping with '{key}' and parameters. Valid: {valid}")
     return validate(registry[value[key]], {name: entry for name, entry in value.items() if name != key})
 
 

@@ -77,8 +77,8 @@ class SafeStop:
             power_w = sum(weight * speed for weight, speed in zip(weights_nm, velocities, strict=True))
             sinking_rad_s = -power_w / (size_nm or inf)
             rate = (1.0 - sinking_rad_s / self._sink_rad_s) / self._fade_s
-            most = min(_MOST_SUPPORT, max(self.duration_s - stopping_s, 0.0) / self._last_s)
-            self._support = min(max(self._support - rate * dt_s, 0.0), most)
+            largest_support = min(_MOST_SUPPORT, max(self.duration_s - stopping_s, 0.0) / self._last_s)
+            self._support = min(max(self._support - rate * dt_s, 0.0), largest_support)
         support = self._support
         return [
             min(max(support * weight - damping * min(max(velocity, -fastest), fastest), -largest), largest)
@@ -94,13 +94,13 @@ class SafeStop:
                 weights_nm: list[float] = self._gravity_nm(position_rad).tolist()
                 if len(weights_nm) == len(self._brakes) and all(map(isfinite, weights_nm)):
                     return weights_nm
-            except Exception:  # noqa: S110, whatever is wrong with the model: the stop goes on without
+            except Exception:  # noqa: S110, whatever is wrong with the model: the stop continues without it
                 pass
             self._gravity_nm = None
         return [0.0] * len(self._brakes)
 
 
-# Longer between two commands, the arm was let go: the rate limit then starts from the measured torque.
+# After a longer time without a command, the rate limit starts from the measured torque.
 PAUSE_S = 0.1
 
 _STUCK_ENCODER = (

@@ -161,7 +161,7 @@ class Line:
         self.is_open_here = role == "follower" and settings.key is None and not _certified(config)
         if self.is_open_here:
             _keep_to_this_machine(config, settings)
-        self._over_udp = any("udp/" in config.get_json(f"{way}/endpoints") for way in ("listen", "connect"))
+        self._over_udp = any("udp/" in config.get_json(f"{key}/endpoints") for key in ("listen", "connect"))
         topics = [f"palpate/{settings.name}/{side}" for side in (role, _OTHER_ROLE[role])]
         own_topic, self._peer_topic = topics
         key = settings.key
@@ -222,8 +222,8 @@ class Line:
     @property
     def advice(self) -> str:
         """Return suggestions if nothing is received from the other side."""
-        same = "--port" if self._settings.config is None else "a --link that reaches this side"
-        advice = f"does a {_OTHER_ROLE[self.role]} run with the same --name and --key, and {same}?"
+        shared_option = "--port" if self._settings.config is None else "a --link that reaches this side"
+        advice = f"does a {_OTHER_ROLE[self.role]} run with the same --name and --key, and {shared_option}?"
         if not self._over_udp:
             return advice
         return (
@@ -320,13 +320,13 @@ def _keep_to_this_machine(config: "zenoh.Config", settings: LineSettings) -> Non
 
 def _endpoints(config: "zenoh.Config") -> list[str]:
     """List all endpoints on which zenoh listens, or to which it connects."""
-    found: list[str] = []
-    for way in ("listen", "connect"):
-        endpoints = json.loads(config.get_json(f"{way}/endpoints"))
+    found_endpoints: list[str] = []
+    for direction in ("listen", "connect"):
+        endpoints = json.loads(config.get_json(f"{direction}/endpoints"))
         if isinstance(endpoints, dict):  # by the mode of this side
             endpoints = chain.from_iterable(endpoints.values())
-        found += map(str, endpoints)
-    return found
+        found_endpoints += map(str, endpoints)
+    return found_endpoints
 
 
 def _is_local(endpoint: str) -> bool:

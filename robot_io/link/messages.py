@@ -78,15 +78,17 @@ class _Codec:
         self._values = attrgetter(*self._names)
         self._build: list[tuple[str, Callable[[Any], object]]] = []  # fields that need a conversion
         self._read: list[tuple[int, Callable[[Any], object]]] = []
-        for place, member in enumerate(members):
+        for index, member in enumerate(members):
             if member.kind not in _SCALARS:
                 inner = _Codec(member.kind, descriptor.fields_by_name[member.name].message_type)
-                each = member.repeated
-                self._build.append((member.name, partial(_each, inner.build) if each else inner.build))
-                self._read.append((place, partial(_each, inner.read) if each else inner.read))
+                is_repeated = member.repeated
+                self._build.append(
+                    (member.name, partial(_convert_each, inner.build) if is_repeated else inner.build)
+                )
+                self._read.append((index, partial(_convert_each, inner.read) if is_repeated else inner.read))
             elif member.repeated:
                 # Copied as a slice: twice as fast as one by one.
-                self._read.append((place, lambda values: tuple(values[:])))
+                self._read.append((index, lambda values: tuple(values[:])))
 
     def build(self, value: object) -> Any:  # noqa: ANN401, built at run time
         values = dict(zip(self._names, self._values(value), strict=False))
@@ -96,12 +98,12 @@ class _Codec:
 
     def read(self, message: Any) -> Any:  # noqa: ANN401, built at run time
         values = list(self._values(message))
-        for place, read in self._read:
-            values[place] = read(values[place])
+        for index, read in self._read:
+            values[index] = read(values[index])
         return self._kind(*values)
 
 
-def _each(convert: Callable[[Any], Any], values: Iterable[Any]) -> tuple[Any, ...]:
+def _convert_each(convert: Callable[[Any], Any], values: Iterable[Any]) -> tuple[Any, ...]:
     return tuple([convert(value) for value in values])  # faster than of a generator
 
 
@@ -327,22 +329,22 @@ def _need_count(what: str, value: int) -> None:
         raise InputError(f"{what} {value}: must be at least 0 and below 2^47")
 
 
-def _need_number(what: str, value: float, most: float) -> None:
-    if not -most <= value <= most:  # also NaN
-        raise InputError(f"{what} {value}: must be a number up to {most:g}")
+def _need_number(what: str, value: float, largest: float) -> None:
+    if not -largest <= value <= largest:  # also NaN
+        raise InputError(f"{what} {value}: must be a number up to {largest:g}")
 
 
-def _need_vector(what: str, values: Sequence[float], most: float) -> None:
+def _need_vector(what: str, values: Sequence[float], largest: float) -> None:
     if len(values) != 3:
         raise InputError(f"{what} {values}: must have three numbers")
     x, y, z = values
-    if not (-most <= x <= most and -most <= y <= most and -most <= z <= most):  # also NaN
-        raise InputError(f"{what} {tuple(values)}: not three numbers up to {most:g}")
+    if not (-largest <= x <= largest and -largest <= y <= largest and -largest <= z <= largest):  # also NaN
+        raise InputError(f"{what} {tuple(values)}: not three numbers up to {largest:g}")
 
 
-def _need_few(what: str, values: Sequence[object], most: int) -> None:
-    if len(values) > most:
-        raise InputError(f"{len(values)} {what}: at most {most}")
+def _need_few(what: str, values: Sequence[object], largest: int) -> None:
+    if len(values) > largest:
+        raise InputError(f"{len(values)} {what}: at most {largest}")
 
 
 def _need_text(what: str, text: str) -> None:

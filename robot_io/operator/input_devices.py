@@ -48,7 +48,7 @@ class RecordFile:
 
     def __init__(self, path: str | Path, size: int) -> None:
         self.path, self._size = path, size
-        self._rest = b""
+        self._unfinished = b""
         try:
             self.file = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
         except OSError as error:
@@ -68,10 +68,10 @@ class RecordFile:
             raise DeviceError(f"{self.path}: the device has disappeared ({error.strerror})") from error
         if not received:
             raise DeviceError(f"{self.path}: the device has disappeared (end of file)")
-        received = self._rest + received
-        whole = len(received) - len(received) % self._size
-        self._rest = received[whole:]
-        return [received[start : start + self._size] for start in range(0, whole, self._size)]
+        received = self._unfinished + received
+        end = len(received) - len(received) % self._size
+        self._unfinished = received[end:]
+        return [received[start : start + self._size] for start in range(0, end, self._size)]
 
     def close(self) -> None:
         """Close it."""
@@ -297,9 +297,9 @@ class TouchDevice(OperatorDevice):
             library.hdUpdateCalibration(style.value)
         if library.hdCheckCalibration() != _CALIBRATION_OK:
             raise DeviceError("touch: not calibrated; put the stylus into its inkwell and try again")
-        most = _Vector()
-        library.hdGetDoublev(_MAX_FORCE, most)
-        self._most_n = most[0]
+        largest_force = _Vector()
+        library.hdGetDoublev(_MAX_FORCE, largest_force)
+        self._most_n = largest_force[0]
         library.hdEnable(_FORCE_OUTPUT)
         self._servo = library.hdScheduleAsynchronous(self._callback, None, _DEFAULT_PRIORITY)
         library.hdStartScheduler()

@@ -172,18 +172,19 @@ class _Scanner:
 
     def _choose_decoders(self, formats: Formats) -> None:
         """Choose the topics that are decoded, with room for all messages of the file."""
-        here = place = self._file.tell()
+        start = position = self._file.tell()
         unpacked = MAX_CHUNK_BYTES  # of this chunk
-        while place + _RECORD.size <= self._size:
-            self._file.seek(place)
+        while position + _RECORD.size <= self._size:
+            self._file.seek(position)
             opcode, length = _RECORD.unpack(self._file.read(_RECORD.size))
-            place += _RECORD.size + length
-            if opcode == Opcode.CHUNK and length >= _CHUNK_SIZES.size and place <= self._size:
+            position += _RECORD.size + length
+            if opcode == Opcode.CHUNK and length >= _CHUNK_SIZES.size and position <= self._size:
                 *_, size = _CHUNK_SIZES.unpack(self._file.read(_CHUNK_SIZES.size))
                 unpacked += min(size, MAX_CHUNK_BYTES)
-        self._file.seek(here)
-        chosen, most = formats(self.content.metadata.get(HEADER_RECORD, {})), min(unpacked, self._bytes_left)
-        self.content.decoded = {topic: Decoder(wire, most) for topic, wire in chosen.items()}
+        self._file.seek(start)
+        wire_formats = formats(self.content.metadata.get(HEADER_RECORD, {}))
+        capacity_bytes = min(unpacked, self._bytes_left)
+        self.content.decoded = {topic: Decoder(wire, capacity_bytes) for topic, wire in wire_formats.items()}
 
     def take(self, opcode: int, record: bytes) -> None:
         if opcode == Opcode.METADATA:
@@ -231,7 +232,7 @@ class _Scanner:
 
 
 def _records(data: bytes, at: int) -> Iterator[tuple[int, int, int]]:
-    """Yield opcode, start and end of each whole record from the place `at` on."""
+    """Yield opcode, start and end of each whole record from the position `at` on."""
     while at + _RECORD.size <= len(data):
         opcode, length = _RECORD.unpack_from(data, at)
         start = at + _RECORD.size

@@ -102,12 +102,12 @@ class WireFormat:
         Returns:
             Messages; only the last may hold less than a batch.
         """
-        size, whole = self.dtype.itemsize, len(records) // self.stream.batch
-        messages = np.tile(self._template, whole).view(self.dtype)
+        size, whole_count = self.dtype.itemsize, len(records) // self.stream.batch
+        messages = np.tile(self._template, whole_count).view(self.dtype)
         for column in self.stream.columns:
-            values = records[column.name][: whole * self.stream.batch]
+            values = records[column.name][: whole_count * self.stream.batch]
             messages[column.name] = values.reshape(-1, self.stream.batch, *column.shape)
-        data, rest = messages.tobytes(), records[whole * self.stream.batch :]
+        data, rest = messages.tobytes(), records[whole_count * self.stream.batch :]
         last = self._with_batch(len(rest)).encode(rest) if len(rest) else []
         return [data[start : start + size] for start in range(0, len(data), size)] + last
 
@@ -123,9 +123,9 @@ class WireFormat:
         Raises:
             SessionError: the bytes are not messages of this form.
         """
-        whole = len(messages) // self.dtype.itemsize * self.dtype.itemsize
-        parts = [self._view(memoryview(messages)[:whole])]
-        if rest := memoryview(messages)[whole:]:
+        whole_bytes = len(messages) // self.dtype.itemsize * self.dtype.itemsize
+        parts = [self._view(memoryview(messages)[:whole_bytes])]
+        if rest := memoryview(messages)[whole_bytes:]:
             shorter = map(self._with_batch, range(1, self.stream.batch))
             last = next((form for form in shorter if form.dtype.itemsize == len(rest)), None)
             if last is None:
@@ -170,15 +170,15 @@ class Decoder:
 
     Args:
         wire: format of the stream.
-        most_bytes: upper limit of the total length of all messages, for which address space is reserved.
+        max_bytes: upper limit of the total length of all messages, for which address space is reserved.
     """
 
-    def __init__(self, wire: WireFormat, most_bytes: int) -> None:
+    def __init__(self, wire: WireFormat, max_bytes: int) -> None:
         self._wire, self._undecoded, self._rows = wire, bytearray(), 0
         self._error: SessionError | None = None  # raised once the whole file has been read
-        most = (most_bytes // wire.dtype.itemsize + 1) * wire.stream.batch
+        capacity = (max_bytes // wire.dtype.itemsize + 1) * wire.stream.batch
         self._columns: dict[str, NDArray[Any]] = {
-            c.name: np.empty((most, *c.shape), c.scalar_dtype) for c in wire.stream.columns
+            c.name: np.empty((capacity, *c.shape), c.scalar_dtype) for c in wire.stream.columns
         }
 
     def add(self, message: bytes) -> None:

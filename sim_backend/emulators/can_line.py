@@ -56,7 +56,7 @@ class EmulatedMotor(ABC):
         return self._at_shaft(self._plant.joint(self._joint))
 
     @property
-    def shown(self) -> JointState:
+    def measured(self) -> JointState:
         """Angle, speed and torque as measured by the motor."""
         return self._at_shaft(self._stuck or self._plant.joint(self._joint))
 
@@ -83,7 +83,7 @@ class EmulatedMotor(ABC):
         """Act on a frame on the bus, and return the answers."""
 
     @abstractmethod
-    def tell(self, now_s: float) -> list[can.Message]:
+    def send_unrequested(self, now_s: float) -> list[can.Message]:
         """Check the watchdog, and return the frames that the motor sends without a request; none as a rule.
 
         Args:
@@ -148,14 +148,14 @@ class CanWire(FrameWire[can.Message]):
         self._unplugged = unplugged
         if unplugged:
             for node in self._nodes:
-                node.tell(now_s)  # discarded; the watchdog runs regardless
+                node.send_unrequested(now_s)  # discarded; the watchdog runs regardless
             return
         self._deliver_late(now_s)
         for node in self._nodes:
             for kind in (FaultKind.ALERT, FaultKind.REBOOT, FaultKind.STUCK):
                 if fault := self.faults.strikes(kind, node.number, now_s):
                     node.strike(fault, now_s)
-            self._deliver_all(node, node.tell(now_s), now_s)
+            self._deliver_all(node, node.send_unrequested(now_s), now_s)
 
     def close(self) -> None:
         self._bus.shutdown()

@@ -100,7 +100,7 @@ def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
     return packet + _little(checksum(packet))
 
 
-def fast_status(parts: Sequence[tuple[int, int, bytes]], asked: int) -> bytes:
+def fast_status(parts: Sequence[tuple[int, int, bytes]], requested_count: int) -> bytes:
     """Make the joint answer of servos to a fast sync read.
 
     The parts are id, error and data of the answering servos. The chain ends at the first silent servo, but
@@ -108,10 +108,10 @@ def fast_status(parts: Sequence[tuple[int, int, bytes]], asked: int) -> bytes:
 
     Args:
         parts: id, error and data of each servo that answers.
-        asked: number of servos that were asked.
+        requested_count: number of servos of which the request asks.
     """
-    each = len(parts[0][2]) + 4
-    length = 1 + asked * each
+    part_size = len(parts[0][2]) + 4
+    length = 1 + requested_count * part_size
     packet = _START + bytes((0, BROADCAST, length % 256, length // 256, STATUS_INSTRUCTION))
     for servo_id, error, data in parts:
         packet += bytes((error, servo_id)) + data
@@ -181,8 +181,8 @@ class EmulatedDynamixelLine(ServoWire[EmulatedServo]):
                 if servo is not None and not (servo.deaf and address in GOALS):
                     servo.write(address, parameters[start + 1 : start + step])
         elif code in (_SYNC_READ, _FAST_SYNC_READ) and len(parameters) > 4:
-            asked = parameters[4:]
-            answers = [self._read(awake[i], parameters) if i in awake else None for i in asked]
+            requested_ids = parameters[4:]
+            answers = [self._read(awake[i], parameters) if i in awake else None for i in requested_ids]
             if code == _SYNC_READ:
                 self._answer([answer for answer in answers if answer], now_s)
             else:
@@ -224,8 +224,12 @@ class DynamixelWires(WireMaker):
     name = "dynamixel_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
-        own = validate(_DynamixelSettings, request.section.settings)
+        settings = validate(_DynamixelSettings, request.section.settings)
         line = EmulatedDynamixelLine(
-            own.servos, request.plant, request.faults, baud_rate=own.baud_rate, start_s=request.start_s
+            settings.servos,
+            request.plant,
+            request.faults,
+            baud_rate=settings.baud_rate,
+            start_s=request.start_s,
         )
         return line, {"port": line.path}

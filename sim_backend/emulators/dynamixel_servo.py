@@ -182,7 +182,7 @@ class Memory:
         """
         if size < 1 or address + size > len(self._bytes):
             return Error.ACCESS
-        return bytes(self._bytes[self._meant(place)] for place in range(address, address + size))
+        return bytes(self._bytes[self._resolve(current)] for current in range(address, address + size))
 
     def write(self, address: int, data: bytes, allowed: Callable[[Item, int], Error]) -> Error:
         """Write whole consecutive items at an address.
@@ -197,12 +197,12 @@ class Memory:
         Returns:
             The error, if any.
         """
-        place, end = address, address + len(data)
-        while place < end:
-            item = self._items.get(self._meant(place))
+        current, end = address, address + len(data)
+        while current < end:
+            item = self._items.get(self._resolve(current))
             if item is None or not item.writable:
                 return Error.ACCESS
-            raw = data[place - address : place - address + item.size]
+            raw = data[current - address : current - address + item.size]
             if len(raw) < item.size:
                 return Error.DATA_LENGTH
             value = int.from_bytes(raw, "little", signed=item.low is not None and item.low < 0)
@@ -210,16 +210,16 @@ class Memory:
             error = allowed(item, value) if low <= value <= high else Error.DATA_RANGE
             if error:
                 return error
-            place += item.size
+            current += item.size
         for offset, byte in enumerate(data):
-            self._bytes[self._meant(address + offset)] = byte
+            self._bytes[self._resolve(address + offset)] = byte
         return Error.NONE
 
-    def _meant(self, place: int) -> int:
+    def _resolve(self, address: int) -> int:
         """Return the address to which an indirect address refers; other addresses are unchanged."""
-        if place not in self._indirect:
-            return place
-        at = INDIRECT_ADDRESS + 2 * (place - self._indirect.start)
+        if address not in self._indirect:
+            return address
+        at = INDIRECT_ADDRESS + 2 * (address - self._indirect.start)
         return self._bytes[at] + 256 * self._bytes[at + 1]
 
 
@@ -353,14 +353,14 @@ class EmulatedServo(LineServo):
 
     def _sample_position(self) -> None:
         """Bring the present values up to date."""
-        shown = self._measured()
-        if shown is None:
+        measured = self._measured()
+        if measured is None:
             return  # the old values remain
-        counts = round(shown.position_rad * COUNTS / (2 * pi))
+        counts = round(measured.position_rad * COUNTS / (2 * pi))
         if self._turn_counts is None:
             self._turn_counts = floor(counts / COUNTS) * COUNTS
         memory = self.memory
         memory.put(PRESENT_POSITION, counts - self._turn_counts)
-        memory.put(PRESENT_VELOCITY, round(shown.velocity_rad_s / VELOCITY_UNIT_RAD_S))
-        current = round(shown.torque_nm / self._count_nm) if memory.get(TORQUE_ENABLE) else 0
+        memory.put(PRESENT_VELOCITY, round(measured.velocity_rad_s / VELOCITY_UNIT_RAD_S))
+        current = round(measured.torque_nm / self._count_nm) if memory.get(TORQUE_ENABLE) else 0
         memory.put(PRESENT_CURRENT, current)

@@ -86,8 +86,8 @@ class Faults:
             now_s: emulator's clock [s].
         """
         elapsed_s = now_s - self._start_s
-        for place, fault in enumerate(self._planned):
-            struck = self._struck.get(place, 0)
+        for index, fault in enumerate(self._planned):
+            struck = self._struck.get(index, 0)
             if (
                 fault.kind is kind
                 and fault.device in (None, device)
@@ -95,7 +95,7 @@ class Faults:
                 and struck < (fault.times or inf)
                 and (fault.probability == 1.0 or self.generator.random() < fault.probability)
             ):
-                self._struck[place] = struck + 1
+                self._struck[index] = struck + 1
                 return fault
         return None
 
@@ -105,8 +105,8 @@ class Faults:
         Args:
             frame: at least one byte.
         """
-        place = int(self.generator.integers(len(frame)))
-        return frame[:place] + frame[place + 1 :]
+        index = int(self.generator.integers(len(frame)))
+        return frame[:index] + frame[index + 1 :]
 
     def flip_a_bit(self, frame: bytes, first: int = 0) -> bytes:
         """Flip one bit of a frame, drawn at random.
@@ -116,8 +116,8 @@ class Faults:
             first: index of the first byte in which a bit may change.
         """
         changed = bytearray(frame)
-        place = int(self.generator.integers(first, len(frame)))
-        changed[place] ^= 1 << int(self.generator.integers(8))
+        index = int(self.generator.integers(first, len(frame)))
+        changed[index] ^= 1 << int(self.generator.integers(8))
         return bytes(changed)
 
 

@@ -225,12 +225,12 @@ class EmulatedSts(LineServo):
         self._drive()
 
     def _sample_position(self) -> None:
-        shown = self._measured()
-        if shown is None:
+        measured = self._measured()
+        if measured is None:
             return
-        self.put(56, round(shown.position_rad * COUNTS / (2 * pi)) % COUNTS)
+        self.put(56, round(measured.position_rad * COUNTS / (2 * pi)) % COUNTS)
         step = 1 if self.get(18, 1) & FINE_SPEEDS else 50  # counts/s
-        self.put(58, _signed(round(shown.velocity_rad_s * COUNTS / (2 * pi) / step), 15))
+        self.put(58, _signed(round(measured.velocity_rad_s * COUNTS / (2 * pi) / step), 15))
         self.put(62, round(10 * self.supply_v), 1)
         self.put(65, self.error, 1)
 
@@ -252,9 +252,9 @@ class EmulatedSts(LineServo):
         if -self.get(27, 1) < error < self.get(26, 1):
             return 0.0
         duty = self.duty_per_rad * self.get(21, 1) * error * 2 * pi / COUNTS
-        most = min(self.get(48), 1000) / 1000
-        most = min(most, _PROTECTED) if self.error & OVERLOAD else most
-        return min(max(duty, -most), most)
+        largest = min(self.get(48), 1000) / 1000
+        largest = min(largest, _PROTECTED) if self.error & OVERLOAD else largest
+        return min(max(duty, -largest), largest)
 
 
 def _signed(value: int, bit: int) -> int:
@@ -306,9 +306,9 @@ class EmulatedFeetechLine(ServoWire[EmulatedSts]):
         if code == _PING:
             self._answer((Answer(servo) for _, servo in sorted(awake.items())), now_s)
         elif code == _SYNC_READ:
-            address, size, *asked = parameters
-            heard = [awake[servo_id] for servo_id in asked if servo_id in awake]
-            self._answer((Answer(servo, servo.read(address, size)) for servo in heard), now_s)
+            address, size, *requested_ids = parameters
+            answering = [awake[servo_id] for servo_id in requested_ids if servo_id in awake]
+            self._answer((Answer(servo, servo.read(address, size)) for servo in answering), now_s)
         elif code == _SYNC_WRITE:
             address, size = parameters[:2]
             for start in range(2, len(parameters) - size, size + 1):
@@ -329,13 +329,13 @@ class FeetechWires(WireMaker):
     name = "feetech_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
-        own = validate(_FeetechSettings, request.section.settings)
+        settings = validate(_FeetechSettings, request.section.settings)
         line = EmulatedFeetechLine(
-            own.servos,
+            settings.servos,
             request.plant,
             request.faults,
-            hold=own.hold,
-            baud_rate=own.baud_rate,
+            hold=settings.hold,
+            baud_rate=settings.baud_rate,
             start_s=request.start_s,
         )
         return line, {"port": line.path}

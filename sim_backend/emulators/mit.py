@@ -1,22 +1,22 @@
 """Motors in MIT mode as their makers' manuals describe them: CubeMars, Damiao and Robstride.
 
 CubeMars answers the frames to its id. Written from the "AK Series Actuator Driver Manual" V1.0.8, section
-5.3, and its float and integer conversions (which cut off where another would round). The CAN timeout lets the
-motor go when no frame comes.
+5.3, and its float and integer conversions, which truncate instead of rounding. The CAN timeout switches the
+torque off when no frame arrives.
 
 Outside motor mode, the protocol's original firmware (bgkatz/motorcontrol) still answers commands, but exerts
 no torque. By the manual, the mode comes first, and the frame that enters it requests the state. A motor may
 therefore ignore commands until then.
 
 Damiao: MIT frames, a status in its answers, and registers. Written from Damiao's "DM-J4310-2EC user manual":
-the status stands above the id's four bits (0 off, 1 on, 8 and more errors), the last two bytes are
-temperatures, registers are read and written through id 7FF, and a CAN timeout that fires switches the motor
-off with error 13.
+the status is above the id's four bits (0 off, 1 on, 8 and more errors), the last two bytes are temperatures,
+registers are read and written through id 7FF, and a CAN timeout that fires switches the motor off with error
+13.
 
-Robstride: frames with 29 bit ids, parameters, and faults told unasked. Written from RobStride's "User Manual"
-of RS00 to RS06 (2026-04-28), section 4.1: bits 28 to 24 of an id are what a frame is, bits 7 to 0 who it is
-for. A state (2) has the mode above six fault bits above the motor's id. A motor that has a fault, or hears
-nothing for its canTimeout (3.3.6), goes to reset mode.
+Robstride: frames with 29 bit ids, parameters, and unrequested fault frames. Written from RobStride's "User
+Manual" of RS00 to RS06 (2026-04-28), section 4.1: bits 28 to 24 of an id are the frame's type, bits 7 to 0
+its receiver. A state (type 2) has, from high to low bits, the mode, six fault bits and the motor's id. A
+motor that has a fault, or receives nothing for its canTimeout (3.3.6), goes to reset mode.
 """
 
 import struct
@@ -123,8 +123,8 @@ class EmulatedMitMotor(EmulatedMotor):
             torque_nm = min(max(torque_nm, -self._torque_limit), self._torque_limit)
         self._exert(torque_nm)
 
-    def tell(self, now_s: float) -> list[can.Message]:
-        """Apply the CAN timeout of the motor; return no frames (see `EmulatedMotor.tell`)."""
+    def send_unrequested(self, now_s: float) -> list[can.Message]:
+        """Apply the CAN timeout of the motor; return no frames (see `EmulatedMotor.send_unrequested`)."""
         if self.enabled and self.timeout_s is not None and now_s - self._heard_s > self.timeout_s:
             self._time_out()
             self._drive()
@@ -141,10 +141,10 @@ class EmulatedMitMotor(EmulatedMotor):
         self.enabled = False
 
     def _reply(self) -> can.Message:
-        shown = self.shown
-        position = to_uint(shown.position_rad, self._position_limit, 16)
-        velocity = to_uint(shown.velocity_rad_s, self._velocity_limit, 12)
-        torque = to_uint(shown.torque_nm, self._torque_limit, 12)
+        measured = self.measured
+        position = to_uint(measured.position_rad, self._position_limit, 16)
+        velocity = to_uint(measured.velocity_rad_s, self._velocity_limit, 12)
+        torque = to_uint(measured.torque_nm, self._torque_limit, 12)
         bits = self.number << 56 | position << 40 | velocity << 28 | torque << 16
         data = (bits | _TEMPERATURE << 8 | self.error).to_bytes(8, "big")
         return can.Message(arbitration_id=self._host_id, is_extended_id=False, data=data)
@@ -250,7 +250,7 @@ class EmulatedRobstride(EmulatedMitMotor):
     """One motor, see `EmulatedMitMotor`; `parameters` are the writable ones, by index."""
 
     parameters: dict[int, float]
-    _news: list[can.Message]  # sent without a request
+    _fault_reports: list[can.Message]  # sent without a request
 
     def _hear(self, message: can.Message, now_s: float) -> list[can.Message]:
         number, data = message.arbitration_id, bytes(message.data)
@@ -261,7 +261,7 @@ class EmulatedRobstride(EmulatedMitMotor):
         self._heard_s = now_s
         if kind == 17:
             index = int.from_bytes(data[:2], "little")
-            known = {**self.parameters, _POSITION: self.shown.position_rad}
+            known = {**self.parameters, _POSITION: self.measured.position_rad}
             if index not in known:
                 return [self._message(17, 1 << 8 | self.number, data[:2] + bytes(6))]
             packed = struct.pack(_PARAMETERS[index], known[index]).ljust(4, b"\0")
@@ -293,38 +293,38 @@ class EmulatedRobstride(EmulatedMitMotor):
             (self.parameters[index],) = struct.unpack_from(_PARAMETERS[index], data, 4)
             self.timeout_s = self.parameters.get(ROBSTRIDE_TIMEOUT, 0) / 20000 or None
 
-    def tell(self, now_s: float) -> list[can.Message]:
-        """Check the watchdog, and return the pending fault reports (see `EmulatedMotor.tell`)."""
-        super().tell(now_s)
-        news, self._news = self._news, []
-        return news
+    def send_unrequested(self, now_s: float) -> list[can.Message]:
+        """Check the watchdog, and return the pending fault reports (see `EmulatedMotor.send_unrequested`)."""
+        super().send_unrequested(now_s)
+        reports, self._fault_reports = self._fault_reports, []
+        return reports
 
     def _time_out(self) -> None:
         self.enabled = False
 
     def _fail(self) -> None:
         self.error, self.enabled = _HOT_STATE, False
-        self.tell_faults(_HOT_FAULT)
+        self.report_faults(_HOT_FAULT)
 
     def _start_up(self) -> None:
-        self.parameters, self.timeout_s, self._news = {_RUN_MODE: 0, ROBSTRIDE_TIMEOUT: 0}, None, []
+        self.parameters, self.timeout_s, self._fault_reports = {_RUN_MODE: 0, ROBSTRIDE_TIMEOUT: 0}, None, []
         self.error, self.enabled = 0, False
 
-    def tell_faults(self, faults: int) -> None:
-        """Report fault bits without a request, with the next `tell`.
+    def report_faults(self, faults: int) -> None:
+        """Report fault bits without a request, with the next `send_unrequested`.
 
         Args:
             faults: bits.
         """
-        self._news.append(self._message(21, self.number, struct.pack("<II", faults, 0)))
+        self._fault_reports.append(self._message(21, self.number, struct.pack("<II", faults, 0)))
 
     def _reply(self) -> can.Message:
-        shown = self.shown
+        measured = self.measured
         data = struct.pack(
             ">4H",
-            to_uint(shown.position_rad, self._position_limit, 16),
-            to_uint(shown.velocity_rad_s, self._velocity_limit, 16),
-            to_uint(shown.torque_nm, self._torque_limit, 16),
+            to_uint(measured.position_rad, self._position_limit, 16),
+            to_uint(measured.velocity_rad_s, self._velocity_limit, 16),
+            to_uint(measured.torque_nm, self._torque_limit, 16),
             251,  # tenths of a degree Celsius
         )
         return self._message(2, 2 * self.enabled << 14 | self.error << 8 | self.number, data)
@@ -370,17 +370,17 @@ class MitWires(WireMaker):
     name = "mit_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
-        own = validate(_MitSettings, request.section.settings)
+        settings = validate(_MitSettings, request.section.settings)
 
         def node(joint: int, motor: _MitMotor) -> EmulatedMitMotor:
             place: tuple[int, int, Plant] = (motor.motor_id, joint, request.plant)
             mounting: dict[str, Any] = {"limits": motor.limits, **motor.mounting}
-            if own.maker == "damiao":
+            if settings.maker == "damiao":
                 return EmulatedDamiao(*place, **mounting, host_id=motor.answer_id or motor.motor_id + 16)
-            if own.maker == "robstride":
-                host_id = ROBSTRIDE_HOST if own.host_id is None else own.host_id
+            if settings.maker == "robstride":
+                host_id = ROBSTRIDE_HOST if settings.host_id is None else settings.host_id
                 return EmulatedRobstride(*place, **mounting, host_id=host_id)
-            mounting |= {"timeout_s": own.watchdog_s, "deaf_when_off": own.ask_with == "enter"}
-            return EmulatedMitMotor(*place, **mounting, host_id=own.host_id or 0)
+            mounting |= {"timeout_s": settings.watchdog_s, "deaf_when_off": settings.ask_with == "enter"}
+            return EmulatedMitMotor(*place, **mounting, host_id=settings.host_id or 0)
 
-        return wire_of(request, own.motors, node)
+        return wire_of(request, settings.motors, node)

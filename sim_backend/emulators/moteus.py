@@ -99,12 +99,12 @@ class EmulatedMoteus(EmulatedMotor):
         return [reply]
 
     def _packed(self, register: int, form: int) -> bytes:
-        shown = self.shown
+        measured = self.measured
         value = {
             0x00: self.mode,
-            0x01: shown.position_rad / math.tau if self.known else math.nan,
-            0x02: shown.velocity_rad_s / math.tau,
-            0x03: shown.torque_nm,
+            0x01: measured.position_rad / math.tau if self.known else math.nan,
+            0x02: measured.velocity_rad_s / math.tau,
+            0x03: measured.torque_nm,
             0x0C: self.home,
             0x0D: 24.0,
             0x0E: 31.0,
@@ -127,8 +127,8 @@ class EmulatedMoteus(EmulatedMotor):
         self.fault = self.fault if self.mode == FAULT else _CUT * (abs(torque_nm) > limit_nm)
         self._exert(min(max(torque_nm, -limit_nm), limit_nm))
 
-    def tell(self, now_s: float) -> list[can.Message]:
-        """See `EmulatedMotor.tell`; the watchdog came with the last command."""
+    def send_unrequested(self, now_s: float) -> list[can.Message]:
+        """See `EmulatedMotor.send_unrequested`; the watchdog came with the last command."""
         watchdog_s = self._command[0x27] or 0.1
         if self.mode == POSITION and now_s - self._heard_s > watchdog_s:
             self.mode = TIMEOUT

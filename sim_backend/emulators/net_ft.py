@@ -166,9 +166,11 @@ class NetFtWires(WireMaker):
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
         if request.force is None or request.force.driver != "net_ft":
             raise InputError("a net_ft_line is emulated with a force sensor of the driver 'net_ft' only")
-        own = validate(_NetFtSettings, request.force.settings)
-        newtons_per(own.unit)  # refused before the wire exists
-        sensor = EmulatedNetFt(own.axis_index, own.capacity_n, own.counts_per_force, own.unit)
-        own.signed(sensor)
+        settings = validate(_NetFtSettings, request.force.settings)
+        newtons_per(settings.unit)  # refused before the wire exists
+        sensor = EmulatedNetFt(
+            settings.axis_index, settings.capacity_n, settings.counts_per_force, settings.unit
+        )
+        settings.signed(sensor)
         line = EmulatedNetFtLine(sensor, request.plant, request.faults)
         return line, {"host": "127.0.0.1", "rdt_port": line.rdt_port, "http_port": line.http_port}

@@ -118,8 +118,8 @@ class EmulatedOdrive(EmulatedMotor):
                 return [self._message(0x17, struct.pack("<ff", 24.0, 0.5))]
         return []
 
-    def tell(self, now_s: float) -> list[can.Message]:
-        """See `EmulatedMotor.tell`; estimates, torques and heartbeats, each at its rate."""
+    def send_unrequested(self, now_s: float) -> list[can.Message]:
+        """See `EmulatedMotor.send_unrequested`; estimates, torques and heartbeats, each at its rate."""
         if now_s < self._silent_until_s:
             return []
         watchdog_s = math.inf if self.watchdog_s is None else self.watchdog_s
@@ -141,8 +141,8 @@ class EmulatedOdrive(EmulatedMotor):
         self._disarm(ALERT_BIT[self._firmware])
 
     def _encoder_estimates(self) -> can.Message:
-        shown = self.shown
-        data = struct.pack("<ff", shown.position_rad / math.tau, shown.velocity_rad_s / math.tau)
+        measured = self.measured
+        data = struct.pack("<ff", measured.position_rad / math.tau, measured.velocity_rad_s / math.tau)
         return self._message(0x09, data)
 
     def _torque(self) -> can.Message:
@@ -182,19 +182,19 @@ class OdriveWires(WireMaker):
     name = "odrive_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
-        own = validate(_OdriveSettings, request.section.settings)
+        settings = validate(_OdriveSettings, request.section.settings)
 
         def node(joint: int, axis: _Axis) -> EmulatedOdrive:
             return EmulatedOdrive(
                 axis.node_id,
                 joint,
                 request.plant,
-                firmware=own.firmware,
+                firmware=settings.firmware,
                 max_torque_nm=axis.max_torque_nm,
                 torque_constant_nm_a=axis.torque_constant_nm_a,
-                heartbeat_s=own.heartbeat_s,
-                watchdog_s=own.watchdog_s,
+                heartbeat_s=settings.heartbeat_s,
+                watchdog_s=settings.watchdog_s,
                 **axis.mounting,
             )
 
-        return wire_of(request, own.axes, node)
+        return wire_of(request, settings.axes, node)

@@ -149,12 +149,12 @@ class EmulatedLorenz(SerialSensor):
 
     def _try(self, now_s: float) -> bytes:
         """Obey the telegram that the input ends with, if it does."""
-        for start in (place for place, byte in enumerate(self._input) if byte == 2):
+        for start in (index for index, byte in enumerate(self._input) if byte == 2):
             stuffed = self._input[start + 1 :]
             content = stuffed.replace(b"\x02\x02", b"\x02")
-            whole = len(content) >= 6 and len(content) == 6 + content[3]
-            whole = whole and content.replace(b"\x02", b"\x02\x02") == stuffed
-            if whole and _sums(content[:-2]) == content[-2:] and content[1] in (0, ADDRESS):
+            is_complete = len(content) >= 6 and len(content) == 6 + content[3]
+            is_complete = is_complete and content.replace(b"\x02", b"\x02\x02") == stuffed
+            if is_complete and _sums(content[:-2]) == content[-2:] and content[1] in (0, ADDRESS):
                 self._input = b""
                 return self._obey(content[0], content[2], content[4:-2], now_s)
         return b""
@@ -469,19 +469,22 @@ class _Lorenz(SensorSettings):
 
 # By driver: settings in the robot file, and the emulated sensor.
 _SENSORS: dict[str, tuple[type[SensorSettings], Callable[[Any], SerialSensor]]] = {
-    "bota": (AxisSettings, lambda own: EmulatedBota(own.axis_index, own.capacity_n)),
-    "force_lines": (_Ranged, lambda own: EmulatedGauge(own.capacity_n)),
-    "loadstar": (_Ranged, lambda own: EmulatedLoadstar(own.capacity_n)),
+    "bota": (AxisSettings, lambda settings: EmulatedBota(settings.axis_index, settings.capacity_n)),
+    "force_lines": (_Ranged, lambda settings: EmulatedGauge(settings.capacity_n)),
+    "loadstar": (_Ranged, lambda settings: EmulatedLoadstar(settings.capacity_n)),
     "lorenz": (
         _Lorenz,
-        lambda own: EmulatedLorenz(
-            own.nominal_load * newtons_per(own.unit), own.counts_at_nominal, own.dimension_code, own.load_code
+        lambda settings: EmulatedLorenz(
+            settings.nominal_load * newtons_per(settings.unit),
+            settings.counts_at_nominal,
+            settings.dimension_code,
+            settings.load_code,
         ),
     ),
-    "mark10": (_Ranged, lambda own: EmulatedMark10(own.capacity_n)),
+    "mark10": (_Ranged, lambda settings: EmulatedMark10(settings.capacity_n)),
     "microcontroller_cell": (
         _Cell,
-        lambda own: EmulatedCell(own.newtons_per_count, own.zero_counts, own.rate_hz),
+        lambda settings: EmulatedCell(settings.newtons_per_count, settings.zero_counts, settings.rate_hz),
     ),
 }
 
@@ -515,5 +518,5 @@ def _sensor(request: WireRequest) -> SerialSensor:
             f"{', '.join(_SENSORS)}; name one of them to try the rest of the arm, or do without --wire"
         )
     model, make = _SENSORS[request.force.driver]
-    own = validate(model, request.force.settings)
-    return own.signed(make(own))
+    settings = validate(model, request.force.settings)
+    return settings.signed(make(settings))

@@ -35,14 +35,14 @@ class EmulatedMounting(FileModel, extra="ignore"):
 
     @model_validator(mode="before")
     @classmethod
-    def _second_is_alike(cls, data: object) -> object:
+    def _fill_second_servo(cls, data: object) -> object:
         if isinstance(data, dict) and isinstance(data.get("second"), dict):
             return data | {"second": {"model": data.get("model")} | data["second"]}
         return data
 
     @field_validator("model")
     @classmethod
-    def _know_the_model(cls, name: str) -> str:
+    def _check_model(cls, name: str) -> str:
         if name not in cls.emulated:
             raise ValueError(f"no such model is emulated. Valid: {', '.join(cls.emulated)}")
         return name

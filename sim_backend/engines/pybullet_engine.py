@@ -164,11 +164,11 @@ def _load(client: int, text: str) -> int:
         path = Path(folder) / "arm.urdf"  # PyBullet reads URDF from files only
         path.write_text(text, encoding="utf-8")
         flags = bullet.URDF_USE_INERTIA_FROM_FILE
-        said: list[str] = []
+        output: list[str] = []
         try:
-            with captured(said, STDOUT):
+            with captured(output, STDOUT):
                 body: int = bullet.loadURDF(str(path), useFixedBase=True, flags=flags, physicsClientId=client)
         except bullet.error as error:
-            reason = " ".join(line for line in said if not line.startswith("b3")) or str(error)
+            reason = " ".join(line for line in output if not line.startswith("b3")) or str(error)
             raise InputError(f"URDF: PyBullet cannot load it ({reason})") from error
     return body

@@ -57,8 +57,8 @@ class HiddenCubicStiffness(_Material):
 
     @classmethod
     def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        left = scale.depth_left(strength, 0.09)
-        return {"cubic_n_m3": (1.0 - left) * scale.force_n / (left * scale.depth_m) ** 3}
+        depth_share = scale.depth_left(strength, 0.09)
+        return {"cubic_n_m3": (1.0 - depth_share) * scale.force_n / (depth_share * scale.depth_m) ** 3}
 
 
 class HiddenLayeredStiffness(_Material):
@@ -77,10 +77,10 @@ class HiddenLayeredStiffness(_Material):
 
     @classmethod
     def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        left, share = scale.depth_left(strength, 0.06), generator.uniform(0.35, 0.6)
-        reached_m = left * scale.depth_m
+        depth_share, share = scale.depth_left(strength, 0.06), generator.uniform(0.35, 0.6)
+        reached_m = depth_share * scale.depth_m
         return {
-            "stiffness_n_m": (1.0 - left) * scale.force_n / ((1.0 - share) * reached_m),
+            "stiffness_n_m": (1.0 - depth_share) * scale.force_n / ((1.0 - share) * reached_m),
             "depth_m": share * reached_m,
         }
 
@@ -156,13 +156,13 @@ T = TypeVar("T")
 
 
 class _Memory(ContactEffect, Generic[T]):
-    """Memory after the last completed step (`kept`), and after the last call (`tried`)."""
+    """Memory after the last completed step (`confirmed`), and after the last call (`tried`)."""
 
     def __init__(self, at_first: T) -> None:
-        self.kept = self.tried = at_first
+        self.confirmed = self.tried = at_first
 
     def settle(self) -> None:
-        self.kept = self.tried
+        self.confirmed = self.tried
 
 
 class HiddenAdhesion(ContactImperfection):
@@ -200,9 +200,9 @@ class _Bond(_Memory[bool]):
             state: motion of the tip.
             force_n: force so far [N].
         """
-        left = 1.0 + state.depth_m / self._surface.neck_m
-        self.tried = state.depth_m > 0.0 or (self.kept and left > 0.0)
-        return force_n - self._surface.pull_off_n * min(left, 1.0) if self.tried else force_n
+        bond_share = 1.0 + state.depth_m / self._surface.neck_m
+        self.tried = state.depth_m > 0.0 or (self.confirmed and bond_share > 0.0)
+        return force_n - self._surface.pull_off_n * min(bond_share, 1.0) if self.tried else force_n
 
 
 class HiddenDryFriction(ContactImperfection):
@@ -242,7 +242,7 @@ class _Bristles(_Memory[tuple[float, float]], MaterialEffect):
             state: motion of the tip.
             force_n: force so far [N].
         """
-        before_m, before_n = self.kept
+        before_m, before_n = self.confirmed
         depth_m = max(state.depth_m, 0.0)
         step_m = depth_m - before_m
         sliding_n = self._friction.friction_n if step_m > 0.0 else -self._friction.friction_n
@@ -301,7 +301,7 @@ class _MaxwellBranch(_Memory[tuple[float, float]], MaterialEffect):
             state: motion of the tip.
             force_n: force so far [N].
         """
-        before_m, before_n = self.kept
+        before_m, before_n = self.confirmed
         depth_m = max(state.depth_m, 0.0)
         steps = state.step_s / self._time_s
         fade = exp(-steps)
@@ -349,7 +349,7 @@ class _Dent(_Memory[float], MaterialEffect):
             Motion that the material feels.
         """
         share, recovery_s = self._surface.share, self._surface.recovery_s
-        dent_m, dent_rate_m_s = self.kept, 0.0
+        dent_m, dent_rate_m_s = self.confirmed, 0.0
         if recovery_s:
             dent_m *= exp(-state.step_s / recovery_s)
             dent_rate_m_s = -dent_m / recovery_s

@@ -352,9 +352,9 @@ class HiddenJointElasticity(_Transmission):
     retardation_s: NotNegative = parameter("s", 0.005, 0.1, le=10.0, default=0.02)
 
     def _ahead_after_rad(self, before_rad: float, step_s: float, torque_nm: float) -> float:
-        left = exp(-step_s / self.retardation_s) if self.retardation_s else 0.0
+        decay = exp(-step_s / self.retardation_s) if self.retardation_s else 0.0
         settled_rad = self.compliance_rad_nm * torque_nm
-        return settled_rad + left * (before_rad - settled_rad)
+        return settled_rad + decay * (before_rad - settled_rad)
 
     @classmethod
     def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:

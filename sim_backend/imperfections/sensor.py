@@ -163,8 +163,8 @@ class HiddenHysteresis(_Mechanical):
 
         def play(_time_s: float, value: float) -> float:
             nonlocal output
-            before = value if output is None else output
-            output = max(value - self.half_width, min(value + self.half_width, before))
+            last_output = value if output is None else output
+            output = max(value - self.half_width, min(value + self.half_width, last_output))
             return output
 
         return play
@@ -192,8 +192,8 @@ class HiddenLag(_Mechanical):
             if last is not None and self.time_s:
                 last_s, last_value, last_output = last
                 steps = (time_s - last_s) / self.time_s
-                left, behind = exp(-steps), (value - last_value) / steps
-                output = value - behind + left * (last_output - last_value + behind)
+                decay, lag = exp(-steps), (value - last_value) / steps
+                output = value - lag + decay * (last_output - last_value + lag)
             last = time_s, value, output
             return output
 
@@ -284,8 +284,8 @@ class _Ball(PlantEffect):
         name = f"hidden_payload_{len(robot.findall('link'))}"
         inertial = ET.SubElement(ET.SubElement(robot, "link", name=name), "inertial")
         ET.SubElement(inertial, "mass", value=repr(self.mass_kg))
-        own = repr(0.4 * self.mass_kg * _RADIUS_M**2)
-        ET.SubElement(inertial, "inertia", ixx=own, iyy=own, izz=own, ixy="0", ixz="0", iyz="0")
+        moment = repr(0.4 * self.mass_kg * _RADIUS_M**2)
+        ET.SubElement(inertial, "inertia", ixx=moment, iyy=moment, izz=moment, ixy="0", ixz="0", iyz="0")
         mount = ET.SubElement(robot, "joint", name=f"{name}_mount", type="fixed")
         ET.SubElement(mount, "parent", link=carrier)
         ET.SubElement(mount, "child", link=name)

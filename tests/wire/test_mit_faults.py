@@ -170,7 +170,7 @@ def test_another_host_is_answered(bench):
 
 def test_faults_are_told_by_name_also_those_that_no_state_has(bench):
     arm = bench(ROBSTRIDE).start()
-    arm.motors[2].tell_faults(1 << 3 | 1 << 16)
+    arm.motors[2].report_faults(1 << 3 | 1 << 16)
     assert arm.ticks_until(lambda m: m.torque_status is Status.FAULT) <= 3
     assert "joint 3 (motor 3): over voltage, over current in phase A" in arm.problem
     arm.robot.deactivate()

@@ -422,15 +422,15 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
             # More states than requests come from several motors, or are late: if they differ, none is
             # believed. Else the newest counts.
             states, self._states[joint] = self._states[joint], []
-            asked = [state for state, at_s in states if requests.answer(at_s)]
-            self._answers[joint] += len(asked)
-            self._unasked[joint] += len(states) - len(asked)
-            if len(asked) < len(states) and any(state != states[0][0] for state, _ in states):
+            requested = [state for state, at_s in states if requests.answer(at_s)]
+            self._answers[joint] += len(requested)
+            self._unasked[joint] += len(states) - len(requested)
+            if len(requested) < len(states) and any(state != states[0][0] for state, _ in states):
                 self._newest[joint] = None
                 self._last_problem[joint] = f"more answers than requests: {_TWO_MOTORS}"
-            elif asked:
-                self._newest[joint] = asked[-1]
-                self._errors[joint], self._enabled[joint] = self._condition(asked[-1])
+            elif requested:
+                self._newest[joint] = requested[-1]
+                self._errors[joint], self._enabled[joint] = self._condition(requested[-1])
             state = self._newest[joint]
             if state is not None and not requests.is_unsure:
                 self._newest[joint] = None

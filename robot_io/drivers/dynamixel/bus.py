@@ -40,13 +40,13 @@ class DynamixelBus(ServoBus):
     _line: DynamixelLine
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
-        own = context.settings_as(DynamixelSettings, settings)
-        super().__init__(own, count_steps(own.turning), context)
-        self._line = DynamixelLine(own, self._port, context.clock)
+        validated = context.settings_as(DynamixelSettings, settings)
+        super().__init__(validated, count_steps(validated.turning), context)
+        self._line = DynamixelLine(validated, self._port, context.clock)
         self._torque_steps_nm: list[float] = self._joints.steps[2].tolist()
-        self._largest_current = [servo.servo_model.largest_current for servo in own.turning]
-        self._watchdog = own.watchdog
-        self._servos = {servo.id: servo for servo in own.turning}
+        self._largest_current = [servo.servo_model.largest_current for servo in validated.turning]
+        self._watchdog = validated.watchdog
+        self._servos = {servo.id: servo for servo in validated.turning}
 
     def _examine_servo(self, servo_id: int, label: str) -> list[Finding]:
         return list(examine_servo(self._line.registers, self._servos[servo_id], label))
@@ -71,8 +71,8 @@ class DynamixelBus(ServoBus):
         return position, velocity, current
 
     def _is_well(self, feedback: Sequence[DynamixelFeedback]) -> bool:
-        told = (0, int(self._powered), 0, self._watchdog)
-        return [servo[:4] for servo in feedback] == [told] * len(feedback)
+        expected = (0, int(self._powered), 0, self._watchdog)
+        return [servo[:4] for servo in feedback] == [expected] * len(feedback)
 
     def _problem(self, feedback: Sequence[DynamixelFeedback]) -> str | None:
         for label, servo in zip(self._labels, feedback, strict=True):
@@ -91,9 +91,9 @@ class DynamixelBus(ServoBus):
         shares = zip(
             self._pairs.split_torques(torque_nm), self._torque_steps_nm, self._largest_current, strict=True
         )
-        for torque, step, most in shares:
+        for torque, step, largest in shares:
             count = round(torque / step)
-            count = -most if count < -most else min(count, most)
+            count = -largest if count < -largest else min(count, largest)
             counts.append(count)
             sent_nm.append(count * step)
         return counts, np.array(self._pairs.sum_pairs(sent_nm))

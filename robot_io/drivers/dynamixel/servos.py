@@ -116,9 +116,9 @@ class _FastReader(FeedbackReader[DynamixelFeedback]):
 
     def _answers(self, data: bytes) -> Iterator[tuple[Request, Sequence[DynamixelStatus]]]:
         self._buffer = buffer = self._buffer + data
-        place, incomplete = 0, -1
-        while (start := buffer.find(protocol.FAST_HEADER, place)) >= 0:
-            place = start + 1
+        index, incomplete = 0, -1
+        while (start := buffer.find(protocol.FAST_HEADER, index)) >= 0:
+            index = start + 1
             request = self._by_length.get(buffer[start + 5 : start + 7])
             if len(buffer) >= start + 7 and request is None:
                 continue
@@ -129,21 +129,21 @@ class _FastReader(FeedbackReader[DynamixelFeedback]):
             try:
                 packets = self._replies[request.size].decode(buffer[start:end])
             except ProtocolError as error:
-                if buffer.find(protocol.FAST_HEADER, place, end) < 0:  # else the next one broke it off
+                if buffer.find(protocol.FAST_HEADER, index, end) < 0:  # else the next packet cut it off
                     self._problem = str(error)
                     damaged = self._oldest_open()  # its length may be damaged
                     if damaged is not None:
                         self._close(damaged)
                 continue
             yield request, packets
-            place, incomplete = end, -1
+            index, incomplete = end, -1
         if incomplete < 0:
-            incomplete = max(place, len(buffer) - len(protocol.FAST_HEADER) + 1)
+            incomplete = max(index, len(buffer) - len(protocol.FAST_HEADER) + 1)
         self._buffer = buffer[incomplete:]
 
-    def _silence(self, asked: Request) -> str:
-        part = self._buffer[max(self._buffer.rfind(protocol.FAST_HEADER), 0) :]
-        return f"servo {self._ids[self._replies[asked.size].answered(part)]} did not answer in time"
+    def _describe_silence(self, request: Request) -> str:
+        partial = self._buffer[max(self._buffer.rfind(protocol.FAST_HEADER), 0) :]
+        return f"servo {self._ids[self._replies[request.size].answered(partial)]} did not answer in time"
 
 
 class DynamixelAccess(RegisterAccess):

@@ -91,7 +91,7 @@ class Plausibility:
     def __init__(self, clock: Clock, settings: Mapping[int, Settings], fastest_counts_s: float) -> None:
         self._clock, self._settings, self._fastest_counts_s = clock, settings, fastest_counts_s
         self._goals = {servo_id: deque[int](maxlen=_MOST_GOALS) for servo_id in settings}
-        self._last: dict[int, tuple[float, int]] = {}
+        self._last_positions: dict[int, tuple[float, int]] = {}
         self._packed = {
             servo_id: (acceleration, struct.pack("<HHH", *speeds), lock)
             for servo_id, (acceleration, *speeds, lock) in settings.items()
@@ -101,7 +101,7 @@ class Plausibility:
         """Reset the last positions and commands."""
         for goals in self._goals.values():
             goals.clear()
-        self._last.clear()
+        self._last_positions.clear()
 
     def sent(self, goals: Mapping[int, int]) -> None:
         """Remember goals that are on their way, by servo id.
@@ -126,10 +126,10 @@ class Plausibility:
         if feedback.settings != self._settings[servo_id]:
             settings = zip(_SETTINGS, feedback.settings, self._settings[servo_id], strict=True)
             changed = [setting for setting in settings if setting[1] != setting[2]]
-            name, shown, told = changed[0]
-            problem = f"servo {servo_id}: {name} is {shown} in place of {told}"
+            name, reported, expected = changed[0]
+            problem = f"servo {servo_id}: {name} is {reported} in place of {expected}"
             restarted = ("torque limit", tables.RESTARTED_LIMIT, 0)
-            if len(changed) == 1 and (name, shown, feedback.torque_on) == restarted:
+            if len(changed) == 1 and (name, reported, feedback.torque_on) == restarted:
                 raise DeviceError(f"{problem}: it has restarted")
             raise ProtocolError(f"{problem}: damaged, or it has restarted")
         goals = self._goals[servo_id]
@@ -139,12 +139,13 @@ class Plausibility:
                 "its answer is damaged"
             )
         now_s = self._clock.now_s()
-        before_s, before = self._last.get(servo_id, (-inf, 0))
-        if abs(feedback.position - before) > _MARGIN_COUNTS + self._fastest_counts_s * (now_s - before_s):
+        last_s, last_position = self._last_positions.get(servo_id, (-inf, 0))
+        allowed = _MARGIN_COUNTS + self._fastest_counts_s * (now_s - last_s)
+        if abs(feedback.position - last_position) > allowed:
             raise ProtocolError(
-                f"servo {servo_id} jumped from {before} to {feedback.position}: its answer is damaged"
+                f"servo {servo_id} jumped from {last_position} to {feedback.position}: its answer is damaged"
             )
-        self._last[servo_id] = now_s, feedback.position
+        self._last_positions[servo_id] = now_s, feedback.position
         return feedback
 
     def decode_all(
@@ -163,16 +164,16 @@ class Plausibility:
         for row, (servo_id, expected) in zip(rows, servos, strict=True):
             start, on, acceleration, goal, speeds, lock, position, speed, load, volts, celsius, errors = row
             settings, goals = self._settings[servo_id], self._goals[servo_id]
-            before_s, before = self._last.get(servo_id, (-inf, 0))
+            last_s, last_position = self._last_positions.get(servo_id, (-inf, 0))
             if (
                 start != expected
                 or (acceleration, speeds, lock) != self._packed[servo_id]
                 or position >= _POSITION_SIGN
                 or (on and goals and goal not in goals)
-                or abs(position - before) > _MARGIN_COUNTS + self._fastest_counts_s * (now_s - before_s)
+                or abs(position - last_position) > _MARGIN_COUNTS + self._fastest_counts_s * (now_s - last_s)
             ):
                 return None
-            self._last[servo_id] = now_s, position
+            self._last_positions[servo_id] = now_s, position
             speed = speed if speed < _SPEED_SIGN else tables.PRESENT_SPEED.signed_value(speed)
             load = load if load < _LOAD_SIGN else tables.PRESENT_LOAD.signed_value(load)
             feedback.append(
@@ -220,13 +221,13 @@ class FeetechReader(FeedbackReader[FeetechFeedback]):
         }
 
     def _decode_whole(self, request: Request, data: bytes) -> list[FeetechFeedback] | None:
-        whole, width = self._packets.pending + data, protocol.AROUND + request.size
-        if len(whole) != width * len(self._ids):
+        buffer, width = self._packets.pending + data, protocol.AROUND + request.size
+        if len(buffer) != width * len(self._ids):
             return None
-        sums = [sum(whole[start : start + width]) & 0xFF for start in range(0, len(whole), width)]
+        sums = [sum(buffer[start : start + width]) & 0xFF for start in range(0, len(buffer), width)]
         if sums.count(protocol.WHOLE_SUM) < len(sums):
             return None
-        rows, servos = _WHOLE_ANSWER[request.size].iter_unpack(whole), self._servos[request.size]
+        rows, servos = _WHOLE_ANSWER[request.size].iter_unpack(buffer), self._servos[request.size]
         feedback = self._plausibility.decode_all(rows, servos)
         if feedback is not None:
             self._packets.pending = b""
@@ -245,16 +246,16 @@ class FeetechBus(ServoBus):
     _line: FeetechLine
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
-        own = context.settings_as(FeetechSettings, settings)
-        models = [servo.servo_model for servo in own.turning]
+        validated = context.settings_as(FeetechSettings, settings)
+        models = [servo.servo_model for servo in validated.turning]
         self._stall_nm = [model.stall_torque_nm for model in models]
-        direction = np.array([servo.direction for servo in own.turning])
+        direction = np.array([servo.direction for servo in validated.turning])
         step_rad = direction * POSITION_STEP_RAD
         step_nm = direction * np.array(self._stall_nm) * tables.DUTY_PER_LOAD
-        super().__init__(own, np.array((step_rad, step_rad, step_nm)), context)
+        super().__init__(validated, np.array((step_rad, step_rad, step_nm)), context)
         self._drag_nms_rad = [model.stall_torque_nm / model.no_load_rad_s for model in models]
         steps_rad: list[float] = self._joints.steps[0].tolist()
-        stiffness_nm_rad = [stall_nm * own.duty_per_rad for stall_nm in self._stall_nm]
+        stiffness_nm_rad = [stall_nm * validated.duty_per_rad for stall_nm in self._stall_nm]
         self._laws = list(zip(self._drag_nms_rad, self._stall_nm, stiffness_nm_rad, steps_rad, strict=True))
         self._half_tick_s = 0.5 / context.robot_file.control_rate_hz
         # Largest duty cycle of each servo, in its unit: for its torque at its speed. Those that hold stand
@@ -267,16 +268,16 @@ class FeetechBus(ServoBus):
         servos = zip(servo_nm, speed_rad_s, self._drag_nms_rad, self._stall_nm, strict=True)
         turning = [(torque + drag * speed) / stall for torque, speed, drag, stall in servos]
         held = max(torque / stall for torque, stall in zip(servo_nm, self._stall_nm, strict=True))
-        duties = [max(duty, _LEAST_DUTY) for duty in (*turning, *len(own.hold) * [held])]
+        duties = [max(duty, _LEAST_DUTY) for duty in (*turning, *len(validated.hold) * [held])]
         counts = [min(ceil(duty / tables.DUTY_PER_LOAD), tables.LARGEST_LIMIT) for duty in duties]
-        torque_limits = dict(zip(own.ids, counts, strict=True))
-        self._line = FeetechLine(own, torque_limits, self._port, context.clock)
+        torque_limits = dict(zip(validated.ids, counts, strict=True))
+        self._line = FeetechLine(validated, torque_limits, self._port, context.clock)
         self._fastest_counts_s = (
             _FASTEST_SHARE * max(model.no_load_rad_s for model in models) / POSITION_STEP_RAD
         )
-        told = {servo_id: (0, 0, 0, limit, 1) for servo_id, limit in torque_limits.items()}
-        self._plausibility = Plausibility(context.clock, told, self._fastest_counts_s)
-        self._servos = {servo.id: servo for servo in own.turning}
+        expected_settings = {servo_id: (0, 0, 0, limit, 1) for servo_id, limit in torque_limits.items()}
+        self._plausibility = Plausibility(context.clock, expected_settings, self._fastest_counts_s)
+        self._servos = {servo.id: servo for servo in validated.turning}
 
     def _examine_servo(self, servo_id: int, label: str) -> list[Finding]:
         if servo_id in self._servos:
@@ -316,8 +317,9 @@ class FeetechBus(ServoBus):
                 why = error_names(servo.errors) if servo.errors else "none; has it restarted?"
                 return f"{label}: has switched its torque off (error: {why})"
             if abs(servo.speed) > self._fastest_counts_s:
-                shown, fastest = (c * POSITION_STEP_RAD for c in (servo.speed, self._fastest_counts_s))
-                return f"{label}: reports {shown:.3g} rad/s, more than its maximum ({fastest:.3g} rad/s)"
+                speed_rad_s = servo.speed * POSITION_STEP_RAD
+                limit_rad_s = self._fastest_counts_s * POSITION_STEP_RAD
+                return f"{label}: reports {speed_rad_s:.3g} rad/s, but its maximum is {limit_rad_s:.3g} rad/s"
         return None
 
     def _goals(self, torque_nm: list[float]) -> tuple[list[int], FloatArray]:

@@ -59,7 +59,7 @@ class LerobotCalibration(RootModel[Annotated[dict[str, LerobotMotor], Field(min_
     """The whole file: joints by LeRobot's names."""
 
     @model_validator(mode="after")
-    def _are_different_servos(self) -> "LerobotCalibration":
+    def _check_ids_differ(self) -> "LerobotCalibration":
         ids = [motor.id for motor in self.root.values()]
         twice = next((servo_id for servo_id in ids if ids.count(servo_id) > 1), None)
         if twice is not None:

@@ -25,16 +25,16 @@ class MitBus(AskedMotorBus[MitState]):
     name = "mit_bus"
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
-        own = context.settings_as(MitBusSettings, settings)
-        ids = [motor.motor_id for motor in own.motors]
-        super().__init__(own, own.motors, context, ids, own.watchdog_s)
-        self._own = own
-        self._motors = own.motors
-        self._dialect = own.dialect
-        self._ranges = [own.wire_ranges(motor) for motor in own.motors]
-        answer_ids = {motor.motor_id: own.answer_ids(motor) for motor in own.motors}
-        self._frames = own.dialect.frames(own.host, answer_ids)
-        self._alarms = [0] * len(own.motors)  # errors reported without a request
+        validated = context.settings_as(MitBusSettings, settings)
+        ids = [motor.motor_id for motor in validated.motors]
+        super().__init__(validated, validated.motors, context, ids, validated.watchdog_s)
+        self._settings = validated
+        self._motors = validated.motors
+        self._dialect = validated.dialect
+        self._ranges = [validated.wire_ranges(motor) for motor in validated.motors]
+        answer_ids = {motor.motor_id: validated.answer_ids(motor) for motor in validated.motors}
+        self._frames = validated.dialect.frames(validated.host, answer_ids)
+        self._alarms = [0] * len(validated.motors)  # errors reported without a request
         self._register_asked: tuple[int, MotorRegister] | None = (
             None  # joint and register of a pending request
         )
@@ -82,7 +82,7 @@ class MitBus(AskedMotorBus[MitState]):
         """See `MotorBus`; Damiao's motors are delivered with a master id of 0."""
         if not self._dialect.has_answer_ids:
             return super()._foreign_remedy
-        ids = ", ".join(f"0x{self._own.answer_ids(motor)[0]:03X}" for motor in self._motors)
+        ids = ", ".join(f"0x{self._settings.answer_ids(motor)[0]:03X}" for motor in self._motors)
         return f"set the master id of each motor ({ids} by the robot file), or state its answer_id"
 
     def _error_names(self, error: int) -> str:
@@ -161,7 +161,7 @@ class MitBus(AskedMotorBus[MitState]):
                 findings.append(fail(label, self._error_names(error), remedy))
             else:
                 value = f"answers, at {self._position_rad[joint]:+.3f} rad; does not report its model, "
-                value += f"the robot file states {motor.model}; CAN timeout {self._own.watchdog_s:g} s, "
+                value += f"the robot file states {motor.model}; CAN timeout {self._settings.watchdog_s:g} s, "
                 findings.append(ok(label, value + f"{evidence} at activation"))
         return findings
 
@@ -193,7 +193,7 @@ class MitBus(AskedMotorBus[MitState]):
             DeviceError: a motor rejected them, or has another error.
         """
         dialect = self._dialect
-        timeout = round(self._own.watchdog_s / TIMEOUT_STEP_S)
+        timeout = round(self._settings.watchdog_s / TIMEOUT_STEP_S)
         for joint in range(self.joint_count):
             for register, value in dialect.activation_registers:
                 setting = timeout if value is None else value
@@ -256,7 +256,7 @@ class MitBus(AskedMotorBus[MitState]):
     def _state_requests(self, joint: int) -> list[CanFrame]:
         motor_id = self._motor_ids[joint]
         leave = self._frames.order(motor_id, Order.LEAVE)
-        if self._own.ask_with == "exit":
+        if self._settings.ask_with == "exit":
             return [leave]
         # A motor asked in this way has power, at zero torque, until the frame after the next arrives.
         return [self._frames.order(motor_id, Order.ENTER), self._encode_torque(joint, 0.0)[0], leave]

@@ -190,7 +190,7 @@ class Bota(SerialForceSensor, Examinable):
 
     name = "bota"
     Settings = BotaSettings
-    _own: BotaSettings
+    _settings: BotaSettings
     _bus: SerialLine
 
     def configure(self) -> None:
@@ -199,19 +199,20 @@ class Bota(SerialForceSensor, Examinable):
         Raises:
             DeviceError: the sensor does not answer or refuses a command, or the line is too slow.
         """
-        own, baud_rate = self._own, self._bus.baud_rate
-        if baud_rate not in BAUD_RATE_CODES or own.rate_hz * FRAME_SIZE * _BITS > baud_rate:
-            needed = own.rate_hz * FRAME_SIZE * _BITS
+        settings, baud_rate = self._settings, self._bus.baud_rate
+        if baud_rate not in BAUD_RATE_CODES or settings.rate_hz * FRAME_SIZE * _BITS > baud_rate:
+            needed = settings.rate_hz * FRAME_SIZE * _BITS
             valid = ", ".join(str(rate) for rate in BAUD_RATE_CODES if rate >= needed)
             raise self._error(
-                f"a line of {baud_rate} bit/s cannot carry {own.rate_hz} samples/s. Valid: {valid}"
+                f"a line of {baud_rate} bit/s cannot carry {settings.rate_hz} samples/s. Valid: {valid}"
             )
-        for command in (CONFIGURE, communication_setup(baud_rate), filter_setup(own.rate_hz), RUN):
+        for command in (CONFIGURE, communication_setup(baud_rate), filter_setup(settings.rate_hz), RUN):
             self._command(command)
         self._identified = (
-            f"Bota, {own.rate_hz} samples/s, {own.axis} axis, {own.capacity_n:.4g} N by the robot file"
+            f"Bota, {settings.rate_hz} samples/s, {settings.axis} axis, {settings.capacity_n:.4g} N by the "
+            "robot file"
         )
-        self._bus.listen(BotaStream(own.axis, own.capacity_n), own.capacity_n)
+        self._bus.listen(BotaStream(settings.axis, settings.capacity_n), settings.capacity_n)
 
     def _command(self, command: bytes) -> None:
         """Send a command until it is confirmed; the sensor may be starting or may have lost a letter."""

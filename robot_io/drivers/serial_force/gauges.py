@@ -105,15 +105,15 @@ class ForceLines(SerialForceSensor):
 
     name = "force_lines"
     Settings = ForceLinesSettings
-    _own: ForceLinesSettings
+    _settings: ForceLinesSettings
 
     def configure(self) -> None:
         """Start to listen; raise `DeviceError` if the port failed."""
-        own = self._own
-        stream = pattern_stream(own.pattern, own.unit, own.scale, 1e9)
-        self._bus.listen(stream, own.capacity_n)
-        if own.start:
-            self._bus.write(own.start.encode("ascii", "replace"))
+        settings = self._settings
+        stream = pattern_stream(settings.pattern, settings.unit, settings.scale, 1e9)
+        self._bus.listen(stream, settings.capacity_n)
+        if settings.start:
+            self._bus.write(settings.start.encode("ascii", "replace"))
 
 
 PING, YES, NO = b"\r", "A", "?"
@@ -187,7 +187,7 @@ class Loadstar(SerialForceSensor, Examinable):
     name = "loadstar"
     Settings = LoadstarSettings
     end_of_stream = STOP
-    _own: LoadstarSettings
+    _settings: LoadstarSettings
 
     def configure(self) -> None:
         """Check model, unit and capacity; start the stream; raise `DeviceError` on no or a wrong answer."""
@@ -205,15 +205,15 @@ class Loadstar(SerialForceSensor, Examinable):
             capacity_n = parse_number(self._ask(ASK_CAPACITY).split()[0]) * newtons_per_unit
         except ProtocolError as error:
             raise self._error(str(error)) from error
-        if abs(capacity_n - self._own.capacity_n) > 0.01 * self._own.capacity_n:
+        if abs(capacity_n - self._settings.capacity_n) > 0.01 * self._settings.capacity_n:
             raise self._error(
                 f"the interface is set for a load cell of {capacity_n:.4g} N, "
-                f"but the robot file states {self._own.capacity_n:.4g} N"
+                f"but the robot file states {self._settings.capacity_n:.4g} N"
             )
         self._identified = f"{model}, counts in {unit.split()[-1]}, load cell of {capacity_n:.4g} N"
-        if self._own.tare:
+        if self._settings.tare:
             self._ask(TARE, may_be_yes=True)
-        self._bus.listen(loadstar_stream(newtons_per_unit, capacity_n), self._own.capacity_n)
+        self._bus.listen(loadstar_stream(newtons_per_unit, capacity_n), self._settings.capacity_n)
         self._bus.write(STREAM)
 
     def _ask(self, question: bytes, *, may_be_yes: bool = False) -> str:
@@ -319,7 +319,7 @@ class Mark10(SerialForceSensor, Examinable):
 
     name = "mark10"
     Settings = Mark10Settings
-    _own: Mark10Settings
+    _settings: Mark10Settings
 
     def configure(self) -> None:
         """Configure and identify the gauge; raise `DeviceError` on an error or without a unit of force."""
@@ -328,11 +328,11 @@ class Mark10(SerialForceSensor, Examinable):
         line = self._ask(ASK, "a reading")
         try:
             _, unit = parse_reading(line)
-            stream = Mark10Stream(unit, self._own.capacity_n, model, Poll(ASK, ASK_GAUGE_MODEL))
+            stream = Mark10Stream(unit, self._settings.capacity_n, model, Poll(ASK, ASK_GAUGE_MODEL))
         except ProtocolError as error:
             raise self._error(str(error)) from error
-        self._identified = f"{model}, reads in {unit}, {self._own.capacity_n:.4g} N by the robot file"
-        self._bus.listen(stream, self._own.capacity_n)
+        self._identified = f"{model}, reads in {unit}, {self._settings.capacity_n:.4g} N by the robot file"
+        self._bus.listen(stream, self._settings.capacity_n)
 
     def _ask(self, commands: bytes, what: str, but: re.Pattern[str] | None = None) -> str:
         """Return the first answer line that is not in `but`; raise `DeviceError` on an error or no line."""
@@ -347,6 +347,6 @@ class Mark10(SerialForceSensor, Examinable):
         if answer is None:
             raise self._error(f"no gauge gives {what}; check port and baud rate")
         if error := _ERROR.fullmatch(answer):
-            said = error_name(int(error[1]))
-            raise self._error(f"the gauge says '{said}' when asked for {what}")
+            problem = error_name(int(error[1]))
+            raise self._error(f"the gauge answers '{problem}' to a request for {what}")
         return answer

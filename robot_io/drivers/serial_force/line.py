@@ -247,10 +247,10 @@ class ForceLine(Bus):
 
     Settings: ClassVar[type[ForceLineSettings]]
     reader_type: ClassVar[type[SerialReader]] = SerialReader
-    _own: ForceLineSettings
+    _settings: ForceLineSettings
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
-        self._own = context.settings_as(self.Settings, settings)
+        self._settings = context.settings_as(self.Settings, settings)
         self._clock = context.clock
         self._silent_s = _SILENT_SHARE * context.robot_file.limits.force_age_s
         self._port: Port | None = None
@@ -376,7 +376,7 @@ class ForceLine(Bus):
         force_n, arrived_at_s, _ = self.sample
         status = Status.SATURATED if abs(force_n) >= self._capacity_n else Status.OK
         value = np.array([-force_n if reversed_sign else force_n])
-        return Reading(value, arrived_at_s - self._own.delay_s, status)
+        return Reading(value, arrived_at_s - self._settings.delay_s, status)
 
     def _opened(self) -> Port:
         if self._port is None:
@@ -397,21 +397,21 @@ class SerialLine(ForceLine):
 
     name = "serial_line"
     Settings = SerialLineSettings
-    _own: SerialLineSettings
+    _settings: SerialLineSettings
     _port: "serial.Serial | None"
 
     @property
     def label(self) -> str:
-        return f"serial port {self._own.port}"
+        return f"serial port {self._settings.port}"
 
     @property
     def baud_rate(self) -> int:
         """Baud rate of the robot file [bit/s]."""
-        return self._own.baud_rate
+        return self._settings.baud_rate
 
     def configure(self) -> None:
         """Open the port; raise `DeviceError` if it is not there, not permitted, or in use."""
-        self._port = open_exclusively(self._own.port, self._own.baud_rate, _WRITE_S)
+        self._port = open_exclusively(self._settings.port, self._settings.baud_rate, _WRITE_S)
         self._port.reset_input_buffer()
 
     def _close_port(self) -> None:
@@ -439,10 +439,10 @@ class SerialForceSensor(ForceSensor):
     line_type: ClassVar[type[ForceLine]] = SerialLine
     end_of_stream: ClassVar[bytes] = b""  # command that ends its stream, if it needs one
 
-    _own: SerialForceSettings
+    _settings: SerialForceSettings
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
-        self._own = context.settings_as(self.Settings, settings)
+        self._settings = context.settings_as(self.Settings, settings)
         self._bus = context.bus_as(self.line_type)
         self._identified = ""  # identity of the sensor
 
@@ -471,4 +471,4 @@ class SerialForceSensor(ForceSensor):
                 self._bus.write(self.end_of_stream)
 
     def read_force(self) -> Reading:
-        return self._bus.reading(reversed_sign=self._own.reversed)
+        return self._bus.reading(reversed_sign=self._settings.reversed)

@@ -218,53 +218,53 @@ class LorenzStream(ReadingStream):
 
     def __init__(self, newtons_per_count: float, rate_hz: float = inf) -> None:
         self._factor, self.held_back_s = newtons_per_count, 1.0 / rate_hz
-        self._rest = b""
+        self._unprocessed = b""
         self._in_step = False  # whether the remaining bytes begin with a counter
         self._last_counts = nan  # of the last sample that was accepted
 
     def feed(self, data: bytes) -> list[float]:
-        buffer, place, samples = self._rest + data, 0, []
+        buffer, index, samples = self._unprocessed + data, 0, []
         while True:
             if not self._in_step:
-                place, self._in_step = self._search(buffer, place)
-            if not self._in_step or place + 4 > len(buffer):
+                index, self._in_step = self._search(buffer, index)
+            if not self._in_step or index + 4 > len(buffer):
                 break
-            counter, high, low, following = buffer[place : place + 4]
+            counter, high, low, following = buffer[index : index + 4]
             if (following - counter) & 0xFF != 1:
                 self._in_step = False
                 self.rejected += 1
                 continue
-            place += 3
+            index += 3
             counts = _signed(high, low)
             if following not in (high, low) or self._is_likelier(counts, high, low, following):
                 self._last_counts = counts
                 samples.append(counts * self._factor)
-        self._rest = buffer[place:]
+        self._unprocessed = buffer[index:]
         return samples
 
     def _is_likelier(self, counts: int, high: int, low: int, following: int) -> bool:
         """Return whether the sample is near the last one, while lost bytes would mean a distant force."""
-        away = []
+        distances = []
         if high == following:  # two bytes lost: the true sample is the low byte and the next counter
-            away.append(abs(_signed(low, following) - self._last_counts))
+            distances.append(abs(_signed(low, following) - self._last_counts))
         if low == following:  # one byte lost: the next sample's high byte, whose low byte has not arrived
-            away.append(abs(_signed(following, 128) - self._last_counts) - 128)
-        return abs(counts - self._last_counts) < _NEAR_COUNTS <= min(away)
+            distances.append(abs(_signed(following, 128) - self._last_counts) - 128)
+        return abs(counts - self._last_counts) < _NEAR_COUNTS <= min(distances)
 
-    def _search(self, buffer: bytes, place: int) -> tuple[int, bool]:
+    def _search(self, buffer: bytes, index: int) -> tuple[int, bool]:
         """Return where a row of fitting counters begins, or where to continue when more bytes arrive.
 
         A ramp of the force can also increase by one, and a lost or damaged byte of the true row leaves two of
         its steps. So a row is accepted only if no other row has as many steps.
         """
-        while place + 3 * _SYNC_SAMPLES + 2 <= len(buffer):
-            rows = (buffer[place + shift :: 3][:_SYNC_SAMPLES] for shift in range(3))
+        while index + 3 * _SYNC_SAMPLES + 2 <= len(buffer):
+            rows = (buffer[index + shift :: 3][:_SYNC_SAMPLES] for shift in range(3))
             # Number of times that each row increases by one.
-            steps = [sum((after - before) & 0xFF == 1 for before, after in pairwise(row)) for row in rows]
+            steps = [sum((second - first) & 0xFF == 1 for first, second in pairwise(row)) for row in rows]
             if max(steps) == _SYNC_SAMPLES - 1 and sorted(steps)[1] <= 1:
-                return place + steps.index(max(steps)), True
-            place += 1
-        return place, False
+                return index + steps.index(max(steps)), True
+            index += 1
+        return index, False
 
 
 _ANSWER_S = 0.3
@@ -304,7 +304,7 @@ class Lorenz(SerialForceSensor, Examinable):
     name = "lorenz"
     Settings = LorenzSettings
     end_of_stream = STOP_STREAM
-    _own: LorenzSettings
+    _settings: LorenzSettings
 
     def configure(self) -> None:
         """Identify the sensor, and start the stream.
@@ -312,7 +312,7 @@ class Lorenz(SerialForceSensor, Examinable):
         Raises:
             DeviceError: it does not answer, or is another sensor.
         """
-        own = self._own
+        settings = self._settings
         self._bus.write(STOP_STREAM)
         # Ask up to twice: the end of a stream may have damaged the first telegram after it.
         try:
@@ -325,28 +325,30 @@ class Lorenz(SerialForceSensor, Examinable):
             header = decode_header_block(answer.parameters)
         except ProtocolError as error:
             raise self._error(str(error)) from error
-        if (header.dimension_code, header.load_code) != (own.dimension_code, own.load_code):
+        if (header.dimension_code, header.load_code) != (settings.dimension_code, settings.load_code):
             raise self._error(
                 f"sensor {header.serial_number} has dimension_code "
                 f"{header.dimension_code} and load_code {header.load_code}, but the robot file states "
-                f"{own.dimension_code} and {own.load_code}"
+                f"{settings.dimension_code} and {settings.load_code}"
             )
         self._identified = (
-            f"serial number {header.serial_number}, {own.nominal_n:.4g} N, {own.rate_hz} samples/s"
+            f"serial number {header.serial_number}, {settings.nominal_n:.4g} N, {settings.rate_hz} samples/s"
         )
-        self._command(encode_start_stream(own.address, own.rate_hz), LorenzCommand.ACK, "the stream")
-        stream = LorenzStream(own.nominal_n / own.counts_at_nominal, own.rate_hz)
-        self._bus.listen(stream, own.nominal_n)
+        self._command(
+            encode_start_stream(settings.address, settings.rate_hz), LorenzCommand.ACK, "the stream"
+        )
+        stream = LorenzStream(settings.nominal_n / settings.counts_at_nominal, settings.rate_hz)
+        self._bus.listen(stream, settings.nominal_n)
 
     def _ask(self, command: LorenzCommand, parameters: bytes, expected: LorenzCommand) -> Telegram:
-        data = encode_telegram(Telegram(command, self._own.address, HOST, parameters))
+        data = encode_telegram(Telegram(command, self._settings.address, HOST, parameters))
         return self._command(data, expected, command.name)
 
     def _command(self, data: bytes, expected: LorenzCommand, what: str) -> Telegram:
         reader = TelegramReader()
 
         def answer(received: bytes) -> Telegram | None:
-            from_sensor = (t for t in reader.feed(received) if t.sender == self._own.address)
+            from_sensor = (t for t in reader.feed(received) if t.sender == self._settings.address)
             return next((t for t in from_sensor if t.command in (expected, LorenzCommand.NACK)), None)
 
         telegram = self._bus.ask(data, answer, _ANSWER_S)

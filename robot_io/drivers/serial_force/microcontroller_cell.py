@@ -99,7 +99,7 @@ class CellStream(ReadingStream):
         self._scale, self._zero, self._capacity_n = newtons_per_count, zero_counts, capacity_n
         self._period_s, self.own_time = 1.0 / rate_hz, OwnTime(_RATE_ERROR, _COUNTERS / rate_hz)
         self._lines = LineSplitter()
-        self._lines.resynchronise()  # the first line may have lost its beginning
+        self._lines.resynchronize()  # the first line may have lost its beginning
         self._counter: int | None = None
         self._old_counter: int | None = None  # counter of the last ignored sample
         self._old = 0  # number of ignored samples that continue from each other
@@ -155,11 +155,11 @@ class MicrocontrollerCell(SerialForceSensor, Examinable):
 
     name = "microcontroller_cell"
     Settings = MicrocontrollerCellSettings
-    _own: MicrocontrollerCellSettings
+    _settings: MicrocontrollerCellSettings
 
     def configure(self) -> None:
         """Identify the cell and listen; raise `DeviceError` on no answer or another protocol or rate."""
-        own = self._own
+        settings = self._settings
         for _ in range(_QUESTIONS):
             words = self._ask_line(WHO, _identity, _ANSWER_S)
             if words is not None:
@@ -172,15 +172,15 @@ class MicrocontrollerCell(SerialForceSensor, Examinable):
         if not rate.isdecimal():
             raise self._error(f"states a rate of '{rate}' samples per second, which is not a number")
         rate_hz = int(rate)
-        if rate_hz != own.rate_hz:
+        if rate_hz != settings.rate_hz:
             raise self._error(
-                f"the {chip} delivers {rate_hz} samples/s, but the robot file states {own.rate_hz}"
+                f"the {chip} delivers {rate_hz} samples/s, but the robot file states {settings.rate_hz}"
             )
         self._identified = (
-            f"{chip}, {rate_hz} samples/s, load cell of {own.capacity_n:.4g} N by the robot file"
+            f"{chip}, {rate_hz} samples/s, load cell of {settings.capacity_n:.4g} N by the robot file"
         )
-        stream = CellStream(own.newtons_per_count, own.zero_counts, own.capacity_n, rate_hz)
-        self._bus.listen(stream, own.capacity_n)
+        stream = CellStream(settings.newtons_per_count, settings.zero_counts, settings.capacity_n, rate_hz)
+        self._bus.listen(stream, settings.capacity_n)
 
 
 def _identity(line: bytes) -> list[str] | None:

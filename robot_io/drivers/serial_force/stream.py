@@ -87,7 +87,7 @@ class OwnTime:
 _MARGIN_S = 1e-3  # variation of answering times; an unnecessary marker does no harm
 _FORGETTING = 0.01  # rate at which the usual answering time follows a shorter one
 _PATIENCE_S = 0.1  # time limit for an answer, and for the answer to a marker
-_DEAF_S = 0.25  # pause after a missing answer, so that no late answer is taken for the next one
+_RETRY_PAUSE_S = 0.25  # pause after a missing answer, so that no late answer is taken for the next one
 
 
 class Poll:
@@ -123,7 +123,7 @@ class Poll:
             self._asked_s = self._silent_since_s = now_s
             return self._question
         if now_s - self._silent_since_s > _PATIENCE_S:
-            self._asked_s, self._awaits_marker, self._deaf_until_s = None, False, now_s + _DEAF_S
+            self._asked_s, self._awaits_marker, self._deaf_until_s = None, False, now_s + _RETRY_PAUSE_S
             return b""
         if self._awaits_marker or self._usual_s is None or now_s - self._asked_s <= self._usual_s + _MARGIN_S:
             return b""
@@ -248,7 +248,7 @@ class LineSplitter:
     """Splits bytes at CR and LF; empty lines are dropped, and a line that is too long becomes empty."""
 
     def __init__(self) -> None:
-        self._rest = b""
+        self._unfinished = b""
         self._skipping = False  # while skipping a line whose beginning was missing or too long
 
     def feed(self, data: bytes) -> list[bytes]:
@@ -257,18 +257,18 @@ class LineSplitter:
         Returns:
             The lines, without their ends.
         """
-        *lines, self._rest = (self._rest + data).replace(b"\r", b"\n").split(b"\n")
+        *lines, self._unfinished = (self._unfinished + data).replace(b"\r", b"\n").split(b"\n")
         if lines and self._skipping:
             lines, self._skipping = lines[1:], False
         lines = [line if len(line) <= MAX_LINE else b"" for line in lines if line]
-        if len(self._rest) > MAX_LINE:
-            self._rest, self._skipping = b"", True
+        if len(self._unfinished) > MAX_LINE:
+            self._unfinished, self._skipping = b"", True
             lines.append(b"")
         return lines
 
-    def resynchronise(self) -> None:
+    def resynchronize(self) -> None:
         """Discard an incomplete line, including its remaining bytes."""
-        self._rest, self._skipping = b"", True
+        self._unfinished, self._skipping = b"", True
 
 
 class LineStream(ReadingStream):
@@ -288,8 +288,8 @@ class LineStream(ReadingStream):
         self._parse, self._largest_n = parse, largest_n
         self._lines = LineSplitter()
         if not from_beginning:
-            self._lines.resynchronise()
-        self._decimals, self._same = 0, 0  # number of decimals, and consecutive lines with it
+            self._lines.resynchronize()
+        self._decimals, self._same_count = 0, 0  # number of decimals, and consecutive lines with it
 
     def feed(self, data: bytes) -> list[float]:
         samples: list[float] = []
@@ -312,11 +312,11 @@ class LineStream(ReadingStream):
             raise ProtocolError(f"not a number: '{text[:40]}'") from error
         decimals = len(text.lower().partition("e")[0].partition(".")[2])
         if decimals == self._decimals:
-            self._same += 1
-        elif self._same < _FIXED_FORMAT:
-            self._decimals, self._same = decimals, 0
+            self._same_count += 1
+        elif self._same_count < _FIXED_FORMAT:
+            self._decimals, self._same_count = decimals, 0
         else:
-            self._same //= 2  # adapts to a lasting change of the format
+            self._same_count //= 2  # adapts to a lasting change of the format
             raise ProtocolError(f"{decimals} decimals, but all earlier lines had {self._decimals}")
         if not abs(force_n) <= self._largest_n:  # true for NaN as well
             raise ProtocolError(f"{force_n:g} N is beyond {self._largest_n:g} N")

@@ -243,24 +243,24 @@ class ServoEncoder(BusEncoder):
     """Positions and velocities from a bus of servos."""
 
     Settings = ServoEncoderSettings
-    _own: ServoEncoderSettings
+    _settings: ServoEncoderSettings
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         super().__init__(settings, context)
-        self._before: Reading | None = None
+        self._last_position: Reading | None = None
         self._smooth_rad_s: FloatArray = np.full(self.joint_count, np.nan)
 
     def read_velocity(self) -> Reading:
         reported = self._bus.velocity
-        if self._own.velocity == "servo" or reported.status is not Status.OK:
+        if self._settings.velocity == "servo" or reported.status is not Status.OK:
             return reported
         position = self._bus.position
-        before, self._before = self._before, position
-        if before is None:  # starts from the servo's own velocity
+        last_position, self._last_position = self._last_position, position
+        if last_position is None:  # starts from the servo's own velocity
             self._smooth_rad_s = reported.value
-        elif before is not position:
-            elapsed_s = position.sampled_at_s - before.sampled_at_s
-            raw_rad_s = (position.value - before.value) / elapsed_s
-            share = 1.0 - exp(-2.0 * pi * self._own.bandwidth_hz * elapsed_s)
+        elif last_position is not position:
+            elapsed_s = position.sampled_at_s - last_position.sampled_at_s
+            raw_rad_s = (position.value - last_position.value) / elapsed_s
+            share = 1.0 - exp(-2.0 * pi * self._settings.bandwidth_hz * elapsed_s)
             self._smooth_rad_s = self._smooth_rad_s + share * (raw_rad_s - self._smooth_rad_s)
         return reported._replace(value=self._smooth_rad_s)

@@ -65,8 +65,8 @@ class FeedbackReader(Generic[FeedbackType]):
     @property
     def byte_count(self) -> int:
         """Number of bytes of one request and its answers, without byte stuffing."""
-        least = next(iter(self._requests.values()))
-        return len(least.packet) + self._answer_size(least.size)
+        shortest = next(iter(self._requests.values()))
+        return len(shortest.packet) + self._answer_size(shortest.size)
 
     def _answer_size(self, size: int) -> int:
         """Number of bytes of all answers to a request for `size` bytes."""
@@ -117,7 +117,7 @@ class FeedbackReader(Generic[FeedbackType]):
             self._next_requests.remove(self._newest_request)
             self._next_requests.append(self._newest_request)
         if newest is None:
-            raise DeviceTimeoutError(self._problem or self._silence(self._newest_request))
+            raise DeviceTimeoutError(self._problem or self._describe_silence(self._newest_request))
         return newest
 
     def _ask(self, now_s: float) -> float:
@@ -199,8 +199,8 @@ class FeedbackReader(Generic[FeedbackType]):
                 if len(answers) == len(ids):
                     yield request, [answers[servo_id] for servo_id in ids]
 
-    def _silence(self, asked: Request) -> str:
+    def _describe_silence(self, request: Request) -> str:
         """Name the servos that did not answer."""
-        silent = ", ".join(str(servo_id) for servo_id in self._ids if servo_id not in asked.answers)
+        silent = ", ".join(str(servo_id) for servo_id in self._ids if servo_id not in request.answers)
         damaged = f" ({self._packets.rejected} damaged answers)" if self._packets.rejected else ""
         return f"servo {silent} did not answer in time{damaged}"

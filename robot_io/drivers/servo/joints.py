@@ -40,21 +40,21 @@ class ServoMounting(FileModel):
 
     @field_validator("model")
     @classmethod
-    def _know_the_model(cls, name: str) -> str:
+    def _check_model(cls, name: str) -> str:
         if name not in cls.known_models:
             raise ValueError(f"is not a known model. Valid: {', '.join(cls.known_models)}")
         return name
 
     @model_validator(mode="before")
     @classmethod
-    def _second_is_the_same_model(cls, data: object) -> object:
+    def _fill_second_servo(cls, data: object) -> object:
         if isinstance(data, Mapping) and isinstance(data.get("second"), Mapping):
             shared = {key: data[key] for key in data.keys() & cls.model_fields.keys() - _KEYS_OF_EACH_SERVO}
             return {**data, "second": shared | data["second"]}
         return data
 
     @model_validator(mode="after")
-    def _are_alike(self) -> Self:
+    def _check_second_servo(self) -> Self:
         if self.second and self.second.second:
             raise ValueError("second: two servos on a joint at most")
         if self.second and self.second.model != self.model:
@@ -121,7 +121,7 @@ class ServoBusSettings(FileModel, Generic[ServoType]):
         return (*first, *(f"servo {servo.id} (joint {joint + 1}, second)" for joint, servo in paired))
 
     @model_validator(mode="after")
-    def _can_share_a_bus(self) -> Self:
+    def _check_servo_ids(self) -> Self:
         twice = next((servo_id for servo_id in self.ids if self.ids.count(servo_id) > 1), None)
         if twice is not None:
             raise ValueError(f"id {twice} appears twice")

@@ -212,11 +212,11 @@ class RegisterAccess:
         return ""
 
     def _confirm(self, servo_id: int, register: Register, value: int) -> None:
-        shown = self.read(servo_id, register)
-        if shown != value:
+        stored = self.read(servo_id, register)
+        if stored != value:
             why = self.describe_alert(servo_id) if self._alert else ""
             raise DeviceError(
-                f"servo {servo_id}: {register.name} is {shown} after it was set to {value}{why}"
+                f"servo {servo_id}: {register.name} is {stored} after it was set to {value}{why}"
             )
 
     def _read(self, servo_id: int, register: Register) -> ServoAnswer:
@@ -348,13 +348,13 @@ class ServoLine(ABC):
         answers, damaged = self.ping_each(self.registers)
         missing = [servo_id for servo_id in self.ids if not answers[servo_id]]
         if missing:
-            there = join_ids(+answers) or "none"
+            answering = join_ids(+answers) or "none"
             why = "check power, cable, id and baud rate"
             if damaged:
                 why = f"damaged answers from servo {join_ids(damaged)}: do two servos have this id?"
             raise DeviceError(
                 f"no answer from servo {join_ids(missing)} at {self._settings.baud_rate} bit/s "
-                f"(answering: {there}): {why}"
+                f"(answering: {answering}): {why}"
             )
         for servo_id in self.ids:
             if answers[servo_id] > 1:
@@ -390,7 +390,7 @@ def examine_line(
     if not any(answers[servo_id] for servo_id in line.ids) and not damaged:
         return [_silence_finding(settings, line, answers)]
     unknown_ids = sorted(answers.keys() - set(line.ids))
-    others = f", but {_describe_ids(unknown_ids)}, which the robot file does not have" if unknown_ids else ""
+    extra = f", but {_describe_ids(unknown_ids)}, which the robot file does not have" if unknown_ids else ""
     findings: list[Finding] = []
     for servo_id, label in zip(line.ids, settings.labels, strict=True):
         if answers[servo_id] > 1:
@@ -401,7 +401,7 @@ def examine_line(
             )
         elif not answers[servo_id]:
             remedy = "check its cable and power, or set its id"
-            findings.append(fail(label, f"does not answer{others}", remedy))
+            findings.append(fail(label, f"does not answer{extra}", remedy))
         else:
             try:
                 findings += list(examine_servo(servo_id, label))
@@ -426,8 +426,8 @@ def _ping_all(line: ServoLine, port: SerialPort) -> PingResult:
     deadline_s = line.clock.now_s() + line.ping_all_s
     while line.clock.now_s() < deadline_s:
         answers.update(packet.servo_id for packet in reader.feed(port.wait(deadline_s)))
-    own = line.ping_each(RegisterAccess(line.dialect, port, line.clock))
-    return PingResult(answers | own.answers, own.damaged)  # the larger number of each
+    single = line.ping_each(RegisterAccess(line.dialect, port, line.clock))
+    return PingResult(answers | single.answers, single.damaged)  # the larger number of each
 
 
 def _silence_finding(settings: ServoBusSettings[Any], line: ServoLine, answers: Counter[int]) -> Finding:
@@ -436,9 +436,11 @@ def _silence_finding(settings: ServoBusSettings[Any], line: ServoLine, answers: 
         value = f"{_describe_ids(line.ids)} silent; found on the line: {_describe_ids(sorted(answers))}"
         return fail("servos", value, "correct the ids in the robot file or in the servos")
     for baud_rate in get_args(type(settings).model_fields["baud_rate"].annotation):
-        there = _ids_answering_at(line, baud_rate) if baud_rate != settings.baud_rate else []
-        if there:
-            value = f"silent at {settings.baud_rate} bit/s; at {baud_rate} bit/s: {_describe_ids(there)}"
+        answering_ids = _ids_answering_at(line, baud_rate) if baud_rate != settings.baud_rate else []
+        if answering_ids:
+            value = (
+                f"silent at {settings.baud_rate} bit/s; at {baud_rate} bit/s: {_describe_ids(answering_ids)}"
+            )
             return fail("servos", value, f"set baud_rate: {baud_rate}, or change it in the servos")
     return fail("servos", "no servo answers at any baud rate", "check power supply, cable and adapter")
 

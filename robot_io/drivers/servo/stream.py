@@ -69,13 +69,13 @@ class PacketStream(ABC, Generic[PacketType]):
         """
         buffer = self.pending + data
         packets: list[PacketType] = []
-        place, available, header, head = 0, len(buffer), self.header, self.head
+        index, available, header, head = 0, len(buffer), self.header, self.head
         while True:
-            start = buffer.find(header, place)
+            start = buffer.find(header, index)
             if start < 0:
-                place = max(place, available - len(header) + 1)
+                index = max(index, available - len(header) + 1)
                 break
-            place = start
+            index = start
             if available < start + head:
                 break
             end = start + self._size(buffer, start)
@@ -86,12 +86,12 @@ class PacketStream(ABC, Generic[PacketType]):
                 decoded = self._decode(packet)
             except ProtocolError:
                 self.rejected += self._is_suspect(packet)
-                place += 1  # the true header may lie within
+                index += 1  # the true header may lie within
                 continue
-            place = end
+            index = end
             if decoded is not None:
                 packets.append(decoded)
-        self.pending = buffer[place:]
+        self.pending = buffer[index:]
         return packets
 
 

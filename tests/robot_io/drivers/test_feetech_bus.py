@@ -212,7 +212,7 @@ def test_a_speed_that_no_servo_has_is_a_fault(arm, counts_s):
     servo._sample_position = lambda: servo.put(58, abs(counts_s) | (0x8000 if counts_s < 0 else 0))
     assert arm.ticks(2, None).encoder_status is Status.FAULT
     assert re.search(
-        r"servo 3 \(joint 2\): reports -?[0-9.]+ rad/s, more than its maximum \(9.43 rad/s\)", arm.problem
+        r"servo 3 \(joint 2\): reports -?[0-9.]+ rad/s, but its maximum is 9.43 rad/s", arm.problem
     )
 
 

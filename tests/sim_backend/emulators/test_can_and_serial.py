@@ -48,7 +48,7 @@ def test_what_an_axis_tells_is_what_the_dbc_says(plant, firmware):
     node = odrive(plant, firmware, torque_constant_nm_a=0.5)
     database = cantools.database.load_file(DBC / f"odrive_0_{firmware[2]}.dbc")
     told = {}
-    for message in node.tell(0.2):
+    for message in node.send_unrequested(0.2):
         told[database.get_message_by_frame_id(message.arbitration_id).name] = database.decode_message(
             message.arbitration_id, bytes(message.data)
         )
@@ -78,9 +78,9 @@ def test_an_unfed_axis_disarms_itself_and_does_not_arm_before_its_error_is_clear
     node = odrive(plant, watchdog_s=0.05)
     arm(node)
     node.hear(frame(0x2E, struct.pack("<f", -1.0)), 0.01)
-    node.tell(0.06)
+    node.send_unrequested(0.06)
     assert node.state == 8
-    node.tell(0.0605)
+    node.send_unrequested(0.0605)
     assert (node.state, node.error) == (1, 1 << 24)
     assert not plant.world.truth().drive_torque_nm.any()
     arm(node, 0.061)
@@ -123,7 +123,7 @@ def test_a_motor_exerts_its_feed_forward_torque_and_its_gains_once_it_is_on(plan
     assert plant.world.truth().drive_torque_nm[0] == pytest.approx(
         -10.0 * plant.joint(0).position_rad, rel=0.02
     )
-    motor.tell(0.12)
+    motor.send_unrequested(0.12)
     assert not plant.world.truth().drive_torque_nm.any()
 
 
