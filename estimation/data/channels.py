@@ -10,12 +10,7 @@ from numpy.typing import ArrayLike
 from palpate.control.loop.tick_record import STREAM_NAME
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.import_file import Imported, with_arm
-from palpate.estimation.data.tick_channels import (
-    checked_ticks,
-    contact_channels,
-    join_ticks,
-    joint_channels,
-)
+from palpate.estimation.data.tick_channels import checked_ticks, contact_channels, join_ticks, joint_channels
 from palpate.estimation.data.units import MIN_INCREASE_S, describe_fault, invalid_rows
 from palpate.estimation.signals.runwise import sample_time
 from palpate.robot_io.errors import InputError, SessionError
