@@ -13,7 +13,7 @@ from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.arrow import pa
 from palpate.estimation.data.column_names import is_unnamed
 from palpate.estimation.data.file_columns import is_bag, natural_key
-from palpate.estimation.data.import_file import Imported, import_table
+from palpate.estimation.data.import_file import Imported, import_table, with_arm
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import ENDINGS, Table, read_table
 from palpate.robot_io.errors import InputError
@@ -91,18 +91,21 @@ def import_files(
                 raise InputError(f"{path}: has no channel '{first.name}', which {paths[0]} has")
             same_channel.append(channel)
         channels.append(joined_channels(same_channel))
+    names = {channel.name for channel in channels}
     labels, noted = list[str](), dict[str, str]()
     for path, part in zip(paths, parts, strict=True):
         run_names = part.run_labels.values()
         labels += [path.name] if len(run_names) == 1 else [f"{path.name} {label}" for label in run_names]
-        for note in part.notes:
+        extra = [channel.name for channel in part.channels if channel.name not in names]
+        ignored = [f"{', '.join(extra)} left out, since {paths[0].name} has none"] if extra else []
+        for note in (*part.notes, *ignored):
             noted.setdefault(note, path.name)  # keep the first file with this note
     notes = tuple(f"{name}: {note}" for note, name in noted.items())
     unused = tuple(name for name in parts[0].unused if all(name in part.unused for part in parts))
     ways = list(dict.fromkeys(part.read for part in parts if part.read))
     differ = " (others differ)" if len(ways) > 1 else ""
     read = f"{len(parts)} files; {ways[0]}{differ}" if ways else ""
-    return Imported(tuple(channels), dict(enumerate(labels)), notes, unused, read, {}, parts[0].columns)
+    return Imported(with_arm(channels), dict(enumerate(labels)), notes, unused, read, {}, parts[0].columns)
 
 
 def joined_columns(first: Table, further: Iterable[Table]) -> Table | None:
@@ -131,7 +134,8 @@ def joined_columns(first: Table, further: Iterable[Table]) -> Table | None:
 def joined_channels(parts: Sequence[ChannelData]) -> ChannelData:
     """Concatenate one channel of several recordings; runs are renumbered, times are unchanged.
 
-    All parts must measure positions from the same surface. Signals that are missing in a part are dropped.
+    All parts must measure positions from the same surface. Signals that a part lacks, or has for another
+    number of joints, are dropped.
 
     Args:
         parts: the channel in each recording, at least one, in order of time.
@@ -141,8 +145,8 @@ def joined_channels(parts: Sequence[ChannelData]) -> ChannelData:
     for part in parts:
         runs.append(np.unique(part.run, return_inverse=True)[1] + count)
         count = int(runs[-1].max(initial=count - 1)) + 1
-    names = [name for name in first.context if all(name in part.context for part in parts)]
-
+    shapes = [{name: signal.shape[1:] for name, signal in part.context.items()} for part in parts]
+    names = [name for name in first.context if all(s.get(name) == shapes[0][name] for s in shapes)]
     signals = ("time_s", "position", "velocity", "acceleration", "effort", "phase")
     arrays: dict[str, Any] = {name: np.concatenate([getattr(p, name) for p in parts]) for name in signals}
     touching = [

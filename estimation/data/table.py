@@ -261,7 +261,8 @@ def read_table(path: str | os.PathLike[str], selected: str = "") -> Table:
     except InputError:
         raise
     except Exception as error:  # libraries may raise almost any exception for a broken file
-        raise InputError(f"{place}: cannot be read: {' '.join(str(error).split())[:200]}") from error
+        reason = " ".join(str(error).split())[:200] or f"it is damaged or cut off ({type(error).__name__})"
+        raise InputError(f"{place}: cannot be read: {reason}") from error
 
 
 def table_of(

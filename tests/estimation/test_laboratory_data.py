@@ -522,3 +522,15 @@ def test_of_files_that_cannot_be_joined_the_first_one_s_fault_is_reported(tmp_pa
     paths[1].write_text("nothing but words\n")
     with pytest.raises(InputError, match=r"q\.csv"):
         import_files(paths, ImportOptions())
+
+
+def test_a_joint_that_the_first_file_lacks_is_left_out_and_one_that_another_lacks_is_refused(tmp_path):
+    one = SWING | PULL
+    second = {name.replace("_1_", "_2_"): values for name, values in one.items() if name != "time_s"}
+    paths = [write_columns(tmp_path / "one.csv", one), write_columns(tmp_path / "two.csv", one | second)]
+    imported = import_files(paths, ImportOptions())
+    (joint,) = imported.channels
+    assert joint.context["joint_position"].shape == (len(joint), 1)
+    assert "two.csv: joint_2 left out, since one.csv has none" in imported.notes
+    with pytest.raises(InputError, match=r"one\.csv: has no channel 'joint_2', which .*two\.csv has"):
+        import_files(paths[::-1], ImportOptions())
