@@ -95,9 +95,12 @@ class DisplayTable(NamedTuple):
 
 
 def interval_text(estimated: ParameterEstimate) -> str:
-    """Format a parameter's 95 % interval, or state that the parameter is at its search bound."""
+    """Format a parameter's 95 % interval, and state whether it is at its search bound or not determined."""
     lower, upper = estimated.interval
-    return "at its bound" if estimated.at_bound else f"{lower:.5g} to {upper:.5g}"
+    if estimated.at_bound or np.isnan(lower):
+        return "at its bound" if estimated.at_bound else "not determined"
+    note = " (not determined)" if estimated.determined is Determined.NO else ""
+    return f"{lower:.5g} to {upper:.5g}{note}"
 
 
 class TableDisplay(ABC):

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.estimation.effect import Parameter
-from palpate.estimation.estimate import ParameterEstimate
+from palpate.estimation.estimate import Determined, ParameterEstimate
 from palpate.estimation.fit.fit_problem import FitProblem, Solution
 from palpate.estimation.fit.measurement_model import (
     MeasurementModel,
@@ -63,9 +63,10 @@ def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, Pa
     for name, error in errors_by_name.items():
         value, half = float(solution.parameters[name]), SIGMAS_95 * error
         at_bound = solution.model.at_bound(name, value) or name in solution.fixed - solution.model.held.keys()
-        estimates[name] = ParameterEstimate(
-            name, units[name], value, error, (value - half, value + half), at_bound
-        )
+        interval = (value - half, value + half)
+        is_known = error == 0.0 or interval[0] > 0.0 or interval[1] < 0.0  # the error is NaN if unknown
+        determined = Determined.YES if is_known and not at_bound else Determined.NO
+        estimates[name] = ParameterEstimate(name, units[name], value, error, interval, at_bound, determined)
     return estimates
 
 

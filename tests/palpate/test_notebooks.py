@@ -51,6 +51,7 @@ def test_a_file_of_one_s_own(tmp_path, monkeypatch):
     assert entry.effect == "stress_relaxation"
     lower, upper = names["relaxation"]["stress_relaxation.tau"].interval
     assert lower < 0.4 < upper
+    assert [name for name, value in names["relaxation"].items() if value.determined == "no"] == ["damping.c"]
     html = as_html(shown)
     assert html.count("<table>") == 3
     assert '<a href="http://127.0.0.1:' in html

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.estimation.effects import EFFECTS
+from palpate.estimation.estimate import Determined, interval_text
 from palpate.estimation.fit import fit_result
 from palpate.estimation.fit.fit_problem import solve_gains
 from palpate.estimation.fit.fit_result import final_solution, fit_model
@@ -87,6 +88,18 @@ def test_each_parameter_has_its_unit_and_an_interval_of_two_standard_errors(foun
     assert abs(force.value - 0.3) < 4.0 * force.std_err < 0.02
     assert (known["viscous_friction.d"].value, known["viscous_friction.d"].std_err) == (0.15, 0.0)
     assert not any(one.at_bound for one in known.values())
+
+
+def test_a_parameter_whose_interval_contains_zero_is_said_not_to_be_determined():
+    model = BASE.with_effect(EFFECTS["coulomb_friction"]())
+    known = fit_model(swings(4), model, {"coulomb_friction.transition": 0.02}).parameters
+    lower, upper = known["coulomb_friction.force"].interval
+    assert lower < 0.0 < upper
+    assert known["coulomb_friction.force"].determined is Determined.NO
+    assert interval_text(known["coulomb_friction.force"]) == f"{lower:.5g} to {upper:.5g} (not determined)"
+    assert known["pendulum.inertia"].determined is Determined.YES
+    unknown = replace(known["pendulum.inertia"], interval=(np.nan, np.nan), determined=Determined.NO)
+    assert interval_text(unknown) == "not determined"
 
 
 def test_a_gain_that_is_kept_from_going_beyond_its_bound_is_said_to_be_there():
