@@ -8,8 +8,11 @@ READY  := $(VENV)/.ready
 SIM    := $(VENV)/.sim
 # Python compiles what it imports, once; pip would compile every file of every package, uv does not.
 FROM_PIP := install --quiet --disable-pip-version-check --only-binary=:all: --no-compile -c constraints.txt
-UV     := $(shell command -v uv)
-PIP    := $(if $(UV),$(UV) pip install --quiet --python $(BIN)/python --only-binary=:all: -c constraints.txt,PYTHONWARNINGS=ignore $(BIN)/python -m pip $(FROM_PIP))
+UV       := $(shell command -v uv)
+WITH_UV  := $(UV) pip install --quiet --python $(BIN)/python --only-binary=:all: -c constraints.txt
+WITH_PIP := PYTHONWARNINGS=ignore $(BIN)/python -m pip $(FROM_PIP)
+# Shell command that installs $(1). uv is faster, but ignores pip's settings, such as an index of packages.
+INSTALL   = $(if $(UV),$(WITH_UV) $(1) || { echo "uv failed (it does not read pip's settings): installing with pip ..."; $(WITH_PIP) $(1); },$(WITH_PIP) $(1))
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test test-all test-page quick lint docs env clean
@@ -26,7 +29,7 @@ test-all: $(READY)
 
 # The page of the workbench in a real Chromium, which must be there.
 test-page: $(READY)
-	@$(PIP) -e '.[bench]' && $(BIN)/pytest -m '' tests/palpate/workbench/test_page.py
+	@{ $(call INSTALL,-e '.[bench]'); } && $(BIN)/pytest -m '' tests/palpate/workbench/test_page.py
 
 # What another Python or machine could break: engines, drivers on emulated wires, and fits.
 quick: $(READY)
@@ -50,14 +53,14 @@ $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if v >= (3, 11) else "palpate needs CPython 3.11 or newer, this is %d.%d. Use: make PYTHON=python3.11" % v)'
 	@$(PYTHON) -m venv --without-pip $(VENV)
 # A new pip installs in two thirds of the time of the one that Python brings, which remains the fallback.
-	@$(if $(UV),$(PIP),$(PYTHON) -m pip --python $@ $(FROM_PIP)) pip 2>/dev/null || $@ -m ensurepip --default-pip >/dev/null || { \
+	@$(if $(UV),$(WITH_UV) pip 2>/dev/null ||) $(PYTHON) -m pip --python $@ $(FROM_PIP) pip 2>/dev/null || $@ -m ensurepip --default-pip >/dev/null || { \
 	  rm -rf $(VENV); echo "This Python has neither pip nor ensurepip; on Debian and Ubuntu: apt install python3-venv"; exit 2; }
 
 $(SIM): EXTRA := sim
 $(READY): EXTRA := dev
 $(SIM) $(READY): pyproject.toml constraints.txt | $(VENV)/bin/python
 	@echo "Installing palpate[$(EXTRA)] in $(VENV) (once, less than a minute) ..."
-	@$(PIP) -e '.[$(EXTRA)]' || { \
+	@$(call INSTALL,-e '.[$(EXTRA)]') || { \
 	  echo "palpate's packages could not be installed (see above). Nothing is compiled here: if a wheel is missing, this"; \
 	  echo "platform is not supported (tested: Linux on x86-64); otherwise look at the network and run make again."; exit 2; }
 	@$(BIN)/python -c 'import pinocchio' || { \

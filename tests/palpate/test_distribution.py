@@ -123,17 +123,34 @@ def test_data_are_analysed_without_extras_and_what_needs_one_says_which(tmp_path
 
 
 def test_make_compiles_only_what_is_imported():
-    show = 'show:; @echo "[$$PYTHONDONTWRITEBYTECODE] $(PIP)"'
+    told = run_recipe('echo "[$$PYTHONDONTWRITEBYTECODE] $(WITH_PIP)"', PYTHONDONTWRITEBYTECODE="1")
+    assert told.startswith("[] ")
+    assert " --no-compile " in told
+
+
+def run_recipe(recipe, *settings, **environment):
+    """Output of a recipe that uses the variables of the Makefile."""
     done = subprocess.run(
-        ["make", "--no-print-directory", "--eval", show, "show"],
+        ["make", "--no-print-directory", *settings, "--eval", f"show:; @{recipe}", "show"],
         cwd=ROOT,
-        env=os.environ | {"PYTHONDONTWRITEBYTECODE": "1"},
+        env=os.environ | environment,
         capture_output=True,
         text=True,
         check=True,
     )
-    assert done.stdout.startswith("[] ")
-    assert " --no-compile " in done.stdout
+    return done.stdout
+
+
+@pytest.mark.parametrize(("code", "is_repeated"), [(0, False), (2, True)])
+def test_make_installs_with_pip_if_uv_fails(tmp_path, code, is_repeated):
+    """As where packages come from an index that only pip's settings name."""
+    uv = tmp_path / "uv"
+    uv.write_text(f"#!/bin/sh\nexit {code}\n")
+    uv.chmod(0o755)
+    path = f"{tmp_path}{os.pathsep}{os.environ['PATH']}"
+    told = run_recipe("$(call INSTALL,numpy)", "WITH_PIP=echo pip install", PATH=path)
+    said = "uv failed (it does not read pip's settings): installing with pip ...\npip install numpy\n"
+    assert told == (said if is_repeated else "")
 
 
 def test_the_citation_names_the_version():
