@@ -77,16 +77,13 @@ def test_every_import_is_under_the_one_name():
     assert not [path for path in files for name in imported_modules(path) if name.split(".")[0] in beside]
 
 
-def test_rooms_that_import_each_other_are_seen(tmp_path):
+def test_rooms_that_import_each_other_and_forbidden_imports_are_seen(tmp_path):
     house = tmp_path / "house"
     (house / "kitchen").mkdir(parents=True)
     (house / "kitchen" / "stove.py").write_text("from house.cellar import wood\n")
     (house / "cellar.py").write_text("import house.kitchen.stove\n")
     with pytest.raises(CycleError):
         TopologicalSorter(rooms(house, tmp_path)).prepare()
-
-
-def test_the_check_sees_a_forbidden_import(tmp_path):
     path = tmp_path / "bad.py"
     path.write_text("def f():\n    from palpate.estimation.effects import stiffness\n")
     assert imported_packages(path) - ALLOWED["sim_backend"] == {"estimation"}

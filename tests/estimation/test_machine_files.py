@@ -80,7 +80,7 @@ def test_text_is_read_whatever_its_name_ends_in(tmp_path, name):
     np.testing.assert_allclose(import_file(path).channels[0].effort, FORCE_N, atol=1e-5)
 
 
-def test_vectors_of_a_matlab_struct_are_columns(tmp_path):
+def test_fields_of_a_matlab_struct_and_columns_of_its_matrices_and_cells_are_columns(tmp_path):
     data = {"time_s": TIME_S, "displacement_mm": 1e3 * WAY_M, "force_N": FORCE_N, "area": 3.0}
     savemat(tmp_path / "press.mat", {"press": {"data": data}, "rate": 250.0, "gains": [1.0, 2.0]})
     (channel,) = import_file(tmp_path / "press.mat").channels
@@ -88,18 +88,12 @@ def test_vectors_of_a_matlab_struct_are_columns(tmp_path):
     savemat(tmp_path / "empty.mat", {"rate": 250.0})
     with pytest.raises(InputError, match="holds no vectors"):
         import_file(tmp_path / "empty.mat")
-
-
-def test_columns_of_a_matlab_matrix_are_called_by_its_name(tmp_path):
     columns = np.column_stack([TIME_S, 1e3 * WAY_M, FORCE_N])
     savemat(tmp_path / "press.mat", {"data": columns, "other": TIME_S, "transform": np.eye(4)})
     called = {"time": "data 1", "displacement": "data 2", "force": "data 3"}
     options = ImportOptions(columns=called, units={"time": "s", "displacement": "mm", "force": "kip"})
     (channel,) = import_file(tmp_path / "press.mat", options).channels
     np.testing.assert_allclose(channel.effort, 4448.2216 * FORCE_N, rtol=1e-6)
-
-
-def test_cells_and_rows_of_a_matlab_file_are_columns_too(tmp_path):
     rows_of = np.stack([1e3 * WAY_M, FORCE_N])
     cells = np.empty(len(TIME_S), dtype=object)
     cells[:] = list(rows_of.T)

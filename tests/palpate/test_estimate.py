@@ -55,16 +55,13 @@ def contact_csv(path, force_scale=1.0, names=("time_s", "displacement_m", "force
     return write_table(path, **dict(zip(names, (t, depth, force_scale * force, number), strict=True)))
 
 
-def test_a_data_file_is_estimated_directly(tmp_path):
+def test_a_data_file_is_estimated_directly_and_a_model_that_does_not_fit_is_said_not_to(tmp_path):
     data = estimate_json(contact_csv(tmp_path / "mine.csv"), "--estimator", "lsq")
     parameters = data["channels"][0]["estimates"][0]["parameters"]
     assert parameters["stiffness.k"]["value"] == pytest.approx(400, rel=0.01)
     assert parameters["damping.c"]["value"] == pytest.approx(6, rel=0.05)
     assert "truth" not in parameters["stiffness.k"]
     assert (data["channels"][0]["truth"], data["channels"][0]["spoilt"]) == ({}, None)
-
-
-def test_a_model_that_does_not_fit_is_said_not_to(tmp_path):
     t = np.arange(0, 2, 0.002)
     depth = 0.006 - 0.005 * np.cos(6 * t)
     force = 2e6 * depth**2 + np.random.default_rng(0).normal(0, 0.02, len(t))

@@ -289,12 +289,9 @@ def test_a_stream_comes_back_to_the_last_digit(session, tmp_path, ending):
         np.testing.assert_array_equal(table[name].to_numpy(), values)
 
 
-def test_parquet_keeps_the_units(session, tmp_path):
+def test_parquet_keeps_the_units_and_events_are_a_table_with_their_text(session, tmp_path):
     table = exported(session, "tick", tmp_path / "t.parquet")
     assert table.schema.field("torque_sent_nm_3").metadata[b"unit"] == b"N m"
-
-
-def test_events_are_a_table_with_their_text_as_it_is_but_for_controls_in_a_csv_file(session, tmp_path):
     table = exported(session, "events", tmp_path / "e.parquet").to_pydict()
     assert table["text"] == [event.text for event in EVENTS]
     table = exported(session, "events", tmp_path / "e.csv").to_pydict()

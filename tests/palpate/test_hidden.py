@@ -193,13 +193,10 @@ def test_a_wrong_list_is_refused_and_nothing_is_written(text, words, tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["hidden.yaml"]
 
 
-def test_a_real_arm_hides_nothing(tmp_path):
+def test_neither_a_real_arm_nor_a_robot_file_hides_anything(tmp_path):
     robot = write_mock_files(tmp_path)
     options = ("--robot", robot, "--drivers", "tests.mock_robot", "--hidden", "random")
     assert_refused(run("probe", *options, "-o", tmp_path / "a.mcap"), "is not simulated", "hidden")
-
-
-def test_a_robot_file_hides_nothing_since_the_session_keeps_it(tmp_path):
     arm = shutil.copytree(find_robot("follower").path.parent, tmp_path / "arm") / "follower.yaml"
     inline = "scenario: {hidden: [{effect: bias, channel: contact, bias: 1}]}"
     arm.write_text(arm.read_text().replace("scenario: default", inline))

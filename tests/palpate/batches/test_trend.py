@@ -181,14 +181,11 @@ def test_a_constant_parameter_is_said_to_be_one(tmp_path):
     assert (said["tested"], said["constant"]) == (1, ["left joint_1 coulomb_friction.torque"])
 
 
-def test_a_table_of_a_single_date_is_refused_once_it_is_long_enough_for_a_series(tmp_path):
+def test_a_single_date_is_refused_and_a_constant_column_skipped_for_one_that_varies(tmp_path):
     write_table(tmp_path / "nightly", 0.2 + 0.001 * np.arange(40), [DAYS[0]] * 40)
     assert_refused(run("trend", tmp_path / "nightly"), "all 40 measurements have 2026-01-01")
     write_table(tmp_path / "first", np.array([0.2]), [DAYS[0]])
     assert as_json("trend", tmp_path / "first")["tested"] == 0
-
-
-def test_a_constant_column_is_skipped_for_one_that_varies(tmp_path):
     write_table(tmp_path / "nightly", 0.2 + 0.001 * np.arange(40), [DAYS[0]] * 40)
     table = pq.read_table(tmp_path / "nightly" / "table.parquet")
     table = table.append_column("timestamp", pa.array([float(number) for number in range(40)]))

@@ -196,16 +196,13 @@ def test_no_drive_is_told_more_than_the_limit(tmp_path):
     np.testing.assert_allclose(sent, gain * told + offset, atol=1e-9)  # and what was sent is said
 
 
-def test_it_expires_and_does_not_come_from_the_future(tmp_path):
+def test_it_expires_and_one_of_another_kind_and_for_other_joints_is_refused(tmp_path):
     robot_file = robot_with(tmp_path, "force")
     assert load_calibrations(robot_file, END - timedelta(seconds=1)).force is not None
     with pytest.raises(InputError, match="expired on 2027-11-20; make a new one: palpate calibrate force"):
         load_calibrations(robot_file, END)
     with pytest.raises(InputError, match="set the clock"):
         load_calibrations(robot_file, MADE - timedelta(days=2))
-
-
-def test_one_of_another_kind_and_for_other_joints_is_refused(tmp_path):
     robot_file = robot_with(tmp_path, "force", "encoder")
     (tmp_path / "force.yaml").write_text((tmp_path / "encoder.yaml").read_text())
     with pytest.raises(InputError, match="kind 'encoder'"):

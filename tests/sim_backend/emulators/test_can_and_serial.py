@@ -90,14 +90,11 @@ def test_an_unfed_axis_disarms_itself_and_does_not_arm_before_its_error_is_clear
     assert node.state == 8
 
 
-def test_only_0_6_answers_get_version(plant):
+def test_only_0_6_answers_get_version_and_a_motor_each_frame_with_its_state(plant):
     (answer,) = odrive(plant).hear(frame(0x20, remote=True), 0.0)
     assert bytes(answer.data)[4:7] == bytes((0, 6, 10))
     assert odrive(plant, "0.5").hear(frame(0x20, remote=True), 0.0) == []
     assert odrive(plant).hear(frame(0x40, remote=True), 0.0) == []  # another node
-
-
-def test_a_motor_answers_each_frame_with_its_state(plant):
     motor = EmulatedMitMotor(3, 0, plant, limits=(12.5, 50.0, 25.0))
     (answer,) = motor.hear(frame(3, b"\xff" * 7 + b"\xfc"), 0.01)
     number, position, velocity, torque, _, error = bitstruct.unpack("u8u16u12u12u8u8", bytes(answer.data))
