@@ -102,9 +102,9 @@ def test_a_stream_that_ignores_its_counters_is_found_out(monkeypatch):
     """Three bytes are a sample, whatever they count."""
 
     def feed(self, data):
-        buffer = self._rest + data
+        buffer = self._unprocessed + data
         whole = len(buffer) // 3 * 3
-        self._rest = buffer[whole:]
+        self._unprocessed = buffer[whole:]
         cut = (buffer[place + 1 : place + 3] for place in range(0, whole, 3))
         return [self._factor * int.from_bytes(value, "big", signed=True) for value in cut]
 

@@ -12,12 +12,15 @@ reading: "-18.78 lbF".
 
 import re
 from contextlib import suppress
+from functools import lru_cache, partial
+from timeit import repeat
 from typing import Annotated
 
 from pydantic import AfterValidator, Field, StrictBool, field_validator
 
 from palpate.robot_io.drivers.serial_force.line import SerialForceSensor, SerialForceSettings
 from palpate.robot_io.drivers.serial_force.stream import (
+    MAX_LINE,
     LineStream,
     Poll,
     check_unit,
@@ -29,9 +32,14 @@ from palpate.robot_io.examination import Examinable
 from palpate.robot_io.files.file_model import Capacity, Positive
 
 MAX_PATTERN = 200
-_REPEATED_GROUP = re.compile(r"\)[*+{]")  # the only construct that can backtrack endlessly on a short line
+_REPEATED_GROUP = re.compile(r"\)[*+{]")  # its time can grow exponentially with the length of a line
+# Lines of noise on which patterns backtrack, by their repeated part, and how long one may take: meanwhile no
+# other thread runs, not even the control loop.
+_NOISE = ("1", "a", " ", "-", ".", ",", ";", "1 ", "1,", "1.", "1;", "a ", "a1", "1 N ")
+_SLOWEST_MATCH_S = 0.01
 
 
+@lru_cache(maxsize=16)
 def compile_pattern(pattern: str) -> re.Pattern[str]:
     """Compile a pattern that must match a whole line, with a group `value` and perhaps a group `unit`.
 
@@ -39,8 +47,8 @@ def compile_pattern(pattern: str) -> re.Pattern[str]:
         pattern: regular expression.
 
     Raises:
-        InputError: the pattern is not a regular expression, lacks `value`, or has a repeated group, which can
-            backtrack endlessly.
+        InputError: the pattern is not a regular expression, lacks `value`, or has a repeated group, or a line
+            of noise takes it so long that the control loop would stall.
     """
     if len(pattern) > MAX_PATTERN:
         raise InputError(f"pattern: longer than {MAX_PATTERN} characters")
@@ -52,6 +60,17 @@ def compile_pattern(pattern: str) -> re.Pattern[str]:
         raise InputError(f"pattern '{pattern}': has no group (?P<value>...)")
     if _REPEATED_GROUP.search(pattern):
         raise InputError(f"pattern '{pattern}': matching a repeated group may never end")
+    for length in (
+        MAX_LINE >> halvings for halvings in range(6, -1, -1)
+    ):  # short first: a line may take hours
+        for text in _NOISE:
+            match = partial(compiled.fullmatch, (text * length)[:length])
+            match_s = min(repeat(match, number=1, repeat=3))
+            if match_s > _SLOWEST_MATCH_S:
+                raise InputError(
+                    f"pattern '{pattern}': a line of {length} characters, '{text * 3}...', takes "
+                    f"{1e3 * match_s:.0f} ms; use fewer parts with * or + that can match the same characters"
+                )
     return compiled
 
 
@@ -95,7 +114,7 @@ class ForceLinesSettings(SerialForceSettings):
 
     @field_validator("pattern")
     @classmethod
-    def _compiles(cls, pattern: str) -> str:
+    def _check_pattern(cls, pattern: str) -> str:
         compile_pattern(pattern)
         return pattern
 

@@ -63,6 +63,10 @@ def test_bad_lines_are_counted_and_left_out():
         (r"(?P<value>", "pattern"),
         (r"(?P<value>(a+)+)", "may never end"),
         (r"(?P<value>a)|(b|b)*", "may never end"),
+        # A line of noise would stall the control loop for 0.1 s, 0.3 s, and hours.
+        (r"\s*\w*\s*(?P<value>[-+]?\d*\.?\d+)\s*(?P<unit>[a-zA-Z]+)\s*.*", "'111...', takes [0-9]+ ms"),
+        (r".*(?P<value>\d+).*,.*,.*,.*;", "takes [0-9]+ ms"),
+        (".*" * 12 + r"(?P<value>1)x", "takes [0-9]+ ms"),
     ],
 )
 def test_a_pattern_that_cannot_work_is_refused(pattern, problem):
