@@ -3,7 +3,7 @@
 import os
 import re
 import shlex
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -104,7 +104,35 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> Imported:
     sources = channel_sources(columns)
     check_options_are_used(columns, sources, options)
     rows = arrange_rows(columns, fresh=options.fresh, count=options.runs)
-    signals: dict[str, str] = {}  # additional columns by their signal names
+    context = _context_signals(columns, rows, options)
+    notes = [*columns.notes, *filter(None, ["; ".join(rows.notes)])]
+    if any(source.kind is ChannelKind.SERVO for source in sources):
+        notes.append(
+            "no column holds an effort; goal minus position [rad] is used instead, which is the "
+            "torque divided by the servo's position gain (model position_servo)"
+        )
+    notes += [*_note_time(columns, rows), *_note_specimens(columns, rows, options)]
+    channels = [_make_channel(source, columns, rows, notes) for source in sources]
+    channels = _reverse_reactions(channels, sources, columns, ColumnUnits(table, options), notes)
+    channels = [replace(channel, context=context, recorded=frozenset(context)) for channel in channels]
+    free = (name for name in columns.unused if name not in options.context)
+    unused = tuple(name for name in free if _signal_name(name) not in _RESERVED_SIGNALS)
+    read = "; ".join(filter(None, [columns.matched, *columns.table.notes]))
+    joint_columns = {
+        source.name: (columns.name(source.position), columns.name(source.effort))
+        for source in sources
+        if source.kind is not ChannelKind.CONTACT and columns.matched
+    }
+    return Imported(with_arm(channels), rows.labels, tuple(notes), unused, read, columns.roles, joint_columns)
+
+
+def _context_signals(columns: Columns, rows: Rows, options: ImportOptions) -> dict[str, FloatArray]:
+    """Return the columns to keep as context, shape (n,) each, by the names of their signals.
+
+    Raises:
+        InputError: a column is already used or not numeric, or two signals would have the same name.
+    """
+    signals: dict[str, str] = {}
     for column in options.context:
         if column in columns.used:
             listed = ", ".join(columns.unused) or "none"
@@ -117,33 +145,7 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> Imported:
             raise InputError(
                 f"--context {column}: this column and '{earlier}' would both be the signal {name}; rename one"
             )
-    notes = [*columns.notes, *filter(None, ["; ".join(rows.notes)])]
-    if any(source.kind is ChannelKind.SERVO for source in sources):
-        notes.append(
-            "no column holds an effort; goal minus position [rad] is used instead, which is the "
-            "torque divided by the servo's position gain (model position_servo)"
-        )
-    step_s = sample_time(rows.time_s, rows.run)
-    if TIME in columns and not _MIN_STEP_S <= step_s <= MAX_STEP_S:  # the unit of time may be wrong
-        time = columns.assigned[TIME]
-        notes.append(
-            f"column '{time.column}': samples are {step_s:.3g} s apart; if this unit is wrong, give "
-            f"the right one, such as --unit time={likely_time_unit(step_s / time.factor)}"
-        )
-    notes += [*_note_pauses(columns, rows), *_note_specimens(columns, rows, options)]
-    channels = [_make_channel(source, columns, rows, notes) for source in sources]
-    channels = _reverse_reactions(channels, sources, columns, ColumnUnits(table, options), notes)
-    context = {signal: columns.table.numbers(name)[rows.order] for signal, name in signals.items()}
-    channels = [replace(channel, context=context, recorded=frozenset(context)) for channel in channels]
-    free = (name for name in columns.unused if name not in options.context)
-    unused = tuple(name for name in free if _signal_name(name) not in _RESERVED_SIGNALS)
-    read = "; ".join(filter(None, [columns.matched, *columns.table.notes]))
-    joint_columns = {
-        source.name: (columns.name(source.position), columns.name(source.effort))
-        for source in sources
-        if source.kind is not ChannelKind.CONTACT and columns.matched
-    }
-    return Imported(with_arm(channels), rows.labels, tuple(notes), unused, read, columns.roles, joint_columns)
+    return {name: columns.table.numbers(column)[rows.order] for name, column in signals.items()}
 
 
 def _signal_name(column: str) -> str:
@@ -171,18 +173,26 @@ def chosen_texts(name: str, given: str, texts: Collection[str], place: str) -> l
     return parts
 
 
-def _note_pauses(columns: Columns, rows: Rows) -> list[str]:
-    """Return a note on the first pause of the clock that lasts longer than the rest of its run."""
-    for part in blocks(rows.run) if TIME in columns else ():
+def _note_time(columns: Columns, rows: Rows) -> Iterator[str]:
+    """Yield notes on an unlikely unit of time, and on the first pause longer than the rest of its run."""
+    if TIME not in columns:
+        return
+    time, step_s = columns.assigned[TIME], sample_time(rows.time_s, rows.run)
+    if not _MIN_STEP_S <= step_s <= MAX_STEP_S:
+        yield (
+            f"column '{time.column}': samples are {step_s:.3g} s apart; if this unit is wrong, give "
+            f"the right one, such as --unit time={likely_time_unit(step_s / time.factor)}"
+        )
+    for part in blocks(rows.run):
         steps_s = np.diff(rows.time_s[part])
         longest = int(np.argmax(steps_s))
         if steps_s[longest] > np.sum(steps_s) - steps_s[longest]:
             row = columns.table.row_name(rows.order[part.start + longest + 1])
-            return [
-                f"'{columns.name(TIME)}' jumps by {steps_s[longest]:.4g} s to {row}, more than the rest of "
-                "the run lasts; if samples are missing, select one part with --where"
-            ]
-    return []
+            yield (
+                f"'{time.column}' jumps by {steps_s[longest]:.4g} s to {row}, more than the rest of the run "
+                "lasts; if samples are missing, select one part with --where"
+            )
+            return
 
 
 def _note_specimens(columns: Columns, rows: Rows, options: ImportOptions) -> list[str]:
