@@ -1,8 +1,9 @@
 """`palpate trend`: find steps and drifts of parameters over time."""
 
 import time
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -11,6 +12,9 @@ from palpate.common.console import count, safe, shown, significant
 from palpate.common.options import AddOption, PatternOption, model_names
 from palpate.robot_io.errors import InputError
 from palpate.workflows.data_options import JsonOption
+
+if TYPE_CHECKING:
+    from palpate.batches.trend import Series
 
 PAGE = "trend.html"
 CHANGED = 10  # exit code, the same as of a diagnosis with missing effects
@@ -137,96 +141,99 @@ def _update(  # noqa: PLR0917, what was typed
             f"--parameter {min(unknown)}: no such series of at least {LEAST} measurements. "
             f"There are: {', '.join(available) or 'none'}"
         )
-    constant = [
-        " ".join(filter(None, (series.group, series.channel, series.name)))
-        for series in known
-        if series.is_constant and (not names or series.name in names)
-    ]
     tested = changes_of(table, times, names)
     least = least_for_step(len(tested))
-    short = sum(len(series.values) < least for series, _ in tested)
     page = (out or (data if data.is_dir() else data.parent)) / PAGE
     write_trend(page, tested, what)
-    changes: list[dict[str, Any]] = [
-        {
-            "group": series.group,
-            "channel": series.channel,
-            "series": series.name,
-            "unit": series.unit,
-            "kind": change.kind,
-            "first": labels[series.rows[change.first]],
-            "last": labels[series.rows[change.last]],
-            "before": change.before,
-            "after": change.after,
-            "std_err": change.std_err,
-            "p_value": change.p_value,
-        }
-        for series, own in tested
-        for change in own
-    ]
-    left_out: list[dict[str, Any]] = [
-        {
-            "group": series.group,
-            "channel": series.channel,
-            "series": series.name,
-            "at": labels[row],
-            "value": value,
-        }
-        for series, _ in tested
-        for row, value in series.left_out
-    ]
+
+    def labeled(series: "Series") -> dict[str, Any]:
+        return {"group": series.group, "channel": series.channel, "series": series.name}
+
     content = {
         "table": str(out or data),
         "time": what,
         "measurements": len(set(table["measurement"].to_pylist())),
         "tested": len(tested),
-        "constant": constant,
+        "constant": [
+            _series_name(labeled(series))
+            for series in known
+            if series.is_constant and (not names or series.name in names)
+        ],
         "level": LEVEL,
         "least_for_step": least,
-        "short": short,
-        "changes": changes,
-        "left_out": left_out,
+        "short": sum(len(series.values) < least for series, _ in tested),
+        "changes": [
+            labeled(series)
+            | {
+                "unit": series.unit,
+                "kind": change.kind,
+                "first": labels[series.rows[change.first]],
+                "last": labels[series.rows[change.last]],
+                "before": change.before,
+                "after": change.after,
+                "std_err": change.std_err,
+                "p_value": change.p_value,
+            }
+            for series, own in tested
+            for change in own
+        ],
+        "left_out": [
+            labeled(series) | {"at": labels[row], "value": value}
+            for series, _ in tested
+            for row, value in series.left_out
+        ],
     }
 
     def show() -> None:
-        to = console.stdout()
-        to.print(f"{count(len(set(labels)), 'time')}, {len(tested)} series tested")
-        for change in changes:
-            to.print(f"  [yellow]{safe(in_words(change))}[/yellow]")
-        if constant and (names or not tested):
-            to.print(f"  the same value in all measurements, so not tested: {safe(', '.join(constant))}")
-        elif not tested:
-            to.print(f"  nothing is tested: a series needs at least {LEAST} measurements")
-        elif not changes and short < len(tested):
-            to.print("  nothing changes by more than its scatter")
-        if short:
-            words = f"{short} of them are too short to detect a step: this takes {least} measurements"
-            to.print(
-                f"  [yellow]{words} if {len(tested)} series are tested; --parameter tests fewer[/yellow]"
-            )
-        if left_out:
-            place = " ".join(filter(None, (left_out[0][key] for key in ("group", "channel", "series"))))
-            which = f"{place} at {left_out[0]['at']} ({left_out[0]['value']:.3g})"
-            others = " and others" if len(left_out) > 1 else ""
-            words = f"{count(len(left_out), 'isolated value')} left out: {safe(which)}{others}"
-            to.print(f"  [dim]{words}[/dim]")
-        to.print(f"page  [bold]{shown(page)}[/bold]")
+        console.stdout().print(f"{count(len(set(labels)), 'time')}, {len(tested)} series tested")
+        _print_changes(content, LEAST, is_selected=bool(names))
+        console.stdout().print(f"page  [bold]{shown(page)}[/bold]")
 
     console.present(content, show, as_json=as_json)
-    return bool(changes)
+    return bool(content["changes"])
 
 
-def in_words(change: dict[str, Any]) -> str:
+def _print_changes(content: Mapping[str, Any], least: int, *, is_selected: bool) -> None:
+    """Print changes, and series and values that are not tested; `least` measurements make a series."""
+    to, tested, short, constant = console.stdout(), content["tested"], content["short"], content["constant"]
+    for change in content["changes"]:
+        to.print(f"  [yellow]{safe(describe_change(change))}[/yellow]")
+    if constant and (is_selected or not tested):
+        to.print(f"  the same value in all measurements, so not tested: {safe(', '.join(constant))}")
+    elif not tested:
+        to.print(f"  nothing is tested: a series needs at least {least} measurements")
+    if not content["changes"] and short < tested:
+        to.print("  nothing changes by more than its scatter")
+    if short:
+        words = f"{short} of them are too short to detect a step: this takes {content['least_for_step']}"
+        to.print(
+            f"  [yellow]{words} measurements if {tested} series are tested; --parameter tests fewer[/yellow]"
+        )
+    if left_out := content["left_out"]:
+        which = f"{_series_name(left_out[0])} at {left_out[0]['at']} ({left_out[0]['value']:.3g})"
+        others = " and others" if len(left_out) > 1 else ""
+        words = f"{count(len(left_out), 'isolated value')} left out: {safe(which)}{others}"
+        to.print(f"  [dim]{words}[/dim]")
+
+
+def _series_name(entry: Mapping[str, Any]) -> str:
+    return " ".join(filter(None, (entry["group"], entry["channel"], entry["series"])))
+
+
+def describe_change(change: dict[str, Any]) -> str:
     """Describe a change in a sentence.
 
     Args:
         change: as plain data.
     """
-    place = " ".join(filter(None, (change["group"], change["channel"], change["series"])))
+    from palpate.estimation.fit.intervals import SIGMAS_95  # noqa: PLC0415, its libraries take a second
+
     before, after = (significant(change[name], change["std_err"]) for name in ("before", "after"))
-    share = f" ({100 * (change['after'] / change['before'] - 1):+.0f} %)" if change["before"] else ""
+    share = ""
+    if abs(change["before"]) > SIGMAS_95 * change["std_err"]:  # else a percentage would be noise
+        share = f" ({100 * (change['after'] / change['before'] - 1):+.0f} %)"
     when = (
         f"at {change['first']}" if change["kind"] == "step" else f"from {change['first']} to {change['last']}"
     )
     verb = "steps" if change["kind"] == "step" else "drifts"
-    return f"{place} {verb} from {before} to {after} {change['unit']}{share} {when}"
+    return f"{_series_name(change)} {verb} from {before} to {after} {change['unit']}{share} {when}"

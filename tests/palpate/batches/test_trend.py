@@ -14,6 +14,7 @@ import pytest
 
 from palpate.batches.table import head
 from palpate.batches.trend import LEVEL, Series, find_changes, is_isolated, time_axis
+from palpate.commands.trend import describe_change
 from palpate.robot_io.errors import InputError
 from tests.palpate.cli import ROOT, as_json, assert_refused, run
 from tests.palpate.presses import write_presses
@@ -128,6 +129,13 @@ def test_the_command_says_what_changes_when_and_by_how_much_and_ends_with_its_co
     quiet = run("trend", tmp_path / "nightly", "--exit-code", "--parameter", "times_noise")
     assert quiet.exit_code == 0
     assert "nothing changes" in quiet.stdout
+
+
+@pytest.mark.parametrize(("before", "share"), [(2.0, " (+50 %)"), (0.1, ""), (0.0, ""), (-0.1, "")])
+def test_a_change_from_a_value_that_may_be_zero_has_no_percentage(before, share):
+    change = {"group": "all", "channel": "joint_1", "series": "bias.value", "unit": "N m", "kind": "step"}
+    change |= {"first": "3", "last": "9", "before": before, "after": 1.5 * before, "std_err": 0.2}
+    assert describe_change(change).endswith(f" N m{share} at 3")
 
 
 def test_a_failed_night_does_not_hide_a_step_and_is_stated(tmp_path):
