@@ -132,7 +132,6 @@ def batch_command(
     palpate batch spots.csv --split run --out result
     """
     from palpate.batches.run import batch  # noqa: PLC0415, its libraries take a second
-    from palpate.batches.table import texts  # noqa: PLC0415, as above
     from palpate.render.progress import sweep_progress  # noqa: PLC0415, as above
 
     counted = [0, 0]
@@ -182,52 +181,50 @@ def batch_command(
             )
         raise InputError(reason)
 
-    def show() -> None:
-        to, table = console.stdout(), result.table
-        to.print(f"{_heading(result)}, {len(result.errors)} unreadable")
-        for verdict, number in Counter(filter(None, texts(table, "verdict"))).most_common():
-            to.print(f"  {verdict}: {number}")
-        if effects := Counter(name for text in texts(table, "effects") for name in text.split(", ") if name):
-            named = ", ".join(f"{name} {number}" for name, number in effects.most_common(_MOST_SHOWN))
-            to.print(f"  effects named: {named}")
-        for words in _cautions(table):
-            to.print(f"  [yellow]{safe(words)}[/yellow]")
-        for effect in result.common_effects:
-            like = f" (or {', '.join(effect.confused_with)})" if effect.confused_with else ""
-            share = f"{100 * effect.share:.2g} % of the squared error"
-            words = safe(f"{effect.channel}: {effect.effect}{like} is missing over all measurements, {share}")
-            to.print(f"  [bold]{words}[/bold]")
-        for entry in result.pooled[:_MOST_SHOWN]:
-            to.print(f"  {safe(_mean(entry))}")
-        for shared in result.shared:
-            group = "" if shared.group == "all" else f"{shared.group} "
-            where = safe(f"{group}{shared.parameter} in {count(shared.count, 'estimate')}")
-            if shared.contradicted:
-                problem = f"{where} is not shared: they differ by more than their intervals"
-                to.print(f"  [yellow]{problem}[/yellow] (corrected p {shared.p_corrected:.2g})")
-            else:
-                value = _with_interval(shared.value, shared.interval, shared.unit)
-                to.print(f"  {where}, shared: {safe(value)}")
-        for difference in result.differences:
-            if difference.p_corrected < 0.05:
-                words = f"{difference.parameter} differs between {' and '.join(difference.groups)}"
-                to.print(f"  [yellow]{safe(words)}[/yellow] (corrected p {difference.p_corrected:.2g})")
-        for name, error in list(result.errors.items())[:_MOST_SHOWN]:
-            to.print(f"  [yellow]{safe(error if name in error else f'{name}: {error}')}[/yellow]")
-        if result.outliers:
-            to.print(f"  {count(len(result.outliers), 'outlier')}: see the page")
-        to.print(f"page  [bold]{shown(result.page)}[/bold]")
-
-    console.present(result.as_data(), show, as_json=as_json)
+    console.present(result.as_data(), lambda: _print(result), as_json=as_json)
 
 
-def _heading(result: "BatchResult") -> str:
-    """State the number of measurements and the models."""
+def _print(result: "BatchResult") -> None:
+    """Print counts, effects, cautions, pooled parameters, errors and the page's address."""
     from palpate.batches.table import texts  # noqa: PLC0415, its libraries take a second
 
-    models = dict.fromkeys(filter(None, texts(result.table, "model")))
-    many = f"[bold]{count(result.measurements, 'measurement')}[/bold]"
-    return f"{many} with model {safe(', '.join(models))}" if models else many
+    to, table = console.stdout(), result.table
+    models = dict.fromkeys(filter(None, texts(table, "model")))
+    with_models = f" with model {safe(', '.join(models))}" if models else ""
+    many = count(result.measurements, "measurement")
+    to.print(f"[bold]{many}[/bold]{with_models}, {len(result.errors)} unreadable")
+    for verdict, number in Counter(filter(None, texts(table, "verdict"))).most_common():
+        to.print(f"  {verdict}: {number}")
+    if effects := Counter(name for text in texts(table, "effects") for name in text.split(", ") if name):
+        named = ", ".join(f"{name} {number}" for name, number in effects.most_common(_MOST_SHOWN))
+        to.print(f"  effects named: {named}")
+    for words in _cautions(table):
+        to.print(f"  [yellow]{safe(words)}[/yellow]")
+    for effect in result.common_effects:
+        like = f" (or {', '.join(effect.confused_with)})" if effect.confused_with else ""
+        share = f"{100 * effect.share:.2g} % of the squared error"
+        words = safe(f"{effect.channel}: {effect.effect}{like} is missing over all measurements, {share}")
+        to.print(f"  [bold]{words}[/bold]")
+    for entry in result.pooled[:_MOST_SHOWN]:
+        to.print(f"  {safe(_mean(entry))}")
+    for shared in result.shared:
+        group = "" if shared.group == "all" else f"{shared.group} "
+        where = safe(f"{group}{shared.parameter} in {count(shared.count, 'estimate')}")
+        if shared.contradicted:
+            problem = f"{where} is not shared: they differ by more than their intervals"
+            to.print(f"  [yellow]{problem}[/yellow] (corrected p {shared.p_corrected:.2g})")
+        else:
+            value = _with_interval(shared.value, shared.interval, shared.unit)
+            to.print(f"  {where}, shared: {safe(value)}")
+    for difference in result.differences:
+        if difference.p_corrected < 0.05:
+            words = f"{difference.parameter} differs between {' and '.join(difference.groups)}"
+            to.print(f"  [yellow]{safe(words)}[/yellow] (corrected p {difference.p_corrected:.2g})")
+    for name, error in list(result.errors.items())[:_MOST_SHOWN]:
+        to.print(f"  [yellow]{safe(error if name in error else f'{name}: {error}')}[/yellow]")
+    if result.outliers:
+        to.print(f"  {count(len(result.outliers), 'outlier')}: see the page")
+    to.print(f"page  [bold]{shown(result.page)}[/bold]")
 
 
 def _cautions(table: "pa.Table") -> Iterator[str]:

@@ -17,9 +17,8 @@ from palpate.estimation.study.channels import ALL_CHANNELS
 from palpate.estimation.study.model_suggestions import far_better_model
 from palpate.estimation.study.paired_comparison import Extended, side_by_side
 from palpate.estimation.study.revisions import Revision, user_effects_of
-from palpate.render.build import NAMES, REPORT, result_view, view_of, write_outcome
-from palpate.render.build import as_json as json_text
-from palpate.render.paired import PairView, as_data, print_pair, sides_view
+from palpate.render.build import NAMES, REPORT, json_text, result_view, view_of, write_outcome
+from palpate.render.paired import PairedView, PairView, as_data, print_pair
 from palpate.render.terminal import print_comparison, print_files
 from palpate.robot_io.errors import InputError
 from palpate.study import Study
@@ -89,20 +88,14 @@ class ComparedPair:
             commands: commands that show the same comparison again.
         """
         first, second = self._studies
-        channels = [
-            sides_view(
-                side,
-                (
-                    result_view(
-                        first.result(side.first.channel, side.first.effects, reason=side.first.reason)
-                    ),
-                    result_view(
-                        second.result(side.second.channel, side.second.effects, reason=side.second.reason)
-                    ),
-                ),
+        channels = []
+        for sides in self.sides:
+            a, b = sides.first, sides.second
+            results = (
+                first.result(a.channel, a.effects, reason=a.reason),
+                second.result(b.channel, b.effects, reason=b.reason),
             )
-            for side in self.sides
-        ]
+            channels.append(PairedView(sides, (result_view(results[0]), result_view(results[1]))))
         return PairView(self.names, tuple(channels), tuple(commands))
 
     def as_data(self) -> dict[str, Any]:
@@ -233,7 +226,7 @@ def compare_command(
         numbers = revision or (), other_revision or ()
         pair = ComparedPair(data, other, (model, other_model), channel, revisions=numbers, folder=read)
         typed_too = {name: [str(item) for item in given or ()] for name, given in revisions.items()}
-        _side_by_side(data, pair, {**typed_too, "folder": folder}, out, as_json=as_json, force=force)
+        _compare_pair(data, pair, {**typed_too, "folder": folder}, out, as_json=as_json, force=force)
         return
     study = data.study(model, read)
     kept = chosen_revisions(study, revision or ())
@@ -273,11 +266,11 @@ def compare_command(
     if not as_json:
         zoom = (f"{again} --out FOLDER", "an interactive report")
         stages = (f"palpate revisions {data.typed(folder=folder)}", "all stages")
-        first = [stages] if kept else _after(data, study, results, model, channel, folder)
+        first = [stages] if kept else _next_steps(data, study, results, model, channel, folder)
         console.next_steps(*first, zoom)
 
 
-def _side_by_side(
+def _compare_pair(
     data: DataArguments,
     pair: ComparedPair,
     given: dict[str, list[str] | Path | None],
@@ -333,7 +326,7 @@ def comparison_data(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def _after(  # noqa: PLR0917, what was typed
+def _next_steps(  # noqa: PLR0917, what was typed
     data: DataArguments,
     study: Study,
     results: Sequence[ChannelResult],

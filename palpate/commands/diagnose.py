@@ -8,7 +8,6 @@ import typer
 
 from palpate.common import console
 from palpate.common.console import as_shell_word, count, safe, shown, typed
-from palpate.common.console import typed as path_typed
 from palpate.common.files import folder_to_fill, output_folder
 from palpate.common.options import estimator_names
 from palpate.estimation.channel import ChannelKind
@@ -20,8 +19,7 @@ from palpate.estimation.study.channels import ALL_CHANNELS
 from palpate.estimation.study.estimates import ALL, DEFAULT_ESTIMATORS
 from palpate.estimation.study.model_suggestions import better_explanation, suggests_fresh_runs
 from palpate.estimation.study.saved_diagnosis import RESULT
-from palpate.render.build import NAMES, view_of, write_outcome
-from palpate.render.build import as_json as json_text
+from palpate.render.build import NAMES, json_text, view_of, write_outcome
 from palpate.render.estimates import as_data, calibration_remark, print_estimates
 from palpate.render.terminal import print_diagnosis, print_files
 from palpate.robot_io.errors import InputError
@@ -101,7 +99,7 @@ def diagnose_command(
             print_files(console.stdout(), {"result": folder / RESULT, **written})
     if not as_json:
         console.next_steps(
-            *_next(data, study, diagnosis, {"model": model, "channel": channel}, out, apply, plan)
+            *_next_steps(data, study, diagnosis, {"model": model, "channel": channel}, out, apply, plan)
         )
     if exit_code:
         raise typer.Exit(exit_code_of([channel.verdict for channel in diagnosis.channels]))
@@ -116,7 +114,7 @@ def exit_code_of(verdicts: Iterable[Verdict]) -> int:
     return min((EXIT_CODES[verdict] for verdict in verdicts if verdict in EXIT_CODES), default=0)
 
 
-def _next(  # noqa: PLR0917, what was typed and found
+def _next_steps(  # noqa: PLR0917, what was typed and found
     data: DataArguments,
     study: Study,
     diagnosis: StudyDiagnosis,
@@ -151,7 +149,7 @@ def _next(  # noqa: PLR0917, what was typed and found
 
         world = same_world(study.source.session)
         if world is not None:
-            experiment = f"palpate probe --experiment {path_typed(plan)} {world}".strip()
+            experiment = f"palpate probe --experiment {typed(plan)} {world}".strip()
             yield experiment, "the most informative next experiment"
     if study.source.session is None and any(
         suggests_fresh_runs(study, channel) for channel in diagnosis.channels
@@ -166,10 +164,7 @@ def _next(  # noqa: PLR0917, what was typed and found
     if all(study.refusal(study.channel(channel.channel)) for channel in diagnosis.channels):
         too_little = any("; record" in channel.reason for channel in diagnosis.channels)
         if too_little and study.source.session is None and data.file.is_file():
-            yield (
-                (f"palpate import {path_typed(data.file)} FILE ... --look"),
-                "import more files as further runs",
-            )
+            yield f"palpate import {typed(data.file)} FILE ... --look", "import more files as further runs"
         yield f"palpate estimate {data.typed(model=asked['model'])}", "the parameters of the base model"
         return
     beside = data.typed(channel=None if asked["channel"] == ALL_CHANNELS else asked["channel"], folder=out)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -25,7 +25,6 @@ from palpate.robot_io.session.event import NOT_WHOLE, RUN_LABELS
 from palpate.runs.hidden_effects import SEAL, open_answer, was_sealed
 from palpate.runs.session import SOURCE
 from palpate.sim_backend.hidden import SealedAnswer
-from palpate.sim_backend.imperfection import Imperfection
 from palpate.workflows.data_options import JsonOption
 
 
@@ -244,32 +243,24 @@ def reveal_command(
         table = console.table(f"Hidden in {shown(session)}", "effect", "shows in", "parameters", "physics")
         for entry in answer.hidden:
             values = (
-                f"{name} = {significant(about['value'])} {about['unit']}"
-                for name, about in _parameters(entry).items()
+                f"{name} = {significant(value)} {unit}" for name, (value, unit) in entry.values().items()
             )
             physics = (entry.__doc__ or "").partition("\n")[0]
             table.add_row(f"[bold]{entry.name}[/bold]", ", ".join(entry.channels), "\n".join(values), physics)
         console.stdout().print(table)
 
-    console.present(describe_answer(session, answer), show, steps, as_json=as_json)
-
-
-def describe_answer(session: Path, answer: SealedAnswer) -> dict[str, Any]:
-    """Return the answer as plain data; the keys are stable.
-
-    Args:
-        session: file of the session.
-        answer: sealed answer beside the session.
-    """
-    return {
+    content = {
         "session": str(session),
         "seed": answer.seed,
         "hidden": [
-            {"effect": entry.name, "channels": entry.channels, "parameters": _parameters(entry)}
+            {
+                "effect": entry.name,
+                "channels": entry.channels,
+                "parameters": {
+                    name: {"value": value, "unit": unit} for name, (value, unit) in entry.values().items()
+                },
+            }
             for entry in answer.hidden
         ],
     }
-
-
-def _parameters(entry: Imperfection) -> dict[str, dict[str, Any]]:
-    return {name: {"value": value, "unit": unit} for name, (value, unit) in entry.values().items()}
+    console.present(content, show, steps, as_json=as_json)

@@ -383,7 +383,7 @@ def write_outcome(
     return {"report": folder / REPORT} | ({"recording": folder / RECORDING} if grown else {})
 
 
-def as_json(data: Mapping[str, object]) -> str:
+def json_text(data: Mapping[str, object]) -> str:
     """Format plain data as the text of a JSON file.
 
     Args:

@@ -32,10 +32,18 @@ PAIRED = "The intervals of the differences are paired: model errors that both me
 class PairedView:
     """View of one channel in both measurements."""
 
-    channel: str  # its name
-    views: tuple[ChannelView, ChannelView]  # views of both sides, with measurement and model
     sides: Sides  # the comparison
-    words: tuple[str, ...]  # result in sentences
+    views: tuple[ChannelView, ChannelView]  # views of both sides, with measurement and model
+
+    @property
+    def channel(self) -> str:
+        """Name of the channel."""
+        return self.sides.channel
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """Result in sentences."""
+        return tuple(_words(self.sides))
 
     @property
     def pair(self) -> tuple[Side, Side]:
@@ -89,16 +97,6 @@ class PairView:
     def title(self) -> str:
         """Both names."""
         return f"{self.names[0]} and {self.names[1]}"
-
-
-def sides_view(sides: Sides, views: tuple[ChannelView, ChannelView]) -> PairedView:
-    """Make the view of one channel's comparison.
-
-    Args:
-        sides: both sides of one channel, compared.
-        views: views of both sides.
-    """
-    return PairedView(sides.channel, views, sides, tuple(_words(sides)))
 
 
 def _words(sides: Sides) -> Iterator[str]:

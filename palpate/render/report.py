@@ -94,7 +94,7 @@ def figure(channel: ChannelView | StudyView) -> go.Figure:
     _draw_fall(made, channel)
     _draw_state(made, channel, (1, 2), channel.position, channel.axes.position, named=False)
     _draw_time(made, channel, (2, 1))
-    _draw_rest(made, channel, (3, 1))
+    _draw_residuals(made, channel, (3, 1))
     return styled(made, 760)
 
 
@@ -117,7 +117,7 @@ def time_figure(channel: ChannelView) -> go.Figure:
         return styled(made, 340)
     made = make_subplots(2, 1, shared_xaxes=True, row_heights=[0.6, 0.4], vertical_spacing=0.06)
     _draw_time(made, channel, (1, 1))
-    _draw_rest(made, channel, (2, 1))
+    _draw_residuals(made, channel, (2, 1))
     return styled(made, 520)
 
 
@@ -231,7 +231,7 @@ def _draw_time(made: go.Figure, channel: ChannelView, place: Place) -> None:
     title_axes(made, place, "" if channel.stages else RUN_TIME, channel.axes.effort)
 
 
-def _draw_rest(made: go.Figure, channel: ChannelView, place: Place) -> None:
+def _draw_residuals(made: go.Figure, channel: ChannelView, place: Place) -> None:
     """Draw residuals of the first and the last model, with lines at plus and minus two noise levels."""
     unit, runs = channel.axes.effort_unit, list(rows_by_run(channel.run).values())
     for stage in channel.shown_stages:

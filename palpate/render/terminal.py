@@ -1,7 +1,7 @@
 """Print comparison, diagnosis and revisions in a terminal with rich."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rich.bar import Bar
@@ -180,23 +180,12 @@ def headline(verdict: VerdictView) -> Text:
         verdict: verdict on one channel.
     """
     color = f"bold {COLORS.get(verdict.word, '')}"
-    text = emphasised(verdict.sentence, (*verdict.names, verdict.sentence.partition(":")[0]))
+    text = Text(safe_text(verdict.sentence))
+    for name in filter(None, (*verdict.names, verdict.sentence.partition(":")[0])):
+        text.highlight_regex(rf"(?<!\w){re.escape(name)}(?!\w)", "bold")
     if verdict.tag:
         return Text(f"{verdict.tag}  ", style=color) + text
     text.highlight_words([f" {verdict.word} "], color)
-    return text
-
-
-def emphasised(sentence: str, names: Iterable[str]) -> Text:
-    """Return a sentence with names in bold.
-
-    Args:
-        sentence: plain text.
-        names: words that are set in bold.
-    """
-    text = Text(safe_text(sentence))
-    for name in filter(None, names):
-        text.highlight_regex(rf"(?<!\w){re.escape(name)}(?!\w)", "bold")
     return text
 
 

@@ -12,7 +12,7 @@ from nicegui import ui
 
 from palpate.common.files import output_folder, write_text
 from palpate.estimation.study.saved_diagnosis import RESULT
-from palpate.render.build import as_json
+from palpate.render.build import json_text
 from palpate.render.diagnosis import budget_picture, budget_view, diagnosed
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.robot_io.session import Session
@@ -77,7 +77,7 @@ class DiagnosisCard:
                 lambda: study.diagnose(name, progress=judge.note, judge=judge)
             )
             if study.folder is not None:
-                write_text(output_folder(study.folder) / RESULT, as_json(study.diagnosis_data(diagnosis)))
+                write_text(output_folder(study.folder) / RESULT, json_text(study.diagnosis_data(diagnosis)))
         except PalpateError as error:
             judge.failure = str(error)
         finally:

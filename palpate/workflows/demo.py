@@ -13,7 +13,7 @@ from palpate.estimation.study import ChannelEstimates, ChannelResult
 from palpate.estimation.study.channels import CONTACT_MODEL
 from palpate.estimation.study.fitting import Progress
 from palpate.estimation.study.saved_diagnosis import RESULT
-from palpate.render.build import as_json, write_outcome
+from palpate.render.build import json_text, write_outcome
 from palpate.render.inspection import RECORDING, look_into
 from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import open_answer
@@ -139,6 +139,6 @@ def solve(session: Path, progress: Progress) -> HiddenDemo:
     diagnosis = study.diagnose(apply=True, progress=progress)
     (result,) = study.results()
     again = f"palpate diagnose {typed(session)} --model {CONTACT_MODEL} --apply"
-    texts = {RESULT: as_json(study.diagnosis_data(diagnosis))}
+    texts = {RESULT: json_text(study.diagnosis_data(diagnosis))}
     files = write_outcome(folder, study, [result], [again], texts)
     return HiddenDemo(session, result, {"result": folder / RESULT, **files}, open_answer(opened))

@@ -16,7 +16,7 @@ from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.study.fitting import Progress
 from palpate.estimation.study.saved_diagnosis import RESULT
 from palpate.estimation.study.undecided_models import is_undecided, keep_simplest_rivals
-from palpate.render.build import as_json
+from palpate.render.build import json_text
 from palpate.robot_io.errors import InputError
 from palpate.runs.probing import NOBODY, ProbingJob, Watcher, run_probing
 from palpate.study import Study
@@ -214,7 +214,7 @@ def resolve(  # noqa: PLR0917 (what to do, and who is told of it)
                 if not any(is_undecided(item) for item in judged):
                     end = StopReason.SIMPLEST
                 diagnosis = diagnosis.model_copy(update={"channels": judged})
-        write_text(output_folder(folder / "study") / RESULT, as_json(study.diagnosis_data(diagnosis)))
+        write_text(output_folder(folder / "study") / RESULT, json_text(study.diagnosis_data(diagnosis)))
         decision = Decision.of(number + 1, ran.session, outcome.loop.duration_s, judged, end, following)
         decisions.append(decision)
         with (folder / DECISIONS).open("a", encoding="utf-8") as log:
