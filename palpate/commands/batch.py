@@ -13,6 +13,7 @@ from palpate.common import console
 from palpate.common.console import count, safe, shown, significant
 from palpate.common.options import (
     AddOption,
+    JsonOption,
     PatternOption,
     SchedulerOption,
     WorkersOption,
@@ -22,7 +23,7 @@ from palpate.common.options import (
 )
 from palpate.render.view import NOISE
 from palpate.robot_io.errors import InputError
-from palpate.workflows.data_options import EffectOption, JsonOption, ReadOptions
+from palpate.workflows.data_options import EffectOption, ReadOptions
 
 if TYPE_CHECKING:
     import pyarrow as pa

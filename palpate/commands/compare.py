@@ -10,7 +10,7 @@ import typer
 from palpate.common import console
 from palpate.common.console import safe, shown, typed
 from palpate.common.files import folder_to_fill, folder_to_read, output_folder, spare_files, whole_set
-from palpate.common.options import model_names
+from palpate.common.options import JsonOption, model_names
 from palpate.estimation.estimate import with_unit
 from palpate.estimation.study import ChannelResult, Comparison
 from palpate.estimation.study.channels import ALL_CHANNELS
@@ -22,14 +22,7 @@ from palpate.render.paired import PairedView, PairView, as_data, print_pair
 from palpate.render.terminal import print_comparison, print_files
 from palpate.robot_io.errors import InputError
 from palpate.study import Study
-from palpate.workflows.data_options import (
-    DataArguments,
-    FolderOption,
-    ForceOption,
-    JsonOption,
-    ModelOption,
-    takes_data,
-)
+from palpate.workflows.data_options import DataArguments, FolderOption, ForceOption, ModelOption, takes_data
 
 RESULT, RECORDING = "comparison.json", "sides.rrd"
 PAIR_FILES = (RESULT, REPORT, RECORDING)  # files that `write_pair` writes

@@ -10,7 +10,7 @@ import typer
 from palpate.common import console
 from palpate.common.console import as_command, shown, significant, typed
 from palpate.common.files import output_file, output_session
-from palpate.common.options import scenario_names
+from palpate.common.options import JsonOption, SessionOutOption, scenario_names
 from palpate.render.build import result_view
 from palpate.render.estimates import as_data, print_estimates
 from palpate.render.progress import diagnosis_progress, probing_progress
@@ -52,8 +52,8 @@ def demo_command(
             max=MOST_SEED,
         ),
     ] = None,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
+    out: SessionOutOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Probe a simulated object and estimate its stiffness, then find a hidden effect in another object.
 

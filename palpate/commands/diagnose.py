@@ -9,7 +9,7 @@ import typer
 from palpate.common import console
 from palpate.common.console import as_shell_word, count, safe, shown, typed
 from palpate.common.files import folder_to_fill, output_folder
-from palpate.common.options import estimator_names
+from palpate.common.options import JsonOption, estimator_names
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.diagnosis import Verdict
 from palpate.estimation.estimate import with_unit
@@ -24,7 +24,7 @@ from palpate.render.estimates import as_data, calibration_remark, print_estimate
 from palpate.render.terminal import print_diagnosis, print_files
 from palpate.robot_io.errors import InputError
 from palpate.study import Study
-from palpate.workflows.data_options import DataArguments, ForceOption, JsonOption, ModelOption, takes_data
+from palpate.workflows.data_options import DataArguments, ForceOption, ModelOption, takes_data
 
 PLAN = "next-experiment.yaml"
 EXIT_CODES = {Verdict.MISSING: 10, Verdict.UNEXPLAINED: 11, Verdict.INSUFFICIENT: 12}  # 1 to 3 are failures

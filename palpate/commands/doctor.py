@@ -8,6 +8,7 @@ import typer
 
 from palpate.common import console
 from palpate.common.console import AT_REST, FIRST_PROBE, as_shell_word, count, safe
+from palpate.common.options import JsonOption
 from palpate.doctor.arm import NOT_POWERED, ArmCheck, examine_arm
 from palpate.doctor.machine import examine_all, memory_lock, real_time
 from palpate.robot_io.errors import InputError
@@ -55,7 +56,7 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
     yes: Annotated[
         bool, typer.Option("--yes", help="With --wire: do not ask before the arm gets power.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Check this machine, or with --robot an arm: limits, ports, devices and rates; with --move, also signs.
 

@@ -8,12 +8,11 @@ import typer
 from palpate.common import console
 from palpate.common.console import typed
 from palpate.common.files import existing_data
-from palpate.common.options import effect_names
+from palpate.common.options import JsonOption, effect_names
 from palpate.estimation.effects import EFFECTS
 from palpate.render.effects import Example, as_data, kind_of, library, print_effect, print_library
 from palpate.robot_io.errors import InputError
 from palpate.sim_backend.imperfection import IMPERFECTIONS
-from palpate.workflows.data_options import JsonOption
 
 
 def effects_command(

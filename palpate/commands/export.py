@@ -18,13 +18,14 @@ from palpate.common.files import (
     output_file,
     write_text,
 )
+from palpate.common.options import JsonOption
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.study.revisions import user_effects_of
 from palpate.export.table import LAYOUT_ENDINGS, Program, check_ending, layout_of, recorded_table, write_table
 from palpate.render.build import REPORT, is_own_page
 from palpate.render.view import NOISE
 from palpate.robot_io.errors import InputError
-from palpate.workflows.data_options import DataArguments, FolderOption, JsonOption, ModelOption, takes_data
+from palpate.workflows.data_options import DataArguments, FolderOption, ModelOption, takes_data
 
 if TYPE_CHECKING:
     from palpate.study import Study

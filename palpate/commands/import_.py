@@ -14,7 +14,7 @@ from rich.table import Table as Printed
 from palpate.common import console
 from palpate.common.console import as_command, count, duration, safe, shown, typed
 from palpate.common.files import existing_file, open_session, output_session
-from palpate.common.options import takes
+from palpate.common.options import JsonOption, SessionOutOption, takes
 from palpate.control.loop.task import Phase
 from palpate.estimation.data.channels import import_extra, import_streams
 from palpate.estimation.data.file_columns import is_session, list_first
@@ -46,11 +46,11 @@ def import_command(
             metavar="FILE",
         ),
     ],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
+    out: SessionOutOption = None,
     look: Annotated[
         bool, typer.Option("--look", help="Show what would be read, without storing it.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Convert measurement files to a session; a table must have named columns and one row per sample.
 

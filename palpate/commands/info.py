@@ -10,6 +10,7 @@ import typer
 from palpate.common import console
 from palpate.common.console import count, duration, safe, shown
 from palpate.common.files import open_session
+from palpate.common.options import JsonOption
 from palpate.robot_io.session import Session
 from palpate.robot_io.session.event import NOT_WHOLE, RUN_LABELS
 
@@ -18,7 +19,7 @@ MOST_EVENTS = 40  # shown; --json prints all
 
 def info_command(
     session: Annotated[Path, typer.Argument(help="Session file (.mcap).")],
-    as_json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Show the content of a session: time, origin, streams, events, and whether it is complete."""
     opened = open_session(session)

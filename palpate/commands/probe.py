@@ -13,7 +13,7 @@ from rich.markup import escape
 from palpate.common import console
 from palpate.common.console import count, duration, safe, shown, typed
 from palpate.common.files import existing_file, open_session, output_session
-from palpate.common.options import takes
+from palpate.common.options import SessionOutOption, takes
 from palpate.control.loop.result import Outcome
 from palpate.control.probing.plan import ProbingPlan, load_probing_plan
 from palpate.render.progress import diagnosis_progress, motion_progress, probing_progress
@@ -52,7 +52,7 @@ def probe_command(
     force_limit_n: Annotated[float | None, typer.Option(help="Load up to this force.", metavar="N")] = None,
     hold_s: Annotated[float | None, typer.Option(help="Duration of the hold.", metavar="S")] = None,
     repeats: Annotated[int | None, typer.Option(help="Number of repetitions of all speeds.")] = None,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
+    out: SessionOutOption = None,
     online: Annotated[
         str, typer.Option(help=f"Estimator to run while probing:  {', '.join(online_estimators())}, or none.")
     ] = "rls",
@@ -148,7 +148,7 @@ def replay_command(
     options: RunOptions,
     *,
     session: Annotated[Path, typer.Argument(help="Probing session (.mcap) whose motion is repeated.")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
+    out: SessionOutOption = None,
     yes: YesOption = False,
 ) -> None:
     """Repeat the joint motion of a session, in a simulated world or with a real arm.

@@ -8,21 +8,14 @@ import typer
 
 from palpate.common import console
 from palpate.common.files import existing_data, folder_to_fill, folder_to_read, output_folder
-from palpate.common.options import effect_names
+from palpate.common.options import JsonOption, effect_names
 from palpate.estimation.study import Revisions
 from palpate.estimation.study.channels import ALL_CHANNELS
 from palpate.estimation.study.comparison import AT_NOISE
 from palpate.estimation.study.revisions import user_effects_of
 from palpate.render.build import NAMES, result_view, write_outcome
 from palpate.render.terminal import print_files, print_revisions, print_stages
-from palpate.workflows.data_options import (
-    DataArguments,
-    FolderOption,
-    ForceOption,
-    JsonOption,
-    ModelOption,
-    takes_data,
-)
+from palpate.workflows.data_options import DataArguments, FolderOption, ForceOption, ModelOption, takes_data
 
 
 @takes_data

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from palpate.common import console
 from palpate.common.console import as_command, count, shown, significant, typed
 from palpate.common.files import existing_file, open_session, output_session
+from palpate.common.options import JsonOption
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.channels import session_channels
 from palpate.estimation.data.tick_channels import join_ticks
@@ -25,7 +26,6 @@ from palpate.robot_io.session.event import NOT_WHOLE, RUN_LABELS
 from palpate.runs.hidden_effects import SEAL, open_answer, was_sealed
 from palpate.runs.session import SOURCE
 from palpate.sim_backend.hidden import SealedAnswer
-from palpate.workflows.data_options import JsonOption
 
 
 def merge_command(
@@ -221,7 +221,7 @@ def _depth_difference(first: ChannelData, second: ChannelData) -> float:
 
 def reveal_command(
     session: Annotated[Path, typer.Argument(help="Session file (.mcap) that was probed with --hidden.")],
-    as_json: Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Reveal which effects were hidden in a session, where, and how strong they are."""
     sealed = open_session(session)

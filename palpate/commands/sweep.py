@@ -10,7 +10,7 @@ import typer
 from palpate.common import console
 from palpate.common.console import count, duration, shown, typed
 from palpate.common.files import existing_file, output_folder
-from palpate.common.options import SchedulerOption, WorkersOption
+from palpate.common.options import JsonOption, SchedulerOption, WorkersOption
 from palpate.render.progress import sweep_progress
 from palpate.robot_io.errors import InputError, PalpateError
 
@@ -42,7 +42,7 @@ def sweep_command(
             ),
         ),
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Probe many simulated objects, estimate with every method, and write figures, tables and a web page.
 

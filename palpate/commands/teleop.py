@@ -11,7 +11,7 @@ import typer
 from palpate.common import console
 from palpate.common.console import as_command, command_group, count, safe, shown, typed
 from palpate.common.files import existing_file, output_session
-from palpate.common.options import scenario_names, takes
+from palpate.common.options import JsonOption, SessionOutOption, scenario_names, takes
 from palpate.control.loop.result import Outcome
 from palpate.control.probing.plan import ProbingPlan, load_probing_plan
 from palpate.control.teleop.follower_task import OnSilence
@@ -89,7 +89,7 @@ def follower(
     link: LinkOption = None,
     key: KeyOption = None,
     bad_network: BadNetworkOption = None,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
+    out: SessionOutOption = None,
     yes: YesOption = False,
 ) -> None:
     """Probe the places that a leader chooses, and send back a model of the object.
@@ -187,9 +187,9 @@ def leader(  # noqa: PLR0917, one parameter an option
     link: LinkOption = None,
     key: KeyOption = None,
     bad_network: BadNetworkOption = None,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
+    out: SessionOutOption = None,
     yes: YesOption = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Move a virtual arm, feel a virtual object, and choose places for the follower to probe.
 
@@ -261,7 +261,7 @@ def demo(
         ),
     ] = "stiff",
     bad_network: BadNetworkOption = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Run both sides as two processes on this machine, with a scripted operator; takes less than a minute.
 

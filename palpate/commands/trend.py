@@ -9,9 +9,8 @@ import typer
 
 from palpate.common import console
 from palpate.common.console import count, safe, shown, significant
-from palpate.common.options import AddOption, PatternOption, model_names
+from palpate.common.options import AddOption, JsonOption, PatternOption, model_names
 from palpate.robot_io.errors import InputError
-from palpate.workflows.data_options import JsonOption
 
 if TYPE_CHECKING:
     from palpate.batches.trend import Series

@@ -14,7 +14,7 @@ import typer
 
 from palpate.common import console
 from palpate.common.console import count, safe
-from palpate.common.options import scenario_names
+from palpate.common.options import JsonOption, scenario_names
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.probing.plan import ProbingPlan
 from palpate.robot_io.errors import InputError
@@ -71,7 +71,7 @@ class RunOptions:
     wire: Annotated[bool, typer.Option("--wire", help=_WIRE)] = False
     realtime: Annotated[bool, typer.Option("--realtime", help="Simulate no faster than real time.")] = False
     drivers: Annotated[list[str] | None, typer.Option(help=_DRIVERS, metavar="PACKAGE")] = None
-    as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False
+    as_json: JsonOption = False
 
     @functools.cached_property
     def robot_file(self) -> RobotFile:

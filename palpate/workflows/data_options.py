@@ -38,7 +38,6 @@ EffectOption = Annotated[
         help="Add your own effect to the candidates; the file is executed.", metavar="FILE.py:CLASS"
     ),
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 
 @dataclass(frozen=True, kw_only=True)
