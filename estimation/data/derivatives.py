@@ -80,22 +80,12 @@ def differentiate(
         rounding = rounding_variance(time_s, position, piece, grid_step(position))
     pieces = list(blocks(piece))
     measured, position = position, _relative_to_start(position, pieces)
-    if half_window is None:  # select the windows with nearly the least error
-        rows = slice(None) if tried is None else np.flatnonzero(tried)
-        smallest, velocity, acceleration = HALF_WINDOWS[0], HALF_WINDOWS[0], HALF_WINDOWS[0]
-        long_enough = [part for part in blocks(piece[rows]) if part.stop - part.start > 2 * smallest + 1]
-        if long_enough:
-            trials = _fit_windows(time_s[rows], position[rows], long_enough, rounding)
-            pilot, best = _pilot_window(trials), []
-            candidates = [trial for trial in trials if trial.half >= pilot.half]
-            for order in (1, 2):
-                risks = [trial.risk(pilot, order) for trial in candidates]
-                limit = _TOLERANCE**2 * max(0.0, min(risks))
-                best.append([c.half for c, risk in zip(candidates, risks, strict=True) if risk <= limit])
-            velocity, acceleration = max(best[0]), max(best[1]) if calm else min(best[1])
-        halves = wider_window(velocity, wider), wider_window(acceleration, wider)
-    else:
+    if half_window is not None:
         halves = half_window, half_window
+    else:
+        rows = slice(None) if tried is None else np.flatnonzero(tried)
+        selected = _select_windows(time_s[rows], position[rows], piece[rows], rounding, calm=calm)
+        halves = wider_window(selected[0], wider), wider_window(selected[1], wider)
     parts = [
         (rows, first, min(first + _BLOCK, rows.stop))
         for rows in pieces
@@ -118,6 +108,32 @@ def differentiate(
             if half == halves[1]:
                 curvature[chosen] = fitted[:, 2]
     return Motion(smooth, slope, curvature, halves)
+
+
+def _select_windows(
+    time_s: FloatArray, position: FloatArray, piece: IntArray, rounding: float, *, calm: bool
+) -> tuple[int, int]:
+    """Return the half windows of velocity and acceleration with nearly the least error.
+
+    Args:
+        time_s: times, strictly increasing within a piece, shape (n,) [s].
+        position: positions relative to the start of their piece, shape (n,).
+        piece: number of the smooth motion that each sample belongs to, shape (n,).
+        rounding: variance of the positions' quantization.
+        calm: whether to select the widest of the acceleration windows with about equal error.
+    """
+    smallest = HALF_WINDOWS[0]
+    long_enough = [rows for rows in blocks(piece) if rows.stop - rows.start > 2 * smallest + 1]
+    if not long_enough:
+        return smallest, smallest
+    trials = _fit_windows(time_s, position, long_enough, rounding)
+    pilot, best = _pilot_window(trials), []
+    candidates = [trial for trial in trials if trial.half >= pilot.half]
+    for order in (1, 2):
+        risks = [trial.risk(pilot, order) for trial in candidates]
+        limit = _TOLERANCE**2 * max(0.0, min(risks))
+        best.append([c.half for c, risk in zip(candidates, risks, strict=True) if risk <= limit])
+    return max(best[0]), max(best[1]) if calm else min(best[1])
 
 
 def grid_step(position: FloatArray) -> float:
