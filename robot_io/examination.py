@@ -28,17 +28,17 @@ class Examinable(ABC):
 
     @abstractmethod
     def examine(self) -> tuple[Finding, ...]:
-        """Examine every device: is it present, is it the one of the robot file, is it healthy.
+        """Check every device: whether it is present, agrees with the robot file, and reports no error.
 
-        Called after `configure`, also after one that failed, and never while the torque is on. May take
-        seconds. It changes no setting, and it never switches a torque on.
+        Called after `configure`, even if that failed, and never while the torque is on. It may take seconds.
+        It changes no setting and never switches a torque on.
 
         Raises:
-            DeviceError: nothing can be asked, such as on a port that is not open.
+            DeviceError: no device can be asked, for example because the port is not open.
         """
 
     def tick_wire_s(self) -> float | None:
-        """Return the least time for which the bytes of one tick are on the wire [s]; None if unknown."""
+        """Return the shortest time that the bytes of one tick take on the wire [s]; None if unknown."""
         return None
 
 

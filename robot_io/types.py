@@ -19,7 +19,7 @@ BoolArray = NDArray[np.bool_]
 
 
 class Status(IntEnum):
-    """Trust in a sample."""
+    """Whether, and how far, a sample can be used."""
 
     OK = 0
     STALE = 1  # no new sample since the one returned before; its age is in `sampled_at_s`
@@ -32,7 +32,7 @@ class Reading(NamedTuple):
 
     value: FloatArray  # shape (n,), n joints, or (1,) for the force sensor; unit of the device's interface
     sampled_at_s: float  # when the device itself sampled, on the robot's clock [s]
-    status: Status = Status.OK  # how far to trust it
+    status: Status = Status.OK  # whether the sample can be used
 
 
 class Measurement(NamedTuple):
@@ -46,9 +46,9 @@ class Measurement(NamedTuple):
     encoder_at_s: float  # when the encoders were sampled [s]
     torque_at_s: float  # when the torques were sampled [s]
     force_at_s: float  # when the force was sampled [s]
-    encoder_status: Status = Status.OK  # trust in position and velocity
-    torque_status: Status = Status.OK  # trust in torque
-    force_status: Status = Status.OK  # trust in force
+    encoder_status: Status = Status.OK  # status of position and velocity
+    torque_status: Status = Status.OK  # status of the torque
+    force_status: Status = Status.OK  # status of the force
 
 
 @dataclass(frozen=True, slots=True)

@@ -49,7 +49,7 @@ class JointBus(Bus):
 
     @abstractmethod
     def power_on(self) -> None:
-        """Make all drives obey torque commands, at zero torque; raise `DeviceError` if one refused."""
+        """Switch all drives on at zero torque; raise `DeviceError` if one refuses."""
 
     @abstractmethod
     def power_off(self) -> None:
@@ -70,7 +70,7 @@ class JointBus(Bus):
 
 class _OnBus:
     bus_type: ClassVar[type[JointBus]]
-    Settings: ClassVar[type[FileModel]] = FileModel  # what the robot file says; that of the bus is the rest
+    Settings: ClassVar[type[FileModel]] = FileModel  # settings of the device; the bus has its own
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         self._settings = context.settings_as(self.Settings, settings)

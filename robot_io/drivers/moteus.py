@@ -102,8 +102,8 @@ _COMMAND = (bytes.fromhex("01000a 012080 0d22"), bytes.fromhex("02230000 0527"),
 _FLOAT, _WORD = struct.Struct("<f"), struct.Struct("<h")
 _ANSWER = struct.Struct("<2sb2s3f3s4b")
 _HEADS = tuple(bytes.fromhex(head) for head in ("2100", "2f01", "20040c"))
-_ANSWERED = 0x8000  # in an id: an answer is wanted
-_VOLT = 0.5  # of supply voltage in a byte
+_REQUESTS_ANSWER = 0x8000  # bit in an id that requests an answer
+_VOLTS_PER_COUNT = 0.5  # supply voltage
 _WATCHDOG_STEP_S = 1e-3
 
 
@@ -188,11 +188,11 @@ def decode_state(frame: CanFrame) -> MoteusState:
     )
     if (head, floats_head, integers_head) != _HEADS:
         raise ProtocolError(f"unexpected answer: {frame.data.hex(' ')}")
-    return MoteusState(mode, turns, speed, torque, home, _VOLT * volts, celsius, fault)
+    return MoteusState(mode, turns, speed, torque, home, _VOLTS_PER_COUNT * volts, celsius, fault)
 
 
 def _frame(host_id: int, motor_id: int, data: bytes) -> CanFrame:
-    return CanFrame(_ANSWERED | host_id << 8 | motor_id, data, extended=True, fd=True)
+    return CanFrame(_REQUESTS_ANSWER | host_id << 8 | motor_id, data, extended=True, fd=True)
 
 
 _ARBITRATION_BITS, _DATA_BITS, _DATA_BITRATE = 48, 37, 5_000_000  # around the data, with a 29 bit id
@@ -201,7 +201,7 @@ _KNOWN_BY = {ROTOR: "the rotor alone, within one of its turns", OUTPUT: "the out
 
 
 class MoteusBus(AskedMotorBus[MoteusState]):
-    """moteus controllers. Each command carries its watchdog, which is left to expire at activation."""
+    """moteus controllers. Each command holds the watchdog's time; each activation tests the watchdog."""
 
     name = "moteus_bus"
 

@@ -261,7 +261,7 @@ class _Socket:
         self.fileno, self.close = self._socket.fileno, self._socket.close
 
     def read(self, size: int) -> bytes:
-        """Read one datagram; none if a host reports that nobody listens there.
+        """Read one datagram; none if the network reports that no program receives at the sensor's port.
 
         Args:
             size: most bytes to take.
@@ -274,7 +274,7 @@ class _Socket:
         return b""
 
     def write(self, data: bytes) -> None:
-        """Send a datagram; a "nobody listens" error refers to an earlier one."""
+        """Send a datagram; ignore a "connection refused", which refers to an earlier datagram."""
         with suppress(ConnectionRefusedError):
             self._socket.send(data)
 

@@ -1,4 +1,4 @@
-"""Detection of frozen sensors and of drives that do not obey.
+"""Detection of frozen sensors and of drives that do not execute their commands.
 
 Frozen encoders. The reading of a joint at rest is constant too, also if friction holds the joint. An encoder
 is **suspect** if its reading has not changed for some time, although the reference of its joint has moved by

@@ -32,8 +32,8 @@ class Session:
     path: Path  # the session file
     metadata: SessionMetadata  # where the session comes from
     events: tuple[Event, ...]  # in the order in which they were logged
-    # True if the file was never finished, or still is being written; what is here is all that reached the
-    # disk in whole chunks.
+    # Whether the file was never finished, or is still being written. The session then holds all whole chunks
+    # that have reached the disk.
     truncated: bool
     dropped: int  # records and events that are missing because the disk was too slow
     _samples: Mapping[str, Samples]

@@ -69,11 +69,11 @@ _HEADER = 3 * _LINE
 class RingBuffer:
     """Ring of records in shared memory between two processes, of which neither waits for the other.
 
-    Two counters that only grow describe the content: the producer alone moves the head, after the record is
-    in place, and the consumer alone moves the tail, after it has copied. A record that meets a full ring is
-    counted, and uses up a sequence number: a gap in the numbers shows where records are missing.
+    Two counters that only grow describe the content. Only the producer moves the head, after it has written
+    a record; only the consumer moves the tail, after it has copied one. If the ring is full, a record is
+    dropped and counted, and its sequence number stays unused: a gap in the numbers shows missing records.
 
-    Each side has an object of its own on the same memory, and uses it from one thread at a time.
+    Producer and consumer each make a `RingBuffer` on the same memory, and use it from one thread at a time.
 
     Args:
         memory: shared, of `size_bytes(dtype, slots)`, zero at first.
@@ -213,7 +213,7 @@ class SharedLog:
 
     @property
     def stop_requested(self) -> bool:
-        """Whether the program wants the file finished."""
+        """Whether the program has requested that the file is finished."""
         return bool(self._words[_STOP])
 
     def request_stop(self) -> None:
@@ -263,7 +263,7 @@ def open_memory(streams: Sequence[Stream], ring_slots: int) -> int:
     size = _size_bytes(_layout(streams, ring_slots))
     memory = os.memfd_create("palpate-log") if hasattr(os, "memfd_create") else _unlinked_file()
     try:
-        # Written rather than only reserved: the control loop then meets no page for the first time.
+        # Written rather than only reserved, so that no first access to a page delays the control loop.
         written = 0
         while written < size:
             written += os.write(memory, bytes(min(1 << 20, size - written)))
@@ -288,7 +288,7 @@ def check_streams(streams: Sequence[Stream]) -> None:
         streams: streams to check.
 
     Raises:
-        InputError: a name appears twice, or is that of the events.
+        InputError: a name appears twice, or is the name of the event stream.
     """
     names = [stream.name for stream in streams]
     twice = sorted({name for name in names if names.count(name) > 1})

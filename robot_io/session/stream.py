@@ -34,7 +34,7 @@ class Column:
     unit: str  # such as "m", "N m", "rad/s"; "1" for a number without unit
     # 1 for a scalar, which is read back as shape (n,); more for a vector, read back as (n, width).
     width: int = 1
-    doc: str = ""  # one line that says what it is, with its sign convention
+    doc: str = ""  # one line: its meaning and sign convention
     dtype: DTypeLike = "float64"  # one of `DTYPES`, or what numpy takes for one of them
 
     def __post_init__(self) -> None:

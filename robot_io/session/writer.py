@@ -188,7 +188,9 @@ class SessionWriter:
         except SessionError as failure:
             if error is None:
                 raise
-            error.add_note(str(failure))  # the first thing that went wrong is the one to hear of
+            error.add_note(
+                str(failure)
+            )  # the error in the `with` block came first, so it is the one that is raised
 
     def _wait_until_finished(self) -> bool:
         """Return whether the writer process has ended; False when it has written nothing for too long."""

@@ -84,7 +84,7 @@ class EmulatedMotor(ABC):
 
     @abstractmethod
     def send_unrequested(self, now_s: float) -> list[can.Message]:
-        """Check the watchdog, and return the frames that the motor sends without a request; none as a rule.
+        """Check the watchdog, and return the frames that the motor sends without a request, usually none.
 
         Args:
             now_s: bench's clock [s].

@@ -122,7 +122,7 @@ class EmulatedNetFtLine(SensorWire):
             self._put(self._sensor.hear(data, now_s), now_s)
 
     def close(self) -> None:
-        """See `EmulatedWire.close`: the host hears nothing more."""
+        """See `EmulatedWire.close`: the host receives nothing more."""
         if self._is_open:
             self._is_open = False
             self._socket.close()

@@ -32,8 +32,8 @@ class EmulatedOdrive(EmulatedMotor):
     Attributes:
         velocity_limit_rev_s: beyond 1.2 times this an axis fails [rev/s]; as delivered 2.
         current_limit_a: current limit that was last set over CAN [A].
-        velocity_limiter: limit [rev/s] and gain [N m s/rev] of what cuts torques in torque mode, as delivered
-            2 and 1/6; None: switched off.
+        velocity_limiter: limit [rev/s] and gain [N m s/rev] of the torque limiter, as delivered 2 and
+            1/6; None: switched off.
     """
 
     def __init__(

@@ -148,7 +148,7 @@ class EmulatedLorenz(SerialSensor):
         return answers
 
     def _try(self, now_s: float) -> bytes:
-        """Obey the telegram that the input ends with, if it does."""
+        """Execute the telegram at the end of the input, if there is a complete one."""
         for start in (index for index, byte in enumerate(self._input) if byte == 2):
             stuffed = self._input[start + 1 :]
             content = stuffed.replace(b"\x02\x02", b"\x02")

@@ -1,1 +1,1 @@
-"""Hidden effects, one file for those of a kind, found by name; see `palpate.sim_backend.imperfection`."""
+"""Hidden effects, in one file for each kind, found by name; see `palpate.sim_backend.imperfection`."""

@@ -382,7 +382,7 @@ class HiddenToolCompliance(ContactImperfection):
 
     @classmethod
     def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        """See `Imperfection._sized`; here of what would pass for a softer object."""
+        """See `Imperfection._sized`; here for the force that a softer object would have as well."""
         compression_m = strength * scale.contact_noise_n * scale.depth_m / scale.force_n
         return {"compliance_m_n": compression_m / scale.force_n}
 

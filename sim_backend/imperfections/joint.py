@@ -242,7 +242,7 @@ class HiddenTorqueGain(_LinkTorque):
 
     name = "torque_gain"
     shows_in = LOADED  # a vertical tool does not load its joint
-    # g, true over believed motor constant; one is right [-].
+    # g, true over assumed motor constant; 1 is right [-].
     gain: Number = parameter("-", 0.8, 1.2, ge=0.2, le=3.0)
 
     def _torque_nm(self, position_rad: float, drive_nm: float) -> float:
@@ -331,7 +331,7 @@ class HiddenBacklash(_Transmission):
 
     @classmethod
     def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        """See `Imperfection._sized`; here of what a controller does about the gap that it sees."""
+        """See `Imperfection._sized`; here for the torque by which a controller reacts to the gap."""
         stiffness_nm_rad = 3600.0 * scale.joint(channel).inertia_kg_m2
         gap_rad = strength * scale.joint_noise_nm / stiffness_nm_rad
         return {"gap_rad": min(gap_rad, 0.02)}
@@ -345,7 +345,7 @@ class HiddenJointElasticity(_Transmission):
     """
 
     name = "joint_elasticity"
-    shows_in = ()  # in probing, the twist is mostly that of the steady weight
+    shows_in = ()  # in probing, most of the twist comes from the constant weight
     # C, one over the stiffness; zero is rigid [rad/(N m)].
     compliance_rad_nm: NotNegative = parameter("rad/(N m)", 5e-5, 2e-3, le=0.05)
     # T, damping over stiffness [s].
@@ -386,7 +386,7 @@ class HiddenArmature(JointImperfection):
 
     @classmethod
     def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        """See `Imperfection._sized`; at most what a controller that knows the arm alone can master."""
+        """See `Imperfection._sized`; at most what a controller that models only the arm can stabilize."""
         joint = scale.joint(channel)
         inertia_kg_m2 = strength * scale.joint_noise_nm / joint.acceleration_rad_s2
         return {"inertia_kg_m2": min(inertia_kg_m2, 6.0 * joint.inertia_kg_m2)}

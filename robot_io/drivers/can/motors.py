@@ -177,7 +177,7 @@ class MotorBus(JointBus, Examinable):
 
         Raises:
             DeviceError: adapter failed or bus-off, or a motor reports an error.
-            DeviceTimeoutError: a motor has fallen silent.
+            DeviceTimeoutError: a motor has stopped answering.
         """
         now_s = self._clock.now_s()
         self._drain(deadline_s)
@@ -313,7 +313,7 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
         self._states: list[list[tuple[StateType, float]]] = [[] for _ in mountings]
         # Newest states without a known request.
         self._newest: list[StateType | None] = [None] * len(mountings)
-        self._answers, self._unasked = [0] * len(mountings), [0] * len(mountings)
+        self._answers, self._unrequested = [0] * len(mountings), [0] * len(mountings)
         self._commanded_s = -inf
         self._command: list[CanFrame] = []
         self._flushed = False
@@ -356,9 +356,9 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
             DeviceError: it cannot be opened, a motor is silent, or two motors have the same id.
         """
         self.line.open()
-        self._unasked = [0] * self.joint_count
+        self._unrequested = [0] * self.joint_count
         self._request_states(range(self.joint_count))
-        self._wait_for(lambda: -inf not in self._motion_at_s or any(self._unasked), ANSWER_S)
+        self._wait_for(lambda: -inf not in self._motion_at_s or any(self._unrequested), ANSWER_S)
         self._wait_for(lambda: False, _SECOND_ANSWER_S)
         self._refuse_duplicate_ids()
         silent = [joint for joint, at_s in enumerate(self._motion_at_s) if at_s == -inf]
@@ -381,7 +381,7 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
         """Name the motors that have answered more often than they were asked; empty if there are none."""
         return "; ".join(
             f"{self.motor_label(joint)}: answers more often than it is asked: {_TWO_MOTORS}"
-            for joint, count in enumerate(self._unasked)
+            for joint, count in enumerate(self._unrequested)
             if count
         )
 
@@ -419,12 +419,12 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
     def _drain(self, deadline_s: float) -> None:
         super()._drain(deadline_s)
         for joint, requests in enumerate(self._requests):
-            # More states than requests come from several motors, or are late: if they differ, none is
-            # believed. Else the newest counts.
+            # More states than requests are late, or come from several motors with one id. If they differ, no
+            # state is used; if they are equal, the newest requested state is.
             states, self._states[joint] = self._states[joint], []
             requested = [state for state, at_s in states if requests.answer(at_s)]
             self._answers[joint] += len(requested)
-            self._unasked[joint] += len(states) - len(requested)
+            self._unrequested[joint] += len(states) - len(requested)
             if len(requested) < len(states) and any(state != states[0][0] for state, _ in states):
                 self._newest[joint] = None
                 self._last_problem[joint] = f"more answers than requests: {_TWO_MOTORS}"
@@ -458,7 +458,7 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
         Raises:
             DeviceError: a motor has not answered in this way.
         """
-        self._answers, self._unasked = [0] * self.joint_count, [0] * self.joint_count
+        self._answers, self._unrequested = [0] * self.joint_count, [0] * self.joint_count
         self._send_all(frames)
 
         def missing() -> list[str]:
@@ -473,7 +473,7 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
 
     def _not_confirmed(self, problem: str, motors: Iterable[str]) -> DeviceError:
         """Make the error for motors that did not confirm, with those whose ids are not unique."""
-        duplicates = f"; {self._duplicate_ids()}" if any(self._unasked) else ""
+        duplicates = f"; {self._duplicate_ids()}" if any(self._unrequested) else ""
         return DeviceError(f"{self.line.label}: {problem} {', '.join(motors)}{duplicates}")
 
     def _exchange(self, frames: list[CanFrame]) -> None:

@@ -105,7 +105,7 @@ class DynamixelModel:
     largest_current: int  # largest current limit, in that unit
     torque_constant_nm_a: float  # torque at the horn per current, approximate [N m/A]
     indirect_data: int  # address of the first of its indirect data
-    fast_sync_read_firmware: int  # it knows the fast sync read from this firmware on
+    fast_sync_read_firmware: int  # first firmware version with the fast sync read
 
 
 MODELS: Final = {
@@ -161,7 +161,7 @@ class DynamixelSettings(ServoBusSettings[ServoSettings]):
     return_delay_s: Annotated[NotNegative, Field(le=LARGEST_RETURN_DELAY * RETURN_DELAY_STEP_S)] = 0.0
     # Silence after which a servo switches its torque off, in steps of 20 ms [s].
     watchdog_s: Annotated[Positive, Field(ge=WATCHDOG_STEP_S, le=LARGEST_WATCHDOG * WATCHDOG_STEP_S)] = 0.06
-    fast_sync_read: bool = True  # use it if the firmware of all servos knows it
+    fast_sync_read: bool = True  # used if the firmware of all servos has it
 
     @property
     def return_delay(self) -> int:
