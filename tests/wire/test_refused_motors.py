@@ -91,7 +91,7 @@ AT_ACTIVATING = [
     (ROBSTRIDE, stubborn("parameters"), "its canTimeout is 0 after"),
     (ROBSTRIDE, lambda motor: motor.parameters.pop(ROBSTRIDE_TIMEOUT), "does not report its canTimeout"),
     (ROBSTRIDE, ignores_its_timeout, "is still in motor mode after 0.15 s .*set its timeout to 0.1 s"),
-    (MOTEUS, has(tell=lambda now_s: []), "is still in position mode after 0.15 s"),
+    (MOTEUS, has(send_unrequested=lambda now_s: []), "is still in position mode after 0.15 s"),
     (MOTEUS, stays_hot, r"does not stop: joint 2 \(motor 2\) \(over temperature\)"),
 ]
 
