@@ -100,7 +100,7 @@ def force(
         with weighing_progress(len(forces_n), live=job.simulated) as progress:
             runs.run_weighing(job, forces_n, place, progress=progress)
 
-    def work_out(raw: Path) -> _Found:
+    def analyze(raw: Path) -> _CalibrationResult:
         if raw.suffix == ".mcap":
             plateaus, unit = read_weighing(fits.open_recorded(raw, "force", options.robot_file)), "N"
         else:
@@ -119,13 +119,13 @@ def force(
                 f"plateau {fit.suspect + 1} ({force_n:.4g} N) is {off_n:+.2g} N off, unlike the others: "
                 "was it the right weight?"
             )
-        return _Found(
+        return _CalibrationResult(
             lambda stamp: fits.force_calibration(fit, unit, stamp),
             lambda: force_figure(fit, unit),
             tuple(remarks),
         )
 
-    _calibrate("force", options, record, work_out)
+    _calibrate("force", options, record, analyze)
 
 
 @group.command()
@@ -167,13 +167,15 @@ def encoder(
         with motion_progress("touching the stops", live=job.simulated) as watcher:
             runs.run_stops(job, stops, watcher)
 
-    def work_out(raw: Path) -> _Found:
+    def analyze(raw: Path) -> _CalibrationResult:
         recorded = fits.open_recorded(raw, "encoder", robot_file)
         fit = fits.encoder_fit_of(recorded, robot_file.joint_count, pose_rad, known_mrad / 1e3)
-        return _Found(lambda stamp: fits.encoder_calibration(fit, stamp), lambda: encoder_figure(fit))
+        return _CalibrationResult(
+            lambda stamp: fits.encoder_calibration(fit, stamp), lambda: encoder_figure(fit)
+        )
 
     held = None if pose_rad is None else (lambda: ask_for_pose(pose_rad, yes=options.yes))
-    _calibrate("encoder", options, record, work_out, held or _leave_to_move("encoder", options))
+    _calibrate("encoder", options, record, analyze, held or _motion_permission("encoder", options))
 
 
 @group.command()
@@ -197,7 +199,7 @@ def gravity(options: MotionOptions) -> None:
     _move_in_free_air("gravity", options, fits.gravity_calibration)
 
 
-class _Found(NamedTuple):
+class _CalibrationResult(NamedTuple):
     """Result of a calibration: the file's content, its picture and remarks for the user."""
 
     calibration: Callable[[fits.Stamp], Calibration]
@@ -214,15 +216,15 @@ def _move_in_free_air(
         with motion_progress("moving in free air", live=job.simulated) as watcher:
             runs.run_motion(job, watcher=watcher)
 
-    def work_out(raw: Path) -> _Found:
+    def analyze(raw: Path) -> _CalibrationResult:
         session = fits.open_recorded(raw, kind, robot_file)
         fit = fits.arm_fit_of(session, robot_file.urdf_path, robot_file.tip_frame)
-        return _Found(lambda stamp: make(fit, stamp), lambda: arm_figure(fit))
+        return _CalibrationResult(lambda stamp: make(fit, stamp), lambda: arm_figure(fit))
 
-    _calibrate(kind, options, record, work_out, _leave_to_move(kind, options))
+    _calibrate(kind, options, record, analyze, _motion_permission(kind, options))
 
 
-def _leave_to_move(kind: str, options: MotionOptions) -> Permission:
+def _motion_permission(kind: str, options: MotionOptions) -> Permission:
     robot_file = options.robot_file
     motion = f"'{robot_file.name}' is going to move: {runs.motion_in_words(kind, robot_file.limits)}."
     return lambda: ask_for_power(motion, yes=options.yes)
@@ -232,7 +234,7 @@ def _calibrate(
     kind: str,
     options: CalibrateOptions,
     record: Callable[[runs.CalibrationJob], None],
-    work_out: Callable[[Path], _Found],
+    analyze: Callable[[Path], _CalibrationResult],
     permission: Permission = without_question,
 ) -> None:
     """Record or read a session, fit it, write the calibration with its picture, and print the result."""
@@ -247,7 +249,7 @@ def _calibrate(
     try:
         if job is not None:
             record(job)
-        fit = work_out(raw)
+        fit = analyze(raw)
         calibration = fit.calibration(fits.Stamp.of(robot_file, raw, options.valid_days))
         page = fit.draw().to_html(include_plotlyjs=True, config=PLOT_CONFIG)  # needs no network
         with whole_set({plot: page, path: calibration.to_yaml()}):

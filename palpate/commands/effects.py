@@ -53,7 +53,7 @@ def effects_command(
         console.print_json(as_data(effect))
         return
     if on is None:
-        example = Example.plain(effect, kind_of(effect))
+        example = Example.on_simple_motion(effect, kind_of(effect))
     else:  # the first channel to which the effect applies
         from palpate.study import Study  # noqa: PLC0415, takes a second
 
@@ -65,7 +65,7 @@ def effects_command(
             and effect.name not in {part.name for part in channel.model.effects}
         )
         examples = (
-            Example.beside(fitted, suited)
+            Example.on_fitted_motion(fitted, suited)
             for fitted in fits
             if (suited := effect.suited_to(fitted.data)).applies_to(fitted.data)
         )

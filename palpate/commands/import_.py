@@ -73,11 +73,11 @@ def import_command(
         if out is not None:
             raise InputError("--look stores nothing: leave out --out")
         if as_json:
-            console.print_json({"files": [look_as_data(file, options.options) for file in tables]})
+            console.print_json({"files": [preview_data(file, options.options) for file in tables]})
             return
         roles = None
         for file in tables:
-            roles = look_at(file, options.options, roles)
+            roles = print_preview(file, options.options, roles)
         words = [*map(typed, files[:-1]), retyped(files[-1], **options.given)]
         console.next_steps((" ".join(["palpate import", *words]), "store it as a session"))
         return
@@ -97,18 +97,18 @@ def import_command(
             ),
             progress=lambda share: progress("writing the session", _READ + (1.0 - _READ) * share),
         )
-    notes = (*imported.notes, *implausible(imported))
+    notes = (*imported.notes, *plausibility_warnings(imported))
     console.say_read(imported.read, notes)
 
     def show() -> None:
-        for fact in facts(imported):
+        for fact in channel_facts(imported):
             samples, runs = count(fact["samples"], "sample"), count(fact["runs"], "run")
             lasts = duration(fact["recorded_s"])
             title = safe(imported.title(fact["channel"]))
             console.say(f"{title} ({fact['kind']}): {samples}, {runs}, {lasts}")
         console.say(f"written: [bold]{shown(session)}[/bold]")
 
-    content = {"session": str(session), "channels": facts(imported), "notes": list(notes)}
+    content = {"session": str(session), "channels": channel_facts(imported), "notes": list(notes)}
     steps = (
         (f"palpate estimate {typed(session)}", "parameters of a model with their intervals"),
         (f"palpate compare {typed(session)}", "how well a simple model fits, and where it fails"),
@@ -124,7 +124,7 @@ _MOST_RUNS = 30
 _PAUSE = 10.0  # multiple of the usual time step above which a gap is a pause
 
 
-def look_as_data(path: Path, options: ImportOptions) -> dict[str, Any]:
+def preview_data(path: Path, options: ImportOptions) -> dict[str, Any]:
     """Return what an import would read from a file, as plain data. InputError: it cannot be read.
 
     Args:
@@ -139,12 +139,12 @@ def look_as_data(path: Path, options: ImportOptions) -> dict[str, Any]:
         "rows": len(table),
         "written": table.notes,
         "columns": {name: roles.get(name) for name in table.names},
-        "channels": facts(imported),
-        "notes": [*imported.notes, *implausible(imported)],
+        "channels": channel_facts(imported),
+        "notes": [*imported.notes, *plausibility_warnings(imported)],
     }
 
 
-def facts(imported: Imported) -> list[dict[str, Any]]:
+def channel_facts(imported: Imported) -> list[dict[str, Any]]:
     """Return kind, samples, runs and length of each channel, as plain data.
 
     Args:
@@ -162,7 +162,9 @@ def facts(imported: Imported) -> list[dict[str, Any]]:
     ]
 
 
-def look_at(path: Path, options: ImportOptions, like: Mapping[str, str] | None = None) -> Mapping[str, str]:
+def print_preview(
+    path: Path, options: ImportOptions, like: Mapping[str, str] | None = None
+) -> Mapping[str, str]:
     """Print what an import would read from a file; return the role of each column.
 
     Args:
@@ -208,13 +210,13 @@ def look_at(path: Path, options: ImportOptions, like: Mapping[str, str] | None =
         spans = (f"{phase(n)[0]} {duration(float(np.sum(steps_s[channel.phase == n])))}" for n in codes)
         if phases := ", ".join(spans):
             out.print(f"phases: {phases}")
-    for note in (*imported.notes, *implausible(imported)):
+    for note in (*imported.notes, *plausibility_warnings(imported)):
         out.print(f"[yellow]{safe(note)}[/yellow]")
     return imported.roles
 
 
-def implausible(imported: Imported) -> list[str]:
-    """Describe what is implausible in each channel, one sentence each.
+def plausibility_warnings(imported: Imported) -> list[str]:
+    """Describe implausible properties of the data of each channel, one sentence each.
 
     Args:
         imported: the file as it was read.

@@ -10,7 +10,7 @@ from palpate.common.console import shown, typed
 from palpate.common.files import different_files, open_session, output_file, output_folder, spare_files
 from palpate.control.loop.tick_record import STREAM_NAME as TICK
 from palpate.control.teleop.messaging import STREAM_NAME as LINK
-from palpate.render.inspection import PLOTS, RECORDING, look_into
+from palpate.render.inspection import PLOTS, RECORDING, inspect_session
 from palpate.render.recording.file import open_window, take_picture
 from palpate.robot_io.errors import InputError
 
@@ -58,7 +58,7 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
         output_folder(plots)
     recording = save or output_folder(opened.derived_dir) / (RECORDING if merged is None else BOTH)
     if merged is None:
-        inspection = look_into(opened)
+        inspection = inspect_session(opened)
         moment_s = inspection.record(recording)
     else:
         if plots is not None:

@@ -79,7 +79,7 @@ def channel_view(
     view = ChannelView(
         name=data.name,
         axes=axes_of(data.kind),
-        time_s=one_after_the_other(data),
+        time_s=concatenated_times(data),
         position=scale * data.position,
         velocity=scale * data.velocity,
         effort=data.effort,
@@ -170,7 +170,7 @@ def axes_of(kind: ChannelKind) -> Axes:
     return Axes(f"torque [{unit}]", unit, "position [rad]", "velocity [rad/s]")
 
 
-def one_after_the_other(data: ChannelData) -> FloatArray:
+def concatenated_times(data: ChannelData) -> FloatArray:
     """Place all runs, each of which may start at zero, one after the other on one time axis, shape (n,) [s].
 
     Args:

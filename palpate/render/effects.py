@@ -17,7 +17,7 @@ from palpate.estimation.effects.run_differences import RunVariation
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.model import Model
 from palpate.render import palette
-from palpate.render.build import axes_of, one_after_the_other
+from palpate.render.build import axes_of, concatenated_times
 from palpate.robot_io.types import BoolArray, FloatArray
 
 _TIME_S, _PLAIN_S = 0.01, 2.0  # step and length of the plain motion
@@ -39,23 +39,23 @@ class Example:
     values: dict[str, float]
 
     @classmethod
-    def plain(cls, effect: Effect, kind: ChannelKind) -> "Example | None":
+    def on_simple_motion(cls, effect: Effect, kind: ChannelKind) -> "Example | None":
         """Show the effect on two plain presses or swings; None if it has no influence there.
 
         The model without the effect is a spring and damper, or a mass with viscous friction. If the effect is
         one of these two terms, the model has only the other term.
         """
-        data, model, values = plain(kind)
+        data, model, values = simple_motion(kind)
         if not effect.applies_to(data):
             return None
         if effect.name in {effect.name for effect in model.effects}:
             without = model.without(effect.name).predict(data, values)
             return cls(effect, replace(data, effort=without), model, values)
-        made = cls(effect, data, model.with_effect(effect), sized(data, model, values, effect))
+        made = cls(effect, data, model.with_effect(effect), visible_parameters(data, model, values, effect))
         return made if np.any(made.effort() != data.effort) else None
 
     @classmethod
-    def beside(cls, fitted: FitResult, effect: Effect) -> "Example":
+    def on_fitted_motion(cls, fitted: FitResult, effect: Effect) -> "Example":
         """Add an effect to a fitted model, on a few runs of its motion.
 
         Args:
@@ -66,7 +66,7 @@ class Example:
         few = runs[np.unique(np.linspace(0, len(runs) - 1, _RUNS).astype(int))]
         moved = fitted.data.of_runs(few)
         data = replace(moved, effort=fitted.model.predict(moved, fitted.values))
-        values = sized(data, fitted.model, dict(fitted.values), effect)
+        values = visible_parameters(data, fitted.model, dict(fitted.values), effect)
         return cls(effect, data, fitted.model.with_effect(effect), values)
 
     def effort(self) -> FloatArray:
@@ -74,7 +74,7 @@ class Example:
         return self.model.predict(self.data, self.values)
 
 
-def plain(kind: ChannelKind) -> tuple[ChannelData, Model, dict[str, float]]:
+def simple_motion(kind: ChannelKind) -> tuple[ChannelData, Model, dict[str, float]]:
     """Return a simple motion (two presses or swings), a simple model, and the model's parameters."""
     t = np.arange(0.0, _PLAIN_S, _TIME_S)
     rate = 4.0 * np.pi / _PLAIN_S
@@ -92,7 +92,9 @@ def plain(kind: ChannelKind) -> tuple[ChannelData, Model, dict[str, float]]:
     return replace(data, effort=model.predict(data, values)), model, values
 
 
-def sized(data: ChannelData, model: Model, base: Mapping[str, float], effect: Effect) -> dict[str, float]:
+def visible_parameters(
+    data: ChannelData, model: Model, base: Mapping[str, float], effect: Effect
+) -> dict[str, float]:
     """Add an effect to a model's parameters, large enough to be seen beside the data's effort.
 
     Args:
@@ -131,7 +133,7 @@ _BLANK = 0x2800
 Curve = tuple[FloatArray, FloatArray, str]  # x (n,), y (n,), color
 
 
-def drawing(first: Curve, second: Curve, width: int, height: int) -> list[Text]:
+def draw_characters(first: Curve, second: Curve, width: int, height: int) -> list[Text]:
     """Draw two curves in one frame, line by line: the first as points "·", the second in Braille.
 
     Args:
@@ -158,7 +160,9 @@ def drawing(first: Curve, second: Curve, width: int, height: int) -> list[Text]:
     return lines
 
 
-def beside(titles: Sequence[str], drawings: Sequence[Sequence[Text]], gap: int = 3) -> Iterator[Text]:
+def place_side_by_side(
+    titles: Sequence[str], drawings: Sequence[Sequence[Text]], gap: int = 3
+) -> Iterator[Text]:
     """Place drawings of the same height side by side, each below its title.
 
     Args:
@@ -258,7 +262,7 @@ def print_effect(console: Console, effect: Effect, example: Example | None) -> N
         console.print(Padding(Text.from_markup(f"[dim]{what}[/dim]  {safe(words)}"), (0, 0, 0, 2)))
     if example is not None and "utf" in console.encoding:
         console.print()
-        for line in drawn(example, console.width):
+        for line in draw_example(example, console.width):
             console.print(Padding(line, (0, 0, 0, 2)), no_wrap=True, crop=True)
     made = table("", "parameter", "unit", "typical", right=("typical",))
     for parameter in (*effect.gains, *effect.inner):
@@ -274,7 +278,7 @@ def print_effect(console: Console, effect: Effect, example: Example | None) -> N
         console.print(rivals)
 
 
-def drawn(example: Example, width: int) -> Iterator[Text]:
+def draw_example(example: Example, width: int) -> Iterator[Text]:
     """Draw an example with characters: effort over position or velocity and, if there is room, over time.
 
     Args:
@@ -292,7 +296,7 @@ def drawn(example: Example, width: int) -> Iterator[Text]:
     if data.kind is not ChannelKind.CONTACT and not is_of_past and signals[0] in {"velocity", "direction"}:
         over = axes.velocity, data.velocity
     in_unit = over[1] * (1.0 if data.kind.is_angle else _MILLI)
-    curves = [(f"over {over[0]}", in_unit), ("over time", one_after_the_other(data))][:sides]
+    curves = [(f"over {over[0]}", in_unit), ("over time", concatenated_times(data))][:sides]
     ends = np.array([np.min([before, after]), np.max([before, after])])
     low, high = np.where(np.abs(ends) < _ROUNDING * np.ptp(ends), 0.0, ends)
     what = f"{safe(axes.effort)}, {low:.3g} to {high:.3g}:"
@@ -300,9 +304,10 @@ def drawn(example: Example, width: int) -> Iterator[Text]:
     caption = Text.from_markup(f"{what} {marks}")
     yield from [caption] if caption.cell_len <= room else map(Text.from_markup, (what, marks))
     panels = [
-        drawing((x, before, palette.BASE), (x, after, palette.MODEL), wide, _TALLEST) for _, x in curves
+        draw_characters((x, before, palette.BASE), (x, after, palette.MODEL), wide, _TALLEST)
+        for _, x in curves
     ]
-    yield from beside([title for title, _ in curves], panels)
+    yield from place_side_by_side([title for title, _ in curves], panels)
 
 
 def _channels(effect: Effect) -> list[str]:

@@ -115,7 +115,7 @@ def estimate_table(estimates: ChannelEstimates, truth: Truth, width: int) -> Tab
         made.add_row(f"[bold]{estimate.estimator}[/bold]")
         for p in shown_parameters(estimate):
             name = f"  {safe(short_name(p.name))} {safe(f'[{p.unit}]')}"
-            value, _, half = with_interval(p).partition(" ")
+            value, _, half = value_text(p).partition(" ")
             true = [f"{truth[p.name]:g}" if p.name in known else ""] * bool(known)
             made.add_row(name, value, half, *true, _in_color(_state(estimate, p)))
     return made
@@ -140,7 +140,7 @@ def _one_row_an_estimator(estimates: ChannelEstimates, truth: Truth, width: int)
     for estimate in estimates.estimates:
         cells = [estimate.estimator]
         for p in shown_parameters(estimate):
-            cells += [with_interval(p), error_text(p, truth)] if p.name in erring else [with_interval(p)]
+            cells += [value_text(p), error_text(p, truth)] if p.name in erring else [value_text(p)]
         if width >= _WIDE:
             used = f"{PERCENT * np.mean(estimate.inliers):.0f} %"
             cells += [f"{estimate.rmse:.3g}", f"{estimate.condition_number:.2f}", used]
@@ -343,7 +343,7 @@ def short_name(parameter: str) -> str:
     return parameter.rpartition(".")[2]
 
 
-def with_interval(parameter: ParameterEstimate) -> str:
+def value_text(parameter: ParameterEstimate) -> str:
     """Format a value and half of its 95 % interval, with the justified number of digits.
 
     Args:

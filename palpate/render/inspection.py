@@ -67,7 +67,7 @@ class Inspection:
         return write_report(self.view, folder / PLOTS)
 
 
-def look_into(session: Session, estimates: ChannelEstimates | None = None) -> Inspection:
+def inspect_session(session: Session, estimates: ChannelEstimates | None = None) -> Inspection:
     """Estimate a session's channels, and collect the data to show.
 
     Args:

@@ -11,7 +11,7 @@ from nicegui import events, ui
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.estimate import with_unit
 from palpate.render import palette
-from palpate.render.build import axes_of, one_after_the_other
+from palpate.render.build import axes_of, concatenated_times
 from palpate.render.thinning import peaks
 from palpate.render.view import Axes, ResidualMap, residual_map
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
@@ -48,7 +48,7 @@ class DrawnMotion:
         axes = axes_of(data.kind)
         scale = _MILLI if "mm" in axes.position else 1.0
         return cls(
-            data, tuple(runs), axes, one_after_the_other(data), scale * data.position, scale * data.velocity
+            data, tuple(runs), axes, concatenated_times(data), scale * data.position, scale * data.velocity
         )
 
     @property

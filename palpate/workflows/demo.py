@@ -14,7 +14,7 @@ from palpate.estimation.study.channels import CONTACT_MODEL
 from palpate.estimation.study.fitting import Progress
 from palpate.estimation.study.saved_diagnosis import RESULT
 from palpate.render.build import json_text, write_outcome
-from palpate.render.inspection import RECORDING, look_into
+from palpate.render.inspection import RECORDING, inspect_session
 from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import open_answer
 from palpate.runs.probing import NOBODY, ProbingJob, Watcher, run_probing
@@ -100,7 +100,7 @@ def show_demo(session: Path) -> Demo:
     estimates = study.estimate()[0]
     opened = Session.open(session)
     folder = output_folder(opened.derived_dir)
-    inspection = look_into(opened, estimates)
+    inspection = inspect_session(opened, estimates)
     recording = folder / RECORDING if find_spec("rerun") else None
     if recording is not None:
         inspection.record(recording)

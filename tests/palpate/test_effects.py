@@ -15,7 +15,15 @@ from palpate.common.user_effects import rehearse, watched
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.effect import AdditiveEffect, Parameter
 from palpate.estimation.effects import EFFECTS
-from palpate.render.effects import Example, drawing, drawn, kind_of, library, print_effect, print_library
+from palpate.render.effects import (
+    Example,
+    draw_characters,
+    draw_example,
+    kind_of,
+    library,
+    print_effect,
+    print_library,
+)
 from palpate.robot_io.errors import InputError
 from palpate.study import Study
 from tests.estimation.presses import kelvin_voigt, session
@@ -72,33 +80,37 @@ def test_lists_and_drawings_fit_the_terminal_and_break_no_name(width):
     print_library(console, library())
     for name in ("backlash", "cubic_stiffness", "rigid_body"):
         effect = EFFECTS[name]()
-        print_effect(console, effect, Example.plain(effect, kind_of(effect)))
+        print_effect(console, effect, Example.on_simple_motion(effect, kind_of(effect)))
     assert max(map(len, out.getvalue().splitlines())) <= width
     assert "⣿ with cubic_stiffness\n" in "".join(line.rstrip() + "\n" for line in out.getvalue().splitlines())
     assert set(EFFECTS) <= set(out.getvalue().split())
 
 
 def test_every_plain_example_is_drawn_and_shows_something():
-    examples = {one.name: example for one in library() if (example := Example.plain(one, kind_of(one)))}
+    examples = {
+        one.name: example for one in library() if (example := Example.on_simple_motion(one, kind_of(one)))
+    }
     for name, example in examples.items():
         share = np.abs(example.effort() - example.data.effort).max() / np.ptp(example.data.effort)
         assert share > (0.02 if name == "damping" else 0.05), name  # the damping of the plain model is small
     assert len(examples) > 35
     effect = EFFECTS["asymmetric_friction"]()
-    example = Example.plain(effect, kind_of(effect))
+    example = Example.on_simple_motion(effect, kind_of(effect))
     effort, v = example.effort() - example.data.effort, example.data.velocity
     assert effort[v > 1.0].mean() > 2.0 * -effort[v < -1.0].mean() > 0.0
-    assert "over velocity [rad/s]" in next(line.plain for line in drawn(example, 120) if "over" in line.plain)
+    assert "over velocity [rad/s]" in next(
+        line.plain for line in draw_example(example, 120) if "over" in line.plain
+    )
     effect = EFFECTS["rigid_body"]()
-    assert Example.plain(effect, kind_of(effect)) is None
+    assert Example.on_simple_motion(effect, kind_of(effect)) is None
 
 
 def test_a_curve_is_drawn_where_it_is():
     x = np.linspace(0.0, 1.0, 5)
-    lines = [line.plain for line in drawing((x, x, "red"), (x, 1.0 - x, "blue"), 4, 4)]
+    lines = [line.plain for line in draw_characters((x, x, "red"), (x, 1.0 - x, "blue"), 4, 4)]
     assert [line[number] > BLANK for number, line in enumerate(lines)] == [True] * 4
     assert [line[3 - number] for number, line in enumerate(lines)] == ["·"] * 4
-    flat = [line.plain for line in drawing((x, x, "red"), (x, np.zeros(5), "blue"), 4, 2)]
+    flat = [line.plain for line in draw_characters((x, x, "red"), (x, np.zeros(5), "blue"), 4, 2)]
     assert all(char > BLANK for char in flat[-1])
 
 

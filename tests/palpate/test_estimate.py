@@ -10,7 +10,7 @@ from palpate.common.console import significant
 from palpate.estimation.estimate import ParameterEstimate
 from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.study.estimates import choose_estimators
-from palpate.render.estimates import with_interval
+from palpate.render.estimates import value_text
 from tests.palpate.cli import as_json, assert_refused, done, run
 from tests.palpate.presses import write_presses, write_table
 
@@ -277,7 +277,7 @@ def test_a_value_has_as_many_digits_as_its_uncertainty_allows(value, uncertainty
 
 def test_an_unknown_interval_is_shown_as_unknown():
     unknown = ParameterEstimate("k", "N/m", 5.0, float("nan"), (float("nan"), float("nan")))
-    assert with_interval(unknown) == "5 (not determined)"
+    assert value_text(unknown) == "5 (not determined)"
 
 
 def test_the_object_s_truth_is_not_held_against_a_joint(probed):

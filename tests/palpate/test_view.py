@@ -14,7 +14,7 @@ from palpate.estimation.design.next_experiment import sufficient
 from palpate.estimation.diagnosis import ChannelDiagnosis
 from palpate.estimation.diagnosis.result import Floor
 from palpate.render import palette, terminal
-from palpate.render.build import channel_view, one_after_the_other, parameter_view, run_speeds
+from palpate.render.build import channel_view, concatenated_times, parameter_view, run_speeds
 from palpate.render.diagnosis import diagnosed, falling
 from palpate.render.thinning import joined, peaks, rows_by_run, run_curves
 from palpate.render.view import StudyView, residual_map
@@ -183,7 +183,7 @@ def test_runs_are_named_by_their_speed_from_slow_to_fast_and_by_one_name_where_o
 def test_runs_that_each_begin_at_zero_are_shown_one_after_the_other(contact):
     starts = np.array([contact.time_s[contact.run == run][0] for run in contact.runs])
     again = replace(contact, time_s=contact.time_s - starts[contact.run])
-    assert (np.diff(one_after_the_other(again)) > 0.0).all()
+    assert (np.diff(concatenated_times(again)) > 0.0).all()
 
 
 def test_a_residual_map_averages_what_is_judged_in_a_cell(contact):

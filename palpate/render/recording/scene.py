@@ -59,7 +59,7 @@ class Scene:
         """Number of joints."""
         return int(self.ticks["joint_position_rad"].shape[1])
 
-    def found(self, parameter: str) -> ParameterEstimate | None:
+    def estimate_of(self, parameter: str) -> ParameterEstimate | None:
         """Return the offline estimate of a parameter; None if there is none."""
         parameters = self.estimate.parameters if self.estimate is not None else ()
         return next((entry for entry in parameters if entry.name == parameter), None)

@@ -121,7 +121,7 @@ def _log_estimates(recording: rr.RecordingStream, scene: Scene) -> None:
     for entity, (name, column, _) in _PARAMETERS.items():
         online = {"online": (scene.ticks[column], palette.MEASURED, 4.0)}
         send_lines(recording, f"{entity}/online", scene.time_s, online)
-        estimate = scene.found(name)
+        estimate = scene.estimate_of(name)
         if estimate is not None:
             levels = {
                 "afterwards": estimate.value,
@@ -144,7 +144,7 @@ def _blueprint(scene: Scene) -> rrb.Blueprint:
     estimates: list[rrb.View] = []
     for entity, (name, column, title) in _PARAMETERS.items():
         # the vertical range covers the final values of an estimate rather than its first ones
-        estimate, online = scene.found(name), scene.ticks[column][np.isfinite(scene.ticks[column])]
+        estimate, online = scene.estimate_of(name), scene.ticks[column][np.isfinite(scene.ticks[column])]
         levels = [scene.truth[name]] if name in scene.truth else []
         levels += [estimate.value] if estimate is not None else []
         levels += [float(np.median(online))] if len(online) else []

@@ -16,7 +16,7 @@ from palpate.estimation.data_quality import checklist
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit import long_data
 from palpate.estimation.study.source import joined, open_source
-from palpate.render.effects import Example, plain, sized
+from palpate.render.effects import Example, simple_motion, visible_parameters
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import Session
 from palpate.study import Study
@@ -322,19 +322,19 @@ def test_curves_are_short_and_keep_their_peaks(press):
 
 @pytest.mark.parametrize("kind", list(ChannelKind))
 def test_every_effect_that_applies_to_a_plain_motion_is_seen_in_its_picture(kind):
-    data, model, base = plain(kind)
+    data, model, base = simple_motion(kind)
     names = {one.name for one in model.effects}
     for effect in (one() for name, one in EFFECTS.items() if name not in names):
         if effect.applies_to(data) and effect.gains and not effect.name.startswith("run_"):
-            drawn = model.with_effect(effect).predict(data, sized(data, model, base, effect))
+            drawn = model.with_effect(effect).predict(data, visible_parameters(data, model, base, effect))
             assert np.ptp(drawn - data.effort) > 0.0, effect.name
 
 
 def test_a_form_that_needs_an_arm_is_not_drawn_on_a_plain_motion():
-    swing, _, _ = plain(ChannelKind.REVOLUTE)
+    swing, _, _ = simple_motion(ChannelKind.REVOLUTE)
     signals = dict.fromkeys(("tilt_effort_per_rad", "weight_effort", "payload_effort_per_kg"), swing.effort)
     of_arm = EFFECTS["gravity_tilt"]().suited_to(replace(swing, context={**swing.context, **signals}))
-    assert Example.plain(of_arm, ChannelKind.REVOLUTE) is None
+    assert Example.on_simple_motion(of_arm, ChannelKind.REVOLUTE) is None
 
 
 def test_a_probing_that_the_server_leaves_is_brought_to_its_end(tmp_path):
