@@ -4,8 +4,8 @@
 
 A DATA_DIR holds recordings by name: `NAME/import.csv.gz` or `NAME/raw`, as benchmarks/measured/convert.py
 writes them by a recipe, or the folder of a set that benchmarks/measured/recordings.py reads. Missing
-recordings are left out. The folder of answers keeps one JSON file per recording; an existing diagnosis is
-reused. Pictures are drawn from the answers.
+recordings are left out, or keep their place on the page with `--keep`. The folder of answers keeps one JSON
+file per recording; an existing diagnosis is reused. Pictures are drawn from the answers.
 """
 
 import json
@@ -44,6 +44,7 @@ smaller first. The expected kinds come from the publication or from plain least-
 recording, `benchmarks/measured/recipes/NAME.yaml`, states the reasons. *Held out* means that nothing was
 developed on the recording before its first diagnosis. The data are not part of this project.
 """
+TABLE_HEAD = ["| recording | verdict | largest kind | missing effects |", "|---|---|---|---|"]
 ORIGINS = {  # of the sets: repository, licence, what was measured
     "emps": ("forgi86/sysid-neural-continuous", "Apache-2.0", "prismatic drive, two runs at 1 kHz"),
     "xl330_pendulum": ("Rhoban/bam", "Apache-2.0", "servo XL330 with a pendulum, 16 runs"),
@@ -95,15 +96,34 @@ def main() -> None:
     options.answers.mkdir(parents=True, exist_ok=True)
     entries = [*_of_recipes(options), *_of_sets(options)]
     PICTURES.mkdir(parents=True, exist_ok=True)
-    for old in PICTURES.glob("*.svg"):
-        old.unlink()
-    PAGE.write_text("\n".join([INTRODUCTION, *_summary(entries), *map(_section, entries)]), encoding="utf-8")
+    rows: dict[str, list[str]] = {}
+    sections: dict[str, str] = {}
+    if options.keep:
+        rows, sections = _read_page(PAGE.read_text(encoding="utf-8"))
+    else:
+        for old in PICTURES.glob("*.svg"):
+            old.unlink()
+    for entry in entries:
+        rows[entry.name], sections[entry.name] = list(_rows(entry)), _section(entry)
+    of_recipes = sorted(name for name in sections if (RECIPES / f"{name}.yaml").is_file())
+    names = [*of_recipes, *(name for name in sections if name not in of_recipes)]
+    table = [*TABLE_HEAD, *(row for name in names for row in rows[name]), ""]
+    PAGE.write_text("\n".join([INTRODUCTION, *table, *map(sections.get, names)]), encoding="utf-8")
+
+
+def _read_page(text: str) -> tuple[dict[str, list[str]], dict[str, str]]:
+    """Split a page into the rows of its table and its sections, by the name of the recording."""
+    head, *parts = re.split(r"^(?=## )", text, flags=re.MULTILINE)
+    sections = {part.partition("\n")[0].removeprefix("## "): part for part in parts}
+    rows = {name: re.findall(rf"^\| \[{re.escape(name)}\].*$", head, re.MULTILINE) for name in sections}
+    return rows, sections
 
 
 def _options() -> Namespace:
     parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("data_dirs", type=Path, nargs="+", metavar="DATA_DIR")
     parser.add_argument("--answers", type=Path, required=True, help="folder that keeps diagnoses")
+    parser.add_argument("--keep", action="store_true", help="keep what the page says of other recordings")
     parser.add_argument("--no-new", action="store_true", help="diagnose nothing; show what has an answer")
     return parser.parse_args()
 
@@ -176,23 +196,19 @@ def _answer_of_set(recording: Recording, answer: Path) -> list[ChannelDiagnosis]
     return [channel.model_copy(update=unit) for channel in channels]
 
 
-def _summary(entries: list[Entry]) -> Iterator[str]:
-    """A table of all recordings."""
-    yield "| recording | verdict | largest kind | missing effects |"
-    yield "|---|---|---|---|"
-    for entry in entries:
-        link = f"[{entry.name}](#{entry.name.replace(' ', '-')})"
-        if entry.refused:
-            yield f"| {link} | refused | | |"
-        for channel in entry.channels:
-            where = "" if len(entry.channels) == 1 else f" {channel.channel}"
-            kind = channel.budget[0].kind.word if channel.budget else ""
-            names = ", ".join(
-                f"{one.effect} ({one.form.value})" if one.form.value != "exact" else one.effect
-                for one in channel.accepted
-            )
-            yield f"| {link}{where} | {channel.verdict.value} | {kind} | {names} |"
-    yield ""
+def _rows(entry: Entry) -> Iterator[str]:
+    """Rows of a recording in the table of all recordings."""
+    link = f"[{entry.name}](#{entry.name.replace(' ', '-')})"
+    if entry.refused:
+        yield f"| {link} | refused | | |"
+    for channel in entry.channels:
+        where = "" if len(entry.channels) == 1 else f" {channel.channel}"
+        kind = channel.budget[0].kind.word if channel.budget else ""
+        names = ", ".join(
+            f"{one.effect} ({one.form.value})" if one.form.value != "exact" else one.effect
+            for one in channel.accepted
+        )
+        yield f"| {link}{where} | {channel.verdict.value} | {kind} | {names} |"
 
 
 def _section(entry: Entry) -> str:
