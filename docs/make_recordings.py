@@ -27,7 +27,7 @@ from recordings import answer_of, file_of
 
 from palpate.estimation.diagnosis import ChannelDiagnosis, diagnose
 from palpate.estimation.kinds import Kind
-from palpate.render.diagnosis import budget_picture, budget_view, diagnosed
+from palpate.render.diagnosis import budget_picture, budget_view, diagnosis_verdict
 
 PAGE = Path(__file__).parent / "reference" / "recordings.md"
 PICTURES = Path(__file__).parent / "pictures" / "recordings"
@@ -219,7 +219,7 @@ def _section(entry: Entry) -> str:
     if entry.refused:
         lines += [f"**Diagnosis**: refused. {entry.refused}", ""]
     for channel in entry.channels:
-        budget, verdict = budget_view(channel), diagnosed(channel)
+        budget, verdict = budget_view(channel), diagnosis_verdict(channel)
         if budget is not None:
             name = f"{entry.name.replace(' ', '_')}-{channel.channel}.svg"
             (PICTURES / name).write_text(budget_picture(budget, WIDTH, INK) + "\n", encoding="utf-8")

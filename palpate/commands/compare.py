@@ -18,7 +18,7 @@ from palpate.estimation.study.model_suggestions import far_better_model
 from palpate.estimation.study.paired_comparison import Extended, side_by_side
 from palpate.estimation.study.revisions import Revision, user_effects_of
 from palpate.render.build import NAMES, REPORT, json_text, result_view, view_of, write_outcome
-from palpate.render.paired import PairedView, PairView, as_data, print_pair
+from palpate.render.paired import ChannelPairView, PairView, as_data, print_pair
 from palpate.render.terminal import print_comparison, print_files
 from palpate.robot_io.errors import InputError
 from palpate.study import Study
@@ -88,7 +88,7 @@ class ComparedPair:
                 first.result(a.channel, a.effects, reason=a.reason),
                 second.result(b.channel, b.effects, reason=b.reason),
             )
-            channels.append(PairedView(sides, (result_view(results[0]), result_view(results[1]))))
+            channels.append(ChannelPairView(sides, (result_view(results[0]), result_view(results[1]))))
         return PairView(self.names, tuple(channels), tuple(commands))
 
     def as_data(self) -> dict[str, Any]:

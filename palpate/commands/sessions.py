@@ -51,7 +51,7 @@ def merge_command(
     metadata = merged_metadata(opened, as_command(sys.argv[1:]), version("palpate"))
     write_session(file, streams, metadata, [event for session in opened for event in session.events])
     samples = {stream.name: len(columns["time_s"]) for stream, columns in streams}
-    console.say_read("", [*not_whole(opened), *surfaces_apart(opened)])
+    console.say_read("", [*incomplete_notes(opened), *surface_notes(opened)])
 
     def show() -> None:
         for name, number in samples.items():
@@ -70,7 +70,7 @@ def merge_command(
 
 
 RUN = "run"
-_MILLI = 1e3
+_TO_MILLI = 1e3
 _BEGUN = 0.05  # share of the force reached in every run, above which the object counts as touched
 _APART, _SPREADS = 0.05, 3.0  # share of the deepest indentation, and multiple of the spread between runs
 Merged = tuple[Stream, Mapping[str, NDArray[np.generic]]]
@@ -142,11 +142,11 @@ def merged_metadata(sessions: Sequence[Session], command_line: str, software_ver
         seed=first.seed if all(item.seed == first.seed for item in every) else None,
         command_line=command_line,
         software_version=software_version,
-        extra=shared | {SOURCE: f"merged from {files}"} | _lacking(sessions),
+        extra=shared | {SOURCE: f"merged from {files}"} | _incomplete_names(sessions),
     )
 
 
-def not_whole(sessions: Sequence[Session]) -> list[str]:
+def incomplete_notes(sessions: Sequence[Session]) -> list[str]:
     """Name incomplete sessions, one sentence each: the merged session does not show it.
 
     Args:
@@ -155,11 +155,11 @@ def not_whole(sessions: Sequence[Session]) -> list[str]:
     return [
         f"{session.path.name}: is incomplete (palpate info says why); the part that exists was merged"
         for session in sessions
-        if _lacking([session])
+        if _incomplete_names([session])
     ]
 
 
-def _lacking(sessions: Sequence[Session]) -> dict[str, str]:
+def _incomplete_names(sessions: Sequence[Session]) -> dict[str, str]:
     """Return the names of incomplete sessions as metadata; empty if all are complete."""
     lacking = [
         session.path.name
@@ -169,7 +169,7 @@ def _lacking(sessions: Sequence[Session]) -> dict[str, str]:
     return {NOT_WHOLE: ", ".join(lacking)} if lacking else {}
 
 
-def surfaces_apart(sessions: Sequence[Session]) -> list[str]:
+def surface_notes(sessions: Sequence[Session]) -> list[str]:
     """Name contacts that begin at another depth than in the first session, one sentence each.
 
     A merged session is judged as presses onto one surface: nothing is shifted.
@@ -189,7 +189,7 @@ def surfaces_apart(sessions: Sequence[Session]) -> list[str]:
     except InputError:  # a session without a channel is not compared
         return []
     return [
-        f"{session.path.name}: {name} begins about {_MILLI * abs(deeper_m):.2g} mm "
+        f"{session.path.name}: {name} begins about {_TO_MILLI * abs(deeper_m):.2g} mm "
         f"{'deeper' if deeper_m > 0.0 else 'higher'} than in {sessions[0].path.name}, but a merged "
         "session has only one surface. Measure displacements from the surface, or compare the two "
         "sessions (palpate compare A B)"

@@ -24,12 +24,18 @@ from palpate.estimation.model import Model
 from palpate.estimation.signals.blocks import block_index, blocks, time_in_run
 from palpate.estimation.study import ChannelResult, ModelStudy
 from palpate.estimation.study.patterns import Part
-from palpate.render.diagnosis import budget_view, compared, diagnosed, falling, impossible
+from palpate.render.diagnosis import (
+    budget_view,
+    comparison_verdict,
+    describe_fall,
+    diagnosis_verdict,
+    unphysical_remarks,
+)
 from palpate.render.view import Axes, ChannelView, ParameterView, StageView, StudyView, VerdictView
 from palpate.robot_io.extras import missing_package
 from palpate.robot_io.types import BoolArray, FloatArray
 
-_MILLI = 1e3
+_TO_MILLI = 1e3
 _GAP = 0.05  # gap between runs on the time axis, as a share of the mean run
 _SHOWS = 0.1  # smallest share of the inward motion in an approach that shows its speed
 _SAME_SPEED = 1.06  # ratio up to which speeds count as the same
@@ -65,7 +71,7 @@ def channel_view(
         not_judged: sentence on the excluded samples; by default it states their share.
         notes: further sentences.
     """
-    scale = 1.0 if data.kind.is_angle else _MILLI
+    scale = 1.0 if data.kind.is_angle else _TO_MILLI
     if judged is None:
         judged = np.isfinite(stages[-1].residual) if stages else np.ones(len(data), dtype=np.bool_)
     fall = [(stage.label, stage.rmse) for stage in stages]
@@ -201,7 +207,7 @@ def run_speeds(data: ChannelData) -> dict[int, str]:
         if data.run[rows.start] >= 0:
             quick = float(np.quantile(inward, _QUICK)) if len(inward) else 0.0
             is_shown = len(approaching) > _SHOWS * len(inward)
-            speeds[int(data.run[rows.start])] = _MILLI * (
+            speeds[int(data.run[rows.start])] = _TO_MILLI * (
                 float(np.median(approaching)) if is_shown else quick
             )
     groups = list[list[tuple[int, float]]]()
@@ -235,10 +241,10 @@ def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosi
         return VerdictView("", f"{view.name}: nothing was fitted.")
     labels, errors = [stage.label for stage in view.stages], [stage.rmse for stage in view.stages]
     unit, changes = view.axes.effort_unit, [label.removeprefix("+ ") for label in labels[1:]]
-    fall = (falling(view.name, errors, changes, view.noise_level, unit),) if changes else ()
-    wrong = impossible(view.stages[-1].unphysical) if view.stages else ()
+    fall = (describe_fall(view.name, errors, changes, view.noise_level, unit),) if changes else ()
+    wrong = unphysical_remarks(view.stages[-1].unphysical) if view.stages else ()
     if diagnosis is None:
-        verdict = compared(
+        verdict = comparison_verdict(
             view.name,
             " ".join(labels),
             with_unit(errors[-1], unit),
@@ -247,7 +253,7 @@ def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosi
             possible=not wrong,
         )
         return replace(verdict, remarks=(*wrong, *fall, *(words if verdict.word == "misses" else ())))
-    verdict = diagnosed(diagnosis)
+    verdict = diagnosis_verdict(diagnosis)
     as_found = changes == [entry.effect for entry in diagnosis.accepted]
     since = tuple(f"Added since: {sentence}" for sentence in fall if not as_found)
     return replace(verdict, remarks=(*wrong, *since, *verdict.remarks))

@@ -18,7 +18,7 @@ from palpate.render.report import styled
 from palpate.robot_io.calibration.applied import find_large_zero_shift
 from palpate.robot_io.calibration.file import Calibration, Quantities, Quantity
 
-_MILLI = 1e3
+_TO_MILLI = 1e3
 _BRANCHES = (
     (-1.0, "on the way down", "triangle-down"),
     (0.0, "at the start", "circle"),
@@ -83,7 +83,7 @@ def force_figure(fit: ForceFit, reading_unit: str) -> go.Figure:
             }
             reference = plateaus.reference_n[rows]
             _dots(made, plateaus.reading[rows], reference, (1, 1), showlegend=False, **look)
-            _dots(made, reference, _MILLI * fit.residual_n[rows], (1, 2), **look)
+            _dots(made, reference, _TO_MILLI * fit.residual_n[rows], (1, 2), **look)
     reading = np.linspace(plateaus.reading.min(), plateaus.reading.max(), 200)
     above, curvature = reading - fit.zero.value, fit.curvature.value if fit.curvature else 0.0
     force = above * (fit.scale.value + curvature * above)
@@ -95,7 +95,7 @@ def force_figure(fit: ForceFit, reading_unit: str) -> go.Figure:
     made.add_trace(go.Scatter(x=reading, y=force, **line), 1, 1)
     range_n = np.linspace(*fit.range_n, 200)
     scale = fit.scale.std_err / fit.scale.value
-    band = 2 * _MILLI * np.hypot(fit.zero.std_err * fit.scale.value, scale * range_n)
+    band = 2 * _TO_MILLI * np.hypot(fit.zero.std_err * fit.scale.value, scale * range_n)
     around = {"x": np.concatenate([range_n, range_n[::-1]]), "y": np.concatenate([band, -band[::-1]])}
     made.add_trace(
         go.Scatter(**around, fill="toself", fillcolor=palette.SHADE, line_width=0, showlegend=False), 1, 2
@@ -105,7 +105,8 @@ def force_figure(fit: ForceFit, reading_unit: str) -> go.Figure:
     made.update_xaxes(title_text="reference [N]", row=1, col=2)
     made.update_yaxes(title_text="reference − calibrated [mN]", row=1, col=2)
     remark = (
-        f"residual rms {_MILLI * fit.rms_n:.2g} mN, hysteresis {_MILLI * fit.hysteresis_n.value:.2g} mN; "
+        f"residual rms {_TO_MILLI * fit.rms_n:.2g} mN, "
+        f"hysteresis {_TO_MILLI * fit.hysteresis_n.value:.2g} mN; "
         "the gray band is ±2 standard uncertainties of zero and scale"
     )
     return _titled(made, 460, "Force sensor against its reference", remark)
@@ -116,11 +117,11 @@ def encoder_figure(fit: EncoderFit) -> go.Figure:
     made = make_subplots(1, 1)
     for joint, (shown, std_rad) in enumerate(zip(fit.shown_rad, fit.std_rad, strict=True)):
         place = joint + 1 + 0.12 * (np.arange(len(shown)) - 0.5 * (len(shown) - 1))
-        band, color = 2 * _MILLI * float(std_rad), palette.JOINTS[joint % len(palette.JOINTS)]
+        band, color = 2 * _TO_MILLI * float(std_rad), palette.JOINTS[joint % len(palette.JOINTS)]
         look = {"fillcolor": color, "opacity": 0.15, "line_width": 0}
         made.add_shape(type="rect", x0=joint + 0.6, x1=joint + 1.4, y0=-band, y1=band, **look)
         dots = {"marker": {"size": 9, "color": color}, "showlegend": False}
-        _dots(made, place, _MILLI * (shown - shown.mean()), (1, 1), **dots)
+        _dots(made, place, _TO_MILLI * (shown - shown.mean()), (1, 1), **dots)
     numbers = list(range(1, len(fit.shown_rad) + 1))
     made.update_xaxes(tickvals=numbers, ticktext=[f"joint {number}" for number in numbers])
     made.update_yaxes(title_text="shown − mean [mrad]")
@@ -137,14 +138,14 @@ def arm_figure(fit: ArmFit) -> go.Figure:
     joints = fit.residual_nm.shape[1]
     made = make_subplots(joints, 2, shared_yaxes=True, vertical_spacing=0.07, horizontal_spacing=0.03)
     for joint in range(joints):
-        residual, color = _MILLI * fit.residual_nm[:, joint], palette.JOINTS[joint % len(palette.JOINTS)]
+        residual, color = _TO_MILLI * fit.residual_nm[:, joint], palette.JOINTS[joint % len(palette.JOINTS)]
         look = {"marker": {"size": 3, "opacity": 0.6, "color": color}, "showlegend": False}
         _dots(made, fit.velocity_rad_s[:, joint], residual, (joint + 1, 1), **look)
         _dots(made, fit.position_rad[:, joint], residual, (joint + 1, 2), **look)
         made.update_yaxes(title_text=f"joint {joint + 1} [mN m]", row=joint + 1, col=1)
     made.update_xaxes(title_text="speed [rad/s]", row=joints, col=1)
     made.update_xaxes(title_text="position [rad]", row=joints, col=2)
-    rms = ", ".join(f"{x:.2g}" for x in _MILLI * np.sqrt(np.nanmean(fit.residual_nm**2, axis=0)))
+    rms = ", ".join(f"{x:.2g}" for x in _TO_MILLI * np.sqrt(np.nanmean(fit.residual_nm**2, axis=0)))
     remark = f"measured − fitted torque, means of 50 samples; rms {rms} mN m"
     title = "Residual after gain, offset, friction and tilt"
     return _titled(made, 140 + 190 * joints, title, remark)

@@ -17,7 +17,7 @@ from palpate.render.view import NOISE, RANGE, BudgetPart, BudgetView, VerdictVie
 _NO_FALL = 0.98  # ratio to the previous error above which the error counts as unchanged
 
 
-def enumerated(names: Sequence[str], last: str = "and") -> str:
+def join_names(names: Sequence[str], last: str = "and") -> str:
     """Join names with commas, and with a word before the last.
 
     Args:
@@ -27,12 +27,12 @@ def enumerated(names: Sequence[str], last: str = "and") -> str:
     return "".join(names) if len(names) < 2 else f"{', '.join(names[:-1])} {last} {names[-1]}"
 
 
-def diagnosed(diagnosis: ChannelDiagnosis) -> VerdictView:
+def diagnosis_verdict(diagnosis: ChannelDiagnosis) -> VerdictView:
     """Make the view of a diagnosis's verdict."""
     names = tuple(entry.effect for entry in diagnosis.accepted)
     has_reason = diagnosis.complete and "; " in diagnosis.reason
     is_explained = diagnosis.verdict is not Verdict.UNEXPLAINED
-    remarks = () if is_explained and not has_reason else (f"Why: {_ended(diagnosis.reason)}",)
+    remarks = () if is_explained and not has_reason else (f"Why: {_with_period(diagnosis.reason)}",)
     return VerdictView(str(diagnosis.verdict), _sentence(diagnosis), remarks, names)
 
 
@@ -40,20 +40,20 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
     if diagnosis.verdict is Verdict.INSUFFICIENT:
         following = diagnosis.next_experiment  # its instruction may repeat the end of the reason
         cause = diagnosis.reason.removesuffix(f"; {following.instruction}" if following else "")
-        return f"{diagnosis.channel}: no verdict is possible: {_ended(cause)}"
+        return f"{diagnosis.channel}: no verdict is possible: {_with_period(cause)}"
     if diagnosis.verdict is Verdict.ADEQUATE:
-        error = f"{_error(diagnosis)}{_unrelated(diagnosis)}"
+        error = f"{_error_sentence(diagnosis)}{_unrelated_error(diagnosis)}"
         return f"{diagnosis.channel}: these data show no missing effect. {error}"
     if not diagnosis.accepted and (kinds := _kinds_without_form(diagnosis)):
         return (
             f"{diagnosis.channel}: the kind of the missing effect is known, but not its form: "
-            f"{enumerated(kinds)}. "
-            f"{_error(diagnosis)}"
+            f"{join_names(kinds)}. "
+            f"{_error_sentence(diagnosis)}"
         )
     if not diagnosis.accepted:
         return (
             f"{diagnosis.channel}: something is missing that no known effect explains; it depends on "
-            f"{enumerated(diagnosis.depends_on) or 'no single signal'}. {_error(diagnosis)}"
+            f"{join_names(diagnosis.depends_on) or 'no single signal'}. {_error_sentence(diagnosis)}"
         )
     names = []
     # With its approximate form and alternatives; one alternative may replace two effects.
@@ -61,22 +61,23 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
         parts = {name: EFFECTS[name].parts if name in EFFECTS else () for name in entry.confused_with}
         rivals = [f"{name} for both" if entry.effect in parts[name] else name for name in parts]
         remarks = ["approximate"] if entry.form is Form.APPROXIMATE else []
-        remarks += [f"or {enumerated(rivals, 'or')}"] if rivals else []
+        remarks += [f"or {join_names(rivals, 'or')}"] if rivals else []
         names.append(f"{entry.effect} ({'; '.join(remarks)})" if remarks else entry.effect)
     verb = "is" if len(diagnosis.accepted) == 1 else "are"
-    missing = f"{diagnosis.channel}: {enumerated(names)} {verb} missing from the model. {_error(diagnosis)}"
+    missing = f"{diagnosis.channel}: {join_names(names)} {verb} missing from the model. "
+    missing += _error_sentence(diagnosis)
     if diagnosis.complete is not False or diagnosis.remaining is None:
-        return f"{missing}{_unrelated(diagnosis)}"
+        return f"{missing}{_unrelated_error(diagnosis)}"
     signals = diagnosis.remaining.depends_on
-    on = f" and depends on {enumerated(signals)}" if signals else ""
+    on = f" and depends on {join_names(signals)}" if signals else ""
     times = diagnosis.remaining.times_floor
     size = f" of {rounded(times, 2)} times the noise" if times >= NOISE else ""
     kinds = _kinds_without_form(diagnosis)
-    unknown = f" The form of {enumerated(kinds)} is not known." if kinds else ""
+    unknown = f" The form of {join_names(kinds)} is not known." if kinds else ""
     return f"{missing} An unexplained error{size} remains{on}.{unknown}"
 
 
-def _unrelated(diagnosis: ChannelDiagnosis) -> str:
+def _unrelated_error(diagnosis: ChannelDiagnosis) -> str:
     """State that an error well above the noise depends on no signal; empty if there is none."""
     left, floor = diagnosis.remaining, diagnosis.floor
     if left is None or floor is None or floor.at_most or left.times_floor <= SLOW:
@@ -91,7 +92,7 @@ def _kinds_without_form(diagnosis: ChannelDiagnosis) -> list[str]:
     return [f"{entry.kind.word} ({percent(entry.share)})" for entry in unknown]
 
 
-def _error(diagnosis: ChannelDiagnosis) -> str:
+def _error_sentence(diagnosis: ChannelDiagnosis) -> str:
     unit, before, after = diagnosis.effort_unit, diagnosis.baseline, diagnosis.final
     if before is None or after is None:
         return ""
@@ -116,12 +117,12 @@ def _error(diagnosis: ChannelDiagnosis) -> str:
     return f"With {added}, the error in held-out runs falls {fall}{noise}."
 
 
-def _ended(reason: str) -> str:
+def _with_period(reason: str) -> str:
     """Write a reason as a sentence with one punctuation mark at its end."""
     return reason if reason.endswith(("?", ".")) else f"{reason}."
 
 
-def compared(
+def comparison_verdict(
     channel: str, model: str, error: str, times: float, noise: str, *, possible: bool = True
 ) -> VerdictView:
     """Judge whether a model fits by its held-out error relative to the noise.
@@ -143,16 +144,18 @@ def compared(
     return VerdictView(word, text, (), (channel, model))
 
 
-def impossible(unphysical: Sequence[str]) -> tuple[str, ...]:
+def unphysical_remarks(unphysical: Sequence[str]) -> tuple[str, ...]:
     """Report physically impossible parameters in one sentence; empty if there are none.
 
     Args:
         unphysical: descriptions of parameters outside their physical bounds.
     """
-    return (f"But {enumerated(unphysical)}: {UNPHYSICAL}.",) if unphysical else ()
+    return (f"But {join_names(unphysical)}: {UNPHYSICAL}.",) if unphysical else ()
 
 
-def falling(channel: str, errors: Sequence[float], added: Sequence[str], noise: float, unit: str) -> str:
+def describe_fall(
+    channel: str, errors: Sequence[float], added: Sequence[str], noise: float, unit: str
+) -> str:
     """Describe in one or two sentences how added effects changed the error.
 
     Args:
@@ -163,7 +166,7 @@ def falling(channel: str, errors: Sequence[float], added: Sequence[str], noise: 
         unit: unit of the errors.
     """
     first, last = errors[0], errors[-1]
-    subject = f"{channel} with {enumerated(added)}: the error in held-out runs"
+    subject = f"{channel} with {join_names(added)}: the error in held-out runs"
     if last > _NO_FALL * first:
         return f"{subject} does not fall: from {rounded(first)} to {with_unit(last, unit)}."
     times = last / noise if noise > 0.0 else float("inf")
@@ -214,7 +217,7 @@ def budget_view(diagnosis: ChannelDiagnosis) -> BudgetView | None:
     error = with_unit(diagnosis.baseline.rmse, diagnosis.effort_unit)
     shares = ", ".join(f"{part.word} {part.share_text}" for part in parts)
     sentence = f"Of the {error} error: {shares}." if kinds or len(parts) > 1 else ""
-    what = "depends on no recorded signal" if _unrelated(diagnosis) else "is within the noise"
+    what = "depends on no recorded signal" if _unrelated_error(diagnosis) else "is within the noise"
     return BudgetView(sentence or f"The whole error of {error} {what}.", tuple(parts), tuple(confusions))
 
 

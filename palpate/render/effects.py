@@ -190,7 +190,7 @@ def _raster(curve: Curve, frame: Sequence[tuple[float, float]], width: int, heig
 
 
 GROUPS = ("Contact", "Joints", "Contact and joints", "Sensor and drive readings", "From run to run")
-_MILLI, _ROOMY = 1e3, 100
+_TO_MILLI, _ROOMY = 1e3, 100
 _TALLEST, _WIDEST, _NARROWEST = 11, 46, 34  # size of a drawing, in characters
 _ROUNDING = 1e-9  # relative to a range; smaller numbers count as zero
 
@@ -295,7 +295,7 @@ def draw_example(example: Example, width: int) -> Iterator[Text]:
     is_of_past = bool({"position", "past motion"} & set(signals))
     if data.kind is not ChannelKind.CONTACT and not is_of_past and signals[0] in {"velocity", "direction"}:
         over = axes.velocity, data.velocity
-    in_unit = over[1] * (1.0 if data.kind.is_angle else _MILLI)
+    in_unit = over[1] * (1.0 if data.kind.is_angle else _TO_MILLI)
     curves = [(f"over {over[0]}", in_unit), ("over time", concatenated_times(data))][:sides]
     ends = np.array([np.min([before, after]), np.max([before, after])])
     low, high = np.where(np.abs(ends) < _ROUNDING * np.ptp(ends), 0.0, ends)

@@ -30,8 +30,8 @@ from palpate.robot_io.calibration.applied import parse_calibrations
 from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import SURFACE
 
-MILLI = 1e3
-PERCENT = 100.0
+_TO_MILLI = 1e3
+_TO_PERCENT = 100.0
 NOTABLE = 4.0  # standard errors above which a force in free air is remarked
 FEW_STEPS = 20.0  # encoder steps below which a remark is made
 POOR = 4.0  # multiple of the noise; correct models stay below 2.6, even on objects of 1e5 N/m or 200 N s/m
@@ -84,11 +84,11 @@ def estimates_view(estimates: ChannelEstimates, truth: Truth) -> ChannelView:
         f"{estimates.channel.name}: {estimates.model.name} by estimator {best.estimator} leaves "
         f"{with_unit(best.rmse, unit)}{level}."
     )
-    share = PERCENT * (1.0 - float(np.mean(estimates.rows)))
+    share = _TO_PERCENT * (1.0 - float(np.mean(estimates.rows)))
     unfitted = f"{share:.2g} % of the samples are not part of the fit; they are shaded" if share else ""
     view = channel_view(estimates.channel, [stage], estimates.noise, judged=estimates.rows)
-    spoilt = spoilt_by(estimates) or best.unphysical
-    word = "misses" if estimates.misfit > POOR or spoilt else "fits"
+    is_invalid = contaminated(estimates.channel, estimates.model) or best.unphysical
+    word = "misses" if estimates.misfit > POOR or is_invalid else "fits"
     names = (estimates.channel.name, estimates.model.name)
     verdict = VerdictView(word, sentence, (*remarks(estimates, truth), unfitted), names)
     return replace(view, fall=(), verdict=verdict)
@@ -142,7 +142,7 @@ def _one_row_an_estimator(estimates: ChannelEstimates, truth: Truth, width: int)
         for p in shown_parameters(estimate):
             cells += [value_text(p), error_text(p, truth)] if p.name in erring else [value_text(p)]
         if width >= _WIDE:
-            used = f"{PERCENT * np.mean(estimate.inliers):.0f} %"
+            used = f"{_TO_PERCENT * np.mean(estimate.inliers):.0f} %"
             cells += [f"{estimate.rmse:.3g}", f"{estimate.condition_number:.2f}", used]
         names: dict[str, list[str]] = {}
         for p in shown_parameters(estimate):
@@ -176,14 +176,15 @@ def remarks(estimates: ChannelEstimates, truth: Truth) -> list[str]:
         truth: true parameters by name; unknown ones are missing.
     """
     remarks = []
-    reason, surface, channel = spoilt_by(estimates), estimates.surface_of(estimates.best), estimates.channel
+    channel, surface = estimates.channel, estimates.surface_of(estimates.best)
+    reason = contaminated(channel, estimates.model)
     if reason is not None:
         remarks.append(f"do not rely on these estimates: {reason}")
     if surface is not None:
-        half_mm = MILLI * SIGMAS_95 * surface.std_err_m
+        half_mm = _TO_MILLI * SIGMAS_95 * surface.std_err_m
         sure = f" ± {significant(half_mm, half_mm)}" if np.isfinite(half_mm) else ""
-        true = f" (truth {significant(MILLI * truth[SURFACE], half_mm)} mm)" if SURFACE in truth else ""
-        place = significant(MILLI * surface.position_m, half_mm)
+        true = f" (truth {significant(_TO_MILLI * truth[SURFACE], half_mm)} mm)" if SURFACE in truth else ""
+        place = significant(_TO_MILLI * surface.position_m, half_mm)
         remarks.append(f"surface at {place}{sure} mm along the press direction{true}")
     tare = channel.tare
     if tare is not None and np.any(np.abs(tare.effort) > NOTABLE * tare.std_err):
@@ -196,11 +197,6 @@ def remarks(estimates: ChannelEstimates, truth: Truth) -> list[str]:
             "estimated too low"
         )
     return [*remarks, *_remarks_on_fits(estimates)]
-
-
-def spoilt_by(estimates: ChannelEstimates) -> str | None:
-    """Describe why the data are invalid, so that no estimate is meaningful; None if they are valid."""
-    return contaminated(estimates.channel, estimates.model)
 
 
 def _remarks_on_fits(estimates: ChannelEstimates) -> Iterator[str]:
@@ -217,7 +213,7 @@ def _remarks_on_fits(estimates: ChannelEstimates) -> Iterator[str]:
         deeper_m = surface.position_m + offset.value - surface.deepest_m
         if deeper_m > NOTABLE * offset.std_err:
             yield (
-                f"the force of {estimates.model.name} begins {MILLI * deeper_m:.2g} mm below the "
+                f"the force of {estimates.model.name} begins {_TO_MILLI * deeper_m:.2g} mm below the "
                 "touch: the model lacks an attraction, or the object is softer near its surface"
             )
     yield from (f"{name}: {problem}" for name, problem in estimates.failures.items())
@@ -226,7 +222,7 @@ def _remarks_on_fits(estimates: ChannelEstimates) -> Iterator[str]:
     for estimate in estimates.estimates:
         left_out = 1.0 - float(np.mean(estimate.inliers))
         if estimate.estimator == PREFERRED[0] and left_out > 1.0 - MIN_INLIER_SHARE:
-            share = f"{PERCENT * left_out:.0f} % of the samples"
+            share = f"{_TO_PERCENT * left_out:.0f} % of the samples"
             yield f"{estimate.estimator} excludes {share} as outliers: the model does not describe them"
         doubtful = estimate.identifiability is not Identifiability.GOOD or estimate.unphysical
         # Otherwise the table states it for each estimator.
@@ -247,9 +243,9 @@ def calibration_remark(session: Session | None) -> list[str]:
     left = []
     if used.force is not None:
         scale = used.force.values.scale
-        left.append(f"{PERCENT * scale.std_err / scale.value:.2g} % of the force")
+        left.append(f"{_TO_PERCENT * scale.std_err / scale.value:.2g} % of the force")
     if used.encoder is not None:
-        left.append(f"{MILLI * max(used.encoder.values.offset.std_err):.2g} mrad of the joints' zeros")
+        left.append(f"{_TO_MILLI * max(used.encoder.values.offset.std_err):.2g} mrad of the joints' zeros")
     if not left:
         return []
     return [
@@ -298,7 +294,7 @@ def as_data(estimates: ChannelEstimates, truth: Truth) -> dict[str, Any]:
         "samples": int(np.count_nonzero(estimates.rows)),
         "truth": dict(truth),
         "tare": tares,
-        "spoilt": spoilt_by(estimates),
+        "spoilt": contaminated(estimates.channel, estimates.model),
         "failures": estimates.failures,
         "misfit": {"noise": estimates.noise.value if estimates.noise else None, "times": estimates.misfit},
         "estimates": outcomes,
@@ -365,7 +361,7 @@ def error_percent(parameter: ParameterEstimate, truth: Truth) -> float:
         truth: true parameters by name.
     """
     true = truth[parameter.name]
-    return PERCENT * (parameter.value - true) / true if true else float("nan")
+    return _TO_PERCENT * (parameter.value - true) / true if true else float("nan")
 
 
 def error_text(parameter: ParameterEstimate, truth: Truth) -> str:

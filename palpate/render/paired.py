@@ -19,17 +19,15 @@ from palpate.render.view import ChannelView
 
 LETTERS = ("A", "B")
 _CHANCE = 0.05  # share of lags outside a 99 % band above which the correlation is significant
-_POOR, _ONLY_NOISE = (
-    80.0,
-    1.2,
-)  # thresholds of fit [%] and error [noise levels]; a remark is made if both are below them
-_PERCENT = 100.0
+# A fit below the first [%] with an error below the second [noise levels] leaves only noise.
+_POOR, _ONLY_NOISE = 80.0, 1.2
+_TO_PERCENT = 100.0
 _NOISE_ALONE = "only noise"  # end of the sentence on the remaining error
 PAIRED = "The intervals of the differences are paired: model errors that both measurements share cancel."
 
 
 @dataclass(frozen=True)
-class PairedView:
+class ChannelPairView:
     """View of one channel in both measurements."""
 
     sides: Sides  # the comparison
@@ -81,7 +79,7 @@ class PairedView:
         if np.isfinite(self.sides.agreement_percent):
             only_noise = self.sides.difference_in_noise < _ONLY_NOISE
             followed = _NOISE_ALONE if only_noise else percent_text(self.sides.agreement_percent)
-            rows.append(("B as measured", (followed, percent_text(_PERCENT))))
+            rows.append(("B as measured", (followed, percent_text(_TO_PERCENT))))
         return rows
 
 
@@ -90,7 +88,7 @@ class PairView:
     """View of all channels that two files share, with the commands that repeat the comparison."""
 
     names: tuple[str, str]
-    channels: tuple[PairedView, ...]
+    channels: tuple[ChannelPairView, ...]
     commands: tuple[str, ...] = ()
 
     @property
@@ -100,22 +98,22 @@ class PairView:
 
 
 def _words(sides: Sides) -> Iterator[str]:
-    for letter, side in zip(LETTERS, (sides.first, sides.second), strict=True):
+    pair = tuple(zip(LETTERS, (sides.first, sides.second), strict=True))
+    for letter, side in pair:
         if side.compared is None:
             yield f"{letter} has no model: {side.reason}."
     if sides.difference_in_noise < _ONLY_NOISE:
         yield "B repeats A: the two differ by no more than the noise of both."
     elif np.isfinite(sides.agreement_percent):
         yield f"B repeats A with a fit of {sides.agreement_percent:.1f} %."
-    pair = tuple(zip(LETTERS, (sides.first, sides.second), strict=True))
     if sides.is_same_data:
-        texts = [f"{letter}'s model {_described(side, side)}" for letter, side in pair]
+        texts = [f"{letter}'s model {_describe_fit(side, side)}" for letter, side in pair]
         yield f"{' and '.join(texts)} of the measurement."
     elif sides.first.compared is not None and sides.second.compared is not None:
         for (letter, side), (other_letter, data) in (pair, pair[::-1]):
             yield (
-                f"{letter}'s model {_described(side, data)} of {other_letter} ({_described(side, side)} of "
-                f"{letter})."
+                f"{letter}'s model {_describe_fit(side, data)} of {other_letter} "
+                f"({_describe_fit(side, side)} of {letter})."
             )
     for letter, side in pair:
         if side.compared is not None and side.compared.lack_of_fit > FAR:
@@ -124,13 +122,13 @@ def _words(sides: Sides) -> Iterator[str]:
                 "its parameters mean little: add the missing effects and compare again (--revision)."
             )
     yield from _compare_parameters(sides)
-    for letter, side in zip(LETTERS, (sides.first, sides.second), strict=True):
+    for letter, side in pair:
         for what, correlation in (
             ("autocorrelated", side.autocorrelation),
             ("correlated with the velocity", side.cross_correlation),
         ):
             if correlation.outside > _CHANCE:
-                share = f"{_PERCENT * correlation.outside:.0f} % of the lags are outside the 99 % band"
+                share = f"{_TO_PERCENT * correlation.outside:.0f} % of the lags are outside the 99 % band"
                 yield f"{letter}'s residuals are {what}: {share}."
 
 
@@ -143,7 +141,7 @@ def _is_only_noise(model: Side, measured: Side) -> bool:
     return bool(fit < _POOR and model.noise_ratio_of(measured) < _ONLY_NOISE)
 
 
-def _described(model: Side, measured: Side) -> str:
+def _describe_fit(model: Side, measured: Side) -> str:
     if _is_only_noise(model, measured):
         return "leaves only noise"
     fit = model.fit_of(measured)
@@ -157,7 +155,7 @@ def _compare_parameters(sides: Sides) -> Iterator[str]:
             share, first = "", difference.first
             # a share of a value that may be zero is only noise
             if first is not None and (first.interval[0] > 0.0 or first.interval[1] < 0.0):
-                rounded = float(f"{_PERCENT * difference.value / abs(first.value):.2g}")
+                rounded = float(f"{_TO_PERCENT * difference.value / abs(first.value):.2g}")
                 share = f" ({rounded:+z.6g} %)"
             yield f"{difference.name} differs: {difference_text(difference)} {difference.unit}{share}."
     if known and not any(difference.differs for difference in known):

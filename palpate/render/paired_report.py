@@ -14,7 +14,7 @@ from plotly.subplots import make_subplots
 from palpate.common.console import significant
 from palpate.estimation.estimate import ParameterEstimate
 from palpate.render import palette
-from palpate.render.paired import LETTERS, PairedView, PairView, difference_text
+from palpate.render.paired import LETTERS, ChannelPairView, PairView, difference_text
 from palpate.render.recording.file import TIME, plot, recording_file, send_lines, shown_on
 from palpate.render.recording.rerun_modules import rrb
 from palpate.render.report import RUN_TIME, PlotStyle, as_html, draw_curves, rendered, styled, title_axes
@@ -23,7 +23,7 @@ from palpate.render.thinning import rows_by_run, run_curves
 COLORS = (palette.MEASURED, palette.OTHER)
 
 
-def state_figure(view: PairedView) -> go.Figure:
+def state_figure(view: ChannelPairView) -> go.Figure:
     """Draw both measured efforts, and their models dashed, over position and over velocity.
 
     Args:
@@ -44,7 +44,7 @@ def state_figure(view: PairedView) -> go.Figure:
     return styled(made, 420)
 
 
-def time_figure(view: PairedView) -> go.Figure:
+def time_figure(view: ChannelPairView) -> go.Figure:
     """Draw both efforts and residuals over time; if B repeats A, it is drawn at A's times.
 
     Args:
@@ -68,7 +68,7 @@ def time_figure(view: PairedView) -> go.Figure:
     return styled(made, 520)
 
 
-def residual_figure(view: PairedView) -> go.Figure:
+def residual_figure(view: ChannelPairView) -> go.Figure:
     """Draw autocorrelations of the residuals and their correlations with velocity, with 99 % bands.
 
     Args:
@@ -106,7 +106,7 @@ def document(pair: PairView) -> str:
     def value(estimate: ParameterEstimate | None) -> str:
         return "–" if estimate is None else significant(estimate.value, estimate.std_err)
 
-    def plots(view: PairedView) -> dict[str, Markup]:
+    def plots(view: ChannelPairView) -> dict[str, Markup]:
         draw = {"state": state_figure, "time": time_figure, "residual": residual_figure}
         return {name: as_html(figure(view)) for name, figure in draw.items()}
 

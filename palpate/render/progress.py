@@ -19,7 +19,7 @@ from palpate.runs.probing import Watcher
 Report = Callable[[str, float], None]  # called with the current step and the fraction of it that is done
 MakeWatcher = Callable[[float], Watcher]  # makes a watcher from the duration of a motion [s]
 _REFRESH_S = 0.1
-_MILLI = 1e3
+_TO_MILLI = 1e3
 _SHARE_DONE = {  # fraction of a run that is done when a phase begins
     Phase.FREE_AIR: 0.1,
     Phase.APPROACH: 0.25,
@@ -81,7 +81,7 @@ def probing_progress(plan: ProbingPlan, *, live: bool, remark: str = "") -> Iter
     def share(measurement: Measurement, output: TaskOutput) -> tuple[float, str]:
         nonlocal newest
         newest = max(newest, output.run)
-        speed_mm_s = _MILLI * runs[newest].speed_m_s
+        speed_mm_s = _TO_MILLI * runs[newest].speed_m_s
         words = (
             f"run {newest + 1} of {len(runs)} at {speed_mm_s:.0f} mm/s, {measurement.time_s:.1f} s simulated"
         )

@@ -24,7 +24,7 @@ from palpate.estimation.signals.blocks import blocks
 from palpate.render import palette
 from palpate.render.diagnosis import budget_picture
 from palpate.render.terminal import with_interval
-from palpate.render.thinning import joined, rows_by_run, run_curves
+from palpate.render.thinning import join_curves, rows_by_run, run_curves
 from palpate.render.view import RANGE_MEANING, ChannelView, StageView, StudyView, residual_map
 from palpate.robot_io.types import FloatArray
 
@@ -281,7 +281,7 @@ def draw_curves(made: go.Figure, curves: Sequence[Curve], place: Place, unit: st
         unit: unit of y.
         look: color, dash, width and name.
     """
-    x, y = joined(curves)
+    x, y = join_curves(curves)
     trace = go.Scatter(
         x=_small(x),
         y=_small(y),

@@ -11,7 +11,7 @@ _MOST_RUNS = 60
 _FEWEST = 16  # smallest number of points of a run
 
 
-def peaks(values: FloatArray, most: int = MOST_POINTS) -> IntArray:
+def peak_rows(values: FloatArray, most: int = MOST_POINTS) -> IntArray:
     """Return rows of `values` to draw: minimum and maximum of each of `most` / 2 equal intervals.
 
     An interval without finite values keeps one row, which leaves a gap in the curve.
@@ -54,11 +54,11 @@ def run_curves(x: FloatArray, y: FloatArray, runs: Sequence[IntArray]) -> list[t
         runs: rows of each run.
     """
     share = max(MOST_POINTS // (2 * max(len(runs), 1)), _FEWEST)
-    kept = (rows[np.union1d(peaks(x[rows], share), peaks(y[rows], share))] for rows in runs)
+    kept = (rows[np.union1d(peak_rows(x[rows], share), peak_rows(y[rows], share))] for rows in runs)
     return [(x[rows], y[rows]) for rows in kept]
 
 
-def joined(curves: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
+def join_curves(curves: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
     """Join curves into one, with a gap (NaN) after each.
 
     Args:

@@ -13,7 +13,7 @@ from nicegui import ui
 from palpate.common.files import output_folder, write_text
 from palpate.estimation.study.saved_diagnosis import RESULT
 from palpate.render.build import json_text
-from palpate.render.diagnosis import budget_picture, budget_view, diagnosed
+from palpate.render.diagnosis import budget_picture, budget_view, diagnosis_verdict
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import open_answer
@@ -137,7 +137,7 @@ class DiagnosisCard:
         self._buttons = None
         if diagnosis is None:
             return
-        view, budget = diagnosed(diagnosis), budget_view(diagnosis)
+        view, budget = diagnosis_verdict(diagnosis), budget_view(diagnosis)
         with self._answer:
             if budget is not None:
                 with set_props(ui.element("div").classes("budget").mark("budget"), title=elements.BUDGET):

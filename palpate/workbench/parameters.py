@@ -9,7 +9,7 @@ from nicegui import events, ui
 
 from palpate.common.console import AT_BOUND, NOT_DETERMINED, significant
 from palpate.estimation.estimate import ParameterEstimate, with_unit
-from palpate.render.diagnosis import impossible
+from palpate.render.diagnosis import unphysical_remarks
 from palpate.render.view import NOISE
 from palpate.robot_io.errors import InputError
 from palpate.workbench import elements
@@ -73,7 +73,7 @@ class ErrorCard:
         )
         kind = "" if more or fit.unphysical else "fits"
         self._number.set_content(_number(error, unit, noise, comparison, kind))
-        self._wrong.set_text(" ".join(impossible(fit.unphysical)))
+        self._wrong.set_text(" ".join(unphysical_remarks(fit.unphysical)))
 
     def preview(self, error: float, unit: str, noise: float) -> None:
         """Show the error at the values of the sliders.

@@ -12,7 +12,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.estimate import with_unit
 from palpate.render import palette
 from palpate.render.build import axes_of, concatenated_times
-from palpate.render.thinning import peaks
+from palpate.render.thinning import peak_rows
 from palpate.render.view import Axes, ResidualMap, residual_map
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 from palpate.workbench import elements
@@ -76,7 +76,7 @@ class DrawnMotion:
         if span_s is not None:
             chosen &= (self.time_s >= span_s[0]) & (self.time_s <= span_s[1])
         drawable = np.flatnonzero(chosen)
-        kept = drawable[peaks(values[drawable], most)] if len(drawable) else drawable
+        kept = drawable[peak_rows(values[drawable], most)] if len(drawable) else drawable
         return self.with_gaps(kept)
 
     def with_gaps(self, rows: IntArray) -> IntArray:

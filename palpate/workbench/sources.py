@@ -23,7 +23,7 @@ from palpate.estimation.data.table import Table, read_table
 from palpate.estimation.data.table_layout import clocks_of
 from palpate.estimation.data.units import SI
 from palpate.render import palette
-from palpate.render.thinning import peaks
+from palpate.render.thinning import peak_rows
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.robot_io.session import Follower, Samples, Session
 from palpate.robot_io.types import FloatArray
@@ -355,7 +355,7 @@ def live_figure(ticks: Samples) -> Figure:
     ]
     traces = []
     for name, y, color, place in curves:
-        rows = peaks(y, _POINTS)
+        rows = peak_rows(y, _POINTS)
         x, drawn = picked(time_s[last], rows), picked(y, rows)
         traces.append(curve(name, x, drawn, color, 1.3, name.rpartition("[")[2][:-1], yaxis=place))
     layout = layout_of(

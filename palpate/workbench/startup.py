@@ -18,7 +18,7 @@ import numpy as np
 
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.render import palette
-from palpate.render.thinning import peaks
+from palpate.render.thinning import peak_rows
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.robot_io.session import Session
 from palpate.robot_io.types import FloatArray
@@ -218,7 +218,7 @@ def raw_curves(file: Path) -> str:
 
 
 def _panel(title: str, time_s: FloatArray, curves: Sequence[tuple[FloatArray, str]]) -> str:
-    rows = np.unique(np.concatenate([peaks(y, _MOST_POINTS) for y, _ in curves]))
+    rows = np.unique(np.concatenate([peak_rows(y, _MOST_POINTS) for y, _ in curves]))
     rows = rows[np.isfinite([y[rows] for y, _ in curves]).all(axis=0)]
     if not len(rows):
         return ""

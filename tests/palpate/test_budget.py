@@ -12,7 +12,7 @@ from palpate.estimation.diagnosis import ChannelDiagnosis
 from palpate.estimation.diagnosis.result import Remaining
 from palpate.estimation.kinds import Kind
 from palpate.render import palette, terminal
-from palpate.render.diagnosis import budget_picture, budget_view, diagnosed
+from palpate.render.diagnosis import budget_picture, budget_view, diagnosis_verdict
 from palpate.render.recording.file import TIME, recording_file, shown_on
 from palpate.render.recording.revisions import budget_tab, log_budget
 
@@ -158,17 +158,19 @@ def test_names_of_effects_never_become_markup_of_the_picture(width):
 
 def test_an_approximate_form_and_kinds_without_one_are_marked_beside_names():
     names = [("relaxation_spectrum", "approximate"), ("run_gain", "exact")]
-    told = diagnosed(diagnosis(RELAXATION, RUNS, accepted=names)).sentence
+    told = diagnosis_verdict(diagnosis(RELAXATION, RUNS, accepted=names)).sentence
     assert "relaxation_spectrum (approximate) and run_gain are missing from the model" in told
     rest = {"rmse": 0.05, "times_floor": 1.7, "depends_on": []}
     names = [("relaxation_spectrum", "approximate")]
-    told = diagnosed(diagnosis(RELAXATION, SHAPE, accepted=names, complete=False, remaining=rest)).sentence
+    told = diagnosis_verdict(
+        diagnosis(RELAXATION, SHAPE, accepted=names, complete=False, remaining=rest)
+    ).sentence
     assert told.endswith("The form of elastic shape (25 %) is not known.")
 
 
 def test_unexplained_says_the_kinds_alone():
     found = diagnosis(SHAPE, share("friction", 0.2, effects=["dry_friction"]), verdict="unexplained")
-    told = diagnosed(found).sentence
+    told = diagnosis_verdict(found).sentence
     assert (
         "the kind of the missing effect is known, but not its form: elastic shape (25 %) and friction (20 %)."
     ) in told

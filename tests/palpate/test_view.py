@@ -15,8 +15,8 @@ from palpate.estimation.diagnosis import ChannelDiagnosis
 from palpate.estimation.diagnosis.result import Floor
 from palpate.render import palette, terminal
 from palpate.render.build import channel_view, concatenated_times, parameter_view, run_speeds
-from palpate.render.diagnosis import diagnosed, falling
-from palpate.render.thinning import joined, peaks, rows_by_run, run_curves
+from palpate.render.diagnosis import describe_fall, diagnosis_verdict
+from palpate.render.thinning import join_curves, peak_rows, rows_by_run, run_curves
 from palpate.render.view import StudyView, residual_map
 from tests.palpate import synthetic
 
@@ -85,7 +85,7 @@ ONE, TWO = accepted("bias", 0.5, 0.2), accepted("lag", 0.2, 0.1, "delay", "dampi
     ],
 )
 def test_a_verdict_is_one_sentence_that_says_what_to_know(found, words, absent):
-    told = diagnosed(found).sentence
+    told = diagnosis_verdict(found).sentence
     assert all(word in told for word in words)
     assert not any(word in told for word in absent)
 
@@ -104,7 +104,7 @@ def test_an_established_effect_is_named_whether_the_model_is_complete_or_not(com
     known = dict(diagnosis("missing", after=0.18))
     known["accepted"] = [SimpleNamespace(form="exact", **ONE)]
     found = SimpleNamespace(**known | {"complete": complete, "remaining": rest})
-    told = diagnosed(found).sentence
+    told = diagnosis_verdict(found).sentence
     assert "bias is missing from the model." in told
     assert told.endswith(words)
 
@@ -121,7 +121,7 @@ def test_an_established_effect_is_named_whether_the_model_is_complete_or_not(com
 )
 def test_the_last_step_is_credited_only_with_its_own_fall(errors, words):
     added = ["first", "second"][: len(errors) - 1]
-    told = falling("contact", errors, added, 0.01, "N")
+    told = describe_fall("contact", errors, added, 0.01, "N")
     assert told.endswith(words)
     assert told.startswith(f"contact with {' and '.join(added)}: the error in held-out runs")
 
@@ -130,7 +130,7 @@ def test_the_last_step_is_credited_only_with_its_own_fall(errors, words):
 def test_peaks_survive_thinning(n):
     values = np.sin(np.linspace(0.0, 40.0, n))
     values[n // 3], values[n // 2] = 9.0, -7.0
-    rows = peaks(values, 1000)
+    rows = peak_rows(values, 1000)
     assert len(rows) <= 1002
     assert (rows[0], rows[-1]) == (0, n - 1)
     assert {n // 3, n // 2} <= set(rows.tolist())
@@ -139,7 +139,7 @@ def test_peaks_survive_thinning(n):
 def test_a_stretch_that_is_not_judged_stays_a_gap():
     values = np.ones(20_000)
     values[5000:9000] = np.nan
-    rows = peaks(values, 400)
+    rows = peak_rows(values, 400)
     between = (rows > 5100) & (rows < 8900)
     assert between.any()
     assert np.isnan(values[rows[between]]).all()
@@ -151,7 +151,7 @@ def test_very_many_runs_are_represented_by_a_few_and_never_joined():
     rows = rows_by_run(run)
     assert len(rows) == 60
     assert {0, 1999} <= set(rows)
-    x, y = joined(run_curves(np.arange(20_000.0), np.ones(20_000), list(rows.values())))
+    x, y = join_curves(run_curves(np.arange(20_000.0), np.ones(20_000), list(rows.values())))
     assert np.isnan(y).sum() == 60
     assert np.nanmax(np.diff(x)[np.isfinite(np.diff(x))]) == 1.0
 

@@ -15,7 +15,7 @@ from palpate.render.recording.rerun_modules import rr, rrb
 from palpate.render.recording.scene import Scene, log_arm, log_object, view_3d
 from palpate.robot_io.types import FloatArray, IntArray
 
-_MILLI, _MICRO = 1e3, 1e6
+_TO_MILLI, _TO_MICRO = 1e3, 1e6
 _FORCE, _DEPTH, _PHASE = "contact/force", "contact/displacement", "phase"
 _TORQUE, _POSITION, _TRACKING, _TIMING = "torque", "position", "tracking", "timing"
 _EVENTS, _SUMMARY = "events", "summary"
@@ -82,7 +82,7 @@ def _log_signals(recording: rr.RecordingStream, scene: Scene) -> None:
     }
     send_lines(recording, _FORCE, scene.time_s, force)
     if scene.depth_m is not None:
-        depth = {"into the object [mm]": (_MILLI * scene.depth_m, palette.MEASURED, 1.5)}
+        depth = {"into the object [mm]": (_TO_MILLI * scene.depth_m, palette.MEASURED, 1.5)}
         send_lines(recording, _DEPTH, scene.time_s, depth)
     log_phases(recording, _PHASE, scene.ticks["phase"], scene.time_s)
     ticks = scene.ticks
@@ -105,13 +105,13 @@ def _log_signals(recording: rr.RecordingStream, scene: Scene) -> None:
     # durations of the loop's sections, and lateness of its wake-up
     present = [name for name in _SECTIONS if name in scene.ticks]
     sections = {
-        name.removesuffix("_s"): (_MICRO * scene.ticks[name], color, 1.0)
+        name.removesuffix("_s"): (_TO_MICRO * scene.ticks[name], color, 1.0)
         for name, color in zip(present, palette.JOINTS, strict=False)
     }
     if sections:
         send_lines(recording, f"{_TIMING}/sections", scene.time_s, sections)
     if "lateness_s" in scene.ticks:
-        late = {"lateness": (_MICRO * scene.ticks["lateness_s"], palette.TRUTH, 1.0)}
+        late = {"lateness": (_TO_MICRO * scene.ticks["lateness_s"], palette.TRUTH, 1.0)}
         send_lines(recording, f"{_TIMING}/lateness", scene.time_s, late)
 
 
@@ -154,7 +154,7 @@ def _blueprint(scene: Scene) -> rrb.Blueprint:
         rrb.TextDocumentView(origin=_SUMMARY, name="Summary"), rrb.TextLogView(origin=_EVENTS, name="Events")
     )
     left = rrb.Vertical(view_3d(scene), rrb.Horizontal(*estimates), notes, row_shares=[4.7, 2.6, 2.9])
-    deepest_mm = _MILLI * float(np.nanmax(scene.depth_m)) if scene.depth_m is not None else 0.0
+    deepest_mm = _TO_MILLI * float(np.nanmax(scene.depth_m)) if scene.depth_m is not None else 0.0
     depths = (-_ABOVE * deepest_mm, _BELOW * deepest_mm) if deepest_mm > 0 else None
     torques = [
         plot(
