@@ -26,6 +26,7 @@ from palpate.robot_io.errors import InputError, SessionError
 from palpate.robot_io.session import Column, Event, Session, SessionMetadata, Stream, write_session
 from tests.few_effects import try_few_effects
 from tests.palpate.cli import ROOT, assert_refused, done, run, run_process
+from tests.palpate.sessions import cut
 
 NASTY = (
     "a b.mcap",
@@ -76,12 +77,14 @@ def test_what_is_read_is_never_replaced(session, hardening, tmp_path):
         (("calibrate", "encoder", "--pose", "home", "-o"), "c.yaml"),
     ],
 )
-def test_where_the_user_says_nothing_is_replaced_unasked(command, name, session, probed, hardening, tmp_path):
+def test_where_the_user_says_nothing_is_replaced_unasked(command, name, session, hardening, tmp_path):
     there = tmp_path / "there"
     there.mkdir()
     (there / name).write_text("precious")
     out = there if "--out" in command else there / name
-    known = {"DATA": hardening, "SESSION": session, "OTHER": probed[0]}
+    known = {"DATA": hardening, "SESSION": session}
+    if "OTHER" in command:
+        known["OTHER"] = cut(session, tmp_path / "other.mcap", 0.9)
     assert_refused(run(*(known.get(one, one) for one in command), out), name, "exists already")
     assert {file.name: file.read_text() for file in there.iterdir()} == {name: "precious"}
 
