@@ -134,13 +134,16 @@ def _print(outcome: ProbingOutcome, planned: int) -> None:
     if outcome.sealed:
         reveal = f"to open it: palpate reveal {escape(session)}"
         console.say(f"sealed:  [bold]{shown(outcome.sealed)}[/bold] ({reveal})")
-    estimate = (f"palpate estimate {session}", "stiffness and damping with their intervals")
-    inspect = (f"palpate inspect {session}", "see it in Rerun")
-    info = (f"palpate info {session}", "what is in the file")
-    compare = (f"palpate compare {session}", "how well a spring and damper fit, and where they fail")
-    diagnose = (f"palpate diagnose {session}", "which physical effect is missing")
-    steps = [estimate, compare, diagnose] if outcome.touched else []
-    console.next_steps(*steps, *[inspect] * (not stuck), info)
+    steps = []
+    if outcome.touched:
+        steps += [
+            (f"palpate estimate {session}", "stiffness and damping with their intervals"),
+            (f"palpate compare {session}", "how well a spring and damper fit, and where they fail"),
+            (f"palpate diagnose {session}", "which physical effect is missing"),
+        ]
+    if not stuck:
+        steps.append((f"palpate inspect {session}", "see it in Rerun"))
+    console.next_steps(*steps, (f"palpate info {session}", "what is in the file"))
 
 
 @takes(RunOptions, "robot")

@@ -59,6 +59,7 @@ def sweep_command(
     from palpate.sweep import Cluster, ResultStore, run_cases  # noqa: PLC0415, its libraries take a second
 
     parts, grid, title = _cases(what)
+    sweep = PAPER if grid is None else typed(Path(what))
     folder = out or SWEEPS / title
     if folder.is_dir() and any(folder.iterdir()) and not (folder / RESULTS).is_dir():
         raise InputError(f"output folder {folder}: holds other files; choose another")
@@ -76,7 +77,7 @@ def sweep_command(
         facts = {
             "cases": f"{done} of {len(cases)}",
             "processor time": f"{duration(cost)}, {cost / max(done, 1):.2f} s a case",
-            "command": f"palpate sweep {PAPER if grid is None else typed(Path(what))}",
+            "command": f"palpate sweep {sweep}",
         }
         page = None
         if grid is not None and not plan:
@@ -118,15 +119,17 @@ def sweep_command(
             as_json=as_json,
         )
         return
-    outcome: dict[str, Any] = {
-        "what": PAPER if grid is None else typed(Path(what)),
+    outcome = {
+        "what": sweep,
         "folder": str(folder),
         "page": str(page) if page else None,
         "cases": len(cases),
         "finished": done,
+        "finished_now": report.finished_now,
+        "wall_s": report.wall_s,
+        "cpu_s": cost,
+        "errors": sum(bool(row["error"]) for part in rows.values() for row in part),
     }
-    outcome |= {"finished_now": report.finished_now, "wall_s": report.wall_s, "cpu_s": cost}
-    outcome |= {"errors": sum(bool(row["error"]) for part in rows.values() for row in part)}
     console.present(outcome, lambda: _print(outcome, page, report.finished_before), as_json=as_json)
     if report.failures:
         raise PalpateError(f"{count(len(report.failures), 'case')} without a result: {report.failures[0]}")

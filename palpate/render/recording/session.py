@@ -123,15 +123,11 @@ def _log_estimates(recording: rr.RecordingStream, scene: Scene) -> None:
         send_lines(recording, f"{entity}/online", scene.time_s, online)
         estimate = scene.estimate_of(name)
         if estimate is not None:
-            levels = {
-                "afterwards": estimate.value,
-                "95 % from": estimate.interval[0],
-                "95 % to": estimate.interval[1],
-            }
-            looks = ((palette.NOISE, 2.0), (palette.BAND, 1.0), (palette.BAND, 1.0))
+            low, high = estimate.interval
             lines = {
-                word: (np.full(2, value), *look)
-                for (word, value), look in zip(levels.items(), looks, strict=True)
+                "afterwards": (np.full(2, estimate.value), palette.NOISE, 2.0),
+                "95 % from": (np.full(2, low), palette.BAND, 1.0),
+                "95 % to": (np.full(2, high), palette.BAND, 1.0),
             }
             send_lines(recording, f"{entity}/afterwards", ends, lines)
         if name in scene.truth:
