@@ -98,7 +98,7 @@ def show(result: Score) -> None:
     print(f"\n{result.recording}: {result.verdict}; {marks}{names} ({result.seconds:.0f} s)")
     print(f"  {result.reason}")
     for entry in sorted(result.budget, key=share_of, reverse=True):
-        low, high = (100.0 * float(entry.get(key) or 0.0) for key in ("necessary", "sufficient"))
+        low, high = sorted(100.0 * float(entry.get(key) or 0.0) for key in ("necessary", "sufficient"))
         effects = ", ".join(entry.get("effects") or [])
         print(f"  {entry['kind']}: {low:.0f} to {high:.0f} %, form {entry.get('form')}: {effects}")
     print(f"  accepted: {', '.join(result.accepted) or 'none'}; expected: {', '.join(result.expected)}")
