@@ -19,7 +19,7 @@ from palpate.batches.table import floats, texts
 from palpate.robot_io.types import FloatArray
 
 LEVEL = 0.01  # chance of naming an effect where none is missing, for each channel and step
-_LEAST_SHARE = 0.01  # of the squared error, that an effect takes to be named
+_LEAST_SHARE = 0.01  # smallest share of the squared error of an effect that is named
 LEAST = 5  # measurements
 _LIKE = 0.05  # p value of a difference from the best candidate, above which a candidate is as good
 _MOST_STEPS = 4
@@ -33,8 +33,8 @@ class CommonEffect:
     effect: str  # its name
     measurements: int  # on which it was tried
     improved: int  # measurements whose held-out error it lowers
-    share: float  # of the squared held-out error that it takes, geometric mean
-    p_value: float  # of no gain, corrected over all candidates
+    share: float  # share of the squared held-out error that it removes, geometric mean
+    p_value: float  # p-value of no gain, corrected over all candidates
     confused_with: tuple[str, ...]  # candidates whose gain does not differ significantly
 
 
@@ -73,7 +73,7 @@ def best_effect(channel: str, results: pa.Table) -> CommonEffect | None:
     """Return the candidate with the largest gain, or None if that is not significant.
 
     Args:
-        channel: its name.
+        channel: name of the channel.
         results: rows of this channel, with `address`, `candidate` and `gain`.
     """
     by_candidate: dict[str, dict[str, float]] = {}

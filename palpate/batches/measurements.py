@@ -24,7 +24,7 @@ from palpate.sweep.case import Row
 
 FILE = "file"  # column of a list or metadata table that names a file
 _FIELD = re.compile(r"\{(\w*)\}")
-_MOST_BYTES = 65_536  # of a header
+_MOST_BYTES = 65_536  # largest size of a header
 _TEXTS = (".csv", ".tsv")
 
 
@@ -52,7 +52,7 @@ class MetadataTable:
 
         Args:
             path: a CSV file.
-            fields: those of each file.
+            fields: fields of each file.
 
         Raises:
             InputError: no column tells the files apart, or two lines are of the same file.
@@ -78,7 +78,7 @@ class MetadataTable:
 
         Args:
             file: named by its path, its name, or its name without the ending.
-            fields: that the file has already.
+            fields: fields that the file already has.
         """
         own = [(name,) for name in (str(file), file.name, file.stem)]
         places = own if self.keys == [FILE] else [tuple(fields.get(name, "") for name in self.keys)]
@@ -126,7 +126,7 @@ def find_measurements(
 
     Args:
         places: files, folders, patterns such as "data/*.csv", or one list: a CSV file with a column `file`.
-        pattern: of file names, whose names in braces are fields, such as "{specimen}_{day}.csv".
+        pattern: pattern of file names, with fields in braces, such as "{specimen}_{day}.csv".
         metadata: CSV file with further fields of each file, found by a column `file` or by shared fields.
         join: field; files that have the same text in it are one measurement.
         split: column of the data files; each text in it is a measurement.
@@ -179,8 +179,8 @@ def case_of(measurement: BatchMeasurement, options: Mapping[str, Any]) -> Measur
     """The case of a measurement. OSError: a file cannot be read.
 
     Args:
-        measurement: its files.
-        options: how to read and judge it; what JSON can hold.
+        measurement: files of the measurement.
+        options: options for reading and judging it, as plain data.
     """
     content = [content_hash(Path(file)) for file in measurement.files]
     parameters = {"content": content, "where": measurement.where, "options": options}
@@ -194,7 +194,7 @@ def content_hash(path: Path) -> str:
     """SHA-256 of a file with the ending of its name, or of the files in a folder. OSError: not readable.
 
     Args:
-        path: of the file or folder.
+        path: path of the file or folder.
     """
     if path.is_dir():
         parts = sorted(file for file in path.rglob("*") if file.is_file())

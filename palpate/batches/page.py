@@ -24,10 +24,10 @@ from palpate.render import palette
 from palpate.render.report import as_html, rendered, styled
 
 _TEMPLATE = Path(__file__).parent / "page.html"
-_MOST_ROWS = 300  # of the table that the page shows, outliers and errors aside
-_MOST_POINTS = 400  # of one parameter in one group
+_MOST_ROWS = 300  # rows of the table on the page, besides outliers and errors
+_MOST_POINTS = 400  # points of one parameter in one group
 _MOST_FIGURES = 12
-_MOST_SERIES = 60  # of the page of a trend
+_MOST_SERIES = 60  # series on the page of a trend
 _MOST_EFFECTS = 4
 _SIGNIFICANT = 0.05
 _COLORS = {kind.word: palette.KINDS[kind] for kind in Kind} | {
@@ -53,7 +53,7 @@ def write_page(batch: BatchResult) -> None:
     """Write the page; InputError if that is not possible.
 
     Args:
-        batch: its table, pooled parameters, differences and outliers.
+        batch: result with its table, pooled parameters, differences and outliers.
     """
     spent: dict[str, float] = {}  # the channels of a measurement state the same time
     if batch.finished:
@@ -105,7 +105,7 @@ def write_trend(path: Path, tested: Sequence[tuple[Series, Sequence[TrendChange]
     """Write the page of all series over time, those that change first.
 
     Args:
-        path: of the page.
+        path: path of the page.
         tested: series with their changes.
         what: the times count.
 
@@ -277,7 +277,7 @@ class _EntryTable:
         """Tabulate entries.
 
         Args:
-            entries: in the order of the rows.
+            entries: entries, in the order of the rows.
         """
         rows = [[cell(entry) for cell in self.columns.values()] for entry in entries]
         return PageSection(self.title, tuple(self.columns), rows, words=(self.words,))

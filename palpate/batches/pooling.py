@@ -49,9 +49,9 @@ class GroupDifference:
     parameter: str
     unit: str
     groups: tuple[str, str]
-    difference: float  # of the means, second less first
+    difference: float  # second minus first mean
     interval: tuple[float, float]  # 95 %, of the difference alone
-    p_value: float  # of no difference
+    p_value: float  # p-value of no difference
     p_corrected: float  # by Holm, over all parameters and pairs of groups
 
 
@@ -62,7 +62,7 @@ class SharedParameter:
     parameter: str
     unit: str
     group: str
-    channels: tuple[str, ...]  # that share it
+    channels: tuple[str, ...]  # channels that share it
     count: int  # estimates, one for each channel of each measurement
     value: float  # NaN if the estimates contradict it, as are the next two
     std_err: float
@@ -75,7 +75,7 @@ class SharedParameter:
 class Outlier:
     """A measurement with a parameter far from the values of its group."""
 
-    row: int  # of the table
+    row: int  # row of the table
     parameter: str
     unit: str
     value: float
@@ -86,9 +86,9 @@ class Outlier:
 class BatchResult(TableDisplay):
     """Result of a batch; prints as the table of its pooled parameters."""
 
-    folder: Path  # of the page, the tables, and the results by content
+    folder: Path  # folder of the page, the tables, and the results by content
     table: pa.Table  # a row for each channel of each measurement
-    measurements: int  # in all
+    measurements: int  # number of measurements
     finished: int  # measurements with a result, be it an error
     pooled: tuple[PooledParameter, ...]  # each parameter in each group
     differences: tuple[GroupDifference, ...]  # between each two groups
@@ -171,7 +171,7 @@ def shared_parameters(
     Args:
         columns: parameters of the table.
         groups: group of each row of the table.
-        effects: whose parameters are shared, such as "coulomb_friction".
+        effects: effects whose parameters are shared, such as "coulomb_friction".
 
     Raises:
         InputError: no two estimates have a parameter of an effect.

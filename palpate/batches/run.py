@@ -83,16 +83,16 @@ def batch(
         diagnose: also find out which effects are missing.
         pool: also combine the evidence of all measurements for effects too small for one of them.
         add: effects that are fitted to every measurement beside the base model.
-        pattern: of file names, with fields in braces, such as "{specimen}_{day}.csv".
+        pattern: pattern of file names, with fields in braces, such as "{specimen}_{day}.csv".
         metadata: CSV file with further fields.
         join: field; files with the same text in it are one measurement.
         split: column of the data files; each text in it is a measurement.
         group: field by which measurements are compared.
         share: effects whose parameters are the same in all channels and measurements of a group.
-        read: how to read a data file.
-        urdf: of the arm, for models that need it.
+        read: options for reading a data file.
+        urdf: URDF of the arm, for models that need it.
         tip_frame: the tip's frame in that.
-        effects: of your own, such as "my_effects.py:MyEffect".
+        effects: your own effects, such as "my_effects.py:MyEffect".
         workers: processes on this machine; None for one a core.
         scheduler: address of a dask scheduler; None for this machine.
         retry: judge measurements again that could not be judged.
@@ -177,8 +177,8 @@ def _check_names(model: str | None, names: Sequence[str], own: Sequence[str]) ->
     """Raise `InputError` if there is no such base model or effect.
 
     Args:
-        model: of the batch.
-        names: of effects of the library or the user.
+        model: base model of the batch.
+        names: names of effects of the library or the user.
         own: the user's effects, such as "my_effects.py:MyEffect".
     """
     known = {effect.name for effect in load_user_effects(own).values()}

@@ -16,7 +16,7 @@ class RandomEffects:
 
     count: int  # measurements
     mean: float  # common mean
-    std_err: float  # of the mean
+    std_err: float  # standard error of the mean
     interval: tuple[float, float]  # 95 %, of the mean
     spread: float  # standard deviation of the true values between measurements
     prediction: tuple[float, float]  # 95 %, of the true value of a further measurement; NaN below three
@@ -33,7 +33,7 @@ def random_effects(values: FloatArray, std_errs: FloatArray) -> RandomEffects:
 
     Args:
         values: shape (n,), n at least 1.
-        std_errs: of the values (n,), not negative.
+        std_errs: standard errors of the values, shape (n,), not negative.
     """
     count = len(values)
     least = 1e-9 * (float(np.abs(values).max()) or 1.0)
@@ -78,7 +78,7 @@ def shrunk(values: FloatArray, std_errs: FloatArray, effects: RandomEffects) -> 
 
     Args:
         values: shape (n,).
-        std_errs: of the values (n,).
+        std_errs: standard errors of the values, shape (n,).
         effects: the random-effects model of their group.
 
     Returns:
@@ -92,7 +92,7 @@ def holm(p_values: Sequence[float]) -> list[float]:
     """Corrected p values of several tests (Holm, Scand. J. Stat. 6 (1979) 65).
 
     Args:
-        p_values: of the single tests.
+        p_values: p-values of the single tests.
     """
     order = np.argsort(p_values)
     corrected, worst = [1.0] * len(p_values), 0.0

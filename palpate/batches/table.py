@@ -36,8 +36,8 @@ class ParameterColumn:
 
     channel: str  # its name
     name: str  # "effect.parameter"
-    unit: str  # of the values
-    rows: np.ndarray[Any, np.dtype[np.int64]]  # of the table, shape (n,)
+    unit: str  # unit of the values
+    rows: np.ndarray[Any, np.dtype[np.int64]]  # rows of the table, shape (n,)
     values: FloatArray  # shape (n,), in the unit
     std_errs: FloatArray  # shape (n,), in the unit
 
@@ -52,7 +52,7 @@ def head(name: str, unit: str, end: str = "") -> str:
 
     Args:
         name: "effect.parameter".
-        unit: of the values.
+        unit: unit of the values.
         end: empty, or "low", "high", "std_err" or "shrunk".
     """
     return f"{name} {end} [{unit}]" if end else f"{name} [{unit}]"
@@ -62,7 +62,7 @@ def field_names(measurements: Sequence[BatchMeasurement], group: str | None) -> 
     """Return the names of all fields of the measurements.
 
     Args:
-        measurements: of the batch.
+        measurements: measurements of the batch.
         group: field that tells groups apart; None for one group.
 
     Raises:
@@ -86,8 +86,8 @@ def make_table(
     """Join names, fields and results; omit measurements with neither a result nor a failure.
 
     Args:
-        measurements: of the batch, m of them.
-        addresses: of their cases, m; None where a file cannot be read.
+        measurements: measurements of the batch, m of them.
+        addresses: addresses of their cases, m of them; None where a file cannot be read.
         results: rows of the cases, by address.
         failures: why a measurement has no result, by its name.
         group: field that tells groups apart; None for one group.
@@ -146,7 +146,7 @@ def write_table(folder: Path, table: pa.Table) -> None:
     """Write the table as Parquet and CSV; InputError if that is not possible.
 
     Args:
-        folder: where to.
+        folder: folder of the table.
         table: all rows.
     """
     with whole_file(folder / f"{TABLE}.parquet") as path:
@@ -159,7 +159,7 @@ def read_table(path: Path) -> pa.Table:
     """Read a table that a batch wrote, as Parquet or CSV.
 
     Args:
-        path: of the table, or of the batch's folder.
+        path: path of the table, or of the batch's folder.
 
     Raises:
         InputError: it is not there, or is no such table.
@@ -207,7 +207,7 @@ def parameter_columns(table: pa.Table) -> Iterator[ParameterColumn]:
     """Every parameter of every channel that at least one measurement knows with its standard error.
 
     Args:
-        table: of a batch.
+        table: table of a batch.
 
     Yields:
         Channel by channel, in the order of the columns.
@@ -227,8 +227,8 @@ def floats(table: pa.Table, name: str) -> FloatArray:
     """Return a column of numbers, shape (n,), with NaN for missing values.
 
     Args:
-        table: of a batch.
-        name: of the column.
+        table: table of a batch.
+        name: name of the column.
     """
     if name not in table.column_names:
         return np.full(len(table), np.nan)
@@ -241,8 +241,8 @@ def texts(table: pa.Table, name: str) -> list[str]:
     """Return a column as text, with empty strings for missing values.
 
     Args:
-        table: of a batch.
-        name: of the column.
+        table: table of a batch.
+        name: name of the column.
     """
     if name not in table.column_names:
         return [""] * len(table)

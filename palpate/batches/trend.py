@@ -18,10 +18,10 @@ from palpate.robot_io.types import BoolArray, FloatArray
 LEVEL = 0.01  # chance of a change in a whole table where nothing changes
 LEAST = 10  # measurements of a series that is tested
 _SIDE = 3  # measurements before and after a step
-_PERMUTATIONS = 1_000  # at a time
-_MOST_VALUES = 5_000_000  # in all of these
+_PERMUTATIONS = 1_000  # permutations at a time
+_MOST_VALUES = 5_000_000  # values in all permutations of one time
 _MOST_LARGER = 20  # permutations with as large a change that end the test (Besag and Clifford, 1991)
-_MOST_CHANGES = 6  # of one series
+_MOST_CHANGES = 6  # changes of one series
 _BESIDE = 2  # neighbors on each side with which a value is compared
 _ISOLATED = 8.0  # robust standard deviations from the nearest neighbor beyond which a value is left out
 _MOST_ISOLATED = 0.1  # largest share of such values
@@ -37,7 +37,7 @@ class Series:
     channel: str
     name: str  # "effect.parameter", "times_noise", or "budget KIND"
     unit: str  # empty for a share or ratio
-    rows: np.ndarray[Any, np.dtype[np.int64]]  # of the table in the order of time, shape (n,)
+    rows: np.ndarray[Any, np.dtype[np.int64]]  # rows of the table in the order of time, shape (n,)
     times: FloatArray  # days or counts, shape (n,)
     values: FloatArray  # shape (n,), in the unit
     std_errs: FloatArray  # shape (n,), in the unit; zero where unknown
@@ -58,15 +58,15 @@ class TrendChange:
     last: int  # last measurement that it is about
     before: float  # value before a step, or at the begin of a drift
     after: float  # value after a step, or at the end of a drift
-    std_err: float  # of the difference
-    p_value: float  # of as large a step or drift by chance, for this series alone
+    std_err: float  # standard error of the difference
+    p_value: float  # of a step or drift as large as this by chance, in this series alone
 
 
 def time_axis(table: pa.Table, field: str | None = None) -> tuple[FloatArray, list[str], str]:
     """Return times of the rows, their labels, and the kind of time.
 
     Args:
-        table: of a batch.
+        table: table of a batch.
         field: column of dates (ISO 8601) or numbers; None for a column with a usual name, else the row order.
 
     Returns:
@@ -111,8 +111,8 @@ def all_series(table: pa.Table, times: FloatArray) -> Iterator[Series]:
     """Every parameter, the error over noise, and every kind's share, of each channel of each group.
 
     Args:
-        table: of a batch.
-        times: of its rows (n,).
+        table: table of a batch.
+        times: times of its rows, shape (n,).
 
     Yields:
         Those with at least `LEAST` values. Isolated values of a parameter are left out, since one of them
@@ -235,7 +235,7 @@ def _spread_squared(values: FloatArray, std_errs: FloatArray | float) -> FloatAr
 
     Args:
         values: m series, shape (m, n).
-        std_errs: of the values (n,).
+        std_errs: standard errors of the values, shape (n,).
     """
     total = 0.5 * np.mean(np.diff(values, axis=1) ** 2, axis=1, keepdims=True)
     tiny = np.finfo(float).tiny + 1e-12 * np.mean(values**2, axis=1, keepdims=True)
@@ -247,7 +247,7 @@ def _statistics(scaled: FloatArray, times: FloatArray) -> FloatArray:
 
     Args:
         scaled: m series of values of equal variance, shape (m, n).
-        times: of the values (n,).
+        times: times of the values, shape (n,).
     """
     count = scaled.shape[1]
     centered = scaled - scaled.mean(axis=1, keepdims=True)
@@ -298,9 +298,9 @@ def changes_of(
     """Changes of all series that are not constant, at a level for the table as a whole.
 
     Args:
-        table: of a batch.
-        times: of its rows (n,).
-        names: of the series to test; all without any.
+        table: table of a batch.
+        times: times of its rows, shape (n,).
+        names: names of the series to test; empty for all.
     """
     series = [
         item

@@ -32,13 +32,13 @@ class ComparedPair:
     """Comparison of two studies, channel by channel.
 
     Args:
-        data: the first, and how both are read.
-        path: file of the second; None for the same.
-        models: base models of both; None for what suits.
+        data: first measurement, and options for reading both.
+        path: file of the second measurement; None for the file of the first.
+        models: base models of both; None for the usual ones.
         channel: name of the only channel to compare; None for all that both have.
-        revisions: of both, whose models are compared instead; without one of the second, the models of the
-            first are fitted to it as well.
-        folder: where the revisions of the first, and of another model of it, are kept if not as usual.
+        revisions: numbers of the revisions of both, whose models are compared instead of base models; without
+            a revision of the second, the models of the first are fitted to it as well.
+        folder: folder of the revisions of the first, and of another model of it; None for the usual one.
 
     Raises:
         InputError: one of them cannot be used, or they have nothing in common.

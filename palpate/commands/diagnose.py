@@ -109,7 +109,7 @@ def exit_code_of(verdicts: Iterable[Verdict]) -> int:
     """Return the exit code of the most severe verdict; 0 if all channels are adequate.
 
     Args:
-        verdicts: one of each channel.
+        verdicts: verdict of each channel.
     """
     return min((EXIT_CODES[verdict] for verdict in verdicts if verdict in EXIT_CODES), default=0)
 

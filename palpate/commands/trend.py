@@ -223,7 +223,7 @@ def describe_change(change: dict[str, Any]) -> str:
     """Describe a change in a sentence.
 
     Args:
-        change: as plain data.
+        change: the change, as plain data.
     """
     from palpate.estimation.fit.intervals import SIGMAS_95  # noqa: PLC0415, its libraries take a second
 

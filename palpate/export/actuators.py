@@ -13,7 +13,7 @@ def isaaclab_text(arm: TargetArm) -> str:
     """Write actuator configurations of Isaac Lab, a Python module with one dict `ACTUATORS`.
 
     Args:
-        arm: expressed for `SimulatorFormat.ISAACLAB`.
+        arm: terms of the arm, expressed for `SimulatorFormat.ISAACLAB`.
     """
     lines = [
         f'"""Actuators of Isaac Lab, written by palpate export from {as_comment(arm.source)}.',
@@ -57,7 +57,7 @@ def bam_texts(arm: TargetArm, patch: Path | None) -> list[str]:
     """Write parameter files of BAM (better-actuator-models), one for the servo of each joint.
 
     Args:
-        arm: expressed for `SimulatorFormat.BAM`.
+        arm: terms of the arm, expressed for `SimulatorFormat.BAM`.
         patch: parameter file with what friction says nothing of (actuator, kt, R ...), which is kept; None
             for none.
 

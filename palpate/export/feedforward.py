@@ -70,7 +70,7 @@ _OF_READING = {Kind.SENSOR_DYNAMICS, Kind.SENSOR_STATICS, Kind.DRIFT}
 class FittedJoint:
     """The fitted model of one joint."""
 
-    name: str  # of the channel, such as "joint_2"
+    name: str  # name of the channel, such as "joint_2"
     model: str  # base model and added effects
     kind: ChannelKind
     effort_unit: str
@@ -98,7 +98,7 @@ class Feedforward:
     """A feedforward of joints."""
 
     joints: tuple[FittedJoint, ...]  # by their numbers
-    terms: tuple[JointTerms, ...]  # of each
+    terms: tuple[JointTerms, ...]  # terms of each joint
     used: tuple[str, ...]  # what went into it, one line each
     left_out: tuple[str, ...]  # what the table cannot express or the data do not determine, one line each
 
@@ -106,8 +106,8 @@ class Feedforward:
         """Write the table (.yaml), and the functions (.py, .c) beside it.
 
         Args:
-            path: of the table.
-            source: what was measured, for people.
+            path: path of the table.
+            source: description of the measurement.
 
         Raises:
             InputError: a file cannot be written.
@@ -193,9 +193,9 @@ def reason_left_out(effect: str, reasons: Mapping[str, str], target: str) -> str
     """Say why a target has no term for an effect.
 
     Args:
-        effect: its name.
-        reasons: of effects with a reason of their own.
-        target: what is written, such as "table".
+        effect: name of the effect.
+        reasons: reasons of effects that have one of their own.
+        target: kind of the output, such as "table".
     """
     if effect in reasons:
         return reasons[effect]
@@ -245,7 +245,7 @@ def feedforward(joint: int, position: float, velocity: float, acceleration: floa
     """Effort that moves a joint [N m, or N of a linear axis].
 
     Args:
-        joint: its number, from 1; KeyError for one that is not in the table.
+        joint: number of the joint, from 1; KeyError for one that is not in the table.
         position: desired [rad, or m].
         velocity: desired [rad/s, or m/s].
         acceleration: desired [rad/s^2, or m/s^2].

@@ -17,7 +17,7 @@ from palpate.sim_backend.imperfection import Imperfection, parse_imperfection
 from palpate.sim_backend.scenario import Scenario
 
 Values = Mapping[str, float]  # fitted parameters of one effect, by their own names
-Entry = dict[str, object]  # of a scenario's section `hidden`, without the place
+Entry = dict[str, object]  # entry of a scenario's section `hidden`, without the place
 Term = Callable[[Values], list[Entry]]
 
 _GONE_BY_NEXT_RUN_S = 0.1
@@ -38,7 +38,7 @@ def lost(effect: str, p: Values) -> Iterator[str]:
     """Describe what the simulator does differently for a fitted effect, in a sentence.
 
     Args:
-        effect: its name.
+        effect: name of the effect.
         p: fitted parameters, by their own names.
     """
     if effect == "asymmetric_friction" and _viscous(p) < 0.0:
@@ -141,7 +141,7 @@ class FittedChannel:
     revision: Revision  # the fitted model
     # Where the channel's depth counts from, along the downward press direction; None if given.
     surface: Surface | None
-    joint_count: int  # of the arm; 0 for a contact that came without one
+    joint_count: int  # number of joints of the arm; 0 for a contact that came without one
 
     @property
     def is_contact(self) -> bool:
@@ -163,7 +163,7 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
 
     Args:
         base: sensors, arm and physics, which the models do not include. Its hidden effects are dropped.
-        fitted: one for each channel.
+        fitted: fitted model of each channel.
         description: one line for people.
 
     Raises:

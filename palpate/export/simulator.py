@@ -45,7 +45,7 @@ def write_simulator(
         mounted: the arm to which the joints belong.
         patch: file of the user that is read, or None.
         failures: why other joints have no fit, one line each.
-        source: what was measured, for people.
+        source: description of the measurement.
 
     Raises:
         InputError: `patch` is missing, not readable or lacks a joint, or a file cannot be written.

@@ -40,8 +40,8 @@ def recorded_table(path: Path, options: ImportOptions, name: str) -> pa.Table:
 
     Args:
         path: session, folder of sessions, or data file.
-        options: how to read a data file.
-        name: of the stream or channel, or `EVENTS`.
+        options: options for reading a data file.
+        name: name of the stream or channel, or `EVENTS`.
 
     Raises:
         InputError: there is none of this name, or the data cannot be used.
@@ -67,7 +67,7 @@ def stream_table(samples: Samples) -> pa.Table:
     """Return every column of a stream; wide ones as several, numbered from 1. Fields keep their units.
 
     Args:
-        samples: of the stream.
+        samples: samples of the stream.
     """
     fields, arrays = list[pa.Field](), list[pa.Array]()
     for column in samples.stream.columns:
@@ -117,7 +117,7 @@ def write_table(table: pa.Table, path: Path) -> None:
     """Write a table in the format of its ending, whole or not at all.
 
     Args:
-        table: what is written.
+        table: table to write.
         path: ends in .csv or .parquet.
 
     Raises:
@@ -136,7 +136,7 @@ def check_ending(path: Path) -> None:
     """Refuse other formats. InputError: the ending is neither CSV's nor Parquet's.
 
     Args:
-        path: of the output.
+        path: path of the output.
     """
     if path.suffix not in ENDINGS:
         raise InputError(f"output {path}: a table is written as {' or '.join(ENDINGS)}")
@@ -160,8 +160,8 @@ def layout_of(session: Session, program: Program) -> str:
     """Return a viewer's layout as text. InputError: the session has nothing to plot.
 
     Args:
-        session: whose streams are shown.
-        program: that shows them.
+        session: session whose streams are shown.
+        program: viewer that shows them.
     """
     streams = [session.samples(name).stream for name in session.stream_names]
     plots: dict[str, list[tuple[Stream, Column]]] = {}

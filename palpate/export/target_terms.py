@@ -198,7 +198,7 @@ class TargetArm:
 
     source: str  # what was measured
     joints: tuple[TargetJoint, ...]
-    arm: Values  # of the whole arm, see `OF_ARM`
+    arm: Values  # values of the whole arm, see `OF_ARM`
     left_out: tuple[str, ...]  # what the target cannot express, one line each
 
 
@@ -214,8 +214,8 @@ def express(
     Args:
         joints: with their fits.
         target: the simulator.
-        source: what was measured, for people.
-        names: of all joints of the arm in its file, from the base outwards; empty where none is known.
+        source: description of the measurement.
+        names: names of all joints of the arm in its file, from the base outwards; empty if unknown.
         rotors: inertia [kg m^2] of each joint's rotor that is in the base model; empty for none.
     """
     targets, left_out = list[TargetJoint](), list[str]()

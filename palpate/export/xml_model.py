@@ -35,7 +35,7 @@ class Mounting:
 class Patched:
     """A patched file."""
 
-    text: str  # of the file
+    text: str  # text of the file
     used: tuple[str, ...]  # what was written, one line each
     left_out: tuple[str, ...]  # what is not in it or was kept, one line each
 
@@ -46,10 +46,10 @@ def patch_mjcf(text: str, place: str, arm: TargetArm, mounting: Mounting, *, by_
     A value replaces that of the file: the fitted model has no friction, spring or rotor but these.
 
     Args:
-        text: of the MJCF.
-        place: where it comes from, for errors.
-        arm: expressed for `SimulatorFormat.MJCF`.
-        mounting: of the arm.
+        text: text of the MJCF.
+        place: origin of the text, for error messages.
+        arm: terms of the arm, expressed for `SimulatorFormat.MJCF`.
+        mounting: mounting of the arm.
         by_name: find joints by their names; otherwise the n-th hinge or slide joint is joint n.
 
     Raises:
@@ -78,10 +78,10 @@ def patch_urdf(text: str, place: str, arm: TargetArm, mounting: Mounting) -> Pat
     """Write the values of an arm into the text of a URDF.
 
     Args:
-        text: of the URDF.
-        place: where it comes from, for errors.
-        arm: expressed for `SimulatorFormat.URDF`.
-        mounting: of the arm.
+        text: text of the URDF.
+        place: origin of the text, for error messages.
+        arm: terms of the arm, expressed for `SimulatorFormat.URDF`.
+        mounting: mounting of the arm.
 
     Raises:
         InputError: the file cannot be read, is no URDF, or lacks a joint.
@@ -137,8 +137,8 @@ class _Mjcf:
         """Return an attribute of an element, from the element itself or its default class.
 
         Args:
-            element: of the MJCF.
-            name: of the attribute.
+            element: element of the MJCF.
+            name: name of the attribute.
             absent: value where neither states it.
         """
         if (own := element.get(name)) is not None:
