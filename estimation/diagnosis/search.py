@@ -41,6 +41,7 @@ FITTED = 4  # candidates per step that are fitted jointly with all parameters
 FITTED_IN_FULL = 2  # the same on all data, after a search on a coarse copy
 LOOKED_AT = 12  # best candidates from which these are chosen
 _PAIR = 2
+_MAX_LEFT = 0.5  # share of the squared error above which a search for single effects has failed
 BESIDE, PAIRS = 3, 4  # second effects tried with each first effect, and pairs that are fitted jointly
 _FOLDS = 0.6  # least share of the folds in which an effect must lower the error
 # Improvement, relative to the residual energy, above which no permutation test is needed: `_CLEAR` with
@@ -473,8 +474,9 @@ def select_effects(
     """Search for the model that explains most and in which each effect is needed.
 
     Effects are added one by one. If an explainable error remains, the best forms of all kinds are tried
-    jointly. If more than two effects are needed, the search restarts from pairs, since many effects can
-    imitate almost any error.
+    jointly. If more than half of the error is left even so, the best pair is tried too, since each of two
+    effects alone may only distort the base model's parameters. If more than two effects are needed, the
+    search restarts from pairs, since many effects can imitate almost any error.
 
     Args:
         whole: the search on all data.
@@ -493,6 +495,9 @@ def select_effects(
     if not is_enough(best):
         best = whole.ordered([best, refine(_forward_selection(coarse, backward_step(coarse, forms())))])[0]
     enough = is_enough(best)
+    if not enough and best.solution.held_out > _MAX_LEFT * whole.start.solution.held_out:
+        pairs = [_forward_selection(coarse, pair) for pair in islice(_pairs(coarse), 1)]
+        best = whole.ordered([best, *map(refine, pairs)])[0]
     if enough and len(whole.added_effects(best)) > _PAIR:
         smaller = backward_step(whole, sufficient(best))
         best = smaller if is_enough(smaller) else best

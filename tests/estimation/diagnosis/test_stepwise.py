@@ -165,6 +165,19 @@ def test_forms_of_all_kinds_are_tried_where_the_best_effects_one_by_one_leave_so
 
 
 @pytest.mark.parametrize(
+    ("left", "found"),
+    [
+        ({"": 100, "a": 101, "b": 99, "ab": 20}, "ab"),  # neither effect helps without the other
+        ({"": 100, "a": 60, "b": 99, "c": 98, "bc": 20}, "bc"),
+        ({"": 100, "a": 49, "b": 99, "c": 98, "bc": 20}, "a"),  # a single effect explains more than half
+        ({"": 100, "a": 101, "b": 99, "ab": 97}, ""),
+    ],
+)
+def test_the_best_pair_is_tried_if_single_effects_leave_more_than_half(left, found):
+    assert came_to(sought(SearchedModels(left), lambda model: False)) == found
+
+
+@pytest.mark.parametrize(
     ("smooth", "floor", "found"),
     [
         (0.19, 0.0, "a"),
