@@ -4,7 +4,6 @@ import json
 
 import pytest
 
-from palpate.estimation.study import sessions, source
 from palpate.robot_io.errors import describe_error
 from palpate.runs import session
 from palpate.sweep import runner
@@ -13,7 +12,6 @@ from tests.few_effects import shorten_budget, try_few_effects
 from tests.log_in_process import LogInProcess
 from tests.palpate.cli import done
 from tests.palpate.presses import write_presses
-from tests.palpate.read_once import read_once
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -21,15 +19,6 @@ def short_budget():
     """What the commands print has a budget that few combinations were tried for."""
     with pytest.MonkeyPatch.context() as patch:
         shorten_budget(patch)
-        yield
-
-
-@pytest.fixture(scope="session", autouse=True)
-def files_read_once():
-    """Each data file and session is read once, however many commands are tested on it."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(source, "import_file", read_once(source.import_file))
-        patch.setattr(sessions, "read_session", read_once(sessions.read_session))
         yield
 
 
