@@ -114,7 +114,7 @@ def main() -> None:
 def _read_page(text: str) -> tuple[dict[str, list[str]], dict[str, str]]:
     """Split a page into the rows of its table and its sections, by the name of the recording."""
     head, *parts = re.split(r"^(?=## )", text, flags=re.MULTILINE)
-    sections = {part.partition("\n")[0].removeprefix("## "): part for part in parts}
+    sections = {part.partition("\n")[0].removeprefix("## "): f"{part.rstrip()}\n" for part in parts}
     rows = {name: re.findall(rf"^\| \[{re.escape(name)}\].*$", head, re.MULTILINE) for name in sections}
     return rows, sections
 
