@@ -70,7 +70,7 @@ def draw_lessons(folder: Path) -> None:
         for file, effect in (("press.csv", "stress_relaxation"), ("riddle.mcap", "layered_stiffness")):
             study = Study(file, keep=False)
             study.add(effect, channel="contact")
-            figure = study.plot("contact").update_layout(height=620)
+            figure = study.plot("contact").update_layout(height=720)
             draw(figure, 1200, PICTURES / f"{Path(file).stem}.png", folder)
 
 
@@ -85,6 +85,8 @@ def draw_measured(file: Path, folder: Path) -> None:
 def draw(figure: go.Figure, width: int, picture: Path, folder: Path) -> None:
     """A figure as PNG."""
     figure.update_layout(width=width, paper_bgcolor="white", plot_bgcolor="white")
+    # At two pixels for one, Chromium cuts the last letter of a legend entry unless blanks follow it.
+    figure.for_each_trace(lambda trace: trace.update(name=f"{trace.name}   ") if trace.showlegend else None)
     page = folder / f"{picture.stem}.html"
     html = figure.to_html(config={"displayModeBar": False})
     page.write_text(html.replace("<body>", '<body style="margin:8px; background:white">'), encoding="utf-8")

@@ -89,13 +89,14 @@ def figure(channel: ChannelView | StudyView) -> go.Figure:
     specs = [[{}, {}], [{"colspan": 2}, None], [{"colspan": 2}, None]]
     titles = ("Error in held-out runs", "Over the state", "Over time", "")
     made = make_subplots(
-        3, 2, specs=specs, subplot_titles=titles, row_heights=[0.36, 0.36, 0.28], vertical_spacing=0.1
+        3, 2, specs=specs, subplot_titles=titles, row_heights=[0.36, 0.36, 0.28], vertical_spacing=0.14
     )
     _draw_fall(made, channel)
     _draw_state(made, channel, (1, 2), channel.position, channel.axes.position, named=False)
     _draw_time(made, channel, (2, 1))
     _draw_residuals(made, channel, (3, 1))
-    return styled(made, 760)
+    made = styled(made, 800)
+    return made.update_layout(margin_t=64, legend_y=1.06)  # above the titles of the first row
 
 
 def fall_figure(channel: ChannelView) -> go.Figure:
