@@ -264,8 +264,9 @@ def _accounts_for_error(
     alone = search.fitted(base.solution.model.with_effect(effect), fit.solution.parameters)
     if alone.held_out_mean_square < by_laws:
         return True
-    without = search.without(fit, test.effect).held_out_mean_square
-    return test.kind in _PHYSICAL_KINDS and fit.held_out_mean_square < AS_GOOD * by_laws < by_laws < without
+    is_better = fit.held_out_mean_square < AS_GOOD * by_laws
+    without = search.without(fit, test.effect)
+    return test.kind in _PHYSICAL_KINDS and is_better and without.held_out_mean_square > by_laws
 
 
 def _least_in_place(partial: PartiallyLinear, entry: BudgetEntry) -> Iterator[float]:

@@ -52,7 +52,6 @@ SLOW = 1.5  # ratio of the error to the noise above which what is left is slower
 _RESOLVED = 0.1
 _NOISE_ERROR = 0.1  # relative uncertainty of a noise level
 _PEAKED = 0.8  # share of the squared error in its largest 5 %; normal noise has 0.28
-_Rivals = Mapping[str, Mapping[str, FitResult]]  # fits by replaced effect and replacing effect
 
 
 @dataclass(frozen=True)
@@ -112,15 +111,29 @@ class Evidence:
         """The noise level of the channel, independent of the model."""
         return measurement_noise(self.search.start)
 
+    @cached_property
+    def rivals(self) -> Mapping[str, Mapping[str, FitResult]]:
+        """Fits of the effects that may replace each accepted effect, by both names."""
+        search, end = self.search, self.end
+        if self.complete:
+            return {
+                name: indistinguishable_models(search, end, name, self.measurement)
+                for name in search.added_effects(end)
+            }
+        return {
+            name: similar_forms(search, end, name) | as_good_effects(search, end, name)
+            for name in search.added_effects(end)
+        }
+
     def form(self, effect: str) -> Form:
-        """Rate how well the form of an accepted effect is known.
+        """Rate how well the form of an accepted effect is known; no form is exact that another may replace.
 
         Args:
             effect: name of the effect.
         """
         is_closed = next((test.is_closed for test in self.tests if test.effect == effect), True)
         is_exact = self.leaves_only_noise and is_closed and self._is_resolved(effect)
-        return Form.EXACT if is_exact else Form.APPROXIMATE
+        return Form.EXACT if is_exact and not self.rivals[effect] else Form.APPROXIMATE
 
     @cached_property
     def leaves_only_noise(self) -> bool:
@@ -199,16 +212,9 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
         The diagnosis of the channel; `take_fits` returns the fits from which its numbers were computed.
     """
     search, end, noise = evidence.search, evidence.end, evidence.noise
-    names = search.added_effects(end)
-    if evidence.complete:
-        others = {name: indistinguishable_models(search, end, name, evidence.measurement) for name in names}
-    else:
-        others = {
-            name: similar_forms(search, end, name) | as_good_effects(search, end, name) for name in names
-        }
-    accepted = _accepted(evidence, others)
+    accepted = _accepted(evidence)
     verdict = Verdict.MISSING if accepted else Verdict.ADEQUATE if evidence.complete else Verdict.UNEXPLAINED
-    budget, rest = _budget(evidence, others)
+    budget, rest = _budget(evidence)
     start = search.start.rmse
     ranking = sorted(  # the most promising candidates, each added alone to the base model
         (
@@ -223,7 +229,7 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
     confused = next((entry.effect for entry in accepted if entry.confused_with), None)
     if confused is not None:
         effect = next(known for known in search.effects if known.name == confused)
-        following = separating(effect, {confused: evidence.end, **others[confused]}, search.data)
+        following = separating(effect, {confused: evidence.end, **evidence.rivals[confused]}, search.data)
     diagnosis = ChannelDiagnosis(
         channel=search.data.name,
         verdict=verdict,
@@ -254,7 +260,7 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
     return diagnosis.with_fits({chain: fit for chain, fit in (alone | chains).items() if chain})
 
 
-def _budget(evidence: Evidence, others: _Rivals) -> tuple[list[BudgetShare], Rest]:
+def _budget(evidence: Evidence) -> tuple[list[BudgetShare], Rest]:
     """Divide the base model's squared error on blocks into shares, which add up to one.
 
     Returns:
@@ -274,7 +280,7 @@ def _budget(evidence: Evidence, others: _Rivals) -> tuple[list[BudgetShare], Res
     if partial is None:
         kind_of = {effect.name: effect.kind for effect in search.effects}
         for kind in set(kinds.values()):
-            rivals = [{kind_of[n] for n in others[name]} for name in kinds if kinds[name] is kind]
+            rivals = [{kind_of[n] for n in evidence.rivals[name]} for name in kinds if kinds[name] is kind]
             replaceable[kind] = tuple(sorted(set.intersection(*rivals) - set(kinds.values())))
     else:
         by_laws = partial.budget_with(frozenset(kinds.values()))
@@ -310,7 +316,7 @@ def _budget(evidence: Evidence, others: _Rivals) -> tuple[list[BudgetShare], Res
     return shares, Rest(noise=noise, unexplained=budget.left - noise)
 
 
-def _accepted(evidence: Evidence, others: _Rivals) -> list[Accepted]:
+def _accepted(evidence: Evidence) -> list[Accepted]:
     search, accepted = evidence.search, []
     by_name = {effect.name: effect for effect in search.effects}
     for before, after in pairwise(evidence.stages):
@@ -324,7 +330,7 @@ def _accepted(evidence: Evidence, others: _Rivals) -> list[Accepted]:
                 form=evidence.form(effect.name),
                 **stage_numbers(effect.name, before, after, evidence.stages[-1], spread),
                 p_value=p_value,
-                confused_with=list(others[effect.name]),
+                confused_with=list(evidence.rivals[effect.name]),
                 physics=effect.physics,
                 equation=effect.equation,
                 signature=effect.signature,

@@ -48,7 +48,7 @@ def test_the_budget_comes_first_then_the_verdict_and_no_other_base_model_is_advi
     assert re.match(r"contact  Of the [\d.]+ N error: elastic shape \d+ %, noise", result.stdout)
     (verdict,) = [line for line in result.stdout.splitlines() if line.startswith("MISSING")]
     assert verdict.startswith("MISSING  contact: cubic_stiffness")
-    assert "missing from the model" in verdict
+    assert "is missing from" in verdict
     for words in ("(noise 0.02", "k3", "95 % interval", "equation F = k3 x^3"):
         assert words in result.stdout
     assert "Next" in result.stderr

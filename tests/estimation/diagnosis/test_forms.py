@@ -135,19 +135,20 @@ def test_a_form_is_known_that_takes_most_of_its_law_and_closed_where_the_law_add
 
 
 @pytest.mark.parametrize(
-    ("complete", "added", "form"),
+    ("complete", "added", "rivals", "form"),
     [
-        (True, 0.0, Form.EXACT),
-        (True, 0.5, Form.APPROXIMATE),  # a law of its kind takes half as much again
-        (False, 0.0, Form.APPROXIMATE),
+        (True, 0.0, {}, Form.EXACT),
+        (True, 0.5, {}, Form.APPROXIMATE),  # a law of its kind takes half as much again
+        (True, 0.0, {DRAG: None}, Form.APPROXIMATE),  # the data cannot tell the two laws apart
+        (False, 0.0, {}, Form.APPROXIMATE),
     ],
 )
-def test_a_form_is_exact_where_only_noise_is_left_and_its_kinds_law_adds_nothing(
-    monkeypatch, complete, added, form
+def test_a_form_is_exact_if_only_noise_is_left_and_neither_its_kind_s_law_nor_another_form_replaces_it(
+    monkeypatch, complete, added, rivals, form
 ):
     test = FormTest(RUB, Kind.FRICTION, taken=1.0, by_law=1.0, added=added, left=0.1)
     evidence = Evidence(None, None, None, complete, None, [test])
-    vars(evidence)["leaves_only_noise"] = complete
+    vars(evidence).update(leaves_only_noise=complete, rivals={RUB: rivals})
     monkeypatch.setattr(Evidence, "_is_resolved", lambda *_: True)
     assert evidence.form(RUB) is form
 
