@@ -19,7 +19,7 @@ from plotly.subplots import make_subplots
 
 from palpate.common.console import chance
 from palpate.common.files import write_text
-from palpate.estimation.estimate import with_unit
+from palpate.estimation.estimate import rounded, with_unit
 from palpate.estimation.signals.blocks import blocks
 from palpate.render import palette
 from palpate.render.diagnosis import budget_picture
@@ -388,7 +388,7 @@ def document(view: StudyView) -> str:
         return {name: as_html(draw[name](channel)) if is_drawn[name] else Markup() for name in draw}
 
     filters: dict[str, Callable[..., Any]] = {
-        "bold": bold, "typeset": typeset, "interval": with_interval, "chance": chance,
+        "bold": bold, "typeset": typeset, "interval": with_interval, "chance": chance, "rounded": rounded,
         "picture": lambda budget: Markup(budget_picture(budget, _BUDGET_WIDTH)),  # noqa: S704, escaped
         "yaml": lambda data: yaml.safe_dump(dict(data), sort_keys=False),
     }  # fmt: skip

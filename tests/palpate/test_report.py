@@ -63,11 +63,13 @@ def test_the_page_brings_everything_and_names_no_other_place(page):
         assert words in own(text)
 
 
-def test_a_relative_interval_of_more_than_a_hundred_percent_has_no_power_of_ten(result):
-    view = result_view(result)
-    parameter = ParameterView("damping", "c", 0.07, -0.34, 0.48, "N s/m")
-    told = own(document(StudyView("f", (replace(view, parameters=(parameter,)),))))
-    assert ">586 %<" in told
+@pytest.mark.parametrize(("low", "high", "cell"), [(-0.34, 0.48, "><"), (0.04, 0.1, ">43 %<")])
+def test_the_error_of_a_parameter_is_given_in_percent_unless_its_interval_contains_zero(
+    result, low, high, cell
+):
+    parameter = ParameterView("damping", "c", 0.07, low, high, "N s/m")
+    told = own(document(StudyView("f", (replace(result_view(result), parameters=(parameter,)),))))
+    assert f'N s/m</td><td class="number"{cell}/td>' in told
 
 
 def test_a_reader_meets_verdict_fall_parameters_failures_and_then_what_to_do(result):
