@@ -20,21 +20,20 @@ from palpate.estimation.effect import Effect
 from palpate.estimation.study import Arm, ModelStudy, Revision, StudyChannel
 from palpate.estimation.study.fitting import Judge, Progress, diagnose
 from palpate.estimation.study.results import StudyDiagnosis
-from palpate.export.feedforward import Feedforward, FittedJoint, make_feedforward
-from palpate.export.scenario import Export, FittedChannel, export_scenario
-from palpate.export.simulator import Written, write_simulator
-from palpate.export.target_terms import SimulatorFormat
 from palpate.render.build import view_of
 from palpate.render.notebook import PageAddress, notebook_progress
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.extras import missing_package
 from palpate.robot_io.files.file_model import read_text
 from palpate.robot_io.files.urdf_text import last_link, parse_urdf
-from palpate.runs.hidden_effects import scenario_of, true_parameters
-from palpate.sim_backend.scenario import Scenario
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
+
+    from palpate.export.feedforward import Feedforward, FittedJoint
+    from palpate.export.scenario import Export
+    from palpate.export.simulator import Written
+    from palpate.export.target_terms import SimulatorFormat
 
 TIP_FRAME = "tip"
 
@@ -221,7 +220,7 @@ class Study(ModelStudy):
 
         return write_report(view_of(self, commands=commands), _path(path, "report"))
 
-    def export(self, path: Path | str, revisions: int | Sequence[int] = ()) -> Export:
+    def export(self, path: Path | str, revisions: int | Sequence[int] = ()) -> "Export":
         """Write the fitted models as a simulated world.
 
         Args:
@@ -240,7 +239,7 @@ class Study(ModelStudy):
         write_text(place, made.scenario.to_yaml())
         return made
 
-    def export_feedforward(self, path: Path | str, revisions: int | Sequence[int] = ()) -> Feedforward:
+    def export_feedforward(self, path: Path | str, revisions: int | Sequence[int] = ()) -> "Feedforward":
         """Write the joints' feedforward as a table (YAML), with functions in Python and C beside it.
 
         Args:
@@ -252,6 +251,8 @@ class Study(ModelStudy):
             InputError: no channel is a joint, a revision is not of a joint or is of other data, several are
                 of one joint, or a file cannot be written.
         """
+        from palpate.export.feedforward import make_feedforward  # noqa: PLC0415, only here
+
         place = _path(path, "feedforward")
         fitted, failures = self._fitted_joints(revisions, "a feedforward")
         made = make_feedforward(fitted)
@@ -262,10 +263,10 @@ class Study(ModelStudy):
     def export_simulator(
         self,
         path: Path | str,
-        target: SimulatorFormat | str,
+        target: "SimulatorFormat | str",
         patch: Path | str | None = None,
         revisions: int | Sequence[int] = (),
-    ) -> Written:
+    ) -> "Written":
         """Write friction, rotor, spring, payload and gravity of joints for another simulator.
 
         Args:
@@ -280,6 +281,9 @@ class Study(ModelStudy):
             InputError: as for `export_feedforward`, the target is unknown, or `patch` is missing, not
                 readable or lacks a joint.
         """
+        from palpate.export.simulator import write_simulator  # noqa: PLC0415, only here
+        from palpate.export.target_terms import SimulatorFormat  # noqa: PLC0415, likewise
+
         if target not in set(SimulatorFormat):
             raise InputError(f"target {target!r}: no such simulator. Valid: {', '.join(SimulatorFormat)}")
         place, target = _path(path, "output"), SimulatorFormat(target)
@@ -293,7 +297,7 @@ class Study(ModelStudy):
 
     def _fitted_joints(
         self, revisions: int | Sequence[int], what: str
-    ) -> tuple[list[FittedJoint], list[str]]:
+    ) -> tuple[list["FittedJoint"], list[str]]:
         """Return joints with their newest or chosen models, and reasons for those left out."""
         numbers = [revisions] if isinstance(revisions, int) else revisions
         if not isinstance(numbers, list | tuple):
@@ -317,6 +321,8 @@ class Study(ModelStudy):
                 )
             given[revision.channel] = revision
         chosen |= given
+        from palpate.export.feedforward import FittedJoint  # noqa: PLC0415, only for exports
+
         fitted, failures = list[FittedJoint](), list[str]()
         for name, joint in joints.items():
             kept = chosen.get(name)
@@ -390,8 +396,12 @@ class Study(ModelStudy):
             )
         return chosen
 
-    def exported(self, revisions: Sequence[Revision]) -> Export:
+    def exported(self, revisions: Sequence[Revision]) -> "Export":
         """Return the simulated world of these revisions; see `export`."""
+        from palpate.export.scenario import FittedChannel, export_scenario  # noqa: PLC0415, with the simulator
+        from palpate.runs.hidden_effects import scenario_of  # noqa: PLC0415, likewise
+        from palpate.sim_backend.scenario import Scenario  # noqa: PLC0415, likewise
+
         joints = sum(channel.name.startswith("joint_") for channel in self.source.channels)
         fitted = [
             FittedChannel(revision, self.channel_of(revision).data.surface, joints) for revision in revisions
@@ -407,7 +417,11 @@ class Study(ModelStudy):
     def truth_of(self, channel: ChannelData) -> Mapping[str, float]:
         """Return true parameters of a simulated session: the object's, not the joints'."""
         session = self.source.session
-        return true_parameters(session) if session and channel.kind is ChannelKind.CONTACT else {}
+        if session is None or channel.kind is not ChannelKind.CONTACT:
+            return {}
+        from palpate.runs.hidden_effects import true_parameters  # noqa: PLC0415, with the simulator
+
+        return true_parameters(session)
 
 
 def _plan_probe(
@@ -441,7 +455,7 @@ def arm_from_urdf(path: Path, tip_frame: str | None = None) -> Arm:
     return Arm(read_text(path), chosen, str(path), notes=notes)
 
 
-def _refuse_goal_error(joints: Sequence[FittedJoint | StudyChannel]) -> None:
+def _refuse_goal_error(joints: "Sequence[FittedJoint | StudyChannel]") -> None:
     for joint in joints:
         if joint.kind is ChannelKind.SERVO:
             raise InputError(

@@ -80,6 +80,12 @@ class RigidBody:
         self._data = model.createData()
         self._tip = model.getFrameId(tip_frame)
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, RigidBody) and self._tip == other._tip and self._model == other._model
+
+    def __hash__(self) -> int:
+        return hash((self.joint_count, self._tip))
+
     @classmethod
     def of_robot(cls, robot_file: RobotFile, calibrations: Calibrations | None = None) -> "RigidBody":
         """Build the model of a robot file's arm, with the base tilted by its gravity calibration.

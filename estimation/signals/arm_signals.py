@@ -1,13 +1,14 @@
 """Signals of one joint from the rigid-body model of its arm, along the recorded motion."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from palpate.estimation.channel import ChannelData
+from palpate.estimation.signals.cache_by_array import cache_by_array
 from palpate.estimation.signals.runwise import BY_ACCELERATION, BY_POSITION, smooth_jitter
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
@@ -27,6 +28,16 @@ _MOTION = ("joint_position", "joint_velocity", "joint_acceleration")
 Motion = tuple[FloatArray, FloatArray, FloatArray]  # position, velocity, acceleration, each (n, joints)
 Dynamics = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 _STEP_RAD = 1e-4
+
+
+@dataclass(frozen=True)
+class _ArmTorques:
+    """Torques of all joints along a motion, each of shape (n, joints)."""
+
+    rigid_body: FloatArray  # [N m]
+    payload: FloatArray  # by a mass at the tip [N m/kg]
+    tilt: FloatArray | None  # by a rotation of the base [N m/rad]; None if the first axis is not level
+    weight: FloatArray | None  # of the weight perpendicular to the first axis [N m]; None likewise
 
 
 def with_rigid_body(
@@ -70,32 +81,78 @@ def with_rigid_body(
             return np.array([body.regressor(*row)[joint] for row in zip(*motion, strict=True)])
 
         context |= _with_slopes(REGRESSOR, along, (q, v, a), joint)
-    context |= _with_slopes(TORQUE, partial(_torque, body, joint), (q, v, a), joint)
-    context[PAYLOAD] = _torque(body.with_load(1.0), joint, q, v, a) - context[TORQUE]
+    arm = _arm_torques(body, *(data.context[name] for name in _MOTION))
+    context |= _with_slopes(TORQUE, partial(_torque, body, joint), (q, v, a), joint, arm.rigid_body[:, joint])
+    context[PAYLOAD] = arm.payload[:, joint]
     if "contact_force" in data.context:
-        # Torques (n, joints) [m] for one newton along the press direction p: J^T p.
-        jacobians = np.array([body.tip_jacobian(row)[:3] for row in data.context["joint_position"]])
-        levers_m: FloatArray = np.einsum("nij,ni->nj", jacobians, data.context["press_direction_world"])
+        levers_m = _levers(body, data.context["joint_position"], data.context["press_direction_world"])
         context[CONTACT_LEVER] = levers_m[:, joint]
         context[CONTACT_TORQUE] = context[CONTACT_LEVER] * data.context["contact_force"]
         if "joint_torque" in data.context:
-            unexplained = data.context["joint_torque"] - body.inverse_dynamics_along(q, v, a)
+            unexplained = data.context["joint_torque"] - arm.rigid_body
             others = np.delete(np.arange(body.joint_count), joint)
             context[UNREAD_FORCE] = _unread_force(data, levers_m[:, others], unexplained[:, others])
-    axis = body.joint_axes()[0].axis_world
-    if abs(axis[2]) < 1e-6:
-        quarter = np.zeros(body.joint_count)
-        quarter[0] = 0.5 * np.pi * np.sign(axis[np.argmax(np.abs(axis))])
-        zero = np.zeros_like(q)
-        at_0, at_90, at_180, at_270 = (
-            _torque(body, joint, q + turns * quarter, zero, zero) for turns in range(4)
-        )
-        context[TILT], context[WEIGHT] = 0.5 * (at_90 - at_270), 0.5 * (at_0 - at_180)
+    if arm.tilt is not None and arm.weight is not None:
+        context[TILT], context[WEIGHT] = arm.tilt[:, joint], arm.weight[:, joint]
     return replace(data, context=context)
 
 
-def _with_slopes(name: str, dynamics: Dynamics, motion: Motion, joint: int) -> dict[str, FloatArray]:
-    """Return a signal along the motion and its derivatives by one joint's position and acceleration."""
+@cache_by_array
+def _arm_torques(
+    body: "RigidBody", position: FloatArray, velocity: FloatArray, acceleration: FloatArray
+) -> _ArmTorques:
+    """Compute the torques that all joints of an arm share, once for all of its channels.
+
+    Args:
+        body: the arm.
+        position: joint positions, shape (n, joints) or (n,) for one joint [rad].
+        velocity: joint velocities, likewise [rad/s].
+        acceleration: joint accelerations, likewise [rad/s^2].
+    """
+    q, v, a = (values.reshape(len(values), -1) for values in (position, velocity, acceleration))
+    rigid_body = body.inverse_dynamics_along(q, v, a)
+    payload = body.with_load(1.0).inverse_dynamics_along(q, v, a) - rigid_body
+    axis = body.joint_axes()[0].axis_world
+    if abs(axis[2]) >= 1e-6:
+        return _ArmTorques(rigid_body, payload, None, None)
+    quarter = np.zeros(body.joint_count)
+    quarter[0] = 0.5 * np.pi * np.sign(axis[np.argmax(np.abs(axis))])
+    zero = np.zeros_like(q)
+    at_0, at_90, at_180, at_270 = (
+        body.inverse_dynamics_along(q + turns * quarter, zero, zero) for turns in range(4)
+    )
+    return _ArmTorques(rigid_body, payload, 0.5 * (at_90 - at_270), 0.5 * (at_0 - at_180))
+
+
+@cache_by_array
+def _levers(body: "RigidBody", position: FloatArray, direction: FloatArray) -> FloatArray:
+    """Compute the torques of all joints for one newton along the press direction p, J^T p.
+
+    Args:
+        body: the arm.
+        position: joint positions, shape (n, joints) [rad].
+        direction: press directions in world axes, shape (n, 3).
+
+    Returns:
+        Torques per newton, shape (n, joints) [m].
+    """
+    jacobians = np.array([body.tip_jacobian(row)[:3] for row in position])
+    levers_m: FloatArray = np.einsum("nij,ni->nj", jacobians, direction)
+    return levers_m
+
+
+def _with_slopes(
+    name: str, dynamics: Dynamics, motion: Motion, joint: int, values: FloatArray | None = None
+) -> dict[str, FloatArray]:
+    """Return a signal along the motion and its derivatives by one joint's position and acceleration.
+
+    Args:
+        name: name of the signal.
+        dynamics: function of position, velocity and acceleration, each (n, joints), that computes it.
+        motion: the motion.
+        joint: index of the joint, from 0.
+        values: the signal along the motion; None to compute it.
+    """
     q, v, a = motion
     axis = np.zeros(q.shape[1])
     axis[joint] = 1.0
@@ -103,7 +160,7 @@ def _with_slopes(name: str, dynamics: Dynamics, motion: Motion, joint: int) -> d
     def signal_at(dq: float, da: float) -> FloatArray:
         return dynamics(q + dq * axis, v, a + da * axis)
 
-    values = signal_at(0.0, 0.0)
+    values = signal_at(0.0, 0.0) if values is None else values
     return {
         name: values,
         name + BY_POSITION: (signal_at(_STEP_RAD, 0.0) - signal_at(-_STEP_RAD, 0.0)) / (2.0 * _STEP_RAD),

@@ -79,5 +79,12 @@ def test_estimation_imports_without_optional_packages_in_little_time():
     assert any(float(run(IMPORT)) < MOST for _ in range(5))
 
 
+def test_a_study_imports_neither_the_simulator_nor_what_writes_exports():
+    code = "import sys, palpate.study; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    late = ("palpate.sim_backend", "palpate.export", "palpate.runs", "plotly", "pyarrow")
+    assert [name for name in done.stdout.split() if name.startswith(late)] == []
+
+
 def test_a_table_is_fitted_without_optional_packages():
     assert 390 < float(run(FIT)) < 410

@@ -172,6 +172,28 @@ def test_the_work_of_the_joints_is_the_work_of_the_tip(body, joint):
         assert torque * step == pytest.approx(7.0 * moved @ PRESS, abs=1e-9)
 
 
+def test_torques_of_the_whole_arm_are_computed_once_for_all_joints_and_anew_for_another_arm(
+    body, monkeypatch
+):
+    calls = []
+    whole = RigidBody.inverse_dynamics_along
+    monkeypatch.setattr(
+        RigidBody, "inverse_dynamics_along", lambda self, *motion: calls.append(self) or whole(self, *motion)
+    )
+    first = resting(0, 7.0)
+    with_rigid_body(first, body, 0)
+    of_first, calls[:] = len(calls), []
+    second = replace(first, name="joint_2", position=first.context["joint_position"][:, 1])
+    torque = with_rigid_body(second, RigidBody.from_urdf(URDF, "tip"), 1).context["rigid_body_torque"]
+    assert len(calls) == 3 < of_first  # only the slopes by the position and acceleration of this joint
+    motion = [first.context[f"joint_{what}"] for what in ("position", "velocity", "acceleration")]
+    np.testing.assert_array_equal(torque, whole(body, *motion)[:, 1])
+    loaded = body.with_load(0.3)
+    heavier = with_rigid_body(second, loaded, 1).context["rigid_body_torque"]
+    np.testing.assert_array_equal(heavier, whole(loaded, *motion)[:, 1])
+    assert np.abs(heavier - torque).max() > 0.1
+
+
 def test_fitted_masses_leave_the_pressing_to_the_force_sensor(body):
     data = with_rigid_body(resting(0, 7.0), body, 0, regressor=True)
     fitted, given = EFFECTS["rigid_body_fitted"](), EFFECTS["rigid_body"]()
