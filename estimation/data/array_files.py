@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.estimation.data.arrow import pa, pc
-from palpate.estimation.data.column_names import parse_role
+from palpate.estimation.data.column_names import parse_role, split_unit
 from palpate.estimation.data.file_columns import FileColumns, check_size
 from palpate.robot_io.errors import InputError
 
@@ -42,7 +42,13 @@ def read_parquet(path: Path) -> FileColumns:
             check_size(path, size)
             batches.append(batch)
         table = pa.Table.from_batches(batches, file.schema_arrow)
-    return _lerobot_columns(table, path) if {_TIME, _STATE} <= set(table.column_names) else FileColumns(table)
+    if {_TIME, _STATE} <= set(table.column_names):
+        return _lerobot_columns(table, path)
+    columns: dict[str, Any] = {}
+    for name in table.column_names:
+        matrix = _matrix(table.column(name))
+        columns |= {name: table.column(name)} if matrix is None else _matrix_columns(name, matrix)
+    return FileColumns(pa.table(columns))
 
 
 def read_npz(path: Path) -> FileColumns:
@@ -67,8 +73,13 @@ def read_npz(path: Path) -> FileColumns:
                     "save it as numbers or text"
                 )
                 raise InputError(f"{path}: column '{name}' {reason}") from error
-            if array.ndim == 1 or parse_role(name):  # other arrays, such as a sampling rate, are not columns
+            if array.ndim > 0 or parse_role(name):  # others, such as a sampling rate, are not columns
                 arrays[name] = array
+    lengths = {len(array) for array in arrays.values() if array.ndim == 1}
+    for name in [name for name, array in arrays.items() if array.ndim == 2]:
+        matrix = arrays.pop(name)
+        if len(matrix) in lengths:  # other matrices, such as a pose, are not columns
+            arrays |= _matrix_columns(name, matrix)
     return FileColumns(arrow_table(arrays, path))
 
 
@@ -113,8 +124,7 @@ def read_mat(path: Path) -> FileColumns:
             if array.ndim == 1 and len(array) > 1:
                 vectors[name] = array
             elif array.ndim == 2 and array.shape[0] != array.shape[1]:
-                columns = array.T if array.shape[0] > array.shape[1] else array
-                vectors |= {f"{name} {number}": column for number, column in enumerate(columns, 1)}
+                vectors |= _matrix_columns(name, array if array.shape[0] > array.shape[1] else array.T)
     if not vectors:
         raise InputError(
             f"{path}: holds no vectors; a measurement needs at least three: time, motion and effort"
@@ -122,6 +132,27 @@ def read_mat(path: Path) -> FileColumns:
     lengths = [len(vector) for vector in vectors.values()]
     length = max(lengths, key=lambda each: (lengths.count(each), each))
     return FileColumns(arrow_table({n: v for n, v in vectors.items() if len(v) == length}, path))
+
+
+def _matrix_columns(name: str, matrix: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Return the columns of a matrix (n, k): "q 1", "q 2" ..., or "position_1_rad" ... of position_rad."""
+    stem, unit = split_unit(name)
+    mark, ending = ("_", f"_{unit}") if parse_role(name) else (" ", f" [{unit}]")
+    ending = ending if unit else ""
+    return {f"{stem}{mark}{number}{ending}": column for number, column in enumerate(matrix.T, 1)}
+
+
+def _matrix(column: pa.ChunkedArray) -> NDArray[Any] | None:
+    """Return a column of equally long lists of numbers as a matrix, shape (n, k); None for other columns."""
+    kind = column.type
+    is_list = isinstance(kind, pa.ListType | pa.LargeListType | pa.FixedSizeListType)
+    if not is_list or not (pa.types.is_floating(kind.value_type) or pa.types.is_integer(kind.value_type)):
+        return None
+    rows = column.combine_chunks()
+    widths = pc.unique(pc.list_value_length(rows)).to_pylist()
+    if len(widths) != 1 or widths[0] is None or not 0 < widths[0] <= _MAX_JOINTS:
+        return None
+    return np.asarray(rows.flatten()).reshape(-1, widths[0])
 
 
 def arrow_table(arrays: Mapping[str, NDArray[Any]], place: Path) -> pa.Table:
@@ -210,17 +241,14 @@ def _lerobot_columns(table: pa.Table, path: Path) -> FileColumns:
     if _EPISODE in table.column_names:
         columns["run"] = table.column(_EPISODE)
     for array in table.column_names:
-        if not isinstance(table[array].type, pa.ListType | pa.LargeListType | pa.FixedSizeListType):
+        values = _matrix(table.column(array))
+        if values is None:
             continue
-        rows = table[array].combine_chunks()
-        widths = pc.unique(pc.list_value_length(rows)).to_pylist()
-        if len(widths) != 1 or widths[0] is None or not 0 < widths[0] <= _MAX_JOINTS:
-            continue
-        values = np.asarray(rows.flatten()).reshape(-1, widths[0])
+        width = values.shape[1]
         quantity_of_array, elements = _QUANTITY_BY_ARRAY.get(array, array), _element_names(info, array)
         of_array = [name.removesuffix(".pos") for name in elements if name.endswith(".pos")]
-        column_names = [f"{quantity_of_array}_{joint + 1}" for joint in range(widths[0])]
-        if len(elements) == widths[0] and of_array:  # such as shoulder.pos, shoulder.vel and force
+        column_names = [f"{quantity_of_array}_{joint + 1}" for joint in range(width)]
+        if len(elements) == width and of_array:  # such as shoulder.pos, shoulder.vel and force
             column_names = []
             for name in elements:
                 joint, _, ending = name.rpartition(".")

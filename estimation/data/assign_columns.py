@@ -172,13 +172,14 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
         }
     reserved = {*options.columns.values(), *options.context, *(column for _, column in chosen.values())}
     chosen |= choose_columns(ColumnUnits(table, options), chosen, reserved, shift)
-    for _, column in chosen.values():
+    for role, column in chosen.values():
         repeated_name, cells = f"{column} (2)", table.columns
         is_chosen = column in options.columns.values() or repeated_name not in table.names
         if not is_chosen and not cells.column(column).equals(cells.column(repeated_name)):
             raise InputError(
                 f"{table.path}: column '{column}' appears twice, with different values; choose with "
-                f"--column NAME={shlex.quote(column)} or NAME={shlex.quote(repeated_name)}, or rename one"
+                f"--column {role.numbered}={shlex.quote(column)} or "
+                f"{role.numbered}={shlex.quote(repeated_name)}, or rename one"
             )
     run = _run_column(table, options)
     if TIME in chosen:
@@ -227,12 +228,17 @@ def _assign_by_options(table: Table, options: ImportOptions, shift: int) -> Chos
 
 
 def _run_column(table: Table, options: ImportOptions) -> str | None:
-    """Return the column of runs: as named, or one such as `trial` whose numbers form blocks of rows."""
+    """Return the column of runs: as named, or one such as `trial` whose values form blocks of rows."""
     if RUN in options.columns or RUN in table.names:
         return options.columns.get(RUN, RUN)
     names = (guess.column for guess in guess_columns(table.names) if guess.quantity == RUN)
-    numeric = (name for name in names if table.numeric_share(name) == 1.0)
-    return next((name for name in numeric if in_blocks(table.numbers(name))), None)
+    for name in names:
+        texts, index = table.labels(name)
+        is_numeric = table.numeric_share(name) == 1.0
+        values = table.numbers(name) if is_numeric else index.astype(np.float64)
+        if in_blocks(values) and (is_numeric or len(texts) > 1):
+            return name
+    return None
 
 
 def _assign_own_names(

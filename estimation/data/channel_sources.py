@@ -28,6 +28,7 @@ from palpate.robot_io.errors import InputError
 
 # Quantities of columns that cannot be an effort.
 _NO_EFFORT = {"time", "position", "velocity", "acceleration", "run", "phase", "goal", "none"}
+_RISING = 0.9  # least share of steps by which a clock increases, which may restart in each run
 _SHOWN_CELLS = 12  # cells of a row that an error message shows
 
 
@@ -85,7 +86,7 @@ def channel_sources(columns: Columns) -> list[ChannelSource]:
     table, first_row = columns.table, ""
     if NAMELESS in table.notes:
         cells = list_first([table.labels(name)[0][0] for name in table.names], _SHOWN_CELLS)
-        first_row = f" (it names none; the first row is {cells})"
+        first_row = f" (the file names none; its first row is {cells})"
     reason = f"no channel can be made of columns {table.listed_names}{first_row}"
     raise InputError(f"{table.path}: {reason}; {_suggest_columns(columns)}")
 
@@ -178,7 +179,7 @@ def _suggest_columns(columns: Columns) -> str:
         return f"{needed}; name the columns, as in --column torque={shlex.quote(effort)} --unit torque=1Nm"
     options = []
     if TIME not in columns:
-        rising = (name for name in free if (np.diff(table.numbers(name)) > 0.0).all())
+        rising = (name for name in free if np.mean(np.diff(table.numbers(name)) > 0.0) > _RISING)
         clock = next((name for name in numbers if quantity_by_name[name] == "time"), "")
         clock = clock or (next(rising, "") if NAMELESS in table.notes and len(free) > 2 else "")
         options += [f"--column time={shlex.quote(clock)}"] if clock else []

@@ -165,13 +165,24 @@ def _joined_unit(name: str) -> tuple[str, str] | None:
 
 
 def unknown_unit(name: str) -> str:
-    """Return the text in brackets at the end of a name if it is not a known unit, else an empty string.
+    """Return the text in brackets at the end of a name, or a word such as "counts", if it is no known unit.
 
     Args:
         name: name of a column.
     """
     match = _BRACKETED.search(unicodedata.normalize("NFKC", name))
-    return match[1] if match and not dimension_of(normalise(match[1])) else ""
+    if match and not dimension_of(normalise(match[1])):
+        return match[1]
+    return next((word for word in re.findall(r"[a-z]+", name.lower()) if word in _COUNTS), "")
+
+
+def holds_counts(name: str) -> bool:
+    """Return whether a column without a unit contains counts of an encoder or converter.
+
+    Args:
+        name: name of a column.
+    """
+    return not (_COUNTS | _ENCODER).isdisjoint(re.findall(r"[a-z]+", name.lower()))
 
 
 def unit_in_name(name: str) -> str:
@@ -188,6 +199,8 @@ def si_unit(dimension: str) -> str:
     return next(unit for unit, factor in SI[dimension].items() if factor == 1.0)
 
 
+_COUNTS = frozenset(["counts", "count", "ticks", "raw", "adc", "lsb"])  # numbers without a known unit
+_ENCODER = frozenset(["encoder", "encoders", "enc"])
 _UNINFORMATIVE = frozenset(
     ["actual", "measured", "feedback", "present", "ist", "joint", "joints", "state", "states", "j"]
 )
@@ -370,15 +383,19 @@ def guess_column(name: str) -> Guess:
         return Guess(name, "goal", joint, unit, _BY_WORD, "by a word in its name")
     if _NOT_MEASURED & set(letters):
         return Guess(name, "")
-    letters = [word for word in letters if word not in _UNINFORMATIVE]
+    is_count = not _COUNTS.isdisjoint(letters)
+    letters = [word for word in letters if word not in _UNINFORMATIVE | _COUNTS]
     if not WORDS["torque"].isdisjoint(letters):
         unit = read_as(unit, QUANTITIES["torque"])
     quantity, rank = _match_words("".join(letters), letters, unit) if letters else ("", 0)
+    rank = min(rank, _BY_WORD) if is_count else rank
     if not quantity:
         return Guess(name, "")
     if quantity not in _MOTION_OR_TORQUE:
         joint = None
-    uninformative = WORDS.get(quantity, frozenset()) | _UNINFORMATIVE  # `WORDS` has none for acceleration
+    uninformative = (
+        WORDS.get(quantity, frozenset()) | _UNINFORMATIVE | _COUNTS
+    )  # `WORDS` has none for acceleration
     joint_name = tuple(word.lower() for word in words if plain(word) not in uninformative)
     why = ("by its name and others'", "by its unit", "by a word in its name", "by its name")[rank]
     specified = next((units.get(quantity, "") for pattern, units in _INTERFACES if pattern.search(name)), "")

@@ -15,6 +15,7 @@ from palpate.estimation.data.column_names import (
     Key,
     Role,
     guess_column,
+    holds_counts,
     role_of_option,
     si_unit,
     split_unit,
@@ -43,6 +44,7 @@ _MAX_RANGE = {  # largest plausible range in SI, and the likely unit of a larger
     "position": (4.0 * np.pi, "deg"),
     "goal": (4.0 * np.pi, "deg"),
 }
+_COUNT_OF_ENCODER = "0.00153rad"  # one of 4096 counts per turn, an example
 
 
 _FACTOR = re.compile(  # as in "Load x1000 (N)" and "Force*10^3"
@@ -166,6 +168,7 @@ class ColumnUnits:
             unknown = next(filter(None, (unknown_unit(column) for column, _ in missing)), "")
             known = f" that is known ('{unknown}' is not)" if unknown else ""
             options = " ".join(dict.fromkeys(unit for _, unit in missing))
+            options += ", the value of one count" * any(holds_counts(column) for column, _ in missing)
             if len(missing) == 1:
                 problem = f"column {columns} states no unit{known}; give it, as in {options}"
             else:
@@ -229,7 +232,10 @@ class ColumnUnits:
             return likely_time_unit(step, span if step > 0.0 else np.inf)
         quantity = "displacement" if linear and role.quantity == "position" else role.quantity
         largest, usual = _MAX_RANGE.get(quantity, (np.inf, ""))
-        return usual if span > largest else si_unit(QUANTITIES[quantity][0])
+        si = si_unit(QUANTITIES[quantity][0])
+        if holds_counts(column):
+            return _COUNT_OF_ENCODER if usual == "deg" else f"0.001{usual or si}"
+        return usual if span > largest else si
 
 
 def _note_on_name(role: Role, column: str, named_unit: str, unit: str) -> str:

@@ -91,9 +91,12 @@ def arrange_rows(columns: Columns, *, fresh: bool, count: int | None) -> Rows:
     runs, counts = np.unique(run, return_counts=True)
     if counts.min() < _MIN_ROWS:
         rows_in = "1 row" if counts.min() == 1 else f"{counts.min()} rows"
+        needed = f"has {rows_in}, at least {_MIN_ROWS} are needed"
+        if columns.run is None:
+            raise InputError(f"{table.path}: {needed}")
         raise InputError(
-            f"{table.path}: run '{labels[int(runs[np.argmin(counts)])]}' has {rows_in}, at least "
-            f"{_MIN_ROWS} are needed; leave it out with --where, or check the column that names the runs"
+            f"{table.path}: run '{labels[int(runs[np.argmin(counts)])]}' {needed}; leave it out with "
+            f"--where, or check the column '{columns.run}', which names the runs"
         )
     return replace(rows, time_s=time_in_run(time_s, run)) if fresh else rows
 
@@ -173,9 +176,9 @@ def _detect_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tup
         times = "once" if restarts == 1 else f"{restarts} times"
         raise InputError(f"{place}: the clock restarts {times}, so there are at least {restarts + 1} runs")
     if is_contact and count is None:
-        run, presses = cut_presses(columns.values(FORCE), columns.values(DISPLACEMENT), recording)
+        run, presses = cut_presses(columns.values(FORCE), columns.values(DISPLACEMENT), recording, time_s)
     elif is_contact and count is not None and count > 1:
-        run = cut_into(columns.values(FORCE), columns.values(DISPLACEMENT), recording, count, place)
+        run = cut_into(columns.values(FORCE), columns.values(DISPLACEMENT), recording, time_s, count, place)
     number = int(run[-1]) + 1
     if number == 1:
         return run, []

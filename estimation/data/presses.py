@@ -62,13 +62,16 @@ def number_recordings(time_s: FloatArray) -> IntArray:
     return np.cumsum(goes_back & bool(returns_to_start.all()))
 
 
-def cut_presses(force: FloatArray, displacement: FloatArray, piece: IntArray) -> tuple[IntArray, int]:
-    """Cut a recording into runs in the middle of the free air between presses.
+def cut_presses(
+    force: FloatArray, displacement: FloatArray, piece: IntArray, time_s: FloatArray
+) -> tuple[IntArray, int]:
+    """Cut a recording into runs in the free air between presses: at a pause of the clock, or in the middle.
 
     Args:
         force: force, positive in compression, shape (n,).
         displacement: displacement, positive into the object, shape (n,).
         piece: number of the separate recording that each sample belongs to, shape (n,).
+        time_s: times in the order of the file, shape (n,) [s].
 
     Returns:
         Run number of each sample, shape (n,), and the number of presses per run.
@@ -88,11 +91,17 @@ def cut_presses(force: FloatArray, displacement: FloatArray, piece: IntArray) ->
         if since_peak[0] - since_peak.min() > _RELEASED * np.ptp(displacement):
             press_peaks.append(peak)
     presses = max(1, -(-len(press_peaks) // MAX_RUNS))
-    return _cut_between(force, piece, np.array(press_peaks, dtype=np.int64), MIN_RUN_ROWS, presses), presses
+    at = np.array(press_peaks, dtype=np.int64)
+    return _cut_between(force, piece, time_s, at, MIN_RUN_ROWS, presses), presses
 
 
-def cut_into(
-    force: FloatArray, displacement: FloatArray, piece: IntArray, count: int, where: str
+def cut_into(  # noqa: PLR0917
+    force: FloatArray,
+    displacement: FloatArray,
+    piece: IntArray,
+    time_s: FloatArray,
+    count: int,
+    where: str,
 ) -> IntArray:
     """Cut a recording into a given number of presses: those that start farthest from the object.
 
@@ -100,6 +109,7 @@ def cut_into(
         force: force, positive in compression, shape (n,).
         displacement: displacement, positive into the object, shape (n,).
         piece: number of the separate recording that each sample belongs to, shape (n,).
+        time_s: times in the order of the file, shape (n,) [s].
         count: number of presses stated by the user.
         where: file and option, for the error message.
 
@@ -116,25 +126,33 @@ def cut_into(
     is_pressed = smooth_force[peaks - 1] > force_levels(force, displacement).released
     is_press = is_pressed & (prominence > _RELEASED * np.ptp(depth))
     press_peaks = np.sort(peaks[is_press][np.argsort(prominence[is_press])[::-1][:count]]) - 1
-    run = _cut_between(force, piece, press_peaks, 1) if len(press_peaks) else piece
+    run = _cut_between(force, piece, time_s, press_peaks, 1) if len(press_peaks) else piece
     if run[-1] + 1 != count:
         presses = f"{run[-1] + 1} press{'es' if run[-1] else ''}"
         raise InputError(f"{where}: {presses} can be separated at most")
     return run
 
 
-def _cut_between(
-    force: FloatArray, piece: IntArray, press_peaks: IntArray, fewest: int, presses: int = 1
+def _cut_between(  # noqa: PLR0917
+    force: FloatArray,
+    piece: IntArray,
+    time_s: FloatArray,
+    press_peaks: IntArray,
+    fewest: int,
+    presses: int = 1,
 ) -> IntArray:
     border = np.zeros(len(force), dtype=np.int64)
     border[1:] = np.diff(piece) != 0
     for first, second in list(pairwise(press_peaks.tolist()))[presses - 1 :: presses]:
-        if piece[first] == piece[second]:  # cut in the middle of the free air between two presses
+        if piece[first] == piece[second]:
             stretch = force[first:second]
             low = float(stretch.min())
             rise = max(min(force[first], force[second]) - low, 0.0)
             free = np.flatnonzero(stretch <= low + _MAX_AIR_RISE * rise)
-            border[first + int(free[0] + free[-1] + 1) // 2] = 1
+            begin, end = first + free[0], first + free[-1]
+            steps_s = np.diff(time_s[begin : end + 1])
+            is_pause = len(steps_s) and steps_s.max() > 0.5 * steps_s.sum()
+            border[begin + 1 + np.argmax(steps_s) if is_pause else (begin + end + 1) // 2] = 1
     run = np.cumsum(border)
     counts = np.bincount(run)
     return run if counts.min() >= fewest else piece

@@ -84,7 +84,7 @@ _BY_QUANTITY = {
         トルク 電流
     """,
     "position": """
-        q angle angles theta pos position positions
+        q angle angles theta pos position positions encoder encoders enc
         winkel
         posición ángulo
         posizione angolo posição
@@ -104,7 +104,7 @@ _BY_QUANTITY = {
         snelheid hız
         速度
     """,
-    "run": "run trial cycle test rep repeat press",
+    "run": "run trial cycle test rep repeat press versuch messung zyklus lauf essai ensayo prova",
 }
 
 WORDS: Mapping[str, frozenset[str]] = MappingProxyType(

@@ -5,7 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 import openpyxl
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
+from scipy.io import savemat
 
 from palpate.control.loop.task import Phase
 from palpate.estimation.channel import ChannelKind
@@ -347,7 +350,7 @@ def test_rows_that_nothing_names_are_called_by_their_places(tmp_path, delimiter)
     path = tmp_path / "bare.txt"
     path.write_text(lines(TIME_S, 1e3 * WAY_M, FORCE_N, delimiter=delimiter))
     with pytest.raises(
-        InputError, match=r"\(it names none; the first row is 0.0+, .*--column time='column 1'"
+        InputError, match=r"\(the file names none; its first row is 0.0+, .*--column time='column 1'"
     ):
         import_file(path)
     columns = {"time": "column 1", "displacement": "column 2", "force": "column 3"}
@@ -465,3 +468,83 @@ def test_the_last_word_does_not_count_where_other_names_make_a_channel(tmp_path)
     header = "time_s,displacement_mm,force_N,Valve travel\n"
     channel = only_channel(tmp_path, header + lines(TIME_S, 1e3 * WAY_M, FORCE_N, np.cos(TIME_S)))
     np.testing.assert_allclose(channel.position, WAY_M, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("names", "unit"),
+    [
+        (("encoder_1", "torque_1_Nm"), "position=0.00153rad"),
+        (("position_1_counts", "torque_1_Nm"), "position=0.00153rad"),
+        (("displacement_mm", "force_raw"), "force=0.001N"),
+    ],
+)
+def test_counts_are_asked_for_the_value_of_one(tmp_path, names, unit):
+    t = np.arange(400) * 0.01
+    counts = np.round(2000.0 * np.sin(t) + 30.0 * t)
+    path = tmp_path / "log.csv"
+    write_columns(path, {"time_s": t, names[0]: counts, names[1]: counts})
+    with pytest.raises(InputError, match=f"--unit {unit}, the value of one count$"):
+        import_file(path)
+    quantity, _, text = unit.partition("=")
+    (channel,) = import_file(path, ImportOptions(units={quantity: text})).channels
+    read = channel.position if quantity == "position" else channel.effort
+    np.testing.assert_allclose(read, counts * (0.00153 if quantity == "position" else 0.001))
+
+
+@pytest.mark.parametrize("label", ["slow {}", "{}"])
+def test_a_column_of_trials_names_the_runs(tmp_path, label):
+    t = np.tile(np.arange(200) * 0.01, 3)
+    x = 0.002 * np.sin(3.0 * t) ** 2
+    trials = [label.format(row // 200 + 1) for row in range(600)]
+    path = tmp_path / "trials.csv"
+    write_columns(path, {"trial": trials, "time_s": t, "displacement_m": x, "force_N": 300.0 * x})
+    assert list(import_file(path).run_labels.values()) == [label.format(number) for number in (1, 2, 3)]
+
+
+@pytest.mark.parametrize("pause_s", [0.0, 20.0])
+def test_presses_are_cut_at_a_pause_of_the_logger(tmp_path, pause_s):
+    one = np.concatenate([np.zeros(10), np.sin(np.linspace(0.0, np.pi, 150)), np.zeros(40)])
+    x = 0.003 * np.tile(one, 3) - 1e-4
+    t = np.arange(600) * 0.01 + pause_s * (np.arange(600) // 200)
+    path = tmp_path / "presses.csv"
+    write_columns(path, {"time_s": t, "displacement_m": x, "force_N": 300.0 * np.maximum(x, 0.0)})
+    imported = import_file(path)
+    (channel,) = imported.channels
+    ends = [int(end) for end in np.flatnonzero(np.diff(channel.run)) + 1]
+    assert ends == ([200, 400] if pause_s else [185, 385])
+    assert not any("jumps" in note for note in imported.notes)
+
+
+@pytest.mark.parametrize("ending", [".npz", ".parquet", ".mat"])
+@pytest.mark.parametrize("names", [("position_rad", "torque_Nm"), ("q [rad]", "tau [Nm]")])
+def test_a_matrix_is_its_columns(tmp_path, ending, names):
+    if ending == ".mat" and names[0] == "q [rad]":
+        pytest.skip("no name of a variable")
+    t = np.arange(300) * 0.01
+    q = np.column_stack([np.sin(3.0 * t), np.cos(2.0 * t)])
+    arrays = {"time_s": t, names[0]: q, names[1]: 0.5 * q, "pose": np.eye(4)}
+    path = tmp_path / f"arm{ending}"
+    if ending == ".npz":
+        np.savez(path, **arrays)
+    elif ending == ".mat":
+        savemat(path, arrays)
+    else:
+        del arrays["pose"]
+        pq.write_table(pa.table({name: list(array) for name, array in arrays.items()}), path)
+    channels = import_file(path).channels
+    assert [channel.name for channel in channels] == ["joint_1", "joint_2"]
+    np.testing.assert_allclose([channel.effort for channel in channels], 0.5 * q.T)
+
+
+@pytest.mark.parametrize(("runs", "words"), [(False, "csv: has 3 rows"), (True, "run '7' has 3 rows")])
+def test_too_few_rows_name_a_run_only_where_a_column_does(tmp_path, runs, words):
+    columns = {"time_s": [0, 1, 2], "displacement_m": [0, 1, 2], "force_N": [0, 2, 4]}
+    path = tmp_path / "few.csv"
+    write_columns(path, columns | ({"run": [7, 7, 7]} if runs else {}))
+    with pytest.raises(InputError, match=words):
+        import_file(path)
+
+
+def write_columns(path, columns):
+    lines = [",".join(map(str, row)) for row in zip(*columns.values(), strict=True)]
+    path.write_text("\n".join([",".join(columns), *lines]))

@@ -138,7 +138,7 @@ def test_neither_a_remark_nor_lines_between_hide_the_names_above_the_numbers(tmp
 @pytest.mark.parametrize("sentence", ["# results of the first day of tests", "# kept for the record by all"])
 def test_a_sentence_above_numbers_between_blanks_names_no_columns(tmp_path, sentence):
     path = write(tmp_path, [sentence], [row.replace(",", " ") for row in ROWS])
-    with pytest.raises(InputError, match="it names none"):
+    with pytest.raises(InputError, match="the file names none"):
         import_file(path)
     check_press(by_the_advice(path))
 
@@ -202,7 +202,7 @@ def test_a_workbook_without_names_is_read_by_the_advice(tmp_path):
     for row in ROWS:
         book.active.append([float(cell) for cell in row.split(",")])
     book.save(path)
-    with pytest.raises(InputError, match="it names none; the first row is"):
+    with pytest.raises(InputError, match="the file names none; its first row is"):
         import_file(path)
     check_press(by_the_advice(path))
 

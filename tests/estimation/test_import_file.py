@@ -582,7 +582,7 @@ HEADER = b"time_s,displacement_m,force_N\n"
         ),
         ("header.csv", HEADER, "no rows of data"),
         ("page.csv", "<html>404</html>", "no rows of data"),
-        ("numbers.csv", b"0,1,2\n1,2,3\n", "it names none; the first row is 0, 1, 2"),
+        ("numbers.csv", b"0,1,2\n1,2,3\n", "the file names none; its first row is 0, 1, 2"),
         ("short.csv", TEXT.replace("\n0.03,0.003,3", "\n0.03,0.003"), "header 3: '0.03,0.003'"),
         ("long.csv", TEXT.replace("\n0.03,", "\n0.03,7,"), "line 5 has 4 cells and the header 3"),
         (

@@ -130,7 +130,9 @@ def test_of_very_many_presses_several_are_a_run(press):
 @pytest.mark.parametrize(("count", "each"), [(499, 1), (500, 1), (501, 2)])
 def test_as_many_presses_as_may_be_runs_are_runs(count, each):
     wave = np.sin(2.0 * np.pi * np.arange(60 * count) / 60)
-    run, presses = cut_presses(np.maximum(wave, 0.0), wave, np.zeros(len(wave), dtype=int))
+    run, presses = cut_presses(
+        np.maximum(wave, 0.0), wave, np.zeros(len(wave), dtype=int), np.arange(wave.size)
+    )
     assert (run[-1] + 1, presses) == (-(-count // each), each)
 
 

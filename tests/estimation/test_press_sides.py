@@ -217,12 +217,9 @@ def test_what_softens_or_falls_from_zero_on_is_pulled_the_way_that_it_goes():
 def test_a_force_that_snaps_on_one_way_is_one_press():
     x, one = np.linspace(0.0, 0.04, 6000), np.zeros(6000, dtype=np.int64)
     snaps = 5.0 - 230.0 * (x % 0.0201)
-    assert cut_presses(snaps, x, one)[0].max() == 0
-    back_and_forth = 0.02 - np.abs(x - 0.02)
-    assert (
-        cut_presses(np.tile(200.0 * back_and_forth, 2), np.tile(back_and_forth, 2), np.tile(one, 2))[0].max()
-        == 1
-    )
+    assert cut_presses(snaps, x, one, np.arange(6000.0))[0].max() == 0
+    twice = np.tile(0.02 - np.abs(x - 0.02), 2)
+    assert cut_presses(200.0 * twice, twice, np.tile(one, 2), np.arange(12000.0))[0].max() == 1
 
 
 def test_a_pull_that_tears_before_zero_counts_from_where_its_force_begins():
