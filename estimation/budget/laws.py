@@ -291,7 +291,7 @@ def _contact_geometry(
 
 
 def _sensor_statics(predicted: FloatArray, measured: FloatArray, run: IntArray, *, has_bias: bool) -> Law:
-    """Build the law of a sensor's bias, saturation, dead band and hysteresis.
+    """Build the law of a sensor's bias, gain, saturation, dead band and hysteresis.
 
     Free air rules out a bias if it shows a correct zero. Hysteresis of the sensor lowers the reading while
     the effort grows; friction raises it.
@@ -302,11 +302,11 @@ def _sensor_statics(predicted: FloatArray, measured: FloatArray, run: IntArray, 
         -np.minimum(predicted - _FULL_SCALE * low, 0.0) * (low < 0.0),
     ]
     widths = [share * float(np.ptp(predicted)) for share in _DEAD_BANDS]
-    bias = [np.ones(len(predicted))] * has_bias
+    linear = [*[np.ones(len(predicted))] * has_bias, predicted]
     dead_bands = [-np.clip(predicted, -w, w) for w in widths]
     hysteresis = [-reversal_memory(predicted, run, share) for share in _REVERSAL_PATHS]
-    columns = np.column_stack([*bias, *saturation, *dead_bands, *hysteresis])
-    return Law(frozenset({Kind.SENSOR_STATICS}), columns, np.arange(columns.shape[1]) >= len(bias))
+    columns = np.column_stack([*linear, *saturation, *dead_bands, *hysteresis])
+    return Law(frozenset({Kind.SENSOR_STATICS}), columns, np.arange(columns.shape[1]) >= len(linear))
 
 
 def periodic_columns(

@@ -15,6 +15,7 @@ from palpate.estimation.data_quality import SINGLE_RUN
 from palpate.estimation.design import Experiment, Rivals, choose
 from palpate.estimation.effect import Effect
 from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.kinds import Kind, separating_experiment
 from palpate.estimation.signals.motion import never_returns
 
 if TYPE_CHECKING:
@@ -141,6 +142,22 @@ def separating(effect: Effect, fits: Mapping[str, FitResult], data: ChannelData)
         purpose=f"tell {effect.name} from {', '.join(name for name in names if name != effect.name)}",
         separates=names,
         instruction=instruction,
+        probe={},
+    )
+
+
+def separating_kinds(effect: Effect, kind: Kind, data: ChannelData) -> NextExperiment:
+    """Propose the experiment that separates an effect from an unknown law of another kind.
+
+    Args:
+        effect: effect that was accepted.
+        kind: the other kind.
+        data: the recorded channel.
+    """
+    return NextExperiment(
+        purpose=f"tell {effect.name} from another law of {kind.word}",
+        separates=[effect.name],
+        instruction=f"{separating_experiment(effect.kind, kind)} ({_describe_recorded(data)})",
         probe={},
     )
 

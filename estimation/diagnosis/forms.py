@@ -42,6 +42,7 @@ _COLLINEAR = 1e-9  # ridge penalty of the model's own columns
 MOST_OF_LAW = 0.8  # least ratio of the mean squares explained by an accepted form and by its kind's law
 _MIN_TRIED = 0.5  # the same for a form that is tried in a model with the forms of all kinds
 AS_MUCH = 0.95  # ratio of explained mean squares above which forms or kinds count as equivalent
+SLOW = 1.5  # ratio of the error to the noise above which what is left is slower than noise of the readings
 _EXACT = 0.01  # largest mean square that the kind's law adds to an exact form, relative to the form's own
 _MAX_SETS = 4  # sets of kinds whose forms are compared
 _ROUNDS = 2  # of backfitting
@@ -201,6 +202,29 @@ def error_of_kinds(start: FitResult) -> HeldOutError:
     refitted = None if has_spring else base
     laws = flexible_laws(blocked, refitted, blocked.effort - solution.residual, solution.residual, used)
     return HeldOutError(base, laws, target, blocked, used)
+
+
+def replacing_kinds(search: Search, end: FitResult, name: str) -> list[Kind]:
+    """Find the kinds whose flexible law describes the data about as well as an effect does in its place.
+
+    A law that the library lacks may then be the right one. Kinds of the model's other effects and differences
+    between runs are omitted, since their laws can imitate a part of any effect.
+
+    Args:
+        search: the search of the channel.
+        end: the final model.
+        name: the effect that is replaced.
+
+    Returns:
+        The kinds, in order of the error that they leave.
+    """
+    named = [end.solution.model.effect(other) for other in search.added_effects(end)]
+    present = frozenset({Kind.RUN_DIFFERENCES}).union(*(effect.also | {effect.kind} for effect in named))
+    without, left = error_of_kinds(search.without(end, name)), error_of_kinds(end).mean_square()
+    by_law = {kind: without.mean_square(frozenset({kind})) for kind in without.kinds if kind not in present}
+    allowance = _EXACT * (without.mean_square() - left) + SMALL * left
+    limit = left + min(allowance, (SLOW**2 - 1.0) * left)
+    return sorted((kind for kind, error in by_law.items() if error <= limit), key=by_law.__getitem__)
 
 
 def _base_columns(start: FitResult) -> tuple[BaseColumns, FloatArray]:

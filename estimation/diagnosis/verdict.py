@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.estimation.budget.budget import error_budget
 from palpate.estimation.channel import ChannelData
-from palpate.estimation.design.next_experiment import exploring, separating, sufficient
+from palpate.estimation.design.next_experiment import exploring, separating, separating_kinds, sufficient
 from palpate.estimation.diagnosis.acceptance import (
     AS_GOOD,
     as_good_effects,
@@ -19,7 +19,15 @@ from palpate.estimation.diagnosis.acceptance import (
 )
 from palpate.estimation.diagnosis.bootstrap import SMALL, encoder_step_error
 from palpate.estimation.diagnosis.extension import fit_extended
-from palpate.estimation.diagnosis.forms import Form, FormTest, NamedError, PartiallyLinear, closest_forms
+from palpate.estimation.diagnosis.forms import (
+    SLOW,
+    Form,
+    FormTest,
+    NamedError,
+    PartiallyLinear,
+    closest_forms,
+    replacing_kinds,
+)
 from palpate.estimation.diagnosis.random_effects import run_standard_deviation
 from palpate.estimation.diagnosis.residual_checks import ResidualFinding, periodic_component
 from palpate.estimation.diagnosis.result import (
@@ -47,7 +55,6 @@ _MOST_RANKED = 3  # most candidates that are added alone to the base model
 # If the share of a kind without an accepted effect exceeds this multiple of the error left by the accepted
 # effects, the kind's law imitates these effects.
 _IMITATION = 2.0
-SLOW = 1.5  # ratio of the error to the noise above which what is left is slower than noise of the readings
 # A form is exact only if a deviation of this size, relative to the effect's own contribution, would show.
 _RESOLVED = 0.1
 _NOISE_ERROR = 0.1  # relative uncertainty of a noise level
@@ -125,15 +132,25 @@ class Evidence:
             for name in search.added_effects(end)
         }
 
+    @cached_property
+    def replacing_kinds(self) -> Mapping[str, list[Kind]]:
+        """Kinds whose flexible law describes the data as well as an accepted effect of a complete model."""
+        search, end = self.search, self.end
+        names = search.added_effects(end)
+        return {name: replacing_kinds(search, end, name) if self.complete else [] for name in names}
+
     def form(self, effect: str) -> Form:
-        """Rate how well the form of an accepted effect is known; no form is exact that another may replace.
+        """Rate how well the form of an accepted effect is known.
+
+        No form is exact that another effect, or the flexible law of another kind, may replace.
 
         Args:
             effect: name of the effect.
         """
         is_closed = next((test.is_closed for test in self.tests if test.effect == effect), True)
         is_exact = self.leaves_only_noise and is_closed and self._is_resolved(effect)
-        return Form.EXACT if is_exact and not self.rivals[effect] else Form.APPROXIMATE
+        is_exact = is_exact and not self.rivals[effect] and not self.replacing_kinds[effect]
+        return Form.EXACT if is_exact else Form.APPROXIMATE
 
     @cached_property
     def leaves_only_noise(self) -> bool:
@@ -230,6 +247,9 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
     if confused is not None:
         effect = next(known for known in search.effects if known.name == confused)
         following = separating(effect, {confused: evidence.end, **evidence.rivals[confused]}, search.data)
+    elif replaced := [name for name, kinds in evidence.replacing_kinds.items() if kinds]:
+        effect = end.solution.model.effect(replaced[0])
+        following = separating_kinds(effect, evidence.replacing_kinds[replaced[0]][0], search.data)
     diagnosis = ChannelDiagnosis(
         channel=search.data.name,
         verdict=verdict,
@@ -267,7 +287,7 @@ def _budget(evidence: Evidence) -> tuple[list[BudgetShare], Rest]:
         Shares of kinds, and the remaining shares. The kinds are those of the accepted effects if these leave
         no more error than the laws of all relevant kinds, or if a kind without an accepted effect only
         imitates them. Otherwise they are all relevant kinds. In a complete model, a kind is replaceable if
-        effects of another kind are indistinguishable from all its effects.
+        effects or the flexible law of another kind are indistinguishable from all its effects.
     """
     search, end, partial = evidence.search, evidence.end, evidence.partial
     effects = [end.solution.model.effect(name) for name in search.added_effects(end)]
@@ -280,7 +300,11 @@ def _budget(evidence: Evidence) -> tuple[list[BudgetShare], Rest]:
     if partial is None:
         kind_of = {effect.name: effect.kind for effect in search.effects}
         for kind in set(kinds.values()):
-            rivals = [{kind_of[n] for n in evidence.rivals[name]} for name in kinds if kinds[name] is kind]
+            rivals = [
+                {kind_of[rival] for rival in evidence.rivals[name]} | {*evidence.replacing_kinds[name]}
+                for name in kinds
+                if kinds[name] is kind
+            ]
             replaceable[kind] = tuple(sorted(set.intersection(*rivals) - set(kinds.values())))
     else:
         by_laws = partial.budget_with(frozenset(kinds.values()))

@@ -135,20 +135,21 @@ def test_a_form_is_known_that_takes_most_of_its_law_and_closed_where_the_law_add
 
 
 @pytest.mark.parametrize(
-    ("complete", "added", "rivals", "form"),
+    ("complete", "added", "rivals", "kinds", "form"),
     [
-        (True, 0.0, {}, Form.EXACT),
-        (True, 0.5, {}, Form.APPROXIMATE),  # a law of its kind takes half as much again
-        (True, 0.0, {DRAG: None}, Form.APPROXIMATE),  # the data cannot tell the two laws apart
-        (False, 0.0, {}, Form.APPROXIMATE),
+        (True, 0.0, {}, [], Form.EXACT),
+        (True, 0.5, {}, [], Form.APPROXIMATE),  # a law of its kind takes half as much again
+        (True, 0.0, {DRAG: None}, [], Form.APPROXIMATE),  # the data cannot tell the two laws apart
+        (True, 0.0, {}, [Kind.RATE_DEPENDENCE], Form.APPROXIMATE),  # or this and an unknown law
+        (False, 0.0, {}, [], Form.APPROXIMATE),
     ],
 )
-def test_a_form_is_exact_if_only_noise_is_left_and_neither_its_kind_s_law_nor_another_form_replaces_it(
-    monkeypatch, complete, added, rivals, form
+def test_a_form_is_exact_if_only_noise_is_left_and_no_law_of_any_kind_replaces_it(
+    monkeypatch, complete, added, rivals, kinds, form
 ):
     test = FormTest(RUB, Kind.FRICTION, taken=1.0, by_law=1.0, added=added, left=0.1)
     evidence = Evidence(None, None, None, complete, None, [test])
-    vars(evidence).update(leaves_only_noise=complete, rivals={RUB: rivals})
+    vars(evidence).update(leaves_only_noise=complete, rivals={RUB: rivals}, replacing_kinds={RUB: kinds})
     monkeypatch.setattr(Evidence, "_is_resolved", lambda *_: True)
     assert evidence.form(RUB) is form
 

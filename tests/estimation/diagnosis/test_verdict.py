@@ -32,7 +32,7 @@ from palpate.estimation.model import Model
 from tests.estimation.contact_data import channel
 from tests.estimation.presses import NOISE_N, kelvin_voigt, session
 from tests.estimation.searches import PRESS, SWING, reached, searched
-from tests.estimation.swings import NOISE_NM, swings
+from tests.estimation.swings import DAMPING, NOISE_NM, no_torque, swings
 
 BOTH = ("joint_spring", "coulomb_friction")  # the most telling first
 
@@ -146,6 +146,26 @@ def test_a_kind_is_replaceable_if_another_kind_is_indistinguishable_from_its_eff
     assert (elastic.effects, elastic.replaceable_by) == (["joint_spring"], [])
     assert (friction.effects, friction.replaceable_by) == (["coulomb_friction"], [Kind.SENSOR_STATICS])
     assert friction.experiment
+
+
+@pytest.mark.parametrize(
+    ("hidden", "form"),
+    [("viscous", Form.APPROXIMATE), ("coulomb", Form.EXACT)],  # the library has only Coulomb's law
+)
+def test_a_form_is_not_exact_if_the_law_of_another_kind_fits_as_well(hidden, form):
+    sliding = {"viscous": no_torque, "coulomb": lambda q, v, a: 0.5 * np.tanh(v / 0.02) - DAMPING * v}
+    data = swings(1, sliding[hidden])
+    pendulum = Model("pendulum", (EFFECTS["pendulum"](),))
+    library = (EFFECTS["coulomb_friction"](),)
+    (found,) = diagnose(data, pendulum, library, rng=np.random.default_rng(0)).channels
+    assert [(effect.effect, effect.form) for effect in found.accepted] == [("coulomb_friction", form)]
+    (friction,) = found.budget
+    if form is Form.EXACT:
+        assert (friction.replaceable_by, found.next_experiment) == ([], None)
+        return
+    assert Kind.RATE_DEPENDENCE in friction.replaceable_by
+    assert found.next_experiment.purpose == "tell coulomb_friction from another law of rate dependence"
+    assert "a tenth of the speed" in found.next_experiment.instruction
 
 
 @pytest.mark.parametrize("hum_n", [0.3, 0.0])
