@@ -109,7 +109,7 @@ def flexible_laws(
         _sensor_statics(effort, blocked.effort, run, has_bias=zero is None or not zero.is_zero),
     ]
     if (zero is None or not zero.is_steady) and not is_monotonic(position, run):
-        laws.append(_law(Kind.DRIFT, time_s - time_s.mean()))
+        laws.append(_law(Kind.DRIFT, time_s - time_s.min()))
     if is_contact:
         laws += _contact_geometry(position, depth, touching, run)
         products = (unit_speed * unit_depth, unit_speed * unit_depth**2)
