@@ -82,8 +82,8 @@ _SEPARATING = {
     ): "press again after a long rest: a set stays, relaxation recovers",
     frozenset({Kind.GRAVITY_LOAD, Kind.ELASTIC_SHAPE}): "move over a wider range: gravity repeats "
     "once a turn",
-    frozenset({Kind.GRAVITY_LOAD, Kind.SENSOR_STATICS}): "hold the joint at two angles half a turn apart: the "
-    "torque of a weight changes sign, a bias does not",
+    frozenset({Kind.GRAVITY_LOAD, Kind.SENSOR_STATICS}): "hold the joint at two angles half a turn "
+    "apart: the torque of a weight changes sign, a bias does not",
     frozenset({Kind.CONTACT_GEOMETRY, Kind.SENSOR_STATICS}): "check the force sensor with known weights",
     frozenset({Kind.FRICTION, Kind.SENSOR_STATICS}): "move slowly through the same positions in both "
     "directions: friction reverses, the error of a sensor does not",

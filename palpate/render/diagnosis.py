@@ -5,8 +5,7 @@ from html import escape
 from math import nan
 
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
-from palpate.estimation.diagnosis.forms import Form
-from palpate.estimation.diagnosis.verdict import SLOW
+from palpate.estimation.diagnosis.forms import SLOW, Form
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate import rounded, with_unit
 from palpate.estimation.estimate_channel import UNPHYSICAL
