@@ -37,6 +37,7 @@ _LAGS_S = (0.01, 0.03, 0.1, 0.3)  # time constants and delays of sensors
 _ADHESION_RANGES = (0.02, 0.06, 0.2)  # ranges of adhesion, relative to the deepest indentation
 _SURFACE_HEIGHTS = (0.03, 0.1, 0.3)  # heights of the surface, relative to the deepest indentation
 _PLASTIC_SETS = (0.1, 0.3, 0.6, 0.9)  # plastic sets, relative to the deepest indentation so far
+_SPANNED = 1e-6  # largest share of a signal's energy outside the span of columns that contain it
 _FULL_SCALE = 0.95  # share of the largest reading above which a sensor may saturate
 _DEAD_BANDS = (0.01, 0.03, 0.1)  # half widths, as shares of the effort's range
 _MAX_RUNS = 30  # largest number of runs that may each have their own waves
@@ -106,10 +107,10 @@ def flexible_laws(
         _law((Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY), *relaxed(depth * unit_depth), nonnegative=True),
         _law(Kind.INERTIA, acceleration, nonnegative=True),
         *_sensor_dynamics(blocked, base, effort, time_s, used),
-        _sensor_statics(effort, blocked.effort, run, has_bias=zero is None or not zero.is_zero),
+        _sensor_statics(effort, blocked.effort, run, base, has_bias=zero is None or not zero.is_zero),
     ]
     if (zero is None or not zero.is_steady) and not is_monotonic(position, run):
-        laws.append(_law(Kind.DRIFT, time_s - time_s.min()))
+        laws.append(_drift(time_s, residual, used))
     if is_contact:
         laws += _contact_geometry(position, depth, touching, run)
         products = (unit_speed * unit_depth, unit_speed * unit_depth**2)
@@ -290,11 +291,14 @@ def _contact_geometry(
     return [surface, softened, replace(pull, one_sided=False)]
 
 
-def _sensor_statics(predicted: FloatArray, measured: FloatArray, run: IntArray, *, has_bias: bool) -> Law:
+def _sensor_statics(
+    predicted: FloatArray, measured: FloatArray, run: IntArray, base: BaseColumns | None, *, has_bias: bool
+) -> Law:
     """Build the law of a sensor's bias, gain, saturation, dead band and hysteresis.
 
-    Free air rules out a bias if it shows a correct zero. Hysteresis of the sensor lowers the reading while
-    the effort grows; friction raises it.
+    A gain is added only if the base model's own gains cannot imitate it. Free air rules out a bias if it
+    shows a correct zero. Hysteresis of the sensor lowers the reading while the effort grows; friction raises
+    it.
     """
     low, high = np.quantile(measured, [0.001, 0.999])
     saturation = [
@@ -302,11 +306,26 @@ def _sensor_statics(predicted: FloatArray, measured: FloatArray, run: IntArray, 
         -np.minimum(predicted - _FULL_SCALE * low, 0.0) * (low < 0.0),
     ]
     widths = [share * float(np.ptp(predicted)) for share in _DEAD_BANDS]
-    linear = [*[np.ones(len(predicted))] * has_bias, predicted]
+    linear = [np.ones(len(predicted))] * has_bias
+    if base is not None and not _is_spanned(predicted, base.columns):
+        linear.append(predicted)
     dead_bands = [-np.clip(predicted, -w, w) for w in widths]
     hysteresis = [-reversal_memory(predicted, run, share) for share in _REVERSAL_PATHS]
     columns = np.column_stack([*linear, *saturation, *dead_bands, *hysteresis])
     return Law(frozenset({Kind.SENSOR_STATICS}), columns, np.arange(columns.shape[1]) >= len(linear))
+
+
+def _drift(time_s: FloatArray, residual: FloatArray, used: BoolArray) -> Law:
+    """Build the law of a drift, which is zero at one time of the session; a further constant is a bias."""
+    rate, offset = np.polyfit(time_s[used], residual[used], 1)
+    origin = np.clip(-offset / rate, time_s.min(), time_s.max()) if rate else time_s.min()
+    return _law(Kind.DRIFT, time_s - origin)
+
+
+def _is_spanned(signal: FloatArray, columns: FloatArray) -> bool:
+    """Return whether a signal (m,) is a linear combination of columns (m, k)."""
+    left = _residual(columns, signal, [np.arange(len(signal))])
+    return bool(left @ left <= _SPANNED * (signal @ signal))
 
 
 def periodic_columns(

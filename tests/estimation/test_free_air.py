@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from palpate.estimation.budget.laws import BaseColumns, flexible_laws
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data_quality import quality_warnings
 from palpate.estimation.diagnosis.candidates import applicable_effects
@@ -59,6 +60,18 @@ def test_the_law_of_sensor_statics_has_a_bias_where_free_air_allows_one(bias_n, 
     laws = error_of_kinds(fit_model(replace(data, effort=data.effort + bias_n), MODEL, {})).laws
     (statics,) = (law for law in laws if law.kinds == {Kind.SENSOR_STATICS})
     assert bool(np.any(np.all(statics.columns == 1.0, axis=0))) is there
+
+
+@pytest.mark.parametrize("scaled", [False, True])
+def test_the_law_of_sensor_statics_has_a_gain_unless_the_base_model_can_be_scaled(scaled):
+    fit = fit_model(session(2), MODEL, {})
+    blocked = fit.problem.blocked
+    effort = blocked.effort - fit.solution.residual
+    column = (effort if scaled else np.sin(blocked.reduce(blocked.data.time_s)))[:, None]
+    base = BaseColumns(column, np.ones(1), np.zeros(1), np.ones(1, bool))
+    laws = flexible_laws(blocked, base, effort, fit.solution.residual, fit.problem.used)
+    (statics,) = (law for law in laws if law.kinds == {Kind.SENSOR_STATICS})
+    assert bool(np.any(np.all(effort == statics.columns.T, axis=1))) is not scaled
 
 
 def test_time_cannot_be_told_from_a_position_that_goes_one_way():
