@@ -239,14 +239,7 @@ class ColumnUnits:
 
 
 def _note_on_name(role: Role, column: str, named_unit: str, unit: str) -> str:
-    """Return a note if a column's name contains a factor, two units, or another unit; empty otherwise.
-
-    Args:
-        role: role of the column.
-        column: its name in the file.
-        named_unit: unit in its name; empty for none.
-        unit: unit in which it is read.
-    """
+    """Return a note if a column name has a factor, two units, or another unit than `unit`; else empty."""
     if factor := _FACTOR.search(column):
         return (
             f"the factor '{factor[0].strip()}' in the name of column '{column}' is ignored: it is read in "

@@ -1,6 +1,6 @@
 """Compute velocity and acceleration from positions, without phase error.
 
-A cubic is fitted to the samples around each sample, see `local_fit`. Each piece of the motion is fitted
+A cubic is fitted to the samples around each sample, see `local_fits`. Each piece of the motion is fitted
 separately, so that smoothing does not extend across runs.
 
 Each derivative has its own window, since noise and curvature affect the derivatives differently. Wider
@@ -113,15 +113,7 @@ def differentiate(
 def _select_windows(
     time_s: FloatArray, position: FloatArray, piece: IntArray, rounding: float, *, calm: bool
 ) -> tuple[int, int]:
-    """Return the half windows of velocity and acceleration with nearly the least error.
-
-    Args:
-        time_s: times, strictly increasing within a piece, shape (n,) [s].
-        position: positions relative to the start of their piece, shape (n,).
-        piece: number of the smooth motion that each sample belongs to, shape (n,).
-        rounding: variance of the positions' quantization.
-        calm: whether to select the widest of the acceleration windows with about equal error.
-    """
+    """Return the half windows of velocity and acceleration of nearly least error; see `differentiate`."""
     smallest = HALF_WINDOWS[0]
     long_enough = [rows for rows in blocks(piece) if rows.stop - rows.start > 2 * smallest + 1]
     if not long_enough:
@@ -314,18 +306,6 @@ class LocalFit:
     variance: FloatArray
 
 
-def local_fit(time_s: FloatArray, position: FloatArray, centers: IntArray, half: int) -> LocalFit:
-    """Fit a polynomial around each of the samples `centers` of one piece.
-
-    Args:
-        time_s: times, strictly increasing, shape (n,) [s].
-        position: positions, shape (n,).
-        centers: indices of the samples, shape (m,).
-        half: number of samples on each side.
-    """
-    return _fits_by_piece(time_s, position, [slice(0, len(time_s))], [centers], half)
-
-
 def local_fits(
     time_s: FloatArray, position: FloatArray, pieces: Sequence[slice], centers: Sequence[IntArray], half: int
 ) -> LocalFit:
@@ -420,7 +400,7 @@ def _uneven_fit(
 
 
 def local_derivative(time_s: FloatArray, signal: FloatArray, half: int, order: int) -> FloatArray:
-    """Differentiate a signal (n,) of one piece by local fits around all samples; see `local_fit`.
+    """Differentiate a signal (n,) of one piece by local fits around all samples; see `local_fits`.
 
     Args:
         time_s: times, strictly increasing, shape (n,) [s].
@@ -430,7 +410,8 @@ def local_derivative(time_s: FloatArray, signal: FloatArray, half: int, order: i
     """
     width, steps = 2 * half + 1, np.diff(time_s)
     if len(signal) < width or np.ptp(steps) > _EVEN * steps.max():
-        return local_fit(time_s, signal, np.arange(len(signal)), half).fitted[:, order]
+        every = np.arange(len(signal))
+        return _fits_by_piece(time_s, signal, [slice(0, len(signal))], [every], half).fitted[:, order]
     by_place = _coefficients_at_each_place(width)[:, order]
     by_place = by_place * factorial(order) / float(np.mean(steps)) ** order
     middle = np.correlate(signal, by_place[half])

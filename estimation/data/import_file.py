@@ -261,45 +261,31 @@ def _measured_derivative(  # noqa: PLR0917
 ) -> FloatArray | None:
     """Return a derivative from the file, shape (n,); None, with a note if the column cannot be used.
 
-    Args:
-        columns: columns of the file.
-        key: key of the derivative.
-        source: source of the channel.
-        rows: rows of the table.
-        signal: signal of which the column is the derivative: its name in a sentence, its values, shape (n,),
-            and the derivative computed from them, shape (n,).
-        notes: notes for the user, to which one may be added.
+    `signal` is the signal of which the column is the derivative: its name in a sentence, its values (n,), and
+    the derivative computed from them (n,). The note is appended to `notes`.
     """
     if key not in columns:
         return None
     signal_name, values, derived = signal
-    position = columns.assigned[source.position]
+    position, measured = columns.assigned[source.position], columns.values(key)[rows.order]
+    ratio = mistaken_scale(rows.time_s, values, measured, rows.run)
+    rate = f"the rate of change of {signal_name}, from which the {key[0]} is derived"
     if not columns.assigned[key].dimension.startswith(position.dimension):
         problem = (
             f"is not used: its unit does not match that of '{position.column}', from which the "
             f"{key[0]} is derived; if a unit is wrong, correct it with --unit"
         )
+    elif ratio is None:
+        pieces = number_pieces(rows.time_s, rows.run)
+        if not is_difference(rows.time_s, values, measured, derived, pieces):
+            return measured
+        problem = "holds differences of single samples, which amplify noise; it is derived over more samples"
+    elif np.isnan(ratio):
+        another = f"--column {columns.role(key).numbered}=COLUMN"
+        problem = f"does not follow {rate}; if another column does, add {another}"
     else:
-        measured = columns.values(key)[rows.order]
-        ratio = mistaken_scale(rows.time_s, values, measured, rows.run)
-        if ratio is None:
-            pieces = number_pieces(rows.time_s, rows.run)
-            if not is_difference(rows.time_s, values, measured, derived, pieces):
-                return measured
-            problem = (
-                "holds differences of single samples, which amplify noise; it is derived again over more "
-                "samples"
-            )
-        else:
-            number = columns.role(key).numbered
-            follows, remedy = f"is {ratio:.3g} times", "a unit is wrong: correct it with --unit"
-            if np.isnan(ratio):
-                follows, remedy = "does not follow", f"if another column does, add --column {number}=COLUMN"
-            elif ratio < 0.0:
-                remedy = "it has the wrong sign"
-            problem = (
-                f"{follows} the rate of change of {signal_name}, from which the {key[0]} is derived; {remedy}"
-            )
+        remedy = "it has the wrong sign" if ratio < 0.0 else "a unit is wrong: correct it with --unit"
+        problem = f"is {ratio:.3g} times {rate}; {remedy}"
     notes.append(f"column '{columns.name(key)}' {problem}")
     return None
 
@@ -355,15 +341,6 @@ def _passive_power(
     delays it.
 
     Source: J. C. Willems, Arch. Rational Mech. Anal. 45 (1972), dissipative systems.
-
-    Args:
-        position: shape (n,) [rad or m].
-        velocity: shape (n,) [rad/s or m/s].
-        acceleration: shape (n,) [rad/s^2 or m/s^2].
-        effort: shape (n,) [N m or N].
-
-    Returns:
-        Correlation from -1 to 1.
     """
     place = (position - position.mean()) / (float(np.ptp(position)) or 1.0)
     columns = np.column_stack([place**power for power in range(4)])

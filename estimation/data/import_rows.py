@@ -107,11 +107,8 @@ def _numbered_runs(table: Table, column: str) -> tuple[IntArray, dict[int, str]]
     The numbers are those of the file if they are distinct whole numbers, else in order of appearance.
     """
     names, index = table.labels(column)
-    numbers = list(range(len(names)))
-    if all(name.isdecimal() and len(name) <= _MAX_DIGITS for name in names):
-        numbers_in_file = [int(name) for name in names]
-        if len(set(numbers_in_file)) == len(names):  # "1" and "01" are two runs
-            numbers = numbers_in_file
+    in_file = [int(name) for name in names if name.isdecimal() and len(name) <= _MAX_DIGITS]
+    numbers = in_file if len(set(in_file)) == len(names) else range(len(names))  # "1" and "01" are two runs
     return np.array(numbers, dtype=np.int64)[index], dict(sorted(zip(numbers, names, strict=True)))
 
 
@@ -149,11 +146,6 @@ def _detect_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tup
     """Detect the run of each row if no column states it, and return a note on the method.
 
     A restart of the clock begins a run; presses of a contact are separated in free air.
-
-    Args:
-        columns: columns of the table.
-        time_s: time of each row, shape (n,) [s].
-        count: number of presses stated by the user; None if unknown.
 
     Raises:
         InputError: the number of presses contradicts the data.

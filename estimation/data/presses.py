@@ -217,12 +217,7 @@ def press_phases(
 
 
 def _without_reversals(direction: IntArray, velocity: FloatArray) -> IntArray:
-    """Return the direction of motion of a run, without holds that are only reversals, as of a sine.
-
-    Args:
-        direction: -1, 0 or 1, shape (n,).
-        velocity: velocity, shape (n,).
-    """
+    """Return the direction of motion of a run, without holds that are only reversals, as of a sine."""
     result, speed, parts = direction.copy(), np.abs(velocity), list(blocks(direction))
     for before, rest, after in zip(parts, parts[1:], parts[2:], strict=False):
         count = rest.stop - rest.start

@@ -97,14 +97,7 @@ def _is_body(body: Sequence[Sequence[str]], decimal: str) -> bool:
 def _header_rows(
     rows: Sequence[Sequence[str]], first: int, width: int, decimal: str
 ) -> list[tuple[int, Sequence[str]]]:
-    """Return index and cells of the rows of names or units above a table, at most two, the lower one first.
-
-    Args:
-        rows: cells of the file's rows.
-        first: index of the first row of numbers.
-        width: number of columns.
-        decimal: decimal mark.
-    """
+    """Return index and cells of at most two rows of names or units above a table, the lower one first."""
     body = rows[first : first + _ALIKE]
     labels = [row[0].strip().strip('"') for row in body if row]
     counted = [[str(begin + place) for place in range(len(labels))] for begin in (0, 1)]
@@ -344,11 +337,7 @@ def find_dialect(content: bytes) -> TextDialect | None:
 
 
 def _nameless_dialect(lines: list[tuple[int, str]]) -> TextDialect | None:
-    """Return the dialect of rows of numbers without names, with the fewest other cells; None for other text.
-
-    Args:
-        lines: position and text of the first lines.
-    """
+    """Return the dialect of rows of numbers without names that has the fewest words; None for other text."""
     comments = next((n for n, (_, text) in enumerate(lines) if text[:1] not in _COMMENT_SIGNS), 0)
     begin, texts = lines[comments][0], [text for _, text in lines[comments:][:_ALIKE]]
     options = list[tuple[int, TextDialect]]()

@@ -152,12 +152,7 @@ def _one_line(match: re.Match[bytes]) -> bytes:
 
 
 def _is_one_recording(parts: Sequence[pa.Table], decimal: str) -> bool:
-    """Return whether the clock continues from part to part, as on printed pages.
-
-    Args:
-        parts: columns of text with the same names.
-        decimal: decimal mark.
-    """
+    """Return whether the clock continues from part to part, as on printed pages."""
     clocks = [guess.column for guess in guess_columns(parts[0].column_names) if guess.key == TIME]
     if len(clocks) != 1:
         return False
@@ -176,13 +171,6 @@ def _parse_rows(
     content: bytes, table: TextTable, end: int, dialect: TextDialect, place: str
 ) -> tuple[pa.Table, IntArray, list[str]]:
     """Parse the rows of a table without a copy; also return the line of each row, and notes on repairs.
-
-    Args:
-        content: content of the file.
-        table: names of the columns, and first byte of the rows.
-        end: index after the last byte of the rows.
-        dialect: delimiter and decimal mark.
-        place: file and table, for error messages.
 
     Raises:
         InputError: a row has a wrong number of cells, or is too long.
@@ -220,17 +208,7 @@ def _blanks_as_tabs(content: bytes) -> bytes:
 
 
 def _check_quotes(part: pa.Table, lines: IntArray, delimiter: str, place: str) -> None:
-    """Check that no quotation mark without a second one has swallowed rows of numbers.
-
-    Args:
-        part: parsed columns of text.
-        lines: line number in the file of each row, shape (n,).
-        delimiter: delimiter between cells.
-        place: source of the rows, for the error message.
-
-    Raises:
-        InputError: a cell contains rows of numbers.
-    """
+    """Raise an error if a quotation mark without a second one has swallowed rows of numbers."""
     for column in part.columns:
         for row in np.flatnonzero(np.asarray(pc.match_substring(column, "\n").fill_null(False))):
             inside = [line_cells(line, delimiter) for line in str(column[int(row)]).splitlines()[1:]]
@@ -245,12 +223,6 @@ def _repair_rows(
     rows: bytes, lines: IntArray, table: TextTable, dialect: TextDialect
 ) -> tuple[pa.Buffer, IntArray, list[str]] | None:
     """Remove lines of words among the rows, and complete rows that end before the last column.
-
-    Args:
-        rows: text of the table.
-        lines: line number in the file of each nonempty line, shape (n,).
-        table: names of the columns.
-        dialect: delimiter and decimal mark.
 
     Returns:
         The repaired text, the line number of each row, and notes; None if the rows cannot be repaired.
@@ -286,14 +258,7 @@ def _repair_rows(
 
 
 def _line_numbers(content: bytes, begin: int, end: int, count: int | None = None) -> IntArray:
-    """Return the numbers of the nonempty lines in a part of a file; the first line of the file is 1.
-
-    Args:
-        content: content of the file.
-        begin: index of the first byte.
-        end: index after the last byte.
-        count: number of rows read from these lines; None if each line is one row.
-    """
+    """Return the line numbers of `count` rows in a part of a file; None if each nonempty line is a row."""
     first = 1 + content.count(b"\n", 0, begin)
     if count is not None and count >= content.count(b"\n", begin, end):  # no line is empty
         return np.arange(first, first + count)

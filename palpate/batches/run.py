@@ -174,13 +174,7 @@ def batch(
 
 
 def _check_names(model: str | None, names: Sequence[str], own: Sequence[str]) -> None:
-    """Raise `InputError` if there is no such base model or effect.
-
-    Args:
-        model: base model of the batch.
-        names: names of effects of the library or the user.
-        own: the user's effects, such as "my_effects.py:MyEffect".
-    """
+    """Raise `InputError` if there is no such base model, or no such effect of the library or the user."""
     known = {effect.name for effect in load_user_effects(own).values()}
     for name in names:
         if name not in known:

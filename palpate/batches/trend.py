@@ -231,11 +231,8 @@ def _largest_change(
 def _spread_squared(values: FloatArray, std_errs: FloatArray | float) -> FloatArray:
     """Variance between measurements beside their standard errors, by differences of neighbors, shape (m, 1).
 
-    Half the mean squared difference is the variance (von Neumann, Ann. Math. Stat. 12 (1941) 367).
-
-    Args:
-        values: m series, shape (m, n).
-        std_errs: standard errors of the values, shape (n,).
+    Half the mean squared difference of values (m, n) is the variance (von Neumann, Ann. Math. Stat. 12 (1941)
+    367).
     """
     total = 0.5 * np.mean(np.diff(values, axis=1) ** 2, axis=1, keepdims=True)
     tiny = np.finfo(float).tiny + 1e-12 * np.mean(values**2, axis=1, keepdims=True)
@@ -243,12 +240,7 @@ def _spread_squared(values: FloatArray, std_errs: FloatArray | float) -> FloatAr
 
 
 def _statistics(scaled: FloatArray, times: FloatArray) -> FloatArray:
-    """Squared z values of a step at each place, and of a drift last; shape (m, places + 1).
-
-    Args:
-        scaled: m series of values of equal variance, shape (m, n).
-        times: times of the values, shape (n,).
-    """
+    """Squared z values (m, places + 1) of a step at each place, and of a drift last, in m series (m, n)."""
     count = scaled.shape[1]
     centered = scaled - scaled.mean(axis=1, keepdims=True)
     variance = _spread_squared(scaled, 0.0)

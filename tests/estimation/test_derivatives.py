@@ -6,19 +6,24 @@ from scipy.signal import savgol_filter
 
 from palpate.estimation.data import derivatives
 from palpate.estimation.data.derivatives import (
+    _fits_by_piece,
     _pilot_window,
     _WindowFit,
     differentiate,
     even_coefficients,
     grid_step,
     local_derivative,
-    local_fit,
     local_fits,
     uneven_derivative_operator,
 )
 from palpate.estimation.signals.blocks import number_pieces
 
 ONE_PIECE = lambda t: np.zeros(len(t), dtype=np.int64)  # noqa: E731
+
+
+def local_fit(time_s, position, centers, half):
+    """Fits around samples of one piece."""
+    return _fits_by_piece(time_s, position, [slice(0, len(time_s))], [centers], half)
 
 
 @given(
