@@ -232,10 +232,8 @@ class Study(ModelStudy):
             InputError: a revision is of other data, several are of one place, there is nothing to write, or
                 the file cannot be written.
         """
-        place, numbers = _path(path, "scenario"), [revisions] if isinstance(revisions, int) else revisions
-        if not isinstance(numbers, list | tuple):
-            raise InputError(f"revisions={numbers!r}: give a revision's number, or a list of them")
-        made = self.exported(self.to_export(numbers))
+        place = _path(path, "scenario")
+        made = self.exported(self.to_export(_numbers(revisions)))
         write_text(place, made.scenario.to_yaml())
         return made
 
@@ -299,9 +297,7 @@ class Study(ModelStudy):
         self, revisions: int | Sequence[int], what: str
     ) -> tuple[list["FittedJoint"], list[str]]:
         """Return joints with their newest or chosen models, and reasons for those left out."""
-        numbers = [revisions] if isinstance(revisions, int) else revisions
-        if not isinstance(numbers, list | tuple):
-            raise InputError(f"revisions={numbers!r}: give a revision's number, or a list of them")
+        numbers = _numbers(revisions)
         joints = {item.name: item for item in self.channels if item.kind is not ChannelKind.CONTACT}
         if not joints:
             raise InputError(
@@ -430,6 +426,13 @@ def _plan_probe(
     from palpate.planning.next_probe import next_probe  # noqa: PLC0415, with the simulator
 
     return next_probe(study, diagnosed, longest_s, progress, processes=os.cpu_count() or 1)
+
+
+def _numbers(revisions: int | Sequence[int]) -> Sequence[int]:
+    numbers = [revisions] if isinstance(revisions, int) else revisions
+    if not isinstance(numbers, list | tuple):
+        raise InputError(f"revisions={numbers!r}: give a revision's number, or a list of them")
+    return numbers
 
 
 def arm_from_urdf(path: Path, tip_frame: str | None = None) -> Arm:

@@ -22,25 +22,24 @@ _MAX_FILES = 2000
 
 
 def data_files(folder: Path) -> list[Path]:
-    """List the data files in a folder in natural order: run2 before run10.
+    """List the data files in a folder, without hidden ones, in natural order: run2 before run10.
 
     If the folder is a ROS 2 recording, it is the only entry. For a LeRobot data set, the list contains the
     files of its episodes.
 
     Args:
         folder: folder with the files.
-
-    Raises:
-        InputError: the folder has more than 2000 data files.
     """
     if is_bag(folder):
         return [folder]
-    lerobot = (folder / "meta" / "info.json").is_file()
-    candidates = folder.glob("data/**/*.parquet") if lerobot else folder.iterdir()
-    paths = [path for path in candidates if path.name.lower().removesuffix(".gz").endswith(ENDINGS)]
-    if len(paths) > _MAX_FILES:
-        raise InputError(f"{folder}: {len(paths)} data files, at most {_MAX_FILES}; join some of them")
-    return sorted((path for path in paths if path.is_file()), key=natural_key)
+    paths = folder.glob("data/**/*.parquet") if is_data_set(folder) else folder.iterdir()
+    named = (path for path in paths if path.name.lower().removesuffix(".gz").endswith(ENDINGS))
+    return sorted((p for p in named if p.is_file() and not p.name.startswith(".")), key=natural_key)
+
+
+def is_data_set(folder: Path) -> bool:
+    """Return whether a folder is a LeRobot data set, whose files contain one or several episodes."""
+    return (folder / "meta" / "info.json").is_file()
 
 
 def import_files(
@@ -59,8 +58,11 @@ def import_files(
         progress: callback that receives the current step and the completed share, from 0 to 1.
 
     Raises:
-        InputError: a file is named twice, cannot be used, or lacks a channel of the first file.
+        InputError: a file is named twice, cannot be used, or lacks a channel of the first file, or there are
+            more than 2000 files.
     """
+    if len(paths) > _MAX_FILES:
+        raise InputError(f"{len(paths)} data files, at most {_MAX_FILES}; join some of them")
     places = [path.resolve() for path in paths]
     if twice := [path for number, path in enumerate(paths) if places[number] in places[:number]]:
         raise InputError(f"{twice[0]}: is given twice; its runs would count as repeated measurements")

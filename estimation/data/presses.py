@@ -116,12 +116,10 @@ def cut_into(  # noqa: PLR0917
     Raises:
         InputError: fewer presses can be separated.
     """
-    from scipy.signal import find_peaks, peak_prominences  # noqa: PLC0415, slow to import
-
     depth = np.asarray(scipy.ndimage.median_filter(displacement, 5))
     padded = np.pad(depth, 1, constant_values=depth.min())
-    peaks = find_peaks(padded)[0]
-    prominence = peak_prominences(padded, peaks)[0]
+    peaks, properties = scipy.signal.find_peaks(padded, prominence=0.0)
+    prominence = properties["prominences"]
     smooth_force = np.asarray(scipy.ndimage.median_filter(force, 5))
     is_pressed = smooth_force[peaks - 1] > force_levels(force, displacement).released
     is_press = is_pressed & (prominence > _RELEASED * np.ptp(depth))

@@ -196,10 +196,7 @@ def _are_numbers(row: Sequence[str], decimal: str) -> list[bool]:
 
 def _strip_empty(row: Sequence[str]) -> Sequence[str]:
     """Remove empty cells at the end of a row."""
-    width = len(row)
-    while width and not row[width - 1].strip():
-        width -= 1
-    return row[:width]
+    return row[: max((place for place, cell in enumerate(row, 1) if cell.strip()), default=0)]
 
 
 def thousands_ambiguity(texts: Iterator[str], largest_unmarked: float, decimal: str) -> str:

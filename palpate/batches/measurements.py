@@ -10,13 +10,13 @@ from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from palpate.batches.works.measuring import measure
 from palpate.common.failures import command_line_wording
 from palpate.common.files import existing_file
-from palpate.estimation.data.file_columns import is_bag, natural_key
+from palpate.estimation.data.file_columns import natural_key
+from palpate.estimation.data.import_files import data_files, is_data_set
 from palpate.estimation.data.table import ENDINGS, read_table
+from palpate.estimation.data.text_dialect import is_missing
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.robot_io.files.file_model import read_text
 from palpate.sweep import Case
@@ -139,7 +139,7 @@ def find_measurements(
     for place in map(str, places):
         files = _listed(place)
         listed |= files
-        episodes.update(files if _is_data_set(Path(place)) else ())
+        episodes.update(files if is_data_set(Path(place)) else ())
     if not listed:
         raise InputError(f"{', '.join(map(str, places)) or 'no file'}: no measurement found")
     if pattern is not None:
@@ -213,32 +213,20 @@ def _listed(place: str) -> dict[Path, dict[str, str]]:
             names = _header(file.readline(_MOST_BYTES).decode("utf-8-sig", "replace"))[1]
         if FILE in names:
             return {path.parent / line.pop(FILE): line for line in _lines(path)}
-    if path.is_dir() and not is_bag(path):
-        entries = path.glob("data/**/*.parquet") if _is_data_set(path) else path.iterdir()
-        files = [
-            file
-            for file in entries
-            if file.name.lower().removesuffix(".gz").endswith(ENDINGS)
-            and not file.name.startswith(".")
-            and file.is_file()
-        ]
+    if path.is_dir():
+        files = data_files(path)
         if not files:
             raise InputError(
                 f"{place}: no session or data file in it ({', '.join(ENDINGS)}); name those of subfolders by "
                 f"a pattern in quotes, such as '{place}/*/*.csv'"
             )
     elif path.exists() or not glob.has_magic(place):
-        files = [path if path.is_dir() else existing_file(path, "session or data file")]
+        files = [existing_file(path, "session or data file")]
     else:
         files = [Path(file) for file in glob.glob(place, recursive=True)]
         if not files:
             raise InputError(f"{place}: no file has such a name")
     return {file: {} for file in sorted(files, key=natural_key)}
-
-
-def _is_data_set(folder: Path) -> bool:
-    """Whether a folder is a data set of LeRobot, whose files hold one or several episodes."""
-    return (folder / "meta" / "info.json").is_file()
 
 
 def _header(line: str) -> tuple[str, list[str]]:
@@ -298,7 +286,7 @@ def _parts(
     column = split or "run"
     try:
         table = read_table(file)
-        texts = _texts(table.columns[column]) if column in table.names else None
+        texts = table.labels(column)[0] if column in table.names else None
     except InputError:  # its row in the table says why
         return whole
     if texts is None and split is None:
@@ -308,10 +296,5 @@ def _parts(
     return [
         BatchMeasurement(f"{name} {column}={text}", (str(file),), {**fields, column: text}, {column: text})
         for text in texts
+        if not is_missing(text)
     ]
-
-
-def _texts(column: Any) -> list[str]:  # noqa: ANN401, Arrow's
-    texts: Iterable[Any] = column.unique().to_pylist()
-    kept = [text for text in texts if text is not None and str(text).strip()]
-    return [f"{text:g}" if isinstance(text, float | np.floating) else str(text).strip() for text in kept]

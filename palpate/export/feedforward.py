@@ -116,7 +116,7 @@ class Feedforward:
             joint.name: {
                 "model": joint.model,
                 "effort_unit": joint.effort_unit,
-                "position_unit": _position_unit(joint),
+                "position_unit": joint.kind.position_unit,
                 "gravity": {"sine": terms.gravity_sine, "cosine": terms.gravity_cosine},
                 "inertia": terms.inertia,
                 "coulomb": {"level": terms.coulomb_level, "transition": terms.coulomb_transition},
@@ -209,19 +209,15 @@ def reason_left_out(effect: str, reasons: Mapping[str, str], target: str) -> str
     return f"has no term in the {target} ({EFFECTS[effect].equation})"
 
 
-def _position_unit(joint: FittedJoint) -> str:
-    return joint.kind.position_unit
-
-
 def _range(joint: FittedJoint, name: str) -> tuple[float, float]:
     values = getattr(joint.fit.data, name)
     return float(values.min()), float(values.max())
 
 
 def _title(joint: FittedJoint) -> str:
-    unit = _position_unit(joint)
     low, high = _range(joint, "velocity")
-    return f"{joint.name}: {joint.effort_unit}, recorded from {rounded(low)} to {with_unit(high, unit)}/s"
+    fastest = with_unit(high, joint.kind.position_unit)
+    return f"{joint.name}: {joint.effort_unit}, recorded from {rounded(low)} to {fastest}/s"
 
 
 def _comment(text: str) -> str:

@@ -27,19 +27,8 @@ from palpate.sim_backend.scenario import MOST_SEED, load_scenario, shipped_scena
 
 SESSIONS = Path("sessions")
 YEAR_DAYS = 365.0
-SHARES = (
-    0.0,
-    0.1,
-    0.25,
-    0.4,
-    0.55,
-    0.7,
-    0.55,
-    0.4,
-    0.25,
-    0.1,
-    0.0,
-)  # simulated weights, as shares of the force limit
+# Simulated weights, as shares of the force limit.
+SHARES = (0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.55, 0.4, 0.25, 0.1, 0.0)
 BEYOND_STOPS_RAD = 0.1  # an arm may be held against its stops, whose real positions differ from the URDF
 _ROBOT = f"Robot file, or a shipped arm: {', '.join(shipped_robots())}."
 _SCENARIO = f"Simulated world: a file, or one of {', '.join(shipped_scenarios())}."

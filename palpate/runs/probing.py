@@ -38,6 +38,10 @@ from palpate.sim_backend.drivers import SimulatedBus
 from palpate.sim_backend.scenario import Scenario
 
 PLAN = "plan"  # key of the plan's text in the session's metadata
+_OF_LOOP = (  # fields of a loop's result in the JSON output
+    *("ticks", "overruns", "dropped", "unsent", "log_error", "observer_error", "deactivation_error"),
+    *("duration_s", "wall_s"),
+)
 MOST_TICKS = 10_000_000  # records of up to 400 bytes; sessions above 4 GiB cannot be read
 
 
@@ -109,15 +113,7 @@ class ProbingOutcome:
             "outcome": str(loop.outcome),
             "cause": loop.cause,
             "failed_runs": list(self.failures),
-            "ticks": loop.ticks,
-            "overruns": loop.overruns,
-            "dropped": loop.dropped,
-            "unsent": loop.unsent,
-            "log_error": loop.log_error,
-            "observer_error": loop.observer_error,
-            "deactivation_error": loop.deactivation_error,
-            "duration_s": loop.duration_s,
-            "wall_s": loop.wall_s,
+            **{name: getattr(loop, name) for name in _OF_LOOP},
         }
 
 

@@ -28,28 +28,23 @@ Work = Callable[[Sequence[str]], AbstractContextManager[Progress]]
 
 
 class StopReason(StrEnum):
-    """Reason why no further probe is run."""
+    """Reason why no further probe is run; see `_ENDS`."""
 
-    SEPARATED = "separated"  # one explanation is left in each channel
-    SIMPLEST = "simplest"  # the remaining explanations cannot be separated, and all contain the simplest one
-    UNSEEN = (
-        "unseen"  # an effect seen in an earlier probe is too small to be significant in all probes together
-    )
-    UNEXPLAINED = "unexplained"  # no effect of the library explains the remaining error
-    INSEPARABLE = (
-        "inseparable"  # no experiment of this arm is expected to separate the remaining explanations
-    )
-    PROBES = "probes"  # the budget of probes is used up
-    SECONDS = "seconds"  # every separating experiment takes longer than the remaining time
-    INSUFFICIENT = "insufficient"  # the data allow no verdict
+    SEPARATED = "separated"
+    SIMPLEST = "simplest"
+    UNSEEN = "unseen"
+    UNEXPLAINED = "unexplained"
+    INSEPARABLE = "inseparable"
+    PROBES = "probes"
+    SECONDS = "seconds"
+    INSUFFICIENT = "insufficient"
 
 
 _ENDS = {
     StopReason.SEPARATED: "one explanation is left",
     StopReason.SIMPLEST: (
-        "no further experiment is expected to show more than the simplest explanation "
-        "left, "
-        "which the others contain"
+        "no further experiment is expected to show more than the simplest explanation left, which the others "
+        "contain"
     ),
     StopReason.UNSEEN: (
         "an effect seen in an earlier probe is too small to be significant in all probes together"

@@ -21,7 +21,10 @@ from palpate.batches.page import write_page
 from palpate.batches.pooling import BatchResult
 from palpate.batches.table import make_table
 from palpate.batches.works.measuring import write_measurement_report
+from palpate.estimation.data.import_file import chosen_texts
+from palpate.estimation.data.import_files import data_files
 from palpate.estimation.data.import_options import NO_OPTIONS
+from palpate.estimation.data.table import read_table
 from palpate.robot_io.errors import InputError
 from palpate.study import Study
 from palpate.sweep import ResultStore, runner
@@ -533,3 +536,24 @@ def test_a_script_that_calls_a_batch_needs_no_guard(specimens, tmp_path):
     )
     assert "Traceback" not in ended.stderr
     assert (ended.returncode, ended.stdout) == (0, "1 {}\n")
+
+
+@pytest.mark.parametrize("labels", [(1234567.5, 1234568.5), ("plate  1", "plate  2"), (7, 8.0), ("", "x")])
+def test_each_part_of_a_split_file_can_be_read(tmp_path, labels):
+    path = write_presses(tmp_path / "all.csv", speeds_m_s=SPEEDS, force_of=lambda x, v: 400.0 * x + 6.0 * v)
+    head, *rows = path.read_text().splitlines()
+    half = len(rows) // 2
+    lines = [f"{row},{labels[number >= half]}" for number, row in enumerate(rows)]
+    path.write_text("\n".join([f"{head},specimen", *lines]))
+    parts = find_measurements([path], split="specimen")
+    assert len(parts) == sum(label != "" for label in labels)
+    for part in parts:
+        table = read_table(path)
+        (texts,) = (chosen_texts(*item, table.labels("specimen")[0], "") for item in part.where.items())
+        assert len(texts) == 1
+
+
+def test_hidden_files_are_no_measurements(tmp_path):
+    write_specimens(tmp_path, 1)
+    (tmp_path / "._s0_soft.csv").write_bytes(b"\0\5\26\7")
+    assert len(find_measurements([tmp_path])) == len(data_files(tmp_path)) == 2
