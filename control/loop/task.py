@@ -29,6 +29,7 @@ class Phase(IntEnum):
     STOPPED = 8  # the safe state: the guard commands, not the task
 
 
+IN_CONTACT = (Phase.LOADING, Phase.HOLD, Phase.UNLOADING)
 NO_RUN = -1  # `run` between runs
 _SPACE = (3,)
 

@@ -21,7 +21,7 @@ _NUMBER = re.compile("[0-9]{1,18}$")
 _TOUCHING = "touching"  # column that marks samples in contact at any depth
 _CONTEXT = "context_"  # prefix of the names of context signals
 
-_COLUMNS = {
+COLUMNS = {  # position, velocity, acceleration and effort
     ChannelKind.CONTACT: ("displacement_m", "velocity_m_s", "acceleration_m_s2", "force_n"),
     ChannelKind.REVOLUTE: ("position_rad", "velocity_rad_s", "acceleration_rad_s2", "torque_nm"),
     ChannelKind.SERVO: ("position_rad", "velocity_rad_s", "acceleration_rad_s2", "goal_error_rad"),
@@ -52,7 +52,7 @@ def import_streams(imported: Imported) -> list[tuple[Stream, Mapping[str, ArrayL
             (Column("run", "1", 1, "number of the run", "int64"), channel.run),
             (phase, channel.phase.astype(np.int32)),
         ]
-        for name, unit, values in zip(_COLUMNS[channel.kind], units, motion, strict=True):
+        for name, unit, values in zip(COLUMNS[channel.kind], units, motion, strict=True):
             columns.append((Column(name, unit, 1, _DOCS.get(name, "")), values))
         if channel.touching is not None:
             touching = Column(_TOUCHING, "1", 1, "1 where the object pulls as well as pushes", "int32")
@@ -88,14 +88,14 @@ def run_labels(session: Session) -> dict[str, int]:
 
 
 def _imported_channel(name: str, samples: Samples) -> ChannelData:
-    kinds = [kind for kind, columns in _COLUMNS.items() if all(column in samples for column in columns)]
+    kinds = [kind for kind, columns in COLUMNS.items() if all(column in samples for column in columns)]
     if not kinds:
         raise SessionError(f"stream '{name}' is not a channel: its columns are {', '.join(samples)}")
-    _check(name, samples, ("time_s", "run", "phase", *_COLUMNS[kinds[0]]))
+    _check(name, samples, ("time_s", "run", "phase", *COLUMNS[kinds[0]]))
     late = np.diff(samples["time_s"]) < MIN_INCREASE_S  # the same limit as in the import
     if (late & (np.diff(samples["run"]) == 0)).any():
         raise InputError(f"stream '{name}', column 'time_s': times must increase within a run")
-    position, velocity, acceleration, effort = (samples[column] for column in _COLUMNS[kinds[0]])
+    position, velocity, acceleration, effort = (samples[column] for column in COLUMNS[kinds[0]])
     context = {
         column.removeprefix(_CONTEXT): samples[column] for column in samples if column.startswith(_CONTEXT)
     }

@@ -23,7 +23,7 @@ from palpate.common.options import (
 )
 from palpate.render.view import NOISE
 from palpate.robot_io.errors import InputError
-from palpate.workflows.data_options import EffectOption, ReadOptions
+from palpate.workflows.data_options import StudyOptions
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -34,7 +34,7 @@ _MOST_SHOWN = 8  # errors, outliers and parameters in the terminal; the page has
 
 
 @dataclass(frozen=True, kw_only=True)
-class BatchArguments(ReadOptions):
+class BatchArguments(StudyOptions):
     """Measurements of a batch, and the options that belong to all of them, as the user typed them."""
 
     data: Annotated[
@@ -44,13 +44,6 @@ class BatchArguments(ReadOptions):
             metavar="FOLDER|FILES|LIST.csv",
         ),
     ]
-    effect: EffectOption = None
-    urdf: Annotated[
-        Path | None, typer.Option(help="URDF of the arm, for models that need one.", metavar="FILE")
-    ] = None
-    tip_frame: Annotated[
-        str | None, typer.Option(help="Tip frame in this URDF.", show_default="tip, or its last link")
-    ] = None
 
 
 @takes(BatchArguments, "data")

@@ -16,7 +16,8 @@ import pyarrow.parquet
 from palpate.common.csv_text import harmless_table
 from palpate.common.files import whole_file
 from palpate.control.loop.task import Phase
-from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.data.channels import COLUMNS
 from palpate.estimation.data.file_columns import is_session
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.study.source import open_source
@@ -27,12 +28,7 @@ from palpate.robot_io.session import Column, Samples, Session, Stream
 EVENTS = "events"
 _CHANNEL = re.compile(r"contact(_\d+)?|joint_\d+")
 ENDINGS = (".csv", ".parquet")
-_NAMES = {
-    ChannelKind.CONTACT: ("displacement_m", "velocity_m_s", "acceleration_m_s2", "force_N"),
-    ChannelKind.REVOLUTE: ("position_rad", "velocity_rad_s", "acceleration_rad_s2", "torque_Nm"),
-    ChannelKind.SERVO: ("position_rad", "velocity_rad_s", "acceleration_rad_s2", "goal_error_rad"),
-    ChannelKind.PRISMATIC: ("position_m", "velocity_m_s", "acceleration_m_s2", "force_N"),
-}
+_EFFORTS = {"force_n": "force_N", "torque_nm": "torque_Nm"}  # names that `palpate import` takes
 
 
 def recorded_table(path: Path, options: ImportOptions, name: str) -> pa.Table:
@@ -87,7 +83,8 @@ def channel_table(channel: ChannelData) -> pa.Table:
     """
     motion = (channel.position, channel.velocity, channel.acceleration, channel.effort)
     columns = {"time_s": channel.time_s, "run": channel.run}
-    columns |= dict(zip(_NAMES[channel.kind], motion, strict=True))
+    names = (_EFFORTS.get(name, name) for name in COLUMNS[channel.kind])
+    columns |= dict(zip(names, motion, strict=True))
     columns |= {name: channel.context[name] for name in sorted(channel.recorded)}
     table = pa.table({name: pa.array(values) for name, values in columns.items()})
     known = {int(phase): phase.name.lower() for phase in Phase}

@@ -12,7 +12,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
-from palpate.control.loop.task import Phase
+from palpate.control.loop.task import IN_CONTACT, Phase
 from palpate.render.palette import BASE, JOINTS, MEASURED, MODEL, NOISE, TRUTH
 from palpate.sweep.case import BOUND, Row, column, errors_of, estimated, grouped, parameters_of
 
@@ -21,7 +21,7 @@ ONE_COLUMN_IN, TWO_COLUMNS_IN = 3.5, 7.16
 SPEEDS = ("#b23a5c", "#de7a26", "#2b7a92")  # from fast to slow
 K, C = "stiffness.k", "damping.c"
 PAPER = "#5f6b78"
-_PRESSED = (Phase.APPROACH, Phase.LOADING, Phase.HOLD)
+_INWARDS = (Phase.APPROACH, Phase.LOADING, Phase.HOLD)
 _STYLE: Any = {
     **mpl.rcParamsDefault,  # ignores a matplotlibrc in the current folder
     "font.family": "sans-serif",
@@ -103,7 +103,7 @@ def torques(ticks: Sequence[Row]) -> Figure:
     own = [row for row in ticks if row["run"] == 0]
     time_s = column(own, "time_s")
     time_s -= time_s[0]
-    touching = np.isin([row["phase"] for row in own], [Phase.LOADING, Phase.HOLD, Phase.UNLOADING])
+    touching = np.isin([row["phase"] for row in own], IN_CONTACT)
     figure, all_axes = _panels(3, 1, TWO_COLUMNS_IN, 3.6, sharex=True)
     for joint, axes in enumerate(all_axes, 1):
         axes.axvspan(time_s[touching][0], time_s[touching][-1], color="#f0e4d4", lw=0)
@@ -160,7 +160,7 @@ def force_displacement(ticks: Sequence[Row], grid: Sequence[Row]) -> Figure:
         own = [
             row
             for row in ticks
-            if row["run"] == run and row["phase"] in _PRESSED and row["depth_m"] is not None
+            if row["run"] == run and row["phase"] in _INWARDS and row["depth_m"] is not None
         ]
         own = [row for row in own if row["depth_m"] == row["depth_m"] and row["depth_m"] > -5e-4]
         depth = 1e3 * column(own, "depth_m")

@@ -19,6 +19,7 @@ from palpate.control.loop.stop_handler import one_line
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.contact import find_contacts
 from palpate.estimation.data.tick_channels import contact_channels
+from palpate.estimation.fit.intervals import SIGMAS_95
 from palpate.estimation.study import Revision
 from palpate.estimation.study.revisions import SavedParameter
 from palpate.estimation.workers import end_with_parent
@@ -34,7 +35,6 @@ from palpate.teleop.virtual_object import terms_of
 _MODELS = ("kelvin_voigt", "hunt_crossley")
 _ESTIMATORS = "weighted,lsq"
 EstimateFunction = Callable[[Samples, int], ObjectEstimate]
-_SURE = 1.96  # standard errors on either side: 95 %
 _NICE = 5  # niceness of the diagnosis, below the control loop
 _ENOUGH = 1.3  # multiple of the noise; below it no second law is fitted
 
@@ -249,7 +249,7 @@ def _estimate(contact: _Contact, target: int, revision: Revision) -> ObjectEstim
         raise InputError(export.left_out[0])
     parameters = []
     for name, kept in revision.parameters.items():
-        reach = nan if kept.std_err is None else _SURE * kept.std_err
+        reach = nan if kept.std_err is None else SIGMAS_95 * kept.std_err
         ends = kept.value - reach, kept.value + reach
         parameters.append(EstimatedParameter(name, kept.unit, kept.value, *ends))
     tip_m, direction = contact.tip_world_m, contact.direction_world

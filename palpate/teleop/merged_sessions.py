@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from palpate.common.console import significant
-from palpate.control.loop.task import Phase
+from palpate.control.loop.task import IN_CONTACT, Phase
 from palpate.control.loop.tick_record import STREAM_NAME as TICK
 from palpate.control.teleop.messaging import STREAM_NAME as LINK
 from palpate.control.teleop.virtual_object import ForceLaw
@@ -27,7 +27,6 @@ _TICK_S = 1e-3
 _TOO_SLOW = 0.01  # share of missed ticks or lost time above which the machine was too slow
 _APART_S = 0.05  # shortest time between two touches
 _LEAST_N = 0.2  # smallest real force that is included in the comparison
-_PRESSED = (Phase.LOADING, Phase.HOLD, Phase.UNLOADING)
 
 
 @dataclass(frozen=True)
@@ -199,7 +198,7 @@ class MergedSessions:
         """Compare each target's newest model with the measured forces, on the follower's presses."""
         ticks, parts = self.ticks, [(np.zeros(0),) * 3]
         newest = {data["target"]: data for _, data in self.rendered_models()}
-        pressed = np.isin(ticks["phase"], _PRESSED) & (ticks["run"] >= 0)
+        pressed = np.isin(ticks["phase"], IN_CONTACT) & (ticks["run"] >= 0)
         begun = [
             (event.time_s, event.data["target"])
             for event in self.follower.events

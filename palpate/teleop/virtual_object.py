@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from palpate.common.console import count, significant
-from palpate.control.loop.task import Phase
+from palpate.control.loop.task import IN_CONTACT, Phase
 from palpate.control.teleop.force_mismatch import MismatchMonitor
 from palpate.control.teleop.virtual_object import ForceLaw
 from palpate.robot_io.errors import InputError
@@ -142,7 +142,6 @@ def summarize_trust(estimate: ObjectEstimate | None, age_s: float, away_m: float
 
 
 DOWN = (0.0, 0.0, -1.0)  # the virtual object is pressed downwards only
-_TOUCHING = (Phase.LOADING, Phase.HOLD, Phase.UNLOADING)
 
 
 class TargetStates:
@@ -217,7 +216,7 @@ class TargetStates:
         dt_s = min(max(sent_s - self._report_s, 1e-3), 1.0)
         self._report_s = sent_s
         predicted_n = self._law(depth_m, report.speed_m_s, dt_s)
-        if report.phase not in _TOUCHING:
+        if report.phase not in IN_CONTACT:
             return []
         place = (short_number(report.target), Phase(report.phase).name.lower())
         self._mismatch.add(place, depth_m, report.force_n, predicted_n)

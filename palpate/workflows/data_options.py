@@ -32,12 +32,6 @@ ModelOption = Annotated[
         autocompletion=model_names,
     ),
 ]
-EffectOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        help="Add your own effect to the candidates; the file is executed.", metavar="FILE.py:CLASS"
-    ),
-]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,7 +107,25 @@ class ReadOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DataArguments(ReadOptions):
+class StudyOptions(ReadOptions):
+    """How to read and model a data file, as the user typed it."""
+
+    effect: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Add your own effect to the candidates; the file is executed.", metavar="FILE.py:CLASS"
+        ),
+    ] = None
+    urdf: Annotated[
+        Path | None, typer.Option(help="URDF of the arm, for models that need one.", metavar="FILE")
+    ] = None
+    tip_frame: Annotated[
+        str | None, typer.Option(help="Tip frame in this URDF.", show_default="tip, or its last link")
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class DataArguments(StudyOptions):
     """The file of a command with its options, as the user typed them."""
 
     file: Annotated[
@@ -122,11 +134,6 @@ class DataArguments(ReadOptions):
             help="Session (.mcap), folder of sessions, or data file (.csv, .xlsx, .parquet, .npz ...)."
         ),
     ]
-    effect: EffectOption = None
-    urdf: Annotated[
-        Path | None,
-        typer.Option(help="URDF of the arm, for models that need one.", metavar="FILE"),
-    ] = None
     held_out: Annotated[
         str | None,
         typer.Option(
@@ -134,9 +141,6 @@ class DataArguments(ReadOptions):
             "Default: each run is predicted from the others.",
             metavar="RUNS",
         ),
-    ] = None
-    tip_frame: Annotated[
-        str | None, typer.Option(help="Tip frame in this URDF.", show_default="tip, or its last link")
     ] = None
 
     def study(

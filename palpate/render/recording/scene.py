@@ -13,7 +13,7 @@ from xml.etree.ElementTree import tostring
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.control.loop.task import Phase
+from palpate.control.loop.task import IN_CONTACT, Phase
 from palpate.control.loop.tick_record import STREAM_NAME
 from palpate.estimation.data.tick_channels import checked_ticks
 from palpate.estimation.estimate import Estimate, ParameterEstimate
@@ -25,7 +25,6 @@ from palpate.robot_io.session import Event, Session
 from palpate.robot_io.types import FloatArray, IntArray
 
 Columns = Mapping[str, NDArray[Any]]
-IN_CONTACT = (Phase.LOADING, Phase.HOLD, Phase.UNLOADING)
 PICTURES_HZ = 60.0  # rate of 3D poses; the curves keep every tick
 _VECTORS = (  # with a single joint, a session returns them as scalars
     *("joint_position_rad", "joint_velocity_rad_s", "reference_position_rad", "reference_velocity_rad_s"),
