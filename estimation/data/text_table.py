@@ -347,6 +347,7 @@ _ENCODINGS = ("cp1252", "gb18030", "cp932", "cp949", "cp1250", "cp1251")  # afte
 _ONE_STEP = 2.0  # largest interval between two parts of a recording, in steps of the clock
 _WITH_UNIT = re.compile(r"(?<![\w.])[+-]?\d+(?:[.,]\d+)? ?[A-Za-zµ°%]{1,6}\b")  # a cell such as "0.5 mm"
 _FEW_ZEROS = 1e-3  # largest share of zero bytes in a text
+_LOST_IN_NUMBER = re.compile(rb"(?<=[\d.])\0+|\0+(?=[-+\d.])")  # zero bytes that stand for lost characters
 _CONTROLS = bytes(set(range(32)) - set(b"\t\n\r\f\x1a\x1b")) + b"\x7f\x81\x8d\x8f\x90\x9d"  # not in a text
 _LOOKED_AT = 1 << 16  # bytes
 _OTHER_FORMATS = (  # first bytes of other file types, and the remedy
@@ -365,7 +366,8 @@ def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
     UTF-16 is recognized by its byte order mark, or by zero bytes between Latin letters. For other text that
     is not UTF-8, the encoding is the first one in which the text contains a known word, such as the Chinese
     word for force. Otherwise, text without control characters is read as Western European (cp1252), which
-    testing machines use for degree signs and umlauts. A few zero bytes are ends of strings and are removed.
+    testing machines use for degree signs and umlauts. A few zero bytes are ends of strings and are removed;
+    beside a digit they are lost characters of a number, and become U+FFFD, which no number contains.
 
     Args:
         content: content of the file.
@@ -382,7 +384,7 @@ def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
         if len(head) >= 4 and not encoding and zeros.count(0) > 0.9 * len(zeros) and not letters.count(0):
             encoding = name
     if not encoding and content.count(b"\0") <= _FEW_ZEROS * len(content):
-        content = content.replace(b"\0", b"")
+        content = _LOST_IN_NUMBER.sub("\ufffd".encode(), content).replace(b"\0", b"")
     try:
         if encoding:
             return content.decode(encoding).encode(), encoding

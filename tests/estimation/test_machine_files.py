@@ -127,6 +127,25 @@ def test_ends_of_strings_and_lines_of_blanks_do_not_spoil_a_table(tmp_path):
     np.testing.assert_allclose(import_file(path).channels[0].effort, FORCE_N, atol=1e-5)
 
 
+@pytest.mark.parametrize("place", [0, 1, 2, -1], ids=["before", "for the point", "inside", "behind"])
+def test_a_zero_byte_in_a_number_never_makes_another_number(tmp_path, place):
+    """A byte that a disk lost: closing the gap would read 9.876543 as 9876543, or as 9.87654."""
+    path, lines = tmp_path / "gel.csv", rows().splitlines()
+    time, way, _ = lines[100].split(",")
+    force = "9.876543"
+    damaged = (
+        f"\0{force}"
+        if place == 0
+        else force[:-1] + "\0"
+        if place < 0
+        else force[:place] + "\0" + force[place + 1 :]
+    )
+    lines[100] = f"{time},{way},{damaged}"
+    path.write_text("Time [s],Travel [mm],Load [N]\n" + "\n".join(lines))
+    with pytest.raises(InputError, match=r"line 102, column 'Load \[N\]': '.*' is not a finite number"):
+        import_file(path)
+
+
 def test_rows_below_a_line_of_words_are_counted_and_the_line_is_named(tmp_path):
     path = tmp_path / "press.csv"
     lines = [f"{line},0" for line in rows().splitlines()]
