@@ -86,3 +86,13 @@ def test_the_first_row_may_name_the_columns_and_lists_leave_the_others_readable(
     path = tmp_path / "a.json"
     path.write_text(json.dumps(COLUMNS | {"temperature": [20.0, 20.5, 21.0]}))
     assert read_table(path).notes == ("columns of other lengths left out: temperature",)
+
+
+def test_true_among_numbers_is_refused_and_not_read_as_one(tmp_path):
+    """A column of truths alone stays one, such as a flag of the contact."""
+    path = tmp_path / "press.json"
+    table = dict(COLUMNS)
+    table["force_N"] = [*table["force_N"][:7], True, *table["force_N"][8:]]
+    path.write_text(json.dumps(table))
+    with pytest.raises(InputError, match="row 8, column 'force_N': 'true' is not a finite number"):
+        import_file(path)
