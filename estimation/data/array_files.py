@@ -58,10 +58,15 @@ def read_npz(path: Path) -> FileColumns:
         path: path of the file.
 
     Raises:
-        InputError: the file is too large, or has arrays of objects or of different lengths.
+        InputError: the file is too large, names an array twice, or has arrays of objects or of different
+            lengths.
     """
     with zipfile.ZipFile(path) as archive:
         check_size(path, sum(entry.file_size for entry in archive.infolist()))
+        names = [entry.filename.removesuffix(".npy") for entry in archive.infolist()]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(f"{path}: the array '{twice:.60}' appears twice; rename one")
     arrays = {}
     with np.load(path, allow_pickle=False) as archive:
         for name in archive.files:

@@ -1,5 +1,6 @@
 import gzip
 import re
+import zipfile
 
 import numpy as np
 import pyarrow as pa
@@ -624,6 +625,16 @@ def test_arrays_that_make_no_table_are_named(tmp_path):
     assert "column 'time_s' holds Python objects" in refusal(objects)
     np.savez(uneven, time_s=T, displacement_m=X[:-1], force_N=F)
     assert "different lengths" in refusal(uneven)
+
+
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_of_two_arrays_of_one_name_none_is_chosen(tmp_path):
+    path, other = tmp_path / "data.npz", tmp_path / "other.npy"
+    np.savez(path, time_s=T, displacement_m=X, force_N=F)
+    np.save(other, 2 * F)
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.write(other, "force_N.npy")
+    assert "the array 'force_N' appears twice" in refusal(path)
 
 
 @pytest.mark.parametrize(
