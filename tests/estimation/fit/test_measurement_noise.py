@@ -43,6 +43,17 @@ def test_noise_that_grows_with_the_force_is_estimated_from_the_whole_recording()
     assert found.value == pytest.approx(everywhere, rel=0.2)
 
 
+def test_a_slow_error_at_the_object_is_no_noise_that_grows_with_the_force():
+    """Neighboring readings share it, so they tell the growing noise alone; a flexible law leaves both."""
+    quiet = session(4)
+    growing = 0.1 * np.abs(quiet.effort) * np.random.default_rng(3).normal(size=len(quiet))
+    everywhere = np.sqrt(NOISE_N**2 + np.mean(growing**2))
+    slow = np.where(quiet.engaged, slow_noise(len(quiet), 8.0 * everywhere), 0.0)
+    found = noise_of(replace(quiet, effort=quiet.effort + growing + slow))
+    assert found.source is NoiseSource.NEIGHBORS
+    assert found.value == pytest.approx(everywhere, rel=0.2)
+
+
 def test_differences_of_readings_tell_the_noise_of_a_joint_whatever_is_missing():
     found = noise_of(swings(2, lambda q, v, a: 0.1 * np.tanh(v / 0.02) + 6.0 * q), SWING)
     assert found.source is NoiseSource.NEIGHBORS
