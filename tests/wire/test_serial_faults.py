@@ -203,6 +203,18 @@ def test_a_gauge_without_commands_for_signs_is_taken(bench):
     assert arm.ticks(10, None).force_n == pytest.approx(5.0, abs=0.1)
 
 
+@pytest.mark.parametrize("before", [b"  \r\n", b"x" * 300 + b"\r\n"], ids=["blanks", "too long"])
+def test_a_line_without_words_before_an_answer_is_no_answer(bench, before):
+    arm = bench(ODRIVE, [MARK10])
+    sensor = arm.arm.wires["load_cell"]._sensor
+    obey, reading = sensor._obey, sensor.reading
+    sensor._obey = lambda command, now_s: before * (command == "RM") + obey(command, now_s)
+    sensor.reading = lambda force_n: before + reading(force_n)
+    arm.robot.configure()
+    (found,) = arm.robot.force.examine()
+    assert found.text.startswith("M7-50, reads in lbF")
+
+
 def test_a_gauge_that_is_switched_to_another_unit_is_named(bench):
     arm = bench(ODRIVE, [MARK10])
     arm.robot.configure()

@@ -221,6 +221,7 @@ def curve(values):
         ([0.0, 0.0], [0.03, 0.0], [1.0, 0.0], True),  # by a thousandth of the energy of what both add
         ([0.0, 0.0], [0.04, 0.0], [1.0, 0.0], False),
         ([0.0, 0.0], [0.3, 0.0], [10.0, 0.0], True),
+        ([5.0, 0.0], [5.04, 0.0], [6.04, 0.0], False),  # what all three leave, such as noise, adds nothing
         ([0.0, 0.0], [0.0, 0.0], [0.0, 0.0], False),  # nothing is added
         ([0.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], False),  # the contact begins elsewhere
         ([0.0, 0.0], [0.0, 0.0], [1.0, 0.0, 0.0], False),
