@@ -79,10 +79,15 @@ class Revisions:
         """Return all revisions, oldest first.
 
         Raises:
-            InputError: a file is not a revision.
+            InputError: a file is not a revision, or the folder of revisions is a symbolic link, through which
+                files would be written elsewhere.
         """
         if self._folder is None:
             return tuple(self._in_memory)
+        if self._folder.is_symlink():
+            raise InputError(
+                f"folder {self._folder}: is a symbolic link, which is not followed; replace it by a folder"
+            )
         files = self._folder.glob("[0-9]*.json") if self._folder.is_dir() else ()
         numbered = [file for file in files if file.stem.isdecimal() and file.name == _name(int(file.stem))]
         revisions = []

@@ -7,7 +7,14 @@ import typer
 
 from palpate.common import console
 from palpate.common.console import shown, typed
-from palpate.common.files import different_files, open_session, output_file, output_folder, spare_files
+from palpate.common.files import (
+    different_files,
+    open_session,
+    output_file,
+    output_folder,
+    refuse_link,
+    spare_files,
+)
 from palpate.control.loop.tick_record import STREAM_NAME as TICK
 from palpate.control.teleop.messaging import STREAM_NAME as LINK
 from palpate.render.inspection import PLOTS, RECORDING, inspect_session
@@ -56,7 +63,9 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
     if plots is not None:
         spare_files(plots, [PLOTS], force=force, keep=[session])
         output_folder(plots)
-    recording = save or output_folder(opened.derived_dir) / (RECORDING if merged is None else BOTH)
+    recording = save or output_folder(refuse_link(opened.derived_dir)) / (
+        RECORDING if merged is None else BOTH
+    )
     if merged is None:
         inspection = inspect_session(opened)
         moment_s = inspection.record(recording)

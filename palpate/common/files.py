@@ -216,10 +216,35 @@ def derived_folder(path: Path) -> Path:
     Args:
         path: a session (results go beside it), a folder of sessions (results go into it), or a data file
             (results go into the current folder, because the file's folder may belong to somebody else).
+
+    Raises:
+        InputError: the folder is a symbolic link; see `refuse_link`.
     """
     if path.is_dir():
-        return path / "study"
-    return path.with_suffix("") if is_session(path) else Path(f"{path.name.split('.')[0]}-palpate")
+        return refuse_link(path / "study")
+    return refuse_link(
+        path.with_suffix("") if is_session(path) else Path(f"{path.name.split('.')[0]}-palpate")
+    )
+
+
+def refuse_link(folder: Path) -> Path:
+    """Return a folder of results that nobody named, unless it is a symbolic link.
+
+    Whoever sent a session may have put a link beside it, through which results would replace files of the
+    same names in any other folder.
+
+    Args:
+        folder: usual folder of results; it need not exist yet.
+
+    Raises:
+        InputError: it is a symbolic link.
+    """
+    if folder.is_symlink():
+        raise InputError(
+            f"folder {folder}: is a symbolic link to {os.path.realpath(folder)}; results are written through "
+            "a link only if you name it, with --out or --folder; otherwise remove it"
+        )
+    return folder
 
 
 def folder_to_fill(path: Path, out: Path | None, names: Iterable[str], *, force: bool) -> Path:

@@ -288,3 +288,21 @@ def test_a_link_that_leads_to_itself_is_one_output(tmp_path):
     different_files(circle, tmp_path / "a")
     with pytest.raises(InputError, match="given twice"):
         different_files(circle, circle)
+
+
+def test_results_are_not_written_through_a_link_beside_a_session(session, tmp_path):
+    """Whoever sends a session may put a link there, to a folder with a report of one's own."""
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    (mine / "report.html").write_text("mine")
+    session.with_suffix("").symlink_to(mine)
+    for command in ("diagnose", "inspect", "revisions"):
+        assert_refused(run(command, session), "is a symbolic link to", str(mine))
+    assert_refused(run("add", session, "bias", "--channel", "contact"), "is a symbolic link to", str(mine))
+    assert [(path.name, path.read_text()) for path in mine.iterdir()] == [("report.html", "mine")]
+    assert run("revisions", session, "--folder", mine).exit_code in {0, 2}  # a folder that is named is used
+    session.with_suffix("").unlink()
+    session.with_suffix("").mkdir()
+    (session.with_suffix("") / "revisions").symlink_to(mine)
+    assert_refused(run("add", session, "bias", "--channel", "contact"), "is a symbolic link, which is not")
+    assert [path.name for path in mine.iterdir()] == ["report.html"]
