@@ -9,11 +9,12 @@ import pytest
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.diagnosis import acceptance
+from palpate.estimation.diagnosis import search as module
 from palpate.estimation.diagnosis.acceptance import indistinguishable_models, most_parsimonious
 from palpate.estimation.diagnosis.bootstrap import BootstrapTest
 from palpate.estimation.diagnosis.candidates import Candidate
 from palpate.estimation.diagnosis.forms import analyse_kinds
-from palpate.estimation.diagnosis.search import _key, _some_runs, backward_step, prepare_search
+from palpate.estimation.diagnosis.search import Search, _key, _some_runs, backward_step, prepare_search
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate import ParameterEstimate
 from palpate.estimation.fit.fit_problem import solve_gains
@@ -432,6 +433,40 @@ def test_chance_is_told_by_how_often_noise_alone_gives_as_much(friction_nm, low,
     assert low <= found <= high
     if found:
         assert found * 200 == pytest.approx(round(found * 200))
+
+
+@pytest.mark.parametrize(
+    ("count", "energy", "is_tested"),
+    [
+        (1001, 0.45, True),  # of few blocks, noise alone may give a large share
+        (1001, 0.55, False),
+        (2000, 0.24, True),  # and of twice as many half as much
+        (2000, 0.27, False),
+        (20_000, 0.09, True),
+    ],
+)
+def test_less_is_clear_without_a_test_of_more_blocks(monkeypatch, count, energy, is_tested):
+    """`energy` is what the effect takes away, relative to what it leaves."""
+    tested = []
+
+    def improvements(noise, *_, **__):
+        tested.append(len(noise))
+        return np.zeros(200)
+
+    monkeypatch.setattr(module, "null_improvements", improvements)
+    problem = SimpleNamespace(used=slice(None), blocked=SimpleNamespace(run=np.zeros(count)))
+    before = SimpleNamespace(
+        problem=problem, solution=SimpleNamespace(sse=count * (1.0 + energy), columns=np.ones((count, 1)))
+    )
+    after = SimpleNamespace(
+        problem=problem,
+        solution=SimpleNamespace(sse=float(count)),
+        flexible=SimpleNamespace(residual=np.ones(count)),
+    )
+    search = SimpleNamespace(screen=lambda _: (), rng=None)
+    found = Search.p_value(search, before, after)
+    assert bool(tested) is is_tested
+    assert found == (1 / 201 if is_tested else 0.0)
 
 
 def quick(hidden, rate_hz=1000.0, runs=5):

@@ -8,12 +8,14 @@ from hashlib import sha256
 from http import HTTPStatus
 from http.client import HTTPConnection
 from socket import create_connection
+from types import SimpleNamespace
 
 import pytest
 from nicegui import Client, core, ui
 from nicegui.page import page
 
 from palpate.robot_io.errors import InputError
+from palpate.workbench import layout
 from palpate.workbench.layout import _permitted
 from palpate.workbench.startup import EarlyServer, early_server
 
@@ -122,3 +124,35 @@ def test_the_first_answer_runs_its_own_script_alone_and_is_framed_by_none(early)
 def test_a_port_that_cannot_exist_is_refused(port):
     with pytest.raises(InputError, match=f"--port {port}: .*choose another port"):
         early_server(port)
+
+
+@pytest.mark.parametrize("is_open", [True, False])
+def test_no_arm_is_asked_to_move_after_the_page_was_closed(monkeypatch, tmp_path, is_open):
+    """The experiment is designed in the background; whoever pressed the button may be gone by then."""
+    probed = []
+
+    async def probe(home, arguments, place, *, join):
+        probed.append(arguments)
+
+    works = {}
+    plan = SimpleNamespace(force_limit_n=8.0)
+    following = SimpleNamespace(proposal=None, plan=plan)
+    session = SimpleNamespace(metadata=SimpleNamespace(extra={"source": "simulated"}))
+    study = SimpleNamespace(
+        source=SimpleNamespace(session=session), folder=tmp_path, next_probe=lambda diagnoses: following
+    )
+    state = SimpleNamespace(study=study, diagnosis=SimpleNamespace(next_experiment=object()))
+    monkeypatch.setattr(layout, "same_world", lambda _: "--seed 3")
+    monkeypatch.setattr(layout, "plan_text", lambda *_: "hold_s: 0.1\n")
+    monkeypatch.setattr(layout, "_probe", probe)
+    monkeypatch.setattr(layout, "_once", lambda text, work: works.setdefault(text, work) and ui.button(text))
+    monkeypatch.setattr(Client, "has_socket_connection", property(lambda _: is_open))
+
+    async def press():
+        core.loop = asyncio.get_running_loop()
+        with Client(page("")):
+            layout._next_step(None, state)
+            await works["Run it on the simulated arm"]()
+
+    asyncio.run(press())
+    assert [arguments[-2:] for arguments in probed] == ([["--seed", "3"]] if is_open else [])

@@ -315,6 +315,9 @@ def test_curves_are_short_and_keep_their_peaks(press):
     assert np.nanmax(picked(data.effort, rows)) == pytest.approx(data.effort.max())
     assert np.isnan(picked(data.effort, rows)).sum() == len(data.runs) - 1
     assert all(len(trace["x"]) <= 1.1 * MOST_POINTS for trace in time_figure(motion, None, None)["data"])
+    layout = time_figure(motion, None, None)["layout"]
+    low, high = (layout[name]["domain"] for name in ("yaxis2", "yaxis"))
+    assert 0.0 <= low[0] < low[1] < high[0] < high[1] <= 1.0  # the residual lies below the curves
     near = motion.rows(data.effort, 200, (1.0, 1.5))
     assert np.ptp(motion.time_s[near[near >= 0]]) <= 0.5
     assert set(data.run[DrawnMotion.of(data, (2,)).rows(data.effort, 100)]) == {2}
