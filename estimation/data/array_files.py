@@ -47,7 +47,7 @@ def read_parquet(path: Path) -> FileColumns:
     columns: dict[str, Any] = {}
     for name in table.column_names:
         matrix = _matrix(table.column(name))
-        columns |= {name: table.column(name)} if matrix is None else _matrix_columns(name, matrix)
+        columns |= {name: table.column(name)} if matrix is None else matrix_columns(name, matrix)
     return FileColumns(pa.table(columns))
 
 
@@ -84,7 +84,7 @@ def read_npz(path: Path) -> FileColumns:
     for name in [name for name, array in arrays.items() if array.ndim == 2]:
         matrix = arrays.pop(name)
         if len(matrix) in lengths:  # other matrices, such as a pose, are not columns
-            arrays |= _matrix_columns(name, matrix)
+            arrays |= matrix_columns(name, matrix)
     return FileColumns(arrow_table(arrays, path))
 
 
@@ -129,7 +129,7 @@ def read_mat(path: Path) -> FileColumns:
             if array.ndim == 1 and len(array) > 1:
                 vectors[name] = array
             elif array.ndim == 2 and array.shape[0] != array.shape[1]:
-                vectors |= _matrix_columns(name, array if array.shape[0] > array.shape[1] else array.T)
+                vectors |= matrix_columns(name, array if array.shape[0] > array.shape[1] else array.T)
     if not vectors:
         raise InputError(
             f"{path}: holds no vectors; a measurement needs at least three: time, motion and effort"
@@ -139,8 +139,13 @@ def read_mat(path: Path) -> FileColumns:
     return FileColumns(arrow_table({n: v for n, v in vectors.items() if len(v) == length}, path))
 
 
-def _matrix_columns(name: str, matrix: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """Return the columns of a matrix (n, k): "q 1", "q 2" ..., or "position_1_rad" ... of position_rad."""
+def matrix_columns(name: str, matrix: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Return the columns of a matrix by name: "q 1", "q 2" ..., or "position_1_rad" ... of position_rad.
+
+    Args:
+        name: name of the matrix.
+        matrix: array of shape (n, k).
+    """
     stem, unit = split_unit(name)
     mark, ending = ("_", f"_{unit}") if parse_role(name) else (" ", f" [{unit}]")
     ending = ending if unit else ""

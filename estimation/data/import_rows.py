@@ -176,9 +176,9 @@ def _detect_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tup
         return run, []
     reason = "the clock restarts: " if restarts else ""
     is_cut = is_contact and count != 1
-    which = f"one for {'each press' if presses == 1 else f'{presses} presses'}; " if is_cut else ""
+    which = f", one for {'each press' if presses == 1 else f'{presses} presses'}" if is_cut else ""
     remedy = "add --runs N" if is_cut else "name the column that numbers them, --column run=COLUMN"
-    return run, [f"{reason}cut into {number} runs, {which}if that is wrong, {remedy}"]
+    return run, [f"{reason}cut into {number} runs{which}; if that is wrong, {remedy}"]
 
 
 def _cycles(columns: Columns) -> tuple[IntArray, str]:

@@ -278,6 +278,7 @@ class TextTable:
     start: int  # first byte of the first row of numbers
     titles: tuple[str, ...] = ()  # cells of the row above the header
     counts: bool = False  # whether the first column contains numbers
+    numbers: int = 0  # number of columns with numbers
 
 
 @dataclass(frozen=True)
@@ -301,7 +302,8 @@ def find_dialect(content: bytes) -> TextDialect | None:
     """Detect delimiter and decimal mark of a UTF-8 text; None if no header is followed by numbers.
 
     If the first line contains one of palpate's own names, it is a header. Otherwise each delimiter is tried
-    with the decimal mark that suits it, and the dialect whose longest table has most columns is returned.
+    with the decimal mark that suits it, and the dialect whose longest table has most columns of numbers is
+    returned.
 
     Args:
         content: content of the file.
@@ -323,14 +325,15 @@ def find_dialect(content: bytes) -> TextDialect | None:
         return replace(dialect, tables=(first_table, *(t for t in dialect.tables if t.head > begin)))
     dialects = [_dialect(lines, delimiter) for delimiter in (*DELIMITERS, BLANKS)]
 
-    def column_count(dialect: TextDialect) -> int:
-        """Return the number of columns of the longest table."""
+    def column_counts(dialect: TextDialect) -> tuple[int, int]:
+        """Return how many columns of the longest table have numbers, and how many there are."""
         heads = [*(table.head for table in dialect.tables[1:]), len(content)]
         sizes = [end - table.start for end, table in zip(heads, dialect.tables, strict=True)]
-        return len(dialect.tables[sizes.index(max(sizes))].names)
+        longest = dialect.tables[sizes.index(max(sizes))]
+        return longest.numbers, len(longest.names)
 
     with_names = (dialect for dialect in dialects if dialect.tables)
-    return max(with_names, key=column_count, default=None) or _nameless_dialect(lines)
+    return max(with_names, key=column_counts, default=None) or _nameless_dialect(lines)
 
 
 def _nameless_dialect(lines: list[tuple[int, str]]) -> TextDialect | None:
@@ -390,7 +393,8 @@ def _dialect(lines: list[tuple[int, str]], delimiter: str) -> TextDialect:
         names += numbered_names(width)[len(names) :]
         head, start = (lines[row][0] for row in (layout.header, layout.first))
         counts = is_number(rows[layout.first][0], decimal)
-        tables.append(TextTable(tuple(names[:width]), head, start, layout.titles, counts))
+        numbers = max(sum(_are_numbers(row, decimal)) for row in rows[layout.first :][:3])
+        tables.append(TextTable(tuple(names[:width]), head, start, layout.titles, counts, numbers))
     return TextDialect(delimiter, decimal, tuple(tables))
 
 

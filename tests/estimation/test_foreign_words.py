@@ -214,3 +214,9 @@ def test_a_long_note_in_a_cell_is_read_past_and_a_long_first_line_is_refused(tmp
     path = write(tmp_path, ["Time (s),Travel (mm),Load (N)," + "B" * 2**20])
     with pytest.raises(InputError, match="first line is longer than 1 MiB"):
         import_file(path)
+
+
+@pytest.mark.parametrize("names", ["Time, s;Extension, mm;Load, N", "время, с;перемещение, мм;сила, Н"])
+def test_a_comma_before_a_unit_parts_no_cells(tmp_path, names):
+    rows = [row.replace(",", ";").replace(".", ",") for row in ROWS]
+    check_press(import_file(write(tmp_path, [names], rows)))

@@ -96,3 +96,43 @@ def test_true_among_numbers_is_refused_and_not_read_as_one(tmp_path):
     path.write_text(json.dumps(table))
     with pytest.raises(InputError, match="row 8, column 'force_N': 'true' is not a finite number"):
         import_file(path)
+
+
+def times_and_press(run):
+    t = np.arange(60) * 0.01 + run
+    return {"time_s": t.tolist(), "displacement_mm": (3.0 * np.sin(3.0 * t)).tolist(), "force_N": t.tolist()}
+
+
+def as_records(columns):
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+@pytest.mark.parametrize(
+    ("content", "labels"),
+    [
+        ([times_and_press(0), times_and_press(1)], ["0", "1"]),
+        ({"slow": times_and_press(0), "fast": times_and_press(1)}, ["slow", "fast"]),
+        ({"runs": [{"name": "a", "data": times_and_press(run)} for run in range(3)]}, ["0", "1", "2"]),
+        ([{"speed": 3.0, "samples": as_records(times_and_press(run))} for run in range(2)], ["0", "1"]),
+    ],
+)
+def test_parts_with_clocks_of_their_own_are_runs(tmp_path, content, labels):
+    path = tmp_path / "runs.json"
+    path.write_text(json.dumps(content))
+    imported = import_file(path)
+    assert list(imported.run_labels.values()) == labels
+    (channel,) = imported.channels
+    np.testing.assert_allclose(
+        channel.effort, np.concatenate([times_and_press(n)["force_N"] for n, _ in enumerate(labels)])
+    )
+
+
+@pytest.mark.parametrize("by_record", [True, False])
+def test_a_matrix_beside_a_clock_is_its_columns(tmp_path, by_record):
+    t = np.arange(200) * 0.01
+    q = np.column_stack([np.sin(t), np.cos(t)])
+    columns = {"time_s": t.tolist(), "position_rad": q.tolist(), "torque_Nm": (2.0 * q).tolist()}
+    path = tmp_path / "arm.json"
+    path.write_text(json.dumps(as_records(columns) if by_record else columns))
+    channels = import_file(path).channels
+    np.testing.assert_allclose([channel.position for channel in channels], q.T)
