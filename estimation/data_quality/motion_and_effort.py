@@ -14,6 +14,9 @@ from palpate.robot_io.types import FloatArray
 _MAX_DEPTH_M = 0.2  # a deeper indentation means a wrong unit
 _MAX_SLOPE_N_M = 1e7
 _MIN_SLOPE_N_M = 1e-2
+# Indentations below this depth come from microscopes, since a wrong unit would make them deeper. Cells under
+# a cantilever have slopes of 1e-4 to 1e-1 N/m.
+_MICROSCOPIC_M, _MIN_MICROSCOPIC_N_M = 1e-5, 1e-5
 _MAX_SPEED_RAD_S = 300.0
 _MIN_PRESSED = 0.01  # least share of samples in contact
 # At least one in twenty samples in contact must exceed free air by 4 standard deviations of the noise; of
@@ -54,9 +57,10 @@ def mistaken_units(data: ChannelData) -> str | None:
                 "displacement is in millimeters, use --unit displacement=mm"
             )
         slope = float(np.ptp(data.effort)) / max(deepest, 1e-12)
-        if slope > 0.0 and not _MIN_SLOPE_N_M < slope < _MAX_SLOPE_N_M:
+        least = _MIN_SLOPE_N_M if deepest > _MICROSCOPIC_M else _MIN_MICROSCOPIC_N_M
+        if slope > 0.0 and not least < slope < _MAX_SLOPE_N_M:
             return (
-                f"force over depth is {slope:.3g} N/m, outside {_MIN_SLOPE_N_M:g} to {_MAX_SLOPE_N_M:g} N/m; "
+                f"force over depth is {slope:.3g} N/m, outside {least:g} to {_MAX_SLOPE_N_M:g} N/m; "
                 "if a unit is different, give it, such as --unit force=mN or --unit displacement=mm"
             )
     fast = float(np.quantile(np.abs(data.velocity), 0.9))
