@@ -23,9 +23,8 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
 PAGE = "index.html"
-OUTLYING = (
-    3.5  # modified z value of an outlier (Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993)
-)
+# Modified z value of an outlier (Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993).
+OUTLYING = 3.5
 _LEAST_FOR_OUTLIERS = 5
 _CONTRADICTED = 0.01  # chance of refusing to share parameters that are the same
 

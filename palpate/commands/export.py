@@ -46,24 +46,14 @@ class Format(StrEnum):
 
 
 _ADD = " (palpate diagnose --apply adds what is missing)"
-# Name of the file that is written by default.
+# Name of the file that is written by default, and endings by which other programs recognize its content.
 _FILES = {
-    Format.SCENARIO: SCENARIO,
-    Format.FEEDFORWARD: FEEDFORWARD,
-    Format.MJCF: "model.xml",
-    Format.URDF: "arm.urdf",
-    Format.ISAACLAB: "actuators.py",
-    Format.BAM: "bam.json",
-}
-
-
-# Endings that a file may have whose content other programs recognize by them.
-_ENDINGS = {
-    Format.SCENARIO: (".yaml", ".yml"),
-    Format.MJCF: (".xml", ".mjcf"),
-    Format.URDF: (".urdf", ".xml"),
-    Format.ISAACLAB: (".py",),
-    Format.BAM: (".json",),
+    Format.SCENARIO: (SCENARIO, (".yaml", ".yml")),
+    Format.FEEDFORWARD: (FEEDFORWARD, (".yaml", ".yml")),
+    Format.MJCF: ("model.xml", (".xml", ".mjcf")),
+    Format.URDF: ("arm.urdf", (".urdf", ".xml")),
+    Format.ISAACLAB: ("actuators.py", (".py",)),
+    Format.BAM: ("bam.json", (".json",)),
 }
 
 
@@ -158,7 +148,7 @@ def export_command(
     else:
         place = folder_to_read(data.file, folder)
         study = data.study(None, place)
-        path, force = out or place / _FILES[form], force or out is None
+        path, force = out or place / _FILES[form][0], force or out is None
         if patch is not None and form in (Format.SCENARIO, Format.FEEDFORWARD):
             raise InputError(f"--patch {patch}: --format {form} patches no file. Valid: mjcf, urdf, bam")
         if form is Format.SCENARIO:
@@ -251,7 +241,7 @@ def export_scenario(
     Raises:
         InputError: there is no such revision, or the file cannot be written.
     """
-    output_file(path, force=force, keep=[data.file], endings=_ENDINGS[Format.SCENARIO])
+    output_file(path, force=force, keep=[data.file], endings=_FILES[Format.SCENARIO][1])
     before = len(study.revisions)
     kept = study.to_export(revisions)
     if len(study.revisions) > before:
@@ -305,7 +295,7 @@ def export_joints(  # noqa: PLR0917, what was typed
     """
     content: dict[str, Any]
     if form is Format.FEEDFORWARD:
-        if path.suffix not in {".yaml", ".yml"}:
+        if path.suffix not in _FILES[form][1]:
             raise InputError(f"output {path}: a feedforward is written as .yaml, with .py and .c beside it")
         files = [("table", path), ("python", path.with_suffix(".py")), ("c", path.with_suffix(".c"))]
         for _, file in files:
@@ -314,7 +304,7 @@ def export_joints(  # noqa: PLR0917, what was typed
         content = {name: str(file) for name, file in files}
         used, left_out = made.used, made.left_out
     else:
-        output_file(path, force=force, keep=[data.file], endings=_ENDINGS[form])
+        output_file(path, force=force, keep=[data.file], endings=_FILES[form][1])
         written = study.export_simulator(path, form.value, patch, list(revisions))
         files = [(form.value, file) for file in written.files]
         content = {"format": form.value, "files": [str(file) for file in written.files]}

@@ -1,6 +1,6 @@
 """Check an arm before it gets power, then check the signs of its joints and force sensor."""
 
-from collections.abc import Callable, Iterator, Mapping, Set
+from collections.abc import Callable, Iterator, Sequence, Set
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -22,7 +22,7 @@ from palpate.robot_io.examination import Examinable, Finding, Level, fail, grade
 from palpate.robot_io.interfaces import Component, undo_all
 from palpate.robot_io.robot import Robot, build_robot
 from palpate.robot_io.robot_file import RobotFile
-from palpate.robot_io.types import FloatArray, Measurement, Status
+from palpate.robot_io.types import Measurement, Status
 from palpate.runs.robots import DEFAULT_SCENARIO, emulate, is_simulated
 from palpate.runs.session import SIMULATED_DRIVERS
 from palpate.sim_backend.scenario import load_scenario
@@ -217,16 +217,6 @@ _MICRO, _MILLI = 1e6, 1e3
 _WARN, _FAIL = Level.WARN, Level.FAIL
 
 
-@dataclass(frozen=True)
-class _Watched:
-    """Measurements of several ticks."""
-
-    reading_s: FloatArray  # duration of each reading, shape (n,) [s]
-    measurements: tuple[Measurement, ...]
-    failed: tuple[Set[str], ...]  # buses that failed in each tick
-    complaints: Mapping[str, str]  # last message of each bus
-
-
 def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
     """Read a configured robot for half a second at its control rate, without power, and check its samples."""
     period_s, limits = 1.0 / robot_file.control_rate_hz, robot_file.limits
@@ -235,22 +225,22 @@ def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
     if any(finding.level is Level.FAIL for finding in computed):
         return
     clock = robot.clock
-    reading_s, measurements, failed = [], [], []
-    complaints: dict[str, str] = {}
+    reading_s = list[float]()  # duration of each reading
+    ticks = list[tuple[Measurement, Set[str]]]()  # measurements, each with the buses that failed
+    complaints: dict[str, str] = {}  # last message of each bus
     next_s = clock.now_s()
     for _ in range(max(20, round(_WATCH_S / period_s))):
         next_s = max(next_s + period_s, clock.now_s())
         clock.sleep_until(next_s)
         begun_s = clock.now_s()
-        measurements.append(robot.read(begun_s + READ_SHARE * period_s))
+        measurement = robot.read(begun_s + READ_SHARE * period_s)
         reading_s.append(clock.now_s() - begun_s)
-        failed.append(set(robot.bus_errors))
+        ticks.append((measurement, set(robot.bus_errors)))
         complaints |= robot.bus_errors | robot.bus_delays
-    skipped = min(10, len(measurements) // 2)  # the first samples may arrive late
-    watched = _Watched(
-        np.array(reading_s[skipped:]), tuple(measurements[skipped:]), tuple(failed[skipped:]), complaints
-    )
-    median_s, most_s = np.median(watched.reading_s), np.quantile(watched.reading_s, 0.99)
+    skipped = min(10, len(ticks) // 2)  # the first samples may arrive late
+    del reading_s[:skipped], ticks[:skipped]
+    measurements = [measurement for measurement, _ in ticks]
+    median_s, most_s = np.median(reading_s), np.quantile(reading_s, 0.99)
     value = (
         f"takes {median_s * _MICRO:.0f} us of "
         f"{'simulated' if isinstance(clock, SimulatedClock) else 'real'} time; 99 of 100 ticks take "
@@ -260,8 +250,8 @@ def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
     yield graded("reading the arm", value, (_WARN, most_s > READ_SHARE * period_s, remedy))
     for device in ("encoder", "torque", "force"):
         bus = getattr(robot_file, device).bus
-        yield _device(watched, device, bus, getattr(limits, f"{device}_age_s"))
-    position_rad = np.mean([m.joint_position_rad for m in watched.measurements], axis=0)
+        yield _device(ticks, complaints.get(bus or ""), device, bus, getattr(limits, f"{device}_age_s"))
+    position_rad = np.mean([m.joint_position_rad for m in measurements], axis=0)
     if np.isfinite(position_rad).all():  # missing samples were reported before
         ranges = zip(position_rad, limits.position_min_rad, limits.position_max_rad, strict=True)
         for number, (angle, low, high) in enumerate(ranges, 1):
@@ -276,8 +266,8 @@ def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
             "arm stands"
         )
         yield graded("home", value, (_WARN, abs(away_rad[joint]) > _FAR_RAD, remedy))
-    if np.isfinite([m.force_n for m in watched.measurements]).all():
-        forces_n = np.array([m.force_n for m in watched.measurements])
+    if np.isfinite([m.force_n for m in measurements]).all():
+        forces_n = np.array([m.force_n for m in measurements])
         value = f"{forces_n.mean():+.3f} N without touching anything, noise {forces_n.std():.3f} N"
         beyond = abs(forces_n.mean()) > _REST_SHARE * limits.force_n
         if not beyond and np.ptp(forces_n) == 0.0:
@@ -303,12 +293,18 @@ def _computed(robot: Robot, period_s: float) -> Iterator[Finding]:
         yield graded(f"rate of {name}", value, (_FAIL, too_much, remedy), (_WARN, nearly, remedy))
 
 
-def _device(watched: _Watched, device: str, bus: str | None, limit_s: float) -> Finding:
+def _device(
+    ticks: Sequence[tuple[Measurement, Set[str]]],
+    complaint: str | None,
+    device: str,
+    bus: str | None,
+    limit_s: float,
+) -> Finding:
     """Check a device's samples; a robot reports all devices of a failed bus as faulty."""
-    complaint = watched.complaints.get(bus or "")
+    measurements = [measurement for measurement, _ in ticks]
     subject, because = f"{device} samples", f": {complaint}" if complaint else ""
-    at_s = np.array([getattr(m, f"{device}_at_s") for m in watched.measurements])
-    ages_s = np.array([m.time_s for m in watched.measurements]) - at_s
+    at_s = np.array([getattr(m, f"{device}_at_s") for m in measurements])
+    ages_s = np.array([m.time_s for m in measurements]) - at_s
     if not np.isfinite(ages_s).all():
         return fail(subject, "none came" + because, "check its wiring")
     new_s = np.unique(at_s)
@@ -317,9 +313,8 @@ def _device(watched: _Watched, device: str, bus: str | None, limit_s: float) -> 
         f"{rate_hz:.0f} samples per second, the oldest {ages_s.max() * _MILLI:.1f} ms old (limit "
         f"{limit_s * _MILLI:g} ms)"
     )
-    if not all(np.isfinite(getattr(m, name)).all() for m in watched.measurements for name in _VALUES[device]):
+    if not all(np.isfinite(getattr(m, name)).all() for m in measurements for name in _VALUES[device]):
         return fail(subject, f"some values are not numbers{because}", "check its wiring and its driver")
-    ticks = zip(watched.measurements, watched.failed, strict=True)
     statuses = {getattr(m, f"{device}_status") for m, failed in ticks if not failed or bus in failed}
     if ages_s.max() > limit_s or Status.FAULT in statuses:
         return fail(subject, value + because, "raise its rate, or find what delays it")

@@ -190,10 +190,8 @@ def can_interfaces() -> Iterator[Finding]:
 
 def can_interface(subject: str, name: str, down: Level) -> Finding:
     """Check that a CAN interface exists and is up (level `down` if not)."""
-    interface, bring_up = (
-        Path("/sys/class/net") / name,
-        f"sudo ip link set {name} up type can bitrate 1000000",
-    )
+    interface = Path("/sys/class/net") / name
+    bring_up = f"sudo ip link set {name} up type can bitrate 1000000"
     if _text(interface / "type") != ARPHRD_CAN:
         return fail(subject, f"{name}: no such CAN interface", f"plug the adapter in; then: {bring_up}")
     state = _text(interface / "operstate")

@@ -127,15 +127,10 @@ def _one_row_an_estimator(estimates: ChannelEstimates, truth: Truth, width: int)
     erring = known if width >= _NARROW else set()
     columns = ["estimator"]
     for parameter in parameters:
-        columns += [
-            safe(short_name(parameter.name)) + "\n" + safe(f"[{parameter.unit}]"),
-            *["error"] * (parameter.name in erring),
-        ]
-    columns += (
-        ["rmse\n" + safe(f"[{estimates.channel.kind.effort_unit}]"), "cond.", "used"]
-        if width >= _WIDE
-        else []
-    )
+        heading = safe(short_name(parameter.name)) + "\n" + safe(f"[{parameter.unit}]")
+        columns += [heading, *["error"] * (parameter.name in erring)]
+    if width >= _WIDE:
+        columns += ["rmse\n" + safe(f"[{estimates.channel.kind.effort_unit}]"), "cond.", "used"]
     made = table("", *columns, "determined", right=columns[1:])
     for estimate in estimates.estimates:
         cells = [estimate.estimator]

@@ -226,10 +226,8 @@ def fall_table(channel: ChannelView, width: int, *, narrow: bool = False) -> Tab
             *[_bar(value / worst, grade(times), width)] * (not narrow),
             *[evidence.get(label, "")] * len(last),
         )
-    level, bar = (
-        f"[dim]{channel.noise_level:.4g}[/dim]",
-        _bar(channel.noise_level / worst, "bright_black", width),
-    )
+    level = f"[dim]{channel.noise_level:.4g}[/dim]"
+    bar = _bar(channel.noise_level / worst, "bright_black", width)
     made.add_row(*[""] * len(number), "[dim]noise level[/dim]", level, "", *[bar] * (not narrow))
     return made if narrow or natural_width(made) <= width else fall_table(channel, width, narrow=True)
 

@@ -66,9 +66,7 @@ class GridFile(FileModel):
     # names, or {name: ransac, threshold: 0.1}; "all" selects all estimators that apply to the model.
     estimators: str | tuple[Spec, ...] = ALL
     diagnose: bool = False  # whether to diagnose instead of estimating
-    repeats: Annotated[int, Field(ge=1, le=1_000_000, strict=True)] = (
-        3  # number of repeats, each with different noise
-    )
+    repeats: Annotated[int, Field(ge=1, le=1_000_000, strict=True)] = 3  # repeats, each with other noise
     seed: Annotated[int, Field(ge=0, le=10**12, strict=True)] = 1  # seed of the first repeat
     model: str | None = None  # model to fit; default: the model of the object's law
     robot: str = "follower"

@@ -5,7 +5,7 @@ import csv
 import io
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -62,15 +62,8 @@ def write_page(
             text = io.StringIO()
             csv.writer(text, lineterminator="\n").writerows([table.columns, *table.rows])
             write_text(folder / TABLES / f"{table.name}.csv", text.getvalue())
-    page = rendered(
-        _TEMPLATE,
-        {"cell": cell},
-        title=title,
-        summary=summary,
-        facts=facts,
-        sections=sections,
-        pictures=pictures,
-    )
+    about = {"title": title, "summary": summary, "facts": facts}
+    page = rendered(_TEMPLATE, {"cell": cell}, **about, sections=sections, pictures=pictures)
     write_text(folder / PAGE, page)
     return folder / PAGE
 
@@ -130,23 +123,14 @@ def write_grid(
     sections.append(Section("Cases without a result", None, (), tables))
     keys = tuple(dict.fromkeys(key for row in rows for key in row if key not in _NOT_SHOWN))
     every = SweepTable("cases", "Every row", keys, tuple(tuple(row.get(key) for key in keys) for row in rows))
-    sections[0] = Section(**vars(sections[0]) | {"more": (every,)})
-    return write_page(
-        folder,
-        title,
-        grid.description,
-        facts,
-        [section for section in sections if section.words or section.tables],
-    )
+    sections[0] = replace(sections[0], more=(every,))
+    shown = [section for section in sections if section.words or section.tables]
+    return write_page(folder, title, grid.description, facts, shown)
 
 
 def _estimates(rows: Sequence[Row]) -> list[Section]:
-    first = Section(
-        "Errors by estimator",
-        figures.error_spread(rows),
-        (_WORDS,),
-        (error_table("errors", "All cases", rows),),
-    )
+    table = error_table("errors", "All cases", rows)
+    first = Section("Errors by estimator", figures.error_spread(rows), (_WORDS,), (table,))
     keys = ("law", "speeds_mm_s", "noise_std_n", "noise_percent", "hidden")
     groups = grouped((row for row in rows if not row["error"]), lambda row: tuple(row[key] for key in keys))
     if len(groups) < 2:

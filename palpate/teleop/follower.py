@@ -77,6 +77,7 @@ class FollowerMessaging(threading.Thread):
         arm_state: state of the arm and measured force; the loop replaces it in every tick.
         notes: entries for the session, (kind, text, data), which the loop logs.
         estimates: number of estimates made.
+        link: exchange of messages, whose state the loop logs.
         error: reason why the exchange ended; empty while it continues.
     """
 
@@ -104,7 +105,7 @@ class FollowerMessaging(threading.Thread):
             self.queue.clear()
             say("another leader has started: the targets of the previous leader are dropped")
 
-        self._messaging = Messaging(line, clock, take=take, on_new_peer=drop_targets)
+        self.link = Messaging(line, clock, take=take, on_new_peer=drop_targets)
 
     def settled(self) -> bool:
         """Return whether no estimate is pending, and a reachable leader has received all estimates.
@@ -149,7 +150,7 @@ class FollowerMessaging(threading.Thread):
         self.close()
         with suppress(Exception):  # errors no longer matter
             for _ in range(_END_REPORTS):
-                self._messaging.send(replace(self._report(), remark=cause[:MOST_TEXT], ended=True))
+                self.link.send(replace(self._report(), remark=cause[:MOST_TEXT], ended=True))
                 time.sleep(_MESSAGE_PERIOD_S)
 
     def close(self) -> None:
@@ -159,31 +160,23 @@ class FollowerMessaging(threading.Thread):
             self.join()
         self._estimator.close()
 
-    def record(self, now_s: float) -> tuple[object, ...]:
-        """Return the state of the link as one record of `LINK_STREAM`.
-
-        Args:
-            now_s: time of the session [s].
-        """
-        return self._messaging.record(now_s)
-
     def _exchange(self) -> None:
         """Receive the leader's messages, estimate, and report the estimates that the leader lacks."""
-        changed, self.queue.linked = self._messaging.receive(), self._messaging.linked
+        changed, self.queue.linked = self.link.receive(), self.link.linked
         if changed and self.queue.linked:
             self._say("the leader responds")
         elif changed:
             self._say("the leader is silent: no further target is probed")
-        if problem := self._messaging.problem():
+        if problem := self.link.problem():
             self.notes.append(("link", problem, {}))
             self._say(problem)
         self._exchange_estimates()
-        self._messaging.send(self._report())
+        self.link.send(self._report())
         now_s = self._clock.now_s()
         if now_s >= self._resend_s:  # a lost estimate is sent until the leader confirms it
             self._resend_s = now_s + _RESEND_S
             for estimate in self._unseen():
-                self._messaging.send(estimate)
+                self.link.send(estimate)
         self._is_idle = not self._estimator.busy  # set last, after all new estimates are stored
 
     def _exchange_estimates(self) -> None:
@@ -265,7 +258,7 @@ class Observer:
         self._messaging.arm_state = ArmState(output.phase, tuple(tip), speed_m_s, tuple(direction), force_n)
         if measurement.time_s >= self._record_s:
             self._record_s = measurement.time_s + _LINK_RECORD_S
-            self._log.append(LINK_STREAM.name, self._messaging.record(measurement.time_s))
+            self._log.append(LINK_STREAM.name, self._messaging.link.record(measurement.time_s))
         while self._messaging.notes:
             self._log.event(measurement.time_s, *self._messaging.notes.popleft())
         return NO_ESTIMATE
