@@ -30,7 +30,7 @@ _TEXTS = (".csv", ".tsv")
 
 @dataclass(frozen=True, slots=True)
 class BatchMeasurement:
-    """Files that are one measurement."""
+    """Files that form one measurement."""
 
     name: str  # name in the table
     files: tuple[str, ...]  # sessions, data files, or folders of them; at least one; a Path takes more memory
@@ -40,7 +40,7 @@ class BatchMeasurement:
 
 @dataclass(frozen=True)
 class MetadataTable:
-    """A table of further fields, found by a column `file` or by fields that the files have already."""
+    """Table of further fields; a column `file`, or fields that the files already have, assign its lines."""
 
     path: Path
     keys: Sequence[str]  # columns by which a line is found
@@ -176,7 +176,7 @@ def find_measurements(
 
 
 def case_of(measurement: BatchMeasurement, options: Mapping[str, Any]) -> MeasurementCase:
-    """The case of a measurement. OSError: a file cannot be read.
+    """Make the case of a measurement; raise `OSError` if a file cannot be read.
 
     Args:
         measurement: files of the measurement.
@@ -191,7 +191,7 @@ WORK = "palpate.batches.works.measuring:measure"
 
 
 def content_hash(path: Path) -> str:
-    """SHA-256 of a file with the ending of its name, or of the files in a folder. OSError: not readable.
+    """Return the SHA-256 of a file, with its name's ending, or of a folder; raise `OSError` if unreadable.
 
     Args:
         path: path of the file or folder.
@@ -230,13 +230,13 @@ def _listed(place: str) -> dict[Path, dict[str, str]]:
 
 
 def _header(line: str) -> tuple[str, list[str]]:
-    """The mark between cells, and the names."""
+    """Return the separator of a header, and its names."""
     mark = max(",;\t", key=line.count)
     return mark, [name.strip() for name in line.split(mark)]
 
 
 def _lines(path: Path) -> list[dict[str, str]]:
-    """Lines of a CSV file by the names in its header."""
+    """Read the lines of a CSV file, by the names in its header."""
     try:
         text = read_text(path).lstrip("\ufeff")
     except (OSError, ValueError) as error:
@@ -255,7 +255,7 @@ def _lines(path: Path) -> list[dict[str, str]]:
 
 
 def _joined(listed: Mapping[Path, dict[str, str]], join: str) -> list[BatchMeasurement]:
-    """One measurement for each text in a field, with the fields that all its files share."""
+    """Make one measurement of the files with the same text in a field, with the fields that they share."""
     groups: dict[str, list[Path]] = {}
     for file, fields in listed.items():
         if not fields.get(join):
@@ -279,7 +279,7 @@ def _joined(listed: Mapping[Path, dict[str, str]], join: str) -> list[BatchMeasu
 def _parts(
     name: str, file: Path, fields: Mapping[str, str], split: str | None, *, by_run: bool
 ) -> list[BatchMeasurement]:
-    """One measurement for each text in a column of a file; the file alone if it is whole or unreadable."""
+    """Make one measurement of each text in a column, or of the whole file if it is unreadable."""
     whole = [BatchMeasurement(name, (str(file),), fields)]
     if split is None and not by_run:
         return whole

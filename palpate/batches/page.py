@@ -211,7 +211,7 @@ def _overview(batch: BatchResult) -> PageSection:
 
 
 def _distributions(batch: BatchResult) -> PageSection:
-    """Each parameter with its 95 % intervals, by group."""
+    """Draw each parameter with its 95 % intervals, by group."""
     columns = list(parameter_columns(batch.table))
     shown = sorted(columns, key=lambda column: -len(column.rows))[:_MOST_FIGURES]
     shown = [column for column in columns if any(column is item for item in shown)]

@@ -122,7 +122,7 @@ class BatchResult(TableDisplay):
         return DisplayTable(caption, columns, rows)
 
     def as_data(self) -> dict[str, Any]:
-        """The outcome as plain data; the keys are stable."""
+        """Return the result as plain data; the keys are stable."""
         return {
             "folder": str(self.folder),
             "page": str(self.page),
@@ -232,7 +232,7 @@ def group_differences(pooled: Sequence[PooledParameter]) -> list[GroupDifference
 
 
 def outliers(column: ParameterColumn, groups: Sequence[str]) -> list[Outlier]:
-    """Measurements whose value is far from the median of their group, beyond scatter and standard error.
+    """Return measurements whose value is far from their group's median, given scatter and standard error.
 
     Args:
         column: values of a parameter; a group of fewer than five has no outliers.

@@ -1,4 +1,4 @@
-"""Many recordings at once: each is estimated, compared and diagnosed; all give one table and one page."""
+"""Estimate, compare and diagnose many recordings, and write one table and one page."""
 
 import json
 import re
@@ -91,13 +91,13 @@ def batch(
         share: effects whose parameters are the same in all channels and measurements of a group.
         read: options for reading a data file.
         urdf: URDF of the arm, for models that need it.
-        tip_frame: the tip's frame in that.
+        tip_frame: tip frame in this URDF.
         effects: your own effects, such as "my_effects.py:MyEffect".
         workers: processes on this machine; None for one a core.
         scheduler: address of a dask scheduler; None for this machine.
         retry: judge measurements again that could not be judged.
-        reports: most outliers whose own report is written, to which the page links.
-        progress: called with the measurements that are done, and all of them.
+        reports: largest number of outliers for which to write a report; the page links to it.
+        progress: called with the numbers of finished and of all measurements.
 
     Raises:
         InputError: there is nothing to measure, or an argument is not valid.
@@ -201,7 +201,7 @@ def _run(
 def _cases(
     measurements: Sequence[BatchMeasurement], options: Mapping[str, Any], failures: dict[str, str]
 ) -> dict[str, MeasurementCase]:
-    """Cases by the measurement's name; those whose files cannot be read go to the failures."""
+    """Return the cases by measurement; add the reasons why files cannot be read to `failures`."""
     cases = {}
     for measurement in measurements:
         try:

@@ -74,7 +74,7 @@ def random_effects(values: FloatArray, std_errs: FloatArray) -> RandomEffects:
 
 
 def shrunk(values: FloatArray, std_errs: FloatArray, effects: RandomEffects) -> FloatArray:
-    """Partially pooled values: each drawn towards the mean as far as its standard error exceeds the spread.
+    """Shrink each value towards the mean, the more so the more its standard error exceeds the spread.
 
     Args:
         values: shape (n,).
@@ -89,7 +89,7 @@ def shrunk(values: FloatArray, std_errs: FloatArray, effects: RandomEffects) -> 
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Corrected p values of several tests (Holm, Scand. J. Stat. 6 (1979) 65).
+    """Correct the p values of several tests (Holm, Scand. J. Stat. 6 (1979) 65).
 
     Args:
         p_values: p-values of the single tests.

@@ -32,7 +32,7 @@ _ENDS = (" low", " high", " std_err", " shrunk")
 
 @dataclass(frozen=True)
 class ParameterColumn:
-    """A parameter of one channel in all measurements that have it with a standard error."""
+    """A parameter of one channel, in all measurements that have it with a standard error."""
 
     channel: str  # its name
     name: str  # "effect.parameter"
@@ -48,7 +48,7 @@ class ParameterColumn:
 
 
 def head(name: str, unit: str, end: str = "") -> str:
-    """The name of a parameter's column.
+    """Return the name of a parameter's column.
 
     Args:
         name: "effect.parameter".
@@ -204,13 +204,10 @@ def _parameters(table: pa.Table) -> Iterator[tuple[str, str, str]]:
 
 
 def parameter_columns(table: pa.Table) -> Iterator[ParameterColumn]:
-    """Every parameter of every channel that at least one measurement knows with its standard error.
+    """Yield each parameter that at least one measurement has with a standard error, by channel.
 
     Args:
         table: table of a batch.
-
-    Yields:
-        Channel by channel, in the order of the columns.
     """
     if "channel" not in table.column_names:
         return

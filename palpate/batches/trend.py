@@ -1,4 +1,4 @@
-"""Parameters over time: steps and drifts that are more than the scatter from one measurement to the next."""
+"""Find steps and drifts of parameters over time that exceed the scatter between measurements."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from palpate.estimation.statistics.noise import MAD_TO_SIGMA
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray
 
-LEVEL = 0.01  # chance of a change in a whole table where nothing changes
+LEVEL = 0.01  # probability of a false alarm in a whole table
 LEAST = 10  # measurements of a series that is tested
 _SIDE = 3  # measurements before and after a step
 _PERMUTATIONS = 1_000  # permutations at a time
@@ -31,7 +31,7 @@ DATES = ("date", "day", "night", "time", "datetime", "timestamp")  # fields that
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """One figure of a channel over time."""
+    """One quantity of a channel over time."""
 
     group: str
     channel: str
@@ -55,11 +55,11 @@ class TrendChange:
 
     kind: str  # "step" or "drift"
     first: int  # place in the series: first measurement after a step, or at which a drift begins
-    last: int  # last measurement that it is about
-    before: float  # value before a step, or at the begin of a drift
+    last: int  # last measurement of the change
+    before: float  # value before a step, or at the beginning of a drift
     after: float  # value after a step, or at the end of a drift
     std_err: float  # standard error of the difference
-    p_value: float  # of a step or drift as large as this by chance, in this series alone
+    p_value: float  # probability of as large a change by chance, in this series alone
 
 
 def time_axis(table: pa.Table, field: str | None = None) -> tuple[FloatArray, list[str], str]:
@@ -108,15 +108,14 @@ def time_axis(table: pa.Table, field: str | None = None) -> tuple[FloatArray, li
 
 
 def all_series(table: pa.Table, times: FloatArray) -> Iterator[Series]:
-    """Every parameter, the error over noise, and every kind's share, of each channel of each group.
+    """Yield each parameter, the ratio of error to noise, and each kind's share, by channel and group.
+
+    Series with fewer than `LEAST` values are omitted. Isolated values of a parameter are left out, since one
+    of them would inflate the scatter and hide a step.
 
     Args:
         table: table of a batch.
         times: times of its rows, shape (n,).
-
-    Yields:
-        Those with at least `LEAST` values. Isolated values of a parameter are left out, since one of them
-        would inflate the scatter and hide a step.
     """
     group, channel = np.array(texts(table, "group")), np.array(texts(table, "channel"))
     columns = [
@@ -253,7 +252,7 @@ def _statistics(scaled: FloatArray, times: FloatArray) -> FloatArray:
 
 
 def _days(text: str) -> float | None:
-    """Days since 1970 of a date or time; None if it is none."""
+    """Return the days since 1970 of a date or time; None for other texts."""
     try:
         moment = datetime.fromisoformat(text)
     except ValueError:
@@ -262,7 +261,7 @@ def _days(text: str) -> float | None:
 
 
 def _number(text: str) -> float | None:
-    """A finite number; None if it is none."""
+    """Return a finite number; None for other texts."""
     try:
         value = float(text)
     except ValueError:
@@ -287,7 +286,7 @@ def least_for_step(tested: int) -> int:
 def changes_of(
     table: pa.Table, times: FloatArray, names: Sequence[str] = ()
 ) -> list[tuple[Series, list[TrendChange]]]:
-    """Changes of all series that are not constant, at a level for the table as a whole.
+    """Find the changes of all series that are not constant, at a level for the table as a whole.
 
     Args:
         table: table of a batch.

@@ -149,9 +149,9 @@ class DataArguments(StudyOptions):
         """Open the study of this file.
 
         Args:
-            model: base model; None for what suits each channel.
+            model: base model; None for the usual one of each channel.
             folder: folder of the revisions; None for the usual one.
-            like: study of another file, whose notes were said and are not said again.
+            like: study of another file, whose notes were printed and are not repeated.
 
         Raises:
             InputError: the data cannot be used.
@@ -181,10 +181,10 @@ class DataArguments(StudyOptions):
         """Refuse unknown models and invalid run numbers before anything is read.
 
         Args:
-            model: base model; None for what suits each channel.
+            model: base model; None for the usual one of each channel.
 
         Raises:
-            InputError: it is so.
+            InputError: the model is unknown, or the run numbers are invalid.
         """
         from palpate.estimation.models import MODELS  # noqa: PLC0415, as above
 

@@ -29,7 +29,7 @@ PLAN = ProbingPlan()  # the paper's three speeds
 HIDDEN_PLAN = ProbingPlan(repeats=2)
 HIDDEN = ("stress_relaxation", "cubic_stiffness", "quadratic_damping")
 STRENGTH = 20.0  # times the noise level
-_SEEDS = 1_000_000  # few enough to be typed
+_SEEDS = 1_000_000  # small enough to be typed
 
 
 @dataclass(frozen=True)

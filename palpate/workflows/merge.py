@@ -146,7 +146,7 @@ def surface_notes(sessions: Sequence[Session]) -> list[str]:
 
 
 def _depth_difference(first: ChannelData, second: ChannelData) -> float:
-    """By how much deeper the second is touched than the first [m]; 0 where runs differ by about as much."""
+    """Return how much deeper the second contact begins [m]; 0 if single runs differ by about as much."""
     force_n = _BEGUN * min(
         data.effort[data.run == run].max() for data in (first, second) for run in data.runs
     )

@@ -73,7 +73,7 @@ class Decision:
     sentence: str  # all this in one sentence
 
     @classmethod
-    def of(  # noqa: PLR0917 (what it is made of)
+    def of(  # noqa: PLR0917
         cls,
         number: int,
         session: Path,
@@ -143,7 +143,7 @@ class Resolved:
         return self.decisions[-1].end
 
     def as_data(self) -> dict[str, Any]:
-        """The result as plain data; the keys are stable."""
+        """Return the result as plain data; the keys are stable."""
         channels = [channel.model_dump(mode="json") for channel in self.channels]
         seconds = sum(decision.seconds for decision in self.decisions)
         return {
@@ -156,7 +156,7 @@ class Resolved:
         }
 
 
-def resolve(  # noqa: PLR0917 (what to do, and who is told of it)
+def resolve(  # noqa: PLR0917
     job: ProbingJob,
     budget: Budget,
     channel: str | None = None,
@@ -227,7 +227,7 @@ def new_folder(folder: Path) -> Path:
     return output_folder(folder)
 
 
-def _decide(  # noqa: PLR0917 (all that it depends on)
+def _decide(  # noqa: PLR0917
     study: Study,
     diagnoses: Sequence[ChannelDiagnosis],
     probes: int,

@@ -23,7 +23,7 @@ def measure(files: Sequence[Path], parameters: Mapping[str, Any]) -> list[Row]:
     """Read one measurement, and judge it: one row for each channel.
 
     Args:
-        files: of the measurement.
+        files: files of the measurement.
         parameters: `where`, and as `options` those of `palpate.batches.run.batch`.
 
     Raises:
@@ -44,9 +44,9 @@ def write_measurement_report(files: Sequence[Path], parameters: Mapping[str, Any
     """Write the report of one measurement, with the diagnosis and the effects that the batch has.
 
     Args:
-        files: of the measurement.
+        files: files of the measurement.
         parameters: see `measure`.
-        path: of the HTML page.
+        path: path of the HTML page.
 
     Raises:
         InputError: the files cannot be read, or the page cannot be written.
@@ -134,7 +134,7 @@ def _row(
 
 
 def _all_columns(parameters: Mapping[str, ParameterEstimate | ParameterValue]) -> Row:
-    """Value of each, and where determined also the ends of the 95 % interval and the standard error."""
+    """Return each value and, if determined, its standard error and the ends of its 95 % interval."""
     row: Row = {}
     for name, parameter in parameters.items():
         row[f"{name} [{parameter.unit}]"] = float(parameter.value)
