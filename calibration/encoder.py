@@ -128,7 +128,7 @@ def _candidates(
     stops_rad: tuple[FloatArray, FloatArray],
     reach_rad: float,
 ) -> Iterator[tuple[FloatArray, StopApproach]]:
-    """Yield postures on the way, (k, n), and approach, for both sides and postures of the joints behind."""
+    """Yield each approach to a joint's two stops with its path (k, n), over postures of the outer joints."""
     low, high = bounds
     behind = [np.linspace(0.6 * low[j], 0.6 * high[j], _COUNT) for j in range(joint + 1, body.joint_count)]
     for side, stops in ((-1, stops_rad[0]), (1, stops_rad[1])):
@@ -275,7 +275,7 @@ class StopTask:
         if at_stop or approach.side * (position - approach.stop_rad) > settings.reach_rad:
             self._check_stop(position, at_stop)
         if self._held_s >= settings.hold_s:
-            text = f"joint {joint + 1} against its stop, the encoder shows {position:.5f} rad"
+            text = f"joint {joint + 1} touches its stop; its encoder reads {position:.5f} rad"
             stop = {"run": self._touch, "joint": joint, "stop_rad": approach.stop_rad, "shown_rad": position}
             events = (TaskEvent(EVENT, text, stop),)
             # Back off, and continue with the next touch, the next stop, or the return.
@@ -299,14 +299,14 @@ class StopTask:
         approach, reach = self._approach, self._settings.reach_rad
         if abs(position_rad - approach.stop_rad) > reach:
             push_nm = float(self._settings.push_nm[approach.joint])
-            what = f"stands still against a push of {push_nm:.2g} N m" if at_stop else "met no stop"
-            remedy = "clear what is in its way, " if at_stop else ""
+            what = f"stands still against a push of {push_nm:.2g} N m" if at_stop else "reached no stop"
+            remedy = "remove any obstacle, " if at_stop else ""
             held = "friction holds it or " if at_stop else ""
             option = "--upper-stops" if approach.side > 0 else "--lower-stops"
             raise SafetyTripError(
                 f"joint {approach.joint + 1} {what} at {position_rad:.3f} rad, but its stop should be at "
                 f"{approach.stop_rad:.3f} rad (within {reach:g} rad); {remedy}state where its stop "
-                f"is ({option}), or, if {held}its zero is off by so much, calibrate in a known pose first "
+                f"is ({option}), or, if {held}its zero is off by that much, calibrate in a known pose first "
                 "(--pose)"
             )
 

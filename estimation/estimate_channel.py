@@ -194,7 +194,7 @@ def mark_coarse(estimate: Estimate, data: ChannelData, rows: BoolArray) -> Estim
     if steps >= MIN_STEPS:
         return estimate
     unknown = float("nan")
-    remedy = "press harder, take a softer object, or a finer encoder"
+    remedy = "press harder, or use a softer object or a finer encoder"
     note = f"{describe_steps(data, rows)}, too few for a slope: {remedy}"
     parameters = tuple(
         replace(p, std_err=unknown, interval=(unknown, unknown), determined=Determined.NO)

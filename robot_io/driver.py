@@ -98,5 +98,5 @@ def make_driver(
     except PalpateError:
         raise
     except Exception as error:
-        problem = f"the driver cannot be made, {describe_error(error)}"
+        problem = f"the driver cannot be created: {describe_error(error)}"
         raise input_error(context.robot_file.document, place, problem, driver) from error

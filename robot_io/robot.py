@@ -181,9 +181,9 @@ class Robot(Opened):
             encoder_at_s=encoder_at_s,
             torque_at_s=torque.sampled_at_s,
             force_at_s=force.sampled_at_s,
-            encoder_status=self._honest_status("encoder", encoder_at_s, encoder_status, polled_s),
-            torque_status=self._honest_status("torque", torque.sampled_at_s, torque.status, polled_s),
-            force_status=self._honest_status("force", force.sampled_at_s, force.status, polled_s),
+            encoder_status=self._checked_status("encoder", encoder_at_s, encoder_status, polled_s),
+            torque_status=self._checked_status("torque", torque.sampled_at_s, torque.status, polled_s),
+            force_status=self._checked_status("force", force.sampled_at_s, force.status, polled_s),
         )
 
     def write(self, command: Command, deadline_s: float) -> Command:
@@ -235,7 +235,7 @@ class Robot(Opened):
             except DeviceError as error:
                 self.bus_errors[name] = str(error)
 
-    def _honest_status(self, device: str, sampled_at_s: float, status: Status, polled_s: float) -> Status:
+    def _checked_status(self, device: str, sampled_at_s: float, status: Status, polled_s: float) -> Status:
         """Return the driver's status, or stale if the sample is not newer than the last (or dated NaN)."""
         if sampled_at_s > polled_s + _CLOCKS_AGREE_S:
             ahead_s = sampled_at_s - polled_s

@@ -106,7 +106,7 @@ class Imperfection(FileModel, ABC):
 
     @classmethod
     def parameters(cls) -> tuple[ImperfectionParameter, ...]:
-        """Return the parameters, without the place."""
+        """Return the parameters that set the effect's size, without those that set its place."""
         extras = {name: field.json_schema_extra for name, field in cls.model_fields.items()}
         stated: dict[str, Any] = {name: extra for name, extra in extras.items() if isinstance(extra, dict)}
         return tuple(ImperfectionParameter(name, *extra["parameter"]) for name, extra in stated.items())

@@ -26,7 +26,7 @@ _ROUNDING = 1e-9
 
 
 class Elbow(IntEnum):
-    """Bending direction of the elbow: the sign of the second link's turn about the first joint's axis."""
+    """Bending direction of the elbow: sign of the angle from the first link to the second."""
 
     NEGATIVE = -1
     POSITIVE = 1

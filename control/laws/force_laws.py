@@ -63,7 +63,7 @@ class QuickEstimator:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the object."""
+        """Reset the estimate."""
         self._k = self._c = self._p_kc = 0.0
         self._p_kk, self._p_cc = _STIFFNESS_SPREAD_N_M**2, _DAMPING_SPREAD_N_S_M**2
 

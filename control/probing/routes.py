@@ -170,7 +170,7 @@ class Routes:
             what = f"free_air_swing_m {plan.free_air_swing_m:g} m: at target {number}"
             if site.lift_room_m < plan.free_air_swing_m - _ROUNDING_M:
                 raise InputError(
-                    f"{what} the arm can be lifted by {1e3 * site.lift_room_m:.0f} mm only within its joint "
+                    f"{what} the arm can be lifted by only {1e3 * site.lift_room_m:.0f} mm within its joint "
                     f"limits; at most {site.lift_room_m:.3g} m"
                 )
             low, up = self._way_up(site, near_rad)

@@ -126,7 +126,7 @@ class ProbingRun:
             self._event("touch", text, surface_travel_m=surface_m, surface_world_m=place, tip_m_s=speed_m_s)
             self._site.approach_travel_m = max(surface_m - self._plan.retract_m, self._site.highest_travel_m)
             self._enter(Phase.LOADING, self._loading)
-        elif output.state.travel_m >= self._site.search_travel_m or self._must_turn(output):
+        elif output.state.travel_m >= self._site.search_travel_m or self._must_reverse(output):
             line, from_m = self._site.line, self._site.approach_travel_m
             start, end = line.point_at(from_m), line.point_at(output.state.travel_m)
             searched_mm = 1e3 * (output.state.travel_m - from_m)
@@ -162,14 +162,14 @@ class ProbingRun:
     def _is_too_deep(self, output: ControlOutput) -> bool:
         """Return whether the depth limit is reached; logs an event."""
         depth_m = output.state.travel_m - self._control.surface_travel_m
-        if not self._must_turn(output, depth_m - self._plan.max_depth_m):
+        if not self._must_reverse(output, depth_m - self._plan.max_depth_m):
             return False
-        text = f"turned round {1e3 * depth_m:.1f} mm deep at {output.force_n:.2f} N"
+        text = f"reversed at a depth of {1e3 * depth_m:.1f} mm and {output.force_n:.2f} N"
         self._event("depth_limit", text, depth_m=depth_m, force_n=output.force_n)
         return True
 
-    def _must_turn(self, output: ControlOutput, beyond_m: float = -math.inf) -> bool:
-        """Whether the tip must turn to stay on the site, or within a limit that it exceeds by `beyond_m`."""
+    def _must_reverse(self, output: ControlOutput, beyond_m: float = -math.inf) -> bool:
+        """Whether the tip must reverse now to stay within the site and a limit it exceeds by `beyond_m`."""
         state = output.state
         beyond_m = max(beyond_m, state.travel_m - self._site.deepest_travel_m)
         return beyond_m + turning_distance_m(state.speed_m_s, self._plan.acceleration_m_s2) >= 0.0
@@ -187,7 +187,7 @@ class ProbingRun:
             if excitation is None:
                 self._leave()
                 return output
-            self._event("excitation", f"{excitation.shape} of the {excitation.quantity} rides on the hold")
+            self._event("excitation", f"{excitation.shape} of the {excitation.quantity} is added to the hold")
             self._rest_travel_m = self._control.state.travel_m
             if excitation.quantity == "force":
                 self._profile, self._amplitude = Profile(excitation), excitation.amplitude_n

@@ -249,7 +249,7 @@ class Account:
 
 
 class TimeDomainLeader(CouplingSide):
-    """Leader that moves its point so that the spring has the received force, if the account covers it."""
+    """Leader whose virtual spring renders the received force, as far as the energy balance allows it."""
 
     def __init__(self) -> None:
         self._account = Account()
@@ -273,9 +273,9 @@ class TimeDomainLeader(CouplingSide):
 
 
 class TimeDomainFollower(CouplingSide):
-    """Follower that moves its point to the leader's position, as far as the account covers it.
+    """Follower that moves its point to the leader's position, as far as the energy balance allows it.
 
-    It sends the tracking force. A motion that was held back is made up for as soon as the account allows it,
+    It sends the tracking force. A motion that was held back is made up for as soon as the balance allows it,
     so positions do not drift apart.
     """
 

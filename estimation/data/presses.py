@@ -127,7 +127,7 @@ def cut_into(  # noqa: PLR0917
     run = _cut_between(force, piece, time_s, press_peaks, 1) if len(press_peaks) else piece
     if run[-1] + 1 != count:
         presses = f"{run[-1] + 1} press{'es' if run[-1] else ''}"
-        raise InputError(f"{where}: {presses} can be separated at most")
+        raise InputError(f"{where}: at most {presses} can be separated")
     return run
 
 

@@ -161,7 +161,7 @@ def read_ros_table(path: Path) -> FileColumns:
         lacking = sum(len(group.messages) for group in groups_of_topic if "torque" not in group.places)
         if lacking:
             share = f" in {lacking} of {total} messages" if lacking < total else ""
-            reason = f"has no effort{share}, which is what a model explains"
+            reason = f"has no effort{share}, which every model needs"
         else:
             efforts = [_in_order(group, "torque", joints) for group in groups_of_topic]
             invalid = np.sum(~np.isfinite(np.concatenate(efforts)), axis=0)

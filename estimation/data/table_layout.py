@@ -177,7 +177,7 @@ def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, 
             seconds = pc.if_else(pc.is_null(parts), text, written)
         columns = columns.set_column(place, pa.field(name, seconds.type, metadata=_MARK), seconds)
         done.append(f"'{name}'{order}")
-    return columns, (f"clock times in {', '.join(done)}, as seconds",) if done else ()
+    return columns, (f"clock times converted to seconds: {', '.join(done)}",) if done else ()
 
 
 def clocks_of(columns: pa.Table) -> frozenset[str]:

@@ -152,7 +152,7 @@ def _one_line(match: re.Match[bytes]) -> bytes:
 
 
 def _is_one_recording(parts: Sequence[pa.Table], decimal: str) -> bool:
-    """Return whether the clock continues from part to part, as on printed pages."""
+    """Return whether the clock continues from part to part, as in a table split into pages."""
     clocks = [guess.column for guess in guess_columns(parts[0].column_names) if guess.key == TIME]
     if len(clocks) != 1:
         return False

@@ -40,7 +40,7 @@ def no_shared_depth(data: ChannelData) -> str | None:
     shared = (before[1] - after[0] for before, after in pairwise(ranges))
     if ranges and all(depth <= min(pair) for depth, pair in zip(shared, pairwise(spans), strict=True)):
         return (
-            f"each of {len(ranges)} runs has depths of its own, so that none can be predicted from the "
+            f"no two of {len(ranges)} runs have similar depths, so that none can be predicted from the "
             "others; press repeatedly to the same depth"
         )
     return None
@@ -56,7 +56,7 @@ def never_repeated(data: ChannelData) -> str | None:
                 "all runs go one way at one speed: relaxation, friction, damping and the range of the sensor "
                 "cannot be told from the shape of the elastic law; hold, return, or add runs at another speed"
             )
-        return "no run returns: friction cannot be told from the shape of the elastic law; let one return"
+        return "no run returns: friction cannot be told from the elastic shape; record a run that returns"
     travel = sum(np.ptp(part) for part in np.array_split(data.position, PIECES))
     if travel >= _MIN_TRAVEL * np.ptp(data.position):
         return None

@@ -172,7 +172,7 @@ def exploring(signals: Sequence[str], data: ChannelData) -> NextExperiment:
     signal = signals[0] if signals else "position"
     instruction = f"{_BY_SIGNAL.get(signal, _WIDER)} ({_describe_recorded(data)})"
     if signal in data.recorded:
-        instruction = f"repeat the same motion at different values of {signal}, each kept while it lasts"
+        instruction = f"repeat the same motion at different values of {signal}, each held constant"
     purpose = "show what the remaining error depends on: " + (", ".join(signals) or "nothing found yet")
     return NextExperiment(purpose=purpose, separates=[], instruction=instruction, probe={})
 

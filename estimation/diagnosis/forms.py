@@ -90,9 +90,10 @@ class FormTest:
 
     @property
     def is_imitation(self) -> bool:
-        """Whether the kind's law adds a relevant part relative to `explained`.
+        """Whether the effect only imitates its kind's law, which explains much in addition to the effect.
 
-        `taken` is smaller than `explained`, since flexible laws of other kinds may absorb the effect.
+        The part that the law adds is compared with `explained`, because flexible laws of other kinds may
+        absorb a part of the effect and make `taken` smaller.
         """
         return not self.is_closed and self.added >= _EXACT * self.explained
 

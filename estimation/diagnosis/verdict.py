@@ -387,12 +387,11 @@ def error_decrease(accepted: Sequence[Accepted], base_rmse: float, last_rmse: fl
 def _reason(
     evidence: Evidence, verdict: Verdict, accepted: Sequence[Accepted], ranking: Sequence[Ranked]
 ) -> str:
-    end, unit, last = evidence.end, evidence.search.data.kind.effort_unit, evidence.stages[-1].rmse
+    unit, last = evidence.search.data.kind.effort_unit, evidence.stages[-1].rmse
     if verdict is Verdict.ADEQUATE:
-        beside = f"{_steps(evidence)}{_hum(end)}{_peaks(end)}"
         return (
             "no effect of the library lowers the error in held-out runs by more than chance, and a flexible "
-            f"regression explains no more of it than of data simulated from the model{beside}"
+            f"regression explains no more of it than of data simulated from the model{_remarks(evidence)}"
         )
     signals, noise = ", ".join(evidence.signals) or "a mix of signals", evidence.noise.value
     left = f"the residual depends on {signals}"
@@ -409,8 +408,9 @@ def _reason(
         else:
             times = f", {rounded(last / noise, 2)} times the noise," if noise > 0.0 else ""
             nothing = f"what is left{times} depends on no recorded signal"
-        nothing += f"{_steps(evidence)}{_hum(end)}{_peaks(end)}"
-        return f"{decrease}, and {nothing}" if evidence.complete else f"{decrease}; {left}"
+        if evidence.complete:
+            return f"{decrease}, and {nothing}{_remarks(evidence)}"
+        return f"{decrease}; {left}"
     reason = f"the error is {with_unit(last, unit)}; {left}"
     if not ranking or ranking[0].score < SMALL:
         return reason
@@ -418,7 +418,13 @@ def _reason(
     return f"{reason}; the best single effect, {best}, but is not established"
 
 
-def _steps(evidence: Evidence) -> str:
+def _remarks(evidence: Evidence) -> str:
+    """Describe possible causes of an error that looks like noise, as clauses."""
+    end = evidence.end
+    return _describe_encoder_steps(evidence) + _describe_oscillation(end) + _describe_concentration(end)
+
+
+def _describe_encoder_steps(evidence: Evidence) -> str:
     """Describe the remaining explainable error of a complete model if encoder steps may cause it."""
     end, unit, off = (
         evidence.end,
@@ -432,7 +438,7 @@ def _steps(evidence: Evidence) -> str:
     return f" or rounding of the encoders: {with_unit(left, unit)}, where half a step makes up to {most}"
 
 
-def _hum(end: FitResult) -> str:
+def _describe_oscillation(end: FitResult) -> str:
     """Describe an oscillation within the noise, such as mains hum, a fan or a drive."""
     line = periodic_component(end) if free_air_noise(end.data) else None
     if line is None:
@@ -441,7 +447,7 @@ def _hum(end: FitResult) -> str:
     return f"; {size} of the noise oscillates at {line[0]:.3g} Hz, in free air too"
 
 
-def _peaks(end: FitResult) -> str:
+def _describe_concentration(end: FitResult) -> str:
     """Report if a few samples, such as those at breakaway, contain most of an error within the noise."""
     squares = np.sort(end.solution.residual[end.problem.used] ** 2)
     share = float(squares[int(0.95 * len(squares)) :].sum() / max(squares.sum(), 1e-300))

@@ -194,7 +194,7 @@ class JointSpring(AdditiveEffect):
         "bias": "move over a wide range: a bias is the same everywhere",
         "gravity_tilt": "fit all joints together: a tilt is in all of them; or move over a wide range",
         "cubic_stiffness": "move over a wide range",
-        "stiffness": "not possible in one channel: it is the same term, named for a contact",
+        "stiffness": "not possible: the same term has this name in a contact",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:

@@ -47,7 +47,7 @@ class Armature(AdditiveEffect):
     gains = (Parameter("inertia", "{inertia}", 0.0, 1e12, (0.001, 5.0)),)
     confused_with = {
         "lag": "move at two frequencies",
-        "payload": "hold still in several postures: a rotor has no weight",
+        "payload": "hold still in several postures: rotor inertia has no effect at rest",
         "inertia": "not possible in one channel: a rotor adds to the inertia of its joint",
     }
 
@@ -105,7 +105,7 @@ class JointCoupling(AdditiveEffect):
         neighbors = [j for j in (joint + 1, joint - 1) if 0 <= j < velocity.shape[1]]
         if not neighbors:
             return self
-        return JointCoupling(min(neighbors, key=lambda j: _left(data, joint, j)))
+        return JointCoupling(min(neighbors, key=lambda j: _residual_sse(data, joint, j)))
 
     def applies_to(self, data: ChannelData) -> bool:
         """See `Effect.applies_to`: to an arm with at least two joints."""
@@ -132,7 +132,7 @@ class JointCoupling(AdditiveEffect):
         return start_grid(ratio=(1.0, -1.0, 0.4, -0.4), transition=transition)
 
 
-def _left(data: ChannelData, own: int, neighbor: int) -> float:
+def _residual_sse(data: ChannelData, own: int, neighbor: int) -> float:
     """Return the squared error of the effort after a fit to the motion of two joints."""
     v, a = (data.context[f"joint_{what}"][:, [own, neighbor]] for what in ("velocity", "acceleration"))
     columns = np.column_stack([v, a, np.sign(v), np.sign(v[:, 0] + v[:, 1]), np.ones(len(data))])

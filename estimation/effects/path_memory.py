@@ -127,7 +127,7 @@ class DryFriction(AdditiveEffect):
     confused_with = {
         "bouc_wen_hysteresis": "reverse half way: dry friction then approaches its limit exponentially",
         "damping": "probe at two speeds: friction does not grow with speed",
-        "hysteresis": "press a spring alone: the sensor keeps its hysteresis there",
+        "hysteresis": "press a plain spring: only the sensor's hysteresis remains",
         "adhesion": "retract slowly beyond the surface",
     }
 

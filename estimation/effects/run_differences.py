@@ -196,7 +196,7 @@ class RunGain(RunVariation):
     signals = ("effort", "recorded")
     confused_with = {
         "torque_gain": "record more runs: a wrong constant is the same in all",
-        "run_offset": "look where the effort is small: an offset is there too, a gain is not",
+        "run_offset": "compare small efforts: an offset changes them as much as large ones, a gain does not",
         "recorded_dependence": "also record the suspected cause, such as a temperature",
     }
 

@@ -99,7 +99,7 @@ class ForceSensorError(AdditiveEffect):
     needs = ("contact_torque_per_newton", "force_beyond_reading")
     confused_with = {
         "force_deadband": "press at several forces: a dead band reduces all by the same amount",
-        "payload": "compare free air with contact: a payload is there in both",
+        "payload": "compare free air with contact: a payload acts in both",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -159,7 +159,7 @@ class ForceDeadband(AdditiveEffect):
     confused_with = {
         "torque_gain": "press at several forces: a dead band reduces all by the same amount",
         "force_sensor_error": "press at several forces: a dead band reduces all by the same amount",
-        "payload": "compare free air with contact: a payload is there in both",
+        "payload": "compare free air with contact: a payload acts in both",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -191,8 +191,8 @@ class Saturation(SensorEffect):
     channels = frozenset(ChannelKind)
     inner = (Parameter("limit", "{effort}", 1e-06, 100000.0, (0.1, 100.0), log=True),)
     confused_with = {
-        "layered_stiffness": "press less: below the limit nothing is missing",
-        "cubic_stiffness": "press less: below the limit nothing is missing",
+        "layered_stiffness": "press less: readings below the limit are correct",
+        "cubic_stiffness": "press less: readings below the limit are correct",
     }
     linear = False
 

@@ -114,7 +114,7 @@ class Ransac(Estimator):
             if np.count_nonzero(inliers) <= regression.columns.shape[1]:
                 raise InputError(
                     f"ransac: only {np.count_nonzero(inliers)} of {len(inliers)} samples agree within "
-                    f"{threshold:g}; raise the threshold to about the noise, or take 'robust'"
+                    f"{threshold:g}; raise the threshold to about the noise, or use 'robust'"
                 )
             fitted = regression.select(inliers)
             gains = solve(fitted.columns, fitted.effort).gains

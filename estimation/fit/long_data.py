@@ -89,7 +89,7 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
     rate_hz, unit = 1.0 / sample_time(data.time_s, data.run), data.kind.effort_unit
     note = f"{data.name}: {len(data):,} samples at {rate_hz:.4g} Hz{motions}"
     if block == 1:
-        note += " are taken as they are"
+        note += " are used as recorded"
     else:
         length = f"{1e3 * block / rate_hz:.3g} ms"
         note += f" are averaged by {block} to {len(short):,} at {rate_hz / block:.4g} Hz; nothing is lost"

@@ -80,7 +80,7 @@ class Comparison(TableDisplay):
             for part in parts
         ]
         unit = self.effort_unit
-        caption = f"{self.model} beside {self.channel}. {' '.join(self.words[:1])} {self.not_judged}"
+        caption = f"Model {self.model} of {self.channel}. {' '.join(self.words[:1])} {self.not_judged}"
         return DisplayTable(caption, ("by", "where", f"rmse [{unit}]", f"mean [{unit}]", "x noise"), rows)
 
 
@@ -117,7 +117,7 @@ class Comparisons(TableDisplay):
         ]
         rows += [(name, "", "", "", why) for name, why in self.failures.items()]
         columns = ("channel", "model", "held-out error", "x noise", "excluded")
-        return DisplayTable("Models beside the measurement", columns, rows)
+        return DisplayTable("Models compared with the measurement", columns, rows)
 
 
 def compare(fitted: FitResult, model: str, noise: MeasurementNoise) -> Comparison:

@@ -97,7 +97,7 @@ def with_clock_per_run(data: ChannelData) -> ChannelData:
 
 
 def prefers_fresh_runs(data: ChannelData, model: Model) -> bool:
-    """Return whether relaxation fits better if each run meets a new object instead of the same one.
+    """Return whether relaxation fits better if each run presses a fresh object instead of the same one.
 
     Args:
         data: a contact channel; the result is false for other channels.

@@ -299,7 +299,9 @@ class Sides(TableDisplay):
         ]
         names = (self.first.name, self.second.name)
         return DisplayTable(
-            f"{self.channel}: {names[1]} beside {names[0]}", ("parameter", *names, "difference", "+-"), rows
+            f"{self.channel}: {names[1]} compared with {names[0]}",
+            ("parameter", *names, "difference", "+-"),
+            rows,
         )
 
 

@@ -65,7 +65,7 @@ def _candidates(entry: Accepted) -> list[str]:
 
 
 def _replace_effect(names: Sequence[str], place: str, rival: str, parts: Sequence[str]) -> list[str]:
-    """Replace one effect and all parts of the rival by the rival, as the last effect."""
+    """Append the rival, and remove the effect `place` and the effects that the rival combines."""
     return [*(name for name in names if name != place and name not in parts), rival]
 
 

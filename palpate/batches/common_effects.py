@@ -1,4 +1,4 @@
-"""Pooled diagnosis: find effects that are too small for one measurement in many of them together.
+"""Pooled diagnosis: find effects that are too small to detect in one measurement.
 
 The gain of a candidate effect is the improvement of the logarithmic score on held-out runs. If the effect is
 absent, the expected gain is not positive, because its parameters cost some score. A one-sided t test of the
@@ -27,7 +27,7 @@ _MOST_STEPS = 4
 
 @dataclass(frozen=True)
 class CommonEffect:
-    """An effect that is missing in the measurements together."""
+    """Effect that is missing over all measurements."""
 
     channel: str
     effect: str  # its name

@@ -74,7 +74,7 @@ class MetadataTable:
         return cls(path, keys, by_key)
 
     def fields_of(self, file: Path, fields: Mapping[str, str]) -> dict[str, str]:
-        """Look up the further fields of a file. InputError: no line is of this file.
+        """Look up the further fields of a file. InputError: no line describes this file.
 
         Args:
             file: named by its path, its name, or its name without the ending.
@@ -90,7 +90,7 @@ class MetadataTable:
 
 @dataclass(frozen=True)
 class MeasurementCase(Case):
-    """The case of a measurement; its address depends on the content of the files, not on their place."""
+    """The case of a measurement; its address depends on the content of the files, not on their location."""
 
     files: tuple[str, ...] = ()  # absolute
 

@@ -284,7 +284,7 @@ class _EntryTable:
 
 
 _COMMON = _EntryTable(
-    "Missing in the measurements together",
+    "Effects missing over all measurements",
     {
         "channel": lambda entry: entry.channel,
         "effect": lambda entry: entry.effect,

@@ -104,7 +104,7 @@ class BatchResult(TableDisplay):
 
     @cached_property
     def errors(self) -> dict[str, str]:
-        """Why a measurement could not be judged, by its name."""
+        """Reasons why measurements could not be evaluated, by measurement."""
         pairs = zip(texts(self.table, "measurement"), texts(self.table, "error"), strict=True)
         return {name: error for name, error in pairs if error}
 

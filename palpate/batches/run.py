@@ -74,7 +74,7 @@ def batch(
     reports: int = MOST_REPORTS,
     progress: Progress = lambda _done, _total: None,
 ) -> BatchResult:
-    """Judge many measurements; results that the output folder already holds are reused.
+    """Evaluate many measurements; results that the output folder already holds are reused.
 
     Args:
         data: file, folder, pattern such as "data/*.csv", CSV list with a column `file`, or several of these.

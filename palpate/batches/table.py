@@ -130,7 +130,7 @@ def make_table(
         table = table.append_column("error", failed)
 
     def sort_key(column: str) -> tuple[str, int]:
-        """Value, ends of the interval and standard error of one parameter beside each other."""
+        """Return a sort key that keeps value, interval ends and standard error of a parameter together."""
         name, _, unit = column.rpartition(" [")
         end = next((end for end in _ENDS if name.endswith(end)), "")
         return f"{name.removesuffix(end)} [{unit}", (("", *_ENDS)).index(end)

@@ -228,7 +228,7 @@ def _largest_change(
 
 
 def _spread_squared(values: FloatArray, std_errs: FloatArray | float) -> FloatArray:
-    """Variance between measurements beside their standard errors, by differences of neighbors, shape (m, 1).
+    """Variance between measurements in excess of their standard errors, from neighbors, shape (m, 1).
 
     Half the mean squared difference of values (m, n) is the variance (von Neumann, Ann. Math. Stat. 12 (1941)
     367).

@@ -154,7 +154,7 @@ def _next_steps(  # noqa: PLR0917, what was typed and found
     if study.source.session is None and any(
         suggests_fresh_runs(study, channel) for channel in diagnosis.channels
     ):
-        yield f"palpate diagnose {again} --fresh-runs", "if each run met a fresh spot; this explains more"
+        yield f"palpate diagnose {again} --fresh-runs", "if each run pressed a fresh spot: this explains more"
     if any(
         channel.verdict is Verdict.UNEXPLAINED or channel.complete is False for channel in diagnosis.channels
     ):

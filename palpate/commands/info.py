@@ -1,4 +1,4 @@
-"""`palpate info`: describe a session; imports no more than this takes."""
+"""`palpate info`: describe a session with as few imports as possible."""
 
 from itertools import chain
 from pathlib import Path

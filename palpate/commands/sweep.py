@@ -163,7 +163,7 @@ def _print(outcome: Mapping[str, Any], page: Path | None, before: int) -> None:
         console.say(f"written: [bold]{shown(page)}[/bold], with figures, tables and results beside it")
     if done < total:
         again = f"palpate sweep {outcome['what']} --out {typed(Path(outcome['folder']))}"
-        rest = "and write the page" if page is None else "and write the page anew"
+        rest = "and write the page" if page is None else "and rewrite the page"
         console.next_steps(
-            (again, f"run the cases that are left, {rest}"), (f"{again} --plan", "how long they take")
+            (again, f"run the remaining cases, {rest}"), (f"{again} --plan", "how long they take")
         )

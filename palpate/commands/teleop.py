@@ -1,4 +1,4 @@
-"""`palpate teleop`: work on a virtual object that learns to feel like the real one."""
+"""`palpate teleop`: teleoperate through a virtual object that is updated from the real one."""
 
 import sys
 from dataclasses import asdict
@@ -274,7 +274,7 @@ def demo(
     """
     _line("arm", 7447, None, None, bad_network)  # checks the option before anything starts
     network = [] if bad_network is None else ["--bad-network", bad_network]
-    with console.stderr().status("leader and follower are at work (about 30 s)"):
+    with console.stderr().status("leader and follower are running (about 30 s)"):
         made = run_demo(out, load_scenario(scenario), network, network)
     if as_json:
         files = {what: str(path) for what, path in made.files.items()}
@@ -295,7 +295,7 @@ def demo(
         return
     sessions = " ".join(typed(made.files[side]) for side in ("leader", "follower"))
     print_files(console.stdout(), made.files)
-    console.stdout().print(f"models over the follower's own measurements: {made.modeled.summary()}")
+    console.stdout().print(f"models compared with the follower's own measurements: {made.modeled.summary()}")
     console.say(made.verdict_summary())
     console.next_steps(
         (f"palpate inspect {sessions}", "both sides on one time line"),

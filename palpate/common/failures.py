@@ -86,7 +86,7 @@ def report_error(error: Exception, *, as_json: bool = False) -> int:
         case OSError() if error.errno in _NO_ROOM:  # other errors of files name the file
             text = f"cannot write the output: {error.strerror}"
         case MemoryError():
-            text = "the memory is full; take fewer runs, or a shorter recording"
+            text = "the memory is full; use fewer runs, or a shorter recording"
         case ModuleNotFoundError() if missing := missing_package(error.name):
             text, code = missing, BAD_INPUT
         case ImportError() if remedy := library_remedy(error):

@@ -25,7 +25,7 @@ def folder_problem() -> str | None:
     try:
         Path.cwd()
     except OSError as error:
-        return f"the folder in which you are cannot be used ({error.strerror}): change to another one"
+        return f"the current folder cannot be used ({error.strerror}): change to another one"
     return None
 
 

@@ -58,11 +58,11 @@ def bam_texts(arm: TargetArm, patch: Path | None) -> list[str]:
 
     Args:
         arm: terms of the arm, expressed for `SimulatorFormat.BAM`.
-        patch: parameter file with what friction says nothing of (actuator, kt, R ...), which is kept; None
-            for none.
+        patch: parameter file with the other parameters (actuator, kt, R ...), which are copied; None without
+            such a file.
 
     Raises:
-        InputError: `patch` is no such file.
+        InputError: `patch` is not a parameter file of BAM.
     """
     motor: dict[str, object] = {}
     if patch is not None:

@@ -56,12 +56,12 @@ _FIELDS: Mapping[str, Mapping[str, str]] = {
 }
 _OF_ARM = "depends on all joints of the arm: add the inverse dynamics of its URDF"
 _REASONS = {
-    "bias": "may be a constant effort or the sensor's zero, which the motion cannot tell",
+    "bias": "may be a constant effort or the sensor's zero, which the motion cannot distinguish",
     "gravity_tilt": _OF_ARM,
     "payload": _OF_ARM,
     "rigid_body": _OF_ARM,
     "rigid_body_fitted": _OF_ARM,
-    "torque_gain": "is the scale of the reading: a drive of that scale needs the table's efforts times it",
+    "torque_gain": "is the scale of the reading: multiply the table by it for a drive of that scale",
 }
 _OF_READING = {Kind.SENSOR_DYNAMICS, Kind.SENSOR_STATICS, Kind.DRIFT}
 
@@ -78,7 +78,7 @@ class FittedJoint:
 
     @property
     def number(self) -> int:
-        """Of the joint, from 1."""
+        """Number of the joint, from 1."""
         return int(self.name.removeprefix("joint_"))
 
     @property

@@ -144,7 +144,7 @@ class FittedChannel:
 
     @property
     def is_contact(self) -> bool:
-        """Whether it is the object's."""
+        """Whether the channel is a contact."""
         return self.revision.channel.startswith("contact")
 
 

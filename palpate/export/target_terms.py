@@ -1,4 +1,4 @@
-"""What other simulators can express of fitted joints: for each target and effect, how or why not."""
+"""Table of how each simulator format represents each effect of a joint, or why it cannot."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -51,11 +51,11 @@ def _asymmetric(dry: Sequence[str], viscous: str) -> TargetTerm:
     )
 
 
-_ONE_LEVEL = "dry friction has one level at all speeds: the rise at low speed is not in it"
-_AT_ONCE = "dry friction changes sign at once: the path over which it builds up is not in it"
-_NO_PLACE = "dry friction has one level everywhere: its waves over the position are not in it"
+_ONE_LEVEL = "dry friction has one level at all speeds: the rise at low speed is left out"
+_AT_ONCE = "dry friction changes sign at once: the path over which it builds up is left out"
+_NO_PLACE = "dry friction has one level everywhere: its variation with position is left out"
 _OF_BODIES = "includes everything the joint carries: set masses and inertias of the bodies by hand"
-_NO_BIAS = "may be a constant effort or the sensor's zero, which the motion cannot tell"
+_NO_BIAS = "may be a constant effort or the sensor's zero, which the motion cannot distinguish"
 _NO_LOAD = "has no friction that grows with the load"
 _LATE = "delays the reading; an action delay would delay the command instead"
 _GAIN = "scales the reading: divide the torque by it on the real joint"
@@ -103,7 +103,7 @@ TABLE: Mapping[SimulatorFormat, Mapping[str, TargetTerm | str]] = {
         "asymmetric_friction": _asymmetric(("friction",), "damping"),
         "coulomb_friction": _named(friction="force"),
         "damping": _named(damping="c"),
-        "gravity_tilt": "a URDF has no gravity: turn the base by it where the arm is placed",
+        "gravity_tilt": "a URDF has no gravity: tilt the base where the arm is placed in the world",
         "load_dependent_friction": _NO_LOAD,
         "load_dependent_presliding": _NO_LOAD,
         "payload": _named(payload_kg="mass"),

@@ -171,7 +171,7 @@ class _Mjcf:
 
         Args:
             element: hinge or slide joint.
-            joint: with the target's values.
+            joint: the joint's values in this format.
         """
         number = {key: value.number for key, value in joint.values.items()}
         is_hinge = self.value(element, "type", "hinge") == "hinge"
@@ -258,7 +258,7 @@ class _Mjcf:
         for key, value in (own | {key: value for key, value in copied.items() if value}).items():
             gap.set(key, value)
         self.used.append(
-            f"{joint.channel}: new joint '{name}': positions and velocities have one number more"
+            f"{joint.channel}: new joint '{name}': positions and velocities have one more element"
         )
         if not any(self._numbers(element, "armature", self.value(element, "armature", "0"))):
             line = (

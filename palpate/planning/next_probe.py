@@ -171,8 +171,8 @@ class _Planned:
     def of(
         cls, candidate: CandidatePlan, ticks: Samples, study: ModelStudy, left: Sequence[Undecided]
     ) -> "_Planned":
-        elsewhere = candidate.is_elsewhere
-        motions = tuple(_motion(question, study, ticks, elsewhere=elsewhere) for question in left)
+        is_elsewhere = candidate.is_elsewhere
+        motions = tuple(_motion(question, study, ticks, is_elsewhere=is_elsewhere) for question in left)
         leads = tuple(
             question.rivals.predicted_leads(motion) if motion is not None else question.nothing
             for question, motion in zip(left, motions, strict=True)
@@ -280,8 +280,10 @@ def feasible(
             yield candidate, ticks
 
 
-def _motion(question: Undecided, study: ModelStudy, ticks: Samples, *, elsewhere: bool) -> ChannelData | None:
-    """Return the channel's planned motion; None if it does not move, or presses elsewhere."""
+def _motion(
+    question: Undecided, study: ModelStudy, ticks: Samples, *, is_elsewhere: bool
+) -> ChannelData | None:
+    """Return the channel's planned motion; None if it does not move, or presses another place."""
     data = question.channel.data
     channels: Sequence[ChannelData]
     if data.kind is ChannelKind.CONTACT:
@@ -291,7 +293,7 @@ def _motion(question: Undecided, study: ModelStudy, ticks: Samples, *, elsewhere
         joints = joint_channels(ticks, None if directions is None else directions[0])
         channels = [joint for joint in joints if joint.name == data.name]
     planned = channels[0] if channels else None
-    if planned is None or (elsewhere and planned.kind is ChannelKind.CONTACT):
+    if planned is None or (is_elsewhere and planned.kind is ChannelKind.CONTACT):
         return None
     return channel_of(planned, question.channel.model.name, study.source.arm).data
 

@@ -30,7 +30,7 @@ _PLAIN = {"stiffness.k": 500.0, "damping.c": 4.0, "inertia.m": 0.02, "viscous_fr
 
 @dataclass
 class Example:
-    """A model with an effect beside the same model without it."""
+    """A model with an effect, compared with the same model without it."""
 
     effect: Effect  # effect that is shown
     data: ChannelData  # motion, and the effort (n,) without the effect

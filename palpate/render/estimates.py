@@ -81,8 +81,8 @@ def estimates_view(estimates: ChannelEstimates, truth: Truth) -> ChannelView:
     unit = estimates.channel.kind.effort_unit
     level = f"; the noise is {estimates.noise.describe(unit)}" if estimates.noise else ""
     sentence = (
-        f"{estimates.channel.name}: {estimates.model.name} by estimator {best.estimator} leaves "
-        f"{with_unit(best.rmse, unit)}{level}."
+        f"{estimates.channel.name}: {estimates.model.name} by estimator {best.estimator} leaves an error "
+        f"of {with_unit(best.rmse, unit)}{level}."
     )
     share = _TO_PERCENT * (1.0 - float(np.mean(estimates.rows)))
     unfitted = f"{share:.2g} % of the samples are not part of the fit; they are shaded" if share else ""

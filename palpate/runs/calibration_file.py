@@ -65,7 +65,7 @@ def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
     recorded = parse_robot_file(session.metadata.robot_file, robot_file.path)
     if recorded.name != robot_file.name:
         raise InputError(
-            f"session {path}: is of the robot '{recorded.name}', not '{robot_file.name}' (see --robot)"
+            f"session {path}: belongs to the robot '{recorded.name}', not '{robot_file.name}' (see --robot)"
         )
     if changed := first_difference(device_identity(recorded, kind), device_identity(robot_file, kind)):
         raise InputError(f"session {path}: was recorded with another device: {changed}")

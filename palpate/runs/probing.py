@@ -307,7 +307,7 @@ class TickRecords:
         self.records.append(record)
 
     def event(self, time_s: float, kind: str, text: str, data: Mapping[str, object] | None = None) -> None:
-        """Discard events."""
+        """Discard the event."""
 
     def samples(self, joint_count: int) -> Samples:
         """Return all ticks in the form in which a session returns them.

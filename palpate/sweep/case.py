@@ -252,7 +252,7 @@ def _read(path: Path, columns: list[str] | None = None) -> pa.Table:
     cases = address.unique().to_pylist()
     if not path.name.startswith(_PACK) and cases != [path.stem]:
         addresses = ", ".join(one_line(case[:12]) for case in cases[:3]) or "none"
-        raise _damaged(path, f"holds results of other cases than its name says ({addresses})")
+        raise _damaged(path, f"holds results of cases other than those in its name ({addresses})")
     return table
 
 

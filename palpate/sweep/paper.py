@@ -113,7 +113,7 @@ def transition_section(ticks: Sequence[Row]) -> Section:
 
 
 def force_section(ticks: Sequence[Row], grid: Sequence[Row]) -> Section:
-    """Make the section of figure 4a, with the controller when the damper's force alone exceeds the limit.
+    """Make the section of figure 4a, and of runs in which the damping force alone exceeds the limit.
 
     Args:
         ticks: rows of one probing.

@@ -98,10 +98,10 @@ def diagnose_object(samples: Samples, target: int) -> ObjectEstimate:
 
 
 class ObjectEstimator:
-    """Distributes work to two processes, one per kind of estimate; the owner polls for results.
+    """Distributes work to two processes, one for fits and one for diagnoses; the owner polls for results.
 
     Each process handles one target at a time. Of waiting samples, only the newest of each target are kept.
-    `diagnose` enables the second kind.
+    `diagnose` enables diagnoses.
     """
 
     def __init__(self, *, diagnose: bool) -> None:

@@ -167,8 +167,8 @@ def draw(path: Path, merged: MergedSessions, felt: ForceComparison, modeled: For
     over_time.set_ylim(top=1.2 * over_time.get_ylim()[1])  # room for the legend above the presses
     over_time.legend(loc="upper left", frameon=False, ncols=2)
     for forces, color, title in (
-        (felt, palette.MODEL, "felt over real"),
-        (modeled, palette.MEASURED, "model over the follower's measurement"),
+        (felt, palette.MODEL, "felt compared with real"),
+        (modeled, palette.MEASURED, "model compared with the follower's measurement"),
     ):
         dots = {"ms": 2, "color": color, "label": f"{title}: {forces.summary()}"}
         over_force.plot(forces.real_n, forces.felt_n, ".", **dots)

@@ -33,7 +33,7 @@ class DiagnosisProcess:
 
     def __init__(self) -> None:
         self._stop = Event()
-        self.now = ("starting a process for it", 0.0)  # current step, and the share that is done
+        self.now = ("starting the process of the diagnosis", 0.0)  # current step, and the share that is done
         self.failure = ""  # reason why there is no result
 
     def note(self, what: str, share: float) -> None:

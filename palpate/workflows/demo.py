@@ -34,7 +34,7 @@ _SEEDS = 1_000_000  # small enough to be typed
 
 @dataclass(frozen=True)
 class Demo:
-    """Results of the first part."""
+    """Results of the first part of the demo: a probed object and its estimates."""
 
     session: Path  # the session file
     study: Study  # the session with channels and truth
@@ -45,7 +45,7 @@ class Demo:
 
 @dataclass(frozen=True)
 class HiddenDemo:
-    """Results of the second part."""
+    """Results of the second part of the demo: the diagnosis of a hidden effect."""
 
     session: Path  # the session file
     result: ChannelResult  # result, stage by stage

@@ -139,7 +139,7 @@ class Resolved:
 
     @property
     def end(self) -> StopReason | None:
-        """Why it ended."""
+        """Reason for the end."""
         return self.decisions[-1].end
 
     def as_data(self) -> dict[str, Any]:

@@ -136,21 +136,21 @@ class RequestQueue:
         self._margin_s, self._latest_s, self._usual_s = margin_s, latest_s, usual_s
         self._open_s: deque[float] = deque()
         self.answered_s = -inf
-        # In a doubt: the requests from the first doubtful one on, and the answers since then, by their times.
+        # While `is_unsure`: times of the requests since the first uncertain one, and of the answers.
         self._requested_s: list[float] = []
         self._arrived_s: list[float] = []
         self._most_lost = 0  # largest number of these requests whose answers may be lost
         self._after_gap = inf  # index of the first request after the omitted one
         self._omits_next = False
-        self._doubts = 0  # number of consecutive doubts that stayed open
+        self._doubts = 0  # number of consecutive periods that ended unresolved
 
     @property
     def is_unsure(self) -> bool:
-        """Whether it is not known yet which requests are lost."""
+        """Whether it is still unknown which requests were lost."""
         return bool(self._arrived_s)
 
     def omit_next(self) -> bool:
-        """Return whether to omit the request that is due now; true once in each doubt."""
+        """Return whether to omit the request that is due now; true once in each period of `is_unsure`."""
         omits, self._omits_next = self._omits_next, False
         if omits:
             self._after_gap = len(self._requested_s)
@@ -192,7 +192,7 @@ class RequestQueue:
         return True
 
     def _resolve(self, delay_s: float) -> None:
-        """End the doubt once a single number of lost answers explains all answers; `delay_s` is for none."""
+        """End `is_unsure` once one number of lost answers explains all; `delay_s` applies if none is lost."""
         possible = [lost for lost in range(self._most_lost + 1) if self._explains(lost)]
         lost = max(possible, default=0)
         if lost == 0:

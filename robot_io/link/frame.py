@@ -27,11 +27,11 @@ _LEAST_BYTES, _MOST_BYTES = 16, 4096  # smallest and largest size of a key
 
 
 class Seal(NamedTuple):
-    """Mark that authenticates frames."""
+    """Checksum or message authentication code of frames."""
 
-    size: int  # of the mark [bytes]
-    of: Callable[[bytes | memoryview], bytes]  # computes the mark of a frame
-    broken: str  # message for a frame with another mark
+    size: int  # length of the code [bytes]
+    of: Callable[[bytes | memoryview], bytes]  # computes the code of a frame
+    broken: str  # message for a frame with a wrong code
 
 
 CHECKSUM = Seal(
@@ -42,7 +42,7 @@ CHECKSUM = Seal(
 
 
 def key_seal(key: bytes) -> Seal:
-    """Make the seal of a key.
+    """Make the message authentication code (HMAC) of a key.
 
     Args:
         key: the secret.
@@ -52,7 +52,7 @@ def key_seal(key: bytes) -> Seal:
 
 
 def load_seal(path: Path, topic: str) -> Seal:
-    """Make the seal of a key file for the messages on one topic.
+    """Make the message authentication code of a key file for the messages on one topic.
 
     Each topic has its own derived key: a frame of another pair, or of the other direction, is not valid.
 
@@ -73,7 +73,7 @@ def load_seal(path: Path, topic: str) -> Seal:
         size = f"{len(key)} bytes" if len(key) <= _MOST_BYTES else "too many bytes"
         raise InputError(
             f"key {path}: {size}; it must hold {_LEAST_BYTES} to {_MOST_BYTES} random bytes; "
-            "'head -c 32 /dev/urandom' makes them"
+            "'head -c 32 /dev/urandom' creates them"
         )
     return key_seal(hmac.digest(key, topic.encode(), "sha256"))
 

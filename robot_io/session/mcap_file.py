@@ -304,7 +304,7 @@ class McapFile:
 
         Args:
             stream_name: name of the stream.
-            sequence: numbers of the records, shape (n,); a message has its first record's.
+            sequence: numbers of the records, shape (n,); a message carries the number of its first record.
             records: shape (n,).
         """
         wire = self._formats[stream_name]

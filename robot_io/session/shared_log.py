@@ -112,7 +112,7 @@ class RingBuffer:
 
     @property
     def dropped(self) -> int:
-        """Number of records that met a full ring."""
+        """Number of records that were dropped because the ring was full."""
         return self._counters[_DROPPED]
 
     @property

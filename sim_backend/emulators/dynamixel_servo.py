@@ -31,7 +31,7 @@ class Error(IntEnum):
 
 @dataclass(frozen=True)
 class Item:
-    """One row of the table."""
+    """One row of the control table."""
 
     address: int  # of the first byte
     size: int  # bytes
@@ -339,7 +339,7 @@ class EmulatedServo(LineServo):
             self._exert()
 
     def reboot(self, now_s: float, away_s: float) -> None:
-        """See `LineServo.reboot`: RAM, turns and errors are forgotten."""
+        """See `LineServo.reboot`: RAM, turns and errors are cleared."""
         self.memory.lose_power()
         self._turn_counts = None
         self.awake_s = now_s + away_s

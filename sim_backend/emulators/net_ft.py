@@ -64,7 +64,7 @@ class EmulatedNetFt(SerialSensor):
         return b""
 
     def reading(self, force_n: float) -> bytes:
-        """See `SerialSensor.reading`; without a value a gage is broken."""
+        """See `SerialSensor.reading`; a missing value (NaN) sets the status of a broken gage."""
         self._sequence += self._timer.passed
         self._measurement += self._timer.passed * self.measures * _INTERNAL_HZ // self.rate_hz
         status, counts = self.status, [17, -23, 31, 5, -7, 11]

@@ -179,7 +179,7 @@ class EmulatedLorenz(SerialSensor):
         return telegram(0x15, host, bytes((41,)))
 
     def reading(self, force_n: float) -> bytes:
-        """See `SerialSensor.reading`; a sensor without a value shows the end of its range."""
+        """See `SerialSensor.reading`; a missing value (NaN) is the end of the range."""
         counts = -32768 if math.isnan(force_n) else round(force_n * self._counts_per_n)
         sample = bytes((self._counter,)) + min(max(counts, -32768), 32767).to_bytes(2, "big", signed=True)
         self._counter = (self._counter + 1) % 256
@@ -294,7 +294,7 @@ class EmulatedCell(SerialSensor):
         return cell_line(f"cell 1 nau7802 {self._rate_hz}") * data.count(b"?")
 
     def reading(self, force_n: float) -> bytes:
-        """See `SerialSensor.reading`; without a value it is a fault, and beyond the range its end."""
+        """See `SerialSensor.reading`; a missing value (NaN) is a fault, other values are clipped."""
         self._counter = (self._counter + 1) % 256
         if math.isnan(force_n):
             return cell_line("fault converter")
@@ -388,7 +388,7 @@ class EmulatedBota(SerialSensor):
         return f"r,0,{letter},0".encode()
 
     def reading(self, force_n: float) -> bytes:
-        """See `SerialSensor.reading`; without a value it is invalid."""
+        """See `SerialSensor.reading`; the frame of a missing value (NaN) is marked as invalid."""
         self._time_us += self._timer.passed * _STEP_US * self._length
         status, values = self.status, [1.5, -2.5, 3.5, 0.25, -0.5, 0.75]
         if math.isnan(force_n):
@@ -443,13 +443,13 @@ class _Ranged(SensorSettings):
 
 
 class AxisSettings(_Ranged):
-    """The same of one axis of several."""
+    """Settings in a robot file of one axis of a multi-axis sensor."""
 
     axis: Annotated[str, Field(pattern="^[xyz]$")]
 
     @property
     def axis_index(self) -> int:
-        """From 0."""
+        """Index of the axis, from 0."""
         return "xyz".index(self.axis)
 
 

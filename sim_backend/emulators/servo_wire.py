@@ -73,7 +73,7 @@ def on_shafts(mountings: Sequence[MountingType], plant: Plant) -> list[tuple[Mou
 
 
 class LineServo(ABC):
-    """One servo of a line, that gets power at a time [s]; without a shaft it turns nothing, and just holds.
+    """One servo of a line, powered from a time [s] on; without a shaft it only holds its position.
 
     Attributes:
         stuck: whether its position sensor has frozen.

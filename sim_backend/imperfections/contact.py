@@ -187,7 +187,7 @@ class HiddenAdhesion(ContactImperfection):
 
 
 class _Bond(_Memory[bool]):
-    """Remembers whether the bond holds."""
+    """State of the adhesive bond: whether it holds."""
 
     def __init__(self, surface: HiddenAdhesion) -> None:
         super().__init__(False)
@@ -226,7 +226,7 @@ class HiddenDryFriction(ContactImperfection):
 
 
 class _Bristles(_Memory[tuple[float, float]], MaterialEffect):
-    """Remembers depth [m] and force [N]."""
+    """State of the friction: depth [m] and force [N]."""
 
     def __init__(self, friction: HiddenDryFriction) -> None:
         super().__init__((0.0, 0.0))
@@ -287,7 +287,7 @@ class HiddenStressRelaxation(ContactImperfection):
 
 
 class _MaxwellBranch(_Memory[tuple[float, float]], MaterialEffect):
-    """Remembers depth [m] and force [N]; exact where depth changes at a constant rate within the step."""
+    """State of one branch: depth [m] and force [N]; exact if the depth rate is constant within a step."""
 
     def __init__(self, stiffness_n_m: float, time_s: float) -> None:
         super().__init__((0.0, 0.0))
@@ -333,7 +333,7 @@ class HiddenPlasticSet(ContactImperfection):
 
 
 class _Dent(_Memory[float], MaterialEffect):
-    """Remembers its depth [m]."""
+    """State of the dent: its depth [m]."""
 
     def __init__(self, surface: HiddenPlasticSet) -> None:
         super().__init__(0.0)

@@ -20,7 +20,7 @@ from palpate.sweep.case import Row
 
 
 def measure(files: Sequence[Path], parameters: Mapping[str, Any]) -> list[Row]:
-    """Read one measurement, and judge it: one row for each channel.
+    """Read and evaluate one measurement; return one row for each channel.
 
     Args:
         files: files of the measurement.

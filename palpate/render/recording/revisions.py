@@ -60,7 +60,7 @@ class Chart:
         return placed
 
     def draw_frame(self, recording: rr.RecordingStream) -> None:
-        """Draw rules and labels, once for all revisions.
+        """Draw grid lines and labels, once for all revisions.
 
         Args:
             recording: destination.

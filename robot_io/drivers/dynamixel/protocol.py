@@ -114,7 +114,7 @@ def decode_status(packet: bytes) -> DynamixelStatus:
     if packet[-_CRC:] != _checksum(packet[:-_CRC]):
         raise ProtocolError(f"CRC mismatch in a packet of servo {servo_id}")
     if packet[_HEAD] != _STATUS or servo_id > LARGEST_ID:
-        raise ProtocolError(f"not an answer of a servo: id {servo_id}, instruction {packet[_HEAD]:#04x}")
+        raise ProtocolError(f"not an answer from a servo: id {servo_id}, instruction {packet[_HEAD]:#04x}")
     body = packet[_HEAD + 1 : -_CRC].replace(_STUFFED, _LAST_BEFORE_STUFFING)
     return DynamixelStatus(servo_id, body[0], body[1:])
 

@@ -67,7 +67,7 @@ def decode_status(packet: bytes) -> ServoAnswer:
     if sum(packet) & 0xFF != WHOLE_SUM:
         raise ProtocolError(f"wrong checksum in a packet of servo {servo_id}")
     if servo_id > LARGEST_ID:
-        raise ProtocolError(f"not an answer of a servo: id {servo_id}")
+        raise ProtocolError(f"not an answer from a servo: id {servo_id}")
     return ServoAnswer(servo_id, packet[4], packet[5:-1])
 
 
@@ -108,7 +108,7 @@ class FeetechDialect(ServoDialect):
     def _packet(self, servo_id: int, instruction: int, parameters: bytes) -> bytes:
         length = len(parameters) + 2
         if length > _LARGEST_LENGTH:
-            raise ProtocolError(f"{len(parameters)} parameters are too many, at most {_LARGEST_LENGTH - 2}")
+            raise ProtocolError(f"too many parameters, {len(parameters)} of at most {_LARGEST_LENGTH - 2}")
         content = bytes((servo_id, length, instruction)) + parameters
         return HEADER + content + bytes((~sum(content) & 0xFF,))
 

@@ -301,7 +301,7 @@ class MitFrames:
         """
         data = frame.data
         if not self.is_about_register(frame, motor_id) or data[2] != READ:
-            raise ProtocolError(f"no answer of motor {motor_id} about a register: {data.hex(' ')}")
+            raise ProtocolError(f"no answer from motor {motor_id} about a register: {data.hex(' ')}")
         if data[3] != register.number:
             raise ProtocolError(f"the answer is about register {data[3]} instead of {register.number}")
         (value,) = struct.unpack(register.format, data[4:])

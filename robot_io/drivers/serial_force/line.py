@@ -261,7 +261,7 @@ class ForceLine(Bus):
     @property
     @abstractmethod
     def label(self) -> str:
-        """What to call it in messages."""
+        """Name of the line in messages."""
 
     @abstractmethod
     def _close_port(self) -> None:

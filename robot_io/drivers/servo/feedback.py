@@ -161,7 +161,7 @@ class FeedbackReader(Generic[FeedbackType]):
         return newest
 
     def _close(self, request: Request) -> None:
-        """Expect no answer to a request any more."""
+        """Stop expecting an answer to a request."""
         if request.asked_at_s > -inf:
             request.asked_at_s = -inf
             self._open.remove(request)

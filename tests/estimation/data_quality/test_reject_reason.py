@@ -88,7 +88,7 @@ def glitch_in_each_block():
 SHORT_RUNS = {"time_s": 0.1 * DATA.time_s, "velocity": 10.0 * DATA.velocity}
 REJECTED = {
     "never changes": lambda: replace(DATA, effort=np.full(len(DATA), 2.0)),
-    "each of 6 runs has depths of its own": lambda: replace(
+    "no two of 6 runs have similar depths": lambda: replace(
         DATA, position=DATA.position + DATA.run * np.ptp(DATA.position)
     ),
     "none can be predicted from the others": lambda: replace(

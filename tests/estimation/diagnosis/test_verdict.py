@@ -17,7 +17,7 @@ from palpate.estimation.diagnosis.residual_checks import ResidualFinding
 from palpate.estimation.diagnosis.result import Verdict
 from palpate.estimation.diagnosis.verdict import (
     Evidence,
-    _peaks,
+    _describe_concentration,
     decide_verdict,
     effect_without_gain,
     insufficient_diagnosis,
@@ -281,7 +281,7 @@ def test_a_motion_that_cannot_be_changed_by_computing_gets_the_effect_s_own_advi
         (["joint position"], "move over a wider range"),
         (
             ["temperature"],
-            "repeat the same motion at different values of temperature, each kept while it lasts",
+            "repeat the same motion at different values of temperature, each held constant",
         ),
         ([], "go further, slowly ("),
         (["nothing that is known"], "move over a wider range"),
@@ -406,7 +406,7 @@ def test_peaks_are_told_where_few_samples_hold_most_of_the_error(large, said):
     """Of 100 samples, 95 have an error of 1 and five a larger one: 83 % and 75 % of the squares."""
     residual = np.where(np.arange(100) % 20 == 7, large, 1.0)
     solution, problem = SimpleNamespace(residual=residual), SimpleNamespace(used=np.ones(100, np.bool_))
-    words = _peaks(SimpleNamespace(solution=solution, problem=problem))
+    words = _describe_concentration(SimpleNamespace(solution=solution, problem=problem))
     assert said in words
     assert bool(words) is bool(said)
 

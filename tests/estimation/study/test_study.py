@@ -105,7 +105,7 @@ def test_every_channel_that_is_compared_is_diagnosed(arm):
 
 def test_an_effect_goes_where_it_suits_or_where_one_says(arm):
     study, _ = arm
-    with pytest.raises(InputError, match="coulomb_friction can be in joint_1, joint_2: choose one"):
+    with pytest.raises(InputError, match="coulomb_friction can be added to joint_1, joint_2: choose one"):
         study.add("coulomb_friction")
     assert study.add("bias").result.channel.name == "contact"
     change = study.add("coulomb_friction", channel="joint_2")
