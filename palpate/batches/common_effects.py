@@ -42,7 +42,7 @@ def find_common_effects(screen: Callable[[dict[str, Any]], pa.Table]) -> tuple[C
     """Add the effect with the largest gain, step by step, until no gain is significant.
 
     Args:
-        screen: fits candidates to all measurements, beside the effects `added` (lists by channel), in
+        screen: fits candidates to all measurements, in addition to the effects `added` (lists by channel), in
             `channels` (None for all); returns a row with the `gain` of each measurement, channel and
             `candidate`.
     """

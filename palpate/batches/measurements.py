@@ -180,7 +180,7 @@ def case_of(measurement: BatchMeasurement, options: Mapping[str, Any]) -> Measur
 
     Args:
         measurement: files of the measurement.
-        options: options for reading and judging it, as plain data.
+        options: options for reading and evaluating it, as plain data.
     """
     content = [content_hash(Path(file)) for file in measurement.files]
     parameters = {"content": content, "where": measurement.where, "options": options}

@@ -82,7 +82,7 @@ def batch(
         model: base model; "suggest" for the one that fits a sample best; None for the usual one by channel.
         diagnose: also find out which effects are missing.
         pool: also combine the evidence of all measurements for effects too small for one of them.
-        add: effects that are fitted to every measurement beside the base model.
+        add: effects that are fitted to every measurement in addition to the base model.
         pattern: pattern of file names, with fields in braces, such as "{specimen}_{day}.csv".
         metadata: CSV file with further fields.
         join: field; files with the same text in it are one measurement.
@@ -93,7 +93,7 @@ def batch(
         urdf: URDF of the arm, for models that need it.
         tip_frame: tip frame in this URDF.
         effects: your own effects, such as "my_effects.py:MyEffect".
-        workers: processes on this machine; None for one a core.
+        workers: processes on this machine; None for one per core.
         scheduler: address of a dask scheduler; None for this machine.
         retry: judge measurements again that could not be judged.
         reports: largest number of outliers for which to write a report; the page links to it.

@@ -66,7 +66,7 @@ def field_names(measurements: Sequence[BatchMeasurement], group: str | None) -> 
         group: field that tells groups apart; None for one group.
 
     Raises:
-        InputError: a field is called as a column of the table, or no measurement has the group's field.
+        InputError: a field has the name of a column of the table, or no measurement has the group's field.
     """
     fields = list(dict.fromkeys(name for each in measurements for name in each.fields))
     if taken := set(fields).intersection((*FIRST, *NUMBERS, *LAST)):

@@ -173,7 +173,7 @@ def print_preview(
         like: roles of the columns in the previous file; if they are equal, they are not printed again.
 
     Raises:
-        InputError: it cannot be read; its columns are shown before where they could be.
+        InputError: it cannot be read; its columns are shown first if they could be read.
     """
     table, out = read_table(path, options.table), console.stdout()
     ways = "; ".join(table.notes)

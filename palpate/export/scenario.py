@@ -166,7 +166,7 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
         description: one line for people.
 
     Raises:
-        InputError: a fitted object makes no sense as a simulated one.
+        InputError: a fitted object cannot be simulated.
     """
     scenario = base.with_hidden(()).model_copy(update={"description": description})
     hidden: list[Imperfection] = []

@@ -41,7 +41,7 @@ def write_simulator(
     Args:
         joints: with their fits.
         target: the simulator.
-        path: file to write; of BAM, of several joints each has its own with the joint in its name.
+        path: file to write; for BAM, each of several joints has its own file with the joint in its name.
         mounted: the arm to which the joints belong.
         patch: file of the user that is read, or None.
         failures: why other joints have no fit, one line each.

@@ -43,7 +43,7 @@ class Patched:
 def patch_mjcf(text: str, place: str, arm: TargetArm, mounting: Mounting, *, by_name: bool) -> Patched:
     """Write the values of an arm into the text of an MJCF.
 
-    A value replaces that of the file: the fitted model has no friction, spring or rotor but these.
+    A value replaces that of the file, because the fitted model has no other friction, spring or rotor.
 
     Args:
         text: text of the MJCF.

@@ -56,7 +56,7 @@ def merged_streams(sessions: Sequence[Session]) -> list[Merged]:
             if forms[0] != forms[1]:
                 differing = ", ".join(sorted({column for column, *_ in forms[0] ^ forms[1]}))
                 raise InputError(
-                    f"{session.path}: stream '{name}' has other columns than in {first.path}: {differing}"
+                    f"{session.path}: stream '{name}' and that in {first.path} differ in columns {differing}"
                 )
     merged = list[Merged]()
     for name in sessions[0].stream_names:
@@ -69,7 +69,7 @@ def merged_streams(sessions: Sequence[Session]) -> list[Merged]:
 
 
 def merged_metadata(sessions: Sequence[Session], command_line: str) -> SessionMetadata:
-    """Return the first session's metadata without what differs between the sessions.
+    """Return the first session's metadata without the fields that differ between the sessions.
 
     Args:
         sessions: the sessions, in order.
@@ -93,7 +93,7 @@ def merged_metadata(sessions: Sequence[Session], command_line: str) -> SessionMe
 
 
 def incomplete_notes(sessions: Sequence[Session]) -> list[str]:
-    """Name incomplete sessions, one sentence each: the merged session does not show it.
+    """Name incomplete sessions, one sentence each, since the merged session does not mark them.
 
     Args:
         sessions: the merged sessions.

@@ -89,7 +89,7 @@ class Decision:
             session: session file of the probe.
             seconds: duration of the probe on the robot's clock [s].
             diagnoses: diagnoses of all probes so far, one for each channel.
-            end: why it was the last; None if another follows.
+            end: reason why it was the last; None if another follows.
             following: the next probe; None after the last.
         """
         explanations = []

@@ -43,14 +43,14 @@ class SessionWriter:
 
     Args:
         path: the new session file; folders above it are made.
-        streams: the streams that will come.
+        streams: the streams of the session.
         metadata: origin of the session.
         ring_slots: records that each stream's ring holds while the disk is slow.
         wait_for_room: let `append` wait when the ring is full instead of dropping. For simulated time, which
             stands still meanwhile; never for a real robot.
 
     Raises:
-        InputError: the streams do not go together.
+        InputError: the streams cannot be in one session.
         SessionError: the file exists already or cannot be written.
     """
 
@@ -132,7 +132,7 @@ class SessionWriter:
     def event(self, time_s: float, kind: str, text: str, data: Mapping[str, Any] | None = None) -> None:
         """Log one event; see `Event`. Does not wait either.
 
-        With its data an event is at most 4000 bytes, else cut. InputError: the session is closed.
+        An event with its data is cut to 4000 bytes. InputError: the session is closed.
 
         Args:
             time_s: time of the event, session's clock [s].

@@ -188,7 +188,7 @@ class DynamixelLine(ServoLine):
     """See `ServoLine`.
 
     Attributes:
-        current_limits: largest current that each servo takes, in its unit, once they have been looked at.
+        current_limits: largest current that each servo takes, in its unit; known after an examination.
     """
 
     dialect = protocol.DIALECT

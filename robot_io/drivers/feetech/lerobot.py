@@ -74,7 +74,7 @@ def read_calibration(path: Path) -> dict[str, LerobotMotor]:
         The joints, by LeRobot's names.
 
     Raises:
-        InputError: it cannot be read, or is not such a file; with the first thing that is wrong.
+        InputError: it cannot be read, or is not such a file; the error states the first problem.
     """
     try:
         return validate(LerobotCalibration, json.loads(read_text(path))).root

@@ -94,7 +94,7 @@ class FeetechLine(ServoLine):
             servo: Its settings in the robot file.
 
         Raises:
-            DeviceError: It is another model, or counts otherwise than is needed here.
+            DeviceError: It is another model, or counts differently from what is required.
         """
         read, servo_id = self.registers.read, servo.id
         number = read(servo_id, tables.MODEL_NUMBER)
@@ -164,10 +164,10 @@ def examine_servo(line: FeetechLine, servo: FeetechServo, label: str) -> Finding
         label: Label for messages.
 
     Returns:
-        The worst of what was found.
+        The most severe finding.
 
     Raises:
-        DeviceError: It does not answer, is another model or set up otherwise, or the port failed.
+        DeviceError: It does not answer, is another model, has a wrong setup, or the port failed.
     """
     identity, errors = line.identify_servo(servo), line.registers.read(servo.id, tables.STATUS)
     trouble = identity_problem(servo, identity)

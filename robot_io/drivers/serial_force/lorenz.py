@@ -298,7 +298,7 @@ class LorenzSettings(SerialForceSettings):
 class Lorenz(SerialForceSensor, Examinable):
     """A Lorenz sensor in its speed-optimized stream.
 
-    Which sensor it is comes from its configuration, in telegrams with checksums; the stream itself has none.
+    The sensor is identified from its configuration, in telegrams with checksums; the stream has none.
     """
 
     name = "lorenz"

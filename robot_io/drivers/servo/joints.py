@@ -142,7 +142,7 @@ class ServoPairs:
 
     Attributes:
         joint_count: Number of joints n.
-        joints: Which joints two servos turn, m - n of them.
+        joints: Joints that two servos turn, m - n of them.
     """
 
     def __init__(self, settings: ServoBusSettings[Any], limits: Limits) -> None:
@@ -209,7 +209,7 @@ class ServoPairs:
             of_servos: shape (m,).
 
         Returns:
-            Of the joints, shape (n,).
+            Values of the joints, shape (n,).
         """
         if not self.joints:
             return list(of_servos)
@@ -225,7 +225,7 @@ class ServoPairs:
             motion: positions [rad], velocities [rad/s] and torques [N m] of the servos, shape (3, m).
 
         Returns:
-            The same of the joints, shape (3, n).
+            The same quantities of the joints, shape (3, n).
         """
         joined: FloatArray = np.array([self.sum_pairs(row) for row in motion.tolist()])
         joined[:2] *= self._share[: self.joint_count]
@@ -325,10 +325,10 @@ class ServoJoints:
         offset_rad: Joint angles at the servos' position 0, including whole turns (m) [rad].
 
     Args:
-        mountings: How the servos that turn joints sit on them (m).
-        pairs: Which of them turn a joint together.
+        mountings: Mounting of each servo that turns a joint (m).
+        pairs: Pairs of servos that turn one joint.
         middle_rad: Middle of each joint's range (n) [rad].
-        steps: What one count of each servo is along the joint axes, shape (3, m): position [rad], velocity
+        steps: Size of one count of each servo along the joint axes, shape (3, m): position [rad], velocity
             [rad/s] and torque [N m].
     """
 
