@@ -182,17 +182,11 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
                 f"{role.numbered}={shlex.quote(repeated_name)}, or rename one"
             )
     run = _run_column(table, options)
-    if TIME in chosen:
-        efforts = [column for (quantity, _), (_, column) in chosen.items() if quantity in EFFORTS]
-        motions = [column for key, (_, column) in chosen.items() if key != TIME and column not in efforts]
-        table, rate_notes = with_one_rate(table, chosen[TIME][1], efforts, motions, run)
-        notes += rate_notes
-    elif chosen:
-        filled = np.logical_and.reduce([table.filled_rows(column) for _, column in chosen.values()])
-        if filled.any() and not filled.all():  # shorter columns, or gaps
-            listed = ", ".join(f"'{column}'" for _, column in chosen.values())
-            notes.append(table.note_left_out(np.flatnonzero(~filled), f"no value in one of {listed}"))
-            table = table.select(filled)
+    efforts = [column for (quantity, _), (_, column) in chosen.items() if quantity in EFFORTS]
+    motions = [column for key, (_, column) in chosen.items() if key != TIME and column not in efforts]
+    time = chosen[TIME][1] if TIME in chosen else None
+    table, rate_notes = with_one_rate(table, time, efforts, motions, run)
+    notes += rate_notes
     units = ColumnUnits(table, options)
     chosen, position_notes = _press_or_axis(units, chosen)
     chosen = dict(sorted(chosen.items(), key=lambda item: table.names.index(item[1][1])))
@@ -370,16 +364,17 @@ _SHARED = 0.5  # least share of the slowest column's values that must be in comp
 
 
 def with_one_rate(
-    table: Table, time: str, efforts: Sequence[str], motions: Sequence[str], run: str | None
+    table: Table, time: str | None, efforts: Sequence[str], motions: Sequence[str], run: str | None
 ) -> tuple[Table, list[str]]:
     """Select or interpolate rows so that all columns in use have a value in each row.
 
     If each sensor wrote its own rows, hardly any row is complete. The other columns are then interpolated at
     the times of an effort, because interpolation would change its noise, or at those of the slowest column.
+    Without a time, only complete rows are selected.
 
     Args:
         table: the table.
-        time: name of the time column, which has a value in every row.
+        time: name of the time column, which has a value in every row, or None.
         efforts: names of the force and torque columns in use.
         motions: names of the other columns in use.
         run: name of the run column, or None.
@@ -391,12 +386,12 @@ def with_one_rate(
         InputError: interpolation is impossible because runs or times are not in order.
     """
     names = (*efforts, *motions)
-    filled_by_name = {name: table.filled_rows(name) for name in (time, *names)}
+    filled_by_name = {name: table.filled_rows(name) for name in (*([time] if time else ()), *names)}
     share = {name: float(np.mean(mask)) for name, mask in filled_by_name.items()}
     sparse = {name: share[name] for name in names if share[name] < 1.0 - _SYSTEMATIC}
-    if not sparse:
+    if time is None or not sparse:
         filled = np.logical_and.reduce(list(filled_by_name.values()))
-        if filled.all() or share[time] < 1.0 - _SYSTEMATIC:
+        if filled.all() or not filled.any() or (time and share[time] < 1.0 - _SYSTEMATIC):
             return table, []
         lacking = ", ".join(f"'{name}'" for name, mask in filled_by_name.items() if not mask.all())
         return table.select(filled), [table.note_left_out(np.flatnonzero(~filled), f"no value in {lacking}")]
