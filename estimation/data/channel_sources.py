@@ -123,11 +123,7 @@ def check_options_are_used(
 
 
 def _check_dimensions(columns: Columns) -> None:
-    """Check that no joint has an angle with a force, or a length with a torque.
-
-    Raises:
-        InputError: the dimensions of position and effort do not match.
-    """
+    """Raise an error if a joint has an angle with a force, or a length with a torque."""
     for (quantity, joint), position in columns.assigned.items():
         other_effort = ("force" if position.dimension == "angle" else "torque", joint)
         if quantity != "position" or other_effort not in columns:
@@ -185,7 +181,7 @@ def _suggest_columns(columns: Columns) -> str:
         options += [f"--column time={shlex.quote(clock)}"] if clock else []
         free = [name for name in free if name != clock]
     # Of columns with uninformative names, the smoothest one is suggested as the displacement.
-    free.sort(key=table.roughness)
+    free.sort(key=lambda name: np.abs(np.diff(table.numbers(name))).sum() / np.ptp(table.numbers(name)))
     for quantity, unit, last in (("displacement", "mm", 0), ("force", "N", -1)):
         if (quantity, 0) in columns:
             continue

@@ -103,11 +103,7 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
 
 
 def _check_workbook(path: Path) -> None:
-    """Check that a file is a workbook of a size that fits into the memory.
-
-    Raises:
-        InputError: it is no workbook, as some machines write text files with the ending .xls, or too large.
-    """
+    """Raise an error if a file is too large, or no workbook: some machines name text files .xls."""
     with path.open("rb") as file:
         if not file.read(8).startswith(_BEGINNINGS):
             raise InputError(f"{path}: is not an Excel workbook; if it is a text file, rename it to .csv")
@@ -123,11 +119,7 @@ def _check_workbook(path: Path) -> None:
 
 
 def _column(path: Path, name: str, cells: list[Any], decimal: str) -> pa.Array:
-    """Convert the cells of a column to numbers if all are numbers, else to text.
-
-    Raises:
-        InputError: see `thousands_ambiguity`.
-    """
+    """Convert the cells of a column to numbers if all are numbers, else to text."""
     if all(isinstance(cell, int | float) and not isinstance(cell, bool) for cell in cells):
         return pa.array([float(cell) for cell in cells])
     marked = (cell.strip() for cell in cells if isinstance(cell, str) and decimal in cell)

@@ -128,11 +128,7 @@ class Table:
         return self._numbers[name]
 
     def _check_thousands(self, name: str, values: FloatArray) -> None:
-        """Check that no number is read a thousand times too small, such as "1.000" after "999".
-
-        Raises:
-            InputError: see `thousands_ambiguity`.
-        """
+        """Raise an error if a number may be read a thousand times too small, such as "1.000" after "999"."""
         trimmed = pc.utf8_trim_whitespace(self._column(name))
         marked = np.asarray(pc.match_substring(trimmed, self.decimal).fill_null(False))
         unmarked = np.where(marked, 0.0, np.abs(values))
@@ -150,15 +146,6 @@ class Table:
             return bool(np.ptp(self.numbers(name)) > 0.0)
         except InputError:
             return False
-
-    def roughness(self, name: str) -> float:
-        """Return the sum of a column's absolute steps divided by its range: 1 for a monotonic column.
-
-        Args:
-            name: name of a numeric column that varies.
-        """
-        numbers = self.numbers(name)
-        return float(np.sum(np.abs(np.diff(numbers))) / np.ptp(numbers))
 
     def labels(self, name: str) -> tuple[tuple[str, ...], IntArray]:
         """Return the distinct texts of a column in order of appearance, and the index of each row's text.

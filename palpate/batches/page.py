@@ -11,7 +11,6 @@ import numpy as np
 import plotly.graph_objects as go
 import pyarrow as pa
 from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
 from palpate.batches.pooling import BatchResult
 from palpate.batches.table import BUDGET, floats, parameter_columns, texts
@@ -143,15 +142,8 @@ def write_trend(path: Path, tested: Sequence[tuple[Series, Sequence[TrendChange]
 
 
 def _write(path: Path, title: str, facts: Mapping[str, str], sections: Sequence[PageSection]) -> None:
-    page = rendered(
-        _TEMPLATE,
-        {},
-        title=title,
-        facts=facts,
-        sections=[section for section in sections if section.rows or section.figure],
-        plotly=Markup(get_plotlyjs()),  # noqa: S704, plotly's own
-    )
-    write_text(path, page)
+    shown = [section for section in sections if section.rows or section.figure]
+    write_text(path, rendered(_TEMPLATE, {}, title=title, facts=facts, sections=shown))
 
 
 def _overview(batch: BatchResult) -> PageSection:

@@ -8,7 +8,6 @@ from typing import Any
 
 import plotly.graph_objects as go
 from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
 from palpate.common.console import significant
@@ -111,12 +110,9 @@ def document(pair: PairView) -> str:
         return {name: as_html(figure(view)) for name, figure in draw.items()}
 
     filters: dict[str, Callable[..., Any]] = {"value": value, "difference": difference_text}
-    facts = dict(zip(LETTERS, pair.names, strict=True))
-    facts |= {
-        "models": ", ".join(dict.fromkeys(side.model for channel in pair.channels for side in channel.pair))
-    }
-    plotly = Markup(get_plotlyjs())  # noqa: S704, plotly's own
-    return rendered(_TEMPLATE, filters, title=pair.title, facts=facts, pair=pair, plotly=plotly, plots=plots)
+    models = dict.fromkeys(side.model for channel in pair.channels for side in channel.pair)
+    facts = dict(zip(LETTERS, pair.names, strict=True)) | {"models": ", ".join(models)}
+    return rendered(_TEMPLATE, filters, title=pair.title, facts=facts, pair=pair, plots=plots)
 
 
 def record_pair(view: PairView, path: Path) -> None:

@@ -33,14 +33,16 @@ _STYLE = _HERE / "report.css"
 
 
 def rendered(template: Path, filters: Mapping[str, Callable[..., Any]], **values: object) -> str:
-    """Render a template with values; every template also gets `style` and `version`.
+    """Render a template with values; every template also gets `style`, `version` and `plotly`.
 
     A template extends base.html, which requires a `title` and `facts`.
     """
     environment = _environment(template.parent)
     environment.filters |= filters
     style = Markup(_STYLE.read_text(encoding="utf-8"))  # noqa: S704, our own
-    return environment.get_template(template.name).render(**values, style=style, version=version("palpate"))
+    plotly = Markup(get_plotlyjs())  # noqa: S704, plotly's own
+    common = {"style": style, "version": version("palpate"), "plotly": plotly}
+    return environment.get_template(template.name).render(**values, **common)
 
 
 @cache
@@ -392,9 +394,8 @@ def document(view: StudyView) -> str:
         "picture": lambda budget: Markup(budget_picture(budget, _BUDGET_WIDTH)),  # noqa: S704, escaped
         "yaml": lambda data: yaml.safe_dump(dict(data), sort_keys=False),
     }  # fmt: skip
-    plotly = Markup(get_plotlyjs())  # noqa: S704, plotly's own
     shown = {"view": view, "facts": view.facts, "range_meaning": RANGE_MEANING, "plots": plots}
-    return rendered(_TEMPLATE, filters, title=view.file, plotly=plotly, **shown)
+    return rendered(_TEMPLATE, filters, title=view.file, **shown)
 
 
 def as_html(figure: go.Figure) -> Markup:
