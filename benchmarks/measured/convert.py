@@ -114,7 +114,7 @@ def read_text(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
         content: bytes of the file.
         options: `delimiter` (default: blanks), `skip` lines ahead of the numbers (the last of them holds the
             names), `decimal` mark, `encoding`, `key`: number of the column that must hold a number, `width`:
-            numbers of a row where each has a line of its own.
+            numbers of a row where each has a line of its own, `transpose`: each line holds a column.
 
     Returns:
         One table. Rows with fewer cells than the first, or with no number in the key column, are left out.
@@ -125,6 +125,8 @@ def read_text(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     cells = [line.split(delimiter) for line in lines[skip:] if line.strip()]
     if width := options.get("width"):
         cells = [list(itertools.chain(*cells[i : i + width])) for i in range(0, len(cells), width)]
+    if options.get("transpose"):
+        cells = [list(row) for row in zip(*cells, strict=True)]
     width = len(cells[0])
     decimal = options.get("decimal", ".")
     rows = [[_number(cell, decimal) for cell in row[:width]] for row in cells if len(row) >= width]

@@ -227,6 +227,14 @@ def test_items_of_an_array_of_structures_are_named_by_their_number(tmp_path: Pat
     assert [row["torque_Nm"] for row in table] == [5, 6, 7]
 
 
+def test_lines_that_hold_a_column_each_are_transposed(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("0,1,2\n3,4,5\n")
+    columns = {"time_s": {"sum": {"0": 1.0}}, "force_N": {"sum": {"1": 1.0}}}
+    read = {"format": "text", "delimiter": ",", "files": ["a.txt"], "transpose": True}
+    convert({"read": read, "columns": columns}, Origin(tmp_path, ""), tmp_path / "out")
+    assert [(row["time_s"], row["force_N"]) for row in rows_of(tmp_path / "out")] == [(0, 3), (1, 4), (2, 5)]
+
+
 def test_numbers_on_lines_of_their_own_make_rows_of_the_stated_width(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("\n\n".join(str(number) for number in range(6)) + "\n")
     columns = {"time_s": {"sum": {"0": 1.0}}, "torque_Nm": {"sum": {"2": 1.0}}}
