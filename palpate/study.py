@@ -229,7 +229,7 @@ class Study(ModelStudy):
                 data, or the contact's base model if it has no revision.
 
         Raises:
-            InputError: a revision is of other data, several are of one place, there is nothing to write, or
+            InputError: a revision is of other data, several are of one channel, there is nothing to write, or
                 the file cannot be written.
         """
         place = _path(path, "scenario")

@@ -42,7 +42,7 @@ class SimulatedBus(JointBus):
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         validated = context.settings_as(SimulatedBusSettings, settings)
         if isinstance(validated.scenario, Mapping) and validated.scenario.get("hidden"):
-            problem = "belongs in a scenario file: a session keeps the robot file, for everybody to read"
+            problem = "belongs in a scenario file: a session contains the robot file for all to read"
             raise input_error(context.robot_file.document, (*context.section, "scenario", "hidden"), problem)
         self._clock = context.clock
         self._robot_file = context.robot_file

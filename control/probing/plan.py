@@ -47,7 +47,7 @@ class ProbingPlan(FileModel):
     approach_clearance_m: Positive = 0.03  # an approach starts this far before the target [m]
     search_depth_m: Positive = 0.2  # distance from the approach start in which the surface must lie [m]
     max_depth_m: Positive = 0.15  # deepest indentation [m]
-    retract_m: Positive = 0.03  # way out of the object between runs [m]
+    retract_m: Positive = 0.03  # distance out of the object between runs [m]
     settle_s: NotNegative = 0.2  # rest before the free-air record [s]
     # free-air record before each approach, for bias and noise of the force [s].
     free_air_s: Annotated[float, Field(ge=0.05, le=60.0)] = 0.3

@@ -169,7 +169,7 @@ class ProbingRun:
         return True
 
     def _must_reverse(self, output: ControlOutput, beyond_m: float = -math.inf) -> bool:
-        """Whether the tip must reverse now to stay within the site and a limit it exceeds by `beyond_m`."""
+        """Whether the tip must reverse now to stay within the site, or is `beyond_m` beyond another limit."""
         state = output.state
         beyond_m = max(beyond_m, state.travel_m - self._site.deepest_travel_m)
         return beyond_m + turning_distance_m(state.speed_m_s, self._plan.acceleration_m_s2) >= 0.0

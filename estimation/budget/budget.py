@@ -37,7 +37,7 @@ class BudgetEntry:
     kind: Kind
     share: float  # asymmetric Shapley value among the kinds of the smallest set
     interval: tuple[float, float]  # 95 %, over runs
-    necessary: float  # share lost without it, beside all other kinds
+    necessary: float  # share lost without it, if all other kinds remain
     sufficient: float  # share explained by the kind alone
     replaceable_by: tuple[Kind, ...]  # kinds that explain about as much in its place
 
@@ -109,7 +109,7 @@ def _ordered(kinds: Kinds) -> list[Kind]:
 
 
 def _relevant(error: SquaredErrors, all_kinds: Kinds) -> Kinds:
-    """Select kinds that explain a share of the error alone, beside all others, or in forward selection."""
+    """Select kinds that explain a share of the error alone, after all others, or in forward selection."""
     base, least_error = error.mean_square(), error.mean_square(all_kinds)
     sufficient = {kind: (base - error.mean_square(frozenset({kind}))) / base for kind in all_kinds}
     necessary = {kind: (error.mean_square(all_kinds - {kind}) - least_error) / base for kind in all_kinds}
@@ -180,7 +180,7 @@ class _Sets:
         return [frozenset()]
 
     def replacements(self, chosen: Kinds, kind: Kind) -> tuple[Kind, ...]:
-        """Find kinds that explain about as much in the place of a kind, beside the other chosen kinds.
+        """Find kinds that explain about as much in the place of a kind, together with the other chosen kinds.
 
         Args:
             chosen: kinds that account for the error.

@@ -165,7 +165,7 @@ def _joined_unit(name: str) -> tuple[str, str] | None:
 
 
 def unknown_unit(name: str) -> str:
-    """Return the text in brackets at the end of a name, or a word such as "counts", if it is no known unit.
+    """Return the text in brackets at the end of a name, or a word such as "counts", if it is an unknown unit.
 
     Args:
         name: name of a column.

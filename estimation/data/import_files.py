@@ -62,7 +62,7 @@ def import_files(
             more than 2000 files.
     """
     if len(paths) > _MAX_FILES:
-        raise InputError(f"{len(paths)} data files, at most {_MAX_FILES}; join some of them")
+        raise InputError(f"{len(paths)} data files exceed the limit of {_MAX_FILES}; join some of them")
     places = [path.resolve() for path in paths]
     if twice := [path for number, path in enumerate(paths) if places[number] in places[:number]]:
         raise InputError(f"{twice[0]}: is given twice; its runs would count as repeated measurements")

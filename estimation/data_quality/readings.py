@@ -62,7 +62,7 @@ def saturated(data: ChannelData, model: Model | None = None) -> str | None:
     Args:
         data: the channel.
         model: the base model; without free parameters it predicts the effort beyond the sensor's range, so
-            that saturation is no fault.
+            that saturation is not a fault.
     """
     is_fixed = model is not None and not (model.gains or model.inner)
     if is_fixed or len(np.unique(data.effort)) < _COARSE_LEVELS:  # it often reads its extreme value

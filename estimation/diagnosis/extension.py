@@ -88,7 +88,7 @@ def _product(parent: FitResult, effect: Effect, partner: Effect) -> Candidate | 
 
 
 def _with_restarted(fit: FitResult, name: str, good: BoolArray) -> FitResult:
-    """Fit a model again from the start values at which one of its effects fits best beside the others."""
+    """Fit a model again from the start values at which one of its effects fits best with the others."""
     problem, model = fit.problem, fit.solution.model
     without = solve_gains(problem, model.without(name), fit.solution.parameters)
     reduced = FitResult(fit.data, problem, without)

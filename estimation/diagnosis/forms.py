@@ -325,7 +325,7 @@ def _with_run_differences(
         partial: flexible laws of the kinds that account for the error.
         kinds: kinds that the model describes; without differences between runs, no effect is added.
         model: the model.
-        parameters: start values, found beside a free gain and zero of each run.
+        parameters: start values, found with a free gain and zero of each run.
     """
     search, alone = partial.search, partial.search.fitted(model, parameters)
     if Kind.RUN_DIFFERENCES not in kinds or run_heterogeneity(alone.problem.blocked, alone.solution) is None:

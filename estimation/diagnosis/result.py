@@ -108,7 +108,7 @@ class BudgetShare(_Entry):
     kind: Kind  # see `palpate.estimation.kinds`
     share: float  # Shapley value among the listed kinds, with differences between runs last
     interval: tuple[float, float]  # 95 % interval over runs
-    necessary: float  # share lost without the kind, beside all other kinds
+    necessary: float  # share lost without the kind, if all other kinds remain
     sufficient: float  # share explained by the kind alone
     form: Form  # how well the form of its effects is known
     effects: list[str]  # accepted effects; if the form is unknown, the closest ones

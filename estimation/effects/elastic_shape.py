@@ -194,7 +194,7 @@ class JointSpring(AdditiveEffect):
         "bias": "move over a wide range: a bias is the same everywhere",
         "gravity_tilt": "fit all joints together: a tilt is in all of them; or move over a wide range",
         "cubic_stiffness": "move over a wide range",
-        "stiffness": "not possible: the same term has this name in a contact",
+        "stiffness": "not possible: in a contact, this is the name of the same term",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:

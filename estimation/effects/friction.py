@@ -37,7 +37,7 @@ class CoulombFriction(AdditiveEffect):
         ),
         "stribeck_friction": "move very slowly: Stribeck friction rises towards zero speed",
         "load_dependent_friction": "repeat with another load: Coulomb friction stays",
-        "asymmetric_friction": "let the joint rest: a bias beside Coulomb friction stays",
+        "asymmetric_friction": "let the joint rest: a bias remains, asymmetric friction vanishes",
         "hysteresis": "reverse slowly at several loads",
         "backlash": "reverse slowly: in a gap the effort vanishes, and comes back",
     }

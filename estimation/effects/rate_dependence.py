@@ -24,7 +24,7 @@ class Damping(AdditiveEffect):
     gains = (Parameter("c", "{effort} s/{position}", 0.0, 1e12, (0.1, 500.0)),)
     confused_with = {
         "delay": "probe at two speeds and hold: a delay shifts force in time, a damper vanishes at rest",
-        "viscous_friction": "not possible: the same term has this name in a joint",
+        "viscous_friction": "not possible: in a joint, this is the name of the same term",
         "stress_relaxation": "hold: relaxation goes on at rest, damping does not",
         "hysteresis": "probe at two speeds: hysteresis does not depend on speed",
     }
@@ -49,7 +49,7 @@ class ViscousFriction(AdditiveEffect):
         "joint_coupling": "hold this joint still and move its neighbor",
         "delay": "move at two speeds with the same acceleration",
         "lag": "move at two speeds with the same acceleration",
-        "damping": "not possible: the same term has this name in a contact",
+        "damping": "not possible: in a contact, this is the name of the same term",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:

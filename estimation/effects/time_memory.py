@@ -89,8 +89,8 @@ class StressRelaxation(_Relaxation, AdditiveEffect):
     gains = (Parameter("k1", "{effort}/{position}", 0.0, 1e12, (10.0, 10000.0)),)
     inner = (Parameter("tau", "s", 0.005, 300.0, (0.03, 30.0), log=True),)
     confused_with = {
-        "power_law_relaxation": "hold a hundred times as long: a power law goes on, a branch ends",
-        "relaxation_spectrum": "hold for longer, at two depths: one branch ends, a second goes on falling",
+        "power_law_relaxation": "hold a hundred times longer: a power law keeps relaxing, one branch ends",
+        "relaxation_spectrum": "hold longer at two depths: one branch levels off, a second keeps relaxing",
         "damping": "hold: damping stops with the motion, relaxation goes on",
         "plastic_set": "wait and press again: relaxation recovers, a set stays",
         "hysteresis": "hold: a hysteresis of the sensor does not change with time",
@@ -126,8 +126,8 @@ class PowerLawRelaxation(_Relaxation, MemoryEffect):
     channels = frozenset({ChannelKind.CONTACT})
     inner = (Parameter("share", "1", 0.0, 1.0, (0.1, 0.9)), Parameter("alpha", "1", 0.01, 0.99, (0.1, 0.6)))
     confused_with = {
-        "stress_relaxation": "hold for longer: one branch ends, a power law goes on",
-        "relaxation_spectrum": "hold a hundred times as long: a power law goes on, branches end",
+        "stress_relaxation": "hold for longer: one branch levels off, a power law keeps relaxing",
+        "relaxation_spectrum": "hold a hundred times longer: a power law keeps relaxing, branches level off",
         "damping": "hold: damping stops with the motion, relaxation goes on",
         "drift": "free air: drift goes on there, relaxation does not",
     }
@@ -167,8 +167,8 @@ class RelaxationSpectrum(_Relaxation, MemoryEffect):
         Parameter("slow_time", "s", 1e-4, 1e5, (1.0, 100.0), log=True),
     )
     confused_with = {
-        "stress_relaxation": "hold for longer, at two depths: one branch ends, a second goes on falling",
-        "power_law_relaxation": "hold a hundred times as long: a power law goes on, branches end",
+        "stress_relaxation": "hold longer at two depths: one branch levels off, a second keeps relaxing",
+        "power_law_relaxation": "hold a hundred times longer: a power law keeps relaxing, branches level off",
         "plastic_set": "wait and press again: relaxation recovers, a set stays",
         "drift": "free air: drift goes on there, relaxation does not",
     }

@@ -103,7 +103,7 @@ def best_effect(channel: str, results: pa.Table) -> CommonEffect | None:
 
 
 def _chance_of_no_gain(gains: Sequence[float] | FloatArray) -> float:
-    """One-sided p value of a mean that is not positive."""
+    """Return the one-sided p-value of the hypothesis that the mean gain is not positive."""
     if len(gains) < 2 or not np.ptp(gains) > 0.0:
         return 0.0 if len(gains) > 1 and gains[0] > 0.0 else 1.0
     return float(ttest_1samp(gains, 0.0, alternative="greater").pvalue)

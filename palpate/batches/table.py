@@ -162,7 +162,7 @@ def read_table(path: Path) -> pa.Table:
         path: path of the table, or of the batch's folder.
 
     Raises:
-        InputError: it is not there, or is no such table.
+        InputError: it does not exist, or is not a table of a batch.
     """
     file = path / f"{TABLE}.parquet" if path.is_dir() else path
     if not file.is_file():  # a pipe might never end

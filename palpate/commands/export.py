@@ -178,7 +178,7 @@ def export_layout(data: DataArguments, program: Program, out: Path | None, *, fo
         force: whether an existing file is replaced.
 
     Raises:
-        InputError: it is no session, or the file cannot be written.
+        InputError: it is not a session, or the file cannot be written.
     """
     session = open_session(data.file)
     path = out or derived_folder(data.file) / f"{program}{LAYOUT_ENDINGS[program]}"

@@ -148,7 +148,7 @@ def examine_ports(robot_file: RobotFile) -> Iterator[tuple[str, Finding]]:
                 remedy = f"plug it in, or correct the robot file ({others})"
                 yield name, fail(subject, f"{port}: is not there", remedy)
             elif not Path(port).is_char_device():
-                yield name, fail(subject, f"{port}: is no serial port", "correct the robot file")
+                yield name, fail(subject, f"{port}: is not a serial port", "correct the robot file")
             else:
                 yield name, serial_port(subject, Path(port), Level.FAIL)
         elif bus.settings.get("interface") == "socketcan" and isinstance(channel, str):

@@ -161,7 +161,7 @@ def _latch(name: str, limits: Limits, tick_s: float) -> Finding:
     return graded(
         name,
         value,
-        (_FAIL, too_short, f"raise it to some ticks: {max(usual_s, 5 * tick_s):g} s"),
+        (_FAIL, too_short, f"raise it to several ticks: {max(usual_s, 5 * tick_s):g} s"),
         (_FAIL, limit_s > _NO_LATCH_S, late),
         (_WARN, limit_s > _LONG_LATCH_S, f"a fault would act for too long: {usual_s:g} s is usual"),
     )

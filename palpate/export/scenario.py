@@ -45,7 +45,7 @@ def lost(effect: str, p: Values) -> Iterator[str]:
         yield f"asymmetric_friction that falls by {-_viscous(p):.3g} N m s/rad is simulated as level"
     if effect == "dry_friction" and p["presliding"] < SHORTEST_SLIP_M:
         yield (
-            f"dry_friction changes sign over {SHORTEST_SLIP_M:.0e} m, the shortest simulated way: its "
+            f"dry_friction changes sign over {SHORTEST_SLIP_M:.0e} m, the shortest simulated path: its "
             f"presliding of {p['presliding']:.2g} m and transition of {p['transition']:.2g} m/s are left out"
         )
 

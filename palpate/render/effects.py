@@ -95,7 +95,7 @@ def simple_motion(kind: ChannelKind) -> tuple[ChannelData, Model, dict[str, floa
 def visible_parameters(
     data: ChannelData, model: Model, base: Mapping[str, float], effect: Effect
 ) -> dict[str, float]:
-    """Add an effect to a model's parameters, large enough to be seen beside the data's effort.
+    """Add an effect to a model's parameters, large enough to be seen against the data's effort.
 
     Args:
         data: the motion and its effort without the effect.

@@ -128,7 +128,7 @@ def _budget_table(budget: BudgetView, bars: int, *, is_beside: bool) -> Table:
 
 
 def print_comparison(console: Console, view: StudyView) -> None:
-    """Print each channel's error beside the noise level, with tables if a model does not fit."""
+    """Print each channel's error and the noise level, with tables if a model does not fit."""
     for channel in view.channels:
         _print_verdict(console, channel.verdict)
         if channel.parts and (channel.verdict.word != "fits" or len(view.channels) == 1):

@@ -229,7 +229,7 @@ Permission = Callable[[], None]
 
 
 def without_question() -> None:
-    """Grant power without asking, for simulated arms and for programs that ask in their own way."""
+    """Grant power without asking, for simulated arms and for programs with their own confirmation."""
 
 
 def ask_for_power(motion: str, *, yes: bool, pause: Callable[[float], None] = time.sleep) -> None:

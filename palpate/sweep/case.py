@@ -239,7 +239,7 @@ def _read(path: Path, columns: list[str] | None = None) -> pa.Table:
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             if file.metadata.num_rows > _MOST_ROWS:
-                raise _damaged(path, f"has {file.metadata.num_rows} rows, at most {_MOST_ROWS}")
+                raise _damaged(path, f"has {file.metadata.num_rows} rows; the limit is {_MOST_ROWS}")
             table = file.read(columns, use_threads=False)  # faster for small files, with less memory
     except (OSError, pa.ArrowException) as error:
         raise _damaged(path, f"not a readable result ({one_line(error)})") from error

@@ -190,7 +190,7 @@ def force_displacement(ticks: Sequence[Row], grid: Sequence[Row]) -> Figure:
 
 @_drawing("fig4bc_estimates")
 def grid_estimates(rows: Sequence[Row]) -> Figure:
-    """Draw figures 4b and 4c: estimates over the grid, and their errors beside the paper's worst errors."""
+    """Draw figures 4b and 4c: estimates over the grid, and their errors with the paper's worst errors."""
     figure, all_axes = _panels(2, 2, TWO_COLUMNS_IN, 5.0)
     good = estimated(rows)
     k_axis, c_axis = ("law stiffness_n_m", "k [N/m]"), ("law damping_n_s_m", "c [N s/m]")

@@ -60,7 +60,7 @@ class DiagnosisCard:
             self._what = ui.label().classes("quiet").mark("progress")
             self._answer = ui.element("div")
         self._running(now=False)
-        ui.timer(_POLL_S, self._tell)
+        ui.timer(_POLL_S, self._show_progress)
         self._show()
 
     async def start(self) -> None:
@@ -71,7 +71,7 @@ class DiagnosisCard:
             if state.judging is not diagnosing:
                 return
         judge = state.judging = DiagnosisProcess()
-        self._tell()
+        self._show_progress()
         try:
             diagnosis = await asyncio.to_thread(
                 lambda: study.diagnose(name, progress=judge.note, judge=judge)
@@ -83,7 +83,7 @@ class DiagnosisCard:
         finally:
             state.judging = None
 
-    def _tell(self) -> None:
+    def _show_progress(self) -> None:
         """Show the progress of a diagnosis, even if another tab started it or the page was reloaded."""
         before, judge = self._judging, self._state.judging
         self._judging = judge

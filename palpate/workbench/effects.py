@@ -236,7 +236,7 @@ class Gallery:
         self._state = state
 
     async def open(self, name: str) -> None:
-        """Show an effect beside the base model."""
+        """Show an effect, added to the base model."""
         effect = next(effect for effect in self._state.effects() if effect.name == name)
         try:
             simulated = await asyncio.to_thread(_Simulated, self._state, effect)

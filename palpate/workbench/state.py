@@ -59,7 +59,7 @@ class ModelSelection:
 
 @dataclass(frozen=True, eq=False)
 class DisplayedFit:
-    """The selected model beside the base model."""
+    """The selected model and the base model."""
 
     choice: ModelSelection  # the selection
     base: FitResult  # the base model
@@ -418,7 +418,7 @@ class WorkbenchState:
 
 @dataclass(frozen=True)
 class EffectEvidence:
-    """Change of the error by one effect beside the other selected effects."""
+    """Change of the error if one effect is added to, or removed from, the other selected effects."""
 
     effect: str  # its name
     falls: float  # decrease as a share of the held-out error
@@ -432,7 +432,7 @@ TELLING = 0.05  # share of the error below which an effect has no influence
 
 
 def evidence_of(study: Study, channel: StudyChannel, beside: Sequence[str], effect: str) -> EffectEvidence:
-    """Compute how one effect changes the error beside others. InputError: the selection cannot be fitted.
+    """Compute how one effect changes the error, given others. InputError: the selection cannot be fitted.
 
     Args:
         study: study with the fits.

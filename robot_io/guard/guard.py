@@ -136,8 +136,8 @@ class Guard:
             while stopping only.
 
     Attributes:
-        torque_clips: commands that were reduced to the torque limit.
-        rate_clips: commands that were reduced to the torque-rate limit.
+        torque_clips: number of commands that were reduced to the torque limit.
+        rate_clips: number of commands that were reduced to the torque-rate limit.
         longest_hold_up_s: longest time after its measurement for which a command is valid [s].
 
     Raises:

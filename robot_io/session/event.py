@@ -165,7 +165,7 @@ def decode_event(data: bytes) -> Event:
         data: a message.
 
     Raises:
-        SessionError: the bytes are no event.
+        SessionError: the bytes are not an event.
     """
     try:
         message = _EventMessage.FromString(data)

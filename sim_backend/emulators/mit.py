@@ -37,10 +37,10 @@ Limits = tuple[float, float, float]  # of position [rad], velocity [rad/s] and t
 
 
 def to_uint(value: float, limit: float, bits: int) -> int:
-    """Encode a number by the manual: (x - x_min) (2^bits - 1) / (x_max - x_min), cut off to an integer.
+    """Encode a number by the manual: (x - x_min) (2^bits - 1) / (x_max - x_min), truncated to an integer.
 
     Args:
-        value: value in the unit of its limit; cut at it.
+        value: value in the unit of its limit; clipped at it.
         limit: end of the range.
         bits: number of bits of the integer.
 

@@ -42,7 +42,7 @@ class EmulatedNetFt(SerialSensor):
     Attributes:
         enabled: whether RDT is switched on.
         rate_hz: records a second.
-        status: status bits beside those of its reading.
+        status: status bits in addition to those of its reading.
         measures: whether it takes new measurements; otherwise it repeats the last one.
     """
 

@@ -349,7 +349,7 @@ class EmulatedBota(SerialSensor):
     The length of its filter, which determines its rate, is stored in the sensor.
 
     Attributes:
-        status: status bits beside those of its reading.
+        status: status bits in addition to those of its reading.
         refused: letters of commands that it refuses.
         starts_until_s: end of its start, from which on it receives commands [s].
     """

@@ -214,7 +214,7 @@ class HiddenDryFriction(ContactImperfection):
 
     name = "dry_friction"
     friction_n: NotNegative = parameter("N", 0.05, 3.0, le=50.0)  # f [N]
-    # s, way in which the bristles give way [m].
+    # s, path over which the friction builds up [m].
     slip_m: Number = parameter("m", 2e-5, 1e-3, ge=1e-6, le=0.1, default=2e-4)
 
     def effects(self, joint_count: int) -> HiddenEffects:

@@ -346,7 +346,7 @@ def moving_joints(tree: urdf_reader.UrdfTree) -> list[urdf_reader.UrdfJoint]:
 
 
 def log_object(recording: rr.RecordingStream, scene: Scene) -> None:
-    """Log the contact force beside the tip, and the deforming object.
+    """Log the contact force as an arrow next to the tip, and the deforming object.
 
     Args:
         recording: destination.

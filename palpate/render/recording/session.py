@@ -75,7 +75,7 @@ def log_phases(recording: rr.RecordingStream, entity: str, phases: IntArray, tim
 
 
 def _log_signals(recording: rr.RecordingStream, scene: Scene) -> None:
-    """Log force, displacement and phase, torques and positions beside their commands, and timing."""
+    """Log force, displacement and phase, torques and positions with their commands, and timing."""
     force = {
         "desired [N]": (scene.ticks["desired_force_n"], palette.TRUTH, 1.5),
         "measured [N]": (scene.ticks["force_n"], palette.MEASURED, 1.5),

@@ -148,7 +148,7 @@ class DynamixelDialect(ServoDialect):
         body = (bytes((instruction,)) + parameters).replace(_LAST_BEFORE_STUFFING, _STUFFED)
         length = len(body) + _CRC
         if _HEAD + length > LARGEST_PACKET:
-            raise ProtocolError(f"a packet of {_HEAD + length} bytes is too long, at most {LARGEST_PACKET}")
+            raise ProtocolError(f"a packet of {_HEAD + length} bytes exceeds the limit of {LARGEST_PACKET}")
         packet = HEADER + bytes((servo_id, length & 0xFF, length >> 8)) + body
         return packet + _checksum(packet)
 

@@ -104,7 +104,7 @@ class Plausibility:
         self._last_positions.clear()
 
     def sent(self, goals: Mapping[int, int]) -> None:
-        """Remember goals that are on their way, by servo id.
+        """Store the goals that were sent, by servo id.
 
         Args:
             goals: goals by servo id [counts].

@@ -141,7 +141,7 @@ class FeetechSettings(ServoBusSettings[FeetechServo]):
     # P coefficient of the servos' own position control: a torque is commanded as a distance from where the
     # joint is, so that with more of it torque steps are coarser, and a joint is held more stiffly.
     p_gain: Annotated[int, Field(ge=1, le=100, strict=True)] = 16
-    # Ids of servos that are no joints: they hold their positions while the torque is on.
+    # Ids of servos that drive no joint: they hold their positions while the torque is on.
     hold: tuple[Annotated[int, Field(ge=0, le=LARGEST_ID, strict=True)], ...] = ()
 
     @property

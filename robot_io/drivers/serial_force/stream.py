@@ -93,8 +93,8 @@ _RETRY_PAUSE_S = 0.25  # pause after a missing answer, so that no late answer is
 class Poll:
     """One request that is repeated after each answer; a reading gets the time of its request.
 
-    If an answer is missing, the request is sent again behind a marker: a request whose answer is no reading.
-    Sensors answer in order, so everything after the marker's answer belongs to the request behind it. If
+    If no answer comes, the request is sent again after a marker (a request whose answer is not a reading).
+    Sensors answer in order, so everything after the marker's answer belongs to the request after it. If
     nothing answers, nothing is requested or accepted for a while, so that no late answer is assigned to a
     newer request.
 

@@ -55,7 +55,7 @@ class PacketStream(ABC, Generic[PacketType]):
         """Decode a packet; None if it is to be ignored; raise `ProtocolError` if it is invalid."""
 
     def _is_suspect(self, packet: bytes) -> bool:
-        """Return whether to count a sequence that is no packet as rejected."""
+        """Return whether to count a sequence that is not a packet as rejected."""
         return True
 
     def feed(self, data: bytes) -> list[PacketType]:
