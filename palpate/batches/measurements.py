@@ -13,12 +13,12 @@ from typing import Any
 from palpate.batches.works.measuring import measure
 from palpate.common.failures import command_line_wording
 from palpate.common.files import existing_file
-from palpate.estimation.data.file_columns import natural_key
+from palpate.estimation.data.file_columns import check_size, natural_key
 from palpate.estimation.data.import_files import data_files, is_data_set
 from palpate.estimation.data.table import ENDINGS, read_table
 from palpate.estimation.data.text_dialect import is_missing
+from palpate.estimation.data.text_table import as_utf8
 from palpate.robot_io.errors import InputError, PalpateError
-from palpate.robot_io.files.file_model import read_text
 from palpate.sweep import Case
 from palpate.sweep.case import Row
 
@@ -232,15 +232,13 @@ def _listed(place: str) -> dict[Path, dict[str, str]]:
 def _header(line: str) -> tuple[str, list[str]]:
     """Return the separator of a header, and its names."""
     mark = max(",;\t", key=line.count)
-    return mark, [name.strip() for name in line.split(mark)]
+    return mark, [name.strip() for name in next(csv.reader([line.strip()], delimiter=mark), [])]
 
 
 def _lines(path: Path) -> list[dict[str, str]]:
     """Read the lines of a CSV file, by the names in its header."""
-    try:
-        text = read_text(path).lstrip("\ufeff")
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as text ({error})") from error
+    check_size(path, path.stat().st_size)
+    text = as_utf8(path.read_bytes(), path)[0].decode()
     mark, names = _header(text.partition("\n")[0])
     lines = []
     for number, line in enumerate(

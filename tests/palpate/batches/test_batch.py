@@ -557,3 +557,16 @@ def test_hidden_files_are_no_measurements(tmp_path):
     write_specimens(tmp_path, 1)
     (tmp_path / "._s0_soft.csv").write_bytes(b"\0\5\26\7")
     assert len(find_measurements([tmp_path])) == len(data_files(tmp_path)) == 2
+
+
+@pytest.mark.parametrize("quote", ['"', ""])
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "cp1252"])
+def test_lists_may_come_from_a_spreadsheet(tmp_path, quote, encoding):
+    write_specimens(tmp_path, 1)
+    names = ("file", "Härte"), ("s0_soft.csv", "weich, mürbe"), ("s0_hard.csv", "hart")
+    rows = [";".join(f"{quote}{cell}{quote}" for cell in row) for row in names]
+    (tmp_path / "list.csv").write_bytes("\r\n".join(rows).encode(encoding))
+    listed = find_measurements([tmp_path / "list.csv"])
+    described = find_measurements([*tmp_path.glob("s0*.csv")], metadata=tmp_path / "list.csv")
+    for found in (listed, described):
+        assert sorted(each.fields["Härte"] for each in found) == ["hart", "weich, mürbe"]
