@@ -42,10 +42,10 @@ class Range(FileModel):
 
     def values(self) -> list[float]:
         """Return all numbers of the range; raise `InputError` if there are too many."""
-        count = math.floor((self.to - self.from_) / self.step + 1e-9) + 1
-        if count > MOST_CASES:
-            raise InputError(f"{count:.3g} numbers from {self.from_:g} to {self.to:g}; at most {MOST_CASES}")
-        return [round(self.from_ + i * self.step, 12) for i in range(max(count, 0))]
+        steps = (self.to - self.from_) / self.step + 1e-9
+        if steps >= MOST_CASES:  # may be infinite
+            raise InputError(f"{steps:.3g} numbers from {self.from_:g} to {self.to:g}; at most {MOST_CASES}")
+        return [round(self.from_ + i * self.step, 12) for i in range(max(math.floor(steps) + 1, 0))]
 
 
 class GridFile(FileModel):

@@ -6,7 +6,7 @@ import yaml
 from palpate.estimation.estimators.ransac import Ransac
 from palpate.robot_io.errors import InputError
 from palpate.sweep import paper
-from palpate.sweep.case import TRUE
+from palpate.sweep.case import TRUE, estimated
 from palpate.sweep.grid import DIAGNOSE, load_grid, shipped_grid
 from palpate.sweep.paper import CUBES, paper_cases
 from palpate.sweep.works.probing import made_estimator
@@ -162,3 +162,48 @@ def test_the_best_estimator_of_the_grid_has_the_smallest_sum_of_worst_errors(mon
     ]
     table = paper.grid_section(rows, rows).tables[0]
     assert table.rows[-1] == ("lsq (our best)", None, pytest.approx(2.0), None, pytest.approx(3.0))
+
+
+def test_the_torques_of_all_joints_are_compared(monkeypatch):
+    monkeypatch.setattr(paper.figures, "torques", lambda ticks: "")
+    for joint in (1, 2, 3):
+        row = {f"torque_{what}_{j}_nm": 1.0 for what in ("measured", "commanded") for j in (1, 2, 3)}
+        apart = row | {f"torque_measured_{joint}_nm": 1.5}
+        (words,) = paper.controller_section([{"run": 0} | apart] * 5 + [{"run": 1} | row] * 5).words
+        assert "differ by at most 0.500 N m" in words
+
+
+@pytest.mark.parametrize("percent", [0.0, 2.5, -4.0])
+def test_the_cubes_errors_are_those_of_both_parameters(percent):
+    share = 1.0 + 0.01 * percent
+    rows = [
+        {
+            "law stiffness_n_m": cube.k["ransac"],
+            "law damping_n_s_m": cube.c["ransac"],
+            "seed": 0,
+            "estimator": name,
+            "error": "",
+            paper.K: cube.k["ransac"],
+            paper.C: cube.c["ransac"] * share,
+            "peak_n": [10.0],
+            "speeds_mm_s": [50.0],
+        }
+        for cube in CUBES
+        for name in ("lsq", "ransac", "sprls")
+    ]
+    words = " ".join(paper.cubes_section(rows).words)
+    assert f"are within {abs(percent):.1f} % of the truth" in words
+
+
+def test_a_row_without_an_estimator_is_no_estimate():
+    row = {"estimator": "lsq", "error": ""}
+    assert estimated([row, {"error": ""}, row | {"problem": "slow"}, row | {"error": "too few"}]) == [row]
+
+
+def test_a_range_of_endless_numbers_is_refused(tmp_path):
+    """Its length is beyond all numbers, which no whole number holds."""
+    text = "objects: [{name: kelvin_voigt, stiffness_n_m: {from: 0, to: 1.0e+300, step: 1.0e-300}}]"
+    path = tmp_path / "grid.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"inf numbers from 0 to 1e.300; at most 1000000"):
+        load_grid(path)
