@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from palpate.export.scenario import Export
     from palpate.export.simulator import Written
     from palpate.export.target_terms import SimulatorFormat
+    from palpate.sim_backend.scenario import Scenario
 
 TIP_FRAME = "tip"
 
@@ -380,6 +381,7 @@ class Study(ModelStudy):
         contacts = [channel for channel in self.source.channels if channel.kind is ChannelKind.CONTACT]
         if len(contacts) == 1 and not any(item.channel == contacts[0].name for item in chosen):
             base = self.channel(contacts[0].name)
+            self._base_world()  # raises before anything is saved
             self._save_stages(base, [], None)
             chosen = [kept for kept in [self.latest(base)] if kept is not None] + chosen
         names = {contact.name for contact in contacts}
@@ -395,20 +397,25 @@ class Study(ModelStudy):
     def exported(self, revisions: Sequence[Revision]) -> "Export":
         """Return the simulated world of these revisions; see `export`."""
         from palpate.export.scenario import FittedChannel, export_scenario  # noqa: PLC0415, with the simulator
-        from palpate.runs.hidden_effects import scenario_of  # noqa: PLC0415, likewise
-        from palpate.sim_backend.scenario import Scenario  # noqa: PLC0415, likewise
 
         joints = sum(channel.name.startswith("joint_") for channel in self.source.channels)
         fitted = [
             FittedChannel(revision, self.channel_of(revision).data.surface, joints) for revision in revisions
         ]
         _refuse_goal_error([self.channel_of(revision) for revision in revisions])
-        session = self.source.session
-        base = (scenario_of(session) if session is not None else None) or Scenario()
         models = (
             f"{revision.channel} {' + '.join([revision.model, *revision.effects])}" for revision in revisions
         )
-        return export_scenario(base, fitted, f"as measured in {self.source.name}: {'; '.join(models)}")
+        description = f"as measured in {self.source.name}: {'; '.join(models)}"
+        return export_scenario(self._base_world(), fitted, description)
+
+    def _base_world(self) -> "Scenario":
+        """Return the world that the models complete: the session's, or the default; InputError if damaged."""
+        from palpate.runs.hidden_effects import scenario_of  # noqa: PLC0415, with the simulator
+        from palpate.sim_backend.scenario import Scenario  # noqa: PLC0415, likewise
+
+        session = self.source.session
+        return (scenario_of(session) if session is not None else None) or Scenario()
 
     def truth_of(self, channel: ChannelData) -> Mapping[str, float]:
         """Return true parameters of a simulated session: the object's, not the joints'."""

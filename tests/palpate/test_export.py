@@ -1,6 +1,7 @@
 """`palpate export`: the improved model as a world, layouts for viewers, and what was recorded as a table."""
 
 import json
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -135,6 +136,18 @@ def test_an_imported_file_becomes_an_object(tmp_path, monkeypatch):
     assert_refused(run("export", data, "-o", tmp_path / "world.html"), "must end in .yaml or .yml")
     assert_refused(run("report", data, "-o", tmp_path / "page.csv"), "must end in .html or .htm")
     assert not (tmp_path / "page.csv").exists()
+
+
+def test_a_world_that_cannot_be_read_leaves_no_revision(probed, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    recorded = Session.open(probed[0])
+    ticks = recorded.samples("tick")
+    metadata = replace(recorded.metadata, scenario="object: [unfinished")
+    session = write_session(
+        tmp_path / "s.mcap", [(ticks.stream, {name: ticks[name] for name in ticks})], metadata
+    )
+    assert_refused(run("export", session, "-o", tmp_path / "world.yaml"), "its scenario line 1")
+    assert list(tmp_path.iterdir()) == [session]
 
 
 def test_a_base_model_that_misses_the_data_is_exported_with_a_warning(tmp_path, monkeypatch):
