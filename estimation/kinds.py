@@ -69,7 +69,7 @@ _SEPARATING = {
     ): "move over a wider range: a ripple repeats, a spring does not",
     frozenset(
         {Kind.FRICTION, Kind.TIME_MEMORY}
-    ): "stop half way and hold: relaxation continues at rest, friction does not change",
+    ): "stop halfway and hold: relaxation continues at rest, friction does not change",
     frozenset(
         {Kind.FRICTION, Kind.CONTACT_GEOMETRY}
     ): "press twice on the same spot: a permanent set moves the second touch",

@@ -99,7 +99,7 @@ class ComplianceObject:
         Raises:
             InputError: the engine has no such contact.
         """
-        self._tell_engine(law, self._surface_height_m)
+        self._update_engine_surface(law, self._surface_height_m)
         self._law = law
         # Evaluated once instead of at each step, because it is slow.
         self.is_engine_contact = isinstance(law, EngineContact)
@@ -110,10 +110,10 @@ class ComplianceObject:
         Args:
             height_m: world height of the undeformed surface [m].
         """
-        self._tell_engine(self._law, height_m)
+        self._update_engine_surface(self._law, height_m)
         self._surface_height_m = height_m
 
-    def _tell_engine(self, law: ObjectLaw, height_m: float) -> None:
+    def _update_engine_surface(self, law: ObjectLaw, height_m: float) -> None:
         self._engine.set_surface(law if isinstance(law, EngineContact) else None, height_m)
 
 

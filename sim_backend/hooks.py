@@ -57,7 +57,7 @@ class ContactEffect(ABC):
 
 
 class MaterialEffect(ContactEffect):
-    """Part of the object's material, which is added to the law before the limit to pushing."""
+    """Part of the object's material, added to the law before the sum is limited to pushing."""
 
     def felt(self, state: ContactState) -> ContactState:
         """Compute the motion that acts on law and effects; a changed geometry enters here.

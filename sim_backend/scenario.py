@@ -61,7 +61,7 @@ class Scenario(FileModel):
     hidden: Annotated[tuple[Hidden, ...], Field(max_length=100)] = ()
 
     @model_validator(mode="after")
-    def _engine_answers_to_the_tip_only(self) -> Self:
+    def _check_engine_contact(self) -> Self:
         if isinstance(self.object.law, EngineContact):
             moved = [entry.name for entry in self.hidden if entry.needs_force_law]
             if moved:

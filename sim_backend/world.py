@@ -38,7 +38,7 @@ class ArmDescription:
 
 @dataclass(frozen=True)
 class Truth:
-    """The state of a world, free of sensors; for tests and for tables that compare with the truth."""
+    """The state of a world without sensor errors, for tests and for tables that compare with the truth."""
 
     time_s: float  # time of the state [s]
     joint_position_rad: FloatArray  # shape (n,) [rad]

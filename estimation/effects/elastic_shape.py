@@ -166,10 +166,13 @@ class LayeredStiffness(AdditiveEffect):
         if k3 != 0.0:
             return False  # with a cubic term, no single slope describes a layer
         known = errors()
-        return not (_presses(k, known["stiffness.k"]) and _presses(k + k2, known[f"{self.name}.k2"]))
+        return not (
+            _has_positive_slope(k, known["stiffness.k"])
+            and _has_positive_slope(k + k2, known[f"{self.name}.k2"])
+        )
 
 
-def _presses(slope: float, std_err: float) -> bool:
+def _has_positive_slope(slope: float, std_err: float) -> bool:
     """Return whether a layer's slope is clearly positive; if its error is unknown, only the sign counts."""
     return slope >= (0.0 if np.isnan(std_err) else _CLEARLY * std_err)
 

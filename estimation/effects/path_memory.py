@@ -43,7 +43,7 @@ class PreslidingFriction(AdditiveEffect):
             "stop and creep back and forth: presliding depends on the path, not on the speed"
         ),
         "load_dependent_presliding": "repeat with another load",
-        "bouc_wen_hysteresis": "reverse half way: dry friction then approaches its limit exponentially",
+        "bouc_wen_hysteresis": "reverse halfway: dry friction then approaches its limit exponentially",
         "backlash": "reverse slowly: in a gap the effort vanishes, and comes back",
         "hysteresis": "reverse slowly at several loads",
     }
@@ -125,7 +125,7 @@ class DryFriction(AdditiveEffect):
         Parameter("transition", "{position}/s", 1e-07, 0.1, (1e-05, 0.01), log=True),
     )
     confused_with = {
-        "bouc_wen_hysteresis": "reverse half way: dry friction then approaches its limit exponentially",
+        "bouc_wen_hysteresis": "reverse halfway: dry friction then approaches its limit exponentially",
         "damping": "probe at two speeds: friction does not grow with speed",
         "hysteresis": "press a plain spring: only the sensor's hysteresis remains",
         "adhesion": "retract slowly beyond the surface",
@@ -195,8 +195,8 @@ class BoucWenHysteresis(AdditiveEffect):
     )
     path = "path"
     confused_with = {
-        "presliding_friction": "reverse half way: dry friction then approaches its limit exponentially",
-        "dry_friction": "reverse half way: dry friction then approaches its limit exponentially",
+        "presliding_friction": "reverse halfway: dry friction then approaches its limit exponentially",
+        "dry_friction": "reverse halfway: dry friction then approaches its limit exponentially",
         "hysteresis": "reverse slowly at several loads: a hysteresis of the sensor depends on the effort",
         "stress_relaxation": "hold: relaxation goes on at rest, hysteresis does not",
         "damping": "probe at two speeds: hysteresis does not depend on speed",

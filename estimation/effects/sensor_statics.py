@@ -371,7 +371,9 @@ class Quantisation(SensorEffect):
         steps = effort / step
         whole = np.round(steps)
         steps -= whole
-        return np.asarray(step * (whole + _carried_over(steps, noise) - _carried_over(-steps, noise)))
+        return np.asarray(
+            step * (whole + _edges_crossed_by_noise(steps, noise) - _edges_crossed_by_noise(-steps, noise))
+        )
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: the mean distance between adjacent readings, with several noise levels.
@@ -397,7 +399,7 @@ class Quantisation(SensorEffect):
         return steepness[:, None] * columns
 
 
-def _carried_over(part: FloatArray, noise: float) -> FloatArray:
+def _edges_crossed_by_noise(part: FloatArray, noise: float) -> FloatArray:
     """Return the expected number of edges above `part` that noise crosses, same shape; both in steps."""
     over = np.zeros_like(part)
     for edge in _EDGES:

@@ -167,7 +167,7 @@ class StudyFits(TableDisplay):
             elif fit is None:
                 whole = channel.data if channel.held_out else None
                 fit = fitting.fit_base(channel.to_fit, channel.model, whole)
-            self._remember(key, fit)
+            self._add_to_cache(key, fit)
             return fit
 
     def preview(self, channel: StudyChannel | str, effects: Sequence[str] = ()) -> FitResult:
@@ -208,7 +208,7 @@ class StudyFits(TableDisplay):
         with self._lock:
             if not self.is_fitted(channel, effects):
                 fit = packed.unpack(channel.to_fit, self.fit(channel))
-                self._remember((channel.key, tuple(effects)), fit)
+                self._add_to_cache((channel.key, tuple(effects)), fit)
 
     def fit_held(
         self,
@@ -317,7 +317,7 @@ class StudyFits(TableDisplay):
             self._channels[data.name, name] = channel_of(data, name, self.source.arm, held_out)
         return self._channels[data.name, name]
 
-    def _remember(self, key: _FitKey, fit: FitResult) -> None:
+    def _add_to_cache(self, key: _FitKey, fit: FitResult) -> None:
         """Add a fit to the cache as the most recently used one, and drop the least recently used fits."""
         self._fits[key] = fit
         while len(self._fits) > _MAX_FITS:

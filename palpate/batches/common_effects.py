@@ -85,7 +85,7 @@ def best_effect(channel: str, results: pa.Table) -> CommonEffect | None:
     tried = {name: own for name, own in by_candidate.items() if len(own) >= max(LEAST, most / 2)}
     if not tried:
         return None
-    p_values = holm([_chance_of_no_gain(list(own.values())) for own in tried.values()])
+    p_values = holm([_p_value_of_mean_gain(list(own.values())) for own in tried.values()])
     gains = {name: float(np.mean(list(own.values()))) for name, own in tried.items()}
     best = max(gains, key=lambda name: gains[name])
     share, p_value = 1.0 - float(np.exp(-2.0 * gains[best])), p_values[list(tried).index(best)]
@@ -94,7 +94,7 @@ def best_effect(channel: str, results: pa.Table) -> CommonEffect | None:
     alike = []
     for name, own in tried.items():
         ahead = [gain - own[address] for address, gain in tried[best].items() if address in own]
-        if name != best and _chance_of_no_gain(ahead) > _LIKE:
+        if name != best and _p_value_of_mean_gain(ahead) > _LIKE:
             alike.append(name)
     values = list(tried[best].values())
     return CommonEffect(
@@ -102,7 +102,7 @@ def best_effect(channel: str, results: pa.Table) -> CommonEffect | None:
     )
 
 
-def _chance_of_no_gain(gains: Sequence[float] | FloatArray) -> float:
+def _p_value_of_mean_gain(gains: Sequence[float] | FloatArray) -> float:
     """Return the one-sided p-value of the hypothesis that the mean gain is not positive."""
     if len(gains) < 2 or not np.ptp(gains) > 0.0:
         return 0.0 if len(gains) > 1 and gains[0] > 0.0 else 1.0

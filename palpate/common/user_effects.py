@@ -194,9 +194,8 @@ def _flaws(effect_type: Any) -> Iterator[tuple[str, str]]:  # noqa: ANN401, it m
         yield "", f"states no {', '.join(missing)}; see Bias in estimation/effects/sensor_statics.py"
         return
     if not (isinstance(effect_type.name, str) and _NAME.fullmatch(effect_type.name)):
-        problem = (
-            f"its name is {effect_type.name!r}; expected small letters, digits and _, such as 'my_effect'"
-        )
+        expected = "expected lower-case letters, digits and _, such as 'my_effect'"
+        problem = f"its name is {effect_type.name!r}; {expected}"
         yield "name", problem
     for what in _TEXTS:
         if not isinstance(text := getattr(effect_type, what), str):
@@ -322,11 +321,11 @@ def rehearse(effect: Effect, data: ChannelData) -> bool | None:
 def _flaw(effect: Effect, method: str, args: tuple[Any, ...], made: Any) -> str | None:  # noqa: ANN401
     """Describe the error in a method's result; None if there is none."""
     if method == "suited_to" and not (isinstance(made, Effect) and made.name == effect.name):
-        return f"suited_to gives {made!r}, expected an effect of the same name"
+        return f"suited_to returns {made!r}, expected an effect of the same name"
     names = {parameter.name for parameter in effect.inner}
     if method == "starts" and not (made and all(set(start) == names for start in made)):
         values = ", ".join(sorted(names)) or "nothing: ({},)"
-        return f"starts gives {list(made[:1])}, expected values for {values}"
+        return f"starts returns {list(made[:1])}, expected values for {values}"
     for what, array, shape in _arrays(effect, method, args, made):
         kind = np.asarray(array).dtype
         wrong = ""
@@ -339,7 +338,7 @@ def _flaw(effect: Effect, method: str, args: tuple[Any, ...], made: Any) -> str 
         elif np.any(np.abs(array) > LARGEST_NUMBER):
             wrong = f"values beyond {LARGEST_NUMBER:g}"
         if wrong:
-            return f"{what} gives {wrong}"
+            return f"{what} returns {wrong}"
     return None
 
 

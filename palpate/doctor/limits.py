@@ -68,7 +68,7 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
     yield _torque(limits, body, float(weight_nm.max()))
     yield _position(limits, body)
     limit_rad_s, urdf_rad_s = np.array(limits.velocity_rad_s), body.velocity_limits_rad_s
-    beyond = _beyond(limit_rad_s, _SPEEDS * urdf_rad_s)
+    beyond = _exceeds_any(limit_rad_s, _SPEEDS * urdf_rad_s)
     value = f"{_listed(limit_rad_s)} rad/s; the URDF states {_listed(urdf_rad_s)} rad/s"
     remedy = "the guard would stop nothing: lower velocity_rad_s"
     yield graded("velocity limits", value, (_FAIL, beyond, remedy))
@@ -80,7 +80,7 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
         (_FAIL, widest_rad > _NO_TRACKING_RAD, remedy),
         (_WARN, widest_rad > _WIDE_TRACKING_RAD, remedy),
     )
-    yield from (_latch(name, limits, tick_s) for name in _LATCHES)
+    yield from (_fault_duration(name, limits, tick_s) for name in _LATCHES)
 
 
 def random_poses_rad(limits: Limits) -> FloatArray:
@@ -123,7 +123,7 @@ def _force(robot_file: RobotFile) -> Finding:
 def _torque(limits: Limits, body: RigidBody, heaviest_nm: float) -> Finding:
     limit_nm, effort_nm = np.array(limits.torque_nm), body.torque_limits_nm
     value = f"{_listed(limit_nm)} N m; the URDF's effort is {_listed(effort_nm)} N m"
-    beyond = _beyond(limit_nm, effort_nm)
+    beyond = _exceeds_any(limit_nm, effort_nm)
     loose = 0.1 < _WEIGHTS * heaviest_nm < limit_nm.max()
     if loose and not beyond:
         value += f", and the weight needs {heaviest_nm:.3g} N m"
@@ -150,7 +150,7 @@ def _position(limits: Limits, body: RigidBody) -> Finding:
     return fail("position limits", value, remedy)
 
 
-def _latch(name: str, limits: Limits, tick_s: float) -> Finding:
+def _fault_duration(name: str, limits: Limits, tick_s: float) -> Finding:
     """Check how long a faulty device is tolerated; within less than a tick it answers at most once."""
     limit_s, usual_s = float(getattr(limits, name)), float(Limits.model_fields[name].default)
     value = f"{1e3 * limit_s:g} ms"
@@ -167,7 +167,7 @@ def _latch(name: str, limits: Limits, tick_s: float) -> Finding:
     )
 
 
-def _beyond(limits: FloatArray, most: FloatArray) -> bool:
+def _exceeds_any(limits: FloatArray, most: FloatArray) -> bool:
     """Return whether any limit exceeds the stated one; 0 means that none is stated."""
     return bool(((most > 0) & (limits > most)).any())
 

@@ -25,7 +25,7 @@ _GONE_BY_NEXT_RUN_S = 0.1
 SHORTEST_SLIP_M = 1e-6
 
 
-def _one(effect: str, **names: str) -> Term:
+def _renamed(effect: str, **names: str) -> Term:
     """Make a term of the same effect with renamed parameters: scenario's name = fitted name."""
     return lambda p: [{"effect": effect} | {key: p[name] for key, name in names.items()}]
 
@@ -55,12 +55,12 @@ CONTACT: Mapping[str, Term] = {
     "adhesion": lambda p: [{"effect": "adhesion", "pull_off_n": p["force"], "neck_m": 2.0 * p["reach"]}],
     # fitted: how much deeper the surface lies; simulated: how much higher
     "contact_offset": lambda p: [{"effect": "contact_offset", "offset_m": -p["offset"]}],
-    "cubic_stiffness": _one("cubic_stiffness", cubic_n_m3="k3"),
+    "cubic_stiffness": _renamed("cubic_stiffness", cubic_n_m3="k3"),
     "dry_friction": lambda p: [
         {"effect": "dry_friction", "friction_n": p["force"], "slip_m": max(p["presliding"], SHORTEST_SLIP_M)}
     ],
-    "hunt_crossley": _one("hunt_crossley", stiffness="k", damping="b", exponent="n"),
-    "layered_stiffness": _one("layered_stiffness", stiffness_n_m="k2", depth_m="depth"),
+    "hunt_crossley": _renamed("hunt_crossley", stiffness="k", damping="b", exponent="n"),
+    "layered_stiffness": _renamed("layered_stiffness", stiffness_n_m="k2", depth_m="depth"),
     # fitted: what is left by the next run; simulated: how fast it goes, where zero is never
     "plastic_set": lambda p: [
         {
@@ -69,20 +69,20 @@ CONTACT: Mapping[str, Term] = {
             "recovery_s": 0.0 if p["kept"] > 0.5 else _GONE_BY_NEXT_RUN_S,
         }
     ],
-    "quadratic_damping": _one("quadratic_damping", damping_n_s2_m2="c2"),
-    "stress_relaxation": _one("stress_relaxation", stiffness_n_m="k1", time_s="tau"),
-    "tool_compliance": _one("tool_compliance", compliance_m_n="compliance"),
+    "quadratic_damping": _renamed("quadratic_damping", damping_n_s2_m2="c2"),
+    "stress_relaxation": _renamed("stress_relaxation", stiffness_n_m="k1", time_s="tau"),
+    "tool_compliance": _renamed("tool_compliance", compliance_m_n="compliance"),
 }
 
 JOINT: Mapping[str, Term] = {
-    "armature": _one("armature", inertia_kg_m2="inertia"),
+    "armature": _renamed("armature", inertia_kg_m2="inertia"),
     "asymmetric_friction": lambda p: [
         {"effect": "asymmetric_friction", "positive_nm": p["forward"], "negative_nm": p["backward"]},
         {"effect": "viscous_friction", "viscous_nms_rad": max(_viscous(p), 0.0)},
     ],
-    "backlash": _one("backlash", gap_rad="gap"),
-    "coulomb_friction": _one("coulomb_friction", coulomb_nm="force"),
-    "joint_elasticity": _one("joint_elasticity", compliance_rad_nm="compliance"),
+    "backlash": _renamed("backlash", gap_rad="gap"),
+    "coulomb_friction": _renamed("coulomb_friction", coulomb_nm="force"),
+    "joint_elasticity": _renamed("joint_elasticity", compliance_rad_nm="compliance"),
     "joint_spring": lambda p: [
         {
             "effect": "joint_spring",
@@ -90,9 +90,9 @@ JOINT: Mapping[str, Term] = {
             "rest_rad": -p["preload"] / p["k"] if p["k"] else 0.0,
         }
     ],
-    "load_dependent_friction": _one("load_dependent_friction", load_share="mu"),
-    "quadratic_friction": _one("quadratic_friction", quadratic_nms2_rad2="d2"),
-    "stribeck_friction": _one(
+    "load_dependent_friction": _renamed("load_dependent_friction", load_share="mu"),
+    "quadratic_friction": _renamed("quadratic_friction", quadratic_nms2_rad2="d2"),
+    "stribeck_friction": _renamed(
         "stribeck_friction", coulomb_nm="coulomb", stiction_nm="rise", speed_rad_s="speed"
     ),
     # fitted: reading over true torque; simulated: true torque over reading
@@ -108,24 +108,24 @@ JOINT: Mapping[str, Term] = {
         for name, sine in p.items()
         if name.startswith("sine")
     ],
-    "viscous_friction": _one("viscous_friction", viscous_nms_rad="d"),
+    "viscous_friction": _renamed("viscous_friction", viscous_nms_rad="d"),
 }
 
 ARM: Mapping[str, Term] = {  # effects of the whole arm
-    "gravity_tilt": _one("gravity_tilt", pitch_rad="tilt"),
+    "gravity_tilt": _renamed("gravity_tilt", pitch_rad="tilt"),
     "force_deadband": lambda p: [{"effect": "deadband", "half_width": p["width"], "channel": "contact"}],
-    "payload": _one("payload", mass_kg="mass"),
+    "payload": _renamed("payload", mass_kg="mass"),
 }
 
 SENSOR: Mapping[str, Term] = {
-    "bias": _one("bias", bias="offset"),
-    "deadband": _one("deadband", half_width="width"),
-    "delay": _one("delay", delay_s="time"),
+    "bias": _renamed("bias", bias="offset"),
+    "deadband": _renamed("deadband", half_width="width"),
+    "delay": _renamed("delay", delay_s="time"),
     "drift": lambda p: [{"effect": "drift", "rate_1_s": p["rate"]}, {"effect": "bias", "bias": p["offset"]}],
-    "hysteresis": _one("hysteresis", half_width="width"),
-    "lag": _one("lag", time_s="tau"),
-    "quantisation": _one("quantisation", step="step"),
-    "saturation": _one("saturation", limit="limit"),
+    "hysteresis": _renamed("hysteresis", half_width="width"),
+    "lag": _renamed("lag", time_s="tau"),
+    "quantisation": _renamed("quantisation", step="step"),
+    "saturation": _renamed("saturation", limit="limit"),
 }
 
 

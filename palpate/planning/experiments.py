@@ -212,20 +212,20 @@ def rehearse_all(rehearsals: Sequence[Rehearsal], processes: int = 1) -> Iterato
     new = [trial for trial in rehearsals if trial not in known]
     if processes == 1 or len(new) < 2:
         for trial in rehearsals:
-            yield _remembered(trial, known[trial] if trial in known else _tried(trial))
+            yield _cached_rehearsal(trial, known[trial] if trial in known else _tried(trial))
         return
     context = get_context("fork")
     with ProcessPoolExecutor(min(processes, len(new)), context, initializer=prepare_worker) as pool:
         coming = {trial: pool.submit(_tried, trial) for trial in new}
         try:
             for trial in rehearsals:
-                yield _remembered(trial, coming[trial].result() if trial in coming else known[trial])
+                yield _cached_rehearsal(trial, coming[trial].result() if trial in coming else known[trial])
         except BaseException:  # the caller stopped or a signal came: do not wait for the other rehearsals
             end_workers(pool)
             raise
 
 
-def _remembered(rehearsal: Rehearsal, ticks: Samples | None) -> Samples | None:
+def _cached_rehearsal(rehearsal: Rehearsal, ticks: Samples | None) -> Samples | None:
     _known[rehearsal] = ticks
     _known.move_to_end(rehearsal)
     if len(_known) > _KEPT:

@@ -251,7 +251,7 @@ def _set_up(
     # Built with --wire too, to check the replaced drivers.
     robot = build_robot(job.robot_file, drivers, clock, calibrations)
     if job.wired:
-        scenario = _altered(job.scenario or load_scenario(DEFAULT_SCENARIO), job)
+        scenario = _requested_scenario(job.scenario or load_scenario(DEFAULT_SCENARIO), job)
         arm = emulate(job.robot_file, scenario, clock)
         stack.callback(arm.bench.close)
         return build_robot(arm.robot_file, drivers, clock, calibrations), scenario, lambda: arm.plant.world
@@ -263,12 +263,12 @@ def _set_up(
                 "do not apply to it, unless its devices are emulated (--wire)"
             )
         return robot, None, None
-    scenario = _altered(job.scenario or bus.scenario, job)
+    scenario = _requested_scenario(job.scenario or bus.scenario, job)
     bus.use_scenario(scenario)
     return robot, scenario, lambda: bus.world
 
 
-def _altered(scenario: Scenario, job: ArmJob) -> Scenario:
+def _requested_scenario(scenario: Scenario, job: ArmJob) -> Scenario:
     """Return the scenario with the requested engine, seed and hidden effects."""
     if job.engine is not None:
         scenario = scenario.with_engine(job.engine)

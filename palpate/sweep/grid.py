@@ -89,18 +89,18 @@ class GridFile(FileModel):
 
     @field_validator("estimators")
     @classmethod
-    def _know_estimators(cls, value: str | tuple[Spec, ...]) -> str | tuple[Spec, ...]:
+    def _check_estimators(cls, value: str | tuple[Spec, ...]) -> str | tuple[Spec, ...]:
         for spec in () if value == ALL else (value,) if isinstance(value, str) else value:
             made_estimator(spec)
         return value
 
     @field_validator("model")
     @classmethod
-    def _know_model(cls, value: str | None) -> str | None:
+    def _check_model(cls, value: str | None) -> str | None:
         return None if value is None else MODELS[value].name
 
     @model_validator(mode="after")
-    def _every_world_can_be_made(self) -> "GridFile":
+    def _check_worlds(self) -> "GridFile":
         rate_hz = find_robot(self.robot).control_rate_hz
         laws = self.laws()
         for law, hidden in (

@@ -179,7 +179,7 @@ class MergedSessions:
         depth_m = real.object.surface_height_m - haptic["tip_position_world_m"][:, 2]
         rate_m_s, step_s = -haptic["tip_velocity_world_m_s"][:, 2], np.diff(haptic["time_s"], prepend=np.nan)
         step_s[:1] = 1e-3
-        real_n = _along(law, depth_m, rate_m_s, step_s)
+        real_n = _law_forces(law, depth_m, rate_m_s, step_s)
         touching = haptic["force_n"] > 0.0
         # Start of each touch, and number of the newest touch, 0 before the first.
         begins = touching & ~np.concatenate([[False], touching[:-1]])
@@ -217,7 +217,7 @@ class MergedSessions:
             depth_m = np.einsum("ij,ij->i", tip - np.array(data["surface_world_m"]), direction)
             rate_m_s = np.einsum("ij,ij->i", ticks["tip_velocity_world_m_s"][rows], direction)
             step_s = np.diff(ticks["time_s"][rows], prepend=ticks["time_s"][rows[:1]] - 1e-3)
-            modeled_n = _along(law, depth_m, rate_m_s, step_s)
+            modeled_n = _law_forces(law, depth_m, rate_m_s, step_s)
             kept = pressed[rows] & (depth_m > 0.0)
             measured_n = ticks["force_n"][rows] - air_n
             parts.append((ticks["time_s"][rows][kept], modeled_n[kept], measured_n[kept]))
@@ -225,7 +225,7 @@ class MergedSessions:
         return ForceComparison(self.to_leader(time_s), modeled_n, measured_n, np.zeros(len(time_s), bool))
 
 
-def _along(law: ForceLaw, depth_m: FloatArray, rate_m_s: FloatArray, step_s: FloatArray) -> FloatArray:
+def _law_forces(law: ForceLaw, depth_m: FloatArray, rate_m_s: FloatArray, step_s: FloatArray) -> FloatArray:
     """Return the forces of a law along a motion, shape (n,) [N]."""
     return np.array([law(*state) for state in np.column_stack([depth_m, rate_m_s, step_s]).tolist()])
 

@@ -193,7 +193,7 @@ class TargetStates:
         """
         if not self._estimates:
             return None
-        nearest = min(self._estimates.values(), key=lambda estimate: _away_m(estimate, tip_world_m))
+        nearest = min(self._estimates.values(), key=lambda estimate: _distance_m(estimate, tip_world_m))
         if nearest is self.felt:
             return None
         self.felt = nearest
@@ -233,10 +233,10 @@ class TargetStates:
             tip_world_m: tip position of the virtual arm, shape (3,) [m].
             age_s: age of the measurement [s].
         """
-        away_m = nan if self.felt is None else _away_m(self.felt, tip_world_m)
+        away_m = nan if self.felt is None else _distance_m(self.felt, tip_world_m)
         return summarize_trust(self.felt, age_s, away_m)
 
 
-def _away_m(estimate: ObjectEstimate, tip_world_m: tuple[float, ...]) -> float:
+def _distance_m(estimate: ObjectEstimate, tip_world_m: tuple[float, ...]) -> float:
     """Return the distance from the estimate's place, across the press direction [m]."""
     return dist(estimate.surface_world_m[:2], tip_world_m[:2])

@@ -121,7 +121,7 @@ async def _show(home: AppState, path: Path, options: ImportOptions) -> None:
 
 async def _probe(home: AppState, arguments: list[str], place: ui.element, *, join: bool = False) -> None:
     """Probe and follow the growing session; then open it, or join it to the study."""
-    session = _unused(home, "workbench", ".mcap")
+    session = _unused_path(home, "workbench", ".mcap")
 
     async def done(path: Path) -> None:
         if join and home.state is not None:
@@ -141,7 +141,7 @@ async def _probe(home: AppState, arguments: list[str], place: ui.element, *, joi
 
 async def _resolve(home: AppState, world: str, place: ui.element) -> None:
     """Run `palpate resolve` in the probed world, and show its decisions as they arrive."""
-    folder = _unused(home, "resolve")
+    folder = _unused_path(home, "resolve")
     arguments = ["resolve", *shlex.split(world), "--out", str(folder)]
     place.clear()
     with place:
@@ -153,7 +153,7 @@ async def _resolve(home: AppState, world: str, place: ui.element) -> None:
     await _show(home, folder, ImportOptions())
 
 
-def _unused(home: AppState, name: str, ending: str = "") -> Path:
+def _unused_path(home: AppState, name: str, ending: str = "") -> Path:
     """Return an unused path that no other tab is about to write to."""
     folder = output_folder(SESSIONS if home.folder == Path() else home.folder)
     paths = (folder / f"{name}-{number}{ending}" for number in count(1))
@@ -195,7 +195,7 @@ def _next_step(home: AppState, state: WorkbenchState) -> None:
         arguments = ["--experiment", str(folder / _NEXT), *shlex.split(world)]
         if simulated:
             await _probe(home, arguments, place, join=True)
-        elif await _permitted(following.plan.force_limit_n, ["palpate", "probe", *arguments]):
+        elif await _ask_permission(following.plan.force_limit_n, ["palpate", "probe", *arguments]):
             await _probe(home, [*arguments, "--yes"], place, join=True)
 
     if simulated:
@@ -219,7 +219,7 @@ def _once(text: str, work: Callable[[], Awaitable[None]]) -> ui.button:
     return button
 
 
-async def _permitted(force_n: float, arguments: list[str]) -> bool:
+async def _ask_permission(force_n: float, arguments: list[str]) -> bool:
     """Ask before a real arm gets power, as `palpate probe` does.
 
     The answer needs a number that only the terminal shows, so neither a script in the page nor another user

@@ -197,7 +197,7 @@ def state_figure(motion: DrawnMotion, predicted: FloatArray | None) -> Figure:
         xaxis=axis(motion.axes.position, domain=[0.0, 0.48]),
         xaxis2=axis(motion.axes.velocity, domain=[0.52, 1.0], anchor="y2"),
         yaxis=axis(motion.axes.effort),
-        yaxis2=_beside(motion.axes.effort),
+        yaxis2=_second_axis(motion.axes.effort),
         uirevision=motion.data.name,
     )
     return {"data": traces, "layout": layout, "narrow": _stacked(500)}
@@ -206,7 +206,7 @@ def state_figure(motion: DrawnMotion, predicted: FloatArray | None) -> Figure:
 _PANELS = ({"xaxis": "x", "yaxis": "y"}, {"xaxis": "x2", "yaxis": "y2"})  # axes of two panels
 
 
-def _beside(title: str) -> dict[str, Any]:
+def _second_axis(title: str) -> dict[str, Any]:
     """Return the vertical axis of the second panel, which is shared with the first."""
     return axis(title, anchor="x2", matches="y") | {"showticklabels": False, "title": {"text": ""}}
 
@@ -256,8 +256,8 @@ def map_figure(motion: DrawnMotion, before: FloatArray, now: FloatArray) -> Figu
         xaxis=axis(motion.axes.position, domain=[0.0, 0.48], showgrid=False),
         xaxis2=axis(motion.axes.position, domain=[0.52, 1.0], anchor="y2", showgrid=False),
         yaxis=axis(motion.axes.velocity, showgrid=False),
-        yaxis2=_beside(motion.axes.velocity) | {"showgrid": False},
-        annotations=[_above("base model", "x", "y"), _above("model", "x2", "y2")],
+        yaxis2=_second_axis(motion.axes.velocity) | {"showgrid": False},
+        annotations=[_panel_title("base model", "x", "y"), _panel_title("model", "x2", "y2")],
         uirevision=motion.data.name,
     )
     return {"data": traces, "layout": layout, "narrow": _stacked(480)}
@@ -283,7 +283,7 @@ def cursor_shapes(times_s: Mapping[str, float]) -> dict[str, Any]:
     return {"shapes": lines, "annotations": letters}
 
 
-def _above(text: str, x_axis: str, y_axis: str) -> dict[str, Any]:
+def _panel_title(text: str, x_axis: str, y_axis: str) -> dict[str, Any]:
     """Return a centered title above the panel of these axes."""
     place = {"xref": f"{x_axis} domain", "yref": f"{y_axis} domain", "x": 0.5, "y": 1.0, "yanchor": "bottom"}
     return {**place, "text": text, "showarrow": False}

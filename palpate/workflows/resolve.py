@@ -43,8 +43,8 @@ class StopReason(StrEnum):
 _ENDS = {
     StopReason.SEPARATED: "one explanation is left",
     StopReason.SIMPLEST: (
-        "no further experiment is expected to show more than the simplest explanation left, which the others "
-        "contain"
+        "the other explanations contain the simplest one, and no further experiment is expected to separate "
+        "them"
     ),
     StopReason.UNSEEN: (
         "an effect seen in an earlier probe is too small to be significant in all probes together"

@@ -273,7 +273,7 @@ class FileModel(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _know_every_key(cls, data: object) -> object:
+    def _refuse_unknown_keys(cls, data: object) -> object:
         if isinstance(data, Mapping) and cls.model_config.get("extra") == "forbid":
             valid = {field.alias or name for name, field in cls.model_fields.items()}
             for key in data:

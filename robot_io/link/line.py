@@ -160,7 +160,7 @@ class Line:
         config = _config(role, settings)
         self.is_open_here = role == "follower" and settings.key is None and not _certified(config)
         if self.is_open_here:
-            _keep_to_this_machine(config, settings)
+            _restrict_to_this_machine(config, settings)
         self._over_udp = any("udp/" in config.get_json(f"{key}/endpoints") for key in ("listen", "connect"))
         topics = [f"palpate/{settings.name}/{side}" for side in (role, _OTHER_ROLE[role])]
         own_topic, self._peer_topic = topics
@@ -299,7 +299,7 @@ def _certified(config: "zenoh.Config") -> bool:
     return is_mutual and all(endpoint.startswith(("tls/", "quic/")) for endpoint in _endpoints(config))
 
 
-def _keep_to_this_machine(config: "zenoh.Config", settings: LineSettings) -> None:
+def _restrict_to_this_machine(config: "zenoh.Config", settings: LineSettings) -> None:
     """Disable zenoh's default listeners, and reject endpoints on other machines.
 
     Raises:

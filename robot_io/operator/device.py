@@ -217,7 +217,7 @@ class ScriptedSettings(HandSettings):
     path: Annotated[tuple[Waypoint, ...], Field(min_length=1, max_length=10_000)]
 
     @model_validator(mode="after")
-    def _times_rise(self) -> "ScriptedSettings":
+    def _check_times_increase(self) -> "ScriptedSettings":
         times_s = [waypoint.time_s for waypoint in self.path]
         if any(later <= earlier for earlier, later in pairwise(times_s)):
             raise problem_at("path", "the times of the waypoints must increase")

@@ -305,13 +305,13 @@ class TouchDevice(OperatorDevice):
         library.hdStartScheduler()
         self._check("the servo loop does not start")
         if not self._first.wait(_WAIT_S):
-            raise DeviceError(f"touch: no sample within {_WAIT_S:g} s{self._because()}")
+            raise DeviceError(f"touch: no sample within {_WAIT_S:g} s{self._reason_suffix()}")
 
     def _hand(self) -> HandState:
         state, oldest_s = self._state, self.settings.oldest_s
         if state is None or self._problem or self.clock.now_s() - state.sampled_at_s > oldest_s:
             raise DeviceError(
-                f"touch: no sample for {oldest_s:g} s, the device has disappeared{self._because()}"
+                f"touch: no sample for {oldest_s:g} s, the device has disappeared{self._reason_suffix()}"
             )
         return state
 
@@ -375,7 +375,7 @@ class TouchDevice(OperatorDevice):
         if error.code != _SUCCESS:
             raise DeviceError(f"touch: {problem} (HD error 0x{error.code:04x}, internal {error.internal})")
 
-    def _because(self) -> str:
+    def _reason_suffix(self) -> str:
         return f" ({self._problem})" if self._problem else ""
 
 

@@ -118,17 +118,17 @@ class Shaft:
             torque_nm: torque of this motor at the joint [N m].
         """
         self.torque_nm = 0.0 if self.limp else -torque_nm if self.backwards else torque_nm
-        self._plant.set_torque(self._joint, self._together_nm)
+        self._plant.set_torque(self._joint, self._total_torque_nm)
 
     @property
-    def _together_nm(self) -> float:
+    def _total_torque_nm(self) -> float:
         return self.torque_nm + (self.beside.torque_nm if self.beside else 0.0)
 
     def state(self) -> JointState:
         """Return the newest sample; both motors share the error of the torque reading."""
         state = self._plant.joint(self._joint)
         if self.beside:
-            off_nm = 0.5 * (state.torque_nm - self._together_nm)
+            off_nm = 0.5 * (state.torque_nm - self._total_torque_nm)
             state = replace(state, torque_nm=self.torque_nm + off_nm)
         if self.slipped_rad:
             state = replace(state, position_rad=state.position_rad + self.slipped_rad)

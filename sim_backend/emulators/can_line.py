@@ -165,7 +165,7 @@ class CanWire(FrameWire[can.Message]):
             self._deliver(node.number, message, now_s)
 
     def _damaged(self, device: Device, frame: can.Message, now_s: float) -> can.Message:
-        """See `FrameWire._damaged`; CAN's own CRC catches flipped bits: what gets through is short."""
+        """See `FrameWire._damaged`; CAN's own CRC catches flipped bits, so a damaged frame is shortened."""
         if self.faults.strikes(FaultKind.CORRUPT, device, now_s):
             frame.data = frame.data[:3]
             frame.dlc = 3
@@ -183,7 +183,7 @@ class CanWire(FrameWire[can.Message]):
 
 
 class _DevicesEnd(VirtualBus):
-    """The devices' end of a virtual bus in lockstep: a frame is made to be sent, and needs no copy."""
+    """The devices' end of a virtual bus in lockstep; frames are sent without a copy."""
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         for end in self.channel:

@@ -81,7 +81,7 @@ class EmulatedNetFt(SerialSensor):
         self._timer.stop()
 
     def page(self) -> bytes:
-        """Its page netftapi2.xml."""
+        """Return the configuration page netftapi2.xml."""
         values = {
             "prodname": "Ethernet F/T",
             "scfgfu": self.unit,
@@ -148,7 +148,7 @@ def _pages(sensor: EmulatedNetFt) -> type[BaseHTTPRequestHandler]:
             self.wfile.write(page)
 
         def log_message(self, *_: object) -> None:
-            """Says nothing."""
+            """Log nothing."""
 
     return Pages
 

@@ -188,7 +188,7 @@ class Answer(NamedTuple):
 
 @dataclass(frozen=True)
 class ServoFrame:
-    """Bytes for the wire, from whom, and when the last of them is out."""
+    """Bytes for the wire, their sender, and the time at which the last one has been sent."""
 
     device: int
     data: bytes

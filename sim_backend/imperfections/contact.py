@@ -388,7 +388,7 @@ class HiddenToolCompliance(ContactImperfection):
 
 
 class _SeriesSpring(ToolEffect):
-    """Solves u = C S(x - u, dx/dt - du/dt) for u, where S is the object's answer.
+    """Solves u = C S(x - u, dx/dt - du/dt) for u, where S is the object's response.
 
     S grows with depth and rate, so that S(u) - u / C falls with u, and the root lies between nothing and what
     the object would answer to a rigid tool. Regula falsi with the Illinois rule (Dowell and Jarratt, BIT 11,

@@ -224,7 +224,7 @@ class HiddenTorqueRipple(_LinkTorque):
 
     @classmethod
     def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        """See `Imperfection._sized`; some cycles within the swing, and not too much to control."""
+        """See `Imperfection._sized`; several cycles within the swing, and small enough for the controller."""
         joint = scale.joint(channel)
         cycles = np.exp(generator.uniform(np.log(6.0), np.log(18.0))) / joint.swing_rad
         return {
@@ -358,7 +358,7 @@ class HiddenJointElasticity(_Transmission):
 
     @classmethod
     def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        """See `Imperfection._sized`; as soft as can still be controlled by the encoder at most."""
+        """See `Imperfection._sized`; at most as soft as a controller with this encoder can handle."""
         compliance_rad_nm = strength * scale.joint_noise_nm / (25.0 * scale.joint(channel).load_nm)
         return {"compliance_rad_nm": min(compliance_rad_nm, 2e-3)}
 

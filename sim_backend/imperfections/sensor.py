@@ -56,7 +56,7 @@ class HiddenSensorGain(SensorImperfection):
 
     @classmethod
     def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        """See `Imperfection._sized`; here of the whole change, for an object that is known."""
+        """See `Imperfection._sized`; here for the whole change of the signal, as if the object were known."""
         load = scale.force_n if channel == CONTACT else 1.0
         return {"gain": 1.0 + strength * scale.noise(channel) / load}
 

@@ -216,7 +216,7 @@ class CanLineSettings(FileModel):
     fd: ClassVar = False  # whether the devices speak CAN FD
 
     # slcan, or an interface of python-can, such as socketcan, pcan, virtual or udp_multicast.
-    interface: Annotated[str, matching(r"[a-z0-9_]{1,32}", "1 to 32 small letters, digits or _")]
+    interface: Annotated[str, matching(r"[a-z0-9_]{1,32}", "1 to 32 lower-case letters, digits or _")]
     # Name of the channel in the interface.
     channel: Annotated[str | int, AfterValidator(_refuse_empty_name)]
     # Bit rate [bit/s], for adapters that set it themselves; None leaves it unchanged.

@@ -70,7 +70,7 @@ class DynamixelBus(ServoBus):
         _, _, _, _, current, velocity, position = zip(*feedback, strict=True)
         return position, velocity, current
 
-    def _is_well(self, feedback: Sequence[DynamixelFeedback]) -> bool:
+    def _is_healthy(self, feedback: Sequence[DynamixelFeedback]) -> bool:
         expected = (0, int(self._powered), 0, self._watchdog)
         return [servo[:4] for servo in feedback] == [expected] * len(feedback)
 

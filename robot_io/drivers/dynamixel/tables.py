@@ -174,7 +174,7 @@ class DynamixelSettings(ServoBusSettings[ServoSettings]):
         return max(1, round(self.watchdog_s / WATCHDOG_STEP_S))
 
     @model_validator(mode="after")
-    def _keep_their_data_alike(self) -> "DynamixelSettings":
+    def _check_models_fit_together(self) -> "DynamixelSettings":
         if len({servo.servo_model.indirect_data for servo in self.servos}) > 1:
             raise ValueError("servos: X330 and larger models keep their data elsewhere, and need two buses")
         return self

@@ -305,7 +305,7 @@ class FeetechBus(ServoBus):
         ]
         return values
 
-    def _is_well(self, feedback: Sequence[FeetechFeedback]) -> bool:
+    def _is_healthy(self, feedback: Sequence[FeetechFeedback]) -> bool:
         if [servo[:2] for servo in feedback] != [(int(self._powered), 0)] * len(feedback):
             return False
         speeds, fastest = [servo[5] for servo in feedback], self._fastest_counts_s
@@ -355,7 +355,7 @@ class FeetechEncoder(ServoEncoder):
 
 
 class FeetechTorque(BusTorque):
-    """Torques of a `feetech_bus`, commanded and measured as duty cycles of the motors; see there."""
+    """Torques of a `feetech_bus`, commanded and measured as duty cycles of the motors; see `FeetechBus`."""
 
     name = "feetech_torque"
     bus_type = FeetechBus

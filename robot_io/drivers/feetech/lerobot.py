@@ -31,7 +31,7 @@ class LerobotMotor(FileModel):
     range_max: Count  # highest position it shows
 
     @model_validator(mode="after")
-    def _has_a_range(self) -> "LerobotMotor":
+    def _check_range(self) -> "LerobotMotor":
         if self.range_min >= self.range_max:
             raise ValueError(f"range_min {self.range_min} is not below range_max {self.range_max}")
         return self

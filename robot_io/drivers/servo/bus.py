@@ -72,7 +72,7 @@ class ServoBus(JointBus, Examinable):
         """Return position, velocity and torque of all servos that turn joints, shape (3, m) [counts]."""
 
     @abstractmethod
-    def _is_well(self, feedback: Sequence[Any]) -> bool:
+    def _is_healthy(self, feedback: Sequence[Any]) -> bool:
         """Return whether all servos have their settings and no errors; decides in most ticks."""
 
     @abstractmethod
@@ -147,7 +147,7 @@ class ServoBus(JointBus, Examinable):
         if self._reader is None:
             raise LifecycleError("the servos can be read only between configure and close")
         feedback, asked_at_s = self._reader.read(deadline_s)
-        complaint = "" if self._is_well(feedback) else self._complaints(feedback)
+        complaint = "" if self._is_healthy(feedback) else self._complaints(feedback)
         motion = np.array(self._values(feedback)).reshape(3, -1)
         position_rad, velocity_rad_s, torque_nm = motion[0], motion[1], motion[2]  # faster than iterating
         if self._pairs.joints:

@@ -16,7 +16,7 @@ from nicegui.page import page
 
 from palpate.robot_io.errors import InputError
 from palpate.workbench import layout
-from palpate.workbench.layout import _permitted
+from palpate.workbench.layout import _ask_permission
 from palpate.workbench.startup import EarlyServer, early_server
 
 
@@ -25,7 +25,7 @@ def answered(capsys, typed, *, yes=True):
 
     async def ask(client):
         with client:
-            return await _permitted(8.0, ["palpate", "probe", "--robot", "my arm.yaml"])
+            return await _ask_permission(8.0, ["palpate", "probe", "--robot", "my arm.yaml"])
 
     async def answer():
         core.loop = asyncio.get_running_loop()

@@ -22,7 +22,7 @@ from palpate.robot_io.session import Session
 from palpate.study import Study
 from palpate.workbench import elements
 from palpate.workbench.diagnosis import RiddleScore
-from palpate.workbench.layout import _unused
+from palpate.workbench.layout import _unused_path
 from palpate.workbench.plots import MOST_POINTS, DrawnMotion, picked, time_figure
 from palpate.workbench.processes import FitPrefetcher
 from palpate.workbench.sources import guess, options_of, run_command, units_of
@@ -360,7 +360,7 @@ def test_a_probing_that_the_server_leaves_is_brought_to_its_end(tmp_path):
 def test_two_tabs_do_not_write_to_one_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     home = AppState(tmp_path)
-    assert [_unused(home, "probe", ".mcap").name for _ in range(2)] == ["probe-1.mcap", "probe-2.mcap"]
+    assert [_unused_path(home, "probe", ".mcap").name for _ in range(2)] == ["probe-1.mcap", "probe-2.mcap"]
 
 
 def test_two_measurements_become_one_with_the_runs_of_both(press, tmp_path):
