@@ -36,9 +36,9 @@ from command_line import arguments
 from threadpoolctl import threadpool_limits
 
 from palpate.control.probing.plan import ProbingPlan
+from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.design.next_experiment import NextExperiment, NextProbe
 from palpate.estimation.diagnosis import ChannelDiagnosis
-from palpate.estimation.diagnosis.bootstrap import SMALL
 from palpate.estimation.study.undecided_models import is_undecided
 from palpate.planning.next_probe import feasible
 from palpate.robot_io.errors import PalpateError

@@ -25,8 +25,7 @@ from palpate.estimation.fit.samples import slopes_of
 from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.robot_io.types import BoolArray, FloatArray
 
-# Relative difference of errors that is inconclusive, see `palpate.estimation.diagnosis.bootstrap`.
-SMALL = 0.05
+SMALL = 0.05  # relative change of an error that is reported but changes no verdict
 CLEAR = 3.0 * SMALL  # a lead that needs no further data
 
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from palpate.estimation.budget import BudgetEntry
 from palpate.estimation.data.derivatives import grid_step
-from palpate.estimation.diagnosis.bootstrap import SMALL, encoder_step_error, improvement_test
+from palpate.estimation.design.discrimination import SMALL
+from palpate.estimation.diagnosis.bootstrap import encoder_step_error, improvement_test
 from palpate.estimation.diagnosis.candidates import (
     Candidate,
     determined_count,

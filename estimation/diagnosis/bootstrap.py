@@ -14,6 +14,7 @@ import scipy
 
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.derivatives import grid_step
+from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.effect import Effect
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from palpate.estimation.fit.fit_result import FitResult
@@ -25,7 +26,6 @@ from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.signals.runwise import shifted_motion
 from palpate.robot_io.types import BoolArray, FloatArray
 
-SMALL = 0.05  # relative change of an error that is reported but changes no verdict
 DRAWS = 19  # largest number of bootstrap samples; the data exceed all 19 by chance once in twenty
 _MIN_SAMPLES = 4  # least number of samples before a test may stop early
 _LEVEL_TO_STOP = 1e-3  # probability that one more sample exceeds the data, if samples are normal

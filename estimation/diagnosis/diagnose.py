@@ -10,6 +10,7 @@ import numpy as np
 
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data_quality import reject_reason, usable
+from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.design.next_experiment import FEW_READINGS
 from palpate.estimation.diagnosis.acceptance import (
     SENSOR_KINDS,
@@ -20,7 +21,7 @@ from palpate.estimation.diagnosis.acceptance import (
     most_parsimonious,
     smallest_sufficient_model,
 )
-from palpate.estimation.diagnosis.bootstrap import SMALL, encoder_step_error, lack_of_fit_test
+from palpate.estimation.diagnosis.bootstrap import encoder_step_error, lack_of_fit_test
 from palpate.estimation.diagnosis.candidates import effect_library
 from palpate.estimation.diagnosis.forms import (
     FormTest,

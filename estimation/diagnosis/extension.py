@@ -6,7 +6,7 @@ import numpy as np
 
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data_quality import usable
-from palpate.estimation.diagnosis.bootstrap import SMALL
+from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.diagnosis.candidates import FAR_END, Candidate, screen_effects, screen_product
 from palpate.estimation.effect import Effect
 from palpate.estimation.fit.blocks import LOAD, LUMPED

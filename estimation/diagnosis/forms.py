@@ -16,7 +16,7 @@ from palpate.estimation.budget.budget import BudgetEntry, ErrorBudget, error_bud
 from palpate.estimation.budget.held_out import HeldOutError, Kinds, SquaredErrors
 from palpate.estimation.budget.laws import BaseColumns, Law, flexible_laws
 from palpate.estimation.channel import ChannelKind
-from palpate.estimation.diagnosis.bootstrap import SMALL
+from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.diagnosis.candidates import (
     applicable_effects,
     held_out_of_all,

@@ -13,7 +13,8 @@ import numpy as np
 from palpate.estimation.budget.held_out import fit_each_run
 from palpate.estimation.budget.laws import periodic_columns
 from palpate.estimation.channel import ChannelKind
-from palpate.estimation.diagnosis.bootstrap import SMALL, bootstrap_samples, sequential_test
+from palpate.estimation.design.discrimination import SMALL
+from palpate.estimation.diagnosis.bootstrap import bootstrap_samples, sequential_test
 from palpate.estimation.estimate import with_unit
 from palpate.estimation.fit.blocks import BlockedData, is_moving
 from palpate.estimation.fit.fit_problem import held_out_residual, rmse

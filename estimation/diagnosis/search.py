@@ -12,7 +12,7 @@ from itertools import islice
 import numpy as np
 
 from palpate.estimation.channel import ChannelData
-from palpate.estimation.diagnosis.bootstrap import SMALL
+from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.diagnosis.candidates import (
     Candidate,
     applicable_effects,

@@ -9,6 +9,7 @@ import numpy as np
 
 from palpate.estimation.budget.budget import error_budget
 from palpate.estimation.channel import ChannelData
+from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.design.next_experiment import exploring, separating, separating_kinds, sufficient
 from palpate.estimation.diagnosis.acceptance import (
     AS_GOOD,
@@ -17,7 +18,7 @@ from palpate.estimation.diagnosis.acceptance import (
     models_by_importance,
     similar_forms,
 )
-from palpate.estimation.diagnosis.bootstrap import SMALL, encoder_step_error
+from palpate.estimation.diagnosis.bootstrap import encoder_step_error
 from palpate.estimation.diagnosis.extension import fit_extended
 from palpate.estimation.diagnosis.forms import (
     SLOW,

@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.estimation.budget import BudgetEntry, error_budget
 from palpate.estimation.channel import ChannelKind
-from palpate.estimation.diagnosis.bootstrap import SMALL
+from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.diagnosis.forms import error_of_kinds
 from palpate.estimation.estimate import DisplayTable, ParameterEstimate, TableDisplay, with_unit
 from palpate.estimation.estimate_channel import UNPHYSICAL

@@ -5,8 +5,8 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 
+from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
-from palpate.estimation.diagnosis.bootstrap import SMALL
 from palpate.estimation.diagnosis.candidates import applicable_effects, is_misnamed, screen_effects
 from palpate.estimation.diagnosis.result import Accepted, Fitted, stage_numbers
 from palpate.estimation.diagnosis.verdict import error_decrease

@@ -133,12 +133,11 @@ def preview_data(path: Path, options: ImportOptions) -> dict[str, Any]:
     """
     table = read_table(path, options.table)
     imported = import_table(table, options)
-    roles = dict(imported.roles)
     return {
         "file": str(path),
         "rows": len(table),
         "written": table.notes,
-        "columns": {name: roles.get(name) for name in table.names},
+        "columns": {name: imported.roles.get(name) for name in table.names},
         "channels": channel_facts(imported),
         "notes": [*imported.notes, *plausibility_warnings(imported)],
     }
@@ -184,7 +183,7 @@ def print_preview(
         out.print(_columns(table))
         raise
     if imported.roles != like:
-        out.print(_columns(table, dict(imported.roles)))
+        out.print(_columns(table, imported.roles))
     for channel in imported.channels:
         unit, effort = channel.kind.position_unit, channel.kind.effort_unit
         numbers = ("samples", "time", f"position {unit}", f"effort {effort}")
@@ -228,7 +227,7 @@ def plausibility_warnings(imported: Imported) -> list[str]:
     ]
 
 
-def _columns(table: Table, roles: dict[str, str] | None = None) -> Printed:
+def _columns(table: Table, roles: Mapping[str, str] | None = None) -> Printed:
     """Tabulate the columns, with their roles where known."""
     holds = () if roles is None else ("holds",)
     made = console.table("", "column", *holds, "first values")

@@ -10,8 +10,9 @@ from scipy.ndimage import gaussian_filter1d
 from palpate.estimation.base_model import ModelContext
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import differentiate
+from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.diagnosis import residual_checks
-from palpate.estimation.diagnosis.bootstrap import SMALL, BootstrapTest
+from palpate.estimation.diagnosis.bootstrap import BootstrapTest
 from palpate.estimation.diagnosis.residual_checks import (
     ExcessVariance,
     _without_outliers,
