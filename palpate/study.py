@@ -470,7 +470,8 @@ def _refuse_goal_error(joints: "Sequence[FittedJoint | StudyChannel]") -> None:
         if joint.kind is ChannelKind.SERVO:
             raise InputError(
                 f"{joint.name}: is in rad of goal error, and a simulator needs N m; multiply goal minus "
-                "position by the servo's gain [N m/rad] and give that as a column torque_N_Nm"
+                "position by the servo's gain [N m/rad], and add the product as a column torque_Nm "
+                "(torque_1_Nm, torque_2_Nm, ... if the positions are numbered)"
             )
 
 

@@ -126,3 +126,20 @@ def test_the_model_is_of_servos_alone(tmp_path):
         study.export_simulator(tmp_path / "actuators.py", "isaaclab")
     assert not (tmp_path / "actuators.py").exists()
     assert study.channels[0].model.name == "position_servo"
+
+
+def test_the_column_that_an_export_asks_for_makes_it_possible(tmp_path):
+    t, goal, q = np.concatenate([servo(seed, seconds=6.0) for seed in range(2)]).T
+    columns = {
+        "time_s": t,
+        "run": np.repeat([0, 1], len(t) // 2),
+        "goal_position_rad": goal,
+        "position_rad": q,
+    }
+    target = tmp_path / "actuators.py"
+    with pytest.raises(InputError) as refused:
+        Study(columns).export_simulator(target, "isaaclab")
+    column = str(refused.value).partition(" as a column ")[2].split()[0]
+    made = Study({**columns, column: STIFF * (goal - q)}).export_simulator(target, "isaaclab")
+    assert target.exists()
+    assert any("viscous_friction" in line for line in made.used)
