@@ -159,7 +159,7 @@ class SensorImperfection(Imperfection, ABC):
     channel: Annotated[
         str,
         matching(
-            r"contact|(joint|encoder)_[1-9][0-9]?", "contact, or joint_ or encoder_ with a number from 1 on"
+            r"contact|(joint|encoder)_[1-9][0-9]?", "contact, joint_N or encoder_N, with N counted from 1"
         ),
     ]
 

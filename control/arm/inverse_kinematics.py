@@ -26,7 +26,7 @@ _ROUNDING = 1e-9
 
 
 class Elbow(IntEnum):
-    """Bending direction of the elbow: sign of the angle from the first link to the second."""
+    """Bending direction of the elbow: sign of the angle from link 1 to link 2, about the axis of joint 1."""
 
     NEGATIVE = -1
     POSITIVE = 1

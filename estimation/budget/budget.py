@@ -17,13 +17,15 @@ from palpate.estimation.budget.held_out import Kinds, SquaredErrors
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.types import FloatArray
 
-_MIN_SHARE = 0.02  # least share of the squared error that a relevant kind explains, alone or beside others
+_MIN_SHARE = 0.02  # least share of the squared error that a relevant kind explains, alone or with others
 _MAX_KINDS = 6  # relevant kinds, which are compared in all combinations
 _MAX_NAMED = 4  # kinds in the smallest set
 # Error of the smallest set beyond the best: shares of the explainable error and of the best set's error.
 _ALLOWANCE, _ERROR_ALLOWANCE = 0.05, 0.03
 _THOROUGH = 1.1  # largest ratio of a thorough set's mean squared error to the least one
-_REPLACEMENT = 0.75  # share of a kind's contribution beside the others that a replacement must explain
+_REPLACEMENT = (
+    0.75  # share of a kind's contribution in addition to the others that a replacement must explain
+)
 _SAMPLES = 200  # bootstrap samples of runs, for intervals
 
 # If several sets explain as much, effects of the object and the drive come before those of the sensor.

@@ -336,9 +336,9 @@ def _passive_power(
 
     A joint dissipates the energy of its drive. The correlation is therefore positive for the effort of the
     drive, and negative for the reaction to it. In a reaction the inertia is negative as well. The correlation
-    is therefore zero, for an uncertain sign, if the fitted damping is negative beside a positive inertia that
-    explains more than a small share of what the damping explains. The effort is then early or late, or a gap
-    delays it.
+    is set to zero (uncertain sign) if the fitted damping is negative, the fitted inertia is positive, and the
+    inertia explains more than a small share of what the damping explains. The effort is then early or late,
+    or a gap delays it.
 
     Source: J. C. Willems, Arch. Rational Mech. Anal. 45 (1972), dissipative systems.
     """

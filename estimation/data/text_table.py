@@ -367,7 +367,7 @@ def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
     is not UTF-8, the encoding is the first one in which the text contains a known word, such as the Chinese
     word for force. Otherwise, text without control characters is read as Western European (cp1252), which
     testing machines use for degree signs and umlauts. A few zero bytes are ends of strings and are removed;
-    beside a digit they are lost characters of a number, and become U+FFFD, which no number contains.
+    next to a digit they are lost characters of a number, and become U+FFFD, which no number contains.
 
     Args:
         content: content of the file.

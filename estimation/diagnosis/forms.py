@@ -206,7 +206,7 @@ def error_of_kinds(start: FitResult) -> HeldOutError:
 
 
 def replacing_kinds(search: Search, end: FitResult, name: str) -> list[Kind]:
-    """Find the kinds whose flexible law describes the data about as well as an effect does in its place.
+    """Find the kinds whose flexible law, in place of an effect, describes the data about as well.
 
     A law that the library lacks may then be the right one. Kinds of the model's other effects and differences
     between runs are omitted, since their laws can imitate a part of any effect.

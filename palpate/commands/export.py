@@ -287,7 +287,7 @@ def export_joints(  # noqa: PLR0917, what was typed
         path: file to write; a feedforward's functions in Python and C are written beside it.
         revisions: numbers of the revisions to export; none for the newest of each channel.
         form: format of the file.
-        patch: file to copy and complete; None for the form's own.
+        patch: file to copy and complete; None for the default of this format.
         force: whether existing files are replaced.
 
     Raises:

@@ -193,7 +193,7 @@ def _update(  # noqa: PLR0917, what was typed
 
 
 def _print_changes(content: Mapping[str, Any], least: int, *, is_selected: bool) -> None:
-    """Print changes, and series and values that are not tested; `least` measurements make a series."""
+    """Print changes, and series and values that are not tested; a series needs `least` measurements."""
     to, tested, short, constant = console.stdout(), content["tested"], content["short"], content["constant"]
     for change in content["changes"]:
         to.print(f"  [yellow]{safe(describe_change(change))}[/yellow]")

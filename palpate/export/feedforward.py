@@ -42,7 +42,7 @@ class JointTerms:
 _FIELDS: Mapping[str, Mapping[str, str]] = {
     "armature": {"inertia": "inertia"},
     "coulomb_friction": {"force": "coulomb_level", "transition": "coulomb_transition"},
-    "gravity_tilt": {"tilt": "gravity_cosine"},  # beside a pendulum; in rad that of a whole arm
+    "gravity_tilt": {"tilt": "gravity_cosine"},  # of a pendulum; the tilt of a whole arm is in rad
     "inertia": {"m": "inertia"},
     "pendulum": {"inertia": "inertia", "gravity": "gravity_sine"},
     "stribeck_friction": {

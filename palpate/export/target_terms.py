@@ -270,7 +270,7 @@ def _shown(parameter: ParameterEstimate) -> str:
 
 
 def as_comment(text: str) -> str:
-    """Make text safe within a comment of XML or Python, or a docstring: one line that ends none.
+    """Make text one line that cannot end a comment of XML or Python, or a docstring.
 
     Args:
         text: any text, such as the name of a file.

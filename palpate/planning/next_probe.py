@@ -180,7 +180,7 @@ class _Planned:
         return cls(candidate, Experiment(candidate.words, float(ticks["time_s"][-1]), leads), motions)
 
     def expected(self, left: Sequence[Undecided]) -> "_Planned":
-        """Repeat the design with scores expected after all models are refitted.
+        """Return the experiment with the scores that are expected once all models are refitted.
 
         Args:
             left: the questions.

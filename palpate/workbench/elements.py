@@ -198,7 +198,7 @@ VERDICTS = {
     "insufficient": "No verdict is possible with these data; the reason says what to record.",
 }
 GATE = {
-    "enough": "enough data: samples, runs, and runs to hold out",
+    "enough": "enough data: samples and runs, including runs to hold out",
     "units": "units and times are consistent",
     "sync": "effort and motion agree in time and sign",
     "excitation": "excitation: the object is touched, and the signals change",
