@@ -140,6 +140,7 @@ def test_the_column_that_an_export_asks_for_makes_it_possible(tmp_path):
     with pytest.raises(InputError) as refused:
         Study(columns).export_simulator(target, "isaaclab")
     column = str(refused.value).partition(" as a column ")[2].split()[0]
+    assert column == "torque_Nm"  # torque_1_Nm would belong to a position with that number
     made = Study({**columns, column: STIFF * (goal - q)}).export_simulator(target, "isaaclab")
     assert target.exists()
     assert any("viscous_friction" in line for line in made.used)
