@@ -8,6 +8,7 @@ import pytest
 
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.diagnosis.candidates import (
+    _snaps,
     applicable_effects,
     determined_count,
     effect_library,
@@ -265,3 +266,24 @@ def test_an_inner_parameter_is_no_cheaper_than_a_gain_where_runs_differ():
     assert spectrum.solution.held_out < 0.97 * branch.solution.held_out
     by_all = [held_out_of_all(fit.problem, fit.solution) for fit in (branch, spectrum)]
     assert by_all[1] > by_all[0]
+
+
+@pytest.mark.parametrize(("share", "snaps"), [(0.002, False), (0.05, True), (0.5, True)])
+def test_a_tool_that_snaps_through_in_more_than_a_hundredth_of_the_samples_is_no_tool(share, snaps):
+    """Where the object softens faster than the tool gives, the force is no function of the way."""
+    data, compliance = session(1), 1e-6
+    pressed = data.position[
+        data.engaged & (data.position <= np.max(data.position - compliance * data.effort))
+    ]
+    edge = np.quantile(pressed, share)
+
+    class Object:
+        def without(self, _):
+            return self
+
+        def predict(self, moved, _):
+            return np.where(moved.position < edge, -2.0 / compliance * (moved.position - edge), 0.0)
+
+    solution = SimpleNamespace(parameters={"tool_compliance.compliance": compliance}, model=Object())
+    problem = SimpleNamespace(blocked=SimpleNamespace(data=data))
+    assert _snaps(solution, problem) is snaps

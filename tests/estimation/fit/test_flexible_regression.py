@@ -16,7 +16,7 @@ from palpate.estimation.fit.flexible_regression import (
     model_features,
 )
 from palpate.estimation.fit.normal_equations import gram_matrices, nuisance_of
-from palpate.estimation.fit.smooth_features import hats, smooth_features
+from palpate.estimation.fit.smooth_features import _past_effort, hats, smooth_features
 from palpate.estimation.model import Model
 from palpate.estimation.signals.exponential_memory import low_pass
 from palpate.estimation.signals.runwise import derivative, play, shift
@@ -277,3 +277,13 @@ def test_what_the_flexible_columns_explain_is_gone():
     assert nuisance.remove(PER_RUN) == pytest.approx(0.0, abs=1e-9)
     once = nuisance.remove(TARGET)
     assert nuisance.remove(once) == pytest.approx(once)
+
+
+def test_a_sensor_that_sticks_by_a_constant_amount_is_a_law_of_its_effort():
+    """Its error has the sign of the effort's rate, at slow and at fast changes alike."""
+    time_s, run = 1e-3 * np.arange(4000), np.zeros(4000, dtype=int)
+    effort = 5.0 * np.sin(2.0 * np.pi * time_s) + 2.0 * np.sin(2.0 * np.pi * 0.37 * time_s)
+    stuck = np.sign(np.gradient(effort))
+    columns = np.column_stack([_past_effort(effort, time_s, run), effort, np.ones(4000)])
+    left = stuck - columns @ np.linalg.lstsq(columns, stuck, rcond=None)[0]
+    assert left @ left < 0.03 * (stuck @ stuck)

@@ -1,11 +1,12 @@
 """The file of a sweep: what it means, and what is refused."""
 
+import numpy as np
 import pytest
 import yaml
 
 from palpate.estimation.estimators.ransac import Ransac
 from palpate.robot_io.errors import InputError
-from palpate.sweep import paper
+from palpate.sweep import figures, paper
 from palpate.sweep.case import TRUE, estimated
 from palpate.sweep.grid import DIAGNOSE, load_grid, shipped_grid
 from palpate.sweep.paper import CUBES, paper_cases
@@ -207,3 +208,15 @@ def test_a_range_of_endless_numbers_is_refused(tmp_path):
     path.write_text(text)
     with pytest.raises(InputError, match=r"inf numbers from 0 to 1e.300; at most 1000000"):
         load_grid(path)
+
+
+def test_errors_are_drawn_in_percent():
+    rows = [
+        {"estimator": "lsq", "error": "", TRUE + paper.K: 200.0, paper.K: 200.0 * (1.0 + share)}
+        for share in (-0.04, 0.02, 0.01)
+    ]
+    axes = figures.error_spread(rows).figure().axes[0]
+    drawn, middle = axes.get_lines()
+    np.testing.assert_allclose(drawn.get_xdata(), [4.0, 2.0, 1.0])
+    np.testing.assert_allclose(middle.get_xdata(), 2.0)
+    assert "[%]" in axes.get_xlabel()

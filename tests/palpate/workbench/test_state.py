@@ -3,6 +3,8 @@
 import asyncio
 import math
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,7 +23,9 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import Session
 from palpate.study import Study
 from palpate.workbench import elements
+from palpate.workbench import page as page_module
 from palpate.workbench.diagnosis import RiddleScore
+from palpate.workbench.effects import _Simulated
 from palpate.workbench.layout import _unused_path
 from palpate.workbench.plots import MOST_POINTS, DrawnMotion, picked, time_figure
 from palpate.workbench.processes import FitPrefetcher
@@ -405,3 +409,38 @@ def test_the_riddle_is_scored_against_the_diagnosis(guessed, said):
     named = frozenset({"lag"})
     score = RiddleScore(frozenset({"delay"}), frozenset(guessed), named, named | {"delay"})
     assert said in score.in_words()
+
+
+def test_an_effect_s_parameters_move_its_curves_over_time_and_over_position(state):
+    simulated = _Simulated(state, EFFECTS["bias"]())
+    figure = simulated.figure()
+    before = [trace["y"] for trace in figure["data"]]
+    simulated.example.values["bias.offset"] += 3.0
+    moved, places = simulated.update()
+    assert [figure["data"][place]["name"] for place in places] == ["with it", "with it"]
+    for place, curve in zip(places, moved["y"], strict=True):
+        change = curve - before[place]  # NaN between runs
+        np.testing.assert_allclose(change[np.isfinite(change)], 3.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("is_named", [True, False])
+def test_a_report_is_written_where_the_study_keeps_its_results(tmp_path, monkeypatch, is_named):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(page_module, "ui", SimpleNamespace(notify=lambda *_, **__: None))
+    written = []
+
+    def report(path, commands):
+        written.append(path)
+        return path
+
+    study = SimpleNamespace(
+        source=SimpleNamespace(path=Path("press.csv")),
+        folder=tmp_path / "mine" if is_named else None,
+        report=report,
+    )
+    choice = SimpleNamespace(effects=())
+    state = SimpleNamespace(study=study, choice=choice, is_kept=True, command=lambda: "")
+    shown = SimpleNamespace(state=state, _list_revisions=lambda: None, _serve_report=str)
+    asyncio.run(page_module.Page.write_report(shown))
+    folder = tmp_path / "mine" if is_named else Path("press-palpate")
+    assert written == [folder / "report.html"]
