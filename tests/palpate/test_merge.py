@@ -126,7 +126,7 @@ def test_the_mark_of_a_sealed_answer_belongs_to_its_own_session(tmp_path):
         (("A", "ARM"), ("another arm",)),
         (("A", "IMPORTED"), ("was not recorded with an arm, but", "a.mcap was;")),
         (("IMPORTED", "A"), ("a.mcap: was recorded with an arm, but", "was not;")),
-        (("PLAIN", "WIDER"), ("stream 'extra' has other columns", "width")),
+        (("PLAIN", "WIDER"), ("stream 'extra' and that in", "differ in columns width")),
         (("PLAIN", "IMPORTED"), ("has streams contact",)),
         (("A", "none.mcap"), ("no such file",)),
         (("A", "circle.mcap"), ("circle.mcap: no such file",)),
