@@ -95,7 +95,7 @@ def test_a_swing_beyond_the_joints_or_the_torque_is_refused_before_anything_move
     plan = {**SHORT, "search_depth_m": 0.03, "max_depth_m": 0.01}
     started(ProbingPlan(**plan), limits=narrow)
     with pytest.raises(
-        InputError, match=r"free_air_swing_m 0.3 m: at target 1 .* lifted by \d+ mm only"
+        InputError, match=r"free_air_swing_m 0.3 m: at target 1 .* lifted by only \d+ mm"
     ) as one:
         started(ProbingPlan(**plan, free_air_swing_m=0.3), limits=narrow)
     assert "\n" not in str(one.value)

@@ -125,7 +125,7 @@ def test_a_file_under_another_cases_name_does_not_count_as_that_case(tmp_path):
     store.land("a", [{"number": 1}])
     shutil.copy(tmp_path / "a.parquet", tmp_path / "b.parquet")
     for ask in (store.finished, lambda: store.rows("ab"), store.pack):
-        with pytest.raises(InputError, match=r"b\.parquet: holds results of other cases .*\(a\).*delete it"):
+        with pytest.raises(InputError, match=r"b\.parquet: holds results of cases other .*\(a\).*delete it"):
             ask()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.parquet", "b.parquet"]
 
