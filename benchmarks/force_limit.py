@@ -40,7 +40,7 @@ HEADER = (
 
 @dataclass(frozen=True)
 class ForceRow:
-    """One run."""
+    """Results of one run."""
 
     peak_n: float
     late_n: float

@@ -44,10 +44,8 @@ class _Relaxation(Effect):
             each.form = number
         return forms
 
-    def remembered(
-        self, memory: Callable[..., FloatArray], signal: FloatArray, data: ChannelData
-    ) -> FloatArray:
-        """Return what remains of a strain or elastic force.
+    def relaxed(self, memory: Callable[..., FloatArray], signal: FloatArray, data: ChannelData) -> FloatArray:
+        """Return a strain or elastic force after relaxation.
 
         Args:
             memory: `fading_memory` or `springpot` with given parameters.
@@ -100,7 +98,7 @@ class StressRelaxation(_Relaxation, AdditiveEffect):
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         pressed = np.where(data.engaged, data.position, 0.0)
         memory = partial(fading_memory, rates=np.array([1.0 / inner["tau"]]), weights=np.ones(1))
-        return self.remembered(memory, pressed, data)[:, None]
+        return self.relaxed(memory, pressed, data)[:, None]
 
 
 class PowerLawRelaxation(_Relaxation, MemoryEffect):
@@ -134,7 +132,7 @@ class PowerLawRelaxation(_Relaxation, MemoryEffect):
 
     def fade(self, elastic: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         share = inner["share"]
-        fading = self.remembered(partial(springpot, alpha=inner["alpha"]), elastic, data)
+        fading = self.relaxed(partial(springpot, alpha=inner["alpha"]), elastic, data)
         return (1.0 - share) * elastic + share * fading
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
@@ -176,7 +174,7 @@ class RelaxationSpectrum(_Relaxation, MemoryEffect):
     def fade(self, elastic: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         shares = np.array([inner["fast"], inner["slow"]])
         rates = 1.0 / np.array([inner["fast_time"], inner["slow_time"]])
-        fading = self.remembered(partial(fading_memory, rates=rates, weights=shares), elastic, data)
+        fading = self.relaxed(partial(fading_memory, rates=rates, weights=shares), elastic, data)
         return np.asarray((1.0 - shares.sum()) * elastic + fading)
 
     def in_order(self, inner: Inner) -> Inner:

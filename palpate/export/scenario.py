@@ -187,15 +187,15 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
     ]
     # effects of the whole arm, and the channel in which each was found first
     taken = {"force_deadband": contacts[0]} if contacts else {}
-    # Force below which the sensor reads zero, by the joints [N]; the contact's fit moved the surface instead.
-    swallowed = (
+    # Forces below which the sensor reads zero [N], from joints; the contact fit moved the surface instead.
+    deadbands = (
         effects["force_deadband"]["width"] for _, effects in by_channel if "force_deadband" in effects
     )
-    swallowed_n = 0.0 if taken else next(swallowed, 0.0)
+    deadband_n = 0.0 if taken else next(deadbands, 0.0)
     for channel, effects in by_channel:
         where = channel.revision.channel
         if channel.is_contact:
-            scenario, lines = _with_object(scenario, effects, channel.surface, swallowed_n)
+            scenario, lines = _with_object(scenario, effects, channel.surface, deadband_n)
             used += lines
         for name, values in effects.items():
             if name in ARM and taken.setdefault(name, where) != where:
@@ -211,7 +211,7 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
 
 
 def _with_object(
-    scenario: Scenario, effects: Effects, surface: Surface | None, swallowed_n: float
+    scenario: Scenario, effects: Effects, surface: Surface | None, deadband_n: float
 ) -> tuple[Scenario, list[str]]:
     """Move spring, damper and surface into the object itself, and out of the list of effects."""
     spring, damper = effects.pop("stiffness", None), effects.pop("damping", None)
@@ -235,7 +235,7 @@ def _with_object(
         lines.append(f"object: a damping of {damper['c']:.3g} N s/m would add energy, and is simulated as 0")
     if surface is not None:
         deeper = effects.pop("contact_offset", {"offset": 0.0})["offset"]
-        unseen_m = swallowed_n / spring["k"] if spring and spring["k"] > 0.0 else 0.0
+        unseen_m = deadband_n / spring["k"] if spring and spring["k"] > 0.0 else 0.0
         changed["surface_height_m"] = -(surface.position_m + deeper - unseen_m)
         lines.append(f"object: surface_height_m {_shown(changed['surface_height_m'])}")
     data = scenario.model_dump()

@@ -110,7 +110,7 @@ def run_leader(job: LeaderJob, say: Say, show: Say) -> LeaderOutcome:
 
 
 class _Leader:
-    """One run."""
+    """State and loop of one run of a leader."""
 
     def __init__(  # noqa: PLR0917 (what a leader is made of)
         self,

@@ -232,7 +232,7 @@ class StuckForce:
         self.restart()
 
     def restart(self) -> None:
-        """Forget everything."""
+        """Reset all state."""
         self._sampled_at_s = self._since_s = -inf
         self._force_n = nan
         self._since_rad: list[float] = []

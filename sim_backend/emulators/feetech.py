@@ -153,7 +153,7 @@ class EmulatedSts(LineServo):
         return int.from_bytes(self._memory[address : address + size], "little")
 
     def put(self, address: int, value: int, size: int = 2) -> None:
-        """Set a value from inside.
+        """Set a value from inside the servo; nothing is checked.
 
         Args:
             address: address of the first byte.

@@ -287,7 +287,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
                 os.write(self._master, frame.data)
 
     def close(self) -> None:
-        """See `EmulatedWire.close`; for the driver, the cable is pulled."""
+        """See `EmulatedWire.close`; the driver sees an unplugged cable."""
         if self._master >= 0:
             os.close(self._master)
             self._master = -1

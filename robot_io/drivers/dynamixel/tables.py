@@ -97,7 +97,7 @@ WATCHDOG_FIRMWARE: Final = 38  # first firmware with a bus watchdog
 
 @dataclass(frozen=True, slots=True)
 class DynamixelModel:
-    """One model."""
+    """Data of one servo model."""
 
     name: str  # as printed on it
     number: int  # model number
@@ -153,7 +153,7 @@ class ServoSettings(ServoMounting):
 
 
 class DynamixelSettings(ServoBusSettings[ServoSettings]):
-    """A bus."""
+    """Settings of a bus of Dynamixel servos."""
 
     # As set in the servos [bit/s].
     baud_rate: Literal[57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000] = 4_000_000
@@ -165,12 +165,12 @@ class DynamixelSettings(ServoBusSettings[ServoSettings]):
 
     @property
     def return_delay(self) -> int:
-        """In the servo's unit."""
+        """Value in the servo's unit."""
         return round(self.return_delay_s / RETURN_DELAY_STEP_S)
 
     @property
     def watchdog(self) -> int:
-        """In the servo's unit."""
+        """Value in the servo's unit."""
         return max(1, round(self.watchdog_s / WATCHDOG_STEP_S))
 
     @model_validator(mode="after")

@@ -88,7 +88,7 @@ def phase_problem(value: int) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class FeetechModel:
-    """One model."""
+    """Data of one servo model."""
 
     name: str  # as sold
     number: int  # model number
@@ -135,7 +135,7 @@ class FeetechServo(ServoMounting):
 
 
 class FeetechSettings(ServoBusSettings[FeetechServo]):
-    """A bus."""
+    """Settings of a bus of Feetech servos."""
 
     baud_rate: Literal[115_200, 250_000, 500_000, 1_000_000] = 1_000_000  # as set in the servos [bit/s]
     # P coefficient of the servos' own position control: a torque is commanded as a distance from where the
