@@ -31,7 +31,7 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 _REVERSAL_PATHS = (0.001, 0.003, 0.01, 0.04, 0.15, 0.5)  # lengths of reversal memory, relative to range
 _DIRECTION_WIDTHS = (0.004, 0.02)  # widths of the change of direction, relative to the rms speed
 _KNOTS = (0.03, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # relative to the range, and as quantiles
-_TIME_COUNT = 8  # relaxation times, from a few samples to twice the longest run
+_TIMES_PER_DECADE = 4  # relaxation times, from a few samples to twice the longest run
 _MIN_TIME_S = 0.01  # shortest relaxation time
 _LAGS_S = (0.01, 0.03, 0.1, 0.3)  # time constants and delays of sensors
 _ADHESION_RANGES = (0.02, 0.06, 0.2)  # ranges of adhesion, relative to the deepest indentation
@@ -194,7 +194,8 @@ def _relaxation(
     """Return a function that relaxes a strain (m,) with each of several time constants."""
     step = sample_time(time_s, run)
     longest = max(float(np.ptp(time_s[rows])) for rows in rows_of_runs(run))
-    taus = np.geomspace(max(4.0 * step, _MIN_TIME_S), max(2.0 * longest, 40.0 * step), _TIME_COUNT)
+    shortest, longest = max(4.0 * step, _MIN_TIME_S), max(2.0 * longest, 40.0 * step)
+    taus = np.geomspace(shortest, longest, round(_TIMES_PER_DECADE * np.log10(longest / shortest)) + 1)
 
     def relaxed(strain: FloatArray) -> list[FloatArray]:
         if is_contact:

@@ -12,7 +12,7 @@ from palpate.estimation.diagnosis.forms import analyse_kinds, error_of_kinds
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model
-from tests.estimation.presses import K, kelvin_voigt, maxwell, session
+from tests.estimation.presses import NOISE_N, K, kelvin_voigt, maxwell, session
 from tests.estimation.searches import PRESS, SWING, searched
 from tests.estimation.swings import swings
 
@@ -109,6 +109,15 @@ def test_a_law_takes_what_its_kind_does_in_runs_that_go_further(what):
     first = analysed(made()).budget.entries[0]
     assert first.kind is kind
     assert first.sufficient > 0.7
+
+
+@pytest.mark.parametrize("tau_s", [0.05, 0.13, 0.3])
+def test_the_law_of_relaxation_describes_any_time_constant(tau_s):
+    """Six constants over these runs would leave up to 30 times the noise."""
+    data = press(lambda t, x, v, run: 6000.0 * maxwell(t, x, run, tau_s))
+    error = analysed(data).error
+    assert error.mean_square() > 1000.0 * NOISE_N**2
+    assert error.mean_square(frozenset({Kind.TIME_MEMORY})) < 5.0 * NOISE_N**2
 
 
 def rectangles(sensor, runs=5, seconds=3.0, rate_hz=250.0):
