@@ -224,7 +224,7 @@ def leader(  # noqa: PLR0917, one parameter an option
         )
     if as_json:
         console.print_json({"session": str(session), **asdict(outcome)})
-        return
+        raise typer.Exit(0 if outcome.heard else 1)
     targets = ", ".join(f"{number} {state}" for number, state in outcome.states.items())
     out_ = console.stdout()
     out_.print(f"targets: {targets or 'none'}; {count(outcome.estimates, 'estimate')} received")

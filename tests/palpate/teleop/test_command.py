@@ -3,6 +3,7 @@
 import pytest
 
 from palpate.runs.robots import find_robot
+from palpate.teleop.leader import LeaderOutcome
 from tests.palpate.cli import assert_refused, done, run
 
 
@@ -48,6 +49,15 @@ def test_an_arm_in_the_operators_hand_gets_no_power_without_permission(tmp_path,
     path.write_text(f"device: leader_arm\nrobot: {find_robot('follower').path}\n")
     assert_refused(run("teleop", "leader", "--operator", path), "which a person must confirm", "--yes")
     assert not list(tmp_path.glob("**/*.mcap"))
+
+
+@pytest.mark.parametrize("options", [(), ("--json",)])
+def test_a_leader_that_hears_nothing_fails_whatever_it_prints(options, tmp_path, monkeypatch):
+    silence = LeaderOutcome({}, 0, heard=False, lateness=None)
+    monkeypatch.setattr("palpate.commands.teleop.run_leader", lambda *_: silence)
+    result = run("teleop", "leader", "--operator", "mouse", "-o", tmp_path / "leader.mcap", *options)
+    assert result.exit_code == 1
+    assert ('"heard": false' in result.output) is bool(options)
 
 
 def test_help_shows_all_three():
