@@ -205,7 +205,7 @@ def error_of_kinds(start: FitResult) -> HeldOutError:
     return HeldOutError(base, laws, target, blocked, used)
 
 
-def replacing_kinds(search: Search, end: FitResult, name: str) -> list[Kind]:
+def replacing_kinds(search: Search, end: FitResult, name: str) -> dict[Kind, float]:
     """Find the kinds whose flexible law, in place of an effect, describes the data about as well.
 
     A law that the library lacks may then be the right one. Kinds of the model's other effects and differences
@@ -217,7 +217,7 @@ def replacing_kinds(search: Search, end: FitResult, name: str) -> list[Kind]:
         name: the effect that is replaced.
 
     Returns:
-        The kinds, in order of the error that they leave.
+        The kinds, each with the mean square that its law leaves in addition [effort^2].
     """
     named = [end.solution.model.effect(other) for other in search.added_effects(end)]
     present = frozenset({Kind.RUN_DIFFERENCES}).union(*(effect.also | {effect.kind} for effect in named))
@@ -225,7 +225,7 @@ def replacing_kinds(search: Search, end: FitResult, name: str) -> list[Kind]:
     by_law = {kind: without.mean_square(frozenset({kind})) for kind in without.kinds if kind not in present}
     allowance = _EXACT * (without.mean_square() - left) + SMALL * left
     limit = left + min(allowance, (SLOW**2 - 1.0) * left)
-    return sorted((kind for kind, error in by_law.items() if error <= limit), key=by_law.__getitem__)
+    return {kind: max(error - left, 0.0) for kind, error in by_law.items() if error <= limit}
 
 
 def _base_columns(start: FitResult) -> tuple[BaseColumns, FloatArray]:

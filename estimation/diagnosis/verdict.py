@@ -134,11 +134,20 @@ class Evidence:
         }
 
     @cached_property
-    def replacing_kinds(self) -> Mapping[str, list[Kind]]:
-        """Kinds whose flexible law describes the data as well as an accepted effect of a complete model."""
+    def replacing_kinds(self) -> Mapping[str, Mapping[Kind, float]]:
+        """Kinds whose law or effects may replace each accepted effect of a complete model.
+
+        Each has the mean square that it leaves in addition to the model [effort^2].
+        """
         search, end = self.search, self.end
-        names = search.added_effects(end)
-        return {name: replacing_kinds(search, end, name) if self.complete else [] for name in names}
+        kind_of = {effect.name: effect.kind for effect in search.effects}
+        kinds: dict[str, dict[Kind, float]] = {name: {} for name in search.added_effects(end)}
+        for name in kinds if self.complete else ():
+            kinds[name] = replacing_kinds(search, end, name)
+            for rival, fit in self.rivals[name].items():
+                added = max(fit.held_out_mean_square - end.held_out_mean_square, 0.0)
+                kinds[name][kind_of[rival]] = min(added, kinds[name].get(kind_of[rival], np.inf))
+        return kinds
 
     def form(self, effect: str) -> Form:
         """Rate how well the form of an accepted effect is known.
@@ -248,9 +257,10 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
     if confused is not None:
         effect = next(known for known in search.effects if known.name == confused)
         following = separating(effect, {confused: evidence.end, **evidence.rivals[confused]}, search.data)
-    elif replaced := [name for name, kinds in evidence.replacing_kinds.items() if kinds]:
-        effect = end.solution.model.effect(replaced[0])
-        following = separating_kinds(effect, evidence.replacing_kinds[replaced[0]][0], search.data)
+    elif replaced := [(name, kinds) for name, kinds in evidence.replacing_kinds.items() if kinds]:
+        name, others = replaced[0]
+        closest = min(others, key=others.__getitem__)
+        following = separating_kinds(end.solution.model.effect(name), closest, search.data)
     diagnosis = ChannelDiagnosis(
         channel=search.data.name,
         verdict=verdict,
@@ -298,15 +308,14 @@ def _budget(evidence: Evidence) -> tuple[list[BudgetShare], Rest]:
     rng = np.random.default_rng(0)
     budget = error_budget(NamedError(end, kinds), rng, frozenset(kinds.values()))
     replaceable: dict[Kind, tuple[Kind, ...]] = {}
+    lost = dict[Kind, float]()  # share that is lost if another kind replaces the effects of a kind
     if partial is None:
-        kind_of = {effect.name: effect.kind for effect in search.effects}
         for kind in set(kinds.values()):
-            rivals = [
-                {kind_of[rival] for rival in evidence.rivals[name]} | {*evidence.replacing_kinds[name]}
-                for name in kinds
-                if kinds[name] is kind
-            ]
-            replaceable[kind] = tuple(sorted(set.intersection(*rivals) - set(kinds.values())))
+            each = [evidence.replacing_kinds[name] for name in kinds if kinds[name] is kind]
+            others = set[Kind].intersection(*map(set, each)) - set(kinds.values())
+            added = {other: sum(errors[other] for errors in each) for other in others}
+            replaceable[kind] = tuple(sorted(others, key=lambda other: (added[other], other)))
+            lost[kind] = min(added.values(), default=np.inf) / search.start.held_out_mean_square
     else:
         by_laws = partial.budget_with(frozenset(kinds.values()))
         without_name = (entry.share for entry in by_laws.entries if entry.kind not in kinds.values())
@@ -327,7 +336,7 @@ def _budget(evidence: Evidence) -> tuple[list[BudgetShare], Rest]:
                 kind=entry.kind,
                 share=entry.share,
                 interval=entry.interval,
-                necessary=entry.necessary,
+                necessary=min(entry.necessary, lost.get(entry.kind, np.inf)),
                 sufficient=entry.sufficient,
                 form=form,
                 effects=names,

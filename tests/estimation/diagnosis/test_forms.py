@@ -137,11 +137,11 @@ def test_a_form_is_known_that_takes_most_of_its_law_and_closed_where_the_law_add
 @pytest.mark.parametrize(
     ("complete", "added", "rivals", "kinds", "form"),
     [
-        (True, 0.0, {}, [], Form.EXACT),
-        (True, 0.5, {}, [], Form.APPROXIMATE),  # a law of its kind takes half as much again
-        (True, 0.0, {DRAG: None}, [], Form.APPROXIMATE),  # the data cannot tell the two laws apart
-        (True, 0.0, {}, [Kind.RATE_DEPENDENCE], Form.APPROXIMATE),  # or this and an unknown law
-        (False, 0.0, {}, [], Form.APPROXIMATE),
+        (True, 0.0, {}, {}, Form.EXACT),
+        (True, 0.5, {}, {}, Form.APPROXIMATE),  # a law of its kind takes half as much again
+        (True, 0.0, {DRAG: None}, {}, Form.APPROXIMATE),  # the data cannot tell the two laws apart
+        (True, 0.0, {}, {Kind.RATE_DEPENDENCE: 0.0}, Form.APPROXIMATE),  # or this and an unknown law
+        (False, 0.0, {}, {}, Form.APPROXIMATE),
     ],
 )
 def test_a_form_is_exact_if_only_noise_is_left_and_no_law_of_any_kind_replaces_it(
