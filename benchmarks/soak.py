@@ -5,13 +5,16 @@
 Frames are dropped, late, doubled, damaged or lose a byte, and devices restart. Each probing run is one of a
 robot of `robots/`, on simulated time. A position or force that is served as OK must be what was true at
 the time that it bears. A run that the guard stops must have been struck by a fault; a run that none struck
-must end by itself. The memory of the process must not grow after the first tenth.
+must end by itself. The memory of the process must not grow after the first tenth. What is wrong is printed
+at once; Ctrl-C ends with a summary of the time so far.
 """
 
 import gc
+import sys
 import time
 from bisect import bisect_left
 from collections import Counter, deque
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -146,6 +149,8 @@ def probe(name: str, rng: np.random.Generator, tally: Tally) -> None:
                 observer=truth.check,
             )
         outcome, cause = result.outcome.value, result.cause
+        if result.outcome is Outcome.STOPPED and "interrupted by the user" in result.cause:
+            raise KeyboardInterrupt
         if result.observer_error:
             tally.trouble.append(f"{name}, seed {seed}: {result.observer_error}")
     except PalpateError as error:
@@ -186,14 +191,17 @@ def main() -> None:
     rng, tally = np.random.default_rng(options.seed), Tally()
     limit_s, told_s, memory_mb, started_s = 3600.0 * options.hours, 0.0, [], time.perf_counter()
     number = 0
-    while tally.simulated_s < limit_s:
-        probe(names[number % len(names)], rng, tally)
-        number += 1
-        if tally.simulated_s - told_s > limit_s / 20.0:
-            told_s = tally.simulated_s
-            memory_mb.append(resident_mb())
-            print(f"{told_s / 3600:.2f} h, {dict(tally.runs)}, {memory_mb[-1]:.0f} MB", flush=True)
-    steady = memory_mb[2:] or memory_mb
+    with suppress(KeyboardInterrupt):  # the summary is then of the time so far
+        while tally.simulated_s < limit_s:
+            known_trouble = len(tally.trouble)
+            probe(names[number % len(names)], rng, tally)
+            number += 1
+            print("".join(f"{line}\n" for line in tally.trouble[known_trouble:]), end="", flush=True)
+            if tally.simulated_s - told_s > limit_s / 20.0:
+                told_s = tally.simulated_s
+                memory_mb.append(resident_mb())
+                print(f"{told_s / 3600:.2f} h, {dict(tally.runs)}, {memory_mb[-1]:.0f} MB", flush=True)
+    steady = memory_mb[2:] or memory_mb or [resident_mb()]
     print(
         f"{tally.simulated_s / 3600:.2f} h in {number} runs: {dict(tally.runs)}; faults begun: "
         f"{dict(tally.struck)}; {tally.checked} values served as OK were checked; "
@@ -203,7 +211,8 @@ def main() -> None:
         f"memory: {steady[0]:.1f} to {steady[-1]:.1f} MB ({100 * (steady[-1] / steady[0] - 1):+.1f} %) after "
         "the first tenth"
     )
-    print("\n".join(tally.trouble) or "no wrong value, and every stop had a fault before it")
+    print(f"{len(tally.trouble)} wrong values, or stops without a fault before them")
+    sys.exit(bool(tally.trouble))
 
 
 if __name__ == "__main__":
