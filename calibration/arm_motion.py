@@ -42,7 +42,7 @@ def lowest_m(body: RigidBody, postures_rad: Iterable[FloatArray]) -> float:
 
 
 def straight_way(start_rad: FloatArray, end_rad: FloatArray) -> FloatArray:
-    """List postures on the way of a joint move, shape (k, n) [rad].
+    """List postures along a joint move, shape (k, n) [rad].
 
     Args:
         start_rad: shape (n,) [rad].
@@ -80,7 +80,7 @@ def paced(speed_rad_s: float, limits: Limits) -> FloatArray:
 
 
 def travel_speed_rad_s(limits: Limits) -> float:
-    """Compute the speed of the fastest joint on the ways to a measurement and back [rad/s]."""
+    """Compute the speed of the fastest joint on the paths to a measurement and back [rad/s]."""
     return float(paced(_TRAVEL_RAD_S, limits).min())
 
 
@@ -128,7 +128,7 @@ def room(limits: Limits, margin_rad: float) -> tuple[FloatArray, FloatArray]:
 
 
 def check_way_up(body: RigidBody, start_rad: FloatArray, up_rad: FloatArray, limits: Limits) -> None:
-    """Check that the way up keeps its distance from the ground, and that the torque limits carry the arm.
+    """Check that the path up keeps its distance from the ground, and that the torque limits carry the arm.
 
     Args:
         body: model of the arm.

@@ -151,7 +151,7 @@ class SensorHook(ABC):
 
 
 class PlantEffect(ABC):  # noqa: B024, one of the two is enough
-    """Changes the arm or gravity before the world begins."""
+    """Changes the arm or gravity before the simulation begins."""
 
     def urdf(self, urdf_text: str, tip_frame: str) -> str:
         """Change the arm.

@@ -323,7 +323,7 @@ class RigidBody:
     ) -> FloatArray:
         """Compute the regressor Y(q, v, a), for which the inverse dynamics is Y @ `parameters`.
 
-        Ten columns a link: mass [kg], first moments [kg m] (x, y, z), inertias about the joint's frame [kg
+        Ten columns per link: mass [kg], first moments [kg m] (x, y, z), inertias about the joint's frame [kg
         m^2] (xx, xy, yy, xz, yz, zz). Source: Atkeson, An and Hollerbach, IJRR 5(3), 1986.
 
         Args:

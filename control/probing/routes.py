@@ -40,7 +40,7 @@ class Place(NamedTuple):
 
 
 class Route(NamedTuple):
-    """Points, shape (3,) each [rad], with rest in between, and the lowest point's lack of height [m]."""
+    """Points, shape (3,) each [rad], with rest in between, and how much too low the lowest one is [m]."""
 
     points_rad: tuple[FloatArray, ...]
     too_low_m: float
@@ -135,7 +135,7 @@ class Routes:
             near_rad: present joint positions, shape (3,) [rad].
 
         Returns:
-            Half swings in order; empty if the plan has none, or the way up is too near to the object.
+            Half swings in order; empty if the plan has none, or the path up is too near to the object.
         """
         if not self._plan.free_air_swing_m:
             return []

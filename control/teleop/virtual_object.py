@@ -41,7 +41,7 @@ _ENERGY_STEPS = 2.0  # number of steps of a retracting tip for which the energy 
 
 
 def kelvin_voigt(stiffness_n_m: float, damping_n_s_m: float) -> ForceLaw:
-    """Make the law F = k x + c dx/dt, cut at zero (paper, section V).
+    """Make the law F = k x + c dx/dt, clipped at zero (paper, section V).
 
     Args:
         stiffness_n_m: k [N/m].
@@ -55,7 +55,7 @@ def kelvin_voigt(stiffness_n_m: float, damping_n_s_m: float) -> ForceLaw:
 
 
 def hunt_crossley(stiffness: float, damping: float, exponent: float) -> ForceLaw:
-    """Make the law F = (k + b dx/dt) x^n, cut at zero (Hunt and Crossley 1975, eq. 2).
+    """Make the law F = (k + b dx/dt) x^n, clipped at zero (Hunt and Crossley 1975, eq. 2).
 
     Args:
         stiffness: k [N/m^n].

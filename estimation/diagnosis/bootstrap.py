@@ -77,7 +77,7 @@ def sequential_test(observed: float, statistics: Iterator[float]) -> BootstrapTe
 def lack_of_fit_test(
     fit: FitResult, measurement: MeasurementModel, rng: np.random.Generator
 ) -> BootstrapTest:
-    """Test whether a flexible regression explains more of the held-out error than it does by chance.
+    """Test whether a flexible regression explains more of the held-out error than expected by chance.
 
     The statistic is the share of the model's error that the regression removes. On bootstrap samples it is
     relative to the error in the data if that error is larger.
@@ -225,7 +225,7 @@ def _forms(model: Model, effect: Effect) -> list[tuple[Model, Effect]]:
 
 
 def _estimate_noise(fit: FitResult, by_motion: float) -> FloatArray:
-    """Scale the flexible regression's residual (m,) to its variance without that of errors of the motion."""
+    """Scale the flexible regression's residual (m,) to its variance without errors of the motion."""
     residual = fit.flexible.residual
     variance = float(np.var(residual[fit.problem.blocked.trusted]))
     noise: FloatArray = np.sqrt(max(1.0 - by_motion / max(variance, 1e-300), _MIN_NOISE)) * residual

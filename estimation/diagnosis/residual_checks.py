@@ -194,7 +194,7 @@ class _Condition:
     stretch: IntArray | None = None  # stretch of each block (m,) whose mean is subtracted; None for no mean
 
     def residual(self, values: FloatArray) -> FloatArray:
-        """Return the values (m,), with those of the acting blocks about the mean of their stretch."""
+        """Return the values (m,); on acting blocks, the mean of each stretch is subtracted."""
         if self.stretch is None:
             return values
         left = values.copy()

@@ -64,7 +64,7 @@ class Source:
         return tuple(sorted({run for channel in self.channels for run in self.recorded(channel)}))
 
     def recorded(self, channel: ChannelData) -> list[int]:
-        """Return the recorded run of each run of a channel, which may be a stretch of it.
+        """Return, for each run of a channel, the recorded run of which it is the whole or a stretch.
 
         Args:
             channel: channel of this source.

@@ -40,7 +40,7 @@ class BatchMeasurement:
 
 @dataclass(frozen=True)
 class MetadataTable:
-    """Table of further fields; a column `file`, or fields that the files already have, assign its lines."""
+    """Table of further fields; a column `file`, or fields that files already have, assign lines to files."""
 
     path: Path
     keys: Sequence[str]  # columns by which a line is found

@@ -259,7 +259,7 @@ def _distributions(batch: BatchResult) -> PageSection:
 
 @dataclass(frozen=True)
 class _EntryTable:
-    """A section that tabulates entries of a batch, one a row."""
+    """A section that tabulates entries of a batch, one per row."""
 
     title: str
     columns: Mapping[str, Callable[[Any], object]]  # cells by the heads of their columns

@@ -26,9 +26,9 @@ class RandomEffects:
 def random_effects(values: FloatArray, std_errs: FloatArray) -> RandomEffects:
     """Fit mean and spread by Paule and Mandel's estimator, with t intervals of the mean.
 
-    Paule and Mandel, J. Res. NBS 87 (1982) 377; advised by Veroniki et al., Res. Synth. Methods 7 (2016) 55.
+    Paule and Mandel, J. Res. NBS 87 (1982) 377; see Veroniki et al., Res. Synth. Methods 7 (2016) 55.
     At its solution the factor of Hartung and Knapp (2001) is one, so that only the quantile is theirs. The
-    prediction interval is that of Higgins et al., J. R. Stat. Soc. A 172 (2009) 137; of few measurements it
+    prediction interval is that of Higgins et al., J. R. Stat. Soc. A 172 (2009) 137; from few measurements it
     is somewhat too short (Partlett and Riley, Stat. Med. 36 (2017) 301).
 
     Args:

@@ -60,7 +60,7 @@ def recorded_table(path: Path, options: ImportOptions, name: str) -> pa.Table:
 
 
 def stream_table(samples: Samples) -> pa.Table:
-    """Return every column of a stream; wide ones as several, numbered from 1. Fields keep their units.
+    """Return all columns of a stream; a wide one becomes several, numbered from 1. Fields keep their units.
 
     Args:
         samples: samples of the stream.
@@ -94,7 +94,7 @@ def channel_table(channel: ChannelData) -> pa.Table:
 
 
 def events_table(session: Session) -> pa.Table:
-    """Return the events, one a row, with their data as JSON.
+    """Return the events, one per row, with their data as JSON.
 
     Args:
         session: the session.
@@ -111,7 +111,7 @@ def events_table(session: Session) -> pa.Table:
 
 
 def write_table(table: pa.Table, path: Path) -> None:
-    """Write a table in the format of its ending, whole or not at all.
+    """Write a table in the format of its ending, completely or not at all.
 
     Args:
         table: table to write.
@@ -198,7 +198,7 @@ def layout_of(session: Session, program: Program) -> str:
 
 
 def _series(plot: Sequence[tuple[Stream, Column]], name: Callable[[str, str], str]) -> list[str]:
-    """Return each curve's name for a viewer; a wide column has one a value.
+    """Return each curve's name for a viewer; a wide column has one per value.
 
     Where a message holds many records of a long stream, the first of each is shown.
     """

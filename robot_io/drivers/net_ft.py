@@ -152,7 +152,7 @@ class Configuration(NamedTuple):
     product: str  # name of the product
     counts_per_force: float  # counts of one `unit`
     unit: str  # of its forces
-    rate_hz: int  # records a second
+    rate_hz: int  # records per second
     is_streaming: bool  # whether records are sent at all
 
 
@@ -293,14 +293,14 @@ class NetFtLine(ForceLine):
         return f"Net F/T {self._settings.host}"
 
     def configure(self) -> None:
-        """Open a socket; raise `DeviceError` if the host has no address, or there is no way to it."""
+        """Open a socket; raise `DeviceError` if the host has no address or cannot be reached."""
         try:
             self._port = _Socket(self._settings.host, self._settings.rdt_port)
         except (OSError, UnicodeError) as error:  # the latter if the text cannot be a host name
             raise DeviceError(f"{self.label}: cannot be reached ({error})") from error
 
     def read_configuration(self) -> Configuration:
-        """Read the sensor's configuration; raise `DeviceError` if no answer, or an invalid one."""
+        """Read the sensor's configuration; raise `DeviceError` without a valid answer."""
         return read_configuration(self._settings.host, self._settings.http_port)
 
     def _close_port(self) -> None:

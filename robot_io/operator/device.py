@@ -34,7 +34,7 @@ class HandState(NamedTuple):
 
 
 class OperatorDevice(Opened):
-    """A device of an operator, found by its `name`. As a context manager it opens on entry, closes on exit.
+    """A device of an operator, found by its `name`. As a context manager, it opens and closes itself.
 
     A new device implements `_open` and the four methods after it; lifecycle and checks are the same for all.
 

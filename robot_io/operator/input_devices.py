@@ -337,7 +337,7 @@ class TouchDevice(OperatorDevice):
         self._handle, self._servo = _INVALID_DEVICE, 0
 
     def _servo_step(self, _data: object) -> int:
-        """Callback of the library, 1000 times a second in its own thread; must not raise."""
+        """Callback of the library, called 1000 times per second in its own thread; must not raise."""
         try:
             self._exchange()
         except Exception as error:  # `read` reports it

@@ -131,7 +131,7 @@ def event_descriptor_set() -> bytes:
 
 
 def encode_event(event: Event) -> bytes:
-    """Encode an event as a protobuf message of at most `MAX_EVENT_BYTES`; longer text is cut and marked.
+    """Encode an event in protobuf with at most `MAX_EVENT_BYTES`; longer text is truncated and marked.
 
     Numpy's numbers and arrays are kept as numbers and lists; other values that JSON does not know, as text.
 

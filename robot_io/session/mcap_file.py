@@ -257,7 +257,7 @@ _MESSAGE_HEADER_BYTES = 31
 
 
 class McapFile:
-    """A session being written to a binary file at its start, which the caller closes.
+    """Writes a session to an empty binary file, which the caller closes.
 
     Every method may raise OSError if the file cannot be written; its content up to then can be read.
 

@@ -182,7 +182,7 @@ _BLOCK = _WORDS + _FAILURE_BYTES
 
 
 class SharedLog:
-    """Rings and state at the same places for both sides, which know the streams and the number of slots.
+    """Shared memory with rings and state; both sides know its layout from streams and number of slots.
 
     Args:
         memory: file descriptor of `open_memory`.

@@ -100,7 +100,7 @@ class SessionWriter:
             raise SessionError(f"{self.path} cannot be written: {self.failure}") from self._log.system_error
 
     def append(self, stream_name: str, record: Record) -> None:
-        """Log one record; microseconds, whatever the disk does.
+        """Log one record; this takes microseconds, even if the disk is slow.
 
         If the ring is full it is dropped and counted. A record is a tuple with one value for each column, or
         an np.void of the stream's dtype.
@@ -130,9 +130,9 @@ class SessionWriter:
         ring.push(record)
 
     def event(self, time_s: float, kind: str, text: str, data: Mapping[str, Any] | None = None) -> None:
-        """Log one event; see `Event`. Does not wait either.
+        """Log one event; see `Event`. Like `append`, this does not wait.
 
-        An event with its data is cut to 4000 bytes. InputError: the session is closed.
+        An event is truncated to 4000 bytes, data included. InputError: the session is closed.
 
         Args:
             time_s: time of the event, session's clock [s].

@@ -58,7 +58,7 @@ class KelvinVoigtLaw(ObjectLaw):
     """F = k x + c dx/dt, x the depth (paper, section V).
 
     The dashpot makes the force jump to c * v at touch, and would pull on retraction; a dry surface cannot
-    pull, so the force is cut at zero unless the object is sticky.
+    pull, so the force is clipped at zero unless the object is sticky.
     """
 
     name = "kelvin_voigt"

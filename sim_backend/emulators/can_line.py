@@ -197,7 +197,7 @@ _numbers = count()
 def open_virtual_bus(*, in_lock_step: bool) -> tuple[can.BusABC, dict[str, Any]]:
     """Open the devices' end of a new virtual bus.
 
-    In lock-step frames carry the time of the simulated clock; else the wall clock's, as on a real adapter.
+    In lockstep, frames carry the time of the simulated clock, otherwise of the wall clock as on an adapter.
 
     Args:
         in_lock_step: whether the clock is a simulated one.

@@ -52,7 +52,7 @@ def to_uint(value: float, limit: float, bits: int) -> int:
 
 
 def _to_float(number: int, limit: float, bits: int, low: float | None = None) -> float:
-    """Decode a number from `low` (None: minus the limit) to a limit."""
+    """Convert an integer of some bits to a value between `low` (None: -limit) and limit."""
     low = -limit if low is None else low
     return number * (limit - low) / ((1 << bits) - 1) + low
 

@@ -41,7 +41,7 @@ class EmulatedNetFt(SerialSensor):
 
     Attributes:
         enabled: whether RDT is switched on.
-        rate_hz: records a second.
+        rate_hz: records per second.
         status: status bits in addition to those of its reading.
         measures: whether it takes new measurements; otherwise it repeats the last one.
     """

@@ -171,7 +171,7 @@ class SensorWire(FrameWire[bytes]):
 class PtyLine(SensorWire):
     """A pseudo terminal, `path` for the driver, and its sensor; see `SensorWire`.
 
-    In lock-step, the driver receives sent bytes before time advances. A sensor without a baud rate
+    In lockstep, the driver receives sent bytes before time advances. A sensor without a baud rate
     understands any [bit/s].
     """
 

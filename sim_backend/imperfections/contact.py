@@ -390,9 +390,9 @@ class HiddenToolCompliance(ContactImperfection):
 class _SeriesSpring(ToolEffect):
     """Solves u = C S(x - u, dx/dt - du/dt) for u, where S is the object's response.
 
-    S grows with depth and rate, so that S(u) - u / C falls with u, and the root lies between nothing and what
-    the object would answer to a rigid tool. Regula falsi with the Illinois rule (Dowell and Jarratt, BIT 11,
-    1971) cannot leave that bracket where S jumps; begun at the root of the last step's secant, it is there at
+    S grows with depth and rate, so that S(u) - u / C falls with u, and the root lies between zero and
+    the object's response to a rigid tool. Regula falsi with the Illinois rule (Dowell and Jarratt, BIT 11,
+    1971) cannot leave that bracket where S jumps; from the root of the last step's secant, it converges at
     once where S is linear.
     """
 

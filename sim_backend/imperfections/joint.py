@@ -86,7 +86,7 @@ class HiddenCoulombFriction(_Friction):
 
     @classmethod
     def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        """See `Imperfection._sized`; at most what a controller without its model can handle."""
+        """See `Imperfection._sized`; not too large for a controller that does not model it."""
         return {"coulomb_nm": min(strength * scale.joint_noise_nm, scale.joint(channel).controllable_nm)}
 
 
@@ -111,7 +111,7 @@ class HiddenAsymmetricFriction(_Friction):
 
     @classmethod
     def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        """See `Imperfection._sized`; at most what a controller without its model can handle."""
+        """See `Imperfection._sized`; not too large for a controller that does not model it."""
         large_nm = min(1.3 * strength * scale.joint_noise_nm, scale.joint(channel).controllable_nm)
         small_nm = generator.uniform(0.1, 0.5) * large_nm
         positive_nm, negative_nm = generator.permutation([large_nm, small_nm]).tolist()
@@ -137,7 +137,7 @@ class HiddenStribeckFriction(_Friction):
 
     @classmethod
     def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        """See `Imperfection._sized`; at most what a controller without its model can handle."""
+        """See `Imperfection._sized`; not too large for a controller that does not model it."""
         joint = scale.joint(channel)
         return {
             "stiction_nm": min(strength * scale.joint_noise_nm / 0.4, joint.controllable_nm),

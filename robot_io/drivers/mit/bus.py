@@ -102,7 +102,7 @@ class MitBus(AskedMotorBus[MitState]):
         return [self._frames.order(motor_id, order) for motor_id in self._motor_ids]
 
     def _register(self, joint: int, register: MotorRegister, value: float | None = None) -> float:
-        """Set a register if `value` is given, and return its value; raise `DeviceError` on no answer."""
+        """Set a register if `value` is given, and return its value; raise `DeviceError` without an answer."""
         motor_id = self._motor_ids[joint]
         write = [] if value is None else [self._frames.write_register(motor_id, register, value)]
         self._register_asked, self._register_values = (joint, register), []

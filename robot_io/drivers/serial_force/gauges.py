@@ -209,7 +209,7 @@ class Loadstar(SerialForceSensor, Examinable):
     _settings: LoadstarSettings
 
     def configure(self) -> None:
-        """Check model, unit and capacity; start the stream; raise `DeviceError` on no or a wrong answer."""
+        """Check model, unit and capacity; start the stream; raise `DeviceError` without a valid answer."""
         # End a stream that may still run; then the interface answers a ping.
 
         def is_yes(line: bytes) -> bool | None:
@@ -236,7 +236,7 @@ class Loadstar(SerialForceSensor, Examinable):
         self._bus.write(STREAM)
 
     def _ask(self, question: bytes, *, may_be_yes: bool = False) -> str:
-        """Return the answer; raise `DeviceError` on no or a negative answer.
+        """Return the answer; raise `DeviceError` if it is negative or missing.
 
         An unexpected "yes" is a late answer to the ping, and is skipped.
         """
@@ -354,7 +354,7 @@ class Mark10(SerialForceSensor, Examinable):
         self._bus.listen(stream, self._settings.capacity_n)
 
     def _ask(self, commands: bytes, what: str, but: re.Pattern[str] | None = None) -> str:
-        """Return the first answer line that is not in `but`; raise `DeviceError` on an error or no line."""
+        """Return the first answer line that is not in `but`; raise `DeviceError` on an error or silence."""
 
         def take(line: bytes) -> str | None:
             with suppress(ProtocolError):

@@ -158,7 +158,7 @@ class MicrocontrollerCell(SerialForceSensor, Examinable):
     _settings: MicrocontrollerCellSettings
 
     def configure(self) -> None:
-        """Identify the cell and listen; raise `DeviceError` on no answer or another protocol or rate."""
+        """Identify the cell and listen; raise `DeviceError` on silence or another protocol or rate."""
         settings = self._settings
         for _ in range(_QUESTIONS):
             words = self._ask_line(WHO, _identity, _ANSWER_S)

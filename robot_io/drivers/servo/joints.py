@@ -258,7 +258,7 @@ class ServoPairs:
         return findings
 
     def disagreement(self, position_rad: FloatArray) -> str | None:
-        """Name a pair with different angles.
+        """Name a pair of servos whose angles disagree.
 
         Args:
             position_rad: Positions of all servos (m) [rad].
