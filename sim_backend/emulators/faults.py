@@ -129,7 +129,13 @@ class FrameWire(EmulatedWire, Generic[Frame]):
     """Wire with faults of single frames; subclasses define how frames are sent and damaged.
 
     Faults may be added at any time.
+
+    Attributes:
+        stalls: whether a late frame holds back all frames behind it, which then arrive together, as on a
+            serial line that stalls. Otherwise later frames overtake it.
     """
+
+    stalls = False
 
     def __init__(self, faults: Faults | None) -> None:
         self.faults = faults or Faults()
@@ -152,6 +158,9 @@ class FrameWire(EmulatedWire, Generic[Frame]):
         frame = self._damaged(device, frame, now_s)
         if strikes(FaultKind.REORDER, device, now_s) and device not in self._held_back:
             self._held_back[device] = frame
+            return
+        if self.stalls and self._late:
+            self._late.append((self._late[-1][0], frame))
             return
         if delay := strikes(FaultKind.DELAY, device, now_s):
             self._late.append((now_s + delay.delay_s, frame))

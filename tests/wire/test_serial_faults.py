@@ -54,6 +54,25 @@ def test_a_sensor_that_counts_tension_as_positive_is_reversed(bench):
     assert arm.ticks(10, None).force_n == pytest.approx(5.0, abs=0.1)
 
 
+def test_after_a_stall_of_the_line_the_newest_reading_is_served(bench):
+    """A late reading holds back those behind it; all arrive together, and the force has risen meanwhile."""
+    arm = bench(ODRIVE)
+    wire = arm.arm.wires["load_cell"]
+    wire.stalls = True
+    arm.robot.configure()
+    press(arm, 1.0)
+    arm.ticks(100, None)
+    arm.strike("load_cell", FaultKind.DELAY, delay_s=0.1, probability=0.4, times=2)
+    served = 0
+    for number in range(400):
+        press(arm, 1.0 + 0.02 * number)  # rises by 20 N/s
+        measurement = arm.tick(None)
+        if measurement.force_status is Status.OK:
+            assert measurement.force_n == pytest.approx(arm.arm.plant.force[0], abs=0.3)
+            served += 1
+    assert 50 < served < 150  # two stalls of 50 readings
+
+
 def test_a_silent_sensor_keeps_its_value_and_its_time(sensor):
     before = sensor.tick(None)
     sensor.strike("load_cell", FaultKind.DROP)
