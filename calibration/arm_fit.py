@@ -153,7 +153,7 @@ class ArmFit:
 
 @dataclass(frozen=True)
 class ArmMotion:
-    """Motion and torques at the times of the torque samples, shape (m,), each of shape (m, n), SI units."""
+    """Motion and torques, shape (m, n) each, at the times (m,) of the torque samples; SI units."""
 
     time_s: FloatArray
     position_rad: FloatArray

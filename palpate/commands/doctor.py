@@ -165,6 +165,6 @@ def _next_steps(
         return [(f"{again} --move", "signs of joints and force, by hand and by power")]
     first = "then a first probe, slow and soft, onto something soft"
     return [
-        ("palpate calibrate --help", "zeros, force sensor, drives, base: before it touches anything"),
+        ("palpate calibrate --help", "calibrate zeros, force sensor, drives and base before the first touch"),
         (f"palpate probe {arm}{own} {FIRST_PROBE}", first),
     ]

@@ -242,7 +242,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
 
     @abstractmethod
     def _obey_all(self, instruction: Instruction, awake: dict[int, ServoType], now_s: float) -> None:
-        """Execute an instruction to all servos, those that are awake by id, and answer."""
+        """Let all servos in `awake` (by id) execute an instruction and answer."""
 
     @staticmethod
     @abstractmethod
