@@ -190,7 +190,7 @@ def test_a_packet_says_how_long_it_is(count):
 def test_requests_that_no_servo_could_understand_are_not_made():
     with pytest.raises(ProtocolError, match="253"):
         protocol.DIALECT.encode_packet(253, 1)
-    with pytest.raises(ProtocolError, match="too long"):
+    with pytest.raises(ProtocolError, match="exceeds the limit"):
         protocol.DIALECT.encode_packet(1, 3, bytes(2000))
     with pytest.raises(ProtocolError, match="equal numbers"):
         protocol.DIALECT.sync_write(102, {1: b"ab", 2: b"c"})
