@@ -47,7 +47,7 @@ from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.fit.measurement_noise import measurement_noise
 from palpate.estimation.model import Model
 from palpate.estimation.shared_gains import with_shared_gains
-from palpate.estimation.workers import end_workers, prepare_worker
+from palpate.estimation.workers import end_workers, prepare_worker, single_threaded
 
 _FEW_LEVELS = 12  # distinct readings; with more, rounding errors average out
 _OFFSET = "bias"  # name of the effect that is a constant
@@ -87,17 +87,18 @@ def diagnose(
     seeds = [np.random.default_rng([seed, crc32(channel.name.encode())]) for channel in channels]
     jobs = list(zip(channels, models, seeds, strict=True))
     work = partial(_diagnose_job, library)
-    if processes == 1 or len(jobs) == 1:
-        diagnoses = [diagnose_channel(*job[:2], library, job[2], progress) for job in jobs]
-    else:
-        with ProcessPoolExecutor(
-            min(processes, len(jobs)), get_context("fork"), initializer=prepare_worker
-        ) as pool:
-            try:
-                diagnoses = list(_report_each(pool.map(work, jobs), channels, progress))
-            except BaseException:  # such as a signal: end running fits instead of waiting for them
-                end_workers(pool)
-                raise
+    with single_threaded():
+        if processes == 1 or len(jobs) == 1:
+            diagnoses = [diagnose_channel(*job[:2], library, job[2], progress) for job in jobs]
+        else:
+            with ProcessPoolExecutor(
+                min(processes, len(jobs)), get_context("fork"), initializer=prepare_worker
+            ) as pool:
+                try:
+                    diagnoses = list(_report_each(pool.map(work, jobs), channels, progress))
+                except BaseException:  # such as a signal: end running fits instead of waiting for them
+                    end_workers(pool)
+                    raise
     name = "+".join(dict.fromkeys(model.name for model in models))
     return Diagnosis(file=file, model=name, channels=diagnoses)
 

@@ -5,6 +5,7 @@ from importlib import import_module
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from palpate.estimation.base_model import ModelContext
 from palpate.estimation.diagnosis import Verdict, diagnose
@@ -354,3 +355,15 @@ def test_a_model_whose_minimum_is_not_reached_by_adding_its_effects_is_not_compl
     assert missed.remaining.times_floor > 2.0
     assert not missed.complete
     assert all(entry.form is Form.APPROXIMATE for entry in missed.accepted)
+
+
+def test_matrices_are_small_so_that_more_threads_would_only_take_longer():
+    threads = []
+
+    def progress(what, share):
+        threads.extend(library["num_threads"] for library in threadpool_info())
+
+    effects = [EFFECTS["coulomb_friction"]()]
+    with threadpool_limits(2):
+        diagnose(swings(1), SWING, effects, rng=np.random.default_rng(0), progress=progress)
+    assert set(threads) == {1}
