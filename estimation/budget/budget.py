@@ -23,9 +23,7 @@ _MAX_NAMED = 4  # kinds in the smallest set
 # Error of the smallest set beyond the best: shares of the explainable error and of the best set's error.
 _ALLOWANCE, _ERROR_ALLOWANCE = 0.05, 0.03
 _THOROUGH = 1.1  # largest ratio of a thorough set's mean squared error to the least one
-_REPLACEMENT = (
-    0.75  # share of a kind's contribution in addition to the others that a replacement must explain
-)
+_REPLACEMENT = 0.75  # least share of a kind's contribution, after the others, that a replacement explains
 _SAMPLES = 200  # bootstrap samples of runs, for intervals
 
 # If several sets explain as much, effects of the object and the drive come before those of the sensor.

@@ -318,9 +318,10 @@ def _sensor_statics(
 
 def _drift(time_s: FloatArray, residual: FloatArray, used: BoolArray) -> Law:
     """Build the law of a drift, which is zero at one time of the session; a further constant is a bias."""
-    rate, offset = np.polyfit(time_s[used], residual[used], 1)
-    origin = np.clip(-offset / rate, time_s.min(), time_s.max()) if rate else time_s.min()
-    return _law(Kind.DRIFT, time_s - origin)
+    elapsed_s = time_s - time_s.min()  # times may count from 1970
+    rate, offset = np.polyfit(elapsed_s[used], residual[used], 1)
+    origin_s = np.clip(-offset / rate, 0.0, elapsed_s.max()) if rate else 0.0
+    return _law(Kind.DRIFT, elapsed_s - origin_s)
 
 
 def _is_spanned(signal: FloatArray, columns: FloatArray) -> bool:

@@ -393,9 +393,8 @@ def guess_column(name: str) -> Guess:
         return Guess(name, "")
     if quantity not in _MOTION_OR_TORQUE:
         joint = None
-    uninformative = (
-        WORDS.get(quantity, frozenset()) | _UNINFORMATIVE | _COUNTS
-    )  # `WORDS` has none for acceleration
+    # `WORDS` has none for acceleration.
+    uninformative = WORDS.get(quantity, frozenset()) | _UNINFORMATIVE | _COUNTS
     joint_name = tuple(word.lower() for word in words if plain(word) not in uninformative)
     why = ("by its name and others'", "by its unit", "by a word in its name", "by its name")[rank]
     specified = next((units.get(quantity, "") for pattern, units in _INTERFACES if pattern.search(name)), "")

@@ -90,7 +90,7 @@ class FormTest:
 
     @property
     def is_imitation(self) -> bool:
-        """Whether the effect only imitates its kind's law, which explains much in addition to the effect.
+        """Whether the kind's law explains a relevant part in addition, so that the effect is an imitation.
 
         The part that the law adds is compared with `explained`, because flexible laws of other kinds may
         absorb a part of the effect and make `taken` smaller.
@@ -205,7 +205,7 @@ def error_of_kinds(start: FitResult) -> HeldOutError:
     return HeldOutError(base, laws, target, blocked, used)
 
 
-def replacing_kinds(search: Search, end: FitResult, name: str) -> dict[Kind, float]:
+def replacing_kinds(search: Search, end: FitResult) -> dict[str, dict[Kind, float]]:
     """Find the kinds whose flexible law, in place of an effect, describes the data about as well.
 
     A law that the library lacks may then be the right one. Kinds of the model's other effects and differences
@@ -214,18 +214,21 @@ def replacing_kinds(search: Search, end: FitResult, name: str) -> dict[Kind, flo
     Args:
         search: the search of the channel.
         end: the final model.
-        name: the effect that is replaced.
 
     Returns:
-        The kinds, each with the mean square that its law leaves in addition [effort^2].
+        For each added effect, these kinds with the mean square that their laws leave in addition [effort^2].
     """
-    named = [end.solution.model.effect(other) for other in search.added_effects(end)]
-    present = frozenset({Kind.RUN_DIFFERENCES}).union(*(effect.also | {effect.kind} for effect in named))
-    without, left = error_of_kinds(search.without(end, name)), error_of_kinds(end).mean_square()
-    by_law = {kind: without.mean_square(frozenset({kind})) for kind in without.kinds if kind not in present}
-    allowance = _EXACT * (without.mean_square() - left) + SMALL * left
-    limit = left + min(allowance, (SLOW**2 - 1.0) * left)
-    return {kind: max(error - left, 0.0) for kind, error in by_law.items() if error <= limit}
+    names, left = search.added_effects(end), error_of_kinds(end).mean_square()
+    effects = map(end.solution.model.effect, names)
+    present = frozenset({Kind.RUN_DIFFERENCES}).union(*(effect.also | {effect.kind} for effect in effects))
+    replacing = {}
+    for name in names:
+        error = error_of_kinds(search.without(end, name))
+        allowance = _EXACT * (error.mean_square() - left) + SMALL * left
+        limit = left + min(allowance, (SLOW**2 - 1.0) * left)
+        by_law = {kind: error.mean_square(frozenset({kind})) for kind in error.kinds if kind not in present}
+        replacing[name] = {kind: max(e - left, 0.0) for kind, e in by_law.items() if e <= limit}
+    return replacing
 
 
 def _base_columns(start: FitResult) -> tuple[BaseColumns, FloatArray]:

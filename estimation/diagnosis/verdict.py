@@ -140,11 +140,12 @@ class Evidence:
         Each has the mean square that it leaves in addition to the model [effort^2].
         """
         search, end = self.search, self.end
+        if not self.complete:
+            return {name: {} for name in search.added_effects(end)}
         kind_of = {effect.name: effect.kind for effect in search.effects}
-        kinds: dict[str, dict[Kind, float]] = {name: {} for name in search.added_effects(end)}
-        for name in kinds if self.complete else ():
-            kinds[name] = replacing_kinds(search, end, name)
-            for rival, fit in self.rivals[name].items():
+        kinds = replacing_kinds(search, end)
+        for name, rivals in self.rivals.items():
+            for rival, fit in rivals.items():
                 added = max(fit.held_out_mean_square - end.held_out_mean_square, 0.0)
                 kinds[name][kind_of[rival]] = min(added, kinds[name].get(kind_of[rival], np.inf))
         return kinds

@@ -157,6 +157,12 @@ def analysed(data):
     return analyse_kinds(searched(data, base=PRESS if data.name == "contact" else SWING))
 
 
+def test_a_drift_is_found_if_times_count_from_1970():
+    data = OF_KIND[Kind.DRIFT]()
+    budget = analysed(replace(data, time_s=data.time_s + 1.7e9)).budget
+    assert (budget.kinds[0], budget.entries[0].share > 0.8) == (Kind.DRIFT, True)
+
+
 @pytest.mark.parametrize("kind", OF_KIND)
 def test_the_kind_that_is_hidden_has_the_largest_share_and_the_others_next_to_none(kind):
     partial = analysed(OF_KIND[kind]())
