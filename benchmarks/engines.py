@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from command_line import arguments
+from harness import arguments
 
 from palpate.control.probing.plan import ProbingPlan
 from palpate.render.progress import sweep_progress

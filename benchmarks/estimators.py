@@ -14,8 +14,8 @@ from functools import partial
 
 import numpy as np
 import statsmodels.api as sm
-from command_line import arguments
 from filterpy.kalman import KalmanFilter
+from harness import arguments
 from presses import Noise, Press
 from scipy.optimize import least_squares
 from sklearn.linear_model import HuberRegressor, LinearRegression, RANSACRegressor, TheilSenRegressor

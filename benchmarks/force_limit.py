@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from command_line import arguments
+from harness import arguments
 from rich.console import Console
 from rich.table import Column, Table
 

@@ -13,7 +13,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from command_line import arguments
+from harness import arguments
 
 ROOT = Path(__file__).resolve().parents[1]
 NOT_COUNTED = ("pip", "setuptools")

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 import psutil
 import pyarrow.parquet as parquet
-from command_line import arguments
+from harness import arguments
 from threadpoolctl import threadpool_limits
 
 import palpate

@@ -22,7 +22,7 @@ from random import Random
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from command_line import arguments
+from harness import arguments
 
 ROOT = Path(__file__).resolve().parents[1]
 AREAS = {  # where the program is, and the tests that are to notice

@@ -7,15 +7,13 @@ name of each group that its README asks for is accepted, alone or as indistingui
 accepted name is unknown to it. The README's held-out errors are printed for comparison; folds differ.
 """
 
-import json
 import time
-from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from command_line import arguments
-from measured.recordings import SETS, Expected, Recording
+from harness import arguments, json_lines
+from measured.recordings import SETS, Expected, Recording, recordings
 
 from palpate.estimation.diagnosis import ChannelDiagnosis, diagnose
 
@@ -104,28 +102,23 @@ def summary(judged: list[JudgedChannel]) -> str:
 def main() -> None:
     """Run the sets named on the command line, or all."""
     parser = arguments(__doc__)
-    known = [read.__name__ for read in SETS]
     parser.add_argument("data_dir", type=Path)
-    parser.add_argument("sets", nargs="*", metavar="SET", help=", ".join(known))
+    parser.add_argument("sets", nargs="*", metavar="SET", help=", ".join(SETS))
     parser.add_argument("--out", type=Path, help="JSON lines, one a channel")
     options = parser.parse_args()
-    if unknown := set(options.sets) - set(known):
+    if unknown := set(options.sets) - set(SETS):
         parser.error(f"no such set: {', '.join(sorted(unknown))}")
     judged: list[JudgedChannel] = []
-    with options.out.open("w") if options.out else nullcontext() as out:
-        for read in SETS:
-            folder = options.data_dir / read.__name__
-            if options.sets and read.__name__ not in options.sets:
-                continue
+    with json_lines(options.out) as write:
+        for name in (name for name in SETS if name in (options.sets or SETS)):
+            folder = options.data_dir / name
             if not folder.is_dir():
-                print(f"\n{read.__name__}: skipped, there is no {folder}")
+                print(f"\n{name}: skipped, there is no {folder}")
                 continue
-            for recording in read(folder):
-                for channel in run(recording):
-                    judged.append(channel)
-                    show(channel)
-                    if out:
-                        out.write(json.dumps(asdict(channel)) + "\n")
+            for channel in (channel for recording in recordings(folder) for channel in run(recording)):
+                judged.append(channel)
+                show(channel)
+                write(asdict(channel))
     print(f"\n{summary(judged)}")
 
 

@@ -19,7 +19,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from command_line import arguments
+from harness import arguments
 from measured.convert import RECIPES, load_recipe
 from measured.score import Score, score, share_of, summary
 

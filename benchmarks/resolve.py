@@ -20,10 +20,8 @@ inseparable are laws of which none leaves 5 % more than another, what was hidden
 
 import json
 import math
-import multiprocessing
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from functools import partial
 from itertools import product
@@ -32,7 +30,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from command_line import arguments
+from harness import arguments, json_lines, parallel
 from threadpoolctl import threadpool_limits
 
 from palpate.control.probing.plan import ProbingPlan
@@ -57,10 +55,8 @@ SAME = {"force_deadband": "deadband"}  # what the simulator calls an effect that
 
 def drawable() -> list[str]:
     """Effects that some channel of a probing run shows."""
-    channels = noise_scale(Scenario()).channels
-    return [
-        name for name in IMPERFECTIONS if any(channel in IMPERFECTIONS[name].shows_in for channel in channels)
-    ]
+    channels = set(noise_scale(Scenario()).channels)
+    return [name for name, kind in IMPERFECTIONS.items() if channels & set(kind.shows_in)]
 
 
 def screened(effect: str, seed: int) -> dict[str, Any] | None:
@@ -157,10 +153,8 @@ def next_listed(
     for candidate, ticks in feasible(study):
         if candidate.words not in done and ticks["time_s"][-1] < longest_s:
             done.append(candidate.words)
-            proposal = NextExperiment(
-                purpose="", separates=[], instruction=candidate.words, probe=candidate.settings
-            )
-            return NextProbe(candidate.plan, proposal, "", ())
+            told = {"purpose": "", "separates": [], "instruction": candidate.words}
+            return NextProbe(candidate.plan, NextExperiment(**told, probe=candidate.settings), "", ())
     return None
 
 
@@ -199,30 +193,21 @@ def main() -> None:
     if options.check:
         check(options.check)
         return
-    spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(options.processes, spawn, initializer=threadpool_limits, initargs=(1,)) as pool:
-        if options.find:
-            names = drawable()
-            jobs = [(names[n % len(names)], options.seed + n) for n in range(options.find)]
-            with options.cases.open("a", encoding="utf-8") as out:
-                for case in pool.map(screened, *zip(*jobs, strict=True)):
-                    if case is not None:
-                        out.write(json.dumps(case) + "\n")
-                        out.flush()
-            return
-        cases = [json.loads(line) for line in options.cases.read_text(encoding="utf-8").splitlines()]
-        done = []
-        tasks = [pool.submit(resolved, options.way, options.probes, case) for case in cases[: options.first]]
-        for task in as_completed(tasks):
-            done.append(case := task.result())
+    if options.find:
+        names = drawable()
+        jobs = [(names[n % len(names)], options.seed + n) for n in range(options.find)]
+        with json_lines(options.cases, "a") as write:
+            for case in filter(None, parallel(screened, jobs, options.processes, in_order=True)):
+                write(case)
+        return
+    cases = [json.loads(line) for line in options.cases.read_text(encoding="utf-8").splitlines()]
+    jobs, done = [(options.way, options.probes, case) for case in cases[: options.first]], []
+    with json_lines(options.out, "a") as write:
+        for case in parallel(resolved, jobs, options.processes):
+            done.append(case)
             word = "separated" if case["separated"] else "WRONG" if case["wrong"] else case["end"]
-            print(
-                f"{word} | {case['hidden']} | {case['more_probes']} | {case['experiments']} | {case['left']}",
-                flush=True,
-            )
-            if options.out:
-                with options.out.open("a", encoding="utf-8") as out:
-                    out.write(json.dumps(case) + "\n")
+            print(word, *(case[key] for key in ("hidden", "more_probes", "experiments", "left")), sep=" | ")
+            write(case)
     report(options.way, done)
 
 

@@ -12,16 +12,12 @@ With `--removed` the cases with one effect are diagnosed by a library that lacks
 contains it: the right verdict is unexplained.
 """
 
-import multiprocessing
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
-from command_line import arguments
+from harness import arguments, json_lines, parallel
 from second_generator.cases import grid
 from second_generator.judge import CaseOutcome, by_effect, from_record, run, table
-from threadpoolctl import threadpool_limits
 
 
 def compare_engines(before: Path, after: Path) -> None:
@@ -33,9 +29,9 @@ def compare_engines(before: Path, after: Path) -> None:
     for key in shared:
         was, now = old[key], new[key]
         if was.right != now.right:
-            hidden = " + ".join(was.job.hidden) or "nothing"
             said = [f"{outcome.verdict}: {' + '.join(outcome.accepted) or '-'}" for outcome in (was, now)]
-            print(f"{'better' if now.right else 'WORSE'} {key[1]:3d} {hidden}: {said[0]} -> {said[1]}")
+            mark, hidden = "better" if now.right else "WORSE", " + ".join(was.job.hidden) or "nothing"
+            print(f"{mark} {key[1]:3d} {hidden}: {said[0]} -> {said[1]}")
     right = [sum(engine[key].right for key in shared) for engine in (old, new)]
     print(f"right: {right[0]} -> {right[1]} of {len(shared)}")
 
@@ -75,26 +71,12 @@ def main() -> None:
         jobs = [job for job in every if job.number == options.case]
     outcomes = read(options.out) if options.resume and options.out.exists() else []
     done = {(outcome.seed, outcome.job.number) for outcome in outcomes}
-    tasked = [job for job in jobs if (options.seed, job.number) not in done]
-    spawn = multiprocessing.get_context("spawn")
-    with (
-        ProcessPoolExecutor(options.processes, spawn, initializer=threadpool_limits, initargs=(1,)) as pool,
-        options.out.open("a" if options.resume else "w") if options.out else nullcontext() as out,
-    ):
-        tasks = [pool.submit(run, job, options.seed) for job in tasked]
-        try:
-            for task in as_completed(tasks):
-                outcome = task.result()
-                if outcome is None:
-                    continue
-                outcomes.append(outcome)
-                print(outcome.line(), flush=True)
-                if out:
-                    out.write(outcome.record() + "\n")
-                    out.flush()
-        except BaseException:
-            pool.shutdown(cancel_futures=True)  # else the rest is run before the error is shown
-            raise
+    tasks = [(job, options.seed) for job in jobs if (options.seed, job.number) not in done]
+    with json_lines(options.out, "a" if options.resume else "w") as write:
+        for outcome in filter(None, parallel(run, tasks, options.processes)):
+            outcomes.append(outcome)
+            print(outcome.line(), flush=True)
+            write(outcome.record())
     outcomes.sort(key=lambda outcome: outcome.job.number)
     print(f"\n{len(jobs) - len(outcomes)} of {len(jobs)} cases cannot be hidden in any world drawn")
     print(f"\n{by_effect(outcomes)}\n\n{table(outcomes)}")

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from command_line import arguments
+from harness import arguments
 
 from palpate.control.loop.loop import run_loop
 from palpate.control.loop.result import Outcome

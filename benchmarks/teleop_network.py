@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from command_line import arguments
+from harness import arguments
 from teleop_simulation import DelayLine, LinkFaults
 
 from palpate.robot_io.session import Session

@@ -8,8 +8,8 @@ Positions are positive into the object, whose surface is at 0.
 import heapq
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Generic, Protocol, TypeVar
+from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -37,19 +37,6 @@ class SpringDamper:
     def push_n(self, x: float, v: float) -> float:
         """Compression [N] at depth `x` [m] and rate `v` [m/s]."""
         return max(0.0, self.k * x + self.c * v) if x > 0.0 else 0.0
-
-
-@dataclass(frozen=True)
-class SoftSphere:
-    """F = h x^n (1 + d v), never pulling: stiffens with depth, loses energy as it is compressed."""
-
-    h: float
-    d: float
-    n: float
-
-    def push_n(self, x: float, v: float) -> float:
-        """Compression [N] at depth `x` [m] and rate `v` [m/s]."""
-        return self.h * math.pow(x, self.n) * max(0.0, 1.0 + self.d * v) if x > 0.0 else 0.0
 
 
 @dataclass
@@ -147,14 +134,6 @@ class DelayLine(Generic[T]):
         return arrived
 
 
-class SimulatedObject(Protocol):
-    """Anything that pushes back."""
-
-    def push_n(self, x: float, v: float) -> float:
-        """Compression [N] at depth [m] and rate [m/s]."""
-        ...
-
-
 class SimulatedLink:
     """A link with the same faults in both directions."""
 
@@ -172,27 +151,15 @@ class SimulatedLink:
         return self._to_leader.arrived(time_s), self._to_follower.arrived(time_s)
 
 
-@dataclass
-class Trace:
-    """What happened, one value a step; true values, free of sensors."""
-
-    time_s: list[float] = field(default_factory=list)
-    hand_m: list[float] = field(default_factory=list)  # the leader's device
-    hand_m_s: list[float] = field(default_factory=list)
-    felt_n: list[float] = field(default_factory=list)  # leader's motor against the hand, positive outwards
-    follower_m: list[float] = field(default_factory=list)
-    object_n: list[float] = field(default_factory=list)  # the real object on the follower
-    driven_n: list[float] = field(default_factory=list)  # the follower's motor
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """The same as arrays."""
-        return {name: np.array(values) for name, values in vars(self).items()}
+# True values of each step, free of sensors: felt is the leader's motor against the hand, positive outwards;
+# driven is the follower's motor.
+TRACE = ("time_s", "hand_m", "hand_m_s", "felt_n", "follower_m", "object_n", "driven_n")
 
 
 def run(
     coupling: Coupling,
-    thing: SimulatedObject,
-    hand: HandArm | Callable[[float], tuple[float, float]],
+    thing: SpringDamper,
+    hand: HandArm,
     link: SimulatedLink,
     duration_s: float,
     seed: int = 0,
@@ -202,46 +169,36 @@ def run(
     Args:
         coupling: leader and follower.
         thing: the object.
-        hand: an arm that yields to forces, or a motion (time to position and velocity) that does not.
+        hand: the operator's arm, which yields to forces.
         link: both ways.
         duration_s: how long [s].
         seed: of the force sensor's noise.
 
     Returns:
-        The arrays of `Trace`.
+        The columns of `TRACE`, one value a step.
     """
     noise_n = FORCE_NOISE_N * np.random.default_rng([seed, 1]).standard_normal(round(duration_s / DT_S))
     leader, follower = coupling.leader(), coupling.follower()
     channels = coupling.channel(), coupling.channel()
-    device, arm, trace = Mass(0.15, 0.5, START_M), Mass(1.0, 5.0, START_M), Trace()
-    led_n = 0.0
-    yielding = isinstance(hand, HandArm)
+    device, arm, rows = Mass(0.15, 0.5, START_M), Mass(1.0, 5.0, START_M), []
     for tick, noise in enumerate(noise_n):
         time_s = tick * DT_S
-        if not yielding:
-            device.x, device.v = hand(time_s)
-        hand_n = hand.force_n(time_s, device.x, device.v) if yielding else -led_n
-        push_n = thing.push_n(arm.x, arm.v)
+        hand_n, push_n = hand.force_n(time_s, device.x, device.v), thing.push_n(arm.x, arm.v)
         for channel, packets in zip(channels, link.arrived(time_s), strict=True):
             for number, packet in packets:
                 channel.take(number, packet)
         at_leader, at_follower = (channel.packet() for channel in channels)
         led_n, to_follower = leader.step(DevicePort(_read(device.x), device.v, hand_n), at_leader, DT_S)
-        driven_n, to_leader = follower.step(
-            DevicePort(_read(arm.x), arm.v, push_n + noise), at_follower, DT_S
-        )
+        at_arm = DevicePort(_read(arm.x), arm.v, push_n + noise)
+        driven_n, to_leader = follower.step(at_arm, at_follower, DT_S)
         link.exchange(time_s, to_follower, to_leader)
         led_n, driven_n = limited(led_n), limited(driven_n)
-        for values, value in zip(
-            vars(trace).values(), (time_s, device.x, device.v, -led_n, arm.x, push_n, driven_n), strict=True
-        ):
-            values.append(value)
+        rows.append((time_s, device.x, device.v, -led_n, arm.x, push_n, driven_n))
         for substep in range(SUBSTEPS):
-            if yielding:
-                at_s = time_s + substep * SUBSTEP_S
-                device.advance(led_n + hand.force_n(at_s, device.x, device.v), SUBSTEP_S)
+            at_s = time_s + substep * SUBSTEP_S
+            device.advance(led_n + hand.force_n(at_s, device.x, device.v), SUBSTEP_S)
             arm.advance(driven_n - thing.push_n(arm.x, arm.v), SUBSTEP_S)
-    return trace.arrays()
+    return dict(zip(TRACE, np.array(rows).T, strict=True))
 
 
 def _read(position_m: float) -> float:

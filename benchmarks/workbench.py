@@ -19,7 +19,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import psutil  # type: ignore[import-untyped]
-from command_line import arguments
+from harness import arguments
 from playwright.sync_api import ConsoleMessage, Page, TimeoutError, sync_playwright
 
 from palpate.robot_io.types import FloatArray

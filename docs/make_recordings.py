@@ -23,6 +23,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))  # the benchma
 
 from measured.convert import RECIPES, load_recipe, split_of
 from measured.recordings import SETS, Recording
+from measured.recordings import recordings as recordings_of_set
 from recordings import answer_of, file_of
 
 from palpate.estimation.diagnosis import ChannelDiagnosis, diagnose
@@ -45,35 +46,6 @@ recording, `benchmarks/measured/recipes/NAME.yaml`, states the reasons. *Held ou
 developed on the recording before its first diagnosis. The data are not part of this project.
 """
 TABLE_HEAD = ["| recording | verdict | largest kind | missing effects |", "|---|---|---|---|"]
-ORIGINS = {  # of the sets: repository, licence, what was measured
-    "emps": ("forgi86/sysid-neural-continuous", "Apache-2.0", "prismatic drive, two runs at 1 kHz"),
-    "xl330_pendulum": ("Rhoban/bam", "Apache-2.0", "servo XL330 with a pendulum, 16 runs"),
-    "silverbox": ("biaslab/nsi-silverbox", "MIT", "electronic mass, damper and hardening spring"),
-    "load_cell": ("mvsivaselvan/CIE324-Swing-Project", "MIT", "two load cells under dead weights"),
-    "soft_indentation": ("SarahIaquinta/perineal_indentation", "GPL-3.0", "soft specimens, 23 indentations"),
-    "servo_backlash": (
-        "roboninecom/Measuring-Backlash-in-Popular-UART-Servos",
-        "CC BY 4.0",
-        "servos pulled at rest; one log is a control",
-    ),
-    "motor_cogging": (
-        "heitor-andrade/laas_anti_cogging",
-        "BSD-3-Clause",
-        "motor, at rest and in motion",
-    ),
-    "surgical_tool": (
-        "MRDLab/mis-tool-characterization",
-        "ODbL",
-        "two cable-driven surgical tools",
-    ),
-    "afm_cell_relaxation": ("AFM-analysis/afmformats", "MIT", "oocyte under an AFM, 15 curves"),
-    "muscle_ramps": (
-        "beards-lab/TitinViscoelasticity",
-        "MIT",
-        "muscle stretched by ramps and held, four conditions; nominal scale",
-    ),
-    "tx40_arm": ("thanhndv212/figaroh-examples", "Apache-2.0", "arm of six joints in one exciting motion"),
-}
 
 
 @dataclass
@@ -163,14 +135,14 @@ def _entry_of_recipe(recipe: dict[str, Any], content: dict[str, Any]) -> Entry:
 
 def _of_sets(options: Namespace) -> Iterator[Entry]:
     """Recordings of the sets that benchmarks/measured/recordings.py reads."""
-    for read in SETS:
-        folders = (folder / read.__name__ for folder in options.data_dirs)
+    for name, entry in SETS.items():
+        folders = (folder / name for folder in options.data_dirs)
         folder = next(filter(Path.is_dir, folders), None)
         if folder is None:
             continue
-        repository, licence, measured = ORIGINS[read.__name__]
+        repository, licence, measured = entry["origin"]
         place = f"[{repository}](https://github.com/{repository}), license: {licence}"
-        for recording in read(folder):
+        for recording in recordings_of_set(folder):
             answer = options.answers / f"{recording.name.replace(' ', '_')}.json"
             if not answer.is_file() and options.no_new:
                 continue

@@ -27,31 +27,26 @@ def cogging_map(folder: Path) -> ChannelData:
 
     It was held nearly still at each position; its derivatives are made as those of a file are.
     """
-    data = table(folder / "mapping.csv.gz")
     parts = []
     for run in (1, 2):
-        of_run = data[data["run"] == run]
-        t, q = of_run["time_s"], of_run["position_rad"]
+        data = table(folder / "mapping.csv.gz", run=run)
+        t, q, torque = signals(data, "time_s", "position_rad", "torque_Nm")
         for part in np.array_split(np.arange(len(t)), 4):
             made = differentiate(t[part], q[part], np.zeros(len(part), dtype=np.int64))
-            motion = [t[part] + 1e5 * run, q[part], made.velocity, made.acceleration]
-            parts.append([*motion, of_run["torque_Nm"][part]])
+            parts.append([t[part] + 1e5 * run, q[part], made.velocity, made.acceleration, torque[part]])
     return channel(ChannelKind.REVOLUTE, parts)
 
 
 def cogging_motion(folder: Path, run: int, band_hz: float) -> ChannelData:
     """One of the recordings in motion, on an even grid, below a frequency; in five pieces."""
-    data = table(folder / "motion.csv.gz")
-    data = data[data["run"] == run]
-    t = np.arange(data["time_s"][0] + 0.02, data["time_s"][-1] - 0.02, 1e-3)
-    q, torque = (
-        filtfilt(*butter(4, band_hz / 500), np.interp(t, data["time_s"], data[key]))
-        for key in ("position_rad", "torque_Nm")
-    )
+    data = table(folder / "motion.csv.gz", run=run)
+    read_s, *read = signals(data, "time_s", "position_rad", "torque_Nm")
+    t = np.arange(read_s[0] + 0.02, read_s[-1] - 0.02, 1e-3)
+    q, torque = (filtfilt(*butter(4, band_hz / 500), np.interp(t, read_s, signal)) for signal in read)
     v = np.gradient(q, 1e-3)
-    signals = [signal[300:-300:2] for signal in (t, q, v, np.gradient(v, 1e-3), torque)]
-    edges = np.linspace(0, len(signals[0]), 6).astype(int)
-    parts = [[signal[start:stop] for signal in signals] for start, stop in pairwise(edges)]
+    kept = [signal[300:-300:2] for signal in (t, q, v, np.gradient(v, 1e-3), torque)]
+    edges = np.linspace(0, len(kept[0]), 6).astype(int)
+    parts = [[signal[start:stop] for signal in kept] for start, stop in pairwise(edges)]
     return channel(ChannelKind.REVOLUTE, parts)
 
 
@@ -64,29 +59,24 @@ def tool(folder: Path, name: str) -> ChannelData:
         load = _JAW_RATIO * jaw
         parts.append([signal[50:-50] for signal in (t + 100.0 * number, q, v, a, torque - load)])
         loads.append(load[50:-50])
-    data = channel(ChannelKind.REVOLUTE, parts)
-    return replace(data, context={"load": np.concatenate(loads)})
+    return replace(channel(ChannelKind.REVOLUTE, parts), context={"load": np.concatenate(loads)})
 
 
 def tx40(folder: Path) -> tuple[list[ChannelData], list[Model]]:
     """Six joints and their models with free base parameters, all below 60 Hz, every tenth sample."""
-    data = table(folder / "runs.csv.gz")
-    numbers = range(1, TX40_JOINTS + 1)
+    data, numbers = table(folder / "runs.csv.gz"), range(1, TX40_JOINTS + 1)
     low = butter(4, 60 / 500)
-    q = np.column_stack([filtfilt(*low, data[f"position_{i}_rad"]) for i in numbers])
-    torque = np.column_stack([filtfilt(*low, data[f"torque_{i}_Nm"]) for i in numbers])
-    v = np.gradient(q, 1e-3, axis=0)
-    a = np.gradient(v, 1e-3, axis=0)
-    kept = np.arange(50, len(q) - 50, 10)
-    kept = kept[data["time_s"][kept] < _STILL_FROM_S]
-    columns = {"time_s": data["time_s"], "run": data["run"]}
+    columns = {"time_s": data["time_s"].to_numpy(), "run": data["run"].to_numpy()}
     for i in numbers:
-        columns[f"position_{i}_rad"], columns[f"velocity_{i}_rad_s"] = q[:, i - 1], v[:, i - 1]
-        columns[f"acceleration_{i}_rad_s2"], columns[f"torque_{i}_Nm"] = a[:, i - 1], torque[:, i - 1]
+        q, torque = (filtfilt(*low, each) for each in signals(data, f"position_{i}_rad", f"torque_{i}_Nm"))
+        columns[f"position_{i}_rad"], columns[f"velocity_{i}_rad_s"] = q, (v := np.gradient(q, 1e-3))
+        columns[f"acceleration_{i}_rad_s2"], columns[f"torque_{i}_Nm"] = np.gradient(v, 1e-3), torque
+    kept = np.arange(50, len(data) - 50, 10)
+    kept = kept[columns["time_s"][kept] < _STILL_FROM_S]
     with TemporaryDirectory() as place:
         path = Path(place) / "tx40.csv"
-        text = np.column_stack(list(columns.values()))[kept]
-        np.savetxt(path, text, fmt="%.10g", delimiter=",", header=",".join(columns), comments="")
+        rows = np.column_stack(list(columns.values()))[kept]
+        np.savetxt(path, rows, fmt="%.10g", delimiter=",", header=",".join(columns), comments="")
         channels = import_file(path).channels
     base = MODELS["rigid_body_fitted"]()
     urdf = (folder / "tx40.urdf").read_text()

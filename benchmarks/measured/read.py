@@ -1,12 +1,12 @@
 """Reads the measured sets into channels: zero-phase derivatives, runs, what their authors left out."""
 
-import csv
-import gzip
 from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from scipy.signal import butter, filtfilt, savgol_filter
 
 from palpate.estimation.channel import ChannelData, ChannelKind
@@ -24,29 +24,22 @@ def channel(kind: ChannelKind, parts: Iterable[list[np.ndarray]], name: str = "j
     return ChannelData(name, kind, t, x, v, a, effort, run, np.full(len(t), -1))
 
 
-def table(path: Path) -> np.ndarray:
-    """All rows of a CSV of numbers."""
-    return np.genfromtxt(path, delimiter=",", names=True)
+def table(path: Path, **only: str | int) -> pd.DataFrame:
+    """Rows of a CSV; `only` those with this in a column."""
+    rows = pd.read_csv(path, float_precision="round_trip")
+    for name, value in only.items():
+        rows = rows[rows[name] == value]
+    return rows
 
 
-def rows(path: Path) -> list[dict[str, str]]:
-    """All rows of a CSV with words in it."""
-    with gzip.open(path, "rt") as file:
-        return list(csv.DictReader(file))
+def runs(folder: Path, key: str = "run", **only: str | int) -> dict[Any, pd.DataFrame]:
+    """Rows of a set's runs.csv.gz, by run or by another column; `only` as in `table`."""
+    return dict(iter(table(folder / "runs.csv.gz", **only).groupby(key, sort=False)))
 
 
-def runs(folder: Path, key: str = "run", **only: str) -> dict[str, list[dict[str, str]]]:
-    """Rows of a set's runs.csv.gz, by run or by another column; `only` those with this in a column."""
-    found: dict[str, list[dict[str, str]]] = {}
-    for row in rows(folder / "runs.csv.gz"):
-        if all(row[name] == value for name, value in only.items()):
-            found.setdefault(row[key], []).append(row)
-    return found
-
-
-def signals(run: list[dict[str, str]], *keys: str) -> list[np.ndarray]:
-    """Columns of these rows as numbers."""
-    return [np.array([float(row[key]) for row in run]) for key in keys]
+def signals(rows: pd.DataFrame, *keys: str) -> np.ndarray:
+    """Columns of these rows as numbers, shape (keys, n)."""
+    return rows[list(keys)].to_numpy(np.float64).T.copy()
 
 
 def part(t: np.ndarray, x: np.ndarray, effort: np.ndarray) -> list[np.ndarray]:
@@ -62,23 +55,21 @@ def emps(folder: Path) -> ChannelData:
     """
     parts = []
     for number, name in enumerate(("train.csv.gz", "test_pulses.csv.gz")):
-        data = table(folder / name)
-        q = filtfilt(*butter(4, 100 / 500), data["position_m"])
+        t, q, force = signals(table(folder / name), "time_s", "position_m", "motor_force_N")
+        q = filtfilt(*butter(4, 100 / 500), q)
         v = np.gradient(q, 1e-3)
-        signals = (q, v, np.gradient(v, 1e-3), data["motor_force_N"])
-        low = [filtfilt(*butter(4, 40 / 500), signal)[50:-50] for signal in signals]
-        # the sign of motion is lost in no filter: friction acts on the motion itself
-        low[1] = v[50:-50]
-        parts.append([data["time_s"][50:-50] + 100.0 * number, *low])
+        low = [filtfilt(*butter(4, 40 / 500), signal) for signal in (q, v, np.gradient(v, 1e-3), force)]
+        low[1] = v  # the sign of motion is lost in no filter: friction acts on the motion itself
+        parts.append([signal[50:-50] for signal in (t + 100.0 * number, *low)])
     return channel(ChannelKind.PRISMATIC, parts)
 
 
 def pendulum(folder: Path) -> ChannelData:
     """The servo with a pendulum; the effort is the voltage [V]. Saturated, standing, free ones left out."""
-    return channel(ChannelKind.REVOLUTE, [_swing(int(number), run) for number, run in runs(folder).items()])
+    return channel(ChannelKind.REVOLUTE, [_swing(number, run) for number, run in runs(folder).items()])
 
 
-def _swing(number: int, run: list[dict[str, str]]) -> list[np.ndarray]:
+def _swing(number: int, run: pd.DataFrame) -> list[np.ndarray]:
     keys = ("time_s", "position_rad", "load_register", "torque_enabled", "input_voltage_V")
     t, q, duty, on, supply = signals(run, *keys)
     volts = np.where(duty > 32767, duty - 65536, duty) / 885.0 * supply
@@ -88,13 +79,13 @@ def _swing(number: int, run: list[dict[str, str]]) -> list[np.ndarray]:
     volts = savgol_filter(volts, 11, 3)
     kept = (on > 0.999) & (np.abs(volts) < _FULL_DUTY_V) & (np.abs(motion[1]) > 0.2)
     kept[:15] = kept[-15:] = False
-    return [(even + 10.0 * number)[kept], *(signal[kept] for signal in motion), volts[kept]]
+    return [signal[kept] for signal in (even + 10.0 * number, *motion, volts)]
 
 
 def silverbox(folder: Path) -> ChannelData:
     """The resonator: eight multisines [V for m and N]."""
-    data = table(folder / "silverbox.csv.gz")
-    u, y = (data[key] - data[key].mean() for key in ("input_voltage_V", "output_voltage_V"))
+    data = signals(table(folder / "silverbox.csv.gz"), "input_voltage_V", "output_voltage_V")
+    u, y = (signal - signal.mean() for signal in data)
     spectrum, omega = np.fft.rfft(y), 2j * np.pi * np.fft.rfftfreq(len(y), SILVERBOX_STEP_S)
     v, a = (np.fft.irfft(spectrum * omega**order, len(y)) for order in (1, 2))
     t = np.arange(len(y)) * SILVERBOX_STEP_S
@@ -103,24 +94,15 @@ def silverbox(folder: Path) -> ChannelData:
     return channel(ChannelKind.PRISMATIC, parts)
 
 
-def load_cells(folder: Path) -> list[ChannelData]:
-    """Two cells under weights; force as the position [kN for m], reading as the effort [counts]."""
-    data = table(folder / "load_cell.csv")
-    settled = data["settled"] == 1
-    step = np.concatenate([[0], np.cumsum(np.diff(data["nominal_force_N"]) != 0)])
-    found = []
-    for number in (1, 2):
-        parts = []
-        # a level and the next together make a run: one level alone cannot tell a gain from a bias
-        for pair in range(0, int(step.max()) + 1, 2):
-            kept = settled & ((step == pair) | (step == pair + 1))
-            force = data["nominal_force_N"][kept]
-            zero = np.zeros_like(force)
-            parts.append(
-                [data["time_s"][kept], 1e-3 * force, zero, zero, data[f"load_cell_{number}_counts"][kept]]
-            )
-        found.append(channel(ChannelKind.PRISMATIC, [p for p in parts if len(p[0])], f"cell_{number}"))
-    return found
+def load_cell(folder: Path, number: int) -> ChannelData:
+    """One of two cells under weights; force as the position [kN for m], reading as the effort [counts]."""
+    keys = ("time_s", "nominal_force_N", f"load_cell_{number}_counts", "settled")
+    t, force, counts, settled = signals(table(folder / "load_cell.csv"), *keys)
+    # a level and the next together make a run: one level alone cannot tell a gain from a bias
+    pair = np.concatenate([[0], np.cumsum(np.diff(force) != 0)]) // 2
+    kept = [(settled == 1) & (pair == run) for run in range(int(pair.max()) + 1)]
+    parts = [[t[k], 1e-3 * force[k], 0.0 * t[k], 0.0 * t[k], counts[k]] for k in kept if k.any()]
+    return channel(ChannelKind.PRISMATIC, parts, f"cell_{number}")
 
 
 def indentation(folder: Path) -> ChannelData:
@@ -138,11 +120,10 @@ def servo(folder: Path, log: str, motor: int) -> ChannelData:
 
     Each two pulls make a run. Samples less than 0.8 s after a commanded move are left out.
     """
-    counts = 4096 / 2 / np.pi
-    of_log = [row for row in rows(folder / "telemetry.csv.gz") if row["log"] == log]
+    counts, telemetry = 4096 / 2 / np.pi, table(folder / "telemetry.csv.gz", log=log)
 
     def signal(number: int, key: str) -> np.ndarray:
-        return np.array([float(row[key] or "nan") for row in of_log if int(row["motor_id"]) == number])
+        return telemetry.loc[telemetry["motor_id"] == number, key].to_numpy(np.float64)
 
     count = min(len(signal(number, "time_s")) for number in (motor, 3, 4))
     pull = [
@@ -155,10 +136,34 @@ def servo(folder: Path, log: str, motor: int) -> ChannelData:
     for i in np.flatnonzero(np.diff(target)) + 1:
         home[i : i + 8] = False
     home &= np.isfinite(x + y)
-    edges = np.linspace(0, count, 7).astype(int)
     parts = []
-    for start, stop in pairwise(edges):
-        kept = np.arange(count)[start:stop][home[start:stop]]
+    for start, stop in pairwise(np.linspace(0, count, 7).astype(int)):
+        kept = np.arange(start, stop)[home[start:stop]]
         if len(kept) > 10:
             parts.append(part(t[kept], x[kept], y[kept] - np.nanmean(y[home])))
     return channel(ChannelKind.REVOLUTE, parts)
+
+
+def afm_cell(folder: Path) -> ChannelData:
+    """Approach and hold of all curves on one cell, evenly sampled; the retract apart, as its README does.
+
+    Position is that of the drive. The README's indentation is that less force over the cantilever's 1.07 N/m:
+    in a hold it follows the force, and says what the force is. The cell is 80 times as soft.
+
+    The README's errors count only every fourth sample of the later hold, so they weigh the approach more.
+    """
+    parts = []
+    for number, run in enumerate(runs(folder).values()):
+        kept = run[run["phase"].isin(["approach", "hold"])]
+        t, x, force = signals(kept, "time_s", "piezo_m", "force_N")
+        parts.append(part(t + 100.0 * number, x, force))
+    return channel(ChannelKind.CONTACT, parts, "contact")
+
+
+def muscle(folder: Path, condition: str) -> ChannelData:
+    """Ramps of 0.1, 1, 10 and 100 s to one stretch under one condition; one run each."""
+    parts = []
+    for number, run in enumerate(runs(folder, condition=condition).values()):
+        t, x, force = signals(run, "time_s", "displacement_m", "force_N")
+        parts.append(part(t + 1000.0 * number, x, force))
+    return channel(ChannelKind.CONTACT, parts, "contact")

@@ -4,9 +4,9 @@ import json
 import math
 import time
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
-from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -17,54 +17,39 @@ from palpate.estimation.effects import EFFECTS
 from .cases import CaseSpec, GeneratedCase, make
 
 # One and the same curve under two names, for mathematical reasons, so that no data can prefer one:
-# hidden -> the sets of effects that describe it as well, and why. A first effect out of any set is right.
-SAME_CURVE: dict[str, tuple[tuple[frozenset[str], str], ...]] = {
-    "tool_compliance": (
-        (
-            frozenset({"stress_relaxation"}),
-            "a spring in series with spring and damper is Zener's body, which relaxes",
-        ),
-    ),
-    "power_law_stiffness": ((frozenset({"hunt_crossley"}), "k x^n is Hunt and Crossley's law with b = 0"),),
-    "relaxation_spectrum": ((frozenset({"stress_relaxation"}), "the first of its two branches"),),
-    "stribeck_friction": (
-        (frozenset({"coulomb_friction", "stribeck_friction"}), "Coulomb's is the asymptote of Stribeck's"),
-        (frozenset({"coulomb_friction"}), "where all speeds are beyond Stribeck's"),
-    ),
-    "asymmetric_friction": (
-        (frozenset({"coulomb_friction", "bias"}), "f+ and f- are (f+ + f-)/2 and a constant while it moves"),
-        (frozenset({"coulomb_friction", "asymmetric_friction"}), "the same sum, told in two steps"),
-    ),
-    "presliding_friction": (
-        (frozenset({"coulomb_friction"}), "Dahl's law beyond its presliding distance is Coulomb's"),
-    ),
-    "joint_spring": ((frozenset({"joint_spring", "bias"}), "its preload is a bias"),),
+# hidden -> the sets of effects that describe it as well. A first effect out of any set is right.
+SAME_CURVE: dict[str, list[set[str]]] = {
+    # a spring in series with spring and damper is Zener's body, which relaxes
+    "tool_compliance": [{"stress_relaxation"}],
+    "power_law_stiffness": [{"hunt_crossley"}],  # k x^n is Hunt and Crossley's law with b = 0
+    "relaxation_spectrum": [{"stress_relaxation"}],  # the first of its two branches
+    # Coulomb's is the asymptote of Stribeck's, and enough where all speeds are beyond Stribeck's
+    "stribeck_friction": [{"coulomb_friction", "stribeck_friction"}, {"coulomb_friction"}],
+    # f+ and f- are (f+ + f-)/2 and a constant while it moves; or the same sum, told in two steps
+    "asymmetric_friction": [{"coulomb_friction", "bias"}, {"coulomb_friction", "asymmetric_friction"}],
+    "presliding_friction": [{"coulomb_friction"}],  # Dahl's law beyond its presliding distance is Coulomb's
+    "joint_spring": [{"joint_spring", "bias"}],  # its preload is a bias
 }
 # A sum of ripples has one name.
 SPELLED = {"torque_ripple (harmonics)": "torque_ripple"}
 # Outside the vocabulary of design.md, inside one that knows friction by position.
-NAMED_BY_A_WIDER_LIBRARY = {
-    "cos^2 of the angle times speed": frozenset({"position_dependent_friction"}),
-    "end cushion": frozenset({"position_dependent_friction"}),
-}
+NAMED_BY_A_WIDER_LIBRARY = {"cos^2 of the angle times speed", "end cushion"}
 # Laws of the library that contain a hidden one exactly, at any motion, by their equations. They are removed
 # from the library together with it; laws that only come near are not listed.
-CONTAINED_IN: dict[str, frozenset[str]] = {
-    # offset, preload, and one offset in all runs
-    "bias": frozenset({"drift", "joint_spring", "run_offset"}),
-    # no rise, equal forces, no presliding distance, no path
-    "coulomb_friction": frozenset(
-        {"stribeck_friction", "asymmetric_friction", "presliding_friction", "bouc_wen_hysteresis"}
-    ),
-    "presliding_friction": frozenset({"bouc_wen_hysteresis"}),
-    "dry_friction": frozenset({"bouc_wen_hysteresis"}),
-    "load_dependent_friction": frozenset({"load_dependent_presliding"}),
-    # exponent 3
-    "cubic_stiffness": frozenset({"hunt_crossley", "power_law_stiffness"}),
-    "power_law_stiffness": frozenset({"hunt_crossley"}),
-    "stress_relaxation": frozenset({"relaxation_spectrum"}),
+CONTAINED_IN: dict[str, set[str]] = {
+    "bias": {"drift", "joint_spring", "run_offset"},  # offset, preload, and one offset in all runs
+    "coulomb_friction": {
+        *("stribeck_friction", "asymmetric_friction"),  # no rise, equal forces
+        *("presliding_friction", "bouc_wen_hysteresis"),  # no presliding distance, no path
+    },
+    "presliding_friction": {"bouc_wen_hysteresis"},
+    "dry_friction": {"bouc_wen_hysteresis"},
+    "load_dependent_friction": {"load_dependent_presliding"},
+    "cubic_stiffness": {"hunt_crossley", "power_law_stiffness"},  # exponent 3
+    "power_law_stiffness": {"hunt_crossley"},
+    "stress_relaxation": {"relaxation_spectrum"},
     # a spring in series with a spring and damper is a standard linear solid
-    "tool_compliance": frozenset({"stress_relaxation", "relaxation_spectrum"}),
+    "tool_compliance": {"stress_relaxation", "relaxation_spectrum"},
 }
 QUANTILE_95 = 1.96
 
@@ -124,11 +109,10 @@ class CaseOutcome:
             f"[{self.world}; {self.samples} samples, {self.seconds:.1f} s]"
         )
 
-    def record(self) -> str:
-        """One line of JSON, by which two engines can be compared case by case."""
-        fields = asdict(self)
-        fields["intervals"] = [asdict(interval) | {"holds": interval.holds} for interval in self.intervals]
-        return json.dumps(fields)
+    def record(self) -> dict[str, Any]:
+        """All fields as plain data, by which two engines can be compared case by case."""
+        intervals = [asdict(interval) | {"holds": interval.holds} for interval in self.intervals]
+        return asdict(self) | {"intervals": intervals}
 
 
 def from_record(line: str) -> CaseOutcome:
@@ -136,10 +120,9 @@ def from_record(line: str) -> CaseOutcome:
     fields = json.loads(line)
     fields["job"] = CaseSpec(**fields["job"] | {"hidden": tuple(fields["job"]["hidden"])})
     fields["rmse"] = fields["rmse"] and tuple(fields["rmse"])
-    fields["intervals"] = [
-        Interval(**{key: value for key, value in interval.items() if key != "holds"})
-        for interval in fields["intervals"]
-    ]
+    for interval in fields["intervals"]:
+        del interval["holds"]
+    fields["intervals"] = [Interval(**interval) for interval in fields["intervals"]]
     return CaseOutcome(**fields)
 
 
@@ -159,10 +142,15 @@ def run(job: CaseSpec, seed: int) -> CaseOutcome | None:
     return judged(case, seed, diagnosis, time.process_time() - started)
 
 
+def _names(job: CaseSpec) -> list[str]:
+    """Hidden effects by the library's names."""
+    return [SPELLED.get(name, name) for name in job.hidden]
+
+
 def withheld(job: CaseSpec) -> frozenset[str]:
     """Names of the hidden effects and of every law that contains one of them."""
-    plain = frozenset(SPELLED.get(name, name) for name in job.hidden)
-    return plain.union(*(CONTAINED_IN.get(name, frozenset()) for name in plain))
+    plain = frozenset(_names(job))
+    return plain.union(*(CONTAINED_IN.get(name, ()) for name in plain))
 
 
 def judged(case: GeneratedCase, seed: int, diagnosis: ChannelDiagnosis, seconds: float) -> CaseOutcome:
@@ -207,7 +195,7 @@ def judged(case: GeneratedCase, seed: int, diagnosis: ChannelDiagnosis, seconds:
 
 def _is_kind_right(job: CaseSpec, diagnosis: ChannelDiagnosis, *, with_replacing: bool) -> bool | None:
     """Whether the budget's largest kind, or one that may replace it, is one of a hidden effect."""
-    hidden = [EFFECTS[name] for name in (SPELLED.get(name, name) for name in job.hidden) if name in EFFECTS]
+    hidden = [EFFECTS[name] for name in _names(job) if name in EFFECTS]
     if not hidden:
         return None
     kinds = frozenset().union(*({effect.kind} | effect.also for effect in hidden))
@@ -220,11 +208,11 @@ def _is_kind_right(job: CaseSpec, diagnosis: ChannelDiagnosis, *, with_replacing
 def _right_sets(job: CaseSpec) -> list[frozenset[str]]:
     """All sets of names that describe what is hidden."""
     if job.sort == "outside":
-        return [NAMED_BY_A_WIDER_LIBRARY.get(job.hidden[0], frozenset())]
+        named = job.hidden[0] in NAMED_BY_A_WIDER_LIBRARY
+        return [frozenset({"position_dependent_friction"} if named else ())]
     sets = [frozenset[str]()]
-    for name in job.hidden:
-        plain = SPELLED.get(name, name)
-        ways = [frozenset({plain}), *(names for names, _ in SAME_CURVE.get(plain, ()))]
+    for name in _names(job):
+        ways = [{name}, *SAME_CURVE.get(name, ())]
         sets = [names | way for names in sets for way in ways]
     return sets
 
@@ -232,7 +220,7 @@ def _right_sets(job: CaseSpec) -> list[frozenset[str]]:
 def _intervals(case: GeneratedCase, diagnosis: ChannelDiagnosis) -> list[Interval]:
     """Estimates with a known truth: of accepted effects that are there, and of the model if all are named."""
     named = {entry.effect for entry in diagnosis.accepted}
-    spelled = {SPELLED.get(name, name) for name in case.job.hidden}
+    spelled = set(_names(case.job))
     there = {
         f"{entry.effect}.{name}": p for entry in diagnosis.accepted for name, p in entry.parameters.items()
     }
@@ -252,64 +240,48 @@ def share(flags: Iterable[bool]) -> str:
     return f"{sum(some)} of {len(some)}"
 
 
+HIDDEN = ("one", "two")
+# Row of the table: the sorts of cases that count, and what is true of the cases that are counted.
+ROWS: dict[str, tuple[Sequence[str], Callable[[CaseOutcome], bool]]] = {
+    "verdict right": (("nothing", "one", "two", "outside", "removed"), lambda o: o.right),
+    "  nothing hidden": (("nothing",), lambda o: o.right),
+    "  one effect": (("one",), lambda o: o.right),
+    "  two effects": (("two",), lambda o: o.right),
+    "  outside the vocabulary": (("outside",), lambda o: o.right),
+    "  removed from the library": (("removed",), lambda o: o.right),
+    "first effect right": (HIDDEN, lambda o: o.first),
+    "exact set": (HIDDEN, lambda o: o.exact),
+    "nothing hidden: unexplained": (("nothing",), lambda o: o.verdict == "unexplained"),
+    "nothing hidden: named": (("nothing",), lambda o: o.verdict == "missing"),
+    "outside: wrong name": (("outside",), lambda o: o.verdict == "missing" and not o.first),
+    "outside: unexplained": (("outside",), lambda o: o.verdict == "unexplained"),
+    "removed: wrong name": (("removed",), lambda o: o.verdict == "missing"),
+    "removed: wrong name, form exact": (("removed",), lambda o: bool(o.exact_forms)),
+    "removed: kind right": (("removed",), lambda o: o.kind_right is True),
+    "removed: kind right or possible": (("removed",), lambda o: o.kind_stated is True),
+    "named rightly: form exact": (HIDDEN, lambda o: bool(o.exact_forms)),
+    "hidden: unexplained": (HIDDEN, lambda o: o.verdict == "unexplained"),
+    "hidden: insufficient": (HIDDEN, lambda o: o.verdict == "insufficient"),
+}
+
+
 def table(outcomes: Sequence[CaseOutcome]) -> str:
     """What came out, in one table, for each kind and both."""
-    kinds = [k for k in ("contact", "revolute") if any(o.job.kind == k for o in outcomes)]
+    kinds = sorted({o.job.kind for o in outcomes})  # contacts first
     columns = {kind: [o for o in outcomes if o.job.kind == kind] for kind in kinds} | {"all": list(outcomes)}
-    rows = {
-        "verdict right": lambda some: share(o.right for o in some),
-        "  nothing hidden": partial(_right, "nothing"),
-        "  one effect": partial(_right, "one"),
-        "  two effects": partial(_right, "two"),
-        "  outside the vocabulary": partial(_right, "outside"),
-        "  removed from the library": partial(_right, "removed"),
-        "first effect right": lambda some: share(o.first for o in some if o.job.sort in ("one", "two")),
-        "exact set": lambda some: share(o.exact for o in some if o.job.sort in ("one", "two")),
-        "nothing hidden: unexplained": lambda some: _verdicts(some, "nothing", "unexplained"),
-        "nothing hidden: named": lambda some: _verdicts(some, "nothing", "missing"),
-        "outside: wrong name": lambda some: share(
-            o.verdict == "missing" and not o.first for o in some if o.job.sort == "outside"
-        ),
-        "outside: unexplained": lambda some: _verdicts(some, "outside", "unexplained"),
-        "removed: wrong name": lambda some: _verdicts(some, "removed", "missing"),
-        "removed: wrong name, form exact": lambda some: share(
-            bool(o.exact_forms) for o in some if o.job.sort == "removed"
-        ),
-        "removed: kind right": lambda some: share(
-            o.kind_right is True for o in some if o.job.sort == "removed"
-        ),
-        "removed: kind right or possible": lambda some: share(
-            o.kind_stated is True for o in some if o.job.sort == "removed"
-        ),
-        "named rightly: form exact": lambda some: share(
-            bool(o.exact_forms) for o in some if o.job.sort in ("one", "two") and o.exact
-        ),
-        "hidden: unexplained": lambda some: share(
-            o.verdict == "unexplained" for o in some if o.job.sort in ("one", "two")
-        ),
-        "hidden: insufficient": lambda some: share(
-            o.verdict == "insufficient" for o in some if o.job.sort in ("one", "two")
-        ),
-        "intervals of accepted hold": lambda some: _held(some, accepted=True),
-        "intervals of the simple model hold": lambda some: _held(some, accepted=False),
-        "processor seconds, median / largest": _seconds,
-    }
-    lines = [f"{'':36s}" + "".join(f"{name:>16s}" for name in columns)]
-    lines += [
-        f"{what:36s}" + "".join(f"{fill(o):>16s}" for o in columns.values()) for what, fill in rows.items()
-    ]
-    return "\n".join(lines)
+    lines = {"": list(columns)}
+    for what, (sorts, is_so) in ROWS.items():
+        counted = [[o for o in some if o.job.sort in sorts] for some in columns.values()]
+        if what.startswith("named rightly"):
+            counted = [[o for o in some if o.exact] for some in counted]
+        lines[what] = [share(map(is_so, some)) for some in counted]
+    for what, accepted in (("accepted", True), ("the simple model", False)):
+        lines[f"intervals of {what} hold"] = [_held(some, accepted) for some in columns.values()]
+    lines["processor seconds, median / largest"] = [_seconds(some) for some in columns.values()]
+    return "\n".join(f"{what:36s}" + "".join(f"{cell:>16s}" for cell in row) for what, row in lines.items())
 
 
-def _right(sort: str, some: Sequence[CaseOutcome]) -> str:
-    return share(o.right for o in some if o.job.sort == sort)
-
-
-def _verdicts(some: Sequence[CaseOutcome], sort: str, verdict: str) -> str:
-    return share(o.verdict == verdict for o in some if o.job.sort == sort)
-
-
-def _held(some: Sequence[CaseOutcome], *, accepted: bool) -> str:
+def _held(some: Sequence[CaseOutcome], accepted: bool) -> str:
     flags = [i.holds for o in some for i in o.intervals if i.accepted == accepted and i.holds is not None]
     return f"{100 * np.mean(flags):.0f} % of {len(flags)}" if flags else "-"
 

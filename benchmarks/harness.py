@@ -1,0 +1,106 @@
+"""Command line, processes, tables and files that several benchmarks share."""
+
+import json
+import multiprocessing
+import resource
+import subprocess
+import sys
+import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Column, Table
+from threadpoolctl import threadpool_limits
+
+ROOT = Path(__file__).resolve().parents[1]
+ROBOTS = ROOT / "robots"
+PALPATE = (sys.executable, "-m", "palpate.main")
+# The command's main process says at its end how much memory it took: Linux counts it in KiB.
+_MEASURED = """import resource, sys
+from palpate.main import main
+try: main()
+finally: print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, file=sys.stderr)"""
+
+
+def arguments(description: str | None) -> ArgumentParser:
+    """Return a parser whose help shows the script's docstring line by line."""
+    return ArgumentParser(description=description, formatter_class=RawDescriptionHelpFormatter)
+
+
+@dataclass(frozen=True)
+class FinishedCommand:
+    """A palpate command that has ended."""
+
+    stdout: str
+    stderr: str
+    exit_code: int
+    wall_s: float
+    processor_s: float  # user and system time, with the processes that it started
+    peak_gb: float  # memory of the main process
+
+
+def run_palpate(*words: object, check: bool = True) -> FinishedCommand:
+    """Run a palpate command in its own process, and measure it.
+
+    Args:
+        words: command and options.
+        check: whether an exit code other than 0 is an error.
+
+    Raises:
+        subprocess.CalledProcessError: the command failed; only with `check`.
+    """
+    begun_s, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
+    command = [sys.executable, "-P", "-c", _MEASURED, *map(str, words)]
+    ended = subprocess.run(command, capture_output=True, text=True, check=check)
+    wall_s, after = time.perf_counter() - begun_s, resource.getrusage(resource.RUSAGE_CHILDREN)
+    processor_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    stderr, _, peak = ended.stderr.rstrip("\n").rpartition("\n")
+    peak_gb = int(peak) * 1024 / 1e9 if peak.isdigit() else float("nan")
+    return FinishedCommand(ended.stdout, stderr, ended.returncode, wall_s, processor_s, peak_gb)
+
+
+def parallel(
+    work: Callable[..., Any], jobs: Iterable[Sequence[Any]], processes: int, *, in_order: bool = False
+) -> Iterator[Any]:
+    """Yield the results of a function, computed in processes with one BLAS thread each.
+
+    Args:
+        work: function of a module.
+        jobs: its arguments, one sequence for each call.
+        processes: number of processes.
+        in_order: yield in the order of the jobs, instead of as they finish.
+    """
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(processes, spawn, initializer=threadpool_limits, initargs=(1,)) as pool:
+        tasks = [pool.submit(work, *job) for job in jobs]
+        try:
+            for task in tasks if in_order else as_completed(tasks):
+                yield task.result()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)  # otherwise the other jobs run before the error is shown
+            raise
+
+
+@contextmanager
+def json_lines(path: Path | None, mode: str = "w") -> Iterator[Callable[[Any], None]]:
+    """Yield a function that writes a value as a line of JSON at once; without a path it writes nothing."""
+    if path is None:
+        yield lambda value: None
+        return
+    with path.open(mode, encoding="utf-8") as file:
+        yield lambda value: print(json.dumps(value), file=file, flush=True)
+
+
+def print_table(title: str, headers: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Print a table whose columns, except the first, are aligned to the right."""
+    table = Table(*(Column(name, justify="right" if i else "left") for i, name in enumerate(headers)))
+    for row in rows:
+        table.add_row(*map(str, row))
+    console = Console(width=None if Console().is_terminal else 200)
+    console.print(title, table, markup=False)
