@@ -34,11 +34,7 @@ def test_the_mock_robot_is_probed_through_the_interfaces_alone():
 
 @pytest.mark.parametrize(
     ("name", "stiffness", "damping", "speed_m_s"),
-    [
-        ("follower", 100.0, 0.0, 0.15),
-        ("leader", 7100.0, 100.0, 0.05),
-        ("follower", 10_000.0, 200.0, 0.05),
-    ],
+    [("follower", 100.0, 0.0, 0.15), ("leader", 7100.0, 100.0, 0.05), ("follower", 10_000.0, 200.0, 0.05)],
 )
 def test_the_simulated_arms_keep_the_force_limit_and_come_home_to_rest(name, stiffness, damping, speed_m_s):
     plan = ProbingPlan(speeds_m_s=(speed_m_s,), hold_s=0.5)

@@ -160,12 +160,7 @@ def test_ctrl_c_brings_the_arm_to_rest_keeps_the_session_and_leaves_stdout_to_js
     path = tmp_path / "broken_off.mcap"
     command = [sys.executable, "-m", "palpate.main", "probe", "-o", str(path), "--realtime", "--json"]
     with subprocess.Popen(
-        command,
-        cwd=ROOT,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
+        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as process:
         deadline_s = time.monotonic() + 60
         while process.poll() is None and time.monotonic() < deadline_s:

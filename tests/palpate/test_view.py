@@ -48,11 +48,7 @@ ONE, TWO = accepted("bias", 0.5, 0.2), accepted("lag", 0.2, 0.1, "delay", "dampi
             ("show no missing effect", "runs is 0.102 N (noise 0.1 N, from free air)"),
             (),
         ),
-        (
-            diagnosis("insufficient", reason="only one run"),
-            ("possible: only one run.",),
-            ("error",),
-        ),
+        (diagnosis("insufficient", reason="only one run"), ("possible: only one run.",), ("error",)),
         (
             diagnosis(
                 "insufficient",

@@ -195,12 +195,7 @@ SILENT = {"hear": lambda data, now_s: b""}
     ("path", "changes", "spoil", "problem"),
     [
         (ODRIVE, [MARK10], {"unit": "LBIN"}, "unit 'lbFin' is not a known unit of force"),
-        (
-            ODRIVE,
-            [MARK10],
-            {"unknown": ("FULL",)},
-            r"'\*10 illegal command' to a request for its model",
-        ),
+        (ODRIVE, [MARK10], {"unknown": ("FULL",)}, r"'\*10 illegal command' to a request for its model"),
         (ODRIVE, [MARK10], SILENT, "no gauge gives an answer; check port and baud rate"),
         (ODRIVE, [], {"_unit": "psi"}, "unit 'psi' is not a known unit"),
         (ODRIVE, [], SILENT, "no DI-100 or DI-1000 answers"),

@@ -280,10 +280,7 @@ def test_a_motion_that_cannot_be_changed_by_computing_gets_the_effect_s_own_advi
         (["velocity", "time"], "move slower and faster ("),
         (["run"], "repeat the same motion, and see whether runs differ again ("),
         (["joint position"], "move over a wider range"),
-        (
-            ["temperature"],
-            "repeat the same motion at different values of temperature, each held constant",
-        ),
+        (["temperature"], "repeat the same motion at different values of temperature, each held constant"),
         ([], "go further, slowly ("),
         (["nothing that is known"], "move over a wider range"),
     ],

@@ -87,11 +87,7 @@ def test_a_port_that_somebody_has_is_named(tmp_path):
         assert_refused(run("workbench", tmp_path, "--port", port, "--no-browser"), str(port), "0 for any")
 
 
-HOSTS = {
-    "127.0.0.1": HTTPStatus.OK,
-    "localhost": HTTPStatus.OK,
-    "evil.example": HTTPStatus.BAD_REQUEST,
-}
+HOSTS = {"127.0.0.1": HTTPStatus.OK, "localhost": HTTPStatus.OK, "evil.example": HTTPStatus.BAD_REQUEST}
 
 
 @pytest.fixture(scope="module")
