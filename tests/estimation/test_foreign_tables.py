@@ -29,6 +29,13 @@ def lines(*columns, delimiter=",", form="{:.6f}"):
     return "".join(delimiter.join(map(form.format, row)) + "\n" for row in zip(*columns, strict=True))
 
 
+def table_file(folder, header, *columns, **form):
+    """A table of numbers below the lines of its header."""
+    path = folder / "table.csv"
+    path.write_text(header + lines(*columns, **form), encoding="utf-8")
+    return path
+
+
 def only_channel(folder, text, name="table.csv"):
     path = folder / name
     path.write_text(text, encoding="utf-8")
@@ -74,9 +81,8 @@ def by_the_advice(path):
 
 
 def test_of_columns_that_hold_the_same_in_two_units_one_is_read(tmp_path):
-    path = tmp_path / "joint.csv"
     columns = (TIME_S, np.degrees(SWING_RAD), SWING_RAD, TORQUE_NM)
-    path.write_text("time_s,position_degrees,position_radians,torque_Nm\n" + lines(*columns))
+    path = table_file(tmp_path, "time_s,position_degrees,position_radians,torque_Nm\n", *columns)
     imported = import_file(path)
     np.testing.assert_allclose(imported.channels[0].position, SWING_RAD, atol=1e-6)
     assert "'position_degrees' and 'position_radians' hold the same position" in imported.notes[0]
@@ -86,19 +92,16 @@ def test_of_columns_that_hold_the_same_in_two_units_one_is_read(tmp_path):
 
 
 def test_a_force_on_a_joint_that_turns_asks_for_its_lever_arm(tmp_path):
-    path = tmp_path / "leg.csv"
-    path.write_text("time,angle_deg,force_feedback\n" + lines(TIME_S, np.degrees(SWING_RAD), TORQUE_NM))
+    path = table_file(tmp_path, "time,angle_deg,force_feedback\n", TIME_S, np.degrees(SWING_RAD), TORQUE_NM)
     (channel,) = by_the_advice(path).channels
     assert channel.kind is ChannelKind.REVOLUTE
     np.testing.assert_allclose(channel.effort, 0.1 * TORQUE_NM, atol=1e-6)
 
 
 def test_what_is_ambiguous_and_says_no_unit_is_asked_for_at_once(tmp_path):
-    path = tmp_path / "motor.csv"
     names = "log:timestamp,a:output_position,a:motor_position,a:joint_position,a:motor_current,torque\n"
     columns = (TIME_S, SWING_RAD, 9.0 * SWING_RAD, 0.0 * TIME_S, TORQUE_NM, 5.0 * TORQUE_NM)
-    path.write_text(names + lines(*columns))
-    (channel,) = by_the_advice(path).channels
+    (channel,) = by_the_advice(table_file(tmp_path, names, *columns)).channels
     np.testing.assert_allclose(channel.time_s, TIME_S, atol=1e-6)
     np.testing.assert_allclose(channel.position, SWING_RAD, atol=1e-6)
     np.testing.assert_allclose(channel.effort, 5.0 * TORQUE_NM, atol=1e-5)
@@ -245,17 +248,15 @@ def test_times_out_of_order_name_the_column_that_orders_them(tmp_path):
 
 
 def test_what_makes_no_channel_is_asked_for_by_the_columns_that_are_there(tmp_path):
-    path = tmp_path / "voltages.csv"
-    path.write_text("time_s,level,pump_V,constant\n" + lines(TIME_S, 1e3 * WAY_M, FORCE_N, 0.0 * TIME_S))
+    path = table_file(tmp_path, "time_s,level,pump_V,constant\n", TIME_S, 1e3 * WAY_M, FORCE_N, 0.0 * TIME_S)
     (channel,) = by_the_advice(path).channels
     np.testing.assert_allclose(channel.position, WAY_M, atol=1e-8)
     np.testing.assert_allclose(channel.effort, FORCE_N, atol=1e-6)
 
 
 def test_a_time_that_is_none_of_the_rows_may_be_left_out(tmp_path):
-    path = tmp_path / "probes.csv"
     done = np.repeat(np.arange(60.0), 10)
-    path.write_text("completion_time_s,depth_m,force_N\n" + lines(done, WAY_M, FORCE_N, form="{:.8f}"))
+    path = table_file(tmp_path, "completion_time_s,depth_m,force_N\n", done, WAY_M, FORCE_N, form="{:.8f}")
     (note,) = (note for note in import_file(path).notes if "repeats its times" in note)
     assert note.endswith("leave it out with --context completion_time_s")
     options = ImportOptions(context=("completion_time_s",))
@@ -265,18 +266,16 @@ def test_a_time_that_is_none_of_the_rows_may_be_left_out(tmp_path):
 
 
 def test_rows_of_one_second_are_spread_over_it(tmp_path):
-    path = tmp_path / "logger.csv"
-    path.write_text("time_s,depth_m,force_N\n" + lines(np.floor(TIME_S * 20.0) / 20.0, WAY_M, FORCE_N))
+    path = table_file(tmp_path, "time_s,depth_m,force_N\n", np.floor(TIME_S * 20.0) / 20.0, WAY_M, FORCE_N)
     (channel,) = import_file(path).channels
     assert np.abs(channel.time_s - TIME_S).max() < 0.05 + 1e-6
     assert np.diff(channel.time_s).min() > 0.0
 
 
 def test_a_joint_is_called_by_its_columns(tmp_path):
-    path = tmp_path / "arm.csv"
     columns = (TIME_S, SWING_RAD, TORQUE_NM, -SWING_RAD, TORQUE_NM)
     names = "time [s],knee angle [rad],knee torque [Nm],hip angle [rad],hip torque [Nm]\n"
-    path.write_text(names + lines(*columns))
+    path = table_file(tmp_path, names, *columns)
     imported = import_file(path)
     assert imported.title("joint_2") == "joint_2 of 'hip angle [rad]' and 'hip torque [Nm]'"
     path.write_text("time_s,position_rad,torque_Nm\n" + lines(*columns[:3]))
@@ -284,9 +283,8 @@ def test_a_joint_is_called_by_its_columns(tmp_path):
 
 
 def test_a_force_to_both_sides_deep_inside_is_that_of_an_axis(tmp_path):
-    path = tmp_path / "lever.csv"
     force = np.where(np.gradient(WAY_M) < 0.0, -FORCE_N, FORCE_N)
-    path.write_text("Time [s],Extension [mm],Load [N]\n" + lines(TIME_S, 1e3 * np.abs(WAY_M), force))
+    path = table_file(tmp_path, "Time [s],Extension [mm],Load [N]\n", TIME_S, 1e3 * np.abs(WAY_M), force)
     imported = import_file(path)
     assert imported.channels[0].name == "joint_1"
     assert any(
@@ -297,10 +295,9 @@ def test_a_force_to_both_sides_deep_inside_is_that_of_an_axis(tmp_path):
 
 
 def test_a_strip_that_tears_is_pulled_though_its_force_then_falls(tmp_path):
-    path = tmp_path / "strip.csv"
     way = np.linspace(0.0, 20.0, 800)
     force = np.where(way < 9.0, 0.3 * way + 0.02 * way**2, np.maximum(4.3 - 0.6 * (way - 9.0), 0.0))
-    path.write_text("Time [s],Position [mm],Fz [N]\n" + lines(np.linspace(0.0, 200.0, 800), -way, -force))
+    path = table_file(tmp_path, "Time [s],Position [mm],Fz [N]\n", np.linspace(0.0, 200.0, 800), -way, -force)
     assert import_file(path).channels[0].name == "contact"
     dragged = np.full(800, 2.0) + 0.01 * np.sin(way)  # an axis needs its force from the first movement on
     path.write_text("Time [s],Position [mm],Fz [N]\n" + lines(np.linspace(0.0, 200.0, 800), way, dragged))
@@ -309,19 +306,16 @@ def test_a_strip_that_tears_is_pulled_though_its_force_then_falls(tmp_path):
 
 @pytest.mark.parametrize(("step", "count", "unit"), [(0.526, 200, "s"), (2.0, 4000, "ms"), (0.01, 300, "s")])
 def test_a_time_without_a_unit_is_no_shorter_than_a_press_lasts(tmp_path, step, count, unit):
-    path = tmp_path / "slow.csv"
     time, way = step * np.arange(count), np.linspace(0.0, 1.0, count)
-    path.write_text("Time,Travel [mm],Load [N]\n" + lines(time, way, 3.0 * way + 0.1 * way**2))
+    path = table_file(tmp_path, "Time,Travel [mm],Load [N]\n", time, way, 3.0 * way + 0.1 * way**2)
     assert f"its steps are read as {unit};" in import_file(path).notes[0]
 
 
 @pytest.mark.parametrize("runs", [1, 2])
 def test_the_run_may_stand_behind_the_unit(tmp_path, runs):
-    path = tmp_path / "lab.csv"
     way, force = np.linspace(0.0, 5e-3, 200), np.linspace(0.0, 5.0, 200)
     names = ",".join(f'"Position (m) Run #{n}","Force (N) Run #{n}"' for n in range(1, runs + 1))
-    path.write_text(names + "\n" + lines(*(way, force) * runs))
-    (channel,) = import_file(path).channels
+    (channel,) = import_file(table_file(tmp_path, names + "\n", *(way, force) * runs)).channels
     assert (channel.name, len(channel.runs), channel.position.max()) == ("contact", runs, pytest.approx(5e-3))
 
 
@@ -368,9 +362,8 @@ def test_units_in_brackets_alone_stand_apart_between_blanks(tmp_path):
 
 
 def test_a_position_that_nothing_holds_is_the_integral_of_the_velocity(tmp_path):
-    path = tmp_path / "motor.csv"
     speed = np.gradient(SWING_RAD, TIME_S)
-    path.write_text("time [s],torque [Nm],angular speed [rad/s]\n" + lines(TIME_S, TORQUE_NM, speed))
+    path = table_file(tmp_path, "time [s],torque [Nm],angular speed [rad/s]\n", TIME_S, TORQUE_NM, speed)
     imported = import_file(path)
     (channel,) = imported.channels
     assert channel.kind is ChannelKind.REVOLUTE
@@ -380,16 +373,16 @@ def test_a_position_that_nothing_holds_is_the_integral_of_the_velocity(tmp_path)
 
 
 def test_a_joint_without_a_time_is_read_row_by_row(tmp_path):
-    path = tmp_path / "joint.csv"
-    path.write_text("angle [rad],torque [Nm]\n" + lines(SWING_RAD, TORQUE_NM))
-    imported = import_file(path)
+    imported = import_file(table_file(tmp_path, "angle [rad],torque [Nm]\n", SWING_RAD, TORQUE_NM))
     np.testing.assert_array_equal(np.diff(imported.channels[0].time_s), 1.0)
     assert any("damping, inertia and relaxation times are not in seconds" in note for note in imported.notes)
 
 
 def test_a_speed_is_read_where_the_user_says_its_unit(tmp_path):
-    path, t = tmp_path / "motor.csv", np.linspace(0.0, 10.0, 1000)
-    path.write_text("Time,Position,Velocity,Iq\n" + lines(t, np.sin(t), 1.01 * np.cos(t), 0.1 * np.cos(t)))
+    t = np.linspace(0.0, 10.0, 1000)
+    path = table_file(
+        tmp_path, "Time,Position,Velocity,Iq\n", t, np.sin(t), 1.01 * np.cos(t), 0.1 * np.cos(t)
+    )
     units = {"position": "rad", "torque": "A"}
     (derived,) = import_file(path, ImportOptions(units=units)).channels
     (read,) = import_file(path, ImportOptions(units=units | {"velocity": "rad_s"})).channels
@@ -401,11 +394,11 @@ def test_a_speed_is_read_where_the_user_says_its_unit(tmp_path):
 
 def test_rows_that_were_stamped_late_are_spread_over_the_gap_before_them(tmp_path):
     """A logger slept for six steps, and stamped what came meanwhile in quick succession."""
-    path, t = tmp_path / "motor.csv", 1e-3 * np.arange(2000)
+    t = 1e-3 * np.arange(2000)
     stamped = t.copy()
     stamped[500:506] = t[506] - 1e-4 * np.arange(6, 0, -1)
     lost = np.where(np.arange(2000) < 1500, stamped, stamped + 4e-3)  # four rows are lost, and none is late
-    path.write_text("Time,Position,Iq\n" + lines(lost, np.sin(5.0 * t), np.cos(5.0 * t)))
+    path = table_file(tmp_path, "Time,Position,Iq\n", lost, np.sin(5.0 * t), np.cos(5.0 * t))
     found = import_file(path, ImportOptions(units={"position": "rad", "torque": "A", "time": "s"}))
     (channel,) = found.channels
     np.testing.assert_allclose(channel.time_s, np.where(np.arange(2000) < 1500, t, t + 4e-3), atol=1e-9)
@@ -426,8 +419,7 @@ def test_remarks_may_say_names_and_units_of_columns(tmp_path):
 
 
 def test_a_joint_that_the_user_names_is_the_only_one(tmp_path):
-    path = tmp_path / "arm.csv"
-    path.write_text("t,q1,tau1,q2,tau2\n" + lines(TIME_S, WAY_M, FORCE_N, 2.0 * WAY_M, 3.0 * FORCE_N))
+    path = table_file(tmp_path, "t,q1,tau1,q2,tau2\n", TIME_S, WAY_M, FORCE_N, 2.0 * WAY_M, 3.0 * FORCE_N)
     columns, units = {"position": "q2", "torque": "tau2"}, {"time": "s", "position": "rad", "torque": "Nm"}
     (channel,) = import_file(path, ImportOptions(columns=columns, units=units)).channels
     np.testing.assert_allclose(channel.effort, 3.0 * FORCE_N, atol=1e-5)

@@ -335,15 +335,11 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
 @pytest.mark.parametrize(
     ("changed", "options", "words"),
     [
-        (
-            {"force_N": forces(at_16="oops")},
-            {},
-            "line 18, column 'force_N': 'oops' is not a finite number; remove such rows",
-        ),
+        ({"force_N": forces(at_16="oops")}, {}, "line 18, column 'force_N': 'oops' is not a finite number"),
         (
             {"force_N": forces(at_16="inf", at_17="inf", at_18="inf")},
             {},
-            "line 18, column 'force_N': 'inf' is not a finite number (2 more like it)",
+            "'inf' is not a finite number (2 more",
         ),
         ({"force_N": forces(at_16="1,5")}, {}, "line 18 has 4 cells and the header 3"),
         (
@@ -374,26 +370,10 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         ({}, {"units": {"force": "1e999N"}}, "unit '1e999N' cannot be converted"),
         ({}, {"units": {"displacement": "furlong"}}, "Valid: "),
         ({}, {"units": {"torque": "Nm"}}, "--unit torque=Nm: no such quantity or column is in use"),
-        (
-            {"torque_Nm": F},
-            {"units": {"torque": "mNm"}},
-            "--unit torque=mNm: no channel uses it as torque. Channels: contact of",
-        ),
-        (
-            {"noise": F},
-            {"columns": {"torque_Nm": "noise"}},
-            "--column torque_Nm=noise: no channel uses it as torque",
-        ),
-        (
-            {"noise": F},
-            {"columns": {"position_3_rad": "noise"}},
-            "--column position_3_rad=noise: no channel uses it as position_3",
-        ),
-        (
-            SWING,
-            {"units": {"position_rad": "mm"}},
-            "column 'position_rad' is in mm and 'torque_Nm' in Nm: a torque goes with an angle",
-        ),
+        ({"torque_Nm": F}, {"units": {"torque": "mNm"}}, "--unit torque=mNm: no channel uses it as torque."),
+        ({"noise": F}, {"columns": {"torque_Nm": "noise"}}, "--column torque_Nm=noise: no channel uses it"),
+        ({"noise": F}, {"columns": {"position_3_rad": "noise"}}, "position_3_rad=noise: no channel uses it"),
+        (SWING, {"units": {"position_rad": "mm"}}, "'torque_Nm' in Nm: a torque goes with an angle"),
         (
             {"displacement_m": None, "force_N": None, "Position[mm]": X, "MotorCurrent[A]": F},
             {},
@@ -415,11 +395,7 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         ({}, {"columns": {"colour_N": "force_N"}}, "not a quantity with a unit"),
         ({"displacement_mm": X}, {}, "'displacement_m' and 'displacement_mm' both hold displacement"),
         ({"run": ["long"] * 47 + ["short"] * 3}, {}, "run 'short' has 3 rows, at least 5"),
-        (
-            {"phase": ["hold", "squeeze"] + ["hold"] * 48},
-            {},
-            "line 3, column 'phase': no phase is called 'squeeze'. Valid: idle",
-        ),
+        ({"phase": ["hold", "squeeze"] + ["hold"] * 48}, {}, "no phase is called 'squeeze'. Valid"),
         ({"joint_velocity": 20 + T}, {"context": ("joint_velocity",)}, "rename the column"),
         ({"load": 20 + T}, {"context": ("load",)}, "rename the column"),
         (TEMPERATURES, {"context": tuple(TEMPERATURES)}, "rename one"),
@@ -534,17 +510,11 @@ def test_a_simulated_run_that_repeats_another_exactly_is_a_run(contact):
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        (
-            {"velocity_m_s": 1e3 * RATE},
-            "column 'velocity_m_s' is 999 times the rate of change of 'displacement_m', from which",
-        ),
+        ({"velocity_m_s": 1e3 * RATE}, "'velocity_m_s' is 999 times the rate of change of 'displacement_m'"),
         (SWING | {"velocity_rad_s": -0.1 * RATE}, "column 'velocity_rad_s' is -0.0999 times"),
         (SWING | {"velocity_rad_s": -RATE}, "wrong sign"),
         (SWING | {"velocity_m_s": X}, "its unit does not match that of 'position_rad'"),
-        (
-            {"velocity_m_s": RATE, "acceleration_m_s2": -8.1 * np.sin(9 * T)},
-            "column 'acceleration_m_s2' is 99.9 times",
-        ),
+        ({"velocity_m_s": RATE, "acceleration_m_s2": -8.1 * np.sin(9 * T)}, "acceleration_m_s2' is 99.9"),
     ],
 )
 def test_a_derivative_that_contradicts_the_position_is_derived_and_said(contact, changed, words):
@@ -576,21 +546,13 @@ HEADER = b"time_s,displacement_m,force_N\n"
     [
         ("absent.csv", None, "no such file"),
         ("empty.csv", b"", "no rows of data; the file is empty"),
-        (
-            "one.csv",
-            b"force\n1\n2\n3\n",
-            "holds only one column, 'force'; a measurement needs at least three",
-        ),
+        ("one.csv", b"force\n1\n2\n3\n", "holds only one column, 'force'; a measurement needs at least"),
         ("header.csv", HEADER, "no rows of data"),
         ("page.csv", "<html>404</html>", "no rows of data"),
         ("numbers.csv", b"0,1,2\n1,2,3\n", "the file names none; its first row is 0, 1, 2"),
         ("short.csv", TEXT.replace("\n0.03,0.003,3", "\n0.03,0.003"), "header 3: '0.03,0.003'"),
         ("long.csv", TEXT.replace("\n0.03,", "\n0.03,7,"), "line 5 has 4 cells and the header 3"),
-        (
-            "line.csv",
-            TEXT.replace("\n0.03,", "\n1_0,"),
-            "line 5, column 'time_s': '1_0' is not a finite number",
-        ),
+        ("line.csv", TEXT.replace("\n0.03,", "\n1_0,"), "line 5, column 'time_s': '1_0' is not a finite"),
         ("huge.csv", TEXT.replace(",3\n", ",1e300\n"), "line 5, column 'force_N': '1e300' is too large"),
         ("half.csv", TEXT.encode("utf-16")[:-1], "is not a text file; save it as CSV in UTF-8"),
         ("binary.csv", bytes(range(256)), "is not a text file"),

@@ -139,19 +139,13 @@ def test_as_many_presses_as_may_be_runs_are_runs(count, each):
 @pytest.mark.parametrize(
     ("changed", "note"),
     [
-        (
-            {LOAD: -presses()[2], WAY: -1e3 * presses()[1]},
-            "are negative in compression: their signs are reversed",
-        ),
+        ({LOAD: -presses()[2], WAY: -1e3 * presses()[1]}, "are negative in compression: their signs are"),
         ({WAY: None, "Position [mm]": 1e3 * presses()[1]}, "change together, as in a press; if it bel"),
         *(
             ({TIME: scale * presses()[0]}, f"samples are {step} s apart; .* --unit time={unit}$")
             for scale, step, unit in ((1e3, "4", "ms"), (1e6, r"4e.03", "us"), (1e9, r"4e.06", "ns"))
         ),
-        (
-            {WAY: some(1e3 * presses()[1], 4)},
-            "'Travel .mm.' has a value in 25 % of the rows; only complete rows",
-        ),
+        ({WAY: some(1e3 * presses()[1], 4)}, "'Travel .mm.' has a value in 25 % of the rows; only complete"),
         (
             {WAY: some(1e3 * presses()[1], 2), LOAD: some(presses()[2], 2, 1)},
             "all other columns are interpolated at the times of 'Load",
@@ -182,17 +176,9 @@ RATE = {WAY: None, LOAD: None, "Angle [deg]": np.sin(T)}
         ({LOAD: None, "A [N]": T, "B [N]": -T}, {}, "columns 'A [N]' and 'B [N]' may hold force"),
         ({LOAD: None, "A [N]": T, "B [N]": -T}, {}, "choose with --column force='A [N]'"),
         ({TIME: T[::-1]}, {}, "column 'Time [s]' decreases throughout; reverse the order of the rows"),
-        (
-            {WAY: None, "Travel": 1e3 * presses()[1]},
-            {},
-            "'Travel' states no unit; give it, as in --unit displ",
-        ),
+        ({WAY: None, "Travel": 1e3 * presses()[1]}, {}, "'Travel' states no unit; give it, as in --unit"),
         ({WAY: None, "Travel": 1e3 * presses()[1]}, {}, "--unit displacement=mm"),
-        (
-            {LOAD: None, "Load [furlong]": T},
-            {},
-            "states no unit that is known ('furlong' is not); give it, as in --",
-        ),
+        ({LOAD: None, "Load [furlong]": T}, {}, "states no unit that is known ('furlong' is not); give it"),
         ({TIME: None, "Time (ticks)": T}, {}, "'ticks' is not a known unit of time; use --unit time=s"),
         ({LOAD: None, "Load setpoint [N]": T}, {}, "no channel can be made of"),
         ({LOAD: None, "Stress [MPa]": T}, {}, "no channel can be made of"),

@@ -111,11 +111,7 @@ def test_a_voltage_or_a_pressure_stands_for_the_force_by_its_constant(column, un
 @pytest.mark.parametrize(
     ("column", "factor", "words"),
     [
-        (
-            "Load [kPa]",
-            1e3,
-            "is a pressure that stands for the force: 1 Pa counts as 1 N; give the area, as in",
-        ),
+        ("Load [kPa]", 1e3, "is a pressure that stands for the force: 1 Pa counts as 1 N; give the area, as"),
         ("Load [mV]", 1e-3, "is a voltage that stands for the force: 1 V counts as 1 N; give the sensor's"),
     ],
 )

@@ -4,6 +4,7 @@ import numpy as np
 
 STIFFNESS, DAMPING, CUBIC, NOISE_N = 400.0, 6.0, 2e6, 0.02
 RATE_HZ = 250
+COLUMNS = ("time_s", "displacement_m", "force_N", "run")
 
 
 def press_rows(run, speed_m_s, force_of, rng):
@@ -28,6 +29,11 @@ def write_table(path, **columns):
     return path
 
 
+def press_columns(path):
+    """Columns of a file of presses by their names."""
+    return dict(zip(COLUMNS, np.loadtxt(path, delimiter=",", skiprows=1).T, strict=True))
+
+
 def write_own_effect(folder):
     """An effect of somebody's own, "mine", as it is given to commands and studies."""
     file = folder / "mine.py"
@@ -43,6 +49,6 @@ def write_presses(path, cubic=CUBIC, speeds_m_s=(0.02, 0.04, 0.08, 0.03), force_
     rng = np.random.default_rng(seed)
     law = force_of or (lambda x, v: STIFFNESS * x + DAMPING * v + cubic * x**3)
     rows = np.vstack([press_rows(run, speed, law, rng) for run, speed in enumerate(speeds_m_s)])
-    header = "time_s,displacement_m,force_N,run"
-    np.savetxt(path, rows, delimiter=",", header=header, comments="", fmt=["%.4f", "%.9f", "%.6f", "%d"])
+    form = ["%.4f", "%.9f", "%.6f", "%d"]
+    np.savetxt(path, rows, delimiter=",", header=",".join(COLUMNS), comments="", fmt=form)
     return path

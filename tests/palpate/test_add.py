@@ -58,17 +58,13 @@ def test_what_is_shown_falls_to_the_floor_and_only_above_it_a_next_step_says_whe
     assert not [words for words in next_commands(at_noise) if words[0] == "compare"]
 
 
-def test_what_cannot_be_added_is_refused_and_nothing_is_kept(hardening, tmp_path):
+def test_what_cannot_be_added_or_stored_is_refused_and_nothing_is_fitted(hardening, tmp_path, monkeypatch):
     folder = tmp_path / "none"
     assert_refused(run("add", hardening, "cubic_stifness", "--out", folder), "cubic_stiffness")
     assert not folder.exists()
-
-
-def test_where_nothing_can_be_kept_nothing_is_fitted(hardening, monkeypatch):
     monkeypatch.setattr("palpate.study.Study.add", lambda *_, **__: pytest.fail("fitted"))
-    assert_refused(
-        run("add", hardening, "bias", "--out", "/proc/palpate"), "/proc/palpate", "cannot be written"
-    )
+    refused = run("add", hardening, "bias", "--out", "/proc/palpate")
+    assert_refused(refused, "/proc/palpate", "cannot be written")
 
 
 def test_ones_own_effect_is_run_again_only_if_one_says_so(hardening, tmp_path):
@@ -84,17 +80,14 @@ def test_ones_own_effect_is_run_again_only_if_one_says_so(hardening, tmp_path):
         assert again[again.index("--effect") + 1] == place
 
 
-def test_a_damaged_revision_is_named(hardening, tmp_path):
+def test_without_revisions_one_is_told_how_to_make_some_and_a_damaged_one_is_named(hardening, tmp_path):
+    result = done("revisions", hardening, "--folder", tmp_path)
+    assert "no revisions yet" in result.stdout
+    assert "--apply" in result.stderr
     (tmp_path / "revisions").mkdir()
     (tmp_path / "revisions" / "0000.json").write_text('{"number": 0}')
     for command in ("revisions", "export"):
         assert_refused(run(command, hardening, "--folder", tmp_path), "0000.json", "is damaged: ")
-
-
-def test_without_revisions_one_is_told_how_to_make_some(hardening, tmp_path):
-    result = done("revisions", hardening, "--folder", tmp_path)
-    assert "no revisions yet" in result.stdout
-    assert "--apply" in result.stderr
 
 
 def test_runs_are_held_out_by_an_option(hardening, tmp_path):

@@ -87,17 +87,13 @@ def test_every_kind_has_a_word_and_a_colour_of_its_own():
     assert len(set(palette.KINDS.values())) == len(Kind)
 
 
-@pytest.mark.parametrize("width", [80, 100, 110])
-def test_no_name_of_an_effect_is_broken(width):
+@pytest.mark.parametrize("width", [80, 100, 110, 120])
+def test_the_terminal_shows_a_row_for_each_kind_and_breaks_no_name_of_an_effect(width):
     names = ["position_dependent_friction", "load_dependent_presliding"]
     found = diagnosis(share("run_differences", 0.61, "approximate", names), RUNS, free_air=None)
     told = printed(found, width)
     assert all(name in told for name in names)
     assert max(map(len, told.splitlines())) <= width
-
-
-@pytest.mark.parametrize("width", [80, 120])
-def test_the_terminal_shows_a_row_for_each_kind(width):
     told = printed(diagnosis(RELAXATION, SHAPE, RUNS, free_air=None), width)
     assert told.startswith("contact  Of the 0.144 N error: relaxation 61 %")
     assert max(map(len, told.splitlines())) <= width

@@ -50,18 +50,6 @@ def test_a_folder_gets_the_numbers_and_a_report(hardening, tmp_path):
     assert (tmp_path / "there" / "report.html").stat().st_size > 1e6
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--model", "magic"), ("magic", "kelvin_voigt")),
-        (("--model", "pendulum"), ("pendulum", "contact")),
-        (("--channel", "joint_9"), ("joint_9", "contact")),
-    ],
-)
-def test_bad_options_are_refused(hardening, options, words):
-    assert_refused(run("compare", hardening, *options), *words)
-
-
 def test_a_single_press_is_judged_by_its_parts_with_a_warning_and_few_samples_are_not(tmp_path):
     press = write_presses(tmp_path / "press.csv", speeds_m_s=(0.02,), cubic=0.0)
     result = done("compare", press, "--json")
@@ -109,12 +97,15 @@ def test_the_floor_is_one_number_whatever_was_kept_before(hardening, grown, tmp_
 @pytest.mark.parametrize(
     ("options", "words"),
     [
+        (("--model", "magic"), ("magic", "kelvin_voigt")),
+        (("--model", "pendulum"), ("pendulum", "contact")),
+        (("--channel", "joint_9"), ("joint_9", "contact")),
         (("--revision", 9), ("no revision 9", "There are: 0, 1")),
         (("--revision", 0, "--revision", 1), ("several revisions of channel 'contact'",)),
         (("--revision", 1, "--model", "hunt_crossley"), ("leave out --model",)),
     ],
 )
-def test_revisions_that_cannot_be_compared_are_refused(hardening, grown, options, words):
+def test_what_cannot_be_compared_is_refused(hardening, grown, options, words):
     assert_refused(run("compare", hardening, "--folder", grown[0], *options), *words)
 
 

@@ -1,4 +1,4 @@
-"""`palpate diagnose`: the command around the diagnosis."""
+"""`palpate diagnose`: the command, its warnings, and what later commands take from a diagnosis."""
 
 import json
 import re
@@ -9,9 +9,11 @@ import pytest
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.data_quality import reject_reason
 from palpate.estimation.design.next_experiment import sufficient
+from palpate.estimation.study.saved_diagnosis import RESULT
+from palpate.study import Study
 from tests.estimation.presses import channel, kelvin_voigt, motion
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
-from tests.palpate.presses import CUBIC, NOISE_N, write_presses, write_table
+from tests.palpate.presses import CUBIC, NOISE_N, press_columns, write_own_effect, write_presses, write_table
 
 # What needs the whole library is made before: a module's fixture.
 pytestmark = pytest.mark.usefixtures("few_effects", "without_figures")
@@ -100,10 +102,8 @@ def test_data_that_cannot_say_gets_the_reason(tmp_path):
 
 def test_further_files_are_asked_for_only_where_runs_are_too_few(tmp_path):
     still = write_presses(tmp_path / "still.csv")
-    header, *rows = still.read_text().splitlines()
-    same = [",".join([*row.split(",")[:2], "1.0", row.split(",")[3]]) for row in rows]
-    still.write_text("\n".join([header, *same]) + "\n")
-    result = run("diagnose", still)
+    columns = press_columns(still)
+    result = run("diagnose", write_table(still, **columns | {"force_N": columns["force_N"] * 0.0 + 1.0}))
     assert "the effort never changes" in result.stdout
     assert [words[0] for words in next_commands(result)] == ["estimate"]
 
@@ -116,16 +116,15 @@ def test_one_run_is_left_to_fit_to_where_the_other_is_held_out(tmp_path):
 
 def rewritten(path, name, values, change):
     """The file with one more column, a number for each run, and with rows changed by that."""
-    rows, header = np.loadtxt(path, delimiter=",", skiprows=1), path.read_text().split("\n", 1)[0]
-    each = np.array(values)[rows[:, 3].astype(int)]
-    change(rows, each)
-    np.savetxt(path, np.column_stack([rows, each]), delimiter=",", header=f"{header},{name}", comments="")
-    return path
+    columns = press_columns(path)
+    each = np.array(values)[columns["run"].astype(int)]
+    change(columns, each)
+    return write_table(path, **columns, **{name: each})
 
 
 def test_a_column_that_the_error_depends_on_is_found_guilty(tmp_path):
-    def soften(rows, warmth):
-        rows[:, 2] *= 1 - 0.02 * (warmth - 25)
+    def soften(columns, warmth):
+        columns["force_N"] *= 1 - 0.02 * (warmth - 25)
 
     plain = write_presses(tmp_path / "warm.csv", cubic=0, speeds_m_s=(0.02, 0.04, 0.08, 0.03, 0.05, 0.06))
     warm = rewritten(plain, "warmth", [21.0, 29.0, 23.0, 27.0, 25.0, 22.0], soften)
@@ -261,9 +260,9 @@ def test_why_nothing_is_named_is_told_on_the_screen_and_in_the_report(tmp_path):
     A column that nothing was made of is pointed out: it might be the reason.
     """
 
-    def bend_the_last(rows, _):
-        last = rows[:, 3] == rows[-1, 3]
-        rows[last, 2] = 2.0 * rows[last, 2].max() - rows[last, 2]
+    def bend_the_last(columns, _):
+        force, last = columns["force_N"], columns["run"] == 3
+        force[last] = 2.0 * force[last].max() - force[last]
 
     presses = write_presses(tmp_path / "two.csv", cubic=0.0)
     specimen = rewritten(presses, "warmth", [21.0, 29.0, 23.0, 27.0], bend_the_last)
@@ -283,3 +282,75 @@ def test_a_probing_session_is_judged_in_the_channel_that_is_named(probed):
     assert_refused(
         run("diagnose", path, "--channel", "joint_9"), "joint_9", "contact, joint_1, joint_2, joint_3"
     )
+
+
+def test_warnings_reach_the_diagnosis_in_its_file_and_on_the_screen(tmp_path):
+    file = write_presses(tmp_path / "presses.csv", cubic=0.0)
+    columns = press_columns(file)
+    write_table(file, **columns | {"displacement_m": 50.0 * columns["displacement_m"]})
+    result = done("diagnose", file, "--json", "--out", tmp_path / "out")
+    (channel,) = json.loads(result.stdout)["channels"]
+    assert channel["verdict"] == "adequate"
+    words = "the deepest indentation is 0.5 m, more than 0.2 m"
+    assert words in channel["warnings"][0]
+    assert words in " ".join(result.stderr.split())
+    kept = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert kept["channels"][0]["warnings"] == channel["warnings"]
+    assert words in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_notes_of_two_files_that_are_alike_are_said_once(tmp_path):
+    for seed, name in enumerate(("a.csv", "b.csv")):
+        file = write_presses(tmp_path / name, seed=seed)
+        text = file.read_text().replace("displacement_m,force_N", "Way [m],Load [N]", 1)
+        file.write_text(text)
+    result = done("compare", tmp_path / "a.csv", tmp_path / "b.csv")
+    assert result.stderr.count("read: ") == 1
+
+
+def words_of(page):
+    """What a page says: without markup, and without the program that draws."""
+    return re.sub("<[^>]*>", "", page.read_text().partition("<main>")[2])
+
+
+@pytest.mark.slow
+def test_the_report_after_adding_keeps_the_verdict_and_tells_what_was_added(tmp_path):
+    data, folder = write_presses(tmp_path / "hard.csv"), tmp_path / "out"
+    assert run("diagnose", data, "--out", folder).exit_code == 0
+    found = json.loads((folder / RESULT).read_text())["channels"][0]
+    added = done("add", data, "layered_stiffness", "--out", folder, "--force", "--json")
+    report = words_of(folder / "report.html")
+    for words in (
+        "MISSING",
+        "cubic_stiffness is missing",
+        "base model and one effect",
+        "contact with layered_stiffness: the error in held-out runs",
+        f"palpate diagnose {data} --out {folder} --channel contact",
+        "layered_stiffness --fresh",
+    ):
+        assert words in report
+    assert json.loads(added.stdout)["revisions"][0]["noise_floor"] == found["noise_floor"]
+
+
+@pytest.mark.slow
+def test_a_channel_with_an_effect_of_ones_own_is_not_silently_told_without_it(tmp_path):
+    """It was added by a command; the report of a study that was not given its file says so."""
+    data, place, folder = write_presses(tmp_path / "hard.csv"), write_own_effect(tmp_path), tmp_path / "out"
+    assert run("add", data, "mine", "--effect", place, "--out", folder).exit_code == 0
+    (silent,), (whole,) = (Study(data, folder=folder, effects=given).results() for given in ((), [place]))
+    assert (whole.added, whole.reason, silent.added) == (["mine"], "", [])
+    for words in ("contact is shown without its added effects", f"add --effect {place}"):
+        assert words in silent.reason
+    page = Study(data, folder=folder).report(tmp_path / "silent.html")
+    assert "contact is shown without its added effects" in words_of(page)
+
+
+def test_without_a_diagnosis_the_report_tells_how_the_last_stage_fits_and_a_damaged_one_is_named(tmp_path):
+    data = write_presses(tmp_path / "hard.csv")
+    assert run("add", data, "cubic_stiffness", "--out", tmp_path / "out").exit_code == 0
+    report = words_of(tmp_path / "out" / "report.html")
+    assert "kelvin_voigt + cubic_stiffness fits contact" in report
+    data = write_presses(tmp_path / "hard.csv")
+    (tmp_path / RESULT).write_text("{}")
+    result = run("add", data, "bias", "--out", tmp_path, "--force")
+    assert_refused(result, RESULT, "damaged", "palpate diagnose again")

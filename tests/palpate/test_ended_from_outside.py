@@ -1,12 +1,14 @@
-"""What is left when a program or its writer process is ended from outside."""
+"""What is left when a program or one of its processes is ended from outside; workers leave Ctrl-C to it."""
 
 import signal
 import subprocess
 import sys
+from multiprocessing.context import SpawnProcess
 from types import SimpleNamespace
 
 import pytest
 
+from palpate.common.worker_process import start_worker
 from palpate.robot_io.errors import SessionError
 from palpate.robot_io.session import SessionWriter
 from palpate.runs.session import ArmSession
@@ -101,3 +103,33 @@ def test_only_a_real_arm_is_ended_when_nobody_writes_its_log_any_more(world, end
     assert arm.unlogged() == ("writing the session failed (the writer process ended with -9)" * ends)
     with pytest.raises(SessionError, match="writer process ended with -9"):
         log.close()
+
+
+def send_blocked(pipe):
+    pipe.send(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))
+
+
+def do_nothing(pipe):
+    pass
+
+
+def test_ctrl_c_is_blocked_in_a_worker_and_not_here():
+    process, pipe = start_worker(send_blocked)
+    assert pipe.recv()
+    process.join()
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+
+def test_ctrl_c_while_a_worker_starts_is_handled_afterwards(monkeypatch):
+    start, started = SpawnProcess.start, []
+
+    def interrupted(process):
+        signal.raise_signal(signal.SIGINT)
+        start(process)
+        started.append(process)
+
+    monkeypatch.setattr(SpawnProcess, "start", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        start_worker(do_nothing)
+    started[0].join()
+    assert started[0].exitcode == 0

@@ -7,16 +7,35 @@ import numpy as np
 import pytest
 
 from palpate.common.console import significant
+from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.estimate import ParameterEstimate
 from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.study.estimates import choose_estimators
+from palpate.estimation.study.source import open_source
 from palpate.render.estimates import value_text
+from palpate.runs.probing import ProbingJob, run_probing
+from palpate.runs.robots import find_robot
+from palpate.sim_backend.imperfection import IMPERFECTIONS
+from palpate.sim_backend.scenario import load_scenario
+from tests.log_in_process import LogInProcess
 from tests.palpate.cli import as_json, assert_refused, done, run
-from tests.palpate.presses import write_presses, write_table
+from tests.palpate.presses import press_columns, write_presses, write_table
 
 
 def estimate_json(*arguments):
     return as_json("estimate", *arguments)
+
+
+def lsq_parameters(*arguments):
+    """Parameters of the only channel by least squares."""
+    (channel,) = estimate_json(*arguments, "--estimator", "lsq")["channels"]
+    return channel["estimates"][0]["parameters"]
+
+
+def spoil(path, column, change):
+    """Presses on a spring beside a damper, with one column changed."""
+    columns = press_columns(write_presses(path, cubic=0.0))
+    return write_table(path, **columns | {column: change(columns[column])})
 
 
 def test_every_estimator_finds_the_simulated_object(probed):
@@ -51,7 +70,7 @@ def test_the_table_shows_truth_error_and_interval_of_three_estimators_unless_ask
 
 def contact_csv(path, force_scale=1.0, names=("time_s", "displacement_m", "force_N", "run")):
     """Presses on a spring of 400 N/m beside a damper of 6 N s/m."""
-    t, depth, force, number = np.loadtxt(write_presses(path, cubic=0.0), delimiter=",", skiprows=1).T
+    t, depth, force, number = press_columns(write_presses(path, cubic=0.0)).values()
     return write_table(path, **dict(zip(names, (t, depth, force_scale * force, number), strict=True)))
 
 
@@ -87,28 +106,22 @@ def test_a_force_with_the_wrong_sign_is_pointed_out_by_every_estimator(tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("column", "bend", "words"),
+    ("bend", "words"),
     [
-        (2, lambda force: np.full(len(force), 3.0), "the effort never changes"),
-        (2, lambda force: np.minimum(force, 0.5 * force.max()), "the sensor is saturated"),
-        (2, np.abs, "was rectified"),
+        (lambda force: np.full(len(force), 3.0), "the effort never changes"),
+        (lambda force: np.minimum(force, 0.5 * force.max()), "the sensor is saturated"),
+        (np.abs, "was rectified"),
     ],
 )
-def test_data_that_mean_nothing_are_said_to_in_the_words_of_the_diagnosis(tmp_path, column, bend, words):
-    file = write_presses(tmp_path / "presses.csv", cubic=0.0)
-    columns = np.loadtxt(file, delimiter=",", skiprows=1).T
-    columns[column] = bend(columns[column])
-    write_table(file, **dict(zip(("time_s", "displacement_m", "force_N", "run"), columns, strict=True)))
+def test_data_that_mean_nothing_are_said_to_in_the_words_of_the_diagnosis(tmp_path, bend, words):
+    file = spoil(tmp_path / "presses.csv", "force_N", bend)
     shown = " ".join(run("estimate", file, "--estimator", "lsq").stdout.split())
     assert words in shown.partition("do not rely on these estimates: ")[2]
     assert words in estimate_json(file, "--estimator", "lsq")["channels"][0]["spoilt"]
 
 
 def test_what_is_implausible_is_said_and_estimated(tmp_path):
-    file = write_presses(tmp_path / "presses.csv", cubic=0.0)
-    columns = np.loadtxt(file, delimiter=",", skiprows=1).T
-    columns[1] *= 100.0
-    write_table(file, **dict(zip(("time_s", "displacement_m", "force_N", "run"), columns, strict=True)))
+    file = spoil(tmp_path / "presses.csv", "displacement_m", lambda depth: 100.0 * depth)
     result = done("estimate", file, "--estimator", "lsq", "--json")
     words = "contact: the deepest indentation is 1 m, more than 0.2 m; if the displacement is in millimeters"
     assert words in " ".join(result.stderr.split())
@@ -121,10 +134,7 @@ def test_other_names_and_units_are_given_as_options(tmp_path):
     options = []
     for pair in ("time_s=clock", "displacement_m=depth", "force_mN=load"):
         options += ["--column", pair]
-    parameters = estimate_json(file, *options, "--estimator", "lsq")["channels"][0]["estimates"][0][
-        "parameters"
-    ]
-    assert parameters["stiffness.k"]["value"] == pytest.approx(400, rel=0.01)
+    assert lsq_parameters(file, *options)["stiffness.k"]["value"] == pytest.approx(400, rel=0.01)
 
 
 def test_an_imported_session_gives_what_its_file_gives(tmp_path):
@@ -172,16 +182,13 @@ def test_a_joint_is_estimated_with_a_joint_model(joint):
     assert estimate_json(joint, "--estimator", "lsq")["channels"] == [channel]  # the model that suits it
 
 
-def slow_joint(path):
+def test_what_cannot_be_is_not_called_determined_and_is_said_once(tmp_path):
     """A joint that swings so slowly that its inertia does nothing; the dry friction that it has does."""
     t = np.arange(0, 6, 0.005)
     velocity = 0.1 * np.cos(0.2 * t)
     torque = 0.5 * velocity + 0.1 * np.sign(velocity) + np.random.default_rng(2).normal(0, 0.01, len(t))
-    return write_table(path, time_s=t, position_rad=0.5 * np.sin(0.2 * t), torque_Nm=torque)
-
-
-def test_what_cannot_be_is_not_called_determined_and_is_said_once(tmp_path):
-    file = slow_joint(tmp_path / "slow.csv")
+    swing = {"time_s": t, "position_rad": 0.5 * np.sin(0.2 * t), "torque_Nm": torque}
+    file = write_table(tmp_path / "slow.csv", **swing)
     shown = run("estimate", file, "--all").stdout
     assert shown.count("m impossible") == len(ESTIMATORS)
     assert "yes" not in shown.split()
@@ -196,8 +203,7 @@ def test_what_cannot_be_is_not_called_determined_and_is_said_once(tmp_path):
 @pytest.mark.parametrize(("damping", "state"), [(6.0, "yes"), (0.0, "no")])
 def test_a_parameter_whose_interval_holds_zero_is_not_called_determined(tmp_path, damping, state):
     file = write_presses(tmp_path / "mine.csv", force_of=lambda x, v: 400 * x + damping * v)
-    (channel,) = estimate_json(file, "--estimator", "lsq")["channels"]
-    parameters = channel["estimates"][0]["parameters"]
+    parameters = lsq_parameters(file)
     low, high = parameters["damping.c"]["interval"]
     assert (low < 0.0 < high) == (state == "no")
     assert (parameters["stiffness.k"]["determined"], parameters["damping.c"]["determined"]) == ("yes", state)
@@ -303,7 +309,8 @@ def test_a_session_that_is_cut_off_is_said_to_be(probed, tmp_path):
 @pytest.mark.parametrize("content", [b"", b"nonsense", b"\0" * 100])
 def test_what_is_called_a_session_and_is_none_is_not_taken_for_a_data_file(tmp_path, content):
     (tmp_path / "x.mcap").write_bytes(content)
-    assert_refused(run("estimate", tmp_path / "x.mcap"), "not a palpate session")
+    for command in ("estimate", "info"):
+        assert_refused(run(command, tmp_path / "x.mcap"), "not a palpate session")
 
 
 def test_options_of_data_files_are_refused_for_a_session(probed):
@@ -314,3 +321,33 @@ def test_a_model_for_something_else_is_refused_in_words(probed, tmp_path):
     refused = run("estimate", contact_csv(tmp_path / "mine.csv"), "--model", "inertia")
     words = ("describes a prismatic joint or revolute joint", "contact (contact)", "--model: hunt_crossley")
     assert_refused(refused, *words)
+
+
+BIAS_N = 0.5
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    path = tmp_path_factory.mktemp("tare") / "a.mcap"
+    hidden = [IMPERFECTIONS["bias"](channel="contact", bias=BIAS_N)]
+    plan = ProbingPlan(speeds_m_s=(0.15, 0.06), hold_s=0.2)
+    scenario = load_scenario("default").with_hidden(hidden)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("palpate.runs.session.SessionWriter", LogInProcess)
+        run_probing(ProbingJob(find_robot("follower"), path, plan, scenario=scenario, seed=3, online=None))
+    return path
+
+
+def test_the_estimate_and_the_table_take_the_zero_off_but_not_for_who_looks_for_a_bias(session):
+    result = run("estimate", session, "--estimator", "lsq", "--json")
+    (channel,) = json.loads(result.stdout)["channels"]
+    assert [tare["effort"] for tare in channel["tare"]] == pytest.approx([BIAS_N, BIAS_N], abs=0.01)
+    (estimate,) = channel["estimates"]
+    surface, stiffness = estimate["surface"], estimate["parameters"]["stiffness.k"]
+    assert abs(surface["position_m"] + 0.05) < 4 * surface["std_err_m"] < 1e-4
+    assert abs(stiffness["value"] - stiffness["truth"]) < 4 * stiffness["std_err"]
+    shown = " ".join(run("estimate", session, "--estimator", "lsq").stdout.split())
+    assert re.search(r"the force in free air, 0\.(50|49)\d+ N, was subtracted", shown)
+    channel = open_source(session).channels[0]
+    assert channel.tare is None
+    assert np.mean(channel.effort[:100]) == pytest.approx(BIAS_N, abs=0.01)

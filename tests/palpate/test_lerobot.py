@@ -22,11 +22,7 @@ PLUGINS = ("lerobot_robot_palpate", "lerobot_teleoperator_palpate")
 IS_REAL = importlib.util.find_spec("lerobot") is not None
 needs_lerobot = pytest.mark.skipif(not IS_REAL, reason="LeRobot is not installed")
 COMMON = {
-    "action_features",
-    "is_connected",
-    "connect",
-    "is_calibrated",
-    "calibrate",
+    *("action_features", "is_connected", "connect", "is_calibrated", "calibrate"),
     "configure",
     "disconnect",
 }

@@ -15,8 +15,9 @@ from tests.palpate.sessions import EVENTS, synthetic_session
 
 @pytest.fixture(scope="module")
 def probings(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("probings")
-    return [synthetic_session(folder / f"{name}.mcap", seed=seed) for name, seed in (("a", 1), ("b", 2))]
+    folder, sealed = tmp_path_factory.mktemp("probings"), {"seal": "5" * 32}
+    names = (("a", 1), ("b", 2))
+    return [synthetic_session(folder / f"{name}.mcap", seed=seed, extra=sealed) for name, seed in names]
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +34,7 @@ def merged(files, path):
     return as_json("merge", *files, "-o", path)
 
 
-def test_runs_go_on_and_nothing_is_lost(probings, tmp_path):
+def test_runs_go_on_nothing_is_lost_and_what_is_said_of_it_is_true_of_all(probings, tmp_path):
     told = merged(probings, tmp_path / "both.mcap")
     both, ticks = Session.open(tmp_path / "both.mcap"), synthetic.ticks()
     count = len(ticks["time_s"])
@@ -42,6 +43,11 @@ def test_runs_go_on_and_nothing_is_lost(probings, tmp_path):
     np.testing.assert_array_equal(np.unique(tick["run"]), np.arange(6))
     np.testing.assert_array_equal(tick["force_n"], np.tile(ticks["force_n"], 2))
     assert [event.text for event in both.events] == [event.text for event in EVENTS] * 2
+    metadata = both.metadata
+    assert metadata.seed is None
+    assert metadata.urdf == synthetic.urdf()
+    assert metadata.extra["source"] == "merged from a.mcap, b.mcap"
+    assert "seal" not in metadata.extra  # the mark of a sealed answer belongs to its own session
 
 
 def test_a_merged_session_is_what_the_folder_of_sessions_is(probings, tmp_path):
@@ -99,22 +105,6 @@ def test_a_session_that_is_cut_off_is_named(imported, tmp_path):
     for file, lacking in ((both, "cut.mcap"), (again, "both.mcap"), (imported[0], "")):
         whole = re.search(r"whole +(.*)", run("info", file).stdout)[1]
         assert whole == (f"no: merged from incomplete sessions: {lacking}" if lacking else "yes")
-
-
-def test_what_is_said_of_it_is_true_of_all(probings, tmp_path):
-    merged(probings, tmp_path / "both.mcap")
-    metadata = Session.open(tmp_path / "both.mcap").metadata
-    assert metadata.seed is None
-    assert metadata.urdf == synthetic.urdf()
-    assert metadata.extra["source"] == "merged from a.mcap, b.mcap"
-
-
-def test_the_mark_of_a_sealed_answer_belongs_to_its_own_session(tmp_path):
-    files = [
-        synthetic_session(tmp_path / f"{seed}.mcap", seed=seed, extra={"seal": "5" * 32}) for seed in (1, 2)
-    ]
-    merged(files, tmp_path / "both.mcap")
-    assert "seal" not in Session.open(tmp_path / "both.mcap").metadata.extra
 
 
 @pytest.mark.parametrize(

@@ -187,12 +187,8 @@ def test_what_might_never_end_is_not_read(device, hardening, tmp_path):
     assert_refused(
         run("estimate", hardening, "--model", "rigid_body", "--urdf", path), "URDF", "a device or a pipe"
     )
-    for command in (
-        ("probe", "--robot", path),
-        ("probe", "--scenario", path),
-        ("probe", "--experiment", path),
-    ):
-        assert_refused(run(*command, "-o", tmp_path / "a.mcap"), str(path))
+    for option in ("--robot", "--scenario", "--experiment"):
+        assert_refused(run("probe", option, path, "-o", tmp_path / "a.mcap"), str(path))
 
 
 def test_a_file_that_cannot_be_finished_is_not_there(tmp_path):

@@ -25,7 +25,7 @@ from tests.palpate.cli import ROOT, assert_refused, done, run
 from tests.palpate.sessions import QUICK, QUICK_RUN
 
 
-def test_it_says_how_it_ended_and_the_session_can_be_understood_alone(probed):
+def test_it_says_how_it_ended_and_the_session_can_be_understood_alone_with_its_estimate(probed):
     path, said = probed
     assert said["session"] == str(path)
     assert (said["outcome"], said["failed_runs"], said["dropped"]) == ("finished", [], 0)
@@ -39,6 +39,11 @@ def test_it_says_how_it_ended_and_the_session_can_be_understood_alone(probed):
     assert metadata.created_utc.endswith("+00:00")
     assert not session.truncated
     assert {"touch", "loop_ended"} <= {event.kind for event in session.events}
+    ticks = session.samples("tick")
+    assert np.isnan(ticks["stiffness_n_m"][0])
+    assert ticks["stiffness_n_m"][-1] == pytest.approx(500, rel=0.01)
+    assert ticks["damping_n_s_m"][-1] == pytest.approx(20, rel=0.05)
+    assert ticks["surface_m"][-1] == pytest.approx(-0.05, abs=1e-4)
 
 
 def test_it_probes_at_the_speeds_and_to_the_force_asked_for(tmp_path, log_in_process):
@@ -52,14 +57,6 @@ def test_it_probes_at_the_speeds_and_to_the_force_asked_for(tmp_path, log_in_pro
     for number, speed in ((0, 0.15), (1, 0.075), (2, 0.15), (3, 0.075)):
         rows = approach & (ticks["run"] == number)
         assert np.median(-ticks["tip_velocity_world_m_s"][rows, 2]) == pytest.approx(speed, rel=0.02)
-
-
-def test_the_estimate_that_runs_along_ends_near_the_truth(probed):
-    ticks = Session.open(probed[0]).samples("tick")
-    assert np.isnan(ticks["stiffness_n_m"][0])
-    assert ticks["stiffness_n_m"][-1] == pytest.approx(500, rel=0.01)
-    assert ticks["damping_n_s_m"][-1] == pytest.approx(20, rel=0.05)
-    assert ticks["surface_m"][-1] == pytest.approx(-0.05, abs=1e-4)
 
 
 def test_measured_torques_follow_the_commands_and_are_what_the_rigid_body_needs(probed):
@@ -106,9 +103,14 @@ def test_an_arm_of_ones_own_is_probed_by_the_same_code_in_real_time(tmp_path, mo
     assert_refused(run("probe", "-o", tmp_path / "x.mcap", "--drivers", "no.such"), "--drivers", "no.such")
 
 
+def write_deep(folder):
+    """A world whose object is out of reach."""
+    (folder / "deep.yaml").write_text("object: {surface_height_m: -0.5}\n")
+    return folder / "deep.yaml"
+
+
 def test_an_object_that_is_not_there_is_said_in_words(tmp_path, log_in_process):
-    deep = tmp_path / "deep.yaml"
-    deep.write_text("object: {surface_height_m: -0.5}\n")
+    deep = write_deep(tmp_path)
     plan = tmp_path / "short.yaml"
     plan.write_text(f"{QUICK.read_text()}search_depth_m: 0.05\n")
     options = ("--scenario", deep, "--experiment", plan)
@@ -222,8 +224,7 @@ def test_the_largest_seed_is_read_back():
 
 
 def test_a_demo_that_touches_nothing_says_so(tmp_path, log_in_process):
-    (tmp_path / "deep.yaml").write_text("object: {surface_height_m: -0.5}\n")
-    result = run("demo", "-o", tmp_path / "x.mcap", "--scenario", tmp_path / "deep.yaml")
+    result = run("demo", "-o", tmp_path / "x.mcap", "--scenario", write_deep(tmp_path))
     assert result.exit_code == 1
     assert "no touch" in result.stderr
 

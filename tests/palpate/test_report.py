@@ -61,6 +61,8 @@ def test_the_page_brings_everything_and_names_no_other_place(page):
     assert "default-src 'none'" in text
     for words in ("cubic_stiffness", "noise level", "F =", "k<sub>3</sub>", "palpate add &lt;data&gt;"):
         assert words in own(text)
+    assert "<b>hard" not in text  # names from files are only text
+    assert "&lt;b&gt;hard" in text
 
 
 @pytest.mark.parametrize(("low", "high", "cell"), [(-0.34, 0.48, "><"), (0.04, 0.1, ">43 %<")])
@@ -73,14 +75,10 @@ def test_the_error_of_a_parameter_is_given_in_percent_unless_its_interval_contai
 
 
 def test_a_reader_meets_verdict_fall_parameters_failures_and_then_what_to_do(result):
-    found = result.diagnosis.model_copy(
-        update={
-            "next_experiment": {"purpose": "tell more", "separates": [], "instruction": "press", "probe": {}}
-        }
-    )
-    told = own(
-        document(StudyView("f", (result_view(replace(result, diagnosis=type(found)(**dict(found)))),)))
-    )
+    following = {"purpose": "tell more", "separates": [], "instruction": "press", "probe": {}}
+    found = result.diagnosis.model_copy(update={"next_experiment": following})
+    view = result_view(replace(result, diagnosis=type(found)(**dict(found))))
+    told = own(document(StudyView("f", (view,))))
     titles = ("MISSING", "How the error falls", "Parameters", "Where the model fails", "Next experiment")
     places = [told.index(title) for title in (*titles, "Evidence", "The fitted model")]
     assert places == sorted(places)
@@ -104,11 +102,6 @@ def test_the_page_is_well_formed(page):
     parser = Balanced()
     parser.feed(own(page.read_text()))
     assert parser.open == []
-
-
-def test_names_from_files_are_only_text(page):
-    assert "<b>hard" not in page.read_text()
-    assert "&lt;b&gt;hard" in page.read_text()
 
 
 def test_words_are_bold_text_is_escaped_and_equations_are_typeset_with_their_row():

@@ -13,26 +13,25 @@ from palpate.estimation.study.paired_comparison import ParameterDifference, side
 from palpate.render.paired import _compare_parameters
 from palpate.study import Study
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
-from tests.palpate.presses import NOISE_N, write_presses, write_table
+from tests.palpate.presses import NOISE_N, press_columns, write_presses, write_table
 
 
 def law(stiffness):
     return lambda x, v: stiffness * x + 6.0 * v
 
 
-@pytest.fixture(scope="module")
-def soft(tmp_path_factory):
-    return write_presses(tmp_path_factory.mktemp("soft") / "soft.csv", force_of=law(400.0), seed=1)
+def made_once(name, stiffness, seed):
+    """A fixture of a file of presses."""
+
+    @pytest.fixture(scope="module", name=name)
+    def made(tmp_path_factory):
+        path = tmp_path_factory.mktemp(name) / f"{name}.csv"
+        return write_presses(path, force_of=law(stiffness), seed=seed)
+
+    return made
 
 
-@pytest.fixture(scope="module")
-def stiff(tmp_path_factory):
-    return write_presses(tmp_path_factory.mktemp("stiff") / "stiff.csv", force_of=law(440.0), seed=2)
-
-
-@pytest.fixture(scope="module")
-def again(tmp_path_factory):
-    return write_presses(tmp_path_factory.mktemp("again") / "again.csv", force_of=law(400.0), seed=3)
+soft, stiff, again = made_once("soft", 400.0, 1), made_once("stiff", 440.0, 2), made_once("again", 400.0, 3)
 
 
 @cache
@@ -41,17 +40,17 @@ def study_of(path, model):
     return Study(path, model, keep=False)
 
 
-def columns_of(file):
-    """Time, depth, force and run of a file of presses."""
-    return np.loadtxt(file, delimiter=",", skiprows=1).T
-
-
 def sides(one, other, first=None, second=None):
     return side_by_side(study_of(one, first), study_of(other, second), ("a", "b"))[0]
 
 
+def differences(*sides_of):
+    """Differences of parameters by their names."""
+    return {one.name: one for one in sides(*sides_of).differences}
+
+
 def test_the_parameter_that_differs_is_found_with_its_interval(soft, stiff):
-    found = {one.name: one for one in sides(soft, stiff).differences}
+    found = differences(soft, stiff)
     assert found["stiffness.k"].value == pytest.approx(40.0, abs=found["stiffness.k"].half)
     assert found["stiffness.k"].differs
     assert not found["damping.c"].differs
@@ -82,11 +81,11 @@ def test_what_the_model_lacks_alike_in_two_repetitions_leaves_their_difference_s
             speeds_m_s=(0.04, 0.08, 0.06),
         )
 
-    found = {one.name: one for one in sides(hardening(400.0, 1), hardening(400.0, 11)).differences}
+    found = differences(hardening(400.0, 1), hardening(400.0, 11))
     assert all(abs(one.value) < one.half for one in found.values())
     one = found["stiffness.k"]
     assert one.half < 1.0 < 20.0 < np.hypot(one.first.std_err, one.second.std_err)
-    found = {one.name: one for one in sides(hardening(400.0, 1), hardening(405.0, 12)).differences}
+    found = differences(hardening(400.0, 1), hardening(405.0, 12))
     assert found["stiffness.k"].differs
     assert found["stiffness.k"].value == pytest.approx(5.0, abs=0.6)
 
@@ -118,11 +117,13 @@ def test_errors_of_two_measurements_add_as_squares():
     of_one = ParameterDifference("stiffness.k", "N/m", *sides_of_k, is_same_data=True)
     assert of_one.value == 10.0
     assert np.isnan(of_one.half)  # the errors of two models of one measurement are not independent
-    assert of_one.differs is None
+    lacking = ParameterDifference("bias.offset", "N", None, None)
+    assert np.isnan(lacking.value)
+    assert of_one.differs is lacking.differs is None
 
 
 @pytest.mark.parametrize(("first", "share"), [(10.0, "(+50 %)"), (0.1, ""), (-0.1, ""), (-10.0, "(+50 %)")])
-def test_a_difference_from_a_value_that_may_be_zero_has_no_percentage(soft, stiff, first, share):
+def test_a_difference_from_a_value_that_may_be_zero_has_no_percentage(first, share):
     pair = [
         ParameterEstimate("bias.value", "N", value, 1.0, (value - 2.0, value + 2.0))
         for value in (first, first + 5.0)
@@ -133,19 +134,19 @@ def test_a_difference_from_a_value_that_may_be_zero_has_no_percentage(soft, stif
 
 
 def test_another_motion_is_not_paired(soft, again, tmp_path):
-    time_s, depth, force, run_number = columns_of(again)
-    columns = {"time_s": time_s, "displacement_m": 1.5 * depth, "force_N": 1.5 * force, "run": run_number}
-    deeper = write_table(tmp_path / "deeper.csv", **columns)
+    columns = press_columns(again)
+    more = {name: 1.5 * columns[name] for name in ("displacement_m", "force_N")}
+    deeper = write_table(tmp_path / "deeper.csv", **columns | more)
     assert all(one.paired_std_err is not None for one in sides(soft, again).differences)
     assert all(one.paired_std_err is None for one in sides(soft, deeper).differences)
 
 
 def test_a_difference_that_no_effort_shows_is_none_and_no_noise_is_given_in_percent(tmp_path):
     first = write_presses(tmp_path / "first.csv")
-    time_s, depth, force, run_number = columns_of(first)
-    columns = {"time_s": time_s, "displacement_m": depth, "force_N": force + 1e-4 * depth, "run": run_number}
+    columns = press_columns(first)
+    columns["force_N"] += 1e-4 * columns["displacement_m"]
     second = write_table(tmp_path / "second.csv", **columns)
-    found = {one.name: one for one in sides(first, second).differences}
+    found = differences(first, second)
     assert abs(found["stiffness.k"].value) > found["stiffness.k"].half  # rounding alone is beyond it
     assert not any(one.differs for one in found.values())
     said = " ".join(run("compare", first, second).stdout.split())
@@ -188,10 +189,10 @@ def test_other_times_are_no_repetition(soft, tmp_path):
 
 
 def test_a_repetition_that_began_later_and_ended_earlier_is_laid_over_run_by_run(soft, again, tmp_path):
-    time_s, depth, force, run_number = columns_of(again)
-    ends_s = np.array([time_s[run_number == run].max() for run in run_number])
-    rows = time_s < 0.96 * ends_s
-    table = {"time_s": time_s + 7.0, "displacement_m": depth, "force_N": force, "run": run_number}
+    table = press_columns(again)
+    time_s, run_number = table["time_s"], table["run"]
+    rows = time_s < 0.96 * np.array([time_s[run_number == run].max() for run in run_number])
+    table["time_s"] = time_s + 7.0
     cut = write_table(tmp_path / "cut.csv", **{name: column[rows] for name, column in table.items()})
     whole, later = sides(soft, again).overlay, sides(soft, cut).overlay
     assert later is not None
@@ -201,11 +202,9 @@ def test_a_repetition_that_began_later_and_ended_earlier_is_laid_over_run_by_run
 
 
 def test_a_difference_is_held_against_the_louder_of_both(soft, again, tmp_path):
-    time_s, depth, force, run_number = columns_of(again)
-    noisy = force + np.random.default_rng(5).normal(0.0, 10 * NOISE_N, len(force))
-    loud = write_table(
-        tmp_path / "loud.csv", time_s=time_s, displacement_m=depth, force_N=noisy, run=run_number
-    )
+    columns = press_columns(again)
+    columns["force_N"] += np.random.default_rng(5).normal(0.0, 10 * NOISE_N, len(columns["force_N"]))
+    loud = write_table(tmp_path / "loud.csv", **columns)
     for pair in (sides(soft, loud), sides(loud, soft)):
         found = {one.name: one for one in pair.differences}["stiffness.k"]
         fitted = pair.first.compared.fitted
@@ -318,9 +317,3 @@ def test_a_file_that_is_there_is_not_replaced(soft, stiff, tmp_path):
     (tmp_path / "report.html").write_text("precious")
     assert_refused(run("compare", soft, stiff, "--out", tmp_path), "report.html: exists already")
     assert [one.name for one in tmp_path.iterdir()] == ["report.html"]
-
-
-def test_a_parameter_that_one_side_lacks_has_no_difference():
-    one = ParameterDifference("bias.offset", "N", None, None)
-    assert np.isnan(one.value)
-    assert one.differs is None

@@ -11,14 +11,13 @@ import palpate.study
 from palpate.robot_io.errors import InputError
 from palpate.sim_backend.scenario import load_scenario
 from palpate.study import Study
-from tests.palpate.presses import CUBIC, write_own_effect, write_presses
+from tests.palpate.presses import CUBIC, press_columns, write_own_effect, write_presses
 
 
 @pytest.fixture
 def frame(tmp_path):
     """What a data frame library has read from somebody's file."""
-    rows = np.loadtxt(write_presses(tmp_path / "p.csv"), delimiter=",", skiprows=1)
-    return pa.table(dict(zip(("time_s", "displacement_m", "force_N", "run"), rows.T, strict=True)))
+    return pa.table(press_columns(write_presses(tmp_path / "p.csv")))
 
 
 def test_the_examples_in_the_docstrings_run(few_effects, without_figures):
@@ -111,10 +110,7 @@ def study(tmp_path_factory):
         (lambda s: s.add("coulomb_friction"), r"not apply to any channel: .* Did you mean .*dry_friction"),
         (lambda s: s.add("gremlin"), r"no effect is called 'gremlin'\. In a contact there are: adhesion, "),
         (lambda s: s.compare()["nope"], "no channel 'nope' is compared. There are: contact"),
-        (
-            lambda s: s.remove("cubic_stiffness"),
-            "'cubic_stiffness': is not in the newest models. They have no",
-        ),
+        (lambda s: s.remove("cubic_stiffness"), "'cubic_stiffness': is not in the newest models. They have"),
         (lambda s: s.export(3), "scenario 3: give a path"),
         (lambda s: s.export("x.yaml", "0"), "revisions='0': give a revision's number"),
         (lambda s: s.export("x.yaml", 7), "no revision 7"),

@@ -1,18 +1,23 @@
-"""Tables in narrow terminals."""
+"""Tables in narrow terminals, and text in CSV files that neither a spreadsheet nor a terminal runs."""
 
 import io
 import sys
 from dataclasses import replace
 from functools import cache
 
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
 import pytest
 from rich.console import Console
 
+from palpate.batches.table import write_table as write_batch
 from palpate.common import console
 from palpate.common.console import count, safe
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate import ParameterEstimate
 from palpate.estimation.study.paired_comparison import ParameterDifference
+from palpate.export.table import write_table as write_export
 from palpate.render.build import view_of
 from palpate.render.estimates import estimate_table
 from palpate.render.paired import difference_table
@@ -87,30 +92,26 @@ def test_the_table_of_estimates_breaks_no_word(hardening, model, width):
     assert all(len(line) <= width for line in shown.splitlines())
 
 
-@pytest.mark.parametrize("width", [60, 80, 120])
-def test_the_table_of_differing_parameters_breaks_no_word(width):
-    name, interval = "contact_offset.offset", (0.0, 0.0)
-    sides = [ParameterEstimate(name, "m", value, 2.3e-5, interval) for value in (-0.000329, -0.000364)]
-    shown = printed(difference_table([ParameterDifference(name, "m", *sides)], width), width)
-    assert {name, "-0.000329", "-0.000364", "-0.000035", "±", "m"} <= set(shown.split())
-    assert all(len(line.rstrip()) <= width for line in shown.splitlines())
-
-
 LONG = max(EFFECTS, key=len)
 
 
+def differing(name, unit, *values):
+    sides = [ParameterEstimate(name, unit, value, 2.3e-5, (0.0, 0.0)) for value in values]
+    return ParameterDifference(name, unit, *sides)
+
+
 @pytest.mark.parametrize("width", [60, 80, 120])
-def test_tables_of_parameters_break_no_name_of_an_effect(width):
+def test_tables_of_parameters_break_no_word_and_no_name_of_an_effect(width):
     one = ParameterView(LONG, "transition", 0.0123, 0.0113, 0.0133, "N m s^2/rad^2")
-    sides = [
-        ParameterEstimate(f"{LONG}.transition", one.unit, value, 0.003, (0.0, 1.0)) for value in (1.0, 2.0)
-    ]
-    differing = difference_table([ParameterDifference(f"{LONG}.transition", one.unit, *sides)], width)
-    for made in (parameter_table([one], width), differing):
+    long, short = differing(f"{LONG}.transition", one.unit, 1.0, 2.0), "contact_offset.offset"
+    for made in (parameter_table([one], width), difference_table([long], width)):
         lines = printed(made, width).splitlines()
         assert any(LONG in line for line in lines)
         assert any("transition" in line for line in lines)
         assert max(map(len, lines)) <= width
+    shown = printed(difference_table([differing(short, "m", -0.000329, -0.000364)], width), width)
+    assert {short, "-0.000329", "-0.000364", "-0.000035", "±", "m"} <= set(shown.split())
+    assert all(len(line.rstrip()) <= width for line in shown.splitlines())
 
 
 @pytest.fixture(scope="module")
@@ -175,3 +176,38 @@ def test_a_revision_that_was_edited_by_hand_is_shown_and_not_obeyed(text, width)
 )
 def test_a_number_stands_with_its_noun_and_in_thousands(number, words):
     assert count(number, "row") == words
+
+
+CASES = {
+    '=HYPERLINK("http://e","x")': '\'=HYPERLINK("http://e","x")',
+    "-1+cmd|' /C calc'!A0": "'-1+cmd|' /C calc'!A0",
+    "@SUM(A1)": "'@SUM(A1)",
+    "\t=1+1": "' =1+1",
+    "\x1b[2J\x9b31m": " [2J 31m",
+    "-1.5e3": "-1.5e3",
+    "+7": "+7",
+    "-": "-",
+    "Prüfling = 3": "Prüfling = 3",
+}
+
+
+@pytest.mark.parametrize("write", ["batch", "export"])
+def test_text_is_no_formula_and_no_command(tmp_path, write):
+    table = pa.table({"measurement": [*CASES, None], "channel": list(range(len(CASES) + 1))})
+    if write == "batch":
+        write_batch(tmp_path, table)
+        assert pa.parquet.read_table(tmp_path / "table.parquet")["measurement"].to_pylist() == [*CASES, None]
+    else:
+        write_export(table, tmp_path / "table.csv")
+    as_text = pa.csv.ConvertOptions(column_types={"measurement": pa.string()}, strings_can_be_null=True)
+    cells = pa.csv.read_csv(tmp_path / "table.csv", convert_options=as_text)["measurement"].to_pylist()
+    assert [cell or None for cell in cells] == [*CASES.values(), None]
+
+
+def test_names_of_columns_and_dictionaries_of_text_are_harmless_too(tmp_path):
+    table = pa.table(
+        {"=1+1": pa.array(["=2+2", "a"]).dictionary_encode(), "b": pa.array(["@S", "c"], pa.large_string())}
+    )
+    write_export(table, tmp_path / "table.csv")
+    lines = (tmp_path / "table.csv").read_text(encoding="utf-8").replace('"', "").splitlines()
+    assert lines == ["'=1+1,b", "'=2+2,'@S", "a,c"]

@@ -344,11 +344,7 @@ class TestBuilding:
         [
             ("driver: mock_bus", "driver: mock_buss", "line 7, buses.world.driver: no bus driver is"),
             ("driver: mock_force,", "driver: mock_encoder,", "force.driver: no force sensor driver"),
-            (
-                "{driver: mock_bus}",
-                "{driver: mock_bus, stiffness_n_m: -1}",
-                "buses.world.stiffness_n_m: input should be",
-            ),
+            ("{driver: mock_bus}", "{driver: mock_bus, stiffness_n_m: -1}", "buses.world.stiffness_n_m"),
             ("{driver: mock_bus}", "{driver: mock_bus, stiffness: 1}", "did you mean 'stiffness_n_m'?"),
             ("mock_encoder, bus: world", "mock_encoder", "encoder.bus: must name a bus whose driver is"),
             ("home_rad: [-1.275, 1.391, 1.455]", "home_rad: [0, 0, 0]", None),

@@ -82,14 +82,8 @@ def test_driver_settings_are_passed_on_unread_and_the_file_cannot_be_changed():
             "rotor_inertia_kg_m2 entry 2: give 0 to 15 kg m2: with more, the torque limit",
         ),
         ({"force_n": None}, " line 12, limits.force_n: is missing"),
-        (
-            {"safe_state": "{damping_nms_rad: [1, 1], stop_time_s: 1}"},
-            "safe_state.damping_nms_rad: has 2 values",
-        ),
-        (
-            {"safe_state": "{damping_nms_rad: [1, 1, 1], stop_time_s: 60}"},
-            "safe_state.stop_time_s: input should be",
-        ),
+        ({"safe_state": "{damping_nms_rad: [1, 1], stop_time_s: 1}"}, "safe_state.damping_nms_rad: has 2"),
+        ({"safe_state": "{damping_nms_rad: [1, 1, 1], stop_time_s: 60}"}, "safe_state.stop_time_s: input"),
     ],
 )
 def test_what_is_wrong_and_where(changes, message):

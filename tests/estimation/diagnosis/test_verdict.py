@@ -273,10 +273,7 @@ def test_a_motion_that_cannot_be_changed_by_computing_gets_the_effect_s_own_advi
 @pytest.mark.parametrize(
     ("signals", "words"),
     [
-        (
-            ["past motion"],
-            "hold still for longer, then repeat the motion at once (the motion recorded here goes",
-        ),
+        (["past motion"], "hold still for longer, then repeat the motion at once (the motion recorded here"),
         (["velocity", "time"], "move slower and faster ("),
         (["run"], "repeat the same motion, and see whether runs differ again ("),
         (["joint position"], "move over a wider range"),
@@ -296,11 +293,7 @@ def test_what_shows_more_of_an_error_is_another_value_of_what_it_depends_on(sign
 @pytest.mark.parametrize(
     ("kind", "reason", "words"),
     [
-        (
-            "contact",
-            "the effort never changes; check the sensor and the column",
-            "check the sensor and the column",
-        ),
+        ("contact", "the effort never changes; check the sensor and the column", "check the sensor and the"),
         (
             "contact",
             "the deepest indentation is 9 m; is the displacement in millimetres?",

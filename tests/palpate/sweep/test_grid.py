@@ -88,10 +88,7 @@ def objects(**numbers):
         (objects(stiffness_n_m={"from": 0, "to": 1e6, "step": 1e-9}), "1e.15 numbers"),
         (objects(stiffness_n_m=dict(LONG), damping_n_s_m=dict(LONG)), "1e.10 objects"),
         ({"speeds_mm_s": [[0]]}, "speeds_mm_s"),
-        (
-            {"speeds_mm_s": [50, 20]},
-            r"speeds_mm_s.*\[\[50, 20\]\] for one run.*\[\[50\], \[20\]\] for a run at each",
-        ),
+        ({"speeds_mm_s": [50, 20]}, r"speeds_mm_s.*\[\[50, 20\]\] for one run.*\[\[50\], \[20\]\] for a run"),
         ({"estimators": ["lsqq"]}, "did you mean 'lsq'"),
         ({"estimators": [{"name": "ransac", "treshold": 1}]}, "treshold"),
         ({"estimators": [{"threshold": 1}]}, "no estimator"),
