@@ -1,6 +1,5 @@
 """Estimate, compare and diagnose many recordings, and write one table and one page."""
 
-import json
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -33,18 +32,18 @@ from palpate.batches.pooling import (
 )
 from palpate.batches.table import field_names, head, make_table, parameter_columns, texts, write_table
 from palpate.batches.works.measuring import write_measurement_report
-from palpate.common.console import count, plain
+from palpate.common.console import count, json_text
 from palpate.common.files import existing_file, output_folder, write_text
 from palpate.common.user_effects import load_user_effects
 from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.models import MODELS
 from palpate.robot_io.errors import InputError, PalpateError
-from palpate.sweep import Cluster, ResultStore, run_cases
+from palpate.sweep import RESULTS, Cluster, ResultStore, refuse_other_files, run_cases
 from palpate.sweep.case import ADDRESS
 from palpate.sweep.runner import Progress
 
-RESULTS, REPORTS, SUMMARY = "results", "reports", "summary.json"
+REPORTS, SUMMARY = "reports", "summary.json"
 SUGGEST = "suggest"  # in place of a base model
 MOST_REPORTS = 3
 _SAMPLE = 7  # measurements that suggest a base model
@@ -106,8 +105,7 @@ def batch(
     places = [data] if isinstance(data, str | Path) else list(data)
     _check_names(model, [*add, *share], effects)
     folder = Path(out)
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / RESULTS).is_dir():
-        raise InputError(f"output folder {folder}: holds other files; choose another")
+    refuse_other_files(folder)
     measurements = find_measurements(places, pattern=pattern, metadata=metadata, join=join, split=split)
     field_names(measurements, group)
     if pool and len(measurements) < LEAST:
@@ -258,8 +256,7 @@ def _write(
 
 def _write_views(made: BatchResult) -> None:
     """Write summary and page."""
-    text = json.dumps(plain(made.as_data()), indent=1, ensure_ascii=False)
-    write_text(made.folder / SUMMARY, f"{text}\n")
+    write_text(made.folder / SUMMARY, json_text(made.as_data()))
     write_page(made)
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.common import console
-from palpate.common.console import count, safe, shown, significant
+from palpate.common.console import count, plus_minus, safe, shown, significant
 from palpate.common.options import (
     AddOption,
     JsonOption,
@@ -208,8 +208,8 @@ def _print(result: "BatchResult") -> None:
             problem = f"{where} is not shared: they differ by more than their intervals"
             to.print(f"  [yellow]{problem}[/yellow] (corrected p {shared.p_corrected:.2g})")
         else:
-            value = _with_interval(shared.value, shared.interval, shared.unit)
-            to.print(f"  {where}, shared: {safe(value)}")
+            value = plus_minus(shared.value, shared.interval[1] - shared.value)
+            to.print(f"  {where}, shared: {safe(f'{value} {shared.unit} (95 %)')}")
     for difference in result.differences:
         if difference.p_corrected < 0.05:
             words = f"{difference.parameter} differs between {' and '.join(difference.groups)}"
@@ -257,16 +257,11 @@ def _mean(entry: "PooledParameter") -> str:
     name = f"{group} {entry.channel} {entry.parameter}".strip()
     if effects.count < 2:
         return f"{name}: {significant(effects.mean, effects.std_err)} {entry.unit}, of one measurement"
-    spread = significant(effects.spread, effects.interval[1] - effects.mean)
+    half = effects.interval[1] - effects.mean
+    spread = significant(effects.spread, half)
     differ = (
         f"spread between measurements {spread} {entry.unit}"
         if effects.spread
         else "no spread between measurements detected"
     )
-    return f"{name}: mean {_with_interval(effects.mean, effects.interval, entry.unit)}, {differ}"
-
-
-def _with_interval(value: float, interval: tuple[float, float], unit: str) -> str:
-    """Format a value with the half width of its 95 % interval."""
-    half = interval[1] - value
-    return f"{significant(value, half)} ± {significant(half, half)} {unit} (95 %)"
+    return f"{name}: mean {plus_minus(effects.mean, half)} {entry.unit} (95 %), {differ}"

@@ -17,7 +17,7 @@ from palpate.calibration.force import (
 )
 from palpate.common import console
 from palpate.common.console import AT_REST, command_group, shown
-from palpate.common.files import different_files, existing_file, output_file, output_session, whole_set
+from palpate.common.files import different_files, existing_file, output_file, whole_set
 from palpate.common.options import takes
 from palpate.estimation.data.import_options import parse_pairs
 from palpate.render.calibration import arm_figure, encoder_figure, force_figure, print_calibration
@@ -27,9 +27,8 @@ from palpate.robot_io.calibration.file import Calibration
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.runs import calibration as runs
 from palpate.runs import calibration_file as fits
-from palpate.runs.calibration_file import NamedRobot, say_how_to_use_it
+from palpate.runs.calibration_file import say_how_to_use_it
 from palpate.runs.options import (
-    SESSIONS,
     CalibrateOptions,
     MotionOptions,
     Permission,
@@ -244,7 +243,7 @@ def _calibrate(
     different_files(path, plot, options.session)
     raw, job = options.from_, None
     if raw is None:
-        raw = output_session(options.session or SESSIONS / f"{options.stamped_name(kind)}.mcap")
+        raw = options.session_file(options.session, kind)
         job = runs.CalibrationJob(robot_file, raw, kind, permission=permission, **options.job)
     try:
         if job is not None:
@@ -267,7 +266,7 @@ def _calibrate(
         print_calibration(console.stdout(), calibration, fit.remarks)
         console.say(f"written: [bold]{shown(path)}[/bold], residuals: [bold]{shown(plot)}[/bold]")
         console.say(f"from:    {shown(raw)}")
-        say_how_to_use_it(calibration, path.resolve(), NamedRobot(options.robot, robot_file, options.drivers))
+        say_how_to_use_it(calibration, path.resolve(), options)
 
     written = {"file": str(path), "plot": str(plot), "raw": str(raw)}
     console.present(written | calibration.model_dump(mode="json"), show, as_json=options.as_json)

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from palpate.common import console
-from palpate.common.console import safe, shown, typed
+from palpate.common.console import json_text, safe, shown, typed
 from palpate.common.files import folder_to_fill, folder_to_read, output_folder, spare_files, whole_set
 from palpate.common.options import JsonOption, model_names
 from palpate.estimation.estimate import with_unit
@@ -17,7 +17,7 @@ from palpate.estimation.study.channels import ALL_CHANNELS
 from palpate.estimation.study.model_suggestions import far_better_model
 from palpate.estimation.study.paired_comparison import Extended, side_by_side
 from palpate.estimation.study.revisions import Revision, user_effects_of
-from palpate.render.build import NAMES, REPORT, json_text, result_view, view_of, write_outcome
+from palpate.render.build import NAMES, REPORT, result_view, view_of, write_outcome
 from palpate.render.paired import ChannelPairView, PairView, as_data, print_pair
 from palpate.render.terminal import print_comparison, print_files
 from palpate.robot_io.errors import InputError

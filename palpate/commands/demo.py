@@ -1,7 +1,5 @@
 """`palpate demo`: run the whole workflow once without questions."""
 
-from datetime import datetime
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -15,7 +13,7 @@ from palpate.render.build import result_view
 from palpate.render.estimates import as_data, print_estimates
 from palpate.render.progress import diagnosis_progress, probing_progress
 from palpate.render.terminal import print_files, print_stages
-from palpate.runs.options import ENGINE
+from palpate.runs.options import ENGINE, SESSIONS, time_stamp
 from palpate.sim_backend.contact_laws.standard import KelvinVoigtLaw
 from palpate.sim_backend.engines import EngineName
 from palpate.sim_backend.hidden import sealed_path
@@ -62,8 +60,7 @@ def demo_command(
     world = load_scenario(scenario)
     if engine is not None:
         world = world.with_engine(engine)
-    now = datetime.now().astimezone()
-    session = output_session(out or Path("sessions") / f"demo-{now:%Y%m%d-%H%M%S}.mcap")
+    session = output_session(out or SESSIONS / f"demo-{time_stamp()}.mcap")
     # With another law, the base model would miss more than the hidden effect.
     can_hide = isinstance(world.object.law, KelvinVoigtLaw)
     second = output_file(session.with_name(f"{session.stem}-hidden.mcap")) if can_hide else None

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from palpate.common import console
-from palpate.common.console import as_shell_word, count, safe, shown, typed
+from palpate.common.console import as_shell_word, count, json_text, safe, shown, typed
 from palpate.common.files import folder_to_fill, output_folder
 from palpate.common.options import JsonOption, estimator_names
 from palpate.estimation.channel import ChannelKind
@@ -19,7 +19,7 @@ from palpate.estimation.study.channels import ALL_CHANNELS
 from palpate.estimation.study.estimates import ALL, DEFAULT_ESTIMATORS
 from palpate.estimation.study.model_suggestions import better_explanation, suggests_fresh_runs
 from palpate.estimation.study.saved_diagnosis import RESULT
-from palpate.render.build import NAMES, json_text, view_of, write_outcome
+from palpate.render.build import NAMES, view_of, write_outcome
 from palpate.render.estimates import as_data, calibration_remark, print_estimates
 from palpate.render.terminal import print_diagnosis, print_files
 from palpate.robot_io.errors import InputError

@@ -12,15 +12,23 @@ from rich.markup import escape
 
 from palpate.common import console
 from palpate.common.console import count, duration, safe, shown, typed
-from palpate.common.files import existing_file, open_session, output_session
+from palpate.common.files import open_session
 from palpate.common.options import SessionOutOption, takes
 from palpate.control.loop.result import Outcome
-from palpate.control.probing.plan import ProbingPlan, load_probing_plan
+from palpate.control.probing.plan import ProbingPlan
 from palpate.render.progress import diagnosis_progress, motion_progress, probing_progress
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import validate
 from palpate.runs.hidden_effects import scenario_of
-from palpate.runs.options import SESSIONS, RunOptions, YesOption, ask_for_power, motion_in_words, numbers
+from palpate.runs.options import (
+    SESSIONS,
+    RunOptions,
+    YesOption,
+    ask_for_power,
+    motion_in_words,
+    numbers,
+    probing_plan,
+)
 from palpate.runs.probing import (
     ProbingJob,
     ProbingOutcome,
@@ -78,7 +86,7 @@ def probe_command(
         "repeats": repeats,
     }
     changes = {key: value for key, value in changes.items() if value is not None}
-    plan = load_probing_plan(existing_file(experiment, "experiment")) if experiment else ProbingPlan()
+    plan = probing_plan(experiment)
     try:
         plan = validate(ProbingPlan, plan.model_dump() | changes)
     except InputError as error:  # from plan and options combined
@@ -90,7 +98,7 @@ def probe_command(
         raise InputError(f"--online {online}: valid are {', '.join(online_estimators())}, {NO_ESTIMATOR}")
     job = ProbingJob(
         robot_file,
-        output_session(out or SESSIONS / f"{options.stamped_name()}.mcap"),
+        options.session_file(out),
         plan,
         online=None if online == NO_ESTIMATOR else online,
         permission=lambda: ask_for_power(motion_in_words(robot_file, plan), yes=yes),
@@ -165,7 +173,7 @@ def replay_command(
     """
     recorded = open_session(session)
     references, robot_file = references_of(recorded), options.robot_file
-    file = output_session(out or SESSIONS / f"{options.stamped_name('replay')}.mcap", keep=[session])
+    file = options.session_file(out, "replay", keep=[session])
     runs = len(np.unique(references.run[references.run >= 0]))
     motion = (
         f"'{robot_file.name}' is going to move: it repeats {count(runs, 'run')} of {session.name}, "
@@ -233,7 +241,7 @@ def resolve_command(
     from palpate.workflows.resolve import DECISIONS, Budget, resolve  # noqa: PLC0415, the study takes a second
 
     robot_file = options.robot_file
-    plan = load_probing_plan(existing_file(experiment, "experiment")) if experiment else ProbingPlan()
+    plan = probing_plan(experiment)
     # Refuse a channel that no session of this arm and plan has, before the arm moves.
     names = [*(f"joint_{number}" for number in range(1, robot_file.joint_count + 1)), "contact"]
     if len(plan.targets_world_m) > 1:  # nearby places share one channel

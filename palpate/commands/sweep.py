@@ -15,7 +15,6 @@ from palpate.render.progress import sweep_progress
 from palpate.robot_io.errors import InputError, PalpateError
 
 PAPER = "paper"
-RESULTS = "results"
 SWEEPS = Path("sweeps")
 _SAMPLE = 4  # cases to run for an estimate of the cost
 
@@ -56,13 +55,18 @@ def sweep_command(
 
     palpate sweep mine.yaml --scheduler tcp://10.0.0.5:8786 --out /shared/mine
     """
-    from palpate.sweep import Cluster, ResultStore, run_cases  # noqa: PLC0415, its libraries take a second
+    from palpate.sweep import (  # noqa: PLC0415, its libraries take a second
+        RESULTS,
+        Cluster,
+        ResultStore,
+        refuse_other_files,
+        run_cases,
+    )
 
     parts, grid, title = _cases(what)
     sweep = PAPER if grid is None else typed(Path(what))
     folder = out or SWEEPS / title
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / RESULTS).is_dir():
-        raise InputError(f"output folder {folder}: holds other files; choose another")
+    refuse_other_files(folder)
     output_folder(folder)
     store = ResultStore(folder / RESULTS)
     cases = [case for part in parts.values() for case in part]

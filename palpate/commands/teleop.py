@@ -2,7 +2,6 @@
 
 import sys
 from dataclasses import asdict
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -13,7 +12,7 @@ from palpate.common.console import as_command, command_group, count, safe, shown
 from palpate.common.files import existing_file, output_session
 from palpate.common.options import JsonOption, SessionOutOption, scenario_names, takes
 from palpate.control.loop.result import Outcome
-from palpate.control.probing.plan import ProbingPlan, load_probing_plan
+from palpate.control.probing.plan import ProbingPlan
 from palpate.control.teleop.follower_task import OnSilence
 from palpate.control.teleop.leader_arm import OPERATOR_DEVICES, LeaderArm, build_operator
 from palpate.render.terminal import print_files
@@ -22,7 +21,15 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.link.frame import load_seal
 from palpate.robot_io.link.line import Impairment, LineSettings
 from palpate.robot_io.robot_file import load_robot_file
-from palpate.runs.options import SESSIONS, RunOptions, YesOption, ask_for_power, numbers
+from palpate.runs.options import (
+    SESSIONS,
+    RunOptions,
+    YesOption,
+    ask_for_power,
+    numbers,
+    probing_plan,
+    time_stamp,
+)
 from palpate.runs.robots import find_robot, robot_names
 from palpate.runs.session import raise_for_end
 from palpate.sim_backend.scenario import load_scenario, shipped_scenarios
@@ -102,7 +109,7 @@ def follower(
       palpate teleop follower --robot my_arm.yaml --experiment gentle.yaml --link router.json5
     """
     robot_file = options.robot_file
-    plan = load_probing_plan(existing_file(experiment, "experiment")) if experiment else PLAN
+    plan = probing_plan(experiment, PLAN)
     speeds = ", ".join(f"{speed / MILLI:g}" for speed in plan.speeds_m_s)
     motion = (
         f"'{robot_file.name}' is going to move to wherever a leader asks: each place is probed at {speeds} "
@@ -111,7 +118,7 @@ def follower(
     )
     job = FollowerJob(
         robot_file,
-        output_session(out or SESSIONS / f"{options.stamped_name('teleop')}.mcap"),
+        options.session_file(out, "teleop"),
         plan,
         permission=lambda: ask_for_power(motion, yes=yes),
         link=_line(name, port, link, key, bad_network),
@@ -203,7 +210,7 @@ def leader(  # noqa: PLR0917, one parameter an option
     command_line = as_command(sys.argv[1:])
     device = build_operator(operator, MonotonicClock())  # checks the file before anything starts
     scene, robot_file = load_scenario(scenario), find_robot(robot)
-    session = output_session(out or SESSIONS / f"{datetime.now().astimezone():%Y%m%d-%H%M%S}-leader.mcap")
+    session = output_session(out or SESSIONS / f"{time_stamp()}-leader.mcap")
     metadata = leader_metadata(robot_file, scene, command_line)
     haptics = HapticJob(robot, operator, scene, session, metadata, largest_jump_n=jump_n)
     line = _line(name, port, link, key, bad_network)

@@ -53,9 +53,20 @@ def print_json(data: Any) -> None:  # noqa: ANN401
     """
     JsonOutput.was_printed = True
     readable = "utf" in (sys.stdout.encoding or "").lower()
-    text = json.dumps(plain(data), indent=2, ensure_ascii=not readable, allow_nan=False)
+    text = json_text(data, is_ascii=not readable)
     # JSON allows some control characters that a terminal would execute
-    print("".join(char if char.isprintable() or char == "\n" else json.dumps(char)[1:-1] for char in text))
+    shown_text = (char if char.isprintable() or char == "\n" else json.dumps(char)[1:-1] for char in text)
+    print("".join(shown_text), end="")
+
+
+def json_text(data: Any, *, is_ascii: bool = False) -> str:  # noqa: ANN401
+    """Format data as the text of a JSON file; arrays become lists, NaN and infinity become null.
+
+    Args:
+        data: mappings, sequences, arrays and scalars; anything else is converted by `str`.
+        is_ascii: whether to escape all characters beyond ASCII.
+    """
+    return json.dumps(plain(data), indent=2, ensure_ascii=is_ascii, allow_nan=False) + "\n"
 
 
 def plain(value: Any) -> Any:  # noqa: ANN401
@@ -351,6 +362,16 @@ def significant(value: float, uncertainty: float | None = None) -> str:
         digits = _exponent(value) - _exponent(uncertainty) + 2
         return f"{value:z.{min(max(digits, 1), _MOST_DIGITS)}g}"
     return f"{round(value, decimals):z.{max(decimals, 0)}f}"
+
+
+def plus_minus(value: float, half: float) -> str:
+    """Format a value with the half width of its interval, if that is finite.
+
+    Args:
+        value: value in any unit.
+        half: half width of the interval in the same unit.
+    """
+    return significant(value, half) + (f" ± {significant(half, half)}" if math.isfinite(half) else "")
 
 
 def _exponent(value: float) -> int:

@@ -135,9 +135,9 @@ def load_user_effect(text: str) -> Effect:
         names = ", ".join(own)
         raise InputError(f"--effect {text}: no effect is called '{name}' there. There are: {names or 'none'}")
     with foreign_code(f"--effect {text}", own_file=file_of(member)):
-        wrong = flaw(member)
+        attribute, wrong = next(_flaws(member), ("", ""))
     if wrong:
-        raise InputError(f"--effect {text}: {wrong}")
+        raise InputError(f"--effect {text}: {wrong}{place_of(member, attribute)}")
     with foreign_code(f"--effect {text}: cannot be made", LIMIT_S, file_of(member)):
         return watched(member())
 
@@ -145,17 +145,6 @@ def load_user_effect(text: str) -> Effect:
 STATED = ("name", "physics", "equation", "source", "signature", "channels")
 _TEXTS = STATED[1:-1]
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
-
-
-def flaw(effect_type: type[Effect]) -> str | None:
-    """Describe the first error in a class's attributes, with its line; None if there is none.
-
-    Args:
-        effect_type: class from the user.
-    """
-    return next(
-        (problem + place_of(effect_type, attribute) for attribute, problem in _flaws(effect_type)), None
-    )
 
 
 def file_of(effect_type: type) -> str:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
+from platform import python_version
 
 from packaging.requirements import Requirement
 
@@ -39,10 +40,9 @@ RIGHTS = (
 
 def python() -> Iterator[Finding]:
     """Check for a supported CPython in a virtual environment."""
-    version = ".".join(str(part) for part in sys.version_info[:3])
     problem = preflight.python_problem((sys.version_info[0], sys.version_info[1])) or ""
     bare = "not a virtual environment: make env, then use .venv/bin/palpate"
-    value = f"{version} in {sys.prefix}"
+    value = f"{python_version()} in {sys.prefix}"
     yield graded("python", value, (_FAIL, problem, problem), (_WARN, sys.prefix == sys.base_prefix, bare))
 
 

@@ -2,7 +2,7 @@
 
 import math
 import shlex
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain, combinations
@@ -21,6 +21,7 @@ from palpate.estimation.design.next_experiment import FEW_READINGS, LONGEST_S, N
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.study import ModelStudy, StudyChannel
 from palpate.estimation.study.channels import channel_of
+from palpate.estimation.study.fitting import Progress
 from palpate.estimation.study.undecided_models import rivals_of
 from palpate.planning.experiments import (
     ArmText,
@@ -41,7 +42,6 @@ from palpate.runs.probing import PLAN
 FITTED = 6  # number of the best experiments for which all models are refitted
 PAIRED = 3  # number of pairs of these tried as one experiment, the most informative pairs first
 _SEED = 1
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,5 @@
 """Build views of results, and write all files about a study from the same view."""
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -387,12 +386,3 @@ def write_outcome(
 
             record_rerun(view_of(study, grown), folder / RECORDING)
     return {"report": folder / REPORT} | ({"recording": folder / RECORDING} if grown else {})
-
-
-def json_text(data: Mapping[str, object]) -> str:
-    """Format plain data as the text of a JSON file.
-
-    Args:
-        data: numbers, texts, lists and dicts; arrays are written as lists.
-    """
-    return json.dumps(console.plain(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n"

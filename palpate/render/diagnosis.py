@@ -220,7 +220,6 @@ def budget_view(diagnosis: ChannelDiagnosis) -> BudgetView | None:
     return BudgetView(sentence or f"The whole error of {error} {what}.", tuple(parts), tuple(confusions))
 
 
-_FONT = "Inter, Source Sans 3, Helvetica Neue, Liberation Sans, Arial, sans-serif"
 _BAR, _ROW, _TOP = 28, 22, 50  # heights of the stacked bar and of a row, and where the rows begin [px]
 _SECOND = 16  # height of a row's second line where the picture is narrow [px]
 _NARROW = 640  # [px]
@@ -272,7 +271,7 @@ def budget_picture(budget: BudgetView, width: int, ink: str = "currentColor") ->
     label = escape(budget.sentence, quote=True)
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" role="img" '
-        f'viewBox="0 0 {width} {height}" aria-label="{label}" font-family="{_FONT}" font-size="13">'
+        f'viewBox="0 0 {width} {height}" aria-label="{label}" font-family="{palette.FONT}" font-size="13">'
         f"{''.join(drawn)}</svg>"
     )
 

@@ -10,7 +10,16 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from palpate.common.console import AT_BOUND, NOT_DETERMINED, count, natural_width, safe, significant, table
+from palpate.common.console import (
+    AT_BOUND,
+    NOT_DETERMINED,
+    count,
+    natural_width,
+    plus_minus,
+    safe,
+    significant,
+    table,
+)
 from palpate.estimation.channel import MIN_STEPS
 from palpate.estimation.data_quality import contaminated
 from palpate.estimation.estimate import (
@@ -177,10 +186,9 @@ def remarks(estimates: ChannelEstimates, truth: Truth) -> list[str]:
         remarks.append(f"do not rely on these estimates: {reason}")
     if surface is not None:
         half_mm = _TO_MILLI * SIGMAS_95 * surface.std_err_m
-        sure = f" ± {significant(half_mm, half_mm)}" if np.isfinite(half_mm) else ""
         true = f" (truth {significant(_TO_MILLI * truth[SURFACE], half_mm)} mm)" if SURFACE in truth else ""
-        place = significant(_TO_MILLI * surface.position_m, half_mm)
-        remarks.append(f"surface at {place}{sure} mm along the press direction{true}")
+        place = plus_minus(_TO_MILLI * surface.position_m, half_mm)
+        remarks.append(f"surface at {place} mm along the press direction{true}")
     tare = channel.tare
     if tare is not None and np.any(np.abs(tare.effort) > NOTABLE * tare.std_err):
         mean = significant(float(np.mean(tare.effort)), float(np.max(tare.std_err)))
@@ -345,7 +353,7 @@ def value_text(parameter: ParameterEstimate) -> str:
         return f"{significant(parameter.value)} ({AT_BOUND})"
     if not np.isfinite(half):
         return f"{significant(parameter.value, half)} ({NOT_DETERMINED})"
-    return f"{significant(parameter.value, half)} ± {significant(half, half)}"
+    return plus_minus(parameter.value, half)
 
 
 def error_percent(parameter: ParameterEstimate, truth: Truth) -> float:

@@ -17,7 +17,7 @@ from palpate.estimation.study.estimates import PREFERRED, ChannelEstimates, esti
 from palpate.render.build import channel_view
 from palpate.render.estimates import estimates_view, markdown_summary
 from palpate.render.recording.revisions import record_rerun
-from palpate.render.recording.scene import Columns, Scene, has_ticks, last_known, tick_columns
+from palpate.render.recording.scene import Columns, Scene, tick_columns
 from palpate.render.recording.session import record_session
 from palpate.render.report import write_report
 from palpate.render.view import ChannelView, StudyView, VerdictView
@@ -86,7 +86,7 @@ def inspect_session(session: Session, estimates: ChannelEstimates | None = None)
         with suppress(InputError):  # too few contact samples for an estimate
             estimates = estimate_with(contact, CONTACT_MODEL, PREFERRED)
     truth = true_parameters(session)
-    ticks = tick_columns(session) if has_ticks(session) else None
+    ticks = tick_columns(session)
     if ticks is None and not channels:
         raise InputError(f"{session.path}: holds nothing that can be shown")
     metadata, facts = session.metadata, dict[str, str]()
@@ -101,6 +101,8 @@ def inspect_session(session: Session, estimates: ChannelEstimates | None = None)
     if ticks is None:
         return Inspection(session, view, None)
     surface = estimates.surface_of(estimates.best) if estimates else None
+    online_m = ticks["surface_m"][np.isfinite(ticks["surface_m"])]
+    last_m = float(online_m[-1]) if len(online_m) else None
     name = session.path.stem
     summary = f"**{name}**: nothing was touched"
     if estimates is not None:
@@ -111,7 +113,7 @@ def inspect_session(session: Session, estimates: ChannelEstimates | None = None)
         urdf=metadata.urdf,
         events=session.events,
         estimate=estimates.best if estimates else None,
-        surface_m=surface.position_m if surface else last_known(ticks["surface_m"]),
+        surface_m=surface.position_m if surface else last_m,
         truth={name: value for name, value in truth.items() if name != SURFACE},
         summary=replace_undecodable(summary),
     )

@@ -10,7 +10,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from palpate.common.console import natural_width, safe, significant, table
+from palpate.common.console import natural_width, plus_minus, safe, significant, table
 from palpate.estimation.statistics.correlation import Correlation
 from palpate.estimation.study.comparison import FAR
 from palpate.estimation.study.paired_comparison import ParameterDifference, Side, Sides
@@ -168,8 +168,7 @@ def difference_text(difference: ParameterDifference) -> str:
     """Format a difference with half of its 95 % interval, if the interval is known."""
     if not np.isfinite(difference.value):
         return "–"
-    half = f" ± {significant(difference.half, difference.half)}" if np.isfinite(difference.half) else ""
-    return f"{significant(difference.value, difference.half)}{half}"
+    return plus_minus(difference.value, difference.half)
 
 
 def print_pair(console: Console, view: PairView) -> None:

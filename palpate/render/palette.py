@@ -3,6 +3,7 @@
 from palpate.control.loop.task import Phase
 from palpate.estimation.kinds import Kind
 
+FONT = "Inter, Source Sans 3, Helvetica Neue, Liberation Sans, Arial, sans-serif"
 MEASURED = "#3f86c8"
 BASE = "#8d99a6"  # revision 0, and commanded values
 MODEL = "#de7a26"

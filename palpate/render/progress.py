@@ -14,10 +14,9 @@ from palpate.common.console import count, duration
 from palpate.control.loop.task import Phase, TaskOutput
 from palpate.control.probing.plan import ProbingPlan
 from palpate.robot_io.types import Measurement
-from palpate.runs.probing import Watcher
+from palpate.runs.probing import MakeWatcher, Watcher
 
 Report = Callable[[str, float], None]  # called with the current step and the fraction of it that is done
-MakeWatcher = Callable[[float], Watcher]  # makes a watcher from the duration of a motion [s]
 _REFRESH_S = 0.1
 _TO_MILLI = 1e3
 _SHARE_DONE = {  # fraction of a run that is done when a phase begins

@@ -59,7 +59,6 @@ def _environment(folder: Path) -> Environment:
 
 PLOT_CONFIG = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["lasso2d", "select2d"]}
 _RULE, _ZERO = "rgba(128,140,155,0.22)", "rgba(128,140,155,0.6)"
-_FONT = "Inter, Source Sans 3, Helvetica Neue, Liberation Sans, Arial, sans-serif"
 _SHADE_CELLS = 300  # number of intervals of the time axis, each shaded or not
 _BAR_PX = 40
 RUN_TIME = "time, runs one after the other [s]"
@@ -339,7 +338,7 @@ def styled(made: go.Figure, height: int) -> go.Figure:
         plot_bgcolor="rgba(0,0,0,0)",
         height=height,
         margin={"l": 64, "r": 16, "t": 40, "b": 48},
-        font={"family": _FONT, "size": 12.5},
+        font={"family": palette.FONT, "size": 12.5},
         modebar={"bgcolor": "rgba(0,0,0,0)", "color": _ZERO, "activecolor": palette.MEASURED},
         legend={"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom", "bgcolor": "rgba(0,0,0,0)"},
     )

@@ -21,16 +21,15 @@ from palpate.calibration.arm_motion import (
 from palpate.calibration.encoder import PUSH_SHARE, StopSettings, StopTask, plan_stops, with_room_for_stops
 from palpate.calibration.force import check_references, weigh
 from palpate.calibration.standstill import StillRobot
-from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.laws.gains import gains_of
 from palpate.control.loop.result import Outcome
 from palpate.control.loop.task import Task
 from palpate.robot_io.calibration.applied import load_calibrations
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.guard import Guard, Limits
+from palpate.robot_io.guard import Limits
 from palpate.robot_io.types import FloatArray
-from palpate.runs.probing import NOBODY, Watcher
-from palpate.runs.session import ArmJob, ArmSession, arm_session, checked_body
+from palpate.runs.probing import NOBODY, MakeWatcher, Watcher
+from palpate.runs.session import ArmJob, ArmSession, arm_session
 
 KIND = "calibration_kind"  # key of the calibration's kind in the session's metadata
 MOTIONS = {"torque": TORQUE_MOTION, "gravity": GRAVITY_MOTION}
@@ -50,29 +49,17 @@ class CalibrationJob(ArmJob):
 
 @dataclass(frozen=True)
 class CalibrationSetup:
-    """Robot ready to be calibrated, torque off; the body includes the applied calibrations."""
+    """Robot ready to be calibrated, torque off."""
 
-    job: CalibrationJob
     arm: ArmSession
-    body: RigidBody
-
-    def guard(self, limits: Limits) -> Guard:
-        """Make a guard with these limits.
-
-        Args:
-            limits: limits during the calibration.
-        """
-        robot_file = self.job.robot_file
-        return Guard(limits, robot_file.safe_state, robot_file.joint_count, self.body.gravity)
 
     def still(self) -> StillRobot:
         """Return a task that leaves the robot without power."""
-        limits, n = self.job.robot_file.limits, self.job.robot_file.joint_count
+        arm, robot_file = self.arm, self.arm.job.robot_file
+        n = robot_file.joint_count
         anywhere = {"position_min_rad": (-_FAR_RAD,) * n, "position_max_rad": (_FAR_RAD,) * n}
-        guard = self.guard(limits.model_copy(update=anywhere))
-        return StillRobot(
-            self.arm.robot, guard, self.arm.clock, self.arm.log, self.job.robot_file.control_rate_hz
-        )
+        guard = arm.guard(robot_file.limits.model_copy(update=anywhere))
+        return StillRobot(arm.robot, guard, arm.clock, arm.log, robot_file.control_rate_hz)
 
     def start_rad(self) -> FloatArray:
         """Joint positions before anything moves, shape (n,) [rad]."""
@@ -90,16 +77,14 @@ class CalibrationSetup:
             KeyboardInterrupt: the user stopped the run.
             PalpateError: the arm was stopped.
         """
-        guard, rate_hz = self.guard(limits), self.job.robot_file.control_rate_hz
         watcher.started()
-        result = self.arm.run(task, guard, rate_hz, watcher.observe)
+        result = self.arm.run(task, watcher.observe, limits)
         if result.outcome is Outcome.STOPPED and not (result.deactivation_error or self.arm.unlogged()):
             raise KeyboardInterrupt
         result.raise_for_trip()
 
 
 Place = Callable[[CalibrationSetup, int, float], None]
-MakeWatcher = Callable[[float], Watcher]  # makes a watcher from the approximate duration of a motion [s]
 
 
 @contextmanager
@@ -115,9 +100,8 @@ def calibration_setup(job: CalibrationJob) -> Iterator[CalibrationSetup]:
     """
     now_utc = datetime.now(UTC)
     calibrations = load_calibrations(job.robot_file, now_utc, leave_out=(job.kind,), emulated=job.wired)
-    body = checked_body(job.robot_file, calibrations)
     with arm_session(job, calibrations, {KIND: job.kind}, now_utc) as arm:
-        yield CalibrationSetup(job, arm, body)
+        yield CalibrationSetup(arm)
 
 
 def motion_in_words(kind: str, limits: Limits) -> str:
@@ -158,10 +142,10 @@ def run_motion(
     settings, robot_file = settings or MOTIONS[job.kind], job.robot_file
     limits = robot_file.limits
     with calibration_setup(job) as setup:
-        bodies = GravityBodies.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
+        body, bodies = setup.arm.body, GravityBodies.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
         rng = np.random.default_rng(0)
-        path = choose_path(setup.body, bodies, setup.start_rad(), limits, settings=settings, rng=rng)
-        task = PathTask(setup.body, gains_of(robot_file).tracking, path, travel_speed_rad_s(limits))
+        path = choose_path(body, bodies, setup.start_rad(), limits, settings=settings, rng=rng)
+        task = PathTask(body, gains_of(robot_file).tracking, path, travel_speed_rad_s(limits))
         guarded = _slowed(limits, SPEED_MARGIN * max(settings.speed_rad_s, 1.0))
         setup.run(task, guarded, watcher(settings.duration_s + 10.0))
 
@@ -186,10 +170,10 @@ def run_stops(
     limits = job.robot_file.limits
     settings = StopSettings.within(limits)
     with calibration_setup(job) as setup:
-        stops_rad = stops_rad or setup.body.position_limits_rad
-        start_rad = setup.start_rad()
-        up_rad, approaches = plan_stops(setup.body, start_rad, limits, stops_rad, settings.reach_rad)
-        task = StopTask(setup.body, gains_of(job.robot_file).tracking, up_rad, approaches, settings)
+        body = setup.arm.body
+        stops_rad = stops_rad or body.position_limits_rad
+        up_rad, approaches = plan_stops(body, setup.start_rad(), limits, stops_rad, settings.reach_rad)
+        task = StopTask(body, gains_of(job.robot_file).tracking, up_rad, approaches, settings)
         opened = with_room_for_stops(limits, approaches, settings.reach_rad + BEYOND_RAD)
         setup.run(task, _slowed(opened, STOP_SPEED_RAD_S), watcher(12.0 * len(approaches)))
 

@@ -15,7 +15,7 @@ from palpate.calibration.encoder import EncoderFit, fit_pose, fit_stops
 from palpate.calibration.force import ForceFit
 from palpate.calibration.standstill import UncertainValue
 from palpate.common import console
-from palpate.common.console import FIRST_PROBE, as_shell_word, safe, shown, typed
+from palpate.common.console import FIRST_PROBE, safe, shown, typed
 from palpate.common.files import open_session
 from palpate.control.loop.tick_record import STREAM_NAME
 from palpate.estimation.data.tick_channels import checked_ticks
@@ -39,6 +39,7 @@ from palpate.robot_io.robot_file import RobotFile, parse_robot_file
 from palpate.robot_io.session import Session
 from palpate.robot_io.types import FloatArray
 from palpate.runs.calibration import KIND
+from palpate.runs.options import RunOptions
 from palpate.runs.robots import EMULATED, is_simulated, shipped_robots
 from palpate.runs.session import SOURCE
 
@@ -258,38 +259,30 @@ def _entry(
     return {"value": value, "std_err": std_err, "unit": unit}
 
 
-@dataclass(frozen=True)
-class NamedRobot:
-    """The robot as the user named it, its file, and the packages of its drivers."""
+def say_how_to_use_it(calibration: Calibration, path: Path, options: RunOptions) -> None:
+    """Print on stderr the lines to add to the robot file, and the next command.
 
-    named: str
-    file: RobotFile
-    drivers: list[str] | None
-
-    @property
-    def option(self) -> str:
-        """Option that names the robot in the next command."""
-        packages = "".join(f" --drivers {as_shell_word(package)}" for package in self.drivers or ())
-        return f"--robot {as_shell_word(self.named)}{packages}"
-
-
-def say_how_to_use_it(calibration: Calibration, path: Path, whose: NamedRobot) -> None:
-    """Print on stderr the lines to add to the robot file, and the next command."""
-    talk, file = console.stderr(), whose.file.path
+    Args:
+        calibration: the calibration.
+        path: its file.
+        options: options that name the robot.
+    """
+    talk, robot_file = console.stderr(), options.robot_file
+    file, is_shipped = robot_file.path, options.robot in shipped_robots()
     unit = getattr(calibration, "reading_unit", "N")
     if unit != "N":
         talk.print(
             f"\nIt calibrates readings in {unit}. A robot file cannot use it, because a robot's "
             "driver reads N."
         )
-        again = f"palpate calibrate force {whose.option} --weights-kg 0,0.5,1,2,1,0.5,0"
+        again = f"palpate calibrate force {options.robot_words} --weights-kg 0,0.5,1,2,1,0.5,0"
         console.next_steps((again, "calibrate the sensor as the robot reads it"))
         return
-    if whose.named in shipped_robots():
+    if is_shipped:
         talk.print(f"\nTo use it, copy the shipped arm, and write into the copy's {safe(file.name)}:")
     else:
         talk.print(f"\nTo use it, write into {shown(file)}:", soft_wrap=True)
-    named = {kind: name for kind, name in whose.file.calibration.model_dump().items() if name is not None}
+    named = {kind: name for kind, name in robot_file.calibration.model_dump().items() if name is not None}
     folder = file.resolve().parent
     named[calibration.kind] = str(path.relative_to(folder) if path.is_relative_to(folder) else path)
     line = yaml.safe_dump(named, default_flow_style=True, sort_keys=False, allow_unicode=True, width=10_000)
@@ -297,14 +290,14 @@ def say_how_to_use_it(calibration: Calibration, path: Path, whose: NamedRobot) -
     wire = " --wire" if calibration.source == "emulated" else ""
     if wire:
         talk.print("It was made with emulated devices: use it with --wire; a real arm refuses it.")
-    if whose.named in shipped_robots():
-        copy = Path(f"my_{whose.named}")
+    if is_shipped:
+        copy = Path(f"my_{options.robot}")
         console.next_steps(
             (f"cp -r {typed(file.parent)} {copy}", "copy the arm's files, to change them"),
             (f"palpate probe --robot {copy / file.name}", "probe with it, once the robot file names it"),
         )
         return
-    gentle = "" if is_simulated(whose.file) else f" {FIRST_PROBE}"
+    gentle = "" if is_simulated(robot_file) else f" {FIRST_PROBE}"
     console.next_steps(
-        (f"palpate probe {whose.option}{wire}{gentle}", "probe with it, once the robot file names it")
+        (f"palpate probe {options.robot_words}{wire}{gentle}", "probe with it, once the robot file names it")
     )

@@ -24,9 +24,8 @@ from palpate.control.loop.tick_record import NO_ESTIMATE
 from palpate.control.paths.trajectory import JointMotion
 from palpate.robot_io.calibration.applied import load_calibrations
 from palpate.robot_io.errors import InputError, LifecycleError, PalpateError
-from palpate.robot_io.guard import Guard
 from palpate.robot_io.types import FloatArray, Measurement, frozen_array
-from palpate.runs.session import ArmJob, arm_session, checked_body
+from palpate.runs.session import ArmJob, arm_session
 
 _RATE_1_S = 20.0  # rate at which a goal is approached; both poles of the reference lie at twice this rate
 _LONGEST_S = 0.2  # longest interval between goals that slows the approach
@@ -187,13 +186,12 @@ def run_following(job: FollowingJob, line: Connection) -> None:
     """
     robot_file = job.robot_file
     calibrations = load_calibrations(robot_file, emulated=job.wired)
-    guard_body, body = checked_body(robot_file, calibrations), RigidBody.of_robot(robot_file, calibrations)
-    guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count, guard_body.gravity)
+    body = RigidBody.of_robot(robot_file, calibrations)
     controller = HybridController(body, np.array(robot_file.sensor_axis_tip), gains_of(robot_file))
     speed_rad_s = job.speed_share * np.array(robot_file.limits.velocity_rad_s)
     task = JointFollowingTask(controller, line, speed_rad_s, job.acceleration_rad_s2)
     with arm_session(job, calibrations, {}) as arm:
-        result = arm.run(task, guard, robot_file.control_rate_hz, lambda *_: NO_ESTIMATE)
+        result = arm.run(task, lambda *_: NO_ESTIMATE)
     result.raise_for_trip()
     if result.cause:
         raise PalpateError(f"the arm was stopped: {result.cause}")

@@ -3,7 +3,7 @@
 import functools
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -13,10 +13,11 @@ import numpy as np
 import typer
 
 from palpate.common import console
-from palpate.common.console import count, safe
+from palpate.common.console import as_shell_word, count, safe
+from palpate.common.files import existing_file, output_session
 from palpate.common.options import JsonOption, scenario_names
 from palpate.control.arm.rigid_body import RigidBody
-from palpate.control.probing.plan import ProbingPlan
+from palpate.control.probing.plan import ProbingPlan, load_probing_plan
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.robot_file import RobotFile
 from palpate.robot_io.types import FloatArray
@@ -81,14 +82,52 @@ class RunOptions:
             "command_line": command_line(sys.argv[1:], self.hidden),
         }
 
+    @property
+    def robot_words(self) -> str:
+        """Options that name the same robot in another command."""
+        packages = "".join(f" --drivers {as_shell_word(package)}" for package in self.drivers or ())
+        return f"--robot {as_shell_word(self.robot)}{packages}"
+
     def stamped_name(self, kind: str = "") -> str:
         """Return a new file name with the arm and the current time.
 
         Args:
             kind: last part of the name; empty for none.
         """
-        stamp = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
-        return "-".join(filter(None, (stamp, self.robot_file.name, kind)))
+        return "-".join(filter(None, (time_stamp(), self.robot_file.name, kind)))
+
+    def session_file(self, out: Path | None, kind: str = "", keep: Iterable[Path] = ()) -> Path:
+        """Return the path of the session to write, as `output_session` does.
+
+        Args:
+            out: path from the user; None for a new name in `SESSIONS`.
+            kind: last part of the new name; empty for none.
+            keep: input files, which are never replaced.
+
+        Raises:
+            InputError: see `output_session`.
+        """
+        return output_session(out or SESSIONS / f"{self.stamped_name(kind)}.mcap", keep)
+
+
+def time_stamp() -> str:
+    """Return the current local time as a part of a new file's name."""
+    return f"{datetime.now().astimezone():%Y%m%d-%H%M%S}"
+
+
+def probing_plan(experiment: Path | None, usual: ProbingPlan | None = None) -> ProbingPlan:
+    """Read a probing plan.
+
+    Args:
+        experiment: YAML file from the user; None for the usual plan.
+        usual: plan without a file; None for the default of each setting.
+
+    Raises:
+        InputError: the file does not exist, or is not a plan.
+    """
+    if experiment is None:
+        return usual or ProbingPlan()
+    return load_probing_plan(existing_file(experiment, "experiment"))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,6 +1,6 @@
 """Assemble a probing or replay run: robot, clock, guard, task, loop, session log, online estimation."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,7 @@ from palpate.robot_io.robot_file import RobotFile
 from palpate.robot_io.session import Samples, Session
 from palpate.robot_io.types import Measurement
 from palpate.runs.robots import is_simulated
-from palpate.runs.session import SIMULATED_DRIVERS, SOURCE, ArmJob, arm_session, checked_body, raise_for_end
+from palpate.runs.session import SIMULATED_DRIVERS, SOURCE, ArmJob, arm_session, raise_for_end
 from palpate.sim_backend.drivers import SimulatedBus
 from palpate.sim_backend.scenario import Scenario
 
@@ -81,6 +81,7 @@ class Watcher:
 
 
 NOBODY = Watcher()
+MakeWatcher = Callable[[float], Watcher]  # makes a watcher from the approximate duration of a motion [s]
 
 
 @dataclass(frozen=True)
@@ -194,12 +195,9 @@ def run_guarded(  # noqa: PLR0917, what a run is made of
     Raises:
         InputError: job, task and calibrations do not fit each other; nothing has moved, no session is left.
     """
-    robot_file = job.robot_file
-    body = checked_body(robot_file, calibrations)  # the guard has its own model of the arm's weight
-    guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count, body.gravity)
     with arm_session(job, calibrations, extra) as arm:
         watcher.started()
-        return arm.run(task, guard, robot_file.control_rate_hz, observe), arm.sealed
+        return arm.run(task, observe), arm.sealed
 
 
 def online_estimators() -> list[str]:

@@ -1,13 +1,13 @@
 """Open a robot and a session file for a run, as the user requested."""
 
 import secrets
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import KW_ONLY, dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
+from platform import python_version
 
 from palpate.common.console import as_shell_word
 from palpate.control.arm.dh import check_dh_table
@@ -22,7 +22,7 @@ from palpate.robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.errors import DeviceError, InputError
 from palpate.robot_io.extras import missing_package
-from palpate.robot_io.guard import Guard
+from palpate.robot_io.guard import Guard, Limits
 from palpate.robot_io.robot import Robot, build_robot
 from palpate.robot_io.robot_file import RobotFile
 from palpate.robot_io.session import SessionMetadata, SessionWriter, Stream
@@ -71,7 +71,9 @@ class ArmJob:
 class ArmSession:
     """Open, unpowered robot and the session being written."""
 
+    job: ArmJob
     robot: Robot
+    body: RigidBody  # model of the arm for the guard alone, with the applied calibrations
     clock: Clock
     log: SessionWriter
     sealed: Path | None  # sealed file of the hidden effects; None if nothing is hidden
@@ -82,19 +84,38 @@ class ArmSession:
         failure = None if self.world is not None else self.log.failure
         return "" if failure is None else f"writing the session failed ({failure})"
 
-    def run(self, task: Task, guard: Guard, rate_hz: float, observer: Observer) -> LoopResult:
+    def guard(self, limits: Limits | None = None) -> Guard:
+        """Make a guard of this arm.
+
+        Args:
+            limits: limits of the guard; None for those of the robot file.
+        """
+        robot_file = self.job.robot_file
+        return Guard(
+            limits or robot_file.limits, robot_file.safe_state, robot_file.joint_count, self.body.gravity
+        )
+
+    def run(self, task: Task, observer: Observer, limits: Limits | None = None) -> LoopResult:
         """Run a task in the loop until it ends or logging ends (see `unlogged`); then release the robot.
+
+        The loop runs at the control rate of the robot file, under a guard.
 
         With hardware, real-time features are enabled. If the torque could not be switched off, the release
         tries again. The robot is released before the session is closed, because closing may wait for the
         disk.
+
+        Args:
+            task: task of the arm.
+            observer: called in each tick; returns estimates.
+            limits: limits of the guard; None for those of the robot file.
 
         Raises:
             InputError: the task cannot start from the arm's current pose; nothing has moved.
             DeviceError: the torque is off, but a device could not be released; also states why the arm was
                 stopped.
         """
-        robot, stop = self.robot, self.unlogged
+        robot, guard, stop = self.robot, self.guard(limits), self.unlogged
+        rate_hz = self.job.robot_file.control_rate_hz
         with realtime() if self.world is None else nullcontext():
             result = run_loop(
                 robot, guard, task, self.clock, self.log, rate_hz=rate_hz, observer=observer, stop=stop
@@ -112,25 +133,6 @@ class ArmSession:
                     raise
                 raise DeviceError(f"the arm was stopped: {result.cause}; then: {error}") from error
         return replace(result, deactivation_error="")
-
-
-def checked_body(robot_file: RobotFile, calibrations: Calibrations) -> RigidBody:
-    """Return the arm's rigid-body model once its masses and DH table are checked.
-
-    Args:
-        robot_file: robot file of the arm.
-        calibrations: deviations of its base and drives from the URDF.
-
-    Raises:
-        InputError: the URDF is not valid, lacks the arm's masses, or does not match the DH table.
-    """
-    body = RigidBody.of_robot(robot_file, calibrations)
-    if joint := body.weightless_joint:
-        raise InputError(
-            f"{robot_file.urdf_path}: joint '{joint}' moves no mass; give its links an <inertial>"
-        )
-    check_dh_table(robot_file, body)
-    return body
 
 
 @contextmanager
@@ -151,9 +153,16 @@ def arm_session(
         streams: further streams besides the ticks.
 
     Raises:
-        InputError: robot file, drivers and scenario do not fit each other, a device could not be opened, or
-            the session cannot be written; nothing has moved then, and no session is left.
+        InputError: robot file, drivers and scenario do not fit each other, the URDF lacks the arm's masses or
+            does not match the DH table, a device could not be opened, or the session cannot be written;
+            nothing has moved then, and no session is left.
     """
+    body = RigidBody.of_robot(job.robot_file, calibrations)
+    if joint := body.weightless_joint:
+        raise InputError(
+            f"{job.robot_file.urdf_path}: joint '{joint}' moves no mass; give its links an <inertial>"
+        )
+    check_dh_table(job.robot_file, body)
     if job.simulated:
         clock: Clock = SimulatedClock(MonotonicClock() if job.paced else None)
     else:
@@ -169,7 +178,6 @@ def arm_session(
             remedy = f"palpate doctor --robot {as_shell_word(str(path))} shows what is connected"
             raise InputError(f"{path}: {error}; {remedy}") from error
         source = EMULATED if job.wired else "simulated" if scenario else "measured"
-        python = ".".join(str(part) for part in sys.version_info[:3])
         metadata = SessionMetadata(
             robot_file=job.robot_file.text,
             urdf=job.robot_file.urdf_path.read_text(encoding="utf-8"),
@@ -179,10 +187,10 @@ def arm_session(
             seed=scenario.seed if scenario else None,
             created_utc=(now_utc or datetime.now(UTC)).isoformat(timespec="seconds"),
             command_line=job.command_line,
-            extra={SOURCE: source, "python": python, **extra},
+            extra={SOURCE: source, "python": python_version(), **extra},
         )
         log, sealed = stack.enter_context(begun_session(job, robot.joint_count, metadata, scenario, streams))
-        yield ArmSession(robot, clock, log, sealed, world)
+        yield ArmSession(job, robot, body, clock, log, sealed, world)
 
 
 def raise_for_end(result: LoopResult) -> None:

@@ -3,7 +3,7 @@
 `palpate sweep` runs a sweep. A `Study`, by contrast, is one measurement with its models.
 """
 
-from palpate.sweep.case import Case, ResultStore
+from palpate.sweep.case import RESULTS, Case, ResultStore, refuse_other_files
 from palpate.sweep.runner import Cluster, run_cases
 
-__all__ = ["Case", "Cluster", "ResultStore", "run_cases"]
+__all__ = ["RESULTS", "Case", "Cluster", "ResultStore", "refuse_other_files", "run_cases"]

@@ -99,6 +99,19 @@ def _folder_of(module: str) -> Path:
     return Path(spec.origin).parent
 
 
+RESULTS = "results"  # subfolder of an output folder
+
+
+def refuse_other_files(folder: Path) -> None:
+    """Raise `InputError` if an output folder holds files, but no results of an earlier call.
+
+    Args:
+        folder: folder from the user; it need not exist yet.
+    """
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / RESULTS).is_dir():
+        raise InputError(f"output folder {folder}: holds other files; choose another")
+
+
 ADDRESS = "address"
 _PACK = "pack-"
 _ENDING = ".parquet"

@@ -30,7 +30,6 @@ from palpate.control.teleop.follower_task import FollowerTask, OnSilence, Target
 from palpate.control.teleop.messaging import LINK_STREAM, Messaging
 from palpate.robot_io.calibration.applied import load_calibrations
 from palpate.robot_io.clock import Clock
-from palpate.robot_io.guard import Guard
 from palpate.robot_io.link.line import Line, LineSettings
 from palpate.robot_io.link.messages import (
     MOST_TARGETS,
@@ -46,7 +45,7 @@ from palpate.robot_io.link.messages import (
 from palpate.robot_io.session import RecordArray, Samples, SessionWriter, Stream
 from palpate.robot_io.types import Measurement
 from palpate.runs.probing import PLAN
-from palpate.runs.session import ArmJob, arm_session, checked_body
+from palpate.runs.session import ArmJob, arm_session
 from palpate.teleop.estimating import ObjectEstimator, sample_stream
 from palpate.teleop.virtual_object import summarize_estimate
 
@@ -324,11 +323,10 @@ def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
     Raises:
         InputError: robot file, plan, link and scenario do not fit each other; nothing has moved.
     """
-    robot_file, rate_hz = job.robot_file, job.robot_file.control_rate_hz
+    robot_file = job.robot_file
     check_against_guard(job.plan, robot_file)
     calibrations = load_calibrations(robot_file, emulated=job.wired)
-    guard_body, body = checked_body(robot_file, calibrations), RigidBody.of_robot(robot_file, calibrations)
-    guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count, guard_body.gravity)
+    body = RigidBody.of_robot(robot_file, calibrations)
     plan_text = yaml.safe_dump(job.plan.model_dump(mode="json"), sort_keys=False)
 
     def probing(target: Target) -> ProbingTask:
@@ -348,7 +346,7 @@ def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
         if line.is_open_here:
             say("no --key: any program on this machine can command the arm; other machines cannot connect")
         say("waiting for a leader; Ctrl-C brings the arm to rest")
-        result = arm.run(task, guard, rate_hz, observer.observe)
+        result = arm.run(task, observer.observe)
         messaging.report_end(result.cause)
     states = {short_number(number): state for number, state in messaging.queue.states().items()}
     return FollowerOutcome(result, states, messaging.estimates, messaging.error)

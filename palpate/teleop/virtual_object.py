@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.common.console import count, significant
+from palpate.common.console import count, plus_minus, significant
 from palpate.control.loop.task import IN_CONTACT, Phase
 from palpate.control.teleop.force_mismatch import MismatchMonitor
 from palpate.control.teleop.virtual_object import ForceLaw
@@ -117,10 +117,9 @@ def summarize_estimate(estimate: ObjectEstimate) -> str:
     parameters = []
     for each in estimate.parameters:
         half = 0.5 * (each.upper - each.lower)
-        interval = f" ± {significant(half, half)}" if isfinite(half) and half > 0.0 else ""
-        name, value = _SHORT.get(each.name, each.name), significant(each.value, half)
+        value = plus_minus(each.value, half) if half > 0.0 else significant(each.value, half)
         if each.name not in GEOMETRY:
-            parameters.append(f"{name} {value}{interval} {each.unit}")
+            parameters.append(f"{_SHORT.get(each.name, each.name)} {value} {each.unit}")
     verdict = f"; {estimate.verdict}" if estimate.verdict else ""
     return f"{', '.join(parameters)}; {estimate.rmse_n:.3g} N left, {count(estimate.runs, 'run')}{verdict}"
 

@@ -11,6 +11,7 @@ import numpy as np
 from nicegui.element import Element
 from nicegui.elements.mixins.text_element import TextElement
 
+from palpate.render import palette
 from palpate.render.view import RANGE_MEANING
 
 AnyElement = TypeVar("AnyElement", bound=Element)
@@ -94,7 +95,6 @@ class Plot(Element, component="plot.js"):
             self.run_method(method, *what)
 
 
-_FONT = {"family": "Inter, Source Sans 3, Helvetica Neue, Liberation Sans, Arial, sans-serif", "size": 12}
 _AXIS = {"gridcolor": "#e8ecf0", "zerolinecolor": "#c3cbd3", "automargin": True, "ticks": ""}
 
 
@@ -138,7 +138,8 @@ def layout_of(height: int, **more: object) -> dict[str, Any]:
         more: further keys of plotly's layout.
     """
     return {
-        "height": height, "margin": {"l": 56, "r": 12, "t": 24, "b": 40}, "font": _FONT,
+        "height": height, "margin": {"l": 56, "r": 12, "t": 24, "b": 40},
+        "font": {"family": palette.FONT, "size": 12},
         "paper_bgcolor": "#fff", "plot_bgcolor": "#fff", "hovermode": "closest",
         "legend": {"orientation": "h", "x": 0, "y": 1.01, "yanchor": "bottom"}, **more,
     }  # fmt: skip

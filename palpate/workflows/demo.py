@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.common.console import typed
+from palpate.common.console import json_text, typed
 from palpate.common.files import output_folder
 from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.study import ChannelEstimates, ChannelResult
 from palpate.estimation.study.channels import CONTACT_MODEL
 from palpate.estimation.study.fitting import Progress
 from palpate.estimation.study.saved_diagnosis import RESULT
-from palpate.render.build import json_text, write_outcome
+from palpate.render.build import write_outcome
 from palpate.render.inspection import RECORDING, inspect_session
 from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import open_answer

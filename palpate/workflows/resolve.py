@@ -8,7 +8,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from palpate.common.console import count
+from palpate.common.console import count, json_text
 from palpate.common.files import output_folder, write_text
 from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.design.next_experiment import LONGEST_S, NextProbe
@@ -16,7 +16,6 @@ from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.study.fitting import Progress
 from palpate.estimation.study.saved_diagnosis import RESULT
 from palpate.estimation.study.undecided_models import is_undecided, keep_simplest_rivals
-from palpate.render.build import json_text
 from palpate.robot_io.errors import InputError
 from palpate.runs.probing import NOBODY, ProbingJob, Watcher, run_probing
 from palpate.study import Study

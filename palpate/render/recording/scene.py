@@ -121,39 +121,21 @@ def picture_rows(time_s: FloatArray) -> IntArray:
     return np.unique(np.append(np.searchsorted(time_s, grid), len(time_s) - 1))
 
 
-def has_ticks(session: Session) -> bool:
-    """Return whether the session was made by an arm, rather than imported.
+def tick_columns(session: Session) -> Columns | None:
+    """Return the columns of the "tick" stream; None if the session was imported, rather than made by an arm.
+
+    Vector columns keep two dimensions for a single joint.
 
     Args:
         session: session of an arm, or imported session.
-    """
-    return STREAM_NAME in session.stream_names and len(session.samples(STREAM_NAME)) > 1
-
-
-def tick_columns(session: Session) -> Columns:
-    """Return the columns of the "tick" stream; vector columns keep two dimensions for a single joint.
-
-    Args:
-        session: session of an arm.
 
     Raises:
-        InputError: the session has no ticks.
+        InputError: a column is missing or invalid.
     """
-    if not has_ticks(session):
-        streams = ", ".join(session.stream_names)
-        raise InputError(f"{session.path}: holds no ticks of an arm (streams: {streams})")
+    if STREAM_NAME not in session.stream_names or len(session.samples(STREAM_NAME)) < 2:
+        return None
     samples = checked_ticks(session)
     return {name: samples.vector(name) if name in _VECTORS else samples[name] for name in samples}
-
-
-def last_known(values: FloatArray) -> float | None:
-    """Return the last finite value, None if there is none.
-
-    Args:
-        values: shape (n,).
-    """
-    known = values[np.isfinite(values)]
-    return float(known[-1]) if len(known) else None
 
 
 _TOP, _SIDE = (226, 168, 124), (168, 116, 84)
@@ -247,21 +229,6 @@ def solid_shapes() -> list[rr.AsComponents]:
     """Return view defaults that draw URDF shapes as solids; Rerun's default is wireframes."""
     shapes = (rr.Cylinders3D, rr.Boxes3D, rr.Ellipsoids3D)
     return [shape.from_fields(fill_mode="solid") for shape in shapes]
-
-
-def log_arm(recording: rr.RecordingStream, scene: Scene) -> None:
-    """Log the links once and the joints' motion; nothing without a URDF.
-
-    Args:
-        recording: destination.
-        scene: the session.
-
-    Raises:
-        InputError: the session's URDF is not valid.
-    """
-    rows = scene.picture_rows
-    position_rad = scene.ticks["joint_position_rad"][rows]
-    log_moving_arm(recording, scene.name, scene.urdf, scene.time_s[rows], position_rad)
 
 
 def log_moving_arm(

@@ -12,7 +12,7 @@ from palpate.render import palette
 from palpate.render.palette import phase
 from palpate.render.recording.file import TIME, plot, recording_file, send_lines, shown_on, time_column
 from palpate.render.recording.rerun_modules import rr, rrb
-from palpate.render.recording.scene import Scene, log_arm, log_object, view_3d
+from palpate.render.recording.scene import Scene, log_moving_arm, log_object, view_3d
 from palpate.robot_io.types import FloatArray, IntArray
 
 _TO_MILLI, _TO_MICRO = 1e3, 1e6
@@ -39,10 +39,13 @@ def record_session(scene: Scene, path: Path) -> None:
     Raises:
         InputError: the file cannot be written, or the session's URDF cannot be shown.
     """
-    layers = (log_arm, log_object, _log_signals, _log_estimates)
+    rows = scene.picture_rows
+    position_rad = scene.ticks["joint_position_rad"][rows]
     with recording_file(scene.name, path, _blueprint(scene)) as recording:
-        for log in layers:
-            log(recording, scene)
+        log_moving_arm(recording, scene.name, scene.urdf, scene.time_s[rows], position_rad)
+        log_object(recording, scene)
+        _log_signals(recording, scene)
+        _log_estimates(recording, scene)
         if scene.summary:
             summary = rr.TextDocument(scene.summary, media_type=rr.MediaType.MARKDOWN)
             recording.log(_SUMMARY, summary, static=True)
