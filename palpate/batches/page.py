@@ -21,6 +21,7 @@ from palpate.estimation.fit.intervals import SIGMAS_95
 from palpate.estimation.kinds import Kind
 from palpate.render import palette
 from palpate.render.report import as_html, rendered, styled
+from palpate.render.thinning import even_places
 
 _TEMPLATE = Path(__file__).parent / "page.html"
 _MOST_ROWS = 300  # rows of the table on the page, besides outliers and errors
@@ -63,16 +64,18 @@ def write_page(batch: BatchResult) -> None:
         "processor time": duration(float(np.nansum(list(spent.values())))),
     }
     names, files = texts(batch.table, "measurement"), texts(batch.table, "files")
-    outliers = [
-        (
-            Markup('<a href="#row-{}">{}</a>').format(entry.row, names[entry.row]),
-            entry.parameter,
-            f"{significant(entry.value)} {entry.unit}",
-            f"{entry.z:+.1f}",
-            _link_to_report(batch, names[entry.row], files[entry.row]),
-        )
-        for entry in sorted(batch.outliers, key=lambda entry: -abs(entry.z))[:_MOST_ROWS]
-    ]
+    outliers = []
+    for entry in sorted(batch.outliers, key=lambda entry: -abs(entry.z))[:_MOST_ROWS]:
+        name, report = names[entry.row], ""
+        if name in batch.reports:
+            report = Markup('<a href="{}">report</a>').format(quote(batch.reports[name]))
+        else:  # the command that writes it
+            where = batch.where.get(name, {}).items()
+            options = [f"--where {as_shell_word(f'{key}={text}')}" for key, text in where]
+            report = " ".join(["palpate report", *map(as_shell_word, files[entry.row].split("; ")), *options])
+        place = Markup('<a href="#row-{}">{}</a>').format(entry.row, name)
+        value = f"{significant(entry.value)} {entry.unit}"
+        outliers.append((place, entry.parameter, value, f"{entry.z:+.1f}", report))
     about_outliers = (
         "Values that deviate from the median of their group by more than 3.5 robust standard deviations, "
         "computed from the median absolute deviation (times 1.48) and the value's standard error.",
@@ -90,14 +93,6 @@ def write_page(batch: BatchResult) -> None:
         _rows(batch),
     ]
     _write(batch.page, f"Batch {batch.folder.name}", facts, sections)
-
-
-def _link_to_report(batch: BatchResult, name: str, files: str) -> str:
-    """Link to a report that was written, or else the command that writes it."""
-    if name in batch.reports:
-        return Markup('<a href="{}">report</a>').format(quote(batch.reports[name]))
-    where = [f"--where {as_shell_word(f'{key}={text}')}" for key, text in batch.where.get(name, {}).items()]
-    return " ".join(["palpate report", *map(as_shell_word, files.split("; ")), *where])
 
 
 def write_trend(path: Path, tested: Sequence[tuple[Series, Sequence[TrendChange]]], what: str) -> None:
@@ -224,7 +219,7 @@ def _distributions(batch: BatchResult) -> PageSection:
             if not len(own) or effects is None:
                 continue
             color = palette.JOINTS[index % len(palette.JOINTS)]
-            some = own[np.unique(np.linspace(0, len(own) - 1, _MOST_POINTS).astype(int))]
+            some = own[even_places(len(own), _MOST_POINTS)]
             figure.add_scatter(
                 x=index + np.linspace(-0.35, 0.25, len(some)) * min(1.0, len(some) / 8),
                 y=column.values[some],

@@ -118,11 +118,8 @@ def force(
                 f"plateau {fit.suspect + 1} ({force_n:.4g} N) is {off_n:+.2g} N off, unlike the others: "
                 "was it the right weight?"
             )
-        return _CalibrationResult(
-            lambda stamp: fits.force_calibration(fit, unit, stamp),
-            lambda: force_figure(fit, unit),
-            tuple(remarks),
-        )
+        calibration = fits.force_calibration(fit, unit, _stamp(options, raw))
+        return _CalibrationResult(calibration, force_figure(fit, unit), tuple(remarks))
 
     _calibrate("force", options, record, analyze)
 
@@ -169,9 +166,7 @@ def encoder(
     def analyze(raw: Path) -> _CalibrationResult:
         recorded = fits.open_recorded(raw, "encoder", robot_file)
         fit = fits.encoder_fit_of(recorded, robot_file.joint_count, pose_rad, known_mrad / 1e3)
-        return _CalibrationResult(
-            lambda stamp: fits.encoder_calibration(fit, stamp), lambda: encoder_figure(fit)
-        )
+        return _CalibrationResult(fits.encoder_calibration(fit, _stamp(options, raw)), encoder_figure(fit))
 
     held = None if pose_rad is None else (lambda: ask_for_pose(pose_rad, yes=options.yes))
     _calibrate("encoder", options, record, analyze, held or _motion_permission("encoder", options))
@@ -201,9 +196,13 @@ def gravity(options: MotionOptions) -> None:
 class _CalibrationResult(NamedTuple):
     """Result of a calibration: the file's content, its picture and remarks for the user."""
 
-    calibration: Callable[[fits.Stamp], Calibration]
-    draw: Callable[[], Figure]
+    calibration: Calibration
+    figure: Figure
     remarks: tuple[str, ...] = ()
+
+
+def _stamp(options: CalibrateOptions, raw: Path) -> fits.Stamp:
+    return fits.Stamp.of(options.robot_file, raw, options.valid_days)
 
 
 def _move_in_free_air(
@@ -218,7 +217,7 @@ def _move_in_free_air(
     def analyze(raw: Path) -> _CalibrationResult:
         session = fits.open_recorded(raw, kind, robot_file)
         fit = fits.arm_fit_of(session, robot_file.urdf_path, robot_file.tip_frame)
-        return _CalibrationResult(lambda stamp: make(fit, stamp), lambda: arm_figure(fit))
+        return _CalibrationResult(make(fit, _stamp(options, raw)), arm_figure(fit))
 
     _calibrate(kind, options, record, analyze, _motion_permission(kind, options))
 
@@ -248,22 +247,21 @@ def _calibrate(
     try:
         if job is not None:
             record(job)
-        fit = analyze(raw)
-        calibration = fit.calibration(fits.Stamp.of(robot_file, raw, options.valid_days))
-        page = fit.draw().to_html(include_plotlyjs=True, config=PLOT_CONFIG)  # needs no network
+        calibration, figure, remarks = analyze(raw)
+        page = figure.to_html(include_plotlyjs=True, config=PLOT_CONFIG)  # needs no network
         with whole_set({plot: page, path: calibration.to_yaml()}):
             pass
     except (PalpateError, KeyboardInterrupt) as error:
         if job is not None:
-            remarks = [AT_REST + "; "] * isinstance(error, KeyboardInterrupt) + ["no calibration is written"]
+            words = [AT_REST + "; "] * isinstance(error, KeyboardInterrupt) + ["no calibration is written"]
             if job.session.exists():
-                remarks.append(f". The recording so far stays in {shown(job.session)}")
-            if len(remarks) > 1:
-                console.stderr().print("".join(remarks), soft_wrap=True)
+                words.append(f". The recording so far stays in {shown(job.session)}")
+            if len(words) > 1:
+                console.stderr().print("".join(words), soft_wrap=True)
         raise
 
     def show() -> None:
-        print_calibration(console.stdout(), calibration, fit.remarks)
+        print_calibration(console.stdout(), calibration, remarks)
         console.say(f"written: [bold]{shown(path)}[/bold], residuals: [bold]{shown(plot)}[/bold]")
         console.say(f"from:    {shown(raw)}")
         say_how_to_use_it(calibration, path.resolve(), options)

@@ -82,7 +82,11 @@ def describe_session(session: Session) -> dict[str, Any]:
     Args:
         session: the whole session.
     """
-    metadata = session.metadata
+    metadata, calibrations = session.metadata, list[str]()
+    if metadata.calibration:
+        from palpate.robot_io.calibration.applied import parse_calibrations  # noqa: PLC0415, takes as long as all else
+
+        calibrations += parse_calibrations(metadata.calibration).kinds
     streams: list[dict[str, Any]] = []
     for name in session.stream_names:
         samples = session.samples(name)
@@ -108,7 +112,7 @@ def describe_session(session: Session) -> dict[str, Any]:
         "software_version": metadata.software_version,
         "command_line": metadata.command_line,
         "seed": metadata.seed,
-        "calibrations": _calibrations(metadata.calibration),
+        "calibrations": calibrations,
         "simulated": bool(metadata.scenario),
         "extra": dict(metadata.extra),
         "duration_s": max((stream["duration_s"] for stream in streams), default=0.0),
@@ -118,11 +122,3 @@ def describe_session(session: Session) -> dict[str, Any]:
         "streams": streams,
         "events": [vars(event) for event in session.events],
     }
-
-
-def _calibrations(text: str) -> list[str]:
-    if not text:
-        return []
-    from palpate.robot_io.calibration.applied import parse_calibrations  # noqa: PLC0415, takes as long as all else
-
-    return list(parse_calibrations(text).kinds)

@@ -107,9 +107,8 @@ def next_probe(
     open_questions = undecided(study, diagnoses)
     if not open_questions:
         return _remedy(study, diagnoses, longest_s, progress)
-    single = _planned(
-        _new(feasible(study, progress, processes=processes), ran), study, open_questions, longest_s
-    )
+    offered = feasible(study, progress, processes=processes)
+    single = _planned(offered, ran, study, open_questions, longest_s)
     single = [design.expected(open_questions) for design in single[:FITTED]]
     # Pairs that are more informative than any single experiment, the most informative pairs first.
     most = max((design.experiment.separation for design in single), default=0.0)
@@ -119,7 +118,7 @@ def next_probe(
     both_tell.sort(key=lambda pair: pair[0], reverse=True)
     pairs = [(a.candidate, b.candidate) for tells, a, b in both_tell if tells * EQUIVALENT > most]
     paired = feasible(study, progress, pairs=pairs, processes=processes)
-    joint = _planned(_new(paired, ran), study, open_questions, longest_s)
+    joint = _planned(paired, ran, study, open_questions, longest_s)
     every = [*single, *(design.expected(open_questions) for design in joint)]
     choice = choose([design.experiment for design in every])
     if choice is None:
@@ -200,21 +199,18 @@ class _Planned:
 
 def _planned(
     offered: Iterable[tuple[CandidatePlan, Samples]],
+    ran: Sequence[ProbingPlan],
     study: ModelStudy,
     left: Sequence[Undecided],
     longest_s: float,
 ) -> list["_Planned"]:
-    """Plan experiments that are short enough, the most promising first."""
-    within = ((offer, ticks) for offer, ticks in offered if ticks["time_s"][-1] <= longest_s)
-    planned = (_Planned.of(*offer, study, left) for offer in within)
+    """Plan experiments that are short enough and were not run yet, the most promising first."""
+    planned = [
+        _Planned.of(offer, ticks, study, left)
+        for offer, ticks in offered
+        if offer.plan not in ran and ticks["time_s"][-1] <= longest_s
+    ]
     return sorted(planned, key=lambda offer: offer.experiment.separation, reverse=True)
-
-
-def _new(
-    offered: Iterable[tuple[CandidatePlan, Samples]], ran: Sequence[ProbingPlan]
-) -> Iterator[tuple[CandidatePlan, Samples]]:
-    """Leave out experiments that were already run."""
-    return (offer for offer in offered if offer[0].plan not in ran)
 
 
 def _plan_of(session: Session) -> ProbingPlan:

@@ -18,6 +18,7 @@ from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.model import Model
 from palpate.render import palette
 from palpate.render.build import axes_of, concatenated_times
+from palpate.render.thinning import even_places
 from palpate.robot_io.types import BoolArray, FloatArray
 
 _TIME_S, _PLAIN_S = 0.01, 2.0  # step and length of the plain motion
@@ -63,7 +64,7 @@ class Example:
             effect: effect to add.
         """
         runs = fitted.data.runs
-        few = runs[np.unique(np.linspace(0, len(runs) - 1, _RUNS).astype(int))]
+        few = runs[even_places(len(runs), _RUNS)]
         moved = fitted.data.of_runs(few)
         data = replace(moved, effort=fitted.model.predict(moved, fitted.values))
         values = visible_parameters(data, fitted.model, dict(fitted.values), effect)

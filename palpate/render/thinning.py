@@ -33,6 +33,11 @@ def peak_rows(values: FloatArray, most: int = MOST_POINTS) -> IntArray:
     return np.unique(np.concatenate([lows, highs, [0, n - 1]]))
 
 
+def even_places(count: int, most: int) -> IntArray:
+    """Return at most `most` places from 0 to `count` - 1 at even distances, with the first and the last."""
+    return np.unique(np.linspace(0, count - 1, most).astype(int))
+
+
 def rows_by_run(run: IntArray) -> dict[int, IntArray]:
     """Return the rows of each run by its number; if there are very many runs, an even selection of them.
 

@@ -13,8 +13,8 @@ from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.laws.gains import gains_of
 from palpate.control.loop.loop import run_loop
 from palpate.control.loop.result import LoopResult
-from palpate.control.loop.task import NO_RUN, Phase, Task, TaskOutput
-from palpate.control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, Estimates, Observer, tick_stream
+from palpate.control.loop.task import NO_RUN, Phase, TaskOutput
+from palpate.control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, Estimates, tick_stream
 from palpate.control.probing.plan import ProbingPlan
 from palpate.control.probing.replay import References, ReplayTask
 from palpate.control.probing.task import ProbingTask
@@ -23,7 +23,7 @@ from palpate.estimation.contact_estimators import CONTACT_ESTIMATORS
 from palpate.estimation.estimator import OnlineEstimator
 from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.online import OnlineContactEstimator
-from palpate.robot_io.calibration.applied import Calibrations, load_calibrations
+from palpate.robot_io.calibration.applied import load_calibrations
 from palpate.robot_io.clock import SimulatedClock
 from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.errors import InputError, PalpateError
@@ -168,36 +168,12 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
     estimated = (lambda: online.estimates) if online else None
     task = ProbingTask.from_robot_file(robot_file, job.plan, calibrations, estimated=estimated)
     plan = yaml.safe_dump(job.plan.model_dump(mode="json"), sort_keys=False)
-    result, sealed = run_guarded(job, task, calibrations, {PLAN: plan, **job.extra}, observe, watcher)
+    with arm_session(job, calibrations, {PLAN: plan, **job.extra}) as arm:
+        watcher.started()
+        result = arm.run(task, observe)
     # After an error the observer sees no more phases.
     touched = Phase.LOADING in phases or bool(result.observer_error)
-    return ProbingOutcome(job.session, result, task.failures, sealed, touched)
-
-
-def run_guarded(  # noqa: PLR0917, what a run is made of
-    job: ArmJob,
-    task: Task,
-    calibrations: Calibrations,
-    extra: Mapping[str, str],
-    observe: Observer,
-    watcher: Watcher = NOBODY,
-) -> tuple[LoopResult, Path | None]:
-    """Run a job's task under its guard and write the session; return the result and the sealed answer.
-
-    Args:
-        job: arm and output file.
-        task: task of the arm.
-        calibrations: calibrations of its readings and commands.
-        extra: further texts for the session's metadata.
-        observe: called in each tick; returns estimates.
-        watcher: notified when the arm begins to move.
-
-    Raises:
-        InputError: job, task and calibrations do not fit each other; nothing has moved, no session is left.
-    """
-    with arm_session(job, calibrations, extra) as arm:
-        watcher.started()
-        return arm.run(task, observe), arm.sealed
+    return ProbingOutcome(job.session, result, task.failures, arm.sealed, touched)
 
 
 def online_estimators() -> list[str]:
@@ -269,7 +245,9 @@ def run_replay(
     extra = {REPLAY_OF: f"{job.recorded.path.name}, made {job.recorded.metadata.created_utc}"}
     if SOURCE in job.recorded.metadata.extra:
         extra[REPLAY_OF] += f", {job.recorded.metadata.extra[SOURCE]}"
-    return run_guarded(job, task, calibrations, extra, watcher.observe, watcher)
+    with arm_session(job, calibrations, extra) as arm:
+        watcher.started()
+        return arm.run(task, watcher.observe), arm.sealed
 
 
 def _check_arm(body: RigidBody, recorded: Session) -> None:

@@ -353,14 +353,15 @@ def column(rows: Sequence[Row], name: str) -> FloatArray:
     return np.array(values, dtype=np.float64)
 
 
-def parameters_of(rows: Iterable[Row]) -> list[str]:
-    """Return the parameters with known true values, except the surface.
+def parameters_of(rows: Sequence[Row]) -> list[str]:
+    """Return the estimated parameters with known true values, except the surface.
 
     Args:
         rows: rows of any cases.
     """
     names = dict.fromkeys(key.removeprefix(TRUE) for row in rows for key in row if key.startswith(TRUE))
-    return [name for name in names if name != SURFACE]
+    names.pop(SURFACE, None)
+    return [name for name in names if any(row.get(name) is not None for row in rows)]
 
 
 def grouped(rows: Iterable[T], key: Callable[[T], Hashable]) -> dict[Any, list[T]]:
@@ -394,7 +395,7 @@ def error_table(name: str, title: str, rows: Sequence[Row], best_first: bool = F
         rows: rows of any cases.
         best_first: whether to sort by the worst error rather than by name.
     """
-    parameters = [p for p in parameters_of(rows) if any(row.get(p) is not None for row in rows)]
+    parameters = parameters_of(rows)
     lines = []
     for estimator, own in grouped(estimated(rows), lambda row: row["estimator"]).items():
         cells: list[Any] = [estimator]

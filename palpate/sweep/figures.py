@@ -1,6 +1,6 @@
 """Figures of a sweep for print, one or two columns wide."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial, wraps
 from operator import itemgetter
 from typing import Any, ParamSpec
@@ -264,20 +264,16 @@ def noise(lines: Sequence[Sequence[Any]]) -> Figure:
 
 
 @_drawing("ransac_map")
-def ransac_map(rows: Sequence[Row], names: Sequence[str]) -> Figure:
+def ransac_map(by_noise: Mapping[str, Sequence[Row]]) -> Figure:
     """Draw the ratio of k's error to its bound over RANSAC's threshold and subset, and threshold and trials.
 
     Args:
-        rows: rows of all settings and noises.
-        names: names of the noises.
+        by_noise: rows of all settings, by the name of the noise.
     """
     figure, all_axes = _panels(2, 3, TWO_COLUMNS_IN, 4.4)
     norm = LogNorm(1, 100)
-    by_noise = grouped(
-        (row for row in rows if not row["error"]), lambda row: (row["noise_percent"], row["outliers_percent"])
-    )
     image: Any = None
-    for (above, below), own, name in zip(all_axes.T, by_noise.values(), names, strict=True):
+    for (above, below), (name, own) in zip(all_axes.T, by_noise.items(), strict=True):
         for axes, along, fixed, value in ((above, "subset", "trials", 1000), (below, "trials", "subset", 5)):
             shown = [row for row in own if row[fixed] == value]
             x, y = (sorted({row[key] for row in shown}) for key in ("threshold", along))
@@ -347,7 +343,7 @@ def error_spread(rows: Sequence[Row]) -> Figure:
         rows: rows of any cases.
     """
     good = estimated(rows)
-    parameters = [name for name in parameters_of(good) if any(row.get(name) is not None for row in good)]
+    parameters = parameters_of(good)
     groups = grouped(good, lambda row: row["estimator"])
     figure, all_axes = _panels(
         1, max(len(parameters), 1), TWO_COLUMNS_IN, 0.9 + 0.26 * len(groups), sharey=True

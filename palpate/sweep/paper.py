@@ -301,10 +301,11 @@ def ransac_section(rows: Sequence[Row]) -> Section:
     by_noise = grouped(
         (row for row in rows if not row["error"]), lambda row: (row["noise_percent"], row["outliers_percent"])
     )
+    named = {name: by_noise[noise] for name, noise in zip(names, RANSAC_NOISES, strict=True)}
     lines = []
-    for name, noise in zip(names, RANSAC_NOISES, strict=True):
-        best = min(by_noise[noise], key=lambda row: row["k_over_bound"] + row["c_over_bound"])
-        papers = next(row for row in by_noise[noise] if [row[key] for key in keys[:3]] == [0.01, 5, 1000])
+    for name, own in named.items():
+        best = min(own, key=lambda row: row["k_over_bound"] + row["c_over_bound"])
+        papers = next(row for row in own if [row[key] for key in keys[:3]] == [0.01, 5, 1000])
         lines += [
             (name, *(best[key] for key in keys)),
             (f"{name}, the paper's settings", *(papers[key] for key in keys)),
@@ -326,7 +327,7 @@ def ransac_section(rows: Sequence[Row]) -> Section:
     )
     return Section(
         "Future work in the paper: influence of RANSAC's settings",
-        figures.ransac_map(rows, names),
+        figures.ransac_map(named),
         words,
         (table,),
         (whole,),

@@ -15,11 +15,10 @@ from palpate.render.recording.file import (
     recording_file,
     send_lines,
     shown_on,
-    time_column,
 )
 from palpate.render.recording.rerun_modules import rr, rrb
 from palpate.render.recording.scene import log_moving_arm, picture_rows, solid_shapes
-from palpate.render.recording.session import log_phases
+from palpate.render.recording.session import log_events, log_phases
 from palpate.teleop.haptics import GUESS
 from palpate.teleop.merged_sessions import ForceComparison, MergedSessions
 from palpate.teleop.virtual_object import GEOMETRY
@@ -55,17 +54,10 @@ def record_both(merged: MergedSessions, path: Path) -> float:
             position_rad = samples.vector("joint_position_rad")[rows]
             urdf = session.metadata.urdf
             log_moving_arm(recording, name, urdf, time_s[rows], position_rad, name=name, base_world_m=base_m)
-            if session.events:
-                times = np.array([event.time_s for event in session.events])
-                times = (times if name == "leader" else merged.to_leader(times)) - start_s
-                columns = rr.TextLog.columns(
-                    text=[f"{name}, {event.kind}: {event.text}" for event in session.events],
-                    level=[
-                        rr.TextLogLevel.WARN if event.kind in _TROUBLE else rr.TextLogLevel.INFO
-                        for event in session.events
-                    ],
-                )
-                recording.send_columns(f"{_EVENTS}/{name}", time_column(times), columns)
+            events, levels = session.events, dict.fromkeys(_TROUBLE, rr.TextLogLevel.WARN)
+            times_s = np.array([event.time_s for event in events])
+            times_s = (times_s if name == "leader" else merged.to_leader(times_s)) - start_s
+            log_events(recording, f"{_EVENTS}/{name}", events, times_s, levels, f"{name}, ")
         for place, time_s, name, values, color in (
             (f"{_FORCE}/leader", hand_s, "felt", haptic["force_n"], palette.MODEL),
             (f"{_FORCE}/follower", arm_s, "measured", ticks["force_n"], palette.MEASURED),

@@ -3,16 +3,19 @@
 Texts may come from files, so each is set as one property, never as part of code or markup.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 import nicegui.elements.plotly  # noqa: F401, serves plotly.js; plotly's Python, which it also has, is slow to import
 import numpy as np
+from nicegui import ui
 from nicegui.element import Element
 from nicegui.elements.mixins.text_element import TextElement
 
 from palpate.render import palette
 from palpate.render.view import RANGE_MEANING
+from palpate.robot_io.errors import PalpateError
 
 AnyElement = TypeVar("AnyElement", bound=Element)
 
@@ -40,6 +43,15 @@ def heading(text: str, title: str = "") -> None:
     element = TextElement(tag="h2", text=text)
     if title:
         set_props(element, title=title)
+
+
+@contextmanager
+def errors_as_warnings() -> Iterator[None]:
+    """Show an error of the context's body as a warning on the page."""
+    try:
+        yield
+    except PalpateError as error:
+        ui.notify(str(error), type="warning")
 
 
 Figure = dict[str, Any]

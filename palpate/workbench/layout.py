@@ -21,7 +21,7 @@ from palpate.runs.options import SESSIONS
 from palpate.workbench import elements
 from palpate.workbench.diagnosis import DiagnosisCard, RiddleCard
 from palpate.workbench.effects import Gallery
-from palpate.workbench.elements import set_props
+from palpate.workbench.elements import errors_as_warnings, set_props
 from palpate.workbench.page import Page
 from palpate.workbench.sources import FileDrop, Live, newest_growing, run_command
 from palpate.workbench.startup import AppState
@@ -73,10 +73,8 @@ async def lay_out_page(home: AppState) -> None:
     async def use_runs(out: Sequence[int], held_out: Sequence[int]) -> None:
         if (tuple(sorted(out)), tuple(sorted(held_out))) == (state.out, state.study.held_out):
             return
-        try:
+        with errors_as_warnings():
             show(await asyncio.to_thread(state.with_runs, out, held_out))
-        except PalpateError as error:
-            ui.notify(str(error), type="warning")
 
     await page.build(below, gallery.open, use_runs)
 

@@ -12,18 +12,25 @@ from typing import Any
 from nicegui import events, ui
 
 from palpate.common.files import derived_folder, output_folder
+from palpate.estimation.channel import ChannelKind
 from palpate.estimation.estimate import with_unit
 from palpate.render.build import REPORT, axes_of
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.workbench import elements
 from palpate.workbench.effects import Effects
-from palpate.workbench.elements import heading, set_props
-from palpate.workbench.parameters import ErrorCard, JudgedFit, Lines, Parameters
+from palpate.workbench.elements import errors_as_warnings, heading, set_props
+from palpate.workbench.parameters import ErrorCard, Lines, Parameters
 from palpate.workbench.plots import PlotPanel, UseRuns
-from palpate.workbench.state import DisplayedFit, ModelSelection, WorkbenchState, describe_kind
+from palpate.workbench.state import DisplayedFit, ModelSelection, WorkbenchState
 
 _FOLLOW_S = 0.5
 _NEXT_S = 0.03  # pause in which the browser draws earlier updates
+_KINDS = {
+    ChannelKind.CONTACT: "contact force",
+    ChannelKind.REVOLUTE: "joint torque",
+    ChannelKind.PRISMATIC: "joint force",
+    ChannelKind.SERVO: "goal error",
+}
 
 
 class Page:
@@ -174,12 +181,10 @@ class Page:
                 self._center.show_state()
                 await asyncio.sleep(_NEXT_S)
                 self._center.show_map()
-                estimates, evidence = await asyncio.to_thread(
-                    lambda: (shown.fitted.parameters, JudgedFit.of(shown))
-                )
+                await asyncio.to_thread(shown.compute_intervals)
                 if turn == self._turn:
-                    self._parameters.show_intervals(estimates)
-                    self._error.judge(evidence)
+                    self._parameters.show_intervals(shown.fitted.parameters)
+                    self._error.judge(shown)
                     if self._shown is not None and self._shown.choice.pulled:
                         self._draw_pulled(self._shown)
         finally:
@@ -250,7 +255,7 @@ class Page:
             if not refused:
                 self._error.build_number()
             options = {
-                channel.name: f"{channel.name.replace('_', ' ')} · {describe_kind(channel.kind)}"
+                channel.name: f"{channel.name.replace('_', ' ')} · {_KINDS[channel.kind]}"
                 for channel in study.channels
             }
             chooser = ui.select(options, value=choice.channel, on_change=choose_channel)
@@ -288,30 +293,25 @@ class Page:
 
     async def keep(self) -> None:
         """Save the selected effects as a revision."""
-        try:
+        with errors_as_warnings():
             revisions = await asyncio.to_thread(self.state.keep)
-        except PalpateError as error:
-            ui.notify(str(error), type="warning")
-            return
-        ui.notify(f"kept as revision {revisions[-1].number}", type="positive")
-        self._list_revisions()
+            ui.notify(f"kept as revision {revisions[-1].number}", type="positive")
+            self._list_revisions()
 
     async def write_report(self) -> None:
         """Save the selected effects as a revision, write their report, and link to it."""
         study = self.state.study
         path = study.source.path
         folder = study.folder or (derived_folder(path) if path is not None else Path("palpate-data"))
-        try:
+        with errors_as_warnings():
             if self.state.choice.effects and not self.state.is_kept:
                 await asyncio.to_thread(self.state.keep)
             commands = [line for line in [self.state.command()] if line]
             written = await asyncio.to_thread(lambda: study.report(output_folder(folder) / REPORT, commands))
-        except PalpateError as error:
-            ui.notify(str(error), type="warning")
-            return
-        self._list_revisions()
-        link = f'<a href="{self._serve_report(written)}" target="_blank">report: {escape(str(written))}</a>'
-        ui.notify(link, type="positive", multi_line=True, timeout=10_000, html=True)
+            self._list_revisions()
+            address = self._serve_report(written)
+            link = f'<a href="{address}" target="_blank">report: {escape(str(written))}</a>'
+            ui.notify(link, type="positive", multi_line=True, timeout=10_000, html=True)
 
     def _list_revisions(self) -> None:
         self._revisions.clear()

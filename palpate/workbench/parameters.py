@@ -2,44 +2,28 @@
 
 import math
 from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import dataclass
 from html import escape
 
 from nicegui import events, ui
 
 from palpate.common.console import AT_BOUND, NOT_DETERMINED, significant
 from palpate.estimation.estimate import ParameterEstimate, with_unit
+from palpate.estimation.fit.fit_result import FitResult
 from palpate.render.diagnosis import unphysical_remarks
 from palpate.render.view import NOISE
-from palpate.robot_io.errors import InputError
 from palpate.workbench import elements
-from palpate.workbench.elements import heading, set_props
+from palpate.workbench.elements import errors_as_warnings, heading, set_props
 from palpate.workbench.state import DisplayedFit, ModelSelection, WorkbenchState
 
 Choose = Callable[[ModelSelection], Awaitable[None]]
 _STEPS = 200  # steps of a slider
 
 
-@dataclass(frozen=True)
-class JudgedFit:
-    """Facts about a fit that need its intervals."""
-
-    shown: DisplayedFit  # the fit
-    unphysical: tuple[str, ...]  # descriptions of gains outside their physical bounds
-    # Noise level estimated with this model; that of the channel is estimated with the base model.
-    noise: float
-
-    @classmethod
-    def of(cls, shown: DisplayedFit) -> "JudgedFit":
-        """Evaluate a fit; this computes its intervals."""
-        return cls(shown, shown.fitted.unphysical, shown.fitted.smooth_law_error)
-
-
 class ErrorCard:
     """The held-out error in large type, and its decrease by stage."""
 
     def __init__(self) -> None:
-        self._judged: JudgedFit | None = None
+        self._judged: FitResult | None = None  # the newest fit that `judge` has shown
 
     def build_number(self) -> None:
         """Build the number, which stays visible."""
@@ -58,21 +42,20 @@ class ErrorCard:
         self._number.set_content(_number(error, unit, shown.noise, elements.ROUGH if shown.is_rough else ""))
         self._fall.set_content(waterfall(shown.steps, shown.noise, unit))
         self._wrong.set_text("")
-        if self._judged is not None and shown.fitted is self._judged.shown.fitted:
-            self.judge(self._judged)
+        if shown.fitted is self._judged:
+            self.judge(shown)
 
-    def judge(self, fit: "JudgedFit") -> None:
+    def judge(self, shown: DisplayedFit) -> None:
         """Show whether a fit with known intervals is good; a small error does not suffice."""
-        self._judged, shown = fit, fit.shown
-        unit, error, noise = shown.fitted.data.kind.effort_unit, shown.fitted.rmse, shown.noise
-        more = error > NOISE * fit.noise
-        comparison = (
-            (f"a flexible regression reaches {with_unit(fit.noise, unit)}")
-            if more and error < NOISE * noise
-            else ""
-        )
+        self._judged = fit = shown.fitted
+        unit, noise = fit.data.kind.effort_unit, shown.noise
+        # with this model; the noise level of the channel was estimated with the base model
+        least = fit.smooth_law_error
+        more = fit.rmse > NOISE * least
+        is_hidden = more and fit.rmse < NOISE * noise
+        comparison = f"a flexible regression reaches {with_unit(least, unit)}" if is_hidden else ""
         kind = "" if more or fit.unphysical else "fits"
-        self._number.set_content(_number(error, unit, noise, comparison, kind))
+        self._number.set_content(_number(fit.rmse, unit, noise, comparison, kind))
         self._wrong.set_text(" ".join(unphysical_remarks(fit.unphysical)))
 
     def preview(self, error: float, unit: str, noise: float) -> None:
@@ -266,14 +249,11 @@ class Parameters:
             upper = ui.number("at most", value=high).props("dense outlined")
 
             async def bound() -> None:
-                try:
+                with errors_as_warnings():
                     pair = [math.nan if bound.value is None else bound.value for bound in (lower, upper)]
                     choice = self._state.with_bounds(name, (pair[0], pair[1]))
-                except InputError as error:
-                    ui.notify(str(error), type="warning")
-                    return
-                dialog.close()
-                await self._choose(choice)
+                    dialog.close()
+                    await self._choose(choice)
 
             async def free() -> None:
                 dialog.close()

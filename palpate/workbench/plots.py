@@ -12,7 +12,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.estimate import with_unit
 from palpate.render import palette
 from palpate.render.build import axes_of, concatenated_times
-from palpate.render.thinning import peak_rows
+from palpate.render.thinning import even_places, peak_rows
 from palpate.render.view import Axes, ResidualMap, residual_map
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 from palpate.workbench import elements
@@ -155,9 +155,7 @@ def time_update(
 def _state_rows(motion: DrawnMotion) -> IntArray:
     """Select samples of a few runs, evenly in time, because curves over the state have no peaks to keep."""
     all_runs = motion.data.runs
-    few = motion.runs or tuple(
-        all_runs[np.unique(np.linspace(0, len(all_runs) - 1, _FEW).astype(int))].tolist()
-    )
+    few = motion.runs or tuple(all_runs[even_places(len(all_runs), _FEW)].tolist())
     rows = np.flatnonzero(np.isin(motion.data.run, few) & near(motion))
     return motion.with_gaps(rows[:: max(len(rows) // MOST_OF_STATE, 1)])
 

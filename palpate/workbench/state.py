@@ -9,7 +9,6 @@ from typing import TypeVar
 import numpy as np
 
 from palpate.common.console import as_shell_word
-from palpate.estimation.channel import ChannelKind
 from palpate.estimation.diagnosis import ChannelDiagnosis
 from palpate.estimation.diagnosis.candidates import applicable_effects
 from palpate.estimation.effect import Effect, Parameter
@@ -73,6 +72,10 @@ class DisplayedFit:
     def values(self) -> dict[str, float]:
         """Parameters as drawn: fitted values, and values of moved sliders."""
         return {**self.fitted.values, **self.choice.pulled}
+
+    def compute_intervals(self) -> None:
+        """Compute what is slow and cached: intervals, impossible gains, and the flexible regression."""
+        _ = self.fitted.parameters, self.fitted.unphysical, self.fitted.smooth_law_error
 
     def error_at(self, values: Mapping[str, float]) -> float:
         """Return the root mean square error at other parameters, on the scored samples.
@@ -471,13 +474,3 @@ def _without(values: Mapping[str, Value], name: str) -> dict[str, Value]:
 
 def _listed(runs: Sequence[int]) -> str:
     return ",".join(map(str, runs))
-
-
-def describe_kind(kind: ChannelKind) -> str:
-    """Describe a channel's kind, for its button."""
-    return {
-        ChannelKind.CONTACT: "contact force",
-        ChannelKind.REVOLUTE: "joint torque",
-        ChannelKind.PRISMATIC: "joint force",
-        ChannelKind.SERVO: "goal error",
-    }[kind]

@@ -180,7 +180,10 @@ def resolve(  # noqa: PLR0917
         PalpateError: the arm was stopped, or a run gave no data; all sessions so far are kept.
         KeyboardInterrupt: the user stopped it; as above.
     """
-    folder = new_folder(job.session.parent)
+    folder = job.session.parent
+    if any(folder.glob("*.mcap")):
+        raise InputError(f"{folder}: holds sessions already; name a new folder, which palpate creates")
+    output_folder(folder)
     decisions: list[Decision] = []
     shown: set[str] = set()  # channels in which something was missing so far
     while True:
@@ -217,13 +220,6 @@ def resolve(  # noqa: PLR0917
         if following is None:
             return Resolved(folder, tuple(decisions), tuple(judged))
         job = replace(job, plan=following.plan)
-
-
-def new_folder(folder: Path) -> Path:
-    """Return the folder, made if needed; `InputError` if it holds sessions already."""
-    if any(folder.glob("*.mcap")):
-        raise InputError(f"{folder}: holds sessions already; name a new folder, which palpate creates")
-    return output_folder(folder)
 
 
 def _decide(  # noqa: PLR0917

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from palpate.render.palette import phase
 from palpate.render.recording.file import TIME, plot, recording_file, send_lines, shown_on, time_column
 from palpate.render.recording.rerun_modules import rr, rrb
 from palpate.render.recording.scene import Scene, log_moving_arm, log_object, view_3d
+from palpate.robot_io.session import Event
 from palpate.robot_io.types import FloatArray, IntArray
 
 _TO_MILLI, _TO_MICRO = 1e3, 1e6
@@ -49,14 +51,35 @@ def record_session(scene: Scene, path: Path) -> None:
         if scene.summary:
             summary = rr.TextDocument(scene.summary, media_type=rr.MediaType.MARKDOWN)
             recording.log(_SUMMARY, summary, static=True)
-        if scene.events:
-            times = np.array([event.time_s for event in scene.events]) - scene.ticks["time_s"][0]
-            levels = dict.fromkeys(_TROUBLE, rr.TextLogLevel.WARN) | {"trip": rr.TextLogLevel.ERROR}
-            columns = rr.TextLog.columns(
-                text=[f"{event.kind}: {event.text}" for event in scene.events],
-                level=[levels.get(event.kind, rr.TextLogLevel.INFO) for event in scene.events],
-            )
-            recording.send_columns(_EVENTS, time_column(times), columns)
+        levels = dict.fromkeys(_TROUBLE, rr.TextLogLevel.WARN) | {"trip": rr.TextLogLevel.ERROR}
+        times_s = np.array([event.time_s for event in scene.events]) - scene.ticks["time_s"][0]
+        log_events(recording, _EVENTS, scene.events, times_s, levels)
+
+
+def log_events(  # noqa: PLR0917, what a log is made of
+    recording: rr.RecordingStream,
+    entity: str,
+    events: Sequence[Event],
+    time_s: FloatArray,
+    levels: Mapping[str, rr.TextLogLevel],
+    lead: str = "",
+) -> None:
+    """Log events as text.
+
+    Args:
+        recording: destination.
+        entity: path of the log.
+        events: events, n of them.
+        time_s: times of the events, shape (n,) [s].
+        levels: levels of kinds of events; information for the others.
+        lead: text before each event.
+    """
+    if events:
+        columns = rr.TextLog.columns(
+            text=[f"{lead}{event.kind}: {event.text}" for event in events],
+            level=[levels.get(event.kind, rr.TextLogLevel.INFO) for event in events],
+        )
+        recording.send_columns(entity, time_column(time_s), columns)
 
 
 def log_phases(recording: rr.RecordingStream, entity: str, phases: IntArray, time_s: FloatArray) -> None:

@@ -18,9 +18,8 @@ from palpate.control.teleop.follower_task import FollowerTask, TargetQueue, plan
 from palpate.robot_io.calibration.applied import load_calibrations
 from palpate.robot_io.link.messages import Intent, Target, TargetState
 from palpate.robot_io.types import Measurement
-from palpate.runs.probing import run_guarded
 from palpate.runs.robots import find_robot
-from palpate.runs.session import ArmJob
+from palpate.runs.session import ArmJob, arm_session
 
 _PLAN = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.1, settle_s=0.05, free_air_s=0.1)
 _AT_ONCE = 32  # targets that are handed over
@@ -86,6 +85,7 @@ def drive(targets: Iterable[Target], folder: Path) -> Driven:
 
     task = FollowerTask(body, np.array(robot_file.sensor_axis_tip), gains_of(robot_file), queue, probing)
     job = ArmJob(robot_file, folder / "driven.mcap")
-    result, _ = run_guarded(job, task, calibrations, {}, observe)
+    with arm_session(job, calibrations, {}) as arm:
+        result = arm.run(task, observe)
     driven.finished = result.outcome is Outcome.FINISHED
     return driven
