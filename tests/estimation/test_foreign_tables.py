@@ -20,6 +20,7 @@ from palpate.estimation.data.presses import press_phases
 from palpate.estimation.data.table import read_table
 from palpate.robot_io.errors import InputError
 from tests.estimation.laboratories import presses
+from tests.tables import write_csv
 
 TIME_S, WAY_M, FORCE_N = (signal[:600] for signal in presses())
 
@@ -473,8 +474,7 @@ def test_the_last_word_does_not_count_where_other_names_make_a_channel(tmp_path)
 def test_counts_are_asked_for_the_value_of_one(tmp_path, names, unit):
     t = np.arange(400) * 0.01
     counts = np.round(2000.0 * np.sin(t) + 30.0 * t)
-    path = tmp_path / "log.csv"
-    write_columns(path, {"time_s": t, names[0]: counts, names[1]: counts})
+    path = write_csv(tmp_path / "log.csv", {"time_s": t, names[0]: counts, names[1]: counts})
     with pytest.raises(InputError, match=f"--unit {unit}, the value of one count$"):
         import_file(path)
     quantity, _, text = unit.partition("=")
@@ -489,7 +489,7 @@ def test_a_column_of_trials_names_the_runs(tmp_path, label):
     x = 0.002 * np.sin(3.0 * t) ** 2
     trials = [label.format(row // 200 + 1) for row in range(600)]
     path = tmp_path / "trials.csv"
-    write_columns(path, {"trial": trials, "time_s": t, "displacement_m": x, "force_N": 300.0 * x})
+    write_csv(path, {"trial": trials, "time_s": t, "displacement_m": x, "force_N": 300.0 * x})
     assert list(import_file(path).run_labels.values()) == [label.format(number) for number in (1, 2, 3)]
 
 
@@ -499,7 +499,7 @@ def test_presses_are_cut_at_a_pause_of_the_logger(tmp_path, pause_s):
     x = 0.003 * np.tile(one, 3) - 1e-4
     t = np.arange(600) * 0.01 + pause_s * (np.arange(600) // 200)
     path = tmp_path / "presses.csv"
-    write_columns(path, {"time_s": t, "displacement_m": x, "force_N": 300.0 * np.maximum(x, 0.0)})
+    write_csv(path, {"time_s": t, "displacement_m": x, "force_N": 300.0 * np.maximum(x, 0.0)})
     imported = import_file(path)
     (channel,) = imported.channels
     ends = [int(end) for end in np.flatnonzero(np.diff(channel.run)) + 1]
@@ -531,12 +531,6 @@ def test_a_matrix_is_its_columns(tmp_path, ending, names):
 @pytest.mark.parametrize(("runs", "words"), [(False, "csv: has 3 rows"), (True, "run '7' has 3 rows")])
 def test_too_few_rows_name_a_run_only_where_a_column_does(tmp_path, runs, words):
     columns = {"time_s": [0, 1, 2], "displacement_m": [0, 1, 2], "force_N": [0, 2, 4]}
-    path = tmp_path / "few.csv"
-    write_columns(path, columns | ({"run": [7, 7, 7]} if runs else {}))
+    path = write_csv(tmp_path / "few.csv", columns | ({"run": [7, 7, 7]} if runs else {}))
     with pytest.raises(InputError, match=words):
         import_file(path)
-
-
-def write_columns(path, columns):
-    lines = [",".join(map(str, row)) for row in zip(*columns.values(), strict=True)]
-    path.write_text("\n".join([",".join(columns), *lines]))

@@ -19,29 +19,18 @@ from palpate.estimation.study.source import open_source
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files import whole_file
 from palpate.robot_io.session import SessionMetadata, write_session
+from tests.tables import write_csv
 
 T = np.arange(50) * 0.01
 X = 0.002 + 0.001 * np.sin(9 * T)
 F = 500 * X
-
-
-def write_csv(path, columns, delimiter=","):
-    names = list(columns)
-    rows = zip(*(np.asarray(values).tolist() for values in columns.values()), strict=True)
-    lines = [delimiter.join(names), *(delimiter.join(str(value) for value in row) for row in rows)]
-    path.write_text("\n".join(lines) + "\n")
-    return path
+PRESS = {"time_s": T, "displacement_m": X, "force_N": F}
 
 
 @pytest.fixture
 def contact(tmp_path):
     """Writes a contact file with changed or added columns; None removes one."""
-
-    def write(name="data.csv", **changed):
-        columns = {"time_s": T, "displacement_m": X, "force_N": F} | changed
-        return write_csv(tmp_path / name, {n: v for n, v in columns.items() if v is not None})
-
-    return write
+    return lambda **changed: write_csv(tmp_path / "data.csv", PRESS | changed)
 
 
 def only(imported):
@@ -86,10 +75,10 @@ def test_all_formats_hold_the_same(tmp_path, contact):
     packed = tmp_path / "data.csv.gz"
     packed.write_bytes(gzip.compress(csv.read_bytes()))
     parquet, npz = tmp_path / "data.parquet", tmp_path / "data.npz"
-    pa.parquet.write_table(pa.table({"time_s": T, "displacement_m": X, "force_N": F}), parquet)
-    np.savez(npz, time_s=T, displacement_m=X, force_N=F)
-    semicolons = write_csv(tmp_path / "e.csv", {"time_s": T, "displacement_m": X, "force_N": F}, ";")
-    tabs = write_csv(tmp_path / "e.tsv", {"time_s": T, "displacement_m": X, "force_N": F}, "\t")
+    pa.parquet.write_table(pa.table(PRESS), parquet)
+    np.savez(npz, **PRESS)
+    semicolons = write_csv(tmp_path / "e.csv", PRESS, ";")
+    tabs = write_csv(tmp_path / "e.tsv", PRESS, "\t")
     expected = only(import_file(csv))
     for path in (packed, parquet, npz, semicolons, tabs):
         channel = only(import_file(path))
@@ -283,9 +272,9 @@ def test_what_would_fill_the_memory_is_refused(tmp_path, monkeypatch, contact, n
     monkeypatch.setattr(file_columns, "MAX_BYTES", 500)
     file = tmp_path / name
     if name.endswith(".npz"):
-        np.savez_compressed(file, time_s=T, displacement_m=X, force_N=0 * F)
+        np.savez_compressed(file, **PRESS | {"force_N": 0 * F})
     elif name.endswith(".parquet"):
-        pyarrow.parquet.write_table(pa.table({"time_s": T, "displacement_m": X, "force_N": F}), file)
+        pyarrow.parquet.write_table(pa.table(PRESS), file)
     else:
         content = contact().read_bytes()
         file.write_bytes(gzip.compress(content) if name.endswith(".gz") else content)
@@ -487,7 +476,7 @@ def test_rows_that_repeat_a_time_are_left_out_and_counted(contact):
 
 def test_rows_that_a_logger_wrote_twice_are_left_out_and_counted(contact):
     again = np.append(np.arange(50), np.arange(36, 44))
-    columns = {"time_s": T[again], "displacement_m": X[again], "force_N": F[again]}
+    columns = {name: values[again] for name, values in PRESS.items()}
     imported = import_file(contact(**columns))
     np.testing.assert_array_equal(only(imported).effort, F)
     assert "8 of 58 rows left out: each repeats an earlier row, the first in line 52" in imported.notes
@@ -501,8 +490,7 @@ def test_rows_that_a_logger_wrote_twice_are_left_out_and_counted(contact):
 
 
 def test_a_simulated_run_that_repeats_another_exactly_is_a_run(contact):
-    columns = {"time_s": T, "displacement_m": X, "force_N": F}
-    imported = import_file(contact(**{name: np.tile(values, 3) for name, values in columns.items()}))
+    imported = import_file(contact(**{name: np.tile(values, 3) for name, values in PRESS.items()}))
     assert len(only(imported).runs) == 3
     np.testing.assert_array_equal(only(imported).effort, np.tile(F, 3))
 
@@ -592,7 +580,7 @@ def test_arrays_that_make_no_table_are_named(tmp_path):
 @pytest.mark.filterwarnings("ignore:Duplicate name")
 def test_of_two_arrays_of_one_name_none_is_chosen(tmp_path):
     path, other = tmp_path / "data.npz", tmp_path / "other.npy"
-    np.savez(path, time_s=T, displacement_m=X, force_N=F)
+    np.savez(path, **PRESS)
     np.save(other, 2 * F)
     with zipfile.ZipFile(path, "a") as archive:
         archive.write(other, "force_N.npy")
@@ -651,7 +639,7 @@ def test_a_joint_without_an_effort_is_asked_for_the_column_that_stands_for_it(co
 
 def test_a_stated_number_of_presses_is_no_remedy_for_restarts_of_the_clock(contact):
     several = np.tile(np.arange(50), 3)
-    path = contact(time_s=T[several], displacement_m=X[several], force_N=F[several])
+    path = contact(**{name: values[several] for name, values in PRESS.items()})
     with pytest.raises(
         InputError, match="--runs 2: the clock restarts 2 times, so there are at least 3 runs"
     ):

@@ -8,6 +8,7 @@ from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import read_table
 from palpate.robot_io.errors import InputError
 from palpate.workbench.sources import guess, options_of
+from tests.tables import write_csv
 
 T = np.arange(200) * 0.01
 SIGNALS = np.sin(np.outer(T, [5.0, 3.0, 2.0, 7.0, 4.0]))
@@ -17,14 +18,9 @@ FROM_0 = ("position_0_rad", "position_1_rad", "torque_0_Nm", "torque_1_Nm")
 @pytest.fixture
 def log(tmp_path):
     """Writes a file of a time and of signals of these names."""
-
-    def write(*names):
-        rows = np.column_stack([T, SIGNALS[:, : len(names)]])
-        path = tmp_path / "log.csv"
-        np.savetxt(path, rows, delimiter=",", header=",".join(["time_s", *names]), comments="", fmt="%.9g")
-        return path
-
-    return write
+    return lambda *names: write_csv(
+        tmp_path / "log.csv", {"time_s": T} | dict(zip(names, SIGNALS.T, strict=False))
+    )
 
 
 def pairs(path, **options):

@@ -19,6 +19,7 @@ from palpate.estimation.data.text_table import as_utf8
 from palpate.estimation.study.source import open_source
 from palpate.robot_io.errors import InputError
 from tests.estimation.laboratories import excel, one_file_a_run, presses, side_by_side, zwick
+from tests.tables import write_csv
 
 TIME, WAY, LOAD = "Time [s]", "Travel [mm]", "Load [N]"
 
@@ -26,18 +27,8 @@ TIME, WAY, LOAD = "Time [s]", "Travel [mm]", "Load [N]"
 @pytest.fixture
 def press(tmp_path):
     """Writes presses with changed or added columns of numbers or text; None removes one."""
-
-    def write(**changed):
-        t, x, f = presses()
-        columns = {TIME: t, WAY: 1e3 * x, LOAD: f} | changed
-        columns = {name: np.asarray(values) for name, values in columns.items() if values is not None}
-        rows = zip(*(values.tolist() for values in columns.values()), strict=True)
-        text = ",".join(columns) + "\n" + "".join(",".join(map(str, row)) + "\n" for row in rows)
-        path = tmp_path / "press.csv"
-        path.write_text(text)
-        return path
-
-    return write
+    t, x, f = presses()
+    return lambda **changed: write_csv(tmp_path / "press.csv", {TIME: t, WAY: 1e3 * x, LOAD: f} | changed)
 
 
 def some(values, every, start=0):
@@ -466,14 +457,8 @@ SWING = {"time_s": np.arange(400) * 0.01, "position_1_rad": np.sin(0.02 * np.ara
 PULL = {"time_s": SWING["time_s"], "torque_1_Nm": 2.0 * SWING["position_1_rad"]}
 
 
-def write_columns(path, columns, *, names=True):
-    rows = np.column_stack(list(columns.values()))
-    np.savetxt(path, rows, delimiter=",", header=",".join(columns) if names else "", comments="")
-    return path
-
-
 def test_files_of_the_same_rows_with_position_and_torque_apart_are_one_recording(tmp_path):
-    paths = [write_columns(tmp_path / "q.csv", SWING), write_columns(tmp_path / "tau.csv", PULL)]
+    paths = [write_csv(tmp_path / "q.csv", SWING), write_csv(tmp_path / "tau.csv", PULL)]
     imported = import_files(paths, ImportOptions())
     (joint,) = imported.channels
     assert "2 files with the same rows are joined side by side: q.csv, tau.csv" in imported.read
@@ -482,10 +467,10 @@ def test_files_of_the_same_rows_with_position_and_torque_apart_are_one_recording
 
 
 def test_columns_without_names_are_called_after_their_file(tmp_path):
-    angles = {str(n): np.sin(0.02 * np.arange(400) + n) for n in range(2)}
-    torques = {n: 3.0 * angle for n, angle in angles.items()}
-    paths = [write_columns(tmp_path / "q.csv", angles, names=False)]
-    paths.append(write_columns(tmp_path / "tau.csv", torques, names=False))
+    angles = np.sin(0.02 * np.arange(400)[:, None] + [0.0, 1.0])
+    paths = [tmp_path / "q.csv", tmp_path / "tau.csv"]
+    for path, values in zip(paths, (angles, 3.0 * angles), strict=True):
+        np.savetxt(path, values, delimiter=",")
     imported = import_files(paths, ImportOptions(units={"position": "rad", "torque": "Nm"}))
     assert [channel.name for channel in imported.channels] == ["joint_1", "joint_2"]
     for channel in imported.channels:
@@ -500,13 +485,13 @@ def test_columns_without_names_are_called_after_their_file(tmp_path):
     ],
 )
 def test_files_that_do_not_belong_side_by_side_are_not_joined(tmp_path, further):
-    paths = [write_columns(tmp_path / "q.csv", SWING), write_columns(tmp_path / "tau.csv", further)]
+    paths = [write_csv(tmp_path / "q.csv", SWING), write_csv(tmp_path / "tau.csv", further)]
     with pytest.raises(InputError, match=r"q\.csv"):
         import_files(paths, ImportOptions())
 
 
 def test_of_files_that_cannot_be_joined_the_first_one_s_fault_is_reported(tmp_path):
-    paths = [write_columns(tmp_path / "q.csv", SWING), tmp_path / "remarks.csv"]
+    paths = [write_csv(tmp_path / "q.csv", SWING), tmp_path / "remarks.csv"]
     paths[1].write_text("nothing but words\n")
     with pytest.raises(InputError, match=r"q\.csv"):
         import_files(paths, ImportOptions())
@@ -515,7 +500,7 @@ def test_of_files_that_cannot_be_joined_the_first_one_s_fault_is_reported(tmp_pa
 def test_a_joint_that_the_first_file_lacks_is_left_out_and_one_that_another_lacks_is_refused(tmp_path):
     one = SWING | PULL
     second = {name.replace("_1_", "_2_"): values for name, values in one.items() if name != "time_s"}
-    paths = [write_columns(tmp_path / "one.csv", one), write_columns(tmp_path / "two.csv", one | second)]
+    paths = [write_csv(tmp_path / "one.csv", one), write_csv(tmp_path / "two.csv", one | second)]
     imported = import_files(paths, ImportOptions())
     (joint,) = imported.channels
     assert joint.context["joint_position"].shape == (len(joint), 1)
