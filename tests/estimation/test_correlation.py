@@ -1,4 +1,4 @@
-"""Residual analysis: correlation beside definitions and statsmodels, and periodic components."""
+"""Residual analysis: correlation beside definitions and statsmodels, periodic components, and misfit."""
 
 import tracemalloc
 
@@ -13,6 +13,7 @@ from palpate.estimation.statistics.correlation import (
     autocorrelation,
     cross_correlation,
     fit_percent,
+    misfit,
 )
 
 N, LAGS = 4000, 30
@@ -130,3 +131,39 @@ def test_a_long_recording_takes_little_memory_and_its_frequency_is_right(
 def test_too_short_pieces_have_no_frequency():
     time_s, run = recorded([0.0, 1.0, 2.0], 8)
     assert strongest_frequency(time_s, run, np.sin(time_s), 0.005) is None
+
+
+RUN = np.repeat([0, 1, 2], 1000)
+ALL = np.ones(3000, dtype=bool)
+
+
+def white(sigma=0.02, seed=0):
+    return np.random.default_rng(seed).normal(0.0, sigma, 3000)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_alone_is_no_misfit(seed):
+    found = misfit(white(seed=seed), RUN, ALL)
+    assert found.noise == pytest.approx(0.02, rel=0.1)
+    assert found.times == pytest.approx(1.0, rel=0.1)
+
+
+def test_what_is_left_over_slowly_counts_and_what_a_robust_method_set_aside():
+    slow = 0.2 * np.sin(np.arange(3000) / 100)
+    found = misfit(white() + slow, RUN, ALL)
+    assert found.noise == pytest.approx(0.02, rel=0.1)
+    assert found.times == pytest.approx(0.2 * np.sin(0.45 * np.pi) / 1.645 / 0.02, rel=0.1)
+    left = white()
+    left[400:1000] += 0.5 + np.linspace(0, 1, 600) ** 2
+    inliers = np.abs(left) < 0.1
+    assert misfit(left, RUN, inliers).times > 10
+
+
+def test_kinks_steps_between_runs_and_nothing_to_compare_are_no_misfit():
+    left = white()
+    left[::50] += 1.0
+    assert misfit(left, RUN, np.abs(left) < 0.1).times < 1.5
+    left = white(sigma=1e-3) + RUN
+    assert misfit(left, RUN, ALL).noise == pytest.approx(1e-3, rel=0.1)
+    assert np.isnan(misfit(np.zeros(10), np.zeros(10, dtype=int), ALL[:10]).times)
+    assert np.isnan(misfit(white()[:10], np.arange(10), ALL[:10]).times)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.estimation.estimate import Identifiability
+from palpate.estimation.estimate import Identifiability, rounded, with_unit
 from palpate.estimation.estimator import Estimator, OnlineEstimator
 from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.model import Regression
@@ -97,3 +97,16 @@ def test_correlated_noise_widens_the_intervals(name):
     white = fit(name, problem(np.random.default_rng(5), noise=0.004))
     coloured = fit(name, problem(np.random.default_rng(5), noise=0.004, correlation=0.95))
     assert np.all(std_errs(coloured) > 1.5 * std_errs(white))
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [(1234.5, 3, "1230"), (-187_654.0, 3, "-188000"), (999_999.0, 3, "1000000"), (2.5e7, 3, "2.5e+07")],
+)
+def test_a_value_below_a_million_has_no_exponent(value, digits, text):
+    assert rounded(value, digits) == text
+
+
+def test_small_values_keep_their_digits():
+    assert with_unit(0.00012345, "N", 4) == "0.0001234 N"
+    assert rounded(123.0, 2) == "120"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.optimize import lsq_linear, nnls
+from scipy.optimize import lsq_linear
 from scipy.signal import lfilter
 
 from palpate.estimation.estimate import Determined, Identifiability
@@ -52,19 +52,15 @@ def test_nearly_dependent_columns_are_still_solved_and_a_silent_one_gets_no_gain
     assert np.isinf(found.condition_number)
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_gains_within_bounds_and_nonnegative_ones_are_those_of_scipy(seed):
+@pytest.mark.parametrize("seed", range(12))
+def test_gains_within_bounds_are_those_of_scipy(seed):
     """Columns that resemble each other: a gain that was zero may be positive beside the others' zeros."""
     rng = np.random.default_rng(seed)
     columns = rng.standard_normal((60, 8)) @ (np.eye(8) + 0.6 * rng.standard_normal((8, 8)))
     effort = columns @ rng.standard_normal(8) + rng.standard_normal(60)
-    system, moment = columns.T @ columns, columns.T @ effort
-    found = solve_within_bounds(system, moment, np.zeros(8), np.full(8, np.inf))
-    np.testing.assert_allclose(found, nnls(columns, effort)[0], atol=1e-8)
-    rng = np.random.default_rng(seed)
-    columns = rng.standard_normal((60, 6)) @ (np.eye(6) + 0.6 * rng.standard_normal((6, 6)))
-    effort = columns @ rng.standard_normal(6) + rng.standard_normal(60)
-    lower, upper = rng.uniform(-1.0, 0.0, 6), rng.uniform(0.1, 1.0, 6)
+    lower, upper = rng.uniform(-1.0, 0.0, 8), rng.uniform(0.1, 1.0, 8)
+    if seed % 2:  # nonnegative
+        lower, upper = np.zeros(8), np.full(8, np.inf)
     found = solve_within_bounds(columns.T @ columns, columns.T @ effort, lower, upper)
     np.testing.assert_allclose(found, lsq_linear(columns, effort, (lower, upper), method="bvls").x, atol=1e-7)
 

@@ -112,6 +112,10 @@ def test_history_is_what_the_loop_would_have_seen_and_is_not_overwritten(estimat
         ("sprls", {"gamma": -1.0}),
         ("cusum_rls", {"limit": 0.0}),
         ("preemptive_ransac", {"threshold": -1.0}),
+        ("ransac", {"threshold": 0.0}),
+        ("ransac", {"threshold": float("nan")}),
+        ("ransac", {"trials": 0}),
+        ("ransac", {"subset": 0}),
     ],
 )
 def test_refuses_settings_that_make_no_sense(name, settings):

@@ -60,14 +60,11 @@ def test_rates_agree_with_savitzky_and_golay_run_by_run(order):
     assert len(derivative(signal[:3], np.arange(3) * 0.01, run[:3], order)) == 3
 
 
-def test_lag_follows_a_step_delay_shifts_and_a_held_strain_relaxes():
+def test_lag_follows_a_step_and_a_held_strain_relaxes():
     step = (TIME > 2.0).astype(float)
     lagged = low_pass(step, TIME, ONE_RUN, 0.5)
     assert lagged[700] == pytest.approx(1 - np.exp(-(7.0 - 2.005) / 0.5), abs=2e-3)
-    slow = np.sin(0.5 * TIME)
-    assert shift(slow, TIME, ONE_RUN, 0.105)[100:] == pytest.approx(
-        np.sin(0.5 * (TIME - 0.105))[100:], abs=1e-5
-    )
+
     held = np.where(TIME >= 1.0, 1.0, 0.0)
     left = relax(held, TIME, ONE_RUN, 2.0)
     assert left[500] / left[300] == pytest.approx(np.exp(-2.0 / 2.0), rel=1e-6)
@@ -80,6 +77,8 @@ def test_a_strain_is_not_forgotten_between_two_presses():
     whole = relax(strain, TIME, ONE_RUN, 0.8)
     left = relax(strain[seen], TIME[seen], run[seen], 0.8)
     assert left == pytest.approx(whole[seen], abs=1e-9)
+    order = np.argsort(-run, kind="stable")  # the numbers of the runs say nothing
+    assert relax(strain[order], TIME[order], -run[order], 0.8) == pytest.approx(whole[order], abs=1e-9)
     first, second = run[seen] == 3, run[seen] == 7
     later = np.concatenate([strain[seen][second], strain[seen][first]])
     times = np.concatenate([TIME[seen][second], TIME[seen][first]])
@@ -87,13 +86,12 @@ def test_a_strain_is_not_forgotten_between_two_presses():
     assert alone[second.sum() :] == pytest.approx(whole[seen][first], abs=1e-9)  # time went back: by itself
 
 
-def test_direction_turns_over_its_path_and_rates_have_their_maxima():
+def test_direction_turns_over_its_path_and_a_signal_has_its_maximum():
     x = np.where(TIME < 3, TIME, np.where(TIME < 6, 3.0, 9.0 - TIME))
     s = direction(x, ONE_RUN, 0.1)
     assert s[[250, 550, 990]] == pytest.approx([1.0, 1.0, -1.0], abs=1e-6)
     assert s[610] == pytest.approx(2 * np.exp(-1.0) - 1, abs=1e-3)
-    assert derivative(np.sin(TIME), TIME, ONE_RUN)[5:-5] == pytest.approx(np.cos(TIME)[5:-5], abs=1e-6)
-    assert derivative(np.sin(TIME), TIME, ONE_RUN, 2)[5:-5] == pytest.approx(-np.sin(TIME)[5:-5], abs=1e-4)
+
     assert running_max(np.sin(TIME), ONE_RUN)[-1] == pytest.approx(1.0, abs=1e-4)
 
 
@@ -172,15 +170,6 @@ def test_a_direction_of_all_runs_at_once_is_that_of_each_run_alone():
         rows = run == number
         np.testing.assert_allclose(turned[rows], direction(signal[rows], run[rows], 2.0), atol=1e-9)
     assert direction(np.zeros(0), np.zeros(0, dtype=np.int64), 1.0).shape == (0,)
-
-
-def test_what_is_remembered_follows_time_and_not_the_numbers_of_the_runs():
-    strain = np.maximum(np.sin(2.0 * TIME), 0.0)
-    run = np.where(TIME < 2.5, 7, 3)
-    order = np.argsort(run, kind="stable")
-    whole = relax(strain, TIME, ONE_RUN, 0.8)
-    left = relax(strain[order], TIME[order], run[order], 0.8)
-    np.testing.assert_allclose(left, whole[order], atol=1e-9)
 
 
 def test_runs_that_overlap_have_clocks_of_their_own_and_keep_their_order():

@@ -68,9 +68,28 @@ NOISE = {
 }
 
 
-def objection(data):
+def objection(data, fit=None):
     measurement, rng = identify_measurement_model(data), np.random.default_rng(0)
-    return check_residuals(fit_model(data, MODEL, {}), measurement, rng, complete=True)
+    return check_residuals(fit or fit_model(data, MODEL, {}), measurement, rng, complete=True)
+
+
+def excess(data, fit=None):
+    measurement = identify_measurement_model(data)
+    return exceeds_noise(fit or fit_model(data, MODEL, {}), measurement, np.random.default_rng(0))
+
+
+def humming(hum_n=0.4, runs=3):
+    return session(2, lambda t, x, v, run: kelvin_voigt(x, v, hum_n * np.sin(2 * np.pi * 7.3 * t)), runs=runs)
+
+
+def creaking(q, v, a, creak_nm, where=1.0):
+    """A joint of a known inertia and friction that may creak, and its fit."""
+    rng, t = np.random.default_rng(3), 0.005 * np.arange(len(q))
+    creak = gaussian_filter1d(rng.standard_normal(len(t)), 20.0) * 8.0 * where
+    effort = 0.05 * a + 0.5 * v + creak_nm * creak + 0.01 * rng.standard_normal(len(t))
+    run = np.zeros(len(t), dtype=np.int64)
+    data = ChannelData("joint_1", ChannelKind.REVOLUTE, t, q, v, a, effort, run, run - 1)
+    return data, fit_model(data, MODELS["inertia"]().build(ModelContext(joint=0)), {})
 
 
 @pytest.mark.parametrize("name", NOISE)
@@ -220,21 +239,15 @@ def test_noise_is_that_about_the_mean_of_each_run_and_between_neighbours_of_one_
 
 
 def test_what_is_left_in_contact_is_held_against_free_air():
-    hum = session(2, lambda t, x, v, run: kelvin_voigt(x, v, 0.4 * np.sin(2 * np.pi * 7.3 * t)))
+    hum = humming()
     fit = fit_model(hum, MODEL, {})
-    found = exceeds_noise(fit, identify_measurement_model(hum), np.random.default_rng(0))
+    found = excess(hum, fit)
     assert found.frequency_hz == pytest.approx(7.3, abs=0.05)
     assert found.acting == pytest.approx(0.4 / np.sqrt(2.0), rel=0.15)
     block = fit.problem.blocked.rows.shape[1]
     assert found.expected == pytest.approx(NOISE_N / np.sqrt(block), rel=0.3)
-    told = check_residuals(fit, identify_measurement_model(hum), np.random.default_rng(0), complete=True)
-    assert f"{found.acting:.3g} N, is {found.acting / found.expected:.0f} times" in told.reason
-    assert (
-        exceeds_noise(
-            fit_model(session(2), MODEL, {}), identify_measurement_model(hum), np.random.default_rng(0)
-        )
-        is None
-    )
+    assert f"{found.acting:.3g} N, is {found.acting / found.expected:.0f} times" in objection(hum, fit).reason
+    assert excess(session(2)) is None
 
 
 @pytest.mark.parametrize(("pull_n", "is_noise"), [(0.0, True), (0.4, False)])
@@ -243,23 +256,19 @@ def test_a_pull_after_contact_is_held_against_the_air_before_it(pull_n, is_noise
         pulls = (x < 0.0) & (x > -3e-3) & (v < 0.0)  # a neck that breaks on the way out
         return kelvin_voigt(x, v) - pull_n * pulls
 
-    data = session(2, adhesive)
-    found = exceeds_noise(
-        fit_model(data, MODEL, {}), identify_measurement_model(data), np.random.default_rng(0)
-    )
+    found = excess(session(2, adhesive))
     assert (found is None) is is_noise
     assert is_noise or found.where == "after contact"
 
 
 def test_blocks_at_run_starts_do_not_hide_the_noise_in_free_air():
     """Blocks in which a sensor may settle are not used; the noise of their readings is known all the same."""
-    hum = session(2, lambda t, x, v, run: kelvin_voigt(x, v, 0.4 * np.sin(2 * np.pi * 7.3 * t)))
+    hum = humming()
     fit = fit_model(hum, MODEL, {})
     blocked = fit.problem.blocked
     pressed = hum.engaged[blocked.rows].any(axis=1)
     only = replace(blocked, trusted=blocked.trusted & pressed)
-    fit = replace(fit, problem=replace(fit.problem, blocked=only))
-    found = exceeds_noise(fit, identify_measurement_model(hum), np.random.default_rng(0))
+    found = excess(hum, replace(fit, problem=replace(fit.problem, blocked=only)))
     assert found.reference == "in free air"
     assert found.expected == pytest.approx(NOISE_N / np.sqrt(blocked.rows.shape[1]), rel=0.3)
 
@@ -293,9 +302,7 @@ def white(t, number):
     ids=["random walk", "drift", "zero moved by a contact", "pull on the approach", "pull on the return"],
 )
 def test_only_a_pull_just_after_contact_is_found_there(added, pulls, is_noise):
-    data = presses_with_long_air(added, pulls)
-    fit = fit_model(data, MODEL, {})
-    found = exceeds_noise(fit, identify_measurement_model(data), np.random.default_rng(0))
+    found = excess(presses_with_long_air(added, pulls))
     assert (found is None or found.where != "after contact") is is_noise
 
 
@@ -306,7 +313,7 @@ def test_a_late_force_is_no_reference_for_the_noise():
 
     data = presses_with_long_air(late_and_humming, after_s=0.5)
     fit = fit_model(data, MODEL, {})
-    found = exceeds_noise(fit, identify_measurement_model(data), np.random.default_rng(0))
+    found = excess(data, fit)
     assert found.where == "in contact"
     assert found.expected == pytest.approx(NOISE_N / np.sqrt(fit.problem.blocked.rows.shape[1]), rel=0.3)
 
@@ -322,42 +329,28 @@ def test_steps_of_an_effort_that_mostly_rests_on_one_value_are_noise():
 @pytest.mark.parametrize(("times", "is_noise"), [(2.2, True), (2.8, False)])
 def test_an_excess_is_two_and_a_half_times_the_noise(times, is_noise):
     block_noise = NOISE_N / np.sqrt(2.0)  # blocks of two samples
-    hum_n = times * block_noise * np.sqrt(2.0)
-    hum = session(2, lambda t, x, v, run: kelvin_voigt(x, v, hum_n * np.sin(2 * np.pi * 7.3 * t)), runs=4)
-    found = exceeds_noise(
-        fit_model(hum, MODEL, {}), identify_measurement_model(hum), np.random.default_rng(0)
-    )
-    assert (found is None) is is_noise
+    hum = humming(times * block_noise * np.sqrt(2.0), runs=4)
+    assert (excess(hum) is None) is is_noise
 
 
 @pytest.mark.parametrize(("share", "is_noise"), [(0.7, False), (1.5, True)])
 def test_a_hum_below_noise_that_is_louder_in_contact_is_not_held_against_the_model(share, is_noise):
     """The noise on blocks is so many times the hum; draws know that of free air alone."""
-    hum = session(2, lambda t, x, v, run: kelvin_voigt(x, v, 0.4 * np.sin(2 * np.pi * 7.3 * t)))
+    hum = humming()
     block = fit_model(hum, MODEL, {}).problem.blocked.rows.shape[1]
     loud_n = share * 0.4 / np.sqrt(2.0) * np.sqrt(block) * hum.engaged
     noise = np.random.default_rng(1).normal(size=len(hum))
-    data = replace(hum, effort=hum.effort + loud_n * noise)
-    found = exceeds_noise(
-        fit_model(data, MODEL, {}), identify_measurement_model(data), np.random.default_rng(0)
-    )
-    assert (found is None) is is_noise
+    assert (excess(replace(hum, effort=hum.effort + loud_n * noise)) is None) is is_noise
 
 
 @pytest.mark.parametrize(("creak_nm", "is_noise"), [(0.1, False), (0.0, True)])
 def test_what_is_left_in_motion_is_held_against_rest(creak_nm, is_noise):
-    rng, t = np.random.default_rng(3), np.arange(0.0, 60.0, 0.005)
     speed = np.repeat(np.tile([0.0, 2.0 * np.pi], 6), 1000)  # every other five seconds
-    phase = np.cumsum(0.005 * gaussian_filter1d(speed, 40.0))
-    q, v, a = np.sin(phase), np.gradient(np.sin(phase), t), np.gradient(np.gradient(np.sin(phase), t), t)
-    creak = gaussian_filter1d(rng.standard_normal(len(t)), 20.0) * 8.0 * (speed > 0.0)
-    effort = 0.05 * a + 0.5 * v + creak_nm * creak + 0.01 * rng.standard_normal(len(t))
-    run = np.zeros(len(t), dtype=np.int64)
-    data = ChannelData("joint_1", ChannelKind.REVOLUTE, t, q, v, a, effort, run, run - 1)
-    fit = fit_model(data, MODELS["inertia"]().build(ModelContext(joint=0)), {})
-    found = exceeds_noise(fit, identify_measurement_model(data), np.random.default_rng(0))
+    q = np.sin(np.cumsum(0.005 * gaussian_filter1d(speed, 40.0)))
+    v = np.gradient(q, 0.005)
+    data, fit = creaking(q, v, np.gradient(v, 0.005), creak_nm, speed > 0.0)
+    found, told = excess(data, fit), objection(data, fit)
     assert (found is None) is is_noise
-    told = check_residuals(fit, identify_measurement_model(data), np.random.default_rng(0), complete=True)
     assert (told is None) is is_noise
     assert is_noise or (f"in motion, {found.acting:.3g} N m" in told.reason and "at rest" in told.reason)
 
@@ -375,22 +368,14 @@ def test_without_free_air_only_what_is_smooth_over_much_of_a_run_is_no_noise(sha
         "filtered noise": 3.0 * gaussian_filter1d(rng.standard_normal(count), 8.0),
     }[shape]
     force = kelvin_voigt(way, 1e-4) + added
-    data = press_channel(force, t, way, np.full(count, 1e-4), run)
-    fit = fit_model(data, MODEL, {})
-    found = exceeds_noise(fit, identify_measurement_model(data), np.random.default_rng(0))
-    assert (found is None) is is_noise
+    assert (excess(press_channel(force, t, way, np.full(count, 1e-4), run)) is None) is is_noise
 
 
 @pytest.mark.parametrize(("creak_nm", "is_noise"), [(0.1, False), (0.0, True)])
 def test_without_a_rest_the_residual_is_held_against_neighboring_readings(creak_nm, is_noise):
-    rng, t = np.random.default_rng(3), np.arange(0.0, 60.0, 0.005)
+    t = np.arange(0.0, 60.0, 0.005)
     q, v, a = 6.0 * t + np.sin(3.0 * t), 6.0 + 3.0 * np.cos(3.0 * t), -9.0 * np.sin(3.0 * t)
-    creak = gaussian_filter1d(rng.standard_normal(len(t)), 20.0) * 8.0
-    effort = 0.05 * a + 0.5 * v + creak_nm * creak + 0.01 * rng.standard_normal(len(t))
-    run = np.zeros(len(t), dtype=np.int64)
-    data = ChannelData("joint_1", ChannelKind.REVOLUTE, t, q, v, a, effort, run, run - 1)
-    fit = fit_model(data, MODELS["inertia"]().build(ModelContext(joint=0)), {})
-    told = check_residuals(fit, identify_measurement_model(data), np.random.default_rng(0), complete=True)
+    told = objection(*creaking(q, v, a, creak_nm))
     assert (told is None) is is_noise
     assert is_noise or "times the noise of neighboring readings" in told.reason
 

@@ -45,21 +45,6 @@ def linear_problem():
     return columns, columns @ [2.0, -0.1, 500.0] + rng.normal(size=300), fold
 
 
-def test_scores_are_those_of_least_squares_without_the_fold():
-    columns, target, fold = linear_problem()
-    found = solve_normal_equations(_moments(columns, target, fold, 4), dof=300)
-    assert found.gains == pytest.approx(np.linalg.lstsq(columns, target, rcond=None)[0], rel=1e-6)
-    for number in range(4):
-        train = fold != number
-        own = np.linalg.lstsq(columns[train], target[train], rcond=None)[0]
-        assert found.fold_gains[number] == pytest.approx(own, rel=1e-6)
-        left = target - columns @ own
-        assert found.held_out[number] == pytest.approx(left[~train] @ left[~train], rel=1e-6)
-        assert found.train[number] == pytest.approx(left[train] @ left[train], rel=1e-6)
-    variance = np.linalg.inv(columns.T @ columns) * found.sse.sum() / 297
-    assert found.standard_errors == pytest.approx(np.sqrt(np.diag(variance)), rel=1e-6)
-
-
 def test_what_is_known_from_elsewhere_counts_as_samples_that_are_never_held_out():
     columns, target, fold = linear_problem()
     mine, others = fold < 3, fold == 3

@@ -65,13 +65,17 @@ def test_blocks_that_count_are_fitted_and_each_fold_is_left_out():
     some = np.arange(COUNT) % 7 > 0
     one = problem(trusted=some)
     found = one.solve(COLUMNS, TARGET)
-    fold = one.blocked.fold
-    for gains, rows in (
-        (found.gains, some),
-        *((g, some & (fold != i)) for i, g in enumerate(found.fold_gains)),
-    ):
-        assert gains == pytest.approx(np.linalg.lstsq(COLUMNS[rows], TARGET[rows], rcond=None)[0], rel=1e-6)
+    assert found.gains == pytest.approx(np.linalg.lstsq(COLUMNS[some], TARGET[some], rcond=None)[0], rel=1e-6)
+    for number, gains in enumerate(found.fold_gains):
+        train, out = (some & (one.blocked.fold != number), some & (one.blocked.fold == number))
+        own = np.linalg.lstsq(COLUMNS[train], TARGET[train], rcond=None)[0]
+        assert gains == pytest.approx(own, rel=1e-6)
+        left = (TARGET - COLUMNS @ own) ** 2
+        assert found.held_out[number] == pytest.approx(left[out].sum(), rel=1e-6)
+        assert found.train[number] == pytest.approx(left[train].sum(), rel=1e-6)
     assert found.dof == some.sum()
+    variance = np.linalg.inv(COLUMNS[some].T @ COLUMNS[some]) * found.sse.sum() / (found.dof - 3)
+    assert found.standard_errors == pytest.approx(np.sqrt(np.diag(variance)), rel=1e-6)
     assert len(found.held_out) == len(found.fold_gains) == one.blocked.folds == 3
 
 
