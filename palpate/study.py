@@ -147,22 +147,18 @@ class Study(ModelStudy):
             held_out=held_out,
             planner=_plan_probe,
         )
-        for text, effect in own.items():
-            self._try_out(text, effect)
-
-    def _try_out(self, text: str, effect: Effect) -> None:
-        """Raise an error if a user's effect fails on a channel, or changes nothing on any."""
-        try:
-            with foreign_code(f"effect '{effect.name}'", LIMIT_S):
-                acts = {channel.name: rehearse(effect, channel.data) for channel in self.channels}
-        except InputError as error:
-            raise InputError(f"--effect {text}: {error}") from error
-        idle = ", ".join(name for name, does in acts.items() if does is False)
-        if idle and not any(acts.values()):
-            place = place_of(type(effect), "columns")
-            raise InputError(
-                f"--effect {text}: its columns are zero throughout {idle}: there is nothing to fit{place}"
-            )
+        for text, effect in own.items():  # refuse one that fails on a channel, or changes nothing on any
+            try:
+                with foreign_code(f"effect '{effect.name}'", LIMIT_S):
+                    acts = {channel.name: rehearse(effect, channel.data) for channel in self.channels}
+            except InputError as error:
+                raise InputError(f"--effect {text}: {error}") from error
+            idle = ", ".join(name for name, does in acts.items() if does is False)
+            if idle and not any(acts.values()):
+                spot = place_of(type(effect), "columns")
+                raise InputError(
+                    f"--effect {text}: its columns are zero throughout {idle}: there is nothing to fit{spot}"
+                )
 
     def diagnose(
         self,

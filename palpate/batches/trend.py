@@ -183,48 +183,40 @@ def find_changes(series: Series, level: float) -> list[TrendChange]:
         begin, end = parts.pop()
         if end - begin < LEAST:
             continue
-        change = _largest_change(series, begin, end, level, rng)
-        if change is None:
+        part = slice(begin, end)
+        times, values, std_errs = series.times[part], series.values[part], series.std_errs[part]
+        weights = 1.0 / (_spread_squared(values[None], std_errs) + std_errs**2)[0]
+        mean = weights @ values / weights.sum()
+        scaled = (values - mean) * np.sqrt(weights)
+        observed = _statistics(scaled[None], times)
+        larger = tried = 0
+        several = max(1, min(_PERMUTATIONS, _MOST_VALUES // len(scaled)))
+        while larger < _MOST_LARGER and tried < 4.0 / level:
+            shuffled = rng.permuted(np.broadcast_to(scaled, (several, len(scaled))), axis=1)
+            larger += int(np.count_nonzero(_statistics(shuffled, times).max(axis=1) >= observed.max()))
+            tried += several
+        p_value = (1 + larger) / (1 + tried)
+        if p_value > level:
             continue
-        changes.append(change)
-        if change.kind == "step":
-            parts += [(begin, change.first), (change.first, end)]
+        *steps, drift = observed[0]
+        place = int(np.argmax(steps)) + _SIDE
+        if max(steps) >= drift:
+            sides = (slice(0, place), slice(place, None))
+            before, after = (float(weights[side] @ values[side] / weights[side].sum()) for side in sides)
+            std_err = float(np.sqrt(sum(1.0 / weights[side].sum() for side in sides)))
+            change = TrendChange("step", begin + place, end - 1, before, after, std_err, p_value)
+        else:
+            away = times - weights @ times / weights.sum()
+            slope = float((weights * away) @ values / (weights @ away**2))
+            rise = slope * float(np.ptp(times))
+            std_err = float(np.ptp(times) / np.sqrt(weights @ away**2))
+            start = float(mean + slope * away[0])
+            change = TrendChange("drift", begin, end - 1, start, start + rise, std_err, p_value)
+        if abs(change.after - change.before) > SIGMAS_95 * change.std_err:
+            changes.append(change)
+            if change.kind == "step":
+                parts += [(begin, change.first), (change.first, end)]
     return sorted(changes, key=lambda change: change.first)
-
-
-def _largest_change(
-    series: Series, begin: int, end: int, level: float, rng: np.random.Generator
-) -> TrendChange | None:
-    part = slice(begin, end)
-    times, values, std_errs = series.times[part], series.values[part], series.std_errs[part]
-    weights = 1.0 / (_spread_squared(values[None], std_errs) + std_errs**2)[0]
-    mean = weights @ values / weights.sum()
-    scaled = (values - mean) * np.sqrt(weights)
-    observed = _statistics(scaled[None], times)
-    larger = tried = 0
-    several = max(1, min(_PERMUTATIONS, _MOST_VALUES // len(scaled)))
-    while larger < _MOST_LARGER and tried < 4.0 / level:
-        shuffled = rng.permuted(np.broadcast_to(scaled, (several, len(scaled))), axis=1)
-        larger += int(np.count_nonzero(_statistics(shuffled, times).max(axis=1) >= observed.max()))
-        tried += several
-    p_value = (1 + larger) / (1 + tried)
-    if p_value > level:
-        return None
-    *steps, drift = observed[0]
-    place = int(np.argmax(steps)) + _SIDE
-    if max(steps) >= drift:
-        sides = (slice(0, place), slice(place, None))
-        before, after = (float(weights[side] @ values[side] / weights[side].sum()) for side in sides)
-        std_err = float(np.sqrt(sum(1.0 / weights[side].sum() for side in sides)))
-        change = TrendChange("step", begin + place, end - 1, before, after, std_err, p_value)
-    else:
-        away = times - weights @ times / weights.sum()
-        slope = float((weights * away) @ values / (weights @ away**2))
-        rise = slope * float(np.ptp(times))
-        std_err = float(np.ptp(times) / np.sqrt(weights @ away**2))
-        start = float(mean + slope * away[0])
-        change = TrendChange("drift", begin, end - 1, start, start + rise, std_err, p_value)
-    return change if abs(change.after - change.before) > SIGMAS_95 * change.std_err else None
 
 
 def _spread_squared(values: FloatArray, std_errs: FloatArray | float) -> FloatArray:

@@ -9,12 +9,7 @@ import typer
 from plotly.graph_objects import Figure
 
 from palpate.calibration.arm_fit import ArmFit
-from palpate.calibration.force import (
-    STANDARD_GRAVITY_M_S2,
-    fit_force,
-    read_reference_file,
-    read_weighing,
-)
+from palpate.calibration.force import STANDARD_GRAVITY_M_S2, fit_force, read_reference_file, read_weighing
 from palpate.common import console
 from palpate.common.console import AT_REST, command_group, shown
 from palpate.common.files import different_files, existing_file, output_file, whole_set
@@ -62,8 +57,7 @@ def force(
     options: CalibrateOptions,
     *,
     column: Annotated[
-        list[str] | None,
-        typer.Option(help="Column of reading, reference or settled.", metavar="ROLE=COLUMN"),
+        list[str] | None, typer.Option(help="Column of reading, reference or settled.", metavar="ROLE=COLUMN")
     ] = None,
     reading_unit: Annotated[
         str | None, typer.Option(help="Unit of the readings, if the column's name does not end with it.")

@@ -45,9 +45,7 @@ def demo_command(
     seed: Annotated[
         int | None,
         typer.Option(
-            help="Seed of simulated noise and hidden effects; default: random.",
-            min=0,
-            max=MOST_SEED,
+            help="Seed of simulated noise and hidden effects; default: random.", min=0, max=MOST_SEED
         ),
     ] = None,
     out: SessionOutOption = None,

@@ -99,8 +99,7 @@ def export_command(
         ),
     ] = None,
     layout: Annotated[
-        Program | None,
-        typer.Option(help="Write a layout file for viewing the session in this program."),
+        Program | None, typer.Option(help="Write a layout file for viewing the session in this program.")
     ] = None,
     folder: FolderOption = None,
     out: Annotated[

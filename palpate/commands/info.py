@@ -18,8 +18,7 @@ MOST_EVENTS = 40  # shown; --json prints all
 
 
 def info_command(
-    session: Annotated[Path, typer.Argument(help="Session file (.mcap).")],
-    as_json: JsonOption = False,
+    session: Annotated[Path, typer.Argument(help="Session file (.mcap).")], as_json: JsonOption = False
 ) -> None:
     """Show the content of a session: time, origin, streams, events, and whether it is complete."""
     opened = open_session(session)

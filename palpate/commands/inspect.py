@@ -36,8 +36,7 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
         typer.Option(help="Write the recording here instead of opening a window.", metavar="FILE.rrd"),
     ] = None,
     screenshot: Annotated[
-        Path | None,
-        typer.Option(help="Save a picture of the hold phase.", metavar="FILE.png"),
+        Path | None, typer.Option(help="Save a picture of the hold phase.", metavar="FILE.png")
     ] = None,
     plots: Annotated[Path | None, typer.Option(help="Save plots in this folder.", metavar="FOLDER")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace files that already exist.")] = False,

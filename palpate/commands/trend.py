@@ -79,7 +79,10 @@ def trend_command(
         raise InputError(f"--{given[0]}: applies to recordings, together with --out FOLDER")
     seen: object = None
     while True:
-        state = _state(data)
+        # names, sizes and times of the watched files, without the page that trend writes
+        files = sorted(data.iterdir()) if data.is_dir() else [data] if data.exists() else []
+        known = [(file.name, file.stat()) for file in files if file.is_file() and file.name != PAGE]
+        state = [(name, stat.st_size, stat.st_mtime_ns) for name, stat in known]
         if state != seen:
             seen = state
             changed = _update(data, date, parameter or [], out, options, as_json)
@@ -90,20 +93,8 @@ def trend_command(
         raise typer.Exit(CHANGED)
 
 
-def _state(data: Path) -> object:
-    """Return names, sizes and times of the watched files, without the page that trend writes."""
-    files = sorted(data.iterdir()) if data.is_dir() else [data] if data.exists() else []
-    known = [(file.name, file.stat()) for file in files if file.is_file() and file.name != PAGE]
-    return [(name, stat.st_size, stat.st_mtime_ns) for name, stat in known]
-
-
 def _update(  # noqa: PLR0917, what was typed
-    data: Path,
-    date: str | None,
-    names: list[str],
-    out: Path | None,
-    options: dict[str, Any],
-    as_json: bool,
+    data: Path, date: str | None, names: list[str], out: Path | None, options: dict[str, Any], as_json: bool
 ) -> bool:
     """Test all series once, print and write the changes; return whether there is any."""
     from palpate.batches.page import write_trend  # noqa: PLC0415, its libraries take a second

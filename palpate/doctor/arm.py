@@ -174,30 +174,24 @@ def examine_devices(robot: Robot, robot_file: RobotFile, closed: Set[str]) -> It
         for label, component, bus in parts:
             if bus in broken:
                 continue  # the finding of its bus says why
-            findings = list(_examine(label, component))
+            problem, findings = "", list[Finding]()
+            try:
+                component.configure()
+            except Exception as error:  # a user's driver may raise any exception, which is a finding
+                problem = _error_text(error)
+            if isinstance(component, Examinable):
+                try:
+                    findings += component.examine()
+                except Exception as error:
+                    problem = problem or _error_text(error)
+            if problem and not any(finding.level is Level.FAIL for finding in findings):
+                findings.insert(0, fail(label, problem, _WIRING))
             if bus is not None and any(finding.level is Level.FAIL for finding in findings):
                 broken.add(bus)
             yield from findings
     finally:
         with suppress(DeviceError):  # a device that cannot be closed was reported before
             undo_all([(label, component) for label, component, _ in parts], "close")
-
-
-def _examine(label: str, component: Component) -> Iterator[Finding]:
-    problem = ""
-    seen: tuple[Finding, ...] = ()
-    try:
-        component.configure()
-    except Exception as error:  # a user's driver may raise any exception, which is a finding
-        problem = _error_text(error)
-    if isinstance(component, Examinable):
-        try:
-            seen = component.examine()
-        except Exception as error:
-            problem = problem or _error_text(error)
-    if problem and not any(finding.level is Level.FAIL for finding in seen):
-        yield fail(label, problem, _WIRING)
-    yield from seen
 
 
 def _error_text(error: Exception) -> str:

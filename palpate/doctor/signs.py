@@ -9,7 +9,7 @@ from palpate.common import console
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.laws.gains import gains_of
 from palpate.control.loop.loop import run_loop
-from palpate.control.loop.result import LoopResult, Outcome
+from palpate.control.loop.result import Outcome
 from palpate.control.loop.task import Phase, TaskOutput
 from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates
 from palpate.control.paths.trajectory import JointMotion
@@ -346,25 +346,6 @@ def examine_powered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Ite
     result = run_loop(robot, guard, task, robot.clock, TickRecords(), rate_hz=rate_hz, observer=observe)
     if result.outcome is Outcome.STOPPED and not result.deactivation_error:
         raise KeyboardInterrupt
-    yield from _findings(result, measured, body)
-
-
-def gentle(limits: Limits, body: RigidBody) -> Limits:
-    """Return limits that trip after little motion or force of a held joint.
-
-    Args:
-        limits: limits of the robot file.
-        body: rigid-body model of the arm.
-    """
-    weight_nm = np.abs([body.gravity(pose) for pose in random_poses_rad(limits)]).max(axis=0)
-    torque_nm = np.minimum(limits.torque_nm, weight_nm + _PUSH_SHARE * np.array(limits.torque_nm))
-    tracking_rad = np.minimum(limits.tracking_rad, _TRACKING_RAD)
-    return limits.model_copy(
-        update={"tracking_rad": tuple(tracking_rad.tolist()), "torque_nm": tuple(torque_nm.tolist())}
-    )
-
-
-def _findings(result: LoopResult, measured: list[Measurement], body: RigidBody) -> Iterator[Finding]:
     if result.deactivation_error:
         yield fail("torque off", result.deactivation_error, "cut the power supply now")
     if result.outcome is not Outcome.FINISHED:
@@ -394,3 +375,18 @@ def _findings(result: LoopResult, measured: list[Measurement], body: RigidBody) 
                 "check masses and torque constants; then palpate calibrate torque, gravity",
             ),
         )
+
+
+def gentle(limits: Limits, body: RigidBody) -> Limits:
+    """Return limits that trip after little motion or force of a held joint.
+
+    Args:
+        limits: limits of the robot file.
+        body: rigid-body model of the arm.
+    """
+    weight_nm = np.abs([body.gravity(pose) for pose in random_poses_rad(limits)]).max(axis=0)
+    torque_nm = np.minimum(limits.torque_nm, weight_nm + _PUSH_SHARE * np.array(limits.torque_nm))
+    tracking_rad = np.minimum(limits.tracking_rad, _TRACKING_RAD)
+    return limits.model_copy(
+        update={"tracking_rad": tuple(tracking_rad.tolist()), "torque_nm": tuple(torque_nm.tolist())}
+    )

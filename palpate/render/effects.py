@@ -161,22 +161,6 @@ def draw_characters(first: Curve, second: Curve, width: int, height: int) -> lis
     return lines
 
 
-def place_side_by_side(
-    titles: Sequence[str], drawings: Sequence[Sequence[Text]], gap: int = 3
-) -> Iterator[Text]:
-    """Place drawings of the same height side by side, each below its title.
-
-    Args:
-        titles: title of each drawing.
-        drawings: lines of each.
-        gap: between two drawings [characters].
-    """
-    width = max(len(line) for lines in drawings for line in lines)
-    yield Text((" " * gap).join(title.ljust(width) for title in titles), style="dim")
-    for lines in zip(*drawings, strict=True):
-        yield Text(" " * gap).join(lines)
-
-
 def _raster(curve: Curve, frame: Sequence[tuple[float, float]], width: int, height: int) -> BoolArray:
     """Return the dots, shape (4 height, 2 width), on a curve that is interpolated between its samples."""
     dots = np.zeros((4 * height, 2 * width), dtype=np.bool_)
@@ -193,6 +177,7 @@ def _raster(curve: Curve, frame: Sequence[tuple[float, float]], width: int, heig
 GROUPS = ("Contact", "Joints", "Contact and joints", "Sensor and drive readings", "From run to run")
 _TO_MILLI, _ROOMY = 1e3, 100
 _TALLEST, _WIDEST, _NARROWEST = 11, 46, 34  # size of a drawing, in characters
+_APART = " " * 3  # between two drawings
 _ROUNDING = 1e-9  # relative to a range; smaller numbers count as zero
 
 
@@ -289,8 +274,8 @@ def draw_example(example: Example, width: int) -> Iterator[Text]:
     data, axes = example.data, axes_of(example.data.kind)
     before, after = data.effort, example.effort()
     room = width - 4
-    sides = 2 if room >= 2 * _NARROWEST + 3 else 1
-    wide = min((room - 3 * (sides - 1)) // sides, _WIDEST)
+    sides = 2 if room >= 2 * _NARROWEST + len(_APART) else 1
+    wide = min((room - len(_APART) * (sides - 1)) // sides, _WIDEST)
     # over velocity for a joint's friction that depends on neither position nor history
     signals, over = example.effect.signals, (axes.position, data.position)
     is_of_past = bool({"position", "past motion"} & set(signals))
@@ -308,7 +293,11 @@ def draw_example(example: Example, width: int) -> Iterator[Text]:
         draw_characters((x, before, palette.BASE), (x, after, palette.MODEL), wide, _TALLEST)
         for _, x in curves
     ]
-    yield from place_side_by_side([title for title, _ in curves], panels)
+    # side by side, each below its title
+    wide = max(len(line) for lines in panels for line in lines)
+    yield Text(_APART.join(title.ljust(wide) for title, _ in curves), style="dim")
+    for lines in zip(*panels, strict=True):
+        yield Text(_APART).join(lines)
 
 
 def _channels(effect: Effect) -> list[str]:

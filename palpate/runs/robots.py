@@ -58,26 +58,22 @@ def importable(packages: list[str]) -> tuple[str, ...]:
     for package in packages:
         if package.endswith(".py"):
             raise InputError(f"--drivers {package}: give its name without .py (and its folder in PYTHONPATH)")
-        if not _exists(package):
+        found = False
+        with foreign_code(f"--drivers {package}"):  # the search imports its parent packages
+            try:
+                found = importlib.util.find_spec(package) is not None
+            except ModuleNotFoundError as error:
+                if not (error.name and f"{package}.".startswith(f"{error.name}.")):
+                    raise
+            except ValueError:
+                pass
+        if not found:
             raise InputError(f"--drivers {package}: Python finds no such package (see PYTHONPATH)")
         with foreign_code(f"--drivers {package}"):
             own = _number_of_drivers(DriverCatalog(package)) - _number_of_drivers(DriverCatalog())
         if not own:
             raise InputError(f"--drivers {package}: holds no driver (docs/how-to/driver.md explains drivers)")
     return tuple(packages)
-
-
-def _exists(package: str) -> bool:
-    """Return whether Python finds a package; this imports its parent packages."""
-    with foreign_code(f"--drivers {package}"):
-        try:
-            return importlib.util.find_spec(package) is not None
-        except ModuleNotFoundError as error:
-            if error.name and f"{package}.".startswith(f"{error.name}."):
-                return False
-            raise
-        except ValueError:
-            return False
 
 
 def _number_of_drivers(drivers: DriverCatalog) -> int:

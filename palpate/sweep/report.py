@@ -113,7 +113,22 @@ def write_grid(
         table = SweepTable("verdicts", "What the diagnosis said", names, counts)
         sections = [Section("Diagnosis", None, (), (table,))]
     else:
-        sections = _estimates(rows)
+        table = error_table("errors", "All cases", rows)
+        sections = [Section("Errors by estimator", figures.error_spread(rows), (_WORDS,), (table,))]
+        conditions = ("law", "speeds_mm_s", "noise_std_n", "noise_percent", "hidden")
+        groups = grouped(
+            (row for row in rows if not row["error"]), lambda row: tuple(row[key] for key in conditions)
+        )
+        if len(groups) > 1:
+            by_condition = tuple(
+                error_table(
+                    f"errors_{number}",
+                    f"{law}, {speeds} mm/s, noise {std:g} N and {percent:g} %, hidden: {hidden}",
+                    own,
+                )
+                for number, ((law, speeds, std, percent, hidden), own) in enumerate(groups.items(), 1)
+            )
+            sections.append(Section("By condition", None, (), by_condition))
     why = grouped(
         (row for row in rows if row["error"] or row.get("problem")),
         lambda row: row["error"] or f"{row['estimator']}: {row['problem']}",
@@ -126,21 +141,3 @@ def write_grid(
     sections[0] = replace(sections[0], more=(every,))
     shown = [section for section in sections if section.words or section.tables]
     return write_page(folder, title, grid.description, facts, shown)
-
-
-def _estimates(rows: Sequence[Row]) -> list[Section]:
-    table = error_table("errors", "All cases", rows)
-    first = Section("Errors by estimator", figures.error_spread(rows), (_WORDS,), (table,))
-    keys = ("law", "speeds_mm_s", "noise_std_n", "noise_percent", "hidden")
-    groups = grouped((row for row in rows if not row["error"]), lambda row: tuple(row[key] for key in keys))
-    if len(groups) < 2:
-        return [first]
-    tables = tuple(
-        error_table(
-            f"errors_{number}",
-            f"{law}, {speeds} mm/s, noise {std:g} N and {percent:g} %, hidden: {hidden}",
-            own,
-        )
-        for number, ((law, speeds, std, percent, hidden), own) in enumerate(groups.items(), 1)
-    )
-    return [first, Section("By condition", None, (), tables)]

@@ -8,14 +8,7 @@ import numpy as np
 
 from palpate.common.files import whole_file
 from palpate.render import palette
-from palpate.render.recording.file import (
-    BACKGROUND,
-    TIME,
-    plot,
-    recording_file,
-    send_lines,
-    shown_on,
-)
+from palpate.render.recording.file import BACKGROUND, TIME, plot, recording_file, send_lines, shown_on
 from palpate.render.recording.rerun_modules import rr, rrb
 from palpate.render.recording.scene import log_moving_arm, picture_rows, solid_shapes
 from palpate.render.recording.session import log_events, log_phases

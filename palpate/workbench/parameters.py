@@ -175,19 +175,10 @@ class Parameters:
             self._mark_state(name)
 
     def _mark_state(self, name: str) -> None:
-        """Write value and interval of a parameter."""
+        """Write a parameter's value and 95 % interval, and the fitted value beside a moved slider."""
         assert self._shown is not None  # noqa: S101, set by `show`
-        fitted = self._shown.fitted
+        fitted, choice = self._shown.fitted, self._shown.choice
         unit = {**fitted.model.gains, **fitted.model.inner}[name].unit_of(fitted.data.kind)
-        self._numbers[name].set_text(with_unit(self._values[name], unit, 4))
-        self._intervals[name].set_text(self._interval(name))
-
-    def _interval(self, name: str) -> str:
-        """Describe a parameter's 95 % interval, and the fitted value beside a moved slider."""
-        assert self._shown is not None  # noqa: S101, set by `show`
-        choice = self._shown.choice
-        if name in choice.held and name not in choice.pulled:
-            return "held"
         estimate = self._estimates.get(name)
         if estimate is None:
             text = "± …"
@@ -197,12 +188,15 @@ class Parameters:
             half = (estimate.interval[1] - estimate.interval[0]) / 2.0
             text = f"± {significant(half, half)}" if math.isfinite(half) else NOT_DETERMINED
         if name in choice.pulled:
-            fitted = self._shown.fitted.values[name] if estimate is None else estimate.value
-            return f"held at {fitted:.4g}" if name in choice.held else f"fit: {fitted:.4g} {text}"
-        if name in choice.bounds:
+            value = fitted.values[name] if estimate is None else estimate.value
+            text = f"held at {value:.4g}" if name in choice.held else f"fit: {value:.4g} {text}"
+        elif name in choice.held:
+            text = "held"
+        elif name in choice.bounds:
             low, high = choice.bounds[name]
-            return f"within {low:.3g} to {high:.3g}, {text}"
-        return text
+            text = f"within {low:.3g} to {high:.3g}, {text}"
+        self._numbers[name].set_text(with_unit(self._values[name], unit, 4))
+        self._intervals[name].set_text(text)
 
     def _row(self, name: str) -> None:
         assert self._shown is not None  # noqa: S101, set by `show`

@@ -17,12 +17,10 @@ if TYPE_CHECKING:
     from palpate.study import Study
 
 FolderOption = Annotated[
-    Path | None,
-    typer.Option(help="Folder of the revisions; default: beside the data.", metavar="FOLDER"),
+    Path | None, typer.Option(help="Folder of the revisions; default: beside the data.", metavar="FOLDER")
 ]
 ForceOption = Annotated[
-    bool,
-    typer.Option("--force", help="Replace files of the same names in the folder that --out names."),
+    bool, typer.Option("--force", help="Replace files of the same names in the folder that --out names.")
 ]
 ModelOption = Annotated[
     str | None,
@@ -62,8 +60,7 @@ class ReadOptions:
     fresh_runs: Annotated[
         bool,
         typer.Option(
-            "--fresh-runs",
-            help=("Each run pressed a fresh specimen or spot, so no run affects another."),
+            "--fresh-runs", help=("Each run pressed a fresh specimen or spot, so no run affects another.")
         ),
     ] = False
     runs: Annotated[

@@ -73,12 +73,7 @@ def _study_of(files: Sequence[Path], parameters: Mapping[str, Any]) -> Study:
     )
 
 
-def _row(
-    study: Study,
-    channel: StudyChannel,
-    diagnosis: ChannelDiagnosis | None,
-    add: Sequence[str],
-) -> Row:
+def _row(study: Study, channel: StudyChannel, diagnosis: ChannelDiagnosis | None, add: Sequence[str]) -> Row:
     warnings = [*study.source.notes, *study.warnings.get(channel.name, ())]
     row: Row = {
         "channel": channel.name,
