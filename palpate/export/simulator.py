@@ -1,5 +1,6 @@
 """Fitted joints as a patched MJCF or URDF, as Isaac Lab's actuators, or as BAM's parameters."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -80,10 +81,11 @@ def write_simulator(
         if patch is None and (target is SimulatorFormat.MJCF or not mounted.urdf):
             raise InputError(f"--format {target} changes a copy of your file: name it with --patch FILE")
         text, place = (mounted.urdf, mounted.origin) if patch is None else (_patch_text(patch), str(patch))
+        folder = _folder_of_meshes(Path(place), path)
         if target is SimulatorFormat.MJCF:
-            patched = patch_mjcf(text, place, arm, mounting, by_name=body is not None)
+            patched = patch_mjcf(text, place, arm, mounting, by_name=body is not None, folder=folder)
         else:
-            patched = patch_urdf(text, place, arm, mounting)
+            patched = patch_urdf(text, place, arm, mounting, folder=folder)
         texts, used = {path: patched.text}, list(patched.used)
         arm = replace(arm, left_out=patched.left_out)
     kept = [Path(each) for each in (patch, mounted.origin) if each and Path(each).is_file()]
@@ -100,3 +102,8 @@ def _patch_text(patch: Path) -> str:
         return read_text(patch)
     except (OSError, ValueError) as error:
         raise InputError(f"--patch {patch}: cannot be read ({error})") from error
+
+
+def _folder_of_meshes(original: Path, copy: Path) -> str:
+    """Return the path from the folder of the copy to that of the original, "." for one that is no file."""
+    return os.path.relpath(original.resolve().parent, copy.resolve().parent) if original.is_file() else "."

@@ -8,6 +8,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
+from palpate.export.asset_paths import rebase_mjcf, rebase_urdf
 from palpate.export.target_terms import TargetArm, TargetJoint, Value, as_comment
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.urdf_text import parse_xml
@@ -40,7 +41,9 @@ class Patched:
     left_out: tuple[str, ...]  # what is not in it or was kept, one line each
 
 
-def patch_mjcf(text: str, place: str, arm: TargetArm, mounting: Mounting, *, by_name: bool) -> Patched:
+def patch_mjcf(
+    text: str, place: str, arm: TargetArm, mounting: Mounting, *, by_name: bool, folder: str = "."
+) -> Patched:
     """Write the values of an arm into the text of an MJCF.
 
     A value replaces that of the file, because the fitted model has no other friction, spring or rotor.
@@ -51,11 +54,13 @@ def patch_mjcf(text: str, place: str, arm: TargetArm, mounting: Mounting, *, by_
         arm: terms of the arm, expressed for `SimulatorFormat.MJCF`.
         mounting: mounting of the arm.
         by_name: find joints by their names; otherwise the n-th hinge or slide joint is joint n.
+        folder: path from the folder of the copy to that of the original, where its meshes are.
 
     Raises:
-        InputError: the file cannot be read, is no MJCF, or lacks a joint.
+        InputError: the file cannot be read, is no MJCF, lacks a joint, or includes files and goes elsewhere.
     """
     root = _parsed(text, place, "mujoco")
+    rebase_mjcf(root, place, folder)
     model = _Mjcf(place, root)
     for joint in arm.joints:
         model.set_joint(model.joint(joint, by_name=by_name), joint)
@@ -74,7 +79,7 @@ def patch_mjcf(text: str, place: str, arm: TargetArm, mounting: Mounting, *, by_
     return _patched(text, root, arm, model.used, model.left_out)
 
 
-def patch_urdf(text: str, place: str, arm: TargetArm, mounting: Mounting) -> Patched:
+def patch_urdf(text: str, place: str, arm: TargetArm, mounting: Mounting, *, folder: str = ".") -> Patched:
     """Write the values of an arm into the text of a URDF.
 
     Args:
@@ -82,11 +87,13 @@ def patch_urdf(text: str, place: str, arm: TargetArm, mounting: Mounting) -> Pat
         place: origin of the text, for error messages.
         arm: terms of the arm, expressed for `SimulatorFormat.URDF`.
         mounting: mounting of the arm.
+        folder: path from the folder of the copy to that of the original, where its meshes are.
 
     Raises:
         InputError: the file cannot be read, is no URDF, or lacks a joint.
     """
     root = _parsed(text, place, "robot")
+    rebase_urdf(root, folder)
     used, left_out = list[str](), list[str]()
     joints = {element.get("name", ""): element for element in root.findall("joint")}
     for joint in arm.joints:
@@ -158,13 +165,19 @@ class _Mjcf:
 
     def joint(self, joint: TargetJoint, *, by_name: bool) -> Element:
         if by_name:
-            return _named(self._place, {each.get("name", ""): each for each in self._joints}, joint)
+            joints = {each.get("name", ""): each for each in self._joints}
+            return _named(self._place, joints, joint, self._if_included())
         if joint.number > len(self._joints):
             raise InputError(
                 f"{self._place}: has {len(self._joints)} hinge and slide joints, "
-                f"but {joint.channel} was measured"
+                f"but {joint.channel} was measured{self._if_included()}"
             )
         return self._joints[joint.number - 1]
+
+    def _if_included(self) -> str:
+        """Return the advice for a joint that may be in an included file, or nothing."""
+        names = [each.get("file", "") for each in self._root.iter("include")]
+        return f"; if it is in the included file {' or '.join(names)}, patch that file" if names else ""
 
     def set_joint(self, element: Element, joint: TargetJoint) -> None:
         """Write one joint's values.
@@ -337,12 +350,12 @@ def _parsed(text: str, place: str, tag: str) -> Element:
     return root
 
 
-def _named(place: str, joints: Mapping[str, Element], joint: TargetJoint) -> Element:
+def _named(place: str, joints: Mapping[str, Element], joint: TargetJoint, advice: str = "") -> Element:
     if joint.name not in joints:
         raise InputError(
             f"{place}: no joint is called '{joint.name}', the name of {joint.channel} "
             f"in the URDF of --urdf (without --urdf: the channel's own). "
-            f"Valid: {', '.join(name for name in joints if name) or 'none'}"
+            f"Valid: {', '.join(name for name in joints if name) or 'none'}{advice}"
         )
     return joints[joint.name]
 

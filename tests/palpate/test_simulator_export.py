@@ -1,6 +1,7 @@
 """`palpate export --format mjcf|urdf|isaaclab|bam`: fitted joints in other simulators, judged by MuJoCo."""
 
 import json
+import struct
 import sys
 from types import ModuleType, SimpleNamespace
 from xml.etree import ElementTree
@@ -259,6 +260,57 @@ def test_a_mjcf_without_urdf_takes_joints_in_their_order(swinging, tmp_path):
     assert float(joint.get("damping")) == pytest.approx(0.1, rel=0.1)
     assert mine.read_text() == HAND_MADE
     assert any("rise at low speed" in line for line in said["left_out"])
+
+
+MESH = b"\0" * 80 + struct.pack("<I", 4)
+for face in ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)):
+    corners = np.vstack([np.zeros(3), 0.1 * np.eye(3)])[list(face)]
+    MESH += struct.pack("<12f2x", 0.0, 0.0, 0.0, *corners.ravel())
+
+
+@pytest.mark.parametrize("compiler", ["", '<compiler meshdir="parts"/>', '<compiler assetdir="parts"/>'])
+def test_a_copy_in_another_folder_finds_the_meshes_of_the_original(swinging, tmp_path, compiler):
+    mine, out = tmp_path / "mine", tmp_path / "deep" / "er"
+    (mine / "parts").mkdir(parents=True)
+    out.mkdir(parents=True)
+    (mine / "parts" / "link.stl").write_bytes(MESH)
+    name = "link.stl" if compiler else "parts/link.stl"
+    (mine / "arm.xml").write_text(f"""<mujoco>{compiler}
+        <asset><mesh name="link" file="{name}"/></asset>
+        <worldbody><body><joint/><geom type="mesh" mesh="link"/></body></worldbody></mujoco>""")
+    data, folder = swinging
+    base = ("export", data, "--folder", folder / "study", "--format", "mjcf")
+    as_json(*base, "--patch", mine / "arm.xml", "-o", out / "better.xml")
+    model = mujoco.MjModel.from_xml_path(str(out / "better.xml"))
+    assert (model.nmesh, model.dof_frictionloss[0]) == (1, pytest.approx(0.4, rel=0.05))
+
+
+@pytest.mark.parametrize(
+    ("compiler", "written", "meshdir"),
+    [
+        ("", "../../mine/parts/link.stl", None),
+        ('<mujoco><compiler meshdir="parts"/></mujoco>', "../../mine/parts/link.stl", "../../mine/parts"),
+        ('<mujoco><compiler meshdir="a" strippath="false"/></mujoco>', "parts/link.stl", "../../mine/a"),
+    ],
+)
+def test_a_urdf_in_another_folder_names_the_meshes_of_the_original(compiler, written, meshdir):
+    names = ("parts/link.stl", "package://mine/link.stl", "/abs/link.stl")
+    shapes = "".join(f'<visual><geometry><mesh filename="{name}"/></geometry></visual>' for name in names)
+    text = URDF.replace("</link>", f"{shapes}</link>", 1).replace("</robot>", f"{compiler}</robot>")
+    copy = patch_urdf(text, "arm.urdf", arm_of(friction=0.1), LEVEL, folder="../../mine").text
+    root = ElementTree.fromstring(copy)
+    assert [each.get("filename") for each in root.iter("mesh")] == [written, *names[1:]]
+    assert [each.get("meshdir") for each in root.iter("compiler")] == ([meshdir] if meshdir else [])
+
+
+def test_what_is_in_an_included_file_is_patched_there(swinging, tmp_path):
+    (tmp_path / "arm.xml").write_text(HAND_MADE)
+    scene = tmp_path / "scene.xml"
+    scene.write_text('<mujoco><include file="arm.xml"/></mujoco>')
+    data, folder = swinging
+    base = ("export", data, "--folder", folder / "study", "--format", "mjcf", "--patch", scene, "-o")
+    assert_refused(run(*base, tmp_path / "better.xml"), "in the included file arm.xml, patch that file")
+    assert_refused(run(*base, tmp_path / "new" / "better.xml"), "included file arm.xml beside", "with -o")
 
 
 @pytest.mark.parametrize("form", ["bam", "feedforward"])
