@@ -82,7 +82,7 @@ def main() -> None:
         for kind in KINDS:
             clock = SimulatedClock()
             arm = wire_up(load_robot_file(ROBOTS / f"{kind}_3dof.yaml"), load_scenario("default"), clock)
-            stack.callback(arm.bench.close)
+            stack.callback(arm.emulator.close)
             robot = stack.enter_context(build_robot(arm.robot_file, DriverCatalog(), clock))
             robot.activate()
             benches[kind] = (clock, robot)

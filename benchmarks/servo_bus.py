@@ -113,7 +113,7 @@ def main() -> None:
         for kind, file in KINDS.items():
             clock = SimulatedClock()
             arm = wire_up(load_robot_file(ROBOTS / file), load_scenario("default"), clock)
-            stack.callback(arm.bench.close)
+            stack.callback(arm.emulator.close)
             robot = stack.enter_context(build_robot(arm.robot_file, DriverCatalog(), clock))
             robot.activate()
             bus = next(bus for bus in robot.buses.values() if isinstance(bus, ServoBus))

@@ -4,8 +4,8 @@
 
 Frames are dropped, late, doubled, damaged or lose a byte, and devices restart. Each probing run is one of a
 robot of `robots/`, on simulated time. A position or force that is served as OK must be what was true at
-the time that it bears. A run that the guard stops must have been struck by a fault; a run that none struck
-must end by itself. The memory of the process must not grow after the first tenth. What is wrong is printed
+the time that it bears. The guard may stop a run only after a fault; a run without a fault must end by
+itself. The memory of the process must not grow after the first tenth. What is wrong is printed
 at once; Ctrl-C ends with a summary of the time so far.
 """
 
@@ -104,7 +104,7 @@ class Tally:
 
     simulated_s: float = 0.0
     runs: Counter[str] = field(default_factory=Counter)
-    struck: Counter[str] = field(default_factory=Counter)
+    injected: Counter[str] = field(default_factory=Counter)
     checked: int = 0
     trouble: list[str] = field(default_factory=list)
 
@@ -160,8 +160,8 @@ def probe(name: str, rng: np.random.Generator, tally: Tally) -> None:
     except PalpateError as error:
         outcome, cause = "refused", str(error)
     finally:
-        arm.bench.close()
-    struck = [
+        arm.emulator.close()
+    injected = [
         fault.kind.value
         for bus, some in planned.items()
         for fault in some
@@ -169,10 +169,12 @@ def probe(name: str, rng: np.random.Generator, tally: Tally) -> None:
     ]
     tally.simulated_s += clock.now_s() - begun_s
     tally.runs[outcome] += 1
-    tally.struck.update(struck)
+    tally.injected.update(injected)
     tally.checked += truth.checked
-    tally.trouble += [f"{name}, seed {seed}: {wrong}, after {', '.join(struck)}" for wrong in truth.wrong[:1]]
-    if outcome != Outcome.FINISHED.value and not struck:
+    tally.trouble += [
+        f"{name}, seed {seed}: {wrong}, after {', '.join(injected)}" for wrong in truth.wrong[:1]
+    ]
+    if outcome != Outcome.FINISHED.value and not injected:
         tally.trouble.append(f"{name}, seed {seed}: {outcome} without a fault: {cause}")
 
 
@@ -208,7 +210,7 @@ def main() -> None:
     steady = memory_mb[2:] or memory_mb or [resident_mb()]
     print(
         f"{tally.simulated_s / 3600:.2f} h in {number} runs: {dict(tally.runs)}; faults begun: "
-        f"{dict(tally.struck)}; {tally.checked} values served as OK were checked; "
+        f"{dict(tally.injected)}; {tally.checked} values served as OK were checked; "
         f"{tally.simulated_s / (time.perf_counter() - started_s):.1f} times real time"
     )
     print(

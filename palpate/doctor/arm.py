@@ -107,7 +107,7 @@ def _set_up(check: ArmCheck, stack: ExitStack) -> tuple[Clock, RobotFile, Hand]:
     if check.wired:
         clock, scenario = SimulatedClock(), load_scenario(DEFAULT_SCENARIO)
         arm = emulate(check.robot_file, scenario, clock, as_built=check.as_built)
-        stack.callback(arm.bench.close)
+        stack.callback(arm.emulator.close)
         return clock, arm.robot_file, EmulatedHand(arm.plant, arm.robot_file)
     if not is_simulated(check.robot_file):
         return MonotonicClock(), check.robot_file, Hand()

@@ -20,7 +20,7 @@ from palpate.robot_io.robot import Robot
 from palpate.robot_io.robot_file import RobotFile
 from palpate.robot_io.types import FloatArray, Measurement, Status
 from palpate.runs.probing import TickRecords
-from palpate.sim_backend.emulators.bench import Plant
+from palpate.sim_backend.emulators.hardware import Plant
 
 _MOVED_RAD = 0.12  # half of the requested turn
 _PRESSED_N = 2.0

@@ -261,7 +261,7 @@ def _set_up(
     if job.wired:
         scenario = _requested_scenario(job.scenario or load_scenario(DEFAULT_SCENARIO), job)
         arm = emulate(job.robot_file, scenario, clock)
-        stack.callback(arm.bench.close)
+        stack.callback(arm.emulator.close)
         return build_robot(arm.robot_file, drivers, clock, calibrations), scenario, lambda: arm.plant.world
     bus = next((bus for bus in robot.buses.values() if isinstance(bus, SimulatedBus)), None)
     if bus is None:

@@ -11,15 +11,15 @@ import can
 from can.interfaces.virtual import VirtualBus
 
 from palpate.robot_io.files.file_model import FileModel, Number, Positive
-from palpate.sim_backend.emulators.bench import EmulatedWire, JointState, Plant
 from palpate.sim_backend.emulators.faults import Device, Fault, FaultKind, Faults, FrameWire
+from palpate.sim_backend.emulators.hardware import EmulatedWire, JointState, Plant
 from palpate.sim_backend.emulators.wiring import WireRequest
 
 _BUS_OFF_ERROR_FRAME = 0x040  # linux/can/error.h: CAN_ERR_BUSOFF
 _STRANGER = 0x7E5  # an id that none of the nodes has
 
 
-class MotorPlace(FileModel, extra="ignore"):
+class MotorMountingSettings(FileModel, extra="ignore"):
     """Settings in a robot file that any motor has for its joint."""
 
     gear_ratio: Positive = 1.0
@@ -69,17 +69,17 @@ class EmulatedMotor(ABC):
     def _exert(self, shaft_nm: float) -> None:
         self._plant.set_torque(self._joint, shaft_nm * self._gear_ratio)
 
-    def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
+    def receive(self, message: can.Message, now_s: float) -> list[can.Message]:
         """Act on a frame on the bus, unless the motor is starting.
 
         Args:
             message: for this motor or another.
-            now_s: bench's clock [s].
+            now_s: emulator's clock [s].
         """
-        return [] if now_s < self._silent_until_s else self._hear(message, now_s)
+        return [] if now_s < self._silent_until_s else self._process(message, now_s)
 
     @abstractmethod
-    def _hear(self, message: can.Message, now_s: float) -> list[can.Message]:
+    def _process(self, message: can.Message, now_s: float) -> list[can.Message]:
         """Act on a frame on the bus, and return the answers."""
 
     @abstractmethod
@@ -87,15 +87,15 @@ class EmulatedMotor(ABC):
         """Check the watchdog, and return the frames that the motor sends without a request, usually none.
 
         Args:
-            now_s: bench's clock [s].
+            now_s: emulator's clock [s].
         """
 
-    def strike(self, fault: Fault, now_s: float) -> None:
+    def apply_fault(self, fault: Fault, now_s: float) -> None:
         """Apply a fault of the motor itself: alert, reboot, or an encoder that is stuck from now on.
 
         Args:
             fault: fault to apply.
-            now_s: bench's clock [s].
+            now_s: emulator's clock [s].
         """
         if fault.kind is FaultKind.ALERT:
             self._fail()
@@ -124,7 +124,7 @@ class CanWire(FrameWire[can.Message]):
 
     Faults: a node's frames are dropped, delayed, corrupted, duplicated, reordered or sent under a foreign id;
     unplug takes the whole bus off (an error frame says bus-off, then nothing more). Where the bus preserves
-    stamps, its frames carry the bench's time.
+    stamps, its frames carry the emulator's time.
     """
 
     def __init__(self, bus: can.BusABC, nodes: Sequence[EmulatedMotor], faults: Faults | None = None) -> None:
@@ -138,10 +138,10 @@ class CanWire(FrameWire[can.Message]):
             if self._unplugged or message.is_error_frame:
                 continue
             for node in self._nodes:
-                self._deliver_all(node, node.hear(message, now_s), now_s)
+                self._deliver_all(node, node.receive(message, now_s), now_s)
 
     def send(self, now_s: float) -> None:
-        unplugged = self.faults.strikes(FaultKind.UNPLUG, "bus", now_s) is not None
+        unplugged = self.faults.trigger(FaultKind.UNPLUG, "bus", now_s) is not None
         if unplugged and not self._unplugged:
             bus_off = can.Message(arbitration_id=_BUS_OFF_ERROR_FRAME, is_error_frame=True, data=bytes(8))
             self._put(bus_off, now_s)
@@ -153,8 +153,8 @@ class CanWire(FrameWire[can.Message]):
         self._deliver_late(now_s)
         for node in self._nodes:
             for kind in (FaultKind.ALERT, FaultKind.REBOOT, FaultKind.STUCK):
-                if fault := self.faults.strikes(kind, node.number, now_s):
-                    node.strike(fault, now_s)
+                if fault := self.faults.trigger(kind, node.number, now_s):
+                    node.apply_fault(fault, now_s)
             self._deliver_all(node, node.send_unrequested(now_s), now_s)
 
     def close(self) -> None:
@@ -166,10 +166,10 @@ class CanWire(FrameWire[can.Message]):
 
     def _damaged(self, device: Device, frame: can.Message, now_s: float) -> can.Message:
         """See `FrameWire._damaged`; CAN's own CRC catches flipped bits, so a damaged frame is shortened."""
-        if self.faults.strikes(FaultKind.CORRUPT, device, now_s):
+        if self.faults.trigger(FaultKind.CORRUPT, device, now_s):
             frame.data = frame.data[:3]
             frame.dlc = 3
-        if self.faults.strikes(FaultKind.WRONG_ID, device, now_s):
+        if self.faults.trigger(FaultKind.WRONG_ID, device, now_s):
             if frame.is_extended_id:  # the id contains the sender
                 frame.arbitration_id = frame.arbitration_id & ~0xFF00 | 0xFE00
             else:
@@ -182,7 +182,7 @@ class CanWire(FrameWire[can.Message]):
         self._bus.send(frame)
 
 
-class _DevicesEnd(VirtualBus):
+class _EmulatorBus(VirtualBus):
     """The devices' end of a virtual bus in lockstep; frames are sent without a copy."""
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
@@ -207,12 +207,12 @@ def open_virtual_bus(*, in_lock_step: bool) -> tuple[can.BusABC, dict[str, Any]]
     """
     channel = f"palpate-{os.getpid()}-{next(_numbers)}"
     options: dict[str, Any] = {"preserve_timestamps": in_lock_step}
-    bus = (_DevicesEnd if in_lock_step else VirtualBus)(channel=channel, **options)
+    bus = (_EmulatorBus if in_lock_step else VirtualBus)(channel=channel, **options)
     timestamps = "robot" if in_lock_step else "wall"
     return bus, {"interface": "virtual", "channel": channel, "options": options, "timestamps": timestamps}
 
 
-def wire_of(
+def make_can_wire(
     request: WireRequest, motors: Sequence[Any], make: Callable[[int, Any], EmulatedMotor]
 ) -> tuple[EmulatedWire, dict[str, Any]]:
     """Make a bus with one emulated motor per joint; see `WireMaker.make`.

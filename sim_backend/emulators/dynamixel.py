@@ -8,18 +8,18 @@ from collections.abc import Sequence
 from typing import Any
 
 from palpate.robot_io.files.file_model import FileModel, validate
-from palpate.sim_backend.emulators.bench import EmulatedWire, Plant
 from palpate.sim_backend.emulators.dynamixel_servo import GOALS, DynamixelMounting, EmulatedServo, Error
 from palpate.sim_backend.emulators.faults import FaultKind, Faults
+from palpate.sim_backend.emulators.hardware import EmulatedWire, Plant
 from palpate.sim_backend.emulators.servo_wire import (
     BROADCAST,
     REBOOT_S,
-    Answer,
-    Instruction,
+    InstructionParser,
     LineServo,
-    Receiver,
+    ServoInstruction,
+    ServoReply,
     ServoWire,
-    on_shafts,
+    place_on_shafts,
 )
 from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
@@ -56,10 +56,10 @@ def _divide(byte: int) -> int:
 _QUOTIENTS = [_divide(byte) for byte in range(256)]
 
 
-class DynamixelReceiver(Receiver):
+class DynamixelParser(InstructionParser):
     """Parses instructions from received bytes."""
 
-    def _next(self) -> Instruction | None:
+    def _next(self) -> ServoInstruction | None:
         pending = self._pending
         while True:
             begin = pending.find(_START)
@@ -80,7 +80,7 @@ class DynamixelReceiver(Receiver):
             sent = packet[-2] + 256 * packet[-1]
             body = packet[7:-2].replace(_STUFFED, _START)
             intact = checksum(packet[:-2]) == sent
-            return Instruction(packet[4], body[0], body[1:], len(packet), intact)
+            return ServoInstruction(packet[4], body[0], body[1:], len(packet), intact)
 
 
 def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
@@ -144,15 +144,19 @@ class EmulatedDynamixelLine(ServoWire[EmulatedServo]):
         baud_rate: int | None = 4_000_000,
         start_s: float = 0.0,
     ) -> None:
-        servos = [EmulatedServo(mounting, shaft, start_s) for mounting, shaft in on_shafts(mountings, plant)]
-        super().__init__(servos, DynamixelReceiver(), faults, baud_rate, start_s)
+        servos = [
+            EmulatedServo(mounting, shaft, start_s) for mounting, shaft in place_on_shafts(mountings, plant)
+        ]
+        super().__init__(servos, DynamixelParser(), faults, baud_rate, start_s)
 
-    def _obey(self, instruction: Instruction, servo: EmulatedServo, now_s: float) -> Answer | None:
+    def _execute(
+        self, instruction: ServoInstruction, servo: EmulatedServo, now_s: float
+    ) -> ServoReply | None:
         if not instruction.intact:
-            return Answer(servo, error=Error.CRC)
+            return ServoReply(servo, error=Error.CRC)
         code, parameters = instruction.code, instruction.parameters
         if code == _PING:
-            return Answer(servo, servo.ping())
+            return ServoReply(servo, servo.ping())
         if code == _READ and len(parameters) == 4:
             return self._read(servo, parameters) if servo.return_level else None
         error = Error.INSTRUCTION
@@ -160,20 +164,22 @@ class EmulatedDynamixelLine(ServoWire[EmulatedServo]):
             error = servo.write(_word(parameters), parameters[2:])
         elif code == _REBOOT:
             error = Error.NONE
-        answer = Answer(servo, error=error) if servo.return_level == 2 else None
+        answer = ServoReply(servo, error=error) if servo.return_level == 2 else None
         if code == _REBOOT:
             servo.reboot(now_s, REBOOT_S)
         return answer
 
     @staticmethod
-    def _read(servo: EmulatedServo, parameters: bytes) -> Answer:
+    def _read(servo: EmulatedServo, parameters: bytes) -> ServoReply:
         content = servo.read(_word(parameters), _word(parameters[2:]))
-        return Answer(servo, error=content) if isinstance(content, Error) else Answer(servo, content)
+        return ServoReply(servo, error=content) if isinstance(content, Error) else ServoReply(servo, content)
 
-    def _obey_all(self, instruction: Instruction, awake: dict[int, EmulatedServo], now_s: float) -> None:
+    def _execute_broadcast(
+        self, instruction: ServoInstruction, awake: dict[int, EmulatedServo], now_s: float
+    ) -> None:
         code, parameters = instruction.code, instruction.parameters
         if code == _PING:
-            self._answer((Answer(servo, servo.ping()) for servo in awake.values()), now_s)
+            self._answer((ServoReply(servo, servo.ping()) for servo in awake.values()), now_s)
         elif code == _SYNC_WRITE and len(parameters) > 4:
             step = 1 + _word(parameters[2:])
             for start in range(4, len(parameters) - step + 1, step):
@@ -191,22 +197,22 @@ class EmulatedDynamixelLine(ServoWire[EmulatedServo]):
             for servo in awake.values():
                 servo.reboot(now_s, REBOOT_S)
 
-    def _answer_fast(self, answers: Sequence[Answer | None], size: int, now_s: float) -> None:
+    def _answer_fast(self, answers: Sequence[ServoReply | None], size: int, now_s: float) -> None:
         """Send all answers in one packet, which ends before the first silent servo."""
         parts: list[tuple[int, int, bytes]] = []
-        speaking: list[LineServo] = []
+        senders: list[LineServo] = []
         for answer in answers:
-            if answer is None or self.faults.strikes(FaultKind.DROP, answer.servo.id, now_s):
+            if answer is None or self.faults.trigger(FaultKind.DROP, answer.servo.id, now_s):
                 break
             data = answer.data.ljust(size, b"\0")
             parts.append((self._sent_id(answer.servo.id, now_s), answer.error | answer.servo.alert, data))
-            speaking.append(answer.servo)
+            senders.append(answer.servo)
         if parts:
             for k in range(len(parts) - 1):
-                if self.faults.strikes(FaultKind.REORDER, parts[k][0], now_s):
+                if self.faults.trigger(FaultKind.REORDER, parts[k][0], now_s):
                     parts[k], parts[k + 1] = parts[k + 1], parts[k]
             packet = fast_status(parts, len(answers))
-            self._outgoing.append(self._transmit(speaking, packet, now_s))
+            self._outgoing.append(self._transmit(senders, packet, now_s))
 
 
 def _word(data: bytes) -> int:

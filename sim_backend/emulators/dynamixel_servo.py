@@ -10,7 +10,7 @@ from math import floor, pi
 from typing import ClassVar
 
 from palpate.robot_io.files.file_model import Positive
-from palpate.sim_backend.emulators.bench import Shaft
+from palpate.sim_backend.emulators.hardware import Shaft
 from palpate.sim_backend.emulators.servo_wire import EmulatedMounting, LineServo
 
 EEPROM_END = 64  # below, values outlive a reboot
@@ -30,7 +30,7 @@ class Error(IntEnum):
 
 
 @dataclass(frozen=True)
-class Item:
+class ControlTableItem:
     """One row of the control table."""
 
     address: int  # of the first byte
@@ -79,7 +79,7 @@ PRESENT_CURRENT, PRESENT_VELOCITY, PRESENT_POSITION = 126, 128, 132
 GOALS = range(100, 120)
 
 
-def items_of(model: EmulatedModel, servo_id: int, firmware: int) -> dict[int, Item]:
+def control_table(model: EmulatedModel, servo_id: int, firmware: int) -> dict[int, ControlTableItem]:
     """Return the rows of a model's control table by address, without rows that the emulator does not use.
 
     Args:
@@ -88,56 +88,56 @@ def items_of(model: EmulatedModel, servo_id: int, firmware: int) -> dict[int, It
         firmware: version.
     """
     rows = [
-        Item(0, 2, False, model.number),
-        Item(2, 4, False),
-        Item(6, 1, False, firmware),
-        Item(7, 1, True, servo_id, 0, 252),
-        Item(8, 1, True, 1, 0, 7),
-        Item(RETURN_DELAY, 1, True, 250, 0, 254),
-        Item(DRIVE_MODE, 1, True, 0, 0, 13),
-        Item(OPERATING_MODE, 1, True, 3, 0, 16),
-        Item(SECONDARY_ID, 1, True, 255, 0, 255),
-        Item(13, 1, True, 2, 1, 22),
-        Item(HOMING_OFFSET, 4, True, 0, -1044479, 1044479),
-        Item(31, 1, True, 80 if model.voltage_limits[1] > 150 else 70, 0, 100),
-        Item(32, 2, True, model.voltage_limits[1], *model.voltage_limits),
-        Item(34, 2, True, model.voltage_limits[0], *model.voltage_limits),
-        Item(CURRENT_LIMIT, 2, True, model.current_limit, 0, model.current_limit),
-        Item(SHUTDOWN, 1, True, model.shutdown, 0, 255),
-        Item(TORQUE_ENABLE, 1, True, 0, 0, 1),
-        Item(65, 1, True, 0, 0, 1),
-        Item(STATUS_RETURN_LEVEL, 1, True, 2, 0, 2),
-        Item(69, 1, False),
-        Item(HARDWARE_ERROR, 1, False),
-        Item(BUS_WATCHDOG, 1, True, 0, -1, 127),
-        Item(100, 2, True, 885, -885, 885),
-        Item(GOAL_CURRENT, 2, True, 0, -32768, 32767),
-        Item(104, 4, True, 0, -2047, 2047),
-        Item(116, 4, True, 0),
-        Item(120, 2, False),
-        Item(122, 1, False),
-        Item(123, 1, False),
-        Item(124, 2, False),
-        Item(PRESENT_CURRENT, 2, False),
-        Item(PRESENT_VELOCITY, 4, False),
-        Item(PRESENT_POSITION, 4, False),
-        Item(136, 4, False),
-        Item(140, 4, False),
-        Item(144, 2, False, model.voltage),
-        Item(146, 1, False, 32),
+        ControlTableItem(0, 2, False, model.number),
+        ControlTableItem(2, 4, False),
+        ControlTableItem(6, 1, False, firmware),
+        ControlTableItem(7, 1, True, servo_id, 0, 252),
+        ControlTableItem(8, 1, True, 1, 0, 7),
+        ControlTableItem(RETURN_DELAY, 1, True, 250, 0, 254),
+        ControlTableItem(DRIVE_MODE, 1, True, 0, 0, 13),
+        ControlTableItem(OPERATING_MODE, 1, True, 3, 0, 16),
+        ControlTableItem(SECONDARY_ID, 1, True, 255, 0, 255),
+        ControlTableItem(13, 1, True, 2, 1, 22),
+        ControlTableItem(HOMING_OFFSET, 4, True, 0, -1044479, 1044479),
+        ControlTableItem(31, 1, True, 80 if model.voltage_limits[1] > 150 else 70, 0, 100),
+        ControlTableItem(32, 2, True, model.voltage_limits[1], *model.voltage_limits),
+        ControlTableItem(34, 2, True, model.voltage_limits[0], *model.voltage_limits),
+        ControlTableItem(CURRENT_LIMIT, 2, True, model.current_limit, 0, model.current_limit),
+        ControlTableItem(SHUTDOWN, 1, True, model.shutdown, 0, 255),
+        ControlTableItem(TORQUE_ENABLE, 1, True, 0, 0, 1),
+        ControlTableItem(65, 1, True, 0, 0, 1),
+        ControlTableItem(STATUS_RETURN_LEVEL, 1, True, 2, 0, 2),
+        ControlTableItem(69, 1, False),
+        ControlTableItem(HARDWARE_ERROR, 1, False),
+        ControlTableItem(BUS_WATCHDOG, 1, True, 0, -1, 127),
+        ControlTableItem(100, 2, True, 885, -885, 885),
+        ControlTableItem(GOAL_CURRENT, 2, True, 0, -32768, 32767),
+        ControlTableItem(104, 4, True, 0, -2047, 2047),
+        ControlTableItem(116, 4, True, 0),
+        ControlTableItem(120, 2, False),
+        ControlTableItem(122, 1, False),
+        ControlTableItem(123, 1, False),
+        ControlTableItem(124, 2, False),
+        ControlTableItem(PRESENT_CURRENT, 2, False),
+        ControlTableItem(PRESENT_VELOCITY, 4, False),
+        ControlTableItem(PRESENT_POSITION, 4, False),
+        ControlTableItem(136, 4, False),
+        ControlTableItem(140, 4, False),
+        ControlTableItem(144, 2, False, model.voltage),
+        ControlTableItem(146, 1, False, 32),
     ]
     end = model.indirect_data + model.indirect_count
     for k in range(model.indirect_count):
         default = model.indirect_data + k
-        rows.append(Item(INDIRECT_ADDRESS + 2 * k, 2, True, default, EEPROM_END, end - 1))
-        rows.append(Item(default, 1, True, 0, 0, 255))
+        rows.append(ControlTableItem(INDIRECT_ADDRESS + 2 * k, 2, True, default, EEPROM_END, end - 1))
+        rows.append(ControlTableItem(default, 1, True, 0, 0, 255))
     return {row.address: row for row in rows}
 
 
 class Memory:
     """One servo's memory, from the rows of its control table by address."""
 
-    def __init__(self, items: dict[int, Item], model: EmulatedModel) -> None:
+    def __init__(self, items: dict[int, ControlTableItem], model: EmulatedModel) -> None:
         self._items = items
         self._indirect = range(model.indirect_data, model.indirect_data + model.indirect_count)
         self._bytes = bytearray(self._indirect.stop)
@@ -184,7 +184,7 @@ class Memory:
             return Error.ACCESS
         return bytes(self._bytes[self._resolve(current)] for current in range(address, address + size))
 
-    def write(self, address: int, data: bytes, allowed: Callable[[Item, int], Error]) -> Error:
+    def write(self, address: int, data: bytes, allowed: Callable[[ControlTableItem, int], Error]) -> Error:
         """Write whole consecutive items at an address.
 
         `allowed` decides for an item and its new value whether the servo accepts it now.
@@ -250,7 +250,7 @@ class EmulatedServo(LineServo):
     def __init__(self, mounting: DynamixelMounting, shaft: Shaft, now_s: float) -> None:
         super().__init__(mounting, shaft, now_s)
         self._model = MODELS[mounting.model]
-        self.memory = Memory(items_of(self._model, mounting.id, mounting.firmware), self._model)
+        self.memory = Memory(control_table(self._model, mounting.id, mounting.firmware), self._model)
         self.memory.put(HOMING_OFFSET, mounting.homing_offset or 0)
         per_ampere = mounting.torque_constant_nm_a or self._model.torque_per_ampere_nm
         self._count_nm = self._direction * per_ampere * self._model.current_unit_a
@@ -304,7 +304,7 @@ class EmulatedServo(LineServo):
         self._exert()
         return error
 
-    def _allowed(self, item: Item, value: int) -> Error:
+    def _allowed(self, item: ControlTableItem, value: int) -> Error:
         memory = self.memory
         if item.address < EEPROM_END and memory.get(TORQUE_ENABLE):
             return Error.ACCESS
@@ -338,11 +338,11 @@ class EmulatedServo(LineServo):
             self.memory.put(TORQUE_ENABLE, 0)
             self._exert()
 
-    def reboot(self, now_s: float, away_s: float) -> None:
+    def reboot(self, now_s: float, downtime_s: float) -> None:
         """See `LineServo.reboot`: RAM, turns and errors are cleared."""
         self.memory.lose_power()
         self._turn_counts = None
-        self.awake_s = now_s + away_s
+        self.awake_s = now_s + downtime_s
         self._exert()
 
     def _exert(self) -> None:

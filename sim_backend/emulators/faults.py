@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from palpate.robot_io.files.file_model import FileModel, NotNegative, Number, Positive
-from palpate.sim_backend.emulators.bench import EmulatedWire
+from palpate.sim_backend.emulators.hardware import EmulatedWire
 
 
 class FaultKind(StrEnum):
@@ -59,7 +59,7 @@ class Faults:
 
     def __init__(self, faults: Iterable[Fault] = (), *, seed: int = 0, start_s: float = 0.0) -> None:
         self._planned = tuple(faults)
-        self._struck: dict[int, int] = {}  # number of occurrences by index in the plan
+        self._occurrences: dict[int, int] = {}  # number of occurrences by index in the plan
         self._start_s = start_s
         self.generator = np.random.default_rng(seed)
 
@@ -75,9 +75,9 @@ class Faults:
     def clear(self) -> None:
         """Remove all faults."""
         self._planned = ()
-        self._struck = {}
+        self._occurrences = {}
 
-    def strikes(self, kind: FaultKind, device: str | int, now_s: float) -> Fault | None:
+    def trigger(self, kind: FaultKind, device: str | int, now_s: float) -> Fault | None:
         """Draw whether a fault of this kind occurs in a device now; each call is one opportunity.
 
         Args:
@@ -87,15 +87,15 @@ class Faults:
         """
         elapsed_s = now_s - self._start_s
         for index, fault in enumerate(self._planned):
-            struck = self._struck.get(index, 0)
+            count = self._occurrences.get(index, 0)
             if (
                 fault.kind is kind
                 and fault.device in (None, device)
                 and 0.0 <= elapsed_s - fault.from_s < (fault.for_s or inf)
-                and struck < (fault.times or inf)
+                and count < (fault.times or inf)
                 and (fault.probability == 1.0 or self.generator.random() < fault.probability)
             ):
-                self._struck[index] = struck + 1
+                self._occurrences[index] = count + 1
                 return fault
         return None
 
@@ -152,21 +152,21 @@ class FrameWire(EmulatedWire, Generic[Frame]):
 
     def _deliver(self, device: Device, frame: Frame, now_s: float) -> None:
         """Send a device's frame, subject to the faults."""
-        strikes = self.faults.strikes
-        if strikes(FaultKind.DROP, device, now_s):
+        trigger = self.faults.trigger
+        if trigger(FaultKind.DROP, device, now_s):
             return
         frame = self._damaged(device, frame, now_s)
-        if strikes(FaultKind.REORDER, device, now_s) and device not in self._held_back:
+        if trigger(FaultKind.REORDER, device, now_s) and device not in self._held_back:
             self._held_back[device] = frame
             return
         if self.stalls and self._late:
             self._late.append((self._late[-1][0], frame))
             return
-        if delay := strikes(FaultKind.DELAY, device, now_s):
+        if delay := trigger(FaultKind.DELAY, device, now_s):
             self._late.append((now_s + delay.delay_s, frame))
             return
         self._put(frame, now_s)
-        if strikes(FaultKind.DUPLICATE, device, now_s):
+        if trigger(FaultKind.DUPLICATE, device, now_s):
             self._put(frame, now_s)
         if device in self._held_back:
             self._put(self._held_back.pop(device), now_s)

@@ -11,24 +11,24 @@ from math import isfinite, pi
 from typing import Any, ClassVar
 
 from palpate.robot_io.files.file_model import FileModel, validate
-from palpate.sim_backend.emulators.bench import EmulatedWire, Plant, Shaft
 from palpate.sim_backend.emulators.faults import Faults
+from palpate.sim_backend.emulators.hardware import EmulatedWire, Plant, Shaft
 from palpate.sim_backend.emulators.servo_wire import (
-    Answer,
     EmulatedMounting,
-    Instruction,
+    InstructionParser,
     LineServo,
-    Receiver,
+    ServoInstruction,
+    ServoReply,
     ServoWire,
-    on_shafts,
+    place_on_shafts,
 )
 from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
 
-class FeetechReceiver(Receiver):
+class FeetechParser(InstructionParser):
     """Parses instructions from received bytes; damaged instructions get no answer."""
 
-    def _next(self) -> Instruction | None:
+    def _next(self) -> ServoInstruction | None:
         pending = self._pending
         while len(pending) >= 6:
             if pending[0] != 0xFF or pending[1] != 0xFF or pending[3] < 2:
@@ -42,7 +42,7 @@ class FeetechReceiver(Receiver):
                 continue
             packet = bytes(pending[:total])
             del pending[:total]
-            return Instruction(packet[2], packet[4], packet[5:-1], total)
+            return ServoInstruction(packet[2], packet[4], packet[5:-1], total)
         return None
 
 
@@ -200,7 +200,7 @@ class EmulatedSts(LineServo):
         """Read the position sensor and control the position; steps are shorter than samples of the joint.
 
         Args:
-            now_s: bench's clock [s].
+            now_s: emulator's clock [s].
         """
         shaft = self.shaft
         joint = (shaft.state(), shaft.limp, shaft.backwards) if shaft else None
@@ -213,14 +213,14 @@ class EmulatedSts(LineServo):
     def fail(self) -> None:
         self.error |= OVERLOAD
 
-    def reboot(self, now_s: float, away_s: float) -> None:
+    def reboot(self, now_s: float, downtime_s: float) -> None:
         """See `LineServo.reboot`; values below address 40 are as last saved, the others as delivered."""
         for address, size, value in _TABLE:
             self.put(address, value, size)
         self._memory[:EPROM_END] = self._saved
         self.put(48, self.get(16))
         self.error = 0
-        self.awake_s = now_s + away_s
+        self.awake_s = now_s + downtime_s
         self._sample_position()
         self._drive()
 
@@ -286,29 +286,31 @@ class EmulatedFeetechLine(ServoWire[EmulatedSts]):
         start_s: float = 0.0,
     ) -> None:
         holding = [(FeetechMounting(id=servo_id, model=mountings[0].model), None) for servo_id in hold]
-        placed = (*on_shafts(mountings, plant), *holding)
+        placed = (*place_on_shafts(mountings, plant), *holding)
         servos = [EmulatedSts(mounting, shaft, start_s) for mounting, shaft in placed]
-        super().__init__(servos, FeetechReceiver(), faults, baud_rate, start_s)
+        super().__init__(servos, FeetechParser(), faults, baud_rate, start_s)
 
-    def _obey(self, instruction: Instruction, servo: EmulatedSts, now_s: float) -> Answer | None:
+    def _execute(self, instruction: ServoInstruction, servo: EmulatedSts, now_s: float) -> ServoReply | None:
         code, parameters = instruction.code, instruction.parameters
         if code == _READ and len(parameters) == 2:
-            return Answer(servo, servo.read(*parameters))
+            return ServoReply(servo, servo.read(*parameters))
         if code == _PING:
-            return Answer(servo)
+            return ServoReply(servo)
         if code == _WRITE and len(parameters) > 1:
             servo.write(parameters[0], parameters[1:])
-            return Answer(servo) if servo.get(8, 1) else None
+            return ServoReply(servo) if servo.get(8, 1) else None
         return None
 
-    def _obey_all(self, instruction: Instruction, awake: dict[int, EmulatedSts], now_s: float) -> None:
+    def _execute_broadcast(
+        self, instruction: ServoInstruction, awake: dict[int, EmulatedSts], now_s: float
+    ) -> None:
         code, parameters = instruction.code, instruction.parameters
         if code == _PING:
-            self._answer((Answer(servo) for _, servo in sorted(awake.items())), now_s)
+            self._answer((ServoReply(servo) for _, servo in sorted(awake.items())), now_s)
         elif code == _SYNC_READ:
             address, size, *requested_ids = parameters
             answering = [awake[servo_id] for servo_id in requested_ids if servo_id in awake]
-            self._answer((Answer(servo, servo.read(address, size)) for servo in answering), now_s)
+            self._answer((ServoReply(servo, servo.read(address, size)) for servo in answering), now_s)
         elif code == _SYNC_WRITE:
             address, size = parameters[:2]
             for start in range(2, len(parameters) - size, size + 1):

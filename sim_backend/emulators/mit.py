@@ -26,8 +26,8 @@ import can
 
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import FileModel, Positive, validate
-from palpate.sim_backend.emulators.bench import EmulatedWire, Plant
-from palpate.sim_backend.emulators.can_line import EmulatedMotor, MotorPlace, wire_of
+from palpate.sim_backend.emulators.can_line import EmulatedMotor, MotorMountingSettings, make_can_wire
+from palpate.sim_backend.emulators.hardware import EmulatedWire, Plant
 from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
 _ALERT = 6  # MOSFET over temperature
@@ -85,7 +85,7 @@ class EmulatedMitMotor(EmulatedMotor):
         self._command = _NO_COMMAND
         self._start_up()
 
-    def _hear(self, message: can.Message, now_s: float) -> list[can.Message]:
+    def _process(self, message: can.Message, now_s: float) -> list[can.Message]:
         for_me = message.arbitration_id == self.number and not message.is_extended_id
         if not for_me or message.is_remote_frame or len(message.data) != 8:
             return []
@@ -185,7 +185,7 @@ class EmulatedDamiao(EmulatedMitMotor):
 
     registers: dict[int, float]
 
-    def _hear(self, message: can.Message, now_s: float) -> list[can.Message]:
+    def _process(self, message: can.Message, now_s: float) -> list[can.Message]:
         data = bytes(message.data)
         if message.is_extended_id:
             return []
@@ -194,7 +194,7 @@ class EmulatedDamiao(EmulatedMitMotor):
         if message.arbitration_id == self.number and data == b"\xff" * 7 + b"\xfb":
             self.error = 0
             return [self._reply()]
-        return super()._hear(message, now_s) if self.registers[_MODE] == DAMIAO_MIT else []
+        return super()._process(message, now_s) if self.registers[_MODE] == DAMIAO_MIT else []
 
     def _answer_about_register(self, data: bytes) -> list[can.Message]:
         if len(data) != 8 or data[0] + 256 * data[1] != self.number or data[3] not in self.registers:
@@ -252,7 +252,7 @@ class EmulatedRobstride(EmulatedMitMotor):
     parameters: dict[int, float]
     _fault_reports: list[can.Message]  # sent without a request
 
-    def _hear(self, message: can.Message, now_s: float) -> list[can.Message]:
+    def _process(self, message: can.Message, now_s: float) -> list[can.Message]:
         number, data = message.arbitration_id, bytes(message.data)
         kind, middle, target = number >> 24, number >> 8 & 0xFFFF, number & 0xFF
         whole = message.is_extended_id and not message.is_remote_frame and len(data) == 8
@@ -340,7 +340,7 @@ class _Ranges(FileModel):
     torque_nm: Positive
 
 
-class _MitMotor(MotorPlace):
+class _MitMotor(MotorMountingSettings):
     motor_id: int
     model: str
     ranges: _Ranges | None = None
@@ -383,4 +383,4 @@ class MitWires(WireMaker):
             mounting |= {"timeout_s": settings.watchdog_s, "deaf_when_off": settings.ask_with == "enter"}
             return EmulatedMitMotor(*place, **mounting, host_id=settings.host_id or 0)
 
-        return wire_of(request, settings.motors, node)
+        return make_can_wire(request, settings.motors, node)

@@ -13,8 +13,8 @@ from typing import Any
 import can
 
 from palpate.robot_io.files.file_model import FileModel, Positive, validate
-from palpate.sim_backend.emulators.bench import EmulatedWire, Plant
-from palpate.sim_backend.emulators.can_line import EmulatedMotor, MotorPlace, wire_of
+from palpate.sim_backend.emulators.can_line import EmulatedMotor, MotorMountingSettings, make_can_wire
+from palpate.sim_backend.emulators.hardware import EmulatedWire, Plant
 from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
 STOPPED, FAULT, POSITION, TIMEOUT = 0, 1, 10, 11
@@ -51,7 +51,7 @@ class EmulatedMoteus(EmulatedMotor):
         self.mode, self.fault, self.home = STOPPED, 0, 2
         self._command = dict(_DEFAULTS)
 
-    def _hear(self, message: can.Message, now_s: float) -> list[can.Message]:
+    def _process(self, message: can.Message, now_s: float) -> list[can.Message]:
         number = message.arbitration_id
         if not message.is_fd or number & 0x7F != self.number:
             return []
@@ -142,7 +142,7 @@ class EmulatedMoteus(EmulatedMotor):
         self.mode, self.fault = STOPPED, 0
 
 
-class _MoteusMotor(MotorPlace):
+class _MoteusMotor(MotorMountingSettings):
     motor_id: int
     max_torque_nm: Positive
 
@@ -161,4 +161,4 @@ class MoteusWires(WireMaker):
             limit_nm, plant = motor.max_torque_nm, request.plant
             return EmulatedMoteus(motor.motor_id, joint, plant, max_torque_nm=limit_nm, **motor.mounting)
 
-        return wire_of(request, validate(_MoteusSettings, request.section.settings).motors, node)
+        return make_can_wire(request, validate(_MoteusSettings, request.section.settings).motors, node)

@@ -8,8 +8,8 @@ from typing import Any
 
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import Positive, validate
-from palpate.sim_backend.emulators.bench import EmulatedWire, Plant
 from palpate.sim_backend.emulators.faults import Faults
+from palpate.sim_backend.emulators.hardware import EmulatedWire, Plant
 from palpate.sim_backend.emulators.serial_line import SensorWire, SerialSensor, StreamTimer
 from palpate.sim_backend.emulators.serial_sensors import AxisSettings, newtons_per
 from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
@@ -52,7 +52,7 @@ class EmulatedNetFt(SerialSensor):
         self._timer = StreamTimer(self.rate_hz)
         self._sequence = self._measurement = 0
 
-    def _hear(self, data: bytes, now_s: float) -> bytes:
+    def _process(self, data: bytes, now_s: float) -> bytes:
         if len(data) != 8 or data[:2] != b"\x12\x34" or not self.enabled:
             return b""
         command = data[2] * 256 + data[3]
@@ -119,7 +119,7 @@ class EmulatedNetFtLine(SensorWire):
                 data, self._host = self._socket.recvfrom(2048)
             except BlockingIOError:
                 return
-            self._put(self._sensor.hear(data, now_s), now_s)
+            self._put(self._sensor.receive(data, now_s), now_s)
 
     def close(self) -> None:
         """See `EmulatedWire.close`: the host receives nothing more."""
@@ -138,7 +138,7 @@ class EmulatedNetFtLine(SensorWire):
 
 
 def _pages(sensor: EmulatedNetFt) -> type[BaseHTTPRequestHandler]:
-    class Pages(BaseHTTPRequestHandler):
+    class ConfigurationHandler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
             """Answer with the only page."""
             page = sensor.page() if self.path == "/netftapi2.xml" else b""
@@ -150,7 +150,7 @@ def _pages(sensor: EmulatedNetFt) -> type[BaseHTTPRequestHandler]:
         def log_message(self, *_: object) -> None:
             """Log nothing."""
 
-    return Pages
+    return ConfigurationHandler
 
 
 class _NetFtSettings(AxisSettings):

@@ -11,8 +11,8 @@ from typing import Any
 import can
 
 from palpate.robot_io.files.file_model import FileModel, Positive, validate
-from palpate.sim_backend.emulators.bench import EmulatedWire, Plant
-from palpate.sim_backend.emulators.can_line import EmulatedMotor, MotorPlace, wire_of
+from palpate.sim_backend.emulators.can_line import EmulatedMotor, MotorMountingSettings, make_can_wire
+from palpate.sim_backend.emulators.hardware import EmulatedWire, Plant
 from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
 IDLE, CLOSED_LOOP = 1, 8
@@ -64,7 +64,7 @@ class EmulatedOdrive(EmulatedMotor):
         self.state, self.error, self._control_mode = IDLE, 0, 3  # position control, as shipped
         self._input_torque_nm = 0.0
 
-    def _hear(self, message: can.Message, now_s: float) -> list[can.Message]:
+    def _process(self, message: can.Message, now_s: float) -> list[can.Message]:
         if message.is_extended_id or message.arbitration_id >> 5 != self.number:
             return []
         self._heard_s = now_s
@@ -163,7 +163,7 @@ class EmulatedOdrive(EmulatedMotor):
         return can.Message(arbitration_id=self.number << 5 | command, is_extended_id=False, data=data)
 
 
-class _Axis(MotorPlace):
+class _Axis(MotorMountingSettings):
     node_id: int
     max_torque_nm: Positive
     torque_constant_nm_a: Positive = 1.0
@@ -197,4 +197,4 @@ class OdriveWires(WireMaker):
                 **axis.mounting,
             )
 
-        return wire_of(request, settings.axes, node)
+        return make_can_wire(request, settings.axes, node)

@@ -10,8 +10,8 @@ import tty
 from abc import ABC, abstractmethod
 from math import inf
 
-from palpate.sim_backend.emulators.bench import Plant, heard_at
 from palpate.sim_backend.emulators.faults import Device, FaultKind, Faults, FrameWire
+from palpate.sim_backend.emulators.hardware import Plant, baud_rate_matches
 
 _HAND_ON_S = 0.02  # a full buffer never takes more
 _MOST_READABLE = 4095  # bytes that Linux buffers for a reader; further bytes wait until it reads
@@ -39,7 +39,7 @@ class StreamTimer:
         """Start the stream.
 
         Args:
-            now_s: bench's clock [s].
+            now_s: emulator's clock [s].
         """
         self._next_s = now_s + self._period_s
 
@@ -51,7 +51,7 @@ class StreamTimer:
         """Check whether a reading is due; each is due once.
 
         Args:
-            now_s: bench's clock [s].
+            now_s: emulator's clock [s].
         """
         if now_s < self._next_s - 1e-9:
             return False
@@ -69,19 +69,19 @@ class SerialSensor(ABC):
     _timer: StreamTimer
     _silent_until_s = -inf
 
-    def hear(self, data: bytes, now_s: float) -> bytes:
+    def receive(self, data: bytes, now_s: float) -> bytes:
         """Act on bytes from the host, unless the sensor is starting.
 
         Args:
             data: bytes from the host.
-            now_s: bench's clock [s].
+            now_s: emulator's clock [s].
 
         Returns:
             The answer; may be empty.
         """
-        return b"" if now_s < self._silent_until_s else self._hear(data, now_s)
+        return b"" if now_s < self._silent_until_s else self._process(data, now_s)
 
-    def _hear(self, data: bytes, now_s: float) -> bytes:
+    def _process(self, data: bytes, now_s: float) -> bytes:
         """Act on bytes from the host and return the answer; most gauges only write."""
         return b""
 
@@ -89,7 +89,7 @@ class SerialSensor(ABC):
         """Check whether a reading of a requested stream is due; each reading is due once.
 
         Args:
-            now_s: bench's clock [s].
+            now_s: emulator's clock [s].
         """
         return now_s >= self._silent_until_s and self._timer.due(now_s)
 
@@ -108,7 +108,7 @@ class SerialSensor(ABC):
         """Return to the power-up state, after a silence.
 
         Args:
-            now_s: bench's clock [s].
+            now_s: emulator's clock [s].
             silent_s: duration of the silence [s].
         """
         self._silent_until_s = now_s + silent_s
@@ -135,10 +135,10 @@ class SensorWire(FrameWire[bytes]):
         return self.faults.flip_a_bit(data)
 
     def send(self, now_s: float) -> None:
-        strikes, name = self.faults.strikes, self._sensor.name
-        if strikes(FaultKind.UNPLUG, name, now_s):
+        trigger, name = self.faults.trigger, self._sensor.name
+        if trigger(FaultKind.UNPLUG, name, now_s):
             self.close()
-        if reboot := strikes(FaultKind.REBOOT, name, now_s):
+        if reboot := trigger(FaultKind.REBOOT, name, now_s):
             self._sensor.restart(now_s, reboot.delay_s)
         self._deliver_late(now_s)
         if self._sensor.due(now_s):
@@ -146,24 +146,24 @@ class SensorWire(FrameWire[bytes]):
             self._deliver(name, reading, now_s)
 
     def _force_n(self, now_s: float) -> float:
-        strikes, name, limit_n = self.faults.strikes, self._sensor.name, self._sensor.range_n
+        trigger, name, limit_n = self.faults.trigger, self._sensor.name, self._sensor.range_n
         force_n = self._plant.force[0] if self._plant.force else float("nan")
-        if strikes(FaultKind.STUCK, name, now_s):
+        if trigger(FaultKind.STUCK, name, now_s):
             self._stuck_n = force_n if self._stuck_n is None else self._stuck_n
             return self._stuck_n
         self._stuck_n = None
-        if strikes(FaultKind.NOT_A_NUMBER, name, now_s):
+        if trigger(FaultKind.NOT_A_NUMBER, name, now_s):
             return float("nan")
-        if strikes(FaultKind.REVERSED, name, now_s):
+        if trigger(FaultKind.REVERSED, name, now_s):
             force_n = -force_n
-        if strikes(FaultKind.SATURATED, name, now_s):
+        if trigger(FaultKind.SATURATED, name, now_s):
             return limit_n
         return min(max(force_n, -limit_n), limit_n)
 
     def _damaged(self, device: Device, frame: bytes, now_s: float) -> bytes:
-        if self.faults.strikes(FaultKind.CORRUPT, device, now_s):
+        if self.faults.trigger(FaultKind.CORRUPT, device, now_s):
             frame = self._corrupted(frame)
-        if self.faults.strikes(FaultKind.LOSE, device, now_s):
+        if self.faults.trigger(FaultKind.LOSE, device, now_s):
             frame = self.faults.lose_a_byte(frame)
         return frame
 
@@ -199,8 +199,8 @@ class PtyLine(SensorWire):
             data = os.read(self._master, 65536)
         except OSError:  # nothing has arrived, or the other end is not open
             return
-        if data and heard_at(self._master, self._baud_rate):
-            answer = self._sensor.hear(data, now_s)
+        if data and baud_rate_matches(self._master, self._baud_rate):
+            answer = self._sensor.receive(data, now_s)
             if answer and self._late:  # nothing overtakes on a line
                 self._late.append((max(due_s for due_s, _ in self._late), answer))
             else:

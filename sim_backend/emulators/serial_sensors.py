@@ -16,7 +16,7 @@ from pydantic import Field
 
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import FileModel, Number, Positive, validate
-from palpate.sim_backend.emulators.bench import EmulatedWire
+from palpate.sim_backend.emulators.hardware import EmulatedWire
 from palpate.sim_backend.emulators.serial_line import PtyLine, SerialSensor, StreamTimer
 from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
@@ -53,7 +53,7 @@ class EmulatedLoadstar(SerialSensor):
         self._tare_n = self._last_n = 0.0
         self._input = b""
 
-    def _hear(self, data: bytes, now_s: float) -> bytes:
+    def _process(self, data: bytes, now_s: float) -> bytes:
         *commands, self._input = (self._input + data).split(b"\r")
         return b"".join(self._answer(command.strip().upper(), now_s) for command in commands)
 
@@ -91,7 +91,7 @@ ADDRESS = 1
 CONFIG_TIME_S = 200e-6  # the rate code counts periods of 200 us
 
 
-def _sums(content: bytes) -> bytes:
+def _checksums(content: bytes) -> bytes:
     """Return sum and weighted sum, whose carry is added back."""
     total, weighted = 0, 0
     for byte in content:
@@ -114,7 +114,7 @@ def telegram(command: int, to: int, parameters: bytes = b"", sender: int = ADDRE
         The telegram, with both checksums.
     """
     content = bytes((command, to, sender, len(parameters))) + parameters
-    return b"\x02" + (content + _sums(content)).replace(b"\x02", b"\x02\x02")
+    return b"\x02" + (content + _checksums(content)).replace(b"\x02", b"\x02\x02")
 
 
 class EmulatedLorenz(SerialSensor):
@@ -135,7 +135,7 @@ class EmulatedLorenz(SerialSensor):
         self._input = b""
         self._stx_in_a_row = 0
 
-    def _hear(self, data: bytes, now_s: float) -> bytes:
+    def _process(self, data: bytes, now_s: float) -> bytes:
         answers = b""
         for byte in data:
             self._stx_in_a_row = self._stx_in_a_row + 1 if byte == 2 else 0
@@ -154,12 +154,12 @@ class EmulatedLorenz(SerialSensor):
             content = stuffed.replace(b"\x02\x02", b"\x02")
             is_complete = len(content) >= 6 and len(content) == 6 + content[3]
             is_complete = is_complete and content.replace(b"\x02", b"\x02\x02") == stuffed
-            if is_complete and _sums(content[:-2]) == content[-2:] and content[1] in (0, ADDRESS):
+            if is_complete and _checksums(content[:-2]) == content[-2:] and content[1] in (0, ADDRESS):
                 self._input = b""
-                return self._obey(content[0], content[2], content[4:-2], now_s)
+                return self._execute(content[0], content[2], content[4:-2], now_s)
         return b""
 
-    def _obey(self, command: int, host: int, parameters: bytes, now_s: float) -> bytes:
+    def _execute(self, command: int, host: int, parameters: bytes, now_s: float) -> bytes:
         if command == 0x40:
             return telegram(0x40, host, b"\x01")
         if command == 0x44 and parameters == b"\x80":
@@ -215,11 +215,11 @@ class EmulatedMark10(SerialSensor):
         self.range_n, self._answer_s = 1.1 * capacity_n, answer_s
         self._input, self._due_s = b"", math.inf
 
-    def _hear(self, data: bytes, now_s: float) -> bytes:
+    def _process(self, data: bytes, now_s: float) -> bytes:
         *commands, self._input = (self._input + data).replace(b"\n", b"").split(b"\r")
-        return b"".join(self._obey(command.decode("ascii", "replace"), now_s) for command in commands)
+        return b"".join(self._execute(command.decode("ascii", "replace"), now_s) for command in commands)
 
-    def _obey(self, command: str, now_s: float) -> bytes:
+    def _execute(self, command: str, now_s: float) -> bytes:
         if command == "?C":
             self._due_s = now_s + self._answer_s
         elif command == "RM":
@@ -290,7 +290,7 @@ class EmulatedCell(SerialSensor):
         self._timer = StreamTimer(rate_hz)
         self._timer.start(0.0)
 
-    def _hear(self, data: bytes, now_s: float) -> bytes:
+    def _process(self, data: bytes, now_s: float) -> bytes:
         return cell_line(f"cell 1 nau7802 {self._rate_hz}") * data.count(b"?")
 
     def reading(self, force_n: float) -> bytes:
@@ -367,7 +367,7 @@ class EmulatedBota(SerialSensor):
         self._timer = StreamTimer(1e6 / (_STEP_US * self._length))
         self._timer.start(now_s)
 
-    def _hear(self, data: bytes, now_s: float) -> bytes:
+    def _process(self, data: bytes, now_s: float) -> bytes:
         word = data.decode("ascii", "replace")
         if now_s < self.starts_until_s or not (self._configures or word == "C"):
             return b""
@@ -438,11 +438,11 @@ class SensorSettings(FileModel, extra="ignore"):
         return sensor
 
 
-class _Ranged(SensorSettings):
+class _RangeSettings(SensorSettings):
     capacity_n: Positive
 
 
-class AxisSettings(_Ranged):
+class AxisSettings(_RangeSettings):
     """Settings in a robot file of one axis of a multi-axis sensor."""
 
     axis: Annotated[str, Field(pattern="^[xyz]$")]
@@ -453,13 +453,13 @@ class AxisSettings(_Ranged):
         return "xyz".index(self.axis)
 
 
-class _Cell(SensorSettings):
+class _CellSettings(SensorSettings):
     newtons_per_count: Positive
     zero_counts: Number = 0.0
     rate_hz: Annotated[int, Field(ge=1)]
 
 
-class _Lorenz(SensorSettings):
+class _LorenzSettings(SensorSettings):
     nominal_load: Positive
     unit: str
     counts_at_nominal: Positive
@@ -470,10 +470,10 @@ class _Lorenz(SensorSettings):
 # By driver: settings in the robot file, and the emulated sensor.
 _SENSORS: dict[str, tuple[type[SensorSettings], Callable[[Any], SerialSensor]]] = {
     "bota": (AxisSettings, lambda settings: EmulatedBota(settings.axis_index, settings.capacity_n)),
-    "force_lines": (_Ranged, lambda settings: EmulatedGauge(settings.capacity_n)),
-    "loadstar": (_Ranged, lambda settings: EmulatedLoadstar(settings.capacity_n)),
+    "force_lines": (_RangeSettings, lambda settings: EmulatedGauge(settings.capacity_n)),
+    "loadstar": (_RangeSettings, lambda settings: EmulatedLoadstar(settings.capacity_n)),
     "lorenz": (
-        _Lorenz,
+        _LorenzSettings,
         lambda settings: EmulatedLorenz(
             settings.nominal_load * newtons_per(settings.unit),
             settings.counts_at_nominal,
@@ -481,15 +481,15 @@ _SENSORS: dict[str, tuple[type[SensorSettings], Callable[[Any], SerialSensor]]] 
             settings.load_code,
         ),
     ),
-    "mark10": (_Ranged, lambda settings: EmulatedMark10(settings.capacity_n)),
+    "mark10": (_RangeSettings, lambda settings: EmulatedMark10(settings.capacity_n)),
     "microcontroller_cell": (
-        _Cell,
+        _CellSettings,
         lambda settings: EmulatedCell(settings.newtons_per_count, settings.zero_counts, settings.rate_hz),
     ),
 }
 
 
-class _Line(FileModel, extra="ignore"):
+class _LineSettings(FileModel, extra="ignore"):
     baud_rate: int | None = None
 
 
@@ -504,7 +504,7 @@ class SerialWires(WireMaker):
             request.plant,
             request.faults,
             in_lock_step=request.in_lock_step,
-            baud_rate=validate(_Line, request.section.settings).baud_rate,
+            baud_rate=validate(_LineSettings, request.section.settings).baud_rate,
         )
         return line, {"port": line.path}
 

@@ -13,8 +13,8 @@ from typing import Annotated, ClassVar, Generic, NamedTuple, Self, TypeVar
 from pydantic import Field, field_validator, model_validator
 
 from palpate.robot_io.files.file_model import FileModel, Number
-from palpate.sim_backend.emulators.bench import EmulatedWire, JointState, Plant, Shaft, heard_at
 from palpate.sim_backend.emulators.faults import Fault, FaultKind, Faults
+from palpate.sim_backend.emulators.hardware import EmulatedWire, JointState, Plant, Shaft, baud_rate_matches
 
 BROADCAST = 0xFE
 REBOOT_S = 0.3  # default duration of a servo's absence
@@ -51,7 +51,7 @@ class EmulatedMounting(FileModel, extra="ignore"):
 MountingType = TypeVar("MountingType", bound=EmulatedMounting)
 
 
-def on_shafts(mountings: Sequence[MountingType], plant: Plant) -> list[tuple[MountingType, Shaft]]:
+def place_on_shafts(mountings: Sequence[MountingType], plant: Plant) -> list[tuple[MountingType, Shaft]]:
     """List all servos of an arm, one or two per joint, from base to tip.
 
     Args:
@@ -103,11 +103,11 @@ class LineServo(ABC):
         angle_rad = self._direction * (seen.position_rad - self._zero_rad)
         return JointState(angle_rad, self._direction * speed_rad_s, state.torque_nm)
 
-    def hear(self, now_s: float) -> None:
+    def receive(self, now_s: float) -> None:
         """Receive any instruction on the line, which feeds the watchdog.
 
         Args:
-            now_s: bench's clock [s].
+            now_s: emulator's clock [s].
         """
         self._heard_s = now_s
 
@@ -126,7 +126,7 @@ class LineServo(ABC):
         """Advance the servo by one step.
 
         Args:
-            now_s: bench's clock [s].
+            now_s: emulator's clock [s].
         """
 
     @abstractmethod
@@ -134,12 +134,12 @@ class LineServo(ABC):
         """Raise a device error."""
 
     @abstractmethod
-    def reboot(self, now_s: float, away_s: float) -> None:
-        """Lose power for `away_s` [s].
+    def reboot(self, now_s: float, downtime_s: float) -> None:
+        """Lose power for `downtime_s` [s].
 
         Args:
-            now_s: bench's clock [s].
-            away_s: duration without power [s].
+            now_s: emulator's clock [s].
+            downtime_s: duration without power [s].
         """
 
 
@@ -147,7 +147,7 @@ ServoType = TypeVar("ServoType", bound=LineServo)
 
 
 @dataclass(frozen=True)
-class Instruction:
+class ServoInstruction:
     """An instruction packet as a servo has understood it."""
 
     target: int  # id of the servo, or `BROADCAST`
@@ -157,13 +157,13 @@ class Instruction:
     intact: bool = True  # whether the checksum was right
 
 
-class Receiver(ABC):
+class InstructionParser(ABC):
     """Parses instructions from received bytes."""
 
     def __init__(self) -> None:
         self._pending = bytearray()
 
-    def take(self, data: bytes) -> Iterator[Instruction]:
+    def take(self, data: bytes) -> Iterator[ServoInstruction]:
         """Yield the instructions that are complete now.
 
         Args:
@@ -174,11 +174,11 @@ class Receiver(ABC):
             yield instruction
 
     @abstractmethod
-    def _next(self) -> Instruction | None:
+    def _next(self) -> ServoInstruction | None:
         """Remove and return the next complete instruction; None if none is complete."""
 
 
-class Answer(NamedTuple):
+class ServoReply(NamedTuple):
     """Answer of one servo."""
 
     servo: LineServo
@@ -203,7 +203,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         receiver: parser of the received bytes.
         faults: faults of the line and its servos, which are named by their ids; None for none so far.
         baud_rate: determines the time on the wire [bit/s]; with None, bytes take no time.
-        start_s: time from which the servos have power, bench's clock [s].
+        start_s: time from which the servos have power, emulator's clock [s].
 
     Attributes:
         servos: the servos by id.
@@ -217,7 +217,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
     def __init__(
         self,
         servos: Iterable[ServoType],
-        receiver: Receiver,
+        receiver: InstructionParser,
         faults: Faults | None,
         baud_rate: int | None,
         start_s: float,
@@ -237,11 +237,13 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         self._free_s = start_s  # when the line is free again
 
     @abstractmethod
-    def _obey(self, instruction: Instruction, servo: ServoType, now_s: float) -> Answer | None:
+    def _execute(self, instruction: ServoInstruction, servo: ServoType, now_s: float) -> ServoReply | None:
         """Execute an instruction to one servo; return its answer, or None."""
 
     @abstractmethod
-    def _obey_all(self, instruction: Instruction, awake: dict[int, ServoType], now_s: float) -> None:
+    def _execute_broadcast(
+        self, instruction: ServoInstruction, awake: dict[int, ServoType], now_s: float
+    ) -> None:
         """Let all servos in `awake` (by id) execute an instruction and answer."""
 
     @staticmethod
@@ -263,7 +265,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
                 self._apply_faults(servo, now_s)
             servo.watch(now_s)
         self._had_faults = planned
-        if self.faults.strikes(FaultKind.UNPLUG, "line", now_s):
+        if self.faults.trigger(FaultKind.UNPLUG, "line", now_s):
             self.close()
         data = self._incoming()
         if self.echoes and data:
@@ -271,13 +273,13 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         for instruction in self._receiver.take(data):
             awake = {servo_id: servo for servo_id, servo in self.servos.items() if now_s >= servo.awake_s}
             for servo in awake.values():
-                servo.hear(now_s)
+                servo.receive(now_s)
             self._free_s = now_s + self._byte_s * instruction.wire_bytes
             if instruction.target in awake:
-                if answer := self._obey(instruction, awake[instruction.target], now_s):
+                if answer := self._execute(instruction, awake[instruction.target], now_s):
                     self._answer([answer], now_s)
             elif instruction.target == BROADCAST and instruction.intact:
-                self._obey_all(instruction, awake, now_s)
+                self._execute_broadcast(instruction, awake, now_s)
 
     def send(self, now_s: float) -> None:
         due = [frame for frame in self._outgoing if frame.due_s <= now_s]
@@ -304,55 +306,55 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
             self._in_use = False  # the port is not open
             return b""
         self._in_use = True
-        return data if data and heard_at(self._master, self._baud_rate) else b""
+        return data if data and baud_rate_matches(self._master, self._baud_rate) else b""
 
     def _apply_faults(self, servo: LineServo, now_s: float) -> None:
         """Apply the faults of a servo itself."""
 
-        def strikes(kind: FaultKind) -> bool:
-            return self.faults.strikes(kind, servo.id, now_s) is not None
+        def trigger(kind: FaultKind) -> bool:
+            return self.faults.trigger(kind, servo.id, now_s) is not None
 
-        if strikes(FaultKind.ALERT):
+        if trigger(FaultKind.ALERT):
             servo.fail()
-        if reboot := self.faults.strikes(FaultKind.REBOOT, servo.id, now_s):
+        if reboot := self.faults.trigger(FaultKind.REBOOT, servo.id, now_s):
             servo.reboot(now_s, reboot.delay_s or REBOOT_S)
-        servo.stuck, servo.deaf = strikes(FaultKind.STUCK), strikes(FaultKind.DEAF)
+        servo.stuck, servo.deaf = trigger(FaultKind.STUCK), trigger(FaultKind.DEAF)
         if shaft := servo.shaft:
-            shaft.limp, shaft.backwards = strikes(FaultKind.LIMP), strikes(FaultKind.REVERSED)
-            shaft.slipped_rad = _SLIP_RAD if strikes(FaultKind.SLIPPED) else 0.0
+            shaft.limp, shaft.backwards = trigger(FaultKind.LIMP), trigger(FaultKind.REVERSED)
+            shaft.slipped_rad = _SLIP_RAD if trigger(FaultKind.SLIPPED) else 0.0
 
-    def _answer(self, answers: Iterable[Answer], now_s: float) -> None:
+    def _answer(self, answers: Iterable[ServoReply], now_s: float) -> None:
         """Send one packet per answer, in order, subject to the faults."""
         frames = []
         for servo, data, error in answers:
             packet = self._status(self._sent_id(servo.id, now_s), error | servo.alert, data)
-            if not self.faults.strikes(FaultKind.DROP, servo.id, now_s):
+            if not self.faults.trigger(FaultKind.DROP, servo.id, now_s):
                 frames.append(self._transmit([servo], packet, now_s))
         for k in range(len(frames) - 1):
-            if self.faults.strikes(FaultKind.REORDER, frames[k].device, now_s):
+            if self.faults.trigger(FaultKind.REORDER, frames[k].device, now_s):
                 first, second = frames[k], frames[k + 1]
                 frames[k] = replace(second, due_s=first.due_s)
                 frames[k + 1] = replace(first, due_s=second.due_s)
         self._outgoing += frames
 
-    def _transmit(self, speaking: Sequence[LineServo], packet: bytes, now_s: float) -> ServoFrame:
+    def _transmit(self, senders: Sequence[LineServo], packet: bytes, now_s: float) -> ServoFrame:
         """Append answers of servos to the line."""
 
-        def strikes(kind: FaultKind) -> list[Fault]:
-            faults = (self.faults.strikes(kind, servo.id, now_s) for servo in speaking)
+        def trigger(kind: FaultKind) -> list[Fault]:
+            faults = (self.faults.trigger(kind, servo.id, now_s) for servo in senders)
             return [fault for fault in faults if fault]
 
-        if strikes(FaultKind.CORRUPT):
+        if trigger(FaultKind.CORRUPT):
             packet = self.faults.flip_a_bit(packet)
-        if strikes(FaultKind.LOSE):
+        if trigger(FaultKind.LOSE):
             packet = self.faults.lose_a_byte(packet)
-        if strikes(FaultKind.DUPLICATE):
+        if trigger(FaultKind.DUPLICATE):
             packet += packet
-        self._free_s = max(self._free_s, now_s) + speaking[0].return_delay_s
+        self._free_s = max(self._free_s, now_s) + senders[0].return_delay_s
         self._free_s += self._byte_s * len(packet)
-        late_s = max((fault.delay_s for fault in strikes(FaultKind.DELAY)), default=0.0)
-        return ServoFrame(speaking[0].id, packet, self._free_s + late_s)
+        late_s = max((fault.delay_s for fault in trigger(FaultKind.DELAY)), default=0.0)
+        return ServoFrame(senders[0].id, packet, self._free_s + late_s)
 
     def _sent_id(self, servo_id: int, now_s: float) -> int:
-        wrong = self.faults.strikes(FaultKind.WRONG_ID, servo_id, now_s)
+        wrong = self.faults.trigger(FaultKind.WRONG_ID, servo_id, now_s)
         return (servo_id + 100) % 253 if wrong else servo_id

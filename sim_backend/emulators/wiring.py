@@ -12,8 +12,8 @@ from palpate.robot_io.clock import Clock, SimulatedClock
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.registry import Registry
 from palpate.robot_io.robot_file import BusSection, DeviceSection, RobotFile, parse_robot_file
-from palpate.sim_backend.emulators.bench import Bench, EmulatedWire, Plant
 from palpate.sim_backend.emulators.faults import Faults
+from palpate.sim_backend.emulators.hardware import EmulatedWire, HardwareEmulator, Plant
 from palpate.sim_backend.hooks import NO_EFFECTS, HiddenEffects
 from palpate.sim_backend.scenario import Scenario
 
@@ -26,7 +26,7 @@ class WireRequest:
     force: DeviceSection | None  # the force sensor in the robot file if it is on this bus, else None
     plant: Plant  # the arm
     faults: Faults  # what goes wrong on this wire
-    start_s: float  # time on the bench's clock [s]
+    start_s: float  # time on the emulator's clock [s]
     in_lock_step: bool  # whether the clock is a simulated one
 
 
@@ -53,7 +53,7 @@ class WiredArm:
 
     robot_file: RobotFile  # the same arm, with the ports of the emulators
     plant: Plant  # the world behind them
-    bench: Bench  # what lets time pass; `start` it on a real clock, `close` it at the end
+    emulator: HardwareEmulator  # advances time; `start` it on a real clock, `close` it at the end
     wires: Mapping[str, EmulatedWire]  # the emulated wires by bus name
 
 
@@ -80,7 +80,7 @@ def wire_up(
         effects: hidden in plant and sensors.
 
     Returns:
-        The arm with its bench, which the caller closes.
+        The arm with its emulator, which the caller closes.
 
     Raises:
         InputError: a bus has no emulator, or its settings are not valid.
@@ -114,4 +114,4 @@ def wire_up(
             wire.close()
         plant.close()
         raise
-    return WiredArm(wired_file, plant, Bench(plant, list(wires.values()), clock), wires)
+    return WiredArm(wired_file, plant, HardwareEmulator(plant, list(wires.values()), clock), wires)

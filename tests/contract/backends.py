@@ -140,7 +140,7 @@ def wired(
         depth_m = force_n / world.object.law.stiffness_n_m if force_n else -0.05
         world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
 
-    return RobotBench(made.robot, made.arm.robot_file, made.clock, press, watchdog_s, made.arm.bench.close)
+    return RobotBench(made.robot, made.arm.robot_file, made.clock, press, watchdog_s, made.arm.emulator.close)
 
 
 def odrive(*changes: tuple[str, str]) -> RobotBench:

@@ -32,4 +32,4 @@ def bench():
     for one in opened:
         with suppress(DeviceError):
             one.robot.close()
-        one.arm.bench.close()
+        one.arm.emulator.close()

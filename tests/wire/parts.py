@@ -103,7 +103,7 @@ class WireBench:
         self.ticks(5)
         return self
 
-    def strike(self, bus: str, kind: FaultKind, **details) -> None:
+    def inject_fault(self, bus: str, kind: FaultKind, **details) -> None:
         """From now on, unless `details` say otherwise."""
         self.faults[bus].add(Fault(kind=kind, from_s=self.clock.now_s(), **details))
 
@@ -151,4 +151,4 @@ class WireBench:
 
     def close(self) -> None:
         self.robot.close()
-        self.arm.bench.close()
+        self.arm.emulator.close()

@@ -65,7 +65,7 @@ def test_frames_that_are_constantly_late_are_as_old_as_they_are(bench, path, lat
     """CAN frames carry no time: those that came 4.2 ms late from the start on once passed as fresh."""
     arm = bench(path)
     if late_ms:
-        arm.strike("motors", FaultKind.DELAY, delay_s=late_ms * 1e-3)
+        arm.inject_fault("motors", FaultKind.DELAY, delay_s=late_ms * 1e-3)
     arm.robot.configure()
     arm.ticks(10, None)
     for _ in range(30):
@@ -87,7 +87,7 @@ def test_answers_that_become_late_in_a_run_are_as_old_as_their_requests(bench, p
     if torque_nm:
         arm.robot.activate()
     arm.ticks(20, torque_nm)
-    arm.strike("motors", FaultKind.DELAY, delay_s=late_ms * 1e-3)
+    arm.inject_fault("motors", FaultKind.DELAY, delay_s=late_ms * 1e-3)
     arm.ticks(5, torque_nm)
     ages_ms = [age_ms(arm.tick(torque_nm)) for _ in range(50)]
     assert min(ages_ms) > late_ms - 1e-6
@@ -122,7 +122,7 @@ def test_a_frame_that_the_adapter_refuses_counts_as_no_lost_answer(bench, path, 
 def test_a_lost_answer_makes_later_ones_no_older(bench, path):
     arm = bench(path).start()
     for _ in range(5):
-        arm.strike("motors", FaultKind.DROP, device=2, times=1)
+        arm.inject_fault("motors", FaultKind.DROP, device=2, times=1)
         assert max(age_ms(arm.tick()) for _ in range(10)) < 4.1
         assert max(age_ms(arm.tick()) for _ in range(10)) < 1.1
     assert not arm.problem
@@ -193,7 +193,7 @@ def test_damiao_motors_with_the_master_id_that_they_are_delivered_with_are_named
 def test_a_motor_that_has_restarted_says_so(bench, path):
     arm = bench(path).start()
     arm.ticks(5, PUSH_NM)
-    arm.strike("motors", FaultKind.REBOOT, device=1, times=1, delay_s=0.001)
+    arm.inject_fault("motors", FaultKind.REBOOT, device=1, times=1, delay_s=0.001)
     assert arm.ticks_until(lambda m: bool(arm.robot.bus_errors), torque_nm=PUSH_NM) <= 4
     assert "joint 1 (motor 1): has left motor mode; has it restarted?" in arm.problem
 

@@ -51,7 +51,7 @@ def test_however_long_it_takes_until_the_loop_begins_it_begins_with_new_samples(
 def test_a_motor_that_falls_silent_before_the_loop_begins_is_named_and_nothing_is_powered(bench, robot_file):
     arm = bench(robot_file)
     arm.robot.configure()
-    arm.strike("motors", FaultKind.DROP, device=2)
+    arm.inject_fault("motors", FaultKind.DROP, device=2)
     arm.clock.sleep_until(arm.clock.now_s() + 0.5)
     begun_s = arm.clock.now_s()
     with pytest.raises(DeviceTimeoutError, match=r"encoder: newest sample is .* s old.*joint [23]"):

@@ -42,13 +42,13 @@ def test_no_torque_before_it_is_activated_nor_after_its_timeout(bench, ask_with)
 def test_what_a_motor_does_not_confirm_is_an_error(bench):
     arm = bench(CUBEMARS)
     arm.robot.configure()
-    arm.strike("motors", FaultKind.DROP, device=2, for_s=0.2)
+    arm.inject_fault("motors", FaultKind.DROP, device=2, for_s=0.2)
     with pytest.raises(DeviceError, match=r"motor mode is not confirmed by joint 2 \(motor 2\)"):
         arm.robot.activate()
     arm.clock.sleep_until(arm.clock.now_s() + 0.2)
     arm.robot.activate()
     assert all(node.enabled for node in arm.motors)
-    arm.strike("motors", FaultKind.DROP, device=3, for_s=0.1)
+    arm.inject_fault("motors", FaultKind.DROP, device=3, for_s=0.1)
     with pytest.raises(DeviceError, match=r"torque off is not confirmed by joint 3 \(motor 3\)"):
         arm.robot.deactivate()
     assert not any(node.enabled for node in arm.motors)  # they were told all the same
@@ -58,7 +58,7 @@ def test_a_motor_that_has_restarted_goes_on_answering_and_exerts_nothing(bench):
     """As the firmware does that the protocol comes from; `deaf_drive_s` is for this."""
     arm = bench(CUBEMARS).start()
     arm.ticks(5, PUSH_NM)
-    arm.strike("motors", FaultKind.REBOOT, device=1, times=1, delay_s=0.001)
+    arm.inject_fault("motors", FaultKind.REBOOT, device=1, times=1, delay_s=0.001)
     measurement = arm.ticks(20, PUSH_NM)
     assert measurement.torque_status is Status.OK
     assert not arm.problem
@@ -69,7 +69,7 @@ def test_a_motor_that_has_restarted_goes_on_answering_and_exerts_nothing(bench):
 def test_a_motor_that_is_deaf_outside_of_motor_mode_is_heard_out_and_let_go(bench):
     arm = bench(CUBEMARS, [("driver: mit_bus", "driver: mit_bus\n    ask_with: enter")]).start()
     arm.ticks(5, PUSH_NM)
-    arm.strike("motors", FaultKind.REBOOT, device=1, times=1, delay_s=0.001)
+    arm.inject_fault("motors", FaultKind.REBOOT, device=1, times=1, delay_s=0.001)
     assert 2 <= arm.ticks_until(lambda m: bool(arm.problem), torque_nm=PUSH_NM) <= 5
     assert "joint 1 (motor 1): nothing valid" in arm.problem
     arm.robot.deactivate()  # all of them confirm, also the one that heard no zero torque
@@ -80,7 +80,7 @@ def test_a_motor_that_is_deaf_outside_of_motor_mode_is_heard_out_and_let_go(benc
 
 def test_a_motor_s_error_is_named(bench):
     arm = bench(CUBEMARS).start()
-    arm.strike("motors", FaultKind.ALERT, device=3, times=1)
+    arm.inject_fault("motors", FaultKind.ALERT, device=3, times=1)
     ticks = arm.ticks_until(lambda m: m.torque_status is Status.FAULT)
     assert ticks <= 3
     assert "joint 3 (motor 3): MOSFET over temperature" in arm.problem
@@ -92,8 +92,8 @@ def test_a_motor_s_error_is_named(bench):
 def test_short_frames_and_foreign_ids_are_told_apart(bench):
     arm = bench(CUBEMARS).start()
     counts = arm.robot.buses["motors"].line.counts
-    arm.strike("motors", FaultKind.CORRUPT, device=1, for_s=0.002)
-    arm.strike("motors", FaultKind.WRONG_ID, device=2, for_s=0.002)
+    arm.inject_fault("motors", FaultKind.CORRUPT, device=1, for_s=0.002)
+    arm.inject_fault("motors", FaultKind.WRONG_ID, device=2, for_s=0.002)
     arm.ticks(4)
     assert counts["not valid"] >= 1
     assert counts["foreign id"] >= 1
@@ -110,7 +110,7 @@ def test_a_position_at_the_end_of_the_wire_s_range_is_marked(bench):
 
 def test_a_motor_that_answers_late_is_examined_as_one_that_answers(bench):
     arm = bench(CUBEMARS)
-    arm.strike("motors", FaultKind.DELAY, delay_s=4.2e-3)
+    arm.inject_fault("motors", FaultKind.DELAY, delay_s=4.2e-3)
     arm.robot.configure()
     findings = [
         one for one in arm.robot.buses["motors"].examine() if "motor" in one.subject or "node" in one.subject
@@ -152,7 +152,7 @@ def test_a_late_answer_about_a_register_is_no_position(bench):
 def test_an_error_other_than_the_timeout_s_is_not_cleared_in_silence(bench, path, error):
     arm = bench(path).start()
     arm.robot.deactivate()
-    arm.strike("motors", FaultKind.ALERT, device=3, times=1)
+    arm.inject_fault("motors", FaultKind.ALERT, device=3, times=1)
     arm.ticks(2, None)
     for _ in range(2):
         with pytest.raises(DeviceError, match=rf"joint 3 \(motor 3\): {error}"):
@@ -215,7 +215,7 @@ def test_no_torque_and_no_mode_before_it_is_activated(bench):
 
 def test_a_fault_is_named_and_forgotten_at_the_next_activation(bench):
     arm = bench(MOTEUS).start()
-    arm.strike("motors", FaultKind.ALERT, device=3, times=1)
+    arm.inject_fault("motors", FaultKind.ALERT, device=3, times=1)
     assert arm.ticks_until(lambda m: m.torque_status is Status.FAULT) <= 3
     assert "joint 3 (motor 3): over temperature" in arm.problem
     (third,) = (one for one in arm.robot.buses["motors"].examine() if "motor 3" in one.subject)

@@ -104,7 +104,7 @@ def test_no_wrong_number_is_served_as_ok(bench, family, changes, kind):
         if sound > AFTER:
             break
         if tick == FIRST_TICK:
-            arm.strike(bus, kind, times=DAMAGED, probability=SHARE)
+            arm.inject_fault(bus, kind, times=DAMAGED, probability=SHARE)
         move(arm, bus, tick)
         arm.clock.sleep_until(arm.clock.now_s() + arm.period_s)
         course.note()

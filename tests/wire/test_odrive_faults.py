@@ -83,7 +83,7 @@ def test_limits_are_written_where_the_robot_file_states_a_current(bench):
 )
 def test_an_axis_error_is_named_and_a_fault_of_the_drives(bench, changes, name):
     arm = bench(changes=changes).start()
-    arm.strike("motors", FaultKind.ALERT, device=1, times=1)
+    arm.inject_fault("motors", FaultKind.ALERT, device=1, times=1)
     ticks = arm.ticks_until(lambda m: m.torque_status is Status.FAULT)
     assert ticks <= 11  # with the next heartbeat
     assert "joint 2 (node 1)" in arm.robot.bus_errors["motors"]
@@ -105,7 +105,7 @@ def test_foreign_ids_are_counted_and_believed_by_nobody(bench):
     arm = bench().start()
     counts = arm.robot.buses["motors"].line.counts
     before = counts["foreign id"]
-    arm.strike("motors", FaultKind.WRONG_ID, device=1)
+    arm.inject_fault("motors", FaultKind.WRONG_ID, device=1)
     arm.ticks_until(lambda m: bool(arm.problem), most=10)
     assert counts["foreign id"] > before
     assert "joint 2 (node 1): nothing valid" in arm.problem
@@ -113,7 +113,7 @@ def test_foreign_ids_are_counted_and_believed_by_nobody(bench):
 
 def test_torque_off_that_nobody_confirms_is_an_error(bench):
     arm = bench().start()
-    arm.strike("motors", FaultKind.DROP, device=1)
+    arm.inject_fault("motors", FaultKind.DROP, device=1)
     arm.ticks(2, PUSH_NM)
     with pytest.raises(DeviceError, match=r"did not confirm that it is idle: joint 2 \(node 1\)"):
         arm.robot.deactivate()
@@ -161,7 +161,7 @@ def test_an_old_heartbeat_confirms_nothing(bench):
     """The last one said IDLE, but that was before it was told so."""
     arm = bench()
     arm.robot.configure()
-    arm.strike("motors", FaultKind.DROP, device=0)
+    arm.inject_fault("motors", FaultKind.DROP, device=0)
     with pytest.raises(DeviceError, match=r"did not confirm that it is idle: joint 1 \(node 0\)"):
         arm.robot.deactivate()
 
@@ -195,7 +195,7 @@ def test_an_encoder_that_has_failed_is_no_velocity_to_brake_against(bench):
 
 def test_a_silent_axis_is_a_delay_and_no_failure_of_the_bus(bench):
     arm = bench().start()
-    arm.strike("motors", FaultKind.DROP, device=2, for_s=0.01)
+    arm.inject_fault("motors", FaultKind.DROP, device=2, for_s=0.01)
     assert 3 <= arm.ticks_until(lambda m: bool(arm.problem)) <= 4  # half of the age limit of 5 ms
     assert "joint 3 (node 2): nothing valid for " in arm.robot.bus_delays["motors"]
     assert "node 0" not in arm.problem

@@ -120,7 +120,7 @@ def test_a_motor_that_would_not_let_go_by_itself_or_obey_is_refused(bench, path,
 @pytest.mark.parametrize("path", [CUBEMARS, DAMIAO, ROBSTRIDE, MOTEUS, ODRIVE], ids=lambda path: path.stem)
 def test_a_motor_that_is_not_there_is_named(bench, path):
     arm = bench(path)
-    arm.strike("motors", FaultKind.DROP, device=2)
+    arm.inject_fault("motors", FaultKind.DROP, device=2)
     said = r"joint 3 \(node 2\): no heartbeat" if path is ODRIVE else r"no answer in 0.05 s from joint 2"
     with pytest.raises(DeviceError, match=said):
         arm.robot.configure()

@@ -62,7 +62,7 @@ def test_after_a_stall_of_the_line_the_newest_reading_is_served(bench):
     arm.robot.configure()
     press(arm, 1.0)
     arm.ticks(100, None)
-    arm.strike("load_cell", FaultKind.DELAY, delay_s=0.1, probability=0.4, times=2)
+    arm.inject_fault("load_cell", FaultKind.DELAY, delay_s=0.1, probability=0.4, times=2)
     served = 0
     for number in range(400):
         press(arm, 1.0 + 0.02 * number)  # rises by 20 N/s
@@ -75,7 +75,7 @@ def test_after_a_stall_of_the_line_the_newest_reading_is_served(bench):
 
 def test_a_silent_sensor_keeps_its_value_and_its_time(sensor):
     before = sensor.tick(None)
-    sensor.strike("load_cell", FaultKind.DROP)
+    sensor.inject_fault("load_cell", FaultKind.DROP)
     after = sensor.ticks(30, None)
     assert after.force_n == pytest.approx(before.force_n, abs=0.1)
     assert after.force_at_s <= before.force_at_s + 2.1e-3
@@ -104,8 +104,10 @@ def test_zeroing_is_confirmed_or_refused(bench, answer, refused):
     """Interfaces differ in how they say yes; a no was once taken for a yes, and a plain yes for silence."""
     arm = bench(ODRIVE, [("capacity_n: 100.0}", "capacity_n: 100.0, tare: true}")])
     sensor = arm.arm.wires["load_cell"]._sensor
-    hear = sensor.hear
-    sensor.hear = lambda data, now_s: f"{answer}\r\n".encode() if data == b"CT0\r" else hear(data, now_s)
+    receive = sensor.receive
+    sensor.receive = lambda data, now_s: (
+        f"{answer}\r\n".encode() if data == b"CT0\r" else receive(data, now_s)
+    )
     if refused:
         with pytest.raises(DeviceError, match="does not know CT0"):
             arm.robot.configure()
@@ -188,7 +190,7 @@ def test_a_force_is_as_old_as_it_is(bench, path, delay_s, ages_ms):
 
 
 STRANGER = lorenz.encode_telegram(lorenz.Telegram(lorenz.LorenzCommand.HELLO, 255, 9, b"\x01"))
-SILENT = {"hear": lambda data, now_s: b""}
+SILENT = {"receive": lambda data, now_s: b""}
 
 
 @pytest.mark.parametrize(
@@ -199,7 +201,12 @@ SILENT = {"hear": lambda data, now_s: b""}
         (ODRIVE, [MARK10], SILENT, "no gauge gives an answer; check port and baud rate"),
         (ODRIVE, [], {"_unit": "psi"}, "unit 'psi' is not a known unit"),
         (ODRIVE, [], SILENT, "no DI-100 or DI-1000 answers"),
-        (CUBEMARS, [], {"hear": lambda data, now_s: STRANGER}, "no answer to HELLO"),  # from another sensor
+        (
+            CUBEMARS,
+            [],
+            {"receive": lambda data, now_s: STRANGER},
+            "no answer to HELLO",
+        ),  # from another sensor
     ],
 )
 def test_a_sensor_that_cannot_be_asked_for_a_force_is_refused(bench, path, changes, spoil, problem):
@@ -221,8 +228,8 @@ def test_a_gauge_without_commands_for_signs_is_taken(bench):
 def test_a_line_without_words_before_an_answer_is_no_answer(bench, before):
     arm = bench(ODRIVE, [MARK10])
     sensor = arm.arm.wires["load_cell"]._sensor
-    obey, reading = sensor._obey, sensor.reading
-    sensor._obey = lambda command, now_s: before * (command == "RM") + obey(command, now_s)
+    obey, reading = sensor._execute, sensor.reading
+    sensor._execute = lambda command, now_s: before * (command == "RM") + obey(command, now_s)
     sensor.reading = lambda force_n: before + reading(force_n)
     arm.robot.configure()
     (found,) = arm.robot.force.examine()
@@ -245,7 +252,7 @@ def test_a_lost_answer_is_asked_for_again_at_once(bench):
     press(arm, 5.0)
     arm.ticks(600, None)
     for _ in range(5):
-        arm.strike("load_cell", FaultKind.DROP, times=1)
+        arm.inject_fault("load_cell", FaultKind.DROP, times=1)
         measurements = [arm.tick(None) for _ in range(20)]
         assert max(one.time_s - one.force_at_s for one in measurements) < 9.5e-3
         assert {one.force_status for one in measurements} <= {Status.OK, Status.STALE}
@@ -258,7 +265,7 @@ def test_an_answer_is_as_old_as_its_question(bench, late_ms):
     arm = bench(ODRIVE, [MARK10])
     arm.robot.configure()
     arm.ticks(10, None)
-    arm.strike("load_cell", FaultKind.DELAY, delay_s=late_ms * 1e-3)
+    arm.inject_fault("load_cell", FaultKind.DELAY, delay_s=late_ms * 1e-3)
     struck_s = arm.clock.now_s()
     for _ in range(900):
         measurement = arm.tick(None)

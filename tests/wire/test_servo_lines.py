@@ -25,7 +25,7 @@ def examined(arm):
 def test_two_servos_with_one_id_are_hinted_at(bench, path, kind, refused, examined_as):
     """One answers after the other, or both at once, which spoils both answers."""
     arm = bench(path)
-    arm.strike("motors", kind, device=3)
+    arm.inject_fault("motors", kind, device=3)
     with pytest.raises(DeviceError, match=refused):
         arm.robot.buses["motors"].configure()
     (finding,) = [found for subject, found in examined(arm).items() if subject.startswith("servo 3 ")]
@@ -49,7 +49,7 @@ def test_servos_at_another_baud_rate_are_found(bench, path):
 
 def test_a_line_without_power_is_told_from_another_baud_rate(bench):
     arm = bench(SO101)
-    arm.strike("motors", FaultKind.DROP)
+    arm.inject_fault("motors", FaultKind.DROP)
     with pytest.raises(DeviceError, match="no answer from servo 2, 3, 4, 1, 5"):
         arm.robot.buses["motors"].configure()
     assert examined(arm)["servos"].text == "no servo answers at any baud rate"

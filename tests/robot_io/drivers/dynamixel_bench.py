@@ -7,9 +7,9 @@ from palpate.robot_io.clock import SimulatedClock
 from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.drivers.dynamixel.bus import DynamixelBus, DynamixelEncoder, DynamixelTorque
 from palpate.robot_io.robot_file import load_robot_file
-from palpate.sim_backend.emulators.bench import Bench, Plant
 from palpate.sim_backend.emulators.dynamixel import DynamixelMounting, EmulatedDynamixelLine
 from palpate.sim_backend.emulators.faults import Fault
+from palpate.sim_backend.emulators.hardware import Bench, Plant
 from palpate.sim_backend.scenario import load_scenario
 
 ROBOT_FILE = Path(__file__).resolve().parents[3] / "robots" / "dynamixel_3dof.yaml"

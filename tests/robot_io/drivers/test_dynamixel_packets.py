@@ -118,7 +118,7 @@ def test_whatever_a_servo_sends_is_understood(servo_id, error, data):
 def test_whatever_is_asked_is_understood_by_a_servo(servo_id, code, parameters):
     sent = protocol.DIALECT.encode_packet(servo_id, code, parameters)
     assert b"\xff\xff\xfd" not in sent[7:-2].replace(b"\xff\xff\xfd\xfd", b"")
-    (understood,) = dynamixel.DynamixelReceiver().take(sent)
+    (understood,) = dynamixel.DynamixelParser().take(sent)
     assert (understood.target, understood.code, understood.parameters) == (servo_id, code, parameters)
     assert understood.intact
 

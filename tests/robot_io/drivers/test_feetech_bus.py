@@ -64,7 +64,7 @@ def test_limits_that_a_calibration_left_make_no_torque(arm, address, beside):
 
 
 def test_an_emulated_servo_is_free_again_once_nothing_is_planned(arm):
-    arm.start().strike("motors", FaultKind.STUCK, device=2)
+    arm.start().inject_fault("motors", FaultKind.STUCK, device=2)
     arm.ticks(2)
     assert servos(arm)[2].stuck
     arm.faults["motors"].clear()
@@ -228,7 +228,7 @@ def test_a_jump_that_no_joint_can_make_is_a_damaged_answer(arm):
 
 
 @pytest.mark.parametrize(
-    ("strike", "problem"),
+    ("break_servo", "problem"),
     [
         (lambda servo: servo.put(TORQUE_ON, 0, 1), r"servo 1 \(holds\): has switched its torque off"),
         (lambda servo: servo.fail(), r"servo 1 \(holds\): error: overload"),
@@ -237,9 +237,9 @@ def test_a_jump_that_no_joint_can_make_is_a_damaged_answer(arm):
     ],
     ids=["off", "overloaded", "other goal", "other limit"],
 )
-def test_a_servo_that_holds_is_watched_as_the_joints_are(arm, strike, problem):
+def test_a_servo_that_holds_is_watched_as_the_joints_are(arm, break_servo, problem):
     arm.start()
-    strike(servos(arm)[1])
+    break_servo(servos(arm)[1])
     arm.ticks(2)
     assert re.search(problem, arm.problem)
 
@@ -257,7 +257,7 @@ def test_each_servo_has_the_torque_limit_of_what_it_drives(bench):
 
 def test_answers_that_are_constantly_late_are_as_old_as_their_requests(arm):
     arm.start()
-    arm.strike("motors", FaultKind.DELAY, delay_s=0.009)
+    arm.inject_fault("motors", FaultKind.DELAY, delay_s=0.009)
     seen = 0
     for _ in range(60):
         measurement = arm.tick(None)
@@ -272,7 +272,7 @@ def test_answers_that_are_constantly_late_are_as_old_as_their_requests(arm):
 def test_a_goal_of_an_old_sample_is_beside_where_the_joint_is_now(arm):
     """Thrown at 3 rad/s and coasting, the arm turns by 0.03 rad while a sample gets 9 ms old: 0.2 N m."""
     arm.start()
-    arm.strike("motors", FaultKind.DELAY, delay_s=0.009)
+    arm.inject_fault("motors", FaultKind.DELAY, delay_s=0.009)
     arm.ticks(15, (1.5, 0.7, 0.3))
     arm.ticks(5)
     for _ in range(5):

@@ -23,7 +23,7 @@ class LateLine:
 
     def __init__(self, clock, late_s, *, damaged):
         self._clock, self._late_s, self._damaged = clock, late_s, damaged
-        self._receiver, self._random = dynamixel.DynamixelReceiver(), random.Random(0)
+        self._receiver, self._random = dynamixel.DynamixelParser(), random.Random(0)
         self._coming = []
         self.asked_at_s = []
 

@@ -81,7 +81,7 @@ def test_a_difference_within_the_tolerance_is_shared_and_makes_no_fight(make, fa
 def test_a_second_that_has_restarted_is_named(make, family):
     arm = make(family).start()
     second = FAMILIES[family][2]
-    arm.strike("motors", FaultKind.REBOOT, device=second, times=1, delay_s=0.001)
+    arm.inject_fault("motors", FaultKind.REBOOT, device=second, times=1, delay_s=0.001)
     said = rf"servo {second} \(joint 1, second\): has lost|servo {second}: torque limit is 1000 in place"
     arm.ticks_until(lambda _: re.search(said, arm.problem), most=4)
 
@@ -92,7 +92,7 @@ def test_a_dynamixel_that_pulls_otherwise_is_named_while_positions_stay_sound(ma
     arm = make("dynamixel").start()
     torque_nm = (2.0 * sign, 0.0, 0.0)
     arm.ticks(5, torque_nm)
-    arm.strike("motors", kind, device=4)
+    arm.inject_fault("motors", kind, device=4)
     began_s = arm.clock.now_s()
     arm.ticks_until(lambda _: arm.problem, 20, torque_nm)
     assert 0.008 < arm.clock.now_s() - began_s < 0.013  # deaf_drive_s is 10 ms
@@ -105,7 +105,7 @@ def test_a_dynamixel_that_pulls_otherwise_is_named_while_positions_stay_sound(ma
 def test_a_feetech_that_heeds_no_goals_is_named(make):
     """The two are then springs about different goals."""
     arm = make("feetech").start()
-    arm.strike("motors", FaultKind.DEAF, device=7)
+    arm.inject_fault("motors", FaultKind.DEAF, device=7)
     arm.ticks_until(lambda _: arm.problem, 60, (1.0, 0.0, 0.0))
     assert "servos 2 and 7 (joint 1) exert " in arm.problem
 
@@ -113,7 +113,7 @@ def test_a_feetech_that_heeds_no_goals_is_named(make):
 def test_torques_that_are_small_beside_the_limit_are_no_fight(make):
     """3 % of the joint's 8 N m between them, and half of the larger."""
     arm = make("dynamixel").start()
-    arm.strike("motors", FaultKind.LIMP, device=4)
+    arm.inject_fault("motors", FaultKind.LIMP, device=4)
     assert not arm.ticks(50, (0.9, 0.0, 0.0)).torque_status
     arm.ticks_until(lambda _: arm.problem, 20, (1.05, 0.0, 0.0))
 
@@ -178,7 +178,7 @@ def test_the_doctor_sees_both_and_says_which_zero_would_agree(make, family):
     first = min(servos(arm)) if family == "dynamixel" else 2
     pair = f"servos {first} and {number} (joint 1)"
     assert {f"servo {first} (joint 1)", f"servo {number} (joint 1, second)", pair} <= set(found)
-    arm.strike("motors", FaultKind.SLIPPED, device=number)
+    arm.inject_fault("motors", FaultKind.SLIPPED, device=number)
     arm.ticks(2, None)
     (slipped,) = (one for one in motors.examine() if one.level is Level.FAIL)
     assert slipped.subject == pair

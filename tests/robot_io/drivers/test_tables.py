@@ -9,7 +9,7 @@ from palpate.robot_io.drivers.mit.settings import DIALECTS, Maker
 from palpate.robot_io.drivers.odrive_protocol import AXIS_ERRORS, WATCHDOG_EXPIRED, AxisState, Firmware
 from palpate.robot_io.drivers.servo.line import Register
 from palpate.sim_backend.emulators import feetech as emulated_sts
-from palpate.sim_backend.emulators.dynamixel_servo import MODELS, items_of
+from palpate.sim_backend.emulators.dynamixel_servo import MODELS, control_table
 
 DYNAMIXEL = """
 9 return delay time 1, 10 drive mode 1, 11 operating mode 1, 12 secondary id 1, 20 homing offset -4,
@@ -55,7 +55,7 @@ def test_a_dynamixel_is_what_its_emulator_is(name):
     )
     assert ours.torque_constant_nm_a == theirs.torque_per_ampere_nm
     assert ours.fast_sync_read_firmware == (46 if "330" in name else 45)
-    rows = items_of(theirs, 1, 45)
+    rows = control_table(theirs, 1, 45)
     registers = [one for one in vars(dynamixel).values() if isinstance(one, Register)]
     assert all(rows[one.address].size == one.size for one in registers)
     assert dynamixel.model_name(theirs.number) == name

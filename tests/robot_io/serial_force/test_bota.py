@@ -125,8 +125,8 @@ def sensor(arm):
 
 
 def test_it_is_set_up_as_the_robot_file_says(arm):
-    heard, hear = [], sensor(arm).hear
-    sensor(arm).hear = lambda data, now_s: heard.append(data) or hear(data, now_s)
+    heard, receive = [], sensor(arm).receive
+    sensor(arm).receive = lambda data, now_s: heard.append(data) or receive(data, now_s)
     arm.robot.configure()
     assert heard == [b"C", b"c,0,1,0,4", b"f,64,0,0,1", b"R"]
     times_s = {arm.tick(None).force_at_s for _ in range(80)}

@@ -122,7 +122,7 @@ def arm(bench):
 )
 def test_another_cell_than_stated_is_refused(arm, old, new, problem):
     if not old:
-        arm.arm.wires["load_cell"]._sensor.hear = lambda data, now_s: new
+        arm.arm.wires["load_cell"]._sensor.receive = lambda data, now_s: new
     text = arm.arm.robot_file.text
     stated = parse_robot_file(text.replace(old, new) if old else text, ODRIVE)
     with pytest.raises(DeviceError, match=problem):

@@ -171,7 +171,7 @@ def sensor(arm):
         ({"counts_per_force": 1000.0}, "counts 1000 for 1 N, but the robot file states 1000000 for 1 N"),
         ({"unit": "lbf"}, "counts 1000000 for 1 lbf, but the robot file states"),
         ({"enabled": False}, "RDT is disabled"),
-        ({"hear": lambda data, now_s: b""}, "sends no records"),
+        ({"receive": lambda data, now_s: b""}, "sends no records"),
         ({"page": lambda: b"no"}, "is not a configuration of a Net F/T"),
     ],
 )
@@ -227,9 +227,9 @@ def test_a_scale_beyond_reason_is_another_one(arm, counts):
 
 
 def test_the_first_request_may_be_lost_and_the_stream_is_ended(arm):
-    heard, hear = [], sensor(arm).hear
-    sensor(arm).hear = lambda data, now_s: (
-        heard.append(data) or (b"" if len(heard) < 3 else hear(data, now_s))
+    heard, receive = [], sensor(arm).receive
+    sensor(arm).receive = lambda data, now_s: (
+        heard.append(data) or (b"" if len(heard) < 3 else receive(data, now_s))
     )
     arm.robot.configure()
     assert heard == [net_ft.START] * 3

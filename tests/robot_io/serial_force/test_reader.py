@@ -243,6 +243,6 @@ def test_a_stream_that_has_become_late_is_not_served_as_fresh(bench, changes, la
 
     period_s = 1 / 320 if CELL in changes else 1e-3
     assert max(ages_s(100)) < period_s + 0.5e-3
-    arm.strike("load_cell", FaultKind.DELAY, delay_s=late_s)
+    arm.inject_fault("load_cell", FaultKind.DELAY, delay_s=late_s)
     assert min(ages_s(400)) > late_s - 0.5e-3
     assert ("the last one came " in arm.problem) == (late_s > 0.005)  # half of the age limit

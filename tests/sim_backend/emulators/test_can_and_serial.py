@@ -9,7 +9,7 @@ import cantools
 import pytest
 
 from palpate.robot_io.robot_file import load_robot_file
-from palpate.sim_backend.emulators.bench import Plant
+from palpate.sim_backend.emulators.hardware import Plant
 from palpate.sim_backend.emulators.mit import EmulatedMitMotor
 from palpate.sim_backend.emulators.odrive import EmulatedOdrive
 from palpate.sim_backend.emulators.serial_sensors import EmulatedGauge, EmulatedLoadstar, EmulatedLorenz
@@ -39,8 +39,8 @@ def odrive(plant, firmware="0.6", **details):
 
 
 def arm(node, now_s=0.01):
-    node.hear(frame(0x2B, struct.pack("<II", 1, 1)), now_s)
-    node.hear(frame(0x27, struct.pack("<I", 8)), now_s)
+    node.receive(frame(0x2B, struct.pack("<II", 1, 1)), now_s)
+    node.receive(frame(0x27, struct.pack("<I", 8)), now_s)
 
 
 @pytest.mark.parametrize("firmware", ["0.5", "0.6"])
@@ -64,20 +64,20 @@ def test_what_an_axis_tells_is_what_the_dbc_says(plant, firmware):
 def test_an_axis_obeys_only_in_closed_loop_torque_control_and_within_its_limit(plant):
     node = odrive(plant)
     torque = frame(0x2E, struct.pack("<f", -1.0))
-    node.hear(torque, 0.01)
+    node.receive(torque, 0.01)
     assert not plant.world.truth().drive_torque_nm.any()
     arm(node)
-    node.hear(torque, 0.01)
+    node.receive(torque, 0.01)
     plant.advance_to(0.012)
     assert plant.world.truth().drive_torque_nm[0] == pytest.approx(9.0)
-    node.hear(frame(0x2E, struct.pack("<f", -50.0)), 0.012)
+    node.receive(frame(0x2E, struct.pack("<f", -50.0)), 0.012)
     assert plant.world.truth().drive_torque_nm[0] == pytest.approx(18.0)
 
 
 def test_an_unfed_axis_disarms_itself_and_does_not_arm_before_its_error_is_cleared(plant):
     node = odrive(plant, watchdog_s=0.05)
     arm(node)
-    node.hear(frame(0x2E, struct.pack("<f", -1.0)), 0.01)
+    node.receive(frame(0x2E, struct.pack("<f", -1.0)), 0.01)
     node.send_unrequested(0.06)
     assert node.state == 8
     node.send_unrequested(0.0605)
@@ -85,38 +85,38 @@ def test_an_unfed_axis_disarms_itself_and_does_not_arm_before_its_error_is_clear
     assert not plant.world.truth().drive_torque_nm.any()
     arm(node, 0.061)
     assert node.state == 1
-    node.hear(frame(0x38, b"\x00"), 0.061)
+    node.receive(frame(0x38, b"\x00"), 0.061)
     arm(node, 0.061)
     assert node.state == 8
 
 
 def test_only_0_6_answers_get_version_and_a_motor_each_frame_with_its_state(plant):
-    (answer,) = odrive(plant).hear(frame(0x20, remote=True), 0.0)
+    (answer,) = odrive(plant).receive(frame(0x20, remote=True), 0.0)
     assert bytes(answer.data)[4:7] == bytes((0, 6, 10))
-    assert odrive(plant, "0.5").hear(frame(0x20, remote=True), 0.0) == []
-    assert odrive(plant).hear(frame(0x40, remote=True), 0.0) == []  # another node
+    assert odrive(plant, "0.5").receive(frame(0x20, remote=True), 0.0) == []
+    assert odrive(plant).receive(frame(0x40, remote=True), 0.0) == []  # another node
     motor = EmulatedMitMotor(3, 0, plant, limits=(12.5, 50.0, 25.0))
-    (answer,) = motor.hear(frame(3, b"\xff" * 7 + b"\xfc"), 0.01)
+    (answer,) = motor.receive(frame(3, b"\xff" * 7 + b"\xfc"), 0.01)
     number, position, velocity, torque, _, error = bitstruct.unpack("u8u16u12u12u8u8", bytes(answer.data))
     assert (answer.arbitration_id, number, error) == (0, 3, 0)
     assert -12.5 + 25 * position / 65535 == pytest.approx(plant.joint(0).position_rad, abs=4e-4)
     assert -50 + 100 * velocity / 4095 == pytest.approx(0.0, abs=0.03)
     assert -25 + 50 * torque / 4095 == pytest.approx(0.0, abs=0.05)
-    assert motor.hear(frame(4, b"\xff" * 8), 0.01) == []
-    assert motor.hear(frame(3, b"\xff" * 7), 0.01) == []
+    assert motor.receive(frame(4, b"\xff" * 8), 0.01) == []
+    assert motor.receive(frame(3, b"\xff" * 7), 0.01) == []
 
 
 def test_a_motor_exerts_its_feed_forward_torque_and_its_gains_once_it_is_on(plant):
     motor = EmulatedMitMotor(3, 0, plant, limits=(12.5, 50.0, 25.0), timeout_s=0.1)
     push = bitstruct.pack("u16u12u12u12u12", 32768, 2048, 0, 0, 3000)
-    motor.hear(frame(3, push), 0.01)
+    motor.receive(frame(3, push), 0.01)
     assert not plant.world.truth().drive_torque_nm.any()
-    motor.hear(frame(3, b"\xff" * 7 + b"\xfc"), 0.01)
-    motor.hear(frame(3, push), 0.01)
+    motor.receive(frame(3, b"\xff" * 7 + b"\xfc"), 0.01)
+    motor.receive(frame(3, push), 0.01)
     plant.advance_to(0.011)
     assert plant.world.truth().drive_torque_nm[0] == pytest.approx(-25 + 50 * 3000 / 4095)
     spring = bitstruct.pack("u16u12u12u12u12", 32768, 2048, 82, 0, 2048)  # 10 N m/rad towards zero
-    motor.hear(frame(3, spring), 0.011)
+    motor.receive(frame(3, spring), 0.011)
     assert plant.world.truth().drive_torque_nm[0] == pytest.approx(
         -10.0 * plant.joint(0).position_rad, rel=0.02
     )
@@ -126,24 +126,24 @@ def test_a_motor_exerts_its_feed_forward_torque_and_its_gains_once_it_is_on(plan
 
 def test_a_load_cell_speaks_as_its_manual_says():
     sensor = EmulatedLoadstar(100.0, unit="lb")
-    assert sensor.hear(b"\r", 0.0) == b"A\r\n"
-    assert b"DI-1000" in sensor.hear(b"MODEL\r", 0.0)
-    assert sensor.hear(b"UNI", 0.0) + sensor.hear(b"TS\r", 0.0) == b"lb\r\n"
-    assert float(sensor.hear(b"LC\r", 0.0)) == pytest.approx(100.0 / 4.44822, rel=1e-4)
+    assert sensor.receive(b"\r", 0.0) == b"A\r\n"
+    assert b"DI-1000" in sensor.receive(b"MODEL\r", 0.0)
+    assert sensor.receive(b"UNI", 0.0) + sensor.receive(b"TS\r", 0.0) == b"lb\r\n"
+    assert float(sensor.receive(b"LC\r", 0.0)) == pytest.approx(100.0 / 4.44822, rel=1e-4)
     assert not sensor.due(0.0)
-    assert sensor.hear(b"wc\r", 0.0) == b""
+    assert sensor.receive(b"wc\r", 0.0) == b""
     assert [sensor.due(time_s) for time_s in (0.001, 0.002, 0.003, 0.004)] == [False, True, False, True]
     assert sensor.reading(4.4482216152605) == b"      1.0000\r\n"
-    sensor.hear(b"\r", 0.005)
+    sensor.receive(b"\r", 0.005)
     assert not sensor.due(0.006)
 
 
 def test_a_lorenz_sensor_answers_hello_and_streams_until_three_stx():
     sensor = EmulatedLorenz(100.0, counts_at_nominal=20000.0)
     hello = bytes.fromhex("024001ff00400202")  # summed by hand, see the codec's test
-    answer = sensor.hear(hello, 0.0)
+    answer = sensor.receive(hello, 0.0)
     assert answer[:5] == bytes((2, 0x40, 0xFF, 1, 1))
-    assert sensor.hear(hello[:-1] + b"\x07", 0.0) == b""  # wrong checksum
+    assert sensor.receive(hello[:-1] + b"\x07", 0.0) == b""  # wrong checksum
     start = bytes.fromhex("02 5a 01 ff 05 03 05 00 00 41")
     plain = sum(start[1:]) & 0xFF
     weighted = running = 0
@@ -151,11 +151,11 @@ def test_a_lorenz_sensor_answers_hello_and_streams_until_three_stx():
         running = (running + byte) & 0xFF
         weighted += running
         weighted -= 255 if weighted > 255 else 0
-    assert sensor.hear(start + bytes((plain, weighted)), 0.0)[:2] == bytes((2, 6))
+    assert sensor.receive(start + bytes((plain, weighted)), 0.0)[:2] == bytes((2, 6))
     assert sensor.due(0.001)
     assert sensor.reading(50.0) == b"\x00" + (10000).to_bytes(2, "big")
     assert sensor.reading(-100.0) == b"\x01" + (-20000).to_bytes(2, "big", signed=True)
-    sensor.hear(b"\x02\x02\x02", 0.001)
+    sensor.receive(b"\x02\x02\x02", 0.001)
     assert not sensor.due(0.002)
 
 

@@ -12,9 +12,9 @@ from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PacketHan
 
 from palpate.robot_io.clock import MonotonicClock
 from palpate.sim_backend.emulators import dynamixel
-from palpate.sim_backend.emulators.bench import Bench, JointState
 from palpate.sim_backend.emulators.dynamixel import DynamixelMounting, EmulatedDynamixelLine
 from palpate.sim_backend.emulators.dynamixel_servo import MODELS
+from palpate.sim_backend.emulators.hardware import Bench, JointState
 
 BYTE_S = 10 / 4e6
 HAND_ON_S = 0.04  # real time that a pseudo terminal may take
@@ -113,7 +113,7 @@ def test_its_packets_are_as_published():
 
 def test_published_requests_are_understood():
     request = bytes.fromhex("ff ff fd 00 fe 11 00 83 74 00 04 00 01 96 00 00 00 02 aa 00 00 00 82 87")
-    (understood,) = dynamixel.DynamixelReceiver().take(b"\xff\xff\xfd\xfd noise " + request)
+    (understood,) = dynamixel.DynamixelParser().take(b"\xff\xff\xfd\xfd noise " + request)
     assert (understood.target, understood.code, understood.intact) == (0xFE, 0x83, True)
     assert understood.parameters == request[8:-2]
 

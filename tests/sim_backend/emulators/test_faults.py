@@ -8,7 +8,7 @@ from palpate.sim_backend.emulators import Fault, FaultKind, Faults
 
 
 def hits(faults, kind=FaultKind.DROP, device=1, times_s=range(10)):
-    return [time_s for time_s in times_s if faults.strikes(kind, device, time_s)]
+    return [time_s for time_s in times_s if faults.trigger(kind, device, time_s)]
 
 
 def test_a_fault_strikes_in_its_window_its_device_and_as_often_as_it_may():

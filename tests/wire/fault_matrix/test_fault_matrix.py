@@ -62,7 +62,7 @@ def test_a_fault_ends_as_the_matrix_says(row: Row, tmp_path):
     finally:
         with suppress(DeviceError):
             rig.bench.robot.close()
-        rig.bench.arm.bench.close()
+        rig.bench.arm.emulator.close()
     assert row.reads in seen.reads
     assert seen.trips == (row.ticks is not None), seen.reads
     if row.ticks is not None:

@@ -1,4 +1,4 @@
-"""The simulated arm behind all emulated wires, its motors' shafts, and the bench that advances time."""
+"""The simulated arm behind all emulated wires, its motors' shafts, and the emulator that advances time."""
 
 import select
 import termios
@@ -32,7 +32,7 @@ class Plant:
 
     The arm stays on its rest, with friction, until a motor first exerts 4 % of its limit in the robot file,
     so that a driver's test torque at activation moves nothing. Its sensors have the errors of the direct
-    simulation. It starts at `start_s` on the bench's clock [s]. Not thread-safe: a single bench owns it.
+    simulation. It starts at `start_s` on the emulator's clock [s]. Not thread-safe: one emulator owns it.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class Plant:
         """Advance the physics to a time, and sample all sensors.
 
         Args:
-            time_s: bench's clock [s].
+            time_s: emulator's clock [s].
         """
         world = self.world
         world.advance_to(time_s)
@@ -146,7 +146,7 @@ class EmulatedWire(ABC):
         """Process received bytes or frames.
 
         Args:
-            now_s: bench's clock [s].
+            now_s: emulator's clock [s].
         """
 
     @abstractmethod
@@ -154,7 +154,7 @@ class EmulatedWire(ABC):
         """Send due bytes or frames.
 
         Args:
-            now_s: bench's clock [s].
+            now_s: emulator's clock [s].
         """
 
     @abstractmethod
@@ -170,7 +170,7 @@ class EmulatedWire(ABC):
         return inf
 
 
-class Bench:
+class HardwareEmulator:
     """Advances a plant and its wires in steps of half a millisecond.
 
     On a simulated clock everything happens within the clock's advance, so runs are repeatable. On any other
@@ -192,7 +192,7 @@ class Bench:
         """Advance plant and wires to a time.
 
         Args:
-            time_s: bench's clock [s].
+            time_s: emulator's clock [s].
         """
         while not self._closed and self._now_s < time_s - 1e-9:
             for wire in self._wires:
@@ -236,7 +236,7 @@ class Bench:
             self.plant.close()
 
 
-def heard_at(master: int, baud_rate: int | None) -> bool:
+def baud_rate_matches(master: int, baud_rate: int | None) -> bool:
     """Check whether a device hears the host at its baud rate.
 
     The host has set the speed at the other end of `master`, the device's file. Rates without a number in
