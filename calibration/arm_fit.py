@@ -71,8 +71,8 @@ class GravityBodies:
             I, shape (m, n) [N m], and G, shape (m, n, 3) [N m s^2/m].
         """
         rest = np.zeros_like(q)
-        gravity = np.stack([body.inverse_dynamics_along(q, rest, rest) for body in self.along], axis=2)
-        return self.weightless.inverse_dynamics_along(q, v, a), gravity
+        gravity = np.stack([body.inverse_dynamics_batch(q, rest, rest) for body in self.along], axis=2)
+        return self.weightless.inverse_dynamics_batch(q, v, a), gravity
 
 
 def fall(tilt_rad: FloatArray) -> FloatArray:

@@ -20,7 +20,7 @@ class Finding:
     subject: str  # what was checked, such as "servo 2 (joint 2)"
     level: Level
     text: str  # result, with units
-    remedy: str = ""  # what to do, empty without a complaint
+    remedy: str = ""  # what to do, empty without a problem
 
 
 class Examinable(ABC):
@@ -43,7 +43,7 @@ class Examinable(ABC):
 
 
 def ok(subject: str, text: str) -> Finding:
-    """Make a finding without complaint.
+    """Make a finding without problem.
 
     Args:
         subject: checked item.
@@ -74,15 +74,15 @@ def fail(subject: str, text: str, remedy: str) -> Finding:
     return Finding(subject, Level.FAIL, text, remedy)
 
 
-def graded(subject: str, text: str, *complaints: tuple[Level, object, str]) -> Finding:
-    """Make a finding with the first complaint that holds; ok if no complaint holds.
+def graded(subject: str, text: str, *problems: tuple[Level, object, str]) -> Finding:
+    """Make a finding with the first problem that holds; ok if no problem holds.
 
     Args:
         subject: checked item.
         text: result, with units.
-        complaints: level, whether it holds, and remedy of each, the worst first.
+        problems: level, whether it holds, and remedy of each, the worst first.
     """
-    for level, holds, remedy in complaints:
+    for level, holds, remedy in problems:
         if holds:
             return Finding(subject, level, text, remedy)
     return ok(subject, text)

@@ -125,7 +125,7 @@ Labelled = tuple[str, Component]
 """Name of a component in messages, and the component."""
 
 
-class Opened(ABC):
+class ManagedDevice(ABC):
     """Context manager that configures and closes; an error in closing never hides an earlier error."""
 
     @abstractmethod

@@ -22,7 +22,7 @@ from palpate.robot_io.interfaces import (
     JointEncoder,
     JointTorque,
     Labelled,
-    Opened,
+    ManagedDevice,
     start_all,
     undo_all,
 )
@@ -41,7 +41,7 @@ class RobotState(Enum):
     CLOSED = "closed"
 
 
-class Robot(Opened):
+class Robot(ManagedDevice):
     """An arm with encoders, torque-controlled drives and a uniaxial force sensor.
 
     `read` never shows an old sample as a new one: a late sample keeps its value and its time, and its status

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from palpate.robot_io.calibration.applied import Calibrations, load_calibrations
-from palpate.robot_io.captured import STDERR, STDOUT, captured
+from palpate.robot_io.capture_output import STDERR, STDOUT, capture_output
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.files.file_model import read_text
@@ -247,7 +247,7 @@ class RigidBody:
         motion = (position_rad, velocity_rad_s, acceleration_rad_s2)
         return np.asarray(pin.rnea(self._model, self._data, *motion))
 
-    def inverse_dynamics_along(
+    def inverse_dynamics_batch(
         self, position_rad: FloatArray, velocity_rad_s: FloatArray, acceleration_rad_s2: FloatArray
     ) -> FloatArray:
         """Compute `inverse_dynamics` of many samples at once, in a third of the time.
@@ -284,7 +284,7 @@ class RigidBody:
         upper = pin.crba(self._model, self._data, position_rad)
         return np.asarray(np.triu(upper) + np.triu(upper, 1).T)
 
-    def mass_along(self, position_rad: FloatArray, lever_m: FloatArray) -> float:
+    def effective_mass(self, position_rad: FloatArray, lever_m: FloatArray) -> float:
         """Compute the effective mass of the tip in one direction, 1 / (b^T M^-1 b).
 
         Args:
@@ -366,7 +366,7 @@ def _parse_model(text: str) -> "pin.Model":
     """Parse a URDF; an error quotes the C++ parser's printed messages."""
     printed: list[str] = []
     try:
-        with captured(printed, STDOUT, STDERR):
+        with capture_output(printed, STDOUT, STDERR):
             return pin.buildModelFromXML(text)
     except (ValueError, RuntimeError) as error:
         reason = printed[0].removeprefix("Error:").strip() if printed else ""

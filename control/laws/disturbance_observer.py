@@ -10,7 +10,7 @@ and problem 8.13.
 import math
 
 from palpate.control.arm.rigid_body import RigidBody
-from palpate.control.laws.gains import WitnessGains
+from palpate.control.laws.gains import DisturbanceObserverGains
 from palpate.control.laws.hybrid import ControlOutput
 from palpate.robot_io.errors import SafetyTripError
 from palpate.robot_io.types import Measurement
@@ -32,7 +32,7 @@ class DisturbanceObserver:
     """
 
     def __init__(
-        self, body: RigidBody, gains: WitnessGains, force_limit_n: float, force_feedforward: float
+        self, body: RigidBody, gains: DisturbanceObserverGains, force_limit_n: float, force_feedforward: float
     ) -> None:
         self._body = body
         self._threshold_n = gains.share * force_limit_n + gains.floor_n
@@ -68,7 +68,7 @@ class DisturbanceObserver:
             SafetyTripError: the joint torques have contradicted the sensor for several ticks.
         """
         if self._ticks % _MASS_TICKS == 0:
-            self._mass_kg = self._body.mass_along(measurement.joint_position_rad, output.push_lever_m)
+            self._mass_kg = self._body.effective_mass(measurement.joint_position_rad, output.push_lever_m)
         self._ticks += 1
         unread_n = self._mass_kg * float(output.push_lever_m.dot(output.correction_rad_s2))
         unread_n -= self._pid_share * output.force_n

@@ -64,7 +64,7 @@ class ContactGains(FileModel):
     force_feedforward: Share = 1.0  # share of the measured force that the joints compensate
 
 
-class WitnessGains(FileModel):
+class DisturbanceObserverGains(FileModel):
     """Gains of the check of joint torques against the force sensor; see `laws.disturbance_observer`."""
 
     share: Share = 0.5  # threshold as a share of the plan's force limit, plus
@@ -79,7 +79,7 @@ class Gains(FileModel):
     tracking: TrackingGains = TrackingGains()
     touch: TouchGains = TouchGains()
     contact: ContactGains = ContactGains()
-    witness: WitnessGains = WitnessGains()
+    witness: DisturbanceObserverGains = DisturbanceObserverGains()
 
 
 def gains_of(robot_file: RobotFile) -> Gains:

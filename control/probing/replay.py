@@ -18,7 +18,7 @@ _SETTLE_S = 0.3  # rest before the references, and after them
 
 
 @dataclass(frozen=True, eq=False)
-class References:
+class ReferenceTrajectory:
     """Recorded references of an arm with j joints over n ticks.
 
     Raises:
@@ -67,7 +67,7 @@ class ReplayTask:
         InputError: the references are of an arm with another number of joints.
     """
 
-    def __init__(self, body: RigidBody, gains: Gains, references: References) -> None:
+    def __init__(self, body: RigidBody, gains: Gains, references: ReferenceTrajectory) -> None:
         if references.joint_count != body.joint_count:
             raise InputError(f"references of {references.joint_count} joints, the arm has {body.joint_count}")
         self._body, self._references = body, references

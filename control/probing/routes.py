@@ -29,7 +29,7 @@ _LIFT_MARGIN_M = 0.002
 _ROUNDING_M = 1e-6
 
 
-class Place(NamedTuple):
+class RouteEnd(NamedTuple):
     """End of a route: joint positions, shape (3,) [rad], and the site whose approach starts there.
 
     Without a site the tip cannot be lifted along a press line.
@@ -43,7 +43,7 @@ class Route(NamedTuple):
     """Points, shape (3,) each [rad], with rest in between, and how much too low the lowest one is [m]."""
 
     points_rad: tuple[FloatArray, ...]
-    too_low_m: float
+    clearance_deficit_m: float
 
     def problem(self, where: str) -> str:
         """Describe that the route is too low, with a remedy.
@@ -52,9 +52,9 @@ class Route(NamedTuple):
             where: part of the route for messages, such as "to target 2".
         """
         return (
-            f"on the way {where} the tip would come {1e3 * self.too_low_m:.1f} mm too near to the object and "
-            "cannot be lifted more: give targets nearer to each other, or more approach_clearance_m and "
-            "retract_m"
+            f"on the way {where} the tip would come {1e3 * self.clearance_deficit_m:.1f} mm too near to the "
+            "object and cannot be lifted more: give targets nearer to each other, or more "
+            "approach_clearance_m and retract_m"
         )
 
     def refuse_if_low(self, where: str) -> None:
@@ -66,14 +66,14 @@ class Route(NamedTuple):
         Raises:
             InputError: the route is too low.
         """
-        if self.too_low_m > 0.0:
+        if self.clearance_deficit_m > 0.0:
             raise InputError(self.problem(where))
 
 
 class Swing(NamedTuple):
     """Half a swing, up or down: start, further points, shape (3,) each [rad], and fastest joint's speed."""
 
-    start: Place
+    start: RouteEnd
     points_rad: tuple[FloatArray, ...]
     speed_rad_s: float
 
@@ -93,7 +93,7 @@ class Routes:
         self._spare_m = (1.0 - _MIN_CLEARANCE_SHARE) * min(plan.retract_m, plan.approach_clearance_m)
         self._shares = np.linspace(0.0, 1.0, _STEPS)[:, None]
 
-    def find(self, start: Place, end: Place) -> Route:
+    def find(self, start: RouteEnd, end: RouteEnd) -> Route:
         """Find the route with the smallest lift that clears the object, or else the highest route.
 
         The clearance refers to the higher of two targets, or else to the lower end of the route.
@@ -103,14 +103,14 @@ class Routes:
         top_m = float(depths_m.min() if start.site and end.site else depths_m.max())
         best, level_m = self._at_level(ends, math.inf, top_m), top_m
         for _ in range(_MAX_LIFTS):
-            if best.too_low_m <= 0.0:
+            if best.clearance_deficit_m <= 0.0:
                 break
             route = self._at_level(ends, level_m, top_m)
-            level_m -= max(route.too_low_m, 0.0) + _LIFT_MARGIN_M
-            best = min(best, route, key=lambda candidate: candidate.too_low_m)
+            level_m -= max(route.clearance_deficit_m, 0.0) + _LIFT_MARGIN_M
+            best = min(best, route, key=lambda candidate: candidate.clearance_deficit_m)
         return best
 
-    def check(self, start: Place, sites: Sequence[ProbingSite]) -> None:
+    def check(self, start: RouteEnd, sites: Sequence[ProbingSite]) -> None:
         """Check the routes from the start to all sites in order and back.
 
         Args:
@@ -122,7 +122,7 @@ class Routes:
         """
         place, where = start, ""
         for number, site in enumerate(sites, 1):
-            place, previous = Place(site.joint_position_rad(place.position_rad), site), place
+            place, previous = RouteEnd(site.joint_position_rad(place.position_rad), site), place
             where = f"target {number}"
             self.find(previous, place).refuse_if_low(f"to {where}")
         self.find(place, start).refuse_if_low(f"back from {where}")
@@ -139,10 +139,10 @@ class Routes:
         """
         if not self._plan.free_air_swing_m:
             return []
-        low, up = self._way_up(site, near_rad)
-        if up.too_low_m > 0.0:
+        low, up = self._lift_path(site, near_rad)
+        if up.clearance_deficit_m > 0.0:
             return []
-        halves = ((low, up.points_rad), (Place(up.points_rad[-1], site), up.points_rad[::-1]))
+        halves = ((low, up.points_rad), (RouteEnd(up.points_rad[-1], site), up.points_rad[::-1]))
         return [Swing(*half, speed) for speed in self._plan.free_air_swing_speeds_rad_s for half in halves]
 
     def check_swings(
@@ -173,29 +173,29 @@ class Routes:
                     f"{what} the arm can be lifted by only {1e3 * site.lift_room_m:.0f} mm within its joint "
                     f"limits; at most {site.lift_room_m:.3g} m"
                 )
-            low, up = self._way_up(site, near_rad)
+            low, up = self._lift_path(site, near_rad)
             up.refuse_if_low(f"up from target {number}")
             near_rad = low.position_rad
             if torque_limits_nm is not None:
                 _check_torques(what, up.points_rad, plan, body, torque_limits_nm)
 
-    def _way_up(self, site: ProbingSite, near_rad: FloatArray) -> tuple[Place, Route]:
-        low = Place(site.joint_position_rad(near_rad), site)
+    def _lift_path(self, site: ProbingSite, near_rad: FloatArray) -> tuple[RouteEnd, Route]:
+        low = RouteEnd(site.joint_position_rad(near_rad), site)
         high_rad = site.lifted_rad(self._plan.free_air_swing_m, low.position_rad)
-        return low, self.find(low, Place(high_rad))
+        return low, self.find(low, RouteEnd(high_rad))
 
-    def _at_level(self, ends: tuple[Place, Place], level_m: float, top_m: float) -> Route:
+    def _at_level(self, ends: tuple[RouteEnd, RouteEnd], level_m: float, top_m: float) -> Route:
         """Return the route with lower ends lifted to a level [m], as far as the sites allow it."""
         start, end = ends
         above_start, above_end = self._lifted_rad(start, level_m), self._lifted_rad(end, level_m)
         points_rad = above_start + self._shares * (above_end - above_start)
-        too_low_m = float(self._depths_m(points_rad).max()) - top_m - self._spare_m
+        clearance_deficit_m = float(self._depths_m(points_rad).max()) - top_m - self._spare_m
         points = [start.position_rad]
         points += [above_start] if above_start is not start.position_rad else []
         points += [above_end] if above_end is not end.position_rad else []
-        return Route((*points, end.position_rad), max(too_low_m, 0.0))
+        return Route((*points, end.position_rad), max(clearance_deficit_m, 0.0))
 
-    def _lifted_rad(self, place: Place, level_m: float) -> FloatArray:
+    def _lifted_rad(self, place: RouteEnd, level_m: float) -> FloatArray:
         if place.site is None:
             return place.position_rad
         lift_m = float(self._depths_m(place.position_rad[None])[0]) - level_m

@@ -22,7 +22,7 @@ from palpate.control.loop.task import NO_RUN, Phase, TaskEvent, TaskOutput, make
 from palpate.control.loop.tick_record import Estimates
 from palpate.control.paths.trajectory import JointBrake, JointPath
 from palpate.control.probing.plan import ProbingPlan
-from palpate.control.probing.routes import Place, Route, Routes, Swing
+from palpate.control.probing.routes import Route, RouteEnd, Routes, Swing
 from palpate.control.probing.run import ProbingRun
 from palpate.control.probing.sites import check_against_guard, check_tip_speeds, probing_sites
 from palpate.robot_io.calibration.applied import Calibrations
@@ -141,7 +141,7 @@ class ProbingTask:
         ):
             raise InputError(f"before the arm moves: {problem}")
         position_rad = measurement.joint_position_rad
-        self._start = self._place = Place(position_rad.copy())
+        self._start = self._place = RouteEnd(position_rad.copy())
         tip, _ = self._body.tip_pose(position_rad)
         self._sites = probing_sites(self._arm, self._plan, tip, position_rad, self._limits_rad)
         if self._velocity_limits_rad_s is not None:
@@ -178,7 +178,7 @@ class ProbingTask:
                 else:
                     self.runs_done += 1
                 self._run = None
-                self._place = Place(self._control.reference_rad, self._sites[run.spec.target])
+                self._place = RouteEnd(self._control.reference_rad, self._sites[run.spec.target])
                 self._begin_route()
         else:
             output = self._move(measurement, dt_s)
@@ -229,9 +229,9 @@ class ProbingTask:
     def _route_to(self, target: int) -> Route | None:
         """Find the route to a target; a target without one is dropped."""
         site = self._sites[target]
-        place = Place(site.joint_position_rad(self._place.position_rad), site)
+        place = RouteEnd(site.joint_position_rad(self._place.position_rad), site)
         route = self._routes.find(self._place, place)
-        if route.too_low_m <= 0.0:
+        if route.clearance_deficit_m <= 0.0:
             self._swings.extend(self._routes.swings_at(site, place.position_rad))
             if self._plan.free_air_swing_m and not self._swings:
                 text = f"no swing before target {target + 1}: the tip would come too near to the object"

@@ -50,10 +50,10 @@ class Channel(ABC):
             packet: ignored if a value is not finite.
         """
         if math.isfinite(sum(packet)):
-            self._take(number, packet)
+            self._store(number, packet)
 
     @abstractmethod
-    def _take(self, number: int, packet: Packet) -> None:
+    def _store(self, number: int, packet: Packet) -> None:
         """Store a finite packet."""
 
     @abstractmethod
@@ -61,14 +61,14 @@ class Channel(ABC):
         """Return the packet of this step; None before the first. Call it once per step."""
 
 
-class Newest(Channel):
+class LatestPacketChannel(Channel):
     """Channel that returns the newest packet; an overtaken packet is dropped."""
 
     def __init__(self) -> None:
         self._number = -1
         self._packet: Packet | None = None
 
-    def _take(self, number: int, packet: Packet) -> None:
+    def _store(self, number: int, packet: Packet) -> None:
         if number > self._number:
             self._number, self._packet = number, packet
 
@@ -77,7 +77,7 @@ class Newest(Channel):
         return self._packet
 
 
-class Playout(Channel):
+class PlayoutBuffer(Channel):
     """Playout buffer that delays each packet to the largest delay so far.
 
     So jitter becomes a constant delay, as wave variables require (Kosuge, Murayama and Takeo, "Bilateral
@@ -91,7 +91,7 @@ class Playout(Channel):
         self._delay_steps = -math.inf  # from sending to arrival, in steps counted from different starts
         self._packet: Packet | None = None
 
-    def _take(self, number: int, packet: Packet) -> None:
+    def _store(self, number: int, packet: Packet) -> None:
         if number <= self._played or number < self._newest - _MAX_AGE_STEPS:
             return
         self._newest = max(self._newest, number)
@@ -148,11 +148,11 @@ class Coupling:
     name: str
     leader: Callable[[], CouplingSide]
     follower: Callable[[], CouplingSide]
-    channel: Callable[[], Channel] = Newest  # one for each side
+    channel: Callable[[], Channel] = LatestPacketChannel  # one for each side
 
 
 @dataclass(frozen=True)
-class Tracking:
+class PositionTracking:
     """The follower's position control, common to all couplings: F = K (x_des - x) + B (v_des - v)."""
 
     stiffness_n_m: float = 8000.0
@@ -165,17 +165,17 @@ class Tracking:
                     f"tracking: stiffness and damping must be finite and not negative (are {value})"
                 )
 
-    def force_n(self, ahead_m: float, faster_m_s: float) -> float:
+    def force_n(self, position_error_m: float, velocity_error_m_s: float) -> float:
         """Compute the tracking force [N].
 
         Args:
-            ahead_m: desired minus actual position [m].
-            faster_m_s: desired minus actual velocity [m/s].
+            position_error_m: desired minus actual position [m].
+            velocity_error_m_s: desired minus actual velocity [m/s].
         """
-        return self.stiffness_n_m * ahead_m + self.damping_n_s_m * faster_m_s
+        return self.stiffness_n_m * position_error_m + self.damping_n_s_m * velocity_error_m_s
 
 
-TRACKING = Tracking()
+TRACKING = PositionTracking()
 
 
 class DirectLeader(CouplingSide):
@@ -219,57 +219,57 @@ RESERVE_J = 1e-3  # energy that each end may initially take, before any is put i
 _MAX_SPEED_M_S = 0.5  # largest speed of a point of the link, mainly after a gap in the packets
 
 
-class Account:
+class PassivityObserver:
     """Energy balance of one end of the link, as known there [J]."""
 
     def __init__(self) -> None:
-        self.put_in_j = 0.0  # by this end
-        self._withdrawn_j = 0.0
+        self.input_j = 0.0  # by this end
+        self._output_j = 0.0
 
-    def book(self, work_j: float) -> None:
+    def add_work(self, work_j: float) -> None:
         """Add the work that this end did on the link in a step; negative if the link did work on this end.
 
         Args:
             work_j: positive if this end worked on the link [J].
         """
         if work_j > 0.0:
-            self.put_in_j += work_j
+            self.input_j += work_j
         else:
-            self._withdrawn_j -= work_j
+            self._output_j -= work_j
 
-    def share_allowed(self, withdrawal_j: float, other_put_in_j: float) -> float:
+    def allowed_share(self, output_j: float, other_input_j: float) -> float:
         """Return the share, 0 to 1, of a withdrawal that is covered by the other end's known input.
 
         Args:
-            withdrawal_j: energy to be taken out [J].
-            other_put_in_j: energy put in by the other end, as known here [J].
+            output_j: energy to be taken out [J].
+            other_input_j: energy put in by the other end, as known here [J].
         """
-        available_j = max(0.0, RESERVE_J + other_put_in_j - self._withdrawn_j)
-        return 1.0 if withdrawal_j <= available_j else available_j / withdrawal_j
+        available_j = max(0.0, RESERVE_J + other_input_j - self._output_j)
+        return 1.0 if output_j <= available_j else available_j / output_j
 
 
 class TimeDomainLeader(CouplingSide):
     """Leader whose virtual spring renders the received force, as far as the energy balance allows it."""
 
     def __init__(self) -> None:
-        self._account = Account()
+        self._observer = PassivityObserver()
         self._point_m = self._position_m = math.nan
         self._drag_n = 0.0
 
     def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
         if math.isnan(self._point_m):
             self._point_m = self._position_m = port.position_m
-        force_n, other_put_in_j = newest or (0.0, 0.0)
+        force_n, other_input_j = newest or (0.0, 0.0)
         stiffness = TRACKING.stiffness_n_m
-        ahead_m = port.position_m - self._point_m
-        step_m = clip(ahead_m - force_n / stiffness, -_MAX_SPEED_M_S * dt_s, _MAX_SPEED_M_S * dt_s)
-        step_m *= self._account.share_allowed(-stiffness * (ahead_m - step_m) * step_m, other_put_in_j)
-        spring_n = stiffness * (ahead_m - step_m)  # after the step: understates input, overstates output
-        self._account.book(spring_n * step_m)
-        self._account.book(self._drag_n * (port.position_m - self._position_m))
+        stretch_m = port.position_m - self._point_m
+        step_m = clip(stretch_m - force_n / stiffness, -_MAX_SPEED_M_S * dt_s, _MAX_SPEED_M_S * dt_s)
+        step_m *= self._observer.allowed_share(-stiffness * (stretch_m - step_m) * step_m, other_input_j)
+        spring_n = stiffness * (stretch_m - step_m)  # after the step: understates input, overstates output
+        self._observer.add_work(spring_n * step_m)
+        self._observer.add_work(self._drag_n * (port.position_m - self._position_m))
         self._point_m += step_m
         self._position_m, self._drag_n = port.position_m, DRAG_N_S_M * port.velocity_m_s
-        return -spring_n - self._drag_n, (port.position_m, self._account.put_in_j)
+        return -spring_n - self._drag_n, (port.position_m, self._observer.input_j)
 
 
 class TimeDomainFollower(CouplingSide):
@@ -280,19 +280,19 @@ class TimeDomainFollower(CouplingSide):
     """
 
     def __init__(self) -> None:
-        self._account = Account()
+        self._observer = PassivityObserver()
         self._desired_m = math.nan
 
     def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
         if math.isnan(self._desired_m):
             self._desired_m = port.position_m
-        goal_m, other_put_in_j = newest or (self._desired_m, 0.0)
+        goal_m, other_input_j = newest or (self._desired_m, 0.0)
         step_m = clip(goal_m - self._desired_m, -_MAX_SPEED_M_S * dt_s, _MAX_SPEED_M_S * dt_s)
-        step_m *= self._account.share_allowed(self._force_n(port, step_m, dt_s) * step_m, other_put_in_j)
+        step_m *= self._observer.allowed_share(self._force_n(port, step_m, dt_s) * step_m, other_input_j)
         force_n = self._force_n(port, step_m, dt_s)  # smaller by more than the share, if that is below 1
-        self._account.book(-force_n * step_m)
+        self._observer.add_work(-force_n * step_m)
         self._desired_m += step_m
-        return force_n, (force_n, self._account.put_in_j)
+        return force_n, (force_n, self._observer.input_j)
 
     def _force_n(self, port: DevicePort, step_m: float, dt_s: float) -> float:
         """Return the tracking force [N] after the desired position has moved by `step_m` [m]."""
@@ -307,7 +307,7 @@ _CATCH_UP_1_S = 5.0  # rate at which the integrals are matched
 _GAP_STEPS = 5.0  # energy is kept back to hold the wave for so long, before any is spent on catching up
 
 
-class WaveEnd:
+class WavePort:
     """One end of the wave lines: counts sent energy, and returns at most the received energy."""
 
     def __init__(self) -> None:
@@ -348,7 +348,7 @@ class WaveLeader(CouplingSide):
     """Leader that computes a force and the outgoing wave from its velocity and the incoming wave."""
 
     def __init__(self) -> None:
-        self._end = WaveEnd()
+        self._end = WavePort()
         self._root = math.sqrt(2.0 * IMPEDANCE_N_S_M)
 
     def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
@@ -365,21 +365,21 @@ class WaveFollower(CouplingSide):
     """
 
     def __init__(self) -> None:
-        self._end = WaveEnd()
+        self._end = WavePort()
         self._root = math.sqrt(2.0 * IMPEDANCE_N_S_M)
         self._desired_m = math.nan
 
     def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
         wave = self._end.receive(newest, dt_s)
-        ahead_m = 0.0 if math.isnan(self._desired_m) else self._desired_m - port.position_m
+        position_error_m = 0.0 if math.isnan(self._desired_m) else self._desired_m - port.position_m
         yielding_n_s_m = IMPEDANCE_N_S_M + TRACKING.stiffness_n_m * dt_s
         free_m_s = self._root * wave / IMPEDANCE_N_S_M  # desired velocity without force
-        force_n = (TRACKING.stiffness_n_m * ahead_m + yielding_n_s_m * (free_m_s - port.velocity_m_s)) / (
-            1.0 + yielding_n_s_m / IMPEDANCE_N_S_M
-        )
+        force_n = (
+            TRACKING.stiffness_n_m * position_error_m + yielding_n_s_m * (free_m_s - port.velocity_m_s)
+        ) / (1.0 + yielding_n_s_m / IMPEDANCE_N_S_M)
         desired_m_s = free_m_s - force_n / IMPEDANCE_N_S_M
-        self._desired_m = port.position_m + ahead_m + desired_m_s * dt_s
+        self._desired_m = port.position_m + position_error_m + desired_m_s * dt_s
         return force_n, self._end.send(wave - self._root * force_n / IMPEDANCE_N_S_M, dt_s)
 
 
-WAVE_VARIABLES = Coupling("wave variables", WaveLeader, WaveFollower, Playout)
+WAVE_VARIABLES = Coupling("wave variables", WaveLeader, WaveFollower, PlayoutBuffer)

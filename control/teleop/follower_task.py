@@ -120,7 +120,7 @@ class TargetQueue:
             return dict(self._states)
 
 
-class OnSilence(StrEnum):
+class SilenceAction(StrEnum):
     """Treatment of the current target when the leader falls silent; then the arm holds still."""
 
     FINISH = "finish"
@@ -164,7 +164,7 @@ class FollowerTask:
         queue: TargetQueue,
         probing: Callable[[Target], ProbingTask],
         settled: Callable[[], bool] = lambda: True,
-        on_silence: OnSilence = OnSilence.FINISH,
+        on_silence: SilenceAction = SilenceAction.FINISH,
     ) -> None:
         self._hold = HybridController(body, sensor_axis_tip, gains)
         self._queue, self._probing = queue, probing
@@ -212,7 +212,7 @@ class FollowerTask:
             )
         if self._queue.cancelled:
             task.cancel("canceled by the operator")
-        elif not self._linked and self._on_silence is OnSilence.RETREAT:
+        elif not self._linked and self._on_silence is SilenceAction.RETREAT:
             task.cancel("the leader is silent")
         output = task.step(measurement, dt_s)
         # Continue run numbers from target to target; the end of a target does not end the loop.

@@ -69,8 +69,8 @@ class Messaging:
     ) -> None:
         self.peer, self.linked = Peer(PeerLimits()), False
         self.send = line.send
-        self._line, self._clock, self._take, self._on_new_peer = line, clock, take, on_new_peer
-        self._begun_s, self._complaints = clock.now_s(), set[str]()
+        self._line, self._clock, self._handle_message, self._on_new_peer = line, clock, take, on_new_peer
+        self._begun_s, self._reported = clock.now_s(), set[str]()
         self._answers_another = False  # whether received frames answer another program
         self._resubscribe_s = self._begun_s + _RESUBSCRIBE_S
 
@@ -88,7 +88,7 @@ class Messaging:
                     self._line.heard(frame, at_s)
                 continue
             restarts = self.peer.restarts
-            arrival = self.peer.judge(frame, at_s)
+            arrival = self.peer.classify(frame, at_s)
             if self.peer.restarts != restarts:
                 self._on_new_peer()
             if arrival is not Arrival.FRESH:
@@ -99,7 +99,7 @@ class Messaging:
                 self._line.refuse(str(error))
                 continue
             self._line.heard(frame, at_s)
-            self._take(message, frame.sent_s)
+            self._handle_message(message, frame.sent_s)
         now_s = self._clock.now_s()
         was, self.linked = self.linked, not self.peer.silent(now_s)
         if self.linked:
@@ -116,16 +116,16 @@ class Messaging:
             One sentence; empty if there is nothing new.
         """
         now_s, line = self._clock.now_s(), self._line
-        if line.malformed and "refused" not in self._complaints:
-            self._complaints.add("refused")
+        if line.malformed and "refused" not in self._reported:
+            self._reported.add("refused")
             return f"a frame was refused: {line.refused}"
         if (
-            "unheard" in self._complaints
+            "unheard" in self._reported
             or self.peer.counts[Arrival.FRESH]
             or now_s < self._begun_s + _UNHEARD_S
         ):
             return ""
-        self._complaints.add("unheard")
+        self._reported.add("unheard")
         if self._answers_another:
             return f"the other side answers another program: is another {line.role} running?"
         return f"no message arrived for {_UNHEARD_S:g} s: {line.advice}"

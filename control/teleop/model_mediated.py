@@ -109,7 +109,7 @@ class ModelMediatedFollower(CouplingSide):
     """Follower that presses a target at each speed up to the force limit, and returns a model."""
 
     model: ObjectModel
-    way: ProbingMotion
+    motion_plan: ProbingMotion
     stage: ProbingStage = ProbingStage.IDLE
     _answer: Packet = (0.0,)
     _target: float = 0.0
@@ -135,13 +135,13 @@ class ModelMediatedFollower(CouplingSide):
                 self._touched_m = port.position_m
             self._samples.append(port)
         if self.stage is ProbingStage.PRESS:
-            if port.force_n >= self.way.force_limit_n:
+            if port.force_n >= self.motion_plan.force_limit_n:
                 self.stage = ProbingStage.RETRACT
-            return self.way.speeds_m_s[self._presses]
+            return self.motion_plan.speeds_m_s[self._presses]
         if self.stage is ProbingStage.RETRACT:
             if port.position_m < self._touched_m - _CLEARANCE_M:
                 self._presses += 1
-                if self._presses < len(self.way.speeds_m_s):
+                if self._presses < len(self.motion_plan.speeds_m_s):
                     self.stage = ProbingStage.PRESS
                     return -_RETRACT_M_S
                 answer = (self._target, *self.model.fit(np.array(self._samples)))

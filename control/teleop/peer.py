@@ -154,20 +154,20 @@ class Peer:
         """
         return nan if self.offset is None else now_s - (peer_s - self.offset.offset_s)
 
-    def judge(self, frame: Frame, arrived_s: float) -> Arrival:
+    def classify(self, frame: Frame, arrived_s: float) -> Arrival:
         """Classify a frame, and count it.
 
         Args:
             frame: received frame.
             arrived_s: arrival time, own clock [s].
         """
-        arrival = self._judge(frame, arrived_s)
+        arrival = self._classify(frame, arrived_s)
         self.counts[arrival] += 1
         if arrival is Arrival.FRESH:
             self._fresh_at_s, self._sent_s = arrived_s, frame.sent_s
         return arrival
 
-    def _judge(self, frame: Frame, arrived_s: float) -> Arrival:
+    def _classify(self, frame: Frame, arrived_s: float) -> Arrival:
         if frame.sender != self._sender:
             if not self.silent(arrived_s):
                 return Arrival.FOREIGN

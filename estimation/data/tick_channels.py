@@ -39,7 +39,7 @@ def checked_ticks(session: Session) -> Samples:
     """Return the stream "tick" after checking it.
 
     The stream must have all columns in use, in the form of `tick_stream`; those that no study needs may be
-    left out of memory (`Session.only_columns`). The others must contain finite numbers of plausible
+    left out of memory (`Session.read_columns`). The others must contain finite numbers of plausible
     size wherever the device reports a valid sample. The time must always be valid, and may decrease only
     between the runs of two sessions.
 

@@ -110,8 +110,8 @@ def _arm_torques(
         acceleration: joint accelerations, likewise [rad/s^2].
     """
     q, v, a = (values.reshape(len(values), -1) for values in (position, velocity, acceleration))
-    rigid_body = body.inverse_dynamics_along(q, v, a)
-    payload = body.with_load(1.0).inverse_dynamics_along(q, v, a) - rigid_body
+    rigid_body = body.inverse_dynamics_batch(q, v, a)
+    payload = body.with_load(1.0).inverse_dynamics_batch(q, v, a) - rigid_body
     axis = body.joint_axes()[0].axis_world
     if abs(axis[2]) >= 1e-6:
         return _ArmTorques(rigid_body, payload, None, None)
@@ -119,7 +119,7 @@ def _arm_torques(
     quarter[0] = 0.5 * np.pi * np.sign(axis[np.argmax(np.abs(axis))])
     zero = np.zeros_like(q)
     at_0, at_90, at_180, at_270 = (
-        body.inverse_dynamics_along(q + turns * quarter, zero, zero) for turns in range(4)
+        body.inverse_dynamics_batch(q + turns * quarter, zero, zero) for turns in range(4)
     )
     return _ArmTorques(rigid_body, payload, 0.5 * (at_90 - at_270), 0.5 * (at_0 - at_180))
 
@@ -170,7 +170,7 @@ def _with_slopes(
 
 def _torque(body: "RigidBody", joint: int, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
     """Compute the inverse dynamics at one joint, shape (n,) [N m]."""
-    return body.inverse_dynamics_along(q, v, a)[:, joint]
+    return body.inverse_dynamics_batch(q, v, a)[:, joint]
 
 
 def _unread_force(data: ChannelData, levers_m: FloatArray, unexplained: FloatArray) -> FloatArray:

@@ -68,7 +68,7 @@ def without_ticks(session: Session) -> Session:
     Args:
         session: a session from `read_session` or `read_folder`.
     """
-    return session.only_columns(STREAM_NAME, ("joint_position_rad",))
+    return session.read_columns(STREAM_NAME, ("joint_position_rad",))
 
 
 def with_ticks(session: Session) -> Session:
@@ -87,7 +87,7 @@ def with_ticks(session: Session) -> Session:
 
 def _open(path: Path) -> Session:
     """Open a session without tick columns that no study needs, which halves its memory."""
-    return Session.open(path).only_columns(STREAM_NAME, USED_COLUMNS)
+    return Session.open(path).read_columns(STREAM_NAME, USED_COLUMNS)
 
 
 def arm_of(session: Session) -> Arm:

@@ -88,8 +88,8 @@ def follower(
     *,
     experiment: Annotated[Path | None, typer.Option(help="Probing plan (YAML) for every target.")] = None,
     on_silence: Annotated[
-        OnSilence, typer.Option(help="What to do with the current target if the leader is silent.")
-    ] = OnSilence.FINISH,
+        SilenceAction, typer.Option(help="What to do with the current target if the leader is silent.")
+    ] = SilenceAction.FINISH,
     diagnose: Annotated[bool, typer.Option(help="Diagnose which effects the contact law lacks.")] = True,
     name: NameOption = "arm",
     port: PortOption = 7447,

@@ -221,7 +221,7 @@ def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
     clock = robot.clock
     reading_s = list[float]()  # duration of each reading
     ticks = list[tuple[Measurement, Set[str]]]()  # measurements, each with the buses that failed
-    complaints: dict[str, str] = {}  # last message of each bus
+    bus_problems: dict[str, str] = {}  # last message of each bus
     next_s = clock.now_s()
     for _ in range(max(20, round(_WATCH_S / period_s))):
         next_s = max(next_s + period_s, clock.now_s())
@@ -230,7 +230,7 @@ def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
         measurement = robot.read(begun_s + READ_SHARE * period_s)
         reading_s.append(clock.now_s() - begun_s)
         ticks.append((measurement, set(robot.bus_errors)))
-        complaints |= robot.bus_errors | robot.bus_delays
+        bus_problems |= robot.bus_errors | robot.bus_delays
     skipped = min(10, len(ticks) // 2)  # the first samples may arrive late
     del reading_s[:skipped], ticks[:skipped]
     measurements = [measurement for measurement, _ in ticks]
@@ -244,7 +244,7 @@ def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
     yield graded("reading the arm", value, (_WARN, most_s > READ_SHARE * period_s, remedy))
     for device in ("encoder", "torque", "force"):
         bus = getattr(robot_file, device).bus
-        yield _device(ticks, complaints.get(bus or ""), device, bus, getattr(limits, f"{device}_age_s"))
+        yield _device(ticks, bus_problems.get(bus or ""), device, bus, getattr(limits, f"{device}_age_s"))
     position_rad = np.mean([m.joint_position_rad for m in measurements], axis=0)
     if np.isfinite(position_rad).all():  # missing samples were reported before
         ranges = zip(position_rad, limits.position_min_rad, limits.position_max_rad, strict=True)
@@ -289,14 +289,14 @@ def _computed(robot: Robot, period_s: float) -> Iterator[Finding]:
 
 def _device(
     ticks: Sequence[tuple[Measurement, Set[str]]],
-    complaint: str | None,
+    fault_text: str | None,
     device: str,
     bus: str | None,
     limit_s: float,
 ) -> Finding:
     """Check a device's samples; a robot reports all devices of a failed bus as faulty."""
     measurements = [measurement for measurement, _ in ticks]
-    subject, because = f"{device} samples", f": {complaint}" if complaint else ""
+    subject, because = f"{device} samples", f": {fault_text}" if fault_text else ""
     at_s = np.array([getattr(m, f"{device}_at_s") for m in measurements])
     ages_s = np.array([m.time_s for m in measurements]) - at_s
     if not np.isfinite(ages_s).all():

@@ -16,7 +16,7 @@ from palpate.control.loop.result import LoopResult
 from palpate.control.loop.task import NO_RUN, Phase, TaskOutput
 from palpate.control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, Estimates, tick_stream
 from palpate.control.probing.plan import ProbingPlan
-from palpate.control.probing.replay import References, ReplayTask
+from palpate.control.probing.replay import ReferenceTrajectory, ReplayTask
 from palpate.control.probing.task import ProbingTask
 from palpate.estimation.contact_estimator import OnlineContactLaw
 from palpate.estimation.contact_estimators import CONTACT_ESTIMATORS
@@ -194,7 +194,7 @@ class ReplayJob(ArmJob):
     recorded: Session
 
 
-def references_of(session: Session) -> References:
+def references_of(session: Session) -> ReferenceTrajectory:
     """Return a session's references up to its last rest between runs, where the torque can safely go off.
 
     Args:
@@ -214,7 +214,7 @@ def references_of(session: Session) -> References:
     if not (ticks["run"][:count] != NO_RUN).any():
         raise InputError(f"{session.path}: holds no complete run that ended at rest; nothing to repeat")
     first = slice(0, count)
-    return References(
+    return ReferenceTrajectory(
         ticks["time_s"][first] - ticks["time_s"][0],
         ticks.vector("reference_position_rad")[first],
         ticks.vector("reference_velocity_rad_s")[first],
@@ -225,7 +225,7 @@ def references_of(session: Session) -> References:
 
 
 def run_replay(
-    job: ReplayJob, references: References, watcher: Watcher = NOBODY
+    job: ReplayJob, references: ReferenceTrajectory, watcher: Watcher = NOBODY
 ) -> tuple[LoopResult, Path | None]:
     """Repeat the references and write a session; return the result and the sealed answer.
 

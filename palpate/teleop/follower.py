@@ -26,7 +26,7 @@ from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates
 from palpate.control.probing.plan import ProbingPlan
 from palpate.control.probing.sites import check_against_guard
 from palpate.control.probing.task import ProbingTask
-from palpate.control.teleop.follower_task import FollowerTask, OnSilence, TargetQueue, plan_for
+from palpate.control.teleop.follower_task import FollowerTask, SilenceAction, TargetQueue, plan_for
 from palpate.control.teleop.messaging import LINK_STREAM, Messaging
 from palpate.robot_io.calibration.applied import load_calibrations
 from palpate.robot_io.clock import Clock
@@ -299,7 +299,7 @@ class FollowerJob(ArmJob):
     plan: ProbingPlan  # how each target is probed; the plan has no targets of its own
     _: KW_ONLY
     link: LineSettings = field(default_factory=LineSettings)
-    on_silence: OnSilence = OnSilence.FINISH
+    on_silence: SilenceAction = SilenceAction.FINISH
     diagnose: bool = True
 
 

@@ -130,7 +130,7 @@ class _Leader:
             self._target_states.on_new_peer()
             self._note("link", "another follower has started")
 
-        self._messaging = Messaging(line, clock, take=self._take, on_new_peer=drop_follower)
+        self._messaging = Messaging(line, clock, take=self._handle_message, on_new_peer=drop_follower)
         self._sender = line.sender
         self._targets: dict[int, Target] = {}
         self._cancelled: list[int] = []
@@ -243,7 +243,7 @@ class _Leader:
         queued, cancelled = self._queued()[:MOST_TARGETS], self._cancelled[-MOST_TARGETS:]
         self._messaging.send(Intent(tuple(queued), tuple(cancelled), self._target_states.seen, self._ending))
 
-    def _take(self, message: Message, sent_s: float) -> None:
+    def _handle_message(self, message: Message, sent_s: float) -> None:
         if isinstance(message, ObjectEstimate):
             try:
                 is_new = self._target_states.take(message)

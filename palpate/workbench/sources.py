@@ -25,7 +25,7 @@ from palpate.estimation.data.units import SI
 from palpate.render import palette
 from palpate.render.thinning import peak_rows
 from palpate.robot_io.errors import InputError, PalpateError
-from palpate.robot_io.session import Follower, Samples, Session
+from palpate.robot_io.session import Samples, Session, SessionTail
 from palpate.robot_io.types import FloatArray
 from palpate.workbench.elements import Figure, Plot, axis, curve, heading, layout_of, set_props
 from palpate.workbench.plots import picked
@@ -108,13 +108,13 @@ def _warn(error: PalpateError) -> None:
     ui.notify(str(error), type="warning", multi_line=True, timeout=0, close_button=True)
 
 
-Opened = Callable[[Path, ImportOptions], Awaitable[None]]
+ManagedDevice = Callable[[Path, ImportOptions], Awaitable[None]]
 
 
 class FileDrop:
     """Area to drop a file on, and a form for its columns."""
 
-    def __init__(self, opened: Opened) -> None:
+    def __init__(self, opened: ManagedDevice) -> None:
         self._opened = opened
 
     def build(self) -> None:
@@ -379,7 +379,7 @@ class Live:
         self, session: Path, done: Callable[[Path], Awaitable[None]], feed: Feed | None = None
     ) -> None:
         self._session, self._done, self._feed = session, done, feed
-        self._reading, self._follower = False, Follower(session, STREAM_NAME, _LAST)
+        self._reading, self._follower = False, SessionTail(session, STREAM_NAME, _LAST)
 
     def build(self) -> None:
         """Create the elements."""

@@ -68,7 +68,7 @@ class JointBus(Bus):
         """
 
 
-class _OnBus:
+class _BusDevice:
     bus_type: ClassVar[type[JointBus]]
     Settings: ClassVar[type[FileModel]] = FileModel  # settings of the device; the bus has its own
 
@@ -82,7 +82,7 @@ class _OnBus:
         return self._bus.joint_count
 
 
-class BusEncoder(_OnBus, JointEncoder):
+class BusEncoder(_BusDevice, JointEncoder):
     """Positions and velocities that a bus reports."""
 
     def read_position(self) -> Reading:
@@ -92,7 +92,7 @@ class BusEncoder(_OnBus, JointEncoder):
         return self._bus.velocity
 
 
-class BusTorque(_OnBus, JointTorque):
+class BusTorque(_BusDevice, JointTorque):
     """The drives on a bus."""
 
     def activate(self) -> None:

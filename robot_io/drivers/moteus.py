@@ -19,7 +19,7 @@ from pydantic import Field, model_validator
 
 from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.drivers.can.line import CanFrame, CanLineSettings, expect_length
-from palpate.robot_io.drivers.can.motors import ANSWER_S, AskedMotorBus, MotorMounting
+from palpate.robot_io.drivers.can.motors import ANSWER_S, MotorMounting, PolledMotorBus
 from palpate.robot_io.drivers.joint_bus import BusEncoder, BusTorque
 from palpate.robot_io.errors import InputError, ProtocolError
 from palpate.robot_io.examination import Finding, fail, ok, warn
@@ -143,7 +143,7 @@ def encode_stop(host_id: int, motor_id: int) -> CanFrame:
     return _frame(host_id, motor_id, _STOP)
 
 
-def encode_question(host_id: int, motor_id: int) -> CanFrame:
+def encode_query(host_id: int, motor_id: int) -> CanFrame:
     """Make the frame that requests the state and changes nothing.
 
     Args:
@@ -200,7 +200,7 @@ _COMMAND_BYTES, _ANSWER_BYTES = 32, 24
 _KNOWN_BY = {ROTOR: "the rotor alone, within one of its turns", OUTPUT: "the output"}
 
 
-class MoteusBus(AskedMotorBus[MoteusState]):
+class MoteusBus(PolledMotorBus[MoteusState]):
     """moteus controllers. Each command holds the watchdog's time; each activation tests the watchdog."""
 
     name = "moteus_bus"
@@ -211,7 +211,7 @@ class MoteusBus(AskedMotorBus[MoteusState]):
         super().__init__(validated, validated.motors, context, ids, validated.watchdog_s)
         self._settings, self._motors = validated, validated.motors
         self._observed_states: list[MoteusState | None] = [None] * len(ids)
-        self._state_request_frames = [encode_question(validated.host_id, motor_id) for motor_id in ids]
+        self._state_request_frames = [encode_query(validated.host_id, motor_id) for motor_id in ids]
         self._stops = [encode_stop(validated.host_id, motor_id) for motor_id in ids]
 
     def configure(self) -> None:
@@ -222,17 +222,17 @@ class MoteusBus(AskedMotorBus[MoteusState]):
                 position.
         """
         self._receive_all()
-        self._refuse_lost()
+        self._refuse_unreferenced()
 
-    def _refuse_lost(self) -> None:
+    def _refuse_unreferenced(self) -> None:
         """Raise a DeviceError if a controller knows no position, or only one relative to its start."""
         for joint, state in enumerate(self._observed_states):
             if self._motion_is_wrong[joint]:
-                raise self._about(
+                raise self._motor_error(
                     joint, f"does not know its position: {self._error_names(self._errors[joint])}"
                 )
             if state is not None and state.home == RELATIVE:
-                raise self._about(joint, "has no reference for its position (home state 0)")
+                raise self._motor_error(joint, "has no reference for its position (home state 0)")
 
     def _report(self) -> list[Finding]:
         self._observed_states = [None] * self.joint_count
@@ -261,8 +261,8 @@ class MoteusBus(AskedMotorBus[MoteusState]):
         self._unasked = [0] * self.joint_count
         self._arm()
         self._refuse_duplicate_ids()
-        self._refuse_lost()  # it may have restarted since it was configured
-        self._outlast_watchdogs()
+        self._refuse_unreferenced()  # it may have restarted since it was configured
+        self._wait_for_watchdogs()
         self._exchange(self._state_request_frames)
         self._refuse_active(map(bool, self._enabled), "is still in position mode")
         self._arm()
@@ -302,7 +302,7 @@ class MoteusBus(AskedMotorBus[MoteusState]):
         is_answer = frame.fd and not frame.remote and frame.can_id & 0xFF == self._settings.host_id
         return self._joint_by_id.get(frame.can_id >> 8) if is_answer else None
 
-    def _take(self, frame: CanFrame, at_s: float) -> bool:
+    def _store_frame(self, frame: CanFrame, at_s: float) -> bool:
         joint = self._joint_of(frame)
         if joint is None:
             return False
@@ -315,13 +315,13 @@ class MoteusBus(AskedMotorBus[MoteusState]):
     def _condition(self, state: MoteusState) -> tuple[int, bool | None]:
         return state.error, state.mode == POSITION
 
-    def _keep(self, joint: int, state: MoteusState, asked_s: float) -> None:
+    def _keep(self, joint: int, state: MoteusState, requested_s: float) -> None:
         self._observed_states[joint] = state
         self._motion_is_wrong[joint] = not state.is_known or state.error in ENCODER_FAULTS
         if state.is_known:
-            self._keep_motion(joint, tau * state.position_rev, tau * state.velocity_rev_s, asked_s)
-            self._keep_torque(joint, state.torque_nm, asked_s)
-        self._motion_at_s[joint] = asked_s
+            self._store_motion(joint, tau * state.position_rev, tau * state.velocity_rev_s, requested_s)
+            self._store_torque(joint, state.torque_nm, requested_s)
+        self._motion_at_s[joint] = requested_s
 
     def _encode_shaft(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
         motor = self._motors[joint]

@@ -30,7 +30,7 @@ from palpate.robot_io.drivers.serial_force.line import (
     SerialForceSensor,
     SerialReader,
 )
-from palpate.robot_io.drivers.serial_force.stream import OwnTime, ReadingStream, check_unit, newtons_per
+from palpate.robot_io.drivers.serial_force.stream import ReadingStream, SensorClock, check_unit, newtons_per
 from palpate.robot_io.drivers.servo.stream import bit_names
 from palpate.robot_io.errors import DeviceError, ProtocolError
 from palpate.robot_io.examination import Examinable
@@ -106,13 +106,13 @@ class NetFtStream(ReadingStream):
     """
 
     has_checksums = True
-    own_time: OwnTime
+    sensor_clock: SensorClock
 
     def __init__(self, newtons_per_count: float, axis: str, rate_hz: float) -> None:
         self._scale, self._axis, self._period_s = newtons_per_count, "xyz".index(axis), 1.0 / rate_hz
         self._last: Record | None = None
         self._old = 0  # in a row
-        self.own_time = OwnTime()
+        self.sensor_clock = SensorClock()
 
     def feed(self, data: bytes) -> list[float]:
         """Decode the force in one datagram [N]; nothing if it is not new."""
@@ -128,16 +128,16 @@ class NetFtStream(ReadingStream):
             self._old += 1
             is_beginning = record.sequence <= _BEGINNING and last.sequence > 2 * _BEGINNING
             if self._old >= (_OLD_BEGINNING if is_beginning else _OLD_RECORDS):
-                self.complaint = (
+                self.fault_text = (
                     "the sensor restarted its counter, or measures nothing new: has it restarted?"
                 )
             return []
         self._old = 0
-        self.own_time.advance(steps * self._period_s)
+        self.sensor_clock.advance(steps * self._period_s)
         counts, problem = record.counts[self._axis], status_problem(record.status)
         if not problem and abs(counts) >= _LARGEST_COUNTS:
             problem = "counts at the end of their range"
-        self._last, self.complaint = record, f"the sensor says '{problem}'" if problem else ""
+        self._last, self.fault_text = record, f"the sensor says '{problem}'" if problem else ""
         return [] if problem else [counts * self._scale]
 
 

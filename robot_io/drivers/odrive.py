@@ -103,12 +103,12 @@ class OdriveBus(MotorBus):
             DeviceError: the adapter cannot be opened, or an axis is silent or of another firmware.
         """
         self.line.open()
-        self._send_all(self._to_every_axis(AxisState.IDLE))
+        self._send_all(self._state_frames(AxisState.IDLE))
         self._request_all(OdriveCommand.GET_VERSION)
         self._wait_for(self._all_heard, self._heartbeat_timeout_s)
         for joint in range(self.joint_count):
             if problem := self._setup_problem(joint):
-                raise self._about(joint, problem)
+                raise self._motor_error(joint, problem)
         # Measure each axis's answering time, which corrects the times of its samples: CAN frames carry no
         # time, and a constant delay would go unnoticed. A silent axis is assumed to have no delay.
         latencies_s = []
@@ -178,7 +178,7 @@ class OdriveBus(MotorBus):
         """See `MotorBus._switch_off`; each axis must confirm by a heartbeat."""
         sent_s = self._clock.now_s()
         zero_torque = [odrive.encode_input_torque(axis.node_id, 0.0) for axis in self._axes]
-        self._send_all([*zero_torque, *self._to_every_axis(AxisState.IDLE)])
+        self._send_all([*zero_torque, *self._state_frames(AxisState.IDLE)])
 
         def still_on() -> list[str]:
             return [
@@ -194,7 +194,7 @@ class OdriveBus(MotorBus):
     def _heartbeat_timeout_s(self) -> float:
         return _LOST_HEARTBEATS * self._settings.heartbeat_s
 
-    def _to_every_axis(self, state: AxisState) -> list[CanFrame]:
+    def _state_frames(self, state: AxisState) -> list[CanFrame]:
         return [odrive.encode_axis_state(axis.node_id, state) for axis in self._axes]
 
     def _request_all(self, *messages: OdriveCommand) -> None:
@@ -244,7 +244,7 @@ class OdriveBus(MotorBus):
             if self._wait_for(lambda: at_s[joint] > -inf, oldest_s):
                 return
         command = self._rate_commands[2 if what == "torque" else 1]
-        raise self._about(joint, f"does not send its {what} every {oldest_s:g} s; set {command}")
+        raise self._motor_error(joint, f"does not send its {what} every {oldest_s:g} s; set {command}")
 
     def _setup_problem(self, joint: int) -> str:
         """Return what an axis does not send, or its wrong firmware; an empty string if its setup is right."""
@@ -277,7 +277,7 @@ class OdriveBus(MotorBus):
         zero_torque = [odrive.encode_input_torque(node, 0.0) for node in nodes]
         self._send_all([odrive.encode_controller_mode(node) for node in nodes])
         self._send_all(zero_torque)
-        self._send_all(self._to_every_axis(AxisState.CLOSED_LOOP_CONTROL))
+        self._send_all(self._state_frames(AxisState.CLOSED_LOOP_CONTROL))
 
         def armed() -> bool:
             self._send_all(zero_torque)  # feeds the watchdogs
@@ -305,7 +305,7 @@ class OdriveBus(MotorBus):
         node, _ = odrive.split_odrive_id(frame.can_id)
         return None if frame.extended else self._joint_by_node.get(node)
 
-    def _take(self, frame: CanFrame, at_s: float) -> bool:
+    def _store_frame(self, frame: CanFrame, at_s: float) -> bool:
         joint = self._joint_of(frame)
         if joint is None or frame.remote:
             return False
@@ -314,14 +314,14 @@ class OdriveBus(MotorBus):
             case OdriveCommand.ENCODER_ESTIMATES:
                 position_rev, velocity_rev_s = odrive.decode_two_floats(frame, "encoder estimates")
                 sampled_s = at_s - self._latency_s[joint]
-                self._keep_motion(joint, tau * position_rev, tau * velocity_rev_s, sampled_s)
+                self._store_motion(joint, tau * position_rev, tau * velocity_rev_s, sampled_s)
             case OdriveCommand.GET_IQ if self._settings.firmware is Firmware.V0_5:
                 _, current_a = odrive.decode_two_floats(frame, "motor current")
                 constant_nm_a = self._axes[joint].torque_constant_nm_a or 0.0
-                self._keep_torque(joint, current_a * constant_nm_a, at_s - self._latency_s[joint])
+                self._store_torque(joint, current_a * constant_nm_a, at_s - self._latency_s[joint])
             case OdriveCommand.TORQUES if self._settings.firmware is Firmware.V0_6:
                 _, torque_nm = odrive.decode_two_floats(frame, "motor torque")
-                self._keep_torque(joint, torque_nm, at_s - self._latency_s[joint])
+                self._store_torque(joint, torque_nm, at_s - self._latency_s[joint])
             case OdriveCommand.HEARTBEAT:
                 beat = odrive.decode_heartbeat(frame, self._settings.firmware)
                 self._heartbeats[joint], self._heartbeat_at_s[joint] = beat, at_s
@@ -338,15 +338,15 @@ class OdriveBus(MotorBus):
                 return False
         return True
 
-    def _keep_torque(self, joint: int, shaft_nm: float, at_s: float) -> None:
-        """See `MotorBus._keep_torque`; counts samples in which a motor exerts too little."""
+    def _store_torque(self, joint: int, shaft_nm: float, at_s: float) -> None:
+        """See `MotorBus._store_torque`; counts samples in which a motor exerts too little."""
         least_nm = min(abs(self._sent_nm[joint]), abs(self._expected_nm[joint]))
         self._expected_nm[joint] = self._sent_nm[joint]
         clear_nm = _CLEAR_SHARE * self._axes[joint].max_torque_nm
         is_short = self._powered and abs(shaft_nm) < _OBEYED_SHARE * least_nm - clear_nm
         self._short_count[joint] = self._short_count[joint] + 1 if is_short else 0
         self._short_nm[joint] = shaft_nm
-        super()._keep_torque(joint, shaft_nm, at_s)
+        super()._store_torque(joint, shaft_nm, at_s)
 
     def _encode_shaft(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
         axis = self._axes[joint]

@@ -26,7 +26,7 @@ from palpate.robot_io.link.messages import Intent, Message, ObjectEstimate, Repo
 _LEAST_BYTES, _MOST_BYTES = 16, 4096  # smallest and largest size of a key
 
 
-class Seal(NamedTuple):
+class FrameCode(NamedTuple):
     """Checksum or message authentication code of frames."""
 
     size: int  # length of the code [bytes]
@@ -34,24 +34,24 @@ class Seal(NamedTuple):
     broken: str  # message for a frame with a wrong code
 
 
-CHECKSUM = Seal(
+CHECKSUM = FrameCode(
     4,
     lambda frame: zlib.crc32(frame).to_bytes(4, "little"),
     "its checksum does not match: it was damaged, or made with a key",
 )
 
 
-def key_seal(key: bytes) -> Seal:
+def key_seal(key: bytes) -> FrameCode:
     """Make the message authentication code (HMAC) of a key.
 
     Args:
         key: the secret.
     """
     broken = "it was not made with this side's key"
-    return Seal(16, lambda frame: hmac.digest(key, frame, "sha256")[:16], broken)
+    return FrameCode(16, lambda frame: hmac.digest(key, frame, "sha256")[:16], broken)
 
 
-def load_seal(path: Path, topic: str) -> Seal:
+def load_seal(path: Path, topic: str) -> FrameCode:
     """Make the message authentication code of a key file for the messages on one topic.
 
     Each topic has its own derived key: a frame of another pair, or of the other direction, is not valid.
@@ -114,7 +114,7 @@ class FrameError(ProtocolError):
     """The received bytes are not a complete frame of this version."""
 
 
-class Heard(NamedTuple):
+class LastReceived(NamedTuple):
     """The newest frame that a side has received from its peer."""
 
     sender: int = 0  # sender of that frame; 0 before the first
@@ -129,7 +129,7 @@ class Frame(NamedTuple):
     sender: int  # random number of the sending program, different for each start
     sequence: int  # counts up by one with each frame of a sender, from 0
     sent_s: float  # on the sender's clock [s]
-    heard_sender: int  # these three as in `Heard`, of the sender's own peer
+    heard_sender: int  # these three as in `LastReceived`, of the sender's own peer
     heard_sent_s: float
     heard_at_s: float
     kind: int  # class of the message
@@ -152,7 +152,12 @@ class Frame(NamedTuple):
 
 
 def encode(  # noqa: PLR0917
-    sender: int, sequence: int, sent_s: float, heard: Heard, message: Message, seal: Seal = CHECKSUM
+    sender: int,
+    sequence: int,
+    sent_s: float,
+    heard: LastReceived,
+    message: Message,
+    seal: FrameCode = CHECKSUM,
 ) -> bytes:
     """Put a message into a frame.
 
@@ -179,7 +184,7 @@ def encode(  # noqa: PLR0917
     return seal.of(body) + body
 
 
-def decode(data: bytes, seal: Seal = CHECKSUM) -> Frame:
+def decode(data: bytes, seal: FrameCode = CHECKSUM) -> Frame:
     """Read a frame; its message is decoded on access.
 
     Args:

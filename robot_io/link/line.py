@@ -27,7 +27,7 @@ from palpate.robot_io.link.frame import (
     MOST_BYTES,
     Frame,
     FrameError,
-    Heard,
+    LastReceived,
     check_secret,
     decode,
     encode,
@@ -59,7 +59,7 @@ class Impairment:
             raise InputError(f"seed {self.seed}: must be at least 0 and below 2^63")
 
 
-class BadNetwork:
+class NetworkEmulator:
     """Delays and loses frames; frames may overtake each other.
 
     Args:
@@ -154,9 +154,9 @@ class Line:
         self.sender = secrets.randbits(62)
         self.malformed, self.refused = 0, ""
         self.role, self._settings, self._clock = role, settings, clock
-        self._sequence, self._heard = 0, Heard()
+        self._sequence, self._heard = 0, LastReceived()
         self._waiting: deque[tuple[float, bytes]] = deque(maxlen=_WAITING)
-        self._network = BadNetwork(settings.impairment) if settings.impairment else None
+        self._network = NetworkEmulator(settings.impairment) if settings.impairment else None
         config = _config(role, settings)
         self.is_open_here = role == "follower" and settings.key is None and not _certified(config)
         if self.is_open_here:
@@ -238,7 +238,7 @@ class Line:
             frame: received frame.
             at_s: arrival time on this side's clock [s].
         """
-        self._heard = Heard(frame.sender, frame.sent_s, at_s)
+        self._heard = LastReceived(frame.sender, frame.sent_s, at_s)
 
     def close(self) -> None:
         """End the session; can be called twice."""

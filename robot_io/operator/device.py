@@ -20,7 +20,7 @@ from pydantic import Field, model_validator
 from palpate.robot_io.clock import Clock
 from palpate.robot_io.errors import LifecycleError
 from palpate.robot_io.files.file_model import FileModel, NotNegative, Number, Positive, problem_at
-from palpate.robot_io.interfaces import Opened
+from palpate.robot_io.interfaces import ManagedDevice
 from palpate.robot_io.types import FloatArray, frozen_array
 
 
@@ -33,7 +33,7 @@ class HandState(NamedTuple):
     select: bool = False  # whether the operator asks to probe here (button held down)
 
 
-class OperatorDevice(Opened):
+class OperatorDevice(ManagedDevice):
     """A device of an operator, found by its `name`. As a context manager, it opens and closes itself.
 
     A new device implements `_open` and the four methods after it; lifecycle and checks are the same for all.
@@ -155,7 +155,7 @@ class HandSettings(FileModel):
     damping_n_s_m: NotNegative = 15.0  # B, between hand and goal [N s/m]
 
 
-class ModelledHand(OperatorDevice):
+class ModeledHand(OperatorDevice):
     """A device that reports the goal of an operator whose hand is simulated."""
 
     settings: HandSettings
@@ -224,7 +224,7 @@ class ScriptedSettings(HandSettings):
         return self
 
 
-class ScriptedOperator(ModelledHand):
+class ScriptedOperator(ModeledHand):
     """Moves between waypoints with the least jerk, as hands do (Flash and Hogan, J. Neurosci. 5, 1985).
 
     The script's time begins when the device is opened, and restarts when it is activated.

@@ -29,7 +29,7 @@ from pydantic import Field
 from palpate.robot_io.clock import Clock
 from palpate.robot_io.errors import DeviceError
 from palpate.robot_io.files.file_model import FileModel, Number, Positive
-from palpate.robot_io.operator.device import HandSettings, HandState, ModelledHand, OperatorDevice
+from palpate.robot_io.operator.device import HandSettings, HandState, ModeledHand, OperatorDevice
 from palpate.robot_io.types import FloatArray
 
 _MOST_BYTES = 65_536  # in one reading
@@ -84,7 +84,7 @@ class RecordSettings(HandSettings):
     start_world_m: tuple[Number, Number, Number] = (0.4, 0.0, 0.15)  # world position [m]
 
 
-class RecordHand(ModelledHand):
+class RecordHand(ModeledHand):
     """A modeled hand whose goal is moved by a device file."""
 
     settings: RecordSettings

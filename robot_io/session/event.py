@@ -105,7 +105,7 @@ def unclosed(time_s: float) -> Event:
     return Event(time_s, _LOG, _UNCLOSED)
 
 
-def says_unclosed(event: Event) -> bool:
+def marks_unclosed(event: Event) -> bool:
     """Return whether `unclosed` made an event.
 
     Args:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import IO
 
 from palpate.robot_io.errors import InputError, SessionError, UnknownNameError
-from palpate.robot_io.session.event import EVENT_STREAM, Event, SessionMetadata, decode_event, says_unclosed
+from palpate.robot_io.session.event import EVENT_STREAM, Event, SessionMetadata, decode_event, marks_unclosed
 from palpate.robot_io.session.mcap_file import (
     END_RECORD,
     EXTRA_RECORD,
@@ -41,7 +41,7 @@ class Session:
     @property
     def unclosed(self) -> bool:
         """Whether its program ended without closing it; the session contains everything logged until then."""
-        return any(map(says_unclosed, self.events))
+        return any(map(marks_unclosed, self.events))
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> "Session":
@@ -103,7 +103,7 @@ class Session:
             raise UnknownNameError(f"{self.path} has no stream '{stream_name}'. Valid: {valid}")
         return self._samples[stream_name]
 
-    def only_columns(self, stream_name: str, names: Collection[str]) -> "Session":
+    def read_columns(self, stream_name: str, names: Collection[str]) -> "Session":
         """Return the session with only some columns of a stream, which frees the memory of the others.
 
         Args:
@@ -121,7 +121,7 @@ class Session:
         return self.path.with_suffix("") if self.path.suffix else self.path.with_suffix(".derived")
 
 
-class Follower:
+class SessionTail:
     """Reads one stream of a session that is still being written; each call reads only what is new.
 
     Args:

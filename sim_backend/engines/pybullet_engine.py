@@ -7,13 +7,13 @@ from weakref import finalize
 
 import numpy as np
 
-from palpate.robot_io.captured import STDERR, STDOUT, captured
+from palpate.robot_io.capture_output import STDERR, STDOUT, capture_output
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 from palpate.sim_backend.contact_laws.standard import EngineContact
 from palpate.sim_backend.engines.engine import Engine, Joints, Quaternion, Vector, check_serial
 
-with captured([], STDERR):  # hides the engine's greeting
+with capture_output([], STDERR):  # hides the engine's greeting
     import pybullet as bullet
 
 _NO_SPEED_LIMIT = 1e6  # the engine would cut joint speeds at 100 rad/s
@@ -166,7 +166,7 @@ def _load(client: int, text: str) -> int:
         flags = bullet.URDF_USE_INERTIA_FROM_FILE
         output: list[str] = []
         try:
-            with captured(output, STDOUT):
+            with capture_output(output, STDOUT):
                 body: int = bullet.loadURDF(str(path), useFixedBase=True, flags=flags, physicsClientId=client)
         except bullet.error as error:
             reason = " ".join(line for line in output if not line.startswith("b3")) or str(error)

@@ -39,7 +39,7 @@ def measured(
     times = np.arange(0.0, duration or path.duration_s, 1e-3)
     q, v, a = path.along(times)
     body = RigidBody.from_urdf(ROBOT.urdf_path, ROBOT.tip_frame, gravity_base_m_s2(pitch, 0.0))
-    true = body.inverse_dynamics_along(q, v, a)
+    true = body.inverse_dynamics_batch(q, v, a)
     true = true + coulomb * np.sign(v) + viscous * v
     shown = (true - offset) / gain
     return ArmMotion(times, q, v, a, shown + rng.normal(0, noise, shown.shape), shown)

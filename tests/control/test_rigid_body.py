@@ -198,7 +198,7 @@ def test_many_samples_at_once_are_as_each_by_itself(count):
     for body in (*bodies(), RigidBody.from_urdf(PENDULUM, "tip")):
         motions = np.random.default_rng(3).uniform(-2.0, 2.0, (3, count, len(body.joint_names)))
         one_by_one = [body.inverse_dynamics(*rows) for rows in motions.transpose(1, 0, 2)]
-        assert body.inverse_dynamics_along(*motions) == pytest.approx(np.array(one_by_one), abs=1e-12)
+        assert body.inverse_dynamics_batch(*motions) == pytest.approx(np.array(one_by_one), abs=1e-12)
 
 
 def test_a_load_takes_what_moves_a_point_mass_at_the_tip():

@@ -11,7 +11,7 @@ from palpate.control.loop.result import Outcome
 from palpate.control.loop.task import Phase
 from palpate.control.paths.trajectory import JointPath, LineState
 from palpate.control.probing.plan import ProbingPlan
-from palpate.control.probing.routes import Place, Routes
+from palpate.control.probing.routes import RouteEnd, Routes
 from palpate.control.probing.sites import probing_sites
 from palpate.control.probing.task import ProbingTask
 from palpate.robot_io.errors import InputError
@@ -168,7 +168,7 @@ class ProbingBench:
         here, self.places = home, []
         for site in self.sites:
             here = site.joint_position_rad(here)
-            self.places.append(Place(here, site))
+            self.places.append(RouteEnd(here, site))
 
     def heights_m(self, points_rad) -> np.ndarray:
         """Of the tip on a way, by the forward kinematics of the URDF."""
@@ -182,7 +182,7 @@ class ProbingBench:
 def test_half_of_the_clearance_is_kept_on_the_way(name, x1, x2, clearance_m):
     bench = ProbingBench(name, plan_of([(x1, SURFACE_M), (x2, SURFACE_M)], clearance_m))
     passage = bench.routes.find(*bench.places)
-    assert passage.too_low_m == 0.0
+    assert passage.clearance_deficit_m == 0.0
     assert passage.points_rad[0] is bench.places[0].position_rad
     assert passage.points_rad[-1] is bench.places[1].position_rad
     heights = bench.heights_m(passage.points_rad)
@@ -279,7 +279,9 @@ def test_a_target_to_which_there_is_no_way_any_more_is_left(monkeypatch):
     def blocked(self, start, end):
         passage = find(self, start, end)
         to_the_second = bool(start.site) and end.site not in (None, start.site)
-        return passage._replace(too_low_m=0.004) if to_the_second and plant.time_s > 0.0 else passage
+        return (
+            passage._replace(clearance_deficit_m=0.004) if to_the_second and plant.time_s > 0.0 else passage
+        )
 
     monkeypatch.setattr(Routes, "find", blocked)
     record = run_probing(plant, task)

@@ -176,9 +176,9 @@ def test_torques_of_the_whole_arm_are_computed_once_for_all_joints_and_anew_for_
     body, monkeypatch
 ):
     calls = []
-    whole = RigidBody.inverse_dynamics_along
+    whole = RigidBody.inverse_dynamics_batch
     monkeypatch.setattr(
-        RigidBody, "inverse_dynamics_along", lambda self, *motion: calls.append(self) or whole(self, *motion)
+        RigidBody, "inverse_dynamics_batch", lambda self, *motion: calls.append(self) or whole(self, *motion)
     )
     first = resting(0, 7.0)
     with_rigid_body(first, body, 0)
@@ -208,7 +208,7 @@ def test_the_other_joints_say_what_the_force_sensor_misses(body, joint):
     still, missed = resting(joint, 7.0, n), 0.8 * np.sin(np.linspace(0.0, 12.0, n))
     q = np.tile([0.3, -0.7, 0.4], (n, 1))
     pushed = np.array([body.tip_jacobian(row)[:3].T @ PRESS for row in q]) * (7.0 + missed)[:, None]
-    torque = body.inverse_dynamics_along(q, 0.0 * q, 0.0 * q) + pushed
+    torque = body.inverse_dynamics_batch(q, 0.0 * q, 0.0 * q) + pushed
     torque += rng.normal(0.0, [0.02, 0.01, 0.005], q.shape)
     torque[:, joint] = rng.normal(0.0, 5.0, n)
     touching = np.append(np.zeros(200), np.ones(n - 200))
@@ -228,7 +228,7 @@ def test_joints_without_a_lever_say_nothing_of_the_force(body):
     along = np.cross(jacobian[:, 1], body.joint_axes()[1].axis_world) / np.linalg.norm(jacobian[:, 1])
     along += 1e-6 * jacobian[:, 1] / np.linalg.norm(jacobian[:, 1])
     assert np.abs(jacobian[:, 1:].T @ along).max() < 1e-5
-    torque = body.inverse_dynamics_along(q, 0.0 * q, 0.0 * q) + 5.0 * jacobian.T @ along
+    torque = body.inverse_dynamics_batch(q, 0.0 * q, 0.0 * q) + 5.0 * jacobian.T @ along
     known = {"joint_position": q, "joint_torque": torque + rng.normal(0.0, 0.01, q.shape)}
     known |= {"touching": np.ones(n), "press_direction_world": np.tile(along, (n, 1))}
     pressed = resting(0, 5.0, n)

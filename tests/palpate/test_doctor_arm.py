@@ -308,8 +308,8 @@ def test_what_fails_on_the_force_sensor_s_bus_is_not_blamed_on_encoders():
     old = rest._replace(time_s=2e-3, encoder_status=Status.FAULT, force_status=Status.FAULT)
 
     def finding(device, bus, failed):
-        complaints = dict.fromkeys(failed, "the port was unplugged")
-        watched = arm_check._Watched(np.zeros(2), (rest, old), (set(), failed), complaints)
+        limit_findings = dict.fromkeys(failed, "the port was unplugged")
+        watched = arm_check._Watched(np.zeros(2), (rest, old), (set(), failed), limit_findings)
         return arm_check._device(watched, device, bus, 5e-3)
 
     assert finding("encoder", "motors", {"load_cell"}).level is Level.OK
@@ -326,7 +326,7 @@ def test_a_bus_that_is_too_slow_is_told_from_its_bytes():
     assert "good for 47 Hz" in found.text
 
 
-def complaints(robot_file):
+def limit_findings(robot_file):
     found = examine_limits(robot_file, RigidBody.of_robot(robot_file))
     return [finding for finding in found if finding.level is not Level.OK]
 
@@ -354,7 +354,7 @@ def complaints(robot_file):
     ],
 )  # fmt: skip
 def test_a_limit_that_is_none_is_found(old, new, subject, level, words):
-    (found,) = complaints(changed(DYNAMIXEL, (old, new)))
+    (found,) = limit_findings(changed(DYNAMIXEL, (old, new)))
     assert (found.subject, found.level) == (subject, level)
     assert words in found.text
     assert found.remedy
@@ -368,14 +368,14 @@ def test_much_more_torque_than_the_weight_needs_is_found(tmp_path):
         ("urdf: dynamixel_3dof.urdf", f"urdf: {tmp_path / 'strong.urdf'}"),
         ("torque_nm: [8.0, 8.0,", "torque_nm: [80.0, 80.0,"),
     )
-    (found,) = complaints(strong)
+    (found,) = limit_findings(strong)
     assert found.subject == "highest torques"
     assert "the weight needs 1.99 N m" in found.text
 
 
 @pytest.mark.parametrize("path", [ODRIVE, CUBEMARS], ids=lambda path: path.stem)
 def test_the_capacity_is_known_of_each_shipped_sensor(path):
-    found = failures(complaints(changed(path, ("force_n: 60.0", "force_n: 100.0"))))
+    found = failures(limit_findings(changed(path, ("force_n: 60.0", "force_n: 100.0"))))
     assert [finding.subject for finding in found] == ["force limit"]
 
 

@@ -8,7 +8,7 @@ import pytest
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.laws.gains import Gains
 from palpate.control.loop.task import Phase
-from palpate.control.probing.replay import References, ReplayTask
+from palpate.control.probing.replay import ReferenceTrajectory, ReplayTask
 from palpate.estimation.study.paired_comparison import side_by_side
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import Session
@@ -124,7 +124,7 @@ def references(**changes):
         "phase": np.full(n, int(Phase.APPROACH)),
         "press_direction_world": np.tile([0.0, 0.0, -1.0], (n, 1)),
     }
-    return References(**known | changes)
+    return ReferenceTrajectory(**known | changes)
 
 
 @pytest.mark.parametrize(

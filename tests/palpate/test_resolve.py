@@ -121,7 +121,7 @@ def test_a_rehearsed_arm_moves_as_its_torques_make_it(rehearsals):
     dt_s, position = ticks["time_s"][1] - ticks["time_s"][0], ticks["joint_position_rad"]
     velocity = np.diff(position, axis=0) / dt_s
     acceleration = np.diff(velocity, axis=0) / dt_s
-    needed = body.inverse_dynamics_along(position[1:-1], velocity[:-1], acceleration)
+    needed = body.inverse_dynamics_batch(position[1:-1], velocity[:-1], acceleration)
     in_air = ticks["force_n"][1:-1] == 0.0
     assert in_air.sum() > 1000
     assert needed[in_air] == pytest.approx(ticks["torque_measured_nm"][1:-1][in_air], abs=1e-6)

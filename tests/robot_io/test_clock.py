@@ -85,7 +85,7 @@ def test_the_monotonic_clock_waits_and_does_not_wait_for_the_past():
 # In a process of its own: an audit hook stays for good.
 PROGRAM = """
 import os, sys
-from palpate.robot_io.captured import STDERR, STDOUT, captured
+from palpate.robot_io.capture_output import STDERR, STDOUT, capture_output
 
 opened = []
 def note(event, arguments):
@@ -94,7 +94,7 @@ def note(event, arguments):
 
 sys.addaudithook(note)
 lines = []
-with captured(lines, STDOUT, STDERR):
+with capture_output(lines, STDOUT, STDERR):
     os.write(STDOUT, b"first\\n")
     os.write(STDERR, b"second\\n")
 print(lines, opened)

@@ -19,9 +19,9 @@ from palpate.robot_io.files import whole_file
 from palpate.robot_io.session import (
     Column,
     Event,
-    Follower,
     Session,
     SessionMetadata,
+    SessionTail,
     Stream,
     mcap_file,
     write_session,
@@ -258,7 +258,7 @@ def test_what_is_damaged_in_a_growing_file_is_said(tmp_path, whole):
     path = tmp_path / "s.mcap"
     path.write_bytes(whole[:8] + bytes((Opcode.METADATA,)) + (2).to_bytes(8, "little") + b"\xff\xff")
     with pytest.raises(SessionError, match="damaged"):
-        Follower(path, "tick", last=10).read()
+        SessionTail(path, "tick", last=10).read()
 
 
 def foreign(path, header, messages=(), compression=CompressionType.LZ4, stream=SLOW, end=None):
@@ -457,7 +457,7 @@ def test_the_extra_metadata_cannot_take_the_place_of_the_header(tmp_path):
 
 def test_a_growing_session_is_followed_without_reading_anything_twice(tmp_path, whole):
     path, seen = tmp_path / "s.mcap", []
-    follower = Follower(path, "tick", last=10_000)
+    follower = SessionTail(path, "tick", last=10_000)
     for part in np.linspace(0, len(whole), 9).astype(int)[1:]:
         before = follower._file.read_bytes
         path.write_bytes(bytes(before) + whole[before:part])  # what was read once is gone
@@ -469,8 +469,8 @@ def test_a_growing_session_is_followed_without_reading_anything_twice(tmp_path, 
     assert 0 < seen[3] < seen[-1] == follower.count == 1500
     assert_ticks(found, range(1500))
     with pytest.raises(SessionError, match=r"gone\.mcap: cannot be read: No such file"):
-        Follower(tmp_path / "gone.mcap", "tick", last=1).read()
-    short = Follower(path, "tick", last=100)
+        SessionTail(tmp_path / "gone.mcap", "tick", last=1).read()
+    short = SessionTail(path, "tick", last=100)
     path.write_bytes(whole)
     assert_ticks(short.read(), range(1400, 1500))
 
@@ -509,7 +509,7 @@ def test_a_long_session_takes_little_more_memory_to_open_than_its_columns(tmp_pa
 def test_only_the_chosen_columns_are_left_and_as_they_were(tmp_path):
     path = write_session(tmp_path / "s", [(SLOW, {"time_s": [0.0, 1.0], "x": [2.0, 3.0]})], METADATA)
     session = Session.open(path)
-    less = session.only_columns("slow", {"time_s", "unknown"})
+    less = session.read_columns("slow", {"time_s", "unknown"})
     assert list(less.samples("slow")) == ["time_s"]
     assert less.samples("slow")["time_s"].tolist() == [0.0, 1.0]
-    assert session.only_columns("other", {"x"}) is session
+    assert session.read_columns("other", {"x"}) is session

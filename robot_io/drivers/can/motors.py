@@ -55,7 +55,8 @@ class MotorMounting(FileModel):
 class MotorBus(JointBus, Examinable):
     """Motors on one CAN bus, one per joint from base to tip.
 
-    A protocol says how a frame changes a joint (`_take`), how a torque is sent, and how motors are powered.
+    A protocol says how a frame changes a joint (`_store_frame`), how a torque is sent, and how motors are
+    powered.
     """
 
     def __init__(
@@ -96,7 +97,7 @@ class MotorBus(JointBus, Examinable):
         """Switch off the torque of all motors on an open line; raise `DeviceError` if one did not confirm."""
 
     @abstractmethod
-    def _take(self, frame: CanFrame, at_s: float) -> bool:
+    def _store_frame(self, frame: CanFrame, at_s: float) -> bool:
         """Store the state of a joint from a frame; return False if it is from another sender.
 
         Raises:
@@ -131,14 +132,14 @@ class MotorBus(JointBus, Examinable):
         frame, shaft_nm = self._encode_shaft(joint, torque_nm / ratio)
         return frame, shaft_nm * ratio
 
-    def _keep_motion(self, joint: int, shaft_rad: float, shaft_rad_s: float, at_s: float) -> None:
+    def _store_motion(self, joint: int, shaft_rad: float, shaft_rad_s: float, at_s: float) -> None:
         """Store angle and speed of a motor's shaft at a time as those of its joint."""
         mounting = self._mountings[joint]
         self._position_rad[joint] = mounting.joint_angle_rad(shaft_rad)
         self._velocity_rad_s[joint] = shaft_rad_s / mounting.signed_ratio
         self._motion_at_s[joint] = at_s
 
-    def _keep_torque(self, joint: int, shaft_nm: float, at_s: float) -> None:
+    def _store_torque(self, joint: int, shaft_nm: float, at_s: float) -> None:
         """Store the torque of a motor's shaft at a time as that of its joint."""
         self._torque_nm[joint] = shaft_nm * self._mountings[joint].signed_ratio
         self._torque_at_s[joint] = at_s
@@ -186,7 +187,7 @@ class MotorBus(JointBus, Examinable):
         problems = [
             f"{self.motor_label(joint)}: {problem}"
             for joint, fault in enumerate(faults)
-            if (problem := fault or self._silence(joint, now_s) or self._hint(joint))
+            if (problem := fault or self._silence_problem(joint, now_s) or self._hint(joint))
         ]
         if problems:
             kind = DeviceError if any(faults) else DeviceTimeoutError
@@ -213,13 +214,13 @@ class MotorBus(JointBus, Examinable):
     def _send(self, frame: CanFrame, deadline_s: float) -> None:
         self.line.send(frame, deadline_s)
 
-    def _about(self, joint: int, problem: str) -> DeviceError:
+    def _motor_error(self, joint: int, problem: str) -> DeviceError:
         return DeviceError(f"{self.line.label}: {self.motor_label(joint)}: {problem}")
 
     def _drain(self, deadline_s: float) -> None:
         for frame, at_s in self.line.drain(deadline_s):
             try:
-                if not self._take(frame, at_s):
+                if not self._store_frame(frame, at_s):
                     self.line.counts["foreign id"] += 1
                     if len(self._foreign_ids) < _MOST_FOREIGN:
                         self._foreign_ids.add(frame.can_id)
@@ -229,7 +230,7 @@ class MotorBus(JointBus, Examinable):
                 if joint is not None:
                     self._last_problem[joint] = str(error)
 
-    def _silence(self, joint: int, now_s: float) -> str:
+    def _silence_problem(self, joint: int, now_s: float) -> str:
         """Return which data of `joint` are missing for half of the age limit, or an empty string."""
         limits, missing, age_s = self._limits, "nothing valid", now_s - self._motion_at_s[joint]
         if age_s <= _SILENT_SHARE * limits.encoder_age_s:
@@ -283,7 +284,7 @@ _TWO_MOTORS = "do two motors have this id?"
 StateType = TypeVar("StateType")
 
 
-class AskedMotorBus(MotorBus, Generic[StateType]):
+class PolledMotorBus(MotorBus, Generic[StateType]):
     """Motors that answer each frame with their state, and switch their torque off without commands.
 
     Args:
@@ -333,8 +334,8 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
         """Return the error of a motor (0 for none), and whether it is in motor mode (None if unknown)."""
 
     @abstractmethod
-    def _keep(self, joint: int, state: StateType, asked_s: float) -> None:
-        """Store the motion that a motor reports for its joint and that was requested at `asked_s` [s]."""
+    def _keep(self, joint: int, state: StateType, requested_s: float) -> None:
+        """Store the motion that a motor reports for its joint and that was requested at `requested_s` [s]."""
 
     @abstractmethod
     def _error_names(self, error: int) -> str:
@@ -393,20 +394,20 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
             if not self.line.bus_off:
                 # The motors answer the last command, which is repeated for at most the watchdog's time.
                 if not self._powered:
-                    self._request_states(self._joints_to_ask())
+                    self._request_states(self._joints_to_poll())
                 elif not self._flushed:
                     is_expired = self._clock.now_s() - self._commanded_s > self._watchdog_s
                     frames = self._zero_torque() if is_expired else self._command
-                    self._send_all([frames[joint] for joint in self._joints_to_ask()])
+                    self._send_all([frames[joint] for joint in self._joints_to_poll()])
             self._flushed = False
 
     def flush(self, deadline_s: float) -> None:
         if self._staged:
             self._commanded_s, self._command, self._flushed = self._clock.now_s(), self._staged, True
-            self._staged = [self._staged[joint] for joint in self._joints_to_ask()]
+            self._staged = [self._staged[joint] for joint in self._joints_to_poll()]
         super().flush(deadline_s)
 
-    def _joints_to_ask(self) -> list[int]:
+    def _joints_to_poll(self) -> list[int]:
         """Return the joints to ask, without those left out; see `RequestQueue.omit_next`."""
         return [joint for joint, requests in enumerate(self._requests) if not requests.omit_next()]
 
@@ -494,7 +495,7 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
         if problems:
             raise DeviceError(f"{self.line.label}: {'; '.join(problems)}: remove the cause, then restart it")
 
-    def _outlast_watchdogs(self) -> None:
+    def _wait_for_watchdogs(self) -> None:
         """Send nothing for longer than the motors' watchdog time."""
         self._clock.sleep_until(self._clock.now_s() + _LATEST_WATCHDOG * self._watchdog_s)
 

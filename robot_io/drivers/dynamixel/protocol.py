@@ -18,7 +18,7 @@ from palpate.robot_io.drivers.servo.stream import (
     SYNC_WRITE,
     PacketStream,
     ServoAnswer,
-    ServoDialect,
+    ServoProtocol,
 )
 from palpate.robot_io.errors import ProtocolError
 
@@ -139,8 +139,8 @@ PING_SIZE: Final = 3  # bytes of the answer to a ping: model number (2) and firm
 _FAST_SYNC_READ = 0x8A
 
 
-class DynamixelDialect(ServoDialect):
-    """See `ServoDialect`; an echo is not a status packet."""
+class DynamixelProtocol(ServoProtocol):
+    """See `ServoProtocol`; an echo is not a status packet."""
 
     word = 2
 
@@ -179,7 +179,7 @@ class DynamixelDialect(ServoDialect):
         return DynamixelStatusReader()
 
 
-DIALECT: Final = DynamixelDialect()
+DIALECT: Final = DynamixelProtocol()
 
 
 FAST_HEADER: Final = HEADER + bytes((BROADCAST_ID,))

@@ -39,7 +39,7 @@ class DynamixelFeedback(NamedTuple):
     position: int  # over several turns
 
     @property
-    def complaint(self) -> str:
+    def fault_text(self) -> str:
         """Names of its hardware errors, or an empty string."""
         is_well = not (self.error or self.hardware_error)
         return "" if is_well else f"hardware error: {tables.hardware_error_names(self.hardware_error)}"
@@ -152,7 +152,7 @@ class DynamixelAccess(RegisterAccess):
     def __init__(self, port: SerialPort, clock: Clock) -> None:
         super().__init__(protocol.DIALECT, port, clock)
 
-    def who(self, servo_id: int) -> tuple[int, int]:
+    def servo_label(self, servo_id: int) -> tuple[int, int]:
         """Read model number and firmware version of a servo. DeviceError: as for `ping`."""
         data = self.ping(servo_id, protocol.PING_SIZE)
         return data[0] | data[1] << 8, data[2]
@@ -211,7 +211,7 @@ class DynamixelLine(ServoLine):
         Raises:
             DeviceError: a servo is missing, is another model, is too old, or has a wrong setup.
         """
-        self._check_all_there()
+        self._check_all_present()
         servos = [(servo, servo.servo_model) for servo in self._settings.turning]
         know_fast = [self._identify(servo) >= model.fast_sync_read_firmware for servo, model in servos]
         self._fast = self._settings.fast_sync_read and all(know_fast)
@@ -220,7 +220,7 @@ class DynamixelLine(ServoLine):
 
     def _identify(self, servo: ServoSettings) -> int:
         """Check a servo against the settings and return its firmware version."""
-        number, firmware = self.registers.who(servo.id)
+        number, firmware = self.registers.servo_label(servo.id)
         if number != servo.servo_model.number:
             raise DeviceError(
                 f"servo {servo.id} is a {tables.model_name(number)}, but the robot file states {servo.model}"
@@ -276,7 +276,7 @@ class DynamixelLine(ServoLine):
             self.registers.write_and_verify(servo_id, tables.TORQUE_ENABLE, 1)
 
     @property
-    def last_resort(self) -> str:
+    def unreachable_note(self) -> str:
         return f"its watchdog switches it off {self._settings.watchdog_s:g} s after the last command"
 
 
@@ -292,7 +292,7 @@ def examine_servo(access: DynamixelAccess, servo: ServoSettings, label: str) -> 
         DeviceError: It does not answer, or the port failed.
     """
     read = access.read
-    number, firmware = access.who(servo.id)
+    number, firmware = access.servo_label(servo.id)
     value = f"{tables.model_name(number)}, firmware {firmware}"
     if number != servo.servo_model.number:
         value += f", but the robot file states {servo.model}"

@@ -59,7 +59,7 @@ class FeetechFeedback(NamedTuple):
     temperature: int
 
     @property
-    def complaint(self) -> str:
+    def fault_text(self) -> str:
         """Names of its errors, or an empty string."""
         return f"error: {error_names(self.errors)}" if self.errors else ""
 
@@ -79,7 +79,7 @@ def decode_feedback(packet: ServoAnswer) -> FeetechFeedback:
     return FeetechFeedback(on, errors, settings, goal, position, speed, load, volts, celsius)
 
 
-class Plausibility:
+class PlausibilityFilter:
     """Check that rejects implausible feedback of the servos of this bus.
 
     Args:
@@ -202,7 +202,7 @@ class FeetechReader(FeedbackReader[FeetechFeedback]):
     _packets: FeetechStatusReader
 
     def __init__(
-        self, port: SerialPort, clock: Clock, servo_ids: Sequence[int], plausibility: Plausibility
+        self, port: SerialPort, clock: Clock, servo_ids: Sequence[int], plausibility: PlausibilityFilter
     ) -> None:
         end = tables.TORQUE_ENABLE.address + FEEDBACK_SIZE
         super().__init__(
@@ -276,7 +276,7 @@ class FeetechBus(ServoBus):
             _FASTEST_SHARE * max(model.no_load_rad_s for model in models) / POSITION_STEP_RAD
         )
         expected_settings = {servo_id: (0, 0, 0, limit, 1) for servo_id, limit in torque_limits.items()}
-        self._plausibility = Plausibility(context.clock, expected_settings, self._fastest_counts_s)
+        self._plausibility = PlausibilityFilter(context.clock, expected_settings, self._fastest_counts_s)
         self._servos = {servo.id: servo for servo in validated.turning}
 
     def _examine_servo(self, servo_id: int, label: str) -> list[Finding]:
@@ -327,7 +327,7 @@ class FeetechBus(ServoBus):
         if self.sample is None:
             raise LifecycleError("read the servos first: a torque command starts from their positions")
         ahead_s = self._clock.now_s() - self.sample.sampled_at_s + self._half_tick_s
-        position_rad, velocity_rad_s, _ = self.sample.of_servos.tolist()
+        position_rad, velocity_rad_s, _ = self.sample.servo_states.tolist()
         counts, sent_nm, highest = [], [], tables.COUNTS_PER_REVOLUTION - 1
         shares_nm, zeros_rad = self._pairs.split_torques(torque_nm), self._joints.offset_rad
         servos = zip(shares_nm, position_rad, velocity_rad_s, zeros_rad, self._laws, strict=True)

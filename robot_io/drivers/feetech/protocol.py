@@ -15,7 +15,7 @@ from palpate.robot_io.drivers.servo.stream import (
     SYNC_WRITE,
     PacketStream,
     ServoAnswer,
-    ServoDialect,
+    ServoProtocol,
     bit_names,
 )
 from palpate.robot_io.errors import ProtocolError
@@ -100,8 +100,8 @@ class FeetechStatusReader(PacketStream[ServoAnswer]):
         return packet[2:3] != bytes((BROADCAST_ID,))  # an echo of what all were sent
 
 
-class FeetechDialect(ServoDialect):
-    """See `ServoDialect`."""
+class FeetechProtocol(ServoProtocol):
+    """See `ServoProtocol`."""
 
     word = 1
 
@@ -131,4 +131,4 @@ class FeetechDialect(ServoDialect):
         return FeetechStatusReader(request)
 
 
-DIALECT: Final = FeetechDialect()
+DIALECT: Final = FeetechProtocol()

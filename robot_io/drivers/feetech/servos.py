@@ -63,7 +63,7 @@ class FeetechLine(ServoLine):
     ping_size = protocol.ID_SIZE
     ping_all_s = 0.8  # 3 ms for each id: huggingface/lerobot, which finds servos in this way
     _settings: FeetechSettings
-    last_resort = "it has no watchdog and holds its last goal: switch its supply off"
+    unreachable_note = "it has no watchdog and holds its last goal: switch its supply off"
 
     def __init__(
         self, settings: FeetechSettings, torque_limits: Mapping[int, int], port: SerialPort, clock: Clock
@@ -77,7 +77,7 @@ class FeetechLine(ServoLine):
         Raises:
             DeviceError: a servo is missing, is another model, or has a wrong setup.
         """
-        self._check_all_there()
+        self._check_all_present()
         for servo_id in self.ids:
             self.registers.write_unconfirmed(servo_id, tables.LOCK, 1)
             self.registers.write_unconfirmed(servo_id, tables.RESPONSE_LEVEL, tables.ANSWER_EVERYTHING)

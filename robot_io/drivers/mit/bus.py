@@ -6,7 +6,7 @@ from math import inf
 
 from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.drivers.can.line import CanFrame
-from palpate.robot_io.drivers.can.motors import ANSWER_S, AskedMotorBus
+from palpate.robot_io.drivers.can.motors import ANSWER_S, PolledMotorBus
 from palpate.robot_io.drivers.joint_bus import BusEncoder, BusTorque
 from palpate.robot_io.drivers.mit.protocol import TIMEOUT_STEP_S, MitState, MotorRegister, Order
 from palpate.robot_io.drivers.mit.settings import MitBusSettings
@@ -19,7 +19,7 @@ _TRIAL_SHARE = 0.01  # share of a motor's torque range
 _TRIAL_S = 0.01  # time until the torque is exerted
 
 
-class MitBus(AskedMotorBus[MitState]):
+class MitBus(PolledMotorBus[MitState]):
     """Bus of MIT-mode motors of any maker."""
 
     name = "mit_bus"
@@ -44,7 +44,7 @@ class MitBus(AskedMotorBus[MitState]):
         sender = self._frames.sender(frame)
         return None if sender is None else self._joint_by_id.get(sender)
 
-    def _take(self, frame: CanFrame, at_s: float) -> bool:
+    def _store_frame(self, frame: CanFrame, at_s: float) -> bool:
         joint = self._joint_of(frame)
         if joint is None:
             return False
@@ -66,9 +66,9 @@ class MitBus(AskedMotorBus[MitState]):
     def _condition(self, state: MitState) -> tuple[int, bool | None]:
         return state.error, state.enabled
 
-    def _keep(self, joint: int, state: MitState, asked_s: float) -> None:
-        self._keep_motion(joint, state.position_rad, state.velocity_rad_s, asked_s)
-        self._keep_torque(joint, state.torque_nm, asked_s)
+    def _keep(self, joint: int, state: MitState, requested_s: float) -> None:
+        self._store_motion(joint, state.position_rad, state.velocity_rad_s, requested_s)
+        self._store_torque(joint, state.torque_nm, requested_s)
         self._at_range_end[joint] = state.at_range_end
         fault, error = self._dialect.encoder_fault, state.error
         is_fault = error & fault if fault and self._dialect.errors_are_bits else error == fault
@@ -92,13 +92,13 @@ class MitBus(AskedMotorBus[MitState]):
         return self._errors[joint] | self._alarms[joint]
 
     def _refuse_errors(self, but: int | None = None) -> None:
-        """See `AskedMotorBus._refuse_errors`; unsolicited errors are named once, then states count."""
+        """See `PolledMotorBus._refuse_errors`; unsolicited errors are named once, then states count."""
         try:
             super()._refuse_errors(but)
         finally:
             self._alarms = [0] * self.joint_count
 
-    def _to_every_motor(self, order: Order) -> list[CanFrame]:
+    def _order_frames(self, order: Order) -> list[CanFrame]:
         return [self._frames.order(motor_id, order) for motor_id in self._motor_ids]
 
     def _register(self, joint: int, register: MotorRegister, value: float | None = None) -> float:
@@ -112,7 +112,7 @@ class MitBus(AskedMotorBus[MitState]):
         finally:
             self._register_asked = None
         if not self._register_values:
-            raise self._about(joint, f"does not report its {register.name}")
+            raise self._motor_error(joint, f"does not report its {register.name}")
         return self._register_values[0]
 
     def configure(self) -> None:
@@ -129,7 +129,7 @@ class MitBus(AskedMotorBus[MitState]):
                 reported = self._register(joint, register)
                 if not abs(reported - stated) <= _SAME_RANGE * stated:
                     problem = f"its {register.name} is {reported:g}, but the robot file states {stated:g}"
-                    raise self._about(joint, f"{problem}: state its 'ranges', or set the motor")
+                    raise self._motor_error(joint, f"{problem}: state its 'ranges', or set the motor")
             if self._dialect.position_register:
                 # Its position must agree with its states, on the same turn.
                 register = self._dialect.position_register
@@ -140,7 +140,7 @@ class MitBus(AskedMotorBus[MitState]):
                         f"its {register.name} is {reported_rad:.3f} rad at the joint, but its states report"
                     )
                     remedy = "turn it back, or state its 'ranges'"
-                    raise self._about(joint, f"{problem} {stated_rad:.3f}: {remedy}")
+                    raise self._motor_error(joint, f"{problem} {stated_rad:.3f}: {remedy}")
 
     def _report(self) -> list[Finding]:
         """See `MotorBus._report`; the protocol reports neither voltage nor firmware."""
@@ -177,7 +177,7 @@ class MitBus(AskedMotorBus[MitState]):
     def power_on(self) -> None:
         if self._dialect.activation_registers:
             self._set_up()
-        frames = [*self._to_every_motor(Order.ENTER), *self._zero_torque()]
+        frames = [*self._order_frames(Order.ENTER), *self._zero_torque()]
         self._send_confirmed(frames, "motor mode is not confirmed by", enabled=True)
         self._refuse_duplicate_ids()
         self._refuse_errors()
@@ -199,7 +199,7 @@ class MitBus(AskedMotorBus[MitState]):
                 setting = timeout if value is None else value
                 reported = self._register(joint, register, setting)
                 if reported != setting:
-                    raise self._about(
+                    raise self._motor_error(
                         joint, f"its {register.name} is {reported:g} after it was set to {setting}"
                     )
         self._switch_off()
@@ -230,26 +230,26 @@ class MitBus(AskedMotorBus[MitState]):
             trial = [self._encode_torque(joint, torque_nm)[0] for joint, torque_nm in enumerate(trial_nm)]
             self._exchange(trial)
             self._clock.sleep_until(self._clock.now_s() + _TRIAL_S)
-            exerting = self._exerting(trial, trial_nm)
+            exerting = self._exerts_torque(trial, trial_nm)
             if not all(exerting):
                 idle = self.motor_label(exerting.index(False))
                 raise DeviceError(f"{self.line.label}: {idle} reports no torque although one was commanded")
-        self._outlast_watchdogs()
+        self._wait_for_watchdogs()
         if reports_mode:
             self._exchange(self._zero_torque())
             self._refuse_active(map(bool, self._enabled), "is still in motor mode")
         else:
-            exerting = self._exerting(self._to_every_motor(Order.ENTER), trial_nm)
+            exerting = self._exerts_torque(self._order_frames(Order.ENTER), trial_nm)
             self._refuse_active(exerting, "still exerts torque")
 
-    def _exerting(self, frames: list[CanFrame], trial_nm: list[float]) -> list[bool]:
+    def _exerts_torque(self, frames: list[CanFrame], trial_nm: list[float]) -> list[bool]:
         """Whether the answers to `frames`, one to each motor, show at least half of torques (n) [N m]."""
         self._exchange(frames)
         return [torque >= 0.5 * trial for torque, trial in zip(self._torque_nm, trial_nm, strict=True)]
 
     def _switch_off(self) -> None:
         """See `MotorBus._switch_off`; each motor must answer, even if it is off and ignores commands."""
-        leave = self._to_every_motor(Order.LEAVE)
+        leave = self._order_frames(Order.LEAVE)
         frames = [*self._zero_torque(), *leave, *leave]
         self._send_confirmed(frames, "torque off is not confirmed by", enabled=False)
 

@@ -57,7 +57,7 @@ class MitState:
     torque_nm: float  # at the output shaft [N m]
     # Whether a value is at the end of its range, so that the true value may lie beyond.
     at_range_end: bool
-    error: int  # see `MitDialect.errors`; 0 is none, or old firmware that does not send it
+    error: int  # see `MitProtocol.errors`; 0 is none, or old firmware that does not send it
     # Whether the motor is in motor mode; None if it does not report that.
     enabled: bool | None
 

@@ -36,7 +36,7 @@ class Maker(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class MitDialect:
+class MitProtocol:
     """Protocol details of one maker's motors."""
 
     frames: type[MitFrames]  # encodes requests and parses answers
@@ -83,7 +83,7 @@ _ROBSTRIDE_FAULTS = {
 }
 
 DIALECTS = {
-    Maker.CUBEMARS: MitDialect(
+    Maker.CUBEMARS: MitProtocol(
         frames=MitFrames,
         models={
             "AK10-9": MitRanges(12.5, 50.0, 65.0),
@@ -106,7 +106,7 @@ DIALECTS = {
         encoder_fault=5,
         largest_id=255,
     ),
-    Maker.DAMIAO: MitDialect(
+    Maker.DAMIAO: MitProtocol(
         frames=DamiaoFrames,
         models={
             "DM-J3507": MitRanges(12.566, 50.0, 5.0),
@@ -137,7 +137,7 @@ DIALECTS = {
             (protocol.DAMIAO_CAN_TIMEOUT, None),
         ),
     ),
-    Maker.ROBSTRIDE: MitDialect(
+    Maker.ROBSTRIDE: MitProtocol(
         frames=RobstrideFrames,
         models={
             "RS00": MitRanges(_FOUR_TURNS, 33.0, 14.0),
@@ -249,7 +249,7 @@ class MitBusSettings(CanLineSettings):
         return self
 
     @property
-    def dialect(self) -> MitDialect:
+    def dialect(self) -> MitProtocol:
         """Protocol details of these motors."""
         return DIALECTS[self.maker]
 

@@ -14,7 +14,7 @@ from math import copysign, isfinite
 from typing import Final, Literal, NamedTuple
 
 from palpate.robot_io.drivers.serial_force.line import AxisForceSettings, SerialForceSensor, SerialLine
-from palpate.robot_io.drivers.serial_force.stream import OwnTime, ReadingStream
+from palpate.robot_io.drivers.serial_force.stream import ReadingStream, SensorClock
 from palpate.robot_io.drivers.servo.stream import PacketStream, bit_names
 from palpate.robot_io.errors import ProtocolError
 from palpate.robot_io.examination import Examinable
@@ -126,7 +126,7 @@ class BotaStream(ReadingStream):
     """
 
     has_checksums = True
-    own_time: OwnTime
+    sensor_clock: SensorClock
 
     def __init__(self, axis: str, capacity_n: float) -> None:
         self._axis, self._capacity_n = "xyz".index(axis), capacity_n
@@ -135,7 +135,7 @@ class BotaStream(ReadingStream):
         self._odd_us: int | None = None
         self._left_out = self._skipped = 0  # the latter in a row
         self._restarted = ""
-        self.own_time = OwnTime()
+        self.sensor_clock = SensorClock()
 
     def feed(self, data: bytes) -> list[float]:
         forces_n = [force_n for sample in self._frames.feed(data) for force_n in self._forces(sample)]
@@ -150,7 +150,7 @@ class BotaStream(ReadingStream):
             return []
         errors = sample.status & ~_OVERRANGE
         problem = f"the sensor says '{bit_names(errors, _STATUS)}'" if errors else ""
-        self.complaint = self._restarted or problem
+        self.fault_text = self._restarted or problem
         force_n = sample.forces_n[self._axis]
         if sample.status & _OVERRANGE:
             force_n = copysign(max(abs(force_n), self._capacity_n), force_n)
@@ -165,7 +165,7 @@ class BotaStream(ReadingStream):
             by_us = (time_us - self._time_us) % _TIMES
             if by_us >= _TIMES // 2:
                 self._restarted = "the sensor has restarted, with its stored settings"
-            self.own_time.advance(1e-6 * by_us)
+            self.sensor_clock.advance(1e-6 * by_us)
         self._time_us, self._odd_us = time_us, None
         return True
 

@@ -295,26 +295,26 @@ class Mark10Stream(LineStream):
         self._unit, self._newtons = unit, newtons_per(unit)
         self._new_unit, self._new_unit_count = "", 0  # consecutive readings in another unit
 
-    def _take(self, line: bytes, samples: list[float]) -> None:
+    def _parse_line(self, line: bytes, samples: list[float]) -> None:
         if line.rstrip().endswith(self._model):  # may follow a reading that has lost its end
             self.poll.marked()
             samples.clear()
         else:
-            super()._take(line, samples)
+            super()._parse_line(line, samples)
 
     def _in_unit(self, line: str) -> tuple[str, float]:
         if error := _ERROR.fullmatch(line):
-            self.complaint = f"the gauge says '{error_name(int(error[1]))}'"
+            self.fault_text = f"the gauge says '{error_name(int(error[1]))}'"
         number, unit = parse_reading(line)
         if unit != self._unit:
             self._new_unit_count = self._new_unit_count + 1 if unit == self._new_unit else 1
             self._new_unit = unit
             if self._new_unit_count >= _TWICE:  # not just a damaged letter
-                self.complaint = (
+                self.fault_text = (
                     f"the gauge reads in {unit}, but it read in {self._unit} when it was configured"
                 )
             raise ProtocolError(f"reading in {unit} instead of {self._unit}")
-        self._new_unit_count, self.complaint = 0, ""
+        self._new_unit_count, self.fault_text = 0, ""
         return number, self._newtons
 
 

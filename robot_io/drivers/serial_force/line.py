@@ -92,9 +92,9 @@ class SerialReader:
         return self._stream.rejected + self._implausible
 
     @property
-    def complaint(self) -> str:
+    def fault_text(self) -> str:
         """Error that the sensor reports, or an empty string."""
-        return self._stream.complaint
+        return self._stream.fault_text
 
     def start(self) -> None:
         """Read the port until `stop`: in a thread, or, on a simulated clock, whenever time has advanced.
@@ -161,8 +161,8 @@ class SerialReader:
             asked_s = stream.poll.answered(read_s)
             arrived_s = asked_s if len(set(samples)) <= 1 else None  # several readings were not requested
         late_s = 0.0
-        if stream.own_time and samples and arrived_s is not None:
-            dated_s = stream.own_time.sampled_at_s(arrived_s, prompt=self._is_prompt)
+        if stream.sensor_clock and samples and arrived_s is not None:
+            dated_s = stream.sensor_clock.sampled_at_s(arrived_s, prompt=self._is_prompt)
             arrived_s, late_s = dated_s, arrived_s - dated_s
         for force_n in self._undamaged(samples, is_damaged=is_damaged):
             if arrived_s is not None and (stream.has_checksums or self._is_plausible(force_n)):
@@ -343,8 +343,8 @@ class ForceLine(Bus):
         if reader is None:
             return
         self.sample = reader.newest
-        if reader.failure or reader.complaint:
-            raise DeviceError(f"{self.label}: {reader.failure or reader.complaint}")
+        if reader.failure or reader.fault_text:
+            raise DeviceError(f"{self.label}: {reader.failure or reader.fault_text}")
         if self.sample is None:
             if reader.rejected:
                 raise DeviceTimeoutError(

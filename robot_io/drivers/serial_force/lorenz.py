@@ -122,7 +122,7 @@ class TelegramReader:
         """
         telegrams = []
         for byte in data:
-            if not self._take(byte):
+            if not self._process_byte(byte):
                 continue
             content, self._content = bytes(self._content or b""), None
             if checksums(content[:-2]) == (content[-2], content[-1]):
@@ -131,7 +131,7 @@ class TelegramReader:
                 self.rejected += 1
         return telegrams
 
-    def _take(self, byte: int) -> bool:
+    def _process_byte(self, byte: int) -> bool:
         """Process one byte; return whether it was the last byte of a telegram."""
         if self._content is None:
             self._content = bytearray() if byte == STX else None
@@ -284,7 +284,7 @@ class LorenzSettings(SerialForceSettings):
 
     @field_validator("rate_hz")
     @classmethod
-    def _exists(cls, rate_hz: int) -> int:
+    def _check_rate(cls, rate_hz: int) -> int:
         if rate_hz not in SAMPLE_RATE_CODES:
             raise ValueError(f"valid are {', '.join(map(str, SAMPLE_RATE_CODES))}")
         return rate_hz

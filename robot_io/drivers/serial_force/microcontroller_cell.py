@@ -20,7 +20,7 @@ from typing import Annotated
 from pydantic import Field
 
 from palpate.robot_io.drivers.serial_force.line import SerialForceSensor, SerialForceSettings
-from palpate.robot_io.drivers.serial_force.stream import LineSplitter, OwnTime, ReadingStream, decode_text
+from palpate.robot_io.drivers.serial_force.stream import LineSplitter, ReadingStream, SensorClock, decode_text
 from palpate.robot_io.errors import ProtocolError
 from palpate.robot_io.examination import Examinable
 from palpate.robot_io.files.file_model import Capacity, Number, Positive
@@ -87,17 +87,17 @@ class CellStream(ReadingStream):
     """Forces from lines; a line whose counter repeats or goes back is old, and is ignored.
 
     If five such lines continue from each other, the cell has restarted. A converter at the end of its range
-    shows at least `capacity_n` [N]. `rate_hz` is the sample rate [Hz], by which `own_time` dates samples.
+    shows at least `capacity_n` [N]. `rate_hz` is the sample rate [Hz], by which `sensor_clock` dates samples.
     """
 
     has_checksums = True
-    own_time: OwnTime
+    sensor_clock: SensorClock
 
     def __init__(
         self, newtons_per_count: float, zero_counts: float, capacity_n: float, rate_hz: float
     ) -> None:
         self._scale, self._zero, self._capacity_n = newtons_per_count, zero_counts, capacity_n
-        self._period_s, self.own_time = 1.0 / rate_hz, OwnTime(_RATE_ERROR, _COUNTERS / rate_hz)
+        self._period_s, self.sensor_clock = 1.0 / rate_hz, SensorClock(_RATE_ERROR, _COUNTERS / rate_hz)
         self._lines = LineSplitter()
         self._lines.resynchronize()  # the first line may have lost its beginning
         self._counter: int | None = None
@@ -111,13 +111,13 @@ class CellStream(ReadingStream):
                 counter, counts = parse_sample(line)
             except ProtocolError:
                 if fault := parse_fault(line):
-                    self.complaint = f"the cell says '{fault}'"
-                    self.own_time.restart()  # the cell's counter does not advance during a fault
+                    self.fault_text = f"the cell says '{fault}'"
+                    self.sensor_clock.restart()  # the cell's counter does not advance during a fault
                 else:
                     self.rejected += 1
                 continue
             if self._is_new(counter):
-                self.complaint = ""
+                self.fault_text = ""
                 force_n = (counts - self._zero) * self._scale
                 at_end = counts in (LARGEST_COUNTS, -LARGEST_COUNTS - 1)
                 force_n = copysign(max(abs(force_n), self._capacity_n), force_n) if at_end else force_n
@@ -133,8 +133,8 @@ class CellStream(ReadingStream):
             self._old_counter, self._old = counter, self._old + 1 if goes_on else 1
             if self._old < _OLD_SAMPLES:
                 return False
-            self.own_time.restart()
-        self.own_time.advance(steps * self._period_s)
+            self.sensor_clock.restart()
+        self.sensor_clock.advance(steps * self._period_s)
         self._counter, self._old_counter, self._old = counter, None, 0
         return True
 

@@ -13,7 +13,7 @@ _WINDOW_S, _WINDOWS = 0.25, 4  # windows whose shortest delays reveal an error o
 _STEADY = 0.5  # share of the largest change between two windows by which changes may differ
 
 
-class OwnTime:
+class SensorClock:
     """Computes sampling times of readings from the shortest delay so far between sampling and arrival.
 
     A constant delay cannot be detected, but a change of the delay can. A sensor whose clock error exceeds
@@ -221,18 +221,18 @@ class ReadingStream(ABC):
 
     Attributes:
         rejected: number of received items that were not samples.
-        complaint: error that the device has reported since its last sample; empty if there is none.
+        fault_text: error that the device has reported since its last sample; empty if there is none.
         has_checksums: whether each sample has a checksum.
         held_back_s: time for which the stream waits for the confirmation of a sample [s].
-        own_time: dates samples by the sensor's own time; None if it sends none.
+        sensor_clock: dates samples by the sensor's own time; None if it sends none.
         poll: requests each sample; None if the sensor sends them by itself.
     """
 
     rejected = 0
-    complaint = ""
+    fault_text = ""
     has_checksums = False
     held_back_s = 0.0
-    own_time: OwnTime | None = None
+    sensor_clock: SensorClock | None = None
     poll: Poll | None = None
 
     @abstractmethod
@@ -294,10 +294,10 @@ class LineStream(ReadingStream):
     def feed(self, data: bytes) -> list[float]:
         samples: list[float] = []
         for line in self._lines.feed(data):
-            self._take(line, samples)
+            self._parse_line(line, samples)
         return samples
 
-    def _take(self, line: bytes, samples: list[float]) -> None:
+    def _parse_line(self, line: bytes, samples: list[float]) -> None:
         """Append the reading of a line to the samples."""
         try:
             samples.append(self._force_n(decode_text(line)))

@@ -147,22 +147,22 @@ class ServoBus(JointBus, Examinable):
         if self._reader is None:
             raise LifecycleError("the servos can be read only between configure and close")
         feedback, asked_at_s = self._reader.read(deadline_s)
-        complaint = "" if self._is_healthy(feedback) else self._complaints(feedback)
+        fault_text = "" if self._is_healthy(feedback) else self._fault_texts(feedback)
         motion = np.array(self._values(feedback)).reshape(3, -1)
         position_rad, velocity_rad_s, torque_nm = motion[0], motion[1], motion[2]  # faster than iterating
         if self._pairs.joints:
             if disagreement := self._pairs.disagreement(position_rad):
                 raise DeviceError(disagreement)
-            complaint = complaint or self._pairs.torque_difference(torque_nm, asked_at_s) or ""
+            fault_text = fault_text or self._pairs.torque_difference(torque_nm, asked_at_s) or ""
             position_rad, velocity_rad_s, torque_nm = self._pairs.join_pairs(motion)
         self.sample = ServoSample(asked_at_s, position_rad, velocity_rad_s, torque_nm, motion)
         self.position = Reading(position_rad, asked_at_s)
         self.velocity = Reading(velocity_rad_s, asked_at_s)
-        self.torque = Reading(torque_nm, asked_at_s, Status.FAULT if complaint else Status.OK)
-        if complaint:
-            raise DeviceError(complaint)
+        self.torque = Reading(torque_nm, asked_at_s, Status.FAULT if fault_text else Status.OK)
+        if fault_text:
+            raise DeviceError(fault_text)
 
-    def _complaints(self, feedback: Sequence[Any]) -> str:
+    def _fault_texts(self, feedback: Sequence[Any]) -> str:
         """Return errors that servos report with sound positions.
 
         Raises:
@@ -171,7 +171,7 @@ class ServoBus(JointBus, Examinable):
         if problem := self._problem(feedback):
             raise DeviceError(problem)
         servos = zip(self._labels, feedback, strict=True)
-        return "; ".join(f"{label}: {servo.complaint}" for label, servo in servos if servo.complaint)
+        return "; ".join(f"{label}: {servo.fault_text}" for label, servo in servos if servo.fault_text)
 
     def _values(self, feedback: Sequence[Any]) -> list[float]:
         """Positions, velocities and torques of the servos along the joint axes, see `ServoJoints.values`."""
@@ -226,8 +226,8 @@ class ServoBus(JointBus, Examinable):
             self._may_hold = False
         elif self._may_hold:
             reason = self._port.failure or "the port is closed"
-            last_resort = self._line.last_resort
-            raise DeviceError(f"{self._port.path}: {reason}: the torque may still be on; {last_resort}")
+            unreachable_note = self._line.unreachable_note
+            raise DeviceError(f"{self._port.path}: {reason}: the torque may still be on; {unreachable_note}")
 
 
 class ServoEncoderSettings(FileModel):

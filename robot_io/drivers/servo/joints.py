@@ -202,19 +202,19 @@ class ServoPairs:
             weaker_nm[joint] = min(weaker_nm[joint], second_nm)
         return self.repeat_for_servos(weaker_nm)
 
-    def sum_pairs(self, of_servos: Sequence[float]) -> list[float]:
+    def sum_pairs(self, servo_states: Sequence[float]) -> list[float]:
         """Add the values of the two servos of a pair, such as torques.
 
         Args:
-            of_servos: shape (m,).
+            servo_states: shape (m,).
 
         Returns:
             Values of the joints, shape (n,).
         """
         if not self.joints:
-            return list(of_servos)
-        of_joints = list(of_servos[: self.joint_count])
-        for joint, second in zip(self.joints, of_servos[self.joint_count :], strict=True):
+            return list(servo_states)
+        of_joints = list(servo_states[: self.joint_count])
+        for joint, second in zip(self.joints, servo_states[self.joint_count :], strict=True):
             of_joints[joint] += second
         return of_joints
 
@@ -311,7 +311,7 @@ class ServoSample(NamedTuple):
     velocity_rad_s: FloatArray  # as the servos derive it, shape (n,) [rad/s]
     torque_nm: FloatArray  # as the servos show it, shape (n,) [N m]
     # Position, velocity and torque of every servo, in the order of `ServoBusSettings.turning`; shape (3, m).
-    of_servos: FloatArray
+    servo_states: FloatArray
 
 
 class ServoJoints:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, NamedTuple, get_args
 
 from palpate.robot_io.clock import Clock
 from palpate.robot_io.drivers.servo.joints import ServoBusSettings
-from palpate.robot_io.drivers.servo.stream import PacketStream, ServoAnswer, ServoDialect
+from palpate.robot_io.drivers.servo.stream import PacketStream, ServoAnswer, ServoProtocol
 from palpate.robot_io.errors import DeviceError, DeviceTimeoutError, ProtocolError
 from palpate.robot_io.examination import Finding, fail, warn
 from palpate.robot_io.serial_port import SerialPort
@@ -87,7 +87,7 @@ class RegisterAccess:
         clock: Clock of the deadlines.
     """
 
-    def __init__(self, dialect: ServoDialect, port: SerialPort, clock: Clock) -> None:
+    def __init__(self, dialect: ServoProtocol, port: SerialPort, clock: Clock) -> None:
         self._dialect, self._port, self._clock = dialect, port, clock
         self._alert = False  # of the last value that was read
 
@@ -284,7 +284,7 @@ class ServoLine(ABC):
         clock: Clock of the deadlines.
     """
 
-    dialect: ClassVar[ServoDialect]
+    dialect: ClassVar[ServoProtocol]
     torque_enable: ClassVar[Register]  # 0 is off
     present_position: ClassVar[Register]
     goal: ClassVar[Register]  # register written in each tick
@@ -299,7 +299,7 @@ class ServoLine(ABC):
 
     @property
     @abstractmethod
-    def last_resort(self) -> str:
+    def unreachable_note(self) -> str:
         """What happens if a servo cannot be reached, for messages."""
 
     @abstractmethod
@@ -325,7 +325,7 @@ class ServoLine(ABC):
             problem = "; ".join(failure for _, failure in failures if failure)
             if not still_on:
                 return
-        raise DeviceError(f"the torque may still be on: {problem}; {self.last_resort}")
+        raise DeviceError(f"the torque may still be on: {problem}; {self.unreachable_note}")
 
     def ping_each(self, registers: RegisterAccess) -> PingResult:
         """Ping each servo of the settings separately.
@@ -343,7 +343,7 @@ class ServoLine(ABC):
         damaged = tuple(servo_id for servo_id, (answers, bad) in counts.items() if bad and not answers)
         return PingResult(Counter({servo_id: answers for servo_id, (answers, _) in counts.items()}), damaged)
 
-    def _check_all_there(self) -> None:
+    def _check_all_present(self) -> None:
         """Ping all servos; raise a `DeviceError` that names those that do not answer, or answer twice."""
         answers, damaged = self.ping_each(self.registers)
         missing = [servo_id for servo_id in self.ids if not answers[servo_id]]

@@ -100,7 +100,7 @@ BROADCAST_ID: Final = 0xFE
 _PING, _READ, _WRITE, _SYNC_READ, SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
 
 
-class ServoDialect(ABC):
+class ServoProtocol(ABC):
     """Encoder of instructions, and factory of readers of their answers."""
 
     word: ClassVar[int]  # bytes of an address or a size

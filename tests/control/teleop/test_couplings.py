@@ -24,9 +24,9 @@ from palpate.control.teleop.couplings import (
     TIME_DOMAIN,
     WAVE_VARIABLES,
     DevicePort,
-    Newest,
-    Playout,
-    Tracking,
+    LatestPacketChannel,
+    PlayoutBuffer,
+    PositionTracking,
 )
 from palpate.control.teleop.model_mediated import COUPLINGS, ProbingMotion, model_mediated
 from palpate.robot_io.errors import InputError
@@ -135,18 +135,18 @@ def received(channel, faults: LinkFaults, steps: int = 20_000) -> tuple[np.ndarr
 
 
 def test_the_line_delays_and_loses_and_the_newest_never_goes_back():
-    ages, numbers = received(Newest(), LinkFaults(0.05, 0.02, 0.3))
+    ages, numbers = received(LatestPacketChannel(), LinkFaults(0.05, 0.02, 0.3))
     assert ages.min() >= 50
     assert ages.max() < 100
     assert len(set(numbers)) < 0.7 * 20_000  # the lost, and those that were overtaken
 
 
 def test_played_out_a_link_with_jitter_is_one_with_a_constant_delay():
-    ages, numbers = received(Playout(), LinkFaults(0.05, 0.02))
+    ages, numbers = received(PlayoutBuffer(), LinkFaults(0.05, 0.02))
     settled = ages[1000:]
     assert settled.min() == settled.max() == 70
     assert (np.diff(numbers[1000:]) == 1.0).all()  # each once: none was overtaken
-    ages, _ = received(Playout(), LinkFaults(0.05, 0.02, 0.3))
+    ages, _ = received(PlayoutBuffer(), LinkFaults(0.05, 0.02, 0.3))
     assert (ages[1000:] == 70).mean() == pytest.approx(0.7, abs=0.02)  # of the rest the one before stands
 
 
@@ -158,7 +158,7 @@ def test_waves_over_jitter_feel_as_over_the_delay_that_it_becomes():
     assert felt[0] == pytest.approx(felt[1], rel=0.05)
 
 
-@pytest.mark.parametrize("channel", [Newest, Playout])
+@pytest.mark.parametrize("channel", [LatestPacketChannel, PlayoutBuffer])
 def test_a_packet_that_is_not_finite_never_came(channel):
     end = channel()
     for number, packet in enumerate([(1.0, 2.0), (nan, 2.0), (inf, -inf)]):
@@ -191,8 +191,8 @@ def test_what_is_not_finite_is_refused_and_changes_nothing(coupling, port, packe
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: Tracking(nan),
-        lambda: Tracking(8000.0, -1.0),
+        lambda: PositionTracking(nan),
+        lambda: PositionTracking(8000.0, -1.0),
         lambda: ProbingMotion(()),
         lambda: ProbingMotion((nan,)),
         lambda: ProbingMotion(force_limit_n=inf),

@@ -7,7 +7,7 @@ from palpate.control.laws.gains import Gains
 from palpate.control.loop.task import Phase, TaskOutput
 from palpate.control.probing.plan import ProbingPlan
 from palpate.control.probing.task import ProbingTask
-from palpate.control.teleop.follower_task import FollowerTask, OnSilence, TargetQueue, plan_for
+from palpate.control.teleop.follower_task import FollowerTask, SilenceAction, TargetQueue, plan_for
 from palpate.robot_io.link.messages import Target, TargetState, short_number, target_number
 from tests.control.probing_runs import TICK_S, WIDE, plant_above
 from tests.control.reference_plant import TOOL_AXIS_TIP, ReferencePlant, test_arm
@@ -20,7 +20,7 @@ NEAR = target(0, 0.42)
 class FollowerRig:
     """A follower on the reference plant; `until` runs it."""
 
-    def __init__(self, on_silence: OnSilence = OnSilence.FINISH) -> None:
+    def __init__(self, on_silence: SilenceAction = SilenceAction.FINISH) -> None:
         self.plant: ReferencePlant = plant_above()
         self.queue = TargetQueue()
         self.queue.linked = True
@@ -102,7 +102,7 @@ def test_without_a_word_from_the_leader_nothing_is_begun():
 
 @pytest.mark.parametrize(
     ("on_silence", "state"),
-    [(OnSilence.FINISH, TargetState.DONE), (OnSilence.RETREAT, TargetState.CANCELLED)],
+    [(SilenceAction.FINISH, TargetState.DONE), (SilenceAction.RETREAT, TargetState.CANCELLED)],
 )
 def test_a_cut_link_in_contact_ends_as_configured_and_the_rest_waits(on_silence, state):
     rig = FollowerRig(on_silence)

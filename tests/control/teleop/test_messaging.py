@@ -13,7 +13,7 @@ from palpate.control.teleop.peer import Arrival, ClockOffset, Peer, PeerLimits
 from palpate.control.teleop.virtual_object import VirtualArm
 from palpate.robot_io.clock import SimulatedClock
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.link.frame import Frame, Heard, decode, encode
+from palpate.robot_io.link.frame import Frame, LastReceived, decode, encode
 from palpate.robot_io.link.messages import Intent
 from palpate.robot_io.robot_file import load_robot_file
 from tests.control.simulated_arms import ARMS
@@ -23,7 +23,7 @@ US, PEER, OTHER = 1, 2, 3
 
 def _frame(sender, names, sequence, sent_s):
     said = Intent((), (sequence,), (), ended=False)
-    return decode(encode(sender, sequence, sent_s, Heard(names, nan, nan), said))
+    return decode(encode(sender, sequence, sent_s, LastReceived(names, nan, nan), said))
 
 
 def _side():
@@ -91,7 +91,7 @@ def frame(sequence: int, sent_s: float = 100.0, **changes) -> Frame:
 def judged(*steps: tuple[int, float, float], sender: int = 77) -> tuple[list[Arrival], Peer]:
     """What frames are, given as sequence, time sent and time of arrival."""
     peer = Peer(PeerLimits(late_s=3.0, silent_s=1.0))
-    return [peer.judge(frame(n, sent, sender=sender), arrived) for n, sent, arrived in steps], peer
+    return [peer.classify(frame(n, sent, sender=sender), arrived) for n, sent, arrived in steps], peer
 
 
 @pytest.mark.parametrize(
@@ -119,18 +119,18 @@ def test_frames_are_told_apart(steps, expected, lost):
 def test_another_sender_is_foreign_until_the_first_is_silent():
     _, peer = judged((5, 100.0, 5.0))
     stranger = frame(0, 0.0, sender=99)
-    assert peer.judge(stranger, 5.9) is FOREIGN
+    assert peer.classify(stranger, 5.9) is FOREIGN
     assert peer.restarts == 0
     assert peer.silent(6.1)
-    assert peer.judge(stranger, 6.1) is FRESH
+    assert peer.classify(stranger, 6.1) is FRESH
     assert peer.restarts == 1
-    assert peer.judge(frame(6, 101.0), 6.2) is FOREIGN
+    assert peer.classify(frame(6, 101.0), 6.2) is FOREIGN
 
 
 def test_late_frames_do_not_keep_the_peer_alive():
     _, peer = judged((0, 100.0, 5.0))
     for n in range(1, 40):
-        assert peer.judge(frame(n, 100.0 + 0.1 * n), 5.0 + 3.5 + 0.1 * n) is LATE
+        assert peer.classify(frame(n, 100.0 + 0.1 * n), 5.0 + 3.5 + 0.1 * n) is LATE
     assert peer.silent(9.0)
 
 
@@ -166,7 +166,7 @@ def test_stamps_that_contradict_each_other_are_left_out(stamps):
 def test_ages_are_on_the_own_clock():
     peer = Peer(PeerLimits())
     assert peer.age_s(5.0) != peer.age_s(5.0)
-    peer.judge(frame(0, 105.02, heard_sent_s=5.0, heard_at_s=105.01), 5.03)
+    peer.classify(frame(0, 105.02, heard_sent_s=5.0, heard_at_s=105.01), 5.03)
     assert peer.offset is not None
     assert peer.offset.offset_s == pytest.approx(100.0)
     assert peer.age_s(6.0) == pytest.approx(0.98)

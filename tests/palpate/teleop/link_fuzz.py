@@ -9,7 +9,7 @@ from palpate.control.teleop.messaging import Messaging
 from palpate.control.teleop.peer import Arrival
 from palpate.robot_io.clock import SimulatedClock
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.link.frame import CHECKSUM, Frame, FrameError, Heard, Seal, decode, encode
+from palpate.robot_io.link.frame import CHECKSUM, Frame, FrameCode, FrameError, LastReceived, decode, encode
 from palpate.robot_io.link.messages import (
     ContactModel,
     EstimatedParameter,
@@ -45,7 +45,7 @@ ESTIMATE = ObjectEstimate(
 MESSAGES = (INTENT, REPORT, ESTIMATE)
 SENDER, HEARER = 77, 78
 _TIP_M = (0.4, 0.0, 0.06)
-_HEARD = Heard(HEARER, 0.0, 0.0)
+_HEARD = LastReceived(HEARER, 0.0, 0.0)
 
 
 @dataclass
@@ -60,7 +60,7 @@ class FuzzResult:
 class FedLine:
     """A line whose frames are given; see `palpate.robot_io.link.Line`."""
 
-    def __init__(self, seal: Seal) -> None:
+    def __init__(self, seal: FrameCode) -> None:
         self.waiting: deque[bytes] = deque()
         self.malformed, self.sender, self._seal = 0, HEARER, seal
 
@@ -87,7 +87,7 @@ class FedLine:
         """See `Line.send`."""
 
 
-def fuzz(number: int, seed: int, seal: Seal = CHECKSUM, mended: Seal | None = None) -> FuzzResult:
+def fuzz(number: int, seed: int, seal: FrameCode = CHECKSUM, mended: FrameCode | None = None) -> FuzzResult:
     """Feed mutated frames to a leader and a follower that hear their peer.
 
     Args:
@@ -105,7 +105,7 @@ def fuzz(number: int, seed: int, seal: Seal = CHECKSUM, mended: Seal | None = No
     return result
 
 
-def mutated(data: bytes, rng: random.Random, seal_size: int, mended: Seal | None) -> bytes:
+def mutated(data: bytes, rng: random.Random, seal_size: int, mended: FrameCode | None) -> bytes:
     """One to eight bits, bytes or pieces changed, cut out or put in."""
     body = bytearray(data[seal_size:] if mended else data)
     for _ in range(rng.randint(1, 8)):
@@ -122,7 +122,7 @@ def mutated(data: bytes, rng: random.Random, seal_size: int, mended: Seal | None
     return mended.of(bytes(body)) + bytes(body) if mended else bytes(body)
 
 
-def _follower(data: bytes, sent: Message, seal: Seal, result: FuzzResult) -> None:
+def _follower(data: bytes, sent: Message, seal: FrameCode, result: FuzzResult) -> None:
     queue = TargetQueue()
     taken = _heard(data, queue.take, Intent, result, sent, seal)
     queue.linked = True
@@ -130,7 +130,7 @@ def _follower(data: bytes, sent: Message, seal: Seal, result: FuzzResult) -> Non
         result.targets.add(target)
 
 
-def _leader(data: bytes, sent: Message, seal: Seal, result: FuzzResult) -> None:
+def _leader(data: bytes, sent: Message, seal: FrameCode, result: FuzzResult) -> None:
     target_states = TargetStates(Scenario())
 
     def take(message: ObjectEstimate | Report) -> None:
@@ -147,7 +147,7 @@ def _leader(data: bytes, sent: Message, seal: Seal, result: FuzzResult) -> None:
         target_states.summary(_TIP_M, 1.0)
 
 
-def _heard(data, take, kinds, result, sent: Message, seal: Seal) -> Message | None:
+def _heard(data, take, kinds, result, sent: Message, seal: FrameCode) -> Message | None:
     """What a side that hears its peer takes of a frame, if it says something else than was sent."""
     line, taken = FedLine(seal), []
 

@@ -27,7 +27,7 @@ class ScriptedPeer:
         while not reached(self):
             assert time.monotonic() < end_s, f"never reached; heard last: {self.heard[-1:]}"
             for at_s, frame in self.line.receive():
-                if self.peer.judge(frame, at_s) is Arrival.FRESH:
+                if self.peer.classify(frame, at_s) is Arrival.FRESH:
                     self.line.heard(frame, at_s)
                     self.heard.append(frame.message)
             self.line.send(says(self))

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from palpate.robot_io.link.frame import Heard, decode, encode
+from palpate.robot_io.link.frame import LastReceived, decode, encode
 from palpate.robot_io.link.messages import ObjectEstimate, TargetState, target_number
 from palpate.sim_backend.scenario import load_scenario
 from palpate.teleop import follower, leader
@@ -25,7 +25,7 @@ class StoredLine:
         self.arrived, self.sent, self.anew, self.malformed, self.now, self.sender = [], [], [], 0, 0.0, 77
 
     def put(self, sender, sequence, message, answers=None):
-        heard = Heard(self.sender if answers is None else answers)
+        heard = LastReceived(self.sender if answers is None else answers)
         frame = decode(encode(sender, sequence, self.now, heard, message))
         self.arrived.append((self.now, frame))
 

@@ -101,10 +101,10 @@ def test_no_goal_lies_beyond_the_ends_of_the_counts_and_what_is_lost_is_said(arm
     hold(arm)
     arm.ticks(2)
     motors, step_rad = arm.robot.buses["motors"], 2 * pi / 4096
-    of_servos = motors.sample.of_servos.copy()
-    of_servos[0, 1] = motors._joints.offset_rad[1] + count * motors._joints.steps[0, 1]
-    of_servos[1, 1] = 0.0
-    motors.sample = motors.sample._replace(of_servos=of_servos)
+    servo_states = motors.sample.servo_states.copy()
+    servo_states[0, 1] = motors._joints.offset_rad[1] + count * motors._joints.steps[0, 1]
+    servo_states[1, 1] = 0.0
+    motors.sample = motors.sample._replace(servo_states=servo_states)
     sent_nm = motors.stage(np.array([0.0, sign * np.sign(motors._joints.steps[0, 1]), 0.0]))
     _, _, stiffness_nm_rad, _ = motors._laws[1]
     assert abs(sent_nm[1]) == pytest.approx(stiffness_nm_rad * 2 * step_rad)

@@ -9,9 +9,9 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.link.frame import (
     CHECKSUM,
     MOST_BYTES,
+    FrameCode,
     FrameError,
-    Heard,
-    Seal,
+    LastReceived,
     decode,
     encode,
     key_seal,
@@ -23,8 +23,8 @@ from tests.robot_io.link.link_parts import estimate, intent, report, target
 MESSAGES = [intent(target(), target(7, 0.44), cancelled=(3,), ended=True), report(remark="µ"), estimate()]
 
 
-def framed(message, sequence: int = 5, seal: Seal = CHECKSUM) -> bytes:
-    return encode(2**61 + 3, sequence, 1.25, Heard(2**60 + 1, nan, 7.5), message, seal)
+def framed(message, sequence: int = 5, seal: FrameCode = CHECKSUM) -> bytes:
+    return encode(2**61 + 3, sequence, 1.25, LastReceived(2**60 + 1, nan, 7.5), message, seal)
 
 
 @pytest.mark.parametrize("message", MESSAGES, ids=lambda one: type(one).__name__)

@@ -12,7 +12,7 @@ import pytest
 from palpate.robot_io.clock import MonotonicClock
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.link.frame import MOST_BYTES, load_seal
-from palpate.robot_io.link.line import BadNetwork, Impairment, Line, LineSettings
+from palpate.robot_io.link.line import Impairment, Line, LineSettings, NetworkEmulator
 from tests.free_port import free_port
 from tests.robot_io.link.link_parts import intent, report, target
 
@@ -200,7 +200,7 @@ def test_the_advice_names_what_both_sides_must_share_and_what_udp_costs(tmp_path
 
 
 def test_a_bad_network_delays_and_loses_as_it_says():
-    network = BadNetwork(Impairment(delay_s=0.5, jitter_s=0.05, loss=0.2, seed=3))
+    network = NetworkEmulator(Impairment(delay_s=0.5, jitter_s=0.05, loss=0.2, seed=3))
     for number in range(5000):
         network.put(b"%d" % number, 0.0)
     assert network.due(0.2) == []

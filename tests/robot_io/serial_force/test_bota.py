@@ -72,16 +72,16 @@ def test_a_time_that_does_not_go_on_is_believed_with_the_next(times_us, taken):
     stream, forces = fed(*(bota_frame(0, ONES, time_us) for time_us in times_us))
     assert len(forces) == taken
     assert stream.rejected == 1 + len(times_us) - taken
-    assert not stream.complaint
+    assert not stream.fault_text
 
 
 def test_the_sensors_time_begins_anew_after_71_minutes_and_a_restart_is_named():
     stream = BotaStream("y", 100.0)
     times_us = (2**32 - 2250, 2**32 - 1000, 250)
     assert stream.feed(b"".join(bota_frame(0, ONES, time_us) for time_us in times_us)) == [-2.0, -2.0]
-    assert not stream.complaint
+    assert not stream.fault_text
     stream, _ = fed(*(bota_frame(0, ONES, time_us) for time_us in (10_000, 2**32 - 10_000, 2**32 - 8_750)))
-    assert "has restarted" in stream.complaint
+    assert "has restarted" in stream.fault_text
 
 
 @pytest.mark.parametrize(
@@ -96,16 +96,16 @@ def test_the_sensors_time_begins_anew_after_71_minutes_and_a_restart_is_named():
 )
 def test_a_status_is_an_end_of_range_an_error_or_a_sample_less(status, forces, said):
     stream, found = fed(bota_frame(status, ONES, 1250))
-    assert (found, stream.complaint) == (forces, said)
+    assert (found, stream.fault_text) == (forces, said)
     assert stream.feed(bota_frame(0, ONES, 2500)) == [-2.0]
-    assert not stream.complaint
+    assert not stream.fault_text
 
 
 def test_a_sensor_that_skips_on_and_on_says_so_itself():
     stream, forces = fed(*(bota_frame(SKIPPED, ONES, 1250 * k) for k in range(1, 6)))
-    assert (forces, stream.complaint) == ([], "the sensor says 'skips measurements, lower rate_hz'")
+    assert (forces, stream.fault_text) == ([], "the sensor says 'skips measurements, lower rate_hz'")
     assert stream.feed(bota_frame(0, ONES, 7500)) == [-2.0]
-    assert not stream.complaint
+    assert not stream.fault_text
 
 
 def test_one_frame_alone_is_no_force():

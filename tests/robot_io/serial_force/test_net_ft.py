@@ -65,7 +65,7 @@ def test_only_what_is_new_is_taken(pairs, taken):
     stream, forces = fed(*((*pair, 0, [0] * 6) for pair in pairs))
     assert len(forces) == taken
     assert stream.rejected == len(pairs) - taken
-    assert not stream.complaint
+    assert not stream.fault_text
 
 
 @pytest.mark.parametrize(
@@ -88,21 +88,21 @@ def test_only_what_is_new_is_taken(pairs, taken):
 def test_a_status_is_an_error_or_nothing(status, said, forces):
     stream, found = fed((1, 7, status, [0, 0, 1_000_000, 0, 0, 0]))
     assert found == forces
-    assert stream.complaint == (f"the sensor says '{said}'" if said else "")
+    assert stream.fault_text == (f"the sensor says '{said}'" if said else "")
     assert stream.feed(record(2, 14, 0, [0] * 6)) == [0.0]
-    assert not stream.complaint
+    assert not stream.fault_text
 
 
 @pytest.mark.parametrize("counts", [2**31 - 1, -(2**31 - 1), -(2**31)])
 def test_counts_at_their_end_are_no_force(counts):
     stream, found = fed((1, 7, 0, [0, 0, counts, 0, 0, 0]))
     assert not found
-    assert stream.complaint == "the sensor says 'counts at the end of their range'"
+    assert stream.fault_text == "the sensor says 'counts at the end of their range'"
 
 
 def test_a_sensor_that_counts_anew_is_named():
     stream, _ = fed((1000, 7000, 0, [0] * 6), *((k, 7 * k, 0, [0] * 6) for k in range(1, 60)))
-    assert "restarted its counter" in stream.complaint
+    assert "restarted its counter" in stream.fault_text
 
 
 def test_a_sensor_that_counts_anew_is_named_before_its_samples_are_too_old(bench):
@@ -118,7 +118,7 @@ def test_a_sensor_that_counts_anew_is_named_before_its_samples_are_too_old(bench
 def test_old_records_of_a_network_that_repeats_itself_are_no_restart():
     sequence = (*range(1, 200), *range(150, 171), 200, 10, 11, 201)
     stream, forces = fed(*((number, 7 * number, 0, [0] * 6) for number in sequence))
-    assert not stream.complaint
+    assert not stream.fault_text
     assert len(forces) == 201
 
 
@@ -126,7 +126,7 @@ def test_old_records_of_a_network_that_repeats_itself_are_no_restart():
 def test_fifty_old_records_in_a_row_are_a_restart(old, is_named):
     """No network repeats so many; far from its beginning, a counter shows nothing else."""
     stream, _ = fed((1000, 7000, 0, [0] * 6), *((500 + k, 7 * k, 0, [0] * 6) for k in range(old)))
-    assert ("restarted its counter" in stream.complaint) == is_named
+    assert ("restarted its counter" in stream.fault_text) == is_named
 
 
 PAGE = EmulatedNetFt(2, 100.0, 1e6, "N").page()

@@ -162,13 +162,13 @@ def test_a_unit_that_is_none_of_force_is_named(unit):
 def test_another_unit_is_no_reading_and_named_once_it_is_no_damage():
     stream = gauge_stream("N", 100.0)
     assert stream.feed(b"1.00 N\r\n1.00 n\r\n1.00 M\r\n") == [1.0]
-    assert (stream.rejected, stream.complaint) == (2, "")
+    assert (stream.rejected, stream.fault_text) == (2, "")
     assert stream.feed(b"0.22 lbF\r\n0.22 lbF\r\n") == []
-    assert stream.complaint == "the gauge reads in lbF, but it read in N when it was configured"
+    assert stream.fault_text == "the gauge reads in lbF, but it read in N when it was configured"
     assert stream.feed(b"1.00 N\r\n") == [1.0]
-    assert not stream.complaint
+    assert not stream.fault_text
     stream.feed(b"*22\r\n")
-    assert stream.complaint == "the gauge says '*22 value too large'"
+    assert stream.fault_text == "the gauge says '*22 value too large'"
 
 
 def test_one_question_is_out_at_a_time_and_a_late_answer_is_not_taken_for_the_next_one():

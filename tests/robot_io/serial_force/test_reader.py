@@ -12,7 +12,7 @@ from palpate.robot_io.clock import SimulatedClock
 from palpate.robot_io.drivers.serial_force.gauges import loadstar_stream, pattern_stream
 from palpate.robot_io.drivers.serial_force.line import SerialReader
 from palpate.robot_io.drivers.serial_force.lorenz import LorenzStream
-from palpate.robot_io.drivers.serial_force.stream import OwnTime
+from palpate.robot_io.drivers.serial_force.stream import SensorClock
 from palpate.sim_backend.emulators import FaultKind
 from tests.wire.parts import BOTA, CELL, NET_FT, ODRIVE
 
@@ -191,12 +191,12 @@ PERIOD_S, ALWAYS_S = 1e-3, 0.7e-3
 
 def dated(late_s, clock=1.0, prompt=None, rate_error=0.0):
     """How much older than it arrived each reading is held to be; they are sampled at a steady rate [s]."""
-    own_time, ages_s = OwnTime(rate_error), []
+    sensor_clock, ages_s = SensorClock(rate_error), []
     for k, late in enumerate(late_s):
-        own_time.advance(clock * PERIOD_S)
+        sensor_clock.advance(clock * PERIOD_S)
         arrived_s = 1000.0 + k * PERIOD_S + ALWAYS_S + late
         is_prompt = prompt is None or prompt[k]
-        ages_s.append(arrived_s - own_time.sampled_at_s(arrived_s, prompt=is_prompt))
+        ages_s.append(arrived_s - sensor_clock.sampled_at_s(arrived_s, prompt=is_prompt))
     return ages_s
 
 
@@ -220,12 +220,12 @@ def test_a_rate_that_is_off_is_followed_and_what_becomes_late_shows_all_the_same
 
 
 def test_neither_a_long_silence_nor_a_late_look_makes_later_readings_late():
-    own_time = OwnTime(longest_gap_s=0.8)
-    own_time.advance(PERIOD_S)
-    own_time.sampled_at_s(1.0, prompt=True)
+    sensor_clock = SensorClock(longest_gap_s=0.8)
+    sensor_clock.advance(PERIOD_S)
+    sensor_clock.sampled_at_s(1.0, prompt=True)
     for arrived_s in (3.0, 3.0 + PERIOD_S):
-        own_time.advance(PERIOD_S)
-        assert own_time.sampled_at_s(arrived_s, prompt=True) == pytest.approx(arrived_s, abs=1e-5)
+        sensor_clock.advance(PERIOD_S)
+        assert sensor_clock.sampled_at_s(arrived_s, prompt=True) == pytest.approx(arrived_s, abs=1e-5)
     # Its bytes are taken to be as old as the look before: that is no short way from the sensor.
     late_s = [0.0] * 5 + [-0.02] + [0.0] * 5
     assert max(dated(late_s, prompt=[late == 0.0 for late in late_s])) < 1e-4

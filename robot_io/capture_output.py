@@ -15,7 +15,7 @@ STDOUT, STDERR = 1, 2
 
 
 @contextmanager
-def captured(lines: list[str], *descriptors: int) -> Iterator[None]:
+def capture_output(lines: list[str], *descriptors: int) -> Iterator[None]:
     """Append text written to file descriptors to `lines` instead of writing it.
 
     Args:
