@@ -75,7 +75,7 @@ class GravityBodies:
         return self.weightless.inverse_dynamics_batch(q, v, a), gravity
 
 
-def fall(tilt_rad: FloatArray) -> FloatArray:
+def gravity_direction(tilt_rad: FloatArray) -> FloatArray:
     """Compute the gravity vector in the base's axes, shape (3,) [m/s^2].
 
     Args:
@@ -84,19 +84,23 @@ def fall(tilt_rad: FloatArray) -> FloatArray:
     return np.array(gravity_base_m_s2(float(tilt_rad[0]), float(tilt_rad[1])))
 
 
-def fall_slopes(tilt_rad: FloatArray) -> FloatArray:
-    """Compute the derivatives of `fall` by pitch and by roll, shape (3, 2) [m/s^2 per rad].
+def gravity_direction_derivatives(tilt_rad: FloatArray) -> FloatArray:
+    """Compute the derivatives of `gravity_direction` by pitch and by roll, shape (3, 2) [m/s^2 per rad].
 
     Args:
         tilt_rad: pitch and roll, shape (2,) [rad].
     """
     step = 1e-6
     return np.column_stack(
-        [(fall(tilt_rad + step * turn) - fall(tilt_rad - step * turn)) / (2 * step) for turn in np.eye(2)]
+        [
+            (gravity_direction(tilt_rad + step * turn) - gravity_direction(tilt_rad - step * turn))
+            / (2 * step)
+            for turn in np.eye(2)
+        ]
     )
 
 
-def design(bodies: GravityBodies, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+def design_matrix(bodies: GravityBodies, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
     """Compute the columns of the linearized model: gain, Coulomb, viscous, offset of each joint; tilt.
 
     Args:
@@ -110,8 +114,8 @@ def design(bodies: GravityBodies, q: FloatArray, v: FloatArray, a: FloatArray) -
     """
     inertial, gravity = bodies.parts(q, v, a)
     level = np.zeros(2)
-    torque = inertial + gravity @ fall(level)
-    slopes = gravity @ fall_slopes(level)
+    torque = inertial + gravity @ gravity_direction(level)
+    slopes = gravity @ gravity_direction_derivatives(level)
     count, joints = q.shape
     columns = np.zeros((joints, count, 4 * joints + 2))
     for joint in range(joints):
@@ -209,7 +213,7 @@ def fit_arm(motion: ArmMotion, bodies: GravityBodies) -> ArmFit:
     moving = _means(is_moving.astype(np.float64)) == 1.0
     inertial, gravity = _means(inertial), _means(gravity)
     motion = ArmMotion(*(_means(getattr(motion, field.name)) for field in fields(motion)))
-    torque_nm = inertial + gravity @ fall(np.zeros(2))
+    torque_nm = inertial + gravity @ gravity_direction(np.zeros(2))
     for joint, (count, spread) in enumerate(
         zip(moving.sum(axis=0), np.ptp(torque_nm, axis=0), strict=True), 1
     ):
@@ -222,7 +226,9 @@ def fit_arm(motion: ArmMotion, bodies: GravityBodies) -> ArmFit:
             raise InputError(
                 f"joint {joint} carries the same load everywhere: its torque gain cannot be identified"
             )
-    tilt_effect = np.linalg.norm((gravity @ fall_slopes(np.zeros(2))).reshape(-1, 2), axis=0)
+    tilt_effect = np.linalg.norm(
+        (gravity @ gravity_direction_derivatives(np.zeros(2))).reshape(-1, 2), axis=0
+    )
     axes = np.asarray(tilt_effect > _MIN_TILT_EFFECT * max(float(tilt_effect.max()), _MIN_TORQUE_NM))
     solver = _Solver(motion, inertial, gravity, moving, axes)
     return _arm_fit(solver, *solver.solve())
@@ -275,14 +281,14 @@ class _Solver:
 
     def _rigid_torque_and_rate(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return rigid-body torques with this tilt and delay, (m, n), and their rate without the delay."""
-        rigid_nm = np.asarray(self._inertial + self._gravity @ fall(self.tilt(values)))
+        rigid_nm = np.asarray(self._inertial + self._gravity @ gravity_direction(self.tilt(values)))
         rate = np.gradient(rigid_nm, self.motion.time_s, axis=0)
         return rigid_nm - values[self.delay] * rate, rate
 
     def _linearized(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
         """Return columns (k, p), residuals, weights and joint numbers (k,) of all samples in use."""
         rigid_nm, rate = self._rigid_torque_and_rate(values)
-        slopes = self._gravity @ fall_slopes(self.tilt(values))[:, self.axes]
+        slopes = self._gravity @ gravity_direction_derivatives(self.tilt(values))[:, self.axes]
         blocks, residuals, weights, joints = [], [], [], []
         for j in range(self.joints):
             rows, (s, c, b, o) = self.moving[:, j], values[4 * j : 4 * j + 4]

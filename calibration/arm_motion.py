@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.calibration.arm_fit import GravityBodies, design
+from palpate.calibration.arm_fit import GravityBodies, design_matrix
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.laws.computed_torque import ComputedTorque
 from palpate.control.laws.gains import TrackingGains
@@ -41,7 +41,7 @@ def lowest_m(body: RigidBody, postures_rad: Iterable[FloatArray]) -> float:
     return min(float(body.heights_m(posture)[1:].min()) for posture in postures_rad)
 
 
-def straight_way(start_rad: FloatArray, end_rad: FloatArray) -> FloatArray:
+def straight_path(start_rad: FloatArray, end_rad: FloatArray) -> FloatArray:
     """List postures along a joint move, shape (k, n) [rad].
 
     Args:
@@ -66,7 +66,7 @@ def is_clear(body: RigidBody, postures_rad: Iterable[FloatArray], floor_m: float
     return lowest_m(body, postures_rad) >= floor_m - MARGIN_M
 
 
-def paced(speed_rad_s: float, limits: Limits) -> FloatArray:
+def cap_speed(speed_rad_s: float, limits: Limits) -> FloatArray:
     """Limit a speed to a share of the joints' velocity limits.
 
     Args:
@@ -81,7 +81,7 @@ def paced(speed_rad_s: float, limits: Limits) -> FloatArray:
 
 def travel_speed_rad_s(limits: Limits) -> float:
     """Compute the speed of the fastest joint on the paths to a measurement and back [rad/s]."""
-    return float(paced(_TRAVEL_RAD_S, limits).min())
+    return float(cap_speed(_TRAVEL_RAD_S, limits).min())
 
 
 def overloaded_joint(body: RigidBody, motions: Iterable[JointMotion], limits: Limits) -> int | None:
@@ -102,7 +102,7 @@ def overloaded_joint(body: RigidBody, motions: Iterable[JointMotion], limits: Li
     return None
 
 
-def room(limits: Limits, margin_rad: float) -> tuple[FloatArray, FloatArray]:
+def joint_range(limits: Limits, margin_rad: float) -> tuple[FloatArray, FloatArray]:
     """Compute the position range that keeps a distance from the limits.
 
     Args:
@@ -127,7 +127,7 @@ def room(limits: Limits, margin_rad: float) -> tuple[FloatArray, FloatArray]:
     return low, high
 
 
-def check_way_up(body: RigidBody, start_rad: FloatArray, up_rad: FloatArray, limits: Limits) -> None:
+def check_lift_path(body: RigidBody, start_rad: FloatArray, up_rad: FloatArray, limits: Limits) -> None:
     """Check that the path up keeps its distance from the ground, and that the torque limits carry the arm.
 
     Args:
@@ -140,7 +140,7 @@ def check_way_up(body: RigidBody, start_rad: FloatArray, up_rad: FloatArray, lim
         InputError: the way comes nearer to the ground, or needs too much torque.
     """
     floor_m = float(body.heights_m(start_rad)[1:].min())
-    if not is_clear(body, straight_way(start_rad, up_rad), floor_m):
+    if not is_clear(body, straight_path(start_rad, up_rad), floor_m):
         raise InputError("the way up from the present pose leads below this pose: raise the arm by hand")
     move = JointMove(start_rad, up_rad, travel_speed_rad_s(limits), ACCELERATION_RAD_S2)
     motions = (move.at(time_s) for time_s in np.linspace(0.0, move.duration_s, _MOVE_POSTURES))
@@ -212,9 +212,9 @@ class FourierPath:
         Args:
             time_s: time since the start [s].
         """
-        return self._faded(self._rate * time_s + self._phase, *self._fade(time_s))
+        return self._tapered(self._rate * time_s + self._phase, *self._taper(time_s))
 
-    def along(self, times_s: FloatArray) -> JointMotion:
+    def sample(self, times_s: FloatArray) -> JointMotion:
         """Compute the motion at many times at once.
 
         Args:
@@ -223,17 +223,17 @@ class FourierPath:
         Returns:
             Motion whose parts have shape (m, n).
         """
-        fade, rate, spin = np.array([self._fade(time_s) for time_s in times_s.tolist()]).T[..., None]
-        return self._faded(times_s[:, None, None] * self._rate + self._phase, fade, rate, spin)
+        fade, rate, spin = np.array([self._taper(time_s) for time_s in times_s.tolist()]).T[..., None]
+        return self._tapered(times_s[:, None, None] * self._rate + self._phase, fade, rate, spin)
 
-    def _fade(self, time_s: float) -> tuple[float, float, float]:
+    def _taper(self, time_s: float) -> tuple[float, float, float]:
         """Return the share of the full motion and its derivatives; the fade-out mirrors the fade-in."""
         is_first = time_s <= 0.5 * self.duration_s
         since_s = time_s if is_first else self.duration_s - time_s
         fade, rate, spin = quintic(since_s, _FADE_SHARE * self.duration_s)
         return fade, rate if is_first else -rate, spin
 
-    def _faded(
+    def _tapered(
         self, angle: FloatArray, fade: float | FloatArray, rate: float | FloatArray, spin: float | FloatArray
     ) -> JointMotion:
         """Return the motion at these angles of the harmonics (..., n, harmonics) [rad]."""
@@ -286,8 +286,8 @@ def choose_path(
         InputError: no motion is clear of the ground and inside the limits, or all are too slow.
     """
     floor_m = float(body.heights_m(start_rad)[1:].min())
-    low, high = room(limits, _LIMIT_MARGIN_RAD)
-    speed = paced(settings.speed_rad_s, limits)
+    low, high = joint_range(limits, _LIMIT_MARGIN_RAD)
+    speed = cap_speed(settings.speed_rad_s, limits)
     joint = int(speed.argmin())
     if speed[joint] < _SLOWEST_RAD_S:
         raise InputError(
@@ -295,7 +295,7 @@ def choose_path(
             f"to tell friction from weight; this motion needs {_SLOWEST_RAD_S / SHARE:g} rad/s or more"
         )
     center = highest_posture(body, low, high)
-    check_way_up(body, start_rad, center, limits)
+    check_lift_path(body, start_rad, center, limits)
     times = np.linspace(0.0, settings.duration_s, _POSTURES)
     best: tuple[float, FourierPath] | None = None
     for _ in range(_CANDIDATES):
@@ -304,10 +304,10 @@ def choose_path(
             rng.uniform(-math.pi, math.pi, (body.joint_count, HARMONICS)),
         )
         for path in _shrunk_paths(center, shape, settings, (low, high), speed):
-            motion = path.along(times)
+            motion = path.sample(times)
             each = (JointMotion(*row) for row in zip(*motion, strict=True))
             if is_clear(body, motion.position_rad, floor_m) and overloaded_joint(body, each, limits) is None:
-                columns = design(bodies, *motion)
+                columns = design_matrix(bodies, *motion)
                 norms = np.linalg.norm(columns, axis=0)
                 sign, size = np.linalg.slogdet(columns[:, norms > 0].T @ columns[:, norms > 0])
                 score = float(size) if sign > 0 else -math.inf
@@ -333,7 +333,7 @@ def _shrunk_paths(
     period_s = settings.period_s
     times = np.linspace(0.0, settings.duration_s, 10 * _POSTURES)
     unit = FourierPath(np.zeros(len(center)), amplitude, phase, period_s, settings.duration_s)
-    motion = unit.along(times)
+    motion = unit.sample(times)
     peak_rad, peak_rad_s = np.abs(motion.position_rad).max(axis=0), np.abs(motion.velocity_rad_s).max(axis=0)
     room = np.minimum(np.minimum(high - center, center - low), settings.amplitude_rad)
     scale = np.minimum(room / peak_rad, speed / peak_rad_s)
@@ -373,7 +373,7 @@ class FreeMotion:
         self._touched_ticks = 0
         self._free_air_n = measurement.force_n if math.isfinite(measurement.force_n) else 0.0
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Clear the feedback's integral, for example after pressing on a stop."""
         self._torque.reset()
 

@@ -13,13 +13,13 @@ from palpate.calibration.arm_motion import (
     MARGIN_M,
     SHARE,
     FreeMotion,
-    check_way_up,
+    cap_speed,
+    check_lift_path,
     highest_posture,
+    joint_range,
     lowest_m,
     overloaded_joint,
-    paced,
-    room,
-    straight_way,
+    straight_path,
     travel_speed_rad_s,
 )
 from palpate.calibration.standstill import few_sample_factor
@@ -74,9 +74,9 @@ def plan_stops(
         InputError: a joint has no stop that can be reached without touching the ground.
     """
     floor_m = float(body.heights_m(start_rad)[1:].min())
-    low, high = room(limits, _LIMIT_MARGIN_RAD)
+    low, high = joint_range(limits, _LIMIT_MARGIN_RAD)
     up = highest_posture(body, low, high)
-    check_way_up(body, start_rad, up, limits)
+    check_lift_path(body, start_rad, up, limits)
     approaches = []
     for joint in range(body.joint_count):
         ways = _candidates(body, up, joint, bounds=(low, high), stops_rad=stops_rad, reach_rad=reach_rad)
@@ -140,7 +140,7 @@ def _candidates(
             posture[joint] = np.clip(stops[joint] - side * _NEAR_RAD, low[joint], high[joint])
             end = posture.copy()
             end[joint] = stops[joint] + side * reach_rad
-            way = np.concatenate([straight_way(up, posture), straight_way(posture, end)])
+            way = np.concatenate([straight_path(up, posture), straight_path(posture, end)])
             yield way, StopApproach(joint, float(stops[joint]), side, posture)
 
 
@@ -174,7 +174,7 @@ class StopSettings:
             push_nm=PUSH_SHARE * np.array(limits.torque_nm),
             lead_rad=np.minimum(_LEAD_RAD, SHARE * np.array(limits.tracking_rad)),
             travel_rad_s=travel_speed_rad_s(limits),
-            speed_rad_s=float(paced(_PRESS_RAD_S, limits).min()),
+            speed_rad_s=float(cap_speed(_PRESS_RAD_S, limits).min()),
         )
 
 
@@ -285,7 +285,7 @@ class StopTask:
             back_rad[finished.joint] -= finished.side * _BACK_RAD
             self._touch += 1
             self._pressing = False
-            self._free.forget()
+            self._free.reset()
             if self._touch >= self._touches:
                 self._move_along([here_rad, back_rad, self._up_rad, self._start_rad])
             elif self._approach is finished:

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import t
 
-from palpate.calibration.standstill import StillRobot, UncertainValue, few_sample_factor
+from palpate.calibration.standstill import StationaryRobot, UncertainValue, few_sample_factor
 from palpate.estimation.data.table import Table, read_table
 from palpate.estimation.signals.blocks import blocks
 from palpate.robot_io.errors import InputError
@@ -176,8 +176,8 @@ def _column(table: Table, role: str, columns: Mapping[str, str]) -> str:
 EVENT = "reference_force"
 
 
-def weigh(
-    still: StillRobot,
+def record_weighing(
+    stationary: StationaryRobot,
     forces_n: Sequence[float],
     apply: Callable[[int, float], None],
     *,
@@ -188,7 +188,7 @@ def weigh(
     """Read the sensor under one force after the other; the records of each are numbered as a run.
 
     Args:
-        still: the robot, without power.
+        stationary: the robot, without power.
         forces_n: forces to apply, positive in compression [N].
         apply: called with index and force [N]; returns when the force is there.
         settle_s: time before each measurement [s].
@@ -201,16 +201,16 @@ def weigh(
     """
     for number, force_n in enumerate(forces_n):
         apply(number, force_n)
-        still.settle(settle_s)
+        stationary.settle(settle_s)
         text = f"{force_n:.4f} N on the sensor"
-        still.log.event(still.clock.now_s(), EVENT, text, {"run": number, "force_n": force_n})
-        still.watch(measure_s, number)
+        stationary.log.event(stationary.clock.now_s(), EVENT, text, {"run": number, "force_n": force_n})
+        stationary.record(measure_s, number)
         if progress:
             progress((number + 1) / len(forces_n))
 
 
 def read_weighing(session: Session) -> Plateaus:
-    """Read the plateaus of a session that `weigh` logged.
+    """Read the plateaus of a session that `record_weighing` logged.
 
     Raises:
         InputError: the session holds no reference forces.

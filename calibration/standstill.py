@@ -42,7 +42,7 @@ _NO_DURATIONS = TickDurations(*[0.0] * len(TickDurations._fields))
 
 
 @dataclass(frozen=True)
-class StillRobot:
+class StationaryRobot:
     """A robot that is configured, read and never powered; a guard checks every measurement."""
 
     robot: Robot
@@ -51,7 +51,7 @@ class StillRobot:
     log: TickLog
     rate_hz: float
 
-    def watch(self, duration_s: float, run: int = NO_RUN) -> None:
+    def record(self, duration_s: float, run: int = NO_RUN) -> None:
         """Read and log for a while.
 
         Args:

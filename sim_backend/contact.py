@@ -40,13 +40,13 @@ class ObjectResponse:
             answer_n = partial(tool.contact_force_n, surface_n=answer_n)
         force_n = answer_n(state)
         for memory in self._memories:
-            memory.settle()
+            memory.commit_state()
         return force_n
 
     def _object_n(self, law: ObjectLaw, by_engine_n: float | None, state: ContactState) -> float:
         """Compute the force of law and effects for a motion, which may be a trial of a solver [N]."""
         for material in self._material:
-            state = material.felt(state)
+            state = material.transform_state(state)
         if by_engine_n is not None:
             force_n = by_engine_n
         else:

@@ -42,7 +42,7 @@ class ContactEffect(ABC):
         """Compute the force after the effect.
 
         Called at each physics step, with or without contact, in the order of the list. With a compliant tool
-        it is called several times per step, with the trial motions of a solver. `settle` stores the memory.
+        it is called several times per step, with a solver's trial motions. `commit_state` stores the state.
 
         Args:
             state: motion of the tip.
@@ -52,14 +52,14 @@ class ContactEffect(ABC):
             Force on the tip along the surface normal [N].
         """
 
-    def settle(self) -> None:  # noqa: B027, most effects have no memory
+    def commit_state(self) -> None:  # noqa: B027, most effects have no memory
         """Store the last call's motion, which is the valid one of this step, in the memory."""
 
 
 class MaterialEffect(ContactEffect):
     """Part of the object's material, added to the law before the sum is limited to pushing."""
 
-    def felt(self, state: ContactState) -> ContactState:
+    def transform_state(self, state: ContactState) -> ContactState:
         """Compute the motion that acts on law and effects; a changed geometry enters here.
 
         Args:
@@ -86,7 +86,7 @@ class ToolEffect(ABC):
             surface_n: returns the object's force for a motion; the last evaluated motion is the valid one.
         """
 
-    def settle(self) -> None:  # noqa: B027, a tool need not have a memory
+    def commit_state(self) -> None:  # noqa: B027, a tool need not have a memory
         """Store the last call's motion in the memory."""
 
 

@@ -88,16 +88,16 @@ class Imperfection(FileModel, ABC):
         Raises:
             InputError: the effect cannot be in this channel.
         """
-        return cls(**cls._place(channel) | cls._sized(strength, channel, scale, generator))
+        return cls(**cls._location_fields(channel) | cls._size_fields(strength, channel, scale, generator))
 
     @classmethod
-    def _place(cls, channel: str) -> dict[str, Any]:
+    def _location_fields(cls, channel: str) -> dict[str, Any]:
         """Return the fields that place the effect where `channel` shows it."""
         return {}
 
     @classmethod
     @abstractmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         """Compute the other fields for `at_strength`, whose arguments these are."""
 
     def values(self) -> dict[str, tuple[float, str]]:
@@ -134,7 +134,7 @@ class JointImperfection(Imperfection, ABC):
         return (channel_of(self.joint),)
 
     @classmethod
-    def _place(cls, channel: str) -> dict[str, Any]:
+    def _location_fields(cls, channel: str) -> dict[str, Any]:
         return {"joint": joint_of(channel)}
 
     def effects(self, joint_count: int) -> HiddenEffects:
@@ -164,7 +164,7 @@ class SensorImperfection(Imperfection, ABC):
     ]
 
     @classmethod
-    def _place(cls, channel: str) -> dict[str, Any]:
+    def _location_fields(cls, channel: str) -> dict[str, Any]:
         return {"channel": channel}
 
     @abstractmethod

@@ -14,8 +14,8 @@ from palpate.calibration.arm_motion import (
     TORQUE_MOTION,
     ExcitationSettings,
     PathTask,
+    cap_speed,
     choose_path,
-    paced,
     travel_speed_rad_s,
 )
 from palpate.calibration.encoder import PUSH_SHARE, StopSettings, StopTask, plan_stops, with_room_for_stops
@@ -53,7 +53,7 @@ class CalibrationSetup:
 
     arm: ArmSession
 
-    def still(self) -> StillRobot:
+    def stationary(self) -> StationaryRobot:
         """Return a task that leaves the robot without power."""
         arm, robot_file = self.arm, self.arm.job.robot_file
         n = robot_file.joint_count
@@ -63,7 +63,7 @@ class CalibrationSetup:
 
     def start_rad(self) -> FloatArray:
         """Joint positions before anything moves, shape (n,) [rad]."""
-        return self.still().await_samples().joint_position_rad
+        return self.stationary().await_samples().joint_position_rad
 
     def run(self, task: Task, limits: Limits, watcher: Watcher = NOBODY) -> None:
         """Run a task in the loop, under a guard with these limits.
@@ -109,7 +109,7 @@ def motion_in_words(kind: str, limits: Limits) -> str:
     travel_rad_s = travel_speed_rad_s(limits)
     if kind in MOTIONS:
         motion = MOTIONS[kind]
-        fastest_rad_s = max(float(paced(motion.speed_rad_s, limits).max()), travel_rad_s)
+        fastest_rad_s = max(float(cap_speed(motion.speed_rad_s, limits).max()), travel_rad_s)
         return (
             f"all joints move at once in free air, at up to {fastest_rad_s:.3g} rad/s, for "
             f"{motion.duration_s:g} s plus the way there and back"
@@ -186,9 +186,9 @@ def run_pose(job: CalibrationJob) -> None:
         SafetyTripError: a sample is missing or old.
     """
     with calibration_setup(job) as setup:
-        still = setup.still()
-        still.await_samples()
-        still.watch(POSE_S, 0)
+        stationary = setup.stationary()
+        stationary.await_samples()
+        stationary.record(POSE_S, 0)
 
 
 def run_weighing(
@@ -222,10 +222,10 @@ def run_weighing(
             f"{max(forces_n, key=abs):.4g} N: limits.force_n of '{job.robot_file.name}' is {limit_n:g} N"
         )
     with calibration_setup(job) as setup:
-        still = setup.still()
-        still.await_samples()
+        stationary = setup.stationary()
+        stationary.await_samples()
         put = partial(place, setup)
-        weigh(still, forces_n, put, settle_s=settle_s, measure_s=measure_s, progress=progress)
+        record_weighing(stationary, forces_n, put, settle_s=settle_s, measure_s=measure_s, progress=progress)
 
 
 def put_simulated_weight(setup: CalibrationSetup, number: int, force_n: float) -> None:

@@ -15,11 +15,11 @@ from palpate.sim_backend.imperfection import ContactImperfection, Values, parame
 from palpate.sim_backend.noise_scale import NoiseScale
 
 
-class _Material(ContactImperfection, ABC):
+class _MaterialImperfection(ContactImperfection, ABC):
     """A force on top of the object's own law, below the surface."""
 
     def effects(self, joint_count: int) -> HiddenEffects:
-        return HiddenEffects(contact=(_Added(self._added_n),))
+        return HiddenEffects(contact=(_AddedForce(self._added_n),))
 
     @abstractmethod
     def _added_n(self, depth_m: float, rate_m_s: float) -> float:
@@ -35,8 +35,8 @@ class _Material(ContactImperfection, ABC):
 
 
 @dataclass(frozen=True)
-class _Added(MaterialEffect):
-    added_n: Callable[[float, float], float]  # see `_Material._added_n`
+class _AddedForce(MaterialEffect):
+    added_n: Callable[[float, float], float]  # see `_MaterialImperfection._added_n`
 
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
         """Add the force of the material below the surface, and nothing above it."""
@@ -45,7 +45,7 @@ class _Added(MaterialEffect):
         return force_n + self.added_n(state.depth_m, state.rate_m_s)
 
 
-class HiddenCubicStiffness(_Material):
+class HiddenCubicStiffness(_MaterialImperfection):
     """F += k3 x^3 at depth x (Duffing's spring; Nayfeh and Mook, "Nonlinear Oscillations", 1979, ch. 4)."""
 
     name = "cubic_stiffness"
@@ -56,12 +56,12 @@ class HiddenCubicStiffness(_Material):
         return self.cubic_n_m3 * depth_m * depth_m * depth_m
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         depth_share = scale.depth_left(strength, 0.09)
         return {"cubic_n_m3": (1.0 - depth_share) * scale.force_n / (depth_share * scale.depth_m) ** 3}
 
 
-class HiddenLayeredStiffness(_Material):
+class HiddenLayeredStiffness(_MaterialImperfection):
     """F += k2 (x - d) beyond depth d, where a second spring begins, like bone under tissue.
 
     Piecewise linear stiffness; Shaw and Holmes, J. Sound Vib. 90 (1983).
@@ -76,7 +76,7 @@ class HiddenLayeredStiffness(_Material):
         return self.stiffness_n_m * max(depth_m - self.depth_m, 0.0)
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         depth_share, share = scale.depth_left(strength, 0.06), generator.uniform(0.35, 0.6)
         reached_m = depth_share * scale.depth_m
         return {
@@ -85,7 +85,7 @@ class HiddenLayeredStiffness(_Material):
         }
 
 
-class HiddenHuntCrossley(_Material):
+class HiddenHuntCrossley(_MaterialImperfection):
     """F += (k + b dx/dt) x^n at depth x; the force is zero at first touch and grows with depth.
 
     Hunt and Crossley, J. Appl. Mech. 42 (1975), eq. 2. It adds to the object's own law.
@@ -100,12 +100,12 @@ class HiddenHuntCrossley(_Material):
         return (self.stiffness + self.damping * rate_m_s) * float(depth_m**self.exponent)
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         unit = scale.contact_noise_n / (0.2 * scale.depth_m**1.5 * scale.speed_m_s)
         return {"damping": strength * unit, "exponent": 1.5}
 
 
-class HiddenQuadraticDamping(_Material):
+class HiddenQuadraticDamping(_MaterialImperfection):
     """F += c2 v |v| below the surface, with the rate v of depth: fluid pressed out of pores.
 
     Turbulent drag; Forchheimer's term in Bear, "Dynamics of Fluids in Porous Media", 1972, sec. 5.11.
@@ -118,7 +118,7 @@ class HiddenQuadraticDamping(_Material):
         return self.damping_n_s2_m2 * rate_m_s * abs(rate_m_s)
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         return {"damping_n_s2_m2": strength * scale.contact_noise_n / (0.7 * scale.speed_m_s**2)}
 
 
@@ -134,20 +134,20 @@ class HiddenContactOffset(ContactImperfection):
     offset_m: Number = parameter("m", -0.005, 0.005, ge=-0.5, le=0.5)  # d [m]
 
     def effects(self, joint_count: int) -> HiddenEffects:
-        return HiddenEffects(contact=(_Higher(self.offset_m),))
+        return HiddenEffects(contact=(_SurfaceOffset(self.offset_m),))
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        """See `Imperfection._sized`; here for a surface that is taken as given."""
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._size_fields`; here for a surface that is taken as given."""
         sign = generator.choice([-1.0, 1.0])
         return {"offset_m": sign * strength * scale.contact_noise_n * scale.depth_m / scale.force_n}
 
 
 @dataclass(frozen=True)
-class _Higher(MaterialEffect):
+class _SurfaceOffset(MaterialEffect):
     offset_m: float
 
-    def felt(self, state: ContactState) -> ContactState:
+    def transform_state(self, state: ContactState) -> ContactState:
         """Raise the surface by d."""
         return state._replace(depth_m=state.depth_m + self.offset_m)
 
@@ -155,13 +155,13 @@ class _Higher(MaterialEffect):
 T = TypeVar("T")
 
 
-class _Memory(ContactEffect, Generic[T]):
+class _StatefulContact(ContactEffect, Generic[T]):
     """Memory after the last completed step (`confirmed`), and after the last call (`tried`)."""
 
-    def __init__(self, at_first: T) -> None:
-        self.confirmed = self.tried = at_first
+    def __init__(self, initial: T) -> None:
+        self.confirmed = self.tried = initial
 
-    def settle(self) -> None:
+    def commit_state(self) -> None:
         self.confirmed = self.tried
 
 
@@ -179,14 +179,14 @@ class HiddenAdhesion(ContactImperfection):
     neck_m: Positive = parameter("m", 1e-4, 5e-3, ge=1e-5, le=0.1, default=1e-3)
 
     def effects(self, joint_count: int) -> HiddenEffects:
-        return HiddenEffects(contact=(_Bond(self),))
+        return HiddenEffects(contact=(_AdhesiveBond(self),))
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         return {"pull_off_n": strength * scale.contact_noise_n, "neck_m": 0.1 * scale.depth_m}
 
 
-class _Bond(_Memory[bool]):
+class _AdhesiveBond(_StatefulContact[bool]):
     """State of the adhesive bond: whether it holds."""
 
     def __init__(self, surface: HiddenAdhesion) -> None:
@@ -218,14 +218,14 @@ class HiddenDryFriction(ContactImperfection):
     slip_m: Number = parameter("m", 2e-5, 1e-3, ge=1e-6, le=0.1, default=2e-4)
 
     def effects(self, joint_count: int) -> HiddenEffects:
-        return HiddenEffects(contact=(_Bristles(self),))
+        return HiddenEffects(contact=(_BristleFriction(self),))
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         return {"friction_n": strength * scale.contact_noise_n / 0.5, "slip_m": 0.01 * scale.depth_m}
 
 
-class _Bristles(_Memory[tuple[float, float]], MaterialEffect):
+class _BristleFriction(_StatefulContact[tuple[float, float]], MaterialEffect):
     """State of the friction: depth [m] and force [N]."""
 
     def __init__(self, friction: HiddenDryFriction) -> None:
@@ -279,14 +279,14 @@ class HiddenStressRelaxation(ContactImperfection):
         }
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         return {
             "stiffness_n_m": strength * scale.contact_noise_n / (0.08 * scale.depth_m),
             "time_s": float(np.exp(generator.uniform(np.log(0.08), np.log(0.5)))),
         }
 
 
-class _MaxwellBranch(_Memory[tuple[float, float]], MaterialEffect):
+class _MaxwellBranch(_StatefulContact[tuple[float, float]], MaterialEffect):
     """State of one branch: depth [m] and force [N]; exact if the depth rate is constant within a step."""
 
     def __init__(self, stiffness_n_m: float, time_s: float) -> None:
@@ -325,21 +325,21 @@ class HiddenPlasticSet(ContactImperfection):
     recovery_s: NotNegative = parameter("s", 0.0, 60.0, default=0.0)
 
     def effects(self, joint_count: int) -> HiddenEffects:
-        return HiddenEffects(contact=(_Dent(self),))
+        return HiddenEffects(contact=(_PlasticIndentation(self),))
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         return {"share": min(strength * scale.contact_noise_n / (0.15 * scale.force_n), 0.6)}
 
 
-class _Dent(_Memory[float], MaterialEffect):
+class _PlasticIndentation(_StatefulContact[float], MaterialEffect):
     """State of the dent: its depth [m]."""
 
     def __init__(self, surface: HiddenPlasticSet) -> None:
         super().__init__(0.0)
         self._surface = surface
 
-    def felt(self, state: ContactState) -> ContactState:
+    def transform_state(self, state: ContactState) -> ContactState:
         """Lower the surface to the dent, which deepens to s x and fades while nothing presses.
 
         Args:
@@ -381,8 +381,8 @@ class HiddenToolCompliance(ContactImperfection):
         return HiddenEffects() if is_rigid else HiddenEffects(tool=(_SeriesSpring(self.compliance_m_n),))
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        """See `Imperfection._sized`; here for the force that a softer object would have as well."""
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._size_fields`; here for the force that a softer object would have as well."""
         compression_m = strength * scale.contact_noise_n * scale.depth_m / scale.force_n
         return {"compliance_m_n": compression_m / scale.force_n}
 
@@ -438,5 +438,5 @@ class _SeriesSpring(ToolEffect):
         self._slope_n_m = min((far_n - rigid_excess_n) / far_m + self._stiffness_n_m, 0.0)
         return far_m
 
-    def settle(self) -> None:
+    def commit_state(self) -> None:
         self._compression_m = self._tried_compression_m

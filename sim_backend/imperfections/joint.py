@@ -21,40 +21,40 @@ from palpate.sim_backend.imperfection import JointImperfection, Values, paramete
 from palpate.sim_backend.noise_scale import CONTACT, LOADED, NoiseScale, channel_of
 
 
-class _Friction(JointImperfection, ABC):
+class _FrictionImperfection(JointImperfection, ABC):
     """A resistance against the motion of one joint; at rest it balances any smaller torque."""
 
     def _effects(self, index: int, joint_count: int) -> HiddenEffects:
         return HiddenEffects(friction=(JointFriction(index, self._resistance_nm),))
 
     @abstractmethod
-    def _resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
+    def _resistance_nm(self, speed_rad_s: float, transmitted_nm: float) -> float:
         """Compute the largest resistance, see `JointFriction`.
 
         Args:
             speed_rad_s: absolute speed of the joint [rad/s].
-            along_nm: drive's torque along the motion, negative where it holds back [N m].
+            transmitted_nm: drive's torque along the motion, negative where it holds back [N m].
 
         Returns:
             0 or more [N m].
         """
 
 
-class HiddenViscousFriction(_Friction):
+class HiddenViscousFriction(_FrictionImperfection):
     """tau = b |dq/dt| against the motion, as in grease (Armstrong-Helouvry, Automatica 30 (1994), sec. 2)."""
 
     name = "viscous_friction"
     viscous_nms_rad: NotNegative = parameter("N m s/rad", 0.02, 5.0, le=100.0)  # b [N m s/rad]
 
-    def _resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
+    def _resistance_nm(self, speed_rad_s: float, transmitted_nm: float) -> float:
         return self.viscous_nms_rad * speed_rad_s
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         return {"viscous_nms_rad": strength * scale.joint_noise_nm / scale.joint(channel).speed_rad_s}
 
 
-class HiddenQuadraticFriction(_Friction):
+class HiddenQuadraticFriction(_FrictionImperfection):
     """tau = b2 (dq/dt)^2 against the motion, as caused by churned oil or air.
 
     Drag at large Reynolds numbers; Batchelor, "An Introduction to Fluid Dynamics", 1967, sec. 5.11.
@@ -63,16 +63,16 @@ class HiddenQuadraticFriction(_Friction):
     name = "quadratic_friction"
     quadratic_nms2_rad2: NotNegative = parameter("N m s^2/rad^2", 0.05, 20.0, le=1000.0)  # b2 [N m s^2/rad^2]
 
-    def _resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
+    def _resistance_nm(self, speed_rad_s: float, transmitted_nm: float) -> float:
         return self.quadratic_nms2_rad2 * speed_rad_s * speed_rad_s
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         unit = scale.joint_noise_nm / (1.2 * scale.joint(channel).speed_rad_s ** 2)
         return {"quadratic_nms2_rad2": strength * unit}
 
 
-class HiddenCoulombFriction(_Friction):
+class HiddenCoulombFriction(_FrictionImperfection):
     """tau = f against the motion; a joint at rest moves only if the torque on it exceeds f.
 
     Coulomb 1785; Armstrong-Helouvry et al., Automatica 30 (1994), sec. 2.
@@ -81,16 +81,16 @@ class HiddenCoulombFriction(_Friction):
     name = "coulomb_friction"
     coulomb_nm: NotNegative = parameter("N m", 0.02, 2.0, le=100.0)  # f [N m]
 
-    def _resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
+    def _resistance_nm(self, speed_rad_s: float, transmitted_nm: float) -> float:
         return self.coulomb_nm
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        """See `Imperfection._sized`; not too large for a controller that does not model it."""
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._size_fields`; not too large for a controller that does not model it."""
         return {"coulomb_nm": min(strength * scale.joint_noise_nm, scale.joint(channel).controllable_nm)}
 
 
-class HiddenAsymmetricFriction(_Friction):
+class HiddenAsymmetricFriction(_FrictionImperfection):
     """tau = f+ against positive and f- against negative motion, as caused by a seal, a cable or a worm gear.
 
     It equals Coulomb friction of (f+ + f-)/2 plus a constant torque of -(f+ - f-)/2, also at rest.
@@ -106,19 +106,19 @@ class HiddenAsymmetricFriction(_Friction):
         constant = AddedTorque(index, lambda _position, _drive: constant_nm)
         return super()._effects(index, joint_count) + HiddenEffects(joint=(constant,))
 
-    def _resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
+    def _resistance_nm(self, speed_rad_s: float, transmitted_nm: float) -> float:
         return 0.5 * (self.positive_nm + self.negative_nm)
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        """See `Imperfection._sized`; not too large for a controller that does not model it."""
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._size_fields`; not too large for a controller that does not model it."""
         large_nm = min(1.3 * strength * scale.joint_noise_nm, scale.joint(channel).controllable_nm)
         small_nm = generator.uniform(0.1, 0.5) * large_nm
         positive_nm, negative_nm = generator.permutation([large_nm, small_nm]).tolist()
         return {"positive_nm": positive_nm, "negative_nm": negative_nm}
 
 
-class HiddenStribeckFriction(_Friction):
+class HiddenStribeckFriction(_FrictionImperfection):
     """tau = f + s exp(-(|dq/dt| / v_s)^2) against the motion; it falls as grease forms a film.
 
     Bo and Pavelescu, Wear 82 (1982), with the exponent 2; Armstrong-Helouvry et al., Automatica 30 (1994).
@@ -131,13 +131,13 @@ class HiddenStribeckFriction(_Friction):
     # f, friction at high speed [N m].
     coulomb_nm: NotNegative = parameter("N m", 0.0, 2.0, le=100.0, default=0.0)
 
-    def _resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
+    def _resistance_nm(self, speed_rad_s: float, transmitted_nm: float) -> float:
         slowness = speed_rad_s / self.speed_rad_s
         return self.coulomb_nm + self.stiction_nm * exp(-slowness * slowness)
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        """See `Imperfection._sized`; not too large for a controller that does not model it."""
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._size_fields`; not too large for a controller that does not model it."""
         joint = scale.joint(channel)
         return {
             "stiction_nm": min(strength * scale.joint_noise_nm / 0.4, joint.controllable_nm),
@@ -145,7 +145,7 @@ class HiddenStribeckFriction(_Friction):
         }
 
 
-class HiddenLoadDependentFriction(_Friction):
+class HiddenLoadDependentFriction(_FrictionImperfection):
     """tau = mu |tau_load| against the motion, as caused by teeth that are pressed together.
 
     A gear's load-dependent loss; Hamon, Gautier and Garrec, IEEE/RSJ IROS 2010, "Dynamic identification of
@@ -157,18 +157,18 @@ class HiddenLoadDependentFriction(_Friction):
     shows_in = LOADED  # a vertical tool does not load its joint
     load_share: Number = parameter("-", 0.005, 0.3, ge=0, le=0.9)  # mu [-]
 
-    def _resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
+    def _resistance_nm(self, speed_rad_s: float, transmitted_nm: float) -> float:
         """Compute the friction, which loads a drive that pushes and relieves a drive that brakes."""
-        side = 1.0 if along_nm >= 0.0 else -1.0
-        return self.load_share * abs(along_nm) / (1.0 + side * self.load_share)
+        side = 1.0 if transmitted_nm >= 0.0 else -1.0
+        return self.load_share * abs(transmitted_nm) / (1.0 + side * self.load_share)
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         share = strength * scale.joint_noise_nm / scale.joint(channel).load_nm
         return {"load_share": min(share, 0.9)}
 
 
-class _LinkTorque(JointImperfection, ABC):
+class _TorqueImperfection(JointImperfection, ABC):
     """A torque added to that of one drive."""
 
     def _effects(self, index: int, joint_count: int) -> HiddenEffects:
@@ -187,7 +187,7 @@ class _LinkTorque(JointImperfection, ABC):
         """
 
 
-class HiddenJointSpring(_LinkTorque):
+class HiddenJointSpring(_TorqueImperfection):
     """tau += -k (q - q0) on the link, as caused by a bent cable or hose or a balancing spring (Hooke)."""
 
     name = "joint_spring"
@@ -198,8 +198,8 @@ class HiddenJointSpring(_LinkTorque):
         return -self.stiffness_nm_rad * (position_rad - self.rest_rad)
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        """See `Imperfection._sized`; at rest near the middle, and weaker than the controller."""
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._size_fields`; at rest near the middle, and weaker than the controller."""
         joint = scale.joint(channel)
         stiffness_nm_rad = strength * scale.joint_noise_nm / (0.8 * joint.swing_rad)
         return {
@@ -208,7 +208,7 @@ class HiddenJointSpring(_LinkTorque):
         }
 
 
-class HiddenTorqueRipple(_LinkTorque):
+class HiddenTorqueRipple(_TorqueImperfection):
     """tau += A sin(N q + phi) on the link, as caused by the motor's magnets (cogging) or the gear's teeth.
 
     Jahns and Soong, IEEE Trans. Industrial Electronics 43 (1996), "Pulsating torque minimization techniques".
@@ -223,8 +223,8 @@ class HiddenTorqueRipple(_LinkTorque):
         return self.amplitude_nm * sin(self.cycles * position_rad + self.phase_rad)
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        """See `Imperfection._sized`; several cycles within the swing, and small enough for the controller."""
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._size_fields`; cycles within the swing, and small enough for the controller."""
         joint = scale.joint(channel)
         cycles = np.exp(generator.uniform(np.log(6.0), np.log(18.0))) / joint.swing_rad
         return {
@@ -234,7 +234,7 @@ class HiddenTorqueRipple(_LinkTorque):
         }
 
 
-class HiddenTorqueGain(_LinkTorque):
+class HiddenTorqueGain(_TorqueImperfection):
     """tau_link = g tau_drive: the drive sets and measures current with a wrong torque constant.
 
     The measured torque follows the command, but the torque on the link does not.
@@ -249,13 +249,13 @@ class HiddenTorqueGain(_LinkTorque):
         return (self.gain - 1.0) * drive_nm
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         excess = strength * scale.joint_noise_nm / scale.joint(channel).load_nm
         gain = float(np.clip(1.0 + generator.choice([-1.0, 1.0]) * excess, 0.5, 2.0))
         return {"gain": gain}
 
 
-class _Transmission(JointImperfection, ABC):
+class _TransmissionImperfection(JointImperfection, ABC):
     """The encoder is ahead of the link by u; the whole torque passes through.
 
     The drive has no separate inertia: the rotor's inertia is part of the link's, as in the URDF.
@@ -267,28 +267,28 @@ class _Transmission(JointImperfection, ABC):
         return (channel_of(self.joint), CONTACT)
 
     def _effects(self, index: int, joint_count: int) -> HiddenEffects:
-        ahead = _Ahead(index, self._ahead_after_rad)
-        return HiddenEffects(joint=(ahead,), encoder=(ahead,))
+        offset = _LinkOffset(index, self._next_offset_rad)
+        return HiddenEffects(joint=(offset,), encoder=(offset,))
 
     @abstractmethod
-    def _ahead_after_rad(self, before_rad: float, step_s: float, torque_nm: float) -> float:
+    def _next_offset_rad(self, offset_rad: float, step_s: float, torque_nm: float) -> float:
         """Compute how far the encoder is ahead of the link after a step [rad].
 
         Args:
-            before_rad: angle of the encoder ahead of the link before the step [rad].
+            offset_rad: angle of the encoder ahead of the link before the step [rad].
             step_s: physics step [s].
             torque_nm: through the transmission, along the joint's axis [N m].
         """
 
 
-class _Ahead(JointEffect, SensorHook):
-    def __init__(self, index: int, after_rad: Callable[[float, float, float], float]) -> None:
+class _LinkOffset(JointEffect, SensorHook):
+    def __init__(self, index: int, next_offset_rad: Callable[[float, float, float], float]) -> None:
         self._index = index
-        self._after_rad = after_rad
+        self._next_offset_rad = next_offset_rad
         self.restart()
 
     def restart(self) -> None:
-        self._ahead_rad = 0.0
+        self._offset_rad = 0.0
 
     def joint_torque_nm(self, state: JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
         """Move the encoder ahead of the link for this step; the torque passes through unchanged.
@@ -297,7 +297,7 @@ class _Ahead(JointEffect, SensorHook):
             state: motion of the joints.
             torque_nm: torques so far, along the joint axes, shape (n,) [N m].
         """
-        self._ahead_rad = self._after_rad(self._ahead_rad, state.step_s, torque_nm[self._index])
+        self._offset_rad = self._next_offset_rad(self._offset_rad, state.step_s, torque_nm[self._index])
         return torque_nm
 
     def measure(self, time_s: float, value: Sequence[float]) -> Sequence[float]:
@@ -308,11 +308,11 @@ class _Ahead(JointEffect, SensorHook):
             value: positions, shape (n,) [rad].
         """
         changed = list(value)
-        changed[self._index] += self._ahead_rad
+        changed[self._index] += self._offset_rad
         return changed
 
 
-class HiddenBacklash(_Transmission):
+class HiddenBacklash(_TransmissionImperfection):
     """The encoder, on the drive's side, leads the link by u, at most gap/2, towards the side that pushes.
 
     The drive crosses the gap when the torque changes sign, du/dt = tau / d, slowed by the grease: the
@@ -325,19 +325,19 @@ class HiddenBacklash(_Transmission):
     # d, of the grease in the gap [N m s/rad].
     film_nms_rad: Positive = parameter("N m s/rad", 1.0, 100.0, ge=0.1, le=1e4, default=10.0)
 
-    def _ahead_after_rad(self, before_rad: float, step_s: float, torque_nm: float) -> float:
+    def _next_offset_rad(self, offset_rad: float, step_s: float, torque_nm: float) -> float:
         reach_rad = 0.5 * self.gap_rad
-        return max(-reach_rad, min(reach_rad, before_rad + step_s * torque_nm / self.film_nms_rad))
+        return max(-reach_rad, min(reach_rad, offset_rad + step_s * torque_nm / self.film_nms_rad))
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        """See `Imperfection._sized`; here for the torque by which a controller reacts to the gap."""
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._size_fields`; here for the torque by which a controller reacts to the gap."""
         stiffness_nm_rad = 3600.0 * scale.joint(channel).inertia_kg_m2
         gap_rad = strength * scale.joint_noise_nm / stiffness_nm_rad
         return {"gap_rad": min(gap_rad, 0.02)}
 
 
-class HiddenJointElasticity(_Transmission):
+class HiddenJointElasticity(_TransmissionImperfection):
     """The encoder, on the drive's side, is ahead of the link by the twist u of a spring that carries tau.
 
     T du/dt = C tau - u: spring and dashpot in parallel. It is the slow part of Spong's model (J. Dyn. Sys.
@@ -351,14 +351,14 @@ class HiddenJointElasticity(_Transmission):
     # T, damping over stiffness [s].
     retardation_s: NotNegative = parameter("s", 0.005, 0.1, le=10.0, default=0.02)
 
-    def _ahead_after_rad(self, before_rad: float, step_s: float, torque_nm: float) -> float:
+    def _next_offset_rad(self, offset_rad: float, step_s: float, torque_nm: float) -> float:
         decay = exp(-step_s / self.retardation_s) if self.retardation_s else 0.0
         settled_rad = self.compliance_rad_nm * torque_nm
-        return settled_rad + decay * (before_rad - settled_rad)
+        return settled_rad + decay * (offset_rad - settled_rad)
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        """See `Imperfection._sized`; at most as soft as a controller with this encoder can handle."""
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._size_fields`; at most as soft as a controller with this encoder handles."""
         compliance_rad_nm = strength * scale.joint_noise_nm / (25.0 * scale.joint(channel).load_nm)
         return {"compliance_rad_nm": min(compliance_rad_nm, 2e-3)}
 
@@ -385,8 +385,8 @@ class HiddenArmature(JointImperfection):
         return HiddenEffects(joint=rotors)
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        """See `Imperfection._sized`; at most what a controller that models only the arm can stabilize."""
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._size_fields`; at most what a controller of the arm alone can stabilize."""
         joint = scale.joint(channel)
         inertia_kg_m2 = strength * scale.joint_noise_nm / joint.acceleration_rad_s2
         return {"inertia_kg_m2": min(inertia_kg_m2, 6.0 * joint.inertia_kg_m2)}

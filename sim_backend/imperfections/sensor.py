@@ -32,8 +32,8 @@ class HiddenBias(SensorImperfection):
         return lambda _time_s, value: value + bias
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        """See `Imperfection._sized`; a probing run takes the force in free air as zero."""
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._size_fields`; a probing run takes the force in free air as zero."""
         return {"bias": generator.choice([-1.0, 1.0]) * strength * scale.noise(channel)}
 
 
@@ -55,8 +55,8 @@ class HiddenSensorGain(SensorImperfection):
         return lambda _time_s, value: gain * value * (1.0 + bend * value)
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        """See `Imperfection._sized`; here for the whole change of the signal, as if the object were known."""
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._size_fields`; for the whole change of the signal, with a known object."""
         load = scale.force_n if channel == CONTACT else 1.0
         return {"gain": 1.0 + strength * scale.noise(channel) / load}
 
@@ -76,7 +76,7 @@ class HiddenSaturation(SensorImperfection):
         return lambda _time_s, value: max(-limit, min(limit, value))
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         if not strength:
             return {"limit": 1e9}
         peak = scale.peak(channel)
@@ -97,7 +97,7 @@ class HiddenDeadband(SensorImperfection):
         return lambda _time_s, value: value - max(-width, min(width, value))
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         return {"half_width": strength * scale.noise(channel)}
 
 
@@ -114,8 +114,8 @@ class HiddenQuantisation(SensorImperfection):
         return lambda _time_s, value: round(value / step) * step if step else value
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        """See `Imperfection._sized`; a step is sqrt(12) times the rms of its rounding error."""
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._size_fields`; a step is sqrt(12) times the rms of its rounding error."""
         return {"step": 3.46 * strength * scale.noise(channel)}
 
 
@@ -136,7 +136,7 @@ class HiddenDrift(SensorImperfection):
         return wandering
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         sign = generator.choice([-1.0, 1.0])
         return {"rate_1_s": sign * strength * scale.noise(channel) / (0.4 * scale.session_s)}
 
@@ -170,7 +170,7 @@ class HiddenHysteresis(_Mechanical):
         return play
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         return {"half_width": strength * scale.noise(channel)}
 
 
@@ -200,7 +200,7 @@ class HiddenLag(_Mechanical):
         return following
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         return {"time_s": min(strength * scale.noise(channel) / scale.rate(channel), 0.1)}
 
 
@@ -229,7 +229,7 @@ class HiddenDelay(_Mechanical):
         return late
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         return {"delay_s": min(strength * scale.noise(channel) / scale.rate(channel), 0.1)}
 
 
@@ -252,17 +252,17 @@ class HiddenPayload(JointImperfection):
         return tuple(channel_of(joint) for joint in range(1, self.joint + 1))
 
     def _effects(self, index: int, joint_count: int) -> HiddenEffects:
-        return HiddenEffects(plant=(_Ball(index, self.mass_kg),)) if self.mass_kg else HiddenEffects()
+        return HiddenEffects(plant=(_PointMass(index, self.mass_kg),)) if self.mass_kg else HiddenEffects()
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
-        """See `Imperfection._sized`; at the tip."""
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+        """See `Imperfection._size_fields`; at the tip."""
         mass_kg = strength * scale.joint_noise_nm / scale.joint(channel).weight_nm_kg
         return {"joint": max(len(scale.joints), joint_of(channel)), "mass_kg": mass_kg}
 
 
 @dataclass(frozen=True)
-class _Ball(PlantEffect):
+class _PointMass(PlantEffect):
     index: int
     mass_kg: float
 
@@ -331,16 +331,16 @@ class HiddenGravityTilt(Imperfection):
 
     def effects(self, joint_count: int) -> HiddenEffects:
         """See `Imperfection.effects`; gravity is that of the whole arm."""
-        return HiddenEffects(plant=(_Slope(self.pitch_rad, self.roll_rad),))
+        return HiddenEffects(plant=(_TiltedGravity(self.pitch_rad, self.roll_rad),))
 
     @classmethod
-    def _sized(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
+    def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         sign = generator.choice([-1.0, 1.0])
         return {"pitch_rad": sign * strength * scale.joint_noise_nm / scale.joint(channel).tilt_nm_rad}
 
 
 @dataclass(frozen=True)
-class _Slope(PlantEffect):
+class _TiltedGravity(PlantEffect):
     pitch_rad: float
     roll_rad: float
 

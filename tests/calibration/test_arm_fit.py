@@ -37,7 +37,7 @@ def measured(
 ):
     """What drives would show along the path, from another model of the arm's weight than the fit uses."""
     times = np.arange(0.0, duration or path.duration_s, 1e-3)
-    q, v, a = path.along(times)
+    q, v, a = path.sample(times)
     body = RigidBody.from_urdf(ROBOT.urdf_path, ROBOT.tip_frame, gravity_base_m_s2(pitch, 0.0))
     true = body.inverse_dynamics_batch(q, v, a)
     true = true + coulomb * np.sign(v) + viscous * v
@@ -121,7 +121,7 @@ class TestPath:
     def test_is_the_same_at_many_times_and_for_equal_seeds(self, path):
         times = np.linspace(-1.0, path.duration_s + 1.0, 300)
         each = [path.at(time_s) for time_s in times]
-        np.testing.assert_allclose(path.along(times), np.swapaxes(each, 0, 1), atol=1e-12)
+        np.testing.assert_allclose(path.sample(times), np.swapaxes(each, 0, 1), atol=1e-12)
         assert np.array_equal(chosen().at(7.0).position_rad, path.at(7.0).position_rad)
 
     def test_is_smaller_where_there_is_less_room(self):

@@ -15,7 +15,7 @@ from palpate.calibration.arm_motion import (
     choose_path,
 )
 from palpate.calibration.encoder import StopApproach, StopSettings, StopTask, plan_stops, with_room_for_stops
-from palpate.calibration.standstill import StillRobot
+from palpate.calibration.standstill import StationaryRobot
 from palpate.commands.calibrate import ask_for_weight
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.laws.gains import TrackingGains, gains_of
@@ -79,12 +79,12 @@ def still():
     clock, robot_file = SimulatedClock(), mock_robot_file()
     guard = Guard(robot_file.limits, robot_file.safe_state, 3)
     with build_mock_robot(clock) as robot:
-        yield StillRobot(robot, guard, clock, MemoryLog(), 1000.0)
+        yield StationaryRobot(robot, guard, clock, MemoryLog(), 1000.0)
 
 
 def test_every_tick_is_logged_without_torque(still):
     still.await_samples()
-    still.watch(0.05, 4)
+    still.record(0.05, 4)
     assert len(still.log.records) == 50
     names = [column.name for column in tick_stream(3).columns]
     for record in still.log.records:
@@ -98,7 +98,7 @@ def test_a_force_beyond_the_limit_ends_it_and_is_logged(still, monkeypatch):
     read = still.robot.read
     monkeypatch.setattr(still.robot, "read", lambda deadline_s: read(deadline_s)._replace(force_n=31.0))
     with pytest.raises(SafetyTripError, match="contact force is 31 N"):
-        still.watch(0.05)
+        still.record(0.05)
     assert len(still.log.records) == 1
 
 
