@@ -142,7 +142,7 @@ def test_a_late_answer_about_a_register_is_no_position(bench):
     arm = bench(DAMIAO).start()
     before = arm.tick().joint_position_rad
     bus = arm.robot.buses["motors"]
-    bus._take(CanFrame(17, bytes((1, 0, 0x33, TIMEOUT, 0xD0, 0x07, 0, 0))), arm.clock.now_s())
+    bus._store_frame(CanFrame(17, bytes((1, 0, 0x33, TIMEOUT, 0xD0, 0x07, 0, 0))), arm.clock.now_s())
     np.testing.assert_allclose(bus._position_rad, before)
 
 

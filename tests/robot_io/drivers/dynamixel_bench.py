@@ -9,7 +9,7 @@ from palpate.robot_io.drivers.dynamixel.bus import DynamixelBus, DynamixelEncode
 from palpate.robot_io.robot_file import load_robot_file
 from palpate.sim_backend.emulators.dynamixel import DynamixelMounting, EmulatedDynamixelLine
 from palpate.sim_backend.emulators.faults import Fault
-from palpate.sim_backend.emulators.hardware import Bench, Plant
+from palpate.sim_backend.emulators.hardware import HardwareEmulator, Plant
 from palpate.sim_backend.scenario import load_scenario
 
 ROBOT_FILE = Path(__file__).resolve().parents[3] / "robots" / "dynamixel_3dof.yaml"
@@ -32,7 +32,7 @@ class DynamixelBench:
             DynamixelMounting(**servo | bolted.get(servo["id"], {})) for servo in section["servos"]
         ]
         self._baud_rate, self._link = section["baud_rate"], link
-        self._benches = []
+        self._emulators = []
         self.plug_in()
         port = settings.get("port") or str(link or self.line.path)
         self.bus = DynamixelBus(section | {"port": port}, DriverContext(self.clock, self.robot_file))
@@ -43,7 +43,7 @@ class DynamixelBench:
         """Put a line of servos that have just got power at the end of the cable."""
         now_s = self.clock.now_s()
         self.line = EmulatedDynamixelLine(self._really, self.plant, baud_rate=self._baud_rate, start_s=now_s)
-        self._benches.append(Bench(self.plant, [self.line], self.clock))
+        self._emulators.append(HardwareEmulator(self.plant, [self.line], self.clock))
         if self._link:
             self._link.unlink(missing_ok=True)
             self._link.symlink_to(self.line.path)
@@ -80,7 +80,7 @@ class DynamixelBench:
 
     def close(self):
         self.bus.close()
-        for bench in self._benches:
+        for bench in self._emulators:
             bench.close()
 
 

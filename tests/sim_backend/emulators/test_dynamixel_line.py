@@ -14,7 +14,7 @@ from palpate.robot_io.clock import MonotonicClock
 from palpate.sim_backend.emulators import dynamixel
 from palpate.sim_backend.emulators.dynamixel import DynamixelMounting, EmulatedDynamixelLine
 from palpate.sim_backend.emulators.dynamixel_servo import MODELS
-from palpate.sim_backend.emulators.hardware import Bench, JointState
+from palpate.sim_backend.emulators.hardware import HardwareEmulator, JointState
 
 BYTE_S = 10 / 4e6
 HAND_ON_S = 0.04  # real time that a pseudo terminal may take
@@ -264,7 +264,7 @@ def sdk(monkeypatch):
     line = EmulatedDynamixelLine(
         [DynamixelMounting(id=i, model="XM430-W350") for i in (1, 2, 3)], plant, baud_rate=None
     )
-    bench = Bench(plant, [line], MonotonicClock())
+    bench = HardwareEmulator(plant, [line], MonotonicClock())
     bench.start()
     port = PortHandler(line.path)
     port.openPort()
