@@ -44,14 +44,14 @@ class BudgetEntry:
 
 @dataclass(frozen=True)
 class ErrorBudget:
-    """Division of the base model's squared held-out error among kinds; shares and `left` add up to 1."""
+    """Division of the base model's squared held-out error among kinds; shares and the rest add up to 1."""
 
     base: float  # root mean square held-out error of the base model, over blocks [effort]
     entries: tuple[BudgetEntry, ...]  # in descending order of the share
-    left: float  # share that these kinds do not explain
-    flexible: float  # share that all kinds together do not explain
+    unexplained: float  # share that these kinds do not explain
+    unexplained_by_all: float  # share that all kinds together do not explain
     alternatives: tuple[Kinds, ...] = ()  # other sets of as few kinds that explain about as much
-    thorough: Kinds = frozenset()  # the smallest set that explains about as much as all kinds
+    sufficient_kinds: Kinds = frozenset()  # the smallest set that explains about as much as all kinds
 
     @property
     def kinds(self) -> tuple[Kind, ...]:
@@ -75,9 +75,9 @@ def error_budget(error: SquaredErrors, rng: np.random.Generator, only: Kinds | N
         return ErrorBudget(0.0, (), 1.0, 1.0)
     all_kinds = frozenset(error.kinds)
     known = frozenset[Kind]() if only is None else only & all_kinds
-    sets = _Sets(error, _relevant(error, all_kinds) | known)
-    smallest = sets.smallest(sets.limit) if only is None else [known]
-    thorough = sets.smallest(_THOROUGH * sets.least(sets.relevant))[0]
+    sets = _KindSubsets(error, _relevant(error, all_kinds) | known)
+    smallest = sets.smallest_sufficient(sets.limit) if only is None else [known]
+    thorough = sets.smallest_sufficient(_THOROUGH * sets.best_mean_square(sets.relevant))[0]
     chosen = smallest[0]
     values = _shapley(sets, chosen, error.counts[:, None])[0]
     weights = rng.multinomial(error.runs, np.full(error.runs, 1.0 / error.runs), size=_SAMPLES).T.astype(
@@ -85,22 +85,22 @@ def error_budget(error: SquaredErrors, rng: np.random.Generator, only: Kinds | N
     )
     samples = _shapley(sets, chosen, error.counts[:, None], weights) if error.runs > 1 else values[None]
     low, high = np.quantile(samples, [0.025, 0.975], axis=0)
-    least_error = min(error.mean_square(all_kinds), sets.least(sets.relevant))
+    least_error = min(error.mean_square(all_kinds), sets.best_mean_square(sets.relevant))
     entries = []
     for index, kind in enumerate(_ordered(chosen)):
-        without = min(error.mean_square(all_kinds - {kind}), sets.least(sets.relevant - {kind}))
+        without = min(error.mean_square(all_kinds - {kind}), sets.best_mean_square(sets.relevant - {kind}))
         entries.append(
             BudgetEntry(
                 kind,
                 float(values[index]),
                 (float(low[index]), float(high[index])),
                 necessary=max(without - least_error, 0.0) / base,
-                sufficient=max(base - sets.least(frozenset({kind})), 0.0) / base,
+                sufficient=max(base - sets.best_mean_square(frozenset({kind})), 0.0) / base,
                 replaceable_by=sets.replacements(chosen, kind),
             )
         )
     entries.sort(key=lambda entry: -entry.share)
-    left, flexible, rms = sets.least(chosen) / base, least_error / base, float(np.sqrt(base))
+    left, flexible, rms = sets.best_mean_square(chosen) / base, least_error / base, float(np.sqrt(base))
     return ErrorBudget(rms, tuple(entries), left, flexible, tuple(smallest[1:]), thorough)
 
 
@@ -126,7 +126,7 @@ def _relevant(error: SquaredErrors, all_kinds: Kinds) -> Kinds:
 
 
 @dataclass(frozen=True)
-class _Sets:
+class _KindSubsets:
     """Errors of all sets of relevant kinds; the error of a set is the error of its best subset."""
 
     error: SquaredErrors
@@ -143,7 +143,7 @@ class _Sets:
         ]
         return min(map(self.error.by_run, subsets), key=lambda squares: float(squares.sum()))
 
-    def least(self, kinds: Kinds) -> float:
+    def best_mean_square(self, kinds: Kinds) -> float:
         """Return the mean squared error of the best subset of these kinds [effort^2].
 
         Args:
@@ -154,10 +154,10 @@ class _Sets:
     @property
     def limit(self) -> float:
         """Mean squared error up to which a set explains about as much as all kinds do [effort^2]."""
-        base, best = self.error.mean_square(), self.least(self.relevant)
+        base, best = self.error.mean_square(), self.best_mean_square(self.relevant)
         return best + _ALLOWANCE * (base - best) + _ERROR_ALLOWANCE * best
 
-    def smallest(self, limit: float) -> list[Kinds]:
+    def smallest_sufficient(self, limit: float) -> list[Kinds]:
         """Find the smallest sets whose mean squared error is within a limit, the best first.
 
         Sets with differences between runs come last, since a gain and zero for each run are many parameters.
@@ -176,7 +176,7 @@ class _Sets:
             sets = [frozenset(kinds) for kinds in combinations(_ordered(self.relevant), size)]
             close = [kinds for kinds in sets if self.error.mean_square(kinds) <= limit]
             if close or size == max_size:
-                return sorted(close, key=rank) or [min(sets, key=self.least)]
+                return sorted(close, key=rank) or [min(sets, key=self.best_mean_square)]
         return [frozenset()]
 
     def replacements(self, chosen: Kinds, kind: Kind) -> tuple[Kind, ...]:
@@ -187,13 +187,15 @@ class _Sets:
             kind: the kind to replace.
         """
         kept = chosen - {kind}
-        without, with_it = self.least(kept), self.least(chosen)
+        without, with_it = self.best_mean_square(kept), self.best_mean_square(chosen)
         limit = without - _REPLACEMENT * (without - with_it)
         others = _ordered(self.relevant - chosen)
-        return tuple(other for other in others if self.least(kept | {other}) <= limit)
+        return tuple(other for other in others if self.best_mean_square(kept | {other}) <= limit)
 
 
-def _shapley(sets: _Sets, chosen: Kinds, counts: FloatArray, weights: FloatArray | None = None) -> FloatArray:
+def _shapley(
+    sets: _KindSubsets, chosen: Kinds, counts: FloatArray, weights: FloatArray | None = None
+) -> FloatArray:
     """Compute asymmetric Shapley values, shape (samples, k), as shares of the base model's squared error.
 
     Differences between runs are added last; the other kinds are added in every order.

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from palpate.estimation.budget.laws import COLLINEAR, BaseColumns, Law
+from palpate.estimation.budget.laws import COLLINEAR, BaseColumns, FlexibleLaw
 from palpate.estimation.fit.blocks import BlockedData
 from palpate.estimation.kinds import Kind
 from palpate.estimation.statistics.least_squares import solve_within_bounds
@@ -82,7 +82,7 @@ class HeldOutError(SquaredErrors):
     """
 
     base: BaseColumns
-    laws: Sequence[Law]
+    laws: Sequence[FlexibleLaw]
     target: FloatArray  # effort that the columns explain, shape (m,)
     blocked: BlockedData
     used: BoolArray  # blocks that count, shape (m,)

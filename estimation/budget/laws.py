@@ -1,8 +1,8 @@
 """Narrow flexible laws, one for each kind of effect.
 
 A law is additive, is a single-valued function of the kind's signals, and has few parameters. Wider laws would
-replace each other, so that no kind would seem necessary. `Law.nonnegative` marks columns whose sign is fixed
-by physics: friction, relaxation and inertia oppose the motion.
+replace each other, so that no kind would seem necessary. `FlexibleLaw.nonnegative` marks columns whose sign
+is fixed by physics: friction, relaxation and inertia oppose the motion.
 """
 
 from collections.abc import Callable
@@ -53,7 +53,7 @@ _GRAVITY_RANGE = 0.3  # [rad]; over a narrower range gravity resembles a constan
 
 
 @dataclass(frozen=True)
-class Law:
+class FlexibleLaw:
     """Columns of one kind, or of the interaction of two, on m blocks."""
 
     kinds: frozenset[Kind]  # the columns are used if a model has all of these kinds
@@ -74,7 +74,7 @@ class BaseColumns:
 
 def flexible_laws(
     blocked: BlockedData, base: BaseColumns | None, effort: FloatArray, residual: FloatArray, used: BoolArray
-) -> list[Law]:
+) -> list[FlexibleLaw]:
     """Build the laws of all kinds that can occur in a channel, and of the interactions between kinds.
 
     Args:
@@ -163,10 +163,10 @@ def unseen_kinds(data: ChannelData) -> frozenset[Kind]:
     return frozenset(unseen)
 
 
-def _law(kind: Kind | tuple[Kind, ...], *columns: FloatArray, nonnegative: bool = False) -> Law:
+def _law(kind: Kind | tuple[Kind, ...], *columns: FloatArray, nonnegative: bool = False) -> FlexibleLaw:
     stacked = np.column_stack(columns) if columns else np.empty((0, 0))
     kinds = frozenset({kind} if isinstance(kind, Kind) else kind)
-    return Law(kinds, stacked, np.full(stacked.shape[1], nonnegative))
+    return FlexibleLaw(kinds, stacked, np.full(stacked.shape[1], nonnegative))
 
 
 def _unit(signal: FloatArray) -> FloatArray:
@@ -207,7 +207,7 @@ def _relaxation(
 
 def _sensor_dynamics(
     blocked: BlockedData, base: BaseColumns | None, effort: FloatArray, time_s: FloatArray, used: BoolArray
-) -> list[Law]:
+) -> list[FlexibleLaw]:
     """Build the laws of a sensor with a lag, a delay or a lead, for several time constants.
 
     A model fitted without the sensor's dynamics can be far from the true effort: delayed readings can hide an
@@ -270,7 +270,7 @@ def _friction(
 
 def _contact_geometry(
     position: FloatArray, depth: FloatArray, touching: FloatArray, run: IntArray
-) -> list[Law]:
+) -> list[FlexibleLaw]:
     """Build laws of a shifted surface, of a plastic set, and of adhesion.
 
     A deeper surface reduces the force of a spring by a constant, down to zero. A plastic set is a share of
@@ -285,7 +285,7 @@ def _contact_geometry(
     deepest = float(np.max(position, initial=0.0)) or 1.0
     raised = [np.clip(position / deepest + share, 0.0, share) for share in _SURFACE_HEIGHTS]
     columns = np.column_stack([touching, left_strain - strain, *raised])
-    surface = Law(frozenset({Kind.CONTACT_GEOMETRY}), columns, np.arange(columns.shape[1]) > 0)
+    surface = FlexibleLaw(frozenset({Kind.CONTACT_GEOMETRY}), columns, np.arange(columns.shape[1]) > 0)
     interaction = (Kind.ELASTIC_SHAPE, Kind.CONTACT_GEOMETRY)
     pull = _law(Kind.CONTACT_GEOMETRY, -touching, -adhesion, nonnegative=True)
     softened = _law(interaction, left_strain**2 - strain**2, nonnegative=True)
@@ -294,7 +294,7 @@ def _contact_geometry(
 
 def _sensor_statics(
     predicted: FloatArray, measured: FloatArray, run: IntArray, base: BaseColumns | None, *, has_bias: bool
-) -> Law:
+) -> FlexibleLaw:
     """Build the law of a sensor's bias, gain, saturation, dead band and hysteresis.
 
     A gain is added only if the base model's own gains cannot imitate it. Free air rules out a bias if it
@@ -313,10 +313,10 @@ def _sensor_statics(
     dead_bands = [-np.clip(predicted, -w, w) for w in widths]
     hysteresis = [-reversal_memory(predicted, run, share) for share in _REVERSAL_PATHS]
     columns = np.column_stack([*linear, *saturation, *dead_bands, *hysteresis])
-    return Law(frozenset({Kind.SENSOR_STATICS}), columns, np.arange(columns.shape[1]) >= len(linear))
+    return FlexibleLaw(frozenset({Kind.SENSOR_STATICS}), columns, np.arange(columns.shape[1]) >= len(linear))
 
 
-def _drift(time_s: FloatArray, residual: FloatArray, used: BoolArray) -> Law:
+def _drift(time_s: FloatArray, residual: FloatArray, used: BoolArray) -> FlexibleLaw:
     """Build the law of a drift, which is zero at one time of the session; a further constant is a bias."""
     elapsed_s = time_s - time_s.min()  # times may count from 1970
     rate, offset = np.polyfit(elapsed_s[used], residual[used], 1)

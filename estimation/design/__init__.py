@@ -1,5 +1,10 @@
 """Choose the experiment that separates explanations which the present data do not separate."""
 
-from palpate.estimation.design.discrimination import Choice, Experiment, Rivals, choose
+from palpate.estimation.design.discrimination import (
+    Experiment,
+    ExperimentChoice,
+    RivalModels,
+    choose_experiment,
+)
 
-__all__ = ["Choice", "Experiment", "Rivals", "choose"]
+__all__ = ["Experiment", "ExperimentChoice", "RivalModels", "choose_experiment"]

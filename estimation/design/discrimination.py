@@ -6,8 +6,8 @@ Here y_i are the present data and the prediction of rival i for the experiment, 
 diagnosis separates effects by the same figure (`palpate.estimation.diagnosis.bootstrap`); its value for the
 present data is subtracted. For models that are linear in their parameters, E_j^2 - E_i^2 is the T-optimality
 criterion (A. C. Atkinson, V. V. Fedorov, The design of experiments for discriminating between two rival
-models, Biometrika 62 (1975) 57). `Rivals.predicted_leads` computes it within milliseconds.
-`Rivals.simulated_leads` simulates the noise and refits all models with their inner parameters.
+models, Biometrika 62 (1975) 57). `RivalModels.predicted_leads` computes it within milliseconds.
+`RivalModels.simulated_leads` simulates the noise and refits all models with their inner parameters.
 """
 
 from collections.abc import Collection, Sequence
@@ -30,7 +30,7 @@ CLEAR = 3.0 * SMALL  # a lead that needs no further data
 
 
 @dataclass(frozen=True)
-class Rivals:
+class RivalModels:
     """Models of one channel that the data do not separate, on one sample per block."""
 
     data: ChannelData  # the recorded channel, one sample per block
@@ -38,7 +38,7 @@ class Rivals:
     fits: tuple[FitResult, ...]  # the models
 
     @classmethod
-    def of(cls, fits: Sequence[FitResult]) -> "Rivals":
+    def of(cls, fits: Sequence[FitResult]) -> "RivalModels":
         """Refit models of the same channel to one sample per block.
 
         Args:
@@ -175,7 +175,7 @@ class Experiment:
     # For each undecided channel, the expected leads between all rivals, shape (r, r); see
     # `palpate.estimation.design.discrimination`.
     leads: tuple[FloatArray, ...]
-    evidence: float = 0.0  # expected log likelihood ratio, 0 if unknown; see `Rivals.evidence`
+    evidence: float = 0.0  # expected log likelihood ratio, 0 if unknown; see `RivalModels.evidence`
 
     @property
     def separation(self) -> float:
@@ -207,7 +207,7 @@ class Experiment:
 
 
 @dataclass(frozen=True)
-class Choice:
+class ExperimentChoice:
     """The chosen experiment and the reason."""
 
     index: int  # index of the experiment among those offered
@@ -215,29 +215,34 @@ class Choice:
     reason: str  # one sentence
 
 
-def choose(offered: Sequence[Experiment]) -> Choice | None:
+def choose_experiment(candidates: Sequence[Experiment]) -> ExperimentChoice | None:
     """Choose the experiment that separates rivals best; of nearly equal ones, the one with most evidence.
 
     Evidence matters because a rival with many parameters can adapt to a weak experiment. If the evidence is
     unknown, the shortest of the nearly equal experiments is chosen.
 
     Args:
-        offered: feasible experiments with their expected leads.
+        candidates: feasible experiments with their expected leads.
 
     Returns:
         The choice, or None if no experiment is expected to separate anything.
     """
-    useful = [number for number, experiment in enumerate(offered) if experiment.separates]
+    useful = [number for number, experiment in enumerate(candidates) if experiment.separates]
     if not useful:
         return None
-    best_separation = max(offered[number].separation for number in useful)
-    equivalent = [number for number in useful if offered[number].separation >= EQUIVALENT * best_separation]
-    index = max(equivalent, key=lambda number: (offered[number].evidence, -offered[number].duration_s))
-    chosen, advantage = offered[index], "with the most evidence" if offered[index].evidence else "shortest"
+    best_separation = max(candidates[number].separation for number in useful)
+    equivalent = [
+        number for number in useful if candidates[number].separation >= EQUIVALENT * best_separation
+    ]
+    index = max(equivalent, key=lambda number: (candidates[number].evidence, -candidates[number].duration_s))
+    chosen, advantage = (
+        candidates[index],
+        "with the most evidence" if candidates[index].evidence else "shortest",
+    )
     shared_rank = f"{advantage} of {len(equivalent)} nearly equally informative experiments"
     rank = "most informative experiment" if len(equivalent) == 1 else shared_rank
     reason = (
         f"{chosen.instruction} ({chosen.duration_s:.0f} s). This is the {rank}, expected to separate "
         f"{100 * chosen.separation:.0f} % of the remaining explanations"
     )
-    return Choice(index, chosen, reason)
+    return ExperimentChoice(index, chosen, reason)

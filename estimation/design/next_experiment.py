@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data_quality import SINGLE_RUN
-from palpate.estimation.design import Experiment, Rivals, choose
+from palpate.estimation.design import Experiment, RivalModels, choose_experiment
 from palpate.estimation.effect import Effect
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.kinds import Kind, separating_experiment
@@ -32,7 +32,7 @@ _CHANGES = (  # factor on the speed, factor on the range, and instruction
 _REVERSAL = (1.0, -1.0, "repeat the motion in the other direction")
 
 
-def changed_motions(data: ChannelData) -> Iterator[tuple[str, float, ChannelData]]:
+def candidate_motions(data: ChannelData) -> Iterator[tuple[str, float, ChannelData]]:
     """Yield changed motions: the instruction, the duration [s], and the channel with the changed motion.
 
     The effort of the changed channel has no meaning. Nothing is yielded if the context has signals that
@@ -118,7 +118,9 @@ class NextProbe:
     channels: tuple[str, ...]  # channels about which it gives information
 
 
-def separating(effect: Effect, fits: Mapping[str, FitResult], data: ChannelData) -> NextExperiment:
+def propose_separating_experiment(
+    effect: Effect, fits: Mapping[str, FitResult], data: ChannelData
+) -> NextExperiment:
     """Choose the experiment that separates an effect from the effects with which it may be confused.
 
     Args:
@@ -127,12 +129,12 @@ def separating(effect: Effect, fits: Mapping[str, FitResult], data: ChannelData)
         data: the recorded channel.
     """
     names = list(fits)
-    rivals = Rivals.of(list(fits.values()))
+    rivals = RivalModels.of(list(fits.values()))
     offered = [
         Experiment(instruction, duration_s, (rivals.predicted_leads(changed),))
-        for instruction, duration_s, changed in changed_motions(data)
+        for instruction, duration_s, changed in candidate_motions(data)
     ]
-    choice = choose(offered)
+    choice = choose_experiment(offered)
     if choice is not None:
         instruction = choice.experiment.instruction
     else:
@@ -146,7 +148,7 @@ def separating(effect: Effect, fits: Mapping[str, FitResult], data: ChannelData)
     )
 
 
-def separating_kinds(effect: Effect, kind: Kind, data: ChannelData) -> NextExperiment:
+def propose_kind_separating_experiment(effect: Effect, kind: Kind, data: ChannelData) -> NextExperiment:
     """Propose the experiment that separates an effect from an unknown law of another kind.
 
     Args:
@@ -162,7 +164,7 @@ def separating_kinds(effect: Effect, kind: Kind, data: ChannelData) -> NextExper
     )
 
 
-def exploring(signals: Sequence[str], data: ChannelData) -> NextExperiment:
+def propose_exploring_experiment(signals: Sequence[str], data: ChannelData) -> NextExperiment:
     """Propose an experiment that shows more of an unidentified effect.
 
     Args:
@@ -182,7 +184,7 @@ def _describe_recorded(data: ChannelData) -> str:
     return f"the motion recorded here goes {extent(data)}"
 
 
-def sufficient(reason: str, kind: ChannelKind) -> NextExperiment:
+def propose_remedial_experiment(reason: str, kind: ChannelKind) -> NextExperiment:
     """Propose the experiment that makes a rejected channel usable.
 
     Args:

@@ -18,8 +18,8 @@ from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.diagnosis.bootstrap import encoder_step_error, improvement_test
 from palpate.estimation.diagnosis.candidates import (
     Candidate,
+    cross_validated_error,
     determined_count,
-    held_out_of_all,
     parameter_count,
 )
 from palpate.estimation.diagnosis.forms import AS_MUCH, MOST_OF_LAW, FormTest, PartiallyLinear, form_tests
@@ -127,12 +127,14 @@ def accept_forms(
     kinds = frozenset(effect.kind for effect in added) - {Kind.RUN_DIFFERENCES}
     while search.added_effects(fit):
         tests = form_tests(partial, fit, kinds)
-        remaining = held_out_of_all(fit.problem, fit.solution)
+        remaining = cross_validated_error(fit.problem, fit.solution)
         count = max(int(fit.problem.used.sum()), 1)
         explained = {}  # mean square that each effect removes [effort^2]
         for test in tests:
             reduced = search.without(fit, test.effect)
-            explained[test.effect] = (held_out_of_all(reduced.problem, reduced.solution) - remaining) / count
+            explained[test.effect] = (
+                cross_validated_error(reduced.problem, reduced.solution) - remaining
+            ) / count
         effects = [fit.solution.model.effect(test.effect) for test in tests]
         budget = partial.budget_with(frozenset(map(partial.kind_of, effects)))
         entries = {entry.kind: entry for entry in budget.entries}
@@ -140,7 +142,7 @@ def accept_forms(
         # Check that the effects jointly leave as little error as the laws of all relevant kinds, and little
         # of the total error.
         share_left = remaining / count / partial.budget.base**2
-        is_as_good = share_left <= min(partial.budget.left / AS_GOOD, 1.0 - MOST_OF_LAW)
+        is_as_good = share_left <= min(partial.budget.unexplained / AS_GOOD, 1.0 - MOST_OF_LAW)
         least = least_explained(search, fit)
         unnamed = max(unexplained, fit.flexible.explained / count)
         failed = []
@@ -256,12 +258,12 @@ def _accounts_for_error(
     replacing = [partial.kinds - {entry.kind} | {kind} for kind in entry.replaceable_by]
     left_by_replacement = min(map(partial.error.mean_square, replacing), default=-np.inf)
     is_distinct = not entry.replaceable_by or unexplained < _MAX_UNEXPLAINED * explained
-    is_distinct |= AS_GOOD * test.left_by_all <= left_by_replacement
+    is_distinct |= AS_GOOD * test.unexplained_by_all <= left_by_replacement
     is_replacement = any(explained >= least for least in _least_in_place(partial, entry))
     is_counted = (entry.kind in partial.kinds or is_replacement) and is_distinct
     if entry.necessary >= _MIN_SHARE or (entry.share >= _MIN_SHARE and is_counted):
         return True
-    by_laws = partial.budget.flexible * base.held_out_mean_square
+    by_laws = partial.budget.unexplained_by_all * base.held_out_mean_square
     alone = search.fitted(base.solution.model.with_effect(effect), fit.solution.parameters)
     if alone.held_out_mean_square < by_laws:
         return True
@@ -516,7 +518,7 @@ def most_parsimonious(
                 search.with_candidate(candidate)
                 for candidate in search.alternatives(fit, name)[:_MAX_RIVALS]
                 if parameter_count(candidate.effect) < max_count
-                and candidate.followed(fit.problem) <= NEAR * fit.solution.held_out
+                and candidate.error_with_adapted_inner(fit.problem) <= NEAR * fit.solution.held_out
             ]
             limit = (1.0 + SMALL) * fit.rmse
             simpler = [model for model in simpler if model.rmse <= limit and search.is_sensible(model)]
@@ -549,7 +551,10 @@ def _rivals(
         candidate for candidate in search.alternatives(fit, name) if candidate.effect.name != name
     ]
     for candidate in alternatives[:_MAX_RIVALS]:
-        if not _has_at_most(max_count, candidate, fit) or candidate.followed(fit.problem) > NEAR * half:
+        if (
+            not _has_at_most(max_count, candidate, fit)
+            or candidate.error_with_adapted_inner(fit.problem) > NEAR * half
+        ):
             continue
         rival = search.with_candidate(candidate)
         if not search.is_sensible(rival):

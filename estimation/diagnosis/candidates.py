@@ -56,7 +56,7 @@ class Candidate:
         """Sum of squared residuals in held-out runs [effort^2]."""
         return float(self.search.held_out.sum())
 
-    def followed(self, problem: FitProblem) -> float:
+    def error_with_adapted_inner(self, problem: FitProblem) -> float:
         """Return the squared held-out error with inner parameters adapted to the candidate, to first order.
 
         The model's inner parameters were fitted without the candidate and absorbed a part of its effect. If
@@ -67,10 +67,10 @@ class Candidate:
         """
         best = self.search.best
         best = solve_gains(problem, best.model, best.parameters)  # restores the arrays on blocks
-        return min(held_out_of_all(problem, best), self.held_out)
+        return min(cross_validated_error(problem, best), self.held_out)
 
 
-def held_out_of_all(problem: FitProblem, solution: Solution) -> float:
+def cross_validated_error(problem: FitProblem, solution: Solution) -> float:
     """Compute the squared held-out error with all parameters fitted without the held-out fold.
 
     Gains are fitted without each fold, but inner parameters are fitted to all runs, which favors laws with
@@ -200,19 +200,19 @@ def screen_effects(
     return sorted(candidates, key=lambda candidate: candidate.held_out)
 
 
-def quick_screen(beside: FitResult, effects: Sequence[Effect]) -> list[Candidate]:
+def quick_screen(parent: FitResult, effects: Sequence[Effect]) -> list[Candidate]:
     """Fit extensions of a model at few start values; return the possible ones, the best first.
 
     Args:
-        beside: the model to extend.
+        parent: the model to extend.
         effects: the candidate effects.
     """
 
     def few_starts(effect: Effect) -> Sequence[Inner]:
-        starts = effect.starts(beside.data)
+        starts = effect.starts(parent.data)
         return starts[:: max(len(starts) // _FEW_STARTS, 1)]
 
-    screened = screen_effects(beside, effects, starts=few_starts, refined=0)
+    screened = screen_effects(parent, effects, starts=few_starts, refined=0)
     return [candidate for candidate in screened if candidate.possible]
 
 
@@ -234,8 +234,8 @@ def screen_product(fit: FitResult, memory: Effect, shapes: Sequence[Effect]) -> 
     for model in extended_models(fit.solution.model, memory):
         for inner in memory.starts(fit.data):
             start = fit.solution.parameters | {f"{memory.name}.{n}": value for n, value in inner.items()}
-            beside = FitResult(fit.data, fit.problem, solve_gains(fit.problem, model, start, rounds=2))
-            pairs += quick_screen(beside, shapes)[:1]
+            parent = FitResult(fit.data, fit.problem, solve_gains(fit.problem, model, start, rounds=2))
+            pairs += quick_screen(parent, shapes)[:1]
     return min(pairs, key=lambda pair: pair.held_out, default=None)
 
 

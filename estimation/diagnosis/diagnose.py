@@ -147,7 +147,9 @@ def diagnose_channel(
     def evidence_of(end: FitResult, tests: list[FormTest]) -> Evidence:
         complete = checks.is_complete(end)
         partials = (None, None) if complete else (kinds(), coarse_kinds())
-        return Evidence(search, checks.measurement, end, complete, checks.objection(end), tests, *partials)
+        return Evidence(
+            search, checks.measurement, end, complete, checks.residual_finding(end), tests, *partials
+        )
 
     for _ in range(_MAX_SEARCHES):
         end, tests = _find_effects(search, checks, kinds, coarse_kinds)
@@ -188,7 +190,7 @@ def _find_effects(
 
         fit = select_effects(search, checks.is_complete, sufficient, forms)
     varied = add_run_variation(search, fit)
-    if checks.objection(varied) is None:  # otherwise the remaining error may make the runs differ
+    if checks.residual_finding(varied) is None:  # otherwise the remaining error may make the runs differ
         fit = varied
     end, tests = _accept(search, fit, checks, kinds)
     if not fit.is_exact and not checks.is_complete(end):
@@ -205,7 +207,7 @@ def _find_effects(
     imitations = [test for test in tests if test.kind in SENSOR_KINDS and test.is_imitation]
     if imitations and checks.is_complete(end):
         by_steps = encoder_step_error(end, checks.measurement) ** 2
-        names = [test.effect for test in imitations if test.added > by_steps]
+        names = [test.effect for test in imitations if test.added_by_law > by_steps]
         reduced = reduce(search.without, names, end)
         end, tests = accept_forms(search, kinds(), reduced, checks.measurement) if names else (end, tests)
     return end, tests
@@ -288,7 +290,7 @@ def _accept(
             and search.is_sensible(fit)
             and exceeds_noise(end, checks.measurement, search.rng) is None
         ):  # the complete model improves bootstrap samples of the base model as much as the data
-            checks.withdraw_objection(end)
+            checks.clear_finding(end)
     if checks.is_complete(search.start):  # improvements come from noise or from smoothing of the motion
         return search.start, []
     return accept_forms(search, kinds(), fit, checks.measurement)
@@ -301,8 +303,8 @@ class _Completeness:
         self._search = search
         self.measurement = identify_measurement_model(search.data)
         self.leaves_noise = cache(self._leaves_noise)
-        self._check_residuals = cache(self._find_objection)
-        self._without_objection: list[FitResult] = []
+        self._cached_finding = cache(self._evaluate_residuals)
+        self._cleared: list[FitResult] = []
         self._incomplete: list[FitResult] = []
 
     def is_complete(self, fit: FitResult) -> bool:
@@ -312,23 +314,23 @@ class _Completeness:
             fit: the model.
         """
         is_known = any(fit is known for known in self._incomplete)
-        return not is_known and self.leaves_noise(fit) and self.objection(fit) is None
+        return not is_known and self.leaves_noise(fit) and self.residual_finding(fit) is None
 
-    def objection(self, fit: FitResult) -> ResidualFinding | None:
+    def residual_finding(self, fit: FitResult) -> ResidualFinding | None:
         """Return the finding of the residual checks on a model, unless it was withdrawn.
 
         Args:
             fit: the model.
         """
-        return None if any(fit is known for known in self._without_objection) else self._check_residuals(fit)
+        return None if any(fit is known for known in self._cleared) else self._cached_finding(fit)
 
-    def withdraw_objection(self, fit: FitResult) -> None:
+    def clear_finding(self, fit: FitResult) -> None:
         """Ignore the residual checks of a model.
 
         Args:
             fit: the model.
         """
-        self._without_objection.append(fit)
+        self._cleared.append(fit)
 
     def mark_incomplete(self, fit: FitResult) -> None:
         """Treat a model as incomplete, because effects improve it more than bootstrap samples of it.
@@ -338,7 +340,7 @@ class _Completeness:
         """
         self._incomplete.append(fit)
 
-    def _find_objection(self, fit: FitResult) -> ResidualFinding | None:
+    def _evaluate_residuals(self, fit: FitResult) -> ResidualFinding | None:
         if fit.is_exact:
             return None
         complete = self.leaves_noise(fit)

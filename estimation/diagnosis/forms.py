@@ -14,12 +14,12 @@ import numpy as np
 
 from palpate.estimation.budget.budget import BudgetEntry, ErrorBudget, error_budget
 from palpate.estimation.budget.held_out import HeldOutError, Kinds, SquaredErrors
-from palpate.estimation.budget.laws import BaseColumns, Law, flexible_laws
+from palpate.estimation.budget.laws import BaseColumns, FlexibleLaw, flexible_laws
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.diagnosis.candidates import (
     applicable_effects,
-    held_out_of_all,
+    cross_validated_error,
     parameter_count,
     screen_effects,
     screen_product,
@@ -62,17 +62,18 @@ class FormTest:
 
     effect: str  # name of the effect
     kind: Kind
-    taken: float  # mean square that the effect explains [effort^2]
-    by_law: float  # mean square that the kind's law explains in its place, at least `taken` [effort^2]
-    added: float  # mean square that the law explains in addition [effort^2]
-    left: float  # mean square that remains with the effect [effort^2]
-    left_by_all: float = np.inf  # the same, adjusted for all other kinds that account for the error
+    explained_by_effect: float  # mean square that the effect explains [effort^2]
+    # Mean square that the kind's law explains in its place, at least `explained_by_effect` [effort^2].
+    explained_by_law: float
+    added_by_law: float  # mean square that the law explains in addition [effort^2]
+    unexplained: float  # mean square that remains with the effect [effort^2]
+    unexplained_by_all: float = np.inf  # the same, adjusted for all other kinds that account for the error
     explained: float = 0.0  # mean square that the effect explains in addition to the named effects [effort^2]
 
     @property
     def share(self) -> float:
         """Mean square that the effect explains, relative to its kind's law."""
-        return self.taken / self.by_law if self.by_law > 0.0 else 0.0
+        return self.explained_by_effect / self.explained_by_law if self.explained_by_law > 0.0 else 0.0
 
     @property
     def is_known(self) -> bool:
@@ -86,16 +87,16 @@ class FormTest:
     @property
     def is_closed(self) -> bool:
         """Whether the kind's law adds nothing relevant to the effect."""
-        return self.added < max(_EXACT * self.taken, SMALL * self.left)
+        return self.added_by_law < max(_EXACT * self.explained_by_effect, SMALL * self.unexplained)
 
     @property
     def is_imitation(self) -> bool:
         """Whether the kind's law explains a relevant part in addition, so that the effect is an imitation.
 
         The part that the law adds is compared with `explained`, because flexible laws of other kinds may
-        absorb a part of the effect and make `taken` smaller.
+        absorb a part of the effect and make `explained_by_effect` smaller.
         """
-        return not self.is_closed and self.added >= _EXACT * self.explained
+        return not self.is_closed and self.added_by_law >= _EXACT * self.explained
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,7 @@ class PartiallyLinear:
     """A channel's base model with the flexible laws of the kinds that account for its error."""
 
     search: Search  # the channel, or a coarse copy of it
-    laws: tuple[Law, ...]
+    laws: tuple[FlexibleLaw, ...]
     budget: ErrorBudget
     error: HeldOutError
 
@@ -226,8 +227,10 @@ def replacing_kinds(search: Search, end: FitResult) -> dict[str, dict[Kind, floa
         error = error_of_kinds(search.without(end, name))
         allowance = _EXACT * (error.mean_square() - left) + SMALL * left
         limit = left + min(allowance, (SLOW**2 - 1.0) * left)
-        by_law = {kind: error.mean_square(frozenset({kind})) for kind in error.kinds if kind not in present}
-        replacing[name] = {kind: max(e - left, 0.0) for kind, e in by_law.items() if e <= limit}
+        explained_by_law = {
+            kind: error.mean_square(frozenset({kind})) for kind in error.kinds if kind not in present
+        }
+        replacing[name] = {kind: max(e - left, 0.0) for kind, e in explained_by_law.items() if e <= limit}
     return replacing
 
 
@@ -270,7 +273,9 @@ def named_forms(partial: PartiallyLinear) -> FitResult:
         for other in entry.replaceable_by
     ]
     budget = partial.budget
-    sets = list(dict.fromkeys((partial.kinds, budget.thorough, *budget.alternatives, *exchanged)))[:_MAX_SETS]
+    sets = list(dict.fromkeys((partial.kinds, budget.sufficient_kinds, *budget.alternatives, *exchanged)))[
+        :_MAX_SETS
+    ]
     search, fits = partial.search, [_forms_of(partial, kinds) for kinds in sets]
     if Kind.TIME_MEMORY in partial.kinds:
         fits += _products(partial)
@@ -432,9 +437,9 @@ def form_tests(partial: PartiallyLinear, end: FitResult, kinds: Kinds = frozense
         without = solve_gains(
             end.problem, end.solution.model.without(effect.name), end.solution.parameters, rounds=2
         )
-        lost = held_out_of_all(end.problem, without) - held_out_of_all(end.problem, end.solution)
+        lost = cross_validated_error(end.problem, without) - cross_validated_error(end.problem, end.solution)
         explained = lost / max(int(end.problem.used.sum()), 1)
-        tests.append(replace(test, left_by_all=beside_all.left, explained=explained))
+        tests.append(replace(test, unexplained_by_all=beside_all.unexplained, explained=explained))
     tests += [_run_test(partial, end, kinds, e.name) for e in added if isinstance(e, RunVariation)]
     return tests
 
@@ -450,14 +455,14 @@ def _form_test(partial: PartiallyLinear, end: FitResult, effect: Effect, kinds: 
     law, both = _with_law(problem, without, columns), _with_law(problem, with_it, columns)
     count = max(int(end.problem.used.sum()), 1)
     # All parameters must be fitted without the held-out run, like those of the law.
-    left = held_out_of_all(problem, with_it)
-    taken = held_out_of_all(problem, without) - left
-    by_law = max(without.held_out - law, without.held_out - both, taken)
+    left = cross_validated_error(problem, with_it)
+    explained_by_effect = cross_validated_error(problem, without) - left
+    explained_by_law = max(without.held_out - law, without.held_out - both, explained_by_effect)
     return FormTest(
         effect.name,
         effect.kind,
-        taken / count,
-        by_law / count,
+        explained_by_effect / count,
+        explained_by_law / count,
         (with_it.held_out - both) / count,
         left / count,
     )
@@ -473,14 +478,19 @@ def _run_test(partial: PartiallyLinear, end: FitResult, kinds: Kinds, name: str)
     free_problem = partial.beside(frozenset(), kinds | own, end.problem, end.solution)
     law = solve_gains(free_problem, model.without(name), known, rounds=2).held_out
     count = max(int(end.problem.used.sum()), 1)
-    taken = (without - with_it) / count
+    explained_by_effect = (without - with_it) / count
     return FormTest(
-        name, Kind.RUN_DIFFERENCES, taken, max((without - law) / count, taken), 0.0, with_it / count
+        name,
+        Kind.RUN_DIFFERENCES,
+        explained_by_effect,
+        max((without - law) / count, explained_by_effect),
+        0.0,
+        with_it / count,
     )
 
 
 @dataclass
-class NamedError(SquaredErrors):
+class NamedFormsError(SquaredErrors):
     """Squared held-out errors of a model reduced to its effects of some kinds."""
 
     end: FitResult

@@ -61,7 +61,7 @@ class ParameterValue(_Entry):
 Parameters = dict[str, ParameterValue]
 
 
-class Fitted(_Entry):
+class FitSummary(_Entry):
     """A model's held-out error in the effort's unit, and its parameters by "effect.parameter"."""
 
     rmse: float
@@ -85,7 +85,7 @@ class Fitted(_Entry):
         )
 
 
-class Accepted(_Entry):
+class AcceptedEffect(_Entry):
     """An effect that is missing from the base model."""
 
     effect: str  # name of the effect
@@ -116,14 +116,14 @@ class BudgetShare(_Entry):
     experiment: str  # experiment that separates it from the first of these; empty if there is none
 
 
-class Rest(_Entry):
+class BudgetRest(_Entry):
     """Shares of the base model's squared held-out error that no kind accounts for."""
 
     noise: float  # share of the noise level; an upper bound if the level is one
     unexplained: float  # remaining share
 
 
-class Ranked(_Entry):
+class RankedEffect(_Entry):
     """A single effect that was added to the base model."""
 
     effect: str  # name of the effect
@@ -131,7 +131,7 @@ class Ranked(_Entry):
     score: float  # relative decrease of the error
 
 
-class Remaining(_Entry):
+class RemainingError(_Entry):
     """Error that remains with all accepted effects."""
 
     rmse: float  # held-out error
@@ -139,7 +139,7 @@ class Remaining(_Entry):
     depends_on: list[str]  # signals on which it depends; empty if it is noise
 
 
-class Floor(_Entry):
+class NoiseFloor(_Entry):
     """Noise level with its source, in the unit of the effort."""
 
     value: float  # held-out error of a complete model
@@ -157,17 +157,17 @@ class ChannelDiagnosis(TableDisplay, _Entry):
     reason: str  # one sentence
     effort_unit: str  # unit of all errors
     noise_floor: float | None = None  # held-out error of a complete model
-    floor: Floor | None = None  # the same with its source
+    floor: NoiseFloor | None = None  # the same with its source
     budget: list[BudgetShare] = Field(default_factory=list)  # shares of the base model's error, largest first
-    rest: Rest | None = None  # remaining shares of this error
-    baseline: Fitted | None = None  # the base model
-    accepted: list[Accepted] = Field(default_factory=list)  # missing effects, the most important first
+    rest: BudgetRest | None = None  # remaining shares of this error
+    baseline: FitSummary | None = None  # the base model
+    accepted: list[AcceptedEffect] = Field(default_factory=list)  # missing effects, the most important first
     # The most promising candidates, each added alone to the base model.
-    ranking: list[Ranked] = Field(default_factory=list)
-    final: Fitted | None = None  # the model with all accepted effects
+    ranking: list[RankedEffect] = Field(default_factory=list)
+    final: FitSummary | None = None  # the model with all accepted effects
     # Whether the data show only noise in the residual of the final model; None if insufficient.
     complete: bool | None = None
-    remaining: Remaining | None = None  # error of the final model
+    remaining: RemainingError | None = None  # error of the final model
     depends_on: list[str] = Field(default_factory=list)  # the same as in `remaining`
     next_experiment: NextExperiment | None = (
         None  # the most informative next experiment; None if none would help
@@ -216,7 +216,7 @@ def stage_numbers(
     final: FitResult,
     spread: ParameterValue | None = None,
 ) -> dict[str, Any]:
-    """Compute the fields of `Accepted` for the contribution of one effect.
+    """Compute the fields of `AcceptedEffect` for the contribution of one effect.
 
     Args:
         effect: name of the effect.

@@ -287,7 +287,10 @@ class Search:
         # Sort the candidates by their error after the model's other parameters adapted to first order.
         possible = [candidate for candidate in self.screen(fit) if candidate.possible][:LOOKED_AT]
         follow = bool(fit.solution.model.inner)
-        left = [candidate.followed(fit.problem) if follow else candidate.held_out for candidate in possible]
+        left = [
+            candidate.error_with_adapted_inner(fit.problem) if follow else candidate.held_out
+            for candidate in possible
+        ]
         order = sorted(range(len(possible)), key=lambda number: left[number])
         limit = (1.0 - TIE) * fit.solution.held_out
         fits = (self.with_candidate(possible[i]) for i in [i for i in order if left[i] < limit][:count])

@@ -10,7 +10,12 @@ import numpy as np
 from palpate.estimation.budget.budget import error_budget
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.design.discrimination import SMALL
-from palpate.estimation.design.next_experiment import exploring, separating, separating_kinds, sufficient
+from palpate.estimation.design.next_experiment import (
+    propose_exploring_experiment,
+    propose_kind_separating_experiment,
+    propose_remedial_experiment,
+    propose_separating_experiment,
+)
 from palpate.estimation.diagnosis.acceptance import (
     AS_GOOD,
     as_good_effects,
@@ -24,7 +29,7 @@ from palpate.estimation.diagnosis.forms import (
     SLOW,
     Form,
     FormTest,
-    NamedError,
+    NamedFormsError,
     PartiallyLinear,
     closest_forms,
     replacing_kinds,
@@ -32,14 +37,14 @@ from palpate.estimation.diagnosis.forms import (
 from palpate.estimation.diagnosis.random_effects import run_standard_deviation
 from palpate.estimation.diagnosis.residual_checks import ResidualFinding, periodic_component
 from palpate.estimation.diagnosis.result import (
-    Accepted,
+    AcceptedEffect,
+    BudgetRest,
     BudgetShare,
     ChannelDiagnosis,
-    Fitted,
-    Floor,
-    Ranked,
-    Remaining,
-    Rest,
+    FitSummary,
+    NoiseFloor,
+    RankedEffect,
+    RemainingError,
     Verdict,
     stage_numbers,
 )
@@ -70,7 +75,7 @@ class Evidence:
     measurement: MeasurementModel  # how motion and effort were measured
     end: FitResult  # the base model with the accepted effects
     complete: bool  # whether this model leaves only noise
-    objection: ResidualFinding | None  # finding of the residual checks against completeness
+    residual_finding: ResidualFinding | None  # finding of the residual checks against completeness
     tests: Sequence[FormTest] = ()  # tests of the effects' forms
     partial: PartiallyLinear | None = None  # laws of the kinds that account for the error; None if complete
     coarse: PartiallyLinear | None = None  # the same on a coarse copy
@@ -196,7 +201,7 @@ class Evidence:
         """Signals on which the remaining error depends."""
         if self.complete:
             return []
-        return [self.objection.depends_on] if self.objection else self.end.depends_on
+        return [self.residual_finding.depends_on] if self.residual_finding else self.end.depends_on
 
 
 def effect_without_gain(evidence: Evidence) -> str | None:
@@ -226,7 +231,7 @@ def insufficient_diagnosis(data: ChannelData, reason: str) -> ChannelDiagnosis:
         verdict=Verdict.INSUFFICIENT,
         reason=reason,
         effort_unit=data.kind.effort_unit,
-        next_experiment=sufficient(reason, data.kind),
+        next_experiment=propose_remedial_experiment(reason, data.kind),
     )
 
 
@@ -246,29 +251,33 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
     start = search.start.rmse
     ranking = sorted(  # the most promising candidates, each added alone to the base model
         (
-            Ranked(effect=name, rmse_held_out=fit.rmse, score=1.0 - fit.rmse / start if start > 0.0 else 0.0)
+            RankedEffect(
+                effect=name, rmse_held_out=fit.rmse, score=1.0 - fit.rmse / start if start > 0.0 else 0.0
+            )
             for name, fit in evidence.single_effects.items()
         ),
         key=lambda entry: entry.rmse_held_out,
     )
     base, last = evidence.stages[0], evidence.stages[-1]
     times = last.rmse / noise.value if noise.value > 0.0 else 1.0
-    following = None if evidence.complete else exploring(evidence.signals, search.data)
+    following = None if evidence.complete else propose_exploring_experiment(evidence.signals, search.data)
     confused = next((entry.effect for entry in accepted if entry.confused_with), None)
     if confused is not None:
         effect = next(known for known in search.effects if known.name == confused)
-        following = separating(effect, {confused: evidence.end, **evidence.rivals[confused]}, search.data)
+        following = propose_separating_experiment(
+            effect, {confused: evidence.end, **evidence.rivals[confused]}, search.data
+        )
     elif replaced := [(name, kinds) for name, kinds in evidence.replacing_kinds.items() if kinds]:
         name, others = replaced[0]
         closest = min(others, key=others.__getitem__)
-        following = separating_kinds(end.solution.model.effect(name), closest, search.data)
+        following = propose_kind_separating_experiment(end.solution.model.effect(name), closest, search.data)
     diagnosis = ChannelDiagnosis(
         channel=search.data.name,
         verdict=verdict,
         reason=_reason(evidence, verdict, accepted, ranking),
         effort_unit=search.data.kind.effort_unit,
         noise_floor=noise.value,
-        floor=Floor(
+        floor=NoiseFloor(
             value=noise.value,
             source=noise.source,
             at_most=noise.is_bound,
@@ -277,12 +286,12 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
         ),
         budget=budget,
         rest=rest,
-        baseline=Fitted.of(base),
+        baseline=FitSummary.of(base),
         accepted=accepted,
         ranking=ranking,
-        final=Fitted.of(last),
+        final=FitSummary.of(last),
         complete=evidence.complete,
-        remaining=Remaining(rmse=last.rmse, times_floor=times, depends_on=evidence.signals),
+        remaining=RemainingError(rmse=last.rmse, times_floor=times, depends_on=evidence.signals),
         depends_on=evidence.signals,
         next_experiment=following,
     )
@@ -292,7 +301,7 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
     return diagnosis.with_fits({chain: fit for chain, fit in (alone | chains).items() if chain})
 
 
-def _budget(evidence: Evidence) -> tuple[list[BudgetShare], Rest]:
+def _budget(evidence: Evidence) -> tuple[list[BudgetShare], BudgetRest]:
     """Divide the base model's squared error on blocks into shares, which add up to one.
 
     Returns:
@@ -305,9 +314,9 @@ def _budget(evidence: Evidence) -> tuple[list[BudgetShare], Rest]:
     effects = [end.solution.model.effect(name) for name in search.added_effects(end)]
     kinds = {effect.name: partial.kind_of(effect) if partial else effect.kind for effect in effects}
     if partial is None and not kinds:
-        return [], Rest(noise=float(search.start.rmse > 0.0), unexplained=0.0)
+        return [], BudgetRest(noise=float(search.start.rmse > 0.0), unexplained=0.0)
     rng = np.random.default_rng(0)
-    budget = error_budget(NamedError(end, kinds), rng, frozenset(kinds.values()))
+    budget = error_budget(NamedFormsError(end, kinds), rng, frozenset(kinds.values()))
     replaceable: dict[Kind, tuple[Kind, ...]] = {}
     lost = dict[Kind, float]()  # share that is lost if another kind replaces the effects of a kind
     if partial is None:
@@ -320,11 +329,11 @@ def _budget(evidence: Evidence) -> tuple[list[BudgetShare], Rest]:
     else:
         by_laws = partial.budget_with(frozenset(kinds.values()))
         without_name = (entry.share for entry in by_laws.entries if entry.kind not in kinds.values())
-        imitates = max(without_name, default=0.0) > _IMITATION * budget.left
+        imitates = max(without_name, default=0.0) > _IMITATION * budget.unexplained
         # Effects that fit clearly better than the laws, or that a law imitates, are not replaceable.
-        if budget.left > AS_GOOD * by_laws.left and not imitates:
+        if budget.unexplained > AS_GOOD * by_laws.unexplained and not imitates:
             replaceable = {entry.kind: entry.replaceable_by for entry in by_laws.entries}
-        budget = budget if budget.left <= by_laws.left or imitates else by_laws
+        budget = budget if budget.unexplained <= by_laws.unexplained or imitates else by_laws
     shares = []
     for entry in budget.entries:
         names = [name for name, kind in kinds.items() if kind is entry.kind]
@@ -345,13 +354,13 @@ def _budget(evidence: Evidence) -> tuple[list[BudgetShare], Rest]:
                 experiment=separating_experiment(entry.kind, instead[0]) if instead else "",
             )
         )
-    noise = budget.left
+    noise = budget.unexplained
     if partial is not None or not evidence.leaves_only_noise:
-        noise = min((evidence.noise.value / max(search.start.rmse, 1e-300)) ** 2, budget.left)
-    return shares, Rest(noise=noise, unexplained=budget.left - noise)
+        noise = min((evidence.noise.value / max(search.start.rmse, 1e-300)) ** 2, budget.unexplained)
+    return shares, BudgetRest(noise=noise, unexplained=budget.unexplained - noise)
 
 
-def _accepted(evidence: Evidence) -> list[Accepted]:
+def _accepted(evidence: Evidence) -> list[AcceptedEffect]:
     search, accepted = evidence.search, []
     by_name = {effect.name: effect for effect in search.effects}
     for before, after in pairwise(evidence.stages):
@@ -360,7 +369,7 @@ def _accepted(evidence: Evidence) -> list[Accepted]:
         spread = run_standard_deviation(evidence.end, effect) if isinstance(effect, RunVariation) else None
         p_value = search.p_value(search.without(evidence.end, effect.name), evidence.end)
         accepted.append(
-            Accepted(
+            AcceptedEffect(
                 effect=effect.name,
                 form=evidence.form(effect.name),
                 **stage_numbers(effect.name, before, after, evidence.stages[-1], spread),
@@ -374,7 +383,7 @@ def _accepted(evidence: Evidence) -> list[Accepted]:
     return accepted
 
 
-def error_decrease(accepted: Sequence[Accepted], base_rmse: float, last_rmse: float, unit: str) -> str:
+def error_decrease(accepted: Sequence[AcceptedEffect], base_rmse: float, last_rmse: float, unit: str) -> str:
     """Describe by how much the accepted effects lower the held-out error.
 
     Args:
@@ -396,7 +405,7 @@ def error_decrease(accepted: Sequence[Accepted], base_rmse: float, last_rmse: fl
 
 
 def _reason(
-    evidence: Evidence, verdict: Verdict, accepted: Sequence[Accepted], ranking: Sequence[Ranked]
+    evidence: Evidence, verdict: Verdict, accepted: Sequence[AcceptedEffect], ranking: Sequence[RankedEffect]
 ) -> str:
     unit, last = evidence.search.data.kind.effort_unit, evidence.stages[-1].rmse
     if verdict is Verdict.ADEQUATE:
@@ -408,8 +417,8 @@ def _reason(
     left = f"the residual depends on {signals}"
     if last > noise > 0.0:
         left = f"the residual is {rounded(last / noise, 2)} times the noise, and depends on {signals}"
-    if evidence.objection:
-        left = evidence.objection.reason
+    if evidence.residual_finding:
+        left = evidence.residual_finding.reason
     if verdict is Verdict.MISSING:
         decrease = error_decrease(accepted, evidence.stages[0].rmse, last, unit)
         if evidence.leaves_only_noise:

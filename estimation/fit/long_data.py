@@ -72,10 +72,10 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
     """
     if len(data) <= min(LONG, _MAX_BLOCKS * block_length(data)):
         return data, "", {}
-    held = np.array(held_out, dtype=np.int64)
+    held_runs = np.array(held_out, dtype=np.int64)
     moving, motions, run_of = data, "", dict[int, int]()
     if len(data) > LONG:
-        moving, motions, run_of = _from_rest_to_rest(data, held)
+        moving, motions, run_of = _from_rest_to_rest(data, held_runs)
     # Samples in the longest block without loss, and the variation within it; None if it was not tested.
     block, seen = block_length(moving), None
     shortest = min(map(len, rows_of_runs(moving.run)))
@@ -101,13 +101,13 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
             f"and the noise between readings is {with_unit(seen.noise, unit, 4)}"
         )
     for shorten in (_fewer_runs, _fewer_stretches, _average_further):
-        if _excess(short, held) > 1:
-            short, more, stretches = shorten(short, held)
+        if _excess(short, held_runs) > 1:
+            short, more, stretches = shorten(short, held_runs)
             note, run_of = note + more, run_of | {new: run_of.get(old, old) for new, old in stretches.items()}
     return short, note, run_of
 
 
-def _from_rest_to_rest(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
+def _from_rest_to_rest(data: ChannelData, held_runs: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
     """Split the channel of a joint that is mostly at rest into motions with some rest before and after.
 
     The torque at rest depends on how the joint stopped, and contains little information on the motion.
@@ -119,14 +119,14 @@ def _from_rest_to_rest(data: ChannelData, held: IntArray) -> tuple[ChannelData, 
         extent[of_run] = highest - scipy.ndimage.minimum_filter1d(data.position[of_run], width)
     is_near = extent > _REST_RANGE * np.ptp(data.position)
     parts = [rows for rows in blocks(2 * data.run + is_near) if is_near[rows.start]]
-    parts = [rows for rows in parts if data.run[rows.start] not in held]
+    parts = [rows for rows in parts if data.run[rows.start] not in held_runs]
     if data.kind is ChannelKind.CONTACT or np.mean(is_near) > _MOVING_SHARE or len(parts) < _MIN_RUNS:
         return data, "", {}
     run, first = data.run.copy(), int(data.run.max()) + 1
     run_of = {first + number: int(data.run[rows.start]) for number, rows in enumerate(parts)}
     for number, rows in enumerate(parts, first):
         run[rows] = number
-    moving = replace(data, run=run).of_runs(np.array([*run_of, *held]))
+    moving = replace(data, run=run).of_runs(np.array([*run_of, *held_runs]))
     return moving, f", of which the {len(moving):,} in {len(parts)} motions from rest to rest", run_of
 
 
@@ -161,17 +161,17 @@ def _means(data: ChannelData, block: int) -> ChannelData:
     return decimate(BlockedData(data, rows, data.run[rows[:, 0]], fold, trusted))
 
 
-def _fewer_runs(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
+def _fewer_runs(data: ChannelData, held_runs: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
     """Select every k-th run, with k such that the selected runs are few enough for the search."""
-    runs = np.setdiff1d(data.runs, held)
-    stride = min(_excess(data, held), len(runs) // _MIN_RUNS)
+    runs = np.setdiff1d(data.runs, held_runs)
+    stride = min(_excess(data, held_runs), len(runs) // _MIN_RUNS)
     if stride < 2:
         return data, "", {}
-    chosen = data.of_runs(np.concatenate([runs[::stride], held]))
-    return chosen, _describe_selection(f"{len(runs)} runs", data, chosen, held), {}
+    chosen = data.of_runs(np.concatenate([runs[::stride], held_runs]))
+    return chosen, _describe_selection(f"{len(runs)} runs", data, chosen, held_runs), {}
 
 
-def _fewer_stretches(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
+def _fewer_stretches(data: ChannelData, held_runs: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
     """Select stretches of a joint's runs that cover a sufficient range of motion, as separate runs.
 
     A joint at rest or in small motion contains no information on its friction. Contacts are not cut, since
@@ -179,12 +179,12 @@ def _fewer_stretches(data: ChannelData, held: IntArray) -> tuple[ChannelData, st
     """
     if data.kind is ChannelKind.CONTACT:
         return data, "", {}
-    length = _fitted(data, held) // max(_MIN_PIECES, _MIN_RUNS * _excess(data, held))
+    length = _fitted(data, held_runs) // max(_MIN_PIECES, _MIN_RUNS * _excess(data, held_runs))
     length = max(length, _MIN_IN_RUN)
     run, run_of, number = data.run.copy(), dict[int, int](), int(data.run.max())
     for rows in blocks(data.run):  # cut all but held-out runs into stretches of at least this length
         count, old = rows.stop - rows.start, int(data.run[rows.start])
-        for part in [] if old in held else np.array_split(np.arange(count), max(count // length, 1)):
+        for part in [] if old in held_runs else np.array_split(np.arange(count), max(count // length, 1)):
             number += 1
             run[rows.start + part], run_of[number] = number, old
     cut = replace(data, run=run)
@@ -193,17 +193,17 @@ def _fewer_stretches(data: ChannelData, held: IntArray) -> tuple[ChannelData, st
     moving = np.array([cut.run[rows.start] for rows in parts if np.ptp(cut.position[rows]) >= min_range])
     if len(moving) < _MIN_RUNS:
         return data, "", {}
-    wide = cut.of_runs(np.concatenate([moving, held]))
-    stride = max(1, min(_excess(wide, held), len(moving) // _MIN_RUNS))
-    chosen, words = wide.of_runs(np.concatenate([moving[::stride], held])), f"{len(parts)} stretches"
+    wide = cut.of_runs(np.concatenate([moving, held_runs]))
+    stride = max(1, min(_excess(wide, held_runs), len(moving) // _MIN_RUNS))
+    chosen, words = wide.of_runs(np.concatenate([moving[::stride], held_runs])), f"{len(parts)} stretches"
     if len(moving) < len(parts):
         words += f" {len(moving)} go through {100 * _MIN_COVERED:.0f} % of the motion or more, and of these"
-    return chosen, _describe_selection(words, wide, chosen, held), run_of
+    return chosen, _describe_selection(words, wide, chosen, held_runs), run_of
 
 
-def _average_further(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
+def _average_further(data: ChannelData, held_runs: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
     """Average over enough samples for a search in acceptable time, although information is lost."""
-    factor = _excess(data, held)
+    factor = _excess(data, held_runs)
     if factor <= _MAX_EXCESS:
         return data, "", {}
     rate_hz = 1.0 / (sample_time(data.time_s, data.run) * factor)
@@ -214,19 +214,18 @@ def _average_further(data: ChannelData, held: IntArray) -> tuple[ChannelData, st
     return _means(data, factor), note, {}
 
 
-def _fitted(data: ChannelData, held: IntArray) -> int:
+def _fitted(data: ChannelData, held_runs: IntArray) -> int:
     """Return the number of samples used for fitting."""
-    return len(data) - int(np.isin(data.run, held).sum())
+    return len(data) - int(np.isin(data.run, held_runs).sum())
 
 
-def _excess(data: ChannelData, held: IntArray) -> int:
-    return -(-_fitted(data, held) // _MAX_SAMPLES)
+def _excess(data: ChannelData, held_runs: IntArray) -> int:
+    return -(-_fitted(data, held_runs) // _MAX_SAMPLES)
 
 
-def _describe_selection(what: str, data: ChannelData, chosen: ChannelData, held: IntArray) -> str:
-    before, after = _fitted(data, held), _fitted(chosen, held)
-    words = (
-        f"; of {'the fitted' if len(held) else 'its'} {what} {len(np.setdiff1d(chosen.runs, held))} are taken"
-    )
+def _describe_selection(what: str, data: ChannelData, chosen: ChannelData, held_runs: IntArray) -> str:
+    before, after = _fitted(data, held_runs), _fitted(chosen, held_runs)
+    count = len(np.setdiff1d(chosen.runs, held_runs))
+    words = f"; of {'the fitted' if len(held_runs) else 'its'} {what} {count} are taken"
     wider = f", evenly spread, which makes intervals {np.sqrt(before / after):.2g} times as wide"
     return words + (wider if after < before else "")

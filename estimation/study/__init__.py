@@ -5,19 +5,19 @@ from palpate.estimation.study.channels import StudyChannel
 from palpate.estimation.study.comparison import Comparison
 from palpate.estimation.study.estimates import ChannelEstimates
 from palpate.estimation.study.patterns import Part
-from palpate.estimation.study.results import Change, ChannelResult, Stage, StudyDiagnosis
+from palpate.estimation.study.results import ChannelResult, RevisionChange, Stage, StudyDiagnosis
 from palpate.estimation.study.revisions import Revision, Revisions
 from palpate.estimation.study.study import ModelStudy
 
 __all__ = [
     "Arm",
-    "Change",
     "ChannelEstimates",
     "ChannelResult",
     "Comparison",
     "ModelStudy",
     "Part",
     "Revision",
+    "RevisionChange",
     "Revisions",
     "Stage",
     "StudyChannel",

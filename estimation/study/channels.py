@@ -107,7 +107,7 @@ def channel_of(data: ChannelData, model: str, arm: Arm, held_out: tuple[int, ...
     return StudyChannel(data, MODELS[model]().build(context), context, sha256, held_out=held_out)
 
 
-def usual_model(channel: ChannelData, arm: Arm) -> str:
+def default_model(channel: ChannelData, arm: Arm) -> str:
     """Return the usual base model: a spring and damper, or the rigid body of the arm's URDF.
 
     Args:

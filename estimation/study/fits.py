@@ -29,10 +29,10 @@ from palpate.estimation.study.channels import (
     ChannelKey,
     StudyChannel,
     channel_of,
+    default_model,
     described_by,
     suited_names,
     unapplicable,
-    usual_model,
 )
 from palpate.estimation.study.comparison import Comparison, Comparisons, compare
 from palpate.estimation.study.source import limit_length, open_source
@@ -311,7 +311,7 @@ class StudyFits(TableDisplay):
         return self.channel(channel) if isinstance(channel, str) else channel
 
     def _channel(self, data: ChannelData, model: str | None) -> StudyChannel:
-        name = model or usual_model(data, self.source.arm)
+        name = model or default_model(data, self.source.arm)
         if (data.name, name) not in self._channels:
             held_out = self.source.runs_of(data, self.held_out)
             self._channels[data.name, name] = channel_of(data, name, self.source.arm, held_out)

@@ -36,7 +36,7 @@ _MIN_NOISE_LEVELS = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Side:
+class ComparedModel:
     """One of two compared measurements or models."""
 
     name: str  # label of this side
@@ -86,7 +86,7 @@ class Side:
         """Cross-correlation of the residual with the velocity."""
         return cross_correlation(self.residual, self.data.velocity, self.data.run, self.lags)
 
-    def noise_ratio_of(self, other: "Side") -> float:
+    def noise_ratio_of(self, other: "ComparedModel") -> float:
         """Return the error of this model on the other measurement, in that measurement's noise levels.
 
         Args:
@@ -101,7 +101,7 @@ class Side:
         error, noise = float(np.sqrt(np.mean((scored[0] - scored[1]) ** 2))), other.compared.noise.value
         return error / noise if noise > 0.0 else float("inf")
 
-    def _scored(self, other: "Side") -> tuple[FloatArray, FloatArray] | None:
+    def _scored(self, other: "ComparedModel") -> tuple[FloatArray, FloatArray] | None:
         """Return the other side's scored efforts (n,) and their prediction by this model; None if impossible.
 
         The prediction of its own measurement is cross-validated.
@@ -117,7 +117,7 @@ class Side:
             return None
         return effort[judged], predicted[judged]
 
-    def fit_of(self, other: "Side") -> float:
+    def fit_of(self, other: "ComparedModel") -> float:
         """Return how well this model fits the other measurement [%]; its own measurement is cross-validated.
 
         Args:
@@ -166,11 +166,11 @@ class ParameterDifference:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sides(TableDisplay):
+class PairedComparison(TableDisplay):
     """One channel on both sides."""
 
-    first: Side
-    second: Side
+    first: ComparedModel
+    second: ComparedModel
 
     @property
     def channel(self) -> str:
@@ -305,12 +305,12 @@ class Sides(TableDisplay):
         )
 
 
-def side_by_side(
+def compare_pairs(
     first: ModelStudy,
     second: ModelStudy,
     names: tuple[str, str],
     extended: tuple[Extended, Extended] | None = None,
-) -> tuple[Sides, ...]:
+) -> tuple[PairedComparison, ...]:
     """Pair the channels that two studies share, with their base models or with added effects.
 
     Args:
@@ -324,7 +324,9 @@ def side_by_side(
     """
     chosen = extended or [[(channel, ()) for channel in study.channels] for study in (first, second)]
     comparisons = tuple(
-        Sides(_side(names[0], first, channel, effects), _side(names[1], second, other, other_effects))
+        PairedComparison(
+            _side(names[0], first, channel, effects), _side(names[1], second, other, other_effects)
+        )
         for channel, effects in chosen[0]
         for other, other_effects in chosen[1]
         if other.name == channel.name and other.kind is channel.kind
@@ -335,8 +337,8 @@ def side_by_side(
     return comparisons
 
 
-def _side(name: str, study: ModelStudy, channel: StudyChannel, effects: Sequence[str]) -> Side:
+def _side(name: str, study: ModelStudy, channel: StudyChannel, effects: Sequence[str]) -> ComparedModel:
     try:
-        return Side(name, channel, effects, study.comparison(channel, effects))
+        return ComparedModel(name, channel, effects, study.comparison(channel, effects))
     except InputError as error:
-        return Side(name, channel, effects, None, str(error))
+        return ComparedModel(name, channel, effects, None, str(error))

@@ -40,7 +40,9 @@ class ChannelResult(TableDisplay):
     comparison: Comparison | None = None
     # The base model, and one stage for each added effect; empty if the channel cannot be fitted.
     stages: tuple[Stage, ...] = ()
-    grown: Comparison | None = None  # comparison of the last stage with the measurement; None without effects
+    extended_comparison: Comparison | None = (
+        None  # comparison of the last stage with the measurement; None without effects
+    )
     # Noise of the channel, to which the errors of all stages refer; None if the channel cannot be fitted.
     noise: MeasurementNoise | None = None
     reason: str = ""  # why the comparison or added effects are missing; otherwise empty
@@ -58,7 +60,7 @@ class ChannelResult(TableDisplay):
     @property
     def shown(self) -> Comparison | None:
         """Comparison of the largest model with the measurement."""
-        return self.grown or self.comparison
+        return self.extended_comparison or self.comparison
 
     def _table(self) -> DisplayTable:
         unit = self.channel.effort_unit
@@ -78,7 +80,7 @@ class ChannelResult(TableDisplay):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Change(TableDisplay):
+class RevisionChange(TableDisplay):
     """Result of adding or removing effects."""
 
     result: ChannelResult  # all stages of the channel, starting with the base model

@@ -32,7 +32,13 @@ from palpate.estimation.study.estimates import (
     only_runs,
 )
 from palpate.estimation.study.fits import StudyFits
-from palpate.estimation.study.results import Change, ChannelResult, RevisionTable, Stage, StudyDiagnosis
+from palpate.estimation.study.results import (
+    ChannelResult,
+    RevisionChange,
+    RevisionTable,
+    Stage,
+    StudyDiagnosis,
+)
 from palpate.estimation.study.revisions import Revision, Revisions, SavedParameter
 from palpate.estimation.study.saved_diagnosis import (
     RESULT,
@@ -255,7 +261,7 @@ class ModelStudy(StudyFits):
 
     def add(
         self, *effects: str, channel: str | None = None, start: int | None = None, fresh: bool = False
-    ) -> Change:
+    ) -> RevisionChange:
         """Add effects one by one, refit all parameters at each stage, and save each stage as a revision.
 
         Args:
@@ -298,9 +304,9 @@ class ModelStudy(StudyFits):
                     )
             added = [*before, *effects]
             new = self._save_stages(base, added, parent)
-            return Change(self.result(base, added, self.known_diagnosis(base)), new, parent)
+            return RevisionChange(self.result(base, added, self.known_diagnosis(base)), new, parent)
 
-    def remove(self, effect: str, channel: str | None = None) -> Change:
+    def remove(self, effect: str, channel: str | None = None) -> RevisionChange:
         """Remove an effect from the newest model of a channel, and save the result as a new revision.
 
         Args:
@@ -324,7 +330,9 @@ class ModelStudy(StudyFits):
             self._check_user_effects(parent)
             base, remaining = self.channel_of(parent), [name for name in parent.effects if name != effect]
             revision = self._save_stage(base, remaining, parent, removed=effect)
-            return Change(self.result(base, remaining, self.known_diagnosis(base)), (revision,), parent)
+            return RevisionChange(
+                self.result(base, remaining, self.known_diagnosis(base)), (revision,), parent
+            )
 
     @property
     def revisions(self) -> RevisionTable:
@@ -441,8 +449,10 @@ class ModelStudy(StudyFits):
         stages = [
             Stage(self.fit(channel, chain), "".join(chain[-1:]), numbers.get(chain)) for chain in chains
         ]
-        grown = self.comparison(channel, effects) if effects else None
-        return ChannelResult(channel, diagnosis, base, tuple(stages), grown, self.noise(channel), reason)
+        extended_comparison = self.comparison(channel, effects) if effects else None
+        return ChannelResult(
+            channel, diagnosis, base, tuple(stages), extended_comparison, self.noise(channel), reason
+        )
 
     def _table(self) -> DisplayTable:
         rows = [

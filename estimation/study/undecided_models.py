@@ -8,7 +8,7 @@ from itertools import pairwise
 from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.diagnosis.candidates import applicable_effects, is_misnamed, screen_effects
-from palpate.estimation.diagnosis.result import Accepted, Fitted, stage_numbers
+from palpate.estimation.diagnosis.result import AcceptedEffect, FitSummary, stage_numbers
 from palpate.estimation.diagnosis.verdict import error_decrease
 from palpate.estimation.effect import Effect
 from palpate.estimation.fit.blocks import decimate, with_load
@@ -60,7 +60,7 @@ def rival_effects(diagnosis: ChannelDiagnosis, effects: Iterable[Effect]) -> lis
     return [models[:MAX_RIVALS] for models in questions] or [[names, *alone][:_MAX_SINGLE]]
 
 
-def _candidates(entry: Accepted) -> list[str]:
+def _candidates(entry: AcceptedEffect) -> list[str]:
     return [entry.effect, *entry.confused_with]
 
 
@@ -152,7 +152,7 @@ def _keep_simplest(
 
 
 def _with_accepted(
-    study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis, accepted: Sequence[Accepted]
+    study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis, accepted: Sequence[AcceptedEffect]
 ) -> ChannelDiagnosis:
     """Replace the accepted effects, and update the numbers of their fits."""
     changed = diagnosis.model_copy(update={"accepted": list(accepted)})
@@ -172,7 +172,12 @@ def _with_accepted(
     times = last / diagnosis.noise_floor if diagnosis.noise_floor > 0.0 else 1.0
     numbers = {"rmse": last, "times_floor": times}
     remaining = diagnosis.remaining and diagnosis.remaining.model_copy(update=numbers)
-    update = {"reason": reason, "remaining": remaining, "final": Fitted.of(stages[-1]), "accepted": entries}
+    update = {
+        "reason": reason,
+        "remaining": remaining,
+        "final": FitSummary.of(stages[-1]),
+        "accepted": entries,
+    }
     return changed.model_copy(update=update)
 
 

@@ -15,7 +15,7 @@ from palpate.estimation.estimate import with_unit
 from palpate.estimation.study import ChannelResult, Comparison
 from palpate.estimation.study.channels import ALL_CHANNELS
 from palpate.estimation.study.model_suggestions import far_better_model
-from palpate.estimation.study.paired_comparison import Extended, side_by_side
+from palpate.estimation.study.paired_comparison import Extended, compare_pairs
 from palpate.estimation.study.revisions import Revision, user_effects_of
 from palpate.render.build import NAMES, REPORT, result_view, view_of, write_outcome
 from palpate.render.paired import ChannelPairView, PairView, as_data, print_pair
@@ -61,7 +61,7 @@ class ComparedPair:
         grown = _extended(first, kept), _extended(second, chosen_revisions(second, revisions[1]) or kept)
         self.files = files
         self.names = _names(first, second, grown)
-        sides = side_by_side(first, second, self.names, grown)
+        sides = compare_pairs(first, second, self.names, grown)
         self.sides = [pair for pair in sides if channel in {None, ALL_CHANNELS, pair.channel}]
         if not self.sides:
             shared = ", ".join(pair.channel for pair in sides)

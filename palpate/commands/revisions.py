@@ -78,7 +78,7 @@ def add_command(
     if newest.parent is not None:
         back = f"palpate add {data.typed(out=out)} EFFECT --from {newest.parent}"
         steps.append((back, "go back, and try another effect"))
-    grown = change.result.grown
+    grown = change.result.extended_comparison
     if grown is None or grown.lack_of_fit >= AT_NOISE:
         steps.append((f"palpate compare {kept} --revision {newest.number}", "where the model still fails"))
     steps += console.export_steps(kept, [change.result.channel.measured.kind])

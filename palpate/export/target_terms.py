@@ -19,14 +19,14 @@ class SimulatorFormat(StrEnum):
     BAM = "bam"
 
 
-Fitted = Mapping[str, float]  # parameters of one effect, by their own names
+FitSummary = Mapping[str, float]  # parameters of one effect, by their own names
 
 
 @dataclass(frozen=True)
 class TargetTerm:
     """How a target expresses an effect."""
 
-    values: Callable[[Fitted], Mapping[str, float]]  # the target's values by name; those of effects add
+    values: Callable[[FitSummary], Mapping[str, float]]  # the target's values by name; those of effects add
     lost: str = ""  # what of the effect the target does not express
     units: Mapping[str, str] = field(default_factory=dict)  # limited to these parameters
 
@@ -36,7 +36,7 @@ def _named(lost: str = "", **names: str) -> TargetTerm:
     return TargetTerm(lambda p: {key: p[name] for key, name in names.items()}, lost)
 
 
-def _mean(p: Fitted, name: str, ends: tuple[str, str]) -> float:
+def _mean(p: FitSummary, name: str, ends: tuple[str, str]) -> float:
     return max(0.5 * (p[name + ends[0]] + p[name + ends[1]]), 0.0)
 
 

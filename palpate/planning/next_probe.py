@@ -15,7 +15,7 @@ from palpate.control.loop.tick_record import STREAM_NAME
 from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.tick_channels import DIRECTION, contact_channels, joint_channels
-from palpate.estimation.design import Experiment, Rivals, choose
+from palpate.estimation.design import Experiment, RivalModels, choose_experiment
 from palpate.estimation.design.discrimination import EQUIVALENT, SMALL
 from palpate.estimation.design.next_experiment import FEW_READINGS, LONGEST_S, NextExperiment, NextProbe
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
@@ -50,7 +50,7 @@ class Undecided:
 
     channel: StudyChannel
     names: tuple[str, ...]
-    rivals: Rivals
+    rivals: RivalModels
 
     @property
     def nothing(self) -> FloatArray:
@@ -66,7 +66,7 @@ def undecided(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> list[
         diagnoses: diagnoses of its channels.
     """
     return [
-        Undecided(channel, tuple(models), Rivals.of(list(models.values())))
+        Undecided(channel, tuple(models), RivalModels.of(list(models.values())))
         for diagnosis in diagnoses
         for channel in [study.channel(diagnosis.channel)]
         for models in rivals_of(study, channel, diagnosis)
@@ -120,7 +120,7 @@ def next_probe(
     paired = feasible(study, progress, pairs=pairs, processes=processes)
     joint = _planned(paired, ran, study, open_questions, longest_s)
     every = [*single, *(design.expected(open_questions) for design in joint)]
-    choice = choose([design.experiment for design in every])
+    choice = choose_experiment([design.experiment for design in every])
     if choice is None:
         return None
     candidate, leads = every[choice.index].candidate, choice.experiment.leads

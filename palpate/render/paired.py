@@ -13,7 +13,7 @@ from rich.text import Text
 from palpate.common.console import natural_width, plus_minus, safe, significant, table
 from palpate.estimation.statistics.correlation import Correlation
 from palpate.estimation.study.comparison import FAR
-from palpate.estimation.study.paired_comparison import ParameterDifference, Side, Sides
+from palpate.estimation.study.paired_comparison import ComparedModel, PairedComparison, ParameterDifference
 from palpate.render.terminal import safe_text
 from palpate.render.view import ChannelView
 
@@ -30,7 +30,7 @@ PAIRED = "The intervals of the differences are paired: model errors that both me
 class ChannelPairView:
     """View of one channel in both measurements."""
 
-    sides: Sides  # the comparison
+    sides: PairedComparison  # the comparison
     views: tuple[ChannelView, ChannelView]  # views of both sides, with measurement and model
 
     @property
@@ -44,7 +44,7 @@ class ChannelPairView:
         return tuple(_words(self.sides))
 
     @property
-    def pair(self) -> tuple[Side, Side]:
+    def pair(self) -> tuple[ComparedModel, ComparedModel]:
         """Both sides."""
         return self.sides.first, self.sides.second
 
@@ -97,7 +97,7 @@ class PairView:
         return f"{self.names[0]} and {self.names[1]}"
 
 
-def _words(sides: Sides) -> Iterator[str]:
+def _words(sides: PairedComparison) -> Iterator[str]:
     pair = tuple(zip(LETTERS, (sides.first, sides.second), strict=True))
     for letter, side in pair:
         if side.compared is None:
@@ -132,7 +132,7 @@ def _words(sides: Sides) -> Iterator[str]:
                 yield f"{letter}'s residuals are {what}: {share}."
 
 
-def _is_only_noise(model: Side, measured: Side) -> bool:
+def _is_only_noise(model: ComparedModel, measured: ComparedModel) -> bool:
     """Return whether the measurement is close to the noise level and the model's residual is only noise.
 
     The fit [%] to such a measurement depends on its noise rather than on the model.
@@ -141,14 +141,14 @@ def _is_only_noise(model: Side, measured: Side) -> bool:
     return bool(fit < _POOR and model.noise_ratio_of(measured) < _ONLY_NOISE)
 
 
-def _describe_fit(model: Side, measured: Side) -> str:
+def _describe_fit(model: ComparedModel, measured: ComparedModel) -> str:
     if _is_only_noise(model, measured):
         return "leaves only noise"
     fit = model.fit_of(measured)
     return "says nothing" if np.isnan(fit) else f"describes {fit:.1f} %"
 
 
-def _compare_parameters(sides: Sides) -> Iterator[str]:
+def _compare_parameters(sides: PairedComparison) -> Iterator[str]:
     known = [difference for difference in sides.differences if difference.differs is not None]
     for difference in known:
         if difference.differs:
@@ -239,7 +239,7 @@ def percent_text(fit: float) -> str:
     return "–" if np.isnan(fit) else f"{fit:.1f}"
 
 
-def as_data(sides: Sides) -> dict[str, Any]:
+def as_data(sides: PairedComparison) -> dict[str, Any]:
     """Return one channel as plain data; the keys are stable.
 
     Args:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from palpate.estimation.design.next_experiment import NextExperiment
-from palpate.estimation.diagnosis.result import Accepted, Ranked
+from palpate.estimation.diagnosis.result import AcceptedEffect, RankedEffect
 from palpate.estimation.effect import Effect
 from palpate.estimation.study.patterns import Part
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
@@ -166,8 +166,8 @@ class ChannelView:
     budget: BudgetView | None = None  # budget of the base model's error; None without a diagnosis
     # The last model's error by phase, run, speed and so on.
     parts: Mapping[str, Sequence[Part]] = field(default_factory=dict)
-    accepted: tuple[Accepted, ...] = ()  # accepted effects
-    ranking: tuple[Ranked, ...] = ()  # candidates that improve the base model, best first
+    accepted: tuple[AcceptedEffect, ...] = ()  # accepted effects
+    ranking: tuple[RankedEffect, ...] = ()  # candidates that improve the base model, best first
     next_experiment: NextExperiment | None = None  # what to record next; None for nothing
     # Commanded or reference effort, shape (n,), with its name; None if unknown.
     commanded: tuple[str, FloatArray] | None = None

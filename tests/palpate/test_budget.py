@@ -9,7 +9,7 @@ from rerun.chunk import RrdReader
 from rich.console import Console
 
 from palpate.estimation.diagnosis import ChannelDiagnosis
-from palpate.estimation.diagnosis.result import Remaining
+from palpate.estimation.diagnosis.result import RemainingError
 from palpate.estimation.kinds import Kind
 from palpate.render import palette, terminal
 from palpate.render.diagnosis import budget_picture, budget_view, diagnosis_verdict
@@ -64,7 +64,7 @@ def test_the_sentence_says_all_shares_or_that_all_is_noise():
     )
     view = budget_view(diagnosis(verdict="adequate", noise=1.0))
     assert view.sentence == "The whole error of 0.144 N is within the noise."
-    left = Remaining(rmse=0.144, times_floor=5.8, depends_on=[])
+    left = RemainingError(rmse=0.144, times_floor=5.8, depends_on=[])
     far = diagnosis(verdict="adequate", noise=1.0).model_copy(update={"remaining": left})
     assert budget_view(far).sentence == "The whole error of 0.144 N depends on no recorded signal."
     found = ChannelDiagnosis(channel="a", verdict="insufficient", reason="r", effort_unit="N")

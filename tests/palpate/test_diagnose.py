@@ -250,8 +250,8 @@ def test_where_the_steps_are_too_coarse_the_next_motion_takes_more_effort():
     time_s, x, v, run = motion(np.random.default_rng(0))
     force = np.round(kelvin_voigt(x, v) / 4.0) * 4.0
     reason = reject_reason(channel(force, time_s, x, v, run))
-    assert "finer" in sufficient(reason, ChannelKind.CONTACT).instruction
-    assert "finer" not in sufficient("it rests", ChannelKind.REVOLUTE).instruction
+    assert "finer" in propose_remedial_experiment(reason, ChannelKind.CONTACT).instruction
+    assert "finer" not in propose_remedial_experiment("it rests", ChannelKind.REVOLUTE).instruction
 
 
 def test_why_nothing_is_named_is_told_on_the_screen_and_in_the_report(tmp_path):

@@ -9,7 +9,7 @@ from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.laws.gains import Gains
 from palpate.control.loop.task import Phase
 from palpate.control.probing.replay import ReferenceTrajectory, ReplayTask
-from palpate.estimation.study.paired_comparison import side_by_side
+from palpate.estimation.study.paired_comparison import compare_pairs
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import Session
 from palpate.runs import probing, session
@@ -41,7 +41,7 @@ def study(recorded):
 
 def contact_of(first, second):
     grown = [[(one, ()) for one in study.channels if one.name == "contact"] for study in (first, second)]
-    (found,) = side_by_side(first, second, ("a", "b"), grown)
+    (found,) = compare_pairs(first, second, ("a", "b"), grown)
     return found
 
 

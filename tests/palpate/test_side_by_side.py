@@ -9,7 +9,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from palpate.estimation.estimate import ParameterEstimate
-from palpate.estimation.study.paired_comparison import ParameterDifference, side_by_side
+from palpate.estimation.study.paired_comparison import ParameterDifference, compare_pairs
 from palpate.render.paired import _compare_parameters
 from palpate.study import Study
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
@@ -41,7 +41,7 @@ def study_of(path, model):
 
 
 def sides(one, other, first=None, second=None):
-    return side_by_side(study_of(one, first), study_of(other, second), ("a", "b"))[0]
+    return compare_pairs(study_of(one, first), study_of(other, second), ("a", "b"))[0]
 
 
 def differences(*sides_of):

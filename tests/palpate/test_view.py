@@ -10,9 +10,9 @@ from rich.console import Console
 
 from palpate.control.loop.task import Phase
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.design.next_experiment import sufficient
+from palpate.estimation.design.next_experiment import propose_remedial_experiment
 from palpate.estimation.diagnosis import ChannelDiagnosis
-from palpate.estimation.diagnosis.result import Floor
+from palpate.estimation.diagnosis.result import NoiseFloor
 from palpate.render import palette, terminal
 from palpate.render.build import channel_view, concatenated_times, parameter_view, run_speeds
 from palpate.render.diagnosis import describe_fall, diagnosis_verdict
@@ -30,7 +30,7 @@ def accepted(effect, before, after, *rivals):
 def diagnosis(verdict, *steps, after=0.1, floor=0.1, means=(None, None), **more):
     base = {"rmse": 0.5, "parameters": {}, "rmse_of_means": means[0], "samples_per_mean": 10}
     about = {"channel": "contact", "reason": "r", "effort_unit": "N", "noise_floor": floor}
-    about["floor"] = Floor(value=floor, source="free air", at_most=False, free_air=floor, share_left=0.0)
+    about["floor"] = NoiseFloor(value=floor, source="free air", at_most=False, free_air=floor, share_left=0.0)
     final = base | {"rmse": after, "rmse_of_means": means[1]}
     return ChannelDiagnosis(
         verdict=verdict, accepted=list(steps), baseline=base, final=final, **{**about, **more}
@@ -53,7 +53,7 @@ ONE, TWO = accepted("bias", 0.5, 0.2), accepted("lag", 0.2, 0.1, "delay", "dampi
             diagnosis(
                 "insufficient",
                 reason="no contact; press it",
-                next_experiment=sufficient("no contact; press it", ChannelKind.CONTACT),
+                next_experiment=propose_remedial_experiment("no contact; press it", ChannelKind.CONTACT),
             ),
             ("possible: no contact.",),  # the remedy is shown as the next experiment
             ("press it",),

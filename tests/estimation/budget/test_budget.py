@@ -47,7 +47,7 @@ def test_kinds_that_have_nothing_in_common_get_what_each_takes():
         assert (entry.share, entry.necessary, entry.sufficient) == pytest.approx((share,) * 3)
         assert entry.interval == pytest.approx((share, share))  # all runs are alike
         assert entry.replaceable_by == ()
-    assert found.left == found.flexible == pytest.approx(0.1)
+    assert found.unexplained == found.unexplained_by_all == pytest.approx(0.1)
     assert found.base == pytest.approx(np.sqrt(10.0))
 
 
@@ -69,7 +69,7 @@ def test_shares_are_shapley_values_over_all_orders():
             expected[kind] += (left(order[:place]) - left(order[: place + 1])) / 24.0 / 10.0
     found = budget(kinds, left, only=frozenset(kinds))
     assert {entry.kind: entry.share for entry in found.entries} == pytest.approx(expected)
-    assert sum(expected.values()) + found.left == pytest.approx(1.0)
+    assert sum(expected.values()) + found.unexplained == pytest.approx(1.0)
 
 
 def test_kinds_that_explain_the_same_are_one_kind_that_another_may_replace():
@@ -87,7 +87,7 @@ def test_kinds_that_explain_the_same_are_one_kind_that_another_may_replace():
 def test_where_no_kind_explains_anything_there_is_no_share(left):
     found = budget([ELASTIC, RATE], left)
     assert found.entries == ()
-    assert found.left == 1.0
+    assert found.unexplained == 1.0
 
 
 def test_a_kind_that_makes_things_worse_beside_another_takes_nothing_from_it():

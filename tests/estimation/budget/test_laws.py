@@ -171,7 +171,7 @@ def test_the_kind_that_is_hidden_has_the_largest_share_and_the_others_next_to_no
     assert first.kind is kind
     assert first.share > 0.8
     assert all(entry.share < 0.1 for entry in others)
-    assert sum(entry.share for entry in budget.entries) + budget.left == pytest.approx(1.0)
+    assert sum(entry.share for entry in budget.entries) + budget.unexplained == pytest.approx(1.0)
     assert first.necessary <= first.sufficient + 0.02
     assert first.interval[0] <= first.share <= first.interval[1]
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from palpate.estimation.base_model import ModelContext
-from palpate.estimation.design import Experiment, Rivals, choose
-from palpate.estimation.design.next_experiment import changed_motions
+from palpate.estimation.design import Experiment, RivalModels, choose_experiment
+from palpate.estimation.design.next_experiment import candidate_motions
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.models import MODELS
@@ -28,7 +28,7 @@ def pressed(depth_m, speeds, runs=4, seed=0, force=None):
 def rivals(data, *names):
     base = MODELS["kelvin_voigt"]().build(ModelContext())
     starts = {"exponential_stiffness.depth": 0.02}
-    return Rivals.of([fit_model(data, base.with_effect(EFFECTS[name]()), starts) for name in names])
+    return RivalModels.of([fit_model(data, base.with_effect(EFFECTS[name]()), starts) for name in names])
 
 
 @pytest.fixture(scope="module")
@@ -85,12 +85,12 @@ def test_the_shortest_of_those_that_tell_most_is_chosen():
     long, short, weak = (
         Experiment(w, s, lead(v)) for w, s, v in (("l", 60, 0.9), ("s", 5, 0.2), ("w", 1, 0.1))
     )
-    assert choose([long, short, weak]).experiment is short
-    assert "shortest of 2 nearly equally informative" in choose([long, short, weak]).reason
-    assert "most informative" in choose([short, weak]).reason
-    assert choose([weak, Experiment("weaker", 1, lead(0.06))]).experiment is weak
-    assert choose([Experiment("nothing", 1, lead(0.02))]) is None
-    assert choose([]) is None
+    assert choose_experiment([long, short, weak]).experiment is short
+    assert "shortest of 2 nearly equally informative" in choose_experiment([long, short, weak]).reason
+    assert "most informative" in choose_experiment([short, weak]).reason
+    assert choose_experiment([weak, Experiment("weaker", 1, lead(0.06))]).experiment is weak
+    assert choose_experiment([Experiment("nothing", 1, lead(0.02))]) is None
+    assert choose_experiment([]) is None
 
 
 def test_an_experiment_that_sets_all_or_one_pair_apart_beats_one_that_sets_one_rival_far_or_none():
@@ -98,21 +98,21 @@ def test_an_experiment_that_sets_all_or_one_pair_apart_beats_one_that_sets_one_r
     far, all_apart = np.zeros((3, 3)), np.full((3, 3), 0.2)
     far[0, 1:] = far[1:, 0] = 0.9
     offered = [Experiment("far", 1, (far,)), Experiment("all", 20, (all_apart,))]
-    assert choose(offered).index == 1
+    assert choose_experiment(offered).index == 1
     one_pair = np.zeros((3, 3))
     one_pair[0, 2] = one_pair[2, 0] = 0.3
     offered = [Experiment("none", 1, (np.full((3, 3), 0.01),)), Experiment("one", 1, (one_pair,))]
-    assert choose(offered).index == 1
+    assert choose_experiment(offered).index == 1
 
 
 def test_a_recorded_motion_is_offered_faster_slower_and_further(shallow):
     data = shallow.data
-    faster, slower, further, nearer = (moved for _, _, moved in changed_motions(data))
+    faster, slower, further, nearer = (moved for _, _, moved in candidate_motions(data))
     for moved, speed in ((faster, 3.0), (slower, 1.0 / 3.0)):
         derived = np.gradient(moved.position[:200], moved.time_s[:200])
         assert moved.velocity[5:190] == pytest.approx(derived[5:190], abs=1e-3 * speed)
     assert further.position.max() > 1.4 * data.position.max() > 2.0 * nearer.position.max()
-    assert "mm/s" in next(iter(changed_motions(data)))[0]
+    assert "mm/s" in next(iter(candidate_motions(data)))[0]
 
 
 def test_what_two_experiments_tell_of_one_pair_adds_up():
@@ -130,4 +130,4 @@ def test_an_effect_that_needs_the_load_of_a_joint_is_fitted_again_from_its_start
     starts = {"joint_elasticity.compliance": 1e-3}
     names = ("joint_elasticity", "coulomb_friction")
     fits = [fit_model(joint, base.with_effect(EFFECTS[name]()), starts) for name in names]
-    assert np.isfinite(Rivals.of(fits).simulated_leads(planned, np.random.default_rng(0))).all()
+    assert np.isfinite(RivalModels.of(fits).simulated_leads(planned, np.random.default_rng(0))).all()

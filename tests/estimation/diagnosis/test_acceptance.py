@@ -311,7 +311,7 @@ def test_a_form_is_named_where_its_kind_accounts_for_some_of_the_error(
     entry = share is not None and BudgetEntry(
         Kind.FRICTION, share, (share, share), necessary, share, tuple(others)
     )
-    laws = SimpleNamespace(mean_square=lambda kinds=None: by_other * test.left_by_all)
+    laws = SimpleNamespace(mean_square=lambda kinds=None: by_other * test.unexplained_by_all)
     partial = replace(partial, budget=replace(partial.budget, flexible=0.0), error=laws)
     entries = {Kind.FRICTION: entry} if entry else {}
     found = module._accounts_for_error(

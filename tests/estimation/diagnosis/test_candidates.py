@@ -10,10 +10,10 @@ from palpate.estimation.channel import ChannelKind
 from palpate.estimation.diagnosis.candidates import (
     _snaps,
     applicable_effects,
+    cross_validated_error,
     determined_count,
     effect_library,
     extended_models,
-    held_out_of_all,
     is_misnamed,
     is_possible,
     parameter_count,
@@ -264,7 +264,7 @@ def test_an_inner_parameter_is_no_cheaper_than_a_gain_where_runs_differ():
     spectrum = fit_model(data, PRESS.with_effect(EFFECTS["relaxation_spectrum"]()), same, good)
     assert spectrum.solution.sse == pytest.approx(branch.solution.sse, rel=1e-3)
     assert spectrum.solution.held_out < 0.97 * branch.solution.held_out
-    by_all = [held_out_of_all(fit.problem, fit.solution) for fit in (branch, spectrum)]
+    by_all = [cross_validated_error(fit.problem, fit.solution) for fit in (branch, spectrum)]
     assert by_all[1] > by_all[0]
 
 

@@ -158,7 +158,7 @@ def test_a_sensor_s_fault_that_does_not_follow_its_law_bears_no_name(monkeypatch
     """A delay to which the law of its kind adds as much as the delay explains imitates something else."""
 
     def more_in_the_law(partial, end):
-        return [replace(test, added=test.taken) for test in form_tests(partial, end)]
+        return [replace(test, added_by_law=test.explained_by_effect) for test in form_tests(partial, end)]
 
     monkeypatch.setattr(import_module("palpate.estimation.diagnosis.diagnose"), "form_tests", more_in_the_law)
     found = decide_verdict(swings(4, rubbing, sensor=late), "delay", "coulomb_friction")

@@ -52,7 +52,7 @@ def test_a_form_is_named_beside_what_has_no_name_but_not_where_its_kind_s_law_ex
     assert search.added_effects(end) == [RUB]
     (test,) = tests
     assert (test.effect, test.kind, test.is_known) == (RUB, Kind.FRICTION, True)
-    share = test.taken / (search.start.held_out_mean_square - end.held_out_mean_square)
+    share = test.explained_by_effect / (search.start.held_out_mean_square - end.held_out_mean_square)
     assert share == pytest.approx(1.0, abs=0.2)  # what it takes beside laws and beside the base model
     # Drag by the square of the speed is there nowhere.
     search, partial = incomplete
@@ -118,7 +118,7 @@ def test_a_kind_without_a_form_gets_its_closest_ones_and_no_more():
 
 
 @pytest.mark.parametrize(
-    ("taken", "by_law", "added", "left", "known", "closed"),
+    ("taken", "explained_by_law", "added", "left", "known", "closed"),
     [
         (8.0, 10.0, 0.09, 1.0, True, False),
         (7.9, 10.0, 0.0, 1.0, False, True),
@@ -128,9 +128,9 @@ def test_a_kind_without_a_form_gets_its_closest_ones_and_no_more():
     ],
 )
 def test_a_form_is_known_that_takes_most_of_its_law_and_closed_where_the_law_adds_nothing(
-    taken, by_law, added, left, known, closed
+    explained_by_effect, explained_by_law, added, left, known, closed
 ):
-    test = FormTest(RUB, Kind.FRICTION, taken, by_law, added, left)
+    test = FormTest(RUB, Kind.FRICTION, explained_by_effect, explained_by_law, added, left)
     assert (test.is_known, test.is_closed) == (known, closed)
 
 
@@ -147,7 +147,9 @@ def test_a_form_is_known_that_takes_most_of_its_law_and_closed_where_the_law_add
 def test_a_form_is_exact_if_only_noise_is_left_and_no_law_of_any_kind_replaces_it(
     monkeypatch, complete, added, rivals, kinds, form
 ):
-    test = FormTest(RUB, Kind.FRICTION, taken=1.0, by_law=1.0, added=added, left=0.1)
+    test = FormTest(
+        RUB, Kind.FRICTION, explained_by_effect=1.0, explained_by_law=1.0, added_by_law=added, unexplained=0.1
+    )
     evidence = Evidence(None, None, None, complete, None, [test])
     vars(evidence).update(leaves_only_noise=complete, rivals={RUB: rivals}, replacing_kinds={RUB: kinds})
     monkeypatch.setattr(Evidence, "_is_resolved", lambda *_: True)
@@ -169,13 +171,21 @@ def test_the_law_of_its_own_kind_adds_nothing_to_a_true_form_and_something_to_a_
     (true,), (rough,) = (form_tests(partial, reached(search, name)) for name in ("stribeck_friction", RUB))
     assert true.is_known
     assert true.is_closed
-    assert rough.added > 3.0 * true.added
+    assert rough.added_by_law > 3.0 * true.added_by_law
     assert not rough.is_closed
 
 
 @pytest.mark.parametrize(("added", "imitation"), [(0.019, False), (0.021, True)])
 def test_a_sensors_fault_imitates_if_its_law_adds_a_part_of_what_it_explains_in_the_model(added, imitation):
-    test = FormTest("bias", Kind.SENSOR_STATICS, taken=0.1, by_law=0.1, added=added, left=0.1, explained=2.0)
+    test = FormTest(
+        "bias",
+        Kind.SENSOR_STATICS,
+        explained_by_effect=0.1,
+        explained_by_law=0.1,
+        added_by_law=added,
+        unexplained=0.1,
+        explained=2.0,
+    )
     assert not test.is_closed
     assert test.is_imitation is imitation
 

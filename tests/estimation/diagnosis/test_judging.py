@@ -72,7 +72,7 @@ def test_a_model_is_complete_where_it_leaves_no_more_than_draws_from_it(
     judge = _Completeness(SimpleNamespace(data=swings(1, runs=2), start=None, rng=None))
     assert judge.leaves_noise(fit) is judge.leaves_noise(fit) is complete
     assert asked == [1] * drawn  # each model is judged once
-    assert judge.objection(fit) == judge.objection(fit) == (None if exact else "why")
+    assert judge.residual_finding(fit) == judge.residual_finding(fit) == (None if exact else "why")
     assert asked[drawn:] == ([] if exact else [complete])
     assert judge.is_complete(fit) is (complete and exact)
 
@@ -116,7 +116,7 @@ def test_a_channel_is_searched_varied_reduced_and_answered(name, monkeypatch):
         def __init__(self, search):
             self.measurement, self.marked = "readings", set()
 
-        def objection(self, one):
+        def residual_finding(self, one):
             return "objection" if one in objected else None
 
         def is_complete(self, one):
@@ -155,7 +155,7 @@ def test_a_channel_is_searched_varied_reduced_and_answered(name, monkeypatch):
         "effect_without_gain": lambda one: given.get("idle", {}).get(one.end),
         "form_tests": lambda *_: [],
         "_too_few_levels": lambda _: given.get("step"),
-        "decide_verdict": lambda one: (one.end, one.complete, one.objection),
+        "decide_verdict": lambda one: (one.end, one.complete, one.residual_finding),
         "insufficient_diagnosis": lambda data, reason: reason,
     }
     for what, stub in stubs.items():
@@ -305,10 +305,20 @@ def test_a_sensors_fault_keeps_its_name_if_its_law_adds_no_more_than_encoder_ste
     step, kept, monkeypatch
 ):
     """The law adds a mean square of 0.04."""
-    test = FormTest("bias", Kind.SENSOR_STATICS, taken=1.0, by_law=1.0, added=0.04, left=0.1, explained=1.0)
+    test = FormTest(
+        "bias",
+        Kind.SENSOR_STATICS,
+        explained_by_effect=1.0,
+        explained_by_law=1.0,
+        added_by_law=0.04,
+        unexplained=0.1,
+        explained=1.0,
+    )
     base, bias = SimpleNamespace(is_exact=False), SimpleNamespace(is_exact=False)
     search = SimpleNamespace(start=base, data=SimpleNamespace(name="x"), without=lambda fit, name: base)
-    checks = SimpleNamespace(measurement="readings", is_complete=lambda fit: True, objection=lambda fit: None)
+    checks = SimpleNamespace(
+        measurement="readings", is_complete=lambda fit: True, residual_finding=lambda fit: None
+    )
     monkeypatch.setattr(module, "select_effects", lambda *_: bias)
     monkeypatch.setattr(module, "add_run_variation", lambda search, fit: fit)
     monkeypatch.setattr(module, "_accept", lambda *_: (bias, [test]))

@@ -42,9 +42,11 @@ def test_a_candidate_is_judged_as_if_the_parameters_of_the_others_followed(cycle
     inner = {"torque_ripple.cycles": cycles, "coulomb_friction.transition": 0.01}
     whole = fit_model(swings(1, rippling), model, {**inner, "torque_ripple.cycles": 15.0})
     off = solve_gains(whole.problem, model, inner)
-    followed = Candidate(friction, GridSearch((off,), 1)).followed(whole.problem)
+    error_with_adapted_inner = Candidate(friction, GridSearch((off,), 1)).error_with_adapted_inner(
+        whole.problem
+    )
     assert off.held_out > 1.5 * whole.solution.held_out
-    assert followed == pytest.approx(whole.solution.held_out, rel=0.1)
+    assert error_with_adapted_inner == pytest.approx(whole.solution.held_out, rel=0.1)
 
 
 @pytest.mark.parametrize(("backward", "expected"), [(0.3, "coulomb_friction"), (0.15, "asymmetric_friction")])

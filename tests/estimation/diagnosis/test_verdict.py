@@ -9,7 +9,11 @@ import numpy as np
 import pytest
 
 from palpate.estimation.channel import ChannelKind
-from palpate.estimation.design.next_experiment import exploring, separating, sufficient
+from palpate.estimation.design.next_experiment import (
+    propose_exploring_experiment,
+    propose_remedial_experiment,
+    propose_separating_experiment,
+)
 from palpate.estimation.diagnosis import diagnose, verdict
 from palpate.estimation.diagnosis.forms import Form
 from palpate.estimation.diagnosis.random_effects import add_run_variation, run_standard_deviation
@@ -44,10 +48,10 @@ def swung():
     return search, reached(search, *BOTH), identify_measurement_model(data)
 
 
-def said(swung, *, complete, objection=None, nothing=False):
+def said(swung, *, complete, residual_finding=None, nothing=False):
     search, end, measurement = swung
     end = search.start if nothing else end
-    return decide_verdict(Evidence(search, measurement, end, complete, objection)), search, end
+    return decide_verdict(Evidence(search, measurement, end, complete, residual_finding)), search, end
 
 
 @pytest.fixture(scope="module")
@@ -195,8 +199,8 @@ def test_where_something_is_left_it_is_told_how_much_and_what_it_depends_on(know
 
 
 def test_an_objection_says_what_is_left_and_the_noise_is_one_number_whatever_the_model(swung, known):
-    objection = ResidualFinding("run 2 is off", "run")
-    found, *_ = said(swung, complete=False, objection=objection)
+    residual_finding = ResidualFinding("run 2 is off", "run")
+    found, *_ = said(swung, complete=False, residual_finding=residual_finding)
     assert found.verdict is Verdict.MISSING
     assert found.reason.endswith("; run 2 is off")
     assert found.depends_on == ["run"]
@@ -264,9 +268,9 @@ def test_effects_that_the_data_cannot_tell_apart_are_told_with_what_would(scale,
 def test_a_motion_that_cannot_be_changed_by_computing_gets_the_effect_s_own_advice():
     data = replace(swings(5), context={"payload_effort_per_kg": np.ones(len(swings(5)))})
     one = fit_model(data, SWING.with_effect(EFFECTS["payload"]()), {})
-    found = separating(EFFECTS["payload"](), {"payload": one, "gravity_tilt": one}, data)
+    found = propose_separating_experiment(EFFECTS["payload"](), {"payload": one, "gravity_tilt": one}, data)
     assert found.instruction.startswith("change the posture (the motion recorded here goes")
-    unknown = separating(EFFECTS["payload"](), {"payload": one, "drift": one}, data)
+    unknown = propose_separating_experiment(EFFECTS["payload"](), {"payload": one, "drift": one}, data)
     assert unknown.instruction.startswith("move over a wider range, slowly and fast, in both directions (")
 
 
@@ -285,7 +289,7 @@ def test_a_motion_that_cannot_be_changed_by_computing_gets_the_effect_s_own_advi
 def test_what_shows_more_of_an_error_is_another_value_of_what_it_depends_on(signals, words):
     data = session(3)
     data = replace(data, context={"temperature": data.time_s}, recorded=frozenset({"temperature"}))
-    found = exploring(signals, data)
+    found = propose_exploring_experiment(signals, data)
     assert found.instruction.startswith(words)
     assert found.purpose.endswith(", ".join(signals) or "nothing found yet")
 
@@ -308,7 +312,7 @@ def test_what_shows_more_of_an_error_is_another_value_of_what_it_depends_on(sign
     ],
 )
 def test_what_makes_up_for_data_that_cannot_say(kind, reason, words):
-    assert sufficient(reason, ChannelKind(kind)).instruction.startswith(words)
+    assert propose_remedial_experiment(reason, ChannelKind(kind)).instruction.startswith(words)
 
 
 def test_of_data_that_cannot_say_nothing_is_said_but_why():
@@ -384,7 +388,7 @@ def test_at_most_three_candidates_are_fitted_alone():
     )
     search = searched(data, *names)
     evidence = Evidence(
-        search, identify_measurement_model(data), search.start, complete=False, objection=None
+        search, identify_measurement_model(data), search.start, complete=False, residual_finding=None
     )
     possible = [candidate for candidate in search.screen(search.start) if candidate.possible]
     assert len(possible) > 3
@@ -408,7 +412,7 @@ def test_an_effect_has_no_gain_where_the_step_from_the_simpler_model_stays_where
 ):
     """As where the step ends in another minimum than the search: the friction that is there stays at zero."""
     search, end, measurement = swung
-    evidence = Evidence(search, measurement, end, complete=True, objection=None)
+    evidence = Evidence(search, measurement, end, complete=True, residual_finding=None)
 
     def step(fit, added):
         model = fit.model.with_effect(EFFECTS[added]())

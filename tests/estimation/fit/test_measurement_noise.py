@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from palpate.estimation.diagnosis.result import Floor
+from palpate.estimation.diagnosis.result import NoiseFloor
 from palpate.estimation.fit.fit_result import FitResult, fit_model
 from palpate.estimation.fit.measurement_noise import NoiseSource, fast_noise, measurement_noise
 from palpate.estimation.fit.permutation import COUNT, null_improvements, surrogate_residuals
@@ -96,7 +96,7 @@ def test_a_sensor_that_shows_zero_in_free_air_says_nothing_there():
 
 def test_a_source_is_read_under_the_name_that_older_files_have():
     stored = {"value": 0.1, "source": "smooth law of all signals", "free_air": None, "share_left": 0.0}
-    assert Floor.model_validate_json(json.dumps(stored)).source is NoiseSource.FLEXIBLE
+    assert NoiseFloor.model_validate_json(json.dumps(stored)).source is NoiseSource.FLEXIBLE
 
 
 def slow_noise(count, size):

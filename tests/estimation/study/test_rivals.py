@@ -8,7 +8,7 @@ import pytest
 from palpate.control.loop.task import Phase
 from palpate.estimation.diagnosis import ChannelDiagnosis
 from palpate.estimation.diagnosis.candidates import effect_library
-from palpate.estimation.diagnosis.result import Accepted
+from palpate.estimation.diagnosis.result import AcceptedEffect
 from palpate.estimation.study import ModelStudy
 from palpate.estimation.study.undecided_models import keep_simplest_rivals, rival_effects
 from tests.estimation.study.joints import joints
@@ -82,6 +82,6 @@ def _diagnosis(named, others):
 def _diagnosis_of(*groups):
     told = {"parameters": {}, "rmse_before": 0.05, "rmse_after": 0.01, "p_value": 0.001}
     told |= dict.fromkeys(("physics", "equation", "signature"), "")
-    accepted = [Accepted(effect=named, confused_with=others, **told) for named, others in groups]
+    accepted = [AcceptedEffect(effect=named, confused_with=others, **told) for named, others in groups]
     about = {"channel": "joint_1", "verdict": "missing", "reason": "why", "effort_unit": "N m"}
     return ChannelDiagnosis(complete=True, accepted=accepted, **about)

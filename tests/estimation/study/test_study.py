@@ -88,7 +88,11 @@ def test_a_channel_has_one_noise(pressed):
     change = study.add("bias", fresh=True)
     found = diagnosis.channels[0]
     levels = {study.compare()["contact"].noise.value, found.noise_floor, found.floor.value}
-    levels |= {change.result.noise.value, change.result.grown.noise.value, study.noise("contact").value}
+    levels |= {
+        change.result.noise.value,
+        change.result.extended_comparison.noise.value,
+        study.noise("contact").value,
+    }
     levels |= {revision.noise_floor for revision in study.revisions}
     levels |= {one.noise.value for one in study.estimate("lsq")}
     assert len(levels) == 1
