@@ -26,7 +26,7 @@ from palpate.sim_backend.noise_scale import CONTACT
 from palpate.sim_backend.scenario import Scenario
 from palpate.sweep import Case, Cluster, ResultStore, run_cases
 from palpate.sweep.grid import DIAGNOSE, shipped_grid
-from palpate.sweep.works.probing import NOTHING
+from palpate.sweep.tasks.probing import NOTHING
 
 ENGINES = ("pybullet", "mujoco")
 Row = Mapping[str, Any]

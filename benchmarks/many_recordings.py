@@ -33,8 +33,8 @@ from threadpoolctl import threadpool_limits
 
 import palpate
 from palpate.batches import run as batch_run
+from palpate.batches.tasks.measuring import measure
 from palpate.batches.trend import Series, find_changes
-from palpate.batches.works.measuring import measure
 from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.data.import_options import NO_OPTIONS
 from palpate.runs.probing import ProbingJob, run_probing
@@ -271,7 +271,7 @@ def spent(out: Path) -> dict[str, float]:
     )
 
 
-def land_rows(folder: Path, addresses: Sequence[str]) -> None:
+def write_rows(folder: Path, addresses: Sequence[str]) -> None:
     """Store a row with ten parameters for each address, as a worker does.
 
     Args:
@@ -285,26 +285,26 @@ def land_rows(folder: Path, addresses: Sequence[str]) -> None:
         for item in range(10):
             for end in ("", " low", " high", " std_err"):
                 row[f"effect.p{item}{end} [N]"] = float(rng.normal(5.0, 0.1))
-        store.land(address, [row])
+        store.write(address, [row])
 
 
 def memory(folder: Path, rows: int) -> None:
-    """Largest memory of a client whose workers land rows with ten parameters."""
+    """Largest memory of a client whose workers write rows with ten parameters."""
     (data := folder / "data").mkdir()
     for number in range(rows):
         (data / f"r{number}.csv").write_text(f"a\n{number}\n")
 
-    def land(cases: Sequence[Case], store: ResultStore, _cluster: Cluster, progress: Progress) -> SweepReport:
+    def write_cases(cases: Sequence[Case], store: ResultStore, _cluster: Cluster, progress: Progress) -> SweepReport:
         with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
             for first in range(0, len(cases), 1000):
                 addresses = [case.address for case in cases[first : first + 1000]]
                 halves = [half for half in (addresses[::2], addresses[1::2]) if half]
-                list(pool.map(land_rows, [store.folder] * len(halves), halves))
+                list(pool.map(write_rows, [store.folder] * len(halves), halves))
                 store.pack()
                 progress(first + len(addresses), len(cases))
         return SweepReport(0, len(cases), (), 0.0)
 
-    batch_run.run_cases = land
+    batch_run.run_cases = write_cases
     begun_s = time.perf_counter()
     result = palpate.batch(data, out=folder / "out")
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

@@ -110,9 +110,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder, namespaces(faults, options.seed):
         merged = run(Path(folder), options.over)
         link = merged.leader.samples("link")
-        felt = merged.felt_and_real(load_scenario("stiff"))
+        rendered = merged.compare_rendered_to_real(load_scenario("stiff"))
         print(f"over {options.over}, {faults} (delay + jitter, loss) each way of every IP packet")
-        share, count = felt.settled().share, len(felt.real_n)
+        share, count = rendered.settled().share, len(rendered.real_n)
         counts = ", ".join(f"{link[kind][-1]} {kind}" for kind in ("fresh", "late", "reordered", "lost"))
         print(f"felt force: {100 * share:.2g} % rms from the real one, {count} samples")
         linked_s = link["time_s"][~link["silent"]].min(initial=np.inf) - merged.haptic["time_s"][0]

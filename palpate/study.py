@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from palpate.common.failures import speaks_python
 from palpate.common.files import derived_folder, existing_data, existing_file, write_text
-from palpate.common.user_effects import LIMIT_S, foreign_code, load_user_effects, place_of, rehearse, watched
+from palpate.common.user_effects import LIMIT_S, guarded, load_user_effects, place_of, try_effect, user_code
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.import_options import ImportOptions
@@ -121,7 +121,7 @@ class Study(ModelStudy):
             raise InputError(f"arm={arm!r}: give the path of a URDF, or an Arm")
         own = load_user_effects([effect for effect in effects if isinstance(effect, str)])
         own |= {
-            f"{type(effect).__module__}:{type(effect).__qualname__}": watched(effect)
+            f"{type(effect).__module__}:{type(effect).__qualname__}": guarded(effect)
             for effect in effects
             if isinstance(effect, Effect)
         }

@@ -10,7 +10,7 @@ from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import Any
 
-from palpate.batches.works.measuring import measure
+from palpate.batches.tasks.measuring import measure
 from palpate.common.failures import command_line_wording
 from palpate.common.files import existing_file
 from palpate.estimation.data.file_columns import check_size, natural_key
@@ -184,10 +184,10 @@ def case_of(measurement: BatchMeasurement, options: Mapping[str, Any]) -> Measur
     """
     content = [content_hash(Path(file)) for file in measurement.files]
     parameters = {"content": content, "where": measurement.where, "options": options}
-    return MeasurementCase(WORK, parameters, files=tuple(map(os.path.abspath, measurement.files)))
+    return MeasurementCase(TASK, parameters, files=tuple(map(os.path.abspath, measurement.files)))
 
 
-WORK = "palpate.batches.works.measuring:measure"
+TASK = "palpate.batches.tasks.measuring:measure"
 
 
 def content_hash(path: Path) -> str:

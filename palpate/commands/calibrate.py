@@ -218,7 +218,7 @@ def _move_in_free_air(
 
 def _motion_permission(kind: str, options: MotionOptions) -> Permission:
     robot_file = options.robot_file
-    motion = f"'{robot_file.name}' is going to move: {runs.motion_in_words(kind, robot_file.limits)}."
+    motion = f"'{robot_file.name}' is going to move: {runs.describe_motion(kind, robot_file.limits)}."
     return lambda: ask_for_power(motion, yes=options.yes)
 
 

@@ -13,7 +13,7 @@ from palpate.doctor.arm import NOT_POWERED, ArmCheck, examine_arm
 from palpate.doctor.machine import examine_all, memory_lock, real_time
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.examination import Finding, Level
-from palpate.runs.robots import find_robot, importable, is_simulated, robot_names, wires_in_words
+from palpate.runs.robots import describe_wires, find_robot, importable, is_simulated, robot_names
 
 MARKS = {
     Level.OK: "[green]ok[/green]",
@@ -123,7 +123,7 @@ def _refuse(options: Mapping[str, object], remedy: str) -> None:
 def _examine(check: ArmCheck, *, quiet: bool) -> list[Finding]:
     """Run all checks of an arm, and print each finding immediately for a person at the arm."""
     findings: list[Finding] = []
-    remark = f"emulated devices: {safe(wires_in_words(check.robot_file))}" if check.wired else ""
+    remark = f"emulated devices: {safe(describe_wires(check.robot_file))}" if check.wired else ""
     if not check.wired and not is_simulated(check.robot_file):
         findings += [*real_time(), *memory_lock()]
     for finding in findings:

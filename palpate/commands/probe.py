@@ -39,7 +39,7 @@ from palpate.runs.probing import (
     run_probing,
     run_replay,
 )
-from palpate.runs.robots import wires_in_words
+from palpate.runs.robots import describe_wires
 from palpate.runs.session import raise_for_end
 
 if TYPE_CHECKING:
@@ -101,10 +101,10 @@ def probe_command(
         options.session_file(out),
         plan,
         online=None if online == NO_ESTIMATOR else online,
-        permission=lambda: ask_for_power(motion_in_words(robot_file, plan), yes=yes),
+        permission=lambda: ask_for_power(describe_motion(robot_file, plan), yes=yes),
         **options.job,
     )
-    remark = f"emulated devices: {safe(wires_in_words(robot_file))}" if options.wire else ""
+    remark = f"emulated devices: {safe(describe_wires(robot_file))}" if options.wire else ""
     with probing_progress(plan, live=job.simulated, remark=remark) as watcher:
         outcome = run_probing(job, watcher)
     console.present(
@@ -254,7 +254,7 @@ def resolve_command(
         robot_file,
         folder / "probe.mcap",
         plan,
-        permission=lambda: ask_for_power(motion_in_words(robot_file, asked[-1]), yes=yes),
+        permission=lambda: ask_for_power(describe_motion(robot_file, asked[-1]), yes=yes),
         **options.job,
     )
 

@@ -135,8 +135,8 @@ def follower(
         is_finished = outcome.loop.outcome is Outcome.FINISHED
         end = "" if is_finished else f"; [red]{safe(outcome.loop.one_line())}[/red]"
         console.stdout().print(f"targets: {states}; {count(outcome.estimates, 'estimate')} sent{end}")
-        if outcome.talk_error:
-            console.stdout().print(f"  [yellow]the link failed: {safe(outcome.talk_error)}[/yellow]")
+        if outcome.messaging_error:
+            console.stdout().print(f"  [yellow]the link failed: {safe(outcome.messaging_error)}[/yellow]")
         console.say(f"written: [bold]{shown(job.session)}[/bold]")
 
     content = {
@@ -146,7 +146,7 @@ def follower(
         "targets": targets,
         "estimates": outcome.estimates,
         "overruns": outcome.loop.overruns,
-        "link_error": outcome.talk_error,
+        "link_error": outcome.messaging_error,
     }
     session = typed(job.session)
     steps = {
@@ -285,12 +285,12 @@ def demo(
         made = run_demo(out, load_scenario(scenario), network, network)
     if as_json:
         files = {what: str(path) for what, path in made.files.items()}
-        settled = made.felt.settled()
+        settled = made.rendered.settled()
         console.print_json(
             {
                 "files": files,
                 "felt_share": settled.share,
-                "felt_share_with_all": made.felt.share,
+                "felt_share_with_all": made.rendered.share,
                 "verdicts": made.merged.verdicts(),
                 "model_share": made.modeled.share,
                 "clock_offset_s": made.merged.offset_s,

@@ -38,7 +38,7 @@ class _TooLongError(BaseException):
 
 
 @contextmanager
-def foreign_code(where: str, limit_s: float | None = None, own_file: str = "") -> Iterator[None]:
+def user_code(where: str, limit_s: float | None = None, own_file: str = "") -> Iterator[None]:
     """Convert errors of the user's code, including `SystemExit`, into `InputError`; Ctrl-C passes through.
 
     Output of the code goes to stderr, because stdout is for results that a program may read.
@@ -124,7 +124,7 @@ def load_user_effect(text: str) -> Effect:
         raise InputError(f"effect file {path}: is not a Python file (.py)")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # dataclasses look up their module
-    with foreign_code(f"effect file {path}", LIMIT_S, str(path.absolute())):
+    with user_code(f"effect file {path}", LIMIT_S, str(path.absolute())):
         spec.loader.exec_module(module)
     member = vars(module).get(name)
     if not (inspect.isclass(member) and issubclass(member, Effect)):
@@ -226,7 +226,7 @@ _REAL = "fiub"  # kinds of dtype: floats, integers, booleans
 _Shape = tuple[int, ...]
 
 
-def watched(effect: Effect) -> Effect:
+def guarded(effect: Effect) -> Effect:
     """Wrap an effect so that its methods raise `InputError` on failure or unusable results.
 
     Args:
@@ -238,7 +238,7 @@ def watched(effect: Effect) -> Effect:
         def call(effect: Effect, *args: Any, **by_name: Any) -> Any:  # noqa: ANN401
             channel = next((a for a in args if isinstance(a, ChannelData)), None)
             where = f"effect '{effect.name}'" + (f" on channel '{channel.name}'" if channel else "")
-            with foreign_code(where, own_file=file_of(effect_type)):
+            with user_code(where, own_file=file_of(effect_type)):
                 made = getattr(super(watching, effect), method)(*args, **by_name)
                 made = tuple(made) if method == "starts" else made
                 wrong = _flaw(effect, method, args, made)
@@ -258,8 +258,8 @@ def watched(effect: Effect) -> Effect:
     return made
 
 
-def rehearse(effect: Effect, data: ChannelData) -> bool | None:
-    """Call each method of a watched effect on a channel once, before a search uses it.
+def try_effect(effect: Effect, data: ChannelData) -> bool | None:
+    """Call each method of a guarded effect on a channel once, before a search uses it.
 
     Returns:
         Whether the effect changes the prediction: False if its columns are zero at all starting values of a

@@ -13,7 +13,7 @@ from palpate.control.laws.gains import gains_of
 from palpate.control.loop.loop import READ_SHARE
 from palpate.doctor.limits import examine_limits
 from palpate.doctor.machine import can_interface, serial_port
-from palpate.doctor.signs import EmulatedHand, Hand, count_down, examine_powered, examine_signs
+from palpate.doctor.signs import ArmOperator, EmulatedOperator, count_down, examine_powered, examine_signs
 from palpate.robot_io.calibration.applied import find_large_zero_shift, load_calibrations
 from palpate.robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from palpate.robot_io.driver import DriverCatalog
@@ -102,20 +102,20 @@ def examine_arm(check: ArmCheck) -> Iterator[Finding]:
                 return
 
 
-def _set_up(check: ArmCheck, stack: ExitStack) -> tuple[Clock, RobotFile, Hand]:
+def _set_up(check: ArmCheck, stack: ExitStack) -> tuple[Clock, RobotFile, ArmOperator]:
     """Return the clock, the robot file of the devices, and the hand that moves the arm."""
     if check.wired:
         clock, scenario = SimulatedClock(), load_scenario(DEFAULT_SCENARIO)
         arm = emulate(check.robot_file, scenario, clock, as_built=check.as_built)
         stack.callback(arm.emulator.close)
-        return clock, arm.robot_file, EmulatedHand(arm.plant, arm.robot_file)
+        return clock, arm.robot_file, EmulatedOperator(arm.plant, arm.robot_file)
     if not is_simulated(check.robot_file):
-        return MonotonicClock(), check.robot_file, Hand()
+        return MonotonicClock(), check.robot_file, ArmOperator()
     if check.move:
         raise InputError(
             f"--move: robot '{check.robot_file.name}' is simulated without devices: no hand can move it"
         )
-    return SimulatedClock(), check.robot_file, Hand()
+    return SimulatedClock(), check.robot_file, ArmOperator()
 
 
 def _with_robot(make: Callable[[], Robot], look: Callable[[Robot], Iterator[Finding]]) -> Iterator[Finding]:

@@ -52,7 +52,7 @@ _SHARE, _FLOOR_NM = 0.3, 0.3  # share of the gravity torque that friction and ge
 RESTLESS = fail("rest", "the arm does not come to rest", "let it lie or hang freely, and do not touch it")
 
 
-class Hand:
+class ArmOperator:
     """Person who moves the unpowered arm by printed instructions."""
 
     patience_s = 30.0
@@ -74,7 +74,7 @@ class Hand:
         """
         console.stderr().print(f"[bold]Press gently with a finger[/bold] {words}")
 
-    def go_on(self, elapsed_s: float) -> None:
+    def advance(self, elapsed_s: float) -> None:
         """Advance the current action; a person needs no such call.
 
         Args:
@@ -98,7 +98,7 @@ class Hand:
         console.stderr().print(f"[bold]Hands away:[/bold] power in {left_s} s")
 
 
-class EmulatedHand(Hand):
+class EmulatedOperator(ArmOperator):
     """Emulated hand that moves the simulated arm directly, without printing."""
 
     patience_s = 1.0
@@ -114,10 +114,10 @@ class EmulatedHand(Hand):
         self._joint, self._pressing = joint, False
 
     def press(self, words: str) -> None:
-        """See `Hand.press`; moves the surface up to the tool, which points down in the home pose."""
+        """See `ArmOperator.press`; moves the surface up to the tool, which points down in the home pose."""
         self._joint, self._pressing = None, True
 
-    def go_on(self, elapsed_s: float) -> None:
+    def advance(self, elapsed_s: float) -> None:
         world = self._world
         world.held = True
         if self._joint is not None:
@@ -135,13 +135,13 @@ class EmulatedHand(Hand):
         self._world.place(self._home_rad)
 
     def leave(self) -> None:
-        """See `Hand.leave`."""
+        """See `ArmOperator.leave`."""
 
     def count(self, left_s: int) -> None:
-        """See `Hand.count`."""
+        """See `ArmOperator.count`."""
 
 
-def examine_signs(robot: Robot, body: RigidBody, hand: Hand) -> Iterator[Finding]:
+def examine_signs(robot: Robot, body: RigidBody, hand: ArmOperator) -> Iterator[Finding]:
     """Ask for a turn of each joint and a press on the tool, and check the measured signs.
 
     Args:
@@ -172,7 +172,7 @@ def examine_signs(robot: Robot, body: RigidBody, hand: Hand) -> Iterator[Finding
     yield fail("hands away", value, "take all hands off the arm; if the force stays, the sensor is stuck")
 
 
-def count_down(robot: Robot, hand: Hand) -> Iterator[Finding]:
+def count_down(robot: Robot, hand: ArmOperator) -> Iterator[Finding]:
     """Count down before power; a movement or force during the countdown is a failure.
 
     Args:
@@ -222,14 +222,14 @@ def _tip_motion(body: RigidBody, angles_rad: FloatArray, joint: int) -> str:
 
 
 def _watch(
-    robot: Robot, hand: Hand, amounts: Callable[[Measurement], FloatArray], enough: float
+    robot: Robot, hand: ArmOperator, amounts: Callable[[Measurement], FloatArray], enough: float
 ) -> FloatArray:
     """Return the changes as soon as one of them is large enough, or at the time-out."""
     before: FloatArray = np.mean([amounts(m) for m in _read_for(robot, _START_S)], axis=0)
     begun_s = robot.clock.now_s()
     change = np.zeros_like(before)
     while (elapsed_s := robot.clock.now_s() - begun_s) < hand.patience_s:
-        hand.go_on(elapsed_s)
+        hand.advance(elapsed_s)
         newest = _read_for(robot, 0.02)[-1]
         if max(newest.encoder_status, newest.force_status) < Status.FAULT:
             change = amounts(newest) - before
@@ -239,15 +239,15 @@ def _watch(
     return change
 
 
-def _wait_until(robot: Robot, hand: Hand, is_so: Callable[[list[Measurement]], bool]) -> bool:
+def _wait_until(robot: Robot, hand: ArmOperator, condition: Callable[[list[Measurement]], bool]) -> bool:
     """Wait until a condition holds for half a second; return False at the time-out."""
     begun_s = robot.clock.now_s()
     newest: list[Measurement] = []
     while (elapsed_s := robot.clock.now_s() - begun_s) < _STILL_S + hand.patience_s:
-        hand.go_on(elapsed_s)
+        hand.advance(elapsed_s)
         newest += _read_for(robot, 0.02)
         newest = [m for m in newest if m.time_s > newest[-1].time_s - _STILL_S]
-        if elapsed_s >= _STILL_S and is_so(newest):
+        if elapsed_s >= _STILL_S and condition(newest):
             return True
     return False
 
@@ -334,7 +334,7 @@ def examine_powered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Ite
         DeviceError: a device failed before the first tick.
         KeyboardInterrupt: the user stopped the check; the arm is at rest.
     """
-    limits = gentle(robot_file.limits, body)
+    limits = reduced_limits(robot_file.limits, body)
     guard = Guard(limits, robot_file.safe_state, robot_file.joint_count, body.gravity)
     measured: list[Measurement] = []
 

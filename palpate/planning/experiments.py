@@ -33,7 +33,7 @@ _TILT_RAD = 0.35  # tilt of the tool in the arm's plane
 _BESIDE_M = 0.1  # distance to another place on the surface
 _ROOM_M = 0.03  # search depth beyond the expected surface at another place
 _SHARED = ("speeds_m_s", "hold_s")  # settings that two combined experiments can share
-_ELSEWHERE = frozenset({"press_direction_world", "targets_world_m"})
+_LOCATION_SETTINGS = frozenset({"press_direction_world", "targets_world_m"})
 Settings = dict[str, Any]
 
 
@@ -46,9 +46,9 @@ class CandidatePlan:
     plan: ProbingPlan  # the whole plan
 
     @property
-    def is_elsewhere(self) -> bool:
+    def is_new_location(self) -> bool:
         """Whether the plan presses another place of the object, or in another direction."""
-        return not _ELSEWHERE.isdisjoint(self.settings)
+        return not _LOCATION_SETTINGS.isdisjoint(self.settings)
 
 
 def candidates(before: ProbingPlan, robot_file: RobotFile, place_world_m: FloatArray) -> list[CandidatePlan]:
@@ -68,7 +68,7 @@ def candidates(before: ProbingPlan, robot_file: RobotFile, place_world_m: FloatA
     return plans
 
 
-def both(first: CandidatePlan, second: CandidatePlan, before: ProbingPlan) -> CandidatePlan | None:
+def combine_plans(first: CandidatePlan, second: CandidatePlan, before: ProbingPlan) -> CandidatePlan | None:
     """Combine two experiments into one; None if their settings conflict or the plan is invalid.
 
     Args:
@@ -191,7 +191,7 @@ class KnownObject:
 
 
 @dataclass(frozen=True)
-class Rehearsal:
+class PlanSimulation:
     """A plan to rehearse; equal rehearsals have equal results."""
 
     arm: ArmText  # limits, gains, rate and masses
@@ -200,64 +200,64 @@ class Rehearsal:
     start_rad: tuple[float, ...]  # joint positions at the start [rad]
 
 
-_known: OrderedDict[Rehearsal, Samples | None] = OrderedDict()
+_known: OrderedDict[PlanSimulation, Samples | None] = OrderedDict()
 
 
-def rehearse_all(rehearsals: Sequence[Rehearsal], processes: int = 1) -> Iterator[Samples | None]:
+def simulate_plans(simulations: Sequence[PlanSimulation], processes: int = 1) -> Iterator[Samples | None]:
     """Rehearse plans in parallel and in order; None for a plan that the arm cannot do.
 
     Earlier rehearsals are cached. The result does not depend on the number of processes.
     """
-    known = {trial: _known[trial] for trial in rehearsals if trial in _known}
-    new = [trial for trial in rehearsals if trial not in known]
+    known = {trial: _known[trial] for trial in simulations if trial in _known}
+    new = [trial for trial in simulations if trial not in known]
     if processes == 1 or len(new) < 2:
-        for trial in rehearsals:
-            yield _cached_rehearsal(trial, known[trial] if trial in known else _tried(trial))
+        for trial in simulations:
+            yield _cache_simulation(trial, known[trial] if trial in known else _simulate_or_none(trial))
         return
     context = get_context("fork")
     with ProcessPoolExecutor(min(processes, len(new)), context, initializer=prepare_worker) as pool:
-        coming = {trial: pool.submit(_tried, trial) for trial in new}
+        coming = {trial: pool.submit(_simulate_or_none, trial) for trial in new}
         try:
-            for trial in rehearsals:
-                yield _cached_rehearsal(trial, coming[trial].result() if trial in coming else known[trial])
+            for trial in simulations:
+                yield _cache_simulation(trial, coming[trial].result() if trial in coming else known[trial])
         except BaseException:  # the caller stopped or a signal came: do not wait for the other rehearsals
             end_workers(pool)
             raise
 
 
-def _cached_rehearsal(rehearsal: Rehearsal, ticks: Samples | None) -> Samples | None:
-    _known[rehearsal] = ticks
-    _known.move_to_end(rehearsal)
+def _cache_simulation(simulation: PlanSimulation, ticks: Samples | None) -> Samples | None:
+    _known[simulation] = ticks
+    _known.move_to_end(simulation)
     if len(_known) > _KEPT:
         _known.popitem(last=False)
     return ticks
 
 
-def _tried(rehearsal: Rehearsal) -> Samples | None:
+def _simulate_or_none(simulation: PlanSimulation) -> Samples | None:
     try:
-        return rehearse(rehearsal)
+        return simulate_plan(simulation)
     except PalpateError:
         return None
 
 
-def rehearse(rehearsal: Rehearsal) -> Samples:
+def simulate_plan(simulation: PlanSimulation) -> Samples:
     """Simulate a probing run of this arm without noise; return its ticks.
 
     Args:
-        rehearsal: arm, plan, object and start.
+        simulation: arm, plan, object and start.
 
     Raises:
         InputError: the arm cannot do it within its limits.
         SafetyTripError: the task would stop.
     """
-    known, robot_file, body = rehearsal.known, rehearsal.arm.robot_file, rehearsal.arm.body
+    known, robot_file, body = simulation.known, simulation.arm.robot_file, simulation.arm.body
     limits = robot_file.limits
-    plan = ProbingPlan.model_validate_json(rehearsal.plan_json)
+    plan = ProbingPlan.model_validate_json(simulation.plan_json)
     task = ProbingTask.from_robot_file(robot_file, plan, body=body)
     push = np.array(plan.press_direction_world)
     normal = np.array(known.normal_world)
     dt_s, time_s = 1.0 / robot_file.control_rate_hz, 0.0
-    position = np.array(rehearsal.start_rad)
+    position = np.array(simulation.start_rad)
     velocity, torque = np.zeros_like(position), body.gravity(position)
     rows: list[tuple[object, ...]] = []
     output: TaskOutput | None = None

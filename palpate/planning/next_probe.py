@@ -27,10 +27,10 @@ from palpate.planning.experiments import (
     ArmText,
     CandidatePlan,
     KnownObject,
-    Rehearsal,
-    both,
+    PlanSimulation,
     candidates,
-    rehearse_all,
+    combine_plans,
+    simulate_plans,
 )
 from palpate.robot_io.errors import InputError, one_line
 from palpate.robot_io.files.file_model import parse_yaml, validate
@@ -45,7 +45,7 @@ _SEED = 1
 
 
 @dataclass(frozen=True)
-class Undecided:
+class UndecidedModels:
     """A channel with models that its data cannot separate, each described by its effects."""
 
     channel: StudyChannel
@@ -53,12 +53,12 @@ class Undecided:
     rivals: RivalModels
 
     @property
-    def nothing(self) -> FloatArray:
+    def no_leads(self) -> FloatArray:
         """Scores of an experiment that does not help to answer this question."""
         return np.zeros((len(self.names),) * 2)
 
 
-def undecided(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> list[Undecided]:
+def find_undecided_models(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> list[UndecidedModels]:
     """Collect the open questions: each channel's accepted effects with their indistinguishable alternatives.
 
     Args:
@@ -66,7 +66,7 @@ def undecided(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> list[
         diagnoses: diagnoses of its channels.
     """
     return [
-        Undecided(channel, tuple(models), RivalModels.of(list(models.values())))
+        UndecidedModels(channel, tuple(models), RivalModels.of(list(models.values())))
         for diagnosis in diagnoses
         for channel in [study.channel(diagnosis.channel)]
         for models in rivals_of(study, channel, diagnosis)
@@ -104,7 +104,7 @@ def next_probe(
     stated = _stated_probe(study, diagnoses) if longest_s >= LONGEST_S else None
     if stated is not None and stated.plan not in ran:
         return stated
-    open_questions = undecided(study, diagnoses)
+    open_questions = find_undecided_models(study, diagnoses)
     if not open_questions:
         return _remedy(study, diagnoses, longest_s, progress)
     offered = feasible(study, progress, processes=processes)
@@ -145,12 +145,14 @@ def _stated_probe(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> N
         item.next_experiment for item in diagnoses if item.next_experiment and item.next_experiment.probe
     ]
     session = study.source.session
-    ground = _Ground.of(study, session) if proposals and session is not None else None
-    if ground is None:
+    setup = _SimulationSetup.of(study, session) if proposals and session is not None else None
+    if setup is None:
         return None
     proposal = proposals[0]
-    single = candidates(ground.before, ground.arm.robot_file, ground.place_world_m)
-    paired = (plan for pair in combinations(single, 2) if (plan := both(*pair, ground.before)) is not None)
+    single = candidates(setup.before, setup.arm.robot_file, setup.place_world_m)
+    paired = (
+        plan for pair in combinations(single, 2) if (plan := combine_plans(*pair, setup.before)) is not None
+    )
     for candidate in chain(single, paired):
         if candidate.settings == proposal.probe:
             channels = tuple(item.channel for item in diagnoses if item.next_experiment == proposal)
@@ -168,17 +170,17 @@ class _Planned:
 
     @classmethod
     def of(
-        cls, candidate: CandidatePlan, ticks: Samples, study: ModelStudy, left: Sequence[Undecided]
+        cls, candidate: CandidatePlan, ticks: Samples, study: ModelStudy, left: Sequence[UndecidedModels]
     ) -> "_Planned":
-        is_elsewhere = candidate.is_elsewhere
-        motions = tuple(_motion(question, study, ticks, is_elsewhere=is_elsewhere) for question in left)
+        is_new_location = candidate.is_new_location
+        motions = tuple(_motion(question, study, ticks, is_new_location=is_new_location) for question in left)
         leads = tuple(
-            question.rivals.predicted_leads(motion) if motion is not None else question.nothing
+            question.rivals.predicted_leads(motion) if motion is not None else question.no_leads
             for question, motion in zip(left, motions, strict=True)
         )
         return cls(candidate, Experiment(candidate.words, float(ticks["time_s"][-1]), leads), motions)
 
-    def expected(self, left: Sequence[Undecided]) -> "_Planned":
+    def expected(self, left: Sequence[UndecidedModels]) -> "_Planned":
         """Return the experiment with the scores that are expected once all models are refitted.
 
         Args:
@@ -186,7 +188,7 @@ class _Planned:
         """
         rng = np.random.default_rng(_SEED)
         leads = tuple(
-            question.rivals.simulated_leads(motion, rng) if motion is not None else question.nothing
+            question.rivals.simulated_leads(motion, rng) if motion is not None else question.no_leads
             for question, motion in zip(left, self.motions, strict=True)
         )
         evidence = sum(
@@ -201,7 +203,7 @@ def _planned(
     offered: Iterable[tuple[CandidatePlan, Samples]],
     ran: Sequence[ProbingPlan],
     study: ModelStudy,
-    left: Sequence[Undecided],
+    left: Sequence[UndecidedModels],
     longest_s: float,
 ) -> list["_Planned"]:
     """Plan experiments that are short enough and were not run yet, the most promising first."""
@@ -260,16 +262,16 @@ def feasible(
         InputError: see `next_probe`.
     """
     session = study.source.session
-    ground = _Ground.of(study, session) if session is not None and study.source.probed else None
-    if ground is None:
+    setup = _SimulationSetup.of(study, session) if session is not None and study.source.probed else None
+    if setup is None:
         return
     if pairs is None:
-        considered = candidates(ground.before, ground.arm.robot_file, ground.place_world_m)
+        considered = candidates(setup.before, setup.arm.robot_file, setup.place_world_m)
     else:
-        considered = [plan for pair in pairs if (plan := both(*pair, ground.before))][:PAIRED]
-    rehearsals = [ground.rehearsal(plan.plan) for plan in considered]
+        considered = [plan for pair in pairs if (plan := combine_plans(*pair, setup.before))][:PAIRED]
+    simulations = [setup.simulation(plan.plan) for plan in considered]
     for number, (candidate, ticks) in enumerate(
-        zip(considered, rehearse_all(rehearsals, processes), strict=True)
+        zip(considered, simulate_plans(simulations, processes), strict=True)
     ):
         progress(f"design: {candidate.words}", number / len(considered))
         if ticks is not None:
@@ -277,7 +279,7 @@ def feasible(
 
 
 def _motion(
-    question: Undecided, study: ModelStudy, ticks: Samples, *, is_elsewhere: bool
+    question: UndecidedModels, study: ModelStudy, ticks: Samples, *, is_new_location: bool
 ) -> ChannelData | None:
     """Return the channel's planned motion; None if it does not move, or presses another place."""
     data = question.channel.data
@@ -289,13 +291,13 @@ def _motion(
         joints = joint_channels(ticks, None if directions is None else directions[0])
         channels = [joint for joint in joints if joint.name == data.name]
     planned = channels[0] if channels else None
-    if planned is None or (is_elsewhere and planned.kind is ChannelKind.CONTACT):
+    if planned is None or (is_new_location and planned.kind is ChannelKind.CONTACT):
         return None
     return channel_of(planned, question.channel.model.name, study.source.arm).data
 
 
 @dataclass(frozen=True)
-class _Ground:
+class _SimulationSetup:
     """Arm, object and start pose of a session, for rehearsals.
 
     Figures are rounded, because a motion hardly depends on them. The cached motion of a plan then stays valid
@@ -308,7 +310,7 @@ class _Ground:
     start_rad: tuple[float, ...]
 
     @classmethod
-    def of(cls, study: ModelStudy, session: Session) -> "_Ground | None":
+    def of(cls, study: ModelStudy, session: Session) -> "_SimulationSetup | None":
         """Collect arm, object and start pose; None if nothing was touched, because the object is unknown.
 
         Args:
@@ -343,13 +345,13 @@ class _Ground:
         place: FloatArray = before_m + (self.known.surface_m - before_m @ push) * push
         return place
 
-    def rehearsal(self, plan: ProbingPlan) -> Rehearsal:
+    def simulation(self, plan: ProbingPlan) -> PlanSimulation:
         """Return the rehearsal of a plan.
 
         Args:
             plan: plan to rehearse.
         """
-        return Rehearsal(self.arm, plan.model_dump_json(), self.known, self.start_rad)
+        return PlanSimulation(self.arm, plan.model_dump_json(), self.known, self.start_rad)
 
 
 def _rounded(positive: float) -> float:

@@ -104,7 +104,7 @@ def calibration_setup(job: CalibrationJob) -> Iterator[CalibrationSetup]:
         yield CalibrationSetup(arm)
 
 
-def motion_in_words(kind: str, limits: Limits) -> str:
+def describe_motion(kind: str, limits: Limits) -> str:
     """Describe the calibration motion, for the confirmation before it starts."""
     travel_rad_s = travel_speed_rad_s(limits)
     if kind in MOTIONS:

@@ -299,7 +299,7 @@ def ask_for_power(motion: str, *, yes: bool, pause: Callable[[float], None] = ti
         pause(1.0)
 
 
-def motion_in_words(robot_file: RobotFile, plan: ProbingPlan) -> str:
+def describe_motion(robot_file: RobotFile, plan: ProbingPlan) -> str:
     """Describe a probing motion, for the confirmation before a real arm gets power."""
     speeds = ", ".join(f"{1e3 * speed:g}" for speed in plan.speeds_m_s)
     return (

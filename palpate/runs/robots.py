@@ -11,7 +11,7 @@ import yaml
 
 from palpate import sim_backend
 from palpate.common.options import own_files
-from palpate.common.user_effects import foreign_code
+from palpate.common.user_effects import user_code
 from palpate.robot_io.clock import Clock
 from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.errors import InputError
@@ -69,7 +69,7 @@ def importable(packages: list[str]) -> tuple[str, ...]:
                 pass
         if not found:
             raise InputError(f"--drivers {package}: Python finds no such package (see PYTHONPATH)")
-        with foreign_code(f"--drivers {package}"):
+        with user_code(f"--drivers {package}"):
             own = _number_of_drivers(DriverCatalog(package)) - _number_of_drivers(DriverCatalog())
         if not own:
             raise InputError(f"--drivers {package}: holds no driver (docs/how-to/driver.md explains drivers)")
@@ -149,7 +149,7 @@ def emulate(
     return replace(arm, robot_file=led)
 
 
-def wires_in_words(robot_file: RobotFile) -> str:
+def describe_wires(robot_file: RobotFile) -> str:
     """Describe emulated buses, such as "motors (dynamixel_bus), load_cell (serial_line)"."""
     check_can_be_emulated(robot_file)
     buses = ", ".join(f"{name} ({bus.driver})" for name, bus in robot_file.buses.items())

@@ -30,7 +30,7 @@ from palpate.robot_io.errors import InputError, one_line
 from palpate.robot_io.types import FloatArray
 
 Row = dict[str, Any]
-Work = Callable[[Mapping[str, Any], int], list[Row]]
+TaskFunction = Callable[[Mapping[str, Any], int], list[Row]]
 """Function of parameters and seed that returns rows of scalars; equal arguments give equal rows."""
 
 _PHYSICS = ("palpate.robot_io", "palpate.control", "palpate.estimation", "palpate.sim_backend")
@@ -42,14 +42,14 @@ _ENDINGS = {".py", ".urdf", ".yaml"}
 class Case:
     """One case."""
 
-    work: str  # "package.module:function", a `Work`
+    task: str  # "package.module:function", a `TaskFunction`
     parameters: Mapping[str, Any]  # JSON data; its text is part of the address
     seed: int = 0  # seed of all random numbers
 
     @property
     def address(self) -> str:
         """Content address of the result, 64 hexadecimal digits."""
-        parts = [self.work, self.parameters, self.seed, code_version(self.work.partition(":")[0])]
+        parts = [self.task, self.parameters, self.seed, code_version(self.task.partition(":")[0])]
         return sha256(json.dumps(parts, sort_keys=True, allow_nan=False).encode()).hexdigest()
 
     @property
@@ -62,9 +62,9 @@ class Case:
 
     def run(self) -> list[Row]:
         """Run the case; exceptions of the work function propagate."""
-        module, _, function = self.work.partition(":")
-        work: Work = getattr(importlib.import_module(module), function)
-        return work(self.parameters, self.seed)
+        module, _, function = self.task.partition(":")
+        task: TaskFunction = getattr(importlib.import_module(module), function)
+        return task(self.parameters, self.seed)
 
 
 @cache
@@ -138,7 +138,7 @@ class ResultStore:
         except OSError as error:
             raise InputError(f"results folder {folder}: cannot be made ({error.strerror})") from error
 
-    def land(self, address: str, rows: Sequence[Row]) -> None:
+    def write(self, address: str, rows: Sequence[Row]) -> None:
         """Store the rows of one case, at least one; raise `OSError` if they cannot be written."""
         _write(
             self.folder / f"{address}{_ENDING}",
@@ -148,7 +148,7 @@ class ResultStore:
     def finished(self) -> set[str]:
         """Return the addresses of all stored results; raise `InputError` if a file is damaged."""
         addresses: set[str] = set()
-        for path in (*self._packs(), *self._landed()):
+        for path in (*self._packs(), *self._unpacked()):
             addresses.update(_read(path, columns=[ADDRESS])[ADDRESS].to_pylist())
         return addresses
 
@@ -164,7 +164,7 @@ class ResultStore:
             InputError: a file is damaged, or two of them disagree about a case.
         """
         kept: dict[str, list[Row]] = {address: [] for address in addresses}
-        for path in (*self._packs(), *self._landed()):
+        for path in (*self._packs(), *self._unpacked()):
             new: dict[str, list[Row]] = {}
             for row in _read(path).to_pylist():
                 known = {name: value for name, value in row.items() if value is not None}
@@ -186,7 +186,7 @@ class ResultStore:
             InputError: a file is damaged.
         """
         missing, parts = set(addresses), dict[Path, pa.Table]()
-        for path in (*self._packs(), *self._landed()):
+        for path in (*self._packs(), *self._unpacked()):
             part = _read(path)
             new = missing.intersection(part[ADDRESS].unique().to_pylist())
             parts[path] = part.filter(pc.is_in(part[ADDRESS], pa.array(new, pa.string())))
@@ -196,7 +196,7 @@ class ResultStore:
     def drop(self, addresses: Iterable[str]) -> None:
         """Delete the results of these cases; raise `InputError` if a file is damaged."""
         dropped = pa.array(list(addresses), pa.string())
-        for path in (*self._packs(), *self._landed()):
+        for path in (*self._packs(), *self._unpacked()):
             part = _read(path)
             left = part.filter(pc.invert(pc.is_in(part[ADDRESS], dropped)))
             if not len(left):
@@ -206,7 +206,7 @@ class ResultStore:
 
     def pack(self) -> None:
         """Merge all single files into a new pack."""
-        landed = self._landed()
+        landed = self._unpacked()
         if len(landed) < 2:
             return
         groups = [landed[first : first + _TOGETHER] for first in range(0, len(landed), _TOGETHER)]
@@ -217,7 +217,7 @@ class ResultStore:
         for path in landed:
             path.unlink(missing_ok=True)
 
-    def _landed(self) -> list[Path]:
+    def _unpacked(self) -> list[Path]:
         return sorted(
             path for path in self.folder.glob(f"*{_ENDING}") if not path.name.startswith((_PACK, "."))
         )

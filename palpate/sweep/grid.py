@@ -21,10 +21,10 @@ from palpate.runs.probing import check_duration
 from palpate.runs.robots import find_robot
 from palpate.sim_backend.contact_laws.standard import HuntCrossleyLaw
 from palpate.sweep.case import Case
-from palpate.sweep.works.probing import NOTHING, estimators_for, made_estimator, world
+from palpate.sweep.tasks.probing import NOTHING, estimators_for, make_estimator, world
 
 SHIPPED = Path(__file__).parent / "grids"
-ESTIMATE, DIAGNOSE = "palpate.sweep.works.probing:estimate", "palpate.sweep.works.probing:diagnosed"
+ESTIMATE, DIAGNOSE = "palpate.sweep.tasks.probing:estimate", "palpate.sweep.tasks.probing:diagnose"
 ALL = "all"
 MOST_CASES = 1_000_000
 _MILLI = 1e-3
@@ -91,7 +91,7 @@ class GridFile(FileModel):
     @classmethod
     def _check_estimators(cls, value: str | tuple[Spec, ...]) -> str | tuple[Spec, ...]:
         for spec in () if value == ALL else (value,) if isinstance(value, str) else value:
-            made_estimator(spec)
+            make_estimator(spec)
         return value
 
     @field_validator("model")

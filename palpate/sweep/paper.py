@@ -380,9 +380,9 @@ def _torque_at_touch_nm(ticks: Sequence[Row], run: int) -> tuple[float, float, f
 _THRESHOLDS_N = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 _SUBSETS = (2, 5, 10, 20, 50)
 _TRIALS = (1, 10, 100, 1000)
-_TICKS = "palpate.sweep.works.probing:ticks"
+_TICKS = "palpate.sweep.tasks.probing:ticks"
 _PAPER_RANSAC = {"name": "ransac", "threshold": 0.01, "label": "ransac"}  # [N], section VI-B
-_RANSAC = "palpate.sweep.works.probing:ransac_errors"
+_RANSAC = "palpate.sweep.tasks.probing:ransac_errors"
 
 
 def paper_cases() -> dict[str, list[Case]]:

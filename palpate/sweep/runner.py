@@ -54,7 +54,7 @@ def run_in_processes(run: Run, todo: Mapping[str, Case], folder: Path, workers: 
             while waiting and idle:
                 worker, address = idle.pop(), waiting.popleft()
                 busy[worker.pipe] = worker, address
-                worker.give(todo[address], address)
+                worker.send(todo[address], address)
             for pipe in wait([worker.pipe for worker, _ in busy.values()]):
                 worker, address = busy.pop(pipe)
                 try:
@@ -101,7 +101,7 @@ class _Worker:
         finally:
             sys.modules["__main__"] = main
 
-    def give(self, case: Case, address: str) -> None:
+    def send(self, case: Case, address: str) -> None:
         """Send a case to the worker; a dead worker is detected when its answer is read.
 
         Args:
@@ -217,7 +217,7 @@ def run_one(case: Case, address: str, folder: Path) -> None:
         rows, error = [{}], str(problem) if isinstance(problem, PalpateError) else describe_error(problem)
     common = {"seed": case.seed, "seconds": time.process_time() - begun_s, "error": error}
     landing = [row | common | {"first": number == 0} for number, row in enumerate(rows)]
-    ResultStore(folder).land(address, landing)
+    ResultStore(folder).write(address, landing)
 
 
 def _run(cluster: Cluster, todo: dict[str, Case], store: ResultStore) -> Iterator[str]:
@@ -240,7 +240,7 @@ def _run(cluster: Cluster, todo: dict[str, Case], store: ResultStore) -> Iterato
         except TimeoutError:
             raise InputError(f"scheduler {cluster.scheduler}: has no workers (dask worker ADDRESS)") from None
         # Reject workers that cannot write to this folder or that run different code.
-        modules = {case.work.partition(":")[0] for case in todo.values()}
+        modules = {case.task.partition(":")[0] for case in todo.values()}
         mark = store.folder.absolute() / f".seen-by-all-{uuid4().hex}"
         mark.touch()
         try:

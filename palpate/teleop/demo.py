@@ -41,7 +41,7 @@ class TeleopDemo:
     """Results of the demo."""
 
     merged: MergedSessions
-    felt: ForceComparison  # felt force, and force of the real object
+    rendered: ForceComparison  # felt force, and force of the real object
     modeled: ForceComparison  # force of the models in the follower's presses, and measured force
     files: dict[str, Path]
     ended_early: bool = False  # whether the leader was stopped before the end of the operator's script
@@ -68,15 +68,15 @@ class TeleopDemo:
 
     def force_summary(self) -> str:
         """Describe the difference between felt and real force."""
-        if not len(self.felt.real_n):
+        if not len(self.rendered.real_n):
             return "there was no touch after the first estimate: the felt force cannot be compared"
-        settled, stalled = self.felt.settled(), int(self.felt.stalled.sum())
+        settled, stalled = self.rendered.settled(), int(self.rendered.stalled.sum())
         late = f", and {count(stalled, 'sample')} of touches at which the machine missed ticks"
         return (
             f"felt force: it differs from the real force by {100.0 * settled.share:.2g} % rms after "
             f"the first estimate, without the first {1e3 * TOUCH_S:g} ms of every touch, where "
             f"passivity withholds part of the damper's jump{late if stalled else ''}; with all "
-            f"samples it differs by {100.0 * self.felt.share:.2g} %"
+            f"samples it differs by {100.0 * self.rendered.share:.2g} %"
         )
 
 
@@ -160,11 +160,11 @@ def run_demo(
             options += ["--key", str(key)]
         ended_early = _run_both(folder, commands)
     merged = merge_sessions(*(Session.open(path) for path in sessions.values()))
-    felt, modeled = merged.felt_and_real(real), merged.modeled_and_measured()
+    rendered, modeled = merged.compare_rendered_to_real(real), merged.compare_modeled_to_measured()
     files = {**sessions, "recording": folder / "teleop.rrd", "figures": folder / "figures.png"}
     record_both(merged, files["recording"])
-    draw(files["figures"], merged, felt, modeled)
-    return TeleopDemo(merged, felt, modeled, files, ended_early)
+    draw(files["figures"], merged, rendered, modeled)
+    return TeleopDemo(merged, rendered, modeled, files, ended_early)
 
 
 def _run_both(folder: Path, commands: dict[str, list[str]]) -> bool:

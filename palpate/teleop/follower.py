@@ -310,7 +310,7 @@ class FollowerOutcome:
     loop: LoopResult
     states: dict[int, TargetState]  # final state of each target, by number
     estimates: int  # number of estimates
-    talk_error: str  # why the link failed; empty if it did not
+    messaging_error: str  # why the link failed; empty if it did not
 
 
 def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:

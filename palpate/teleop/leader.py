@@ -162,9 +162,11 @@ class _Leader:
                 self._send(HapticCommands(self._read, notes=notes, link=self._messaging.record(now_s)))
                 self._notes.clear()
             if not now_s < self._show_s + _SHOW_S:
-                self._show_s, status, felt = now_s, "starting", self._target_states.felt
+                self._show_s, status, rendered = now_s, "starting", self._target_states.rendered
                 if self._report is not None:  # reliability of the virtual object
-                    age_s = nan if felt is None else self._messaging.peer.since_s(felt.measured_s, now_s)
+                    age_s = (
+                        nan if rendered is None else self._messaging.peer.since_s(rendered.measured_s, now_s)
+                    )
                     trust = self._target_states.summary(self._report.tip_world_m, age_s)
                     link = "linked" if self._messaging.linked else "NO LINK"
                     status = f"{self._report.force_n:5.2f} N felt; {trust}; {link}"

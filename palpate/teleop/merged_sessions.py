@@ -34,7 +34,7 @@ class ForceComparison:
     """Comparison of two forces, shape (n,) each."""
 
     time_s: FloatArray  # on the leader's clock [s]
-    felt_n: FloatArray
+    rendered_n: FloatArray
     real_n: FloatArray
     stalled: BoolArray  # whether the machine missed a tick at the start of the touch
 
@@ -43,7 +43,7 @@ class ForceComparison:
         """Root mean square of the difference, relative to the real force's; NaN without samples."""
         if not len(self.real_n):
             return float("nan")
-        return float(np.sqrt(np.mean((self.felt_n - self.real_n) ** 2) / np.mean(self.real_n**2)))
+        return float(np.sqrt(np.mean((self.rendered_n - self.real_n) ** 2) / np.mean(self.real_n**2)))
 
     def settled(self) -> "ForceComparison":
         """Return the comparison without each touch's first `TOUCH_S`, and without touches that began late."""
@@ -53,7 +53,9 @@ class ForceComparison:
 
     def select(self, rows: BoolArray) -> "ForceComparison":
         """Return the comparison with the selected samples."""
-        return ForceComparison(self.time_s[rows], self.felt_n[rows], self.real_n[rows], self.stalled[rows])
+        return ForceComparison(
+            self.time_s[rows], self.rendered_n[rows], self.real_n[rows], self.stalled[rows]
+        )
 
     def summary(self) -> str:
         """Return the share, such as "1.2 % rms of 8000 samples"."""
@@ -165,7 +167,7 @@ class MergedSessions:
         made = [event.data or {} for event in self.follower.events if event.kind == ESTIMATE]
         return {short_number(data["target"]): data["verdict"] for data in made}
 
-    def felt_and_real(self, real: Scenario) -> ForceComparison:
+    def compare_rendered_to_real(self, real: Scenario) -> ForceComparison:
         """Compare forces felt after the first estimate with the real object's response to the same motion.
 
         Touches during the arrival of the first estimate are left out, because the force then changes
@@ -194,7 +196,7 @@ class MergedSessions:
         forces = ForceComparison(haptic["time_s"], haptic["force_n"], real_n, touching & late[number])
         return forces.select(counted)
 
-    def modeled_and_measured(self) -> ForceComparison:
+    def compare_modeled_to_measured(self) -> ForceComparison:
         """Compare each target's newest model with the measured forces, on the follower's presses."""
         ticks, parts = self.ticks, [(np.zeros(0),) * 3]
         newest = {data["target"]: data for _, data in self.rendered_models()}

@@ -65,8 +65,8 @@ def record_both(merged: MergedSessions, path: Path) -> float:
             "round trip [ms]": (_MILLI * link["round_trip_s"], palette.NOISE, 1.5),
         }
         send_lines(recording, _LINK, link["time_s"] - start_s, lines)
-    felt = np.flatnonzero((haptic["force_n"] > 0.0) & (haptic["revision"] != GUESS))
-    return float(hand_s[felt[len(felt) // 2]]) if len(felt) else float(hand_s[-1] / 2)
+    rendered = np.flatnonzero((haptic["force_n"] > 0.0) & (haptic["revision"] != GUESS))
+    return float(hand_s[rendered[len(rendered) // 2]]) if len(rendered) else float(hand_s[-1] / 2)
 
 
 def _log_parameters(recording: rr.RecordingStream, merged: MergedSessions, start_s: float) -> None:
@@ -122,7 +122,7 @@ def _blueprint(merged: MergedSessions) -> rrb.Blueprint:
     return shown_on(rrb.Horizontal(left, right, column_shares=[5, 6], name="Teleoperation"), timeline=TIME)
 
 
-def draw(path: Path, merged: MergedSessions, felt: ForceComparison, modeled: ForceComparison) -> Path:
+def draw(path: Path, merged: MergedSessions, rendered: ForceComparison, modeled: ForceComparison) -> Path:
     """Write a PNG with forces over time, felt over real force, and the link; return its path.
 
     Raises:
@@ -140,7 +140,7 @@ def draw(path: Path, merged: MergedSessions, felt: ForceComparison, modeled: For
     hand_s = haptic["time_s"] - start_s
     over_time.plot(hand_s, haptic["force_n"], color=palette.MODEL, lw=1.2, label="felt")
     real_n = np.full(len(haptic), np.nan)
-    real_n[np.searchsorted(haptic["time_s"], felt.time_s)] = felt.real_n
+    real_n[np.searchsorted(haptic["time_s"], rendered.time_s)] = rendered.real_n
     look = {"color": palette.TRUTH, "lw": 1.0, "ls": (0, (4, 2))}
     over_time.plot(hand_s, real_n, label="the real object, pressed by the same hand", **look)
     note = {"xycoords": ("data", "axes fraction"), "fontsize": 7, "rotation": 40, "color": palette.BASE}
@@ -152,12 +152,12 @@ def draw(path: Path, merged: MergedSessions, felt: ForceComparison, modeled: For
     over_time.set_ylim(top=1.2 * over_time.get_ylim()[1])  # room for the legend above the presses
     over_time.legend(loc="upper left", frameon=False, ncols=2)
     for forces, color, title in (
-        (felt, palette.MODEL, "felt compared with real"),
+        (rendered, palette.MODEL, "felt compared with real"),
         (modeled, palette.MEASURED, "model compared with the follower's measurement"),
     ):
         dots = {"ms": 2, "color": color, "label": f"{title}: {forces.summary()}"}
-        over_force.plot(forces.real_n, forces.felt_n, ".", **dots)
-    most = max(float(forces.real_n.max(initial=1.0)) for forces in (felt, modeled))
+        over_force.plot(forces.real_n, forces.rendered_n, ".", **dots)
+    most = max(float(forces.real_n.max(initial=1.0)) for forces in (rendered, modeled))
     over_force.plot((0.0, most), (0.0, most), color=palette.BASE, lw=0.8)
     over_force.set(xlabel="real force [N]", ylabel="felt, or modeled [N]")
     over_force.legend(loc="upper left", frameon=False)

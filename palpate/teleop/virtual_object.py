@@ -33,7 +33,7 @@ def terms_of(scenario: Scenario) -> tuple[ContactModel, ...]:
         scenario: a simulated world.
     """
     law = describe_contact_law(scenario.object.law)
-    hidden = [describe_imperfection(entry) for entry in scenario.hidden if _is_felt(entry)]
+    hidden = [describe_imperfection(entry) for entry in scenario.hidden if _is_rendered(entry)]
     return (_term(law, "name"), *(_term(entry, "effect") for entry in hidden))
 
 
@@ -52,7 +52,7 @@ def force_law(terms: Sequence[ContactModel]) -> ForceLaw:
     contact = parse_contact_law({"name": terms[0].name, **law})
     named = zip(terms[1:], entries, strict=True)
     hidden = [parse_imperfection({"effect": term.name, **entry}) for term, entry in named]
-    if others := [entry.name for entry in hidden if not _is_felt(entry)]:
+    if others := [entry.name for entry in hidden if not _is_rendered(entry)]:
         raise InputError(f"effect '{others[0]}' does not act between object and tip")
     answer, time_s = ObjectResponse(hidden_effects(hidden, _ONE_JOINT)), 0.0
 
@@ -96,7 +96,7 @@ def terms_in(data: Mapping[str, Any]) -> tuple[ContactModel, ...]:
         ) from error
 
 
-def _is_felt(entry: Imperfection) -> bool:
+def _is_rendered(entry: Imperfection) -> bool:
     if entry.channels != ("contact",):
         return False
     effects = hidden_effects([entry], _ONE_JOINT)
@@ -148,12 +148,12 @@ class TargetStates:
 
     Attributes:
         received: number of estimates.
-        felt: the rendered estimate; None for the guess.
+        rendered: the rendered estimate; None for the guess.
     """
 
     def __init__(self, scene: Scenario) -> None:
         self.received = 0
-        self.felt: ObjectEstimate | None = None
+        self.rendered: ObjectEstimate | None = None
         self._estimates: dict[int, ObjectEstimate] = {}
         # Newest revision by target, including estimates that cannot be rendered.
         self._revisions: dict[int, int] = {}
@@ -193,9 +193,9 @@ class TargetStates:
         if not self._estimates:
             return None
         nearest = min(self._estimates.values(), key=lambda estimate: _distance_m(estimate, tip_world_m))
-        if nearest is self.felt:
+        if nearest is self.rendered:
             return None
-        self.felt = nearest
+        self.rendered = nearest
         self._law, self._surface_m = force_law(nearest.model), np.array(nearest.surface_world_m)
         self._mismatch, self._reported = MismatchMonitor(max(nearest.noise_n, 0.0)), set()
         return nearest
@@ -232,8 +232,8 @@ class TargetStates:
             tip_world_m: tip position of the virtual arm, shape (3,) [m].
             age_s: age of the measurement [s].
         """
-        away_m = nan if self.felt is None else _distance_m(self.felt, tip_world_m)
-        return summarize_trust(self.felt, age_s, away_m)
+        away_m = nan if self.rendered is None else _distance_m(self.rendered, tip_world_m)
+        return summarize_trust(self.rendered, age_s, away_m)
 
 
 def _distance_m(estimate: ObjectEstimate, tip_world_m: tuple[float, ...]) -> float:

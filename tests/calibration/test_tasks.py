@@ -158,9 +158,9 @@ def test_a_motion_in_free_air_runs_under_low_limits(tmp_path, log_in_process):
 
 @pytest.mark.parametrize("kind", ["torque", "gravity", "encoder"])
 def test_the_speed_that_is_announced_is_the_one_that_is_moved_at(kind):
-    assert "0.6 rad/s" in runs.motion_in_words("encoder", FOLLOWER.limits)
-    assert "up to 1.5 rad/s" in runs.motion_in_words("torque", FOLLOWER.limits)
-    words = runs.motion_in_words(kind, limited(velocity_rad_s=(0.5, 0.5, 0.5)).limits)
+    assert "0.6 rad/s" in runs.describe_motion("encoder", FOLLOWER.limits)
+    assert "up to 1.5 rad/s" in runs.describe_motion("torque", FOLLOWER.limits)
+    words = runs.describe_motion(kind, limited(velocity_rad_s=(0.5, 0.5, 0.5)).limits)
     assert "up to 0.25 rad/s" in words
     assert "0.6" not in words
 

@@ -15,7 +15,7 @@ from palpate.doctor import arm as arm_check
 from palpate.doctor import signs
 from palpate.doctor.arm import ArmCheck, examine_arm, examine_devices, examine_ports
 from palpate.doctor.limits import examine_limits
-from palpate.doctor.signs import NUDGE_RAD, EmulatedHand, Hand, NudgeTask, gentle, is_still
+from palpate.doctor.signs import NUDGE_RAD, ArmOperator, EmulatedOperator, NudgeTask, is_still, reduced_limits
 from palpate.robot_io.calibration.applied import Calibrations
 from palpate.robot_io.errors import SafetyTripError
 from palpate.robot_io.examination import Level
@@ -128,14 +128,14 @@ def test_a_reversed_force_sensor_is_found():
     assert found.subject == "sign of the force"
 
 
-class LazyHand(EmulatedHand):
+class LazyHand(EmulatedOperator):
     """Turns when it is told to, and presses not at all."""
 
     def press(self, words):
         self.rest()
 
 
-class LastingHand(EmulatedHand):
+class LastingHand(EmulatedOperator):
     """Stays on the tool when it is told to leave it."""
 
     def rest(self):
@@ -143,16 +143,16 @@ class LastingHand(EmulatedHand):
             super().rest()
 
 
-class ReturningHand(EmulatedHand):
+class ReturningHand(EmulatedOperator):
     """Comes back while the seconds until the power are counted."""
 
     def count(self, left_s):
         if left_s == 1:
             self.press("")
-            self.go_on(1.0)
+            self.advance(1.0)
 
 
-class ThoroughHand(EmulatedHand):
+class ThoroughHand(EmulatedOperator):
     """Finishes a turn that has been seen long ago, and begins the next one only then."""
 
     _unfinished, _turned, _next = 0, None, None
@@ -166,7 +166,7 @@ class ThoroughHand(EmulatedHand):
             return
         self._turned, self._unfinished, self._joint, self._next = self._joint, 25, None, None
 
-    def go_on(self, elapsed_s):
+    def advance(self, elapsed_s):
         self._world.held = True
         if self._unfinished:
             self._unfinished -= 1
@@ -177,7 +177,7 @@ class ThoroughHand(EmulatedHand):
             return
         if not self._pressing:
             self._joint = self._next
-        super().go_on(elapsed_s)
+        super().advance(elapsed_s)
 
     def press(self, words):
         super().press(words)
@@ -185,7 +185,7 @@ class ThoroughHand(EmulatedHand):
 
 
 def signs_by(hand, monkeypatch, **options):
-    monkeypatch.setattr(arm_check, "EmulatedHand", hand)
+    monkeypatch.setattr(arm_check, "EmulatedOperator", hand)
     return examined(DYNAMIXEL, move=True, **options)
 
 
@@ -214,7 +214,7 @@ def test_a_hand_that_finishes_its_turn_is_not_taken_for_the_next_joint(monkeypat
 
 
 def test_a_person_is_told_when_to_let_go_and_when_to_stay_away(capsys):
-    person = Hand()
+    person = ArmOperator()
     person.rest()
     person.leave()
     person.count(3)
@@ -228,7 +228,7 @@ def test_a_person_is_told_when_to_let_go_and_when_to_stay_away(capsys):
 def test_a_joint_that_is_held_is_let_go_before_it_is_pushed_hard(path):
     robot_file = load_robot_file(path)
     body = RigidBody.of_robot(robot_file)
-    limits = gentle(robot_file.limits, body)
+    limits = reduced_limits(robot_file.limits, body)
     assert max(limits.tracking_rad) < NUDGE_RAD  # else a joint that is held would never be far enough off
     home_nm = np.abs(body.gravity(np.array(robot_file.home_rad)))
     assert np.all(np.array(limits.torque_nm) > home_nm)

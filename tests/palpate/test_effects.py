@@ -11,7 +11,7 @@ from rich.console import Console
 import palpate.study
 from docs.make_effects import DOCUMENT, renewed
 from palpate.common import user_effects
-from palpate.common.user_effects import rehearse, watched
+from palpate.common.user_effects import guarded, try_effect
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.effect import AdditiveEffect, Parameter
 from palpate.estimation.effects import EFFECTS
@@ -125,7 +125,7 @@ DATA = session(1, lambda t, x, v, run: kelvin_voigt(x, v))
 @pytest.mark.parametrize("name", EFFECTS)
 def test_palpates_own_effects_pass(name):
     for kind in ChannelKind:
-        rehearse(watched(EFFECTS[name]()), replace(DATA, kind=kind))
+        try_effect(guarded(EFFECTS[name]()), replace(DATA, kind=kind))
 
 
 class SoundEffect(AdditiveEffect):
@@ -208,8 +208,8 @@ WRONG = {
 @pytest.mark.parametrize("words", WRONG)
 def test_what_a_rehearsal_does_not_come_to_is_one_clear_line_all_the_same(words):
     found = type("Wrong", (Power,), {"goes_wrong": staticmethod(WRONG[words])})
-    effect, before = watched(found()), GUARDED_DATA.effort.copy()
-    rehearse(effect, GUARDED_DATA)
+    effect, before = guarded(found()), GUARDED_DATA.effort.copy()
+    try_effect(effect, GUARDED_DATA)
     with pytest.raises(InputError, match=f"effect 'power' on channel 'contact'.*{words}"):
         effect.columns(GUARDED_DATA, {"d": 0.018})
     assert np.array_equal(GUARDED_DATA.effort, before)
@@ -264,7 +264,7 @@ def test_the_error_of_an_own_effect_names_the_user_s_line(tmp_path, sound, wrong
 
 
 def test_a_sound_effect_gives_what_it_gave_before_and_keeps_its_module():
-    effect = watched(Power())
+    effect = guarded(Power())
     assert np.array_equal(
         effect.columns(GUARDED_DATA, {"d": 0.018}), Power().columns(GUARDED_DATA, {"d": 0.018})
     )

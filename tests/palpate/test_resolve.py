@@ -11,7 +11,14 @@ from palpate.control.probing.plan import ProbingPlan, load_probing_plan
 from palpate.estimation.design.next_experiment import NextExperiment, NextProbe
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.planning import experiments
-from palpate.planning.experiments import ArmText, KnownObject, Rehearsal, candidates, rehearse, rehearse_all
+from palpate.planning.experiments import (
+    ArmText,
+    KnownObject,
+    PlanSimulation,
+    candidates,
+    simulate_plan,
+    simulate_plans,
+)
 from palpate.planning.next_probe import feasible, next_probe, plan_text
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import Session
@@ -95,29 +102,29 @@ TOO_HARD = QUICK.model_copy(update={"force_limit_n": 900.0})
 
 
 @pytest.fixture(scope="module")
-def rehearsals(probed):
+def simulations(probed):
     metadata = probed.source.session.metadata
     arm = ArmText(metadata.robot_file, metadata.urdf, probed.source.arm.gravity_m_s2, "here")
     known = KnownObject(500.0, 20.0, -0.05, (0.0, 0.0, -1.0))
     start_rad = tuple(probed.source.session.samples("tick")["joint_position_rad"][0].tolist())
-    return [Rehearsal(arm, one.model_dump_json(), known, start_rad) for one in (QUICK, TOO_HARD, TILTED)]
+    return [PlanSimulation(arm, one.model_dump_json(), known, start_rad) for one in (QUICK, TOO_HARD, TILTED)]
 
 
-def test_rehearsals_come_out_alike_in_one_process_and_in_two(rehearsals, monkeypatch):
+def test_plan_simulations_do_not_depend_on_the_number_of_processes(simulations, monkeypatch):
     made = []
     for processes in (2, 1):
         monkeypatch.setattr(experiments, "_known", OrderedDict())
-        made.append(list(rehearse_all(rehearsals, processes)))
+        made.append(list(simulate_plans(simulations, processes)))
     for there, here in zip(*made, strict=True):
         assert (there is None) == (here is None)
         assert here is None or all(np.array_equal(there[name], here[name]) for name in here.columns)
     assert [one is None for one in made[0]] == [False, True, False]  # what the arm cannot do
-    assert list(rehearse_all(rehearsals)) == made[1]  # is remembered
+    assert list(simulate_plans(simulations)) == made[1]  # is remembered
 
 
-def test_a_rehearsed_arm_moves_as_its_torques_make_it(rehearsals):
+def test_simulated_plan_obeys_the_equation_of_motion(simulations):
     """One that followed its task at once would turn round faster than any arm, and show what none shows."""
-    ticks, body = rehearse(rehearsals[2]), rehearsals[2].arm.body
+    ticks, body = simulate_plan(simulations[2]), simulations[2].arm.body
     dt_s, position = ticks["time_s"][1] - ticks["time_s"][0], ticks["joint_position_rad"]
     velocity = np.diff(position, axis=0) / dt_s
     acceleration = np.diff(velocity, axis=0) / dt_s
@@ -155,7 +162,7 @@ def test_a_diagnosis_proposes_the_plan_that_resolve_would_run(probed, diagnosed,
 
 def test_a_saved_diagnosis_is_followed_as_it_states(probed, diagnosed, monkeypatch):
     """The page opens a study anew: it runs what the terminal printed, and plans nothing again."""
-    monkeypatch.setattr(experiments, "rehearse", lambda _: pytest.fail("was planned again"))
+    monkeypatch.setattr(experiments, "simulate_plan", lambda _: pytest.fail("was planned again"))
     saved = [ChannelDiagnosis.model_validate_json(one.model_dump_json()) for one in diagnosed.channels]
     opened = Study(probed.source.path, keep=False)
     following = opened.next_probe(saved)

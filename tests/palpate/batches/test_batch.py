@@ -20,7 +20,7 @@ from palpate.batches.measurements import BatchMeasurement, find_measurements
 from palpate.batches.page import write_page
 from palpate.batches.pooling import BatchResult
 from palpate.batches.table import make_table
-from palpate.batches.works.measuring import write_measurement_report
+from palpate.batches.tasks.measuring import write_measurement_report
 from palpate.estimation.data.import_file import chosen_texts
 from palpate.estimation.data.import_files import data_files
 from palpate.estimation.data.import_options import NO_OPTIONS

@@ -10,7 +10,7 @@ from palpate.sweep import figures, paper
 from palpate.sweep.case import TRUE, estimated
 from palpate.sweep.grid import DIAGNOSE, load_grid, shipped_grid
 from palpate.sweep.paper import CUBES, paper_cases
-from palpate.sweep.works.probing import made_estimator
+from palpate.sweep.tasks.probing import make_estimator
 from tests.palpate.cli import ROOT
 
 ONE = {"objects": [{"name": "kelvin_voigt", "stiffness_n_m": 500, "damping_n_s_m": 20}]}
@@ -55,7 +55,7 @@ def test_all_estimators_are_those_that_suit_the_model(tmp_path):
 
 
 def test_a_diagnosis_takes_the_place_of_the_estimators(tmp_path):
-    assert {case.work for case in grid(tmp_path, diagnose=True, hidden=["none", "random"]).cases()} == {
+    assert {case.task for case in grid(tmp_path, diagnose=True, hidden=["none", "random"]).cases()} == {
         DIAGNOSE
     }
 
@@ -130,7 +130,7 @@ def test_the_paper_is_run_as_it_says():
         specs = cases[part][0].parameters["estimators"]
         ransac = [spec for spec in specs if (spec if isinstance(spec, str) else spec["name"]) == "ransac"]
         assert ransac == [{"name": "ransac", "threshold": 0.01, "label": "ransac"}]
-    assert made_estimator(ransac[0]) == ("ransac", Ransac(threshold=0.01))
+    assert make_estimator(ransac[0]) == ("ransac", Ransac(threshold=0.01))
     assert cases["ticks"][0].parameters["law"] == {
         "name": "kelvin_voigt",
         "stiffness_n_m": 500,

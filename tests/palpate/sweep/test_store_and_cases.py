@@ -21,9 +21,9 @@ BASE = Case("tests.palpate.sweep.slow_work:work", {"k": 500, "noise": [0.0, 0.1]
     "other",
     [
         Case("tests.palpate.sweep.slow_work:failing", BASE.parameters, 1),
-        Case(BASE.work, {"k": 500, "noise": [0.1, 0.0]}, 1),
-        Case(BASE.work, {"k": 501, "noise": [0.0, 0.1]}, 1),
-        Case(BASE.work, BASE.parameters, 2),
+        Case(BASE.task, {"k": 500, "noise": [0.1, 0.0]}, 1),
+        Case(BASE.task, {"k": 501, "noise": [0.0, 0.1]}, 1),
+        Case(BASE.task, BASE.parameters, 2),
     ],
 )
 def test_what_a_result_depends_on_changes_its_address(other):
@@ -31,7 +31,7 @@ def test_what_a_result_depends_on_changes_its_address(other):
 
 
 def test_the_order_of_parameters_does_not_change_the_address():
-    assert Case(BASE.work, {"noise": [0.0, 0.1], "k": 500}, 1).address == BASE.address
+    assert Case(BASE.task, {"noise": [0.0, 0.1], "k": 500}, 1).address == BASE.address
 
 
 def test_a_change_of_the_works_code_changes_the_address(tmp_path, monkeypatch):
@@ -66,7 +66,7 @@ def test_a_worker_with_other_code_gives_no_result(tmp_path):
     """One that has joined a scheduler later; its own address of the case is another."""
     store = ResultStore(tmp_path)
     with pytest.raises(PalpateError, match="runs another version of palpate"):
-        run_one(BASE, Case(BASE.work, BASE.parameters, 7).address, tmp_path)
+        run_one(BASE, Case(BASE.task, BASE.parameters, 7).address, tmp_path)
     assert store.finished() == set()
 
 
@@ -78,12 +78,12 @@ def test_work_that_is_not_there_is_refused():
 def test_results_are_read_back_in_the_order_asked_for_whether_packed_or_not(tmp_path):
     store = ResultStore(tmp_path / "results")
     for name in "abc":
-        store.land(name, [{"text": name, "number": index} for index in range(2)])
+        store.write(name, [{"text": name, "number": index} for index in range(2)])
     store.pack()
-    store.land("d", [{"text": "d", "list": [1.0, 2.0]}])
-    store.land("e", [{"number": 5}])
+    store.write("d", [{"text": "d", "list": [1.0, 2.0]}])
+    store.write("e", [{"number": 5}])
     store.pack()  # two cases with other columns in one pack
-    store.land("f", [{"number": 6}])
+    store.write("f", [{"number": 6}])
     assert store.finished() == set("abcdef")
     assert store.rows("ef") == [{"number": 5}, {"number": 6}]
     rows = store.rows(["d", "b", "missing", "a"])
@@ -93,8 +93,8 @@ def test_results_are_read_back_in_the_order_asked_for_whether_packed_or_not(tmp_
 
 def test_a_pack_that_was_killed_before_it_removed_what_is_in_it_counts_each_result_once(tmp_path):
     store = ResultStore(tmp_path)
-    store.land("a", [{"number": 1}])
-    store.land("b", [{"number": 2}])
+    store.write("a", [{"number": 1}])
+    store.write("b", [{"number": 2}])
     kept = {path: path.read_bytes() for path in tmp_path.iterdir()}
     store.pack()
     for path, data in kept.items():
@@ -106,7 +106,7 @@ def test_a_pack_that_was_killed_before_it_removed_what_is_in_it_counts_each_resu
 
 def test_what_was_killed_while_it_was_written_is_no_result_and_a_damaged_one_is_named(tmp_path):
     store = ResultStore(tmp_path)
-    store.land("a", [{"number": 1}])
+    store.write("a", [{"number": 1}])
     half = (tmp_path / "a.parquet").read_bytes()[:50]
     (tmp_path / ".123.b.parquet").write_bytes(half)
     assert store.finished() == {"a"}
@@ -122,7 +122,7 @@ def write(path, **columns):
 
 def test_a_file_under_another_cases_name_does_not_count_as_that_case(tmp_path):
     store = ResultStore(tmp_path)
-    store.land("a", [{"number": 1}])
+    store.write("a", [{"number": 1}])
     shutil.copy(tmp_path / "a.parquet", tmp_path / "b.parquet")
     for ask in (store.finished, lambda: store.rows("ab"), store.pack):
         with pytest.raises(InputError, match=r"b\.parquet: holds results of cases other .*\(a\).*delete it"):
@@ -133,7 +133,7 @@ def test_a_file_under_another_cases_name_does_not_count_as_that_case(tmp_path):
 def test_two_files_that_disagree_about_a_case_are_refused(tmp_path):
     store = ResultStore(tmp_path)
     result = {"number": 1.0, "part": float("nan"), "error": "", "seconds": 1.0}
-    store.land("a", [result])
+    store.write("a", [result])
     write(tmp_path / "pack-1.parquet", address=["a"], **{name: [value] for name, value in result.items()})
     assert store.rows("a")[0]["number"] == 1.0
     write(tmp_path / "pack-1.parquet", address=["a"], number=[2.0], error=[""], seconds=[1.0])
@@ -184,7 +184,7 @@ def test_a_scheduler_that_is_not_there_is_bad_input(tmp_path, monkeypatch):
 
 def test_a_result_whose_columns_have_other_types_is_refused_by_name(tmp_path):
     store = ResultStore(tmp_path)
-    store.land("a", [{"number": 1}])
+    store.write("a", [{"number": 1}])
     write(tmp_path / "b.parquet", address=["b"], number=[b"text"])
     for read in (lambda: store.table("ab"), store.pack):
         with pytest.raises(InputError, match=r"b\.parquet: its columns do not fit.*delete it"):
@@ -194,7 +194,7 @@ def test_a_result_whose_columns_have_other_types_is_refused_by_name(tmp_path):
 
 def test_no_flipped_bit_of_the_data_changes_a_result(tmp_path):
     store, path, rows = ResultStore(tmp_path), tmp_path / "a.parquet", [{"number": 1.5, "name": "press"}]
-    store.land("a", rows)
+    store.write("a", rows)
     whole = path.read_bytes()
     footer = len(whole) - 8 - int.from_bytes(whole[-8:-4], "little")
     for place in range(4, footer):
@@ -224,10 +224,10 @@ def test_errors_are_over_their_bounds_as_root_mean_squares_and_intervals_hold_th
 @pytest.mark.parametrize("count", [1, 3])
 def test_two_files_with_more_and_fewer_rows_of_a_case_disagree(tmp_path, count):
     store = ResultStore(tmp_path)
-    store.land("a", [{"x": 1.0}, {"x": 2.0}])
-    store.land("b", [{"x": 0.0}])
+    store.write("a", [{"x": 1.0}, {"x": 2.0}])
+    store.write("b", [{"x": 0.0}])
     store.pack()
-    store.land("a", [{"x": float(number)} for number in range(1, 1 + count)])
+    store.write("a", [{"x": float(number)} for number in range(1, 1 + count)])
     with pytest.raises(InputError, match="another file has a different result for case a"):
         store.rows(["a"])
 
@@ -245,7 +245,7 @@ def test_one_worker_does_many_cases(tmp_path):
 
 def test_a_parameter_that_json_cannot_hold_has_no_address():
     with pytest.raises(ValueError, match="JSON compliant"):
-        _ = Case(BASE.work, {"k": float("nan")}).address
+        _ = Case(BASE.task, {"k": float("nan")}).address
 
 
 def test_a_table_of_errors_is_in_percent_and_the_best_has_the_smallest_worst_error():

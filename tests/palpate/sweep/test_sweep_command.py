@@ -93,7 +93,7 @@ def test_bad_input_is_refused_in_one_line(tmp_path, monkeypatch, arguments, word
 
 def test_an_interrupted_sweep_says_how_much_is_done(tmp_path, mine, monkeypatch):
     def interrupted(cases, store, *_):
-        store.land(cases[0].address, [{"seconds": 1.0, "first": True, "error": ""}])
+        store.write(cases[0].address, [{"seconds": 1.0, "first": True, "error": ""}])
         raise KeyboardInterrupt
 
     monkeypatch.setattr("palpate.sweep.run_cases", interrupted)

@@ -54,7 +54,7 @@ class FuzzResult:
 
     counts: Counter[str] = field(default_factory=Counter)
     targets: set[Target] = field(default_factory=set)  # begun, and not those that were really asked for
-    felt: int = 0  # estimates that the operator would feel, and not those that were really sent
+    rendered: int = 0  # estimates that the operator would feel, and not those that were really sent
 
 
 class FedLine:
@@ -143,7 +143,7 @@ def _leader(data: bytes, sent: Message, seal: FrameCode, result: FuzzResult) -> 
             result.counts["an estimate that cannot be felt"] += 1
 
     if _heard(data, take, ObjectEstimate | Report, result, sent, seal) is not None:
-        result.felt += target_states.choose(_TIP_M) is not None
+        result.rendered += target_states.choose(_TIP_M) is not None
         target_states.summary(_TIP_M, 1.0)
 
 

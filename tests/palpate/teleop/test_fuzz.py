@@ -22,7 +22,7 @@ def test_no_frame_that_was_damaged_or_made_without_the_key_moves_the_arm_or_is_f
     result = fuzz(FRAMES, seed, *seals)
     assert result.counts["refused as malformed"] == 2 * FRAMES  # on both sides
     assert result.targets == set()
-    assert result.felt == 0
+    assert result.rendered == 0
 
 
 def test_frames_with_a_checksum_that_fits_crash_neither_side():

@@ -53,7 +53,7 @@ def haptic(withheld_n: float, late_at: int | None) -> Kept:
 
 @pytest.mark.parametrize("late_at", [1200, 1203])
 def test_a_touch_at_which_the_machine_was_late_says_nothing_of_the_model(late_at):
-    felt = MergedSessions(Kept(haptic=haptic(0.5, late_at)), None).felt_and_real(REAL)
+    felt = MergedSessions(Kept(haptic=haptic(0.5, late_at)), None).compare_rendered_to_real(REAL)
     assert felt.settled().share < 1e-9
     assert felt.stalled.sum() == 500
     assert felt.share > 0.01  # and yet it was felt
@@ -61,7 +61,7 @@ def test_a_touch_at_which_the_machine_was_late_says_nothing_of_the_model(late_at
 
 @pytest.mark.parametrize("late_at", [None, 300, 1500])
 def test_a_model_that_is_off_is_not_excused_by_a_late_tick_elsewhere(late_at):
-    felt = MergedSessions(Kept(haptic=haptic(0.5, late_at)), None).felt_and_real(REAL)
+    felt = MergedSessions(Kept(haptic=haptic(0.5, late_at)), None).compare_rendered_to_real(REAL)
     assert felt.stalled.sum() == 0
     assert felt.settled().share == pytest.approx(felt.share, rel=0.01)
 

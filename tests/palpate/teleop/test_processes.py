@@ -133,7 +133,7 @@ def test_both_sides_on_one_time_line_and_what_is_felt_is_what_is_there(tmp_path)
         said = [process.communicate(timeout=2 * WAIT_S)[0] for process in (leader, follower)]
     assert (leader.returncode, follower.returncode) == (0, 0), said
     merged = merge_sessions(*(Session.open(path) for path in sessions.values()))
-    assert merged.modeled_and_measured().share < 0.05
+    assert merged.compare_modeled_to_measured().share < 0.05
     assert merged.round_trip_s < 0.05
 
     def first(session: Session, kind: str) -> float:

@@ -14,8 +14,8 @@ from palpate.robot_io.session import Session
 from palpate.runs.probing import ProbingJob, probe_in_memory, run_probing
 from palpate.runs.robots import find_robot
 from palpate.sim_backend.scenario import Scenario
-from palpate.sweep.works import probing
-from palpate.sweep.works.probing import ransac_errors
+from palpate.sweep.tasks import probing
+from palpate.sweep.tasks.probing import ransac_errors
 
 LAW = {"name": "kelvin_voigt", "stiffness_n_m": 800.0, "damping_n_s_m": 30.0}
 PARAMETERS = {
@@ -40,14 +40,14 @@ def test_ticks_in_memory_are_those_of_a_session(tmp_path, log_in_process):
 def test_worlds_that_differ_in_anything_have_noise_of_their_own(monkeypatch):
     """With one noise for all objects of a grid, their errors would be one and the same."""
     monkeypatch.setattr(probing, "probe_in_memory", lambda robot, scenario, plan: None)
-    probing._probed.cache_clear()
+    probing._probe.cache_clear()
     stiffer = PARAMETERS | {"law": LAW | {"stiffness_n_m": 801.0}}
     worlds = [(PARAMETERS, 1), (PARAMETERS, 2), (stiffer, 1), (PARAMETERS | {"noise_std_n": 0.03}, 1)]
-    seeds = [probing.probed(parameters, seed)[1].seed for parameters, seed in worlds]
-    probing._probed.cache_clear()
+    seeds = [probing.probe(parameters, seed)[1].seed for parameters, seed in worlds]
+    probing._probe.cache_clear()
     assert len(set(seeds)) == len(worlds)
-    assert probing.probed(PARAMETERS, 1)[1].seed == seeds[0]
-    probing._probed.cache_clear()
+    assert probing.probe(PARAMETERS, 1)[1].seed == seeds[0]
+    probing._probe.cache_clear()
 
 
 def test_every_estimator_has_a_row_near_the_truth_and_the_bound_is_of_its_error():
@@ -139,8 +139,8 @@ def test_the_peak_is_that_of_the_dashpot_where_it_alone_is_beyond_the_limit():
 def test_another_engine_has_the_same_world_noise_and_ways_and_says_the_same_of_the_object():
     pytest.importorskip("pybullet")
     quick = PARAMETERS | {"plan": PARAMETERS["plan"] | {"speeds_m_s": [0.15]}, "estimators": ["lsq"]}
-    seed = probing.probed(quick, 1)[1].seed
-    one, other = (probing.probed(quick | {"engine": name}, 1) for name in ("pybullet", "mujoco"))
+    seed = probing.probe(quick, 1)[1].seed
+    one, other = (probing.probe(quick | {"engine": name}, 1) for name in ("pybullet", "mujoco"))
     assert [scenario.physics.engine for _, scenario in (one, other)] == ["pybullet", "mujoco"]
     assert one[1].seed == other[1].seed == seed
     runs = [samples["force_n"][samples["phase"] == Phase.FREE_AIR] for samples, _ in (one, other)]
@@ -156,7 +156,7 @@ def test_hidden_effects_are_found_by_the_diagnosis_in_a_worker_which_may_start_n
     monkeypatch.setitem(current_process()._config, "daemon", True)
     hidden = [{"effect": "cubic_stiffness", "cubic_n_m3": 2e6}]
     plan = PARAMETERS["plan"] | {"speeds_m_s": [0.15, 0.12]}
-    rows = probing.diagnosed(PARAMETERS | {"hidden": hidden, "plan": plan}, 1)
+    rows = probing.diagnose(PARAMETERS | {"hidden": hidden, "plan": plan}, 1)
     contact = next(row for row in rows if row["channel"] == "contact")
     assert contact["verdict"] == "missing"
     assert contact["truth"] == "cubic_stiffness"

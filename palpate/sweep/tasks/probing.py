@@ -51,7 +51,7 @@ def estimate(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     Raises:
         PalpateError: the object could not be probed.
     """
-    ticks, scenario = probed(parameters, seed)
+    ticks, scenario = probe(parameters, seed)
     channel = contact_channel(ticks)
     model = MODELS[parameters["model"]]().build(ModelContext(surface_found=True))
     truth = truth_of(scenario)
@@ -72,11 +72,11 @@ def estimate(parameters: Mapping[str, Any], seed: int) -> list[Row]:
         factors = 1.0 + share * rng.standard_normal(len(channel)) if share else np.ones(len(channel))
         drawn = replace(channel, effort=channel.effort * factors)
         common |= {"draw": draw} | _bounds(drawn, model, truth, scenario, share)
-        rows += [common | _estimated(drawn, model, spec, seed) for spec in parameters["estimators"]]
+        rows += [common | _estimate_with(drawn, model, spec, seed) for spec in parameters["estimators"]]
     return rows
 
 
-def diagnosed(parameters: Mapping[str, Any], seed: int) -> list[Row]:
+def diagnose(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     """Probe and diagnose once, and return one row per diagnosed channel.
 
     The parameter `channels` selects channels; by default all are diagnosed.
@@ -85,7 +85,7 @@ def diagnosed(parameters: Mapping[str, Any], seed: int) -> list[Row]:
         parameters: parameters of the case; see `palpate.sweep.grid` for the keys.
         seed: seed of all random numbers.
     """
-    samples, scenario = probed(parameters, seed)
+    samples, scenario = probe(parameters, seed)
     robot = find_robot(parameters["robot"])
     channels = [*contact_channels(samples, tared=False), *joint_channels(samples)]
     channels = [
@@ -112,7 +112,7 @@ def ticks(parameters: Mapping[str, Any], seed: int) -> list[Row]:
         parameters: parameters of the case; see `palpate.sweep.grid` for the keys.
         seed: seed of all random numbers.
     """
-    samples, _ = probed(parameters, seed)
+    samples, _ = probe(parameters, seed)
     contact = contact_channel(samples)
     names = ("time_s", "run", "phase", "force_n", "desired_force_n")
     columns: dict[str, Any] = {name: samples[name] for name in names}
@@ -128,7 +128,7 @@ def ticks(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     ]
 
 
-def probed(parameters: Mapping[str, Any], seed: int) -> tuple[Samples, Scenario]:
+def probe(parameters: Mapping[str, Any], seed: int) -> tuple[Samples, Scenario]:
     """Return the ticks of a probing run, and its simulated world.
 
     The parameter `engine` replaces the scenario's physics engine; world and noise stay the same.
@@ -142,11 +142,11 @@ def probed(parameters: Mapping[str, Any], seed: int) -> tuple[Samples, Scenario]
     """
     keys = ("robot", "scenario", "law", "plan", "hidden", "noise_std_n")
     text = json.dumps({key: parameters[key] for key in keys}, sort_keys=True)
-    return _probed(text, seed, parameters.get("engine"))
+    return _probe(text, seed, parameters.get("engine"))
 
 
 @lru_cache(maxsize=2)
-def _probed(text: str, seed: int, engine: EngineName | None) -> tuple[Samples, Scenario]:
+def _probe(text: str, seed: int, engine: EngineName | None) -> tuple[Samples, Scenario]:
     """Probe once; the last run is cached, because many cases of a worker evaluate the same run.
 
     The world's seed is derived from all parameters. With a common seed, all objects would have the same noise
@@ -196,7 +196,7 @@ def estimators_for(model: str) -> list[str]:
     return [*ESTIMATORS, *(name for name, each in CONTACT_ESTIMATORS.items() if each.model == model)]
 
 
-def made_estimator(spec: str | Mapping[str, Any]) -> tuple[str, Estimator | ContactEstimator]:
+def make_estimator(spec: str | Mapping[str, Any]) -> tuple[str, Estimator | ContactEstimator]:
     """Make an estimator from its name, or from a mapping with `name`, settings and perhaps `label`.
 
     Args:
@@ -216,8 +216,8 @@ def made_estimator(spec: str | Mapping[str, Any]) -> tuple[str, Estimator | Cont
         raise InputError(f"estimator '{name}': {error}") from error
 
 
-def _estimated(channel: ChannelData, model: Model, spec: str | Mapping[str, Any], seed: int) -> Row:
-    label, estimator = made_estimator(spec)
+def _estimate_with(channel: ChannelData, model: Model, spec: str | Mapping[str, Any], seed: int) -> Row:
+    label, estimator = make_estimator(spec)
     row: Row = {"estimator": label, "problem": ""}
     rng = np.random.default_rng(seed)
     try:
@@ -282,7 +282,7 @@ def ransac_errors(parameters: Mapping[str, Any], seed: int) -> list[Row]:
         parameters: parameters of the case; see `palpate.sweep.grid` for the keys.
         seed: seed of all random numbers.
     """
-    ticks, scenario = probed(parameters, seed)
+    ticks, scenario = probe(parameters, seed)
     truth, channel = truth_of(scenario), contact_channel(ticks)
     rows = fitting_rows(channel)
     surface_m = channel.surface.position_m - truth[SURFACE] if channel.surface else 0.0
