@@ -294,7 +294,9 @@ def memory(folder: Path, rows: int) -> None:
     for number in range(rows):
         (data / f"r{number}.csv").write_text(f"a\n{number}\n")
 
-    def write_cases(cases: Sequence[Case], store: ResultStore, _cluster: Cluster, progress: Progress) -> SweepReport:
+    def write_cases(
+        cases: Sequence[Case], store: ResultStore, _cluster: Cluster, progress: Progress
+    ) -> SweepReport:
         with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
             for first in range(0, len(cases), 1000):
                 addresses = [case.address for case in cases[first : first + 1000]]

@@ -19,7 +19,7 @@ from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.study.estimates import PREFERRED, estimate_with
 from palpate.render.estimates import estimates_view
-from palpate.render.recording.file import take_picture
+from palpate.render.recording.file import capture_screenshot
 from palpate.render.report import position_figure
 from palpate.sim_backend.scenario import load_scenario
 from palpate.study import Study
@@ -47,7 +47,7 @@ def draw_simulated(folder: Path) -> None:
     """The default object as the demo shows it."""
     session = folder / "demo.mcap"
     probe_demo(session, load_scenario("default"), seed=1)
-    take_picture(show_demo(session).recording, PICTURES / "rerun.png", MOMENT_S, SCREEN)
+    capture_screenshot(show_demo(session).recording, PICTURES / "rerun.png", MOMENT_S, SCREEN)
 
 
 def draw_hidden(folder: Path) -> None:
@@ -56,7 +56,7 @@ def draw_hidden(folder: Path) -> None:
     world = hide_one(load_scenario("default"), np.random.default_rng(1), ("stress_relaxation",))
     probe_demo(session, world, seed=1, plan=HIDDEN_PLAN)
     demo = solve(session, lambda what, share: None)
-    take_picture(demo.files["recording"], PICTURES / "revisions.png", 0.0, SCREEN, revision=1)
+    capture_screenshot(demo.files["recording"], PICTURES / "revisions.png", 0.0, SCREEN, revision=1)
     shoot(demo.files["report"], (1120, 1500), PICTURES / "report.png", folder)
 
 

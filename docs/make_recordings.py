@@ -28,7 +28,7 @@ from recordings import answer_of, file_of
 
 from palpate.estimation.diagnosis import ChannelDiagnosis, diagnose
 from palpate.estimation.kinds import Kind
-from palpate.render.diagnosis import budget_picture, budget_view, diagnosis_verdict
+from palpate.render.diagnosis import budget_svg, budget_view, diagnosis_verdict
 
 PAGE = Path(__file__).parent / "reference" / "recordings.md"
 PICTURES = Path(__file__).parent / "pictures" / "recordings"
@@ -194,7 +194,7 @@ def _section(entry: Entry) -> str:
         budget, verdict = budget_view(channel), diagnosis_verdict(channel)
         if budget is not None:
             name = f"{entry.name.replace(' ', '_')}-{channel.channel}.svg"
-            (PICTURES / name).write_text(budget_picture(budget, WIDTH, INK) + "\n", encoding="utf-8")
+            (PICTURES / name).write_text(budget_svg(budget, WIDTH, INK) + "\n", encoding="utf-8")
             lines += [budget.sentence, "", f"![error budget](../pictures/recordings/{name})", ""]
             lines += [line for confusion in budget.confusions for line in (confusion, "")]
         lines += [f"**Diagnosis**: *{verdict.word}*. {verdict.sentence}", ""]

@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from palpate.common.failures import speaks_python
+from palpate.common.failures import with_python_wording
 from palpate.common.files import derived_folder, existing_data, existing_file, write_text
 from palpate.common.user_effects import LIMIT_S, guarded, load_user_effects, place_of, try_effect, user_code
 from palpate.control.arm.rigid_body import RigidBody
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 TIP_FRAME = "tip"
 
 
-@speaks_python
+@with_python_wording
 class Study(ModelStudy):
     """Compare models with a measurement, find missing effects, and add or remove them.
 

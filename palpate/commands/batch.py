@@ -19,7 +19,7 @@ from palpate.common.options import (
     WorkersOption,
     effect_names,
     model_names,
-    takes,
+    with_options,
 )
 from palpate.render.view import NOISE
 from palpate.robot_io.errors import InputError
@@ -46,7 +46,7 @@ class BatchArguments(StudyOptions):
     ]
 
 
-@takes(BatchArguments, "data")
+@with_options(BatchArguments, "data")
 def batch_command(
     data: BatchArguments,
     *,
@@ -161,7 +161,7 @@ def batch_command(
             )
     except (KeyboardInterrupt, SystemExit):
         console.stderr().print(
-            f"{counted[0]} of {counted[1]} measurements are done and in {shown(out)}; "
+            f"{counted[0]} of {counted[1]} measurements are done and in {display_path(out)}; "
             "the same command continues from there"
         )
         raise
@@ -192,7 +192,7 @@ def _print(result: "BatchResult") -> None:
     if effects := Counter(name for text in texts(table, "effects") for name in text.split(", ") if name):
         named = ", ".join(f"{name} {number}" for name, number in effects.most_common(_MOST_SHOWN))
         to.print(f"  effects named: {named}")
-    for words in _cautions(table):
+    for words in _warnings(table):
         to.print(f"  [yellow]{safe(words)}[/yellow]")
     for effect in result.common_effects:
         like = f" (or {', '.join(effect.confused_with)})" if effect.confused_with else ""
@@ -218,10 +218,10 @@ def _print(result: "BatchResult") -> None:
         to.print(f"  [yellow]{safe(error if name in error else f'{name}: {error}')}[/yellow]")
     if result.outliers:
         to.print(f"  {count(len(result.outliers), 'outlier')}: see the page")
-    to.print(f"page  [bold]{shown(result.page)}[/bold]")
+    to.print(f"page  [bold]{display_path(result.page)}[/bold]")
 
 
-def _cautions(table: "pa.Table") -> Iterator[str]:
+def _warnings(table: "pa.Table") -> Iterator[str]:
     """Warn of copies of a measurement, and of a model that does not fit where no diagnosis says so."""
     from palpate.batches.table import floats, texts  # noqa: PLC0415, its libraries take a second
 

@@ -52,7 +52,7 @@ The arm moves under its guard. Ctrl-C brings it to rest, and no calibration is w
 
 
 @group.command()
-@takes(CalibrateOptions)
+@with_options(CalibrateOptions)
 def force(
     options: CalibrateOptions,
     *,
@@ -119,7 +119,7 @@ def force(
 
 
 @group.command()
-@takes(MotionOptions)
+@with_options(MotionOptions)
 def encoder(
     options: MotionOptions,
     *,
@@ -167,7 +167,7 @@ def encoder(
 
 
 @group.command()
-@takes(MotionOptions)
+@with_options(MotionOptions)
 def torque(options: MotionOptions) -> None:
     """Calibrate gains and offsets of the drives' torques, from a motion in free air under the arm's weight.
 
@@ -177,7 +177,7 @@ def torque(options: MotionOptions) -> None:
 
 
 @group.command()
-@takes(MotionOptions)
+@with_options(MotionOptions)
 def gravity(options: MotionOptions) -> None:
     """Calibrate the tilt of the base, from slow motions through many postures and back.
 

@@ -252,13 +252,13 @@ def compare_command(
 
     console.present(content, show, as_json=as_json)
     grown = {"revision": [str(item.number) for item in kept], "folder": folder}
-    again = f"palpate compare {data.typed(channel=channel, model=model, **grown)}"
+    again = f"palpate compare {data.command_text(channel=channel, model=model, **grown)}"
     if target is not None:
         written = write_outcome(target, study, results, [again], {RESULT: json_text(content)})
-        console.stderr().print(f"\nreport  [bold]{shown(written['report'])}[/bold]")
+        console.stderr().print(f"\nreport  [bold]{display_path(written['report'])}[/bold]")
     if not as_json:
         zoom = (f"{again} --out FOLDER", "an interactive report")
-        stages = (f"palpate revisions {data.typed(folder=folder)}", "all stages")
+        stages = (f"palpate revisions {data.command_text(folder=folder)}", "all stages")
         first = [stages] if kept else _next_steps(data, study, results, model, channel, folder)
         console.next_steps(*first, zoom)
 
@@ -279,8 +279,9 @@ def _compare_pair(
     first, second = pair.sides[0].first, pair.sides[0].second
     if same and not any(given.values()):
         given |= {"model": [first.channel.model.name], "other-model": [second.channel.model.name]}
-    beside = "" if same else f" {typed(pair.files[1])}"
-    again = f"palpate compare {typed(data.file)}{beside}{data.typed(**given).removeprefix(typed(data.file))}"
+    beside = "" if same else f" {shell_path(pair.files[1])}"
+    file = shell_path(data.file)
+    again = f"palpate compare {file}{beside}{data.command_text(**given).removeprefix(file)}"
     view = pair.view([again])
     console.present(pair.as_data(), lambda: print_pair(console.stdout(), view), as_json=as_json)
     if out is not None:
@@ -291,7 +292,7 @@ def _compare_pair(
     if not as_json:
         steps = [] if out is not None else [(f"{again} --out FOLDER", "curves, residuals, and a recording")]
         files = dict.fromkeys(pair.files)
-        each = [(f"palpate compare {typed(file)}", "where its base model fails") for file in files]
+        each = [(f"palpate compare {shell_path(file)}", "where its base model fails") for file in files]
         console.next_steps(*steps, *each)
 
 
@@ -332,12 +333,12 @@ def _next_steps(  # noqa: PLR0917, what was typed
     if newest:
         own = list(dict.fromkeys([*(data.effect or ()), *user_effects_of(newest)]))
         numbers = [str(revision.number) for revision in newest]
-        since = data.typed(revision=numbers, folder=folder, effect=own)
+        since = data.command_text(revision=numbers, folder=folder, effect=own)
         yield f"palpate compare {since}", "with the effects added since"
     elif model is None and data.urdf is None:
         for result in results:  # suggest a far better base model if the usual one does not fit
             better = far_better_model(study, result.channel, result.comparison)
             if better is not None:
                 left = f"a base model with an error of {with_unit(better[1], result.channel.effort_unit)}"
-                yield f"palpate compare {data.typed(channel=channel, model=better[0])}", left
-    yield f"palpate diagnose {data.typed(channel=channel, model=model)}", "which effect is missing"
+                yield f"palpate compare {data.command_text(channel=channel, model=better[0])}", left
+    yield f"palpate diagnose {data.command_text(channel=channel, model=model)}", "which effect is missing"

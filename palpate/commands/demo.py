@@ -6,7 +6,7 @@ import numpy as np
 import typer
 
 from palpate.common import console
-from palpate.common.console import as_command, shown, significant, typed
+from palpate.common.console import as_command, display_path, shell_path, significant
 from palpate.common.files import output_file, output_session
 from palpate.common.options import JsonOption, SessionOutOption, scenario_names
 from palpate.render.build import result_view
@@ -90,7 +90,7 @@ def demo_command(
         world = hide_one(world, np.random.default_rng(seed))
         with probing_progress(HIDDEN_PLAN, live=True) as watcher:
             probe_demo(second, world, seed, watcher, HIDDEN_PLAN, command_line=again)
-        talk.print(f"probed again; the hidden effect is stored in {shown(sealed_path(second))}")
+        talk.print(f"probed again; the hidden effect is stored in {display_path(sealed_path(second))}")
         with diagnosis_progress(["contact"]) as progress:
             hidden = solve(second, progress)
     if as_json:
@@ -99,7 +99,7 @@ def demo_command(
     if hidden is not None:
         _print_hidden(hidden)
     viewer = "" if demo.recording else "pip install 'palpate[view]' && "
-    inspect = console.as_typed(f"palpate inspect {typed(demo.session)}")
+    inspect = console.format_command(f"palpate inspect {shell_path(demo.session)}")
     steps = [
         (f"{viewer}{inspect}", "see arm, forces and estimates in Rerun"),
         (

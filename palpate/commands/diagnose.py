@@ -64,7 +64,7 @@ def diagnose_command(
     from palpate.render.progress import diagnosis_progress  # noqa: PLC0415, loads what moves an arm
 
     study = data.study(model, out)
-    data.say_left_out()
+    data.print_omitted()
     writes = out is not None or apply or (study.source.session is not None and not as_json)
     names = (RESULT, PLAN, *NAMES)
     folder = output_folder(folder_to_fill(data.file, out, names, force=force)) if writes else None
@@ -92,7 +92,9 @@ def diagnose_command(
             from palpate.planning.next_probe import plan_text  # noqa: PLC0415, as where it was planned
 
             plan, texts[PLAN] = folder / PLAN, plan_text(following.proposal, following.plan)
-        repeated = f"palpate diagnose {data.typed(channel=channel, model=model)}{' --apply' if apply else ''}"
+        repeated = (
+            f"palpate diagnose {data.command_text(channel=channel, model=model)}{' --apply' if apply else ''}"
+        )
         written = write_outcome(folder, study, results, [repeated], texts)
         if not as_json:
             console.stdout().print()
@@ -124,7 +126,7 @@ def _next_steps(  # noqa: PLR0917, what was typed and found
     plan: Path | None,
 ) -> Iterator[tuple[str, str]]:
     """Suggest commands that follow a diagnosis, the nearest first."""
-    again, kept = data.typed(**asked), data.typed(folder=out)
+    again, kept = data.command_text(**asked), data.command_text(folder=out)
     improved = [channel for channel in diagnosis.channels if channel.accepted]
     if improved and apply:
         yield from console.export_steps(kept, [study.channel(item.channel).kind for item in improved])
@@ -135,7 +137,7 @@ def _next_steps(  # noqa: PLR0917, what was typed and found
         where = "" if alone else f" --channel {item.channel}"
         newest = study.latest(study.channel(item.channel))
         where += " --fresh" if newest is not None and newest.effects else ""  # else it would build on these
-        added = f"palpate add {data.typed(model=asked['model'])} {names}{where}"
+        added = f"palpate add {data.command_text(model=asked['model'])} {names}{where}"
         it = "it" if len(item.accepted) == 1 else "them"
         yield added, f"refit with {it}, and save a revision"
     if asked["model"] is None and data.urdf is None:
@@ -143,13 +145,13 @@ def _next_steps(  # noqa: PLR0917, what was typed and found
             better = better_explanation(study, study.channel(item.channel), item)
             if better is not None:
                 left = f"start from a base model with an error of {with_unit(better[1], item.effort_unit)}"
-                yield f"palpate diagnose {data.typed(channel=asked['channel'], model=better[0])}", left
+                yield f"palpate diagnose {data.command_text(channel=asked['channel'], model=better[0])}", left
     if plan is not None and study.source.session is not None:
         from palpate.planning.next_probe import same_world  # noqa: PLC0415, as above
 
         world = same_world(study.source.session)
         if world is not None:
-            experiment = f"palpate probe --experiment {typed(plan)} {world}".strip()
+            experiment = f"palpate probe --experiment {shell_path(plan)} {world}".strip()
             yield experiment, "the most informative next experiment"
     if study.source.session is None and any(
         suggests_fresh_runs(study, channel) for channel in diagnosis.channels
@@ -164,10 +166,18 @@ def _next_steps(  # noqa: PLR0917, what was typed and found
     if all(study.refusal(study.channel(channel.channel)) for channel in diagnosis.channels):
         too_little = any("; record" in channel.reason for channel in diagnosis.channels)
         if too_little and study.source.session is None and data.file.is_file():
-            yield f"palpate import {typed(data.file)} FILE ... --look", "import more files as further runs"
-        yield f"palpate estimate {data.typed(model=asked['model'])}", "the parameters of the base model"
+            yield (
+                f"palpate import {shell_path(data.file)} FILE ... --look",
+                "import more files as further runs",
+            )
+        yield (
+            f"palpate estimate {data.command_text(model=asked['model'])}",
+            "the parameters of the base model",
+        )
         return
-    beside = data.typed(channel=None if asked["channel"] == ALL_CHANNELS else asked["channel"], folder=out)
+    beside = data.command_text(
+        channel=None if asked["channel"] == ALL_CHANNELS else asked["channel"], folder=out
+    )
     yield f"palpate compare {beside}", "where the model fails"
 
 
@@ -194,14 +204,14 @@ def estimate_command(
     if every and estimator is not None:
         raise InputError(f"--all and --estimator {estimator}: give only one of them")
     study = data.study(model)
-    data.say_left_out()
+    data.print_omitted()
     estimates = study.estimate(ALL if every else DEFAULT_ESTIMATORS if estimator is None else estimator)
     session = study.source.session
     cut_off = session is not None and session.truncated
 
     def show() -> None:
         out = console.stdout()
-        out.print(f"[bold]{shown(data.file)}[/bold]: {count(len(estimates), 'channel')}")
+        out.print(f"[bold]{display_path(data.file)}[/bold]: {count(len(estimates), 'channel')}")
         for each in estimates:
             print_estimates(out, each, study.truth_of(each.channel))
         for remark in calibration_remark(session):
@@ -214,9 +224,13 @@ def estimate_command(
         "cut_off": cut_off,
         "channels": [as_data(each, study.truth_of(each.channel)) for each in estimates],
     }
-    steps = [(f"palpate compare {data.typed(model=model)}", "how well the model fits, and where it fails")]
+    steps = [
+        (f"palpate compare {data.command_text(model=model)}", "how well the model fits, and where it fails")
+    ]
     if all(study.refusal(study.channel(each.channel.name)) for each in estimates):
-        steps = [(f"palpate diagnose {data.typed(model=model)}", "why these data cannot judge a model")]
+        steps = [
+            (f"palpate diagnose {data.command_text(model=model)}", "why these data cannot judge a model")
+        ]
     if session is not None:
-        steps.append((f"palpate inspect {typed(data.file)}", "see it in Rerun"))
+        steps.append((f"palpate inspect {shell_path(data.file)}", "see it in Rerun"))
     console.present(content, show, steps, as_json=as_json)

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from palpate.common import console
-from palpate.common.console import typed
+from palpate.common.console import shell_path
 from palpate.common.files import existing_data
 from palpate.common.options import JsonOption, effect_names
 from palpate.estimation.effects import EFFECTS
@@ -79,6 +79,6 @@ def effects_command(
         steps.append(
             (f"palpate probe --hidden {name} -o {name}.mcap", "hide it in a simulated world, and find it")
         )
-    file = "FILE" if on is None else typed(on)
+    file = "FILE" if on is None else shell_path(on)
     steps.append((f"palpate add {file} {name}", "add it to the model of a measurement"))
     console.next_steps(*steps)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from palpate.common import console
-from palpate.common.console import count, safe, shown, typed
+from palpate.common.console import count, display_path, safe, shell_path
 from palpate.common.files import (
     derived_folder,
     existing_data,
@@ -183,12 +183,12 @@ def export_layout(data: DataArguments, program: Program, out: Path | None, *, fo
     path = out or derived_folder(data.file) / f"{program}{LAYOUT_ENDINGS[program]}"
     text = layout_of(session, program)
     write_text(output_file(path, force=force or out is None, keep=[data.file]), text)
-    advice = f"open {shown(data.file)} in {PROGRAMS[program]}, and then this layout"
+    advice = f"open {display_path(data.file)} in {PROGRAMS[program]}, and then this layout"
     long = [stream for name in session.stream_names if (stream := session.samples(name).stream).batch > 1]
     if long:
         advice += f"; it shows every {long[0].batch}th sample (palpate inspect draws the peaks of all)"
     content = {"layout": str(path), "program": str(program)}
-    return _Export(content, [f"layout  [bold]{shown(path)}[/bold]"], advice=advice)
+    return _Export(content, [f"layout  [bold]{display_path(path)}[/bold]"], advice=advice)
 
 
 def export_table(data: DataArguments, name: str, out: Path | None, *, force: bool) -> _Export:
@@ -213,8 +213,8 @@ def export_table(data: DataArguments, name: str, out: Path | None, *, force: boo
     is_measurement = "displacement_m" in columns or any("torque_Nm" in column for column in columns)
     return _Export(
         {"stream": name, "table": str(path), "columns": columns},
-        [f"table  [bold]{shown(path)}[/bold]: {size}"],
-        [(f"palpate import {typed(path)}", "import it as a measurement")] if is_measurement else [],
+        [f"table  [bold]{display_path(path)}[/bold]: {size}"],
+        [(f"palpate import {shell_path(path)}", "import it as a measurement")] if is_measurement else [],
     )
 
 
@@ -255,15 +255,15 @@ def export_scenario(
             )
     export = study.export(path, [item.number for item in kept])
     numbers, own = [str(each.number) for each in kept], user_effects_of(kept)
-    again = data.typed(revision=numbers, folder=folder, effect=[*(data.effect or ()), *own])
-    steps = [(f"palpate probe --scenario {typed(path)}", "probe the model as if it were the object")]
+    again = data.command_text(revision=numbers, folder=folder, effect=[*(data.effect or ()), *own])
+    steps = [(f"palpate probe --scenario {shell_path(path)}", "probe the model as if it were the object")]
     if study.source.probed and data.file.is_file():
-        twin = f"palpate replay {typed(data.file)} --scenario {typed(path)}"
+        twin = f"palpate replay {shell_path(data.file)} --scenario {shell_path(path)}"
         steps.append((twin, "repeat the recorded motion on the model"))
     steps.append((f"palpate compare {again}", "compare the model with the measurement"))
     return _Export(
         {"scenario": str(path), "used": export.used, "left_out": export.left_out},
-        [f"scenario  [bold]{shown(path)}[/bold]"],
+        [f"scenario  [bold]{display_path(path)}[/bold]"],
         steps,
     )
 
@@ -316,7 +316,7 @@ def export_joints(  # noqa: PLR0917, what was typed
     ]
     if plain:
         console.warn(f"no effect was added to {', '.join(plain)}: the base model is exported", _ADD)
-    lines = [f"{what:<10} [bold]{shown(file)}[/bold]" for what, file in files]
+    lines = [f"{what:<10} [bold]{display_path(file)}[/bold]" for what, file in files]
     return _Export(content | {"used": used, "left_out": left_out}, lines)
 
 
@@ -342,7 +342,7 @@ def report_command(
     study = data.study(model, folder_to_read(data.file, folder))
     # a diagnosis of a data file is saved only in a folder that is named
     place = folder or (None if study.source.session else derived_folder(data.file))
-    diagnose, again = (data.typed(model=model, out=out) for out in (place, folder))
+    diagnose, again = (data.command_text(model=model, out=out) for out in (place, folder))
     with console.stderr().status("fitting and drawing"):
         results = study.results()
         is_diagnosed = any(result.diagnosis for result in results)
@@ -350,14 +350,14 @@ def report_command(
         for result in (result for result in results if result.added):
             where = f" --channel {result.channel.name}" if len(results) > 1 else ""
             commands.append(f"palpate add {again} {' '.join(result.added)}{where} --fresh")
-        study.report(path, [*commands, f"palpate report {data.typed(model=model, folder=folder)}"])
+        study.report(path, [*commands, f"palpate report {data.command_text(model=model, folder=folder)}"])
     add_diagnosis = (f"palpate diagnose {diagnose}", "find what is missing; then write the report again")
     console.present(
         {"file": str(data.file), "report": str(path)},
-        lambda: console.say(f"report  [bold]{shown(path)}[/bold]"),
+        lambda: console.say(f"report  [bold]{display_path(path)}[/bold]"),
         [
             *([] if is_diagnosed else [add_diagnosis]),
-            (f"palpate workbench {data.typed()}", "an interactive page to try effects on"),
+            (f"palpate workbench {data.command_text()}", "an interactive page to try effects on"),
         ],
         as_json=as_json,
     )

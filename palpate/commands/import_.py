@@ -12,9 +12,9 @@ import typer
 from rich.table import Table as Printed
 
 from palpate.common import console
-from palpate.common.console import as_command, count, duration, safe, shown, typed
+from palpate.common.console import as_command, count, display_path, duration, safe, shell_path
 from palpate.common.files import existing_file, open_session, output_session
-from palpate.common.options import JsonOption, SessionOutOption, takes
+from palpate.common.options import JsonOption, SessionOutOption, with_options
 from palpate.control.loop.task import Phase
 from palpate.estimation.data.channels import import_extra, import_streams
 from palpate.estimation.data.file_columns import is_session, list_first
@@ -28,13 +28,13 @@ from palpate.render.palette import phase
 from palpate.render.progress import import_progress
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import SessionMetadata, write_session
-from palpate.workflows.data_options import ReadOptions, retyped
+from palpate.workflows.data_options import ReadOptions, shell_options
 
 _READ = 0.6  # share of the import's time spent on reading
 _MOST_NAMES = 5  # largest number of file names stored in the session
 
 
-@takes(ReadOptions)
+@with_options(ReadOptions)
 def import_command(
     options: ReadOptions,
     *,
@@ -78,7 +78,7 @@ def import_command(
         roles = None
         for file in tables:
             roles = print_preview(file, options.options, roles)
-        words = [*map(typed, files[:-1]), retyped(files[-1], **options.given)]
+        words = [*map(shell_path, files[:-1]), shell_options(files[-1], **options.given)]
         console.next_steps((" ".join(["palpate import", *words]), "store it as a session"))
         return
     stem = files[0].name.removesuffix(".gz").rpartition(".")[0] or files[0].stem
@@ -106,14 +106,14 @@ def import_command(
             lasts = duration(fact["recorded_s"])
             title = safe(imported.title(fact["channel"]))
             console.say(f"{title} ({fact['kind']}): {samples}, {runs}, {lasts}")
-        console.say(f"written: [bold]{shown(session)}[/bold]")
+        console.say(f"written: [bold]{display_path(session)}[/bold]")
 
     content = {"session": str(session), "channels": channel_facts(imported), "notes": list(notes)}
     steps = (
-        (f"palpate estimate {typed(session)}", "parameters of a model with their intervals"),
-        (f"palpate compare {typed(session)}", "how well a simple model fits, and where it fails"),
-        (f"palpate diagnose {typed(session)}", "which physical effect is missing"),
-        (f"palpate info {typed(session)}", "what is in the file"),
+        (f"palpate estimate {shell_path(session)}", "parameters of a model with their intervals"),
+        (f"palpate compare {shell_path(session)}", "how well a simple model fits, and where it fails"),
+        (f"palpate diagnose {shell_path(session)}", "which physical effect is missing"),
+        (f"palpate info {shell_path(session)}", "what is in the file"),
     )
     console.present(content, show, steps, as_json=as_json)
 
@@ -176,7 +176,9 @@ def print_preview(
     """
     table, out = read_table(path, options.table), console.stdout()
     ways = "; ".join(table.notes)
-    out.print(f"[bold]{shown(path)}[/bold]: {count(len(table), 'row')}{'; ' + safe(ways) if ways else ''}")
+    out.print(
+        f"[bold]{display_path(path)}[/bold]: {count(len(table), 'row')}{'; ' + safe(ways) if ways else ''}"
+    )
     try:
         imported = import_table(table, options)
     except InputError:

@@ -8,7 +8,7 @@ import numpy as np
 import typer
 
 from palpate.common import console
-from palpate.common.console import count, duration, safe, shown
+from palpate.common.console import count, display_path, duration, safe
 from palpate.common.files import open_session
 from palpate.common.options import JsonOption
 from palpate.robot_io.session import Session
@@ -27,7 +27,7 @@ def info_command(
         console.print_json(data)
         return
     out = console.stdout()
-    out.print(f"[bold]{shown(opened.path)}[/bold]")
+    out.print(f"[bold]{display_path(opened.path)}[/bold]")
     merged = data["extra"].get(NOT_WHOLE, "")
     killed = "the program was killed before it closed the file, which holds everything logged until then"
     lacking = [

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from palpate.common import console
-from palpate.common.console import shown, typed
+from palpate.common.console import display_path, shell_path
 from palpate.common.files import (
     different_files,
     open_session,
@@ -18,7 +18,7 @@ from palpate.common.files import (
 from palpate.control.loop.tick_record import STREAM_NAME as TICK
 from palpate.control.teleop.messaging import STREAM_NAME as LINK
 from palpate.render.inspection import PLOTS, RECORDING, inspect_session
-from palpate.render.recording.file import open_window, take_picture
+from palpate.render.recording.file import capture_screenshot, open_window
 from palpate.robot_io.errors import InputError
 
 BOTH = "both.rrd"  # name of a leader's and a follower's recording
@@ -75,16 +75,16 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
 
         moment_s = record_both(merged, recording)
         console.stdout().print(merged.clock_summary())
-    console.say(f"recording: [bold]{shown(recording)}[/bold]")
+    console.say(f"recording: [bold]{display_path(recording)}[/bold]")
     if plots is not None:
-        console.say(f"plot: [bold]{shown(inspection.plot(plots))}[/bold]")
+        console.say(f"plot: [bold]{display_path(inspection.plot(plots))}[/bold]")
     if screenshot is not None:
-        take_picture(recording, screenshot, moment_s, PIXELS)
-        console.say(f"picture: [bold]{shown(screenshot)}[/bold]")
+        capture_screenshot(recording, screenshot, moment_s, PIXELS)
+        console.say(f"picture: [bold]{display_path(screenshot)}[/bold]")
     elif save is None and plots is None and console.has_display():
         open_window(recording)
         console.stdout().print("opened in a separate window")
     else:
         console.next_steps(
-            (f"rerun {typed(recording)}", "open it (on any machine with rerun-sdk of the same version)")
+            (f"rerun {shell_path(recording)}", "open it (on any machine with rerun-sdk of the same version)")
         )

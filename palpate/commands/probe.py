@@ -49,7 +49,7 @@ MILLI = 1e-3
 NO_ESTIMATOR = "none"
 
 
-@takes(RunOptions)
+@with_options(RunOptions)
 def probe_command(
     options: RunOptions,
     *,
@@ -137,11 +137,11 @@ def _print(outcome: ProbingOutcome, planned: int) -> None:
             "  nothing has moved: correct the failure above (move a joint inside its limits by hand, without "
             "power), and start again"
         )
-    session = typed(outcome.session)
-    console.say(f"written: [bold]{shown(outcome.session)}[/bold]")
+    session = shell_path(outcome.session)
+    console.say(f"written: [bold]{display_path(outcome.session)}[/bold]")
     if outcome.sealed:
         reveal = f"to open it: palpate reveal {escape(session)}"
-        console.say(f"sealed:  [bold]{shown(outcome.sealed)}[/bold] ({reveal})")
+        console.say(f"sealed:  [bold]{display_path(outcome.sealed)}[/bold] ({reveal})")
     steps = []
     if outcome.touched:
         steps += [
@@ -154,7 +154,7 @@ def _print(outcome: ProbingOutcome, planned: int) -> None:
     console.next_steps(*steps, (f"palpate info {session}", "what is in the file"))
 
 
-@takes(RunOptions, "robot")
+@with_options(RunOptions, "robot")
 def replay_command(
     options: RunOptions,
     *,
@@ -191,22 +191,22 @@ def replay_command(
 
     def show() -> None:
         console.stdout().print(f"{count(runs, 'run')} repeated, {done}")
-        console.say(f"written: [bold]{shown(file)}[/bold]")
+        console.say(f"written: [bold]{display_path(file)}[/bold]")
 
     content = {"session": str(file), "replay_of": str(session), "outcome": str(result.outcome)}
     console.present(
         content | {"cause": result.cause, "sealed": str(sealed) if sealed else None},
         show,
         [
-            (f"palpate compare {typed(session)} {typed(file)}", "both side by side"),
-            (f"palpate inspect {typed(file)}", "see it in Rerun"),
+            (f"palpate compare {shell_path(session)} {shell_path(file)}", "both side by side"),
+            (f"palpate inspect {shell_path(file)}", "see it in Rerun"),
         ],
         as_json=options.as_json,
     )
     raise_for_end(result)
 
 
-@takes(RunOptions)
+@with_options(RunOptions)
 def resolve_command(
     options: RunOptions,
     *,
@@ -272,21 +272,21 @@ def resolve_command(
         resolved = resolve(job, Budget(probes, seconds), channel, tell, watch, diagnosis_progress)
     except KeyboardInterrupt:
         if folder.exists():
-            console.stderr().print(f"kept: {shown(folder)}")
+            console.stderr().print(f"kept: {display_path(folder)}")
         raise
 
     def show() -> None:
         total = sum(decision.seconds for decision in resolved.decisions)
         done = f"{count(len(resolved.decisions), 'probe')}, {duration(total)}: [bold]{resolved.end}[/bold]"
-        log = shown(resolved.folder / DECISIONS)
-        console.stdout().print(f"\n{done}\nsessions   {shown(resolved.folder)}\ndecisions  {log}")
+        log = display_path(resolved.folder / DECISIONS)
+        console.stdout().print(f"\n{done}\nsessions   {display_path(resolved.folder)}\ndecisions  {log}")
 
-    study = typed(resolved.folder)
+    study = shell_path(resolved.folder)
     steps = [
         (f"palpate diagnose {study} --apply", "add the missing effects, with the evidence of all probes"),
         (f"palpate compare {study}", "where the model fails"),
     ]
     if options.hidden is not None:
-        first = typed(resolved.folder / resolved.decisions[0].session)
+        first = shell_path(resolved.folder / resolved.decisions[0].session)
         steps.append((f"palpate reveal {first}", "what was hidden"))
     console.present(resolved.as_data(), show, steps, as_json=options.as_json)

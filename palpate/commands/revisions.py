@@ -56,10 +56,12 @@ def add_command(
     with console.stderr().status("report and recording"):
         judged = [result.channel.name for result in results if result.diagnosis is not None]
         which = judged[0] if len(judged) == 1 else ALL_CHANNELS
-        commands = [f"palpate diagnose {data.typed(out=out, channel=which)}"] if judged else []
+        commands = [f"palpate diagnose {data.command_text(out=out, channel=which)}"] if judged else []
         for result in results:
             if result.added:
-                begun = data.typed(out=out, model=result.channel.model.name, channel=result.channel.name)
+                begun = data.command_text(
+                    out=out, model=result.channel.model.name, channel=result.channel.name
+                )
                 commands.append(f"palpate add {begun} {' '.join(result.added)} --fresh")
         written = write_outcome(folder, study, results, commands)
     for result in results:
@@ -72,11 +74,11 @@ def add_command(
 
     revisions = [revision.model_dump(mode="json") for revision in change.revisions]
     content = {"file": str(data.file), "channel": name, "revisions": revisions}
-    newest, kept = change.revisions[-1], data.typed(folder=out)
+    newest, kept = change.revisions[-1], data.command_text(folder=out)
     steps = [console.rerun_step(written["recording"])] if "recording" in written else []
     steps.append((f"palpate revisions {kept}", "all revisions"))
     if newest.parent is not None:
-        back = f"palpate add {data.typed(out=out)} EFFECT --from {newest.parent}"
+        back = f"palpate add {data.command_text(out=out)} EFFECT --from {newest.parent}"
         steps.append((back, "go back, and try another effect"))
     grown = change.result.extended_comparison
     if grown is None or grown.lack_of_fit >= AT_NOISE:
@@ -107,7 +109,7 @@ def remove_command(
     console.present(
         {"file": str(data.file), "channel": change.result.channel.name, "revisions": kept},
         lambda: print_stages(console.stdout(), result_view(change.result)),
-        [(f"palpate revisions {data.typed(folder=folder)}", "all revisions")],
+        [(f"palpate revisions {data.command_text(folder=folder)}", "all revisions")],
         as_json=as_json,
     )
 
@@ -120,19 +122,19 @@ def revisions_command(data: DataArguments, as_json: JsonOption = False, folder: 
     """
     existing_data(data.file)
     revisions = Revisions(folder_to_read(data.file, folder)).all()
-    steps = [(f"palpate diagnose {data.typed()} --apply", "find what is missing, and add it")]
+    steps = [(f"palpate diagnose {data.command_text()} --apply", "find what is missing, and add it")]
     if revisions:
         first, newest = revisions[0], {revision.channel: revision for revision in revisions}
-        added = data.typed(out=folder, effect=user_effects_of([first]))
+        added = data.command_text(out=folder, effect=user_effects_of([first]))
         last = {"revision": [str(revision.number) for revision in newest.values()], "folder": folder}
-        compared = data.typed(**last, effect=user_effects_of(list(newest.values())))
+        compared = data.command_text(**last, effect=user_effects_of(list(newest.values())))
         steps = [
             (
                 f"palpate add {added} EFFECT --from {first.number}",
                 "go back to a revision, and continue there",
             ),
             (f"palpate compare {compared}", "where the newest model fails"),
-            (f"palpate export {data.typed(**last)}", "as a simulated world"),
+            (f"palpate export {data.command_text(**last)}", "as a simulated world"),
         ]
 
     def show() -> None:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from palpate.common import console
-from palpate.common.console import as_command, count, shown, significant, typed
+from palpate.common.console import as_command, count, display_path, shell_path, significant
 from palpate.common.files import existing_file, open_session, output_session
 from palpate.common.options import JsonOption
 from palpate.estimation.effects import EFFECTS
@@ -47,14 +47,14 @@ def merge_command(
     def show() -> None:
         for name, number in samples.items():
             console.stdout().print(f"{name}: {count(number, 'sample')} of {count(len(sessions), 'session')}")
-        console.say(f"written: [bold]{shown(file)}[/bold]")
+        console.say(f"written: [bold]{display_path(file)}[/bold]")
 
     console.present(
         {"session": str(file), "merged": [str(path) for path in sessions], "samples": samples},
         show,
         [
-            (f"palpate info {typed(file)}", "what is in the file"),
-            (f"palpate diagnose {typed(file)}", "which physical effect is missing"),
+            (f"palpate info {shell_path(file)}", "what is in the file"),
+            (f"palpate diagnose {shell_path(file)}", "which physical effect is missing"),
         ],
         as_json=as_json,
     )
@@ -72,16 +72,18 @@ def reveal_command(
     known = [entry.name for entry in answer.hidden if entry.name in EFFECTS]
     steps = [(f"palpate effects {name}", "what this effect is") for name in known[:1]]
     if answer.hidden:
-        steps.append((f"palpate diagnose {typed(session)}", "whether a diagnosis finds it"))
+        steps.append((f"palpate diagnose {shell_path(session)}", "whether a diagnosis finds it"))
     else:
         steps.append(("palpate probe --hidden random -o secret.mcap", "hide an effect"))
 
     def show() -> None:
         if not answer.hidden:
             remark = "nothing was hidden with palpate probe --hidden"
-            console.say(f"no hidden effects are stored with {shown(session)}: {remark}")
+            console.say(f"no hidden effects are stored with {display_path(session)}: {remark}")
             return
-        table = console.table(f"Hidden in {shown(session)}", "effect", "shows in", "parameters", "physics")
+        table = console.table(
+            f"Hidden in {display_path(session)}", "effect", "shows in", "parameters", "physics"
+        )
         for entry in answer.hidden:
             values = (
                 f"{name} = {significant(value)} {unit}" for name, (value, unit) in entry.values().items()

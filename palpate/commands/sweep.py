@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from palpate.common import console
-from palpate.common.console import count, duration, shown, typed
+from palpate.common.console import count, display_path, duration, shell_path
 from palpate.common.files import existing_file, output_folder
 from palpate.common.options import JsonOption, SchedulerOption, WorkersOption
 from palpate.render.progress import sweep_progress
@@ -64,7 +64,7 @@ def sweep_command(
     )
 
     parts, grid, title = _cases(what)
-    sweep = PAPER if grid is None else typed(Path(what))
+    sweep = PAPER if grid is None else shell_path(Path(what))
     folder = out or SWEEPS / title
     refuse_other_files(folder)
     output_folder(folder)
@@ -164,9 +164,9 @@ def _print(outcome: Mapping[str, Any], page: Path | None, before: int) -> None:
     if outcome["errors"]:
         out.print(f"[yellow]{count(outcome['errors'], 'case')} failed[/yellow]; see the page")
     if page is not None:
-        console.say(f"written: [bold]{shown(page)}[/bold], with figures, tables and results beside it")
+        console.say(f"written: [bold]{display_path(page)}[/bold], with figures, tables and results beside it")
     if done < total:
-        again = f"palpate sweep {outcome['what']} --out {typed(Path(outcome['folder']))}"
+        again = f"palpate sweep {outcome['what']} --out {shell_path(Path(outcome['folder']))}"
         rest = "and write the page" if page is None else "and rewrite the page"
         console.next_steps(
             (again, f"run the remaining cases, {rest}"), (f"{again} --plan", "how long they take")

@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 
 from palpate.common import console
-from palpate.common.console import as_command, command_group, count, safe, shown, typed
+from palpate.common.console import as_command, command_group, count, display_path, safe, shell_path
 from palpate.common.files import existing_file, output_session
-from palpate.common.options import JsonOption, SessionOutOption, scenario_names, takes
+from palpate.common.options import JsonOption, SessionOutOption, scenario_names, with_options
 from palpate.control.loop.result import Outcome
 from palpate.control.probing.plan import ProbingPlan
 from palpate.control.teleop.follower_task import OnSilence
@@ -82,7 +82,7 @@ BadNetworkOption = Annotated[
 
 
 @group.command()
-@takes(RunOptions)
+@with_options(RunOptions)
 def follower(
     options: RunOptions,
     *,
@@ -137,7 +137,7 @@ def follower(
         console.stdout().print(f"targets: {states}; {count(outcome.estimates, 'estimate')} sent{end}")
         if outcome.messaging_error:
             console.stdout().print(f"  [yellow]the link failed: {safe(outcome.messaging_error)}[/yellow]")
-        console.say(f"written: [bold]{shown(job.session)}[/bold]")
+        console.say(f"written: [bold]{display_path(job.session)}[/bold]")
 
     content = {
         "session": str(job.session),
@@ -148,7 +148,7 @@ def follower(
         "overruns": outcome.loop.overruns,
         "link_error": outcome.messaging_error,
     }
-    session = typed(job.session)
+    session = shell_path(job.session)
     steps = {
         f"palpate estimate {session}": "stiffness and damping of every place",
         f"palpate inspect {session}": "with the leader's session before it: both on one time line",
@@ -241,11 +241,11 @@ def leader(  # noqa: PLR0917, one parameter an option
             f"haptic loop: {late.count} ticks; 99 % are at most {1e6 * late.p99_s:.0f} us late, "
             f"99.9 % at most {1e6 * late.p999_s:.0f} us"
         )
-    console.say(f"written: [bold]{shown(session)}[/bold]")
+    console.say(f"written: [bold]{display_path(session)}[/bold]")
     if outcome.heard:
         console.next_steps(
             (
-                f"palpate inspect {typed(session)}",
+                f"palpate inspect {shell_path(session)}",
                 "with the follower's session beside it: both on one time line",
             )
         )
@@ -300,13 +300,13 @@ def demo(
             }
         )
         return
-    sessions = " ".join(typed(made.files[side]) for side in ("leader", "follower"))
+    sessions = " ".join(shell_path(made.files[side]) for side in ("leader", "follower"))
     print_files(console.stdout(), made.files)
     console.stdout().print(f"models compared with the follower's own measurements: {made.modeled.summary()}")
     console.say(made.verdict_summary())
     console.next_steps(
         (f"palpate inspect {sessions}", "both sides on one time line"),
-        (f"palpate estimate {typed(made.files['follower'])}", "stiffness and damping of every place"),
+        (f"palpate estimate {shell_path(made.files['follower'])}", "stiffness and damping of every place"),
     )
     console.say(made.force_summary())
     if slowness := made.slowness_summary():

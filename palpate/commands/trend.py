@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from palpate.common import console
-from palpate.common.console import count, safe, shown, significant
+from palpate.common.console import count, display_path, safe, significant
 from palpate.common.options import AddOption, JsonOption, PatternOption, model_names
 from palpate.robot_io.errors import InputError
 
@@ -177,7 +177,7 @@ def _update(  # noqa: PLR0917, what was typed
     def show() -> None:
         console.stdout().print(f"{count(len(set(labels)), 'time')}, {len(tested)} series tested")
         _print_changes(content, LEAST, is_selected=bool(names))
-        console.stdout().print(f"page  [bold]{shown(page)}[/bold]")
+        console.stdout().print(f"page  [bold]{display_path(page)}[/bold]")
 
     console.present(content, show, as_json=as_json)
     return bool(content["changes"])

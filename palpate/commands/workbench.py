@@ -67,9 +67,9 @@ def workbench_command(
         home.state = _state(data, file, data.options, model)  # refuses runs that do not exist
     early = early_server(port)
     if foxglove is not None:
-        from palpate.workbench.sources import Feed  # noqa: PLC0415, rarely wanted
+        from palpate.workbench.sources import FoxgloveFeed  # noqa: PLC0415, rarely wanted
 
-        home.feed = Feed(LOOPBACK, foxglove)
+        home.feed = FoxgloveFeed(LOOPBACK, foxglove)
     address = f"http://{LOOPBACK}:{early.port}"
     console.stdout().print(f"workbench: [bold]{address}[/bold]  (Ctrl-C ends it)")
     if home.feed is not None:
@@ -83,9 +83,9 @@ def workbench_command(
 
         def probe_object() -> "WorkbenchState":
             from palpate.runs.options import SESSIONS  # noqa: PLC0415, with the simulator
-            from palpate.workbench.diagnosis import pose  # noqa: PLC0415, with the simulator
+            from palpate.workbench.diagnosis import create_riddle  # noqa: PLC0415, with the simulator
 
-            return _state(data, pose(output_folder(SESSIONS)), ImportOptions(), model or _MODEL)
+            return _state(data, create_riddle(output_folder(SESSIONS)), ImportOptions(), model or _MODEL)
 
         home.read(probe_object, "probing an object")
     elif file is not None and home.state is None:
@@ -111,4 +111,4 @@ def _state(data: DataArguments, path: Path, options: ImportOptions, model: str |
         table=options.table or None,
         runs=options.runs,
     )
-    return WorkbenchState(given.study(model), given.typed(**{"held-out": None}))  # known already
+    return WorkbenchState(given.study(model), given.command_text(**{"held-out": None}))  # known already

@@ -110,7 +110,7 @@ def natural_width(made: Table) -> int:
     return made.__rich_measure__(wide, wide.options).maximum
 
 
-def as_typed(command: str) -> str:
+def format_command(command: str) -> str:
     """Return a command that can be typed here; include the program's folder if it is not on the PATH.
 
     Args:
@@ -121,7 +121,7 @@ def as_typed(command: str) -> str:
     started = folder / program
     if not started.is_file() or shutil.which(program) == str(started.absolute()):
         return command
-    return f"{typed(started)} {rest}"
+    return f"{shell_path(started)} {rest}"
 
 
 def next_steps(*commands: tuple[str, str]) -> None:
@@ -132,7 +132,7 @@ def next_steps(*commands: tuple[str, str]) -> None:
     """
     console = stderr()
     console.print("\n[bold]Next[/bold]")
-    runnable = [(as_typed(command), purpose) for command, purpose in commands]
+    runnable = [(format_command(command), purpose) for command, purpose in commands]
     width = max(len(command) for command, _ in runnable)
     fits = all(width + len(purpose) + 4 <= console.width for _, purpose in runnable)
     for command, purpose in runnable:
@@ -148,7 +148,7 @@ def has_display() -> bool:
 def rerun_step(recording: Path) -> tuple[str, str]:
     """Return the command that opens a recording of revisions, and its purpose with requirements."""
     where = "" if has_display() else " (needs a display)"
-    return f"rerun {typed(recording)}", f"see each revision in Rerun{where}"
+    return f"rerun {shell_path(recording)}", f"see each revision in Rerun{where}"
 
 
 def export_steps(kept: str, kinds: Iterable[ChannelKind]) -> list[tuple[str, str]]:
@@ -284,22 +284,22 @@ def duration(seconds: float) -> str:
     return f"{minutes:.0f} min {rest:.0f} s"
 
 
-def shown(path: Path) -> str:
+def display_path(path: Path) -> str:
     """Return a path relative to the current folder, on one line, for a console.
 
     Args:
         path: absolute, or relative to the current folder.
     """
-    return safe(_from_here(path))
+    return safe(_relative_path(path))
 
 
-def typed(path: Path) -> str:
+def shell_path(path: Path) -> str:
     """Return a path relative to the current folder, quoted for a shell.
 
     Args:
         path: absolute, or relative to the current folder.
     """
-    return as_shell_word(_from_here(path))
+    return as_shell_word(_relative_path(path))
 
 
 def as_shell_word(text: str) -> str:
@@ -325,7 +325,7 @@ def as_command(arguments: Iterable[str]) -> str:
     return " ".join(map(as_shell_word, ["palpate", *arguments]))
 
 
-def _from_here(path: Path) -> str:
+def _relative_path(path: Path) -> str:
     """Return a path relative to the current folder that cannot be mistaken for an option."""
     try:
         text = str(path.absolute().relative_to(Path.cwd()))
@@ -334,7 +334,7 @@ def _from_here(path: Path) -> str:
     return f"./{text}" if text.startswith("-") else text
 
 
-def chance(p_value: float) -> str:
+def format_p_value(p_value: float) -> str:
     """Format a p value from surrogates; the smallest possible one is shown as an upper bound.
 
     Args:

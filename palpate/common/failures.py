@@ -69,9 +69,9 @@ def report_error(error: Exception, *, as_json: bool = False) -> int:
     if os.environ.get(DEBUG_VARIABLE):
         traceback.print_exception(error)
     if isinstance(error, BrokenPipeError):
-        return _give_up_output()
+        return _discard_output()
     if isinstance(error, OSError) and error.filename is None and error.errno in _NO_ROOM:
-        _give_up_output()
+        _discard_output()
     where = f"set {DEBUG_VARIABLE}=1 to see where; please report it"
     text, code = f"internal error, {type(error).__name__}: {error} ({where})", FAILED
     match error:
@@ -130,7 +130,7 @@ def _usage(error: typer.TyperException) -> str:
     return text.rstrip(".") + hint
 
 
-def _give_up_output() -> int:
+def _discard_output() -> int:
     """Discard further output (`| head`, a full disk), so that the interpreter exits without an error."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return FAILED
@@ -203,7 +203,7 @@ def command_line_wording() -> Iterator[None]:
         ErrorWording.of_command_line = before
 
 
-def in_python(text: str) -> str:
+def python_wording(text: str) -> str:
     """Replace each command-line option by the equivalent keyword of `palpate.Study`.
 
     Args:
@@ -238,7 +238,7 @@ def _unquoted(word: str) -> str:
     return "".join(shlex.split(word))
 
 
-def speaks_python(made: Class) -> Class:
+def with_python_wording(made: Class) -> Class:
     """Make errors of a class's public methods one printable line with Python keywords.
 
     On the command line, errors keep its wording and are made printable where they are reported.
@@ -251,7 +251,7 @@ def speaks_python(made: Class) -> Class:
                 return method(*args, **by_name)
             except PalpateError as error:
                 if not ErrorWording.of_command_line:
-                    error.args = (one_line(in_python(str(error))),)
+                    error.args = (one_line(python_wording(str(error))),)
                 raise
 
         return call

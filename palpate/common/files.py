@@ -11,7 +11,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from palpate.common.console import typed
+from palpate.common.console import shell_path
 from palpate.common.failures import make_folder
 from palpate.estimation.data.file_columns import is_session
 from palpate.robot_io.errors import InputError, SessionError
@@ -66,7 +66,7 @@ def open_session(path: Path) -> Session:
     except SessionError as error:
         if path.suffix == ".mcap":
             raise
-        data = typed(path)
+        data = shell_path(path)
         raise InputError(
             f"{error}. If it is a table of measurements, palpate import {data} makes a session of it; "
             f"palpate compare {data} and other commands also read it directly"

@@ -47,7 +47,7 @@ SessionOutOption = Annotated[Path | None, typer.Option("--out", "-o", help="Sess
 _KEYWORD, _NONE = Parameter.KEYWORD_ONLY, Parameter.empty
 
 
-def takes(
+def with_options(
     options: type, lead: str = "", **defaults: object
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command one option for each field of `options`, passed as its first argument.
@@ -108,9 +108,9 @@ def scenario_names() -> list[str]:
     """Return the shipped scenarios, and the user's own files."""
     from palpate.sim_backend.scenario import shipped_scenarios  # noqa: PLC0415
 
-    return [*shipped_scenarios(), *own_files()]
+    return [*shipped_scenarios(), *user_effect_files()]
 
 
-def own_files() -> list[str]:
+def user_effect_files() -> list[str]:
     """Return the YAML files of the current folder."""
     return sorted(path.name for pattern in _YAML for path in Path().glob(pattern))

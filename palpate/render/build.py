@@ -26,7 +26,7 @@ from palpate.estimation.study.patterns import Part
 from palpate.render.diagnosis import (
     budget_view,
     comparison_verdict,
-    describe_fall,
+    describe_error_decrease,
     diagnosis_verdict,
     unphysical_remarks,
 )
@@ -93,7 +93,7 @@ def channel_view(
         judged=judged,
         speeds=run_speeds(data),
         stages=tuple(stages),
-        fall=tuple(fall),
+        error_steps=tuple(fall),
         parameters=parameters,
         noise_level=noise.value if noise else 0.0,
         noise_text=noise.describe(data.kind.effort_unit) if noise else "",
@@ -240,7 +240,7 @@ def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosi
         return VerdictView("", f"{view.name}: nothing was fitted.")
     labels, errors = [stage.label for stage in view.stages], [stage.rmse for stage in view.stages]
     unit, changes = view.axes.effort_unit, [label.removeprefix("+ ") for label in labels[1:]]
-    fall = (describe_fall(view.name, errors, changes, view.noise_level, unit),) if changes else ()
+    fall = (describe_error_decrease(view.name, errors, changes, view.noise_level, unit),) if changes else ()
     wrong = unphysical_remarks(view.stages[-1].unphysical) if view.stages else ()
     if diagnosis is None:
         verdict = comparison_verdict(

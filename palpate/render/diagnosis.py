@@ -152,7 +152,7 @@ def unphysical_remarks(unphysical: Sequence[str]) -> tuple[str, ...]:
     return (f"But {join_names(unphysical)}: {UNPHYSICAL}.",) if unphysical else ()
 
 
-def describe_fall(
+def describe_error_decrease(
     channel: str, errors: Sequence[float], added: Sequence[str], noise: float, unit: str
 ) -> str:
     """Describe in one or two sentences how added effects changed the error.
@@ -228,7 +228,7 @@ _LABELLED = 0.06  # share of the bar's width, from which a segment has its perce
 _CHARACTER = 6.4  # width of a letter on average [px]
 
 
-def budget_picture(budget: BudgetView, width: int, ink: str = "currentColor") -> str:
+def budget_svg(budget: BudgetView, width: int, ink: str = "currentColor") -> str:
     """Draw a stacked bar of all parts, and below it one row per part with its range.
 
     Args:

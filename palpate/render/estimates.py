@@ -100,7 +100,7 @@ def estimates_view(estimates: ChannelEstimates, truth: Truth) -> ChannelView:
     word = "misses" if estimates.misfit > POOR or is_invalid else "fits"
     names = (estimates.channel.name, estimates.model.name)
     verdict = VerdictView(word, sentence, (*remarks(estimates, truth), unfitted), names)
-    return replace(view, fall=(), verdict=verdict)
+    return replace(view, error_steps=(), verdict=verdict)
 
 
 def estimate_table(estimates: ChannelEstimates, truth: Truth, width: int) -> Table:

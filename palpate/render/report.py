@@ -17,12 +17,12 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
-from palpate.common.console import chance
+from palpate.common.console import format_p_value
 from palpate.common.files import write_text
 from palpate.estimation.estimate import rounded, with_unit
 from palpate.estimation.signals.blocks import blocks
 from palpate.render import palette
-from palpate.render.diagnosis import budget_picture
+from palpate.render.diagnosis import budget_svg
 from palpate.render.terminal import with_interval
 from palpate.render.thinning import join_curves, rows_by_run, run_curves
 from palpate.render.view import RANGE_MEANING, ChannelView, StageView, StudyView, residual_map
@@ -92,7 +92,7 @@ def figure(channel: ChannelView | StudyView) -> go.Figure:
     made = make_subplots(
         3, 2, specs=specs, subplot_titles=titles, row_heights=[0.36, 0.36, 0.28], vertical_spacing=0.14
     )
-    _draw_fall(made, channel)
+    _draw_error_steps(made, channel)
     _draw_state(made, channel, (1, 2), channel.position, channel.axes.position, named=False)
     _draw_time(made, channel, (2, 1))
     _draw_residuals(made, channel, (3, 1))
@@ -100,11 +100,11 @@ def figure(channel: ChannelView | StudyView) -> go.Figure:
     return made.update_layout(margin_t=64, legend_y=1.06)  # above the titles of the first row
 
 
-def fall_figure(channel: ChannelView) -> go.Figure:
+def error_steps_figure(channel: ChannelView) -> go.Figure:
     """Draw the held-out error stage by stage, down to the noise level."""
     made = make_subplots(1, 1)
-    _draw_fall(made, channel)
-    return styled(made, 96 + _BAR_PX * (len(channel.fall) + 1))
+    _draw_error_steps(made, channel)
+    return styled(made, 96 + _BAR_PX * (len(channel.error_steps) + 1))
 
 
 def time_figure(channel: ChannelView) -> go.Figure:
@@ -182,9 +182,9 @@ def map_figure(channel: ChannelView) -> go.Figure:
     return made.update_yaxes(showgrid=False, zeroline=False)
 
 
-def _draw_fall(made: go.Figure, channel: ChannelView) -> None:
-    labels = [_escaped(label) for label, _ in channel.fall]
-    errors = np.array([error for _, error in channel.fall])
+def _draw_error_steps(made: go.Figure, channel: ChannelView) -> None:
+    labels = [_escaped(label) for label, _ in channel.error_steps]
+    errors = np.array([error for _, error in channel.error_steps])
     unit, reach = channel.axes.effort_unit, 1.22 * float(errors.max())
     taken = np.maximum(np.concatenate([[0.0], errors[:-1] - errors[1:]]), 0.0)
     before = np.concatenate([errors[:1], errors[:-1]])
@@ -380,17 +380,18 @@ def document(view: StudyView) -> str:
     Args:
         view: all channels.
     """
-    draw = {"fall": fall_figure, "map": map_figure, "time": time_figure, "state": state_figure}
+    draw = {"fall": error_steps_figure, "map": map_figure, "time": time_figure, "state": state_figure}
 
     def plots(channel: ChannelView) -> dict[str, Markup]:
         """Return the channel's figures as HTML, by name; empty if there is nothing to draw."""
-        is_drawn = dict.fromkeys(draw, bool(channel.stages)) | {"fall": bool(channel.fall)}
+        is_drawn = dict.fromkeys(draw, bool(channel.stages)) | {"fall": bool(channel.error_steps)}
         is_drawn["time"] |= channel.commanded is not None
         return {name: as_html(draw[name](channel)) if is_drawn[name] else Markup() for name in draw}
 
     filters: dict[str, Callable[..., Any]] = {
-        "bold": bold, "typeset": typeset, "interval": with_interval, "chance": chance, "rounded": rounded,
-        "picture": lambda budget: Markup(budget_picture(budget, _BUDGET_WIDTH)),  # noqa: S704, escaped
+        "bold": bold, "typeset": typeset, "interval": with_interval, "chance": format_p_value,
+        "rounded": rounded,
+        "picture": lambda budget: Markup(budget_svg(budget, _BUDGET_WIDTH)),  # noqa: S704, escaped
         "yaml": lambda data: yaml.safe_dump(dict(data), sort_keys=False),
     }  # fmt: skip
     shown = {"view": view, "facts": view.facts, "range_meaning": RANGE_MEANING, "plots": plots}

@@ -13,10 +13,10 @@ from rich.text import Text
 from palpate.common.console import (
     AT_BOUND,
     NOT_DETERMINED,
-    chance,
+    display_path,
+    format_p_value,
     natural_width,
     safe,
-    shown,
     significant,
     table,
 )
@@ -63,7 +63,7 @@ def print_diagnosis(console: Console, view: StudyView) -> None:
         width = console.width - 2  # width of the lines below the heading
         parts: list[RenderableType] = [Text(safe_text(remark)) for remark in channel.verdict.remarks]
         if channel.accepted:
-            parts.append(fall_table(channel, width))
+            parts.append(error_steps_table(channel, width))
         for entry in channel.accepted:
             rivals = (
                 f"\n  [yellow]these data cannot tell it from {safe(', '.join(entry.confused_with))}[/yellow]"
@@ -138,7 +138,7 @@ def print_comparison(console: Console, view: StudyView) -> None:
 def print_stages(console: Console, channel: ChannelView) -> None:
     """Print the error of each stage, and the last stage's parameters."""
     _print_verdict(console, channel.verdict)
-    console.print(fall_table(channel, console.width))
+    console.print(error_steps_table(channel, console.width))
     console.print(parameter_table(channel.parameters, console.width))
 
 
@@ -164,7 +164,7 @@ def print_revisions(console: Console, kept: Sequence[Revision]) -> None:
 def print_files(console: Console, written: Mapping[str, Path]) -> None:
     """Print the written files, one per line."""
     for what, path in written.items():
-        console.print(f"{what:<10} [bold]{shown(path)}[/bold]", soft_wrap=True)
+        console.print(f"{what:<10} [bold]{display_path(path)}[/bold]", soft_wrap=True)
 
 
 def _print_verdict(console: Console, verdict: VerdictView) -> None:
@@ -199,7 +199,7 @@ def grade(times: float) -> str:
     return "green" if times < NOISE else "yellow" if times < FAR else "red"
 
 
-def fall_table(channel: ChannelView, width: int, *, narrow: bool = False) -> Table:
+def error_steps_table(channel: ChannelView, width: int, *, narrow: bool = False) -> Table:
     """Tabulate the held-out error, one row per stage; without bars if narrow.
 
     Args:
@@ -210,12 +210,12 @@ def fall_table(channel: ChannelView, width: int, *, narrow: bool = False) -> Tab
     error = "held-out\nerror" + ("\n" if narrow else " ") + safe(f"[{channel.axes.effort_unit}]")
     revisions = ["" if stage.number is None else str(stage.number) for stage in channel.stages]
     number = ("no." if narrow else "revision",) if any(revisions) else ()
-    evidence = {f"+ {entry.effect}": chance(entry.p_value) for entry in channel.accepted}
+    evidence = {f"+ {entry.effect}": format_p_value(entry.p_value) for entry in channel.accepted}
     last = ("p",) if evidence else ()
     right = (*number, error, "× noise", "p")
     made = table("", *number, "model", error, "× noise", *[""] * (not narrow), *last, right=right)
-    worst = max(value for _, value in channel.fall)
-    for row, (label, value) in enumerate(channel.fall):
+    worst = max(value for _, value in channel.error_steps)
+    for row, (label, value) in enumerate(channel.error_steps):
         times = channel.times_noise(value)
         name = f"{safe(label[:2])}[bold]{safe(label[2:])}[/bold]" if row else safe(label)
         made.add_row(
@@ -229,7 +229,7 @@ def fall_table(channel: ChannelView, width: int, *, narrow: bool = False) -> Tab
     level = f"[dim]{channel.noise_level:.4g}[/dim]"
     bar = _bar(channel.noise_level / worst, "bright_black", width)
     made.add_row(*[""] * len(number), "[dim]noise level[/dim]", level, "", *[bar] * (not narrow))
-    return made if narrow or natural_width(made) <= width else fall_table(channel, width, narrow=True)
+    return made if narrow or natural_width(made) <= width else error_steps_table(channel, width, narrow=True)
 
 
 def parameter_table(

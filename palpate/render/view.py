@@ -158,7 +158,7 @@ class ChannelView:
     judged: BoolArray  # samples whose error counts, shape (n,); the others are shaded
     speeds: Mapping[int, str]  # description of each run's speed, by run number
     stages: tuple[StageView, ...]  # base model first; empty if the data cannot be judged
-    fall: tuple[tuple[str, float], ...]  # label and error of each stage
+    error_steps: tuple[tuple[str, float], ...]  # label and error of each stage
     parameters: tuple[ParameterView, ...]  # of the last stage
     noise_level: float  # error of a complete model, 0 if unknown
     noise_text: str  # the same with its source, in words

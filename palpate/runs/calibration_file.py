@@ -293,7 +293,7 @@ def say_how_to_use_it(calibration: Calibration, path: Path, options: RunOptions)
     if is_shipped:
         copy = Path(f"my_{options.robot}")
         console.next_steps(
-            (f"cp -r {typed(file.parent)} {copy}", "copy the arm's files, to change them"),
+            (f"cp -r {shell_path(file.parent)} {copy}", "copy the arm's files, to change them"),
             (f"palpate probe --robot {copy / file.name}", "probe with it, once the robot file names it"),
         )
         return

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from palpate.common.console import as_command
 from palpate.common.files import existing_file
-from palpate.common.options import own_files
+from palpate.common.options import user_effect_files
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import FileModel, load_yaml, validate
 from palpate.robot_io.session import Session, SessionMetadata
@@ -93,7 +93,7 @@ def _mark(metadata: SessionMetadata) -> tuple[str, str]:
 
 def hidden_names() -> list[str]:
     """Return the effects that can be hidden, and the user's own files, for shell completion."""
-    return [RANDOM, *IMPERFECTIONS, *own_files()]
+    return [RANDOM, *IMPERFECTIONS, *user_effect_files()]
 
 
 def command_line(arguments: Sequence[str], hidden: str | None) -> str:

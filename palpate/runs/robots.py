@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from palpate import sim_backend
-from palpate.common.options import own_files
+from palpate.common.options import user_effect_files
 from palpate.common.user_effects import user_code
 from palpate.robot_io.clock import Clock
 from palpate.robot_io.driver import DriverCatalog
@@ -34,7 +34,7 @@ def shipped_robots() -> dict[str, Path]:
 
 def robot_names() -> list[str]:
     """Return the shipped arms, and the user's own files, for shell completion."""
-    return [*shipped_robots(), *own_files()]
+    return [*shipped_robots(), *user_effect_files()]
 
 
 def find_robot(robot: str) -> RobotFile:

@@ -66,11 +66,11 @@ class DiagnosisCard:
     async def start(self) -> None:
         """Diagnose the selected channel, or wait for the diagnosis that is running."""
         state, study, name = self._state, self._state.study, self._state.choice.channel
-        while (diagnosing := state.judging) is not None:
+        while (diagnosing := state.diagnosis_process) is not None:
             await asyncio.sleep(_POLL_S)
-            if state.judging is not diagnosing:
+            if state.diagnosis_process is not diagnosing:
                 return
-        judge = state.judging = DiagnosisProcess()
+        judge = state.diagnosis_process = DiagnosisProcess()
         self._show_progress()
         try:
             diagnosis = await asyncio.to_thread(
@@ -81,11 +81,11 @@ class DiagnosisCard:
         except PalpateError as error:
             judge.failure = str(error)
         finally:
-            state.judging = None
+            state.diagnosis_process = None
 
     def _show_progress(self) -> None:
         """Show the progress of a diagnosis, even if another tab started it or the page was reloaded."""
-        before, judge = self._judging, self._state.judging
+        before, judge = self._judging, self._state.diagnosis_process
         self._judging = judge
         if judge is not None:
             self._what.set_text(judge.now[0])
@@ -101,8 +101,8 @@ class DiagnosisCard:
 
     def stop(self) -> None:
         """Stop the running diagnosis, if there is one."""
-        if self._state.judging is not None:
-            self._state.judging.stop()
+        if self._state.diagnosis_process is not None:
+            self._state.diagnosis_process.stop()
 
     def _running(self, *, now: bool) -> None:
         self._start.set_visibility(not now)
@@ -144,7 +144,7 @@ class DiagnosisCard:
                     ui.label(budget.sentence)
                     if len(budget.parts) > 1:
                         # As an image, in which scripts never run.
-                        drawn = b64encode(budget_picture(budget, _PICTURE_WIDTH).encode()).decode()
+                        drawn = b64encode(budget_svg(budget, _PICTURE_WIDTH).encode()).decode()
                         picture = f"data:image/svg+xml;base64,{drawn}"
                         set_props(ui.element("img"), src=picture, alt=budget.sentence)
                     for confusion in budget.confusions:
@@ -168,7 +168,7 @@ HIDDEN = (
 )
 
 
-def pose(folder: Path) -> Path:
+def create_riddle(folder: Path) -> Path:
     """Probe an object with one of `HIDDEN` hidden; the answer is sealed beside the session.
 
     Args:

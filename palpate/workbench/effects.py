@@ -21,7 +21,7 @@ from palpate.workbench import elements
 from palpate.workbench.elements import Figure, Plot, Restyle, axis, curve, heading, layout_of, set_props
 from palpate.workbench.plots import DrawnMotion, near, picked
 from palpate.workbench.processes import FitPrefetcher
-from palpate.workbench.startup import picture
+from palpate.workbench.startup import thumbnail_svg
 from palpate.workbench.state import TELLING, EffectEvidence, WorkbenchState, evidence_of, groups
 
 _BAR_PX = 44  # width of the bar of an effect that removes the whole error
@@ -63,7 +63,7 @@ class EffectRows(Element, component="effects.js"):
             self.run_method("change", differing)
 
 
-class Effects:
+class EffectList:
     """List of effects of one channel; their evidence is computed while the page is idle."""
 
     def __init__(self, state: WorkbenchState, tick: Tick, gallery: Tick) -> None:
@@ -84,7 +84,7 @@ class Effects:
             self._rows.change({name: {"seen": part in text.lower()} for name, text in texts.items()})
 
         with ui.element("section").classes("card effects") as self._card, ui.row().classes("bar"):
-            heading("Effects", elements.EFFECTS)
+            heading("EffectList", elements.EFFECTS)
             ui.space()
             text = ui.input(placeholder="filter", on_change=show_matching).classes("filter")
             set_props(text.props("dense outlined clearable"), aria_label="filter effects")
@@ -116,7 +116,7 @@ class Effects:
         self._rows.change({name: {"chosen": name in chosen} for name in self._effects})
         self._rows.change({name: {"order": _rank(self._last.get(name, 1.0), chosen=True)} for name in chosen})
 
-    async def weigh(self, idle: asyncio.Event) -> None:
+    async def rank_effects(self, idle: asyncio.Event) -> None:
         """Compute the change of the error by each effect while the page is idle.
 
         The fits are then already available when the user ticks an effect.
@@ -129,13 +129,13 @@ class Effects:
         try:
             while not self._card.is_deleted and self._state.channel is channel:
                 chosen = self._state.choice.effects
-                if chosen != weighed and await self._evaluate_beside(chosen, ahead, idle):
+                if chosen != weighed and await self._evaluate_extensions(chosen, ahead, idle):
                     weighed = chosen
                 await asyncio.sleep(_PAUSE_S)
         finally:
             ahead.close()
 
-    async def _evaluate_beside(
+    async def _evaluate_extensions(
         self, chosen: tuple[str, ...], ahead: FitPrefetcher, idle: asyncio.Event
     ) -> bool:
         """Compute the evidence of all effects; return whether the selection stayed the same."""
@@ -203,7 +203,7 @@ def _row(effect: Effect, kind: ChannelKind) -> Row:
     if example is not None:
         step, data = slice(None, None, 2), example.data
         curves = [(data.effort[step], palette.BASE), (example.effort()[step], palette.MODEL)]
-        drawn = picture(data.position[step], curves)
+        drawn = thumbnail_svg(data.position[step], curves)
     return {
         "name": effect.name,
         "label": effect.name.replace("_", " "),

@@ -23,7 +23,7 @@ from palpate.workbench.diagnosis import DiagnosisCard, RiddleCard
 from palpate.workbench.effects import Gallery
 from palpate.workbench.elements import errors_as_warnings, set_props
 from palpate.workbench.page import Page
-from palpate.workbench.sources import FileDrop, Live, newest_growing, run_command
+from palpate.workbench.sources import FileDrop, LiveView, newest_growing, run_command
 from palpate.workbench.startup import AppState
 from palpate.workbench.state import WorkbenchState
 
@@ -90,7 +90,7 @@ def _choose(home: AppState) -> FileDrop:
         ui.button(words_of_all, on_click=partial(drop.begin, home.folder)).props("flat dense no-caps")
     growing = newest_growing(home.folder) if home.folder.is_dir() else None
     if growing is not None:
-        Live(growing, lambda path: _show(home, path, ImportOptions()), home.feed).build()
+        LiveView(growing, lambda path: _show(home, path, ImportOptions()), home.feed).build()
     place = ui.element("div")
     _once("Probe the simulated arm", lambda: _probe(home, [], place)).props(
         "outline no-caps dense icon=precision_manufacturing"
@@ -131,7 +131,7 @@ async def _probe(home: AppState, arguments: list[str], place: ui.element, *, joi
     place.clear()
     with place:
         ui.label(shlex.join(["palpate", "probe", *arguments, "--out", str(session)])).classes("code")
-        Live(session, done, home.feed).build()
+        LiveView(session, done, home.feed).build()
     if failed := await run_command(["probe", *arguments, "--out", str(session)], lambda line: None):
         with place:
             ui.label(failed).classes("bad")

@@ -79,9 +79,9 @@ class Page:
         with ui.element("div").classes("desk"):
             with ui.element("div").classes("left"):
                 if refused:
-                    gates(self.state)
+                    data_checks(self.state)
                 self._offer = below(self)
-                self._effects = Effects(self.state, self.tick, gallery)
+                self._effects = EffectList(self.state, self.tick, gallery)
                 if not refused:
                     self._effects.build()
             with ui.element("div").classes("middle"):
@@ -89,11 +89,11 @@ class Page:
                 self._center.build()
             with ui.element("div").classes("right"):
                 self._lines = Lines(self.state)
-                self._parameters = Parameters(self.state, self.choose, self.pull)
+                self._parameters = Parameters(self.state, self.choose, self.move_slider)
                 if not refused:
                     self._error.build()
                     self._parameters.build()
-                    gates(self.state)
+                    data_checks(self.state)
                 self._lines.build()
                 self._revisions = ui.element("section").classes("card")
         self._lines.show()
@@ -104,7 +104,7 @@ class Page:
             await self._change(self.state.show)
             if self._shown is not None:
                 self._effects.fill()
-                await self._effects.weigh(self._idle)
+                await self._effects.rank_effects(self._idle)
 
         async def follow() -> None:
             """Show a selection made in another tab."""
@@ -171,8 +171,8 @@ class Page:
                 self._center.show(shown)
                 self._lines.show()
                 self._enable_steps()
-                if shown.choice.pulled:
-                    self._draw_pulled(shown)
+                if shown.choice.slider_values:
+                    self._draw_slider_values(shown)
             if turn == self._turn:
                 await asyncio.sleep(_NEXT_S)
                 self._parameters.show(shown)
@@ -209,7 +209,7 @@ class Page:
             ui.notify(str(error), type="warning", multi_line=True, timeout=8000)
             return self._shown
 
-    async def pull(self, name: str, value: float) -> None:
+    async def move_slider(self, name: str, value: float) -> None:
         """Draw the model with a slider at a value: curves first, then all other views.
 
         Args:
@@ -222,10 +222,10 @@ class Page:
             or self._shown.choice.fitted != self.state.choice.fitted
         ):
             return  # another model is being fitted
-        self.state.pull(name, value)
+        self.state.move_slider(name, value)
         shown = self._shown = replace(self._shown, choice=self.state.choice)
-        self._draw_pulled(shown)
-        self._parameters.mark_pulled(shown)
+        self._draw_slider_values(shown)
+        self._parameters.mark_slider_values(shown)
         self._enable_steps()
         await asyncio.sleep(_NEXT_S)
         if shown is self._shown:
@@ -234,7 +234,7 @@ class Page:
         if shown is self._shown:
             self._center.show_map()
 
-    def _draw_pulled(self, shown: DisplayedFit) -> None:
+    def _draw_slider_values(self, shown: DisplayedFit) -> None:
         self._center.preview(shown.fitted.predict(shown.values))
         unit = axes_of(shown.fitted.data.kind).effort_unit
         self._error.preview(shown.error_at(shown.values), unit, shown.noise)
@@ -268,7 +268,7 @@ class Page:
             self._undo = _button("Undo", "undo", lambda: self._step(self.state.undo), "Ctrl+Z")
             self._redo = _button("Redo", "redo", lambda: self._step(self.state.redo), "Ctrl+Shift+Z")
             self._enable_steps()
-            _button("Keep", "bookmark_add", self.keep, elements.KEEP)
+            _button("Keep", "bookmark_add", self.save_revisions, elements.KEEP)
             about = "Write report.html with all that is shown"
             _button("Report", "description", self.write_report, about, look="unelevated")
 
@@ -291,7 +291,7 @@ class Page:
             again = event.key.name == "y" or event.modifiers.shift
             await self._step(self.state.redo if again else self.state.undo)
 
-    async def keep(self) -> None:
+    async def save_revisions(self) -> None:
         """Save the selected effects as a revision."""
         with errors_as_warnings():
             revisions = await asyncio.to_thread(self.state.keep)
@@ -338,7 +338,7 @@ def _button(text: str, icon: str, work: Callable[[], object], about: str, look: 
     return set_props(made, aria_label=text, title=f"{text}: {about}", **{look: True})
 
 
-def gates(state: WorkbenchState) -> None:
+def data_checks(state: WorkbenchState) -> None:
     """Make the checklist of the data checks.
 
     Args:

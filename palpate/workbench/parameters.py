@@ -110,9 +110,9 @@ class Parameters:
     """Sliders and intervals of parameters, and whether they are held or bounded."""
 
     def __init__(
-        self, state: WorkbenchState, choose: Choose, pulled: Callable[[str, float], Awaitable[None]]
+        self, state: WorkbenchState, choose: Choose, on_slider_moved: Callable[[str, float], Awaitable[None]]
     ) -> None:
-        self._state, self._choose, self._pulled = state, choose, pulled
+        self._state, self._choose, self._on_slider_moved = state, choose, on_slider_moved
         self._shown: DisplayedFit | None = None
         self._estimates: dict[str, ParameterEstimate] = {}  # intervals of the shown fit, once known
         self._listed: ModelSelection | None = None  # selection whose parameters have rows
@@ -139,7 +139,7 @@ class Parameters:
         if self._shown is None or shown.fitted is not self._shown.fitted:
             self._estimates = {}
         self._shown, self._values = shown, shown.values
-        self._back.set_visibility(bool(shown.choice.pulled))
+        self._back.set_visibility(bool(shown.choice.slider_values))
         if shown.choice.fitted == self._listed:
             for name, value in self._values.items():
                 self._mark_state(name)
@@ -162,16 +162,18 @@ class Parameters:
         """
         assert self._shown is not None  # noqa: S101, set by `show`
         self._estimates = dict(estimates)
-        self._values = {name: p.value for name, p in estimates.items()} | dict(self._shown.choice.pulled)
+        self._values = {name: p.value for name, p in estimates.items()} | dict(
+            self._shown.choice.slider_values
+        )
         for name in self._numbers:
             self._mark_state(name)
 
-    def mark_pulled(self, shown: DisplayedFit) -> None:
+    def mark_slider_values(self, shown: DisplayedFit) -> None:
         """Show the values of moved sliders."""
         self._shown = shown
-        self._values |= shown.choice.pulled
+        self._values |= shown.choice.slider_values
         self._back.set_visibility(True)
-        for name in shown.choice.pulled:
+        for name in shown.choice.slider_values:
             self._mark_state(name)
 
     def _mark_state(self, name: str) -> None:
@@ -216,18 +218,18 @@ class Parameters:
             slider = ui.slider(min=low, max=high, step=(high - low) / _STEPS, value=value).props("dense")
             set_props(slider, aria_label=name, title=elements.SLIDER)
 
-            async def pull(event: events.GenericEventArguments) -> None:
-                await self._pulled(name, float(event.args))
+            async def move_slider(event: events.GenericEventArguments) -> None:
+                await self._on_slider_moved(name, float(event.args))
 
             async def release(event: events.GenericEventArguments) -> None:
-                await pull(event)
+                await move_slider(event)
                 self._state.release()  # completes one undo step
 
             async def hold() -> None:
                 value = None if name in self._state.choice.held else self._values[name]
                 await self._choose(self._state.with_held(name, value))
 
-            slider.on("update:model-value", pull, throttle=0.05).on("change", release)
+            slider.on("update:model-value", move_slider, throttle=0.05).on("change", release)
             self._sliders[name] = slider
             is_held = name in self._state.choice.held
             lock = ui.button(icon="lock" if is_held else "lock_open", on_click=hold)

@@ -59,7 +59,7 @@ class ColumnGuess:
         self.quantity = quantity
 
 
-def guess(table: Table) -> list[ColumnGuess]:
+def suggest_columns(table: Table) -> list[ColumnGuess]:
     """Guess the role of each numeric column from its name, and of the time also from its values."""
     guesses = guess_columns(table.names, clocks_of(table.columns))
     guesses = [guessed for guessed in guesses if table.numeric_share(guessed.column) == 1.0]
@@ -148,7 +148,7 @@ class FileDrop:
             if is_session(path) or path.is_dir():
                 await self._opened(path, ImportOptions())
             else:
-                self._ask(path, await asyncio.to_thread(lambda: guess(read_table(path))))
+                self._ask(path, await asyncio.to_thread(lambda: suggest_columns(read_table(path))))
         except PalpateError as error:
             _warn(error)
             return False
@@ -243,7 +243,7 @@ _MOST_WAITING = 30_000  # messages buffered for a slow viewer
 _NS = 1e9
 
 
-class Feed:
+class FoxgloveFeed:
     """A Foxglove WebSocket server; it sends each tick once, at its time in the session.
 
     Args:
@@ -372,11 +372,11 @@ def live_figure(ticks: Samples) -> Figure:
     return {"data": traces, "layout": layout}
 
 
-class Live:
+class LiveView:
     """Follows one session until it is complete, and then opens it."""
 
     def __init__(
-        self, session: Path, done: Callable[[Path], Awaitable[None]], feed: Feed | None = None
+        self, session: Path, done: Callable[[Path], Awaitable[None]], feed: FoxgloveFeed | None = None
     ) -> None:
         self._session, self._done, self._feed = session, done, feed
         self._reading, self._follower = False, SessionTail(session, STREAM_NAME, _LAST)
@@ -413,12 +413,12 @@ class Live:
             await self._done(self._session)
 
 
-async def run_command(arguments: Sequence[str], hear: Callable[[str], object]) -> str:
+async def run_command(arguments: Sequence[str], on_line: Callable[[str], object]) -> str:
     """Run a palpate command in a process; canceling ends it as Ctrl-C would.
 
     Args:
         arguments: arguments of `palpate`; it cannot ask questions.
-        hear: called with each printed line.
+        on_line: called with each printed line.
 
     Returns:
         The command's error in one line; empty on success.
@@ -435,7 +435,7 @@ async def run_command(arguments: Sequence[str], hear: Callable[[str], object]) -
     errors = asyncio.create_task(process.stderr.read())
     try:
         async for line in process.stdout:
-            hear(line.decode(errors="replace").rstrip())
+            on_line(line.decode(errors="replace").rstrip())
         message = (await errors).decode(errors="replace").strip()
         return "" if await process.wait() == 0 else (message.splitlines() or ["it failed"])[-1]
     except asyncio.CancelledError:  # the server ends: wait until the arm rests and its session is closed

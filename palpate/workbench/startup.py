@@ -24,7 +24,7 @@ from palpate.robot_io.session import Session
 from palpate.robot_io.types import FloatArray
 
 if TYPE_CHECKING:
-    from palpate.workbench.sources import Feed
+    from palpate.workbench.sources import FoxgloveFeed
     from palpate.workbench.state import WorkbenchState
 
 
@@ -41,7 +41,7 @@ class AppState:
     reading: str = ""  # file being read; empty afterwards
     error: str = ""  # why it could not be read
     reports: dict[str, Path] = field(default_factory=dict)  # reports written from the page, by key
-    feed: "Feed | None" = None  # server for Foxglove, if requested
+    feed: "FoxgloveFeed | None" = None  # server for Foxglove, if requested
     open: "Callable[[Path, ImportOptions], WorkbenchState] | None" = None  # opens a file
 
     @property
@@ -172,7 +172,7 @@ _TICKS = "tick"
 _MOST_POINTS = 600  # of a curve
 
 
-def picture(
+def thumbnail_svg(
     x: FloatArray, curves: Sequence[tuple[FloatArray, str]], width: int = 72, height: int = 44
 ) -> str:
     """Draw curves (n,) over x (n,) as a small SVG without axes.
@@ -225,7 +225,7 @@ def _panel(title: str, time_s: FloatArray, curves: Sequence[tuple[FloatArray, st
     shown = [(y[rows], color) for y, color in curves]
     low, high = min(y.min() for y, _ in shown), max(y.max() for y, _ in shown)
     caption = f"{title} from {low:.3g} to {high:.3g}, over {np.ptp(time_s[rows]):.1f} s, as measured"
-    return f"<h2>{caption}</h2>{picture(time_s[rows], shown, 1000, 200)}"
+    return f"<h2>{caption}</h2>{thumbnail_svg(time_s[rows], shown, 1000, 200)}"
 
 
 def early_server(port: int) -> EarlyServer:

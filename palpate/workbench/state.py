@@ -37,12 +37,12 @@ class ModelSelection:
     held: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, Bounds] = field(default_factory=dict)  # bounds of further parameters
     # Values of moved sliders: drawn, not fitted; a new fit resets the sliders.
-    pulled: Mapping[str, float] = field(default_factory=dict)
+    slider_values: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def fitted(self) -> "ModelSelection":
         """The same selection with all sliders at the fitted values."""
-        return replace(self, pulled={})
+        return replace(self, slider_values={})
 
     def with_effects(self, effects: Sequence[str]) -> "ModelSelection":
         """Return the selection with other effects, and without settings of removed parameters.
@@ -71,7 +71,7 @@ class DisplayedFit:
     @property
     def values(self) -> dict[str, float]:
         """Parameters as drawn: fitted values, and values of moved sliders."""
-        return {**self.fitted.values, **self.choice.pulled}
+        return {**self.fitted.values, **self.choice.slider_values}
 
     def compute_intervals(self) -> None:
         """Compute what is slow and cached: intervals, impossible gains, and the flexible regression."""
@@ -103,10 +103,10 @@ class WorkbenchState:
         self.study, self.source = study, source
         self.whole: WorkbenchState | None = None  # study with all runs, as the page was opened
         self.out: tuple[int, ...] = ()
-        self.judging: DiagnosisProcess | None = None  # the running diagnosis
+        self.diagnosis_process: DiagnosisProcess | None = None  # the running diagnosis
         self._past: deque[_Step] = deque(maxlen=_MOST_STEPS)
         self._future: list[_Step] = []
-        self._pulling = ""  # parameter whose slider is being pulled
+        self._moved_slider = ""  # parameter whose slider is being pulled
         first = next((channel for channel in study.channels if not study.refusal(channel)), study.channels[0])
         self.choice = self._start_of(first.name)
 
@@ -184,31 +184,31 @@ class WorkbenchState:
         Args:
             choice: channel, effects and held parameters.
         """
-        self._pulling = ""
+        self._moved_slider = ""
         if choice != self.choice:
             self._past.append(self._step)
             self._future.clear()
             self.choice = choice
 
-    def pull(self, name: str, value: float) -> None:
+    def move_slider(self, name: str, value: float) -> None:
         """Store a moved slider's value: one step of undo until `release`.
 
         Args:
             name: "effect.parameter".
             value: value in the parameter's SI unit.
         """
-        if self.choice.pulled.get(name) == value:  # the browser sends it twice
+        if self.choice.slider_values.get(name) == value:  # the browser sends it twice
             return
-        choice = replace(self.choice, pulled={**self.choice.pulled, name: value})
-        if self._pulling == name:
+        choice = replace(self.choice, slider_values={**self.choice.slider_values, name: value})
+        if self._moved_slider == name:
             self.choice = choice
         else:
             self.set_choice(choice)
-            self._pulling = name
+            self._moved_slider = name
 
     def release(self) -> None:
         """Store that the slider was released."""
-        self._pulling = ""
+        self._moved_slider = ""
 
     def toggled(self, effect: str) -> ModelSelection:
         """Return the selection with an effect added, or removed if it is selected.
@@ -230,7 +230,7 @@ class WorkbenchState:
         """
         held, bounds = _without(self.choice.held, name), _without(self.choice.bounds, name)
         held |= {} if value is None else {name: value}
-        return replace(self.choice, held=held, bounds=bounds, pulled={})
+        return replace(self.choice, held=held, bounds=bounds, slider_values={})
 
     def with_bounds(self, name: str, bounds: Bounds) -> ModelSelection:
         """Return the selection with a parameter bounded.
@@ -248,7 +248,7 @@ class WorkbenchState:
                 "the second"
             )
         held = _without(self.choice.held, name)
-        return replace(self.choice, held=held, bounds={**self.choice.bounds, name: bounds}, pulled={})
+        return replace(self.choice, held=held, bounds={**self.choice.bounds, name: bounds}, slider_values={})
 
     @property
     def can_undo(self) -> bool:
@@ -273,7 +273,7 @@ class WorkbenchState:
         return self._moved(self._future, self._past)
 
     def _moved(self, source: MutableSequence[_Step], target: MutableSequence[_Step]) -> "WorkbenchState":
-        self._pulling = ""
+        self._moved_slider = ""
         if not source:
             return self
         target.append(self._step)
@@ -307,14 +307,14 @@ class WorkbenchState:
             )
         return self.choose(ModelSelection(revision.channel, tuple(revision.effects)))
 
-    def keep(self) -> tuple[Revision, ...]:
+    def save_revisions(self) -> tuple[Revision, ...]:
         """Save the selected effects as revisions, as `palpate add --fresh` does, without held values."""
         if not self.choice.effects:
             raise InputError("nothing is added yet: tick an effect first")
         return self.study.add(*self.choice.effects, channel=self.choice.channel, fresh=True).revisions
 
     @property
-    def is_kept(self) -> bool:
+    def is_saved(self) -> bool:
         """Whether the newest revision has the chosen effects."""
         newest = self.study.latest(self.channel)
         return newest is not None and tuple(newest.effects) == self.choice.effects

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.common import console
-from palpate.common.console import as_shell_word, typed
+from palpate.common.console import as_shell_word, shell_path
 from palpate.common.files import existing_data
-from palpate.common.options import model_names, takes
+from palpate.common.options import model_names, with_options
 from palpate.estimation.data.import_options import ImportOptions, parse_pairs
 from palpate.robot_io.errors import InputError
 
@@ -78,7 +78,7 @@ class ReadOptions:
 
     @property
     def given(self) -> dict[str, str | list[str] | bool | None]:
-        """The options as `retyped` takes them."""
+        """The options as `shell_options` takes them."""
         return {
             "column": self.column,
             "unit": self.unit,
@@ -189,7 +189,7 @@ class DataArguments(StudyOptions):
         if model is not None:
             MODELS[model]
 
-    def say_left_out(self) -> None:
+    def print_omitted(self) -> None:
         """Report the held-out runs that a command without model comparison leaves out."""
         if self.held_out:
             words = (
@@ -198,14 +198,14 @@ class DataArguments(StudyOptions):
             )
             console.stderr().print(words)
 
-    def typed(self, **more: str | Path | list[str] | bool | None) -> str:
+    def command_text(self, **more: str | Path | list[str] | bool | None) -> str:
         """Return the file with all options as one would type them again.
 
         Args:
-            more: further options, or others instead of those given; see `retyped`.
+            more: further options, or others instead of those given; see `shell_options`.
         """
         arm = {"effect": self.effect, "urdf": self.urdf, "tip-frame": self.tip_frame}
-        return retyped(self.file, **{**arm, "held-out": self.held_out, **self.given, **more})
+        return shell_options(self.file, **{**arm, "held-out": self.held_out, **self.given, **more})
 
 
 def _run_numbers(text: str | None) -> list[int]:
@@ -215,18 +215,18 @@ def _run_numbers(text: str | None) -> list[int]:
         raise InputError(f"--held-out {text}: give run numbers separated by commas, such as 2,5") from None
 
 
-takes_data = takes(DataArguments, "file")
-may_take_data = takes(DataArguments, "file", file=Path())  # without a file `data.file` is the folder
+takes_data = with_options(DataArguments, "file")
+may_take_data = with_options(DataArguments, "file", file=Path())  # without a file `data.file` is the folder
 
 
-def retyped(file: Path, **options: str | Path | list[str] | bool | None) -> str:
+def shell_options(file: Path, **options: str | Path | list[str] | bool | None) -> str:
     """Return the file with its options as a command line, for suggested commands.
 
     Args:
         file: session or data file.
         options: values by the name of the option; None, or False for a flag, where it was not given.
     """
-    words = [typed(file)]
+    words = [shell_path(file)]
     for name, value in options.items():
         for each in value if isinstance(value, list) else [value]:
             if each is True:

@@ -138,7 +138,7 @@ def solve(session: Path, progress: Progress) -> HiddenDemo:
     folder = output_folder(opened.derived_dir)
     diagnosis = study.diagnose(apply=True, progress=progress)
     (result,) = study.results()
-    again = f"palpate diagnose {typed(session)} --model {CONTACT_MODEL} --apply"
+    again = f"palpate diagnose {shell_path(session)} --model {CONTACT_MODEL} --apply"
     texts = {RESULT: json_text(study.diagnosis_data(diagnosis))}
     files = write_outcome(folder, study, [result], [again], texts)
     return HiddenDemo(session, result, {"result": folder / RESULT, **files}, open_answer(opened))

@@ -129,7 +129,7 @@ class Budget:
 
 
 @dataclass(frozen=True)
-class Resolved:
+class ResolveResult:
     """Result of the whole sequence."""
 
     folder: Path  # with the sessions, and what is derived from them
@@ -159,18 +159,18 @@ def resolve(  # noqa: PLR0917
     job: ProbingJob,
     budget: Budget,
     channel: str | None = None,
-    tell: Callable[[Decision], None] = lambda decision: None,
+    on_decision: Callable[[Decision], None] = lambda decision: None,
     watch: Watch = lambda plan: nullcontext(NOBODY),
     work: Work = lambda channels: nullcontext(lambda what, share: None),
     design: Design = Study.next_probe,
-) -> Resolved:
+) -> ResolveResult:
     """Run a first probe and the most informative further probes; report and log each decision.
 
     Args:
         job: the first probe; the folder of its session is the study's, and holds no session yet.
         budget: maximum number and time of probes.
         channel: the channel to explain; None for all.
-        tell: called with each decision.
+        on_decision: called with each decision.
         watch: observes the run of a plan.
         work: shows the progress of the computation for these channels.
         design: chooses the next probe from the study, its diagnosis, and the time that it may take [s].
@@ -216,9 +216,9 @@ def resolve(  # noqa: PLR0917
         decisions.append(decision)
         with (folder / DECISIONS).open("a", encoding="utf-8") as log:
             log.write(json.dumps(asdict(decision)) + "\n")
-        tell(decision)
+        on_decision(decision)
         if following is None:
-            return Resolved(folder, tuple(decisions), tuple(judged))
+            return ResolveResult(folder, tuple(decisions), tuple(judged))
         job = replace(job, plan=following.plan)
 
 

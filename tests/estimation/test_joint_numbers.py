@@ -97,6 +97,6 @@ def test_an_ambiguous_column_is_asked_about_by_its_number_and_the_page_takes_eve
         pairs(path)
     assert pairs(path, columns={"torque_1": "torque 1 [Nm]"}) == [(0, 2, 1.0), (1, 4, 1.0)]
     path = log(*FROM_0)
-    options = options_of(guess(read_table(path)))
+    options = options_of(suggest_columns(read_table(path)))
     assert options.columns["position_0"] == "position_0_rad"
     assert pairs(path, columns=options.columns, units=options.units) == [(0, 2, 1.0), (1, 3, 1.0)]

@@ -72,6 +72,6 @@ def without_figures(monkeypatch):
     """Reports have no figures, which take a third of the time of `palpate add`; test_report.py has them."""
     from palpate.render import report
 
-    for name in ("fall_figure", "map_figure", "time_figure", "state_figure"):
+    for name in ("error_steps_figure", "map_figure", "time_figure", "state_figure"):
         monkeypatch.setattr(report, name, lambda _channel: None)
     monkeypatch.setattr(report, "as_html", lambda _figure: report.Markup())

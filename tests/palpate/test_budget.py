@@ -12,7 +12,7 @@ from palpate.estimation.diagnosis import ChannelDiagnosis
 from palpate.estimation.diagnosis.result import RemainingError
 from palpate.estimation.kinds import Kind
 from palpate.render import palette, terminal
-from palpate.render.diagnosis import budget_picture, budget_view, diagnosis_verdict
+from palpate.render.diagnosis import budget_svg, budget_view, diagnosis_verdict
 from palpate.render.recording.file import TIME, recording_file, shown_on
 from palpate.render.recording.revisions import budget_tab, log_budget
 
@@ -113,7 +113,7 @@ def test_a_range_goes_from_the_smaller_to_the_larger_share_in_every_view():
     header = " ".join(re.sub(r"\s+", " ", table).split())
     assert "alone share or added last form" in header
     assert "53 to 63 %" in header
-    picture = budget_picture(view, 800)
+    picture = budget_svg(view, 800)
     assert ">alone or added last<" in picture
     assert "53 to 63 %" in picture
 
@@ -131,7 +131,7 @@ def test_kinds_that_cannot_be_told_apart_come_with_the_experiment():
 
 
 def test_the_picture_stacks_the_shares_to_its_whole_width():
-    picture = ElementTree.fromstring(budget_picture(budget_view(diagnosis(RELAXATION, SHAPE, RUNS)), 800))
+    picture = ElementTree.fromstring(budget_svg(budget_view(diagnosis(RELAXATION, SHAPE, RUNS)), 800))
     space = "{http://www.w3.org/2000/svg}"
     stacked = [rect for rect in picture.iter(f"{space}rect") if rect.get("y") == "0"]
     assert [rect.get("fill") for rect in stacked] == [
@@ -147,7 +147,7 @@ def test_the_picture_stacks_the_shares_to_its_whole_width():
 @pytest.mark.parametrize("width", [340, 940])
 def test_names_of_effects_never_become_markup_of_the_picture(width):
     strange = "<script>alert(1)</script>"
-    text = budget_picture(budget_view(diagnosis(share("friction", 0.9, effects=[strange]))), width)
+    text = budget_svg(budget_view(diagnosis(share("friction", 0.9, effects=[strange]))), width)
     assert "<script" not in text
     ElementTree.fromstring(text)
 

@@ -158,6 +158,6 @@ def test_a_picture_of_the_viewer_is_there_whole_or_not_at_all(tmp_path, monkeypa
     picture = tmp_path / os.fsdecode(b"\xff.png")
     picture.write_bytes(b"before")
     with pytest.raises(PalpateError, match="the viewer is gone") if failure else nullcontext():
-        rerun_file.take_picture(tmp_path / os.fsdecode(b"\xff.rrd"), picture, 0.0, (800, 600))
+        rerun_file.capture_screenshot(tmp_path / os.fsdecode(b"\xff.rrd"), picture, 0.0, (800, 600))
     assert list(tmp_path.iterdir()) == [picture]
     assert picture.read_bytes() == (b"before" if failure else b"half")

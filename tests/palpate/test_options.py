@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from palpate.common.failures import in_python
+from palpate.common.failures import python_wording
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.study.source import open_source
 from palpate.robot_io.errors import InputError
@@ -116,7 +116,7 @@ OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
     ],
 )  # fmt: skip
 def test_options_become_keywords(text, expected):
-    assert in_python(text) == expected
+    assert python_wording(text) == expected
 
 
 def test_every_option_that_estimation_names_has_a_keyword():
@@ -124,7 +124,7 @@ def test_every_option_that_estimation_names_has_a_keyword():
     for file in (ROOT / "estimation").rglob("*.py"):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                left = set(OPTION.findall(in_python(node.value))) - {"--experiment"}  # of palpate probe
+                left = set(OPTION.findall(python_wording(node.value))) - {"--experiment"}  # of palpate probe
                 unknown |= {f"{file.name}: {option}": node.lineno for option in left}
     assert not unknown
 

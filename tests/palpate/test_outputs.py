@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from palpate.common import console
-from palpate.common.console import as_shell_word, shown, typed
+from palpate.common.console import as_shell_word, display_path, shell_path
 from palpate.common.files import (
     different_files,
     existing_file,
@@ -236,10 +236,10 @@ def test_any_name_is_shown_in_one_line_and_typed_as_one_word(name, tmp_path, mon
     monkeypatch.chdir(tmp_path)
     path = tmp_path / name
     path.touch()
-    echoed = subprocess.run(["bash", "-c", f"ls -d {typed(path)}"], capture_output=True, check=True)
+    echoed = subprocess.run(["bash", "-c", f"ls -d {shell_path(path)}"], capture_output=True, check=True)
     assert os.fsdecode(echoed.stdout) in {f"{name}\n", f"./{name}\n"}
     written = io.StringIO()
-    console.Console(file=written, highlight=False, width=200).print(shown(path))
+    console.Console(file=written, highlight=False, width=200).print(display_path(path))
     assert written.getvalue().rstrip("\n").isprintable()
     assert ("[bold]" in name) == ("[bold]" in written.getvalue())
 
@@ -248,7 +248,7 @@ def test_next_commands_can_be_pasted(tmp_path):
     file = tmp_path / "a [bold]b.mcap"
     said = io.StringIO()
     with redirect_stderr(said):
-        console.next_steps((f"palpate info {typed(file)}", "what is in it"))
+        console.next_steps((f"palpate info {shell_path(file)}", "what is in it"))
     assert f"info {as_shell_word(str(file))}" in said.getvalue()
 
 

@@ -173,7 +173,7 @@ class TestFigures:
 
     def test_bars_are_the_errors_and_curves_the_measured_first_and_last_model(self, result):
         view = result_view(result)
-        shown = report.fall_figure(view)
+        shown = report.error_steps_figure(view)
         np.testing.assert_allclose(shown.data[0].x, [stage.rmse for stage in result.stages])
         assert shown.layout.shapes[0].x0 == view.noise_level
         shown = report.time_figure(result_view(result))

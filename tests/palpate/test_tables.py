@@ -22,7 +22,7 @@ from palpate.render.build import view_of
 from palpate.render.estimates import estimate_table
 from palpate.render.paired import difference_table
 from palpate.render.terminal import (
-    fall_table,
+    error_steps_table,
     parameter_table,
     print_comparison,
     print_diagnosis,
@@ -136,7 +136,10 @@ def compared_and_diagnosed(hardening):
 @pytest.mark.parametrize("width", [60, 80, 120])
 def test_the_table_of_stages_breaks_no_name_of_an_effect(added, width):
     assert any(stage.number is not None for stage in added.stages)
-    shown = printed(fall_table(replace(added, fall=(added.fall[0], (f"+ {LONG}", 0.1))), width), width)
+    shown = printed(
+        error_steps_table(replace(added, error_steps=(added.error_steps[0], (f"+ {LONG}", 0.1))), width),
+        width,
+    )
     assert any(f"+ {LONG}" in line for line in shown.splitlines())
 
 

@@ -15,7 +15,7 @@ from palpate.estimation.diagnosis import ChannelDiagnosis
 from palpate.estimation.diagnosis.result import NoiseFloor
 from palpate.render import palette, terminal
 from palpate.render.build import channel_view, concatenated_times, parameter_view, run_speeds
-from palpate.render.diagnosis import describe_fall, diagnosis_verdict
+from palpate.render.diagnosis import describe_error_decrease, diagnosis_verdict
 from palpate.render.thinning import join_curves, peak_rows, rows_by_run, run_curves
 from palpate.render.view import StudyView, residual_map
 from tests.palpate import synthetic
@@ -117,7 +117,7 @@ def test_an_established_effect_is_named_whether_the_model_is_complete_or_not(com
 )
 def test_the_last_step_is_credited_only_with_its_own_fall(errors, words):
     added = ["first", "second"][: len(errors) - 1]
-    told = describe_fall("contact", errors, added, 0.01, "N")
+    told = describe_error_decrease("contact", errors, added, 0.01, "N")
     assert told.endswith(words)
     assert told.startswith(f"contact with {' and '.join(added)}: the error in held-out runs")
 

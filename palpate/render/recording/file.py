@@ -133,7 +133,7 @@ def open_window(recording: Path) -> None:
     _start("--port", "auto", str(recording.absolute()), detached=True)
 
 
-def take_picture(
+def capture_screenshot(
     recording: Path, picture: Path, time_s: float, size: tuple[int, int], *, revision: int | None = None
 ) -> None:
     """Save what the viewer shows at a moment as PNG; needs a Vulkan driver, but no display.

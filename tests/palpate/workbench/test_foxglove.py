@@ -16,7 +16,7 @@ from palpate.control.loop.tick_record import tick_stream
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import Samples
 from palpate.workbench.server import _end
-from palpate.workbench.sources import TOPIC, Feed
+from palpate.workbench.sources import TOPIC, FoxgloveFeed
 from palpate.workbench.startup import AppState
 
 client = pytest.importorskip("websockets.sync.client", reason="websockets is not installed")
@@ -40,7 +40,7 @@ def pressing(count):
 @pytest.fixture
 def feed():
     pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
-    made = Feed("127.0.0.1", 0)
+    made = FoxgloveFeed("127.0.0.1", 0)
     yield made
     made.close()
 
@@ -152,4 +152,4 @@ def test_the_feed_ends_with_the_page(feed):
 
 def test_a_port_that_somebody_has_is_named(feed):
     with pytest.raises(InputError, match=f"--foxglove {feed.port}: in use, or not permitted; choose another"):
-        Feed("127.0.0.1", feed.port)
+        FoxgloveFeed("127.0.0.1", feed.port)

@@ -29,7 +29,7 @@ from palpate.workbench.effects import _Simulated
 from palpate.workbench.layout import _unused_path
 from palpate.workbench.plots import MOST_POINTS, DrawnMotion, picked, time_figure
 from palpate.workbench.processes import FitPrefetcher
-from palpate.workbench.sources import guess, options_of, run_command, units_of
+from palpate.workbench.sources import options_of, run_command, suggest_columns, units_of
 from palpate.workbench.startup import AppState
 from palpate.workbench.state import WorkbenchState, evidence_of, groups
 from palpate.workflows.data_options import DataArguments
@@ -52,7 +52,7 @@ def test_a_tick_is_the_fit_that_add_makes(state, press):
     change = Study(press, keep=False).add("cubic_stiffness")
     assert shown.fitted.rmse == change.result.stages[-1].rmse
     assert [error for _, error in shown.steps] == [stage.rmse for stage in change.result.stages]
-    assert state.keep()[-1].rmse == shown.fitted.rmse
+    assert state.save_revisions()[-1].rmse == shown.fitted.rmse
 
 
 def test_a_first_look_is_near_the_fit_and_is_not_made_where_that_is_known(state):
@@ -83,17 +83,17 @@ def test_undo_and_redo_go_both_ways_and_a_new_choice_ends_redo(state):
 def test_each_pull_of_a_slider_is_one_step_and_leaves_the_effects(state):
     fitted = state.choose(state.toggled("cubic_stiffness")).fitted
     for value in (410.0, 420.0, 430.0):
-        state.pull("stiffness.k", value)
+        state.move_slider("stiffness.k", value)
     state.release()
-    state.pull("stiffness.k", 430.0)  # said again by the browser: no step
-    state.pull("stiffness.k", 500.0)
-    state.pull("damping.c", 3.0)
+    state.move_slider("stiffness.k", 430.0)  # said again by the browser: no step
+    state.move_slider("stiffness.k", 500.0)
+    state.move_slider("damping.c", 3.0)
     assert state.show().values == {**fitted.values, "stiffness.k": 500.0, "damping.c": 3.0}
-    pulled = [state.undo().choice.pulled for _ in range(3)]
+    pulled = [state.undo().choice.slider_values for _ in range(3)]
     assert pulled == [{"stiffness.k": 500.0}, {"stiffness.k": 430.0}, {}]
     assert state.choice.effects == ("cubic_stiffness",)
-    assert state.redo().choice.pulled == {"stiffness.k": 430.0}
-    assert state.choose(state.with_held("damping.c", 3.0)).choice.pulled == {}
+    assert state.redo().choice.slider_values == {"stiffness.k": 430.0}
+    assert state.choose(state.with_held("damping.c", 3.0)).choice.slider_values == {}
 
 
 def test_another_use_of_runs_can_be_undone(state):
@@ -260,7 +260,7 @@ def test_columns_are_guessed(tmp_path, header, expected):
     t = np.arange(0, 1, 0.01)
     path = tmp_path / "some.csv"
     np.savetxt(path, np.column_stack([t, np.sin(t), np.cos(t)]), delimiter=",", header=header, comments="")
-    found = guess(read_table(path))
+    found = suggest_columns(read_table(path))
     assert [f"{one.quantity} {one.unit}" for one in found] == expected
     assert all(one.unit in ("", *units_of(one.quantity)) for one in found)
 
@@ -268,7 +268,7 @@ def test_columns_are_guessed(tmp_path, header, expected):
 def test_a_unit_that_the_file_does_not_state_is_asked_for(press, tmp_path):
     plain = tmp_path / "plain.csv"
     plain.write_text("clock,z,load,run\n" + press.read_text().partition("\n")[2])
-    options = options_of(guess(read_table(plain)))
+    options = options_of(suggest_columns(read_table(plain)))
     with pytest.raises(InputError, match="state no units; give them"):
         Study(plain, columns=options.columns, units=options.units, keep=False)
 
@@ -277,7 +277,7 @@ def test_a_corrected_quantity_keeps_the_unit_that_the_file_states(tmp_path):
     """Of "Crosshead [mm]" a position was made, then a displacement in m."""
     path = tmp_path / "press.csv"
     path.write_text("Time [s],Crosshead [mm],Load [N]\n" + "".join(f"{n / 10},{n},{n}\n" for n in range(9)))
-    _, way, _ = guess(read_table(path))
+    _, way, _ = suggest_columns(read_table(path))
     for quantity in ("position", "", "displacement"):
         way.assign(quantity)
     assert (way.quantity, way.unit) == ("displacement", "mm")
@@ -286,7 +286,7 @@ def test_a_corrected_quantity_keeps_the_unit_that_the_file_states(tmp_path):
 
 
 def test_corrected_columns_are_options_of_the_command(press):
-    columns = guess(read_table(press))
+    columns = suggest_columns(read_table(press))
     columns[2].unit = "mN"
     options = options_of(columns)
     assert options.units["force_N"] == "mN"
@@ -439,7 +439,7 @@ def test_a_report_is_written_where_the_study_keeps_its_results(tmp_path, monkeyp
         report=report,
     )
     choice = SimpleNamespace(effects=())
-    state = SimpleNamespace(study=study, choice=choice, is_kept=True, command=lambda: "")
+    state = SimpleNamespace(study=study, choice=choice, is_saved=True, command=lambda: "")
     shown = SimpleNamespace(state=state, _list_revisions=lambda: None, _serve_report=str)
     asyncio.run(page_module.Page.write_report(shown))
     folder = tmp_path / "mine" if is_named else Path("press-palpate")
