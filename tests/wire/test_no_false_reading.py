@@ -100,7 +100,7 @@ def test_no_wrong_number_is_served_as_ok(bench, family, changes, kind):
         arm.robot.activate()
     trusted = sound = 0
     for tick in range(TICKS):
-        sound += sum(faults._struck.values()) == DAMAGED
+        sound += sum(faults._occurrences.values()) == DAMAGED
         if sound > AFTER:
             break
         if tick == FIRST_TICK:
@@ -116,5 +116,5 @@ def test_no_wrong_number_is_served_as_ok(bench, family, changes, kind):
                 assert course.newtons_off(measurement) < JUMP_N, tick
             else:
                 assert course.radians_off(measurement) < (CAN_RAD if family in CAN else SERVO_RAD), tick
-    assert sum(faults._struck.values()) == DAMAGED
+    assert sum(faults._occurrences.values()) == DAMAGED
     assert trusted > 30  # what is damaged so often is rightly doubted for long

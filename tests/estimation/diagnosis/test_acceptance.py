@@ -312,7 +312,7 @@ def test_a_form_is_named_where_its_kind_accounts_for_some_of_the_error(
         Kind.FRICTION, share, (share, share), necessary, share, tuple(others)
     )
     laws = SimpleNamespace(mean_square=lambda kinds=None: by_other * test.unexplained_by_all)
-    partial = replace(partial, budget=replace(partial.budget, flexible=0.0), error=laws)
+    partial = replace(partial, budget=replace(partial.budget, unexplained_by_all=0.0), error=laws)
     entries = {Kind.FRICTION: entry} if entry else {}
     found = module._accounts_for_error(
         search, partial, end, test, entries, explained=1.0, unexplained=unexplained
@@ -326,7 +326,7 @@ def test_an_effect_that_leaves_less_than_all_laws_names_its_kind_itself(searches
     (test,) = form_tests(partial, end)
     nothing = {Kind.FRICTION: BudgetEntry(Kind.FRICTION, 0.0, (0.0, 0.0), 0.0, 0.0, ())}
     for flexible, told in ((0.9, True), (0.0, False)):
-        part = replace(partial, budget=replace(partial.budget, flexible=flexible))
+        part = replace(partial, budget=replace(partial.budget, unexplained_by_all=flexible))
         found = module._accounts_for_error(search, part, end, test, nothing, explained=1.0, unexplained=1.0)
         assert found is told
 

@@ -118,7 +118,7 @@ def test_a_kind_without_a_form_gets_its_closest_ones_and_no_more():
 
 
 @pytest.mark.parametrize(
-    ("taken", "explained_by_law", "added", "left", "known", "closed"),
+    ("explained_by_effect", "explained_by_law", "added", "left", "known", "closed"),
     [
         (8.0, 10.0, 0.09, 1.0, True, False),
         (7.9, 10.0, 0.0, 1.0, False, True),
@@ -240,7 +240,7 @@ def test_forms_that_together_leave_as_little_as_the_laws_of_their_kinds_bear_the
     left, base = end.held_out_mean_square, partial.budget.base
     shares = ((1.1, base, [RIPPLE, RUB]), (0.8, base, []), (1.1, 2.0 * np.sqrt(left), []))
     for of_laws, all_error, names in shares:  # names take most of the error, or a share that is no kind's
-        budget = replace(partial.budget, left=of_laws * left / all_error**2, base=all_error)
+        budget = replace(partial.budget, unexplained=of_laws * left / all_error**2, base=all_error)
         known, _ = accept_forms(search, replace(partial, budget=budget), end, measured(search))
         assert search.added_effects(known) == names
 
