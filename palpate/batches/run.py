@@ -31,7 +31,7 @@ from palpate.batches.pooling import (
     shared_parameters,
 )
 from palpate.batches.table import field_names, head, make_table, parameter_columns, texts, write_table
-from palpate.batches.works.measuring import write_measurement_report
+from palpate.batches.tasks.measuring import write_measurement_report
 from palpate.common.console import count, json_text
 from palpate.common.files import existing_file, output_folder, write_text
 from palpate.common.user_effects import load_user_effects

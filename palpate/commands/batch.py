@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.common import console
-from palpate.common.console import count, plus_minus, safe, shown, significant
+from palpate.common.console import count, display_path, plus_minus, safe, significant
 from palpate.common.options import (
     AddOption,
     JsonOption,

@@ -11,9 +11,9 @@ from plotly.graph_objects import Figure
 from palpate.calibration.arm_fit import ArmFit
 from palpate.calibration.force import STANDARD_GRAVITY_M_S2, fit_force, read_reference_file, read_weighing
 from palpate.common import console
-from palpate.common.console import AT_REST, command_group, shown
+from palpate.common.console import AT_REST, command_group, display_path
 from palpate.common.files import different_files, existing_file, output_file, whole_set
-from palpate.common.options import takes
+from palpate.common.options import with_options
 from palpate.estimation.data.import_options import parse_pairs
 from palpate.render.calibration import arm_figure, encoder_figure, force_figure, print_calibration
 from palpate.render.progress import motion_progress, weighing_progress
@@ -22,7 +22,7 @@ from palpate.robot_io.calibration.file import Calibration
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.runs import calibration as runs
 from palpate.runs import calibration_file as fits
-from palpate.runs.calibration_file import say_how_to_use_it
+from palpate.runs.calibration_file import print_usage_hint
 from palpate.runs.options import (
     CalibrateOptions,
     MotionOptions,

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from palpate.common import console
-from palpate.common.console import json_text, safe, shown, typed
+from palpate.common.console import display_path, json_text, safe, shell_path
 from palpate.common.files import folder_to_fill, folder_to_read, output_folder, spare_files, whole_set
 from palpate.common.options import JsonOption, model_names
 from palpate.estimation.estimate import with_unit

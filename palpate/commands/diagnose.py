@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from palpate.common import console
-from palpate.common.console import as_shell_word, count, json_text, safe, shown, typed
+from palpate.common.console import as_shell_word, count, display_path, json_text, safe, shell_path
 from palpate.common.files import folder_to_fill, output_folder
 from palpate.common.options import JsonOption, estimator_names
 from palpate.estimation.channel import ChannelKind

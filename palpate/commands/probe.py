@@ -11,9 +11,9 @@ import typer
 from rich.markup import escape
 
 from palpate.common import console
-from palpate.common.console import count, duration, safe, shown, typed
+from palpate.common.console import count, display_path, duration, safe, shell_path
 from palpate.common.files import open_session
-from palpate.common.options import SessionOutOption, takes
+from palpate.common.options import SessionOutOption, with_options
 from palpate.control.loop.result import Outcome
 from palpate.control.probing.plan import ProbingPlan
 from palpate.render.progress import diagnosis_progress, motion_progress, probing_progress
@@ -25,7 +25,7 @@ from palpate.runs.options import (
     RunOptions,
     YesOption,
     ask_for_power,
-    motion_in_words,
+    describe_motion,
     numbers,
     probing_plan,
 )

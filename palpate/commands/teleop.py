@@ -13,7 +13,7 @@ from palpate.common.files import existing_file, output_session
 from palpate.common.options import JsonOption, SessionOutOption, scenario_names, with_options
 from palpate.control.loop.result import Outcome
 from palpate.control.probing.plan import ProbingPlan
-from palpate.control.teleop.follower_task import OnSilence
+from palpate.control.teleop.follower_task import SilenceAction
 from palpate.control.teleop.leader_arm import OPERATOR_DEVICES, LeaderArm, build_operator
 from palpate.render.terminal import print_files
 from palpate.robot_io.clock import MonotonicClock

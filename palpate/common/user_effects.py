@@ -134,12 +134,12 @@ def load_user_effect(text: str) -> Effect:
         ]
         names = ", ".join(own)
         raise InputError(f"--effect {text}: no effect is called '{name}' there. There are: {names or 'none'}")
-    with foreign_code(f"--effect {text}", own_file=file_of(member)):
+    with user_code(f"--effect {text}", own_file=file_of(member)):
         attribute, wrong = next(_flaws(member), ("", ""))
     if wrong:
         raise InputError(f"--effect {text}: {wrong}{place_of(member, attribute)}")
-    with foreign_code(f"--effect {text}: cannot be made", LIMIT_S, file_of(member)):
-        return watched(member())
+    with user_code(f"--effect {text}: cannot be made", LIMIT_S, file_of(member)):
+        return guarded(member())
 
 
 STATED = ("name", "physics", "equation", "source", "signature", "channels")

@@ -19,8 +19,8 @@ from palpate.calibration.arm_motion import (
     travel_speed_rad_s,
 )
 from palpate.calibration.encoder import PUSH_SHARE, StopSettings, StopTask, plan_stops, with_room_for_stops
-from palpate.calibration.force import check_references, weigh
-from palpate.calibration.standstill import StillRobot
+from palpate.calibration.force import check_references, record_weighing
+from palpate.calibration.standstill import StationaryRobot
 from palpate.control.laws.gains import gains_of
 from palpate.control.loop.result import Outcome
 from palpate.control.loop.task import Task
@@ -59,7 +59,7 @@ class CalibrationSetup:
         n = robot_file.joint_count
         anywhere = {"position_min_rad": (-_FAR_RAD,) * n, "position_max_rad": (_FAR_RAD,) * n}
         guard = arm.guard(robot_file.limits.model_copy(update=anywhere))
-        return StillRobot(arm.robot, guard, arm.clock, arm.log, robot_file.control_rate_hz)
+        return StationaryRobot(arm.robot, guard, arm.clock, arm.log, robot_file.control_rate_hz)
 
     def start_rad(self) -> FloatArray:
         """Joint positions before anything moves, shape (n,) [rad]."""

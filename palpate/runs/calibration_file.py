@@ -15,7 +15,7 @@ from palpate.calibration.encoder import EncoderFit, fit_pose, fit_stops
 from palpate.calibration.force import ForceFit
 from palpate.calibration.standstill import UncertainValue
 from palpate.common import console
-from palpate.common.console import FIRST_PROBE, safe, shown, typed
+from palpate.common.console import FIRST_PROBE, display_path, safe, shell_path
 from palpate.common.files import open_session
 from palpate.control.loop.tick_record import STREAM_NAME
 from palpate.estimation.data.tick_channels import checked_ticks
@@ -259,7 +259,7 @@ def _entry(
     return {"value": value, "std_err": std_err, "unit": unit}
 
 
-def say_how_to_use_it(calibration: Calibration, path: Path, options: RunOptions) -> None:
+def print_usage_hint(calibration: Calibration, path: Path, options: RunOptions) -> None:
     """Print on stderr the lines to add to the robot file, and the next command.
 
     Args:
@@ -281,7 +281,7 @@ def say_how_to_use_it(calibration: Calibration, path: Path, options: RunOptions)
     if is_shipped:
         talk.print(f"\nTo use it, copy the shipped arm, and write into the copy's {safe(file.name)}:")
     else:
-        talk.print(f"\nTo use it, write into {shown(file)}:", soft_wrap=True)
+        talk.print(f"\nTo use it, write into {display_path(file)}:", soft_wrap=True)
     named = {kind: name for kind, name in robot_file.calibration.model_dump().items() if name is not None}
     folder = file.resolve().parent
     named[calibration.kind] = str(path.relative_to(folder) if path.is_relative_to(folder) else path)

@@ -13,7 +13,7 @@ from nicegui import ui
 from palpate.common.console import json_text
 from palpate.common.files import output_folder, write_text
 from palpate.estimation.study.saved_diagnosis import RESULT
-from palpate.render.diagnosis import budget_picture, budget_view, diagnosis_verdict
+from palpate.render.diagnosis import budget_svg, budget_view, diagnosis_verdict
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import open_answer

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.common.console import json_text, typed
+from palpate.common.console import json_text, shell_path
 from palpate.common.files import output_folder
 from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.study import ChannelEstimates, ChannelResult

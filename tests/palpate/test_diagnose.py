@@ -8,7 +8,7 @@ import pytest
 
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.data_quality import reject_reason
-from palpate.estimation.design.next_experiment import sufficient
+from palpate.estimation.design.next_experiment import propose_remedial_experiment
 from palpate.estimation.study.saved_diagnosis import RESULT
 from palpate.study import Study
 from tests.estimation.presses import channel, kelvin_voigt, motion
