@@ -149,8 +149,8 @@ class Study(ModelStudy):
         )
         for text, effect in own.items():  # refuse one that fails on a channel, or changes nothing on any
             try:
-                with foreign_code(f"effect '{effect.name}'", LIMIT_S):
-                    acts = {channel.name: rehearse(effect, channel.data) for channel in self.channels}
+                with user_code(f"effect '{effect.name}'", LIMIT_S):
+                    acts = {channel.name: try_effect(effect, channel.data) for channel in self.channels}
             except InputError as error:
                 raise InputError(f"--effect {text}: {error}") from error
             idle = ", ".join(name for name, does in acts.items() if does is False)

@@ -249,16 +249,18 @@ def _calibrate(
         if job is not None:
             words = [AT_REST + "; "] * isinstance(error, KeyboardInterrupt) + ["no calibration is written"]
             if job.session.exists():
-                words.append(f". The recording so far stays in {shown(job.session)}")
+                words.append(f". The recording so far stays in {display_path(job.session)}")
             if len(words) > 1:
                 console.stderr().print("".join(words), soft_wrap=True)
         raise
 
     def show() -> None:
         print_calibration(console.stdout(), calibration, remarks)
-        console.say(f"written: [bold]{shown(path)}[/bold], residuals: [bold]{shown(plot)}[/bold]")
-        console.say(f"from:    {shown(raw)}")
-        say_how_to_use_it(calibration, path.resolve(), options)
+        console.say(
+            f"written: [bold]{display_path(path)}[/bold], residuals: [bold]{display_path(plot)}[/bold]"
+        )
+        console.say(f"from:    {display_path(raw)}")
+        print_usage_hint(calibration, path.resolve(), options)
 
     written = {"file": str(path), "plot": str(plot), "raw": str(raw)}
     console.present(written | calibration.model_dump(mode="json"), show, as_json=options.as_json)

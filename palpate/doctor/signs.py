@@ -377,7 +377,7 @@ def examine_powered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Ite
         )
 
 
-def gentle(limits: Limits, body: RigidBody) -> Limits:
+def reduced_limits(limits: Limits, body: RigidBody) -> Limits:
     """Return limits that trip after little motion or force of a held joint.
 
     Args:

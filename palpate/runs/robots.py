@@ -59,7 +59,7 @@ def importable(packages: list[str]) -> tuple[str, ...]:
         if package.endswith(".py"):
             raise InputError(f"--drivers {package}: give its name without .py (and its folder in PYTHONPATH)")
         found = False
-        with foreign_code(f"--drivers {package}"):  # the search imports its parent packages
+        with user_code(f"--drivers {package}"):  # the search imports its parent packages
             try:
                 found = importlib.util.find_spec(package) is not None
             except ModuleNotFoundError as error:

@@ -17,7 +17,7 @@ from palpate.estimation.estimate import with_unit
 from palpate.render.build import REPORT, axes_of
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.workbench import elements
-from palpate.workbench.effects import Effects
+from palpate.workbench.effects import EffectList
 from palpate.workbench.elements import errors_as_warnings, heading, set_props
 from palpate.workbench.parameters import ErrorCard, Lines, Parameters
 from palpate.workbench.plots import PlotPanel, UseRuns
@@ -185,8 +185,8 @@ class Page:
                 if turn == self._turn:
                     self._parameters.show_intervals(shown.fitted.parameters)
                     self._error.judge(shown)
-                    if self._shown is not None and self._shown.choice.pulled:
-                        self._draw_pulled(self._shown)
+                    if self._shown is not None and self._shown.choice.slider_values:
+                        self._draw_slider_values(self._shown)
         finally:
             if turn == self._turn:
                 self._idle.set()
@@ -304,7 +304,7 @@ class Page:
         path = study.source.path
         folder = study.folder or (derived_folder(path) if path is not None else Path("palpate-data"))
         with errors_as_warnings():
-            if self.state.choice.effects and not self.state.is_kept:
+            if self.state.choice.effects and not self.state.is_saved:
                 await asyncio.to_thread(self.state.keep)
             commands = [line for line in [self.state.command()] if line]
             written = await asyncio.to_thread(lambda: study.report(output_folder(folder) / REPORT, commands))

@@ -189,7 +189,7 @@ class Parameters:
         else:
             half = (estimate.interval[1] - estimate.interval[0]) / 2.0
             text = f"± {significant(half, half)}" if math.isfinite(half) else NOT_DETERMINED
-        if name in choice.pulled:
+        if name in choice.slider_values:
             value = fitted.values[name] if estimate is None else estimate.value
             text = f"held at {value:.4g}" if name in choice.held else f"fit: {value:.4g} {text}"
         elif name in choice.held:
