@@ -294,7 +294,7 @@ class Page:
     async def save_revisions(self) -> None:
         """Save the selected effects as a revision."""
         with errors_as_warnings():
-            revisions = await asyncio.to_thread(self.state.keep)
+            revisions = await asyncio.to_thread(self.state.save_revisions)
             ui.notify(f"kept as revision {revisions[-1].number}", type="positive")
             self._list_revisions()
 
@@ -305,7 +305,7 @@ class Page:
         folder = study.folder or (derived_folder(path) if path is not None else Path("palpate-data"))
         with errors_as_warnings():
             if self.state.choice.effects and not self.state.is_saved:
-                await asyncio.to_thread(self.state.keep)
+                await asyncio.to_thread(self.state.save_revisions)
             commands = [line for line in [self.state.command()] if line]
             written = await asyncio.to_thread(lambda: study.report(output_folder(folder) / REPORT, commands))
             self._list_revisions()
