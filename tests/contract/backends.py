@@ -179,7 +179,7 @@ def open_documented() -> RobotBench:
         as_built=parse_robot_file(built, ODRIVE),
     )
     robot = build_robot(arm.robot_file, DriverCatalog(documented_driver()), clock)
-    return RobotBench(robot, arm.robot_file, clock, None, 0.05, arm.bench.close)
+    return RobotBench(robot, arm.robot_file, clock, None, 0.05, arm.emulator.close)
 
 
 ROTORS = [HiddenArmature(joint=1, inertia_kg_m2=0.056)]  # of two servos, which drive little else

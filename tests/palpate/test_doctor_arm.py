@@ -60,13 +60,13 @@ def plants(monkeypatch):
 
     def watched(*arguments, **options):
         arm = emulate(*arguments, **options)
-        close = arm.bench.close
+        close = arm.emulator.close
 
         def note_and_close():
             seen.append(arm.plant.world.truth().drive_torque_nm.copy())
             close()
 
-        arm.bench.close = note_and_close
+        arm.emulator.close = note_and_close
         return arm
 
     monkeypatch.setattr(arm_check, "emulate", watched)
