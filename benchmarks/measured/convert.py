@@ -303,8 +303,20 @@ def read_trials(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 
 
 def read_json(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
-    """Read numbers of a list of records; `records` is the key of the list, the keys of a record its names."""
-    rows = json.loads(content)[options["records"]]
+    """Read numbers of a list of records, or series of a list of graphs.
+
+    Args:
+        content: bytes of the file.
+        options: `records`: key of the list of records, whose keys are the names; or `graphs`: key of a list
+            of phases, and key of the series of a phase; the series of all phases are joined.
+    """
+    table = json.loads(content)
+    if "graphs" in options:
+        phases, graph = options["graphs"]
+        graphs = [phase[graph] for phase in table[phases]]
+        names = [name for name in graphs[0] if all(isinstance(part[name], list) for part in graphs)]
+        return [{name: np.concatenate([part[name] for part in graphs], dtype=np.float64) for name in names}]
+    rows = table[options["records"]]
     names = [name for name, value in rows[0].items() if isinstance(value, int | float)]
     return [{name: np.array([row[name] for row in rows], dtype=np.float64) for name in names}]
 

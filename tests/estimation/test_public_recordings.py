@@ -3,6 +3,7 @@
 import csv
 import gzip
 import hashlib
+import json
 import subprocess
 from functools import cache
 
@@ -128,6 +129,14 @@ def test_a_log_of_records_has_a_column_for_each_number():
     log = b'{"motor": "a", "entries": [{"t": 0, "q": 0.5, "goal": null}, {"t": 1, "q": 0.25, "goal": 3}]}'
     (columns,) = read_json(log, {"records": "entries"})
     assert {name: values.tolist() for name, values in columns.items()} == {"t": [0, 1], "q": [0.5, 0.25]}
+
+
+def test_series_of_all_phases_of_a_log_are_joined():
+    phases = [{"graph": {"t": [0, 1], "q": [2, 3], "n": 2}}, {"graph": {"t": [1, 2], "q": [3, 5], "n": 0}}]
+    log = json.dumps({"program": 4, "phases": phases}).encode()
+    (columns,) = read_json(log, {"graphs": ["phases", "graph"]})
+    joined = {"t": [0, 1, 1, 2], "q": [2, 3, 3, 5]}
+    assert {name: values.tolist() for name, values in columns.items()} == joined
 
 
 def test_falling_clock_begins_a_run_and_each_item_makes_one(tmp_path):
