@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
+import yaml
 from pydantic import Field, field_validator, model_validator
 
 from palpate.control.paths.excitation import Excitation
@@ -108,6 +109,11 @@ class ProbingPlan(FileModel):
                 for speed_m_s in self.speeds_m_s:
                     yield ProbingRunSpec(run, target, repeat, speed_m_s)
                     run += 1
+
+    def to_yaml(self) -> str:
+        """Write the whole plan, defaults included, in the form that `load_probing_plan` reads."""
+        text: str = yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False)
+        return text
 
 
 def load_probing_plan(path: str | Path) -> ProbingPlan:

@@ -30,10 +30,11 @@ from palpate.batches.pooling import (
     pool,
     shared_parameters,
 )
-from palpate.batches.table import field_names, head, make_table, parameter_columns, texts, write_table
+from palpate.batches.table import TABLE, field_names, head, make_table, parameter_columns, texts
 from palpate.batches.tasks.measuring import write_measurement_report
 from palpate.common.console import count, json_text
 from palpate.common.files import existing_file, output_folder, write_text
+from palpate.common.table_files import write_table
 from palpate.common.user_effects import load_user_effects
 from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
 from palpate.estimation.effects import EFFECTS
@@ -235,7 +236,8 @@ def _write(
             after = table.column_names.index(head(column.name, column.unit, "std_err")) + 1
             cells = pa.array(drawn.pop(column.head), from_pandas=True)
             table = table.add_column(after, head(column.name, column.unit, "shrunk"), cells)
-    write_table(folder, table)
+    for ending in (".parquet", ".csv"):
+        write_table(table, folder / f"{TABLE}{ending}")
     differences = tuple(group_differences(pooled))
     shared = tuple(shared_parameters(columns, groups, share))
     made = BatchResult(

@@ -12,8 +12,6 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 
 from palpate.batches.measurements import BatchMeasurement
-from palpate.common.csv_text import harmless_table
-from palpate.common.files import whole_file
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.errors import InputError, one_line
 from palpate.robot_io.files.whole_file import replace_undecodable
@@ -140,19 +138,6 @@ def make_table(
     parameters = sorted(available.difference(FIRST, fields, NUMBERS, budget, LAST), key=sort_key)
     order = [*FIRST[:3], *fields, *FIRST[3:], *NUMBERS, *budget, *parameters, *LAST]
     return table.select([name for name in order if name in available])
-
-
-def write_table(folder: Path, table: pa.Table) -> None:
-    """Write the table as Parquet and CSV; InputError if that is not possible.
-
-    Args:
-        folder: folder of the table.
-        table: all rows.
-    """
-    with whole_file(folder / f"{TABLE}.parquet") as path:
-        pq.write_table(table, path)
-    with whole_file(folder / f"{TABLE}.csv") as path:
-        pyarrow.csv.write_csv(harmless_table(table), path)
 
 
 def read_table(path: Path) -> pa.Table:

@@ -19,9 +19,10 @@ from palpate.common.files import (
     write_text,
 )
 from palpate.common.options import JsonOption
+from palpate.common.table_files import write_table
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.study.revisions import user_effects_of
-from palpate.export.table import LAYOUT_ENDINGS, Program, check_ending, layout_of, recorded_table, write_table
+from palpate.export.table import LAYOUT_ENDINGS, Program, check_ending, layout_of, recorded_table
 from palpate.render.build import REPORT, is_own_page
 from palpate.render.view import NOISE
 from palpate.robot_io.errors import InputError

@@ -45,11 +45,9 @@ class OneLineGroup(TyperGroup):
             with command_line_wording():
                 code = super().main(*args, **(extra | {"standalone_mode": False}))
             sys.stdout.flush()
-        except typer.Abort:
-            sys.exit(report("interrupted", INTERRUPTED, as_json=as_json))
         except Exception as error:
-            # Python 3.11 wraps it if it occurs while a class is created.
-            if isinstance(error.__cause__, KeyboardInterrupt):
+            # Python 3.11 wraps an interrupt that occurs while a class is created.
+            if isinstance(error, typer.Abort) or isinstance(error.__cause__, KeyboardInterrupt):
                 sys.exit(report("interrupted", INTERRUPTED, as_json=as_json))
             sys.exit(report_error(error, as_json=as_json))
         finally:

@@ -10,11 +10,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.csv
-import pyarrow.parquet
 
-from palpate.common.csv_text import harmless_table
-from palpate.common.files import whole_file
 from palpate.control.loop.task import Phase
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.channels import COLUMNS
@@ -108,25 +104,6 @@ def events_table(session: Session) -> pa.Table:
             "data": pa.array([json.dumps(event.data) for event in events], pa.string()),
         }
     )
-
-
-def write_table(table: pa.Table, path: Path) -> None:
-    """Write a table in the format of its ending, completely or not at all.
-
-    Args:
-        table: table to write.
-        path: ends in .csv or .parquet.
-
-    Raises:
-        InputError: another ending, or it cannot be written.
-    """
-    check_ending(path)
-    with whole_file(path) as unfinished, unfinished.open("wb") as file:  # Arrow takes no name but UTF-8
-        if path.suffix == ENDINGS[1]:
-            pa.parquet.write_table(table, file)
-        else:
-            options = pa.csv.WriteOptions(quoting_style="needed", quoting_header="needed")
-            pa.csv.write_csv(harmless_table(table), file, options)
 
 
 def check_ending(path: Path) -> None:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from itertools import chain, combinations
 
 import numpy as np
-import yaml
 
 from palpate.common.console import as_shell_word
 from palpate.control.loop.tick_record import STREAM_NAME
@@ -371,7 +370,7 @@ def plan_text(experiment: NextExperiment, plan: ProbingPlan) -> str:
         plan: the whole plan.
     """
     words = f"# {one_line(experiment.instruction)}\n# to {one_line(experiment.purpose)}\n"
-    return words + yaml.safe_dump(plan.model_dump(mode="json"), sort_keys=False)
+    return words + plan.to_yaml()
 
 
 def same_world(session: Session) -> str | None:

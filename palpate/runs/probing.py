@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from palpate.common.console import count
 from palpate.control.arm.rigid_body import RigidBody
@@ -167,8 +166,7 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
     calibrations = load_calibrations(robot_file, emulated=job.wired)
     estimated = (lambda: online.estimates) if online else None
     task = ProbingTask.from_robot_file(robot_file, job.plan, calibrations, estimated=estimated)
-    plan = yaml.safe_dump(job.plan.model_dump(mode="json"), sort_keys=False)
-    with arm_session(job, calibrations, {PLAN: plan, **job.extra}) as arm:
+    with arm_session(job, calibrations, {PLAN: job.plan.to_yaml(), **job.extra}) as arm:
         watcher.started()
         result = arm.run(task, observe)
     # After an error the observer sees no more phases.

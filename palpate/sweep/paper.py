@@ -25,10 +25,10 @@ from palpate.sweep.case import (
     estimated,
     grouped,
 )
+from palpate.sweep.figures import C, K
 from palpate.sweep.grid import shipped_grid
 from palpate.sweep.report import Section, write_page
 
-K, C = "stiffness.k", "damping.c"
 LIMIT_N = 10.0
 WORST = {"ransac": (6.5, 18.4), "lsq": (20.6, 29.5)}  # section VI-B: worst error of k and c [%]
 SPRLS, SPRLS_ZERO = "sprls (beta 20, gamma 1)", "sprls (beta 0, gamma 0)"

@@ -14,7 +14,6 @@ from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-import yaml
 
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.laws.gains import gains_of
@@ -327,13 +326,13 @@ def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
     check_against_guard(job.plan, robot_file)
     calibrations = load_calibrations(robot_file, emulated=job.wired)
     body = RigidBody.of_robot(robot_file, calibrations)
-    plan_text = yaml.safe_dump(job.plan.model_dump(mode="json"), sort_keys=False)
 
     def probing(target: Target) -> ProbingTask:
         return ProbingTask.from_robot_file(robot_file, plan_for(target, job.plan), calibrations, body)
 
     with ExitStack() as stack:
-        arm = stack.enter_context(arm_session(job, calibrations, {PLAN: plan_text}, streams=(LINK_STREAM,)))
+        extra = {PLAN: job.plan.to_yaml()}
+        arm = stack.enter_context(arm_session(job, calibrations, extra, streams=(LINK_STREAM,)))
         line = stack.enter_context(Line("follower", job.link, arm.clock))
         messaging = FollowerMessaging(line, arm.clock, say, diagnose=job.diagnose)
         stack.callback(messaging.close)

@@ -82,13 +82,15 @@ def merged_metadata(sessions: Sequence[Session], command_line: str) -> SessionMe
     }
     for key in (SEAL, RUN_LABELS):  # valid for one session and its run numbers only
         shared.pop(key, None)
+    if lacking := [session.path.name for session in sessions if _is_incomplete(session)]:
+        shared[NOT_WHOLE] = ", ".join(lacking)
     return replace(
         first,
         scenario=first.scenario if all(item.scenario == first.scenario for item in every) else "",
         seed=first.seed if all(item.seed == first.seed for item in every) else None,
         command_line=command_line,
         software_version=version("palpate"),
-        extra=shared | {SOURCE: f"merged from {files}"} | _incomplete_names(sessions),
+        extra=shared | {SOURCE: f"merged from {files}"},
     )
 
 
@@ -101,18 +103,13 @@ def incomplete_notes(sessions: Sequence[Session]) -> list[str]:
     return [
         f"{session.path.name}: is incomplete (palpate info says why); the part that exists was merged"
         for session in sessions
-        if _incomplete_names([session])
+        if _is_incomplete(session)
     ]
 
 
-def _incomplete_names(sessions: Sequence[Session]) -> dict[str, str]:
-    """Return the names of incomplete sessions as metadata; empty if all are complete."""
-    lacking = [
-        session.path.name
-        for session in sessions
-        if session.truncated or session.unclosed or session.dropped or NOT_WHOLE in session.metadata.extra
-    ]
-    return {NOT_WHOLE: ", ".join(lacking)} if lacking else {}
+def _is_incomplete(session: Session) -> bool:
+    is_cut = session.truncated or session.unclosed or session.dropped
+    return bool(is_cut) or NOT_WHOLE in session.metadata.extra
 
 
 def surface_notes(sessions: Sequence[Session]) -> list[str]:

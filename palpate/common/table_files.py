@@ -1,11 +1,37 @@
-"""Text for CSV files, which spreadsheets and terminals would otherwise run as formulas or commands."""
+"""Write tables as CSV or Parquet files.
+
+Spreadsheets and terminals would run some text of a CSV file as formulas or commands; it is made harmless.
+"""
+
+from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.csv
+import pyarrow.parquet
+
+from palpate.common.files import whole_file
 
 _CONTROLS = r"[\x00-\x1f\x7f\x80-\x9f]"
 _FORMULA = r"^\s*[=+@-]."
 _NUMBER = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
+
+
+def write_table(table: pa.Table, path: Path) -> None:
+    """Write a table, completely or not at all.
+
+    Args:
+        table: table to write.
+        path: a Parquet file if it ends in .parquet, otherwise a CSV file.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    with whole_file(path) as unfinished, unfinished.open("wb") as file:  # Arrow takes no name but UTF-8
+        if path.suffix == ".parquet":
+            pa.parquet.write_table(table, file)
+        else:
+            pa.csv.write_csv(harmless_table(table), file)
 
 
 def harmless_table(table: pa.Table) -> pa.Table:
