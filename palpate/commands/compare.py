@@ -223,9 +223,9 @@ def compare_command(
         return
     study = data.study(model, read)
     kept = chosen_revisions(study, revision or ())
-    target = folder_to_fill(data.file, out, (RESULT, *NAMES), force=force) if out is not None else None
-    if target is not None:
-        output_folder(target)
+    target = None
+    if out is not None:
+        target = output_folder(folder_to_fill(data.file, out, (RESULT, *NAMES), force=force))
     with console.stderr().status("comparing"):
         if kept:
             results = [study.result(study.channel_of(item), item.effects) for item in kept]

@@ -65,7 +65,7 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
     if robot is None:
         given = {"--wire": wire, "--as-built": as_built, "--move": move, "--yes": yes, "--drivers": drivers}
         _refuse(given, "add --robot FILE")
-        check, name = None, "palpate"
+        check = None
         findings = list(examine_all())
         verdict = ("palpate works here", "palpate will not work here")
         if not as_json:

@@ -229,30 +229,24 @@ def leader(  # noqa: PLR0917, one parameter an option
             lambda text: talk.print(safe(text)),
             lambda text: status.update(safe(text)),
         )
-    if as_json:
-        console.print_json({"session": str(session), **asdict(outcome)})
-        raise typer.Exit(0 if outcome.heard else 1)
-    targets = ", ".join(f"{number} {state}" for number, state in outcome.states.items())
-    out_ = console.stdout()
-    out_.print(f"targets: {targets or 'none'}; {count(outcome.estimates, 'estimate')} received")
-    if outcome.lateness is not None:
-        late = outcome.lateness
-        out_.print(
-            f"haptic loop: {late.count} ticks; 99 % are at most {1e6 * late.p99_s:.0f} us late, "
-            f"99.9 % at most {1e6 * late.p999_s:.0f} us"
-        )
-    console.say(f"written: [bold]{display_path(session)}[/bold]")
-    if outcome.heard:
-        console.next_steps(
-            (
-                f"palpate inspect {shell_path(session)}",
-                "with the follower's session beside it: both on one time line",
+
+    def show_outcome() -> None:
+        targets = ", ".join(f"{number} {state}" for number, state in outcome.states.items()) or "none"
+        console.stdout().print(f"targets: {targets}; {count(outcome.estimates, 'estimate')} received")
+        if (late := outcome.lateness) is not None:
+            console.stdout().print(
+                f"haptic loop: {late.count} ticks; 99 % are at most {1e6 * late.p99_s:.0f} us late, "
+                f"99.9 % at most {1e6 * late.p999_s:.0f} us"
             )
-        )
-    else:
-        console.next_steps(
-            ("palpate teleop follower --help", "the other side sent nothing: run it with the same options")
-        )
+        console.say(f"written: [bold]{display_path(session)}[/bold]")
+
+    both = "with the follower's session beside it: both on one time line"
+    again = "the other side sent nothing: run it with the same options"
+    inspect = f"palpate inspect {shell_path(session)}"
+    steps = [(inspect, both) if outcome.heard else ("palpate teleop follower --help", again)]
+    content = {"session": str(session), **asdict(outcome)}
+    console.present(content, show_outcome, steps, as_json=as_json)
+    if not outcome.heard:
         raise typer.Exit(1)
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.common import console
-from palpate.common.files import existing_file, output_folder
+from palpate.common.files import existing_data, existing_file, output_folder
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.workbench.startup import LOOPBACK, AppState, early_server, raw_curves
@@ -52,8 +52,7 @@ def workbench_command(
         raise InputError("--riddle probes an object of its own: leave out the file")
     if foxglove is not None and foxglove == port != 0:
         raise InputError(f"--port {port} and --foxglove {foxglove}: give them different ports")
-    if not data.file.is_dir():
-        existing_file(data.file, "session or data file")
+    existing_data(data.file)
     if data.urdf is not None:
         existing_file(data.urdf, "URDF")
     for effect in data.effect or ():

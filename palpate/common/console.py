@@ -110,6 +110,19 @@ def natural_width(made: Table) -> int:
     return made.__rich_measure__(wide, wide.options).maximum
 
 
+def first_that_fits(layouts: Iterable[Table], width: int) -> Table:
+    """Return the first table that needs no folded cell, or else the last one.
+
+    Args:
+        layouts: tables of the same content, the widest first; at least one.
+        width: width of the terminal [characters].
+    """
+    for made in layouts:
+        if natural_width(made) <= width:
+            break
+    return made
+
+
 def format_command(command: str) -> str:
     """Return a command that can be typed here; include the program's folder if it is not on the PATH.
 

@@ -10,7 +10,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from palpate.common.console import natural_width, plus_minus, safe, significant, table
+from palpate.common.console import first_that_fits, plus_minus, safe, significant, table
 from palpate.estimation.statistics.correlation import Correlation
 from palpate.estimation.study.comparison import FAR
 from palpate.estimation.study.paired_comparison import ComparedModel, PairedComparison, ParameterDifference
@@ -196,21 +196,13 @@ def difference_table(differences: Sequence[ParameterDifference], width: int) -> 
         differences: difference of each parameter.
         width: width of the terminal [characters].
     """
-    names = ("A", "B", "B − A")
-    beside = _table_of_differences(differences, names)
-    below = _table_of_differences(differences, names, "\n")
-    narrow = _table_of_differences(differences, names, "\n", narrow=True)
-    return next((made for made in (beside, below) if natural_width(made) <= width), narrow)
+    ways = (("", False), ("\n", False), ("\n", True))
+    return first_that_fits((_table_of_differences(differences, *way) for way in ways), width)
 
 
-def _table_of_differences(
-    differences: Sequence[ParameterDifference],
-    names: tuple[str, ...],
-    between: str = "",
-    *,
-    narrow: bool = False,
-) -> Table:
+def _table_of_differences(differences: Sequence[ParameterDifference], between: str, narrow: bool) -> Table:
     """Tabulate one parameter per row; with a separator `between`, all numbers share one cell."""
+    names = ("A", "B", "B − A")
     right = (between.join(names),) if between else names
     made = table("", "parameter", *right, *["unit"] * (not narrow), right=right)
     for difference in differences:

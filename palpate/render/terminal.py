@@ -14,6 +14,7 @@ from palpate.common.console import (
     AT_BOUND,
     NOT_DETERMINED,
     display_path,
+    first_that_fits,
     format_p_value,
     natural_width,
     safe,
@@ -96,12 +97,9 @@ def print_budget(console: Console, channel: str, budget: BudgetView) -> None:
     """Print the error budget: one sentence, a bar for each part, and indistinguishable effects."""
     console.print(Text.from_markup(f"[bold]{safe(channel)}[/bold]  {safe(budget.sentence)}"))
     if len(budget.parts) > 1:
-        room = console.width - 2
-        for is_beside, bars in ((True, _ROOMY), (False, _ROOMY), (False, _NARROW), (False, 0)):
-            made = _budget_table(budget, bars, is_beside=is_beside)
-            if natural_width(made) <= room:
-                break
-        console.print(Padding(made, (0, 0, 0, 2)))
+        ways = ((_ROOMY, True), (_ROOMY, False), (_NARROW, False), (0, False))
+        tables = (_budget_table(budget, bars, is_beside=is_beside) for bars, is_beside in ways)
+        console.print(Padding(first_that_fits(tables, console.width - 2), (0, 0, 0, 2)))
     for sentence in budget.confusions:
         console.print(Padding(Text(safe_text(sentence), style="yellow"), (0, 0, 1, 2)))
 

@@ -40,9 +40,7 @@ def robot_names() -> list[str]:
 def find_robot(robot: str) -> RobotFile:
     """Load a robot file by the name of a shipped arm or by path; raise `InputError` if there is none."""
     shipped = shipped_robots()
-    if robot in shipped:
-        return load_robot_file(shipped[robot])
-    path = Path(robot)
+    path = shipped.get(robot, Path(robot))
     if not path.is_file():
         names = ", ".join(shipped)
         raise InputError(f"robot '{robot}': no such robot file. Shipped robots: {names}")

@@ -11,13 +11,12 @@ import pyarrow.parquet
 import pytest
 from rich.console import Console
 
-from palpate.batches.table import write_table as write_batch
 from palpate.common import console
 from palpate.common.console import count, safe
+from palpate.common.table_files import write_table
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate import ParameterEstimate
 from palpate.estimation.study.paired_comparison import ParameterDifference
-from palpate.export.table import write_table as write_export
 from palpate.render.build import view_of
 from palpate.render.estimates import estimate_table
 from palpate.render.paired import difference_table
@@ -194,14 +193,11 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("write", ["batch", "export"])
-def test_text_is_no_formula_and_no_command(tmp_path, write):
+def test_text_is_no_formula_and_no_command(tmp_path):
     table = pa.table({"measurement": [*CASES, None], "channel": list(range(len(CASES) + 1))})
-    if write == "batch":
-        write_batch(tmp_path, table)
-        assert pa.parquet.read_table(tmp_path / "table.parquet")["measurement"].to_pylist() == [*CASES, None]
-    else:
-        write_export(table, tmp_path / "table.csv")
+    for ending in ("parquet", "csv"):
+        write_table(table, tmp_path / f"table.{ending}")
+    assert pa.parquet.read_table(tmp_path / "table.parquet")["measurement"].to_pylist() == [*CASES, None]
     as_text = pa.csv.ConvertOptions(column_types={"measurement": pa.string()}, strings_can_be_null=True)
     cells = pa.csv.read_csv(tmp_path / "table.csv", convert_options=as_text)["measurement"].to_pylist()
     assert [cell or None for cell in cells] == [*CASES.values(), None]
@@ -211,6 +207,6 @@ def test_names_of_columns_and_dictionaries_of_text_are_harmless_too(tmp_path):
     table = pa.table(
         {"=1+1": pa.array(["=2+2", "a"]).dictionary_encode(), "b": pa.array(["@S", "c"], pa.large_string())}
     )
-    write_export(table, tmp_path / "table.csv")
+    write_table(table, tmp_path / "table.csv")
     lines = (tmp_path / "table.csv").read_text(encoding="utf-8").replace('"', "").splitlines()
     assert lines == ["'=1+1,b", "'=2+2,'@S", "a,c"]
