@@ -21,19 +21,12 @@ def gains_table(gains):
 
 def linear_gains(rng, size, measurements=40, samples=100, candidates=20):
     """Held-out gains of candidate columns in linear regression, the first with a true effect of this size."""
-    gains = {f"candidate_{number}": [] for number in range(candidates)}
-    for _ in range(measurements):
-        columns = rng.standard_normal((samples, candidates))
-        effort = size * columns[:, 0] + rng.standard_normal(samples)
-        half = samples // 2
-        for number, own in enumerate(gains.values()):
-            left = 0.0
-            for fit, score in ((slice(half), slice(half, None)), (slice(half, None), slice(half))):
-                column = columns[:, number]
-                gain = column[fit] @ effort[fit] / (column[fit] @ column[fit])
-                left += np.sum((effort[score] - gain * column[score]) ** 2)
-            own.append(0.5 * np.log(np.sum(effort**2) / left))
-    return gains_table(gains)
+    columns = rng.standard_normal((candidates, measurements, 2, samples // 2))  # two halves
+    effort = size * columns[0] + rng.standard_normal(columns.shape[1:])
+    fitted = np.sum(columns * effort, axis=-1) / np.sum(columns**2, axis=-1)
+    left = np.sum((effort - fitted[..., ::-1, None] * columns) ** 2, axis=(-2, -1))
+    gains = 0.5 * np.log(np.sum(effort**2, axis=(-2, -1)) / left)
+    return gains_table({f"candidate_{number}": own for number, own in enumerate(gains)})
 
 
 def test_an_effect_below_the_noise_is_named_by_forty_measurements_and_nothing_where_none_is():
