@@ -61,11 +61,7 @@ def test_every_command_explains_itself(command):
         (InputError("spread\nover\nlines"), 2, ("spread over lines",)),
         (DeviceError("the cable is out"), 1, ("the cable is out",)),
         (PermissionError(13, "Permission denied", "/some/file"), 2, ("/some/file", "Permission denied")),
-        (
-            ImportError("libgomp.so.1: cannot open shared object file"),
-            1,
-            ("libgomp.so.1", "apt install libgomp1"),
-        ),
+        (ImportError("libgomp.so.1: cannot open object"), 1, ("libgomp.so.1", "apt install libgomp1")),
         (ImportError("cannot import name 'x'"), 1, ("internal error", "cannot import name")),
         (ZeroDivisionError("a bug"), 1, ("ZeroDivisionError", "a bug", "PALPATE_DEBUG")),
         (KeyboardInterrupt(), 130, ("interrupted",)),

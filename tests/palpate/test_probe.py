@@ -134,10 +134,7 @@ def test_an_object_that_is_not_there_is_said_in_words(tmp_path, log_in_process):
         (("--speed-mm-s", "nan"), ("--speed-mm-s 'nan'", "give finite numbers between -1000000 and 1000000")),
         (("--speed-mm-s", "0"), ("--speed-mm-s",)),
         (("--speed-mm-s", "-20,30"), ("--speed-mm-s",)),
-        (
-            ("--force-limit-n", "-1"),
-            ("--force-limit-n: input should be greater than or equal to 0.01 (is -1",),
-        ),
+        (("--force-limit-n", "-1"), ("input should be greater than or equal to 0.01 (is -1",)),
         (("--force-limit-n", "much"), ("--force-limit-n", "number")),
         (("--repeats", "0"), ("--repeats: input should be", "(is 0)")),
         (("--seed", "-3"), ("--seed",)),

@@ -298,11 +298,7 @@ def test_what_shows_more_of_an_error_is_another_value_of_what_it_depends_on(sign
     ("kind", "reason", "words"),
     [
         ("contact", "the effort never changes; check the sensor and the column", "check the sensor and the"),
-        (
-            "contact",
-            "the deepest indentation is 9 m; is the displacement in millimetres?",
-            "check units and columns",
-        ),
+        ("contact", "indentation is 9 m; is the displacement in millimetres?", "check units and columns"),
         ("contact", "no contact: the force is no more than the noise", "begin and end each run without load"),
         ("contact", "only 60 samples; record at least 100", "record at least 100"),
         ("revolute", "only 60 samples; record at least 100", "record at least 100"),
