@@ -13,6 +13,7 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.robot_file import load_robot_file
 from tests.control.probing_runs import plant_above, probing_task, push, run_probing, started
 from tests.control.simulated_arms import ARMS, SimulatedArm, kelvin_voigt
+from tests.files import saved
 
 TARGETS = ((0.4, 0.0, 0.05), (0.42, 0.0, 0.05))
 FOLLOWER = load_robot_file(ARMS / "follower" / "follower.yaml")  # trips at 60 N and 6 rad/s
@@ -46,16 +47,13 @@ def test_every_target_gets_every_repeat_of_every_speed_and_a_unit_direction():
     ],
 )
 def test_a_bad_plan_is_one_clear_line(text, message, tmp_path):
-    path = tmp_path / "plan.yaml"
-    path.write_text(text + "\n")
     with pytest.raises(InputError, match=message) as caught:
-        load_probing_plan(path)
+        load_probing_plan(saved(tmp_path / "plan.yaml", text + "\n"))
     assert "\n" not in str(caught.value)
 
 
 def test_a_plan_is_read_from_its_file(tmp_path):
-    path = tmp_path / "plan.yaml"
-    path.write_text("speeds_m_s: [0.05]\nexcitation: {shape: chirp}\n")
+    path = saved(tmp_path / "plan.yaml", "speeds_m_s: [0.05]\nexcitation: {shape: chirp}\n")
     plan = load_probing_plan(path)
     assert plan.speeds_m_s == (0.05,)
     assert plan.excitation.shape == "chirp"

@@ -9,6 +9,8 @@ import numpy as np
 import openpyxl
 from scipy.ndimage import gaussian_filter1d
 
+from tests.files import saved
+
 STIFFNESS, DAMPING, CUBIC = 800.0, 4.0, 4e7
 SPEEDS_M_S = (4e-3, 8e-3, 16e-3, 12e-3)
 _DEPTH_M, _AWAY_M, _RATE_HZ, _NOISE_N = 4e-3, 1e-3, 250, 0.01
@@ -64,9 +66,7 @@ def zwick(folder):
     """testXpert in German: cp1252, semicolons, decimal commas, units below the names."""
     text = "Prüfprotokoll;;\nPrüfer;Müller;\nPrüftemperatur;23,5;°C\n\n"
     text += "Prüfzeit;Standardweg;Standardkraft\ns;mm;N\n" + comma(lines(si_prefixed(*presses()), ";"))
-    path = folder / "Schaum 12.TRA"
-    path.write_bytes(text.encode("cp1252"))
-    return path
+    return saved(folder / "Schaum 12.TRA", text.encode("cp1252"))
 
 
 def texture_analyser(folder):
@@ -82,9 +82,7 @@ def mark_10(folder):
     t, x, f = presses()
     text = "Serial Number:,3456789\nDate:,2024-05-02\n\nReading,Load [lbF],Travel [in],Time [s]\n"
     columns = (np.arange(len(t)) + 1.0, f / 4.4482216, x / 0.0254, t)
-    path = folder / "mark.csv"
-    path.write_text(text + lines(columns, form="{:.7g}"))
-    return path
+    return saved(folder / "mark.csv", text + lines(columns, form="{:.7g}"))
 
 
 def servo_hydraulic(folder):
@@ -106,17 +104,13 @@ def labview(folder):
     text += "Y_Unit_Label\tNewton\tMillimeters\t\nX_Dimension\tTime\tTime\t\nX0\t0,0E+0\t0,0E+0\t\n"
     text += "Delta_X\t0,004\t0,004\t\n***End_of_Header***\t\t\t\nX_Value\tLoad Cell\tStroke\tComment\n"
     t, x, f = presses()
-    path = folder / "press.lvm"
-    path.write_text(text + comma(lines((t, f, 1e3 * x), "\t", "{:.6f}")))
-    return path
+    return saved(folder / "press.lvm", text + comma(lines((t, f, 1e3 * x), "\t", "{:.6f}")))
 
 
 def unicode_tabs(folder):
     """Excel's "Unicode text": UTF-16 with tabs."""
     text = "Zeit / s\tWeg / mm\tKraft / N\r\n" + comma(lines(si_prefixed(*presses()), "\t"))
-    path = folder / "unicode.txt"
-    path.write_bytes(text.encode("utf-16"))
-    return path
+    return saved(folder / "unicode.txt", text.encode("utf-16"))
 
 
 def excel(folder):
@@ -156,9 +150,7 @@ def numbered_columns(folder):
     tests = [si_prefixed(*presses((speed,))) for speed in SPEEDS_M_S]
     names = [name.format(n) for n in "1234" for name in ("Time {} s", "Way {} mm", "Load {} N")]
     rows = zip_longest(*(map("{:.5f}".format, column) for test in tests for column in test), fillvalue="")
-    path = folder / "numbered.csv"
-    path.write_text("\n".join(map(",".join, [names, *rows])) + "\n")
-    return path
+    return saved(folder / "numbered.csv", "\n".join(map(",".join, [names, *rows])) + "\n")
 
 
 def one_after_the_other(folder):
@@ -169,9 +161,7 @@ def one_after_the_other(folder):
         text += f"Sample I. D.:\tfoam.mss\r\nSpecimen Number:\t{number}\r\n\r\n"
         text += "Crosshead \tLoad \tTime \r\n(in)\t(lbf)\t(sec)\r\n"
         text += lines((x / 0.0254, f / 4.4482216, t), "\t", "{:.7f}") + "\r\n"
-    path = folder / "foam.txt"
-    path.write_bytes((text + "Mean peak:\t0.72\tlbf\r\n").encode())
-    return path
+    return saved(folder / "foam.txt", (text + "Mean peak:\t0.72\tlbf\r\n").encode())
 
 
 def by_the_clock(folder):

@@ -7,6 +7,7 @@ import pytest
 from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.robot_io.errors import InputError
+from tests.files import saved
 
 TIME_S = np.arange(0.0, 0.4, 1e-3)
 DEPTH_M = 3e-3 * np.sin(2.0 * np.pi * 5.0 * TIME_S) ** 2
@@ -29,20 +30,16 @@ def test_thousands_separators_are_not_read_as_decimal_marks(tmp_path, mark):
         f"{time:.0f};{depth:,.0f};{force:,.0f}".replace(",", mark)
         for time, depth, force in zip(1e3 * TIME_S, 1e6 * DEPTH_M, 1e3 * FORCE_N, strict=True)
     ]
-    path = tmp_path / "press.csv"
-    path.write_text("\n".join(["time_ms;displacement_um;force_mN", *lines]), encoding="utf-8")
     with pytest.raises(
         InputError, match=r"line \d+, column 'displacement_um': '1.\d{3}' may mean 1.\d* or 1"
     ):
-        import_file(path)
+        import_file(saved(tmp_path / "press.csv", "\n".join(["time_ms;displacement_um;force_mN", *lines])))
 
 
 def test_rows_with_the_other_decimal_mark_are_not_a_footer(tmp_path):
     lines = rows(TIME_S, DEPTH_M, FORCE_N)
     lines[:200] = [line.replace(".", ",") for line in lines[:200]]
-    path = tmp_path / "press.csv"
-    path.write_text("\n".join([HEADER, *lines]), encoding="utf-8")
-    channel = import_file(path).channels[0]
+    channel = import_file(saved(tmp_path / "press.csv", "\n".join([HEADER, *lines]))).channels[0]
     np.testing.assert_allclose(channel.effort, FORCE_N, atol=1e-5)
 
 
@@ -131,8 +128,7 @@ def test_a_pause_longer_than_the_rest_of_the_run_is_reported(tmp_path):
 
 
 def test_a_unit_that_makes_numbers_too_large_is_refused(tmp_path):
-    path = tmp_path / "press.csv"
-    path.write_text("\n".join([HEADER, *rows(TIME_S, DEPTH_M, FORCE_N)]), encoding="utf-8")
+    path = saved(tmp_path / "press.csv", "\n".join([HEADER, *rows(TIME_S, DEPTH_M, FORCE_N)]))
     with pytest.raises(InputError, match=r"column 'force_N' in 1e30N: .*N is too large a number"):
         import_file(path, ImportOptions(units={"force": "1e30N"}))
 

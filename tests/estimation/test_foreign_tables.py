@@ -20,7 +20,7 @@ from palpate.estimation.data.presses import press_phases
 from palpate.estimation.data.table import read_table
 from palpate.robot_io.errors import InputError
 from tests.estimation.laboratories import presses
-from tests.tables import write_csv
+from tests.files import saved, write_csv
 
 TIME_S, WAY_M, FORCE_N = (signal[:600] for signal in presses())
 
@@ -32,15 +32,11 @@ def lines(*columns, delimiter=",", form="{:.6f}"):
 
 def table_file(folder, header, *columns, **form):
     """A table of numbers below the lines of its header."""
-    path = folder / "table.csv"
-    path.write_text(header + lines(*columns, **form), encoding="utf-8")
-    return path
+    return saved(folder / "table.csv", header + lines(*columns, **form))
 
 
 def only_channel(folder, text, name="table.csv"):
-    path = folder / name
-    path.write_text(text, encoding="utf-8")
-    (channel,) = import_file(path).channels
+    (channel,) = import_file(saved(folder / name, text)).channels
     return channel
 
 
@@ -233,8 +229,7 @@ def test_rows_of_another_length_or_kind_spoil_no_table(tmp_path, layout):
 
 
 def test_lines_that_are_left_out_are_said_and_the_rows_keep_their_numbers(tmp_path):
-    path = tmp_path / "table.csv"
-    path.write_text(UNEVEN["a line of words"].replace(CELLS[400], "1,2,oops\n"))
+    path = saved(tmp_path / "table.csv", UNEVEN["a line of words"].replace(CELLS[400], "1,2,oops\n"))
     with pytest.raises(InputError, match=r"line 403, column 'Load .N.': 'oops'"):
         import_file(path)
     path.write_text(UNEVEN["a line of words"])
@@ -342,8 +337,7 @@ def test_rows_that_nothing_names_may_have_decimal_commas(tmp_path, delimiter):
 
 @pytest.mark.parametrize("delimiter", [",", ";", " ", "\t"])
 def test_rows_that_nothing_names_are_called_by_their_places(tmp_path, delimiter):
-    path = tmp_path / "bare.txt"
-    path.write_text(lines(TIME_S, 1e3 * WAY_M, FORCE_N, delimiter=delimiter))
+    path = saved(tmp_path / "bare.txt", lines(TIME_S, 1e3 * WAY_M, FORCE_N, delimiter=delimiter))
     with pytest.raises(
         InputError, match=r"\(the file names none; its first row is 0.0+, .*--column time='column 1'"
     ):

@@ -19,7 +19,7 @@ from palpate.estimation.study.source import open_source
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files import whole_file
 from palpate.robot_io.session import SessionMetadata, write_session
-from tests.tables import write_csv
+from tests.files import write_csv
 
 T = np.arange(50) * 0.01
 X = 0.002 + 0.001 * np.sin(9 * T)

@@ -8,7 +8,7 @@ from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import read_table
 from palpate.robot_io.errors import InputError
 from palpate.workbench.sources import options_of, suggest_columns
-from tests.tables import write_csv
+from tests.files import write_csv
 
 T = np.arange(200) * 0.01
 SIGNALS = np.sin(np.outer(T, [5.0, 3.0, 2.0, 7.0, 4.0]))

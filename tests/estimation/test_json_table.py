@@ -9,6 +9,7 @@ from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_files import data_files
 from palpate.estimation.data.table import read_table
 from palpate.robot_io.errors import InputError
+from tests.files import saved
 
 TIME_S = np.linspace(0.0, 2.0, 200)
 DEPTH_M = 2e-3 * np.sin(np.pi * TIME_S / 2.0)
@@ -30,9 +31,7 @@ COLUMNS = dict(zip(NAMES, map(list, zip(*ROWS, strict=True)), strict=True))
     ids=["records", "columns", "rows", "deep inside"],
 )
 def test_a_table_is_found_in_whatever_form(tmp_path, content):
-    path = tmp_path / "press.json"
-    path.write_text(json.dumps(content))
-    (channel,) = import_file(path).channels
+    (channel,) = import_file(saved(tmp_path / "press.json", json.dumps(content))).channels
     np.testing.assert_allclose(channel.position, DEPTH_M)
     np.testing.assert_allclose(channel.effort, FORCE_N)
 
@@ -47,8 +46,7 @@ def test_records_may_stand_in_lines_and_hold_others(tmp_path):
 
 
 def test_rows_that_nothing_names_are_called_by_their_places(tmp_path):
-    path = tmp_path / "bare.json"
-    path.write_text(json.dumps({"data": ROWS, "dt": 0.01, "time units": "s"}))
+    path = saved(tmp_path / "bare.json", json.dumps({"data": ROWS, "dt": 0.01, "time units": "s"}))
     table = read_table(path)
     assert (table.names, table.notes) == (("column 1", "column 2", "column 3"), ("no names of columns",))
 
@@ -64,10 +62,8 @@ def test_rows_that_nothing_names_are_called_by_their_places(tmp_path):
     ],
 )
 def test_what_holds_no_table_is_refused(tmp_path, text, words):
-    path = tmp_path / "a.json"
-    path.write_text(text)
     with pytest.raises(InputError, match=words):
-        read_table(path)
+        read_table(saved(tmp_path / "a.json", text))
 
 
 def test_a_description_in_a_folder_is_no_data(tmp_path):
@@ -77,14 +73,12 @@ def test_a_description_in_a_folder_is_no_data(tmp_path):
 
 
 def test_the_first_row_may_name_the_columns_and_lists_leave_the_others_readable(tmp_path):
-    path = tmp_path / "a.json"
-    path.write_text(json.dumps([NAMES, *ROWS]))
+    path = saved(tmp_path / "a.json", json.dumps([NAMES, *ROWS]))
     np.testing.assert_allclose(import_file(path).channels[0].effort, FORCE_N)
     path = tmp_path / "a.json"
     path.write_text(json.dumps(COLUMNS | {"spectrum": [0.0, *([[1.0, 2.0]] * (len(ROWS) - 1))]}))
     assert read_table(path).names == tuple(NAMES)
-    path = tmp_path / "a.json"
-    path.write_text(json.dumps(COLUMNS | {"temperature": [20.0, 20.5, 21.0]}))
+    path = saved(tmp_path / "a.json", json.dumps(COLUMNS | {"temperature": [20.0, 20.5, 21.0]}))
     assert read_table(path).notes == ("columns of other lengths left out: temperature",)
 
 
@@ -117,9 +111,7 @@ def as_records(columns):
     ],
 )
 def test_parts_with_clocks_of_their_own_are_runs(tmp_path, content, labels):
-    path = tmp_path / "runs.json"
-    path.write_text(json.dumps(content))
-    imported = import_file(path)
+    imported = import_file(saved(tmp_path / "runs.json", json.dumps(content)))
     assert list(imported.run_labels.values()) == labels
     (channel,) = imported.channels
     np.testing.assert_allclose(
@@ -132,7 +124,6 @@ def test_a_matrix_beside_a_clock_is_its_columns(tmp_path, by_record):
     t = np.arange(200) * 0.01
     q = np.column_stack([np.sin(t), np.cos(t)])
     columns = {"time_s": t.tolist(), "position_rad": q.tolist(), "torque_Nm": (2.0 * q).tolist()}
-    path = tmp_path / "arm.json"
-    path.write_text(json.dumps(as_records(columns) if by_record else columns))
+    path = saved(tmp_path / "arm.json", json.dumps(as_records(columns) if by_record else columns))
     channels = import_file(path).channels
     np.testing.assert_allclose([channel.position for channel in channels], q.T)

@@ -19,7 +19,7 @@ from palpate.estimation.data.text_table import as_utf8
 from palpate.estimation.study.source import open_source
 from palpate.robot_io.errors import InputError
 from tests.estimation.laboratories import excel, one_file_a_run, presses, side_by_side, zwick
-from tests.tables import write_csv
+from tests.files import saved, write_csv
 
 TIME, WAY, LOAD = "Time [s]", "Travel [mm]", "Load [N]"
 
@@ -327,18 +327,14 @@ GOOD = "Time [s],Way [mm],Load [N]\n" + "".join(f"{i},{i},{i}\n" for i in range(
     ],
 )
 def test_what_is_no_table_is_named(tmp_path, content, words):
-    path = tmp_path / "a.csv"
-    path.write_bytes(content)
     with pytest.raises(InputError, match=words):
-        import_file(path)
+        import_file(saved(tmp_path / "a.csv", content))
 
 
 @given(st.binary(max_size=300))
 def test_bytes_at_random_get_one_line(tmp_path_factory, content):
-    path = tmp_path_factory.mktemp("any") / "any.lvm"
-    path.write_bytes(content)
     with pytest.raises(InputError) as caught:
-        import_file(path)
+        import_file(saved(tmp_path_factory.mktemp("any") / "any.lvm", content))
     assert "\n" not in str(caught.value)
 
 
@@ -363,8 +359,7 @@ def test_numbers_are_read_as_they_are_written(tmp_path, cells, delimiter, values
 
 
 def test_a_comma_that_parts_no_thousands_is_not_left_out(tmp_path):
-    path = tmp_path / "numbers.txt"
-    path.write_text("n [s]\tKraft [N]\n0\t1,234.5\n1\t2,345.5\n2\t3,456.5\n3\t4,5\n")
+    path = saved(tmp_path / "numbers.txt", "n [s]\tKraft [N]\n0\t1,234.5\n1\t2,345.5\n2\t3,456.5\n3\t4,5\n")
     with pytest.raises(InputError, match=r"line 5, column .*'4,5' is not a finite number"):
         read_table(path).numbers("Kraft [N]")
 

@@ -10,6 +10,7 @@ from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import read_table
 from palpate.robot_io.errors import InputError
 from tests.estimation.laboratories import presses
+from tests.files import saved
 
 TIME_S, WAY_M, FORCE_N = (signal[:600] for signal in presses())
 
@@ -62,9 +63,7 @@ FILES["units of products"] = (
 @pytest.mark.parametrize("layout", FILES)
 def test_the_longest_table_is_read_by_the_names_above_it(tmp_path, layout, encoding):
     text, tests = FILES[layout]
-    path = tmp_path / "press.txt"
-    path.write_bytes(text.encode(encoding))
-    (channel,) = import_file(path).channels
+    (channel,) = import_file(saved(tmp_path / "press.txt", text.encode(encoding))).channels
     assert channel.name == "contact"
     assert len(channel) == tests * len(TIME_S)
     np.testing.assert_allclose(channel.position[: len(TIME_S)], WAY_M, atol=1e-8)
@@ -75,8 +74,7 @@ def test_the_longest_table_is_read_by_the_names_above_it(tmp_path, layout, encod
 
 @pytest.mark.parametrize("name", ["press", "press.prn", "press.xls", "press.v2"])
 def test_text_is_read_whatever_its_name_ends_in(tmp_path, name):
-    path = tmp_path / name
-    path.write_text("Time [s]\tTravel [mm]\tLoad [N]\n" + rows("\t"))
+    path = saved(tmp_path / name, "Time [s]\tTravel [mm]\tLoad [N]\n" + rows("\t"))
     np.testing.assert_allclose(import_file(path).channels[0].effort, FORCE_N, atol=1e-5)
 
 
@@ -218,8 +216,7 @@ def test_two_tables_of_one_sheet_are_runs(tmp_path):
 
 
 def test_a_column_in_use_that_is_there_twice_is_asked_about(tmp_path):
-    path = tmp_path / "press.csv"
-    path.write_text("Time [s],Way [mm],Load [N],Load [N]\n" + rows(behind=",7"))
+    path = saved(tmp_path / "press.csv", "Time [s],Way [mm],Load [N],Load [N]\n" + rows(behind=",7"))
     with pytest.raises(InputError, match=r"'Load \[N\]' appears twice, with different values; choose with"):
         import_file(path)
     options = ImportOptions(columns={"force": "Load [N]"})

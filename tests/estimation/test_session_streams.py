@@ -9,7 +9,7 @@ from palpate.estimation.study.source import open_source
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import Column, Session, SessionMetadata, Stream, write_session
 from tests.estimation.little_probe import kelvin_voigt, probe, ticks
-from tests.tables import write_csv
+from tests.files import write_csv
 
 T = np.arange(40) * 0.01
 FIELDS = ("time_s", "position", "velocity", "acceleration", "effort", "run", "phase")

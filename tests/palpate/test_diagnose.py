@@ -12,6 +12,7 @@ from palpate.estimation.design.next_experiment import propose_remedial_experimen
 from palpate.estimation.study.saved_diagnosis import RESULT
 from palpate.study import Study
 from tests.estimation.presses import channel, kelvin_voigt, motion
+from tests.files import saved
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 from tests.palpate.presses import CUBIC, NOISE_N, press_columns, write_own_effect, write_presses, write_table
 
@@ -148,8 +149,7 @@ def test_a_next_command_for_each_joint_says_which_it_is_for(tmp_path):
 
 def test_an_effect_of_ones_own_is_found_by_its_own_name(tmp_path):
     """A law that palpate does not know: force proportional to depth times the sine of depth."""
-    file = tmp_path / "my_effects.py"
-    file.write_text(OWN_EFFECT)
+    file = saved(tmp_path / "my_effects.py", OWN_EFFECT)
     law = lambda x, v: 400 * x + 6 * v + 0.4 * np.sin(1500 * x)  # noqa: E731
     data = write_presses(tmp_path / "wavy.csv", force_of=law)
     shown = done("diagnose", data, "--effect", f"{file}:Waves", "--out", tmp_path / "found")
@@ -209,8 +209,7 @@ class Nameless(AdditiveEffect):
     ],
 )
 def test_an_effect_that_is_none_is_refused_in_one_line(hardening, tmp_path, body, words):
-    file = tmp_path / "mine.py"
-    file.write_text(f"{OWN_EFFECT}\nclass Odd(Waves):\n    name = 'odd'\n    {body}\n")
+    file = saved(tmp_path / "mine.py", f"{OWN_EFFECT}\nclass Odd(Waves):\n    name = 'odd'\n    {body}\n")
     assert_refused(run("diagnose", hardening, "--effect", f"{file}:Odd"), *words)
 
 
@@ -231,8 +230,7 @@ def test_an_effect_that_is_none_is_refused_in_one_line(hardening, tmp_path, body
     ],
 )
 def test_a_bad_effect_file_is_refused_in_one_line(hardening, tmp_path, text, code, words):
-    file = tmp_path / "mine.py"
-    file.write_text(code)
+    file = saved(tmp_path / "mine.py", code)
     assert_refused(run("diagnose", hardening, "--effect", text.replace("FILE", str(file))), *words)
 
 

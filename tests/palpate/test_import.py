@@ -22,6 +22,7 @@ from tests.estimation.laboratories import (
     savetxt,
     zwick,
 )
+from tests.files import saved
 from tests.palpate.cli import ROOT, as_json, assert_refused, done, next_commands, run
 from tests.palpate.sessions import synthetic_session
 
@@ -35,9 +36,7 @@ GOOD = "time_s,displacement_m,force_N,run\n" + "".join(
 
 @pytest.fixture
 def good(tmp_path):
-    file = tmp_path / "good.csv"
-    file.write_text(GOOD)
-    return file
+    return saved(tmp_path / "good.csv", GOOD)
 
 
 def test_a_file_becomes_a_session(good, tmp_path):
@@ -109,9 +108,7 @@ def test_what_is_no_data_file_is_refused(tmp_path):
     assert_refused(run("import", synthetic_session(tmp_path / "s.mcap"), "--look"), "is a session already")
     (tmp_path / "empty.mcap").touch()
     assert_refused(run("import", tmp_path / "empty.mcap"), "not a palpate session")
-    other = tmp_path / "notes.pdf"
-    other.write_bytes(b"%PDF")
-    assert_refused(run("import", other), "notes.pdf", ".csv")
+    assert_refused(run("import", saved(tmp_path / "notes.pdf", b"%PDF")), "notes.pdf", ".csv")
 
 
 @pytest.mark.skipif(not SOFT.is_file(), reason=f"measured data are not here: {SOFT}")
@@ -210,8 +207,7 @@ def test_relaxation_shows_in_the_hold(tmp_path):
 def test_the_last_link_is_the_tip_where_none_is_called_so(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     text = FOLLOWER.read_text().replace('"tip"', '"finger"')
-    urdf = tmp_path / "arm.urdf"
-    urdf.write_text(text)
+    urdf = saved(tmp_path / "arm.urdf", text)
     arm = arm_from_urdf(urdf)
     assert arm.tip_frame == "finger"
     assert "the last link, 'finger', is used" in arm.notes[0]

@@ -17,6 +17,7 @@ from palpate.estimation.effects import EFFECTS
 from palpate.export.target_terms import TABLE, SimulatorFormat, TargetArm, TargetJoint, Value
 from palpate.export.xml_model import Mounting, patch_mjcf, patch_urdf
 from palpate.robot_io.errors import InputError
+from tests.files import saved
 from tests.palpate.cli import as_json, assert_refused, run
 from tests.palpate.presses import write_table
 
@@ -252,8 +253,7 @@ def test_bam_gets_its_stribeck_model_and_keeps_the_motor(swinging, tmp_path):
 
 
 def test_a_mjcf_without_urdf_takes_joints_in_their_order(swinging, tmp_path):
-    mine = tmp_path / "mine.xml"
-    mine.write_text(HAND_MADE)
+    mine = saved(tmp_path / "mine.xml", HAND_MADE)
     text, said = exported(swinging, "mjcf", "--patch", mine)
     joint = ElementTree.fromstring(text).find(".//joint[@name='shoulder']")
     assert float(joint.get("frictionloss")) == pytest.approx(0.4, rel=0.05)
@@ -326,16 +326,14 @@ def test_a_joint_without_a_revision_gets_its_base_model_with_a_warning(swinging,
 
 def test_what_makes_no_sense_is_refused_in_one_line(swinging, tmp_path):
     data, folder = swinging
-    mine = tmp_path / "mine.xml"
-    mine.write_text(HAND_MADE)
+    mine = saved(tmp_path / "mine.xml", HAND_MADE)
     base = ("export", data, "--folder", folder / "study")
     assert_refused(run(*base, "--format", "mjcf", "-o", tmp_path / "x.xml"), "--patch FILE")
     out = run(*base, "--format", "mjcf", "--patch", mine, "-o", mine, "--force")
     assert_refused(out, "is the input")
     assert mine.read_text() == HAND_MADE
     assert_refused(run(*base, "--patch", mine), "patches no file")
-    bad = tmp_path / "bad.json"
-    bad.write_text("[]")
+    bad = saved(tmp_path / "bad.json", "[]")
     assert_refused(run(*base, "--format", "bam", "--patch", bad, "-o", tmp_path / "b.json"), "bad.json")
     bad.write_bytes(b"\xff\xfe\x00")
     out = run(*base, "--format", "mjcf", "--patch", bad, "-o", tmp_path / "x.xml")

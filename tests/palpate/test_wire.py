@@ -15,6 +15,7 @@ from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import open_answer, true_parameters
 from palpate.runs.robots import EMULATED, is_simulated
 from palpate.sim_backend.hidden import sealed_path
+from tests.files import saved
 from tests.palpate.cli import ROOT, assert_refused, done, run
 from tests.palpate.sessions import QUICK
 
@@ -57,8 +58,7 @@ def test_a_session_over_the_wire_tells_the_truth(tmp_path, name):
 @pytest.mark.parametrize("command", ["probe", "doctor"])
 def test_what_emulated_devices_take_the_place_of_must_be_valid(tmp_path, command):
     text = SERVOS.read_text(encoding="utf-8").replace("/dev/serial/by-id/usb-Loadstar_DI-1000", "''")
-    path = tmp_path / "arm.yaml"
-    path.write_text(text.replace("dynamixel_3dof.", f"{SERVOS.parent}/dynamixel_3dof."), encoding="utf-8")
+    path = saved(tmp_path / "arm.yaml", text.replace("dynamixel_3dof.", f"{SERVOS.parent}/dynamixel_3dof."))
     refused = run(command, "--robot", path, "--wire")
     assert_refused(refused, "buses.load_cell.port: string should have at least 1 character")
 
@@ -94,9 +94,7 @@ def mixed(tmp_path):
     text = re.sub("^dh: .*$", "", text, flags=re.MULTILINE)
     text = text.replace("encoder: {driver", "  world: {driver: pybullet}\n\nencoder: {driver", 1)
     text = re.sub(r"force: \{driver: loadstar.*\}", "force: {driver: sim_force, bus: world}", text)
-    path = tmp_path / "mixed.yaml"
-    path.write_text(text, encoding="utf-8")
-    return path
+    return saved(tmp_path / "mixed.yaml", text)
 
 
 def test_a_robot_is_simulated_as_a_whole_or_not_at_all(mixed):

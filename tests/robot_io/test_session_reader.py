@@ -30,6 +30,7 @@ from palpate.robot_io.session import (
 from palpate.robot_io.session.mcap_file import CHUNK_BYTES, END_RECORD, EXTRA_RECORD, HEADER_RECORD, McapFile
 from palpate.robot_io.session.stream import Samples, streams_to_json
 from palpate.robot_io.session.wire import WireFormat
+from tests.files import saved
 from tests.robot_io.session_parts import METADATA, TICK, assert_ticks, streams_with_columns, ticks
 
 SLOW = Stream("slow", (Column("time_s", "s"), Column("x", "m", 1, "into the object")))
@@ -129,9 +130,7 @@ def test_a_session_that_is_not_long_has_a_record_in_each_message(tmp_path, in_ba
 def test_a_long_session_that_was_cut_off_gives_what_came_before(tmp_path, in_batches, share):
     whole = tmp_path / "whole.mcap"
     content = (whole if whole.exists() else written(whole, 5000)).read_bytes()
-    path = tmp_path / "s.mcap"
-    path.write_bytes(content[: int(share * len(content))])
-    session = Session.open(path)
+    session = Session.open(saved(tmp_path / "s.mcap", content[: int(share * len(content))]))
     assert (session.truncated, session.dropped) == (True, 0)
     assert_ticks(session.samples("tick"), range(len(session.samples("tick"))))
     assert len(session.samples("tick")) > 5000 * share - 700
@@ -172,9 +171,7 @@ def test_other_programs_can_read_it(tmp_path):
 @given(st.data())
 def test_a_file_cut_off_anywhere_gives_what_came_before(tmp_path, whole, data):
     length = data.draw(st.integers(0, len(whole) - 1))
-    path = tmp_path / "s.mcap"
-    path.write_bytes(whole[:length])
-    session = opened(path)
+    session = opened(saved(tmp_path / "s.mcap", whole[:length]))
     if session is None:
         assert length < 3000, "the header is there already"
         return
@@ -204,9 +201,7 @@ def test_a_damaged_file_is_refused_or_not_changed_in_what_is_read(tmp_path, whol
     place = data.draw(st.integers(0, len(whole) - 1))
     flipped = bytearray(whole)
     flipped[place] ^= data.draw(st.integers(1, 255))
-    path = tmp_path / "s.mcap"
-    path.write_bytes(flipped)
-    session = opened(path)
+    session = opened(saved(tmp_path / "s.mcap", flipped))
     if session is None:
         return
     if session.truncated:  # its very end was hit, so that it looks like one that was cut off
@@ -222,18 +217,14 @@ def test_a_damaged_file_is_refused_or_not_changed_in_what_is_read(tmp_path, whol
 def test_a_damaged_text_of_a_finished_file_is_refused(tmp_path, whole, text, damaged):
     """It may be a calibration; no chunk covers it, only the checksum of the whole."""
     assert whole.count(text) == 1
-    path = tmp_path / "s.mcap"
-    path.write_bytes(whole.replace(text, damaged))
     with pytest.raises(SessionError, match="the checksum of its data does not match"):
-        Session.open(path)
+        Session.open(saved(tmp_path / "s.mcap", whole.replace(text, damaged)))
 
 
 @within_one_folder
 @given(junk=st.binary(max_size=2000), keep=st.integers(8, 3000), close=st.booleans())
 def test_junk_after_a_good_beginning_never_breaks_the_reader(tmp_path, whole, junk, keep, close):
-    path = tmp_path / "s.mcap"
-    path.write_bytes(whole[:keep] + junk + (whole[:8] if close else b""))
-    session = opened(path)
+    session = opened(saved(tmp_path / "s.mcap", whole[:keep] + junk + (whole[:8] if close else b"")))
     assert session is None or session.truncated
 
 

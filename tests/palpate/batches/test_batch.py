@@ -28,6 +28,7 @@ from palpate.estimation.data.table import read_table
 from palpate.robot_io.errors import InputError
 from palpate.study import Study
 from palpate.sweep import ResultStore, runner
+from tests.files import saved
 from tests.palpate.cli import ROOT, as_json, assert_refused, done, run
 from tests.palpate.presses import write_presses
 from tests.palpate.sweep.test_killed import dask_on  # noqa: F401, a fixture
@@ -145,8 +146,7 @@ def test_of_several_added_effects_only_one_that_does_not_apply_is_left_out(speci
 
 def test_a_file_that_cannot_be_read_is_a_row_with_its_reason(specimens, tmp_path):
     out = tmp_path / "out"
-    nameless = tmp_path / "nameless.csv"
-    nameless.write_text("a,b\n1,2\n")
+    nameless = saved(tmp_path / "nameless.csv", "a,b\n1,2\n")
     bad = tmp_path / "bad"
     refused = run("batch", nameless, specimens / "broken.csv", "--out", bad, "--workers", 1, "--json")
     assert_refused(refused, "none of 2 measurements is readable", "nameless.csv", "table.csv")
@@ -291,8 +291,7 @@ def test_files_are_joined_split_listed_and_described(tmp_path, specimens):
     )
     listed = find_measurements([sheet])
     assert [each.fields["arm"] for each in listed] == ["left", "right"]
-    sheet = tmp_path / "about.csv"
-    sheet.write_text("specimen,animal\ns0,pig\ns1,cow\ns2,cow\n")
+    sheet = saved(tmp_path / "about.csv", "specimen,animal\ns0,pig\ns1,cow\ns2,cow\n")
     described = find_measurements(files, pattern="{specimen}_{treatment}.csv", metadata=sheet)
     assert {each.fields["animal"] for each in described if each.fields["specimen"] == "s1"} == {"cow"}
 
@@ -517,8 +516,7 @@ def test_after_a_kill_or_ctrl_c_the_same_command_goes_on_and_ends_with_the_same_
 def test_names_that_are_no_utf8_are_rows_too(tmp_path):
     good = tmp_path / os.fsdecode(b"good\xff.csv")
     write_presses(tmp_path / "press.csv", speeds_m_s=SPEEDS).rename(good)
-    broken = tmp_path / os.fsdecode(b"broken\xfe.csv")
-    broken.write_text("this is\nno measurement\n")
+    broken = saved(tmp_path / os.fsdecode(b"broken\xfe.csv"), "this is\nno measurement\n")
     run("batch", good, broken, "--out", tmp_path / "out", "--workers", 1)
     told = {row["measurement"]: bool(row["error"]) for row in rows(tmp_path / "out")}
     assert told == {"good?.csv": False, "broken?.csv": True}

@@ -11,15 +11,14 @@ from palpate.sweep.case import TRUE, estimated
 from palpate.sweep.grid import DIAGNOSE, load_grid, shipped_grid
 from palpate.sweep.paper import CUBES, paper_cases
 from palpate.sweep.tasks.probing import make_estimator
+from tests.files import saved
 from tests.palpate.cli import ROOT
 
 ONE = {"objects": [{"name": "kelvin_voigt", "stiffness_n_m": 500, "damping_n_s_m": 20}]}
 
 
 def grid(tmp_path, **keys):
-    path = tmp_path / "mine.yaml"
-    path.write_text(yaml.safe_dump(ONE | keys, sort_keys=False))
-    return load_grid(path)
+    return load_grid(saved(tmp_path / "mine.yaml", yaml.safe_dump(ONE | keys, sort_keys=False)))
 
 
 def test_every_combination_is_one_case_and_each_repeat_has_a_seed_of_its_own(tmp_path):
@@ -201,10 +200,8 @@ def test_a_row_without_an_estimator_is_no_estimate():
 def test_a_range_of_endless_numbers_is_refused(tmp_path):
     """Its length is beyond all numbers, which no whole number holds."""
     text = "objects: [{name: kelvin_voigt, stiffness_n_m: {from: 0, to: 1.0e+300, step: 1.0e-300}}]"
-    path = tmp_path / "grid.yaml"
-    path.write_text(text)
     with pytest.raises(InputError, match=r"inf numbers from 0 to 1e.300; at most 1000000"):
-        load_grid(path)
+        load_grid(saved(tmp_path / "grid.yaml", text))
 
 
 def test_errors_are_drawn_in_percent():

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import YamlDocument, load_yaml, parse_yaml
+from tests.files import saved
 
 
 def test_values_are_what_they_look_like_and_every_key_knows_its_line():
@@ -70,17 +71,13 @@ def test_files_that_cannot_be_read(tmp_path):
     for endless in (tmp_path / "pipe.yaml", "/dev/zero"):
         with pytest.raises(InputError, match=r"(pipe\.yaml|/dev/zero): a device or a pipe, not a file"):
             load_yaml(endless)
-    latin = tmp_path / "latin.yaml"
-    latin.write_bytes(b"a: caf\xe9")
     with pytest.raises(InputError, match=r"latin\.yaml: not UTF-8 text \(byte 6\)"):
-        load_yaml(latin)
+        load_yaml(saved(tmp_path / "latin.yaml", b"a: caf\xe9"))
 
 
 def test_the_size_is_bounded_before_anything_is_parsed(tmp_path):
-    big = tmp_path / "big.yaml"
-    big.write_bytes(b"[" * 1000)
     with pytest.raises(InputError, match="larger than 999 bytes"):
-        load_yaml(big, max_bytes=999)
+        load_yaml(saved(tmp_path / "big.yaml", b"[" * 1000), max_bytes=999)
     with pytest.raises(InputError, match="larger than 999 bytes"):
         parse_yaml("[" * 1000, "f.yaml", max_bytes=999)
 

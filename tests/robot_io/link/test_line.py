@@ -13,6 +13,7 @@ from palpate.robot_io.clock import MonotonicClock
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.link.frame import MOST_BYTES, load_seal
 from palpate.robot_io.link.line import Impairment, Line, LineSettings, NetworkEmulator
+from tests.files import saved
 from tests.free_port import free_port
 from tests.robot_io.link.link_parts import intent, report, target
 
@@ -261,9 +262,7 @@ def secured(folder, way: str, side: str, port: int):
             "policies": [{"rules": ["pair"], "subjects": ["anybody with a certificate"]}],
         },
     }
-    path = folder / f"{way}-{side}.json5"
-    path.write_text(json.dumps(config))
-    return path
+    return saved(folder / f"{way}-{side}.json5", json.dumps(config))
 
 
 def test_a_peer_without_our_certificate_is_refused_and_other_keys_are_denied(tmp_path):
@@ -292,8 +291,7 @@ def test_both_sides_meet_through_a_router(tmp_path):
         {"mode": mode, way: endpoint, "scouting": {"multicast": {"enabled": False}}}
         for mode, way in (("router", "listen"), ("client", "connect"))
     )
-    path = tmp_path / "client.json5"
-    path.write_text(json.dumps(client))
+    path = saved(tmp_path / "client.json5", json.dumps(client))
     settings, clock = LineSettings(config=path), MonotonicClock()
     with (
         zenoh.open(zenoh.Config.from_json5(json.dumps(router))),  # what the program zenohd is
