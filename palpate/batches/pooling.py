@@ -89,9 +89,9 @@ class BatchResult(TableDisplay):
     table: pa.Table  # a row for each channel of each measurement
     measurements: int  # number of measurements
     finished: int  # measurements with a result, be it an error
-    pooled: tuple[PooledParameter, ...]  # each parameter in each group
-    differences: tuple[GroupDifference, ...]  # between each two groups
-    outliers: tuple[Outlier, ...]  # measurements with a parameter far from the others
+    pooled: tuple[PooledParameter, ...] = ()  # each parameter in each group
+    differences: tuple[GroupDifference, ...] = ()  # between each two groups
+    outliers: tuple[Outlier, ...] = ()  # measurements with a parameter far from the others
     common_effects: tuple[CommonEffect, ...] = ()  # missing in all measurements together, if requested
     shared: tuple[SharedParameter, ...] = ()  # by all channels of a group, if requested
     where: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # of measurements that share files

@@ -114,7 +114,8 @@ def batch(
             f"--pool: {count(len(measurements), 'measurement')} given; at least {LEAST} are needed"
         )
     sources = [existing_file(Path(path), "URDF") for path in ([urdf] if urdf else [])]
-    sources += [Path(text.rpartition(":")[0]) for text in effects]
+    own = [(Path(file), name) for file, _, name in (text.rpartition(":") for text in effects)]
+    sources += [file for file, _ in own]
     options = {
         "model": model,
         "diagnose": diagnose,
@@ -122,9 +123,7 @@ def batch(
         "read": asdict(read),
         "urdf": str(Path(urdf).absolute()) if urdf else None,
         "tip_frame": tip_frame,
-        "effects": [
-            str(Path(text.rpartition(":")[0]).absolute()) + f":{text.rpartition(':')[2]}" for text in effects
-        ],
+        "effects": [f"{file.absolute()}:{name}" for file, name in own],
         "sources": [content_hash(path) for path in sources],
     }
     output_folder(folder)
@@ -157,7 +156,8 @@ def batch(
         table = make_table(measurements, addresses, store.table(filter(None, addresses)), failures, group)
         finished = len(set(texts(table, "measurement")))
         where = {each.name: each.where for each in measurements if each.where}
-        return _write(folder, table, len(measurements), finished, common=common, share=share, where=where)
+        made = BatchResult(folder, table, len(measurements), finished, common_effects=common, where=where)
+        return _write(made, share)
 
     try:
         failures |= _run(cases, store, cluster, progress)
@@ -210,18 +210,9 @@ def _cases(
     return cases
 
 
-def _write(
-    folder: Path,
-    table: pa.Table,
-    measurements: int,
-    finished: int,
-    *,
-    common: tuple[CommonEffect, ...],
-    share: Sequence[str],
-    where: Mapping[str, Mapping[str, str]],
-) -> BatchResult:
-    """Pool all parameters, and write table, page and summary."""
-    groups = texts(table, "group")
+def _write(batch: BatchResult, share: Sequence[str]) -> BatchResult:
+    """Pool all parameters, and write table, page and summary; return the result with all of these."""
+    table, groups = batch.table, texts(batch.table, "group")
     pooled: list[PooledParameter] = []
     outlying: list[Outlier] = []
     columns = list(parameter_columns(table))
@@ -237,20 +228,14 @@ def _write(
             cells = pa.array(drawn.pop(column.head), from_pandas=True)
             table = table.add_column(after, head(column.name, column.unit, "shrunk"), cells)
     for ending in (".parquet", ".csv"):
-        write_table(table, folder / f"{TABLE}{ending}")
-    differences = tuple(group_differences(pooled))
-    shared = tuple(shared_parameters(columns, groups, share))
-    made = BatchResult(
-        folder,
-        table,
-        measurements,
-        finished,
-        tuple(pooled),
-        differences,
-        tuple(outlying),
-        common,
-        shared,
-        where,
+        write_table(table, batch.folder / f"{TABLE}{ending}")
+    made = replace(
+        batch,
+        table=table,
+        pooled=tuple(pooled),
+        differences=tuple(group_differences(pooled)),
+        outliers=tuple(outlying),
+        shared=tuple(shared_parameters(columns, groups, share)),
     )
     _write_views(made)
     return made

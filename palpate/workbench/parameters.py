@@ -187,7 +187,7 @@ class Parameters:
         elif estimate.at_bound:
             text = AT_BOUND
         else:
-            half = (estimate.interval[1] - estimate.interval[0]) / 2.0
+            half = estimate.half_interval
             text = f"± {significant(half, half)}" if math.isfinite(half) else NOT_DETERMINED
         if name in choice.slider_values:
             value = fitted.values[name] if estimate is None else estimate.value

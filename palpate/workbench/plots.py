@@ -23,7 +23,8 @@ MOST_POINTS = 1200  # points of a curve over time
 MOST_OF_STATE = 900
 _FEW = 4  # number of runs over the state if none were chosen
 _MILLI = 1e3
-MEASURED, BASE, MODEL, LEFT_BEFORE, LEFT = range(5)  # traces over time
+MODEL, LEFT = 2, 4  # numbers of the model's traces over time
+Prediction = tuple[FloatArray, FloatArray]  # effort and residual of a model, (n,) each
 
 
 @dataclass(frozen=True)
@@ -97,28 +98,37 @@ def picked(values: FloatArray, rows: IntArray) -> np.ndarray:
     return np.where(rows < 0, np.nan, values[rows]).astype(np.float32)
 
 
-def time_figure(motion: DrawnMotion, base: FloatArray | None, left: FloatArray | None) -> Figure:
+def time_figure(
+    motion: DrawnMotion,
+    base: Prediction | None,
+    now: Prediction | None,
+    span_s: tuple[float, float] | None = None,
+) -> Figure:
     """Draw measured effort, base model and model over time, and residuals below.
 
     Args:
         motion: motion to draw, n samples.
-        base: effort of the base model (n,); None before the fit.
-        left: residual of the base model (n,); None before the fit.
+        base: effort and residual of the base model, (n,) each; None before the fit.
+        now: effort and residual of the selected model; None before the fit.
+        span_s: first and last time to draw [s]; None for all.
     """
-    rows = motion.rows(motion.data.effort, MOST_POINTS)
-    x, unit = picked(motion.time_s, rows), motion.axes.effort_unit
-    effort = picked(motion.data.effort, rows)
-    empty = np.full(len(rows), np.nan, dtype=np.float32)
-    drawn = empty if base is None else picked(base, rows)
-    rest = empty if left is None else picked(left, rows)
-    traces = [
-        curve("measured", x, effort, palette.MEASURED, 1.6, unit),
-        curve("base model", x, drawn, palette.BASE, 1.2, unit, dash="4px,3px"),
-        curve("model", x, drawn, palette.MODEL, 1.4, unit),
-        curve("residual, base model", x, rest, palette.BASE, 1.0, unit, yaxis="y2", showlegend=False),
-        curve("residual, model", x, rest, palette.MODEL, 1.1, unit, yaxis="y2", showlegend=False),
+    unknown = np.full(len(motion.data), np.nan)
+    base = base or (unknown, unknown)
+    update, _ = time_update(motion, base, now or base, span_s)
+    unit, below = motion.axes.effort_unit, {"yaxis": "y2", "showlegend": False}
+    looks: list[tuple[str, str, float, dict[str, object]]] = [
+        ("measured", palette.MEASURED, 1.6, {}),
+        ("base model", palette.BASE, 1.2, {"dash": "4px,3px"}),
+        ("model", palette.MODEL, 1.4, {}),
+        ("residual, base model", palette.BASE, 1.0, below),
+        ("residual, model", palette.MODEL, 1.1, below),
     ]
-    most = 1.15 * float(np.nanmax(np.abs(left))) if left is not None and np.isfinite(left).any() else 1.0
+    traces = [
+        curve(name, x, y, color, width, unit, **more)
+        for (name, color, width, more), x, y in zip(looks, update["x"], update["y"], strict=True)
+    ]
+    left = base[1]
+    most = 1.15 * float(np.nanmax(np.abs(left))) if np.isfinite(left).any() else 1.0
     layout = layout_of(
         410,
         xaxis=axis("time, runs one after the other [s]", anchor="y2"),
@@ -133,10 +143,7 @@ def time_figure(motion: DrawnMotion, base: FloatArray | None, left: FloatArray |
 
 
 def time_update(
-    motion: DrawnMotion,
-    base: tuple[FloatArray, FloatArray],
-    now: tuple[FloatArray, FloatArray],
-    span_s: tuple[float, float] | None,
+    motion: DrawnMotion, base: Prediction, now: Prediction, span_s: tuple[float, float] | None
 ) -> Restyle:
     """Return all curves over time again, with full detail in the visible span.
 
@@ -302,7 +309,7 @@ class PlotPanel:
         self._motion = DrawnMotion.of(self._data)
         self._span_s: tuple[float, float] | None = None
         self._shown: DisplayedFit | None = None
-        self._drawn: tuple[FloatArray, FloatArray] | None = None  # effort and residual of the model
+        self._drawn: Prediction | None = None  # of the model
         self._cursors: dict[str, float] = {}
         self._next = "A"
 
@@ -400,10 +407,7 @@ class PlotPanel:
             self._state_plot.replace(state_figure(self._motion, None))
             return
         base = _of_base(self._shown)
-        figure = time_figure(self._motion, *base)
-        update, traces = time_update(self._motion, base, self._drawn, self._span_s)
-        for number in traces:
-            figure["data"][number] |= {"x": update["x"][number], "y": update["y"][number]}
+        figure = time_figure(self._motion, base, self._drawn, self._span_s)
         figure["layout"] |= cursor_shapes(self._cursors)
         self._time.replace(figure)
         self._state_plot.replace(state_figure(self._motion, self._drawn[0]))
@@ -466,5 +470,5 @@ def _select(
     return set_props(select, aria_label=name, title=title)
 
 
-def _of_base(shown: DisplayedFit) -> tuple[FloatArray, FloatArray]:
+def _of_base(shown: DisplayedFit) -> Prediction:
     return shown.base.predict(shown.base.values), shown.base.residual

@@ -197,7 +197,8 @@ def resolve(  # noqa: PLR0917
         with work([item.name for item in study.chosen(channel)]) as progress:
             diagnosis = study.diagnose(channel, plan=False, progress=progress)
             judged = diagnosis.channels
-            end, following = _decide(study, judged, number + 1, used_s, budget, progress, design)
+            is_last, left_s = number + 1 >= budget.probes, budget.seconds - used_s
+            end, following = _decide(study, judged, left_s, progress, design, is_last=is_last)
             if end is StopReason.SEPARATED and any(
                 _is_adequate(item) and item.channel in shown for item in judged
             ):
@@ -222,30 +223,27 @@ def resolve(  # noqa: PLR0917
         job = replace(job, plan=following.plan)
 
 
-def _decide(  # noqa: PLR0917
+def _decide(
     study: Study,
     diagnoses: Sequence[ChannelDiagnosis],
-    probes: int,
-    used_s: float,
-    budget: Budget,
+    left_s: float,
     progress: Progress,
     design: Design,
+    *,
+    is_last: bool,
 ) -> tuple[StopReason | None, NextProbe | None]:
     undecided = [diagnosis for diagnosis in diagnoses if is_undecided(diagnosis)]
-    is_open = bool(undecided)
     refused = any(diagnosis.verdict is Verdict.INSUFFICIENT for diagnosis in diagnoses)
-    if not is_open and not refused:
+    if not undecided and not refused:
         return StopReason.SEPARATED, None
-    if not is_open and probes >= budget.probes:
+    if not undecided and is_last:
         return StopReason.INSUFFICIENT, None
-    left_s = budget.seconds - used_s
     following = design(study, diagnoses, min(left_s, LONGEST_S), progress)
     if following is not None:
-        return (StopReason.PROBES, None) if probes >= budget.probes else (None, following)
-    if not is_open:
+        return (StopReason.PROBES, None) if is_last else (None, following)
+    if not undecided:
         return StopReason.INSUFFICIENT, None
-    separable = left_s < LONGEST_S and design(study, diagnoses, LONGEST_S, progress) is not None
-    if separable:
+    if left_s < LONGEST_S and design(study, diagnoses, LONGEST_S, progress) is not None:
         return StopReason.SECONDS, None
     is_named = any(diagnosis.accepted for diagnosis in undecided)
     return (StopReason.INSEPARABLE if is_named else StopReason.UNEXPLAINED), None
