@@ -45,7 +45,7 @@ def measured(
     return ArmMotion(times, q, v, a, shown + rng.normal(0, noise, shown.shape), shown)
 
 
-def test_everything_hidden_in_the_drives_is_found_at_once(path):
+def test_all_hidden_drive_parameters_are_identified_together(path):
     hidden = {
         "gain": np.array([0.85, 1.1, 1.2]),
         "offset": np.array([0.2, -0.1, 0.03]),

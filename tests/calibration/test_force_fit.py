@@ -17,7 +17,7 @@ def record(rng, *, zero=1.3, gain=0.9, bend=0.0, play=0.0, noise=0.02, step=0.02
     return plateaus_of(UP_AND_DOWN_N, pieces)
 
 
-def test_a_wrong_scale_and_zero_are_found_within_their_uncertainty():
+def test_scale_and_zero_are_estimated_within_their_uncertainty():
     """2 standard uncertainties cover 95 % of 200 sensors, to within 2.5 deviations of that count."""
     covered = np.zeros(2)
     for seed in range(200):
@@ -31,7 +31,7 @@ def test_a_wrong_scale_and_zero_are_found_within_their_uncertainty():
     assert np.all(np.abs(covered / 200 - 0.95) < 0.04), covered / 200
 
 
-def test_curvature_and_hysteresis_are_told_apart_and_applied_or_not():
+def test_curvature_and_hysteresis_are_distinguished():
     fit = fit_force(record(np.random.default_rng(1), bend=3e-4, play=0.15))
     assert fit.curvature is not None
     assert fit.curvature.value == pytest.approx(-3e-4 / 0.9**2, rel=0.3)

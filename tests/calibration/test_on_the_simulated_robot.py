@@ -87,7 +87,7 @@ def excited(tmp_path_factory):
 
 
 class TestDrives:
-    def test_are_found_within_their_uncertainty(self, excited):
+    def test_parameters_are_estimated_within_their_uncertainty(self, excited):
         _, hidden, fit = excited
         for found, std, true in (
             (fit.gain.value, fit.gain.std_err, hidden["gain"]),
@@ -129,7 +129,7 @@ WRONG_ZEROS = [
 ]
 
 
-def test_zeros_are_found_at_the_hard_stops_also_under_a_careful_guard(tmp_path, monkeypatch):
+def test_zeros_are_estimated_at_the_hard_stops_under_tight_limits(tmp_path, monkeypatch):
     low = {"velocity_rad_s": (1.1, 1.1, 1.1), "tracking_rad": (0.025, 0.025, 0.025)}
     limits = FOLLOWER.limits.model_copy(update=low)
     careful = FOLLOWER.model_copy(update={"limits": limits, "control_rate_hz": 500.0})
@@ -159,7 +159,7 @@ def test_a_stop_that_is_not_where_it_is_said_to_be_stops_the_arm(tmp_path):
     assert opened(job).samples("tick")["guard_tripped"][-1]
 
 
-def test_zeros_are_found_in_a_known_pose_without_power(tmp_path):
+def test_zeros_are_estimated_in_a_known_pose_without_power(tmp_path):
     job = job_in(tmp_path, "encoder", WRONG_ZEROS)
     runs.run_pose(job)
     fit = fits.encoder_fit_of(opened(job), 3, FOLLOWER.home_rad, 1e-3)

@@ -131,7 +131,7 @@ def free():
     return motion
 
 
-def test_an_arm_that_shakes_at_the_end_is_waited_for_and_then_told_about_with_a_remedy(free):
+def test_shaking_arm_is_reported_after_a_timeout_with_a_remedy(free):
     assert free.at_rest(REST, 0.0)
     assert free.at_rest(REST, 10.0)
     assert not free.at_rest(SHAKING, 1.9)
@@ -212,7 +212,7 @@ def test_the_guard_opens_for_each_joint_towards_its_stop_alone():
     assert with_room_for_stops(limits, nearer, 0.2) == limits
 
 
-def test_an_arm_that_stands_too_high_for_its_stops_is_told_what_to_do_instead():
+def test_arm_too_high_for_its_stops_is_refused_with_a_remedy():
     """A floor above the elbow at its stop: lowest point of the arm in its highest posture."""
     upright = np.array([np.pi / 2, 0.0, 0.0])
     stops = BODY.position_limits_rad

@@ -60,7 +60,7 @@ DRIVERS = [
 ]
 
 
-def test_every_kind_of_driver_is_found():
+def test_registry_contains_every_kind_of_driver():
     assert {driver.id for driver in DRIVERS} >= {"mock_bus", "mock_encoder", "mock_torque", "mock_force"}
 
 

@@ -27,7 +27,7 @@ def active(bench):
     return bench
 
 
-def test_every_device_is_on_a_bench():
+def test_every_operator_device_has_a_contract_test():
     assert {bench.name for bench in BENCHES} == set(OPERATOR_DEVICES)
 
 

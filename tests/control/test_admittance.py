@@ -131,7 +131,7 @@ def test_the_guess_follows_a_stiffening_object():
     assert 1.05 * chord < guess.compliance.stiffness_n_m < 2.0 * chord
 
 
-def test_standing_still_teaches_nothing():
+def test_rest_does_not_update_the_force_check():
     guess = QuickEstimator()
     for row in samples(1000.0, 50.0):
         guess.update(*row, DT_S)

@@ -39,7 +39,7 @@ def test_a_task_that_is_done_ends_the_run_with_the_torque_off():
     result.raise_for_trip()  # nothing to raise
 
 
-def test_records_hold_what_was_measured_wanted_and_sent():
+def test_records_contain_measurement_reference_and_command():
     arm = MockArm()
     _, log = run(arm, SwingTask(done_at=50, torque_nm=0.1))
     assert np.allclose(log.column("torque_commanded_nm"), 0.1)
@@ -175,7 +175,7 @@ def test_reading_gives_up_in_time_for_the_command_and_that_before_the_next_tick(
     assert left_s["write"][:20] == pytest.approx([1.0 / RATE_HZ] * 20)
 
 
-def test_an_overrun_is_counted_skipped_and_told_to_the_task():
+def test_overrun_is_counted_skipped_and_passed_to_the_task():
     arm, task = MockArm(), SwingTask(done_at=20)
 
     def stall():
@@ -258,7 +258,7 @@ def test_the_same_arm_and_guard_run_again():
     ],
     ids=str,
 )
-def test_one_trouble_is_enough_to_be_told(trouble, words):
+def test_single_write_failure_is_reported(trouble, words):
     good = LoopResult(Outcome.STOPPED, "on request", ticks=5)
     assert (good.is_clean, good.one_line()) == (True, "stopped: on request; 5 ticks")
     assert (good.skipped, good.log_failures, good.duration_s, good.wall_s) == (0, 0, 0.0, 0.0)

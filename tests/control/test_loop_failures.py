@@ -286,7 +286,7 @@ def test_ctrl_c_is_a_safe_stop_that_a_second_one_does_not_shorten(number):
     assert signal.getsignal(number) is before
 
 
-def test_the_first_cause_is_kept():
+def test_first_cause_of_a_stop_is_reported():
     arm, task = MockArm(), SwingTask(fail_at=40)
 
     def press():

@@ -108,7 +108,7 @@ def test_speeds_repeats_and_targets_are_all_run():
     assert set(record.run) == {-1, *range(8)}
 
 
-def test_the_next_approach_starts_above_the_surface_that_was_found():
+def test_next_approach_starts_above_the_detected_surface():
     plant = plant_above(height_m=0.15, stiffness_n_m=500.0)
     record, _ = probe(plant=plant, speeds_m_s=(0.15, 0.15), hold_s=0.1, retract_m=0.02)
     height = np.array([output.tip_position_world_m[2] for output in record.outputs])

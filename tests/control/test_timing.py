@@ -49,7 +49,7 @@ def test_zero_and_huge_durations_are_counted_and_not_lost():
 
 
 @pytest.mark.parametrize("count", [1, 100, 1000])
-def test_each_section_is_kept_apart_and_a_tick_is_all_of_them_but_lateness(count):
+def test_tick_time_is_the_sum_of_all_sections_except_lateness(count):
     timing = LoopTiming()
     for number in range(count):
         timing.add(TickDurations(*(1e-6 * (i + 1) * (1 + number / count) for i in range(7))))

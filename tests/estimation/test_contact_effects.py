@@ -55,7 +55,7 @@ def test_units_follow_the_channel():
 
 
 @pytest.mark.parametrize("name", ["kelvin_voigt", "hunt_crossley"])
-def test_a_surface_that_was_found_is_fitted_along(name):
+def test_detected_surface_is_refined_by_the_fit(name):
     assert "contact_offset.offset" not in base_model(name).inner
     assert "contact_offset.offset" in base_model(name, surface_found=True).inner
 
@@ -100,7 +100,7 @@ def test_in_its_dent_an_object_lets_go_of_the_tool_or_damps_it_still():
         assert damper[1:5] == pytest.approx(damped)
 
 
-def test_a_dent_is_not_met_where_the_clock_has_begun_anew():
+def test_plastic_indentation_is_reset_when_the_clock_restarts():
     data = two_presses()
     apart = replace(data, time_s=np.tile(data.time_s[100:], 2))
     dented = apart.position - EFFECTS["plastic_set"]().move(apart, {"share": 0.1, "kept": 1.0}).position

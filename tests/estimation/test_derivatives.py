@@ -266,7 +266,7 @@ def test_a_long_motion_is_differentiated_in_groups_as_at_once(monkeypatch):
         np.testing.assert_array_equal(getattr(in_groups, name), getattr(at_once, name))
 
 
-def test_the_grid_of_an_encoder_is_found_though_its_zero_was_taken_off_in_floating_point():
+def test_encoder_step_is_detected_after_zero_subtraction():
     step, counts = 2.0 * np.pi / 4096, np.cumsum(np.random.default_rng(3).integers(-2, 3, 2000))
     ways = counts * step + 0.7, (counts + 1000) * step + (0.7 - 1000 * step)  # alike but for rounding
     position = np.where(np.arange(len(counts)) % 2 == 0, *ways)

@@ -146,7 +146,7 @@ def test_a_path_that_makes_an_effect_what_it_is_is_no_less_than_half_an_encoder_
     assert effect.inner is type(effect).inner
 
 
-def test_friction_that_holds_at_rest_is_found_though_its_path_is_shorter_than_an_encoder_s_step():
+def test_presliding_shorter_than_an_encoder_step_is_identified():
     rng, t = np.random.default_rng(4), 0.01 * np.arange(1200)
     run = np.repeat([0, 1, 2], 400)
     stops = np.repeat(rng.uniform(-0.5, 0.5, 24), 50)  # it moves for a fifth of the time, and rests

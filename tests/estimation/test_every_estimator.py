@@ -68,7 +68,7 @@ def test_same_randomness_same_estimate_whose_residuals_inliers_and_covariance_fi
 
 
 @EVERY
-def test_says_when_parameters_are_not_excited_or_cannot_be_told_apart(name):
+def test_unexcited_and_correlated_parameters_are_reported(name):
     columns, run = motion()
     columns = columns.copy()
     columns[:, 1] = 0.0

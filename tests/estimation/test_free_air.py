@@ -31,7 +31,7 @@ def creeping(t, x, v, run):
     return kelvin_voigt(x, v) - np.where(x > 0.004, RATE * (t - t[0]), 0.0)
 
 
-def test_bias_and_rate_are_recovered_and_a_zero_that_stays_is_told():
+def test_bias_and_drift_rate_are_recovered_and_a_steady_zero_is_reported():
     found = zero_in_free_air(session(1, lambda t, x, v, run: 0.4 + drifting(t, x, v, run)))
     assert found.rate == pytest.approx(RATE, abs=4.0 * found.rate_std_err)
     assert found.noise == pytest.approx(NOISE_N, rel=0.1)
@@ -74,7 +74,7 @@ def test_the_law_of_sensor_statics_has_a_gain_unless_the_base_model_can_be_scale
     assert bool(np.any(np.all(effort == statics.columns.T, axis=1))) is not scaled
 
 
-def test_time_cannot_be_told_from_a_position_that_goes_one_way():
+def test_drift_is_refused_for_monotonic_motion():
     data = session(1)
     ramp = replace(data, position=np.linspace(-0.01, 0.01, len(data)))
     assert [EFFECTS["drift"]().applies_to(one) for one in (data, ramp)] == [True, False]

@@ -137,7 +137,7 @@ def test_runs_of_different_names_are_different_runs(names, contact):
         assert len(only(import_file(path, ImportOptions(where={"run": name})))) == rows
 
 
-def test_derivatives_stay_within_runs_and_given_phases_and_derivatives_are_kept(contact):
+def test_derivatives_stay_within_runs_and_given_ones_are_preserved(contact):
     x = np.where(np.arange(50) < 25, 0.001, 0.05)
     channel = only(import_file(contact(run=[0] * 25 + [1] * 25, displacement_m=x)))
     np.testing.assert_allclose(channel.velocity, 0.0, atol=1e-12)
@@ -188,7 +188,7 @@ def test_a_session_holds_a_context_whatever_its_column_is_called(contact, tmp_pa
     np.testing.assert_allclose(after.context[signal], 20 + T)
 
 
-def test_columns_that_nothing_was_made_of_are_told_also_an_angle_without_a_unit(contact):
+def test_unused_columns_are_reported_including_an_angle_without_unit(contact):
     path = contact(specimen=["P1"] * 50, temperature_C=20 + T, humidity=40 + T, tool=np.full(50, 3.0))
     assert import_file(path).unused == ("temperature_C", "humidity")
     assert import_file(path, ImportOptions(context=("humidity",))).unused == ("temperature_C",)

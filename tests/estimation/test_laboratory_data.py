@@ -68,7 +68,7 @@ def test_runs_are_as_many_as_the_user_says(press, count):
     assert len(contact_of(press(), runs=count).runs) == count
 
 
-def test_small_presses_are_found_beside_large_ones(press):
+def test_small_presses_are_detected_beside_large_ones(press):
     t, x, f = presses()
     small = np.arange(len(t)) > 0.6 * len(t)
     channel = contact_of(
@@ -178,7 +178,7 @@ RATE = {WAY: None, LOAD: None, "Angle [deg]": np.sin(T)}
         ({}, {"units": {"force": "3 parsec"}}, "is not a unit of force"),
     ],
 )
-def test_what_cannot_be_told_is_asked_in_one_line(press, changed, options, words):
+def test_undetermined_columns_are_asked_for_in_one_line(press, changed, options, words):
     with pytest.raises(InputError) as caught:
         import_file(press(**changed), ImportOptions(**options))
     assert words in str(caught.value)
@@ -436,7 +436,7 @@ def test_a_clock_beside_the_time_and_a_day_that_is_none_leave_columns_as_they_ar
 
 
 @pytest.mark.parametrize(("scale", "unit"), [(1.0, "s"), (1e3, "ms"), (1e6, "us"), (1e9, "ns")])
-def test_a_time_without_a_unit_is_told_by_its_steps(press, scale, unit):
+def test_time_unit_is_inferred_from_the_sample_step(press, scale, unit):
     imported = import_file(press(**{TIME: None, "__time": 1.7e9 * (scale == 1.0) + scale * presses()[0]}))
     assert np.ptp(imported.channels[0].time_s) == pytest.approx(np.ptp(presses()[0]), rel=1e-6)
     assert f"'__time' states no unit: its steps are read as {unit}" in imported.notes[0]

@@ -96,7 +96,7 @@ def test_other_people_s_files_are_read(file, options, kind, rows):
     assert np.isfinite(channel.acceleration).all()
 
 
-def test_a_linear_drive_s_mass_is_found_through_its_derivatives():
+def test_mass_of_a_linear_drive_is_identified():
     """EMPS: Janot, Gautier, Brunot (2019) give 95.1 kg."""
     options = ImportOptions(columns={"force_N": "motor_force_N"})
     (channel,) = import_file(DATA / "emps" / "train.csv.gz", options).channels

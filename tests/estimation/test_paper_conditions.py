@@ -51,7 +51,7 @@ def test_intervals_hold_the_truth_though_the_surface_is_unknown():
     assert np.all(np.mean(held, axis=0) > 0.75)
 
 
-def test_hunt_crossley_is_found_with_its_surface_whose_error_widens_intervals():
+def test_hunt_crossley_is_identified_with_surface_uncertainty():
     found = probed(hunt_crossley(5000.0, 8000.0, 1.4), "robust", "hunt_crossley")
     assert found["hunt_crossley.n"].value == pytest.approx(1.4, abs=0.01)
     assert found["hunt_crossley.k"].value == pytest.approx(5000.0, rel=0.03)

@@ -71,7 +71,7 @@ def test_hidden_dry_friction_is_named_with_its_size_in_goal_error(tmp_path, monk
     assert (inertia.unit, inertia.value) == ("s^2", pytest.approx(INERTIA / STIFF, rel=0.2))
 
 
-def test_hidden_weight_is_found_in_goal_error(tmp_path):
+def test_hidden_payload_is_identified_from_the_goal_error(tmp_path):
     study = Study(written(tmp_path, weight=0.9, seconds=8.0), keep=False)
     study.add("weight")
     (result,) = study.results()
@@ -81,7 +81,7 @@ def test_hidden_weight_is_found_in_goal_error(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_hidden_gap_is_found_beside_the_weight(tmp_path):
+def test_hidden_backlash_is_identified_with_gravity_load(tmp_path):
     study = Study(written(tmp_path, weight=3.0, gap=0.08), keep=False)
     (found,) = study.diagnose().channels
     assert {"weight", "backlash"} <= {entry.effect for entry in found.accepted}

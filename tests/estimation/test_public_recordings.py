@@ -341,7 +341,7 @@ def test_score_takes_the_kind_with_the_largest_share_or_none():
     assert (result.kind, result.kind_right, result.form_right, result.false_names) == (None, False, True, [])
 
 
-def test_score_finds_a_false_name_but_not_one_that_cannot_be_told_from_a_right_one():
+def test_score_counts_false_names_except_indistinguishable_ones():
     assert score(RECIPE, named("drift"), 1.0).false_names == ["drift"]
     alike = named("drift")
     alike["accepted"][0]["confused_with"] = ["coulomb_friction"]

@@ -70,7 +70,7 @@ def test_sprls_follows_a_sudden_change_sooner_than_rls():
     assert abs(sprls[0] - 1500.0) < 0.2 * abs(rls[0] - 1500.0)
 
 
-def test_sprls_is_unsteady_in_noise_as_the_paper_found():
+def test_sprls_is_unsteady_in_noise_as_in_the_paper():
     noise = {"noise": 0.0, "share": 0.3, "count": 900}
     tight = [
         values(Sprls(0.0, 0.0).fit(problem(np.random.default_rng(s), **noise), rng=None)) for s in range(10)

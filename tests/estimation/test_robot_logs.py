@@ -237,7 +237,7 @@ def test_a_view_in_the_place_of_a_table_is_not_asked(tmp_path):
         ("actual_q_{} actual_current_{}", "current"),
     ],
 )
-def test_joints_are_told_apart_by_what_the_interface_calls_them(tmp_path, names, effort):
+def test_joints_are_identified_by_interface_names(tmp_path, names, effort):
     in_degrees = "[deg]" in names
     joints = ("shoulder", "elbow") if "{}/" in names or in_degrees else (0, 1)
     columns = {"timestamp": 1_700_000_000 + T, "target_q_0": T, "gripper_position": T}
@@ -293,7 +293,7 @@ def test_a_folder_of_a_data_set_is_its_episodes(episode):
     np.testing.assert_array_equal(source.channels[1].effort, import_file(episode, options).channels[1].effort)
 
 
-def test_an_observation_of_all_quantities_is_told_apart_by_its_names(tmp_path):
+def test_vector_observation_is_split_by_its_element_names(tmp_path):
     """LeRobot 0.6 records one array; the arm is palpate's own, whose units and sample times are known."""
     folder, meta = tmp_path / "data" / "chunk-000", tmp_path / "meta"
     folder.mkdir(parents=True)

@@ -34,7 +34,7 @@ def test_contact_has_depth_speed_and_force():
     assert np.std(channel.velocity[rows] - truth.true_speed_m_s[rows]) < 1e-3
 
 
-def test_the_surface_is_found_within_its_error_also_of_a_soft_start():
+def test_surface_is_detected_within_its_error():
     for seed in range(3):
         again = probe(kelvin_voigt(800.0, 40.0), surface_m=SURFACE_M, seed=seed)
         (channel,) = contact_channels(ticks(again), tared=False)

@@ -94,13 +94,13 @@ def is_found_out(name):
 
 
 @pytest.mark.parametrize(("name", "codec", "part", "broken"), BREAKS, ids=[f"{b[0]}-{b[2]}" for b in BREAKS])
-def test_a_broken_codec_is_found_out(name, codec, part, broken, monkeypatch):
+def test_fuzzer_detects_a_faulty_codec(name, codec, part, broken, monkeypatch):
     whole = getattr(codec, part, None) or getattr(builtins, part)  # a builtin is shadowed in its module
     monkeypatch.setattr(codec, part, broken(whole), raising=False)
     assert is_found_out(name)
 
 
-def test_a_stream_that_ignores_its_counters_is_found_out(monkeypatch):
+def test_fuzzer_detects_a_stream_that_ignores_its_counters(monkeypatch):
     """Three bytes are a sample, whatever they count."""
 
     def feed(self, data):
@@ -114,7 +114,7 @@ def test_a_stream_that_ignores_its_counters_is_found_out(monkeypatch):
     assert is_found_out("lorenz_stream")
 
 
-def test_swapped_fields_are_found_out(monkeypatch):
+def test_fuzzer_detects_swapped_fields(monkeypatch):
     whole = mit.decode_state
 
     def swap(frame, ranges):
@@ -125,7 +125,7 @@ def test_swapped_fields_are_found_out(monkeypatch):
     assert is_found_out("mit")
 
 
-def test_a_codec_that_believes_everything_is_found_out():
+def test_fuzzer_detects_a_codec_without_validation():
     """It stumbles over an empty input, and refuses long ones."""
 
     def decode(data):

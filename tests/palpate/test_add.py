@@ -14,7 +14,7 @@ def add(data, folder, *arguments):
     return as_json("add", data, *arguments, "--out", folder)["revisions"]
 
 
-def test_stages_are_kept_continued_and_gone_back_to_and_the_report_is_renewed(hardening, tmp_path):
+def test_stages_are_saved_continued_and_reverted(hardening, tmp_path):
     first = add(hardening, tmp_path, "bias")
     page = (tmp_path / "report.html").read_text()
     assert [(r["number"], r["parent"]) for r in first] == [(0, None), (1, 0)]
@@ -80,7 +80,7 @@ def test_ones_own_effect_is_run_again_only_if_one_says_so(hardening, tmp_path):
         assert again[again.index("--effect") + 1] == place
 
 
-def test_without_revisions_one_is_told_how_to_make_some_and_a_damaged_one_is_named(hardening, tmp_path):
+def test_missing_revisions_give_a_hint_and_a_damaged_one_is_named(hardening, tmp_path):
     result = done("revisions", hardening, "--folder", tmp_path)
     assert "no revisions yet" in result.stdout
     assert "--apply" in result.stderr

@@ -83,7 +83,7 @@ def test_as_a_process_bad_input_gives_one_line_and_2(tmp_path):
     assert_refused(run_process("info", tmp_path / "none.mcap"), "none.mcap", "no such file")
 
 
-def test_the_version_is_told():
+def test_version_option_prints_the_version():
     result = done("--version")
     assert result.stdout.startswith("palpate ")
 

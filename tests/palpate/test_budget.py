@@ -118,7 +118,7 @@ def test_a_range_goes_from_the_smaller_to_the_larger_share_in_every_view():
     assert "53 to 63 %" in picture
 
 
-def test_kinds_that_cannot_be_told_apart_come_with_the_experiment():
+def test_indistinguishable_kinds_come_with_a_separating_experiment():
     unsure = {"replaceable_by": ["drift"], "experiment": "record the unloaded sensor"}
     other = {"replaceable_by": ["time_memory"], "experiment": "record the unloaded sensor"}
     found = diagnosis(share("time_memory", 0.6, **unsure), share("drift", 0.2, **other))

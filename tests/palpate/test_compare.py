@@ -79,7 +79,7 @@ def test_a_revision_of_other_rows_is_said_to_be_one(grown, tmp_path):
     assert "revision 1 was saved with an error of" in " ".join(told.split())
 
 
-def test_the_floor_is_one_number_whatever_was_kept_before(hardening, grown, tmp_path):
+def test_noise_floor_does_not_depend_on_earlier_revisions(hardening, grown, tmp_path):
     folder, other = (
         shutil.copytree(grown[0], tmp_path / "kept"),
         write_presses(tmp_path / "other.csv", seed=5),

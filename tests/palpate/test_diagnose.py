@@ -31,7 +31,7 @@ def applied(hardening, tmp_path_factory):
     return run("diagnose", hardening, "--apply", "--out", folder), folder
 
 
-def test_a_hidden_cubic_is_found_and_named_with_its_value(applied):
+def test_hidden_cubic_stiffness_is_identified_with_its_value(applied):
     result, folder = applied
     assert result.exit_code == 0, result.stderr
     found = json.loads((folder / "diagnosis.json").read_text())
@@ -123,7 +123,7 @@ def rewritten(path, name, values, change):
     return write_table(path, **columns, **{name: each})
 
 
-def test_a_column_that_the_error_depends_on_is_found_guilty(tmp_path):
+def test_recorded_column_that_explains_the_error_is_named(tmp_path):
     def soften(columns, warmth):
         columns["force_N"] *= 1 - 0.02 * (warmth - 25)
 
@@ -147,7 +147,7 @@ def test_a_next_command_for_each_joint_says_which_it_is_for(tmp_path):
     assert [words[-2:] for words in added] == [["--channel", "joint_1"], ["--channel", "joint_2"]]
 
 
-def test_an_effect_of_ones_own_is_found_by_its_own_name(tmp_path):
+def test_user_effect_is_identified_by_its_name(tmp_path):
     """A law that palpate does not know: force proportional to depth times the sine of depth."""
     file = saved(tmp_path / "my_effects.py", OWN_EFFECT)
     law = lambda x, v: 400 * x + 6 * v + 0.4 * np.sin(1500 * x)  # noqa: E731
@@ -252,7 +252,7 @@ def test_where_the_steps_are_too_coarse_the_next_motion_takes_more_effort():
     assert "finer" not in propose_remedial_experiment("it rests", ChannelKind.REVOLUTE).instruction
 
 
-def test_why_nothing_is_named_is_told_on_the_screen_and_in_the_report(tmp_path):
+def test_reason_for_no_named_effect_is_shown_and_reported(tmp_path):
     """Another specimen, with a law of its own: the reason is the runs, and no user would guess it.
 
     A column that nothing was made of is pointed out: it might be the reason.
@@ -331,7 +331,7 @@ def test_the_report_after_adding_keeps_the_verdict_and_tells_what_was_added(tmp_
 
 
 @pytest.mark.slow
-def test_a_channel_with_an_effect_of_ones_own_is_not_silently_told_without_it(tmp_path):
+def test_diagnosis_with_unavailable_user_effect_is_not_shown_without_it(tmp_path):
     """It was added by a command; the report of a study that was not given its file says so."""
     data, place, folder = write_presses(tmp_path / "hard.csv"), write_own_effect(tmp_path), tmp_path / "out"
     assert run("add", data, "mine", "--effect", place, "--out", folder).exit_code == 0

@@ -180,7 +180,7 @@ def test_no_import_brings_a_library_that_it_does_not_need():
     assert done.returncode == 0, done.stderr
 
 
-def test_python_control_is_found_in_a_checkout_too(tmp_path):
+def test_python_control_is_found_in_a_checkout(tmp_path):
     """`control` at the root has no `__init__.py`: a package of that name anywhere on the path comes first."""
     (tmp_path / "control").mkdir()
     (tmp_path / "control" / "__init__.py").write_text("")

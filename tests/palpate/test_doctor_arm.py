@@ -122,7 +122,7 @@ def test_a_joint_that_turns_the_other_way_is_found_without_power(path, plants):
     assert not np.any(plants)
 
 
-def test_a_reversed_force_sensor_is_found():
+def test_doctor_detects_a_reversed_force_sensor():
     built = changed(DYNAMIXEL, ("capacity_n: 100.0", "capacity_n: 100.0, reversed: true"))
     (found,) = failures(examined(DYNAMIXEL, as_built=built, move=True))
     assert found.subject == "sign of the force"
@@ -213,7 +213,7 @@ def test_a_hand_that_finishes_its_turn_is_not_taken_for_the_next_joint(monkeypat
     assert not failures(signs_by(ThoroughHand, monkeypatch))
 
 
-def test_a_person_is_told_when_to_let_go_and_when_to_stay_away(capsys):
+def test_operator_prompts_state_when_to_release_and_clear_the_arm(capsys):
     person = ArmOperator()
     person.rest()
     person.leave()
@@ -270,7 +270,7 @@ def test_the_small_motion_stops_at_a_touch_of_the_tool():
         list(map(partial(task.step, dt_s=0.01), touched))
 
 
-def test_swapped_drives_are_found():
+def test_doctor_detects_swapped_drives():
     swapped = (("node_id: 1", "node_id: 5"), ("node_id: 2", "node_id: 1"), ("node_id: 5", "node_id: 2"))
     found = failures(examined(ODRIVE, as_built=changed(ODRIVE, *swapped), move=True))
     assert [finding.subject for finding in found] == ["sign of joint 2", "sign of joint 3"]
@@ -308,9 +308,8 @@ def test_what_fails_on_the_force_sensor_s_bus_is_not_blamed_on_encoders():
     old = rest._replace(time_s=2e-3, encoder_status=Status.FAULT, force_status=Status.FAULT)
 
     def finding(device, bus, failed):
-        limit_findings = dict.fromkeys(failed, "the port was unplugged")
-        watched = arm_check._Watched(np.zeros(2), (rest, old), (set(), failed), limit_findings)
-        return arm_check._device(watched, device, bus, 5e-3)
+        complaint = "the port was unplugged" if bus in failed else None
+        return arm_check._device([(rest, set()), (old, failed)], complaint, device, bus, 5e-3)
 
     assert finding("encoder", "motors", {"load_cell"}).level is Level.OK
     force = finding("force", "load_cell", {"load_cell"})
@@ -319,11 +318,11 @@ def test_what_fails_on_the_force_sensor_s_bus_is_not_blamed_on_encoders():
     assert finding("encoder", "motors", {"motors", "load_cell"}).level is Level.FAIL
 
 
-def test_a_bus_that_is_too_slow_is_told_from_its_bytes():
+def test_slow_bus_is_detected_from_its_byte_count():
     slow = changed(DYNAMIXEL, ("baud_rate: 4000000", "baud_rate: 57600"))
     (found,) = failures(examine_arm(ArmCheck(slow, wired=True)))
     assert found.subject == "rate of motors"
-    assert "good for 47 Hz" in found.text
+    assert "enough for 47 Hz" in found.text
 
 
 def limit_findings(robot_file):
@@ -353,14 +352,14 @@ def limit_findings(robot_file):
         ("force_n:", "deaf_drive_s: 1e-9\n  force_n:", "deaf_drive_s", Level.FAIL, "than a tick of 1 ms"),
     ],
 )  # fmt: skip
-def test_a_limit_that_is_none_is_found(old, new, subject, level, words):
+def test_ineffective_limit_is_detected(old, new, subject, level, words):
     (found,) = limit_findings(changed(DYNAMIXEL, (old, new)))
     assert (found.subject, found.level) == (subject, level)
     assert words in found.text
     assert found.remedy
 
 
-def test_much_more_torque_than_the_weight_needs_is_found(tmp_path):
+def test_excessive_torque_limit_is_detected(tmp_path):
     urdf = (ROBOTS / "dynamixel_3dof.urdf").read_text(encoding="utf-8").replace('effort="', 'effort="10')
     (tmp_path / "strong.urdf").write_text(urdf, encoding="utf-8")
     strong = changed(
@@ -379,7 +378,7 @@ def test_the_capacity_is_known_of_each_shipped_sensor(path):
     assert [finding.subject for finding in found] == ["force limit"]
 
 
-def test_an_arm_without_masses_is_found(tmp_path):
+def test_massless_arm_is_detected(tmp_path):
     urdf = (ROBOTS / "dynamixel_3dof.urdf").read_text(encoding="utf-8")
     (tmp_path / "light.urdf").write_text(
         re.sub(r"<inertial>.*?</inertial>", "", urdf, flags=re.DOTALL), encoding="utf-8"
@@ -456,19 +455,19 @@ def test_packages_that_fail_say_where(tmp_path, monkeypatch):
     assert_refused(run(*asked, "no_such.drivers"), "no such package")
 
 
-def test_an_arm_that_stands_far_from_home_is_told_that_nothing_drives_it_there():
+def test_arm_far_from_home_is_refused_with_a_remedy():
     elsewhere = changed(DYNAMIXEL, ("home_rad: [1.1573,", "home_rad: [1.6573,"))
     built = load_robot_file(DYNAMIXEL)
     (found,) = (
         f for f in examine_arm(ArmCheck(elsewhere, wired=True, as_built=built)) if f.subject == "home"
     )
     assert found.level is Level.WARN
-    assert "joint 1 is -0.50 rad from home_rad" in found.text
+    assert "joint 1 is farthest from home_rad, by -0.50 rad" in found.text
     (found,) = (f for f in examined(DYNAMIXEL) if f.subject == "home")
     assert found.level is Level.OK
 
 
-def test_zeros_that_a_calibration_moves_far_are_told(monkeypatch):
+def test_large_zero_shifts_are_reported(monkeypatch):
     robot_file = load_robot_file(DYNAMIXEL)
     applied = Calibrations(encoder=calibration_of("encoder", robot_file))
     monkeypatch.setattr(arm_check, "load_calibrations", lambda *_, **__: applied)
@@ -502,7 +501,7 @@ def test_the_command_shows_lines_and_what_to_do_next():
     assert FIRST_PROBE in page  # one advice
 
 
-def test_ctrl_c_in_the_small_motion_is_told_as_everywhere(monkeypatch):
+def test_ctrl_c_during_the_small_motion_is_reported(monkeypatch):
     step, ticks = NudgeTask.step, itertools.count()
 
     def pressed(task, measurement, dt_s):

@@ -33,7 +33,7 @@ from tests.palpate.presses import write_presses
 BLANK = "⠀"
 
 
-def test_all_effects_are_listed_and_one_is_told_in_full_and_drawn():
+def test_effects_are_listed_and_one_is_described_and_plotted():
     told = run("effects").stdout
     listed = as_json("effects")["effects"]
     assert {one["name"] for one in listed} == set(EFFECTS)

@@ -338,7 +338,7 @@ def session(tmp_path_factory):
     return path
 
 
-def test_the_estimate_and_the_table_take_the_zero_off_but_not_for_who_looks_for_a_bias(session):
+def test_zero_is_subtracted_except_in_a_diagnosis_of_bias(session):
     result = run("estimate", session, "--estimator", "lsq", "--json")
     (channel,) = json.loads(result.stdout)["channels"]
     assert [tare["effort"] for tare in channel["tare"]] == pytest.approx([BIAS_N, BIAS_N], abs=0.01)

@@ -96,7 +96,7 @@ def dead_bands(found):
     return [one.half_width for one in found.scenario.hidden if one.name == "deadband"]
 
 
-def test_a_dead_band_that_the_joints_found_hid_the_first_of_the_press_or_is_that_of_the_contact():
+def test_deadband_found_in_joints_applies_to_the_start_of_contact():
     joint = fitted("joint_1", 3, force_deadband__width=0.5)
     alone, both = (
         export_scenario(load_scenario("default"), [contact, joint], "as fitted")

@@ -70,7 +70,7 @@ def follow(seed, effort=lambda q, v, a: 0.0):
     return np.array(rows)
 
 
-def test_what_was_found_in_a_simulated_joint_makes_it_follow_more_closely(tmp_path):
+def test_identified_feedforward_improves_tracking(tmp_path):
     """Recorded with feedback alone, as the other motion that then is followed with and without it."""
     rng = np.random.default_rng(5)
     recorded = [follow(seed) for seed in range(3)]

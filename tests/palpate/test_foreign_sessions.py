@@ -51,7 +51,7 @@ def test_a_sample_of_another_clock_is_named(name, tmp_path):
     assert_nobody_reads(session, rf"tick 8, column .{name}.: 1e\+18 s is far")
 
 
-def test_ticks_in_another_order_than_time_are_told(tmp_path):
+def test_unordered_ticks_are_reported(tmp_path):
     columns, data = columns_and_data()
     session = session_of(tmp_path / "good.mcap", columns, data)
     assert all(len(reader(session)) > 0 for reader in READERS)
@@ -63,7 +63,7 @@ def test_ticks_in_another_order_than_time_are_told(tmp_path):
 
 @pytest.mark.parametrize("device", ["encoder", "torque", "force"])
 @pytest.mark.parametrize("change", [np.zeros_like, np.flip, lambda time_s: time_s // 0.1 * 0.1])
-def test_a_clock_that_does_not_go_on_is_told(change, device, tmp_path):
+def test_stopped_clock_is_reported(change, device, tmp_path):
     columns, data = columns_and_data()
     data[f"{device}_at_s"] = change(data[f"{device}_at_s"])
     with pytest.raises(InputError, match=r"times .*do not increase from sample to sample"):
@@ -109,7 +109,7 @@ def test_a_column_of_another_form_is_named(name, width, dtype, words, tmp_path):
         ("time_s", np.nan, "nan is not a finite number"),
     ],
 )
-def test_a_number_that_is_none_is_told_with_its_tick(name, value, words, tmp_path):
+def test_error_for_a_nan_names_its_tick(name, value, words, tmp_path):
     columns, data = columns_and_data()
     data[name][[700, 702]] = value
     session = session_of(tmp_path / "x.mcap", columns, data)

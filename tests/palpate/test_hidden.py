@@ -93,7 +93,7 @@ def test_effects_of_a_file_act_and_their_file_is_not_named_in_the_session(tmp_pa
     assert depth[held].mean() < 0.018
 
 
-def test_a_scenario_that_hides_something_is_sealed_and_not_kept(tmp_path):
+def test_scenario_with_hidden_effects_is_sealed_and_not_stored(tmp_path):
     (tmp_path / "own.yaml").write_text("seed: 4\nhidden: [{effect: bias, channel: contact, bias: 0.5}]\n")
     path = tmp_path / "a.mcap"
     assert run("probe", "--scenario", tmp_path / "own.yaml", "-o", path, *SHORT).exit_code == 0
@@ -132,7 +132,7 @@ def test_an_answer_that_was_taken_away_or_is_to_another_session_is_refused(myste
     assert_refused(run("reveal", path), "another session, made at 2001")
 
 
-def test_a_file_where_the_answer_would_be_is_kept_and_nothing_is_probed(tmp_path):
+def test_existing_answer_file_is_preserved_and_probing_is_refused(tmp_path):
     (tmp_path / "user.mcap.sealed").write_text("precious")
     result = run("probe", "--hidden", "bias", "-o", tmp_path / "user.mcap", *SHORT)
     assert_refused(result, "user.mcap.sealed: exists already")

@@ -63,7 +63,7 @@ def test_the_command_that_a_session_keeps_can_be_typed_again_and_without_a_name_
     assert_refused(run("import", good), "exists already")
 
 
-def test_a_look_as_json_says_what_an_import_would_take(good, tmp_path):
+def test_import_preview_as_json_lists_the_used_columns(good, tmp_path):
     (looked,) = as_json("import", good, "--look")["files"]
     stored = as_json("import", good, "-o", tmp_path / "x.mcap")
     assert (looked["file"], looked["rows"]) == (str(good), 40)
@@ -74,7 +74,7 @@ def test_a_look_as_json_says_what_an_import_would_take(good, tmp_path):
     assert_refused(run("import", good, "--look", "-o", tmp_path / "y.mcap"), "--look", "--out")
 
 
-def test_a_look_shows_columns_of_lists(tmp_path):
+def test_import_preview_shows_list_columns(tmp_path):
     columns = {"time_s": range(9), "displacement_m": range(9), "force_N": range(9), "tags": [["a", "b"]] * 9}
     pa.parquet.write_table(pa.table(columns), tmp_path / "lists.parquet")
     result = done("import", tmp_path / "lists.parquet", "--look")
@@ -162,7 +162,7 @@ def test_the_report_says_how_the_file_was_read(tmp_path, monkeypatch):
     assert "1 A counts as 1 N m" in page
 
 
-def test_a_look_shows_columns_runs_and_phases_and_stores_nothing(tmp_path, monkeypatch):
+def test_import_preview_shows_columns_runs_and_phases_and_stores_nothing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path = zwick(tmp_path)
     result = run("import", path, "--look", "--runs", "2")
@@ -182,7 +182,7 @@ def test_columns_that_are_the_same_in_each_file_of_a_folder_are_shown_once(tmp_p
     assert result.stdout.count("contact: 1 run") == 4
 
 
-def test_a_look_at_what_is_ambiguous_shows_the_columns_and_asks(tmp_path):
+def test_import_preview_of_ambiguous_columns_asks_for_options(tmp_path):
     path = tmp_path / "two.csv"
     path.write_text("Time [s],Way [mm],A [N],B [N]\n" + "".join(f"{i},{i},{i},{-i}\n" for i in range(30)))
     result = run("import", path, "--look")

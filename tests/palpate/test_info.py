@@ -71,7 +71,7 @@ def test_a_directory_is_refused_and_its_first_session_suggested(tmp_path):
     assert_refused(run("info", tmp_path), place, "first.mcap")
 
 
-def test_events_are_told_from_the_start_and_not_from_the_machines(tmp_path):
+def test_event_times_count_from_the_session_start(tmp_path):
     path = tmp_path / "real.mcap"
     events = [Event(50_000.25, "start", "it begins", None), Event(50_001.75, "trip", "it stops", None)]
     write_session(path, [], SessionMetadata(), events)

@@ -48,7 +48,7 @@ def test_without_a_name_it_goes_beside_the_session(probed, monkeypatch):
     assert f"rerun {recording}" in result.stderr
 
 
-def test_plots_are_saved_where_they_are_wanted(probed, tmp_path):
+def test_plots_are_saved_in_the_requested_folder(probed, tmp_path):
     plots = tmp_path / "plots"
     assert run("inspect", probed[0], "--save", tmp_path / "x.rrd", "--plots", plots).exit_code == 0
     (file,) = plots.iterdir()

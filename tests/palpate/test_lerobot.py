@@ -220,7 +220,7 @@ def test_an_operator_s_device_that_fails_ends_the_recording(plugins, tmp_path):
 
 
 @pytest.mark.parametrize("name", PLUGINS)
-def test_a_distribution_is_named_as_lerobot_looks_for_it(name):
+def test_distribution_has_the_name_that_lerobot_expects(name):
     folder = ROOT / "integrations" / name
     project = tomllib.loads((folder / "pyproject.toml").read_text())
     assert project["project"]["name"] == name

@@ -59,7 +59,7 @@ def test_a_folder_of_revisions_that_is_not_there_is_refused(command, hardening, 
     assert_refused(run(command, hardening, "--folder", tmp_path / "nope"), "--folder", "no such folder")
 
 
-def test_a_revision_that_is_not_there_is_told_with_its_folder(hardening, tmp_path):
+def test_error_for_a_missing_revision_names_the_folder(hardening, tmp_path):
     result = run("export", hardening, "--folder", tmp_path, "--revision", 99)
     assert_refused(result, "no revision 99 in", str(tmp_path), "none yet")
 
@@ -81,7 +81,7 @@ def test_a_urdf_that_is_too_large_is_not_read_whole(hardening, tmp_path):
     assert_refused(run("estimate", hardening, "--urdf", path), "arm.urdf", "larger than")
 
 
-def test_a_bad_urdf_of_a_session_is_told_with_the_session(tmp_path):
+def test_error_for_invalid_urdf_names_the_session(tmp_path):
     synthetic_session(tmp_path / "x.mcap", urdf="<robot name='r'><link name='l'/></robot>")
     result = run("estimate", tmp_path / "x.mcap", "--model", "rigid_body_fitted")
     assert_refused(result, "x.mcap, its URDF: has no movable joint")

@@ -252,7 +252,7 @@ def test_next_commands_can_be_pasted(tmp_path):
     assert f"info {as_shell_word(str(file))}" in said.getvalue()
 
 
-def test_a_name_that_would_be_obeyed_is_harmless_in_an_error():
+def test_names_with_markup_are_escaped_in_errors():
     result = run("info", "no\x1b[2J\nsuch.mcap")
     assert_refused(result, "no such file")
     assert result.stderr.rstrip("\n").isprintable()

@@ -181,9 +181,7 @@ def test_ctrl_c_brings_the_arm_to_rest_keeps_the_session_and_leaves_stdout_to_js
 
 
 @pytest.mark.parametrize(("phase", "touched"), [(Phase.APPROACH, False), (Phase.HOLD, True)])
-def test_whether_the_object_was_met_is_known_of_a_run_that_was_stopped(
-    tmp_path, log_in_process, phase, touched
-):
+def test_stopped_run_states_whether_contact_occurred(tmp_path, log_in_process, phase, touched):
     class Stopper(Watcher):
         def tick(self, measurement, output):
             if output.phase is phase:

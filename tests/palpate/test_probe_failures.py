@@ -56,7 +56,7 @@ def test_the_next_try_does_not_wait_for_the_log(tmp_path, refusals):
     assert outcome.loop.deactivation_error == ""  # by now it is off
 
 
-def test_if_it_stays_on_the_user_is_told_to_cut_the_power(tmp_path, refusals):
+def test_user_is_asked_to_cut_the_power_if_torque_stays_on(tmp_path, refusals):
     _, left = refusals
     left += [True] * 20
     outcome = probe(tmp_path)

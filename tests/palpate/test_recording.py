@@ -54,7 +54,7 @@ def test_forces_torques_and_depth_of_every_tick_are_there(scene, recording):
     np.testing.assert_allclose(depth_mm, expected, atol=1e-9)
 
 
-def test_phases_and_events_are_told_in_words(recording):
+def test_phases_and_events_are_logged_as_text(recording):
     states = [row[0] for row in column_values(recording, "/phase", "StateChange:state")]
     assert states[:5] == ["approach", "loading", "hold", "unloading", "retract"]
     assert len(states) == 15

@@ -158,7 +158,7 @@ def test_nothing_is_left_where_it_cannot_be_written(result, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
 
 
-def test_a_channel_that_cannot_be_judged_is_told_too(tmp_path):
+def test_channel_without_diagnosis_is_reported(tmp_path):
     press = write_presses(tmp_path / "one.csv", speeds_m_s=(0.02,))
     press.write_text("\n".join(press.read_text().splitlines()[:61]) + "\n")
     one = Study(press, keep=False)

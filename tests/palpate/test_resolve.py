@@ -222,7 +222,7 @@ def test_without_budget_the_first_probe_is_the_last(tmp_path, diagnosed, monkeyp
     assert "budget" in result.stderr
 
 
-def test_ctrl_c_says_where_the_sessions_are_kept(tmp_path, monkeypatch):
+def test_ctrl_c_states_the_session_folder(tmp_path, monkeypatch):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 

@@ -49,7 +49,7 @@ def differences(*sides_of):
     return {one.name: one for one in sides(*sides_of).differences}
 
 
-def test_the_parameter_that_differs_is_found_with_its_interval(soft, stiff):
+def test_differing_parameter_is_identified_with_its_interval(soft, stiff):
     found = differences(soft, stiff)
     assert found["stiffness.k"].value == pytest.approx(40.0, abs=found["stiffness.k"].half)
     assert found["stiffness.k"].differs
@@ -262,7 +262,7 @@ def test_the_command_that_leads_there_can_be_typed_again(hardening):
     assert run(*words[:-2]).stdout == result.stdout
 
 
-def test_a_difference_of_many_times_is_told_in_plain_percent(soft, tmp_path):
+def test_large_differences_are_shown_as_plain_percent(soft, tmp_path):
     hard = write_presses(tmp_path / "hard.csv", force_of=law(2000.0), seed=4)
     assert "N/m (+400 %)." in run("compare", soft, hard).stdout
 

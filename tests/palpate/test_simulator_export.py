@@ -159,7 +159,7 @@ def test_a_torque_scale_goes_into_the_gear_and_a_late_reading_into_a_late_sensor
     assert int(np.argmax(np.array(read) > 0.5)) - int(np.argmax(np.array(true) > 0.5)) == 4  # of 2 ms
 
 
-def test_what_the_file_says_otherwise_is_kept_and_said():
+def test_contradicting_settings_of_the_file_are_kept_and_reported():
     _, result = patched(arm_of(armature=0.02))
     assert "damping 0.7 of the file is kept" in result.left_out[0]
     assert "hand made" in result.text

@@ -156,7 +156,7 @@ def test_comparison_and_diagnosis_fit_the_terminal(compared_and_diagnosed, width
     assert all(label in out.getvalue() for label in labels)  # on one line each
 
 
-def test_next_steps_are_told_below_the_command_where_a_line_is_too_short(monkeypatch, capsys):
+def test_next_step_descriptions_wrap_below_the_command(monkeypatch, capsys):
     for wide, lines in ((True, 3), (False, 4)):
         made = Console(width=120 if wide else 40, force_terminal=True, no_color=True, file=sys.stdout)
         monkeypatch.setattr(console, "_console", lambda made=made, **_: made)
@@ -166,7 +166,7 @@ def test_next_steps_are_told_below_the_command_where_a_line_is_too_short(monkeyp
 
 @pytest.mark.parametrize("width", [60, 120])
 @pytest.mark.parametrize("text", ["[/bold]", "a[red]b", "\x1b[2Jx", "\x9b2J\\"])
-def test_a_revision_that_was_edited_by_hand_is_shown_and_not_obeyed(text, width):
+def test_edited_revision_is_shown_without_markup(text, width):
     names = ("added", "channel", "model", "effort_unit", "created_utc", "software_version")
     shown = listed([revision(effects=[text], **dict.fromkeys(names, text))], width)
     assert shown.replace("\n", "").isprintable()

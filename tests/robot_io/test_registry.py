@@ -51,7 +51,7 @@ def package(tmp_path, monkeypatch):
         del sys.modules[name]
 
 
-def test_members_are_found_by_name_in_order_also_of_several_packages(package):
+def test_registry_finds_members_of_several_packages_in_order(package):
     registry = Registry("shape", Shape, package("shapes_a", two="square", one="circle"))
     assert list(registry) == ["circle", "square"]
     assert len(registry) == 2
@@ -75,7 +75,7 @@ def test_two_of_one_name_are_refused(package):
         ((), "x", ". Valid: (none found)"),
     ],
 )
-def test_an_unknown_name_is_told_what_there_is(package, members, asked, said):
+def test_error_for_an_unknown_name_lists_the_valid_names(package, members, asked, said):
     registry = Registry("shape", Shape, package(f"shapes_{asked}", **{name: name for name in members}))
     assert registry.get(asked) is None
     assert asked not in registry

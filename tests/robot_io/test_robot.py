@@ -132,7 +132,7 @@ class TestReading:
         assert getattr(tick(active), f"{device}_status") is Status.OK
         assert active.sample_errors == {}
 
-    def test_before_the_first_sample_nothing_looks_measured(self, robot, bus):
+    def test_all_values_are_invalid_before_the_first_sample(self, robot, bus):
         bus.faults.silent |= {"encoder", "torque", "force"}
         robot.configure()
         measurement = tick(robot)
@@ -248,7 +248,7 @@ class TestLife:
         assert steps(bus, "close") == DOWN[UP[::-1].index(failing) :]
         assert robot.state is RobotState.NEW
 
-    def test_a_failure_on_the_way_back_is_told_too(self, robot, bus):
+    def test_failure_during_the_return_is_reported(self, robot, bus):
         robot.configure()
         bus.faults.refuse |= {("torque", "activate"), ("encoder", "deactivate")}
         with pytest.raises(DeviceError, match=r"refuses to activate; then encoder: deactivate failed"):

@@ -133,7 +133,7 @@ def test_one_serial_port_is_not_two_buses(tmp_path, second):
         load_robot_file(path)
 
 
-def test_a_kept_copy_is_read_without_the_files_it_names():
+def test_saved_robot_file_is_read_without_its_referenced_files():
     assert parse_robot_file(ROBOT_YAML, "gone/mock.yaml").urdf_path.name == "mock.urdf"
 
 

@@ -274,7 +274,7 @@ def foreign(path, header, messages=(), compression=CompressionType.LZ4, stream=S
 MESSAGE = WireFormat(SLOW).encode(SLOW.records({"time_s": [0.0], "x": [1.0]}))[0]
 
 
-def test_whoever_waits_for_a_long_session_is_told_the_share_that_is_written(tmp_path):
+def test_writing_a_long_session_reports_progress(tmp_path):
     shares, count = [], 40_000
     path = write_session(
         tmp_path / "s",

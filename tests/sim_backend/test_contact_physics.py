@@ -84,7 +84,7 @@ def test_a_dry_object_never_pulls_and_a_sticky_one_does():
     assert lowest[True] < -10.0
 
 
-def test_an_object_is_felt_below_its_surface_only():
+def test_object_is_rendered_only_below_its_surface():
     world = make_world(slider(0.05), scenario())
     truths = watch(world, 0.2)
     depth, force = column(truths, "depth_m"), column(truths, "force_n")

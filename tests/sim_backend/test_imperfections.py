@@ -213,7 +213,7 @@ def test_strengths_are_drawn_evenly_on_a_logarithmic_scale():
 
 
 @given(st.integers(0, 10_000), st.sampled_from([None, *SCALE.channels]), st.sampled_from(["soft", "engine"]))
-def test_what_is_drawn_fits_its_world_and_shows_where_it_was_wanted(seed, channel, name):
+def test_drawn_effect_suits_its_world_and_channel(seed, channel, name):
     scenario = load_scenario(name)
     (entry,) = draw_hidden(seed, channel, scenario=scenario)
     assert hidden_effects([entry], 3)

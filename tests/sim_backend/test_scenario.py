@@ -49,7 +49,7 @@ def test_the_default_file_states_every_default_and_named_objects_are_what_they_a
     assert load_scenario("stiff").object.law.stiffness_n_m == 7100.0
 
 
-def test_a_scenario_file_is_found_beside_the_robot_file(tmp_path):
+def test_scenario_path_is_relative_to_the_robot_file(tmp_path):
     (tmp_path / "mine.yaml").write_text("seed: 5\nsensors: {force: {noise_std_n: 0.5}}\n")
     scenario = load_scenario("mine.yaml", tmp_path)
     assert (scenario.seed, scenario.sensors.force.noise_std_n) == (5, 0.5)

@@ -104,7 +104,7 @@ def test_a_dynamixel_that_is_not_well_is_named(spoil, level, said, refused):
         ),
     ],
 )
-def test_other_servos_than_stated_are_found(bolted, subject, level, said, refused):
+def test_servos_with_other_ids_are_detected(bolted, subject, level, said, refused):
     with dynamixel_bench(bolted=bolted) as bench:
         with pytest.raises(DeviceError, match=refused):
             bench.bus.configure()

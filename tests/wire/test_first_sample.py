@@ -60,7 +60,7 @@ def test_a_motor_that_falls_silent_before_the_loop_begins_is_named_and_nothing_i
     assert not arm.drive_torque_nm.any()
 
 
-def test_a_sensor_whose_lines_are_no_readings_is_told_from_a_silent_one(bench):
+def test_sensor_with_unparsable_lines_is_distinguished_from_a_silent_one(bench):
     as_other = (
         r"{driver: force_lines, bus: load_cell, capacity_n: 100.0, pattern: 'X(?P<value>\d+)', unit: N}"
     )

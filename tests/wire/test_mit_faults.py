@@ -66,7 +66,7 @@ def test_a_motor_that_has_restarted_goes_on_answering_and_exerts_nothing(bench):
     assert measurement.joint_torque_nm[1] == pytest.approx(PUSH_NM[1], abs=0.1)
 
 
-def test_a_motor_that_is_deaf_outside_of_motor_mode_is_heard_out_and_let_go(bench):
+def test_motor_that_ignores_queries_outside_motor_mode_is_switched_off(bench):
     arm = bench(CUBEMARS, [("driver: mit_bus", "driver: mit_bus\n    ask_with: enter")]).start()
     arm.ticks(5, PUSH_NM)
     arm.inject_fault("motors", FaultKind.REBOOT, device=1, times=1, delay_s=0.001)
@@ -89,7 +89,7 @@ def test_a_motor_s_error_is_named(bench):
         arm.robot.activate()
 
 
-def test_short_frames_and_foreign_ids_are_told_apart(bench):
+def test_short_frames_and_foreign_ids_are_counted_separately(bench):
     arm = bench(CUBEMARS).start()
     counts = arm.robot.buses["motors"].line.counts
     arm.inject_fault("motors", FaultKind.CORRUPT, device=1, for_s=0.002)
@@ -168,7 +168,7 @@ def test_another_host_is_answered(bench):
     assert arm.ticks(5).torque_status is Status.OK
 
 
-def test_faults_are_told_by_name_also_those_that_no_state_has(bench):
+def test_faults_are_named_even_without_a_state_bit(bench):
     arm = bench(ROBSTRIDE).start()
     arm.motors[2].report_faults(1 << 3 | 1 << 16)
     assert arm.ticks_until(lambda m: m.torque_status is Status.FAULT) <= 3
@@ -246,7 +246,7 @@ def test_a_position_that_is_lost_is_no_old_one(bench):
 @pytest.mark.parametrize(
     ("fault", "status"), [(35, Status.FAULT), (42, Status.FAULT), (43, Status.FAULT), (38, Status.OK)]
 )
-def test_a_position_of_an_encoder_with_a_fault_is_none_however_sound_it_looks(bench, fault, status):
+def test_position_of_a_faulty_encoder_is_invalid(bench, fault, status):
     arm = bench(MOTEUS).start()
     arm.motors[1].mode, arm.motors[1].fault = 1, fault
     measurement = arm.ticks(3)
@@ -272,7 +272,7 @@ def test_answers_that_are_not_for_us_or_no_can_fd_are_no_position(bench, number,
     assert bus.line.counts["foreign id"] == 1
 
 
-def test_frames_of_classic_can_are_told_from_can_fd(bench):
+def test_classic_can_frames_are_distinguished_from_can_fd(bench):
     """Other drivers take none of the latter."""
     arm = bench(MOTEUS).start()
     sent = []

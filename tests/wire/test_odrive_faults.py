@@ -15,7 +15,7 @@ PUSH_NM = (3.0, -2.0, 1.0)
 @pytest.mark.parametrize(
     ("changes", "remedy"), [((), "torques_msg_rate_ms = 1"), (V0_5, "iq_rate_ms = 1")], ids=["0.6", "0.5"]
 )
-def test_an_axis_as_delivered_sends_no_torques_and_is_told_what_to_set(bench, changes, remedy):
+def test_axis_with_factory_settings_is_refused_with_the_needed_settings(bench, changes, remedy):
     arm = bench(changes=changes)
     bus = arm.robot.buses["motors"]
     arm.motors[1]._torque = lambda: None
@@ -91,7 +91,7 @@ def test_an_axis_error_is_named_and_a_fault_of_the_drives(bench, changes, name):
     assert arm.tick().encoder_status is Status.OK  # the others can still be braked
 
 
-def test_a_lost_heartbeat_is_told_from_lost_estimates(bench):
+def test_lost_heartbeat_is_distinguished_from_lost_estimates(bench):
     arm = bench().start()
     arm.motors[0]._heartbeat_s = 1e9
     arm.motors[0]._next_heartbeat_s = 1e9
@@ -120,7 +120,7 @@ def test_torque_off_that_nobody_confirms_is_an_error(bench):
     assert not arm.drive_torque_nm.any()  # they were told all the same
 
 
-def test_all_are_told_to_let_go_though_one_cannot_be_told(bench):
+def test_all_reachable_axes_are_switched_off(bench):
     arm = bench().start()
     line = arm.robot.buses["motors"].line
     send = line.send

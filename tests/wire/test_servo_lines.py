@@ -34,7 +34,7 @@ def test_two_servos_with_one_id_are_hinted_at(bench, path, kind, refused, examin
 
 
 @LINES
-def test_servos_at_another_baud_rate_are_found(bench, path):
+def test_servos_at_another_baud_rate_are_detected(bench, path):
     arm = bench(path)
     line, rate = arm.arm.wires["motors"], 115_200
     line._baud_rate, stated = rate, line._baud_rate
@@ -47,7 +47,7 @@ def test_servos_at_another_baud_rate_are_found(bench, path):
     assert {finding.text for finding in examined(arm).values()} == {finding.text}  # the port is open again
 
 
-def test_a_line_without_power_is_told_from_another_baud_rate(bench):
+def test_unpowered_line_is_distinguished_from_wrong_baud_rate(bench):
     arm = bench(SO101)
     arm.inject_fault("motors", FaultKind.DROP)
     with pytest.raises(DeviceError, match="no answer from servo 2, 3, 4, 1, 5"):
@@ -55,7 +55,7 @@ def test_a_line_without_power_is_told_from_another_baud_rate(bench):
     assert examined(arm)["servos"].text == "no servo answers at any baud rate"
 
 
-def test_feetech_servos_that_the_robot_file_does_not_have_are_found(bench):
+def test_feetech_servos_missing_from_the_robot_file_are_detected(bench):
     arm = bench(SO101)
     line = arm.arm.wires["motors"]
     stranger = line.servos.pop(3)

@@ -86,7 +86,7 @@ def test_the_others_do_produce_energy_over_a_delay(coupling):
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS, ids=lambda c: c.name)
-def test_without_delay_the_object_is_felt(coupling):
+def test_object_is_rendered_without_delay(coupling):
     """All but four-channel and ours lose the follower's compliance, at most a third of the force here."""
     trace = run(coupling, OBJECT, HandArm(HOLD), SimulatedLink(LinkFaults(), 0), 11.0)
     felt_n, there_n = trace["felt_n"][-500:].mean(), 1500.0 * trace["hand_m"][-500:].mean()
@@ -107,7 +107,7 @@ def test_direct_coupling_is_unstable_where_passive_ones_are_not():
 
 
 @pytest.mark.parametrize("faults", [LinkFaults(0.1, 0.1, 0.2), LinkFaults(1.0, 0.0, 0.2)], ids=str)
-def test_the_model_is_felt_within_five_percent_over_a_bad_link(faults):
+def test_model_is_rendered_within_five_percent_over_a_bad_link(faults):
     trace = run(model_mediated(), OBJECT, HandArm(HOLD), SimulatedLink(faults, 0), 11.0)
     assert trace["felt_n"][-500:].mean() == pytest.approx(1500.0 * trace["hand_m"][-500:].mean(), rel=0.05)
 

@@ -71,7 +71,7 @@ def test_frames_recorded_on_another_day_neither_keep_a_link_alive_nor_take_the_p
     assert (side.linked, line.taken, line.begun) == (True, [0, 0], [1])
 
 
-def test_a_side_that_nobody_answers_is_told_that_somebody_else_is_answered():
+def test_unanswered_peer_is_informed_of_another_connection():
     side, line, clock = _side()
     line.inbox = [(10.0, _frame(PEER, OTHER, 0, 5.0))]
     side.receive()
@@ -109,7 +109,7 @@ def judged(*steps: tuple[int, float, float], sender: int = 77) -> tuple[list[Arr
         ([(9, 100.0, 5.0), (200, 101.0, 6.0), (10, 100.1, 6.1)], [FRESH, FRESH, REPEATED], 190),
     ],
 )
-def test_frames_are_told_apart(steps, expected, lost):
+def test_frame_types_are_distinguished(steps, expected, lost):
     found, peer = judged(*steps)
     assert found == expected
     assert peer.lost == lost
@@ -134,7 +134,7 @@ def test_late_frames_do_not_keep_the_peer_alive():
     assert peer.silent(9.0)
 
 
-def test_the_offset_is_found_through_a_jittery_network():
+def test_clock_offset_is_estimated_through_a_jittery_network():
     """Two clocks 1234 s apart; the answer is within half the round trip, as RFC 5905 says."""
     rng, clocks, offset_s = np.random.default_rng(2), ClockOffset(), 1234.5
     for t0_s in np.arange(0.0, 2.0, 0.02):

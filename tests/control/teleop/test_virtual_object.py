@@ -50,7 +50,7 @@ LAWS = [
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_a_law_left_alone_is_felt_as_it_is(law):
+def test_unchanged_law_is_rendered_exactly(law):
     depth = in_and_out(0.008)
     forces = press(VirtualObject(law, np.zeros(3), UP), depth)
     own = [law(x, v, DT_S) for x, v in zip(depth, np.gradient(depth, DT_S), strict=True)]

@@ -130,7 +130,7 @@ def test_joints_that_do_not_move_are_left_as_they_are(bodies):
     assert [data.shared is not None for data in shared] == [j in (1, 3) for j in range(JOINTS)]
 
 
-def test_what_all_joints_said_is_kept_where_one_is_asked_alone(bodies):
+def test_diagnoses_of_other_joints_are_preserved(bodies):
     models = fitted_models()
     all_of_them = with_shared_gains(prepared(arm_channels(bodies, **BRIEF)), models)
     (alone,) = with_shared_gains(all_of_them[4:5], models[4:5])

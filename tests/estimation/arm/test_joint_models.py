@@ -101,7 +101,7 @@ def test_the_urdf_as_it_is_explains_its_own_arm():
     assert found.baseline.rmse == pytest.approx(0.02, rel=0.1)
 
 
-def test_friction_beside_a_fitted_arm_is_found():
+def test_friction_is_identified_with_fitted_arm_parameters():
     channels = arm(2, lambda body, q, v, a: 0.3 * np.tanh(v / 0.01))
     tried = (
         "coulomb_friction",

@@ -157,7 +157,7 @@ def analysed(data):
     return analyse_kinds(searched(data, base=PRESS if data.name == "contact" else SWING))
 
 
-def test_a_drift_is_found_if_times_count_from_1970():
+def test_drift_is_identified_with_epoch_times():
     data = OF_KIND[Kind.DRIFT]()
     budget = analysed(replace(data, time_s=data.time_s + 1.7e9)).budget
     assert (budget.kinds[0], budget.entries[0].share > 0.8) == (Kind.DRIFT, True)
@@ -192,7 +192,7 @@ def test_two_kinds_share_the_error_as_their_own_energies_do():
     assert shares[Kind.FRICTION] == pytest.approx(alone[0] / sum(alone), abs=0.05)
 
 
-def test_waves_of_a_whole_turn_are_found_with_their_amplitudes():
+def test_waves_per_turn_are_identified_with_their_amplitudes():
     """Five families over one turn, as of a motor's cogging; their common wave is one a turn."""
     amplitudes = {7: 1.0, 12: 0.5, 14: 0.8, 28: 0.3, 36: 0.6}
     rng = np.random.default_rng(0)

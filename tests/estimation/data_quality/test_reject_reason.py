@@ -341,7 +341,7 @@ JUDGED = {
 
 
 @pytest.mark.parametrize("name", JUDGED)
-def test_what_only_looks_bad_is_judged(name):
+def test_harmless_anomalies_do_not_prevent_a_diagnosis(name):
     assert reject_reason(JUDGED[name]()) is None
 
 
@@ -355,7 +355,7 @@ def test_a_mistaken_velocity_is_seen_through_the_steps_of_the_position(factor, s
 
 
 @pytest.mark.parametrize(("correlation", "step_n"), [(0.0, 0.02), (0.6, 0.01), (0.9, 0.001)])
-def test_a_copy_is_told_by_its_noise(correlation, step_n):
+def test_copied_run_is_detected_by_its_noise(correlation, step_n):
     again = copies(session(3, correlation=correlation))
     again = replace(again, effort=stepped(again.effort, step_n))
     assert "is a copy of run 0 (and 2 more): 100 %" in quality_warnings(again)[0]
@@ -467,7 +467,7 @@ TURNS = {
 
 
 @pytest.mark.parametrize("name", TURNS)
-def test_degrees_are_told_from_radians_by_the_weight_that_comes_back(name):
+def test_degrees_are_distinguished_from_radians_by_gravity(name):
     base, made, is_told = TURNS[name]
     data = made()
     assert reject_reason(data) is None
@@ -476,7 +476,7 @@ def test_degrees_are_told_from_radians_by_the_weight_that_comes_back(name):
     )
 
 
-def test_glitches_are_set_aside_and_steps_are_kept():
+def test_glitches_are_excluded_and_steps_are_preserved():
     effort = F.copy()
     effort[[300, 900]] = -200.0
     good = usable(replace(DATA, effort=effort))
@@ -499,7 +499,7 @@ def test_what_was_measured_well_is_spoilt_by_nothing_though_one_run_is_too_few_t
     ],
     ids=["from its zero on", "nothing", "over 5 mm of air", "Hertz"],
 )
-def test_a_force_that_begins_deeper_than_the_displacement_is_told(change, says):
+def test_force_that_starts_below_the_surface_is_reported(change, says):
     found = late_touch(change(DATA))
     assert found is None if says is None else says in found
 

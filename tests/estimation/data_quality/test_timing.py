@@ -33,7 +33,7 @@ def delayed(data, what, delay_s):
 
 @pytest.mark.parametrize("delay_ms", [4.0, 10.0, 20.0, 40.0])
 @pytest.mark.parametrize(("what", "side"), [("position", "early"), ("effort", "late")])
-def test_a_delay_is_told_with_its_size_and_its_side(what, side, delay_ms):
+def test_report_states_size_and_direction_of_a_delay(what, side, delay_ms):
     data = delayed(session(3), what, 1e-3 * delay_ms)
     told = time_offset(data, MODEL)
     assert f"{side} relative to the motion: the error of kelvin_voigt is 0." in told

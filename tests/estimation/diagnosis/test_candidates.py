@@ -106,9 +106,7 @@ LINE, ONES = np.linspace(-1.0, 1.0, 100), np.ones(100)
         (Parameter("t", "s", -1.0, 1.0, (0.1, 1.0)), -0.99 / 256, False),
     ],
 )
-def test_an_inner_parameter_was_found_within_its_range_and_a_time_is_no_less_than_half_a_step(
-    parameter, value, possible
-):
+def test_inner_parameters_are_within_range_and_times_at_least_half_a_step(parameter, value, possible):
     effect = Made(gain(), inner=(parameter,))
     assert is_possible(effect, tried(effect, [5.0], [ONES], inner=[value]), LinearProblem()) is possible
 
@@ -126,12 +124,12 @@ def test_what_makes_an_effect_what_it_is_takes_away_a_fiftieth_of_the_squared_er
 def test_misnamed_is_judged_by_the_motion_that_acts_and_by_what_the_model_leaves():
     seen = {}
 
-    class Judge(Made):
+    class MisnamedEffect(Made):
         def is_misnamed(self, data, parameters, errors, noise):
             seen.update(data=data, parameters=parameters, errors=errors(), noise=noise)
             return True
 
-    effect = Judge(gain())
+    effect = MisnamedEffect(gain())
     found = tried(effect, [5.0], [ONES], noise=0.5, standard_errors=0.25)
     moved = Model("m", (effect, EFFECTS["contact_offset"]()))
     found = replace(found, model=moved, parameters={**found.parameters, "contact_offset.offset": 2e-3})

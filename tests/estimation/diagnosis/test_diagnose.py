@@ -145,7 +145,7 @@ def test_what_is_hidden_is_named_with_its_size_and_nothing_else(name):
     assert found.final.rmse == pytest.approx(noise, rel=0.15)
 
 
-def test_a_gap_is_found_with_what_the_motor_keeps_of_inertia_and_friction():
+def test_backlash_is_identified_with_motor_inertia_and_friction():
     found = decide_verdict(swings(5, with_a_gap, runs=5), *SOME["joint_1"])
     assert named(found) == {"backlash"}
     (entry,) = found.accepted
@@ -263,7 +263,7 @@ def test_an_error_that_depends_on_what_was_recorded_says_so():
     assert "different values of temperature" in found.next_experiment.instruction
 
 
-def test_a_result_is_read_back_from_its_own_text_and_progress_is_told():
+def test_result_is_read_back_from_its_text_with_progress():
     told = []
     rng, effects = np.random.default_rng(1), [EFFECTS["cubic_stiffness"](), EFFECTS["bias"]()]
     found = diagnose(pressed(4, cubic), PRESS, effects, rng=rng, progress=lambda *what: told.append(what))

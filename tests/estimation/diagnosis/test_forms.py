@@ -60,7 +60,7 @@ def test_a_form_is_named_beside_what_has_no_name_but_not_where_its_kind_s_law_ex
     assert (end, tests) == (search.start, [])
 
 
-def test_the_best_form_of_each_kind_is_found_with_its_size():
+def test_best_form_of_each_kind_is_identified():
     law = lambda q, v, a: rubbing(q, v, a) + 0.3 * np.sin(15.0 * q)  # noqa: E731
     search = searched(swings(1, law), RUB, RIPPLE, DRAG, SPRING)
     found = named_forms(analyse_kinds(search))
@@ -91,7 +91,7 @@ def tissue():
     return channel(np.concatenate(forces), np.concatenate(depths), velocity, time_s, run=run)
 
 
-def test_an_elastic_shape_and_its_memory_are_found_as_a_product():
+def test_elastic_shape_and_relaxation_are_identified_as_a_product():
     """One branch of memory without a shape fits better than each factor alone, and hides the other factor."""
     names = {"power_law_stiffness", "relaxation_spectrum", "run_gain"}
     search = searched(tissue(), *sorted(names), "stress_relaxation", base=PRESS)

@@ -98,7 +98,7 @@ def test_noise_is_no_objection(name):
 
 
 @pytest.mark.parametrize("length", [None, 60])
-def test_a_run_of_another_scale_is_found_also_beside_one_too_short_to_be_judged(length):
+def test_run_with_another_scale_is_detected_next_to_a_short_run(length):
     def scaled(t, x, v, run):
         return kelvin_voigt(x, v) * np.where(run == 2, 1.2, 1.0)
 
@@ -113,7 +113,7 @@ def test_a_run_of_another_scale_is_found_also_beside_one_too_short_to_be_judged(
     assert found.run_alone < 1.2 * NOISE_N < found.run_predicted
 
 
-def test_a_swing_of_its_own_in_each_run_is_told_with_its_size_and_what_is_left_beside_it():
+def test_report_states_a_per_run_oscillation_and_the_remaining_error():
     data, size_n = session(7), 0.05
     phase = np.random.default_rng(1).uniform(0.0, 2.0 * np.pi, int(data.run.max()) + 1)
     swung = data.effort + size_n * np.sin(2.0 * np.pi * 7.0 * data.time_s + phase[data.run])
@@ -301,7 +301,7 @@ def white(t, number):
     ],
     ids=["random walk", "drift", "zero moved by a contact", "pull on the approach", "pull on the return"],
 )
-def test_only_a_pull_just_after_contact_is_found_there(added, pulls, is_noise):
+def test_adhesion_applies_only_to_a_pull_after_contact(added, pulls, is_noise):
     found = excess(presses_with_long_air(added, pulls))
     assert (found is None or found.where != "after contact") is is_noise
 

@@ -307,7 +307,7 @@ def test_what_is_rounding_of_the_reader_may_be_its_rounding(step, without, end, 
     assert acceptance._is_rounding(search, whole, name) is below
 
 
-def test_a_model_is_fitted_once_and_kept_where_another_start_leads_to_no_less():
+def test_fit_is_cached_unless_another_start_lowers_the_error():
     search = searched(swings(1, rippling), "torque_ripple", "coulomb_friction")
     ripple = SWING.with_effect(EFFECTS["torque_ripple"]())
     poor = search.fitted(ripple, {"torque_ripple.cycles": 40.0})
@@ -360,7 +360,7 @@ def test_steps_that_means_over_blocks_hide_are_fitted_from_single_readings():
     assert found == pytest.approx(step_nm, rel=1e-2)
 
 
-def test_what_is_tried_is_told_and_comes_by_what_it_leaves():
+def test_progress_names_each_tried_experiment():
     told, data = [], swings(1, rippling)
     search = replace(searched(data, "bias", COULOMB, RIPPLE), progress=lambda *what: told.append(what))
     left = [one.held_out for one in search.screen(search.start)]
@@ -425,7 +425,7 @@ def test_parts_are_tried_in_the_place_of_their_whole():
 @pytest.mark.parametrize(
     ("friction_nm", "low", "high"), [(0.0, 0.02, 1.0), (0.004, 0.005, 0.01), (0.3, 0.0, 0.0)]
 )
-def test_chance_is_told_by_how_often_noise_alone_gives_as_much(friction_nm, low, high):
+def test_p_value_is_the_share_of_noise_samples_with_as_large_a_gain(friction_nm, low, high):
     """Nothing is there; something small; and so much of so many samples that nobody need ask."""
     search = searched(
         swings(2, lambda q, v, a: friction_nm * np.tanh(v / 0.02)), COULOMB, "bias", "joint_spring"

@@ -60,7 +60,7 @@ def known(swung):
     return cache(partial(said, swung))
 
 
-def test_effects_are_told_in_order_with_what_each_takes_away_and_their_parameters(known):
+def test_effects_are_listed_in_order_with_error_decrease_and_parameters(known):
     found, search, end = known(complete=True)
     assert (found.verdict, found.complete, found.channel) == (Verdict.MISSING, True, "joint_1")
     spring, friction = found.accepted
@@ -91,7 +91,7 @@ def test_effects_are_told_in_order_with_what_each_takes_away_and_their_parameter
     assert found.baseline.parameters.keys() == SWING.gains.keys()
 
 
-def test_each_effect_is_told_once_where_an_added_one_does_not_stand_last_in_the_model(swung):
+def test_each_effect_is_listed_once_for_any_order_in_the_model(swung):
     """A reader's effect may act before one that was added earlier."""
     search, end, measurement = swung
     spring, friction = (EFFECTS[name]() for name in BOTH)
@@ -174,7 +174,7 @@ def test_a_form_is_not_exact_if_the_law_of_another_kind_fits_as_well(hidden, for
 
 
 @pytest.mark.parametrize("hum_n", [0.3, 0.0])
-def test_a_hum_that_the_sensor_picks_up_everywhere_is_told_with_its_size(hum_n):
+def test_report_states_the_amplitude_of_sensor_hum(hum_n):
     hum = np.sqrt(2.0) * hum_n
     data = session(2, lambda t, x, v, run: kelvin_voigt(x, v) + hum * np.sin(2.0 * np.pi * 7.3 * t))
     search = searched(data, "cubic_stiffness")
@@ -184,7 +184,7 @@ def test_a_hum_that_the_sensor_picks_up_everywhere_is_told_with_its_size(hum_n):
     assert (float(found[1]) if found else None) == (pytest.approx(7.3, abs=0.05) if hum_n else None)
 
 
-def test_where_something_is_left_it_is_told_how_much_and_what_it_depends_on(known):
+def test_remaining_error_is_reported_with_its_signals(known):
     found, _, end = known(complete=False, nothing=True)
     assert (found.verdict, found.complete, found.accepted) == (Verdict.UNEXPLAINED, False, [])
     assert found.noise_floor < 0.5 * end.rmse
@@ -244,7 +244,7 @@ def test_where_nothing_is_established_the_best_single_effect_is_named_and_its_fi
 
 
 @pytest.mark.parametrize(("scale", "confused"), [(0.1, ["joint_spring"]), (1.0, [])])
-def test_effects_that_the_data_cannot_tell_apart_are_told_with_what_would(scale, confused):
+def test_indistinguishable_effects_are_listed_with_a_separating_experiment(scale, confused):
     """Where a sine is nearly straight, a weight and a spring are one."""
     made = swings(5)
     made = replace(made, **{n: scale * getattr(made, n) for n in ("position", "velocity", "acceleration")})
@@ -328,7 +328,7 @@ VARIED = {
 
 
 @pytest.mark.parametrize("name", VARIED)
-def test_what_differs_from_run_to_run_is_told_with_its_spread(name):
+def test_run_to_run_variation_is_reported_with_its_spread(name):
     """Of a standard deviation of six draws, the error is a third; what all share is no difference."""
     effect, unit, law = VARIED[name]
     data = session(8, law, runs=6)
@@ -393,7 +393,7 @@ def test_at_most_three_candidates_are_fitted_alone():
 
 
 @pytest.mark.parametrize(("large", "said"), [(9.5, "5 % of the samples hold 83 %"), (7.5, "")])
-def test_peaks_are_told_where_few_samples_hold_most_of_the_error(large, said):
+def test_error_peaks_are_reported(large, said):
     """Of 100 samples, 95 have an error of 1 and five a larger one: 83 % and 75 % of the squares."""
     residual = np.where(np.arange(100) % 20 == 7, large, 1.0)
     solution, problem = SimpleNamespace(residual=residual), SimpleNamespace(used=np.ones(100, np.bool_))

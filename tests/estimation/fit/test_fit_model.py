@@ -369,7 +369,7 @@ def test_parts_along_an_effect_are_those_of_the_whole_model_there(name, inner):
 @pytest.mark.parametrize(
     ("offset_m", "k", "k3"), [(0.004, 300.0, 3e6), (0.005, 800.0, 2e7), (-0.003, 300.0, 3e5)]
 )
-def test_where_a_surface_lies_is_found_beside_a_spring_that_stiffens(names, offset_m, k, k3):
+def test_surface_is_identified_with_a_stiffening_spring(names, offset_m, k, k3):
     """Another minimum has a surface that is hardly off and a stiffness below zero."""
 
     def law(t, x, v, run):
@@ -383,13 +383,13 @@ def test_where_a_surface_lies_is_found_beside_a_spring_that_stiffens(names, offs
 
 
 @pytest.mark.parametrize(("value", "widest"), [(5e3, 2e5), (5e4, 5e5), (8e6, 8e7)])
-def test_an_error_far_beyond_all_that_is_met_determines_nothing(value, widest):
+def test_parameters_are_undetermined_for_an_implausibly_large_error(value, widest):
     (k,) = EFFECTS["stiffness"].gains
     assert _largest_error(k, value) == widest
 
 
 @pytest.mark.parametrize("start_s", [0.02, 0.0475, 0.06])
-def test_a_damping_is_told_from_the_delay_that_replaces_its_phase(start_s):
+def test_damping_is_distinguished_from_a_delay_of_equal_phase(start_s):
     """A delay that is shorter by c/k, without a damping, is a saddle of the error."""
     rng, stiffness, damping, delay_s = np.random.default_rng(0), 1100.0, 19.5, 0.065
     t = np.arange(0.0, 12.0, 0.004)

@@ -102,7 +102,7 @@ def test_a_parameter_whose_interval_contains_zero_is_said_not_to_be_determined()
     assert interval_text(unknown) == "not determined"
 
 
-def test_a_gain_that_is_kept_from_going_beyond_its_bound_is_said_to_be_there():
+def test_gain_limited_by_its_bound_is_reported_at_the_bound():
     fit = fit_model(swings(4, lambda q, v, a: -2.0 * DAMPING * v), BASE, {})
     damping, inertia = (fit.parameters[name] for name in ("viscous_friction.d", "pendulum.inertia"))
     assert (damping.value, damping.std_err, damping.at_bound) == (0.0, 0.0, True)

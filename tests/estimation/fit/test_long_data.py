@@ -181,7 +181,7 @@ def test_of_a_joint_that_mostly_rests_its_motions_are_taken_with_what_is_around_
             assert of_run[-1] % 25.0 == pytest.approx(12.5, abs=0.1)
 
 
-def test_a_rest_in_which_too_little_would_be_left_is_kept():
+def test_rest_is_kept_if_too_few_samples_would_remain():
     time_s = np.arange(200_000) / RATE_HZ
     once = np.clip(time_s - 20.0, 0.0, 10.0)
     rests = channel(once, 2.0 * once, np.zeros(len(once), np.int64), ChannelKind.REVOLUTE)

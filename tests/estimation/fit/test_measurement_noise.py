@@ -199,7 +199,7 @@ def test_single_precision_is_no_noise(rmse, exact):
         ({}, []),
     ],
 )
-def test_signals_are_told_by_how_much_they_explain(shares, told):
+def test_signals_are_sorted_by_explained_error(shares, told):
     assert FitResult.depends_on.fget(SimpleNamespace(flexible=SimpleNamespace(by_signal=shares))) == told
 
 

@@ -13,7 +13,7 @@ from tests.revisions import SPRING, revision
 
 
 @pytest.mark.parametrize("links", [True, False])
-def test_what_many_write_at_once_is_all_kept(links, tmp_path, monkeypatch):
+def test_concurrent_writes_are_all_preserved(links, tmp_path, monkeypatch):
     if not links:
 
         def refuse(*_):
@@ -29,7 +29,7 @@ def test_what_many_write_at_once_is_all_kept(links, tmp_path, monkeypatch):
     assert len(list((tmp_path / "revisions").iterdir())) == 24
 
 
-def test_without_a_folder_they_are_kept_in_memory(tmp_path, monkeypatch):
+def test_revisions_without_a_folder_stay_in_memory(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     kept = Revisions(None)
     assert [kept.save(revision).number for _ in range(2)] == [0, 1]
@@ -133,7 +133,7 @@ def test_a_value_beyond_its_physical_bounds_is_refused(tmp_path):
         Revisions(tmp_path).all()
 
 
-def test_of_several_stages_all_are_kept_or_none(tmp_path):
+def test_several_stages_are_saved_atomically(tmp_path):
     kept = Revisions(tmp_path)
     first, second = kept.save(revision), kept.save(revision)
     kept.discard([second])

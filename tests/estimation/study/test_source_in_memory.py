@@ -93,7 +93,7 @@ def test_columns_that_make_no_channel_are_named():
 
 
 @pytest.mark.parametrize("data", [3, None, {}, [], np.ones((10, 3))])
-def test_what_is_no_data_at_all_is_told_what_would_be(data):
+def test_error_for_unsupported_data_lists_the_supported_types(data):
     with pytest.raises(InputError, match=f"data of type {type(data).__name__}.*a table"):
         open_source(data)
 
@@ -126,6 +126,6 @@ def test_options_of_another_type_are_refused_by_name(options):
         ({"level": 0.5 + np.repeat([3, 1], N // 2)}, ""),
     ],
 )
-def test_what_looks_like_a_mistake_is_said_in_a_note(changed, note):
+def test_likely_mistakes_are_noted(changed, note):
     notes = " ".join(open_source(COLUMNS | changed).notes)
     assert re.search(note, notes) if note else not notes

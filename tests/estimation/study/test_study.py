@@ -151,7 +151,7 @@ def test_adding_goes_on_from_the_newest_and_removing_goes_back():
         (["bias"], {"start": 1}, "revision 1 has bias already"),
     ],
 )
-def test_what_cannot_be_added_is_refused_and_nothing_is_kept(effects, how, words):
+def test_invalid_effects_are_refused_and_nothing_is_saved(effects, how, words):
     study = ModelStudy(session(4))
     study.add("bias") if "start" in how else None
     before = study.revisions
@@ -173,7 +173,7 @@ def test_data_is_known_by_its_arrays_and_joints_by_their_arm_too():
 
 
 @pytest.mark.slow
-def test_what_is_kept_is_gone_on_from_only_for_the_same_data(tmp_path):
+def test_revisions_are_continued_only_for_the_same_data(tmp_path):
     study = ModelStudy(session(4, cubic), folder=tmp_path)
     found = study.diagnose(apply=True)
     (tmp_path / RESULT).write_text(json.dumps(study.diagnosis_data(found)))

@@ -31,7 +31,7 @@ from palpate.sweep import ResultStore, runner
 from tests.files import saved
 from tests.palpate.cli import ROOT, as_json, assert_refused, done, run
 from tests.palpate.presses import write_presses
-from tests.palpate.sweep.test_killed import dask_on  # noqa: F401, a fixture
+from tests.palpate.sweep.test_crash_recovery import dask_on  # noqa: F401, a fixture
 
 SPEEDS = (0.04, 0.08, 0.06)
 
@@ -94,7 +94,7 @@ def test_numbers_are_those_of_the_single_commands(specimens, out):
     assert len(table) == 6
 
 
-def test_groups_are_told_apart_and_specimens_differ_as_much_as_they_do(out, specimens):
+def test_group_difference_and_specimen_variation_are_estimated(out, specimens):
     said = as_json("batch", f"{specimens}/s*.csv", "--pattern", "{specimen}_{treatment}.csv",
                    "--group", "treatment", "--out", out)  # fmt: skip
     (soft,) = (

@@ -59,7 +59,7 @@ def test_candidates_that_gain_the_same_are_confused_and_steps_go_on_until_nothin
 
 
 @pytest.mark.slow
-def test_a_stiffening_of_half_the_noise_is_found_in_twelve_recordings_and_none_where_there_is_none(tmp_path):
+def test_common_stiffening_of_half_the_noise_is_detected_in_twelve_recordings(tmp_path):
     speeds = (0.04, 0.08, 0.06)
     (tmp_path / "small").mkdir()
     (tmp_path / "none").mkdir()

@@ -78,7 +78,7 @@ def test_the_bound_follows_the_noise_whose_draws_differ_and_repeat_for_equal_see
     assert found == again
 
 
-def test_an_estimator_that_cannot_work_says_why_and_the_others_are_kept():
+def test_failing_estimator_states_its_reason_and_the_others_remain():
     hopeless = {"name": "ransac", "threshold": 1e-9}
     lost, kept = probing.estimate(PARAMETERS | {"estimators": [hopeless, "lsq"]}, 1)
     assert "raise the threshold" in lost["problem"]
@@ -150,9 +150,7 @@ def test_another_engine_has_the_same_world_noise_and_ways_and_says_the_same_of_t
     assert lsq["damping.c"] == pytest.approx(its_lsq["damping.c"], rel=1e-2)
 
 
-def test_hidden_effects_are_found_by_the_diagnosis_in_a_worker_which_may_start_no_processes(
-    few_effects, monkeypatch
-):
+def test_diagnosis_in_a_daemonic_worker_identifies_hidden_effects(few_effects, monkeypatch):
     monkeypatch.setitem(current_process()._config, "daemon", True)
     hidden = [{"effect": "cubic_stiffness", "cubic_n_m3": 2e6}]
     plan = PARAMETERS["plan"] | {"speeds_m_s": [0.15, 0.12]}

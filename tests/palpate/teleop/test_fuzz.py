@@ -18,7 +18,7 @@ OURS = key_seal(b"of the pair")
     ("seed", "seals"),
     [(2, (CHECKSUM, None)), (3, (OURS, None)), (3, (OURS, CHECKSUM)), (2, (OURS, key_seal(b"no")))],
 )
-def test_no_frame_that_was_damaged_or_made_without_the_key_moves_the_arm_or_is_felt(seed, seals):
+def test_damaged_and_unauthenticated_frames_have_no_effect(seed, seals):
     result = fuzz(FRAMES, seed, *seals)
     assert result.counts["refused as malformed"] == 2 * FRAMES  # on both sides
     assert result.targets == set()

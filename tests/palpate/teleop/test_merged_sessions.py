@@ -114,5 +114,5 @@ def test_a_machine_that_is_too_slow_is_called_so_with_its_figures():
     assert "ended after" in summary
 
 
-def test_what_is_felt_keeps_which_target_it_is_of():
+def test_rendered_estimate_keeps_its_target():
     assert estimate_data(estimate(target=2**40))["target"] == 2**40

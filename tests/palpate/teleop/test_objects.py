@@ -49,7 +49,7 @@ def probed(scenario: dict, plan: ProbingPlan = FAST) -> Samples:
     ],
     ids=["kelvin_voigt", "hunt_crossley"],
 )
-def test_the_first_look_is_the_object(scenario):
+def test_first_session_estimate_is_the_object(scenario):
     found, world = estimate_object(probed(scenario), 4), load_scenario(scenario)
     assert found.model[0].name == world.object.law.name
     assert (found.target, found.runs) == (4, 1)
@@ -62,7 +62,7 @@ def test_the_first_look_is_the_object(scenario):
             )
 
 
-def test_a_law_that_fits_better_and_cannot_be_felt_is_not_offered():
+def test_better_law_that_cannot_be_rendered_is_not_offered():
     """Relaxation draws Hunt-Crossley's exponent below 1, where the simulator has no such law."""
     law = {"name": "kelvin_voigt", "stiffness_n_m": 2000.0, "damping_n_s_m": 20.0}
     relaxing = {"effect": "stress_relaxation", "stiffness_n_m": 1500.0, "time_s": 0.2}
@@ -71,7 +71,7 @@ def test_a_law_that_fits_better_and_cannot_be_felt_is_not_offered():
     force_law(found.model)
 
 
-def test_an_established_effect_is_felt(few_effects):
+def test_accepted_effect_is_rendered(few_effects):
     found = diagnose_object(probed(CUBIC, TWO_SPEEDS), 0)
     assert found.verdict == "missing"
     assert [term.name for term in found.model] == ["kelvin_voigt", "cubic_stiffness"]
@@ -85,7 +85,7 @@ def test_nothing_touched_is_no_estimate():
         estimate_object(probed({"object": {"surface_height_m": -0.5}}, NOTHING_NEAR), 0)
 
 
-def test_a_law_with_a_memory_is_felt_as_the_world_has_it_also_from_a_session():
+def test_law_with_memory_is_rendered_like_in_the_simulated_world():
     scenario = {"hidden": [{"effect": "stress_relaxation", "stiffness_n_m": 300.0, "time_s": 0.1}]}
     felt = force_law(terms_of(load_scenario(scenario)))
     forces_n = [felt(0.01, 0.0, 1e-3) for _ in range(1000)]
@@ -105,7 +105,7 @@ def test_a_law_with_a_memory_is_felt_as_the_world_has_it_also_from_a_session():
         ((*estimate().model, ContactModel("payload", ("mass_kg",), (1.0,))), "joint"),
     ],
 )
-def test_what_cannot_be_felt_is_refused(terms, words):
+def test_laws_that_cannot_be_rendered_are_refused(terms, words):
     with pytest.raises(InputError, match=words):
         force_law(terms)
 

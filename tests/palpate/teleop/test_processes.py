@@ -120,7 +120,7 @@ def test_a_killed_main_process_ends_the_haptic_one_with_its_session_closed(tmp_p
     assert len(Session.open(session).samples("haptic")) > 500
 
 
-def test_both_sides_on_one_time_line_and_what_is_felt_is_what_is_there(tmp_path):
+def test_merged_sessions_share_one_clock_and_rendered_force_equals_real_force(tmp_path):
     """Merged, the two sessions say when what happened, and how far apart the forces are."""
     port, plan = str(free_port()), tmp_path / "operator.yaml"
     plan.write_text(yaml.safe_dump(script(0.05)))

@@ -94,7 +94,7 @@ def test_estimates_of_a_follower_that_was_started_again_are_taken(led, line):
 
 
 @pytest.mark.parametrize("answers", [0, 78])
-def test_who_has_not_heard_this_program_is_not_obeyed(followed, line, answers):
+def test_messages_from_an_unacknowledged_peer_are_ignored(followed, line, answers):
     """It may be what somebody recorded on another day, with the pair's own key."""
     messaging, _ = followed
     line.put(1, 0, intent(target(0)), answers=answers)
@@ -105,7 +105,7 @@ def test_who_has_not_heard_this_program_is_not_obeyed(followed, line, answers):
     assert messaging.queue.states() == {0: TargetState.QUEUED}
 
 
-def test_while_nothing_is_heard_the_other_side_is_told_again_that_this_one_listens(led, line):
+def test_silent_side_repeats_its_presence(led, line):
     for now_s in np.arange(0.0, 11.0, 0.5):
         line.now = now_s
         if 3.5 < now_s < 7.0:
@@ -141,7 +141,7 @@ def test_an_estimate_that_was_lost_is_sent_again_though_newer_ones_of_other_plac
     assert sent_estimates(line) == [(1, 1)]
 
 
-def test_another_leader_is_told_what_the_last_ones_targets_are_like(followed, line):
+def test_new_leader_receives_the_earlier_object_estimates(followed, line):
     messaging, answers = followed
     line.put(1, 0, intent(target(0)))
     messaging._exchange()

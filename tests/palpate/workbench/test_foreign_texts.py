@@ -123,7 +123,7 @@ def changed(file, change):
     file.write_text(kept)
 
 
-def test_every_text_of_a_kept_diagnosis(diagnosed, tmp_path):
+def test_every_text_of_a_saved_diagnosis_is_escaped(diagnosed, tmp_path):
     state, folder = diagnosed
     with changed(folder / RESULT, hostile):
         said = shown(state(), tmp_path)
@@ -132,7 +132,7 @@ def test_every_text_of_a_kept_diagnosis(diagnosed, tmp_path):
     assert f"effect: {MARK}" in said
 
 
-def test_every_text_of_a_kept_revision(diagnosed, tmp_path):
+def test_every_text_of_a_saved_revision_is_escaped(diagnosed, tmp_path):
     state, folder = diagnosed
     file = folder / "revisions" / "0001.json"
 

@@ -298,7 +298,7 @@ def test_a_diagnosis_outlives_a_reload_can_still_be_stopped_and_its_step_applied
     page.wait_for_selector("button:has-text('Add cubic_stiffness')")
 
 
-def test_a_dropped_file_that_cannot_be_read_is_not_kept(opened, tmp_path):
+def test_unreadable_dropped_file_is_removed(opened, tmp_path):
     (tmp_path / "odd").mkdir()
     bad = tmp_path / "odd" / "bad.csv"
     bad.write_text("a,b\nx,y\n")

@@ -83,7 +83,7 @@ def test_the_first_visitor_sees_what_was_measured(early):
     assert "<b>raw curves</b>" in answer.read().decode()
 
 
-def test_whoever_comes_later_is_kept_for_the_server_that_takes_over(early):
+def test_late_requests_wait_for_the_main_server(early):
     asked(early).getresponse().read()
     later = asked(early)
     with closing(early.release_socket().accept()[0]) as taken:
@@ -102,7 +102,7 @@ def test_an_old_page_that_connects_again_leaves_the_answer_to_the_visitor(early)
     assert "<b>raw curves</b>" in asked(early).getresponse().read().decode()
 
 
-def test_many_who_ask_meanwhile_are_kept():
+def test_pending_requests_wait_for_the_server():
     with EarlyServer("127.0.0.1", 0) as silent:
         waiting = [create_connection(("127.0.0.1", silent.port), timeout=5) for _ in range(50)]
         taken = silent.release_socket()

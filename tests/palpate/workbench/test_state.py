@@ -55,7 +55,7 @@ def test_a_tick_is_the_fit_that_add_makes(state, press):
     assert state.save_revisions()[-1].rmse == shown.fitted.rmse
 
 
-def test_a_first_look_is_near_the_fit_and_is_not_made_where_that_is_known(state):
+def test_preview_is_close_to_the_fit_and_skipped_for_a_known_fit(state):
     choice = state.toggled("cubic_stiffness")
     first = state.preview(choice)
     assert first.is_rough

@@ -187,7 +187,7 @@ def test_it_does_not_hide_who_the_sensor_is(tmp_path):
     assert silent.tick_wire_s() is None
 
 
-def test_no_drive_is_told_more_than_the_limit(tmp_path):
+def test_commanded_torque_never_exceeds_the_limit(tmp_path):
     robot_file = robot_with(tmp_path, "torque")
     largest = np.array(robot_file.limits.torque_nm)
     _, sent, told = readings(robot_file, load_calibrations(robot_file, NOW), command_nm=tuple(0.9 * largest))

@@ -166,7 +166,7 @@ def test_an_adapter_that_cannot_be_closed_says_so(ends):
     assert not line.is_open
 
 
-def test_multicast_stays_on_this_machine_unless_told_otherwise():
+def test_multicast_is_limited_to_this_machine_by_default():
     settings = CanLineSettings(interface="udp_multicast", channel="239.74.163.2")
     assert settings.bus_arguments()["hop_limit"] == 0
     far = CanLineSettings(interface="udp_multicast", channel="239.74.163.2", options={"hop_limit": 1})

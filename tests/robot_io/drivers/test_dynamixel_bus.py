@@ -143,7 +143,7 @@ def test_a_calibrated_torque_constant_is_used():
         assert bench.exerted_nm()[0] == pytest.approx(1.0 * 2.0 / (10.6 / 4.4), rel=0.01)
 
 
-def test_the_configured_current_limit_is_kept():
+def test_configured_current_limit_is_preserved():
     with dynamixel_bench() as bench:
         bench.line.servos[3].memory.put(table.CURRENT_LIMIT, 100)
         bench.start()

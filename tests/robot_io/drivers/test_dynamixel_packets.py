@@ -124,7 +124,7 @@ def test_whatever_is_asked_is_understood_by_a_servo(servo_id, code, parameters):
 
 
 @given(st.lists(st.tuples(IDS, st.integers(0, 255), TRICKY), max_size=4), st.data())
-def test_answers_are_found_in_any_pieces(answers, data):
+def test_answers_are_parsed_from_any_fragments(answers, data):
     stream = b"".join(dynamixel.status(*answer) for answer in answers)
     cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=6)))
     reader = DynamixelStatusReader()
@@ -136,7 +136,7 @@ def test_answers_are_found_in_any_pieces(answers, data):
 
 
 @given(TRICKY, IDS, TRICKY)
-def test_an_answer_is_found_behind_noise(noise, servo_id, data):
+def test_answer_is_parsed_after_noise(noise, servo_id, data):
     """Unless the noise ends in what could be a header, whose packet would then be awaited."""
     noise = noise.replace(b"\xff\xff\xfd", b"") + b"\x00"
     if b"\xff\xff\xfd" in noise:
@@ -174,7 +174,7 @@ def test_answers_of_others_and_short_ones_are_no_part_of_a_fast_answer():
         reply.decode(cut)
 
 
-def test_the_alert_and_the_error_number_are_told_apart():
+def test_alert_bit_and_error_number_are_separated():
     assert DynamixelStatus(1, 0x80, b"").alert
     assert DynamixelStatus(1, 0x80, b"").refusal is None
     assert "range" in DynamixelStatus(1, 0x84, b"").refusal

@@ -65,7 +65,7 @@ def test_what_does_not_fit_is_refused(register, value):
 
 
 @given(st.lists(st.tuples(IDS, st.integers(0, 0x3F), DATA), max_size=6), st.data())
-def test_answers_are_found_in_any_portions(answers, draw):
+def test_answers_are_parsed_from_any_chunks(answers, draw):
     stream, found, reader = b"".join(feetech.status(*answer) for answer in answers), [], FeetechStatusReader()
     while stream:
         cut = draw.draw(st.integers(1, len(stream)))

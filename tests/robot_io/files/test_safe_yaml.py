@@ -11,7 +11,7 @@ from palpate.robot_io.files.file_model import YamlDocument, load_yaml, parse_yam
 from tests.files import saved
 
 
-def test_values_are_what_they_look_like_and_every_key_knows_its_line():
+def test_yaml_values_are_plain_and_keys_know_their_lines():
     text = """
 a: [1, -2.5, 1e3, 0x1F, true, null, ~, .inf]
 b: [yes, off, 1:30, 2024-01-01, 012x, '7', "true"]

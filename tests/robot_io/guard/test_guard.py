@@ -715,7 +715,7 @@ def test_a_suspicion_does_not_outlive_the_stop(guard):
     assert guard.trip("stopped on request").cause == "stopped on request"
 
 
-def test_a_joint_that_is_not_told_to_move_may_read_one_number_for_ever(guard):
+def test_constant_reading_of_a_resting_joint_is_no_fault(guard):
     assert watch_many(guard, 500, lambda k: 0.3, lambda k: 0.3, lambda k: 5.0 * math.sin(k)) is None
 
 

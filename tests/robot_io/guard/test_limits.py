@@ -9,10 +9,10 @@ from pydantic import ValidationError
 from palpate.robot_io.guard import Limits, SafeState
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "reference" / "robot-file.md"
-WITNESSES = ("deaf_drive_s", "stuck_encoder_s", "stuck_force_s")
+FAULT_TIMES = ("deaf_drive_s", "stuck_encoder_s", "stuck_force_s")
 
 
-@pytest.mark.parametrize("key", WITNESSES)
+@pytest.mark.parametrize("key", FAULT_TIMES)
 def test_a_limit_that_may_be_left_out_is_documented_with_its_value(key):
     (value,) = re.findall(rf"^\| `{key}` \| ([\d.]+) \|", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
     assert Limits.model_fields[key].default == float(value)

@@ -5,7 +5,7 @@ import pytest
 
 from palpate.robot_io.guard import Guard, SafeState
 from palpate.robot_io.guard.plausibility import StuckForce
-from tests.robot_io.guard.test_deaf_drive import LIMITS, measured
+from tests.robot_io.guard.test_unresponsive_drive import LIMITS, measured
 
 LIMIT_S = 0.02
 
@@ -70,11 +70,11 @@ def test_a_sensor_that_freezes_is_named_within_its_limit(every, at, held_n):
     ],
     ids=str,
 )
-def test_a_sound_sensor_is_not_accused(kind, seed):
+def test_healthy_sensor_is_not_reported(kind, seed):
     assert ticks_until_named(StuckForce(LIMIT_S), noise(20_000, seed=seed, **kind)) is None
 
 
-def test_a_coarse_sensor_that_is_pressed_and_held_is_not_accused():
+def test_coarse_sensor_at_constant_load_is_not_reported():
     depth = np.concatenate([np.zeros(500), np.linspace(0, 10, 100), np.full(1000, 10.0), np.zeros(500)])
     forces_n = np.round((np.tile(depth, 3) + noise(6300, std=0.05, step=1e-6)) / 1.0) * 1.0
     assert ticks_until_named(StuckForce(LIMIT_S), forces_n) is None
@@ -133,13 +133,13 @@ def test_the_limit_is_the_robot_file_s_and_longer_for_a_sensor_that_repeats_itse
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_a_short_limit_alone_accuses_nobody(seed):
+def test_short_time_limit_alone_reports_no_fault(seed):
     assert ticks_until_named(StuckForce(1e-3), noise(20_000, seed=seed)) is None
 
 
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(("row", "accused"), [(14, False), (28, True)])
-def test_a_row_that_is_chance_in_such_a_sensor_accuses_nobody(seed, row, accused):
+def test_chance_repetitions_of_a_coarse_sensor_are_not_reported(seed, row, accused):
     """A fourth of its samples are equal to the one before: so many in a row come by chance once in 1e9."""
     forces_n = np.concatenate([noise(150, seed=seed, std=0.008), np.full(row + 1, 1.0), noise(10)])
     assert (ticks_until_named(StuckForce(5e-3), forces_n) is not None) is accused

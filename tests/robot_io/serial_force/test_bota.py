@@ -45,12 +45,12 @@ def test_the_axis_is_the_one_that_was_chosen(axis, force_n):
 
 
 @pytest.mark.parametrize("cut", range(1, 37, 5))
-def test_after_a_lost_beginning_the_next_frame_is_found(cut):
+def test_reader_resynchronizes_after_a_truncated_frame(cut):
     _, forces = fed(bota_frame(0, [0xAA] * 6, 10)[cut:], bota_frame(0, ONES, 1250), bota_frame(0, ONES, 2500))
     assert forces == [-2.0, -2.0]
 
 
-def test_noise_is_not_kept():
+def test_noise_is_removed_from_the_saved_answer():
     stream, _ = fed(b"\x55" * 100_000)
     assert len(stream._frames.pending) == 0
 

@@ -55,7 +55,7 @@ def test_two_readings_after_a_damaged_line_are_not_believed(line):
     assert line.send(b"2.0") == (2.0, 0)
 
 
-def test_where_it_happens_again_soon_more_are_doubted(line):
+def test_repeated_slips_increase_the_number_of_suspect_samples(line):
     line.send(b"1.0", 5)
     line.send(b"?")
     line.send(b"?")
@@ -93,7 +93,7 @@ def test_what_a_device_says_of_itself_before_its_first_reading_is_no_damage(line
     assert line.send(b"1.0") == (1.0, 0)
 
 
-def test_a_reader_that_was_stopped_looks_no_more(line):
+def test_stopped_reader_does_not_poll(line):
     """Its port may be somebody else's by now."""
     line.send(b"1.0", 5)
     line.reader.stop()
@@ -101,7 +101,7 @@ def test_a_reader_that_was_stopped_looks_no_more(line):
 
 
 @pytest.mark.parametrize(("pause_ms", "age_ms"), [(1, 0), (2, 3), (9, 10)])
-def test_what_comes_while_nobody_looks_is_as_old_as_the_look_before(line, pause_ms, age_ms):
+def test_samples_read_late_are_dated_by_the_previous_poll(line, pause_ms, age_ms):
     line.send(b"1.0", 5)
     line.clock.sleep_until(line.clock.now_s() + 1e-3 * pause_ms)
     assert line.send(b"1.1") == (1.1, age_ms)
@@ -219,7 +219,7 @@ def test_a_rate_that_is_off_is_followed_and_what_becomes_late_shows_all_the_same
     assert min(ages_s[4_000:]) > 0.009  # 0.15 % of 2 s may be the clocks
 
 
-def test_neither_a_long_silence_nor_a_late_look_makes_later_readings_late():
+def test_silence_and_late_polling_do_not_delay_later_samples():
     sensor_clock = SensorClock(longest_gap_s=0.8)
     sensor_clock.advance(PERIOD_S)
     sensor_clock.sampled_at_s(1.0, prompt=True)

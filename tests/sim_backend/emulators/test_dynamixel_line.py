@@ -224,7 +224,7 @@ def test_a_hardware_error_sets_the_alert_and_lets_go_until_a_reboot(client):
     assert client.write(1, 64, 1) == 0
 
 
-def test_indirect_data_stands_for_what_it_was_told(client):
+def test_indirect_data_maps_the_configured_addresses(client):
     client.write(1, 168, 132, 0, 133, 0)
     _, direct = client.read(1, 132, 2)
     assert client.read(1, 224, 2) == (0, direct)

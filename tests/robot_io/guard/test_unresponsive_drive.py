@@ -105,7 +105,7 @@ WEAR = {
 
 @pytest.mark.parametrize(("seed", "every"), [(0, 1), (1, 4)])  # ticks from sample to sample
 @pytest.mark.parametrize("wear", WEAR)
-def test_a_drive_that_shows_its_torque_badly_is_not_accused(wear, seed, every):
+def test_drive_with_inaccurate_torque_reading_is_not_reported(wear, seed, every):
     drive = HealthyDrive(seed, **WEAR[wear])
     assert ticks_until_named(UnresponsiveDrives(LIMITS), drive.show, every=every) is None
 
@@ -129,7 +129,7 @@ SMALL_WEAR = {
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("wear", SMALL_WEAR)
-def test_a_small_drive_that_swallows_small_torques_is_not_accused(wear, seed):
+def test_small_drive_with_torque_deadband_is_not_reported(wear, seed):
     """A twentieth of the torque limit is a few steps of current where an arm is made gentle by its limit."""
     limits = LIMITS.model_copy(update={"torque_nm": (SMALL_NM, SMALL_NM)})
     most_nm = SMALL_NM * (0.05, 0.1, 0.2, 0.3)[seed]
@@ -241,7 +241,7 @@ def test_it_says_what_was_sent_and_what_is_exerted(sent_nm):
         (1, 10, 210),  # little was sent until 10 ms: that excuses it to the end of the next tenth of a second
     ],
 )
-def test_times_are_kept_to_the_tick(deaf_from, sent_from, named_at):
+def test_detection_time_is_exact_to_the_tick(deaf_from, sent_from, named_at):
     sent = lambda k: 4.0 if k >= sent_from else 0.1  # noqa: E731
     tick, _ = ticks_until_named(
         UnresponsiveDrives(LIMITS), deaf(deaf_from - 1), sent, first=min(sent_from, 0)
@@ -257,7 +257,7 @@ def test_after_a_tenth_of_a_second_without_a_command_it_goes_on():
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_drive_that_swallows_small_torques_on_one_side_only_is_not_accused(side):
+def test_drive_with_one_sided_torque_deadband_is_not_reported(side):
     drive = HealthyDrive(noise=0.01)
     shows = lambda k, sent: drive.show(k, sent if side * sent > 0.0 else 0.0)  # noqa: E731
     turns = lambda k: 2.0 if k % 1000 < 500 else -2.0  # noqa: E731
@@ -286,7 +286,7 @@ def test_single_bad_samples_do_not_add_up():
     ],
     ids=["the same old sample", "at the end of its range"],
 )
-def test_what_says_nothing_new_of_a_drive_accuses_it_of_nothing(show):
+def test_repeated_torque_samples_report_no_drive_fault(show):
     check, drive = UnresponsiveDrives(LIMITS), HealthyDrive(noise=0.01)
     assert ticks_until_named(check, drive.show, lambda k: 3.0, count=300) is None
     for k in range(300, 400):

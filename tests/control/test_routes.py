@@ -78,7 +78,7 @@ def test_without_it_nothing_moves_but_what_did():
     np.testing.assert_allclose(*torques, atol=0.02)  # the runs themselves are the same
 
 
-def test_what_is_met_on_a_swing_sends_the_arm_home():
+def test_contact_during_a_swing_sends_the_arm_home():
     plant = plant_above(stiffness_n_m=2000.0, damping_n_s_m=20.0)
     pushed = a_hand(plant, lambda tip_m: tip_m[2] > 0.08 + 0.7 * SWING_M)  # when the tip comes up
     task = probing_task(ProbingPlan(**SWINGING))
@@ -179,7 +179,7 @@ class ProbingBench:
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize(("x1", "x2", "clearance_m"), FAR_APART)
-def test_half_of_the_clearance_is_kept_on_the_way(name, x1, x2, clearance_m):
+def test_route_preserves_half_of_the_clearance(name, x1, x2, clearance_m):
     bench = ProbingBench(name, plan_of([(x1, SURFACE_M), (x2, SURFACE_M)], clearance_m))
     passage = bench.routes.find(*bench.places)
     assert passage.clearance_deficit_m == 0.0
@@ -255,7 +255,7 @@ def test_tips_in_the_plane_are_those_of_the_urdf():
 TWO = {"targets_world_m": ((0.40, 0.0, SURFACE_M), (0.44, 0.0, SURFACE_M)), "speeds_m_s": (0.09,)}
 
 
-def test_what_is_met_between_two_targets_sends_the_arm_back_as_it_came_and_home():
+def test_contact_between_targets_returns_the_arm_along_its_path():
     plant = plant_above(height_m=0.15, x_m=0.36, stiffness_n_m=2000.0, damping_n_s_m=20.0)
     task = probing_task(ProbingPlan(**TWO, hold_s=0.05, settle_s=0.05, free_air_s=0.1))
     a_hand(plant, lambda tip_m: tip_m[0] > 0.42)  # when the tip is half way

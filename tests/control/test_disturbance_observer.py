@@ -27,7 +27,7 @@ def freeze(arm: SimulatedArm, value_n: float) -> None:
 @pytest.mark.parametrize(
     ("name", "stiffness", "speed_m_s"), [("follower", 7100.0, 0.05), ("leader", 500.0, 0.15)]
 )
-def test_a_dead_but_fresh_force_sensor_is_found_out_before_twice_the_limit(name, stiffness, speed_m_s):
+def test_constant_force_with_fresh_stamps_is_detected_before_twice_the_limit(name, stiffness, speed_m_s):
     arm = SimulatedArm(name, ProbingPlan(speeds_m_s=(speed_m_s,)), kelvin_voigt(stiffness))
     freeze(arm, 0.01)
     with closing(arm.robot):
@@ -40,7 +40,7 @@ def test_a_dead_but_fresh_force_sensor_is_found_out_before_twice_the_limit(name,
     assert force_n[(time_s > tripped_s) & (time_s < tripped_s + 0.3)].max() < 1.5 * LIMIT_N
 
 
-def test_a_sensor_of_the_wrong_sign_is_found_out_at_a_third_of_the_force_limit():
+def test_reversed_sensor_is_detected_at_a_third_of_the_force_limit():
     """It says that the object pulls the tool in, while the joints push."""
     arm = SimulatedArm("follower", ProbingPlan(speeds_m_s=(0.1,)), kelvin_voigt(1000.0))
     sensor = arm.robot.force
@@ -54,7 +54,7 @@ def test_a_sensor_of_the_wrong_sign_is_found_out_at_a_third_of_the_force_limit()
     assert force_n[time_s <= arm.guard.tripped.time_s].max() < 0.35 * LIMIT_N
 
 
-def test_a_sticky_object_really_pulls_and_nobody_is_accused():
+def test_adhesive_object_pulls_without_a_sensor_fault():
     hidden = [{"effect": "adhesion", "pull_off_n": 5.0, "neck_m": 3e-3}]
     scenario = kelvin_voigt(1000.0) | NOISY | {"hidden": hidden}
     arm = SimulatedArm("follower", ProbingPlan(speeds_m_s=(0.15,), hold_s=0.1), scenario)
@@ -67,7 +67,7 @@ def test_a_sticky_object_really_pulls_and_nobody_is_accused():
     ("name", "mass_scale", "stiffness", "damping", "speed_m_s"),
     [("follower", 0.8, 500.0, 200.0, 0.15), ("leader", 1.2, 10_000.0, 0.0, 0.05)],
 )
-def test_an_arm_of_another_mass_with_a_noisy_sensor_is_not_accused(
+def test_arm_with_other_mass_and_noisy_sensor_is_not_reported(
     name, mass_scale, stiffness, damping, speed_m_s
 ):
     scenario = kelvin_voigt(stiffness, damping) | NOISY | {"arm": {"mass_scale": mass_scale}}
@@ -94,7 +94,7 @@ def test_an_arm_of_another_mass_with_a_noisy_sensor_is_not_accused(
     ],
     ids=["friction", "load"],
 )
-def test_joints_with_friction_or_load_of_ordinary_size_are_not_accused(hidden):
+def test_joints_with_ordinary_friction_or_load_are_not_reported(hidden):
     scenario = kelvin_voigt(2000.0) | {"hidden": hidden}
     arm = SimulatedArm("follower", ProbingPlan(speeds_m_s=(0.15,), hold_s=0.1), scenario)
     with closing(arm.robot):
@@ -111,7 +111,7 @@ class TestOnTheReferencePlant:
         task = probing_task(ProbingPlan(**({"speeds_m_s": (0.1,), "hold_s": 0.5} | plan)), gains)
         return plant, run_probing(plant, task)
 
-    def test_a_sensor_that_stops_in_the_hold_is_found_out_when_the_object_is_taken_away(self):
+    def test_sensor_frozen_during_hold_is_detected_when_the_object_is_removed(self):
         def stick(plant, measurement):
             if plant.time_s < 1.3:
                 return measurement
@@ -121,7 +121,7 @@ class TestOnTheReferencePlant:
         with pytest.raises(SafetyTripError, match=r"about -?[0-2]\.\d N, but the force sensor reads 9.9 N"):
             self.run(change=stick, hold_s=3.0)
 
-    def test_a_sensor_that_shows_half_is_found_out(self):
+    def test_sensor_with_half_the_gain_is_detected(self):
         with pytest.raises(SafetyTripError, match="joint torques indicate about"):
             self.run(change=lambda plant, measured: measured._replace(force_n=0.3 * measured.force_n))
 

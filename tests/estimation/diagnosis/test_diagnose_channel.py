@@ -112,7 +112,7 @@ def test_a_channel_is_searched_varied_reduced_and_answered(name, monkeypatch):
     found = _Named(given["found"]) if "found" in given else base
     objected = given.get("objected", ())
 
-    class Judge:
+    class CompletenessStub:
         def __init__(self, search):
             self.measurement, self.marked = "readings", set()
 
@@ -144,7 +144,7 @@ def test_a_channel_is_searched_varied_reduced_and_answered(name, monkeypatch):
     stubs = {
         "reject_reason": lambda data: given.get("refused"),
         "prepare_search": lambda *_: search,
-        "_Completeness": Judge,
+        "_Completeness": CompletenessStub,
         "_is_reached": lambda evidence, judge: evidence.end not in given.get("missed", ()),
         "select_effects": searching,
         "add_run_variation": lambda tried, one: _Named(given["varied"]) if "varied" in given else one,
@@ -269,7 +269,7 @@ def test_a_model_that_predicts_no_better_than_a_constant_is_not_complete_by_a_bo
 
 
 @pytest.mark.parametrize(("lost", "kept"), [(0.9, False), (1.1, True)])
-def test_a_constant_is_dropped_that_explains_little_beside_what_was_found_next_to_it(lost, kept, monkeypatch):
+def test_constant_effect_that_explains_little_is_dropped(lost, kept, monkeypatch):
     joint, alone, reduced, found = (Mock(name=name) for name in ("joint", "alone", "reduced", "found"))
     joint.held_out_mean_square, alone.held_out_mean_square = 1.0, 1.0 + lost
     search = Mock(**{"is_better.return_value": True, "is_sensible.return_value": True})
