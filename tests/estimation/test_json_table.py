@@ -30,7 +30,7 @@ COLUMNS = dict(zip(NAMES, map(list, zip(*ROWS, strict=True)), strict=True))
     ],
     ids=["records", "columns", "rows", "deep inside"],
 )
-def test_a_table_is_found_in_whatever_form(tmp_path, content):
+def test_table_is_detected_in_each_layout(tmp_path, content):
     (channel,) = import_file(saved(tmp_path / "press.json", json.dumps(content))).channels
     np.testing.assert_allclose(channel.position, DEPTH_M)
     np.testing.assert_allclose(channel.effort, FORCE_N)
