@@ -324,6 +324,23 @@ def test_a_joint_without_a_revision_gets_its_base_model_with_a_warning(swinging,
     assert "no effect was added" not in run(*base, "--folder", folder / "study").stderr
 
 
+def test_a_joint_that_is_adequate_is_exported_without_advice_to_diagnose_it(tmp_path):
+    rng, t = np.random.default_rng(4), np.tile(np.arange(0.0, 4.0, 0.02), 4)
+    run_number = np.repeat(np.arange(4), 200)
+    rate = np.array([1.1, 1.7, 2.6, 3.5])[run_number]
+    columns = {
+        "position_rad": 0.8 * np.sin(rate * t),
+        "velocity_rad_s": 0.8 * rate * np.cos(rate * t),
+        "acceleration_rad_s2": -0.8 * rate**2 * np.sin(rate * t),
+    }
+    torque = 0.05 * columns["acceleration_rad_s2"] + rng.normal(0.0, 0.01, len(t))
+    data = write_table(tmp_path / "free.csv", run=run_number, time_s=t, torque_Nm=torque, **columns)
+    run("diagnose", data, "--model", "inertia", "--out", tmp_path / "study")
+    said = run("export", data, "--format", "bam", "--folder", tmp_path / "study", "-o", tmp_path / "b.json")
+    assert "the diagnosis finds joint_1 adequate: the base model is exported" in said.stderr
+    assert "--apply" not in said.stderr
+
+
 def test_what_makes_no_sense_is_refused_in_one_line(swinging, tmp_path):
     data, folder = swinging
     mine = saved(tmp_path / "mine.xml", HAND_MADE)
