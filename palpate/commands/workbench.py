@@ -13,6 +13,7 @@ from palpate.common import console
 from palpate.common.files import existing_data, existing_file, output_folder
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.robot_io.errors import InputError, PalpateError
+from palpate.robot_io.extras import require
 from palpate.workbench.startup import LOOPBACK, AppState, early_server, raw_curves
 from palpate.workflows.data_options import DataArguments, ModelOption, may_take_data
 
@@ -64,6 +65,7 @@ def workbench_command(
     home.open = lambda path, options: _state(data, path, options, model)
     if file is not None and data.held_out:
         home.state = _state(data, file, data.options, model)  # refuses runs that do not exist
+    require("nicegui")  # before an address is printed
     early = early_server(port)
     if foxglove is not None:
         from palpate.workbench.sources import FoxgloveFeed  # noqa: PLC0415, rarely wanted
