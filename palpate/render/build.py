@@ -115,45 +115,6 @@ def channel_view(
     return replace(view, ranking=ranking, next_experiment=diagnosis.next_experiment)
 
 
-def stage_view(
-    model: Model,
-    parameters: Mapping[str, FittedValue],
-    predicted: FloatArray,
-    residual: FloatArray,
-    *,
-    rmse: float,
-    label: str,
-    name: str = "",
-    number: int | None = None,
-    unphysical: Sequence[str] = (),
-) -> StageView:
-    """Make the view of one stage of a model from its fit; the label of a base model is its name.
-
-    Args:
-        model: base model with the effects of the stage.
-        parameters: parameter estimates by "effect.parameter".
-        predicted: effort (n,).
-        residual: measured less predicted in held-out runs (n,).
-        rmse: held-out error, in the effort's unit.
-        label: short description of the added effects.
-        name: name of the whole model.
-        number: number of the revision; None where it is not kept.
-        unphysical: descriptions of parameters outside their physical bounds.
-    """
-    return StageView(
-        number=number,
-        label=label,
-        name=name or label,
-        rmse=rmse,
-        predicted=predicted,
-        residual=residual,
-        parameters=tuple(parameter_view(name, parameter) for name, parameter in parameters.items()),
-        effects=model.effects,
-        equation=equation_of(model),
-        unphysical=tuple(unphysical),
-    )
-
-
 def parameter_view(name: str, fitted: FittedValue) -> ParameterView:
     """Make the view of one parameter."""
     effect, _, parameter = name.rpartition(".")
@@ -300,15 +261,16 @@ def result_view(result: ChannelResult) -> ChannelView:
         label = f"+ {stage.added}" if stage.added else fitted.model.name
         name = f"{name} {label}" if stage.added and name else f"{fitted.model.name}"
         stages.append(
-            stage_view(
-                fitted.model,
-                fitted.parameters,
-                fitted.predicted,
-                fitted.residual,
-                rmse=fitted.rmse,
+            StageView(
+                number=stage.number,
                 label=label,
                 name=name,
-                number=stage.number,
+                rmse=fitted.rmse,
+                predicted=fitted.predicted,
+                residual=fitted.residual,
+                parameters=tuple(parameter_view(*item) for item in fitted.parameters.items()),
+                effects=fitted.model.effects,
+                equation=equation_of(fitted.model),
                 unphysical=fitted.unphysical,
             )
         )

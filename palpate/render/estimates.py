@@ -33,8 +33,8 @@ from palpate.estimation.estimate import (
 from palpate.estimation.estimate_channel import describe_steps, steps_spanned
 from palpate.estimation.fit.intervals import SIGMAS_95
 from palpate.estimation.study.estimates import MIN_INLIER_SHARE, OFFSET_NAME, PREFERRED, ChannelEstimates
-from palpate.render.build import channel_view, stage_view
-from palpate.render.view import ChannelView, VerdictView
+from palpate.render.build import channel_view, equation_of, parameter_view
+from palpate.render.view import ChannelView, StageView, VerdictView
 from palpate.robot_io.calibration.applied import parse_calibrations
 from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import SURFACE
@@ -83,9 +83,16 @@ def estimates_view(estimates: ChannelEstimates, truth: Truth) -> ChannelView:
     """
     best, predicted = estimates.best, estimates.prediction()
     residual = np.where(estimates.rows, estimates.channel.effort - predicted, np.nan)
-    parameters = {p.name: p for p in best.parameters}
-    stage = stage_view(
-        estimates.model, parameters, predicted, residual, rmse=best.rmse, label=estimates.model.name
+    stage = StageView(
+        number=None,
+        label=estimates.model.name,
+        name=estimates.model.name,
+        rmse=best.rmse,
+        predicted=predicted,
+        residual=residual,
+        parameters=tuple(parameter_view(p.name, p) for p in best.parameters),
+        effects=estimates.model.effects,
+        equation=equation_of(estimates.model),
     )
     unit = estimates.channel.kind.effort_unit
     level = f"; the noise is {estimates.noise.describe(unit)}" if estimates.noise else ""

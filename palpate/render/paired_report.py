@@ -63,7 +63,7 @@ def time_figure(view: ChannelPairView) -> go.Figure:
             left = run_curves(channel.time_s, channel.stages[-1].residual, runs)
             draw_curves(made, left, (2, 1), unit, PlotStyle(f"residual of {letter}'s model", color))
     title_axes(made, (1, 1), "", first.axes.effort)
-    title_axes(made, (2, 1), RUN_TIME, f"measured − model [{unit}]")
+    title_axes(made, (2, 1), RUN_TIME, first.axes.residual)
     return styled(made, 520)
 
 
@@ -132,7 +132,7 @@ def record_pair(view: PairView, path: Path) -> None:
         axes = paired.views[0].axes
         titles = {
             "effort": axes.effort,
-            "residual": f"measured − model [{axes.effort_unit}]",
+            "residual": axes.residual,
             "position": axes.position,
         }
         plots = [plot(f"{paired.channel}/{name}", title, legend=corner) for name, title in titles.items()]

@@ -165,7 +165,7 @@ def map_figure(channel: ChannelView) -> go.Figure:
             showscale=column == len(maps),
             colorbar={
                 "title": {
-                    "text": f"measured − model [{axes.effort_unit}]",
+                    "text": axes.residual,
                     "side": "right",
                     "font": {"size": 12.5},
                 },
@@ -244,7 +244,7 @@ def _draw_residuals(made: go.Figure, channel: ChannelView, place: Place) -> None
     for level in (-2 * channel.noise_level, 2 * channel.noise_level):
         line = {"color": palette.NOISE, "width": 1, "dash": "dot"}
         made.add_hline(y=level, line=line, row=place[0], col=place[1])
-    title_axes(made, place, RUN_TIME, f"measured − model [{unit}]")
+    title_axes(made, place, RUN_TIME, channel.axes.residual)
 
 
 def _look_of(channel: ChannelView, stage: StageView) -> PlotStyle:

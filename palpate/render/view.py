@@ -32,6 +32,11 @@ class Axes:
     position: str
     velocity: str
 
+    @property
+    def residual(self) -> str:
+        """Title of an axis of residuals."""
+        return f"measured − model [{self.effort_unit}]"
+
 
 @dataclass(frozen=True)
 class ParameterView:

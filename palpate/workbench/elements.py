@@ -46,12 +46,16 @@ def heading(text: str, title: str = "") -> None:
 
 
 @contextmanager
-def errors_as_warnings() -> Iterator[None]:
-    """Show an error of the context's body as a warning on the page."""
+def errors_as_warnings(**look: Any) -> Iterator[None]:  # noqa: ANN401, as `ui.notify` takes it
+    """Show an error of the context's body as a warning on the page.
+
+    Args:
+        look: further options of `ui.notify`.
+    """
     try:
         yield
     except PalpateError as error:
-        ui.notify(str(error), type="warning")
+        ui.notify(str(error), type="warning", **look)
 
 
 Figure = dict[str, Any]

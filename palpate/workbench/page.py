@@ -203,11 +203,10 @@ class Page:
             self._error.show(preview)
             self._center.show(preview)
             await asyncio.sleep(_NEXT_S)
-        try:
-            return await asyncio.to_thread(work)
-        except PalpateError as error:
-            ui.notify(str(error), type="warning", multi_line=True, timeout=8000)
-            return self._shown
+        shown = self._shown
+        with errors_as_warnings(multi_line=True, timeout=8000):
+            shown = await asyncio.to_thread(work)
+        return shown
 
     async def move_slider(self, name: str, value: float) -> None:
         """Draw the model with a slider at a value: curves first, then all other views.

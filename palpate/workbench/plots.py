@@ -319,8 +319,7 @@ class PlotPanel:
         def zoom(event: events.GenericEventArguments) -> None:
             span = event.args
             self._span_s = (float(span[0]), float(span[1])) if span else None
-            if self._shown is not None and self._drawn is not None:
-                base = _of_base(self._shown)
+            if (base := self._base()) is not None and self._drawn is not None:
                 self._time.restyle(time_update(self._motion, base, self._drawn, self._span_s))
 
         def move_cursor(name: str, event: events.ValueChangeEventArguments[Any]) -> None:
@@ -402,15 +401,14 @@ class PlotPanel:
         self._read_cursors()
 
     def _redraw(self) -> None:
-        if self._shown is None or self._drawn is None:
-            self._time.replace(time_figure(self._motion, None, None))
-            self._state_plot.replace(state_figure(self._motion, None))
-            return
-        base = _of_base(self._shown)
-        figure = time_figure(self._motion, base, self._drawn, self._span_s)
+        figure = time_figure(self._motion, self._base(), self._drawn, self._span_s)
         figure["layout"] |= cursor_shapes(self._cursors)
         self._time.replace(figure)
-        self._state_plot.replace(state_figure(self._motion, self._drawn[0]))
+        self._state_plot.replace(state_figure(self._motion, self._drawn and self._drawn[0]))
+
+    def _base(self) -> Prediction | None:
+        base = None if self._shown is None else self._shown.base
+        return None if base is None else (base.predict(base.values), base.residual)
 
     def _runs(self) -> None:
         measured = (self._state.whole or self._state).study.source
@@ -468,7 +466,3 @@ def _select(
     select = ui.select(options, multiple=True, label=label, value=list(value)).classes("runs")
     select.props("dense outlined options-dense clearable use-chips")
     return set_props(select, aria_label=name, title=title)
-
-
-def _of_base(shown: DisplayedFit) -> Prediction:
-    return shown.base.predict(shown.base.values), shown.base.residual

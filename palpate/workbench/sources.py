@@ -27,7 +27,16 @@ from palpate.render.thinning import peak_rows
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.robot_io.session import Samples, Session, SessionTail
 from palpate.robot_io.types import FloatArray
-from palpate.workbench.elements import Figure, Plot, axis, curve, heading, layout_of, set_props
+from palpate.workbench.elements import (
+    Figure,
+    Plot,
+    axis,
+    curve,
+    errors_as_warnings,
+    heading,
+    layout_of,
+    set_props,
+)
 from palpate.workbench.plots import picked
 
 DROPPED = Path("sessions")  # folder of dropped files
@@ -35,6 +44,7 @@ MOST_BYTES = 500_000_000
 NOTHING = "not used"
 _SELECT = "dense outlined options-dense"
 _SHOWN = 4  # number of values of a column that are shown
+_LASTING = {"multi_line": True, "timeout": 0, "close_button": True}  # a notification that the user closes
 
 
 @dataclass
@@ -104,30 +114,23 @@ def units_of(quantity: str) -> list[str]:
     ]
 
 
-def _warn(error: PalpateError) -> None:
-    ui.notify(str(error), type="warning", multi_line=True, timeout=0, close_button=True)
-
-
-ManagedDevice = Callable[[Path, ImportOptions], Awaitable[None]]
+OpenFile = Callable[[Path, ImportOptions], Awaitable[None]]
 
 
 class FileDrop:
     """Area to drop a file on, and a form for its columns."""
 
-    def __init__(self, opened: ManagedDevice) -> None:
+    def __init__(self, opened: OpenFile) -> None:
         self._opened = opened
 
     def build(self) -> None:
         """Create the elements."""
 
         async def upload(event: events.UploadEventArguments) -> None:
-            try:
+            with errors_as_warnings(**_LASTING):
                 path, is_new = await self._keep(event)
-            except PalpateError as error:
-                _warn(error)
-                return
-            if not await self.begin(path) and is_new:
-                path.unlink()
+                if not await self.begin(path) and is_new:
+                    path.unlink()
 
         ui.upload(
             label="Drop a data file or a session here, or choose one",
@@ -144,15 +147,14 @@ class FileDrop:
         Args:
             path: a session, a folder of sessions or a data file.
         """
-        try:
+        is_readable = False
+        with errors_as_warnings(**_LASTING):
             if is_session(path) or path.is_dir():
                 await self._opened(path, ImportOptions())
             else:
                 self._ask(path, await asyncio.to_thread(lambda: suggest_columns(read_table(path))))
-        except PalpateError as error:
-            _warn(error)
-            return False
-        return True
+            is_readable = True
+        return is_readable
 
     async def _keep(self, event: events.UploadEventArguments) -> tuple[Path, bool]:
         """Store the file under its own name; return its path, and whether it is new."""
@@ -188,11 +190,8 @@ class FileDrop:
                     self._column_row(column, choices)
 
             async def use() -> None:
-                try:
-                    options = options_of(columns)
-                    await self._opened(path, options)
-                except PalpateError as error:
-                    _warn(error)
+                with errors_as_warnings(**_LASTING):
+                    await self._opened(path, options_of(columns))
 
             ui.button("Use these columns", on_click=use).props("unelevated dense no-caps").mark("use")
 

@@ -87,6 +87,11 @@ def send_lines(
     recording.send_columns(entity, indexes=index, columns=rr.Scalars.columns(scalars=scalars))
 
 
+def markdown(text: str) -> rr.TextDocument:
+    """Return a text with Markdown's formatting."""
+    return rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
+
+
 def plot(
     origin: str, name: str, span: tuple[float, float] | None = None, legend: rrb.Corner2D | None = None
 ) -> rrb.TimeSeriesView:

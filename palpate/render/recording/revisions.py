@@ -18,6 +18,7 @@ from palpate.render.recording.file import (
     BACKGROUND,
     REVISION,
     TIME,
+    markdown,
     plot,
     recording_file,
     send_lines,
@@ -157,8 +158,7 @@ def log_budget(recording: rr.RecordingStream, entity: str, budget: BudgetView) -
         + RANGE_MEANING
     ]
     lines += [f"\n{confusion}" for confusion in budget.confusions]
-    words = rr.TextDocument("\n".join(lines), media_type=rr.MediaType.MARKDOWN)
-    recording.log(f"{entity}/words", words, static=True)
+    recording.log(f"{entity}/words", markdown("\n".join(lines)), static=True)
 
 
 def _fill(
@@ -210,7 +210,7 @@ def record_rerun(view: StudyView, path: Path) -> None:
         place, axes, corner = f"{channel.name}/time", channel.axes, rrb.Corner2D.LeftTop
         plots = [plot(f"{place}/effort", axes.effort, legend=corner)]
         if channel.stages:
-            plots.append(plot(f"{place}/residual", f"measured − model [{axes.effort_unit}]", legend=corner))
+            plots.append(plot(f"{place}/residual", axes.residual, legend=corner))
         plots += [plot(f"{place}/position", axes.position), plot(f"{place}/velocity", axes.velocity)]
         name = f"{channel.name} over time" if grown else channel.name
         tabs.append(rrb.Vertical(*plots, row_shares=[3, 2, 1, 1][-len(plots) :], name=name))
@@ -240,8 +240,7 @@ def record_rerun(view: StudyView, path: Path) -> None:
                 for parameter in stage.parameters:
                     name, cells = f"{parameter.effect}.{parameter.name}", with_interval(parameter)
                     lines.append(f"| {' | '.join([name, *cells, parameter.unit])} |")
-                words = rr.TextDocument("\n".join(lines), media_type=rr.MediaType.MARKDOWN)
-                recording.log(f"{channel.name}/words", words)
+                recording.log(f"{channel.name}/words", markdown("\n".join(lines)))
             recording.reset_time()
         for channel in drawn:
             # measurement, first and last model, their residuals, and the motion
@@ -270,9 +269,7 @@ def _log_curves(recording: rr.RecordingStream, channel: ChannelView) -> None:
     across = span_of(channel.position[channel.engaged])
     effort = Chart(f"{name}/effort", span_of(channel.time_s, 0.0), efforts, "time [s]", axes.effort, _WIDE)
     loop = Chart(f"{name}/loop", across, efforts, axes.position, axes.effort)
-    left = Chart(
-        f"{name}/residual", across, residuals, axes.position, f"measured − model [{axes.effort_unit}]"
-    )
+    left = Chart(f"{name}/residual", across, residuals, axes.position, axes.residual)
 
     for chart, x, rows in ((effort, channel.time_s, runs), (loop, channel.position, pressed)):
         chart.draw_frame(recording)

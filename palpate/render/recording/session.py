@@ -11,7 +11,15 @@ import numpy as np
 from palpate.estimation.signals.blocks import block_index
 from palpate.render import palette
 from palpate.render.palette import phase
-from palpate.render.recording.file import TIME, plot, recording_file, send_lines, shown_on, time_column
+from palpate.render.recording.file import (
+    TIME,
+    markdown,
+    plot,
+    recording_file,
+    send_lines,
+    shown_on,
+    time_column,
+)
 from palpate.render.recording.rerun_modules import rr, rrb
 from palpate.render.recording.scene import Scene, log_moving_arm, log_object, view_3d
 from palpate.robot_io.session import Event
@@ -49,8 +57,7 @@ def record_session(scene: Scene, path: Path) -> None:
         _log_signals(recording, scene)
         _log_estimates(recording, scene)
         if scene.summary:
-            summary = rr.TextDocument(scene.summary, media_type=rr.MediaType.MARKDOWN)
-            recording.log(_SUMMARY, summary, static=True)
+            recording.log(_SUMMARY, markdown(scene.summary), static=True)
         levels = dict.fromkeys(_TROUBLE, rr.TextLogLevel.WARN) | {"trip": rr.TextLogLevel.ERROR}
         times_s = np.array([event.time_s for event in scene.events]) - scene.ticks["time_s"][0]
         log_events(recording, _EVENTS, scene.events, times_s, levels)
