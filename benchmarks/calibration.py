@@ -8,6 +8,7 @@ import argparse
 import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -46,8 +47,7 @@ def _sensor(shape: str, bend: float, rng: np.random.Generator, seed: int, folder
     ]
     hidden += [{"effect": "hysteresis", "channel": "contact", "half_width": play}] if play else []
     job = _job("force", hidden, seed, folder)
-    place = runs.put_simulated_weight
-    runs.run_weighing(job, FORCES_N, place, settle_s=0.1, measure_s=0.5)
+    runs.run_weighing(job, FORCES_N, runs.put_simulated_weight, settle_s=0.1, measure_s=0.5)
     fit = fit_force(read_weighing(Session.open(job.session)))
     yield f"force zero, {shape}", "N", fit.zero.value, fit.zero.std_err, bias
     yield f"force scale, {shape}", "-", fit.scale.value, fit.scale.std_err, 1.0 / gain
@@ -66,17 +66,8 @@ def encoder(rng: np.random.Generator, seed: int, folder: Path) -> Found:
         yield "encoder zero", "rad", fit.offset_rad[j], fit.std_rad[j], -zeros[j]
 
 
-def torque(rng: np.random.Generator, seed: int, folder: Path) -> Found:
-    """Gains, offsets and friction of all drives, on a tilted base."""
-    yield from _arm("torque", rng, seed, folder)
-
-
-def gravity(rng: np.random.Generator, seed: int, folder: Path) -> Found:
-    """The tilt, with all drives wrong."""
-    yield from (row for row in _arm("gravity", rng, seed, folder) if row[0] == "pitch, slow motion")
-
-
-def _arm(kind: str, rng: np.random.Generator, seed: int, folder: Path) -> Found:
+def arm(kind: str, rng: np.random.Generator, seed: int, folder: Path) -> Found:
+    """Gains, offsets and friction of all drives, on a tilted base; of `gravity`, the tilt alone."""
     small = np.array([1.0, 1.0, 0.1])
     gain, bias = rng.uniform(0.85, 1.15, 3), rng.uniform(-0.2, 0.2, 3) * small
     coulomb, viscous = rng.uniform(0.05, 0.4, 3) * small, rng.uniform(0.05, 0.4, 3) * small
@@ -93,18 +84,13 @@ def _arm(kind: str, rng: np.random.Generator, seed: int, folder: Path) -> Found:
     fit = fits.arm_fit_of(Session.open(job.session), ROBOT.urdf_path, ROBOT.tip_frame)
     way = "slow motion" if kind == "gravity" else "torque's motion"
     yield f"pitch, {way}", "rad", fit.tilt_rad.value[0], fit.tilt_rad.std_err[0], pitch
-    for j in range(3):
+    for j in range(3 if kind == "torque" else 0):
         yield f"torque gain {j + 1}", "-", fit.gain.value[j], fit.gain.std_err[j], gain[j]
         yield "torque offset", "N m", fit.offset_nm.value[j], fit.offset_nm.std_err[j], -gain[j] * bias[j]
         yield "command offset", "N m", fit.command_offset_nm.value[j], fit.command_offset_nm.std_err[j], 0.0
         yield "Coulomb friction", "N m", fit.coulomb_nm.value[j], fit.coulomb_nm.std_err[j], coulomb[j]
-        yield (
-            "viscous friction",
-            "N m s/rad",
-            fit.viscous_nms_rad.value[j],
-            fit.viscous_nms_rad.std_err[j],
-            viscous[j],
-        )
+        slope = fit.viscous_nms_rad
+        yield "viscous friction", "N m s/rad", slope.value[j], slope.std_err[j], viscous[j]
 
 
 def _job(kind: str, hidden: list[dict], seed: int, folder: Path) -> CalibrationJob:
@@ -126,8 +112,8 @@ def _joints(effect: str, **parameters: np.ndarray) -> list[dict]:
 KINDS: dict[str, Callable[[np.random.Generator, int, Path], Found]] = {
     "force": force,
     "encoder": encoder,
-    "torque": torque,
-    "gravity": gravity,
+    "torque": partial(arm, "torque"),
+    "gravity": partial(arm, "gravity"),
 }
 
 
@@ -141,9 +127,8 @@ def main() -> None:
     for kind in options.kinds:
         for seed in track(range(options.seeds), description=kind, console=Console(stderr=True)):
             with tempfile.TemporaryDirectory() as folder:
-                for what, unit, value, stated, hidden in KINDS[kind](
-                    np.random.default_rng(seed), seed, Path(folder)
-                ):
+                found = KINDS[kind](np.random.default_rng(seed), seed, Path(folder))
+                for what, unit, value, stated, hidden in found:
                     rows[what, unit].append((value - hidden, stated))
     table = Table("what", "unit", "values", "error, largest", "rms", "stated", "in 2 std")
     for (what, unit), pairs in rows.items():

@@ -1,9 +1,6 @@
-"""How long a diagnosis takes: a short session, a minute with all joints, an hour of a joint, many short runs.
+"""How long a diagnosis takes: a minute with all joints, an hour of a joint, many short runs.
 
-    OPENBLAS_NUM_THREADS=1 python benchmarks/diagnosis_speed.py
-
-Machines differ and are busy, so each time is also given as a ratio to a fixed piece of numpy work, measured
-just before and just after.
+OPENBLAS_NUM_THREADS=1 python benchmarks/diagnosis_speed.py
 """
 
 import os
@@ -17,65 +14,49 @@ import numpy as np
 from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.base_model import ModelContext
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.diagnosis import diagnose
+from palpate.estimation.diagnosis import ChannelDiagnosis, diagnose
 from palpate.estimation.models import MODELS
 from palpate.estimation.study import ModelStudy
-from palpate.estimation.study.channels import ALL_CHANNELS
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import DEFAULT, find_robot
 from palpate.sim_backend.imperfection import IMPERFECTIONS, Imperfection
 from palpate.sim_backend.scenario import Scenario
 
-ONE = [IMPERFECTIONS["stress_relaxation"](stiffness_n_m=150.0, time_s=0.3)]
 THREE = [
-    *ONE,
+    IMPERFECTIONS["stress_relaxation"](stiffness_n_m=150.0, time_s=0.3),
     IMPERFECTIONS["coulomb_friction"](joint=1, coulomb_nm=0.2),
     IMPERFECTIONS["payload"](joint=3, mass_kg=0.1),
 ]
 
 
-def yardstick_s() -> float:
-    """Seconds for a fixed piece of work of the kind that a diagnosis does."""
-    columns = np.random.default_rng(0).standard_normal((60_000, 12))
-    started = time.perf_counter()
-    for _ in range(40):
-        products = columns.T @ np.tanh(columns)
-        np.linalg.solve(products + 1e5 * np.eye(12), products)
-        np.cumsum(columns, axis=0)
-    return time.perf_counter() - started
-
-
-def timed(what: str, work: Callable[[], str]) -> None:
-    """Print how long some work takes, also as a ratio to the yardstick, and its result."""
-    before = yardstick_s()
+def timed(what: str, work: Callable[..., str], *given: object) -> None:
+    """Print how long some work takes, and its result."""
     started, cpu_s = time.perf_counter(), sum(os.times()[:4])
-    result = work()
+    result = work(*given)
     wall_s, cpu_s = time.perf_counter() - started, sum(os.times()[:4]) - cpu_s
-    rod_s = (before + yardstick_s()) / 2
-    print(
-        f"{what}: {wall_s:.1f} s, processor {cpu_s:.1f} s, {wall_s / rod_s:.1f} yardsticks of {rod_s:.2f} s"
-    )
-    print(f"  {result}", flush=True)
+    print(f"{what}: {wall_s:.1f} s, processor {cpu_s:.1f} s\n  {result}", flush=True)
 
 
-def probed(path: Path, hidden: list[Imperfection], repeats: int) -> Path:
-    """A session of the simulated arm."""
+def probed(path: Path, hidden: list[Imperfection]) -> Path:
+    """A minute of the simulated arm."""
     scenario = Scenario().with_hidden(hidden)
-    plan = ProbingPlan(repeats=repeats)
+    plan = ProbingPlan(repeats=8)
     run_probing(ProbingJob(find_robot(DEFAULT), path, plan, scenario=scenario, seed=7, online=None))
     return path
 
 
-def diagnosed(path: Path, channel: str) -> str:
-    """Diagnose a session over the whole library and summarise the result."""
+def diagnosed(path: Path) -> str:
+    """Diagnose all channels of a session over the whole library and summarize the result."""
     study = ModelStudy(path)
-    channels = study.diagnose(channel).channels
-    span_s = max(float(np.ptp(channel_state.data.time_s)) for channel_state in study.channels)
-    results = (
-        f"{entry.channel} {' + '.join(a.effect for a in entry.accepted) or entry.verdict}"
-        for entry in channels
-    )
+    channels = study.diagnose().channels
+    span_s = max(float(np.ptp(channel.data.time_s)) for channel in study.channels)
+    results = (f"{each.channel} {names_of(each)}" for each in channels)
     return f"{span_s:.0f} s of data: {', '.join(results)}"
+
+
+def names_of(diagnosis: ChannelDiagnosis) -> str:
+    """Accepted effects, or the verdict."""
+    return " + ".join(entry.effect for entry in diagnosis.accepted) or diagnosis.verdict.value
 
 
 def long_joint() -> ChannelData:
@@ -89,10 +70,32 @@ def long_joint() -> ChannelData:
     acceleration = -(size * omega**2 * np.sin(angle)).sum(axis=1)
     torque = 0.05 * acceleration + 0.15 * velocity + 2.0 * np.sin(position) + 0.2 * np.tanh(velocity / 1e-3)
     torque += 0.02 * rng.standard_normal(len(run))
-    phase = np.full(len(run), -1)
-    return ChannelData(
-        "joint_1", ChannelKind.REVOLUTE, time_s, position, velocity, acceleration, torque, run, phase
-    )
+    return channel_of(ChannelKind.REVOLUTE, time_s, position, velocity, acceleration, torque, run)
+
+
+def short_runs(count: int = 2000, length: int = 25) -> ChannelData:
+    """Many short presses of one object that stiffens, at 100 Hz."""
+    rng = np.random.default_rng(0)
+    phase = np.tile(np.linspace(0.0, np.pi, length), count)
+    deep = np.repeat(rng.uniform(0.002, 0.01, count), length)
+    w = np.pi / (length * 0.01)
+    x, v, a = deep * np.sin(phase), deep * w * np.cos(phase), -deep * w**2 * np.sin(phase)
+    force = np.maximum(800.0 * x + 10.0 * v + 4e6 * x**3, 0.0) + 0.02 * rng.standard_normal(len(x))
+    run = np.repeat(np.arange(count), length)
+    return channel_of(ChannelKind.CONTACT, 0.01 * np.arange(len(x)) + run, x, v, a, force, run)
+
+
+def channel_of(kind: ChannelKind, *signals: np.ndarray) -> ChannelData:
+    """A channel without phases."""
+    name = "contact" if kind is ChannelKind.CONTACT else "joint_1"
+    return ChannelData(name, kind, *signals, np.full(len(signals[0]), -1))
+
+
+def directly(data: ChannelData, model: str) -> str:
+    """Diagnose a channel without a session around it."""
+    built = MODELS[model]().build(ModelContext())
+    (diagnosis,) = diagnose(data, built, rng=np.random.default_rng(0)).channels
+    return f"{len(data)} samples: {names_of(diagnosis)}"
 
 
 def hour_of_joint(swing_hz: float, moving_s: float) -> str:
@@ -106,46 +109,20 @@ def hour_of_joint(swing_hz: float, moving_s: float) -> str:
     read = position + 1e-5 * rng.standard_normal(len(time_s))
     study = ModelStudy({"time_s": time_s, "position_rad": read, "torque_Nm": torque}, model="pendulum")
     (diagnosis,) = study.diagnose().channels
-    names = " + ".join(entry.effect for entry in diagnosis.accepted)
-    return f"{study.source.notes[0]}\n  {names or diagnosis.verdict.value}"
-
-
-def short_runs(count: int = 2000, length: int = 25) -> ChannelData:
-    """Many short presses of one object that stiffens, at 100 Hz."""
-    rng = np.random.default_rng(0)
-    phase = np.tile(np.linspace(0.0, np.pi, length), count)
-    deep = np.repeat(rng.uniform(0.002, 0.01, count), length)
-    w = np.pi / (length * 0.01)
-    x, v, a = deep * np.sin(phase), deep * w * np.cos(phase), -deep * w**2 * np.sin(phase)
-    force = np.maximum(800.0 * x + 10.0 * v + 4e6 * x**3, 0.0) + 0.02 * rng.standard_normal(len(x))
-    run = np.repeat(np.arange(count), length)
-    time_s = 0.01 * np.arange(len(x)) + run
-    return ChannelData("contact", ChannelKind.CONTACT, time_s, x, v, a, force, run, np.full(len(x), -1))
-
-
-def directly(data: ChannelData, model: str) -> str:
-    """Diagnose a channel without a session around it."""
-    built = MODELS[model]().build(ModelContext())
-    (diagnosis,) = diagnose(data, built, rng=np.random.default_rng(0)).channels
-    names = " + ".join(entry.effect for entry in diagnosis.accepted)
-    return f"{len(data)} samples: {names or diagnosis.verdict.value}"
+    return f"{study.source.notes[0]}\n  {names_of(diagnosis)}"
 
 
 def main() -> None:
     """Measure all."""
-    timed("one joint, 50,000 samples", lambda: directly(long_joint(), "pendulum"))
+    timed("one joint, 50,000 samples", directly, long_joint(), "pendulum")
     for swing_hz, moving_s in ((0.5, 600.0), (0.5, 20.0), (1 / 1800, 1e9)):
         what = f"one joint, an hour at 1 kHz, swinging at {swing_hz:.2g} Hz"
-        timed(what, lambda swing_hz=swing_hz, moving_s=moving_s: hour_of_joint(swing_hz, moving_s))
-    timed("2,000 short runs", lambda: directly(short_runs(), "kelvin_voigt"))
+        timed(what, hour_of_joint, swing_hz, moving_s)
+    timed("2,000 short runs", directly, short_runs(), "kelvin_voigt")
     with TemporaryDirectory() as folder:
-        for name, hidden in (("nothing", []), ("one effect", ONE)):
-            path = probed(Path(folder) / f"{name}.mcap", hidden, repeats=1)
-            timed(f"contact, {name} hidden", lambda path=path: diagnosed(path, "contact"))
-            timed(f"all channels, {name} hidden", lambda path=path: diagnosed(path, ALL_CHANNELS))
         for name, hidden in (("nothing", []), ("three effects", THREE)):
-            path = probed(Path(folder) / f"long {name}.mcap", hidden, repeats=8)
-            timed(f"a minute, all channels, {name} hidden", lambda path=path: diagnosed(path, ALL_CHANNELS))
+            path = probed(Path(folder) / f"{name}.mcap", hidden)
+            timed(f"a minute, all channels, {name} hidden", diagnosed, path)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 import statsmodels.api as sm
 from filterpy.kalman import KalmanFilter
-from harness import arguments
+from harness import arguments, print_table
 from presses import Noise, Press
 from scipy.optimize import least_squares
 from sklearn.linear_model import HuberRegressor, LinearRegression, RANSACRegressor, TheilSenRegressor
@@ -81,32 +81,34 @@ def cauchy(press: Press, force_n: FloatArray, _seed: int) -> FloatArray:
 
 def rlm(press: Press, force_n: FloatArray, _seed: int) -> FloatArray:
     """Statsmodels' robust linear model with the biweight."""
-    return np.asarray(
-        sm.RLM(force_n, press.regression(force_n).columns, M=sm.robust.norms.TukeyBiweight()).fit().params
-    )
+    model = sm.RLM(force_n, press.regression(force_n).columns, M=sm.robust.norms.TukeyBiweight())
+    return np.asarray(model.fit().params)
 
 
 def filterpy_kalman(press: Press, force_n: FloatArray, _seed: int) -> FloatArray:
     """Filterpy's Kalman filter as recursive least squares."""
-    columns = press.regression(force_n).columns
     kalman = KalmanFilter(dim_x=2, dim_z=1)
     kalman.P *= 1e8
-    for row, force in zip(columns, force_n, strict=True):
+    for row, force in zip(press.regression(force_n).columns, force_n, strict=True):
         kalman.update(force, R=1.0, H=row[None, :])
     return np.asarray(kalman.x[:, 0])
 
 
+def ransac(seed: int) -> RANSACRegressor:
+    """RANSAC of scikit-learn with a threshold of three times the noise."""
+    line = LinearRegression(fit_intercept=False)
+    return RANSACRegressor(line, min_samples=5, residual_threshold=0.06, random_state=seed)
+
+
+def theil_sen(seed: int) -> TheilSenRegressor:
+    """Theil and Sen's estimator of scikit-learn."""
+    return TheilSenRegressor(fit_intercept=False, random_state=seed, max_subpopulation=2000)
+
+
 OTHERS: Mapping[str, Method] = {
-    "sklearn RANSACRegressor": partial(
-        scikit,
-        lambda seed: RANSACRegressor(
-            LinearRegression(fit_intercept=False), min_samples=5, residual_threshold=0.06, random_state=seed
-        ),
-    ),
+    "sklearn RANSACRegressor": partial(scikit, ransac),
     "sklearn HuberRegressor": partial(scikit, lambda _: HuberRegressor(fit_intercept=False, alpha=0.0)),
-    "sklearn TheilSenRegressor": partial(
-        scikit, lambda seed: TheilSenRegressor(fit_intercept=False, random_state=seed, max_subpopulation=2000)
-    ),
+    "sklearn TheilSenRegressor": partial(scikit, theil_sen),
     "scipy cauchy": cauchy,
     "statsmodels RLM": rlm,
     "filterpy KalmanFilter": filterpy_kalman,
@@ -132,47 +134,45 @@ def errors(method: Method, press: Press, noise: Noise, draws: int) -> tuple[Floa
 
 def table(title: str, press: Press, methods: Mapping[str, Method], draws: int) -> None:
     """Print one line a method."""
-    print(f"\n{title}, {press.count} samples, {draws} draws; error over the Cramer-Rao bound\n")
-    print(f"{'':26s}" + "".join(f"{name:>20s}" for name in NOISES) + f"{'time':>10s}")
+    rows = []
     for name, method in methods.items():
-        online = name in ESTIMATORS and issubclass(ESTIMATORS[name], OnlineEstimator)
-        online |= name in CONTACT_ESTIMATORS and issubclass(CONTACT_ESTIMATORS[name], OnlineContactLaw)
+        kind = {**ESTIMATORS, **CONTACT_ESTIMATORS}.get(name, object)
+        online = issubclass(kind, OnlineEstimator | OnlineContactLaw)
         few = min(draws, SLOW_DRAWS) if online or name in SLOW else draws
-        cells, seconds = [], []
-        for noise in NOISES.values():
-            over, taken = errors(method, press, noise, few)
-            cells.append(" / ".join(f"{value:.3g}" for value in over))
-            seconds.append(taken)
-        per = "us" if online else "ms"
-        taken = float(np.nanmedian(seconds)) * (1e6 / press.count if online else 1e3)
-        print(f"{name:26s}" + "".join(f"{cell:>20s}" for cell in cells) + f"{taken:7.2f} {per}")
+        found = [errors(method, press, noise, few) for noise in NOISES.values()]
+        seconds = float(np.nanmedian([taken_s for _, taken_s in found]))
+        time_cell = f"{1e6 * seconds / press.count:.2f} us" if online else f"{1e3 * seconds:.2f} ms"
+        rows.append((name, *(" / ".join(f"{value:.3g}" for value in over) for over, _ in found), time_cell))
+    title += f", {press.count} samples, {draws} draws; error over the Cramer-Rao bound"
+    print_table(title, ("", *NOISES, "time"), rows)
 
 
 def step_study() -> None:
     """Online: scatter of k at rest and time to follow a step from 500 to 1000 N/m, noise of 10 % and 2 %."""
     t = np.arange(RUN) * 1e-3
     depth = 0.008 + 0.004 * np.sin(10 * np.pi * t) + 0.0025 * np.sin(16 * np.pi * t + 1)
-    rows = np.column_stack([depth, np.gradient(depth, 1e-3)])
-    force_n = np.where(np.arange(RUN) < CHANGE, 500.0, 1000.0) * depth + 20.0 * rows[:, 1]
-    print(
-        "\nOnline, motion of 5 and 8 Hz: variance of k at rest over SPRLS's, and ms until k stays within 5 %"
-    )
-    print(f"{'':26s}{'10 % of force':>20s}{'2 % of force':>20s}{'an update':>16s}")
-    for name in [name for name in ESTIMATORS if issubclass(ESTIMATORS[name], OnlineEstimator)]:
+    columns = np.column_stack([depth, np.gradient(depth, 1e-3)])
+    force_n = np.where(np.arange(RUN) < CHANGE, 500.0, 1000.0) * depth + 20.0 * columns[:, 1]
+    rows = []
+    for name, kind in ESTIMATORS.items():
+        if not issubclass(kind, OnlineEstimator):
+            continue
         cells, updates = [], []
         for share in (0.1, 0.02):
             ratios, late = [], []
             for seed in range(SLOW_DRAWS):
                 noise_n = np.hypot(0.005, share * force_n) * np.random.default_rng(seed).standard_normal(RUN)
-                stiffness, taken = follow(ESTIMATORS[name](), rows, force_n + noise_n)
-                sprls, _ = follow(Sprls(), rows, force_n + noise_n)
+                stiffness, taken = follow(kind(), columns, force_n + noise_n)
+                sprls, _ = follow(Sprls(), columns, force_n + noise_n)
                 ratios.append(np.var(stiffness[1500:CHANGE]) / np.var(sprls[1500:CHANGE]))
                 beyond = np.flatnonzero(np.abs(stiffness[CHANGE:] - 1000.0) > 50.0)
                 late.append(int(beyond[-1]) + 1 if len(beyond) else 0)
                 updates.append(taken)
             ms = f"{np.median(late):.0f}" if np.median(late) < RUN - CHANGE else "never"
             cells.append(f"{np.mean(ratios):.3g}, {ms}")
-        print(f"{name:26s}{cells[0]:>20s}{cells[1]:>20s}{1e6 * np.median(updates):13.2f} us")
+        rows.append((name, *cells, f"{1e6 * np.median(updates):.2f} us"))
+    title = "Online, motion of 5 and 8 Hz: variance of k at rest over SPRLS's, ms until k stays within 5 %"
+    print_table(title, ("", "10 % of force", "2 % of force", "an update"), rows)
 
 
 def follow(estimator: OnlineEstimator, rows: FloatArray, force_n: FloatArray) -> tuple[FloatArray, float]:
@@ -190,14 +190,9 @@ def main() -> None:
     parser.add_argument("--only", help="two tables with these methods alone, with commas between them")
     chosen = parser.parse_args()
     draws, only = chosen.draws, chosen.only.split(",") if chosen.only else None
-    own = {name: partial(linear, name) for name in ESTIMATORS}
-    flat: Mapping[str, Method] = own | OTHERS
-    curved = {
-        name: partial(contact, name)
-        for name, each in CONTACT_ESTIMATORS.items()
-        if each.model == "hunt_crossley"
-    }
-    curved |= {"scipy cauchy": cauchy}
+    flat: Mapping[str, Method] = {name: partial(linear, name) for name in ESTIMATORS} | OTHERS
+    laws = (name for name, each in CONTACT_ESTIMATORS.items() if each.model == "hunt_crossley")
+    curved = {name: partial(contact, name) for name in laws} | {"scipy cauchy": cauchy}
     for title, press, methods in (
         ("Kelvin-Voigt", KELVIN_VOIGT, flat),
         ("Hunt-Crossley", HUNT_CROSSLEY, curved),

@@ -6,12 +6,9 @@ contact while loading and holding; "track" is the largest error of a joint.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
-from harness import arguments
-from rich.console import Console
-from rich.table import Column, Table
+from harness import arguments, print_table
 
 from palpate.control.loop.loop import run_loop
 from palpate.control.loop.task import Phase, TaskOutput
@@ -38,19 +35,8 @@ HEADER = (
 )
 
 
-@dataclass(frozen=True)
-class ForceRow:
-    """Results of one run."""
-
-    peak_n: float
-    late_n: float
-    hold_error_n: float
-    lost_ticks: int
-    tracking_rad: float
-
-
-def probe(arm: str, stiffness_n_m: float, damping_n_s_m: float, plan: ProbingPlan) -> list[ForceRow]:
-    """Probe one object at all speeds of the plan."""
+def probe(arm: str, stiffness_n_m: float, damping_n_s_m: float, plan: ProbingPlan) -> Iterator[np.ndarray]:
+    """Probe one object at all speeds of the plan; see `summary` for what a run gives."""
     robot_file, clock, log = find_robot(arm), SimulatedClock(), TickRecords()
     true_n: list[float] = []
     task = ProbingTask.from_robot_file(robot_file, plan)
@@ -67,24 +53,19 @@ def probe(arm: str, stiffness_n_m: float, damping_n_s_m: float, plan: ProbingPla
     with robot:
         run_loop(robot, guard, task, clock, log, rate_hz=RATE_HZ, observer=keep_truth).raise_for_trip()
     records = np.array(log.records, tick_stream(robot.joint_count).dtype)
-    force_n = np.array(true_n)
-    runs = range(len(plan.speeds_m_s))
-    return [summary(records[records["run"] == run], force_n[records["run"] == run], plan) for run in runs]
+    for run in range(len(plan.speeds_m_s)):
+        of_run = records["run"] == run
+        yield summary(records[of_run], np.array(true_n)[of_run], plan.force_limit_n)
 
 
-def summary(records: np.ndarray, force_n: np.ndarray, plan: ProbingPlan) -> ForceRow:
-    """What one run did to the force."""
+def summary(records: np.ndarray, force_n: np.ndarray, limit_n: float) -> np.ndarray:
+    """Peak, latest peak and deviation while held [N], ticks lost, and tracking [mrad] of one run."""
     time_s, phase = records["time_s"], records["phase"]
     late = time_s >= time_s[force_n > 0.0][0] + LATE_S
-    held = force_n[phase == Phase.HOLD][-300:]
-    pressed = (phase == Phase.LOADING) | (phase == Phase.HOLD)
-    return ForceRow(
-        peak_n=force_n.max(),
-        late_n=force_n[late].max(),
-        hold_error_n=np.abs(held - plan.force_limit_n).max(),
-        lost_ticks=int((force_n[pressed] <= 0.0).sum()),
-        tracking_rad=np.abs(records["joint_position_rad"] - records["reference_position_rad"]).max(),
-    )
+    hold_n = np.abs(force_n[phase == Phase.HOLD][-300:] - limit_n).max()
+    lost = (force_n[np.isin(phase, (Phase.LOADING, Phase.HOLD))] <= 0.0).sum()
+    track_rad = np.abs(records["joint_position_rad"] - records["reference_position_rad"]).max()
+    return np.array([force_n.max(), force_n[late].max(), hold_n, lost, 1e3 * track_rad])
 
 
 def objects() -> Iterator[tuple[float, float, tuple[float, ...]]]:
@@ -95,32 +76,24 @@ def objects() -> Iterator[tuple[float, float, tuple[float, ...]]]:
                 yield stiffness, damping, speeds
 
 
-def cells(arm: str, stiffness_n_m: float, damping_n_s_m: float, speed_m_s: float, row: ForceRow) -> list[str]:
-    """A row of the table."""
-    condition = [arm, f"{stiffness_n_m:.0f}", f"{damping_n_s_m:.0f}", f"{1e3 * speed_m_s:.0f}"]
-    forces = [f"{row.peak_n:.2f}", f"{row.late_n:.2f}", f"{row.hold_error_n:.3f}"]
-    return [*condition, *forces, f"{row.lost_ticks}", f"{1e3 * row.tracking_rad:.2f}"]
-
-
 def main() -> None:
     """Measure and print."""
     parser = arguments(__doc__)
     parser.add_argument("--arm", choices=sorted(shipped_robots()), help="only this one")
     only = parser.parse_args().arm
-    table = Table(*(Column(name, justify="right") for name in HEADER))
-    rows: list[ForceRow] = []
+    rows: list[list[str]] = []
+    results: list[np.ndarray] = []
     for arm in [only] if only else sorted(shipped_robots()):
-        for stiffness, damping, speeds in objects():
-            runs = probe(arm, stiffness, damping, ProbingPlan(speeds_m_s=speeds))
-            rows += runs
-            for speed, row in zip(speeds, runs, strict=True):
-                table.add_row(*cells(arm, stiffness, damping, speed, row))
-    console = Console()
-    console.print(table)
-    console.print(
-        f"{len(rows)} runs, no trips; worst: late {max(row.late_n for row in rows):.2f} N, hold "
-        f"{max(row.hold_error_n for row in rows):.3f} N, lost {max(row.lost_ticks for row in rows)}, "
-        f"tracking {1e3 * max(row.tracking_rad for row in rows):.2f} mrad"
+        for k, c, speeds in objects():
+            for speed, row in zip(speeds, probe(arm, k, c, ProbingPlan(speeds_m_s=speeds)), strict=True):
+                results.append(row)
+                cells = [f"{value:.{digits}f}" for value, digits in zip(row, (2, 2, 3, 0, 2), strict=True)]
+                rows.append([arm, f"{k:.0f}", f"{c:.0f}", f"{1e3 * speed:.0f}", *cells])
+    print_table("", HEADER, rows)
+    _, late_n, hold_n, lost, track_mrad = np.max(results, axis=0)
+    print(
+        f"{len(rows)} runs, no trips; worst: late {late_n:.2f} N, hold {hold_n:.3f} N, lost {lost:.0f}, "
+        f"tracking {track_mrad:.2f} mrad"
     )
 
 

@@ -13,9 +13,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-from harness import arguments
+import numpy as np
+from harness import ROOT, arguments, print_table
 
-ROOT = Path(__file__).resolve().parents[1]
 NOT_COUNTED = ("pip", "setuptools")
 BLOCK_BYTES = 512  # unit of st_blocks
 LISTING = """
@@ -26,12 +26,12 @@ print(json.dumps({name: [str(each.locate_file(file)) for file in each.files] for
 """
 
 
-def disk_bytes(files: list[str]) -> tuple[int, int]:
-    """Return the bytes on disk of all files but bytecode, and of bytecode."""
-    sizes = [0, 0]
+def disk_megabytes(files: list[str]) -> np.ndarray:
+    """Return the MB on disk of all files but bytecode, and of bytecode, shape (2,)."""
+    sizes = np.zeros(2)
     for path in {Path(file).resolve() for file in files if Path(file).exists()}:
-        sizes[path.suffix == ".pyc"] += path.stat().st_blocks * BLOCK_BYTES
-    return sizes[0], sizes[1]
+        sizes[int(path.suffix == ".pyc")] += path.stat().st_blocks * BLOCK_BYTES / 1e6
+    return sizes
 
 
 def main() -> None:
@@ -45,22 +45,15 @@ def main() -> None:
         subprocess.run([sys.executable, "-m", "venv", folder], check=True)
         what = f"{ROOT}[{chosen.extras}]" if chosen.extras else str(ROOT)
         subprocess.run([python, "-m", "pip", "install", "--quiet", "--only-binary=:all:", what], check=True)
-        listed = subprocess.run(
-            [python, "-c", LISTING], capture_output=True, text=True, check=True, cwd=folder
-        )
-        sizes = {
-            name: disk_bytes(files)
-            for name, files in json.loads(listed.stdout).items()
-            if name not in NOT_COUNTED
-        }
-    rows = sorted(sizes.items(), key=lambda row: -sum(row[1]))
-    large = [row for row in rows if sum(row[1]) >= chosen.least_mb * 1e6]
-    small = [size for _, size in rows[len(large) :]]
-    large.append((f"{len(small)} others", (sum(size[0] for size in small), sum(size[1] for size in small))))
-    large.append(("all", (sum(size[0] for size in sizes.values()), sum(size[1] for size in sizes.values()))))
-    print(f"{'MB on CPython ' + sys.version.split()[0]:28}{'files':>9}{'bytecode':>10}{'sum':>9}")
-    for name, (files, bytecode) in large:
-        print(f"{name:28}{files / 1e6:9.1f}{bytecode / 1e6:10.1f}{(files + bytecode) / 1e6:9.1f}")
+        listing = subprocess.run([python, "-c", LISTING], capture_output=True, check=True, cwd=folder).stdout
+        named = json.loads(listing).items()
+        sizes = {name: disk_megabytes(files) for name, files in named if name not in NOT_COUNTED}
+    rows = sorted(sizes.items(), key=lambda row: -row[1].sum())
+    small = [size for _, size in rows if size.sum() < chosen.least_mb]
+    rows = rows[: len(rows) - len(small)]
+    rows += [(f"{len(small)} others", sum(small, np.zeros(2))), ("all", sum(sizes.values()))]
+    cells = [(name, *(f"{mb:.1f}" for mb in (*size, size.sum()))) for name, size in rows]
+    print_table(f"MB on CPython {sys.version.split()[0]}", ("", "files", "bytecode", "sum"), cells)
 
 
 if __name__ == "__main__":

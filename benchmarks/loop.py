@@ -4,13 +4,12 @@ First with a session and online estimation; then in memory, as a study runs it, 
 load the shortest of several runs counts.
 """
 
-import tempfile
 import time
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
-from rich.console import Console
-from rich.table import Column, Table
+from harness import print_table
 
 from palpate.control.loop.timing import TickDurations
 from palpate.control.probing.plan import ProbingPlan
@@ -24,19 +23,20 @@ SECTIONS = [name for name in TickDurations._fields if name not in ("observer_s",
 REPEATS = 7
 
 
-def with_session(console: Console) -> None:
+def with_session() -> None:
     """Probe the default object at three speeds, with online estimation, as fast as the machine can."""
-    with tempfile.TemporaryDirectory() as folder:
+    with TemporaryDirectory() as folder:
         job = ProbingJob(find_robot("follower"), Path(folder) / "probing.mcap", ProbingPlan())
         run = run_probing(job).loop
     run.raise_for_trip()
-    table = Table("section", *(Column(name, justify="right") for name in ("p50", "p99", "p99.9", "max")))
-    for name, section in run.timing.items():
-        times_s = (section.p50_s, section.p99_s, section.p999_s, section.max_s)
-        table.add_row(name, *(f"{1e6 * time_s:.1f}" for time_s in times_s))
-    console.print("Probing on simulated time; the engine steps between the ticks \\[us]", table)
+    rows = [
+        (name, *(f"{1e6 * time_s:.1f}" for time_s in (each.p50_s, each.p99_s, each.p999_s, each.max_s)))
+        for name, each in run.timing.items()
+    ]
+    title = "Probing on simulated time; the engine steps between the ticks [us]"
+    print_table(title, ("section", "p50", "p99", "p99.9", "max"), rows)
     ratio = run.duration_s / run.wall_s
-    console.print(f"{run.one_line()}; {run.duration_s:.1f} s simulated, {ratio:.1f} times real time")
+    print(f"{run.one_line()}; {run.duration_s:.1f} s simulated, {ratio:.1f} times real time")
 
 
 def in_memory(engine: EngineName) -> tuple[float, Samples]:
@@ -53,16 +53,15 @@ def in_memory(engine: EngineName) -> tuple[float, Samples]:
 
 def main() -> None:
     """Print all figures."""
-    console = Console()
-    with_session(console)
-    headers = (*(name.removesuffix("_s") for name in SECTIONS), "physics and rest", "tick", "times real time")
-    table = Table("engine", *(Column(name, justify="right") for name in headers))
+    with_session()
+    sections = (name.removesuffix("_s") for name in SECTIONS)
+    headers, rows = ("engine", *sections, "physics and rest", "tick", "times real time"), []
     for engine in installed_engines():
         tick_s, ticks = in_memory(engine)
         sections_s = [float(np.median(ticks[name])) for name in SECTIONS]
         times_s = (*sections_s, tick_s - sum(sections_s), tick_s)
-        table.add_row(engine, *(f"{1e6 * time_s:.1f}" for time_s in times_s), f"{1e-3 / tick_s:.1f}")
-    console.print(f"In memory, the quickest of {REPEATS} runs \\[us of processor time]", table)
+        rows.append((engine, *(f"{1e6 * time_s:.1f}" for time_s in times_s), f"{1e-3 / tick_s:.1f}"))
+    print_table(f"In memory, the quickest of {REPEATS} runs [us of processor time]", headers, rows)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
 """What do many recordings cost, and what do they find together? Plain numpy makes all but the sessions.
 
 python benchmarks/many_recordings.py --part speed --recordings 40  # also workers; 5,000 samples each
-python benchmarks/many_recordings.py --part kills --kills 5         # of workers, client and scheduler
 python benchmarks/many_recordings.py --part memory --rows 100000    # the most that the client takes
 python benchmarks/many_recordings.py --part pooled --repeats 5      # half the noise in 40 recordings
 python benchmarks/many_recordings.py --part trend --repeats 20 --years 4
@@ -11,13 +10,9 @@ python benchmarks/many_recordings.py --part sessions --recordings 1000  # of the
 import multiprocessing
 import os
 import resource
-import signal
-import socket
-import subprocess
-import sys
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
 from datetime import date, timedelta
@@ -26,9 +21,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import psutil
 import pyarrow.parquet as parquet
-from harness import arguments
+from harness import arguments, parallel, run_palpate
 from threadpoolctl import threadpool_limits
 
 import palpate
@@ -44,7 +38,6 @@ from palpate.sweep import Case, Cluster, ResultStore
 from palpate.sweep.runner import Progress, SweepReport
 
 NOISE_N = 0.02
-WAIT_S = 300.0
 
 
 def write_press(path: Path, seed: int, samples: int, hidden: float = 0.0) -> None:
@@ -123,152 +116,42 @@ def presses(folder: Path, number: int, samples: int = 5000, hidden: float = 0.0,
     return folder
 
 
-def command(data: Path, out: Path, *options: str) -> list[str]:
-    """The command line of a batch.
-
-    Args:
-        data: folder of recordings.
-        out: output folder.
-        options: further ones.
-    """
-    return [sys.executable, "-m", "palpate.main", "batch", str(data), "--out", str(out), *options]
-
-
-def timed(data: Path, out: Path, *options: str) -> tuple[float, float]:
-    """Wall and processor time [s] of the command, with the processes that it starts.
-
-    Args:
-        data: folder of recordings.
-        out: output folder.
-        options: of the command.
-    """
-    begun_s, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run(command(data, out, *options), check=True, capture_output=True)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    used_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return time.perf_counter() - begun_s, used_s
-
-
 def speed(folder: Path, number: int) -> None:
     """Compare a batch of one worker with the same work in this process, and state the time of two workers."""
-    data = presses(folder / "data", number)
-    for name, diagnose in (("estimate and compare", False), ("with diagnosis", True)):
-        plain = {
-            "model": None,
-            "diagnose": diagnose,
-            "add": [],
-            "urdf": None,
-            "tip_frame": None,
-            "effects": [],
-        }
-        asked = {"where": {}, "options": plain | {"read": asdict(NO_OPTIONS)}}
+    data, single = presses(folder / "data", number), presses(folder / "single", 1)
+    plain = {"model": None, "add": [], "urdf": None, "tip_frame": None, "effects": []}
+    plain["read"] = asdict(NO_OPTIONS)
+    for name, options in (("estimate and compare", ()), ("with diagnosis", ("--diagnose",))):
+        asked = {"where": {}, "options": plain | {"diagnose": bool(options)}}
         with threadpool_limits(1):
             measure([data / "r0.csv"], asked)  # loads the libraries
             begun_s = time.process_time()
             for file in data.iterdir():
                 measure([file], asked)
             alone_s = time.process_time() - begun_s
-        options = ["--diagnose"] if diagnose else []
-        _, empty_s = timed(presses(folder / f"one{diagnose}", 1), folder / f"start{diagnose}", *options)
-        _, used_s = timed(data, folder / f"alone{diagnose}", "--workers", "1", *options)
-        wall_s, _ = timed(data, folder / f"two{diagnose}", "--workers", "2", *options)
-        beside = (used_s - empty_s) / (alone_s * (number - 1) / number) - 1.0
+        empty, used, two = (
+            run_palpate("batch", of, "--out", folder / f"{name} {out}", *workers, *options)
+            for of, out, workers in (
+                (single, "of one", ()),
+                (data, "by one", ("--workers", 1)),
+                (data, "by two", ("--workers", 2)),
+            )
+        )
+        ratio = (used.processor_s - empty.processor_s) / (alone_s * (number - 1) / number)
         print(
-            f"{name}: {number} recordings by two workers {wall_s:.1f} s "
-            f"({1000 * wall_s / number / 60:.1f} min per 1,000); processor time over that of the work alone "
-            f"({alone_s / number:.2f} s each) {beside:+.1%}, beside {empty_s:.1f} s for a batch of one"
+            f"{name}: {number} recordings by two workers {two.wall_s:.1f} s "
+            f"({1000 * two.wall_s / number / 60:.1f} min per 1,000); processor time over that of the work "
+            f"alone ({alone_s / number:.2f} s each) {ratio - 1:+.1%}, beside {empty.processor_s:.1f} s for a "
+            "batch of one"
         )
 
 
 def workers(folder: Path, number: int) -> None:
     """Compare two workers with one."""
     data = presses(folder / "data", number)
-    one_s, two_s = (timed(data, folder / f"by{n}", "--workers", str(n))[0] for n in (1, 2))
+    commands = (run_palpate("batch", data, "--out", folder / f"by{n}", "--workers", n) for n in (1, 2))
+    one_s, two_s = (command.wall_s for command in commands)
     print(f"one worker {one_s:.1f} s, two workers {two_s:.1f} s: {one_s / two_s:.2f} times")
-
-
-def start_dask() -> tuple[str, list[subprocess.Popen[bytes]]]:
-    """Start a scheduler and two times two workers, as on two machines; give its address and all processes."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
-    options = ["--no-dashboard", "--host", "127.0.0.1"]
-    dask = [sys.executable, "-m", "dask"]
-    started = [[*dask, "scheduler", *options, "--port", address.rpartition(":")[2]]]
-    each = ["--nworkers", "2", "--nthreads", "1", "--death-timeout", "20"]
-    started += [[*dask, "worker", address, *options, *each]] * 2
-    quiet = subprocess.DEVNULL
-    return address, [subprocess.Popen(line, stdout=quiet, stderr=quiet) for line in started]
-
-
-def end(processes: Sequence[subprocess.Popen[bytes]]) -> None:
-    """Kill processes and the processes that they started.
-
-    Args:
-        processes: started here.
-    """
-    for process in processes:
-        if process.poll() is None:
-            for child in psutil.Process(process.pid).children(recursive=True):
-                child.kill()
-        process.kill()
-        process.wait()
-
-
-def kills(folder: Path, number: int, each: int) -> None:
-    """Kill workers, clients and schedulers at random times; count lost, double and repeated results."""
-    data, rng = presses(folder / "data", number, samples=1000), np.random.default_rng()
-    lost = double = repeated = 0
-    for what in ("worker", "client", "scheduler"):
-        for kill in range(each):
-            out, dask = folder / f"{what}{kill}", list[subprocess.Popen[bytes]]()
-            options = ["--workers", "2"]
-            if what == "scheduler":
-                address, dask = start_dask()
-                options = ["--scheduler", address]
-            client = subprocess.Popen(
-                command(data, out, *options), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-            )
-            least, begun_s = int(rng.integers(1, number - 4)), time.monotonic()
-            while client.poll() is None and time.monotonic() < begun_s + WAIT_S:
-                if (out / "results").is_dir() and len(list((out / "results").glob("[!.]*"))) >= least:
-                    break
-                time.sleep(0.01)
-            before = spent(out)  # processor time: differs if a result is computed again
-            if what == "worker":
-                children = psutil.Process(client.pid).children() if client.poll() is None else []
-                busiest = max(children, key=lambda child: child.cpu_times().user, default=None)
-                if busiest is not None:
-                    busiest.send_signal(signal.SIGKILL)
-            elif what == "client":
-                client.kill()
-            else:
-                dask[0].kill()
-            client.wait(WAIT_S)
-            end(dask)
-            timed(data, out, "--workers", "2")
-            rows = palpate.batch(data, out=out).table["measurement"].to_pylist()
-            after = spent(out)
-            lost, double = lost + number - len(set(rows)), double + len(rows) - len(set(rows))
-            repeated += sum(after.get(address) != seconds for address, seconds in before.items())
-        print(
-            f"{each} kills of a {what}: so far {lost} lost, {double} double, {repeated} repeated", flush=True
-        )
-
-
-def spent(out: Path) -> dict[str, float]:
-    """Processor time of each result that is stored.
-
-    Args:
-        out: folder of a batch.
-    """
-    store = ResultStore(out / "results")
-    table = store.table(store.finished())
-    return (
-        dict(zip(table["address"].to_pylist(), table["seconds"].to_pylist(), strict=True))
-        if len(table)
-        else {}
-    )
 
 
 def write_rows(folder: Path, addresses: Sequence[str]) -> None:
@@ -344,19 +227,17 @@ def trend(folder: Path, repeats: int, years: int, seed: int) -> None:
         )  # fmt: skip
         name = "coulomb_friction.force [N m]"
         table = batched.table.sort_by("measurement")
-        values, errors = (
-            np.array(table[head].to_pylist()) for head in (name, name.replace(" [", " std_err ["))
-        )
+        values, errors = (table[head].to_numpy() for head in (name, name.replace(" [", " std_err [")))
         changes = find_changes(series(values, errors), 0.01 / 4)
         dated += any(each.kind == "step" and abs(each.first - step) <= 3 for each in changes)
         print(f"step of 10 % in 60 logs: dated within 3 nights in {dated} of {repeat + 1}", flush=True)
     rng, alarms, alarmed = np.random.default_rng(seed), 0, 0
     for _ in range(years):
         before = alarms
-        quiet = rng.standard_normal((4, 365))  # four series of a table that grows for a year
+        unchanged = rng.standard_normal((4, 365))  # four series of a table that grows for a year
         known: set[tuple[int, str, int]] = set()
         for night in range(10, 366):
-            for item, values in enumerate(quiet):
+            for item, values in enumerate(unchanged):
                 for change in find_changes(
                     series(1.0 + 0.04 * values[:night], np.full(night, 0.005)), 0.01 / 4
                 ):
@@ -376,11 +257,9 @@ def write_session(path: Path, seed: int) -> dict[str, Any]:
     """
     kind = ("plain", "relaxing", "stiffening")[seed % 3]
     stiffness_n_m = float(400.0 * (1.0 + 0.1 * np.random.default_rng(seed).standard_normal()))
-    hidden = {
-        "plain": [],
-        "relaxing": [{"effect": "stress_relaxation", "stiffness_n_m": 150.0, "time_s": 0.15}],
-        "stiffening": [{"effect": "cubic_stiffness", "cubic_n_m3": 4e5}],
-    }[kind]
+    relaxing = {"effect": "stress_relaxation", "stiffness_n_m": 150.0, "time_s": 0.15}
+    stiffening = {"effect": "cubic_stiffness", "cubic_n_m3": 4e5}
+    hidden = {"plain": [], "relaxing": [relaxing], "stiffening": [stiffening]}[kind]
     law = {"name": "kelvin_voigt", "stiffness_n_m": stiffness_n_m, "damping_n_s_m": 20.0}
     world = load_scenario({"seed": seed, "object": {"law": law}, "hidden": hidden})
     plan = ProbingPlan(speeds_m_s=(0.15, 0.12, 0.09), hold_s=0.3)
@@ -392,10 +271,9 @@ def write_session(path: Path, seed: int) -> dict[str, Any]:
 def sessions(folder: Path, number: int, seed: int) -> None:
     """Probe simulated objects of three kinds; compare all, and count what is found in a tenth of them."""
     (data := folder / "data").mkdir()
-    begun_s = time.perf_counter()
-    seeds = range(3000 * seed, 3000 * seed + number)
-    with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
-        truths = list(pool.map(write_session, [data / f"s{item}.mcap" for item in seeds], seeds))
+    begun_s, seeds = time.perf_counter(), range(3000 * seed, 3000 * seed + number)
+    jobs = [(data / f"s{item}.mcap", item) for item in seeds]
+    truths = list(parallel(write_session, jobs, 2, in_order=True))
     print(f"{number} sessions simulated in {time.perf_counter() - begun_s:.0f} s", flush=True)
     tables = {}
     for what, some, options in (
@@ -404,8 +282,8 @@ def sessions(folder: Path, number: int, seed: int) -> None:
     ):
         chosen, out = folder / f"{what}.csv", folder / what
         chosen.write_text("file,kind\n" + "".join(f"data/{t['file']},{t['kind']}\n" for t in some))
-        wall_s, _ = timed(chosen, out, "--group", "kind", "--reports", "0", *options)
-        print(f"batch of {len(some)} {' '.join(options)}: {wall_s:.0f} s", flush=True)
+        ended = run_palpate("batch", chosen, "--out", out, "--group", "kind", "--reports", 0, *options)
+        print(f"batch of {len(some)} {' '.join(options)}: {ended.wall_s:.0f} s", flush=True)
         rows = parquet.read_table(out / "table.parquet").to_pylist()
         tables[what] = [row for row in rows if not row.get("error")]
         print(f"  {len(rows) - len(tables[what])} of {len(rows)} rows failed")
@@ -420,9 +298,7 @@ def sessions(folder: Path, number: int, seed: int) -> None:
         if (row["channel"], row["group"]) == ("contact", "plain") and row[f"{name} std_err [N/m]"]
     ]
     inside = np.abs(scores) < 1.96
-    print(
-        f"  95 % intervals of the stiffness that hold the true value: {np.mean(inside):.1%} of {len(scores)}"
-    )
+    print(f"  95 % intervals of the stiffness that hold the truth: {np.mean(inside):.1%} of {len(scores)}")
 
 
 def series(values: np.ndarray, errors: np.ndarray) -> Series:
@@ -436,30 +312,29 @@ def series(values: np.ndarray, errors: np.ndarray) -> Series:
     return Series("all", "axis", "p", "N m", nights, nights.astype(float), values, errors)
 
 
+PARTS: dict[str, tuple[Callable[..., None], tuple[str, ...]]] = {  # with the options that each needs
+    "speed": (speed, ("recordings",)),
+    "workers": (workers, ("recordings",)),
+    "memory": (memory, ("rows",)),
+    "pooled": (pooled, ("repeats", "seed")),
+    "trend": (trend, ("repeats", "years", "seed")),
+    "sessions": (sessions, ("recordings", "seed")),
+}
+
+
 def main() -> None:
     """Measure one part."""
     parser = arguments(__doc__)
-    parts = ("speed", "workers", "kills", "memory", "pooled", "trend", "sessions")
-    parser.add_argument("--part", choices=parts, required=True)
+    parser.add_argument("--part", choices=PARTS, required=True)
     parser.add_argument("--recordings", type=int, default=30)
-    parser.add_argument("--kills", type=int, default=2, help="of each kind")
     parser.add_argument("--rows", type=int, default=20_000)
     parser.add_argument("--repeats", type=int, default=3, help="batches of pooled and trend")
     parser.add_argument("--years", type=int, default=1)
     parser.add_argument("--seed", type=int, default=0, help="of pooled, trend and sessions")
     asked = parser.parse_args()
-    with TemporaryDirectory() as name:
-        folder = Path(name)
-        measures = {
-            "speed": lambda: speed(folder, asked.recordings),
-            "workers": lambda: workers(folder, asked.recordings),
-            "kills": lambda: kills(folder, asked.recordings, asked.kills),
-            "memory": lambda: memory(folder, asked.rows),
-            "pooled": lambda: pooled(folder, asked.repeats, asked.seed),
-            "trend": lambda: trend(folder, asked.repeats, asked.years, asked.seed),
-            "sessions": lambda: sessions(folder, asked.recordings, asked.seed),
-        }
-        measures[asked.part]()
+    part, names = PARTS[asked.part]
+    with TemporaryDirectory() as folder:
+        part(Path(folder), *(getattr(asked, name) for name in names))
     print("load", *(f"{load:.1f}" for load in os.getloadavg()))
 
 

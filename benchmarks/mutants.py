@@ -17,58 +17,40 @@ import time
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from harness import arguments
+from harness import ROOT, arguments
 
-ROOT = Path(__file__).resolve().parents[1]
-AREAS = {  # where the program is, and the tests that are to notice
-    "guard": ("robot_io/guard", ("tests/robot_io/guard", "tests/control/test_loop_failures.py")),
-    "loop": (
-        "control/loop",
-        ("tests/control/test_loop*.py", "tests/control/test_timing.py", "tests/control/test_realtime.py"),
-    ),
-    "session": ("robot_io/session", ("tests/robot_io/test_session_*.py",)),
+AREAS = {  # where the program is, and the tests that are to notice, in tests/
+    "guard": ("robot_io/guard", "robot_io/guard control/test_loop_failures.py"),
+    "loop": ("control/loop", "control/test_loop*.py control/test_timing.py control/test_realtime.py"),
+    "session": ("robot_io/session", "robot_io/test_session_*.py"),
     "drivers": (
         "robot_io/drivers",
-        (
-            *("tests/robot_io/drivers", "tests/robot_io/can", "tests/robot_io/serial_force", "tests/wire"),
-            "tests/fuzz/test_fuzz_codecs.py",
-        ),
+        "robot_io/drivers robot_io/can robot_io/serial_force wire fuzz/test_fuzz_codecs.py",
     ),
     "fit": (
         "estimation/fit",
-        (
-            *("tests/estimation/fit", "tests/estimation/study", "tests/estimation/diagnosis"),
-            *("tests/estimation/test_robust.py", "tests/estimation/test_contact_estimators.py"),
-            "tests/estimation/test_misfit.py",
-        ),
+        "estimation/fit estimation/study estimation/diagnosis estimation/test_robust.py "
+        "estimation/test_contact_estimators.py estimation/test_misfit.py",
     ),
     "diagnosis": (
         "estimation/diagnosis",
-        (
-            *("tests/estimation/diagnosis", "tests/estimation/design"),
-            "tests/estimation/arm/test_channels.py",
-        ),
+        "estimation/diagnosis estimation/design estimation/arm/test_channels.py",
     ),
 }
 GOAL = 0.95
 MOST_S = 900.0  # that the tests of an area may take as it is
 LONGER = 2.5  # times that is no end: a mutant that takes so long is noticed
 _COMPARED = {ast.Lt: "<=", ast.LtE: "<", ast.Gt: ">=", ast.GtE: ">", ast.Eq: "!=", ast.NotEq: "=="}
-_REVERSED = {ast.In: "not in", ast.NotIn: "in", ast.Is: "is not", ast.IsNot: "is"}
-_COMPUTED = {
-    ast.Add: "-",
-    ast.Sub: "+",
-    ast.Mult: "/",
-    ast.Div: "*",
-    ast.FloorDiv: "*",
-    ast.Pow: "*",
-    ast.Mod: "*",
-}
+_COMPARED |= {ast.In: "not in", ast.NotIn: "in", ast.Is: "is not", ast.IsNot: "is"}
+_COMPUTED = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/"} | dict.fromkeys(
+    (ast.Div, ast.FloorDiv, ast.Pow, ast.Mod), "*"
+)
 
 
 @dataclass(frozen=True)
@@ -90,10 +72,7 @@ class Mutant:
 def mutants_of(area: str, file: Path) -> list[Mutant]:
     """All that can be changed in a file, whose path is from the root."""
     source = (ROOT / file).read_text(encoding="utf-8")
-    lines = source.encode().splitlines(keepends=True)
-    begins = [0]
-    for line in lines:
-        begins.append(begins[-1] + len(line))
+    begins = [0, *accumulate(map(len, source.encode().splitlines(keepends=True)))]
     mutants = []
     for node, new in _changes(ast.parse(source)):
         start = begins[node.lineno - 1] + node.col_offset
@@ -110,18 +89,14 @@ def _changes(tree: ast.AST) -> Iterator[tuple[ast.AST, str]]:
     (`frozen`, `slots` and other decorators), texts, imports, and `strict` of a zip, which is an assertion.
     """
     for node in ast.iter_child_nodes(tree):
-        if isinstance(tree, ast.AnnAssign | ast.arg) and node is tree.annotation:
-            continue
-        if isinstance(tree, ast.FunctionDef | ast.ClassDef) and node in tree.decorator_list:
-            continue
-        if isinstance(tree, ast.FunctionDef) and node is tree.returns:
-            continue
-        if isinstance(tree, ast.Call) and ast.unparse(tree.func) == "zip" and isinstance(node, ast.keyword):
+        types = (getattr(tree, "annotation", None), getattr(tree, "returns", None))
+        is_asserted = isinstance(node, ast.keyword) and getattr(tree, "func", None) is not None
+        is_asserted = is_asserted and ast.unparse(tree.func) == "zip"
+        if node in types or node in getattr(tree, "decorator_list", ()) or is_asserted:
             continue
         if isinstance(tree, ast.Raise | ast.JoinedStr | ast.Import | ast.ImportFrom):
             continue
-        new = _changed(node)
-        if new:
+        if new := _changed(node):
             yield node, new
         yield from _changes(node)
 
@@ -131,8 +106,7 @@ def _changed(node: ast.AST) -> str:
     text = ast.unparse
     match node:
         case ast.Compare(left, [operator], [right]):
-            changed = (_COMPARED | _REVERSED)[type(operator)]
-            return f"({text(left)} {changed} {text(right)})"
+            return f"({text(left)} {_COMPARED[type(operator)]} {text(right)})"
         case ast.BoolOp(operator, values):
             changed = " or " if isinstance(operator, ast.And) else " and "
             return f"({changed.join(f'({text(value)})' for value in values)})"
@@ -174,10 +148,8 @@ class Trial:
     def __init__(self, tree: Path) -> None:
         self._tree = tree
         self._most_s = dict.fromkeys(AREAS, MOST_S)
-        listed = subprocess.run(
-            ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True
-        )
-        for name in filter(None, listed.stdout.split("\0")):
+        listed = subprocess.check_output(["git", "ls-files", "-z"], cwd=ROOT, text=True)
+        for name in filter(None, listed.split("\0")):
             if (ROOT / name).is_file() or (ROOT / name).is_symlink():
                 (tree / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(ROOT / name, tree / name, follow_symlinks=False)
@@ -211,31 +183,20 @@ class Trial:
         return [str(path) for path in near], [str(path) for path in files if path not in near]
 
     def _files(self, area: str) -> list[Path]:
-        places = (place for pattern in AREAS[area][1] for place in self._tree.glob(pattern))
-        tests = (
+        places = (place for name in AREAS[area][1].split() for place in (self._tree / "tests").glob(name))
+        return sorted(
             path for place in places for path in ([place] if place.is_file() else place.rglob("test_*.py"))
         )
-        return sorted(tests)
 
     def _failing(self, area: str, tests: list[str]) -> str:
         if not tests:
             return ""
         options = ["-m", "pytest", "-x", "-q", "--no-header", "-p", "no:cacheprovider", "-n", "0"]
         command = [sys.executable, *options, *tests]
-        environment = os.environ | {
-            "PYTHONPATH": str(self._tree),
-            "OPENBLAS_NUM_THREADS": "1",
-            "PYTHONDONTWRITEBYTECODE": "1",
-        }
-        with subprocess.Popen(
-            command,
-            cwd=self._tree,
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            start_new_session=True,
-        ) as process:
+        environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+        environment["PYTHONPATH"] = str(self._tree)
+        where = {"cwd": self._tree, "env": environment, "start_new_session": True, "text": True}
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, **where) as process:
             try:
                 said, _ = process.communicate(timeout=self._most_s[area])
             except subprocess.TimeoutExpired:
@@ -264,10 +225,8 @@ def main() -> None:
             started = time.perf_counter()
             by = trial.noticed_by(mutant)
             noticed[mutant.area].append(bool(by))
-            print(
-                f"{'noticed' if by else 'MISSED '} {time.perf_counter() - started:5.0f} s  {mutant}  {by}",
-                flush=True,
-            )
+            word, took_s = "noticed" if by else "MISSED ", time.perf_counter() - started
+            print(f"{word} {took_s:5.0f} s  {mutant}  {by}", flush=True)
     for area, results in noticed.items():
         print(f"{area}: {sum(results)} of {len(results)}")
     every = [result for results in noticed.values() for result in results]

@@ -12,14 +12,12 @@ Recordings that are held out are run once, by somebody who did not write the rul
 
 import json
 import subprocess
-import sys
 import time
-from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from harness import arguments
+from harness import PALPATE, arguments, json_lines
 from measured.convert import RECIPES, load_recipe
 from measured.score import Score, score, share_of, summary
 
@@ -28,16 +26,7 @@ _TIME_LIMIT_S = 900
 
 def command_of(recipe: dict[str, Any], file: Path) -> list[str]:
     """Command line that diagnoses a recording."""
-    command = [
-        sys.executable,
-        "-m",
-        "palpate.main",
-        "diagnose",
-        str(file),
-        "--json",
-        "--model",
-        recipe["model"],
-    ]
+    command = [*PALPATE, "diagnose", str(file), "--json", "--model", recipe["model"]]
     for column in recipe.get("context", []):
         command += ["--context", column]
     return command + (["--fresh-runs"] if recipe.get("fresh_runs") else []) + recipe.get("raw", [])
@@ -91,11 +80,9 @@ def run(recipe: dict[str, Any], file: Path, kept: Path | None) -> Score:
 
 def show(result: Score) -> None:
     """Print one recording."""
-    marks = (
-        f"kind {'right' if result.kind_right else 'WRONG'}, form {'right' if result.form_right else 'WRONG'}"
-    )
+    kind, form = ("right" if is_right else "WRONG" for is_right in (result.kind_right, result.form_right))
     names = f", FALSE {', '.join(result.false_names)}" if result.false_names else ""
-    print(f"\n{result.recording}: {result.verdict}; {marks}{names} ({result.seconds:.0f} s)")
+    print(f"\n{result.recording}: {result.verdict}; kind {kind}, form {form}{names} ({result.seconds:.0f} s)")
     print(f"  {result.reason}")
     for entry in sorted(result.budget, key=share_of, reverse=True):
         low, high = sorted(100.0 * float(entry.get(key) or 0.0) for key in ("necessary", "sufficient"))
@@ -118,7 +105,7 @@ def main() -> None:
     if options.answers:
         options.answers.mkdir(parents=True, exist_ok=True)
     results: list[Score] = []
-    with options.out.open("w") if options.out else nullcontext() as out:
+    with json_lines(options.out) as write:
         for name in options.names or known:
             recipe = load_recipe(name)
             file = file_of(recipe, options.data_dir / name)
@@ -128,8 +115,7 @@ def main() -> None:
             kept = options.answers / f"{name}.json" if options.answers else None
             results.append(run(recipe, file, kept))
             show(results[-1])
-            if out:
-                out.write(json.dumps(asdict(results[-1])) + "\n")
+            write(asdict(results[-1]))
     print(f"\n{summary(results)}")
 
 

@@ -14,24 +14,37 @@ import socket
 import struct
 import sys
 from collections import defaultdict
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+from harness import ROBOTS, print_table
 
 from palpate.robot_io.clock import SimulatedClock
 from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.drivers.servo.bus import ServoBus
-from palpate.robot_io.robot import build_robot
+from palpate.robot_io.robot import Robot, build_robot
 from palpate.robot_io.robot_file import load_robot_file
 from palpate.sim_backend.emulators.wiring import wire_up
 from palpate.sim_backend.scenario import load_scenario
 
-ROBOTS = Path(__file__).parents[1] / "robots"
 KINDS = {"dynamixel": "dynamixel_3dof.yaml", "feetech": "so101.yaml"}
 TICK_S, WARM_UP, ROUNDS = 5e-3, 20, 20
+
+
+@contextmanager
+def emulated_robot(file: Path) -> Iterator[tuple[Robot, SimulatedClock]]:
+    """Yield an active robot whose devices are emulated in lock-step with a clock, which takes no time."""
+    clock = SimulatedClock()
+    arm = wire_up(load_robot_file(file), load_scenario("default"), clock)
+    try:
+        with build_robot(arm.robot_file, DriverCatalog(), clock) as robot:
+            robot.activate()
+            yield robot, clock
+    finally:
+        arm.emulator.close()
 
 
 class ReplayedPort:
@@ -106,28 +119,24 @@ class ReplayedPort:
 
 def main() -> None:
     """Measure all kinds in turn, several times, and print a line each."""
-    ticks = int(sys.argv[1]) if len(sys.argv) > 1 else 5000
+    ticks = (int(sys.argv[1]) if len(sys.argv) > 1 else 5000) // ROUNDS
     times: dict[tuple[str, bool], list[float]] = defaultdict(list)
     with ExitStack() as stack:
         loops = {}
         for kind, file in KINDS.items():
-            clock = SimulatedClock()
-            arm = wire_up(load_robot_file(ROBOTS / file), load_scenario("default"), clock)
-            stack.callback(arm.emulator.close)
-            robot = stack.enter_context(build_robot(arm.robot_file, DriverCatalog(), clock))
-            robot.activate()
+            robot, clock = stack.enter_context(emulated_robot(ROBOTS / file))
             bus = next(bus for bus in robot.buses.values() if isinstance(bus, ServoBus))
-            port = ReplayedPort(bus, clock)
-            stack.callback(port.close)
+            port = stack.enter_context(closing(ReplayedPort(bus, clock)))
             loops[kind] = (port, lambda port=port, bus=bus, clock=clock: port.tick(bus, clock))
         for _ in range(ROUNDS):
             for kind, (port, tick) in loops.items():
-                times[kind, False] += port.measure(ticks // ROUNDS, port.bare_tick)
-                times[kind, True] += port.measure(ticks // ROUNDS, tick)
-    print(f"{'servos':<12}{'palpate':>10}{'bare':>8}{'ratio':>8}  us")
+                times[kind, False] += port.measure(ticks, port.bare_tick)
+                times[kind, True] += port.measure(ticks, tick)
+    rows = []
     for kind in KINDS:
-        ours, least = (np.percentile(times[kind, is_ours], 20) for is_ours in (True, False))
-        print(f"{kind:<12}{ours:>10.1f}{least:>8.1f}{ours / least:>8.1f}")
+        ours, bare = (np.percentile(times[kind, is_ours], 20) for is_ours in (True, False))
+        rows.append((kind, f"{ours:.1f}", f"{bare:.1f}", f"{ours / bare:.1f}"))
+    print_table("us, 20th percentiles", ("servos", "palpate", "bare", "ratio"), rows)
 
 
 if __name__ == "__main__":

@@ -16,10 +16,10 @@ from bisect import bisect_left
 from collections import Counter, deque
 from contextlib import suppress
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
-from harness import arguments
+import psutil
+from harness import ROBOTS, arguments
 
 from palpate.control.loop.loop import run_loop
 from palpate.control.loop.result import Outcome
@@ -40,23 +40,12 @@ from palpate.sim_backend.emulators.serial_line import PtyLine
 from palpate.sim_backend.emulators.wiring import WiredArm, wire_up
 from palpate.sim_backend.scenario import load_scenario
 
-ROBOTS = Path(__file__).parents[1] / "robots"
 SPEEDS_M_S = {"so101": 0.03}  # what its servos can follow; the others probe at 0.1 m/s
-KINDS = (
-    FaultKind.DROP,
-    FaultKind.DELAY,
-    FaultKind.DUPLICATE,
-    FaultKind.CORRUPT,
-    FaultKind.LOSE,
-    FaultKind.REBOOT,
-)
+KINDS = tuple(FaultKind[name] for name in ("DROP", "DELAY", "DUPLICATE", "CORRUPT", "LOSE", "REBOOT"))
 ON_BYTES_ONLY = {FaultKind.LOSE}  # no CAN frame survives it
 FAULTY = 0.7  # of the runs
 LATEST_S = 8.0  # after the start of a run
-TOLERANCE_RAD, TOLERANCE_N = (
-    0.02,
-    2.0,
-)  # 1 % of the sensor's capacity is believed, and what it moves meanwhile
+TOLERANCE_RAD, TOLERANCE_N = 0.02, 2.0  # 1 % of the sensor's capacity, and what it moves meanwhile
 SETTLED_S = 0.05  # from the start: the plant is not yet known at the time of the first samples
 
 
@@ -128,9 +117,8 @@ def probe(name: str, rng: np.random.Generator, tally: Tally) -> None:
     robot_file, clock = load_robot_file(ROBOTS / f"{name}.yaml"), SimulatedClock()
     seed = int(rng.integers(2**32))
     faulty = rng.random() < FAULTY
-    planned = {
-        bus: faults_of(section.driver, rng) if faulty else [] for bus, section in robot_file.buses.items()
-    }
+    buses = robot_file.buses.items()
+    planned = {bus: faults_of(section.driver, rng) if faulty else [] for bus, section in buses}
     faults = {bus: Faults(some, seed=seed, start_s=clock.now_s()) for bus, some in planned.items()}
     arm = wire_up(robot_file, load_scenario("default"), clock, faults)
     for wire in arm.wires.values():
@@ -143,15 +131,8 @@ def probe(name: str, rng: np.random.Generator, tally: Tally) -> None:
         with build_robot(arm.robot_file, DriverCatalog(), clock) as robot:
             guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count)
             task = ProbingTask.from_robot_file(robot_file, plan)
-            result = run_loop(
-                robot,
-                guard,
-                task,
-                clock,
-                TickRecords(),
-                rate_hz=robot_file.control_rate_hz,
-                observer=truth.check,
-            )
+            rate = {"rate_hz": robot_file.control_rate_hz, "observer": truth.check}
+            result = run_loop(robot, guard, task, clock, TickRecords(), **rate)
         outcome, cause = result.outcome.value, result.cause
         if result.outcome is Outcome.STOPPED and "interrupted by the user" in result.cause:
             raise KeyboardInterrupt
@@ -161,12 +142,8 @@ def probe(name: str, rng: np.random.Generator, tally: Tally) -> None:
         outcome, cause = "refused", str(error)
     finally:
         arm.emulator.close()
-    injected = [
-        fault.kind.value
-        for bus, some in planned.items()
-        for fault in some
-        if begun_s + fault.from_s < clock.now_s()
-    ]
+    planned_faults = (fault for some in planned.values() for fault in some)
+    injected = [fault.kind.value for fault in planned_faults if begun_s + fault.from_s < clock.now_s()]
     tally.simulated_s += clock.now_s() - begun_s
     tally.runs[outcome] += 1
     tally.injected.update(injected)
@@ -181,8 +158,7 @@ def probe(name: str, rng: np.random.Generator, tally: Tally) -> None:
 def resident_mb() -> float:
     """Memory of this process [MB]."""
     gc.collect()
-    pages = int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[1])
-    return pages * 4096 / 1e6
+    return float(psutil.Process().memory_info().rss) / 1e6
 
 
 def main() -> None:
@@ -213,10 +189,8 @@ def main() -> None:
         f"{dict(tally.injected)}; {tally.checked} values served as OK were checked; "
         f"{tally.simulated_s / (time.perf_counter() - started_s):.1f} times real time"
     )
-    print(
-        f"memory: {steady[0]:.1f} to {steady[-1]:.1f} MB ({100 * (steady[-1] / steady[0] - 1):+.1f} %) after "
-        "the first tenth"
-    )
+    growth = f"{steady[0]:.1f} to {steady[-1]:.1f} MB ({steady[-1] / steady[0] - 1:+.1%})"
+    print(f"memory: {growth} after the first tenth")
     print(f"{len(tally.trouble)} wrong values, or stops without a fault before them")
     sys.exit(bool(tally.trouble))
 

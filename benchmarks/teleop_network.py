@@ -13,7 +13,6 @@ import os
 import select
 import struct
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -23,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from harness import arguments
+from harness import PALPATE, arguments
 from teleop_simulation import DelayLine, LinkFaults
 
 from palpate.robot_io.session import Session
@@ -133,13 +132,12 @@ def run(folder: Path, over: str) -> MergedSessions:
     for side, name in zip(SIDES, NAMES, strict=True):
         way, reverse = ("listen", "connect") if side == "follower" else ("connect", "listen")
         wait = {"exit_on_failure": False} if way == "connect" else {}
-        multicast = {"multicast": {"enabled": False}}
-        tries = {"unicast": {"open_timeout": 3000, "accept_timeout": 3000}}  # of 10 s: over UDP each may fail
-        ends = {way: endpoint | wait, reverse: {"endpoints": []}}
-        config = {"mode": "peer", "scouting": multicast, "transport": tries, **ends}
-        path = folder / f"{side}.json5"
-        path.write_text(json.dumps(config))
-        program = ["ip", "netns", "exec", name, sys.executable, "-m", "palpate.main", "teleop", side]
+        config = {"mode": "peer", way: endpoint | wait, reverse: {"endpoints": []}}
+        config["scouting"] = {"multicast": {"enabled": False}}
+        # tries of 3 s, instead of 10 s: over UDP each may fail
+        config["transport"] = {"unicast": {"open_timeout": 3000, "accept_timeout": 3000}}
+        (path := folder / f"{side}.json5").write_text(json.dumps(config))
+        program = ["ip", "netns", "exec", name, *PALPATE, "teleop", side]
         out = ["--link", str(path), "-o", str(folder / f"{side}.mcap")]
         running.append(subprocess.Popen([*program, *commands[side], *out]))
     until_s = time.monotonic() + LIMIT_S

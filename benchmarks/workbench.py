@@ -10,7 +10,6 @@ Measured are effects that the page has fitted ahead, as after a few seconds of l
 import os
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -19,15 +18,14 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import psutil  # type: ignore[import-untyped]
-from harness import arguments
+from harness import PALPATE, arguments, run_palpate
 from playwright.sync_api import ConsoleMessage, Page, TimeoutError, sync_playwright
 
 from palpate.robot_io.types import FloatArray
 
-HERE = Path(__file__).resolve().parent
 MOST_S = 120.0
 PATIENCE_MS = 20_000.0  # for each effect to be fitted ahead
-HIDDEN, SEED, REPEATS = "cubic_stiffness", 3, 9
+MINUTE = ("--hidden", "cubic_stiffness", "--seed", 3, "--repeats", 9)  # of a press with something hidden
 EFFECTS = (
     *("cubic_stiffness", "stress_relaxation", "plastic_set", "adhesion", "drift", "quadratic_damping"),
     *("dry_friction", "hunt_crossley", "tool_compliance", "layered_stiffness", "bias", "saturation"),
@@ -63,9 +61,7 @@ _RAW = """(() => {
 @contextmanager
 def served(command: Sequence[str], port: int, folder: Path) -> Iterator[psutil.Process]:
     """A server of this machine, until the context ends."""
-    paths = os.pathsep.join([str(HERE.parent), os.environ.get("PYTHONPATH", "")])
-    environment = {**os.environ, "PYTHONPATH": paths}
-    process = subprocess.Popen(command, cwd=folder, env=environment, stdout=subprocess.DEVNULL)
+    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL)
     try:
         while socket.socket().connect_ex(("127.0.0.1", port)):
             time.sleep(0.02)
@@ -116,14 +112,11 @@ def weighed(page: Page, effect: str) -> bool:
     return True
 
 
-def said(what: str, times_ms: FloatArray) -> None:
-    """Print median and 95th percentile; of ticks (ticks, 2) for the first look and for the fit."""
-    if times_ms.ndim > 1:
-        said(f"{what}, new curves", times_ms[:, 0])
-        said(f"{what}, the fit", times_ms[:, 1])
-        return
-    median, high = np.median(times_ms), np.quantile(times_ms, 0.95)
-    print(f"{what}: median {median:.0f} ms, p95 {high:.0f} ms ({len(times_ms)} ticks)", flush=True)
+def print_times(what: str, times_ms: FloatArray) -> None:
+    """Print median and 95th percentile of ticks (ticks, 2), for the first look and for the fit."""
+    for label, column in zip(("new curves", "the fit"), times_ms.T, strict=True):
+        median, high = np.median(column), np.quantile(column, 0.95)
+        print(f"{what}, {label}: median {median:.0f} ms, p95 {high:.0f} ms ({len(column)} ticks)", flush=True)
 
 
 def measure_workbench(page: Page, session: Path, folder: Path, count: int) -> None:
@@ -139,40 +132,29 @@ def measure_workbench(page: Page, session: Path, folder: Path, count: int) -> No
     page.add_init_script(_RAW)
     port, begun = free_port(), time.time()
     options = [str(session), "--port", str(port), "--no-browser"]
-    command = [sys.executable, "-m", "palpate.main", "workbench", *options]
+    command = [*PALPATE, "workbench", *options]
     with served(command, port, folder) as process:
         page.goto(f"http://127.0.0.1:{port}", wait_until="commit")
         page.wait_for_selector(".scatterlayer .js-line")
         curves_s = time.time() - begun
         page.wait_for_selector("[data-error]")
         error_s, raw_s = time.time() - begun, raw_at_s[0] - begun
-        print(
-            f"after the command: raw curves {raw_s:.1f} s, to zoom in {curves_s:.1f} s, error {error_s:.1f} s"
-        )
+        shown = f"raw curves {raw_s:.1f} s, to zoom in {curves_s:.1f} s, error {error_s:.1f} s"
+        print(f"after the command: {shown}")
         page.wait_for_selector('[data-effect="cubic_stiffness"] .q-checkbox')
-        said("at once, hardly anything fitted ahead", ticks(page, EFFECTS[:6], 0.3))
+        print_times("at once, hardly anything fitted ahead", ticks(page, EFFECTS[:6], 0.3))
         ready = [effect for effect in EFFECTS if weighed(page, effect)]
         page.wait_for_timeout(3000)
-        said("of effects fitted ahead", ticks(page, ready, 1.0))
+        print_times("of effects fitted ahead", ticks(page, ready, 1.0))
         for _ in range(20):
             page.evaluate(_TICK, EFFECTS[0])
         page.wait_for_timeout(3000)
         before, heap = megabytes(process), browser_megabytes(page)
-        said("many", np.array([page.evaluate(_TICK, EFFECTS[0]) for _ in range(count)]))
+        print_times("many", np.array([page.evaluate(_TICK, EFFECTS[0]) for _ in range(count)]))
         page.wait_for_timeout(3000)
         after, heap_after = megabytes(process), browser_megabytes(page)
         print(f"memory of all processes: {before:.0f} MB, after {count} ticks {after / before - 1:+.1%}")
         print(f"the browser's heap: {heap:.1f} MB, after {count} ticks {heap_after / heap - 1:+.1%}")
-
-
-def probed(folder: Path) -> Path:
-    """A minute of a simulated arm that presses an object with something hidden in it."""
-    session = folder / "minute.mcap"
-    options = ["--hidden", HIDDEN, "--seed", str(SEED), "--repeats", str(REPEATS), "--out", str(session)]
-    subprocess.run(
-        [sys.executable, "-m", "palpate.main", "probe", *options], check=True, stdout=subprocess.DEVNULL
-    )
-    return session
 
 
 def main() -> None:
@@ -185,7 +167,9 @@ def main() -> None:
     print(f"load of the machine before: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
     with TemporaryDirectory() as name, sync_playwright() as playwright:
         folder = Path(name)
-        session = chosen.session.resolve() if chosen.session else probed(folder)
+        if chosen.session is None:
+            run_palpate("probe", *MINUTE, "--out", folder / "minute.mcap")
+        session = chosen.session.resolve() if chosen.session else folder / "minute.mcap"
         browser = playwright.chromium.launch(executable_path=chosen.chromium, args=["--no-sandbox"])
         page = browser.new_page(viewport={"width": 1400, "height": 900})
         page.set_default_timeout(1000 * MOST_S)

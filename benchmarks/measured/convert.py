@@ -74,21 +74,15 @@ class Origin:
     def names(self) -> list[str]:
         """Paths of all files, relative to the repository."""
         if self._git is None:
-            return [
-                path.relative_to(self._folder).as_posix()
-                for path in self._folder.rglob("*")
-                if path.is_file()
-            ]
+            files = filter(Path.is_file, self._folder.rglob("*"))
+            return [path.relative_to(self._folder).as_posix() for path in files]
         listing = self._run("ls-tree", "-r", "-z", "--name-only", self._commit)
         return listing.decode("utf-8", "surrogateescape").rstrip("\0").split("\0")
 
     def read(self, path: str) -> bytes:
         """Content of one file; what is packed by gzip is unpacked."""
-        content = (
-            (self._folder / path).read_bytes()
-            if self._git is None
-            else self._run("show", f"{self._commit}:{path}")
-        )
+        file, in_git = self._folder / path, f"{self._commit}:{path}"
+        content = file.read_bytes() if self._git is None else self._run("show", in_git)
         return gzip.decompress(content) if path.endswith(".gz") else content
 
 
@@ -101,10 +95,9 @@ def _number(cell: str, decimal: str) -> float:
 
 def _named(rows: NDArray[np.float64], names: list[str]) -> Columns:
     """Columns by their number and by their name."""
-    columns = {str(i): rows[:, i] for i in range(rows.shape[1])}
-    return columns | {
-        name.strip().strip('"'): rows[:, i] for i, name in enumerate(names[: rows.shape[1]]) if name.strip()
-    }
+    columns = {str(i): column for i, column in enumerate(rows.T)}
+    named = zip(names, rows.T, strict=False)
+    return columns | {name.strip().strip('"'): column for name, column in named if name.strip()}
 
 
 def read_text(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
@@ -179,17 +172,16 @@ def _columns_of(arrays: Mapping[str, Any]) -> Columns:
     columns: dict[str, NDArray[np.float64]] = {}
     for name, content in arrays.items():
         is_cell = isinstance(content, np.ndarray) and content.dtype == object and content.size == 1
-        value = content.item() if is_cell else content
-        if isinstance(value, np.ndarray) and value.dtype.names and value.size == 1:
+        value = np.asarray(content.item() if is_cell else content)
+        if value.dtype.names and value.size == 1:
             columns |= _columns_of({f"{name}.{key}": value[key].item() for key in value.dtype.names})
-        elif isinstance(value, np.ndarray) and value.dtype.names:
+        elif value.dtype.names:
             for i, item in enumerate(value.ravel()):
                 columns |= _columns_of({f"{name}.{i}.{key}": item[key] for key in value.dtype.names})
-        if isinstance(value, np.ndarray) and value.ndim == 3 and value.dtype.kind in "fiu":
-            value = value.mean(axis=2)
-        if isinstance(value, np.ndarray) and value.ndim == 2 and value.dtype.kind in "fiu" and value.size > 1:
-            matrix = np.asarray(value if value.shape[0] >= value.shape[1] else value.T, dtype=np.float64)
-            columns |= {name: matrix[:, 0]} | {f"{name}.{i}": matrix[:, i] for i in range(matrix.shape[1])}
+        elif value.dtype.kind in "fiu" and value.ndim in (2, 3) and value.size > 1:
+            matrix = value.mean(axis=2) if value.ndim == 3 else value
+            upright = np.asarray(matrix if matrix.shape[0] >= matrix.shape[1] else matrix.T, dtype=np.float64)
+            columns |= {name: upright[:, 0]} | {f"{name}.{i}": column for i, column in enumerate(upright.T)}
     return columns
 
 
@@ -198,13 +190,7 @@ def _properties(archive: zipfile.ZipFile, path: str) -> dict[str, str]:
     return {key.strip(): value.strip() for key, _, value in (line.partition("=") for line in lines) if value}
 
 
-_JPK_TYPES = {
-    "short": ">i2",
-    "integer": ">i4",
-    "integer-data": ">i4",
-    "short-data": ">i2",
-    "float-data": ">f4",
-}
+_JPK_TYPES = {"short": ">i2", "short-data": ">i2", "integer": ">i4", "integer-data": ">i4"}  # else ">f4"
 
 
 def _jpk_channel(
@@ -212,10 +198,8 @@ def _jpk_channel(
 ) -> NDArray[np.float64]:
     """One channel of a segment after its conversion `last` (default: all): distance [m], force [N], volts."""
     own = _properties(archive, f"{segment}segment-header.properties")
-    key = f"channel.{channel}.lcd-info.*"
-    number = own.get(key)
-    prefix = f"channel.{channel}." if number is None else f"lcd-info.{number}."
-    header: Mapping[str, str] = own if number is None else shared
+    number = own.get(f"channel.{channel}.lcd-info.*")
+    prefix, header = (f"channel.{channel}.", own) if number is None else (f"lcd-info.{number}.", shared)
     kind = own.get(f"channel.{channel}.type") or header.get(f"{prefix}type") or "short"
     path = own.get(f"channel.{channel}.data.file.name", f"channels/{channel}.dat")
     raw = np.frombuffer(archive.read(f"{segment}{path}"), _JPK_TYPES.get(kind, ">f4")).astype(np.float64)
@@ -223,23 +207,21 @@ def _jpk_channel(
     def linear(values: NDArray[np.float64], at: str) -> NDArray[np.float64]:
         return values * float(header[f"{at}multiplier"]) + float(header[f"{at}offset"])
 
-    if f"{prefix}encoder.scaling.multiplier" in header:
-        raw = linear(raw, f"{prefix}encoder.scaling.")
-    elif f"{prefix}data.encoder.scaling.multiplier" in header:
-        raw = linear(raw, f"{prefix}data.encoder.scaling.")
+    encoders = (f"{prefix}encoder.scaling.", f"{prefix}data.encoder.scaling.")
+    for at in [at for at in encoders if f"{at}multiplier" in header][:1]:
+        raw = linear(raw, at)
     names = header.get(f"{prefix}conversion-set.conversions.list", "").split()
     names = names[: names.index(last) + 1] if last in names else names
-    done = {header.get(f"{prefix}conversion-set.conversions.base", "volts")}
-    while pending := [name for name in names if name not in done]:
-        for name in pending:
+    done, before = {header.get(f"{prefix}conversion-set.conversions.base", "volts")}, set[str]()
+    while done != before:  # a conversion starts from the result of another
+        before = set(done)
+        for name in (name for name in names if name not in done):
             at = f"{prefix}conversion-set.conversion.{name}."
             if header.get(f"{at}defined", "true") == "false" or f"{at}scaling.multiplier" not in header:
                 done.add(name)
             elif header.get(f"{at}base-calibration-slot") in done:
                 raw = linear(raw, f"{at}scaling.")
                 done.add(name)
-        if pending == [name for name in names if name not in done]:
-            break
     return raw
 
 
@@ -251,40 +233,33 @@ def read_jpk(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
         options: `height`: name of the channel with the height (default `height`).
     """
     curves: list[Columns] = []
+    end = "segment-header.properties"
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         paths = archive.namelist()
-        headers = [path for path in paths if path.endswith("segment-header.properties")]
-        shared = (
-            _properties(archive, "shared-data/header.properties")
-            if "shared-data/header.properties" in paths
-            else {}
-        )
+        of_all = "shared-data/header.properties"
+        shared = _properties(archive, of_all) if of_all in paths else {}
         groups: dict[str, list[str]] = {}
-        for path in headers:
-            segment = path.removesuffix("segment-header.properties")
+        for segment in (path.removesuffix(end) for path in paths if path.endswith(end)):
             groups.setdefault(segment.split("segments/")[0], []).append(segment)
         for curve in groups.values():
-            parts: list[dict[str, NDArray[np.float64]]] = []
+            parts: list[NDArray[np.float64]] = []
             start = 0.0
             for number, segment in enumerate(sorted(curve)):
-                own = _properties(archive, f"{segment}segment-header.properties")
-                force = _jpk_channel(archive, segment, "vDeflection", shared)
-                height = _jpk_channel(archive, segment, options.get("height", "height"), shared)
-                duration = float(own["force-segment-header.duration"])
-                time = start + np.linspace(0.0, duration, len(force), endpoint=False)
+                duration = float(_properties(archive, f"{segment}{end}")["force-segment-header.duration"])
+                channels = [
+                    _jpk_channel(archive, segment, name, shared, last)
+                    for name, last in (
+                        (options.get("height", "height"), ""),
+                        ("vDeflection", "distance"),
+                        ("vDeflection", ""),
+                    )
+                ]
+                count = len(channels[-1])
+                time = start + np.linspace(0.0, duration, count, endpoint=False)
+                parts.append(np.stack([time, *channels, np.full(count, float(number))]))
                 start += duration
-                deflection = _jpk_channel(archive, segment, "vDeflection", shared, "distance")
-                segments = np.full(len(force), float(number))
-                parts.append(
-                    {
-                        "time": time,
-                        "height": height,
-                        "deflection": deflection,
-                        "force": force,
-                        "segment": segments,
-                    }
-                )
-            curves.append({name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+            names = ("time", "height", "deflection", "force", "segment")
+            curves.append(dict(zip(names, np.concatenate(parts, axis=1), strict=True)))
     return curves
 
 
@@ -293,13 +268,11 @@ def read_trials(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     (table,) = read_text(content, options)
     names = options.get("names", ["x", "y"])
     count = sum(name.isdigit() for name in table)
-    trials = (
-        {name: table[str(first + i)] for i, name in enumerate(names)}
-        for first in range(0, count - len(names) + 1, len(names))
-    )
-    return [
-        {name: values[np.isfinite(trial[names[0]])] for name, values in trial.items()} for trial in trials
-    ]
+    trials: list[Columns] = []
+    for first in range(0, count - len(names) + 1, len(names)):
+        kept = np.isfinite(table[str(first)])
+        trials.append({name: table[str(first + i)][kept] for i, name in enumerate(names)})
+    return trials
 
 
 def read_json(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
@@ -359,11 +332,7 @@ def _files(recipe: Mapping[str, Any], origin: Origin) -> list[str]:
     names = origin.names()
     paths: list[str] = []
     for pattern in recipe["read"]["files"]:
-        matches = (
-            [pattern]
-            if pattern in names
-            else sorted(name for name in names if fnmatch.fnmatch(name, pattern))
-        )
+        matches = [pattern] if pattern in names else sorted(fnmatch.filter(names, pattern))
         if not matches:
             raise FileNotFoundError(f"{pattern}: no such file in the origin")
         paths += matches
@@ -393,8 +362,8 @@ def _tables(recipe: Mapping[str, Any], origin: Origin) -> Iterator[tuple[str, li
                 {name: np.concatenate([table[key] for key in keys]) for name, keys in chain.items()}
                 for table in tables
             ]
-        if restarts := read.get("restarts"):
-            tables = [run for table in tables for run in _split(table, str(restarts))]
+        if clock := read.get("restarts"):
+            tables = [run for table in tables for run in _split(table, str(clock))]
         yield paths[first], tables
 
 
@@ -414,7 +383,7 @@ def _split(table: Columns, clock: str) -> list[Columns]:
     ]
 
 
-def runs_of(recipe: Mapping[str, Any], origin: Origin) -> list[tuple[str, dict[str, NDArray[np.float64]]]]:
+def runs_of(recipe: Mapping[str, Any], origin: Origin) -> list[tuple[str, Columns]]:
     """All runs of a recording.
 
     Args:
@@ -426,44 +395,47 @@ def runs_of(recipe: Mapping[str, Any], origin: Origin) -> list[tuple[str, dict[s
         with fewer rows than `shortest` are left out.
     """
     read = recipe["read"]
-    runs: list[tuple[str, dict[str, NDArray[np.float64]]]] = []
+    runs: list[tuple[str, Columns]] = []
     for number, (path, tables) in enumerate(_tables(recipe, origin)):
         for table, item in itertools.product(tables, read.get("each", [""])):
-            first, last = read.get("rows", [None, None])
-            cut = {name: values[first:last] for name, values in table.items()}
-            columns = {
-                name: _column(cut, spec, str(item))
-                for name, spec in recipe["columns"].items()
-                if "of_file" not in spec
-            }
-            count = len(next(iter(columns.values())))
-            for name, spec in recipe["columns"].items():
-                if "of_file" in spec:
-                    columns[name] = np.full(count, float(spec["of_file"][number]))
-                if spec.get("integral"):
-                    columns[name] = cumulative_trapezoid(columns[name], columns["time_s"], initial=0.0)
-            kept = np.all([np.isfinite(values) for values in columns.values()], axis=0)
-            time = columns["time_s"]  # it stands still where a row was written twice
-            kept &= np.concatenate([[True], time[1:] > np.maximum.accumulate(time)[:-1]])
-            for name, (low, high) in read.get("within", {}).items():
-                kept &= (columns[name] >= low) & (columns[name] <= high)
-            columns = {name: values[kept] for name, values in columns.items()}
-            if kept.sum() < read.get("shortest", 0):
+            cut = {name: values[slice(*read.get("rows", [None]))] for name, values in table.items()}
+            columns = _kept(_output(recipe["columns"], cut, str(item), number), read)
+            if len(columns["time_s"]) < read.get("shortest", 0):
                 continue
             if "thin" in read:
                 columns = _thin(columns, read["thin"])
             if "surface" in read:
                 _find_surface(columns, read["surface"])
-            for piece in range(read.get("pieces", 1)):
-                count = len(columns["time_s"])
-                part = slice(
-                    piece * count // read.get("pieces", 1), (piece + 1) * count // read.get("pieces", 1)
-                )
-                runs.append((path, _decimate({name: values[part] for name, values in columns.items()}, read)))
+            pieces, count = read.get("pieces", 1), len(columns["time_s"])
+            edges = [piece * count // pieces for piece in range(pieces + 1)]
+            for start, stop in itertools.pairwise(edges):
+                part = {name: values[start:stop] for name, values in columns.items()}
+                runs.append((path, _decimate(part, read.get("every", 1))))
     return runs
 
 
-def _thin(columns: dict[str, NDArray[np.float64]], step: float) -> dict[str, NDArray[np.float64]]:
+def _output(specs: Mapping[str, Any], table: Columns, item: str, file: int) -> dict[str, NDArray[np.float64]]:
+    """Output columns of one table, as `_column` makes them, or as one number `of_file` for each file."""
+    count = len(next(iter(table.values())))
+    columns = {name: _column(table, spec, item) for name, spec in specs.items() if "of_file" not in spec}
+    for name in (name for name in specs if name not in columns):
+        columns[name] = np.full(count, float(specs[name]["of_file"][file]))
+    for name in (name for name, spec in specs.items() if spec.get("integral")):
+        columns[name] = cumulative_trapezoid(columns[name], columns["time_s"], initial=0.0)
+    return columns
+
+
+def _kept(columns: Columns, read: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
+    """Rows with all numbers, whose time is later than all before, and that are `within` ranges."""
+    time = columns["time_s"]  # it stands still where a row was written twice
+    kept = np.all([np.isfinite(values) for values in columns.values()], axis=0)
+    kept &= np.concatenate([[True], time[1:] > np.maximum.accumulate(time)[:-1]])
+    for name, (low, high) in read.get("within", {}).items():
+        kept &= (columns[name] >= low) & (columns[name] <= high)
+    return {name: values[kept] for name, values in columns.items()}
+
+
+def _thin(columns: Columns, step: float) -> dict[str, NDArray[np.float64]]:
     """Rows that are at least `step` [s] later than the one kept before."""
     kept: list[int] = []
     for i, time in enumerate(columns["time_s"]):
@@ -487,10 +459,7 @@ def _find_surface(columns: dict[str, NDArray[np.float64]], sigmas: float) -> Non
     columns["displacement_m"] = x - x[below[-1] if len(below) else 0]
 
 
-def _decimate(
-    columns: dict[str, NDArray[np.float64]], read: Mapping[str, Any]
-) -> dict[str, NDArray[np.float64]]:
-    every = read.get("every", 1)
+def _decimate(columns: Columns, every: int) -> Columns:
     if every == 1:
         return columns
     count = len(columns["time_s"]) // every * every
@@ -515,10 +484,9 @@ def convert(recipe: Mapping[str, Any], origin: Origin, folder: Path) -> int:
         (folder / "raw").mkdir(exist_ok=True)
         for number, path in enumerate(_files(recipe, origin)):
             (folder / "raw" / f"{number} {PurePosixPath(path).name}").write_bytes(origin.read(path))
-    total = 0
     if "columns" not in recipe:
-        return total
-    names = list(recipe["columns"])
+        return 0
+    names, total = list(recipe["columns"]), 0
     with (
         gzip.GzipFile(folder / "import.csv.gz", "wb", mtime=0) as packed,
         io.TextIOWrapper(packed, "utf-8", newline="") as file,
@@ -526,21 +494,18 @@ def convert(recipe: Mapping[str, Any], origin: Origin, folder: Path) -> int:
         writer = csv.writer(file)
         writer.writerow([*names, "run"])
         for run, (_, columns) in enumerate(runs_of(recipe, origin)):
-            for row in zip(*(columns[name] for name in names), strict=True):
-                writer.writerow([*(f"{value:.9g}" for value in row), run])
-                total += 1
+            rows = zip(*(columns[name] for name in names), strict=True)
+            writer.writerows([*(f"{value:.9g}" for value in row), run] for row in rows)
+            total += len(columns[names[0]])
     return total
 
 
 def main() -> None:
     """Convert the recording that the command line names."""
     parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "name", help=", ".join(sorted(PurePosixPath(path.name).stem for path in RECIPES.glob("*.yaml")))
-    )
-    parser.add_argument(
-        "--from", dest="origin", type=Path, required=True, help="repository of the recipe's origin"
-    )
+    names = ", ".join(sorted(path.stem for path in RECIPES.glob("*.yaml")))
+    parser.add_argument("name", help=names)
+    parser.add_argument("--from", dest="origin", type=Path, required=True, help="repository of the origin")
     parser.add_argument("--to", type=Path, required=True, help="folder of import.csv.gz")
     options = parser.parse_args()
     try:

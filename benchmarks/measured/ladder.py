@@ -8,8 +8,6 @@ one after the other, the best first; each is also shown alone beside the base. E
 in the effort's unit.
 """
 
-import csv
-import gzip
 import itertools
 import math
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
@@ -18,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
@@ -45,6 +44,25 @@ class Signals:
         edges = [0, *(np.flatnonzero(np.diff(self.run)) + 1).tolist(), len(self.run)]
         return [slice(start, stop) for start, stop in itertools.pairwise(edges)]
 
+    def by_run(self, build: Callable[[slice], Array]) -> Array:
+        """What a function makes of the rows of each run."""
+        return np.concatenate([build(part) for part in self.runs()])
+
+    @property
+    def depth(self) -> Array:
+        """Depth of a contact, else position."""
+        return np.maximum(self.x, 0.0) if self.contact else self.x
+
+    @property
+    def size(self) -> float:
+        """Range of the position."""
+        return float(np.ptp(self.x)) or 1.0
+
+    @property
+    def speed(self) -> float:
+        """A large speed."""
+        return float(np.percentile(np.abs(self.v), 95)) or 1.0
+
 
 def _smooth(x: Array, t: Array, order: int, window: int) -> Array:
     step = float(np.median(np.diff(t)))
@@ -54,24 +72,19 @@ def _smooth(x: Array, t: Array, order: int, window: int) -> Array:
 
 def load(path: Path) -> Signals:
     """Read a converted recording of one channel; velocity is derived where it was not measured."""
-    with gzip.open(path, "rt") if path.suffix == ".gz" else path.open() as file:
-        reader = csv.reader(file)
-        names = next(reader)
-        rows = np.array([[float(cell) for cell in row] for row in reader])
-    table = dict(zip(names, rows.T, strict=True))
+    rows = pd.read_csv(path)
+    table = {name: column.to_numpy(np.float64) for name, column in rows.items()}
     x_name = next(name for name in table if name.startswith(("displacement", "position")))
     f_name = next(name for name in table if name.startswith(("force", "torque")))
     measured = next((values for name, values in table.items() if name.startswith("velocity")), None)
     known = ("displacement", "position", "velocity", "force", "torque", "time", "run")
     context = {name: values for name, values in table.items() if not name.startswith(known)}
-    x, run = table[x_name], table["run"].astype(np.int64)
-    v, a = np.zeros_like(x), np.zeros_like(x)
-    s = Signals(table["time_s"], x, v, a, table[f_name], run, x_name.startswith("displacement"), context)
-    for part in s.runs():
-        v[part] = _smooth(x[part], s.t[part], 1, 11) if measured is None else measured[part]
-        a[part] = (
-            _smooth(x[part], s.t[part], 2, 11) if measured is None else _smooth(v[part], s.t[part], 1, 7)
-        )
+    x, t, run = table[x_name], table["time_s"], table["run"].astype(np.int64)
+    s = Signals(t, x, x, x, table[f_name], run, x_name.startswith("displacement"), context)
+    if measured is None:
+        s.v, s.a = (s.by_run(lambda part, n=n: _smooth(x[part], t[part], n, 11)) for n in (1, 2))
+    else:
+        s.v, s.a = measured, s.by_run(lambda part: _smooth(measured[part], t[part], 1, 7))
     return s
 
 
@@ -80,66 +93,49 @@ def thin(s: Signals, rows: int) -> Signals:
     kept = np.flatnonzero(np.isin(s.run, np.unique(s.run)[:8]))
     kept = kept[:: math.ceil(len(kept) / rows)]
     context = {name: values[kept] for name, values in s.context.items()}
-    return Signals(
-        s.t[kept], s.x[kept], s.v[kept], s.a[kept], s.effort[kept], s.run[kept], s.contact, context
-    )
-
-
-def _by_run(build: Callable[[Signals, slice], Array], s: Signals) -> Array:
-    return np.concatenate([build(s, part) for part in s.runs()])
-
-
-def _depth(s: Signals) -> Array:
-    return np.maximum(s.x, 0.0) if s.contact else s.x
-
-
-def _size(s: Signals) -> float:
-    return float(np.ptp(s.x)) or 1.0
-
-
-def _speed(s: Signals) -> float:
-    return float(np.percentile(np.abs(s.v), 95)) or 1.0
+    signals = (values[kept] for values in (s.t, s.x, s.v, s.a, s.effort, s.run))
+    return Signals(*signals, s.contact, context)
 
 
 def _power(s: Signals, exponent: float) -> Array:
-    x = _depth(s) / _size(s)
+    x = s.depth / s.size
     return np.sign(x) * np.abs(x) ** exponent
 
 
 def _dahl(s: Signals, path: float) -> Array:
     """State of presliding friction: it turns over `path` (share of the range) after each reversal."""
-    scale = path * _size(s)
+    scale = path * s.size
 
-    def one(s: Signals, part: slice) -> Array:
+    def turned(part: slice) -> Array:
         state, z = 0.0, np.zeros(part.stop - part.start)
         for i, dx in enumerate(np.diff(s.x[part], prepend=s.x[part][0])):
-            goal = math.copysign(1.0, dx) if dx else 0.0
-            state += (goal - state) * -math.expm1(-abs(dx) / scale) if dx else 0.0
+            if dx:
+                state += (math.copysign(1.0, dx) - state) * -math.expm1(-abs(dx) / scale)
             z[i] = state
         return z
 
-    return _by_run(one, s)
+    return s.by_run(turned)
 
 
 def _play(s: Signals, half: float) -> Array:
     """Position less what follows it with a play of `half` (share of the range): spring and stops."""
-    width = half * _size(s)
+    width = half * s.size
 
-    def one(s: Signals, part: slice) -> Array:
+    def lost(part: slice) -> Array:
         x = s.x[part]
         y, out = x[0], np.zeros(len(x))
         for i, xi in enumerate(x):
             y = min(max(y, xi - width), xi + width)
             out[i] = xi - y
-        return out / _size(s)
+        return out / s.size
 
-    return _by_run(one, s)
+    return s.by_run(lost)
 
 
 def _relaxed(elastic: Array, s: Signals, tau: float) -> Array:
     """Maxwell branch of an elastic column: dz/dt = d(elastic)/dt - z/tau."""
 
-    def one(s: Signals, part: slice) -> Array:
+    def branch(part: slice) -> Array:
         t, e = s.t[part], elastic[part]
         z = np.zeros(len(t))
         for i in range(1, len(t)):
@@ -147,24 +143,33 @@ def _relaxed(elastic: Array, s: Signals, tau: float) -> Array:
             z[i] = z[i - 1] * decay + (e[i] - e[i - 1]) * (1.0 + decay) / 2.0
         return z
 
-    return _by_run(one, s)
+    return s.by_run(branch)
 
 
 def _held_max(s: Signals, share: float) -> Array:
     """Spring whose zero has moved by `share` of the deepest indentation so far in its run."""
-    deepest = _by_run(lambda s, part: np.maximum.accumulate(_depth(s)[part]), s)
-    return np.maximum(_depth(s) - share * deepest, 0.0) / _size(s)
+    deepest = s.by_run(lambda part: np.maximum.accumulate(s.depth[part]))
+    return np.maximum(s.depth - share * deepest, 0.0) / s.size
 
 
 def _neck(s: Signals, reach: float) -> Array:
     """Adhesion: zero before touch, one below the surface, fading over `reach` (share) above it."""
-    touched = _by_run(lambda s, part: np.maximum.accumulate(s.x[part] > 0).astype(float), s)
-    return np.asarray(touched * np.exp(np.minimum(s.x, 0.0) / (reach * _size(s))), dtype=np.float64)
+    touched = s.by_run(lambda part: np.maximum.accumulate(s.x[part] > 0).astype(float))
+    return np.asarray(touched * np.exp(np.minimum(s.x, 0.0) / (reach * s.size)), dtype=np.float64)
 
 
 def _since(s: Signals) -> Array:
     restarts = np.cumsum(np.maximum(-np.diff(s.t, prepend=s.t[0]), 0.0))
     return np.asarray(s.t - s.t[0] + restarts, dtype=np.float64)
+
+
+def _spline(s: Signals, _inner: float) -> Array:
+    knots = np.quantile(s.depth, np.arange(0.05, 1.0, 0.1))
+    return np.maximum(s.depth[:, None] - knots, 0.0) / s.size
+
+
+def _side_by_side(*columns: Array) -> Array:
+    return np.stack(columns, axis=1)
 
 
 @dataclass(frozen=True)
@@ -180,60 +185,42 @@ _TIMES = tuple(float(tau) for tau in np.geomspace(0.01, 300.0, 12))
 _WIDTHS = (0.002, 0.01, 0.03, 0.1, 0.3)
 
 TERMS: dict[str, Term] = {
-    "stiffness": Term("elastic_shape", lambda s, p: _depth(s)),
+    "stiffness": Term("elastic_shape", lambda s, p: s.depth),
     "power_law": Term("elastic_shape", _power, (0.3, 0.5, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 6.0)),
-    "exponential": Term(
-        "elastic_shape", lambda s, p: np.expm1(p * _depth(s) / _size(s)), (2.0, 4.0, 8.0, 16.0)
-    ),
-    "layer": Term(
-        "elastic_shape", lambda s, p: np.maximum(_depth(s) / _size(s) - p, 0.0), (0.2, 0.4, 0.6, 0.8)
-    ),
-    "spline": Term(
-        "elastic_shape",
-        lambda s, p: (
-            np.stack(
-                [np.maximum(_depth(s) - k, 0.0) for k in np.quantile(_depth(s), np.arange(0.05, 1.0, 0.1))],
-                axis=1,
-            )
-            / _size(s)
-        ),
-    ),
+    "exponential": Term("elastic_shape", lambda s, p: np.expm1(p * s.depth / s.size), (2.0, 4.0, 8.0, 16.0)),
+    "layer": Term("elastic_shape", lambda s, p: np.maximum(s.depth / s.size - p, 0.0), (0.2, 0.4, 0.6, 0.8)),
+    "spline": Term("elastic_shape", _spline),
     "damping": Term("rate_dependence", lambda s, p: np.where(s.x > 0, s.v, 0.0) if s.contact else s.v),
     "quadratic_rate": Term("rate_dependence", lambda s, p: s.v * np.abs(s.v)),
-    "root_rate": Term(  # dry: it turns at once, and grows by less than the speed
-        "friction",
-        lambda s, p: np.sign(s.v) * np.abs(s.v / _speed(s)) ** p,
-        (0.25, 0.5),
-    ),
-    "depth_rate": Term("rate_dependence", lambda s, p: _depth(s) * s.v),
-    "coulomb": Term("friction", lambda s, p: np.tanh(s.v / (p * _speed(s))), (0.003, 0.02, 0.1, 0.3)),
+    # dry: it turns at once, and grows by less than the speed
+    "root_rate": Term("friction", lambda s, p: np.sign(s.v) * np.abs(s.v / s.speed) ** p, (0.25, 0.5)),
+    "depth_rate": Term("rate_dependence", lambda s, p: s.depth * s.v),
+    "coulomb": Term("friction", lambda s, p: np.tanh(s.v / (p * s.speed)), (0.003, 0.02, 0.1, 0.3)),
     "asymmetric": Term(
-        "friction",
-        lambda s, p: np.stack([s.v > p * _speed(s), s.v < -p * _speed(s)], axis=1).astype(float),
-        (0.01,),
+        "friction", lambda s, p: 1.0 * _side_by_side(s.v > p * s.speed, s.v < -p * s.speed), (0.01,)
     ),
     "presliding": Term("friction", _dahl, _WIDTHS),
     "play": Term("friction", _play, _WIDTHS),
-    "play_family": Term("friction", lambda s, p: np.stack([_play(s, w) for w in _WIDTHS], axis=1)),
-    "depth_friction": Term("friction", lambda s, p: np.abs(_depth(s)) * np.tanh(s.v / (0.02 * _speed(s)))),
-    "relaxation": Term("time_memory", lambda s, p: _relaxed(_depth(s), s, p), _TIMES),
-    "relaxation_of_square": Term("time_memory", lambda s, p: _relaxed(_depth(s) ** 2, s, p), _TIMES),
+    "play_family": Term("friction", lambda s, p: _side_by_side(*(_play(s, w) for w in _WIDTHS))),
+    "depth_friction": Term("friction", lambda s, p: np.abs(s.depth) * np.tanh(s.v / (0.02 * s.speed))),
+    "relaxation": Term("time_memory", lambda s, p: _relaxed(s.depth, s, p), _TIMES),
+    "relaxation_of_square": Term("time_memory", lambda s, p: _relaxed(s.depth**2, s, p), _TIMES),
     "two_relaxations": Term(
         "time_memory",
-        lambda s, p: np.stack([_relaxed(_depth(s), s, p), _relaxed(_depth(s), s, 12.0 * p)], axis=1),
+        lambda s, p: _side_by_side(_relaxed(s.depth, s, p), _relaxed(s.depth, s, 12.0 * p)),
         _TIMES[2:-2],
     ),
     "inertia": Term("inertia", lambda s, p: s.a),
     "ripple": Term(
         "periodic",
-        lambda s, p: np.stack([np.sin(p * s.x), np.cos(p * s.x)], axis=1),
+        lambda s, p: _side_by_side(np.sin(p * s.x), np.cos(p * s.x)),
         (2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 18, 20, 24, 28, 36, 42, 48, 72, 84, 100),
     ),
-    "weight": Term("gravity_load", lambda s, p: np.stack([np.sin(s.x), np.cos(s.x)], axis=1)),
+    "weight": Term("gravity_load", lambda s, p: _side_by_side(np.sin(s.x), np.cos(s.x))),
     "offset": Term("contact_geometry", lambda s, p: (s.x > 0).astype(float)),
     "neck": Term("contact_geometry", _neck, (0.003, 0.03, 0.1, 0.3)),
     "surface": Term(
-        "contact_geometry", lambda s, p: np.maximum(s.x + p * _size(s), 0.0), (-0.1, -0.03, 0.03, 0.1, 0.3)
+        "contact_geometry", lambda s, p: np.maximum(s.x + p * s.size, 0.0), (-0.1, -0.03, 0.03, 0.1, 0.3)
     ),
     "set": Term("contact_geometry", _held_max, (0.1, 0.3, 0.5, 0.7, 0.9)),
     "bias": Term("sensor_statics", lambda s, p: np.ones_like(s.x)),
@@ -253,22 +240,20 @@ def folds_of(s: Signals) -> NDArray[np.int64]:
     return np.asarray(np.searchsorted(runs, s.run) % min(6, len(runs)), dtype=np.int64)
 
 
-def _held_out(
-    columns: Array, s: Signals, fold: NDArray[np.int64], rows: NDArray[np.int64]
-) -> tuple[float, float]:
+def _held_out(columns: Array, ladder: "Ladder") -> tuple[float, float]:
     """Error in the folds that were left out of the fit, and sum of the mean squares in those fitted."""
+    fold, effort = ladder.fold[ladder.rows], ladder.signals.effort[ladder.rows]
     scale = np.sqrt((columns**2).mean(axis=0))
-    joint = np.column_stack([columns[rows] / np.where(scale > 0, scale, 1.0), s.effort[rows]])
-    grams = [joint[fold[rows] == number].T @ joint[fold[rows] == number] for number in np.unique(fold)]
-    counts = [int((fold[rows] == number).sum()) for number in np.unique(fold)]
+    joint = np.column_stack([columns[ladder.rows] / np.where(scale > 0, scale, 1.0), effort])
+    grams = [joint[fold == number].T @ joint[fold == number] for number in np.unique(fold)]
     outside, inside = 0.0, 0.0
-    for gram, count in zip(grams, counts, strict=True):
+    for number, gram in zip(np.unique(fold), grams, strict=True):
         rest = np.sum(grams, axis=0) - gram
         gains = np.linalg.lstsq(rest[:-1, :-1], rest[:-1, -1], rcond=1e-10)[0]
         weights = np.append(-gains, 1.0)
         outside += float(weights @ gram @ weights)
-        inside += float(weights @ rest @ weights) / (len(rows) - count)
-    return math.sqrt(max(outside, 0.0) / len(rows)), inside
+        inside += float(weights @ rest @ weights) / (fold != number).sum()
+    return math.sqrt(max(outside, 0.0) / len(fold)), inside
 
 
 def _two(column: Array) -> Array:
@@ -283,7 +268,7 @@ class Ladder:
         self.fold = folds_of(s)
         self.rows = np.unique(np.linspace(0, len(s.x) - 1, min(_ROWS, len(s.x))).astype(np.int64))
         self.columns = np.concatenate([_two(TERMS[name].build(s, 0.0)) for name in base], axis=1)
-        self.error = _held_out(self.columns, s, self.fold, self.rows)[0]
+        self.error = _held_out(self.columns, self)[0]
         revolute = not s.contact and float(np.ptp(s.x)) > 0.5
         left_out = (set() if s.contact else _CONTACT_ONLY) | (set() if revolute else _REVOLUTE_ONLY)
         self.built = {
@@ -291,39 +276,34 @@ class Ladder:
             for name, term in TERMS.items()
             if name not in {*base, *left_out, "run_offset"}
         }
-        slopes = _by_run(lambda s, part: np.gradient(self.columns[part], s.t[part], axis=0), s)
+        slopes = s.by_run(lambda part: np.gradient(self.columns[part], s.t[part], axis=0))
         self.built[_LATE] = [(0.0, slopes)]  # the base model, late by a fixed time
         for name, values in s.context.items():
             self.built[f"context {name}"] = [(0.0, np.stack([values, values * s.x, values * s.v], axis=1))]
 
     def attempt(self, name: str) -> tuple[float, float, Array]:
         """Held-out error with a term, its inner parameter (best where it is fitted), its columns."""
-        trials = []
-        for p, columns in self.built[name]:
-            held_out, inside = _held_out(
-                np.hstack([self.columns, columns]), self.signals, self.fold, self.rows
-            )
-            trials.append((inside, held_out, p, columns))
-        _, held_out, p, columns = min(trials, key=lambda trial: trial[0])
+        trials = [
+            (*_held_out(np.hstack([self.columns, columns]), self), p, columns)
+            for p, columns in self.built[name]
+        ]
+        held_out, _, p, columns = min(trials, key=lambda trial: trial[1])
         return held_out, p, columns
 
     def of_runs(self) -> tuple[float, float]:
         """Error on odd rows where each run has an offset, and a gain, of its own, found from even rows."""
-        s, rows = self.signals, self.rows
-        gains = np.linalg.lstsq(self.columns[rows], s.effort[rows], rcond=1e-9)[0]
-        model = self.columns[rows] @ gains
+        effort, columns, run = (a[self.rows] for a in (self.signals.effort, self.columns, self.signals.run))
+        model = columns @ np.linalg.lstsq(columns, effort, rcond=1e-9)[0]
+        residual = effort - model
         offset, gain = [], []
-        for number in np.unique(s.run):
-            of_run = np.flatnonzero(s.run[rows] == number)
+        for number in np.unique(self.signals.run):
+            of_run = np.flatnonzero(run == number)
             even, odd = of_run[::2], of_run[1::2]
-            residual = s.effort[rows] - model
             offset.append(residual[odd] - residual[even].mean())
             share = model[even] @ residual[even] / max(float(model[even] @ model[even]), 1e-300)
             gain.append(residual[odd] - share * model[odd])
-        return (
-            float(np.sqrt(np.concatenate([r**2 for r in offset]).mean())),
-            float(np.sqrt(np.concatenate([r**2 for r in gain]).mean())),
-        )
+        first, second = (float(np.sqrt(np.mean(np.concatenate(each) ** 2))) for each in (offset, gain))
+        return first, second
 
 
 def kind_of(name: str) -> str:
@@ -351,10 +331,8 @@ def main() -> None:
     print(f"  alone: run offset {offset:.4g}, run gain {gain:.4g}")
     for step in range(options.steps):
         trials = sorted((ladder.attempt(name)[:2], name) for name in ladder.built)
-        shown = trials[:14] if step == 0 else trials[:4]
-        print(
-            "  " + "; ".join(f"{name}({p:.3g}) [{kind_of(name)}] {error:.4g}" for (error, p), name in shown)
-        )
+        shown = (f"{name}({p:.3g}) [{kind_of(name)}] {e:.4g}" for (e, p), name in trials[: 4 if step else 14])
+        print("  " + "; ".join(shown))
         (error, p), name = trials[0]
         if error > 0.98 * ladder.error:
             break

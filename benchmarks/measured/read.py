@@ -26,7 +26,7 @@ def channel(kind: ChannelKind, parts: Iterable[list[np.ndarray]], name: str = "j
 
 def table(path: Path, **only: str | int) -> pd.DataFrame:
     """Rows of a CSV; `only` those with this in a column."""
-    rows = pd.read_csv(path, float_precision="round_trip")
+    rows = pd.read_csv(path)
     for name, value in only.items():
         rows = rows[rows[name] == value]
     return rows

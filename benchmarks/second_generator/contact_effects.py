@@ -12,6 +12,24 @@ from .sensor_effects import SENSOR, crosstalk
 from .world import CaseWorld, Effect, Hidden
 
 
+def sawtooth(w: CaseWorld, period: float) -> Array:
+    """A sawtooth over the path, from -1 to 1."""
+    path = cumulative_trapezoid(np.abs(w.motion.v), dx=1 / FINE_HZ, initial=0.0)
+    return 2 * ((path / period) % 1.0) - 1
+
+
+def thinned(w: CaseWorld, used: Array | float, chance: float) -> Array:
+    """What use has left of a viscosity; only motion while `used` is 1 counts."""
+    path = cumulative_trapezoid(np.abs(w.motion.v) * used, dx=1 / FINE_HZ, initial=0.0)
+    return np.exp(-path / (path[-1] * (0.08 + 0.2 * chance)))
+
+
+def warming(w: CaseWorld, gain: float, chance: float) -> Hidden:
+    """A gain that follows the heat of what was dissipated, which leaks away."""
+    heat = w.filtered(np.abs(w.plain * w.motion.v), 1.0 + 4 * chance)
+    return Hidden(senses=lambda f: f * (1 + gain * heat / heat.max()))
+
+
 def cubic_stiffness(w: CaseWorld, s: float, u: Array) -> Hidden:
     """F += k3 x^3."""
     k3 = 4 * s * w.law["k"] / w.size**2
@@ -146,42 +164,6 @@ CONTACT_PAIRS = (
 )
 
 
-def _chatter(w: CaseWorld, s: float, u: Array) -> Hidden:
-    """Stick-slip: a sawtooth over the path while touching."""
-    path = cumulative_trapezoid(np.abs(w.motion.v), dx=1 / FINE_HZ, initial=0.0)
-    saw = 2 * ((path / (w.size * (0.03 + 0.1 * u[0]))) % 1.0) - 1
-    return Hidden(adds=s * w.scale * saw * np.sign(w.motion.v) * w.touching)
-
-
-def _depth_squared_damping(w: CaseWorld, s: float, u: Array) -> Hidden:
-    """F += b x^2 v."""
-    return Hidden(adds=3 * s * w.scale * (w.pressed / w.size) ** 2 * w.motion.v / w.speed, one_sided=True)
-
-
-def _detent(w: CaseWorld, s: float, u: Array) -> Hidden:
-    """A magnet that pulls at a depth: exp(-((x - x0) / w)^2)."""
-    z = (w.motion.x / w.size - 0.25 - 0.4 * u[0]) / (0.06 + 0.1 * u[1])
-    return Hidden(adds=s * w.scale * np.exp(-(z**2)))
-
-
-def _thinning(w: CaseWorld, s: float, u: Array) -> Hidden:
-    """A viscosity that use takes away (thixotropy)."""
-    used = cumulative_trapezoid(np.abs(w.motion.v) * w.touching, dx=1 / FINE_HZ, initial=0.0)
-    left = np.exp(-used / (used[-1] * (0.08 + 0.2 * u[0])))
-    return Hidden(adds=4 * s * w.scale * left * w.motion.v / w.speed * w.touching, one_sided=True)
-
-
-def _warming(w: CaseWorld, s: float, u: Array) -> Hidden:
-    """A gain that follows the heat of what was dissipated, which leaks away."""
-    heat = w.filtered(np.abs(w.plain * w.motion.v), 1.0 + 4 * u[0])
-    return Hidden(senses=lambda f: f * (1 + 2 * s * heat / heat.max()))
-
-
-def _one_way_stiffness(w: CaseWorld, s: float, u: Array) -> Hidden:
-    """Stiffer on the way in than on the way out."""
-    return Hidden(adds=s * w.load * np.tanh(w.motion.v / (0.05 * w.speed)), one_sided=True)
-
-
 def _buckling(w: CaseWorld, s: float, u: Array) -> Hidden:
     """A dome that snaps through at a depth, and back at a smaller one."""
     snap, out, state = w.size * (0.35 + 0.2 * u[0]), np.zeros(len(w.motion.x)), 0.0
@@ -192,27 +174,37 @@ def _buckling(w: CaseWorld, s: float, u: Array) -> Hidden:
     return Hidden(adds=-0.8 * s * w.law["k"] * snap * soft, one_sided=True)
 
 
-def _mullins(w: CaseWorld, s: float, u: Array) -> Hidden:
-    """Below the largest depth so far the object is softer (Mullins 1969)."""
-    below = w.deepest() - w.pressed
-    return Hidden(adds=-0.8 * s * w.load * (1 - np.exp(-below / (0.1 * w.size))), one_sided=True)
-
-
-def _texture(w: CaseWorld, s: float, u: Array) -> Hidden:
-    """A laminate: force periodic in depth."""
-    period = w.size * (0.08 + 0.1 * u[0])
-    return Hidden(adds=s * w.scale * np.sin(2 * np.pi * (w.pressed / period)) * w.touching)
-
-
 CONTACT_OUTSIDE: dict[str, Effect] = {
-    "stick-slip chatter": _chatter,
-    "x^2 v damping": _depth_squared_damping,
-    "magnetic detent": _detent,
-    "viscosity that thins with use": _thinning,
-    "gain that follows dissipated energy": _warming,
-    "stiffness by direction of speed": _one_way_stiffness,
+    # a sawtooth over the path while touching
+    "stick-slip chatter": lambda w, s, u: Hidden(
+        adds=s * w.scale * sawtooth(w, w.size * (0.03 + 0.1 * u[0])) * np.sign(w.motion.v) * w.touching
+    ),
+    # F += b x^2 v
+    "x^2 v damping": lambda w, s, u: Hidden(
+        adds=3 * s * w.scale * (w.pressed / w.size) ** 2 * w.motion.v / w.speed, one_sided=True
+    ),
+    # a magnet that pulls at a depth: exp(-((x - x0) / w)^2)
+    "magnetic detent": lambda w, s, u: Hidden(
+        adds=s * w.scale * np.exp(-(((w.motion.x / w.size - 0.25 - 0.4 * u[0]) / (0.06 + 0.1 * u[1])) ** 2))
+    ),
+    # thixotropy
+    "viscosity that thins with use": lambda w, s, u: Hidden(
+        adds=4 * s * w.scale * thinned(w, w.touching, u[0]) * w.motion.v / w.speed * w.touching,
+        one_sided=True,
+    ),
+    "gain that follows dissipated energy": lambda w, s, u: warming(w, 2 * s, u[0]),
+    # stiffer on the way in than on the way out
+    "stiffness by direction of speed": lambda w, s, u: Hidden(
+        adds=s * w.load * np.tanh(w.motion.v / (0.05 * w.speed)), one_sided=True
+    ),
     "snap-through": _buckling,
     "cross-talk of a periodic signal": crosstalk,
-    "Mullins softening": _mullins,
-    "laminate": _texture,
+    # below the largest depth so far the object is softer (Mullins 1969)
+    "Mullins softening": lambda w, s, u: Hidden(
+        adds=-0.8 * s * w.load * (1 - np.exp(-(w.deepest() - w.pressed) / (0.1 * w.size))), one_sided=True
+    ),
+    # force periodic in depth
+    "laminate": lambda w, s, u: Hidden(
+        adds=s * w.scale * np.sin(2 * np.pi * (w.pressed / (w.size * (0.08 + 0.1 * u[0])))) * w.touching
+    ),
 }

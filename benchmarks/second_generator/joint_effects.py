@@ -5,9 +5,9 @@ Sources: Armstrong-Helouvry, Dupont and Canudas de Wit 1994 (friction); Dahl 196
 """
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
-from .motion import FINE_HZ, Array
+from .contact_effects import sawtooth, thinned, warming
+from .motion import Array
 from .sensor_effects import SENSOR, crosstalk
 from .world import CaseWorld, Effect, Hidden, play
 
@@ -179,41 +179,6 @@ JOINT_PAIRS = (
 )
 
 
-def _travel(w: CaseWorld) -> Array:
-    return cumulative_trapezoid(np.abs(w.motion.v), dx=1 / FINE_HZ, initial=0.0)
-
-
-def _stick_slip(w: CaseWorld, s: float, u: Array) -> Hidden:
-    """A sawtooth over the path."""
-    saw = 2 * ((_travel(w) / (w.size * (0.05 + 0.1 * u[0]))) % 1.0) - 1
-    return Hidden(adds=s * w.scale * saw * _sign(w))
-
-
-def _cos2_friction(w: CaseWorld, s: float, u: Array) -> Hidden:
-    """A bearing that is tight in two places: cos^2(q) v."""
-    return Hidden(adds=3 * s * w.scale * np.cos(2 * w.motion.x + u[0]) ** 2 * w.motion.v / w.speed)
-
-
-def _detent(w: CaseWorld, s: float, u: Array) -> Hidden:
-    """A magnet at one angle."""
-    z = (w.motion.x / w.size - u[0] * 0.6) / (0.06 + 0.1 * u[1])
-    return Hidden(adds=s * w.scale * np.exp(-(z**2)))
-
-
-def _thinning(w: CaseWorld, s: float, u: Array) -> Hidden:
-    """A grease that thins with use."""
-    used = _travel(w)
-    return Hidden(
-        adds=4 * s * w.scale * np.exp(-used / (used[-1] * (0.08 + 0.2 * u[0]))) * w.motion.v / w.speed
-    )
-
-
-def _warming(w: CaseWorld, s: float, u: Array) -> Hidden:
-    """A torque constant that falls with the heat of what was dissipated."""
-    heat = w.filtered(np.abs(w.plain * w.motion.v), 1.0 + 4 * u[0])
-    return Hidden(senses=lambda f: f * (1 - 0.8 * s * heat / heat.max()))
-
-
 def _farthest(w: CaseWorld, s: float, u: Array) -> Hidden:
     """A seal that has given way as far as the joint ever turned."""
     far = np.maximum.accumulate(np.abs(w.motion.x))
@@ -233,11 +198,23 @@ def _dwell(w: CaseWorld, s: float, u: Array) -> Hidden:
 
 
 JOINT_OUTSIDE: dict[str, Effect] = {
-    "stick-slip chatter": _stick_slip,
-    "cos^2 of the angle times speed": _cos2_friction,
-    "magnetic detent": _detent,
-    "grease that thins with use": _thinning,
-    "gain that follows dissipated energy": _warming,
+    # a sawtooth over the path
+    "stick-slip chatter": lambda w, s, u: Hidden(
+        adds=s * w.scale * sawtooth(w, w.size * (0.05 + 0.1 * u[0])) * _sign(w)
+    ),
+    # a bearing that is tight in two places
+    "cos^2 of the angle times speed": lambda w, s, u: Hidden(
+        adds=3 * s * w.scale * np.cos(2 * w.motion.x + u[0]) ** 2 * w.motion.v / w.speed
+    ),
+    # a magnet at one angle
+    "magnetic detent": lambda w, s, u: Hidden(
+        adds=s * w.scale * np.exp(-(((w.motion.x / w.size - u[0] * 0.6) / (0.06 + 0.1 * u[1])) ** 2))
+    ),
+    "grease that thins with use": lambda w, s, u: Hidden(
+        adds=4 * s * w.scale * thinned(w, 1.0, u[0]) * w.motion.v / w.speed
+    ),
+    # a torque constant that falls with the heat
+    "gain that follows dissipated energy": lambda w, s, u: warming(w, -0.8 * s, u[0]),
     "cross-talk of a periodic signal": crosstalk,
     "seal worn to the largest angle": _farthest,
     "end cushion": _end_cushion,
