@@ -34,6 +34,7 @@ from palpate.runs.options import (
     stops_of,
     without_question,
 )
+from palpate.runs.session import ArmSession
 
 CALIBRATIONS = Path("calibrations")
 PERCENT = 0.01
@@ -273,7 +274,7 @@ def ask_for_weight(gravity_m_s2: float) -> runs.Place:
         gravity_m_s2: gravitational acceleration, which converts masses to weights [m/s^2].
     """
 
-    def ask(_setup: runs.CalibrationSetup, number: int, force_n: float) -> None:
+    def ask(_arm: ArmSession, number: int, force_n: float) -> None:
         weight = f"{force_n / gravity_m_s2:.4g} kg ({force_n:.3f} N)"
         console.stderr().print(f"{number + 1}: put {weight} on the sensor, let it come to rest, press Enter")
         if not sys.stdin.readline():

@@ -36,7 +36,7 @@ from palpate.sim_backend.scenario import load_scenario, shipped_scenarios
 from palpate.teleop.demo import run_demo
 from palpate.teleop.follower import FollowerJob, run_follower
 from palpate.teleop.haptics import HapticJob
-from palpate.teleop.leader import LeaderJob, leader_metadata, run_leader
+from palpate.teleop.leader import leader_metadata, run_leader
 
 MILLI, PERCENT = 1e-3, 0.01
 # Starts well above the target: an operator who has felt nothing yet may place it too low.
@@ -225,7 +225,8 @@ def leader(  # noqa: PLR0917, one parameter an option
     talk = console.stderr()
     with talk.status("starting") as status:
         outcome = run_leader(
-            LeaderJob(haptics, line),
+            haptics,
+            line,
             lambda text: talk.print(safe(text)),
             lambda text: status.update(safe(text)),
         )

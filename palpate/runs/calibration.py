@@ -47,49 +47,12 @@ class CalibrationJob(ArmJob):
     kind: str  # force, encoder, torque or gravity
 
 
-@dataclass(frozen=True)
-class CalibrationSetup:
-    """Robot ready to be calibrated, torque off."""
-
-    arm: ArmSession
-
-    def stationary(self) -> StationaryRobot:
-        """Return a task that leaves the robot without power."""
-        arm, robot_file = self.arm, self.arm.job.robot_file
-        n = robot_file.joint_count
-        anywhere = {"position_min_rad": (-_FAR_RAD,) * n, "position_max_rad": (_FAR_RAD,) * n}
-        guard = arm.guard(robot_file.limits.model_copy(update=anywhere))
-        return StationaryRobot(arm.robot, guard, arm.clock, arm.log, robot_file.control_rate_hz)
-
-    def start_rad(self) -> FloatArray:
-        """Joint positions before anything moves, shape (n,) [rad]."""
-        return self.stationary().await_samples().joint_position_rad
-
-    def run(self, task: Task, limits: Limits, watcher: Watcher = NOBODY) -> None:
-        """Run a task in the loop, under a guard with these limits.
-
-        Args:
-            task: task of the arm.
-            limits: limits of the guard.
-            watcher: observer of the run.
-
-        Raises:
-            KeyboardInterrupt: the user stopped the run.
-            PalpateError: the arm was stopped.
-        """
-        watcher.started()
-        result = self.arm.run(task, watcher.observe, limits)
-        if result.outcome is Outcome.STOPPED and not (result.deactivation_error or self.arm.unlogged()):
-            raise KeyboardInterrupt
-        result.raise_for_trip()
-
-
-Place = Callable[[CalibrationSetup, int, float], None]
+Place = Callable[[ArmSession, int, float], None]
 
 
 @contextmanager
-def calibration_setup(job: CalibrationJob) -> Iterator[CalibrationSetup]:
-    """Set up robot, clock and log; the session file is complete when the context ends.
+def calibration_setup(job: CalibrationJob) -> Iterator[ArmSession]:
+    """Open the unpowered robot and begin the session, which is complete when the context ends.
 
     Args:
         job: the calibration run.
@@ -101,7 +64,24 @@ def calibration_setup(job: CalibrationJob) -> Iterator[CalibrationSetup]:
     now_utc = datetime.now(UTC)
     calibrations = load_calibrations(job.robot_file, now_utc, leave_out=(job.kind,), emulated=job.wired)
     with arm_session(job, calibrations, {KIND: job.kind}, now_utc) as arm:
-        yield CalibrationSetup(arm)
+        yield arm
+
+
+def _stationary(arm: ArmSession) -> StationaryRobot:
+    """Return a task that leaves the robot without power."""
+    robot_file, n = arm.job.robot_file, arm.job.robot_file.joint_count
+    anywhere = {"position_min_rad": (-_FAR_RAD,) * n, "position_max_rad": (_FAR_RAD,) * n}
+    guard = arm.guard(robot_file.limits.model_copy(update=anywhere))
+    return StationaryRobot(arm.robot, guard, arm.clock, arm.log, robot_file.control_rate_hz)
+
+
+def _move(arm: ArmSession, task: Task, limits: Limits, watcher: Watcher) -> None:
+    """Run a task under these limits; raise `KeyboardInterrupt` or `PalpateError` if it was stopped."""
+    watcher.started()
+    result = arm.run(task, watcher.observe, limits)
+    if result.outcome is Outcome.STOPPED and not (result.deactivation_error or arm.unlogged()):
+        raise KeyboardInterrupt
+    result.raise_for_trip()
 
 
 def describe_motion(kind: str, limits: Limits) -> str:
@@ -141,13 +121,14 @@ def run_motion(
     """
     settings, robot_file = settings or MOTIONS[job.kind], job.robot_file
     limits = robot_file.limits
-    with calibration_setup(job) as setup:
-        body, bodies = setup.arm.body, GravityBodies.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
+    with calibration_setup(job) as arm:
+        body, bodies = arm.body, GravityBodies.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
         rng = np.random.default_rng(0)
-        path = choose_path(body, bodies, setup.start_rad(), limits, settings=settings, rng=rng)
+        start_rad = _stationary(arm).await_samples().joint_position_rad
+        path = choose_path(body, bodies, start_rad, limits, settings=settings, rng=rng)
         task = PathTask(body, gains_of(robot_file).tracking, path, travel_speed_rad_s(limits))
         guarded = _slowed(limits, SPEED_MARGIN * max(settings.speed_rad_s, 1.0))
-        setup.run(task, guarded, watcher(settings.duration_s + 10.0))
+        _move(arm, task, guarded, watcher(settings.duration_s + 10.0))
 
 
 def run_stops(
@@ -169,13 +150,13 @@ def run_stops(
     """
     limits = job.robot_file.limits
     settings = StopSettings.within(limits)
-    with calibration_setup(job) as setup:
-        body = setup.arm.body
-        stops_rad = stops_rad or body.position_limits_rad
-        up_rad, approaches = plan_stops(body, setup.start_rad(), limits, stops_rad, settings.reach_rad)
-        task = StopTask(body, gains_of(job.robot_file).tracking, up_rad, approaches, settings)
+    with calibration_setup(job) as arm:
+        stops_rad = stops_rad or arm.body.position_limits_rad
+        start_rad = _stationary(arm).await_samples().joint_position_rad
+        up_rad, approaches = plan_stops(arm.body, start_rad, limits, stops_rad, settings.reach_rad)
+        task = StopTask(arm.body, gains_of(job.robot_file).tracking, up_rad, approaches, settings)
         opened = with_room_for_stops(limits, approaches, settings.reach_rad + BEYOND_RAD)
-        setup.run(task, _slowed(opened, STOP_SPEED_RAD_S), watcher(12.0 * len(approaches)))
+        _move(arm, task, _slowed(opened, STOP_SPEED_RAD_S), watcher(12.0 * len(approaches)))
 
 
 def run_pose(job: CalibrationJob) -> None:
@@ -185,8 +166,8 @@ def run_pose(job: CalibrationJob) -> None:
         InputError: as for `calibration_setup`.
         SafetyTripError: a sample is missing or old.
     """
-    with calibration_setup(job) as setup:
-        stationary = setup.stationary()
+    with calibration_setup(job) as arm:
+        stationary = _stationary(arm)
         stationary.await_samples()
         stationary.record(POSE_S, 0)
 
@@ -205,7 +186,7 @@ def run_weighing(
     Args:
         job: the calibration run.
         forces_n: forces on the sensor in order [N], positive in compression.
-        place: called with the setup, the force's number from 0 and the force [N]; applies the force.
+        place: called with the arm, the force's number from 0 and the force [N]; applies the force.
         settle_s: time before each measurement [s].
         measure_s: time of each measurement [s].
         progress: called with the fraction that is done.
@@ -221,17 +202,17 @@ def run_weighing(
         raise InputError(
             f"{max(forces_n, key=abs):.4g} N: limits.force_n of '{job.robot_file.name}' is {limit_n:g} N"
         )
-    with calibration_setup(job) as setup:
-        stationary = setup.stationary()
+    with calibration_setup(job) as arm:
+        stationary = _stationary(arm)
         stationary.await_samples()
-        put = partial(place, setup)
+        put = partial(place, arm)
         record_weighing(stationary, forces_n, put, settle_s=settle_s, measure_s=measure_s, progress=progress)
 
 
-def put_simulated_weight(setup: CalibrationSetup, number: int, force_n: float) -> None:
+def put_simulated_weight(arm: ArmSession, number: int, force_n: float) -> None:
     """Apply a force to the simulated sensor."""
-    if setup.arm.world is not None:
-        setup.arm.world().sensor_load_n = force_n
+    if arm.world is not None:
+        arm.world().sensor_load_n = force_n
 
 
 def _slowed(limits: Limits, speed_rad_s: float) -> Limits:

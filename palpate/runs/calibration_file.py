@@ -145,7 +145,7 @@ def arm_fit_of(session: Session, urdf: str | Path, tip_frame: str) -> ArmFit:
     Raises:
         InputError: the session is of another kind, or does not determine a joint's gain.
     """
-    return fit_arm(motion_of(session.samples("tick")), GravityBodies.from_urdf(urdf, tip_frame))
+    return fit_arm(motion_of(session.samples(STREAM_NAME)), GravityBodies.from_urdf(urdf, tip_frame))
 
 
 def encoder_fit_of(

@@ -5,7 +5,7 @@ neither a slow network nor a slow terminal affects the felt force.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from math import dist, nan
@@ -45,14 +45,6 @@ Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class LeaderJob:
-    """Settings of a leader: initial virtual object and link."""
-
-    haptics: HapticJob
-    link: LineSettings = field(default_factory=LineSettings)
-
-
-@dataclass(frozen=True)
 class LeaderOutcome:
     """Result of a leader's run."""
 
@@ -81,11 +73,12 @@ def leader_metadata(robot_file: RobotFile, scene: Scenario, command_line: str) -
     )
 
 
-def run_leader(job: LeaderJob, say: Say, show: Say) -> LeaderOutcome:
+def run_leader(haptics: HapticJob, link: LineSettings, say: Say, show: Say) -> LeaderOutcome:
     """Lead until the operator's script ends or Ctrl-C; the session is then complete.
 
     Args:
-        job: the job.
+        haptics: initial virtual object, device and session.
+        link: connection to the follower.
         say: called with each event, as one line.
         show: called with the status line, which replaces the previous one.
 
@@ -94,10 +87,10 @@ def run_leader(job: LeaderJob, say: Say, show: Say) -> LeaderOutcome:
         PalpateError: the haptic process has ended; states the reason.
     """
     clock = MonotonicClock()
-    with Line("leader", job.link, clock) as line:
-        process, pipe = start_worker(run_haptics, job.haptics)
+    with Line("leader", link, clock) as line:
+        process, pipe = start_worker(run_haptics, haptics)
         try:
-            leader = _Leader(job, line, clock, process, pipe, say, show)
+            leader = _Leader(haptics.scene, line, clock, process, pipe, say, show)
             try:
                 leader.run()
             except KeyboardInterrupt:
@@ -114,7 +107,7 @@ class _Leader:
 
     def __init__(  # noqa: PLR0917 (what a leader is made of)
         self,
-        job: LeaderJob,
+        scene: Scenario,
         line: Line,
         clock: Clock,
         process: BaseProcess,
@@ -124,7 +117,7 @@ class _Leader:
     ) -> None:
         self._clock, self._process, self._pipe = clock, process, pipe
         self._say, self._show = say, show
-        self._target_states = TargetStates(job.haptics.scene)
+        self._target_states = TargetStates(scene)
 
         def drop_follower() -> None:
             self._target_states.on_new_peer()

@@ -95,7 +95,7 @@ class Decision:
         for item in diagnoses:
             if item.verdict is Verdict.INSUFFICIENT:
                 explanations.append(f"{item.channel} cannot be judged ({item.reason})")
-            elif not _is_adequate(item):
+            elif item.verdict is not Verdict.ADEQUATE:
                 names = " and ".join(" or ".join([e.effect, *e.confused_with]) for e in item.accepted)
                 signals = ", ".join(item.depends_on) or "no signal"
                 rest = "" if item.complete else f"something that depends on {signals}"
@@ -200,7 +200,7 @@ def resolve(  # noqa: PLR0917
             is_last, left_s = number + 1 >= budget.probes, budget.seconds - used_s
             end, following = _decide(study, judged, left_s, progress, design, is_last=is_last)
             if end is StopReason.SEPARATED and any(
-                _is_adequate(item) and item.channel in shown for item in judged
+                item.verdict is Verdict.ADEQUATE and item.channel in shown for item in judged
             ):
                 end = StopReason.UNSEEN
             shown |= {
@@ -247,7 +247,3 @@ def _decide(
         return StopReason.SECONDS, None
     is_named = any(diagnosis.accepted for diagnosis in undecided)
     return (StopReason.INSEPARABLE if is_named else StopReason.UNEXPLAINED), None
-
-
-def _is_adequate(diagnosis: ChannelDiagnosis) -> bool:
-    return diagnosis.verdict is Verdict.ADEQUATE

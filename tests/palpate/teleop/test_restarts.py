@@ -1,6 +1,5 @@
 """One side is started again while the other goes on: numbers begin anew, and nothing old is mixed in."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,8 +10,6 @@ from palpate.robot_io.link.messages import ObjectEstimate, TargetState, target_n
 from palpate.sim_backend.scenario import load_scenario
 from palpate.teleop import follower, leader
 from palpate.teleop.estimating import sample_stream
-from palpate.teleop.haptics import HapticJob
-from palpate.teleop.leader import LeaderJob
 from tests.robot_io.link.link_parts import estimate, intent, report, target
 
 LATER_S = 5.0  # by then a side that says nothing is gone
@@ -57,9 +54,8 @@ def line():
 
 @pytest.fixture
 def led(line):
-    haptics = HapticJob("leader", "keyboard", load_scenario("default"), Path("unused"), None)
     ignore = [].append
-    return leader._Leader(LeaderJob(haptics), line, line, None, None, ignore, ignore)
+    return leader._Leader(load_scenario("default"), line, line, None, None, ignore, ignore)
 
 
 @pytest.fixture
