@@ -25,7 +25,7 @@ from palpate.study import Study
 from palpate.workflows.data_options import DataArguments, FolderOption, ForceOption, ModelOption, takes_data
 
 RESULT, RECORDING = "comparison.json", "sides.rrd"
-PAIR_FILES = (RESULT, REPORT, RECORDING)  # files that `write_pair` writes
+PAIR_FILES = {"result": RESULT, "report": REPORT, "recording": RECORDING}  # of two measurements
 
 
 class ComparedPair:
@@ -126,27 +126,6 @@ def _extended(study: Study, kept: Sequence[Revision]) -> Extended:
     return [(study.channel_of(revision), revision.effects) for revision in kept] or [
         (channel, ()) for channel in study.channels
     ]
-
-
-def write_pair(folder: Path, pair: ComparedPair, view: PairView) -> dict[str, Path]:
-    """Write result, report and recording, all or none; return their paths by kind.
-
-    Args:
-        folder: folder of the files, created if needed.
-        pair: the comparison.
-        view: view of the comparison.
-
-    Raises:
-        InputError: a file cannot be written.
-    """
-    # plotting libraries take long to import
-    from palpate.render.paired_report import document, record_pair  # noqa: PLC0415
-
-    output_folder(folder)
-    texts = {folder / RESULT: json_text(pair.as_data()), folder / REPORT: document(view)}
-    with whole_set(texts):
-        record_pair(view, folder / RECORDING)
-    return {"result": folder / RESULT, "report": folder / REPORT, "recording": folder / RECORDING}
 
 
 def _names(first: Study, second: Study, grown: tuple[Extended, Extended]) -> tuple[str, str]:
@@ -274,7 +253,7 @@ def _compare_pair(
 ) -> None:
     """Print both sides, and write files if requested; `given` holds the options that selected them."""
     if out is not None:
-        spare_files(out, PAIR_FILES, force=force, keep=pair.files)
+        spare_files(out, PAIR_FILES.values(), force=force, keep=pair.files)
     same = pair.files[0] == pair.files[1]
     first, second = pair.sides[0].first, pair.sides[0].second
     if same and not any(given.values()):
@@ -282,11 +261,17 @@ def _compare_pair(
     beside = "" if same else f" {shell_path(pair.files[1])}"
     file = shell_path(data.file)
     again = f"palpate compare {file}{beside}{data.command_text(**given).removeprefix(file)}"
-    view = pair.view([again])
-    console.present(pair.as_data(), lambda: print_pair(console.stdout(), view), as_json=as_json)
+    view, content = pair.view([again]), pair.as_data()
+    console.present(content, lambda: print_pair(console.stdout(), view), as_json=as_json)
     if out is not None:
         with console.stderr().status("report and recording"):
-            written = write_pair(out, pair, view)
+            # plotting libraries take long to import
+            from palpate.render.paired_report import document, record_pair  # noqa: PLC0415
+
+            output_folder(out)
+            with whole_set({out / RESULT: json_text(content), out / REPORT: document(view)}):
+                record_pair(view, out / RECORDING)
+        written = {what: out / name for what, name in PAIR_FILES.items()}
         if not as_json:
             print_files(console.stdout(), written)
     if not as_json:

@@ -103,13 +103,14 @@ def command_line(arguments: Sequence[str], hidden: str | None) -> str:
         arguments: arguments of the program.
         hidden: hidden effects as typed; None if none.
     """
+    if hidden in (None, "", RANDOM):
+        return as_command(arguments)
     words = list(arguments)
     for number, word in enumerate(words):
-        if hidden not in (None, "", RANDOM):
-            if word == hidden and words[number - 1 : number] == ["--hidden"]:
-                words[number] = SEALED
-            elif word == f"--hidden={hidden}":
-                words[number] = f"--hidden={SEALED}"
+        if word == hidden and words[number - 1 : number] == ["--hidden"]:
+            words[number] = SEALED
+        elif word == f"--hidden={hidden}":
+            words[number] = f"--hidden={SEALED}"
     return as_command(words)
 
 

@@ -290,10 +290,10 @@ def ask_for_power(motion: str, *, yes: bool, pause: Callable[[float], None] = ti
     talk = console.stderr()
     talk.print(f"[bold]{safe(motion)}[/bold]")
     talk.print("Keep clear of the arm and of the space below it, and hold its power switch in your hand.")
-    if not yes:  # stdout is reserved for --json
-        talk.print("Power the arm now? \\[y/N]: ", end="")
-    if not yes and sys.stdin.readline().strip().lower() not in ("y", "yes"):
-        raise InputError("permission to power the arm denied: nothing has moved")
+    if not yes:
+        talk.print("Power the arm now? \\[y/N]: ", end="")  # stdout is reserved for --json
+        if sys.stdin.readline().strip().lower() not in ("y", "yes"):
+            raise InputError("permission to power the arm denied: nothing has moved")
     for left_s in range(COUNTDOWN_S, 0, -1):
         talk.print(f"power in {left_s} s; Ctrl-C stops it")
         pause(1.0)
