@@ -33,20 +33,7 @@ JOINTS = ("shoulder", "elbow")
 # MuJoCo's friction changes sign 1/100 s ahead of the motion by default; that of a joint does so at rest.
 AT_REST = (2.0 * STEP_S, 1.0)
 
-URDF = """<robot name="two_links">
-  <link name="base"/>
-  <link name="upper"><inertial><origin xyz="0.15 0 0"/><mass value="1.2"/>
-    <inertia ixx="0.002" iyy="0.012" izz="0.012" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>
-    <origin xyz="0 0 1"/><axis xyz="0 1 0"/><limit lower="-6" upper="6" effort="100" velocity="50"/></joint>
-  <link name="fore"><inertial><origin xyz="0.12 0 0"/><mass value="0.7"/>
-    <inertia ixx="0.001" iyy="0.005" izz="0.005" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/>
-    <origin xyz="0.3 0 0"/><axis xyz="0 1 0"/><limit lower="-6" upper="6" effort="100" velocity="50"/></joint>
-  <link name="tip"/>
-  <joint name="mount" type="fixed"><parent link="fore"/><child link="tip"/><origin xyz="0.25 0 0.02"/></joint>
-</robot>
-"""
+URDF = Path(__file__).with_name("two_links.urdf").read_text("utf-8")
 
 
 @dataclass(frozen=True)
@@ -54,15 +41,16 @@ class ExportCase:
     """One hidden effect."""
 
     hide: Callable[[mujoco.MjSpec], None]
-    effects: Mapping[str, tuple[str, ...]]  # that are in it, by channel
+    channel: str
+    effects: tuple[str, ...]  # that are in it
 
 
-def _on_joint(name: str, **values: object) -> Callable[[mujoco.MjSpec], None]:
+def _on_joint(joint: int, effects: str, **values: object) -> ExportCase:
     def hide(spec: mujoco.MjSpec) -> None:
         for key, value in values.items():
-            setattr(spec.joint(name), key, value)
+            setattr(spec.joint(JOINTS[joint - 1]), key, value)
 
-    return hide
+    return ExportCase(hide, f"joint_{joint}", tuple(effects.split()))
 
 
 def _tilt(spec: mujoco.MjSpec) -> None:
@@ -79,27 +67,19 @@ def _gain(spec: mujoco.MjSpec) -> None:
 
 
 CASES: Mapping[str, ExportCase] = {
-    "coulomb": ExportCase(
-        _on_joint("shoulder", frictionloss=0.5, solref_friction=AT_REST), {"joint_1": ("coulomb_friction",)}
+    "coulomb": _on_joint(1, "coulomb_friction", frictionloss=0.5, solref_friction=AT_REST),
+    "viscous": _on_joint(2, "viscous_friction", damping=[0.3, 0, 0]),
+    "coulomb_and_viscous": _on_joint(
+        *(1, "coulomb_friction viscous_friction"),
+        **{"frictionloss": 0.4, "solref_friction": AT_REST, "damping": [0.25, 0, 0]},
     ),
-    "viscous": ExportCase(_on_joint("elbow", damping=[0.3, 0, 0]), {"joint_2": ("viscous_friction",)}),
-    "coulomb_and_viscous": ExportCase(
-        _on_joint("shoulder", frictionloss=0.4, solref_friction=AT_REST, damping=[0.25, 0, 0]),
-        {"joint_1": ("coulomb_friction", "viscous_friction")},
-    ),
-    "quadratic_friction": ExportCase(
-        _on_joint("shoulder", damping=[0, 0.08, 0]), {"joint_1": ("quadratic_friction",)}
-    ),
-    "armature": ExportCase(_on_joint("elbow", armature=0.02), {"joint_2": ("armature",)}),
-    "spring": ExportCase(
-        _on_joint("elbow", stiffness=[1.5, 0, 0], springref=0.4), {"joint_2": ("joint_spring",)}
-    ),
-    "hardening_spring": ExportCase(
-        _on_joint("elbow", stiffness=[0, 0, 2.0]), {"joint_2": ("cubic_stiffness",)}
-    ),
-    "gravity_tilt": ExportCase(_tilt, {"joint_1": ("gravity_tilt",)}),
-    "payload": ExportCase(_payload, {"joint_1": ("payload",)}),
-    "torque_gain": ExportCase(_gain, {"joint_1": ("torque_gain",)}),
+    "quadratic_friction": _on_joint(1, "quadratic_friction", damping=[0, 0.08, 0]),
+    "armature": _on_joint(2, "armature", armature=0.02),
+    "spring": _on_joint(2, "joint_spring", stiffness=[1.5, 0, 0], springref=0.4),
+    "hardening_spring": _on_joint(2, "cubic_stiffness", stiffness=[0, 0, 2.0]),
+    "gravity_tilt": ExportCase(_tilt, "joint_1", ("gravity_tilt",)),
+    "payload": ExportCase(_payload, "joint_1", ("payload",)),
+    "torque_gain": ExportCase(_gain, "joint_1", ("torque_gain",)),
 }
 
 
@@ -198,15 +178,14 @@ def round_trip(case: ExportCase, folder: Path, *, diagnose: bool) -> RoundTrip:
     (folder / "arm.xml").write_text(nominal.to_xml())
     path = _write_csv(folder / "arm.csv", runs[:-1])
     study = Study(path, arm=folder / "arm.urdf", folder=folder / "study")
-    found: dict[str, list[str]] = {}
+    found: dict[str, list[str]] = {case.channel: list(case.effects)}
     if diagnose:
-        for channel in study.diagnose().channels:
-            found[channel.channel] = [entry.effect for entry in channel.accepted]
-    else:
-        found = {name: list(effects) for name, effects in case.effects.items()}
+        channels = study.diagnose().channels
+        found = {
+            each.channel: [entry.effect for entry in each.accepted] for each in channels if each.accepted
+        }
     for name, effects in found.items():
-        if effects:
-            study.add(*effects, channel=name)
+        study.add(*effects, channel=name)
     study.export_simulator(folder / "better.xml", "mjcf", folder / "arm.xml")
     fits = [study.fit(each, found.get(each.name, [])) for each in study.channels]
     better = mujoco.MjModel.from_xml_path(str(folder / "better.xml"))
@@ -214,7 +193,7 @@ def round_trip(case: ExportCase, folder: Path, *, diagnose: bool) -> RoundTrip:
     promised = float(np.sqrt(np.mean([fit.rmse**2 for fit in fits])))
     moved = [record(each, RUNS - 1)[:, 1:3] - runs[-1][:, 1:3] for each in (plain, better)]
     motion = [float(np.sqrt(np.mean(error**2))) for error in moved]
-    return RoundTrip({key: value for key, value in found.items() if value}, rms[0], promised, rms[1], *motion)
+    return RoundTrip(found, rms[0], promised, rms[1], *motion)
 
 
 def _write_csv(path: Path, runs: Sequence[FloatArray]) -> Path:
@@ -242,9 +221,7 @@ def main() -> None:
         errors = f"{trip.nominal:7.4f} -> promised {trip.promised:7.4f}, replayed {trip.replayed:7.4f} N m"
         verdict = "kept" if trip.kept else "BROKEN"
         motion = f"motion {trip.nominal_motion:.2e} -> {trip.motion:.2e} rad"
-        print(
-            f"{name:20} {errors} {verdict}; {motion}  ({found}; {time.monotonic() - began:.0f} s)", flush=True
-        )
+        print(f"{name:20} {errors} {verdict}; {motion}  ({found}; {time.monotonic() - began:.0f} s)")
     if arguments.out:
         arguments.out.write_text(json.dumps(results, indent=1))
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+import yaml
 from numpy.random import Generator
 
 from palpate.estimation.base_model import ModelContext
@@ -15,8 +16,8 @@ from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
 
 from . import motion, readings
-from .contact_effects import CONTACT, CONTACT_OUTSIDE, CONTACT_PAIRS
-from .joint_effects import GRAVITY, IN_RIGID_BODY, JOINT, JOINT_OUTSIDE, JOINT_PAIRS, NEEDS_GRAVITY
+from .contact_effects import CONTACT, CONTACT_OUTSIDE
+from .joint_effects import GRAVITY, IN_RIGID_BODY, JOINT, JOINT_OUTSIDE, NEEDS_GRAVITY
 from .motion import Array
 from .sensor_effects import AFTER_NOISE
 from .world import CaseWorld, Hidden, effort_and_position, sized
@@ -25,6 +26,8 @@ STRENGTHS = (3.0, 10.0, 30.0)
 MOST_SAMPLES = 20_000  # of a case, so that many can be judged; a fast reader gets fewer runs
 RATES_HZ = (1000.0, 500.0, 250.0, 100.0)
 TRIES = 12  # worlds drawn until one can hide the effects; a joint without gravity hides no tilt
+_PAIRS = yaml.safe_load(Path(__file__).with_name("names.yaml").read_text("utf-8"))["pairs"]
+_URDF = Path(__file__).with_name("one_link.urdf").read_text("utf-8")
 _LIBRARY = {"contact": CONTACT | CONTACT_OUTSIDE, "revolute": JOINT | JOINT_OUTSIDE}
 
 
@@ -57,14 +60,14 @@ def grid() -> list[CaseSpec]:
     """All jobs in an order that mixes them; a beginning of it is a fair sample."""
     jobs = [
         (kind, sort, hidden, strength)
-        for kind, ones, outside, pairs in (
-            ("contact", CONTACT, CONTACT_OUTSIDE, CONTACT_PAIRS),
-            ("revolute", JOINT, JOINT_OUTSIDE, JOINT_PAIRS),
+        for kind, ones, outside in (
+            ("contact", CONTACT, CONTACT_OUTSIDE),
+            ("revolute", JOINT, JOINT_OUTSIDE),
         )
         for sort, hidden, strength in (
             *(("nothing", (), 0.0) for _ in range(22)),
             *(("one", (name,), strength) for name in ones for strength in STRENGTHS),
-            *(("two", pair, strength) for pair in pairs for strength in STRENGTHS[1:]),
+            *(("two", tuple(pair), strength) for pair in _PAIRS[kind] for strength in STRENGTHS[1:]),
             *(("outside", (name,), strength) for name in outside for strength in STRENGTHS[1:]),
         )
     ]
@@ -280,17 +283,3 @@ def _truth(world: CaseWorld, job: CaseSpec, hidden: list[Hidden]) -> dict[str, f
     if len(hidden) > 1:  # the library's relaxation takes all springs along, here one relaxes beside another
         truth = {key: value for key, value in truth.items() if not key.startswith("relaxation_spectrum.")}
     return {key: float(value) for key, value in truth.items()}
-
-
-# the second joint stands still and carries nothing: arms have more than one
-_URDF = """<robot name="one_link"><link name="base"/><link name="arm">
-<inertial><origin xyz="0 0 -{l}"/><mass value="{m}"/>
-<inertia ixx="{I}" iyy="{I}" izz="{I}" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="joint_1" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
-<limit lower="-6.3" upper="6.3" effort="1000" velocity="100"/></joint>
-<link name="hand"><inertial><mass value="1e-9"/>
-<inertia ixx="1e-12" iyy="1e-12" izz="1e-12" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="joint_2" type="revolute"><parent link="arm"/><child link="hand"/><axis xyz="0 1 0"/>
-<origin xyz="0 0 -{tip}"/><limit lower="-6.3" upper="6.3" effort="1000" velocity="100"/></joint>
-<link name="tip"/><joint name="tip_fixed" type="fixed"><parent link="hand"/><child link="tip"/></joint>
-</robot>"""

@@ -150,18 +150,6 @@ CONTACT: dict[str, Effect] = {
         *(contact_offset, tool_compliance),
     )
 } | SENSOR
-CONTACT_PAIRS = (
-    ("cubic_stiffness", "stress_relaxation"),
-    ("hunt_crossley", "bias"),
-    ("dry_friction", "layered_stiffness"),
-    ("stress_relaxation", "contact_offset"),
-    ("adhesion", "cubic_stiffness"),
-    ("bias", "delay"),
-    ("quadratic_damping", "dry_friction"),
-    ("plastic_set", "bias"),
-    ("relaxation_spectrum", "power_law_stiffness"),
-    ("lag", "dry_friction"),
-)
 
 
 def _buckling(w: CaseWorld, s: float, u: Array) -> Hidden:

@@ -165,18 +165,6 @@ JOINT: dict[str, Effect] = {
 NEEDS_GRAVITY = frozenset(
     {"load_dependent_friction", "gravity_tilt", "payload", "backlash", "joint_elasticity"}
 )
-JOINT_PAIRS = (
-    ("coulomb_friction", "bias"),
-    ("coulomb_friction", "torque_ripple"),
-    ("coulomb_friction", "load_dependent_friction"),
-    ("joint_spring", "coulomb_friction"),
-    ("quadratic_friction", "coulomb_friction"),
-    ("coulomb_friction", "lag"),
-    ("payload", "coulomb_friction"),
-    ("torque_ripple", "bias"),
-    ("presliding_friction", "bias"),
-    ("armature", "viscous_friction"),
-)
 
 
 def _farthest(w: CaseWorld, s: float, u: Array) -> Hidden:

@@ -6,9 +6,11 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from palpate.estimation.diagnosis import ChannelDiagnosis, diagnose
 from palpate.estimation.diagnosis.candidates import effect_library
@@ -16,41 +18,7 @@ from palpate.estimation.effects import EFFECTS
 
 from .cases import CaseSpec, GeneratedCase, make
 
-# One and the same curve under two names, for mathematical reasons, so that no data can prefer one:
-# hidden -> the sets of effects that describe it as well. A first effect out of any set is right.
-SAME_CURVE: dict[str, list[set[str]]] = {
-    # a spring in series with spring and damper is Zener's body, which relaxes
-    "tool_compliance": [{"stress_relaxation"}],
-    "power_law_stiffness": [{"hunt_crossley"}],  # k x^n is Hunt and Crossley's law with b = 0
-    "relaxation_spectrum": [{"stress_relaxation"}],  # the first of its two branches
-    # Coulomb's is the asymptote of Stribeck's, and enough where all speeds are beyond Stribeck's
-    "stribeck_friction": [{"coulomb_friction", "stribeck_friction"}, {"coulomb_friction"}],
-    # f+ and f- are (f+ + f-)/2 and a constant while it moves; or the same sum, told in two steps
-    "asymmetric_friction": [{"coulomb_friction", "bias"}, {"coulomb_friction", "asymmetric_friction"}],
-    "presliding_friction": [{"coulomb_friction"}],  # Dahl's law beyond its presliding distance is Coulomb's
-    "joint_spring": [{"joint_spring", "bias"}],  # its preload is a bias
-}
-# A sum of ripples has one name.
-SPELLED = {"torque_ripple (harmonics)": "torque_ripple"}
-# Outside the vocabulary of design.md, inside one that knows friction by position.
-NAMED_BY_A_WIDER_LIBRARY = {"cos^2 of the angle times speed", "end cushion"}
-# Laws of the library that contain a hidden one exactly, at any motion, by their equations. They are removed
-# from the library together with it; laws that only come near are not listed.
-CONTAINED_IN: dict[str, set[str]] = {
-    "bias": {"drift", "joint_spring", "run_offset"},  # offset, preload, and one offset in all runs
-    "coulomb_friction": {
-        *("stribeck_friction", "asymmetric_friction"),  # no rise, equal forces
-        *("presliding_friction", "bouc_wen_hysteresis"),  # no presliding distance, no path
-    },
-    "presliding_friction": {"bouc_wen_hysteresis"},
-    "dry_friction": {"bouc_wen_hysteresis"},
-    "load_dependent_friction": {"load_dependent_presliding"},
-    "cubic_stiffness": {"hunt_crossley", "power_law_stiffness"},  # exponent 3
-    "power_law_stiffness": {"hunt_crossley"},
-    "stress_relaxation": {"relaxation_spectrum"},
-    # a spring in series with a spring and damper is a standard linear solid
-    "tool_compliance": {"stress_relaxation", "relaxation_spectrum"},
-}
+NAMES: dict[str, Any] = yaml.safe_load(Path(__file__).with_name("names.yaml").read_text("utf-8"))
 QUANTILE_95 = 1.96
 
 
@@ -144,13 +112,13 @@ def run(job: CaseSpec, seed: int) -> CaseOutcome | None:
 
 def _names(job: CaseSpec) -> list[str]:
     """Hidden effects by the library's names."""
-    return [SPELLED.get(name, name) for name in job.hidden]
+    return [NAMES["spelled"].get(name, name) for name in job.hidden]
 
 
 def withheld(job: CaseSpec) -> frozenset[str]:
     """Names of the hidden effects and of every law that contains one of them."""
     plain = frozenset(_names(job))
-    return plain.union(*(CONTAINED_IN.get(name, ()) for name in plain))
+    return plain.union(*(NAMES["contained_in"].get(name, ()) for name in plain))
 
 
 def judged(case: GeneratedCase, seed: int, diagnosis: ChannelDiagnosis, seconds: float) -> CaseOutcome:
@@ -208,12 +176,12 @@ def _is_kind_right(job: CaseSpec, diagnosis: ChannelDiagnosis, *, with_replacing
 def _right_sets(job: CaseSpec) -> list[frozenset[str]]:
     """All sets of names that describe what is hidden."""
     if job.sort == "outside":
-        named = job.hidden[0] in NAMED_BY_A_WIDER_LIBRARY
+        named = job.hidden[0] in NAMES["named_by_a_wider_library"]
         return [frozenset({"position_dependent_friction"} if named else ())]
     sets = [frozenset[str]()]
     for name in _names(job):
-        ways = [{name}, *SAME_CURVE.get(name, ())]
-        sets = [names | way for names in sets for way in ways]
+        ways = [[name], *NAMES["same_curve"].get(name, ())]
+        sets = [names.union(way) for names in sets for way in ways]
     return sets
 
 
