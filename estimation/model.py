@@ -175,7 +175,7 @@ class Model:
             raise InputError(f"model '{self.name}' is not linear in its gains: use predict()")
         columns, known = self.parts(data, inner)
         for sensor in self.sensors:
-            sensed = sensor.sense(np.column_stack([columns, known]), data, own(sensor, inner))
+            sensed = sensor.sense(np.column_stack([columns, known]), data, own_parameters(sensor, inner))
             columns, known = sensed[:, :-1], sensed[:, -1]
         units = self.units(data)[: len(self.gains)]
         return Regression(columns, data.effort - known, tuple(self.gains), units, data.run)
@@ -188,7 +188,7 @@ class Model:
         """
         ordered_parameters, fixed = dict(parameters), self.held.keys() | self.within.keys()
         for effect in self.effects:
-            ordered = effect.in_order(own(effect, parameters))
+            ordered = effect.in_order(own_parameters(effect, parameters))
             named = {f"{effect.name}.{name}": value for name, value in ordered.items()}
             ordered_parameters |= named if not named.keys() & fixed else {}
         return ordered_parameters
@@ -208,7 +208,7 @@ class Model:
             data: the channel; its effort is used only by effects that need it (tool compliance).
             parameters: a value for every gain and inner parameter.
         """
-        return self.linearise(data, parameters)[1]
+        return self.linearize(data, parameters)[1]
 
     def inner_slopes(self, data: ChannelData, parameters: Parameters, step: float) -> list[FloatArray]:
         """Compute the derivative of the prediction by each inner parameter at fixed gains, each (n,).
@@ -228,7 +228,7 @@ class Model:
             slopes.append((above - below) / (upper - lower))
         return slopes
 
-    def lifted(self, data: ChannelData, parameters: Parameters, parts: Parts) -> IntArray:
+    def lift_off_rows(self, data: ChannelData, parameters: Parameters, parts: Parts) -> IntArray:
         """Return the samples of a contact where the object would have to pull, so that contact is lost.
 
         In these samples the sum of the one-sided effects is negative and is set to zero. Samples that are
@@ -248,12 +248,12 @@ class Model:
         lifts = parts[0] @ np.array(pushing) < 0.0
         return np.flatnonzero(lifts if data.touching is None else lifts & ~data.touching)
 
-    def linearise(
+    def linearize(
         self,
         data: ChannelData,
         parameters: Parameters,
         parts: Parts | None = None,
-        lifted: IntArray | None = None,
+        lift_off_rows: IntArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """Return the derivatives of the prediction by the gains, and the prediction.
 
@@ -261,24 +261,26 @@ class Model:
             data: the channel; its effort is used only by effects that need it (tool compliance).
             parameters: a value for every gain and inner parameter.
             parts: result of `parts` for the same data and inner parameters, if known.
-            lifted: result of `lifted` for the same arguments, if known.
+            lift_off_rows: result of `lift_off_rows` for the same arguments, if known.
 
         Returns:
             Derivatives of the effort by each gain, shape (n, p), and the effort, shape (n,).
         """
         slopes, known = parts = parts or self.parts(data, parameters)
-        lifted = self.lifted(data, parameters, parts) if lifted is None else lifted
-        if len(lifted):
+        lift_off_rows = (
+            self.lift_off_rows(data, parameters, parts) if lift_off_rows is None else lift_off_rows
+        )
+        if len(lift_off_rows):
             slopes = slopes.copy("K")
             for column in np.flatnonzero(self.one_sided):
-                slopes[lifted, column] = 0.0
+                slopes[lift_off_rows, column] = 0.0
         effort: FloatArray = known + slopes @ np.array([parameters[name] for name in self.gains])
         for sensor in self.sensors:
-            slopes, effort = sensor.follow(effort, slopes, data, own(sensor, parameters))
+            slopes, effort = sensor.follow(effort, slopes, data, own_parameters(sensor, parameters))
         return slopes, effort
 
     @cached_property
-    def acting(self) -> list[Effect]:
+    def coupled_effects(self) -> list[Effect]:
         """The effects that act on the columns of others: motion, memory and non-pointwise sensor effects."""
         added = (*self.additive, *(sensor for sensor in self.sensors if sensor.pointwise))
         return [effect for effect in self.effects if effect not in added]
@@ -307,7 +309,9 @@ class Model:
         """
         for effect in self.effects:
             if isinstance(effect, MotionEffect):
-                data = _moved(IdentityKey(effect), IdentityKey(data), tuple(own(effect, parameters).items()))
+                data = _moved(
+                    IdentityKey(effect), IdentityKey(data), tuple(own_parameters(effect, parameters).items())
+                )
         return data
 
     def parts(
@@ -330,12 +334,12 @@ class Model:
         blocks = [np.zeros((0, len(data)))]
         known = np.zeros(len(data))
         for effect in self.additive:
-            inner = own(effect, parameters)
-            blocks.append(self.faded(effect, columns_of(effect, data, inner), data, parameters).T)
+            inner = own_parameters(effect, parameters)
+            blocks.append(self.relaxed_columns(effect, columns_of(effect, data, inner), data, parameters).T)
             known = known + effect.known(data, inner)
         return np.concatenate(blocks).T, known  # contiguous columns: later steps work column by column
 
-    def faded(
+    def relaxed_columns(
         self, effect: AdditiveEffect, columns: FloatArray, data: ChannelData, parameters: Parameters
     ) -> FloatArray:
         """Return an effect's columns after the model's memory effects relaxed the elastic ones.
@@ -355,11 +359,11 @@ class Model:
             return columns
         columns = columns.copy()
         for memory in memories:
-            columns[:, elastic] = memory.fade(columns[:, elastic], data, own(memory, parameters))
+            columns[:, elastic] = memory.fade(columns[:, elastic], data, own_parameters(memory, parameters))
         return columns
 
 
-def own(effect: Effect, parameters: Parameters) -> dict[str, float]:
+def own_parameters(effect: Effect, parameters: Parameters) -> dict[str, float]:
     """Return the inner parameters of one effect, without the effect's name in their keys.
 
     Args:

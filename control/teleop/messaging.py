@@ -5,8 +5,8 @@ from math import nan
 
 from palpate.control.teleop.peer import Arrival, Peer, PeerLimits
 from palpate.robot_io.clock import Clock
+from palpate.robot_io.link.connection import LinkConnection
 from palpate.robot_io.link.frame import FrameError
-from palpate.robot_io.link.line import Line
 from palpate.robot_io.link.messages import Message
 from palpate.robot_io.session import Column, Stream
 
@@ -61,7 +61,7 @@ class Messaging:
 
     def __init__(
         self,
-        line: Line,
+        line: LinkConnection,
         clock: Clock,
         *,
         take: Callable[[Message, float], None],

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from palpate.estimation.data.quantity_words import CURRENT, WORDS, plain, without_accents
-from palpate.estimation.data.units import SI, dimension_of, normalise, read_as
+from palpate.estimation.data.units import SI, dimension_of, normalize_unit, read_as
 
 RUN, PHASE = "run", "phase"
 
@@ -83,7 +83,7 @@ def parse_role(name: str, shift: int = 0) -> Role | None:
     named, number, ending = match.group(1).lower(), match.group(2), match.group(3) or ""
     quantity = _SYNONYMS.get(named, named)
     joint = int(number or 0) + shift * (number is not None and quantity in JOINT_QUANTITIES)
-    unit = read_as(normalise(ending), QUANTITIES[quantity])
+    unit = read_as(normalize_unit(ending), QUANTITIES[quantity])
     if unit and dimension_of(unit) not in QUANTITIES[quantity]:
         return None
     if named == "angle" and dimension_of(unit) != "angle":  # without a unit it may be any angle
@@ -121,10 +121,10 @@ def split_unit(name: str) -> tuple[str, str]:
     stem, _, last = name.strip().rpartition(" ")
     if joined := _joined_unit(name.strip()):
         return joined
-    if not match and stem and "/" in last and dimension_of(unit := normalise(last)):
+    if not match and stem and "/" in last and dimension_of(unit := normalize_unit(last)):
         return stem.removesuffix(" in"), unit
     match = match or _UNIT_AFTER_SIGN.search(name)
-    if match and dimension_of(unit := normalise(match[1])):
+    if match and dimension_of(unit := normalize_unit(match[1])):
         return name[: match.start()], unit
     if match and match.re is _BRACKETED:
         return name[: match.start()], ""
@@ -133,7 +133,7 @@ def split_unit(name: str) -> tuple[str, str]:
         if len(parts) <= count:
             continue
         for mark in ("_", ""):  # "mm s" may be mm/s, "kgf cm" is a product
-            ending = normalise(mark.join(parts[-count:]))
+            ending = normalize_unit(mark.join(parts[-count:]))
             if dimension_of(ending):
                 return "_".join(parts[:-count]), ending
     return name, ""
@@ -152,12 +152,12 @@ def _joined_unit(name: str) -> tuple[str, str] | None:
     """Split names whose unit follows without brackets or blanks, such as "force..N." and "ForceN"."""
     if dotted := _DOTTED_UNIT.fullmatch(name):
         for written in (dotted[2], dotted[2].replace(".", "/")):
-            if dimension_of(unit := normalise(written)):
+            if dimension_of(unit := normalize_unit(written)):
                 return dotted[1], unit
     if stuck := _JOINED_UNIT.fullmatch(name):
         known = {quantity for quantity, words in WORDS.items() if plain(stuck[1]) in words} - {RUN}
         for written in (stuck[2], stuck[2][0].lower() + stuck[2][1:]):
-            dimension = dimension_of(unit := normalise(written))
+            dimension = dimension_of(unit := normalize_unit(written))
             fits = any(dimension in QUANTITIES[quantity] for quantity in known)
             if fits and dimension not in EFFORT_PROXIES:
                 return stuck[1], unit
@@ -171,7 +171,7 @@ def unknown_unit(name: str) -> str:
         name: name of a column.
     """
     match = _BRACKETED.search(unicodedata.normalize("NFKC", name))
-    if match and not dimension_of(normalise(match[1])):
+    if match and not dimension_of(normalize_unit(match[1])):
         return match[1]
     return next((word for word in re.findall(r"[a-z]+", name.lower()) if word in _COUNTS), "")
 
@@ -269,7 +269,7 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
         clocks: columns with clock times in seconds; units in their names are ignored.
     """
     # If the header contains only units ("mm", "kN", "s"), they determine the quantities.
-    units = {name: normalise(name.strip("[]() ")) for name in names if not is_unnamed(name)}
+    units = {name: normalize_unit(name.strip("[]() ")) for name in names if not is_unnamed(name)}
     units_only = sum(map(bool, map(dimension_of, units.values()))) >= max(2.0, 0.6 * len(units))
 
     def guess_alone(name: str) -> Guess:

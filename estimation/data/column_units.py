@@ -31,7 +31,7 @@ from palpate.estimation.data.units import (
     factor_to_si,
     is_scaled,
     likely_time_unit,
-    normalise,
+    normalize_unit,
     read_as,
     scaled_unit,
 )
@@ -214,7 +214,9 @@ class ColumnUnits:
                 )
 
     def _user_unit(self, role: Role, column: str) -> str:
-        return normalise(next((self.options.units[name] for name in self.option_names(role, column)), ""))
+        return normalize_unit(
+            next((self.options.units[name] for name in self.option_names(role, column)), "")
+        )
 
     def _named_unit(self, column: str) -> str:
         """Return the unit in a column's name, or seconds if the column has clock times."""

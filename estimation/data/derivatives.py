@@ -58,9 +58,9 @@ def differentiate(
     half_window: int | None = None,
     *,
     rounding: float | None = None,
-    calm: bool = True,
-    wider: int = 0,
-    tried: BoolArray | None = None,
+    prefer_wide: bool = True,
+    extra_steps: int = 0,
+    window_rows: BoolArray | None = None,
 ) -> Motion:
     """Estimate velocity and acceleration of a sampled position.
 
@@ -70,11 +70,11 @@ def differentiate(
         piece: number of the smooth motion that each sample belongs to, in one block each, shape (n,).
         half_window: number of samples on each side; None to select it.
         rounding: variance of the positions' quantization; None to estimate it.
-        calm: of the acceleration windows with about equal error, select the widest; False for the narrowest,
-            which leaves more noise and less bias, as averages need.
-        wider: number of steps in `HALF_WINDOWS` by which windows are widened, for a signal with smooth
+        prefer_wide: of the acceleration windows with about equal error, select the widest; False for the
+            narrowest, which leaves more noise and less bias, as averages need.
+        extra_steps: number of steps in `HALF_WINDOWS` by which windows are widened, for a signal with smooth
             errors, which narrow windows would follow.
-        tried: mask of the samples on which windows are compared, shape (n,); None for all.
+        window_rows: mask of the samples on which windows are compared, shape (n,); None for all.
     """
     if rounding is None:
         rounding = rounding_variance(time_s, position, piece, grid_step(position))
@@ -83,9 +83,11 @@ def differentiate(
     if half_window is not None:
         halves = half_window, half_window
     else:
-        rows = slice(None) if tried is None else np.flatnonzero(tried)
-        selected = _select_windows(time_s[rows], position[rows], piece[rows], rounding, calm=calm)
-        halves = wider_window(selected[0], wider), wider_window(selected[1], wider)
+        rows = slice(None) if window_rows is None else np.flatnonzero(window_rows)
+        selected = _select_windows(
+            time_s[rows], position[rows], piece[rows], rounding, prefer_wide=prefer_wide
+        )
+        halves = wider_window(selected[0], extra_steps), wider_window(selected[1], extra_steps)
     parts = [
         (rows, first, min(first + _BLOCK, rows.stop))
         for rows in pieces
@@ -111,7 +113,7 @@ def differentiate(
 
 
 def _select_windows(
-    time_s: FloatArray, position: FloatArray, piece: IntArray, rounding: float, *, calm: bool
+    time_s: FloatArray, position: FloatArray, piece: IntArray, rounding: float, *, prefer_wide: bool
 ) -> tuple[int, int]:
     """Return the half windows of velocity and acceleration of nearly least error; see `differentiate`."""
     smallest = HALF_WINDOWS[0]
@@ -125,7 +127,7 @@ def _select_windows(
         risks = [trial.risk(pilot, order) for trial in candidates]
         limit = _TOLERANCE**2 * max(0.0, min(risks))
         best.append([c.half for c, risk in zip(candidates, risks, strict=True) if risk <= limit])
-    return max(best[0]), max(best[1]) if calm else min(best[1])
+    return max(best[0]), max(best[1]) if prefer_wide else min(best[1])
 
 
 def grid_step(position: FloatArray) -> float:

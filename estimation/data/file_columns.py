@@ -10,7 +10,7 @@ from pathlib import Path
 
 from palpate.estimation.data.arrow import pa
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.files.whole_file import max_unpacked_bytes
+from palpate.robot_io.files.atomic_write import max_unpacked_bytes
 from palpate.robot_io.types import IntArray
 
 BAGS = (".mcap", ".db3")  # endings of ROS 2 recordings

@@ -61,7 +61,7 @@ def mistaken_scale(
 
 
 def is_difference(
-    time_s: FloatArray, position: FloatArray, given: FloatArray, calm: FloatArray, run: IntArray
+    time_s: FloatArray, position: FloatArray, given: FloatArray, wide_derivative: FloatArray, run: IntArray
 ) -> bool:
     """Return whether a derivative has the noise of a finite difference of the positions.
 
@@ -72,7 +72,7 @@ def is_difference(
         time_s: times, shape (n,) [s].
         position: position or another signal, shape (n,).
         given: derivative of the signal in the file, shape (n,).
-        calm: derivative of the signal by windows as wide as the motion allows, shape (n,).
+        wide_derivative: derivative of the signal by windows as wide as the motion allows, shape (n,).
         run: run number of each sample, shape (n,).
     """
     if not np.ptp(given) > 0.0:  # a joint at rest
@@ -86,6 +86,8 @@ def is_difference(
         apart_s = time_s[after] - time_s[before]
         moved = position[after] - position[before]
         difference = np.divide(moved, apart_s, out=np.zeros_like(moved), where=apart_s > 0.0)
-        if np.mean((difference - given) ** 2) < _DIFFERENCE_NOISE * np.mean((difference - calm) ** 2):
+        if np.mean((difference - given) ** 2) < _DIFFERENCE_NOISE * np.mean(
+            (difference - wide_derivative) ** 2
+        ):
             return True
     return False

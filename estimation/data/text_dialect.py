@@ -17,7 +17,7 @@ from palpate.estimation.data.column_names import (
     unit_in_name,
 )
 from palpate.estimation.data.file_columns import list_first
-from palpate.estimation.data.units import dimension_of, normalise
+from palpate.estimation.data.units import dimension_of, normalize_unit
 from palpate.robot_io.errors import InputError
 
 _NUMBER = (  # pattern with thousands separator {0} and decimal mark {1}; blanks may also separate thousands
@@ -156,7 +156,7 @@ def _with_units_above(
         match = _UNITS_OF.fullmatch(" ".join(cell.strip() for cell in row if cell.strip()))
         if not match:
             continue
-        named_units = [normalise(word.strip(_BRACKETS)) for word in re.split(r"[\s,;]+", match[2])]
+        named_units = [normalize_unit(word.strip(_BRACKETS)) for word in re.split(r"[\s,;]+", match[2])]
         if not all(map(dimension_of, named_units)):
             continue
         if match[1] and len(named_units) == 1:
@@ -231,7 +231,10 @@ def _units_in(row: Sequence[str], width: int) -> list[str]:
     """Return the units in a row that contains only units, at least two of them known; else none."""
     units = [cell.strip().strip(_BRACKETS).strip() for cell in row[:width]]
     units = [unit if any(char.isalnum() or char in "%°" for char in unit) else "" for unit in units]
-    known, filled = sum(dimension_of(normalise(unit)) is not None for unit in units), sum(map(bool, units))
+    known, filled = (
+        sum(dimension_of(normalize_unit(unit)) is not None for unit in units),
+        sum(map(bool, units)),
+    )
     bracketed = all(not cell.strip() or cell.strip()[0] in _BRACKETS for cell in row[:width])
     like_units = 2 * known >= filled and all(not unit or _LIKE_A_UNIT.fullmatch(unit) for unit in units)
     return units if known >= 2 and (bracketed or like_units) else []

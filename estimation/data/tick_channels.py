@@ -209,11 +209,13 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
         run = chosen["run"].astype(np.int64)[numbered[following]]
     # Moves in free air are smooth and allow wide windows, which would bias the acceleration of a press. If
     # moves dominate, windows are therefore compared only on the samples of runs.
-    tried = np.asarray(in_run) if in_run.any() and np.mean(in_run) < 0.5 else None
+    window_rows = np.asarray(in_run) if in_run.any() and np.mean(in_run) < 0.5 else None
     joints = chosen.vector("joint_position_rad").T
     motions = np.empty((len(joints), 3, len(chosen)))  # channels and context share this memory
     for number, joint in enumerate(joints):
-        motions[number] = _motion_at(time_s, chosen["encoder_at_s"], joint, run, calm=False, tried=tried)
+        motions[number] = _motion_at(
+            time_s, chosen["encoder_at_s"], joint, run, prefer_wide=False, window_rows=window_rows
+        )
     motions.setflags(write=False)
     good = _valid_ticks(chosen, "force_status")  # without valid samples, the force is zero
     force_n = _interpolate_per_clock(time_s, chosen["force_at_s"], chosen["force_n"], good)
@@ -259,8 +261,8 @@ def _motion_at(
     run: IntArray,
     rounding: float | None = None,
     *,
-    calm: bool = True,
-    tried: BoolArray | None = None,
+    prefer_wide: bool = True,
+    window_rows: BoolArray | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return position, velocity and acceleration at given times.
 
@@ -273,7 +275,9 @@ def _motion_at(
     if not sample_time(sampled_at_s, run) > 0.0:
         raise InputError("column 'encoder_at_s': its times do not increase from sample to sample")
     pieces = number_pieces(sampled_at_s, run)
-    motion = differentiate(sampled_at_s, position, pieces, rounding=rounding, calm=calm, tried=tried)
+    motion = differentiate(
+        sampled_at_s, position, pieces, rounding=rounding, prefer_wide=prefer_wide, window_rows=window_rows
+    )
     signals = position, motion.velocity, motion.acceleration
     if np.array_equal(time_s, sampled_at_s):
         return signals

@@ -131,7 +131,7 @@ _SCALED = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)(.+)")
 _CLOCK = re.compile(r"(h{1,2}:)?m{1,2}:s{1,2}([.,:][sf0mx]+)?", re.IGNORECASE)  # format of a clock time
 
 
-def normalise(unit: str) -> str:
+def normalize_unit(unit: str) -> str:
     """Convert a unit to its standard spelling: "mm/s^2" to "mm_s2", "N m" and "N*m" to "Nm".
 
     A capital M is mega and a small m is milli: "MN" is not a millinewton. Unknown units are unchanged.
@@ -150,10 +150,10 @@ def normalise(unit: str) -> str:
         spelt = _SPELT.get(whole.lower()) or _BY_LETTERS.get(_lower_case(whole), "")
         if dimension_of(spelt + rest):
             return spelt + rest
-    if "." in plain and dimension_of(per_second := normalise(plain.replace(".", "_"))):
+    if "." in plain and dimension_of(per_second := normalize_unit(plain.replace(".", "_"))):
         return per_second  # "rad.s" is rad/s, as R writes names
     if "." in plain or "-" in plain:  # products, such as "kN.m" and "ft-lbf"
-        product = normalise(re.sub("[.-]", "", plain))
+        product = normalize_unit(re.sub("[.-]", "", plain))
         return product if dimension_of(product) == "torque" else plain
     return plain
 
@@ -172,7 +172,7 @@ def dimension_of(unit: str) -> str | None:
     """Return the dimension of a unit, or None for an unknown unit.
 
     Args:
-        unit: unit in the standard spelling of `normalise`, such as "mm_s2".
+        unit: unit in the standard spelling of `normalize_unit`, such as "mm_s2".
     """
     return _FACTORS[unit][0] if unit in _FACTORS else None
 
@@ -206,7 +206,7 @@ def factor_to_si(unit: str, dimension: str, where: str) -> float:
     """
     units = SI[dimension]
     try:
-        return units[normalise(unit)]
+        return units[normalize_unit(unit)]
     except KeyError:
         raise InputError(
             f"{where}: '{unit}' is not a unit of {dimension.replace('_', ' ')}. Valid: {', '.join(units)}"
@@ -238,13 +238,13 @@ def scaled_unit(unit: str, own: str) -> tuple[float, str]:
     match = _SCALED.fullmatch(unit)
     if not match:
         return 1.0, unit
-    scale, base_unit = float(match[1]), normalise(match[2])
+    scale, base_unit = float(match[1]), normalize_unit(match[2])
     whole, _, below = base_unit.rpartition("_")
-    dimension, factor = _FACTORS.get(normalise(below), ("", 1.0))
+    dimension, factor = _FACTORS.get(normalize_unit(below), ("", 1.0))
     if whole and dimension in {"current", "voltage", "pressure"}:
-        read = own or normalise(below)
+        read = own or normalize_unit(below)
         if dimension_of(read) == dimension:
-            return scale * factor_to_si(read, dimension, read) / factor, normalise(whole)
+            return scale * factor_to_si(read, dimension, read) / factor, normalize_unit(whole)
     return scale, base_unit
 
 

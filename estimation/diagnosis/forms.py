@@ -146,7 +146,7 @@ class PartiallyLinear:
         replaced = {e.kind for e in self.budget.entries if named & self.replacements(e)} - named
         return error_budget(self.error, np.random.default_rng(0), self.kinds - replaced | named)
 
-    def beside(self, own: Kinds, kinds: Kinds, problem: FitProblem, base: Solution) -> FitProblem:
+    def adjust_problem(self, own: Kinds, kinds: Kinds, problem: FitProblem, base: Solution) -> FitProblem:
         """Return a problem adjusted for the laws of all kinds except an effect's own (orthogonal projection).
 
         Args:
@@ -241,7 +241,7 @@ def _base_columns(start: FitResult) -> tuple[BaseColumns, FloatArray]:
     """
     solution, problem = start.solution, start.problem
     model, blocked, parameters = solution.model, problem.blocked, solution.parameters
-    slopes, effort = model.linearise(blocked.data, parameters, lifted=np.empty(0, dtype=np.int64))
+    slopes, effort = model.linearize(blocked.data, parameters, lift_off_rows=np.empty(0, dtype=np.int64))
     columns = blocked.reduce(slopes)
     gains = np.array([parameters[name] for name in model.gains])
     target = blocked.reduce(blocked.data.effort - effort) + columns @ gains
@@ -311,7 +311,7 @@ def _products(partial: PartiallyLinear) -> list[FitResult]:
     """Fit the base model with each law of memory and the elastic shape that suits it best."""
     pair_kinds = frozenset({Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY})
     start, kinds = partial.search.start, partial.kinds | pair_kinds
-    problem = partial.beside(pair_kinds, kinds, start.problem, start.solution)
+    problem = partial.adjust_problem(pair_kinds, kinds, start.problem, start.solution)
     null = FitResult(start.data, problem, start.solution)
     library = applicable_effects(start.data, start.solution.model, partial.search.effects)
     shapes = [effect for effect in library if effect.kind is Kind.ELASTIC_SHAPE]
@@ -357,7 +357,7 @@ def _best_form(
     model, parameters = start.solution.model, dict(start.solution.parameters)
     for effect, inner in others:
         model, parameters = model.with_effect(effect), {**parameters, **inner}
-    problem = partial.beside(frozenset({kind}), kinds, start.problem, start.solution)
+    problem = partial.adjust_problem(frozenset({kind}), kinds, start.problem, start.solution)
     null = solve_gains(problem, model, parameters, rounds=2)
     library = applicable_effects(start.data, model, partial.search.effects)
     effects = [effect for effect in library if kind in effect.also | {effect.kind}]
@@ -391,7 +391,7 @@ def closest_forms(partial: PartiallyLinear, kind: Kind, kinds: Kinds, count: int
         count: number of names.
     """
     start = partial.search.start
-    problem = partial.beside(frozenset({kind}), kinds, start.problem, start.solution)
+    problem = partial.adjust_problem(frozenset({kind}), kinds, start.problem, start.solution)
     null = solve_gains(problem, start.solution.model, start.solution.parameters, rounds=2)
     library = applicable_effects(start.data, start.solution.model, partial.search.effects)
     effects = [effect for effect in library if kind in effect.also | {effect.kind}]
@@ -448,7 +448,7 @@ def _form_test(partial: PartiallyLinear, end: FitResult, effect: Effect, kinds: 
     """Compare one effect with the flexible law of its kind, adjusted for laws of the given kinds."""
     model, known = end.solution.model, end.solution.parameters
     own = effect.also | {effect.kind}
-    problem = partial.beside(own, kinds, end.problem, end.solution)
+    problem = partial.adjust_problem(own, kinds, end.problem, end.solution)
     with_it = solve_gains(problem, model, known, rounds=2)
     without = solve_gains(problem, model.without(effect.name), known, rounds=2)
     columns = partial.law_columns(own, kinds)
@@ -472,10 +472,10 @@ def _run_test(partial: PartiallyLinear, end: FitResult, kinds: Kinds, name: str)
     """Compare a variation between runs with a free gain and zero per run, adjusted for flexible laws."""
     own = frozenset({Kind.RUN_DIFFERENCES})
     model, known = end.solution.model, end.solution.parameters
-    problem = partial.beside(own, kinds, end.problem, end.solution)
+    problem = partial.adjust_problem(own, kinds, end.problem, end.solution)
     with_it = solve_gains(problem, model, known, rounds=2).held_out
     without = solve_gains(problem, model.without(name), known, rounds=2).held_out
-    free_problem = partial.beside(frozenset(), kinds | own, end.problem, end.solution)
+    free_problem = partial.adjust_problem(frozenset(), kinds | own, end.problem, end.solution)
     law = solve_gains(free_problem, model.without(name), known, rounds=2).held_out
     count = max(int(end.problem.used.sum()), 1)
     explained_by_effect = (without - with_it) / count

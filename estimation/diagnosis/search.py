@@ -135,8 +135,8 @@ class Search:
         """
         key = _key(fit.solution.model)
         if key not in self._screened:
-            beside = ", ".join(effect.name for effect in fit.solution.model.effects)
-            what = f"{self.data.name}: beside {beside}"
+            parent = ", ".join(effect.name for effect in fit.solution.model.effects)
+            what = f"{self.data.name}: beside {parent}"
             starts = self._shortlist(fit)
             tried = applicable_effects(fit.data, fit.solution.model, self.effects)
 
@@ -206,13 +206,13 @@ class Search:
                 fitted = self.refitted(model, best.parameters)
         return fitted
 
-    def quick_screen(self, beside: FitResult) -> list[Candidate]:
+    def quick_screen(self, parent: FitResult) -> list[Candidate]:
         """Fit extensions of a model at few start values; return the possible ones, the best first.
 
         Args:
-            beside: the model to extend.
+            parent: the model to extend.
         """
-        return quick_screen(beside, applicable_effects(beside.data, beside.solution.model, self.effects))
+        return quick_screen(parent, applicable_effects(parent.data, parent.solution.model, self.effects))
 
     def alternatives(self, fit: FitResult, name: str) -> list[Candidate]:
         """Fit effects that replace an effect, including itself, at few start values; the best first.

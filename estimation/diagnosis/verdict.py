@@ -179,7 +179,7 @@ class Evidence:
         if not self.noise.is_bound:
             return self.noise.value
         last = self.stages[-1]  # a bound may contain more than noise
-        return misfit(np.where(last.judged, last.residual, 0.0), last.data.run, last.judged).noise
+        return misfit(np.where(last.scored, last.residual, 0.0), last.data.run, last.scored).noise
 
     def _is_resolved(self, effect: str) -> bool:
         """Return whether the noise is so small that it hides only small deviations from the effect's law.

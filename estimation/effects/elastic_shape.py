@@ -250,7 +250,7 @@ class JointElasticity(MotionEffect):
 
 def _changes(data: ChannelData, wider: int) -> Motion:
     """Differentiate the load twice, with windows that are `wider` steps wider than usual."""
-    return differentiate(data.time_s, data.context["load"], data.run, rounding=0.0, wider=wider)
+    return differentiate(data.time_s, data.context["load"], data.run, rounding=0.0, extra_steps=wider)
 
 
 _CHANGES = {
@@ -295,7 +295,7 @@ class ToolCompliance(MotionEffect):
 def _smooth_force(data: ChannelData) -> Motion:
     """Return the smoothed force and its rate; the noise of the force determines the window."""
     return differentiate(
-        data.time_s, data.effort, number_stretches(data.engaged, data.run), rounding=0.0, calm=False
+        data.time_s, data.effort, number_stretches(data.engaged, data.run), rounding=0.0, prefer_wide=False
     )
 
 

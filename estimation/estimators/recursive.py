@@ -256,9 +256,9 @@ class CusumRls(Rls):
                 prediction_variance = self._noise.mean_variance * float(row.dot(self._covariance.dot(row)))
                 variance = self._noise.variance(effort - error) + prediction_variance
                 noise = max(variance, 0.0) ** 0.5  # rounding may make the variance negative
-                standardised = min(max(error / noise, -_CLIP_SIGMAS), _CLIP_SIGMAS) if noise > 0.0 else 0.0
+                standardized = min(max(error / noise, -_CLIP_SIGMAS), _CLIP_SIGMAS) if noise > 0.0 else 0.0
                 for index, (column, size2) in enumerate(zip(row_values, self._size2, strict=True)):
-                    increment = standardised * column / size2**0.5 if size2 > 0.0 else 0.0
+                    increment = standardized * column / size2**0.5 if size2 > 0.0 else 0.0
                     self._up[index] = max(self._up[index] + increment - _SLACK, 0.0)
                     self._down[index] = max(self._down[index] - increment - _SLACK, 0.0)
                 if max(*self._up, *self._down) > self.limit:

@@ -10,7 +10,7 @@ import scipy
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import reading_error
 from palpate.estimation.effect import AdditiveEffect, Inner
-from palpate.estimation.model import Model, Parameters, own
+from palpate.estimation.model import Model, Parameters, own_parameters
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.cache_by_array import FitCache, IdentityKey
 from palpate.estimation.signals.runwise import sample_time
@@ -97,18 +97,18 @@ class BlockedData:
         Returns:
             Effort per unit of each gain, and in the last column the effort independent of the gains.
         """
-        acting, inner = model.acting, own(effect, parameters)
+        acting, inner = model.coupled_effects, own_parameters(effect, parameters)
         needs = (*effect.needs, *(name for acts in acting for name in acts.needs))
         cache = self.load_cache if LOAD in needs else self.cache  # the load depends on the model
-        acting_key = [(IdentityKey(acts), *own(acts, parameters).values()) for acts in acting]
+        acting_key = [(IdentityKey(acts), *own_parameters(acts, parameters).values()) for acts in acting]
 
         def compute() -> FloatArray:
             moved = model.moved(self.data, parameters)
-            columns = model.faded(effect, effect.columns(moved, inner), moved, parameters)
+            columns = model.relaxed_columns(effect, effect.columns(moved, inner), moved, parameters)
             signal = np.column_stack([columns, effect.known(moved, inner)])
             for sensor in model.sensors:
                 if not sensor.pointwise:
-                    signal = sensor.sense(signal, self.data, own(sensor, parameters))
+                    signal = sensor.sense(signal, self.data, own_parameters(sensor, parameters))
             return self.reduce(signal)
 
         return cache.get_or_compute((IdentityKey(effect), *inner.values(), *acting_key), compute)

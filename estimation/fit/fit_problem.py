@@ -20,7 +20,7 @@ from palpate.estimation.fit.normal_equations import (
     gram_matrices,
     solve_normal_equations,
 )
-from palpate.estimation.model import Model, Parts, own
+from palpate.estimation.model import Model, Parts, own_parameters
 from palpate.estimation.statistics.least_squares import solve_within_bounds
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -108,7 +108,7 @@ class FitProblem:
             fit = solve_normal_equations(equations.with_fixed(at_bound, fixed), dof=len(self._by_fold[0]))
             indices = np.flatnonzero(free)[at_bound]
             gains[indices], free[indices] = fixed[at_bound], False
-        return fit if free.all() else fit.beside(gains, np.flatnonzero(free).tolist())
+        return fit if free.all() else fit.with_fixed_gains(gains, np.flatnonzero(free).tolist())
 
     def normal_equations(
         self, columns: FloatArray, target: FloatArray, names: Sequence[str] = ()
@@ -202,7 +202,7 @@ def held_out_residual(blocked: BlockedData, solution: Solution) -> FloatArray:
         blocked: the channel on blocks.
         solution: the fitted model.
     """
-    slopes, effort = solution.model.linearise(blocked.data, solution.parameters)
+    slopes, effort = solution.model.linearize(blocked.data, solution.parameters)
     gains = np.array([solution.parameters[name] for name in solution.model.gains])
     residual = np.full(len(blocked.data), np.nan)
     for fold, fitted in enumerate(solution.linear_fit.fold_gains):
@@ -256,11 +256,11 @@ def solve_gains(
     expected, previous_lifted = np.inf, np.empty(0, dtype=np.int64)
     parts = parts or model.parts(data, values, problem.blocked.at_full_rate)
     for i in range(max_steps):
-        lifted = model.lifted(data, values, parts)
-        if i and model.is_linear_in_gains and np.array_equal(lifted, previous_lifted):
+        lift_off_rows = model.lift_off_rows(data, values, parts)
+        if i and model.is_linear_in_gains and np.array_equal(lift_off_rows, previous_lifted):
             break  # the same samples lose contact, so the fit would be repeated
-        previous_lifted = lifted
-        slopes, effort = model.linearise(data, values, parts, lifted)
+        previous_lifted = lift_off_rows
+        slopes, effort = model.linearize(data, values, parts, lift_off_rows)
         block_slopes, gains = problem.blocked.reduce(slopes), np.array([values[name] for name in names])
         remaining = problem.blocked.reduce(data.effort - effort) + block_slopes @ gains
         if i and not np.abs(remaining).max() < _DIVERGED * np.abs(data.effort).max():
@@ -286,7 +286,7 @@ def _on_blocks(
         known = known + parts[:, -1]
     columns = np.concatenate(blocks).T
     for sensor in [sensor for sensor in model.sensors if sensor.pointwise]:
-        sensed = sensor.sense(np.column_stack([columns, known]), blocked.data, own(sensor, inner))
+        sensed = sensor.sense(np.column_stack([columns, known]), blocked.data, own_parameters(sensor, inner))
         columns, known = sensed[:, :-1], sensed[:, -1]
     return columns, blocked.effort - known
 
@@ -302,7 +302,7 @@ def columns_at(problem: FitProblem, model: Model, parameters: Mapping[str, float
     data = problem.blocked.data
     if is_linear_on_blocks(data, model):
         return _on_blocks(problem, model, parameters)[0]
-    return problem.blocked.reduce(model.linearise(data, parameters)[0])
+    return problem.blocked.reduce(model.linearize(data, parameters)[0])
 
 
 def residual_slopes(problem: FitProblem, solution: Solution, ahead: Mapping[str, float]) -> FloatArray:
@@ -328,12 +328,12 @@ def residual_slopes(problem: FitProblem, solution: Solution, ahead: Mapping[str,
             changes.append(target - columns @ gains - solution.residual)
     else:
         parts = model.parts(data, parameters, problem.blocked.at_full_rate)
-        effort = model.linearise(data, parameters, parts)[1]
+        effort = model.linearize(data, parameters, parts)[1]
         sensor_parameters = {f"{sensor.name}.{p.name}" for sensor in model.sensors for p in sensor.inner}
         for name, value in ahead.items():
             changed = {**parameters, name: value}
             before = parts if name in sensor_parameters else None  # parts before the sensors do not change
-            changes.append(problem.blocked.reduce(effort - model.linearise(data, changed, before)[1]))
+            changes.append(problem.blocked.reduce(effort - model.linearize(data, changed, before)[1]))
     change = problem.whiten(np.stack(changes, axis=1))
     fit = solution.linear_fit
     unit = problem.whiten(solution.columns) * fit.scale
@@ -348,7 +348,7 @@ def is_linear_on_blocks(data: ChannelData, model: Model) -> bool:
     return model.is_linear_in_gains and data.kind is not ChannelKind.CONTACT
 
 
-def linearise_along(
+def linearize_inner(
     blocked: BlockedData, model: Model, effect: Effect, parameters: Mapping[str, float]
 ) -> LinearisedParts:
     """Return a fast evaluation of `Model.parts` as a function of one effect's inner parameters.
@@ -376,7 +376,7 @@ def linearise_along(
 
     def parts(inner: Inner) -> Parts:
         values = inner_values | {f"{effect.name}.{n}": v for n, v in inner.items()}
-        own_columns = model.faded(effect, blocked.at_full_rate(effect, moved, inner), moved, values)
+        own_columns = model.relaxed_columns(effect, blocked.at_full_rate(effect, moved, inner), moved, values)
         return np.concatenate([columns.T, own_columns.T]).T, effort + effect.known(moved, inner)
 
     return parts

@@ -143,7 +143,7 @@ class FitResult(TableDisplay):
         return residual
 
     @property
-    def judged(self) -> BoolArray:
+    def scored(self) -> BoolArray:
         """Samples that are scored, shape (n,)."""
         return np.isfinite(self.residual)
 

@@ -11,7 +11,7 @@ from palpate.estimation.fit.fit_problem import (
     FitProblem,
     LinearisedParts,
     Solution,
-    linearise_along,
+    linearize_inner,
     residual_slopes,
     solve_gains,
 )
@@ -77,7 +77,7 @@ def search_inner(
         parameters: known values by "effect.parameter".
         starts: inner parameters to try, by name.
     """
-    parts_at = linearise_along(problem.blocked, model, effect, parameters)
+    parts_at = linearize_inner(problem.blocked, model, effect, parameters)
     points = list(starts)
     solutions = (_solve_at(problem, model, effect, parameters, inner, parts_at) for inner in points)
     return grid_search(solutions, len(points))
@@ -111,7 +111,7 @@ def refine_inner(problem: FitProblem, model: Model, effect: Effect, searched: Gr
         searched: earlier search, which is extended.
     """
     solutions = list(searched.solutions)
-    parts_at = linearise_along(problem.blocked, model, effect, solutions[0].parameters)
+    parts_at = linearize_inner(problem.blocked, model, effect, solutions[0].parameters)
     grid = [
         {p.name: solution.parameters[f"{effect.name}.{p.name}"] for p in effect.inner}
         for solution in solutions

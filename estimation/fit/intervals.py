@@ -119,7 +119,7 @@ def _reading_errors(problem: FitProblem, solution: Solution, measurement: Measur
         )
         simulated = FitProblem(blocked, problem.noise_model)
         refitted = replace(
-            solution, columns=blocked.reduce(solution.model.linearise(blocked.data, solution.parameters)[0])
+            solution, columns=blocked.reduce(solution.model.linearize(blocked.data, solution.parameters)[0])
         )
         slopes = simulated.whiten(_free_slopes(simulated, refitted))
         residual = simulated.whiten(

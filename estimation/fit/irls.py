@@ -37,13 +37,13 @@ class Loss(StrEnum):
     BIWEIGHT = "biweight"  # Cauchy's loss, followed by a few biweight steps that exclude outliers, see `irls`
 
 
-def cauchy_influence(standardised: FloatArray) -> tuple[FloatArray, FloatArray]:
+def cauchy_influence(standardized: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return Cauchy's weight psi(u) / u and the derivative of psi, each of shape (n,).
 
     Args:
-        standardised: residuals u divided by their scale, shape (n,).
+        standardized: residuals u divided by their scale, shape (n,).
     """
-    square = (standardised / _CAUCHY_CUT) ** 2
+    square = (standardized / _CAUCHY_CUT) ** 2
     return 1.0 / (1.0 + square), (1.0 - square) / (1.0 + square) ** 2
 
 
@@ -75,9 +75,9 @@ class IrlsResult:
     @property
     def influence(self) -> tuple[FloatArray, FloatArray]:
         """Psi of the standardized residuals and its derivative, each of shape (n,)."""
-        standardised = self.residuals / self.sigma
-        square = np.minimum((standardised / CUT) ** 2, 1.0)
-        return standardised * (1 - square) ** 2, (1 - square) * (1 - 5 * square)
+        standardized = self.residuals / self.sigma
+        square = np.minimum((standardized / CUT) ** 2, 1.0)
+        return standardized * (1 - square) ** 2, (1 - square) * (1 - 5 * square)
 
 
 def irls(

@@ -79,7 +79,7 @@ def measurement_noise(base: FitResult) -> MeasurementNoise:
     Args:
         base: the base model fitted to the channel, without added effects.
     """
-    data = base.data.select(np.isin(base.data.run, base.data.run[base.judged]))  # the scored runs
+    data = base.data.select(np.isin(base.data.run, base.data.run[base.scored]))  # the scored runs
     bound, source = base.smooth_law_error, NoiseSource.FLEXIBLE
     differences = []  # differences between the residuals of runs with the same motion
     residual = base.data.effort - base.predict(base.solution.parameters)
@@ -88,9 +88,9 @@ def measurement_noise(base: FitResult) -> MeasurementNoise:
         count = min(len(first), len(second))
         earlier, later = first[:count], second[:count]
         distance = rmse(position[earlier] - position[later]) if count >= _MIN_SAMPLES else np.inf
-        judged = base.judged[earlier] & base.judged[later]
-        if distance <= _REPEATED * float(np.ptp(position)) and judged.any():
-            differences.append((residual[earlier] - residual[later])[judged])
+        scored = base.scored[earlier] & base.scored[later]
+        if distance <= _REPEATED * float(np.ptp(position)) and scored.any():
+            differences.append((residual[earlier] - residual[later])[scored])
     repeated = rmse(np.concatenate(differences)) / np.sqrt(2.0) if differences else np.inf
     if repeated < bound:
         bound, source = repeated, NoiseSource.REPEATS
@@ -105,7 +105,7 @@ def measurement_noise(base: FitResult) -> MeasurementNoise:
         )
         for motion in (measurement.smoothed_motion, measurement.simulate(np.random.default_rng(_SEED)))
     )
-    motion_noise = rmse(np.where(base.judged, simulated - smooth, np.nan))
+    motion_noise = rmse(np.where(base.scored, simulated - smooth, np.nan))
     air, fast = free_air_noise(data), fast_noise(data)
     if air and air <= bound:  # a sensor that reads zero in free air does not show its noise
         effort, effort_source = air, NoiseSource.FREE_AIR

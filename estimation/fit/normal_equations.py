@@ -98,7 +98,7 @@ class LinearFit:
         variance = np.diag(np.linalg.inv(self.system)) * self.sse.sum() / dof
         return np.asarray(np.sqrt(variance) * self.scale)
 
-    def beside(self, gains: FloatArray, free: Sequence[int]) -> "LinearFit":
+    def with_fixed_gains(self, gains: FloatArray, free: Sequence[int]) -> "LinearFit":
         """Return the fit with fixed gains inserted.
 
         Args:

@@ -40,7 +40,7 @@ def run_heterogeneity(
     """
     data = blocked.data
     predicted = held_out_residual(blocked, solution)
-    slopes, effort = solution.model.linearise(data, solution.parameters)
+    slopes, effort = solution.model.linearize(data, solution.parameters)
     free = [name not in solution.model.held for name in solution.model.gains]
     slopes = np.column_stack([slopes[:, free], np.ones(len(data))])  # each run may have its own zero
     residual = data.effort - effort

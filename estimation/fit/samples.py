@@ -92,7 +92,7 @@ def slopes_of(model: Model, data: ChannelData, parameters: Mapping[str, float]) 
         data: the channel.
         parameters: values by "effect.parameter".
     """
-    by_gain, _ = model.linearise(data, parameters)
+    by_gain, _ = model.linearize(data, parameters)
     return np.column_stack([by_gain, *model.inner_slopes(data, parameters, _STEP)])
 
 

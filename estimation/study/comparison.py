@@ -56,14 +56,14 @@ class Comparison(TableDisplay):
         return self.fitted.parameters
 
     @property
-    def judged(self) -> BoolArray:
+    def scored(self) -> BoolArray:
         """Mask of the scored samples, shape (n,)."""
-        return self.fitted.judged
+        return self.fitted.scored
 
     @property
-    def not_judged(self) -> str:
+    def exclusion_note(self) -> str:
         """Sentence on the samples excluded from the error; empty if there are none."""
-        count, whole = int(np.count_nonzero(~self.judged)), len(self.judged)
+        count, whole = int(np.count_nonzero(~self.scored)), len(self.scored)
         if not count:
             return ""
         is_contact = self.fitted.data.kind is ChannelKind.CONTACT
@@ -80,7 +80,7 @@ class Comparison(TableDisplay):
             for part in parts
         ]
         unit = self.effort_unit
-        caption = f"Model {self.model} of {self.channel}. {' '.join(self.words[:1])} {self.not_judged}"
+        caption = f"Model {self.model} of {self.channel}. {' '.join(self.words[:1])} {self.exclusion_note}"
         return DisplayTable(caption, ("by", "where", f"rmse [{unit}]", f"mean [{unit}]", "x noise"), rows)
 
 
@@ -111,7 +111,7 @@ class Comparisons(TableDisplay):
                 channel.model,
                 with_unit(channel.rmse, channel.effort_unit),
                 f"{channel.lack_of_fit:.2f}",
-                channel.not_judged,
+                channel.exclusion_note,
             )
             for channel in self.channels
         ]
@@ -134,7 +134,7 @@ def compare(fitted: FitResult, model: str, noise: MeasurementNoise) -> Compariso
     for by, masks in splits(fitted.data).items():
         occupied = list[Part]()
         for label, mask in masks.items():
-            residuals = fitted.residual[mask & fitted.judged]
+            residuals = fitted.residual[mask & fitted.scored]
             if len(residuals):
                 size = float(np.sqrt(np.mean(residuals**2)))
                 energy = float(np.sum(residuals**2) / np.nansum(fitted.residual**2))

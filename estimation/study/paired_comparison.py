@@ -108,14 +108,14 @@ class ComparedModel:
         """
         if self.compared is None or other.compared is None:
             return None
-        judged, effort = other.compared.fitted.judged, other.data.effort
+        scored, effort = other.compared.fitted.scored, other.data.effort
         if other is self:
-            return effort[judged], (effort - self.residual)[judged]
+            return effort[scored], (effort - self.residual)[scored]
         try:
             predicted = self.compared.fitted.model.predict(other.data, self.compared.fitted.values)
         except (InputError, KeyError):  # the other measurement lacks a signal that this model needs
             return None
-        return effort[judged], predicted[judged]
+        return effort[scored], predicted[scored]
 
     def fit_of(self, other: "ComparedModel") -> float:
         """Return how well this model fits the other measurement [%]; its own measurement is cross-validated.
@@ -209,12 +209,12 @@ class PairedComparison(TableDisplay):
         a, b = self.first.compared, self.second.compared
         if a is None or b is None or list(a.parameters) != list(b.parameters):
             return {}
-        residual_b = np.where(b.fitted.judged, b.fitted.data.effort - b.fitted.predicted, np.nan)
+        residual_b = np.where(b.fitted.scored, b.fitted.data.effort - b.fitted.predicted, np.nan)
         position, aligned_b = map(self._at_times_of_first, (self.second.data.position, residual_b))
         if position is None or aligned_b is None:
             return {}
         residual = aligned_b - (a.fitted.data.effort - a.fitted.predicted)
-        rows = a.fitted.judged & np.isfinite(residual)
+        rows = a.fitted.scored & np.isfinite(residual)
         distance = np.nanstd(position - self.first.data.position)
         if not rows.any() or distance > _SAME_MOTION * np.std(self.first.data.position):
             return {}
@@ -238,7 +238,7 @@ class PairedComparison(TableDisplay):
         if a is None or b is None or not {name} <= a.parameters.keys() & b.parameters.keys():
             return float("inf")
         model = a.fitted.model
-        slope = self._slopes[a.fitted.judged, [*model.gains, *model.inner].index(name)]
+        slope = self._slopes[a.fitted.scored, [*model.gains, *model.inner].index(name)]
         change = abs(b.parameters[name].value - a.parameters[name].value) * float(np.sqrt(np.mean(slope**2)))
         floor = max(a.noise.value, b.noise.value)
         return change / floor if floor > 0.0 else float("inf")

@@ -15,7 +15,7 @@ from palpate.estimation.effects import EFFECTS
 from palpate.estimation.models import MODELS
 from palpate.estimation.study.saved_diagnosis import read_saved, with_checksum
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.files.whole_file import whole_file
+from palpate.robot_io.files.atomic_write import atomic_write
 
 FOLDER = "revisions"
 MAX_NUMBER = 999_999  # largest number that palpate creates
@@ -137,7 +137,7 @@ class Revisions:
             while True:
                 made = make(number)
                 try:
-                    with whole_file(self._folder / _name(number), replace=False) as unfinished:
+                    with atomic_write(self._folder / _name(number), replace=False) as unfinished:
                         content = with_checksum(made.model_dump(mode="json"))
                         text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
                         unfinished.write_text(text + "\n", encoding="utf-8")

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from palpate.batches.measurements import BatchMeasurement
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.errors import InputError, one_line
-from palpate.robot_io.files.whole_file import replace_undecodable
+from palpate.robot_io.files.atomic_write import replace_undecodable
 from palpate.robot_io.types import FloatArray
 from palpate.sweep.case import ADDRESS
 

@@ -12,7 +12,7 @@ from palpate.calibration.arm_fit import ArmFit
 from palpate.calibration.force import STANDARD_GRAVITY_M_S2, fit_force, read_reference_file, read_weighing
 from palpate.common import console
 from palpate.common.console import AT_REST, command_group, display_path
-from palpate.common.files import different_files, existing_file, output_file, whole_set
+from palpate.common.files import atomic_write_all, different_files, existing_file, output_file
 from palpate.common.options import with_options
 from palpate.estimation.data.import_options import parse_pairs
 from palpate.render.calibration import arm_figure, encoder_figure, force_figure, print_calibration
@@ -244,7 +244,7 @@ def _calibrate(
             record(job)
         calibration, figure, remarks = analyze(raw)
         page = figure.to_html(include_plotlyjs=True, config=PLOT_CONFIG)  # needs no network
-        with whole_set({plot: page, path: calibration.to_yaml()}):
+        with atomic_write_all({plot: page, path: calibration.to_yaml()}):
             pass
     except (PalpateError, KeyboardInterrupt) as error:
         if job is not None:

@@ -9,7 +9,7 @@ import typer
 
 from palpate.common import console
 from palpate.common.console import display_path, json_text, safe, shell_path
-from palpate.common.files import folder_to_fill, folder_to_read, output_folder, spare_files, whole_set
+from palpate.common.files import atomic_write_all, folder_to_fill, folder_to_read, output_folder, spare_files
 from palpate.common.options import JsonOption, model_names
 from palpate.estimation.estimate import with_unit
 from palpate.estimation.study import ChannelResult, Comparison
@@ -301,7 +301,7 @@ def comparison_data(comparison: Comparison) -> dict[str, Any]:
         "words": list(comparison.words),
         "patterns": list(map(vars, comparison.patterns)),
         "kinds": list(map(vars, comparison.kinds)),
-        "not_judged": comparison.not_judged,
+        "not_judged": comparison.exclusion_note,
     }
 
 

@@ -18,8 +18,8 @@ from palpate.control.teleop.leader_arm import OPERATOR_DEVICES, LeaderArm, build
 from palpate.render.terminal import print_files
 from palpate.robot_io.clock import MonotonicClock
 from palpate.robot_io.errors import InputError
+from palpate.robot_io.link.connection import Impairment, LinkSettings
 from palpate.robot_io.link.frame import load_seal
-from palpate.robot_io.link.line import Impairment, LineSettings
 from palpate.robot_io.robot_file import load_robot_file
 from palpate.runs.options import (
     SESSIONS,
@@ -310,7 +310,7 @@ def demo(
 
 def _line(
     name: str, port: int, config: Path | None, key: Path | None, bad_network: str | None
-) -> LineSettings:
+) -> LinkSettings:
     impairment = None
     if bad_network is not None:
         parts = numbers("--bad-network", bad_network, ", such as 500,20,10")
@@ -321,4 +321,4 @@ def _line(
         existing_file(config, "zenoh configuration")
     if key is not None:
         load_seal(existing_file(key, "key"), name)  # checks the key before anything starts
-    return LineSettings(name, port, config, key, impairment)
+    return LinkSettings(name, port, config, key, impairment)

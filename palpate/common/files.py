@@ -15,8 +15,8 @@ from palpate.common.console import shell_path
 from palpate.common.failures import make_folder
 from palpate.estimation.data.file_columns import is_session
 from palpate.robot_io.errors import InputError, SessionError
-from palpate.robot_io.files.whole_file import replace_undecodable
-from palpate.robot_io.files.whole_file import whole_file as written_whole
+from palpate.robot_io.files.atomic_write import atomic_write as written_whole
+from palpate.robot_io.files.atomic_write import replace_undecodable
 from palpate.robot_io.session import Session
 
 SESSION = ".mcap"
@@ -170,7 +170,7 @@ def different_files(*paths: Path | None) -> None:
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
+def atomic_write(path: Path) -> Iterator[Path]:
     """Yield a temporary path to write to; on success, rename the file to its final name.
 
     Args:
@@ -187,7 +187,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def whole_set(texts: Mapping[Path, str]) -> Iterator[None]:
+def atomic_write_all(texts: Mapping[Path, str]) -> Iterator[None]:
     """Write several text files after the body of the `with`, or none if it fails.
 
     Raises:
@@ -195,7 +195,7 @@ def whole_set(texts: Mapping[Path, str]) -> Iterator[None]:
     """
     with ExitStack() as files:
         for path, text in texts.items():
-            files.enter_context(whole_file(path)).write_text(replace_undecodable(text), encoding="utf-8")
+            files.enter_context(atomic_write(path)).write_text(replace_undecodable(text), encoding="utf-8")
         yield
 
 
@@ -206,7 +206,7 @@ def write_text(path: Path, text: str) -> None:
         path: path of the file.
         text: content of the file.
     """
-    with whole_set({path: text}):
+    with atomic_write_all({path: text}):
         pass
 
 

@@ -10,7 +10,7 @@ import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.parquet
 
-from palpate.common.files import whole_file
+from palpate.common.files import atomic_write
 
 _CONTROLS = r"[\x00-\x1f\x7f\x80-\x9f]"
 _FORMULA = r"^\s*[=+@-]."
@@ -27,7 +27,7 @@ def write_table(table: pa.Table, path: Path) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    with whole_file(path) as unfinished, unfinished.open("wb") as file:  # Arrow takes no name but UTF-8
+    with atomic_write(path) as unfinished, unfinished.open("wb") as file:  # Arrow takes no name but UTF-8
         if path.suffix == ".parquet":
             pa.parquet.write_table(table, file)
         else:

@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.common import console
 from palpate.common.console import count
-from palpate.common.files import whole_set
+from palpate.common.files import atomic_write_all
 from palpate.control.loop.task import Phase
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
@@ -53,8 +53,8 @@ def channel_view(
     parts: Mapping[str, Sequence[Part]] | None = None,
     words: Sequence[str] = (),
     diagnosis: ChannelDiagnosis | None = None,
-    judged: BoolArray | None = None,
-    not_judged: str = "",
+    scored: BoolArray | None = None,
+    exclusion_note: str = "",
     notes: Sequence[str] = (),
 ) -> ChannelView:
     """Collect what is known about one channel.
@@ -66,13 +66,13 @@ def channel_view(
         parts: the last stage's error, split by phase, run, speed and so on.
         words: sentences on where the last stage fails.
         diagnosis: diagnosis of the channel; None if there is none.
-        judged: samples whose error counts (n,); by default those where the last stage has a residual.
-        not_judged: sentence on the excluded samples; by default it states their share.
+        scored: samples whose error counts (n,); by default those where the last stage has a residual.
+        exclusion_note: sentence on the excluded samples; by default it states their share.
         notes: further sentences.
     """
     scale = 1.0 if data.kind.is_angle else _TO_MILLI
-    if judged is None:
-        judged = np.isfinite(stages[-1].residual) if stages else np.ones(len(data), dtype=np.bool_)
+    if scored is None:
+        scored = np.isfinite(stages[-1].residual) if stages else np.ones(len(data), dtype=np.bool_)
     fall = [(stage.label, stage.rmse) for stage in stages]
     parameters = stages[-1].parameters if stages else ()
     if not stages and diagnosis is not None and diagnosis.baseline is not None:
@@ -90,7 +90,7 @@ def channel_view(
         effort=data.effort,
         run=data.run,
         engaged=data.engaged,
-        judged=judged,
+        scored=scored,
         speeds=run_speeds(data),
         stages=tuple(stages),
         error_steps=tuple(fall),
@@ -101,10 +101,10 @@ def channel_view(
         parts=parts or {},
     )
     verdict = _verdict(view, words, diagnosis)
-    share = 100.0 * (1.0 - float(np.mean(judged))) if len(judged) else 0.0
-    if not not_judged and share >= 0.05:
-        not_judged = f"{share:.2g} % of the samples are excluded from scoring; the report shades them."
-    verdict = replace(verdict, remarks=(*verdict.remarks, *notes, *filter(None, [not_judged])))
+    share = 100.0 * (1.0 - float(np.mean(scored))) if len(scored) else 0.0
+    if not exclusion_note and share >= 0.05:
+        exclusion_note = f"{share:.2g} % of the samples are excluded from scoring; the report shades them."
+    verdict = replace(verdict, remarks=(*verdict.remarks, *notes, *filter(None, [exclusion_note])))
     view = replace(view, verdict=verdict)
     if diagnosis is None:
         return view
@@ -281,7 +281,7 @@ def result_view(result: ChannelResult) -> ChannelView:
         parts=compared.parts if compared is not None else None,
         words=compared.words[1:] if compared is not None else (),
         diagnosis=diagnosis,
-        not_judged=compared.not_judged if compared is not None else "",
+        exclusion_note=compared.exclusion_note if compared is not None else "",
         notes=(result.reason,) if result.reason and not is_said else (),
     )
 
@@ -342,7 +342,7 @@ def write_outcome(
             f"without {RECORDING}: {missing_package('rerun')}", soft_wrap=True, markup=False
         )
         grown = []
-    with whole_set({folder / name: text for name, text in texts.items()}):
+    with atomic_write_all({folder / name: text for name, text in texts.items()}):
         if grown:
             from palpate.render.recording.revisions import record_rerun  # noqa: PLC0415, slow to import
 

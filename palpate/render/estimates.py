@@ -102,7 +102,7 @@ def estimates_view(estimates: ChannelEstimates, truth: Truth) -> ChannelView:
     )
     share = _TO_PERCENT * (1.0 - float(np.mean(estimates.rows)))
     unfitted = f"{share:.2g} % of the samples are not part of the fit; they are shaded" if share else ""
-    view = channel_view(estimates.channel, [stage], estimates.noise, judged=estimates.rows)
+    view = channel_view(estimates.channel, [stage], estimates.noise, scored=estimates.rows)
     is_invalid = contaminated(estimates.channel, estimates.model) or best.unphysical
     word = "misses" if estimates.misfit > POOR or is_invalid else "fits"
     names = (estimates.channel.name, estimates.model.name)

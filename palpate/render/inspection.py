@@ -22,7 +22,7 @@ from palpate.render.recording.session import record_session
 from palpate.render.report import write_report
 from palpate.render.view import ChannelView, StudyView, VerdictView
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.files.whole_file import replace_undecodable
+from palpate.robot_io.files.atomic_write import replace_undecodable
 from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import SURFACE, true_parameters
 

@@ -150,7 +150,7 @@ def map_figure(channel: ChannelView) -> go.Figure:
     made = make_subplots(
         1, max(len(stages), 1), shared_yaxes=True, horizontal_spacing=0.03, subplot_titles=titles
     )
-    used = channel.engaged & channel.judged
+    used = channel.engaged & channel.scored
     maps = [residual_map(channel.position, channel.velocity, stage.residual, used) for stage in stages]
     level = np.abs(np.concatenate([grid.mean.ravel() for grid in maps]))
     reach = float(np.quantile(level[np.isfinite(level)], _BRIGHT)) if np.isfinite(level).any() else 1.0
@@ -238,7 +238,7 @@ def _draw_residuals(made: go.Figure, channel: ChannelView, place: Place) -> None
     unit, runs = channel.axes.effort_unit, list(rows_by_run(channel.run).values())
     for stage in channel.shown_stages:
         look = replace(_look_of(channel, stage), named=False)
-        left = np.where(channel.judged, stage.residual, np.nan)
+        left = np.where(channel.scored, stage.residual, np.nan)
         draw_curves(made, run_curves(channel.time_s, left, runs), place, unit, look)
     _shade(made, channel, place)
     for level in (-2 * channel.noise_level, 2 * channel.noise_level):
@@ -302,7 +302,7 @@ def _shade(made: go.Figure, channel: ChannelView, place: Place) -> None:
     """Shade intervals in which more than half of the samples are excluded from scoring."""
     edges = np.linspace(channel.time_s[0], channel.time_s[-1], _SHADE_CELLS + 1)
     every = np.histogram(channel.time_s, edges)[0]
-    out = np.histogram(channel.time_s[~channel.judged], edges)[0] > 0.5 * np.maximum(every, 1)
+    out = np.histogram(channel.time_s[~channel.scored], edges)[0] > 0.5 * np.maximum(every, 1)
     look = {"fillcolor": palette.SHADE, "line_width": 0, "layer": "below", "row": place[0], "col": place[1]}
     for cells in blocks(out):
         if out[cells.start]:

@@ -160,7 +160,7 @@ class ChannelView:
     effort: FloatArray  # as measured, shape (n,)
     run: IntArray  # number of the run, shape (n,)
     engaged: BoolArray  # samples in contact, shape (n,)
-    judged: BoolArray  # samples whose error counts, shape (n,); the others are shaded
+    scored: BoolArray  # samples whose error counts, shape (n,); the others are shaded
     speeds: Mapping[int, str]  # description of each run's speed, by run number
     stages: tuple[StageView, ...]  # base model first; empty if the data cannot be judged
     error_steps: tuple[tuple[str, float], ...]  # label and error of each stage

@@ -18,7 +18,7 @@ from palpate.calibration.arm_motion import (
     choose_path,
     travel_speed_rad_s,
 )
-from palpate.calibration.encoder import PUSH_SHARE, StopSettings, StopTask, plan_stops, with_room_for_stops
+from palpate.calibration.encoder import PUSH_SHARE, StopSettings, StopTask, plan_stops, widen_limits_for_stops
 from palpate.calibration.force import check_references, record_weighing
 from palpate.calibration.standstill import StationaryRobot
 from palpate.control.laws.gains import gains_of

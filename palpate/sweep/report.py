@@ -11,7 +11,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from palpate.common.files import output_folder, whole_file, write_text
+from palpate.common.files import atomic_write, output_folder, write_text
 from palpate.render.report import rendered
 from palpate.sweep import figures
 from palpate.sweep.case import Row, SweepTable, error_table, grouped
@@ -53,7 +53,7 @@ def write_page(
         if section.drawing is not None:
             drawing, figure = section.drawing, section.drawing.figure()
             for ending in ("svg", "png"):
-                with whole_file(folder / FIGURES / f"{drawing.name}.{ending}") as path:
+                with atomic_write(folder / FIGURES / f"{drawing.name}.{ending}") as path:
                     drawing.save(figure, str(path))
             data = base64.b64encode((folder / FIGURES / f"{drawing.name}.png").read_bytes()).decode()
             url = Markup("data:image/png;base64," + data)  # noqa: S704, digits and letters

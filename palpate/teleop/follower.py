@@ -29,7 +29,7 @@ from palpate.control.teleop.follower_task import FollowerTask, SilenceAction, Ta
 from palpate.control.teleop.messaging import LINK_STREAM, Messaging
 from palpate.robot_io.calibration.applied import load_calibrations
 from palpate.robot_io.clock import Clock
-from palpate.robot_io.link.line import Line, LineSettings
+from palpate.robot_io.link.connection import LinkConnection, LinkSettings
 from palpate.robot_io.link.messages import (
     MOST_TARGETS,
     MOST_TEXT,
@@ -79,7 +79,7 @@ class FollowerMessaging(threading.Thread):
         error: reason why the exchange ended; empty while it continues.
     """
 
-    def __init__(self, line: Line, clock: Clock, say: Say, *, diagnose: bool) -> None:
+    def __init__(self, line: LinkConnection, clock: Clock, say: Say, *, diagnose: bool) -> None:
         super().__init__(daemon=True)
         self.queue = TargetQueue()
         self.arm_state = ArmState(Phase.IDLE, (0.0, 0.0, 0.0), 0.0, (0.0, 0.0, -1.0), 0.0)
@@ -297,7 +297,7 @@ class FollowerJob(ArmJob):
 
     plan: ProbingPlan  # how each target is probed; the plan has no targets of its own
     _: KW_ONLY
-    link: LineSettings = field(default_factory=LineSettings)
+    link: LinkSettings = field(default_factory=LinkSettings)
     on_silence: SilenceAction = SilenceAction.FINISH
     diagnose: bool = True
 
@@ -333,7 +333,7 @@ def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
     with ExitStack() as stack:
         extra = {PLAN: job.plan.to_yaml()}
         arm = stack.enter_context(arm_session(job, calibrations, extra, streams=(LINK_STREAM,)))
-        line = stack.enter_context(Line("follower", job.link, arm.clock))
+        line = stack.enter_context(LinkConnection("follower", job.link, arm.clock))
         messaging = FollowerMessaging(line, arm.clock, say, diagnose=job.diagnose)
         stack.callback(messaging.close)
         axis = np.array(robot_file.sensor_axis_tip)

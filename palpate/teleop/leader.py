@@ -17,7 +17,7 @@ from palpate.control.loop.timing import SectionTiming
 from palpate.control.teleop.messaging import Messaging
 from palpate.robot_io.clock import Clock, MonotonicClock
 from palpate.robot_io.errors import InputError, PalpateError
-from palpate.robot_io.link.line import Line, LineSettings
+from palpate.robot_io.link.connection import LinkConnection, LinkSettings
 from palpate.robot_io.link.messages import (
     MOST_TARGETS,
     Intent,

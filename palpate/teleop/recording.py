@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.common.files import whole_file
+from palpate.common.files import atomic_write
 from palpate.render import palette
 from palpate.render.recording.file import BACKGROUND, TIME, plot, recording_file, send_lines, shown_on
 from palpate.render.recording.rerun_modules import rr, rrb
@@ -173,7 +173,7 @@ def draw(path: Path, merged: MergedSessions, rendered: ForceComparison, modeled:
     for axis in axes:
         axis.spines[["top", "right"]].set_visible(False)
     try:
-        with whole_file(path) as unfinished:
+        with atomic_write(path) as unfinished:
             figure.savefig(unfinished, dpi=110, format="png")
     finally:
         plt.close(figure)

@@ -53,7 +53,7 @@ class DrawnMotion:
         )
 
     @property
-    def judged(self) -> BoolArray:
+    def scored(self) -> BoolArray:
         """Samples of the selected runs, shape (n,)."""
         return np.isin(self.data.run, self.runs) if self.runs else np.ones(len(self.data), dtype=np.bool_)
 
@@ -63,7 +63,7 @@ class DrawnMotion:
         Args:
             residual: shape (n,), in the effort's unit.
         """
-        return residual_map(self.position, self.velocity, residual, self.judged & self.data.engaged)
+        return residual_map(self.position, self.velocity, residual, self.scored & self.data.engaged)
 
     def rows(self, values: FloatArray, most: int, span_s: tuple[float, float] | None = None) -> IntArray:
         """Select samples to draw, with all peaks of `values`; -1 marks a gap between runs.
@@ -73,7 +73,7 @@ class DrawnMotion:
             most: number of samples to keep.
             span_s: first and last time to draw [s]; None for all.
         """
-        chosen = self.judged
+        chosen = self.scored
         if span_s is not None:
             chosen &= (self.time_s >= span_s[0]) & (self.time_s <= span_s[1])
         drawable = np.flatnonzero(chosen)
@@ -392,7 +392,7 @@ class PlotPanel:
             effort: predicted effort, shape (n,), in the effort's unit.
         """
         if self._shown is not None:
-            self._drawn = effort, np.where(self._shown.base.judged, self._data.effort - effort, np.nan)
+            self._drawn = effort, np.where(self._shown.base.scored, self._data.effort - effort, np.nan)
             self._model(*self._drawn)
 
     def _model(self, effort: FloatArray, left: FloatArray) -> None:
@@ -427,7 +427,7 @@ class PlotPanel:
         _select(left, "drawn: all", "runs to draw", elements.RUNS).on_value_change(draw)
         out = _select(names, "runs left out", "runs to leave out", elements.LEFT_OUT, self._state.out)
         held = self._state.study.held_out
-        judged = _select(left, "runs held out", "runs to hold out", elements.HELD_OUT, held)
+        scored = _select(left, "runs held out", "runs to hold out", elements.HELD_OUT, held)
 
         choosing = False
 
@@ -435,9 +435,9 @@ class PlotPanel:
             nonlocal choosing
             choosing = still
             if not still:
-                await self._use_runs(out.value or (), judged.value or ())
+                await self._use_runs(out.value or (), scored.value or ())
 
-        for select in (out, judged):  # several runs can be selected before the list is closed
+        for select in (out, scored):  # several runs can be selected before the list is closed
             select.on("popup-show", lambda: use(still=True)).on("popup-hide", lambda: use(still=False))
             select.on_value_change(lambda: use(still=choosing))
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from nicegui import events, ui
 
-from palpate.common.files import output_folder, whole_file
+from palpate.common.files import atomic_write, output_folder
 from palpate.control.loop.tick_record import STREAM_NAME
 from palpate.estimation.data.column_names import QUANTITIES, RUN, Guess, guess_columns
 from palpate.estimation.data.file_columns import is_session
@@ -167,7 +167,7 @@ class FileDrop:
             path = folder / (name if number == 1 else f"{stem}-{number}{dot}{ending}")
             try:
                 if not path.exists():
-                    with whole_file(path) as writing:
+                    with atomic_write(path) as writing:
                         writing.write_bytes(content)
                     return path, True
                 if path.is_file() and path.read_bytes() == content:

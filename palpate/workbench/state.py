@@ -86,8 +86,8 @@ class DisplayedFit:
         Returns:
             The error in the effort's unit.
         """
-        judged = self.base.judged
-        left = self.fitted.data.effort[judged] - self.fitted.predict(values)[judged]
+        scored = self.base.scored
+        left = self.fitted.data.effort[scored] - self.fitted.predict(values)[scored]
         return float(np.sqrt(np.mean(left**2)))
 
 
@@ -434,16 +434,18 @@ ALIKE = 0.95  # cosine above which two effects are indistinguishable on these da
 TELLING = 0.05  # share of the error below which an effect has no influence
 
 
-def evidence_of(study: Study, channel: StudyChannel, beside: Sequence[str], effect: str) -> EffectEvidence:
+def evidence_of(
+    study: Study, channel: StudyChannel, base_effects: Sequence[str], effect: str
+) -> EffectEvidence:
     """Compute how one effect changes the error, given others. InputError: the selection cannot be fitted.
 
     Args:
         study: study with the fits.
         channel: channel of the study.
-        beside: names of the other effects in the model.
+        base_effects: names of the other effects in the model.
         effect: name of the effect.
     """
-    before, fitted = study.fit(channel, beside), study.fit(channel, [*beside, effect])
+    before, fitted = study.fit(channel, base_effects), study.fit(channel, [*base_effects, effect])
     change = before.residual_on_blocks - fitted.residual_on_blocks
     length = float(np.linalg.norm(change))
     return EffectEvidence(

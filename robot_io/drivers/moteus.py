@@ -315,7 +315,7 @@ class MoteusBus(PolledMotorBus[MoteusState]):
     def _condition(self, state: MoteusState) -> tuple[int, bool | None]:
         return state.error, state.mode == POSITION
 
-    def _keep(self, joint: int, state: MoteusState, requested_s: float) -> None:
+    def _store_state(self, joint: int, state: MoteusState, requested_s: float) -> None:
         self._observed_states[joint] = state
         self._motion_is_wrong[joint] = not state.is_known or state.error in ENCODER_FAULTS
         if state.is_known:

@@ -105,7 +105,7 @@ class OdriveBus(MotorBus):
         self.line.open()
         self._send_all(self._state_frames(AxisState.IDLE))
         self._request_all(OdriveCommand.GET_VERSION)
-        self._wait_for(self._all_heard, self._heartbeat_timeout_s)
+        self._wait_for(self._all_answered, self._heartbeat_timeout_s)
         for joint in range(self.joint_count):
             if problem := self._setup_problem(joint):
                 raise self._motor_error(joint, problem)
@@ -130,7 +130,8 @@ class OdriveBus(MotorBus):
         self._motion_at_s, self._torque_at_s = [-inf] * self.joint_count, [-inf] * self.joint_count
         self._request_all(OdriveCommand.BUS_VOLTAGE_CURRENT, OdriveCommand.GET_VERSION)
         self._wait_for(
-            lambda: self._all_heard() and len(self._supply_v) == self.joint_count, self._heartbeat_timeout_s
+            lambda: self._all_answered() and len(self._supply_v) == self.joint_count,
+            self._heartbeat_timeout_s,
         )
         unseen = f"CAN cannot read these settings, which each axis needs: {'; '.join(self._setup_commands)}"
         return [*map(self._observe, range(self.joint_count)), ok("set over USB", unseen)]
@@ -202,7 +203,7 @@ class OdriveBus(MotorBus):
         frames = [odrive.encode_request(axis.node_id, each) for axis in self._axes for each in messages]
         self._send_all(frames)
 
-    def _all_heard(self) -> bool:
+    def _all_answered(self) -> bool:
         versions = self._settings.firmware is Firmware.V0_5 or len(self._versions) == len(self._axes)
         moved, pulled = -inf not in self._motion_at_s, -inf not in self._torque_at_s
         return versions and None not in self._heartbeats and moved and pulled

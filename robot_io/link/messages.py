@@ -200,9 +200,9 @@ class Target:
     direction_world: tuple[float, ...]  # shape (3,), unit vector into the object
 
     def __post_init__(self) -> None:
-        _need_count("target number", self.number)
-        _need_vector("target position", self.position_world_m, 100.0)
-        _need_vector("target direction", self.direction_world, 1.0 + _UNIT)
+        _check_count("target number", self.number)
+        _check_vector("target position", self.position_world_m, 100.0)
+        _check_vector("target direction", self.direction_world, 1.0 + _UNIT)
         if abs(math.hypot(*self.direction_world) - 1.0) > _UNIT:
             raise InputError(f"target direction {self.direction_world}: is not a unit vector")
 
@@ -217,9 +217,9 @@ class Intent:
     ended: bool  # whether the operator has finished: finish the queue, then end
 
     def __post_init__(self) -> None:
-        _need_few("targets", self.targets, MOST_TARGETS)
-        _need_few("cancelled", self.cancelled, MOST_TARGETS)
-        _need_few("seen", self.seen, MOST_TARGETS)
+        _check_length("targets", self.targets, MOST_TARGETS)
+        _check_length("cancelled", self.cancelled, MOST_TARGETS)
+        _check_length("seen", self.seen, MOST_TARGETS)
         numbers = [target.number for target in self.targets]
         if len(set(numbers)) < len(numbers):
             raise InputError(f"targets {numbers}: a number appears twice")
@@ -241,12 +241,12 @@ class Report:
     ended: bool  # the follower is at rest without torque, and ends
 
     def __post_init__(self) -> None:
-        _need_vector("tip position", self.tip_world_m, 100.0)
-        _need_vector("press direction", self.direction_world, 1.0 + _UNIT)
-        _need_number("tip speed", self.speed_m_s, 100.0)
-        _need_number("force", self.force_n, 1e6)
-        _need_few("target states", self.targets, MOST_TARGETS)
-        _need_text("remark", self.remark)
+        _check_vector("tip position", self.tip_world_m, 100.0)
+        _check_vector("press direction", self.direction_world, 1.0 + _UNIT)
+        _check_number("tip speed", self.speed_m_s, 100.0)
+        _check_number("force", self.force_n, 1e6)
+        _check_length("target states", self.targets, MOST_TARGETS)
+        _check_text("remark", self.remark)
         if len(self.states) != len(self.targets) or not _STATES.issuperset(self.states):
             raise InputError(
                 f"target states {self.states}: each of the targets {self.targets} needs one known state"
@@ -264,9 +264,9 @@ class EstimatedParameter:
     upper: float
 
     def __post_init__(self) -> None:
-        _need_text("parameter name", self.name)
-        _need_text("unit", self.unit)
-        _need_number(self.name, self.value, 1e30)
+        _check_text("parameter name", self.name)
+        _check_text("unit", self.unit)
+        _check_number(self.name, self.value, 1e30)
         for bound in (self.lower, self.upper):
             if not (math.isnan(bound) or abs(bound) < 1e30):
                 raise InputError(f"{self.name}: bound {bound} is out of range")
@@ -282,12 +282,12 @@ class ContactModel:
 
     def __post_init__(self) -> None:
         for text in (self.name, *self.keys):
-            _need_text("name", text)
-        _need_few(f"parameters of {self.name}", self.keys, MOST_PARAMETERS)
+            _check_text("name", text)
+        _check_length(f"parameters of {self.name}", self.keys, MOST_PARAMETERS)
         if len(self.keys) != len(self.values):
             raise InputError(f"{self.name}: {len(self.keys)} names for {len(self.values)} values")
         for key, value in zip(self.keys, self.values, strict=True):
-            _need_number(f"{self.name}.{key}", value, 1e30)
+            _check_number(f"{self.name}.{key}", value, 1e30)
 
 
 @dataclass(frozen=True, slots=True)
@@ -308,15 +308,15 @@ class ObjectEstimate:
     measured_s: float  # time of the last sample that went into it, on the follower's clock [s]
 
     def __post_init__(self) -> None:
-        _need_count("estimate's revision", self.revision)
-        _need_vector("surface position", self.surface_world_m, 100.0)
-        _need_vector("press direction", self.direction_world, 1.0 + _UNIT)
-        _need_few("terms", self.model, MOST_PARAMETERS)
-        _need_few("parameters", self.parameters, MOST_PARAMETERS)
-        _need_text("verdict", self.verdict)
-        _need_text("words", self.words)
-        _need_number("rmse", self.rmse_n, 1e6)
-        _need_number("time of measurement", self.measured_s, 1e12)
+        _check_count("estimate's revision", self.revision)
+        _check_vector("surface position", self.surface_world_m, 100.0)
+        _check_vector("press direction", self.direction_world, 1.0 + _UNIT)
+        _check_length("terms", self.model, MOST_PARAMETERS)
+        _check_length("parameters", self.parameters, MOST_PARAMETERS)
+        _check_text("verdict", self.verdict)
+        _check_text("words", self.words)
+        _check_number("rmse", self.rmse_n, 1e6)
+        _check_number("time of measurement", self.measured_s, 1e12)
         if not self.model:
             raise InputError("estimate without a contact law")
 
@@ -324,17 +324,17 @@ class ObjectEstimate:
 Message = Intent | Report | ObjectEstimate
 
 
-def _need_count(what: str, value: int) -> None:
+def _check_count(what: str, value: int) -> None:
     if not 0 <= value < _MOST_COUNT:
         raise InputError(f"{what} {value}: must be at least 0 and below 2^47")
 
 
-def _need_number(what: str, value: float, largest: float) -> None:
+def _check_number(what: str, value: float, largest: float) -> None:
     if not -largest <= value <= largest:  # also NaN
         raise InputError(f"{what} {value}: must be a number up to {largest:g}")
 
 
-def _need_vector(what: str, values: Sequence[float], largest: float) -> None:
+def _check_vector(what: str, values: Sequence[float], largest: float) -> None:
     if len(values) != 3:
         raise InputError(f"{what} {values}: must have three numbers")
     x, y, z = values
@@ -342,11 +342,11 @@ def _need_vector(what: str, values: Sequence[float], largest: float) -> None:
         raise InputError(f"{what} {tuple(values)}: not three numbers up to {largest:g}")
 
 
-def _need_few(what: str, values: Sequence[object], largest: int) -> None:
+def _check_length(what: str, values: Sequence[object], largest: int) -> None:
     if len(values) > largest:
         raise InputError(f"{len(values)} {what}: at most {largest}")
 
 
-def _need_text(what: str, text: str) -> None:
+def _check_text(what: str, text: str) -> None:
     if len(text) > MOST_TEXT:
         raise InputError(f"{what}: {len(text)} characters, at most {MOST_TEXT}")

@@ -23,7 +23,7 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from numpy.typing import NDArray
 
 from palpate.robot_io.errors import SessionError
-from palpate.robot_io.files.whole_file import max_unpacked_bytes, replace_undecodable
+from palpate.robot_io.files.atomic_write import max_unpacked_bytes, replace_undecodable
 from palpate.robot_io.session.event import (
     EVENT_STREAM,
     MAX_EVENT_BYTES,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.robot_io.errors import InputError, SessionError, UnknownNameError, UnloggedError
-from palpate.robot_io.files.whole_file import whole_file
+from palpate.robot_io.files.atomic_write import atomic_write
 from palpate.robot_io.session.event import EVENT_STREAM, Event, SessionMetadata, encode_event
 from palpate.robot_io.session.mcap_file import McapFile
 from palpate.robot_io.session.shared_log import (
@@ -262,7 +262,7 @@ def write_session(
         tables.append((replace(stream, batch=most if len(columns[TIME_COLUMN]) > _MANY else 1), columns))
     new = new_session_path(path)
     try:
-        with whole_file(new, replace=False) as unfinished, unfinished.open("wb") as file:
+        with atomic_write(new, replace=False) as unfinished, unfinished.open("wb") as file:
             mcap = McapFile(file, [stream for stream, _ in tables], metadata)
             _write_all(mcap, tables, tuple(events), progress)
             os.fsync(file.fileno())

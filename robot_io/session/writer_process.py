@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from palpate.robot_io.errors import SessionError
-from palpate.robot_io.files.whole_file import reserve_name
+from palpate.robot_io.files.atomic_write import reserve_name
 from palpate.robot_io.session.event import EVENT_STREAM, SessionMetadata, encode_event, unclosed
 from palpate.robot_io.session.mcap_file import McapFile
 from palpate.robot_io.session.shared_log import FINISHED, READY, Job, SharedLog, lock

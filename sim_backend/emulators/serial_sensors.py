@@ -144,10 +144,10 @@ class EmulatedLorenz(SerialSensor):
                     self._timer.stop()
                 continue
             self._input = (self._input + bytes((byte,)))[-600:]
-            answers += self._try(now_s)
+            answers += self._parse_telegram(now_s)
         return answers
 
-    def _try(self, now_s: float) -> bytes:
+    def _parse_telegram(self, now_s: float) -> bytes:
         """Execute the telegram at the end of the input, if there is a complete one."""
         for start in (index for index, byte in enumerate(self._input) if byte == 2):
             stuffed = self._input[start + 1 :]

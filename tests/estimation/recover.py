@@ -38,7 +38,7 @@ def recover(data, base, name):
     def fitted(inner):
         gains = dict.fromkeys(model.gains, 0.0)
         for _ in range(1 if model.is_linear_in_gains else ROUNDS):
-            slopes, effort = model.linearise(data, {**gains, **inner})
+            slopes, effort = model.linearize(data, {**gains, **inner})
             lengths = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
             wanted = data.effort - effort + slopes @ np.array(list(gains.values()))
             found = np.linalg.lstsq(slopes / lengths, wanted, rcond=1e-12)[0] / lengths

@@ -139,7 +139,10 @@ def test_where_means_are_taken_afterwards_narrow_windows_are_no_worse(turns_hz, 
     jumping = np.where(np.sin(2 * np.pi * turns_hz * t) > 0.0, 4.0, -4.0)
     true = np.convolve(jumping, np.ones(8) / 8.0, "same")
     x = np.cumsum(np.cumsum(true)) * 1e-6 + noise * np.random.default_rng(5).standard_normal(len(t))
-    chosen = [differentiate(t, x, ONE_PIECE(t), rounding=0.0, calm=calm) for calm in (True, False)]
+    chosen = [
+        differentiate(t, x, ONE_PIECE(t), rounding=0.0, prefer_wide=prefer_wide)
+        for prefer_wide in (True, False)
+    ]
     errors = [np.std((c.acceleration - true)[100:-100].reshape(-1, 10).mean(axis=1)) for c in chosen]
     assert errors[1] <= errors[0]
     if (turns_hz, noise) == (3.0, 4e-6):
@@ -216,7 +219,7 @@ def test_much_that_is_smooth_does_not_choose_the_window_of_what_is_not():
     inside = slice(7100, 7900)
 
     def missed(tried):
-        found = differentiate(t, position, ONE_PIECE(t), calm=False, tried=tried)
+        found = differentiate(t, position, ONE_PIECE(t), prefer_wide=False, window_rows=tried)
         averaged = (found.acceleration - truth)[inside].reshape(-1, 10).mean(axis=1)
         return found.half_windows[1], np.std(averaged)
 

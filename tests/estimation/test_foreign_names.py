@@ -7,7 +7,7 @@ import pytest
 from palpate.estimation.data.column_names import guess_column
 from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_options import ImportOptions
-from palpate.estimation.data.units import dimension_of, normalise
+from palpate.estimation.data.units import dimension_of, normalize_unit
 from palpate.robot_io.errors import InputError
 from tests.estimation.laboratories import presses
 from tests.estimation.test_foreign_tables import by_the_advice
@@ -184,7 +184,7 @@ def test_labels_that_change_from_line_to_line_make_no_table(tmp_path):
     [("rad.s", "rad_s"), ("mm.s", "mm_s"), ("kN.m", "kNm"), ("N.mm", "Nmm"), ("m.s", "m_s")],
 )
 def test_a_point_within_a_unit_is_a_slash_or_a_product(written, unit):
-    assert normalise(written) == unit
+    assert normalize_unit(written) == unit
     assert dimension_of(unit) is not None
 
 

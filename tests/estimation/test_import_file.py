@@ -17,7 +17,7 @@ from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_options import ImportOptions, parse_pairs
 from palpate.estimation.study.source import open_source
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.files import whole_file
+from palpate.robot_io.files import atomic_write
 from palpate.robot_io.session import SessionMetadata, write_session
 from tests.files import write_csv
 
@@ -282,7 +282,7 @@ def test_what_would_fill_the_memory_is_refused(tmp_path, monkeypatch, contact, n
 
 
 def test_what_is_small_only_while_it_is_packed_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(whole_file, "_ALLOWED_BYTES", 100_000)
+    monkeypatch.setattr(atomic_write, "_ALLOWED_BYTES", 100_000)
     file = tmp_path / "x.parquet"
     same = pa.DictionaryArray.from_arrays(np.zeros(2000, np.int32), pa.array(["x" * 1000]))
     pyarrow.parquet.write_table(pa.table({"a": same}), file, store_schema=False)

@@ -7,7 +7,7 @@ from palpate.estimation.data.column_names import guess_column, split_unit
 from palpate.estimation.data.import_file import import_table
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import table_of
-from palpate.estimation.data.units import SI, dimension_of, normalise
+from palpate.estimation.data.units import SI, dimension_of, normalize_unit
 from palpate.robot_io.errors import InputError
 
 pa = pytest.importorskip("pyarrow")
@@ -66,7 +66,7 @@ def test_units_of_machines_are_known(name, dimension, factor):
 
 @pytest.mark.parametrize("unit", ["MM", "MS", "MV", "xN", "furlong"])
 def test_what_is_no_unit_is_not_read_as_one(unit):
-    assert dimension_of(normalise(unit)) is None
+    assert dimension_of(normalize_unit(unit)) is None
 
 
 def factor_of(name):
@@ -144,4 +144,4 @@ def test_a_unit_that_is_missing_or_not_understood_is_asked_for():
     ("unit", "name"), [("MPa", "megapascals"), ("mA", "milliamps"), ("lbfft", "ft-lbf"), ("kgfcm", "kg.cm")]
 )
 def test_names_of_units_may_have_any_prefix_and_products_any_sign(unit, name):
-    assert normalise(name) == unit
+    assert normalize_unit(name) == unit

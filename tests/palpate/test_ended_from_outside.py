@@ -20,9 +20,9 @@ HALF_WRITTEN = """
 import sys, time
 from pathlib import Path
 from palpate import main
-from palpate.robot_io.files.whole_file import whole_file
+from palpate.robot_io.files.atomic_write import atomic_write
 def run():
-    with whole_file(Path(sys.argv[1])) as unfinished:
+    with atomic_write(Path(sys.argv[1])) as unfinished:
         unfinished.write_text("half of it")
         print("begun", flush=True)
         time.sleep(60)

@@ -15,12 +15,12 @@ import pytest
 from palpate.common import console
 from palpate.common.console import as_shell_word, display_path, shell_path
 from palpate.common.files import (
+    atomic_write,
+    atomic_write_all,
     different_files,
     existing_file,
     output_file,
     spare_files,
-    whole_file,
-    whole_set,
 )
 from palpate.robot_io.errors import InputError, SessionError
 from palpate.robot_io.session import Column, Event, Session, SessionMetadata, Stream, write_session
@@ -196,7 +196,7 @@ def test_a_file_that_cannot_be_finished_is_not_there(tmp_path):
     path.write_text("old")
 
     def write_half():
-        with whole_file(path) as unfinished:
+        with atomic_write(path) as unfinished:
             unfinished.write_text("half")
             raise OSError(28, "No space left on device")
 
@@ -207,12 +207,15 @@ def test_a_file_that_cannot_be_finished_is_not_there(tmp_path):
 
 def test_of_a_set_of_files_all_appear_or_none(tmp_path):
     paths = [tmp_path / name for name in ("a.json", "b.html")]
-    with pytest.raises(KeyboardInterrupt), whole_set(dict.fromkeys(paths, "text")):
+    with pytest.raises(KeyboardInterrupt), atomic_write_all(dict.fromkeys(paths, "text")):
         raise KeyboardInterrupt
-    with pytest.raises(InputError, match="missing"), whole_set({paths[0]: "", tmp_path / "missing/c": ""}):
+    with (
+        pytest.raises(InputError, match="missing"),
+        atomic_write_all({paths[0]: "", tmp_path / "missing/c": ""}),
+    ):
         pass
     assert list(tmp_path.iterdir()) == []
-    with whole_set(dict.fromkeys(paths, "text")):
+    with atomic_write_all(dict.fromkeys(paths, "text")):
         assert not any(path.exists() for path in paths)
     assert sorted(tmp_path.iterdir()) == paths
 

@@ -182,10 +182,10 @@ class TestFigures:
         assert np.nanmax(shown.data[0].y) == pytest.approx(result.channel.data.effort.max(), rel=1e-6)
         assert shown.layout.yaxis.title.text == "contact force [N]"
 
-    def test_what_is_not_judged_is_shaded_and_leaves_no_residual(self, result):
+    def test_excluded_samples_are_shaded_without_residual(self, result):
         view = result_view(result)
         judged = view.time_s > 0.3 * view.time_s[-1]
-        shown = report.time_figure(replace(view, judged=judged))
+        shown = report.time_figure(replace(view, scored=judged))
         shades = [shape for shape in shown.layout.shapes if shape.type == "rect"]
         assert min(shade.x0 for shade in shades) == view.time_s[0]
         assert max(shade.x1 for shade in shades) == pytest.approx(0.3 * view.time_s[-1], rel=0.02)

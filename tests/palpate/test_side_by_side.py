@@ -94,7 +94,7 @@ def test_the_paired_interval_is_that_of_white_noise_in_both(soft, again):
     """Noise is all that differs: the errors are those of sqrt(2) times the noise, (X'X)^-1 its size."""
     pair = sides(soft, again)
     fitted = pair.first.compared.fitted
-    rows = fitted.judged & (fitted.data.position > 0.0)
+    rows = fitted.scored & (fitted.data.position > 0.0)
     motion = np.column_stack([fitted.data.position, fitted.data.velocity])[rows]
     expected = NOISE_N * np.sqrt(2.0 * np.diag(np.linalg.inv(motion.T @ motion)))
     found = {one.name: one for one in pair.differences}
@@ -208,7 +208,7 @@ def test_a_difference_is_held_against_the_louder_of_both(soft, again, tmp_path):
     for pair in (sides(soft, loud), sides(loud, soft)):
         found = {one.name: one for one in pair.differences}["stiffness.k"]
         fitted = pair.first.compared.fitted
-        pressed = np.where(fitted.data.position > 0.0, fitted.data.position, 0.0)[fitted.judged]
+        pressed = np.where(fitted.data.position > 0.0, fitted.data.position, 0.0)[fitted.scored]
         change_n = abs(found.value) * np.sqrt(np.mean(pressed**2))
         assert found.noise_levels == pytest.approx(change_n / (10 * NOISE_N), rel=0.15)
 
@@ -216,10 +216,10 @@ def test_a_difference_is_held_against_the_louder_of_both(soft, again, tmp_path):
 def test_a_model_describes_its_own_measurement_by_runs_that_it_was_not_fitted_to(hardening):
     side = sides(hardening, hardening, "kelvin_voigt", "hunt_crossley").first
     fitted = side.compared.fitted
-    effort, left = fitted.data.effort[fitted.judged], fitted.residual[fitted.judged]
+    effort, left = fitted.data.effort[fitted.scored], fitted.residual[fitted.scored]
     expected = 100 * (1 - np.linalg.norm(left) / np.linalg.norm(effort - effort.mean()))
     assert side.fit_of(side) == pytest.approx(expected, abs=1e-6)
-    in_sample = (fitted.data.effort - fitted.predicted)[fitted.judged]
+    in_sample = (fitted.data.effort - fitted.predicted)[fitted.scored]
     assert np.linalg.norm(in_sample) < np.linalg.norm(left)
 
 

@@ -156,7 +156,7 @@ def test_held_out_runs_judge_what_the_others_were_fitted_to(tmp_path):
     left = every.data.effort - every.predict(alone.values)  # the whole measurement, by what runs 0 and 2 say
     judged = np.isfinite(every.residual) & np.isin(every.data.run, [1, 3])
     assert fitted.rmse == pytest.approx(np.sqrt(np.mean(left[judged] ** 2)), rel=0.02)
-    assert set(fitted.data.run[fitted.judged]) == {1, 3}
+    assert set(fitted.data.run[fitted.scored]) == {1, 3}
     assert study.compare().channels[0].rmse > 3 * fitted.rmse
     parts = study.comparison(study.channel(), effects).parts
     assert {part.label for part in parts["run"]} == {"run 1", "run 3"}

@@ -132,7 +132,7 @@ def test_peaks_survive_thinning(n):
     assert {n // 3, n // 2} <= set(rows.tolist())
 
 
-def test_a_stretch_that_is_not_judged_stays_a_gap():
+def test_excluded_stretch_stays_a_gap():
     values = np.ones(20_000)
     values[5000:9000] = np.nan
     rows = peak_rows(values, 400)
@@ -184,8 +184,8 @@ def test_runs_that_each_begin_at_zero_are_shown_one_after_the_other(contact):
 
 def test_a_residual_map_averages_what_is_judged_in_a_cell(contact):
     judged = contact.position < 0.01
-    view = channel_view(contact, (), None, judged=judged)
-    used = view.engaged & view.judged
+    view = channel_view(contact, (), None, scored=judged)
+    used = view.engaged & view.scored
     flat = residual_map(view.position, view.velocity, np.where(judged, 0.3, 99.0), used)
     seen = flat.mean[np.isfinite(flat.mean)]
     assert len(seen) > 8
@@ -196,10 +196,10 @@ def test_a_residual_map_averages_what_is_judged_in_a_cell(contact):
     assert signs.position.max() <= 10.0  # mm
 
 
-def test_what_is_not_judged_is_said(contact):
-    view = channel_view(contact, (), None, judged=np.arange(len(contact)) % 4 > 0)
+def test_excluded_samples_are_reported(contact):
+    view = channel_view(contact, (), None, scored=np.arange(len(contact)) % 4 > 0)
     assert view.verdict.remarks == ("25 % of the samples are excluded from scoring; the report shades them.",)
-    told = channel_view(contact, (), None, judged=view.judged, not_judged="1 in 4 is not judged.")
+    told = channel_view(contact, (), None, scored=view.scored, exclusion_note="1 in 4 is not judged.")
     assert told.verdict.remarks == ("1 in 4 is not judged.",)
 
 

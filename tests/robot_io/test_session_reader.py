@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from palpate.robot_io.errors import InputError, SessionError, UnknownNameError
-from palpate.robot_io.files import whole_file
+from palpate.robot_io.files import atomic_write
 from palpate.robot_io.session import (
     Column,
     Event,
@@ -357,7 +357,7 @@ def test_more_data_than_there_is_memory_for_is_refused(tmp_path, monkeypatch):
 
 def test_a_session_that_is_small_only_while_it_is_packed_is_refused(tmp_path, monkeypatch):
     path = foreign(tmp_path / "s.mcap", {}, [("events", bytes(4_000_000))] * 10)
-    monkeypatch.setattr(whole_file, "_ALLOWED_BYTES", 1_000_000)
+    monkeypatch.setattr(atomic_write, "_ALLOWED_BYTES", 1_000_000)
     with pytest.raises(SessionError, match="far more data"):
         Session.open(path)
 

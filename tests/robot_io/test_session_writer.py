@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from palpate.robot_io.errors import InputError, SessionError, UnknownNameError
-from palpate.robot_io.files.whole_file import whole_file
+from palpate.robot_io.files.atomic_write import atomic_write
 from palpate.robot_io.session import Column, Event, Session, SessionWriter, Stream, write_session, writer
 from palpate.robot_io.session.event import decode_event, encode_event
 from palpate.robot_io.session.mcap_file import McapFile
@@ -474,7 +474,7 @@ def test_without_links_nobody_can_begin_a_session_while_a_file_takes_its_name(tm
 
     monkeypatch.setattr(os, "link", refuse)
     monkeypatch.setattr(Path, "replace", begin_first)
-    with whole_file(path, replace=False) as unfinished:
+    with atomic_write(path, replace=False) as unfinished:
         unfinished.write_bytes(b"ours")
     assert path.read_bytes() == b"ours"
     assert [file.name for file in tmp_path.iterdir()] == ["s.mcap"]

@@ -14,11 +14,11 @@ from typing import Literal
 
 import numpy as np
 
-from palpate.common.files import whole_file
+from palpate.common.files import atomic_write
 from palpate.render import palette
 from palpate.render.recording.rerun_modules import experimental, rerun_cli, rr, rrb
 from palpate.robot_io.errors import PalpateError
-from palpate.robot_io.files.whole_file import replace_undecodable
+from palpate.robot_io.files.atomic_write import replace_undecodable
 from palpate.robot_io.types import FloatArray
 
 TIME, REVISION = "time", "revision"  # timelines
@@ -39,7 +39,7 @@ def recording_file(name: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[
         InputError: the file cannot be written.
     """
     # Write to memory first, then to the disk, because Rerun's writer hangs if the disk is full.
-    with whole_file(path) as unfinished:
+    with atomic_write(path) as unfinished:
         unfinished.touch()  # checks the folder before the work begins
         name = replace_undecodable(name)
         recording = rr.RecordingStream("palpate", recording_id=name)
@@ -160,7 +160,11 @@ def capture_screenshot(
         return bool(state.active_recording) and not state.loading
 
     started_s = time.monotonic()
-    with TemporaryDirectory() as folder, whole_file(picture) as unfinished, _headless_viewer(size) as viewer:
+    with (
+        TemporaryDirectory() as folder,
+        atomic_write(picture) as unfinished,
+        _headless_viewer(size) as viewer,
+    ):
         # The viewer accepts UTF-8 names only.
         shown, taken = Path(folder, "shown.rrd"), Path(folder, "taken.png")
         shown.symlink_to(recording.absolute())

@@ -147,7 +147,7 @@ class MotorBus(JointBus, Examinable):
     def examine(self) -> tuple[Finding, ...]:
         findings = self._report()
         if count := self.line.counts["foreign id"]:
-            value = f"{count} frames from ids that are not in the robot file: {self._foreign_listed}"
+            value = f"{count} frames from ids that are not in the robot file: {self._list_foreign_ids}"
             findings.append(warn(self.line.label, value, self._foreign_remedy))
         if damaged := sum(self.line.counts[kind] for kind in ("error frame", "not valid", "damaged")):
             value = f"{damaged} error frames, damaged frames or frames of a wrong length"
@@ -156,7 +156,7 @@ class MotorBus(JointBus, Examinable):
         return tuple(findings)
 
     @property
-    def _foreign_listed(self) -> str:
+    def _list_foreign_ids(self) -> str:
         """Return the ids of foreign frames, in the usual CAN notation."""
         return ", ".join(f"0x{can_id:03X}" for can_id in sorted(self._foreign_ids))
 
@@ -334,7 +334,7 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
         """Return the error of a motor (0 for none), and whether it is in motor mode (None if unknown)."""
 
     @abstractmethod
-    def _keep(self, joint: int, state: StateType, requested_s: float) -> None:
+    def _store_state(self, joint: int, state: StateType, requested_s: float) -> None:
         """Store the motion that a motor reports for its joint and that was requested at `requested_s` [s]."""
 
     @abstractmethod
@@ -366,7 +366,7 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
         if silent:
             problem = f"no answer in {ANSWER_S} s from {', '.join(map(self.motor_label, silent))}"
             if self._foreign_ids:
-                problem += f"; received frames with the ids {self._foreign_listed}: {self._foreign_remedy}"
+                problem += f"; received frames with the ids {self._list_foreign_ids}: {self._foreign_remedy}"
             raise DeviceError(f"{self.line.label}: {problem}")
 
     def _request_states(self, joints: Iterable[int]) -> None:
@@ -435,7 +435,7 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
             state = self._newest[joint]
             if state is not None and not requests.is_unsure:
                 self._newest[joint] = None
-                self._keep(joint, state, requests.answered_s)
+                self._store_state(joint, state, requests.answered_s)
 
     def _fault(self, joint: int, now_s: float) -> str:
         error = self._error(joint)

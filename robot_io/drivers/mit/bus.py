@@ -66,7 +66,7 @@ class MitBus(PolledMotorBus[MitState]):
     def _condition(self, state: MitState) -> tuple[int, bool | None]:
         return state.error, state.enabled
 
-    def _keep(self, joint: int, state: MitState, requested_s: float) -> None:
+    def _store_state(self, joint: int, state: MitState, requested_s: float) -> None:
         self._store_motion(joint, state.position_rad, state.velocity_rad_s, requested_s)
         self._store_torque(joint, state.torque_nm, requested_s)
         self._at_range_end[joint] = state.at_range_end

@@ -218,12 +218,12 @@ class Bota(SerialForceSensor, Examinable):
         """Send a command until it is confirmed; the sensor may be starting or may have lost a letter."""
         received = bytearray()
 
-        def understand(data: bytes) -> int | None:
+        def parse_reply(data: bytes) -> int | None:
             received.extend(data)
             return find_answer_code(command, received)
 
         for _ in range(_STARTING if command == CONFIGURE else _ATTEMPTS):
-            code = self._bus.ask(command, understand, _ANSWER_S)
+            code = self._bus.ask(command, parse_reply, _ANSWER_S)
             if code:
                 raise self._error(f"the sensor refuses '{command.decode()}', code {code}")
             if code == 0:

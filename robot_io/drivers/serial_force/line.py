@@ -136,7 +136,7 @@ class SerialReader:
         self._is_prompt = now_s - before_s <= _PROMPT_S
         arrived_s = (now_s if self._is_prompt else before_s) - self._stream.held_back_s
         for data in pieces:
-            self._keep(data, arrived_s)
+            self._process_data(data, arrived_s)
         if self._stream.poll:
             question = self._stream.poll.to_send(now_s)
             try:
@@ -152,7 +152,7 @@ class SerialReader:
             raise EOFError
         return [data]
 
-    def _keep(self, data: bytes, read_s: float) -> None:
+    def _process_data(self, data: bytes, read_s: float) -> None:
         arrived_s: float | None = read_s
         stream, rejected = self._stream, self._stream.rejected
         samples = stream.feed(data)
@@ -288,15 +288,15 @@ class ForceLine(Bus):
             raise DeviceError(f"{self.label}: cannot be written to ({error})") from error
 
     def ask(
-        self, question: bytes, understand: Callable[[bytes], Answer | None], timeout_s: float
+        self, question: bytes, parse_reply: Callable[[bytes], Answer | None], timeout_s: float
     ) -> Answer | None:
-        """Send `question` and pass received bytes to `understand` until it returns an answer or times out.
+        """Send `question` and pass received bytes to `parse_reply` until it returns an answer or times out.
 
         Must be called before `listen`.
 
         Args:
             question: bytes for the sensor.
-            understand: parses all received bytes into an answer, or None.
+            parse_reply: parses all received bytes into an answer, or None.
             timeout_s: longest wait [s].
 
         Returns:
@@ -313,7 +313,7 @@ class ForceLine(Bus):
                 data = self._opened().read(4096)
             except OSError as error:
                 raise DeviceError(f"{self.label}: cannot be read ({error})") from error
-            answer = understand(data) if data else None
+            answer = parse_reply(data) if data else None
             if answer is not None:
                 return answer
         return None

@@ -124,7 +124,7 @@ def test_draws_repeat_the_model_the_noise_and_nothing_else():
     assert np.mean(energies) == pytest.approx(fit.solution.held_out, rel=0.1)
 
 
-def test_what_is_not_judged_is_no_noise_of_draws():
+def test_excluded_samples_do_not_enter_bootstrap_noise():
     """Where a sensor failed, and where a run begins, the error may be anything."""
     data = swings(5)
     good = np.arange(len(data)) % 500 >= 25

@@ -256,7 +256,7 @@ def test_a_column_on_blocks_passes_through_the_effects_on_motion_and_sensor(name
     model = Model("m", tuple(EFFECTS[name]() for name in ("inertia", *names)))
     parameters = {name: inner.beginning for name, inner in model.inner.items()} | parameters
     gains = dict.fromkeys(model.gains, 1.0)
-    slopes, _ = model.linearise(blocked.data, {**gains, **parameters})
+    slopes, _ = model.linearize(blocked.data, {**gains, **parameters})
     columns = columns_at(FitProblem(blocked, WHITE), model, parameters)
     np.testing.assert_allclose(columns, blocked.reduce(slopes), rtol=1e-9, atol=1e-12)
 

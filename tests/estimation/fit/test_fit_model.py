@@ -11,7 +11,7 @@ from palpate.estimation.base_model import ModelContext
 from palpate.estimation.channel import ChannelData, ChannelKind, Information
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.blocks import block_average, with_load
-from palpate.estimation.fit.fit_problem import held_out_residual, linearise_along, solve_gains
+from palpate.estimation.fit.fit_problem import held_out_residual, linearize_inner, solve_gains
 from palpate.estimation.fit.fit_result import final_solution, fit_model
 from palpate.estimation.fit.intervals import _largest_error, estimate_parameters, inner_slopes
 from palpate.estimation.fit.normal_equations import (
@@ -138,7 +138,7 @@ def test_the_held_out_error_of_a_run_is_that_of_a_fit_to_the_others():
     data = swings(2)
     found = fit_model(data, SWING, {})
     error = held_out_residual(found.problem.blocked, found.solution)
-    slopes, _ = SWING.linearise(data, dict.fromkeys(SWING.gains, 0.0))
+    slopes, _ = SWING.linearize(data, dict.fromkeys(SWING.gains, 0.0))
     trusted = np.isfinite(error)
     for run in data.runs:  # every run has a fold of its own
         others = trusted & (data.run != run)
@@ -358,7 +358,7 @@ def test_parts_along_an_effect_are_those_of_the_whole_model_there(name, inner):
     model, there = base.with_effect(effect), {"contact_offset.offset": 1e-3, "stress_relaxation.tau": 0.3}
     own = {f"{name}.{key}": value for key, value in inner.items()}
     start = {**there, **dict.fromkeys(own, 1.0)}
-    found = linearise_along(block_average(data), model, effect, start)(inner)
+    found = linearize_inner(block_average(data), model, effect, start)(inner)
     for one, other in zip(found, model.parts(data, {**there, **own}), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-12)
 

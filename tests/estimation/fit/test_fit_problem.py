@@ -246,9 +246,9 @@ def test_where_a_sensor_bends_the_effort_steps_go_on_until_one_leads_where_it_wa
     data, seen, plain = (
         pressed(lambda x, v: np.clip(10.0 * x, -2.0, 2.0), ChannelKind.REVOLUTE),
         [],
-        Model.linearise,
+        Model.linearize,
     )
-    monkeypatch.setattr(Model, "linearise", lambda *args: seen.append(1) or plain(*args))
+    monkeypatch.setattr(Model, "linearize", lambda *args: seen.append(1) or plain(*args))
     solve_gains(problem(data), model(*effects), {"saturation.limit": 2.0, "delay.time": 0.013}, **how)
     assert len(seen) == looks
 

@@ -99,7 +99,7 @@ def searched(monkeypatch, cost, *inner, starts):
         return Tried(sse=cost(**here), parameters=dict(parameters), blocks=True)
 
     monkeypatch.setattr(inner_search, "solve_gains", attempt)
-    monkeypatch.setattr(inner_search, "linearise_along", lambda *args: lambda there: "parts")
+    monkeypatch.setattr(inner_search, "linearize_inner", lambda *args: lambda there: "parts")
     problem, effect = (
         SimpleNamespace(blocked=SimpleNamespace(data=None)),
         SimpleNamespace(name="e", inner=inner),

@@ -212,7 +212,7 @@ def test_held_out_are_the_runs_that_were_recorded_and_all_of_them(runs, monkeypa
     assert np.sum(inside) == np.sum(whole.run == 1) // one.measured.averaged
     assert len(one.to_fit) <= 2 * 5_000
     assert len(one.to_fit.runs) >= 6
-    assert set(one.measured.run[study.fit(one).judged]) == {1}
+    assert set(one.measured.run[study.fit(one).scored]) == {1}
     (found,) = study.estimate("lsq", runs=[0])
     assert found.channel.time_s.max() < begin_s
     with pytest.raises(InputError, match="no run 77"):

@@ -82,7 +82,7 @@ def test_errors_of_the_position_count_as_noise_as_the_model_passes_them_on():
     stiffness = base.solution.parameters["stiffness.k"]
     found = measurement_noise(base)
     assert found.motion == pytest.approx(
-        stiffness * error_m * np.sqrt(np.mean(data.engaged[base.judged])), rel=0.25
+        stiffness * error_m * np.sqrt(np.mean(data.engaged[base.scored])), rel=0.25
     )
     assert found.value == pytest.approx(base.rmse, rel=0.15)
 

@@ -89,11 +89,11 @@ def test_comparison_says_where_a_stiffening_spring_is_missed_and_refuses_what_ca
         compare(session(4).select(np.arange(20)), MODEL)
 
 
-def test_what_is_not_judged_is_said_and_counts_nowhere():
+def test_excluded_samples_are_reported_and_not_scored():
     found = compare(session(4, cubic), MODEL)
-    left_out = np.count_nonzero(~found.judged)
-    assert np.array_equal(found.judged, np.isfinite(found.fitted.residual))
-    assert 0 < left_out < 0.1 * len(found.judged)
-    assert found.not_judged.startswith(f"{left_out:,} of {len(found.judged):,} samples (")
-    assert sum(part.samples for part in found.parts["run"]) == np.count_nonzero(found.judged)
-    assert found.not_judged in found._repr_html_()
+    left_out = np.count_nonzero(~found.scored)
+    assert np.array_equal(found.scored, np.isfinite(found.fitted.residual))
+    assert 0 < left_out < 0.1 * len(found.scored)
+    assert found.exclusion_note.startswith(f"{left_out:,} of {len(found.scored):,} samples (")
+    assert sum(part.samples for part in found.parts["run"]) == np.count_nonzero(found.scored)
+    assert found.exclusion_note in found._repr_html_()

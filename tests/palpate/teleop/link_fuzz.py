@@ -58,7 +58,7 @@ class FuzzResult:
 
 
 class FedLine:
-    """A line whose frames are given; see `palpate.robot_io.link.Line`."""
+    """A line whose frames are given; see `palpate.robot_io.link.LinkConnection`."""
 
     def __init__(self, seal: FrameCode) -> None:
         self.waiting: deque[bytes] = deque()
@@ -74,17 +74,17 @@ class FedLine:
         return arrived
 
     def refuse(self, _why: str) -> None:
-        """See `Line.refuse`."""
+        """See `LinkConnection.refuse`."""
         self.malformed += 1
 
     def resubscribe(self) -> None:
-        """See `Line.resubscribe`."""
+        """See `LinkConnection.resubscribe`."""
 
     def heard(self, frame: Frame, at_s: float) -> None:
-        """See `Line.heard`."""
+        """See `LinkConnection.heard`."""
 
     def send(self, message: Message) -> None:
-        """See `Line.send`."""
+        """See `LinkConnection.send`."""
 
 
 def fuzz(number: int, seed: int, seal: FrameCode = CHECKSUM, mended: FrameCode | None = None) -> FuzzResult:

@@ -7,7 +7,7 @@ from multiprocessing.context import SpawnProcess
 from palpate.control.loop.task import Phase
 from palpate.control.teleop.peer import Arrival, Peer, PeerLimits
 from palpate.robot_io.clock import MonotonicClock
-from palpate.robot_io.link.line import Line, LineSettings
+from palpate.robot_io.link.connection import LinkConnection, LinkSettings
 from palpate.robot_io.link.messages import ObjectEstimate, Report
 from tests.robot_io.link.link_parts import intent, report, target
 
@@ -18,7 +18,10 @@ class ScriptedPeer:
     """`until` talks until something is heard."""
 
     def __init__(self, role: str, port: int) -> None:
-        self.line, self.peer = Line(role, LineSettings(port=port), MonotonicClock()), Peer(PeerLimits())
+        self.line, self.peer = (
+            LinkConnection(role, LinkSettings(port=port), MonotonicClock()),
+            Peer(PeerLimits()),
+        )
         self.seen = -1
         self.heard: list[Report | ObjectEstimate] = []
 

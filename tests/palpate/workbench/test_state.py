@@ -177,7 +177,7 @@ def test_runs_that_are_held_out_are_in_the_commands(state):
     state.choose(state.toggled("cubic_stiffness"))
     held = state.with_runs((0,), (2,))
     fitted = held.show().fitted
-    assert set(fitted.data.run[fitted.judged]) == {2}
+    assert set(fitted.data.run[fitted.scored]) == {2}
     assert held.python().startswith("study = palpate.Study(study.source.without([0]), held_out=[2])")
     again = state.with_runs((), (2,))
     assert again.command() == (

@@ -109,7 +109,7 @@ _MOST_SAID = 200  # characters of a message of zenoh
 
 
 @dataclass(frozen=True)
-class LineSettings:
+class LinkSettings:
     """Settings by which the two sides find each other.
 
     Without a file both are peers on this machine's loopback, the follower listening. A file is zenoh's own
@@ -129,7 +129,7 @@ class LineSettings:
             raise InputError(f"port {self.port}: must be 1024 to 65535")
 
 
-class Line:
+class LinkConnection:
     """One end of the line; sends and receives frames.
 
     Args:
@@ -150,7 +150,7 @@ class Line:
             other machines could reach a follower with neither key nor certificates.
     """
 
-    def __init__(self, role: Role, settings: LineSettings, clock: Clock) -> None:
+    def __init__(self, role: Role, settings: LinkSettings, clock: Clock) -> None:
         self.sender = secrets.randbits(62)
         self.malformed, self.refused = 0, ""
         self.role, self._settings, self._clock = role, settings, clock
@@ -262,7 +262,7 @@ class Line:
                 self._put(data)
 
 
-def _config(role: Role, settings: LineSettings) -> "zenoh.Config":
+def _config(role: Role, settings: LinkSettings) -> "zenoh.Config":
     """Read zenoh's configuration, or make that of a pair on this machine."""
     if settings.config is not None:
         try:
@@ -299,7 +299,7 @@ def _certified(config: "zenoh.Config") -> bool:
     return is_mutual and all(endpoint.startswith(("tls/", "quic/")) for endpoint in _endpoints(config))
 
 
-def _restrict_to_this_machine(config: "zenoh.Config", settings: LineSettings) -> None:
+def _restrict_to_this_machine(config: "zenoh.Config", settings: LinkSettings) -> None:
     """Disable zenoh's default listeners, and reject endpoints on other machines.
 
     Raises:

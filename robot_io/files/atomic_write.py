@@ -34,7 +34,7 @@ def replace_undecodable(text: str) -> str:
 
 
 @contextmanager
-def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
+def atomic_write(path: Path, *, replace: bool = True) -> Iterator[Path]:
     """Write a file under a temporary name, and rename it once it is complete.
 
     Args:

@@ -11,8 +11,8 @@ import pytest
 
 from palpate.robot_io.clock import MonotonicClock
 from palpate.robot_io.errors import InputError
+from palpate.robot_io.link.connection import Impairment, LinkConnection, LinkSettings, NetworkEmulator
 from palpate.robot_io.link.frame import MOST_BYTES, load_seal
-from palpate.robot_io.link.line import Impairment, Line, LineSettings, NetworkEmulator
 from tests.files import saved
 from tests.free_port import free_port
 from tests.robot_io.link.link_parts import intent, report, target
@@ -20,7 +20,7 @@ from tests.robot_io.link.link_parts import intent, report, target
 WAIT_S = 20.0
 
 
-def heard(sender: Line, receiver: Line, message, wait_s: float = WAIT_S) -> bool:
+def heard(sender: LinkConnection, receiver: LinkConnection, message, wait_s: float = WAIT_S) -> bool:
     """Whether a message arrives, sent again and again."""
     return any_heard([(sender, receiver, message)], wait_s)
 
@@ -39,10 +39,10 @@ def any_heard(pairs, wait_s: float) -> bool:
 
 
 def test_both_ends_hear_each_other_also_after_one_was_started_again():
-    settings, clock = LineSettings(port=free_port()), MonotonicClock()
-    with Line("leader", settings, clock) as leader:
+    settings, clock = LinkSettings(port=free_port()), MonotonicClock()
+    with LinkConnection("leader", settings, clock) as leader:
         for _ in range(2):
-            with Line("follower", settings, clock) as follower:
+            with LinkConnection("follower", settings, clock) as follower:
                 assert heard(leader, follower, intent(target()))
                 assert heard(follower, leader, report())
                 follower.resubscribe()
@@ -50,9 +50,12 @@ def test_both_ends_hear_each_other_also_after_one_was_started_again():
 
 
 def test_a_second_follower_is_refused_in_one_line():
-    settings, clock = LineSettings(port=free_port()), MonotonicClock()
-    with Line("follower", settings, clock), pytest.raises(InputError, match="by another follower") as refused:
-        Line("follower", settings, clock)
+    settings, clock = LinkSettings(port=free_port()), MonotonicClock()
+    with (
+        LinkConnection("follower", settings, clock),
+        pytest.raises(InputError, match="by another follower") as refused,
+    ):
+        LinkConnection("follower", settings, clock)
     assert ".rs" not in str(refused.value)
 
 
@@ -76,7 +79,7 @@ def test_what_zenoh_refuses_is_said_in_one_line_without_its_source(config, words
     if config is not None:
         path.write_text(config)
     with pytest.raises(InputError) as refused:
-        Line("follower", LineSettings(config=path), MonotonicClock())
+        LinkConnection("follower", LinkSettings(config=path), MonotonicClock())
     said = str(refused.value)
     assert words in said
     assert str(path) in said
@@ -105,7 +108,7 @@ def test_a_key_that_others_can_read_is_refused(mode, tmp_path):
     with pytest.raises(
         InputError, match=rf"key .*pair\.key: others can read it \(mode {mode:o}\): chmod 600"
     ):
-        Line("follower", LineSettings(port=free_port(), key=key), MonotonicClock())
+        LinkConnection("follower", LinkSettings(port=free_port(), key=key), MonotonicClock())
     key.chmod(0o600)
     other = write_key(tmp_path / "tls.key")
     other.chmod(mode)
@@ -115,7 +118,7 @@ def test_a_key_that_others_can_read_is_refused(mode, tmp_path):
     with pytest.raises(
         InputError, match=rf"listen_private_key .*tls\.key: others can read it \(mode {mode:o}\)"
     ):
-        Line("follower", LineSettings(config=config), MonotonicClock())
+        LinkConnection("follower", LinkSettings(config=config), MonotonicClock())
 
 
 @pytest.mark.parametrize(
@@ -134,7 +137,7 @@ def test_a_follower_without_key_or_certificates_stays_on_this_machine(config, op
     path, port = tmp_path / "link.json5", free_port()
     path.write_text(json.dumps(config).replace("{port}", str(port)))
     with pytest.raises(InputError, match="Give --key FILE on both sides") as refused:
-        Line("follower", LineSettings(config=path, port=port), MonotonicClock())
+        LinkConnection("follower", LinkSettings(config=path, port=port), MonotonicClock())
     assert open_to in str(refused.value)
 
 
@@ -142,13 +145,13 @@ def test_who_may_say_where_to_probe_is_known_and_what_is_not_said_is_closed(tmp_
     """zenoh listens everywhere and looks for peers in the network where a configuration says nothing."""
     path, port, key = tmp_path / "link.json5", free_port(), write_key(tmp_path / "pair.key")
     path.write_text("{}")
-    with Line("follower", LineSettings(config=path, port=port), MonotonicClock()) as line:
+    with LinkConnection("follower", LinkSettings(config=path, port=port), MonotonicClock()) as line:
         assert line.is_open_here
         assert listening_on() == {f"127.0.0.1:{port}"}
-    with Line("follower", LineSettings(port=port), MonotonicClock()) as line:
+    with LinkConnection("follower", LinkSettings(port=port), MonotonicClock()) as line:
         assert line.is_open_here
         assert listening_on() == {f"127.0.0.1:{port}"}
-    with Line("follower", LineSettings(port=port, key=key), MonotonicClock()) as line:
+    with LinkConnection("follower", LinkSettings(port=port, key=key), MonotonicClock()) as line:
         assert not line.is_open_here
 
 
@@ -164,9 +167,9 @@ def listening_on():
 def test_pairs_of_another_name_do_not_hear_each_other():
     port, clock = free_port(), MonotonicClock()
     with (
-        Line("follower", LineSettings("one", port), clock) as follower,
-        Line("leader", LineSettings("two", port), clock) as other,
-        Line("leader", LineSettings("one", port), clock) as leader,
+        LinkConnection("follower", LinkSettings("one", port), clock) as follower,
+        LinkConnection("leader", LinkSettings("two", port), clock) as other,
+        LinkConnection("leader", LinkSettings("one", port), clock) as leader,
     ):
         assert heard(leader, follower, intent(target()))
         assert not heard(other, follower, intent(target(1)), 0.5)
@@ -177,10 +180,10 @@ def test_who_has_another_key_or_none_is_not_heard_and_it_is_said(tmp_path):
     for name in ("ours", "theirs"):
         write_key(tmp_path / name, name.encode() * 8)
     with (
-        Line("follower", LineSettings(port=port, key=tmp_path / "ours"), clock) as follower,
-        Line("leader", LineSettings(port=port, key=tmp_path / "theirs"), clock) as other,
-        Line("leader", LineSettings(port=port), clock) as plain,
-        Line("leader", LineSettings(port=port, key=tmp_path / "ours"), clock) as leader,
+        LinkConnection("follower", LinkSettings(port=port, key=tmp_path / "ours"), clock) as follower,
+        LinkConnection("leader", LinkSettings(port=port, key=tmp_path / "theirs"), clock) as other,
+        LinkConnection("leader", LinkSettings(port=port), clock) as plain,
+        LinkConnection("leader", LinkSettings(port=port, key=tmp_path / "ours"), clock) as leader,
     ):
         strangers = [(one, follower, intent(target(1))) for one in (other, plain)]
         assert not any_heard([*strangers, (follower, plain, report())], 1.0)
@@ -192,10 +195,10 @@ def test_who_has_another_key_or_none_is_not_heard_and_it_is_said(tmp_path):
 def test_the_advice_names_what_both_sides_must_share_and_what_udp_costs(tmp_path):
     path = tmp_path / "udp.json5"
     path.write_text('{listen: {endpoints: ["udp/127.0.0.1:0"]}, scouting: {multicast: {enabled: false}}}')
-    with Line("follower", LineSettings(config=path), MonotonicClock()) as line:
+    with LinkConnection("follower", LinkSettings(config=path), MonotonicClock()) as line:
         assert "--link" in line.advice
         assert "open_timeout" in line.advice
-    with Line("follower", LineSettings(port=free_port()), MonotonicClock()) as line:
+    with LinkConnection("follower", LinkSettings(port=free_port()), MonotonicClock()) as line:
         assert "--port" in line.advice
         assert "UDP" not in line.advice
 
@@ -217,7 +220,7 @@ def test_a_bad_network_delays_and_loses_as_it_says():
 )
 def test_settings_that_make_no_line(settings, words):
     with pytest.raises(InputError, match=words):
-        LineSettings(**settings)
+        LinkSettings(**settings)
 
 
 def certificates(folder) -> None:
@@ -270,12 +273,12 @@ def test_a_peer_without_our_certificate_is_refused_and_other_keys_are_denied(tmp
     port, other_port, clock = free_port(), free_port(), MonotonicClock()
     with ExitStack() as stack:
 
-        def line(role, side: str, port: int, name: str = "arm") -> Line:
+        def line(role, side: str, port: int, name: str = "arm") -> LinkConnection:
             config = secured(tmp_path, "listen" if role == "follower" else "connect", side, port)
-            return stack.enter_context(Line(role, LineSettings(name, config=config), clock))
+            return stack.enter_context(LinkConnection(role, LinkSettings(name, config=config), clock))
 
         follower, stranger = line("follower", "side", port), line("leader", "stranger", port)
-        plain = stack.enter_context(Line("leader", LineSettings(port=port), clock))
+        plain = stack.enter_context(LinkConnection("leader", LinkSettings(port=port), clock))
         # The certificates of these two are good, the key is not.
         elsewhere = [line(role, "side", other_port, "elsewhere") for role in ("leader", "follower")]
         pairs = [(stranger, follower, intent(target())), (plain, follower, intent(target(2)))]
@@ -292,11 +295,11 @@ def test_both_sides_meet_through_a_router(tmp_path):
         for mode, way in (("router", "listen"), ("client", "connect"))
     )
     path = saved(tmp_path / "client.json5", json.dumps(client))
-    settings, clock = LineSettings(config=path), MonotonicClock()
+    settings, clock = LinkSettings(config=path), MonotonicClock()
     with (
         zenoh.open(zenoh.Config.from_json5(json.dumps(router))),  # what the program zenohd is
-        Line("leader", settings, clock) as leader,
-        Line("follower", settings, clock) as follower,
+        LinkConnection("leader", settings, clock) as leader,
+        LinkConnection("follower", settings, clock) as follower,
     ):
         assert heard(leader, follower, intent(target()))
         assert heard(follower, leader, report())
@@ -305,11 +308,11 @@ def test_both_sides_meet_through_a_router(tmp_path):
 def test_what_is_larger_than_a_frame_is_dropped_when_it_arrives():
     import zenoh
 
-    settings, clock = LineSettings(port=free_port()), MonotonicClock()
+    settings, clock = LinkSettings(port=free_port()), MonotonicClock()
     config = zenoh.Config()
     config.insert_json5("scouting/multicast/enabled", "false")
     config.insert_json5("connect/endpoints", json.dumps([f"tcp/127.0.0.1:{settings.port}"]))
-    with Line("follower", settings, clock) as follower, zenoh.open(config) as stranger:
+    with LinkConnection("follower", settings, clock) as follower, zenoh.open(config) as stranger:
         until_s = time.monotonic() + WAIT_S
         while not follower.malformed and time.monotonic() < until_s:
             stranger.put("palpate/arm/leader", bytes(MOST_BYTES + 1))
