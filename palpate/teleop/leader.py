@@ -73,7 +73,7 @@ def leader_metadata(robot_file: RobotFile, scene: Scenario, command_line: str) -
     )
 
 
-def run_leader(haptics: HapticJob, link: LineSettings, say: Say, show: Say) -> LeaderOutcome:
+def run_leader(haptics: HapticJob, link: LinkSettings, say: Say, show: Say) -> LeaderOutcome:
     """Lead until the operator's script ends or Ctrl-C; the session is then complete.
 
     Args:
@@ -87,7 +87,7 @@ def run_leader(haptics: HapticJob, link: LineSettings, say: Say, show: Say) -> L
         PalpateError: the haptic process has ended; states the reason.
     """
     clock = MonotonicClock()
-    with Line("leader", link, clock) as line:
+    with LinkConnection("leader", link, clock) as line:
         process, pipe = start_worker(run_haptics, haptics)
         try:
             leader = _Leader(haptics.scene, line, clock, process, pipe, say, show)
@@ -108,7 +108,7 @@ class _Leader:
     def __init__(  # noqa: PLR0917 (what a leader is made of)
         self,
         scene: Scenario,
-        line: Line,
+        line: LinkConnection,
         clock: Clock,
         process: BaseProcess,
         pipe: Connection,
