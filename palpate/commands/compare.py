@@ -269,7 +269,7 @@ def _compare_pair(
             from palpate.render.paired_report import document, record_pair  # noqa: PLC0415
 
             output_folder(out)
-            with whole_set({out / RESULT: json_text(content), out / REPORT: document(view)}):
+            with atomic_write_all({out / RESULT: json_text(content), out / REPORT: document(view)}):
                 record_pair(view, out / RECORDING)
         written = {what: out / name for what, name in PAIR_FILES.items()}
         if not as_json:
