@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -426,6 +427,8 @@ class Study(ModelStudy):
 def _plan_probe(
     study: ModelStudy, diagnosed: Sequence[ChannelDiagnosis], longest_s: float, progress: Progress
 ) -> NextProbe | None:
+    if find_spec("pinocchio") is None:  # plans of a probe are rehearsed with the arm's rigid-body model
+        return None
     from palpate.planning.next_probe import next_probe  # noqa: PLC0415, with the simulator
 
     return next_probe(study, diagnosed, longest_s, progress, processes=os.cpu_count() or 1)

@@ -35,7 +35,7 @@ from palpate.estimation.study.channels import (
     unapplicable,
 )
 from palpate.estimation.study.comparison import Comparison, Comparisons, compare
-from palpate.estimation.study.source import limit_length, open_source
+from palpate.estimation.study.source import limit_length, open_source, without_uninstalled
 from palpate.estimation.workers import release_freed_memory
 from palpate.robot_io.errors import InputError
 
@@ -58,7 +58,10 @@ class StudyFits(TableDisplay):
         held_out: Sequence[int] = (),
     ) -> None:
         user_effects = effects or {}
-        self.source = limit_length(open_source(data, options, arm), held_out)
+        source = open_source(data, options, arm)
+        if model is None:
+            source = without_uninstalled(source)
+        self.source = limit_length(source, held_out)
         if self.source.averaged:
             release_freed_memory()
         self.held_out = tuple(sorted(set(held_out)))

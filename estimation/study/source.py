@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib.util import find_spec
 from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,6 +26,7 @@ from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
 from palpate.estimation.data.table import table_of
 from palpate.estimation.fit.long_data import shortened
 from palpate.robot_io.errors import InputError
+from palpate.robot_io.extras import missing_package
 
 if TYPE_CHECKING:
     from palpate.robot_io.session import Session
@@ -117,6 +119,19 @@ def open_source(data: Any, options: ImportOptions = NO_OPTIONS, arm: Arm | None 
     """
     source = _source_of(data, options)
     return source if arm is None else replace(source, arm=arm, notes=(*source.notes, *arm.notes))
+
+
+def without_uninstalled(source: Source) -> Source:
+    """Drop the joints of an arm that also pressed an object if Pinocchio is not installed, and add a note.
+
+    Args:
+        source: the measurement.
+    """
+    contacts = tuple(channel for channel in source.channels if channel.kind is ChannelKind.CONTACT)
+    if not (contacts and source.arm.urdf) or len(contacts) == len(source.channels) or find_spec("pinocchio"):
+        return source
+    note = f"the joints are left out: {missing_package('pinocchio')}"
+    return replace(source, channels=contacts, notes=(*source.notes, note))
 
 
 def limit_length(source: Source, held_out: Sequence[int] = ()) -> Source:

@@ -122,6 +122,18 @@ def test_data_are_analysed_without_extras_and_what_needs_one_says_which(tmp_path
     assert [code for code, *_ in told[len(NEEDS_EXTRA) :]] == [0] * len(COMMANDS)
 
 
+def test_the_contact_of_a_session_is_analysed_without_the_rigid_body_model_of_its_arm(probed, tmp_path):
+    (tmp_path / "press.mcap").symlink_to(probed[0])
+    commands = [[name, "press.mcap", *more] for name, *more in (["estimate"], ["diagnose", "--out", "out"])]
+    joint = ["diagnose", "press.mcap", "--channel", "joint_1", "--out", "out"]
+    *done, (code, refusal, _) = run_without_extras(tmp_path, *commands, joint, prepare=FEW_EFFECTS)
+    for command, (code_of, said, printed) in zip(commands, done, strict=True):
+        assert (code_of, "contact" in printed) == (0, True), (command, said)
+        note = "the joints are left out: the package pin is not installed: pip install 'palpate[arm]'"
+        assert note in " ".join(said.split())
+    assert (code, "pip install 'palpate[arm]'" in " ".join(refusal.split())) == (2, True)
+
+
 def test_make_compiles_only_what_is_imported():
     told = run_recipe('echo "[$$PYTHONDONTWRITEBYTECODE] $(WITH_PIP)"', PYTHONDONTWRITEBYTECODE="1")
     assert told.startswith("[] ")
