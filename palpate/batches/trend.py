@@ -1,6 +1,6 @@
 """Find steps and drifts of parameters over time that exceed the scatter between measurements."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import comb
@@ -273,21 +273,3 @@ def least_for_step(tested: int) -> int:
     return next(
         count for count in range(LEAST, 1_000) if 2.0 / comb(count, count // 2) <= LEVEL / max(tested, 1)
     )
-
-
-def changes_of(
-    table: pa.Table, times: FloatArray, names: Sequence[str] = ()
-) -> list[tuple[Series, list[TrendChange]]]:
-    """Find the changes of all series that are not constant, at a level for the table as a whole.
-
-    Args:
-        table: table of a batch.
-        times: times of its rows, shape (n,).
-        names: names of the series to test; empty for all.
-    """
-    series = [
-        item
-        for item in all_series(table, times)
-        if not item.is_constant and (not names or item.name in names)
-    ]
-    return [(item, find_changes(item, LEVEL / len(series))) for item in series]

@@ -104,7 +104,7 @@ def _update(  # noqa: PLR0917, what was typed
         LEAST,
         LEVEL,
         all_series,
-        changes_of,
+        find_changes,
         least_for_step,
         time_axis,
     )
@@ -131,7 +131,10 @@ def _update(  # noqa: PLR0917, what was typed
             f"--parameter {min(unknown)}: no such series of at least {LEAST} measurements. "
             f"There are: {', '.join(available) or 'none'}"
         )
-    tested = changes_of(table, times, names)
+    chosen = [series for series in known if not names or series.name in names]
+    varying = [series for series in chosen if not series.is_constant]
+    # one level for the table as a whole
+    tested = [(series, find_changes(series, LEVEL / len(varying))) for series in varying]
     least = least_for_step(len(tested))
     page = (out or (data if data.is_dir() else data.parent)) / PAGE
     write_trend(page, tested, what)
@@ -144,11 +147,7 @@ def _update(  # noqa: PLR0917, what was typed
         "time": what,
         "measurements": len(set(table["measurement"].to_pylist())),
         "tested": len(tested),
-        "constant": [
-            _series_name(labeled(series))
-            for series in known
-            if series.is_constant and (not names or series.name in names)
-        ],
+        "constant": [_series_name(labeled(series)) for series in chosen if series.is_constant],
         "level": LEVEL,
         "least_for_step": least,
         "short": sum(len(series.values) < least for series, _ in tested),

@@ -10,7 +10,7 @@ import importlib.util
 import json
 import math
 import os
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -140,16 +140,14 @@ class ResultStore:
 
     def write(self, address: str, rows: Sequence[Row]) -> None:
         """Store the rows of one case, at least one; raise `OSError` if they cannot be written."""
-        _write(
-            self.folder / f"{address}{_ENDING}",
-            pa.Table.from_pylist([{ADDRESS: address} | row for row in rows]),
-        )
+        table = pa.Table.from_pylist([{ADDRESS: address} | row for row in rows])
+        _write(self.folder / f"{address}{_ENDING}", table)
 
     def finished(self) -> set[str]:
         """Return the addresses of all stored results; raise `InputError` if a file is damaged."""
         addresses: set[str] = set()
-        for path in (*self._packs(), *self._unpacked()):
-            addresses.update(_read(path, columns=[ADDRESS])[ADDRESS].to_pylist())
+        for _, part in self._tables([ADDRESS]):
+            addresses.update(part[ADDRESS].to_pylist())
         return addresses
 
     def rows(self, addresses: Iterable[str]) -> list[Row]:
@@ -164,9 +162,9 @@ class ResultStore:
             InputError: a file is damaged, or two of them disagree about a case.
         """
         kept: dict[str, list[Row]] = {address: [] for address in addresses}
-        for path in (*self._packs(), *self._unpacked()):
+        for path, part in self._tables():
             new: dict[str, list[Row]] = {}
-            for row in _read(path).to_pylist():
+            for row in part.to_pylist():
                 known = {name: value for name, value in row.items() if value is not None}
                 new.setdefault(known.pop(ADDRESS), []).append(known)
             for address, rows in new.items():
@@ -186,8 +184,7 @@ class ResultStore:
             InputError: a file is damaged.
         """
         missing, parts = set(addresses), dict[Path, pa.Table]()
-        for path in (*self._packs(), *self._unpacked()):
-            part = _read(path)
+        for path, part in self._tables():
             new = missing.intersection(part[ADDRESS].unique().to_pylist())
             parts[path] = part.filter(pc.is_in(part[ADDRESS], pa.array(new, pa.string())))
             missing -= new
@@ -196,8 +193,7 @@ class ResultStore:
     def drop(self, addresses: Iterable[str]) -> None:
         """Delete the results of these cases; raise `InputError` if a file is damaged."""
         dropped = pa.array(list(addresses), pa.string())
-        for path in (*self._packs(), *self._unpacked()):
-            part = _read(path)
+        for path, part in self._tables():
             left = part.filter(pc.invert(pc.is_in(part[ADDRESS], dropped)))
             if not len(left):
                 path.unlink()
@@ -222,8 +218,10 @@ class ResultStore:
             path for path in self.folder.glob(f"*{_ENDING}") if not path.name.startswith((_PACK, "."))
         )
 
-    def _packs(self) -> list[Path]:
-        return sorted(self.folder.glob(f"{_PACK}*{_ENDING}"))
+    def _tables(self, columns: list[str] | None = None) -> Iterator[tuple[Path, pa.Table]]:
+        """Yield each file with its rows, packs first; raise `InputError` if one is damaged."""
+        for path in (*sorted(self.folder.glob(f"{_PACK}*{_ENDING}")), *self._unpacked()):
+            yield path, _read(path, columns)
 
 
 def _write(path: Path, table: pa.Table) -> None:
