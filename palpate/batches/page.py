@@ -55,15 +55,14 @@ def write_page(batch: BatchResult) -> None:
     Args:
         batch: result with its table, pooled parameters, differences and outliers.
     """
-    spent: dict[str, float] = {}  # the channels of a measurement state the same time
-    if batch.finished:
-        spent = dict(zip(texts(batch.table, "measurement"), floats(batch.table, "seconds"), strict=True))
+    names, files = texts(batch.table, "measurement"), texts(batch.table, "files")
+    # the channels of a measurement state the same time
+    spent = dict(zip(names, floats(batch.table, "seconds"), strict=True))
     facts = {
         "measurements": f"{batch.finished:,} of {batch.measurements:,} done",
         "unreadable": f"{len(batch.errors):,}",
         "processor time": duration(float(np.nansum(list(spent.values())))),
     }
-    names, files = texts(batch.table, "measurement"), texts(batch.table, "files")
     outliers = []
     for entry in sorted(batch.outliers, key=lambda entry: -abs(entry.z))[:_MOST_ROWS]:
         name, report = names[entry.row], ""

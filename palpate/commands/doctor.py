@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Mapping
+from itertools import chain
 from typing import Annotated
 
 import typer
@@ -124,30 +125,24 @@ def _examine(check: ArmCheck, *, quiet: bool) -> list[Finding]:
     """Run all checks of an arm, and print each finding immediately for a person at the arm."""
     findings: list[Finding] = []
     remark = f"emulated devices: {safe(describe_wires(check.robot_file))}" if check.wired else ""
-    if not check.wired and not is_simulated(check.robot_file):
-        findings += [*real_time(), *memory_lock()]
-    for finding in findings:
-        _print_line(finding, quiet=quiet)
+    is_real = not check.wired and not is_simulated(check.robot_file)
+    machine = [*real_time(), *memory_lock()] if is_real else []
     try:
-        for finding in examine_arm(check):
+        for finding in chain(machine, examine_arm(check)):
             if remark and not findings:
                 console.stderr().print(remark)
             findings.append(finding)
-            _print_line(finding, quiet=quiet)
+            if quiet:
+                continue
+            mark = MARKS[finding.level] + " " * (4 - len(finding.level))
+            console.say(f"{mark}  {safe(finding.subject):<{_SUBJECT_WIDTH}}  {safe(finding.text)}")
+            if finding.remedy:
+                console.say(f"{'':<{_SUBJECT_WIDTH + 8}}[cyan]→ {safe(finding.remedy)}[/cyan]")
     except KeyboardInterrupt:
         if check.move:
             console.stderr().print(AT_REST)
         raise
     return findings
-
-
-def _print_line(finding: Finding, *, quiet: bool) -> None:
-    if quiet:
-        return
-    mark = MARKS[finding.level] + " " * (4 - len(finding.level))
-    console.say(f"{mark}  {safe(finding.subject):<{_SUBJECT_WIDTH}}  {safe(finding.text)}")
-    if finding.remedy:
-        console.say(f"{'':<{_SUBJECT_WIDTH + 8}}[cyan]→ {safe(finding.remedy)}[/cyan]")
 
 
 def _next_steps(

@@ -40,19 +40,19 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
         following = diagnosis.next_experiment  # its instruction may repeat the end of the reason
         cause = diagnosis.reason.removesuffix(f"; {following.instruction}" if following else "")
         return f"{diagnosis.channel}: no verdict is possible: {_with_period(cause)}"
+    error, kinds = _error_sentence(diagnosis), _kinds_without_form(diagnosis)
     if diagnosis.verdict is Verdict.ADEQUATE:
-        error = f"{_error_sentence(diagnosis)}{_unrelated_error(diagnosis)}"
-        return f"{diagnosis.channel}: these data show no missing effect. {error}"
-    if not diagnosis.accepted and (kinds := _kinds_without_form(diagnosis)):
+        unrelated = _unrelated_error(diagnosis)
+        return f"{diagnosis.channel}: these data show no missing effect. {error}{unrelated}"
+    if not diagnosis.accepted and kinds:
         return (
             f"{diagnosis.channel}: the kind of the missing effect is known, but not its form: "
-            f"{join_names(kinds)}. "
-            f"{_error_sentence(diagnosis)}"
+            f"{join_names(kinds)}. {error}"
         )
     if not diagnosis.accepted:
         return (
             f"{diagnosis.channel}: something is missing that no known effect explains; it depends on "
-            f"{join_names(diagnosis.depends_on) or 'no single signal'}. {_error_sentence(diagnosis)}"
+            f"{join_names(diagnosis.depends_on) or 'no single signal'}. {error}"
         )
     names = []
     # With its approximate form and alternatives; one alternative may replace two effects.
@@ -63,15 +63,13 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
         remarks += [f"or {join_names(rivals, 'or')}"] if rivals else []
         names.append(f"{entry.effect} ({'; '.join(remarks)})" if remarks else entry.effect)
     verb = "is" if len(diagnosis.accepted) == 1 else "are"
-    missing = f"{diagnosis.channel}: {join_names(names)} {verb} missing from the model. "
-    missing += _error_sentence(diagnosis)
+    missing = f"{diagnosis.channel}: {join_names(names)} {verb} missing from the model. {error}"
     if diagnosis.complete is not False or diagnosis.remaining is None:
         return f"{missing}{_unrelated_error(diagnosis)}"
     signals = diagnosis.remaining.depends_on
     on = f" and depends on {join_names(signals)}" if signals else ""
     times = diagnosis.remaining.times_floor
     size = f" of {rounded(times, 2)} times the noise" if times >= NOISE else ""
-    kinds = _kinds_without_form(diagnosis)
     unknown = f" The form of {join_names(kinds)} is not known." if kinds else ""
     return f"{missing} An unexplained error{size} remains{on}.{unknown}"
 
