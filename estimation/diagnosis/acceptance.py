@@ -150,11 +150,12 @@ def accept_forms(
             size = explained[test.effect]
             is_possible = (test.is_known or is_as_good) and search.is_sound(fit, test.effect)
             is_possible &= test.kind is not Kind.RUN_DIFFERENCES or len(fit.data.runs) >= _MIN_RUNS
-            # If hardly anything is left, no other effect can explain the error in the place of this one.
-            # Faults of the sensor and drifts are rare, and therefore need more evidence.
+            # If the effect explains most of the error above the noise that the model leaves without it, no
+            # other effect can explain this error in its place. Faults of the sensor and drifts are rare, and
+            # therefore need more evidence.
             is_clear = (
                 is_as_good
-                and unnamed < _MAX_UNEXPLAINED * size
+                and size >= MOST_OF_LAW * (size + unnamed)
                 and test.kind in _PHYSICAL_KINDS
                 and search.is_needed(search.without(fit, test.effect), fit)
             )
@@ -310,13 +311,15 @@ def smallest_sufficient_model(search: Search, fit: FitResult, measurement: Measu
 def _drop_needless_effects(search: Search, fit: FitResult, measurement: MeasurementModel) -> FitResult:
     """Drop each effect that is small, indistinguishable from rounding, or not significant.
 
-    The least important effect is tested first.
+    The least important effect is tested first. An effect above the noise is not small, however large the
+    other effects are: without it, the model is incomplete.
     """
     for name in reversed(effects_by_importance(search, fit)):
         reduced = search.without(fit, name)
-        is_small = reduced.rmse - fit.rmse < SMALL * (search.start.rmse - fit.rmse)
-        is_needless = is_small or _is_rounding(search, fit, name) or _has_zero_size(reduced, fit, name)
         explained = np.sqrt(max(reduced.held_out_mean_square - fit.held_out_mean_square, 0.0))
+        is_small = reduced.rmse - fit.rmse < SMALL * (search.start.rmse - fit.rmse)
+        is_small &= bool(explained <= measurement_noise(search.start).value)
+        is_needless = is_small or _is_rounding(search, fit, name) or _has_zero_size(reduced, fit, name)
         is_needless |= bool(explained <= encoder_step_error(reduced, measurement))
         is_needed = not is_needless and search.is_needed(reduced, fit)
         if is_needed and improvement_test(reduced, fit, measurement, search.rng, name).is_significant:

@@ -275,17 +275,24 @@ def _search_with_offset(
 def _accept(
     search: Search, fit: FitResult, checks: "_Completeness", kinds: Callable[[], PartiallyLinear]
 ) -> tuple[FitResult, list[FormTest]]:
-    """Reduce a model to its accepted effects, and return it with their form tests."""
-    if checks.is_complete(fit):
+    """Reduce a model to its accepted effects, and return it with their form tests.
+
+    A model that leaves only noise is reduced by significance tests of its effects, even if its gains differ
+    between runs, since it then still explains each run.
+    """
+    is_complete = checks.is_complete(fit)
+    if is_complete or checks.explains_each_run(fit):
+        is_as_complete = checks.is_complete if is_complete else checks.explains_each_run
         end = accept_effects(search, fit, checks.measurement)
         if end is not search.start:
             checks.mark_incomplete(search.start)
-            end = most_parsimonious(search, end, checks.measurement, checks.is_complete)
-            if checks.is_complete(end):
+            end = most_parsimonious(search, end, checks.measurement, is_as_complete)
+            if checks.explains_each_run(end):
                 return end, form_tests(kinds(), end)
             fit = end
         elif (
-            checks.leaves_noise(end)
+            is_complete
+            and checks.leaves_noise(end)
             and search.added_effects(fit)
             and search.is_sensible(fit)
             and exceeds_noise(end, checks.measurement, search.rng) is None
@@ -315,6 +322,21 @@ class _Completeness:
         """
         is_known = any(fit is known for known in self._incomplete)
         return not is_known and self.leaves_noise(fit) and self.residual_finding(fit) is None
+
+    def explains_each_run(self, fit: FitResult) -> bool:
+        """Return whether a model is complete, or would be if its gains could differ between runs.
+
+        An upper bound of the noise does not show that the model explains each run.
+
+        Args:
+            fit: the model.
+        """
+        if self.is_complete(fit):
+            return True
+        is_known = any(fit is known for known in self._incomplete)
+        may_be_complete = not is_known and not measurement_noise(self._search.start).is_bound
+        finding = self.residual_finding(fit) if may_be_complete and self.leaves_noise(fit) else None
+        return finding is not None and finding.fits_each_run
 
     def residual_finding(self, fit: FitResult) -> ResidualFinding | None:
         """Return the finding of the residual checks on a model, unless it was withdrawn.

@@ -56,6 +56,7 @@ class ResidualFinding:
 
     reason: str  # reason in words
     depends_on: str  # quantity on which the residual depends
+    fits_each_run: bool = False  # whether the model explains each run alone, but with different gains
 
 
 def check_residuals(
@@ -90,6 +91,7 @@ def check_residuals(
             f"{with_unit(heterogeneity.run_alone, unit)} when fitted alone; was "
             "something else probed, or a sensor changed?",
             "run",
+            fits_each_run=True,
         )
     excess = exceeds_noise(end, measurement, rng)
     if not excess:

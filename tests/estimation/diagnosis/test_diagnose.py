@@ -145,6 +145,26 @@ def test_what_is_hidden_is_named_with_its_size_and_nothing_else(name):
     assert found.final.rmse == pytest.approx(noise, rel=0.15)
 
 
+@pytest.mark.parametrize("run_damping", [1.0, 1.3])
+@pytest.mark.parametrize("seed", [5, 6])
+def test_an_effect_above_the_noise_is_named_beside_a_much_larger_one(seed, run_damping):
+    """Without the stiffening, the error is three times the noise, but a twentieth of the base model's.
+
+    The runs may follow different laws: one of them with more damping.
+    """
+
+    def law(t, x, v, run):
+        damped = v * np.where(run == 2, run_damping, 1.0)
+        return kelvin_voigt(x, damped, 6.0 * relaxing(t, x, v, run) + 0.4 * cubic(t, x, v, run))
+
+    found = decide_verdict(session(seed, law, runs=4), *SOME["contact"])
+    first, second = sorted(found.accepted, key=lambda entry: entry.rmse_after, reverse=True)
+    assert first.effect == "stress_relaxation"
+    assert second.effect in {"cubic_stiffness", "layered_stiffness"}
+    assert second.rmse_before - second.rmse_after < 0.05 * (found.baseline.rmse - found.final.rmse)
+    assert second.rmse_before > 2.0 * NOISE_N
+
+
 def test_backlash_is_identified_with_motor_inertia_and_friction():
     found = decide_verdict(swings(5, with_a_gap, runs=5), *SOME["joint_1"])
     assert named(found) == {"backlash"}

@@ -168,7 +168,9 @@ def test_a_model_that_is_simplified_and_then_leaves_something_is_judged_by_its_f
     simpler_is_complete, way, monkeypatch
 ):
     complete = {"whole": True, "simpler": simpler_is_complete, "base": True}
-    judge = SimpleNamespace(measurement="readings", is_complete=complete.__getitem__)
+    judge = SimpleNamespace(
+        measurement="readings", is_complete=complete.__getitem__, explains_each_run=complete.__getitem__
+    )
     # the base model counts as complete until it is marked
     judge.mark_incomplete = lambda fit: complete.update({fit: False})
     monkeypatch.setattr(module, "accept_effects", lambda search, fit, measurement: fit)
