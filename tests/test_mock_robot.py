@@ -15,7 +15,7 @@ def body():
     return RigidBody.from_urdf(URDF, "tip")
 
 
-def test_it_accelerates_and_its_tip_is_where_the_urdf_says(body):
+def test_engine_matches_acceleration_and_kinematics_of_the_urdf(body):
     torque = np.array([0.7, -0.4, 0.2])
     plant = MockPlant(POSE, 1000.0, 20.0)
     plant.surface_height_m, plant.torque_nm = -9.0, torque
@@ -25,7 +25,7 @@ def test_it_accelerates_and_its_tip_is_where_the_urdf_says(body):
     assert MockPlant(POSE, 1000.0, 20.0).tip_height_m == pytest.approx(body.tip_pose(POSE)[0][2], abs=1e-9)
 
 
-def test_a_lifted_tip_moves_the_joints_as_the_urdf_says(body):
+def test_lifted_tip_moves_the_joints_according_to_the_urdf(body):
     plant = MockPlant(POSE, 1000.0, 20.0)
     plant.surface_height_m, plant.hand_force_n = -9.0, 2.0
     plant.advance(1e-3)
@@ -34,7 +34,7 @@ def test_a_lifted_tip_moves_the_joints_as_the_urdf_says(body):
     np.testing.assert_allclose(plant.velocity_rad_s / 1e-3, expected, rtol=1e-3)
 
 
-def test_it_comes_to_rest_on_the_surface_where_spring_and_push_agree(body):
+def test_tip_comes_to_rest_at_force_balance(body):
     """Pressed down with J^T F and damped joints, the depth at rest is F / k, and the sensor feels F."""
     plant = MockPlant(np.array([-1.275, 1.391, 1.455]), 2000.0, 50.0)
     plant.surface_height_m = plant.tip_height_m - 0.002

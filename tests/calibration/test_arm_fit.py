@@ -89,7 +89,7 @@ def test_late_torque_samples_are_not_taken_for_friction(path):
     assert np.all(np.abs(fit.viscous_nms_rad.value) < 4 * fit.viscous_nms_rad.std_err)
 
 
-def test_an_arm_that_stands_still_is_refused(path):
+def test_arm_at_rest_is_refused(path):
     still = FourierPath(path.center_rad, np.zeros((3, 1)), np.zeros((3, 1)), 10.0, 20.0)
     with pytest.raises(InputError, match="joint 1 hardly moves"):
         fit_arm(measured(still, np.random.default_rng(0)), BODIES)
@@ -106,7 +106,7 @@ class TestPath:
             assert np.all(np.abs(motion.velocity_rad_s) < limits.velocity_rad_s)
             assert BODY.heights_m(motion.position_rad)[1:].min() > floor - 0.02
 
-    def test_has_the_derivatives_it_says_and_begins_at_rest(self, path):
+    def test_profile_has_consistent_derivatives_and_starts_at_rest(self, path):
         step = 1e-5
         for time_s in (0.5, 3.9, 17.2, 37.0, 39.9):
             before, here, after = (path.at(time_s + shift) for shift in (-step, 0.0, step))
@@ -129,7 +129,7 @@ class TestPath:
         for time_s in np.linspace(0, small.duration_s, 700):
             assert BODY.heights_m(small.at(time_s).position_rad)[1:].min() > 0.55 - 0.02
 
-    def test_an_arm_that_stands_as_high_as_it_can_is_refused(self):
+    def test_arm_at_its_highest_posture_is_refused(self):
         narrow = ROBOT.limits.model_copy(update={"position_max_rad": (1.0, 2.75, 2.85)})
         with pytest.raises(InputError, match="raise the arm by hand"):
             chosen(UPRIGHT_RAD, narrow)

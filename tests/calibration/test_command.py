@@ -20,7 +20,7 @@ def table(tmp_path):
     return path
 
 
-def test_help_names_all_four_and_says_how_to_go_on():
+def test_help_lists_all_four_and_the_next_steps():
     result = done("calibrate", "--help")
     for word in ("force", "encoder", "torque", "gravity", "calibration: {force: force.yaml"):
         assert word in result.stdout

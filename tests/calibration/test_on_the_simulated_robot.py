@@ -106,9 +106,7 @@ class TestDrives:
         assert abs(pitch.value - hidden["pitch"]) < 4 * pitch.std_err < 2e-3
         assert calibration.values.roll is None  # the joints' axes are all across
 
-    def test_make_a_file_that_says_where_it_comes_from_and_a_whole_session_with_the_arm_back_home(
-        self, excited
-    ):
+    def test_calibration_file_states_its_origin_and_the_arm_returns_home(self, excited):
         job, _, fit = excited
         calibration = fits.torque_calibration(fit, stamp(job))
         again = parse_calibration(calibration.to_yaml(), "torque.yaml")
@@ -149,7 +147,7 @@ def test_zeros_are_estimated_at_the_hard_stops_under_tight_limits(tmp_path, monk
     assert np.abs(ticks["torque_sent_nm"]).max() < 0.5 * max(FOLLOWER.limits.torque_nm)
 
 
-def test_a_stop_that_is_not_where_it_is_said_to_be_stops_the_arm(tmp_path):
+def test_hard_stop_at_another_angle_stops_the_arm(tmp_path):
     job = job_in(tmp_path, "encoder", [])
     wrong = (np.full(3, np.nan), np.full(3, 2.0))
     with pytest.raises(

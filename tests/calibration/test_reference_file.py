@@ -35,7 +35,7 @@ def test_masses_become_weights_and_units_come_from_the_names(tmp_path):
         ("reading_counts,reference_N", {"weight": "x"}, ("--column weight", "reading, reference, settled")),
     ],
 )
-def test_a_file_that_says_too_little_is_refused(tmp_path, header, columns, words):
+def test_incomplete_file_is_refused(tmp_path, header, columns, words):
     with pytest.raises(InputError) as caught:
         read_reference_file(write(tmp_path, header, ["1,0", "2,0", "3,0"]), columns)
     for word in words:

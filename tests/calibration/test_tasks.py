@@ -69,7 +69,7 @@ def phases(shown_rad, *, noise_rad_s, seconds):
 
 
 @pytest.mark.parametrize("noise_rad_s", [0.0, 0.01, 0.03])
-def test_a_joint_at_its_stop_stands_however_noisy_its_speed_is(noise_rad_s):
+def test_joint_at_its_stop_is_at_rest_despite_velocity_noise(noise_rad_s):
     seen = phases(lambda k: STEP_RAD * (k % 3 == 0), noise_rad_s=noise_rad_s, seconds=20.0)
     assert seen[-1] is Phase.IDLE
     assert seen.count(Phase.HOLD) == 3 * 250
@@ -117,7 +117,7 @@ def test_a_device_that_never_samples_is_named(still, monkeypatch):
         still.await_samples()
 
 
-def test_somebody_must_be_there_to_put_weights_on(monkeypatch, capsys):
+def test_weighing_requires_a_terminal(monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin", io.StringIO("\n"))
     ask_for_weight(9.8)(None, 2, 4.9)
     assert "3: put 0.5 kg (4.900 N) on the sensor" in capsys.readouterr().err

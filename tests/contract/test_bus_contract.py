@@ -87,9 +87,7 @@ def examinable(bench, backend):
     return found
 
 
-def test_looking_says_that_all_is_well_and_can_be_repeated_changes_nothing_and_powers_nothing(
-    examinable, bench
-):
+def test_examination_passes_repeatably_without_changes_or_power(examinable, bench):
     first = [part.examine() for part in examinable]
     for part, observations in zip(examinable, first, strict=True):
         wire_s = part.tick_wire_s()  # the bytes of a tick take some of its time

@@ -76,13 +76,13 @@ def test_forces_are_rendered_within_range_until_it_is_deactivated(active):
 
 
 @pytest.mark.parametrize("force", [[np.nan, 0, 0], [0, np.inf, 0], [0, 0], [[0, 0, 0]]], ids=str)
-def test_a_force_that_is_none_is_refused_and_the_device_goes_on(active, force):
+def test_invalid_force_is_refused_and_the_device_continues(active, force):
     with pytest.raises(InputError):
         active.device.set_force(np.array(force))
     assert active.device.set_force(0.1 * UP) == pytest.approx(0.1 * UP, abs=0.02)
 
 
-def test_a_device_that_is_gone_says_so_and_closes(bench):
+def test_lost_device_raises_an_error_and_closes(bench):
     bench.device.configure()
     bench.device.read()
     bench.unplug()
@@ -116,7 +116,7 @@ def test_unknown_names_and_settings_are_refused():
 
 
 @pytest.mark.parametrize("bench", [b for b in BENCHES if b.name in {"scripted", "keyboard"}], indirect=True)
-def test_a_modelled_hand_yields_to_a_force_as_its_stiffness_says(active):
+def test_modeled_hand_yields_to_a_force_by_its_stiffness(active):
     active.wait(5.0)
     before = active.device.read().position_world_m
     active.device.set_force(-6.0 * UP)

@@ -15,7 +15,7 @@ def noise_nm(bench):
     return 0.05 * np.array(bench.robot_file.limits.torque_nm)
 
 
-def test_staging_says_what_will_be_sent_leaves_its_argument_and_sends_nothing(active):
+def test_staging_returns_the_command_without_sending(active):
     wanted = small_torque(active)
     kept = wanted.copy()
     sent = active.robot.torque.stage_torque(wanted)

@@ -51,7 +51,7 @@ def test_the_force_is_reached_and_held_within_a_second_or_the_objects_own_time(r
     assert abs(force[-1] - 10.0) < 0.2 + creep_n * math.exp(-3.0 / creeping_s)
 
 
-def test_the_admittance_is_the_differential_equation_and_stable_however_large_the_damping():
+def test_admittance_matches_its_differential_equation_and_is_stable():
     admittance, speed = Admittance(2.0, 50.0), 0.0
     for _ in range(round(0.04 / 1e-5)):
         speed += admittance.acceleration(10.0, speed, 1e-5) * 1e-5
@@ -73,7 +73,7 @@ def load(real, guess, speed_m_s):
 
 
 @given(objects, st.floats(0.01, 0.05))
-def test_loading_comes_to_the_limit_and_never_beyond_five_per_cent(real, speed_m_s):
+def test_loading_reaches_the_limit_within_five_percent(real, speed_m_s):
     rows = load(real, Compliance(*real), speed_m_s)
     force = rows[:, 2]
     assert force[20:].max() <= 10.5

@@ -59,7 +59,7 @@ def test_the_events_of_the_task_are_logged_at_their_tick():
     ]
 
 
-def test_what_a_task_aims_at_is_recorded_where_it_belongs():
+def test_task_reference_is_recorded_in_its_columns():
     motion = JointMotion(np.ones(3), np.full(3, 2.0), np.full(3, 3.0))
     tip = TipMotion(np.full(3, 4.0), np.eye(3), np.full(3, 5.0), np.zeros((6, 3)))
     down = np.array([0.0, 0.0, -1.0])
@@ -207,7 +207,7 @@ def test_the_loop_waits_for_the_first_samples_with_the_torque_off():
     assert result.outcome is Outcome.FINISHED
 
 
-def test_a_sensor_that_never_samples_is_named_and_the_arm_is_not_powered():
+def test_sensor_without_samples_is_named_and_power_stays_off():
     arm = MockArm()
     arm.faults.silent.add("force")
     with pytest.raises(DeviceTimeoutError, match="no first samples within 1 s: force sensor: no sample yet"):

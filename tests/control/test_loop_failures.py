@@ -160,7 +160,7 @@ def test_a_tracking_error_is_judged_against_the_reference_of_the_tick_before():
         (lambda *_: (1.0, 2.0), "ValueError"),
     ],
 )
-def test_a_failing_observer_is_switched_off_and_the_task_goes_on(observe, error):
+def test_failing_observer_is_disabled_and_the_task_continues(observe, error):
     calls = []
     result, log = run(
         MockArm(), SwingTask(done_at=50), observer=lambda *seen: calls.append(seen) or observe(*seen)
@@ -249,7 +249,7 @@ def test_commands_that_cannot_be_sent_are_tried_each_tick_and_counted():
     assert f"{stopped} commands not sent" in result.one_line()
 
 
-def test_why_the_arm_was_stopped_is_said_beside_a_torque_that_could_not_be_switched_off():
+def test_stop_cause_is_reported_with_a_failed_torque_off():
     arm = MockArm()
     arm.faults.refuse.add(("torque", "deactivate"))
     result, _ = run(arm, SwingTask(done_at=20))

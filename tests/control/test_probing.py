@@ -152,7 +152,7 @@ def test_an_object_too_soft_is_left_at_the_depth_limit_and_slow_loading_goes_on_
     assert record.force_n[record.in_phase(Phase.HOLD)][-1] == pytest.approx(10.0, abs=0.1)
 
 
-def test_a_touch_before_the_set_speed_is_said():
+def test_touch_before_the_set_speed_is_reported():
     plant = plant_above(height_m=0.052, stiffness_n_m=500.0)
     record, _ = probe(plant=plant)
     assert "set speed 150 mm/s was not reached" in record.event("touch").text
@@ -180,7 +180,7 @@ def test_the_task_is_done_where_it_started_and_at_rest(plan):
     assert record.kinds()[-1] == "probing_done"
 
 
-def test_an_arm_that_does_not_come_to_rest_is_not_let_go():
+def test_moving_arm_is_not_released():
     plant = plant_above(stiffness_n_m=500.0)
     elsewhere = ((0.38, 0.0, 0.07),)  # the way back takes longer than the controller does to the creep
     task = probing_task(ProbingPlan(speeds_m_s=(0.09,), search_depth_m=0.02, targets_world_m=elsewhere))

@@ -170,7 +170,7 @@ def test_how_much_force_may_be_there_before_the_arm_moves_is_the_robot_file_s_to
     assert record.kinds()[-1] == "probing_done"
 
 
-def test_an_object_that_came_under_the_tool_is_not_tared_away_either():
+def test_contact_during_free_air_is_not_tared():
     """From 4 N, which is the sensor's own, to 6 N, which is not."""
     plant = plant_above(force_bias_n=4.0)
     task = probing_task(ProbingPlan(speeds_m_s=(0.15,)))

@@ -61,7 +61,7 @@ def test_what_is_granted_is_on_and_put_back_after_an_exception():
     assert switches() == before
 
 
-def test_a_refusal_is_said_in_words_with_what_to_do(monkeypatch):
+def test_refusal_states_its_reason_and_a_remedy(monkeypatch):
     def refuse(*_):
         raise PermissionError(1, "Operation not permitted")
 
@@ -92,7 +92,7 @@ def test_memory_to_come_is_not_locked_under_a_limit(monkeypatch, user, limit, ma
     assert module._may_lock_any_amount() is may
 
 
-def test_on_another_system_it_says_so(monkeypatch):
+def test_other_operating_system_is_reported(monkeypatch):
     monkeypatch.setattr(sys, "platform", "darwin")
     with realtime() as report:
         pass
@@ -101,7 +101,7 @@ def test_on_another_system_it_says_so(monkeypatch):
     assert set(report.granted) <= {"awake processor", "frozen garbage"}
 
 
-def test_a_report_says_what_is_on_and_what_is_not():
+def test_realtime_report_lists_granted_and_refused_features():
     whole, none = RealtimeReport(("a", "b"), ()), RealtimeReport((), ("no a: slow", "no b: late"))
     assert (whole.complete, none.complete) == (True, False)
     assert (str(whole), str(none)) == ("real-time help: a, b", "real-time help: none; no a: slow; no b: late")
@@ -144,9 +144,7 @@ def test_the_scheduling_is_put_back_as_far_as_the_system_lets_it(monkeypatch, re
 
 @pytest.mark.parametrize(("any_amount", "flags"), [(True, 7), (False, 5)])
 @pytest.mark.parametrize("locked_kib", [0, 64])
-def test_memory_is_locked_now_and_to_come_unless_somebody_has_done_so(
-    monkeypatch, any_amount, flags, locked_kib
-):
+def test_current_and_future_memory_is_locked_once(monkeypatch, any_amount, flags, locked_kib):
     calls = []
 
     def libc(name, *, use_errno):

@@ -48,7 +48,7 @@ def test_the_shipped_arms_are_there():
 
 
 @pytest.mark.parametrize("angle_rad", [0.0, 0.4, -1.2, math.pi / 2])
-def test_pendulum_torque_is_what_the_textbook_says(angle_rad):
+def test_pendulum_torque_matches_the_textbook(angle_rad):
     body = RigidBody.from_urdf(PENDULUM, "tip")
     torque = body.inverse_dynamics(np.array([angle_rad]), np.array([2.0]), np.array([3.0]))
     # Positive about +y turns the rod from +x towards -z, so gravity pulls the positive way.

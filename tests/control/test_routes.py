@@ -115,7 +115,7 @@ def test_a_swing_at_which_the_guard_trips_is_refused_and_one_not_asked_for_is_no
         ProbingTask.from_robot_file(follower, ProbingPlan(**fast, free_air_swing_m=0.1))
 
 
-def test_the_guard_stays_quiet_on_a_joint_with_friction_that_nobody_knows_of():
+def test_guard_does_not_trip_on_unmodeled_friction():
     quick = {"repeats": 1, "speeds_m_s": (0.15,), "free_air_swing_speeds_rad_s": (2.0,)}
     plan = ProbingPlan(**SWINGING | quick)
     arm = SimulatedArm(

@@ -87,7 +87,7 @@ def test_ends_where_the_periods_end_after_a_hundred_thousand_ticks():
     assert grid.overruns == 0
 
 
-def test_a_tick_that_ends_exactly_on_time_is_no_overrun_and_one_goes_on_at_the_next_instant_ahead():
+def test_punctual_tick_is_no_overrun_and_next_tick_is_the_next_instant():
     grid = TickGrid(0.0, 0.25)
     assert grid.advance(0.25) == 1
     assert grid.overruns == 0

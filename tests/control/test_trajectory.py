@@ -76,7 +76,7 @@ def test_run_up_and_turning_distance_are_what_blends_and_reversals_need():
 
 
 @given(st.floats(0.03, 0.5), st.floats(-0.15, 0.05))
-def test_a_return_arrives_at_rest_where_it_should(way_m, speed_m_s):
+def test_line_return_ends_at_rest_at_its_goal(way_m, speed_m_s):
     start = LineState(way_m, speed_m_s)
     back = LineReturn(start, 0.0, 0.15, 3.0)
     end = back.at(back.duration_s)

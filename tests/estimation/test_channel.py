@@ -26,7 +26,7 @@ def test_arrays_that_do_not_fit_are_refused(change, words):
         replace(swings(1, rate_hz=1000.0), **change)
 
 
-def test_what_arrays_give_is_computed_once_unless_somebody_can_write_into_them():
+def test_results_are_cached_for_read_only_arrays():
     asked = []
     total = cache_by_array(lambda *arrays: asked.append(arrays) or sum(one.sum() for one in arrays))
     mine, fixed = np.arange(4.0), np.arange(4.0)

@@ -44,7 +44,7 @@ def estimated(channel, name="lsq"):
 
 
 @pytest.mark.parametrize("name", ["lsq", "robust", "rls"])
-def test_a_press_of_few_steps_is_not_determined_and_says_why(name):
+def test_press_of_few_encoder_steps_is_reported_as_undetermined(name):
     channel, _ = pressed(7100.0, 0)
     found = estimated(channel, name)
     assert found.identifiability is Identifiability.NONE
@@ -52,7 +52,7 @@ def test_a_press_of_few_steps_is_not_determined_and_says_why(name):
     assert not np.isfinite(found["stiffness.k"].interval).any()
 
 
-def test_the_surface_of_a_stiff_object_is_where_it_was_touched():
+def test_surface_of_a_stiff_object_is_at_first_contact():
     for seed in range(4):
         channel, surface_m = pressed(7100.0, seed)
         surface = channel.surface

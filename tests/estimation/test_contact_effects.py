@@ -61,7 +61,7 @@ def test_detected_surface_is_refined_by_the_fit(name):
 
 
 @pytest.mark.parametrize("name", list(MODELS))
-def test_every_base_model_says_what_it_is(name):
+def test_every_base_model_has_a_description(name):
     model = MODELS[name]
     assert model.name == name
     assert model.channels <= frozenset(ChannelKind)
@@ -88,7 +88,7 @@ def test_a_dent_stays_for_the_next_press_in_time_whatever_the_numbers_of_the_run
     assert dented[100] == 0.0
 
 
-def test_in_its_dent_an_object_lets_go_of_the_tool_or_damps_it_still():
+def test_plastic_indentation_separates_or_damps_the_tool():
     """The spring is at rest there in either form; deeper, both are the same but for the growing dent."""
     x = np.array([0.0, 0.5, 1.0, 0.5, 0.2, -0.1])
     v = np.array([1.0, 1.0, 0.0, -1.0, -1.0, -1.0])

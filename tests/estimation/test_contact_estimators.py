@@ -133,7 +133,7 @@ def test_every_online_one_follows_a_probing_arm(name):
 
 @EVERY
 @pytest.mark.parametrize("bad", [np.nan, np.inf, None])
-def test_samples_that_nobody_can_use_are_refused(name, bad):
+def test_unusable_samples_are_refused(name, bad):
     depth, speed, force = np.linspace(1e-3, 1e-2, 50), np.full(50, 0.01), np.linspace(0.1, 5.0, 50)
     if bad is None:
         speed = speed[:-1]

@@ -95,7 +95,7 @@ def test_a_force_on_a_joint_that_turns_asks_for_its_lever_arm(tmp_path):
     np.testing.assert_allclose(channel.effort, 0.1 * TORQUE_NM, atol=1e-6)
 
 
-def test_what_is_ambiguous_and_says_no_unit_is_asked_for_at_once(tmp_path):
+def test_ambiguous_columns_without_unit_are_asked_for(tmp_path):
     names = "log:timestamp,a:output_position,a:motor_position,a:joint_position,a:motor_current,torque\n"
     columns = (TIME_S, SWING_RAD, 9.0 * SWING_RAD, 0.0 * TIME_S, TORQUE_NM, 5.0 * TORQUE_NM)
     (channel,) = by_the_advice(table_file(tmp_path, names, *columns)).channels
@@ -228,7 +228,7 @@ def test_rows_of_another_length_or_kind_spoil_no_table(tmp_path, layout):
     np.testing.assert_allclose(channel.effort, FORCE_N, atol=1e-6)
 
 
-def test_lines_that_are_left_out_are_said_and_the_rows_keep_their_numbers(tmp_path):
+def test_omitted_lines_are_reported_and_rows_keep_their_numbers(tmp_path):
     path = saved(tmp_path / "table.csv", UNEVEN["a line of words"].replace(CELLS[400], "1,2,oops\n"))
     with pytest.raises(InputError, match=r"line 403, column 'Load .N.': 'oops'"):
         import_file(path)
@@ -373,7 +373,7 @@ def test_a_joint_without_a_time_is_read_row_by_row(tmp_path):
     assert any("damping, inertia and relaxation times are not in seconds" in note for note in imported.notes)
 
 
-def test_a_speed_is_read_where_the_user_says_its_unit(tmp_path):
+def test_velocity_is_read_with_a_user_unit(tmp_path):
     t = np.linspace(0.0, 10.0, 1000)
     path = table_file(
         tmp_path, "Time,Position,Velocity,Iq\n", t, np.sin(t), 1.01 * np.cos(t), 0.1 * np.cos(t)
@@ -440,7 +440,7 @@ def test_units_behind_numbers_are_named_as_the_fault(tmp_path, cells):
         import_file(path)
 
 
-def test_of_names_without_units_the_last_word_says_the_quantity(tmp_path):
+def test_last_word_of_a_name_without_unit_determines_the_quantity(tmp_path):
     path = tmp_path / "zwick.txt"
     header = "Test time, Standard travel, Tool separation, Standard force\n"
     path.write_text(header + lines(TIME_S, 1e3 * WAY_M, 25.0 - 1e3 * WAY_M, FORCE_N))

@@ -100,7 +100,7 @@ def test_columns_of_other_names_and_units(tmp_path):
     np.testing.assert_allclose(channel.effort, F)
 
 
-def test_a_unit_of_something_else_is_taken_as_it_stands_and_said(tmp_path):
+def test_unit_of_another_dimension_is_kept_and_reported(tmp_path):
     path = write_csv(tmp_path / "cell.csv", {"time_s": T, "weight_N": F, "force_N": F})
     imported = import_file(path, ImportOptions(columns={"displacement_m": "weight_N"}))
     np.testing.assert_allclose(only(imported).position, F)
@@ -505,7 +505,7 @@ def test_a_simulated_run_that_repeats_another_exactly_is_a_run(contact):
         ({"velocity_m_s": RATE, "acceleration_m_s2": -8.1 * np.sin(9 * T)}, "acceleration_m_s2' is 99.9"),
     ],
 )
-def test_a_derivative_that_contradicts_the_position_is_derived_and_said(contact, changed, words):
+def test_contradictory_derivative_is_replaced_and_reported(contact, changed, words):
     imported = import_file(contact(**changed))
     assert words in " ".join(imported.notes)
     derived = only(
@@ -614,7 +614,7 @@ def test_of_two_columns_one_can_be_chosen_and_time_may_go_back_from_run_to_run(c
     assert import_file(contact(joint_velocity=20 + T)).unused == ()
 
 
-def test_a_slow_press_without_a_time_is_read_row_by_row_and_says_so(contact):
+def test_slow_press_without_time_uses_row_numbers_and_notes_it(contact):
     imported = import_file(contact(time_s=None))
     channel = only(imported)
     assert (np.diff(channel.time_s) == 1.0).all()
@@ -629,7 +629,7 @@ def test_words_that_sound_like_a_displacement_are_left_where_another_column_hold
     assert only(import_file(path)).position == pytest.approx(X)
 
 
-def test_a_joint_without_an_effort_is_asked_for_the_column_that_stands_for_it(contact):
+def test_joint_without_an_effort_column_is_refused_with_a_hint(contact):
     motor = {"position (rad)": X, "velocity (rad/s)": np.gradient(X, T), "voltage (V)": F}
     path = contact(displacement_m=None, force_N=None, **motor)
     assert "--column torque='voltage (V)' --unit torque=1Nm" in refusal(path)

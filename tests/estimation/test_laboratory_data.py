@@ -64,7 +64,7 @@ def test_presses_of_one_file_are_runs_with_phases(press):
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
-def test_runs_are_as_many_as_the_user_says(press, count):
+def test_number_of_runs_is_the_requested_one(press, count):
     assert len(contact_of(press(), runs=count).runs) == count
 
 
@@ -144,7 +144,7 @@ def test_as_many_presses_as_may_be_runs_are_runs(count, each):
         ({"Cycle": np.repeat([1, 2], len(presses()[0]) // 2)}, ""),
     ],
 )
-def test_what_is_unusual_is_named_and_read(press, changed, note):
+def test_unusual_data_are_reported_and_read(press, changed, note):
     imported = import_file(press(**changed))
     (channel,) = imported.channels
     assert channel.name == "contact"
@@ -189,7 +189,7 @@ def test_undetermined_columns_are_asked_for_in_one_line(press, changed, options,
     ("units", "factor"),
     [({}, 1.0), ({"torque": "0.5Nm/A"}, 0.5), ({"torque": "-2 Nm/A"}, -2.0), ({"Current [mA]": "A"}, 1000.0)],
 )
-def test_a_current_stands_for_a_torque_until_its_constant_is_said(press, units, factor):
+def test_current_is_used_as_torque_without_a_constant(press, units, factor):
     current = np.cos(3.0 * T)
     imported = import_file(press(**RATE, **{"Current [mA]": 1e3 * current}), ImportOptions(units=units))
     (channel,) = imported.channels
@@ -272,7 +272,7 @@ def test_sheets_whose_columns_stand_in_another_order_are_runs_and_others_are_nam
 
 
 @pytest.mark.parametrize("other", ["Cycle time [s]", "Clock"])
-def test_of_several_times_one_that_goes_on_all_along_is_taken(press, other):
+def test_monotonic_time_column_is_preferred(press, other):
     t = presses()[0]
     cells = {"Clock": [f"9:{each // 60:02.0f}:{each % 60:06.3f}" for each in t], "Cycle time [s]": t % 2.0}
     np.testing.assert_allclose(
@@ -364,7 +364,7 @@ def test_a_comma_that_parts_no_thousands_is_not_left_out(tmp_path):
         read_table(path).numbers("Kraft [N]")
 
 
-def test_how_a_file_is_written_is_said(tmp_path):
+def test_import_notes_state_the_file_format(tmp_path):
     read = import_file(zwick(tmp_path)).read
     for words in (
         "displacement 'Standardweg [mm]'",
@@ -419,7 +419,7 @@ def test_month_and_day_stand_in_one_order_in_all_dates(tmp_path, dates, days, or
 
 @pytest.mark.parametrize("name", ["Time", "Stamp", "Time [s]", "Time [min]", "Time [ms]", "time_ms"])
 @pytest.mark.parametrize("options", [{}, {"columns": {"time": None}}])
-def test_a_clock_counts_seconds_whatever_unit_its_name_says(press, name, options):
+def test_clock_column_counts_seconds_for_any_unit_in_its_name(press, name, options):
     cells = [f"{int(cell // 60.0):02d}:{cell % 60.0:07.4f}" for cell in presses()[0]]
     path = press(**{TIME: None, name: cells})
     channel = contact_of(path, **{key: dict.fromkeys(value, name) for key, value in options.items()})

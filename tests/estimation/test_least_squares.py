@@ -70,7 +70,7 @@ def ar1(rng, correlation, count):
 
 
 @pytest.mark.parametrize(("correlation", "tolerance"), [(0.0, 0.05), (0.5, 0.05), (0.9, 0.1), (0.97, 0.15)])
-def test_sum_of_correlated_terms_is_as_uncertain_as_theory_says(correlation, tolerance):
+def test_variance_of_a_correlated_sum_matches_theory(correlation, tolerance):
     rng = np.random.default_rng(0)
     estimates = [sum_covariance(ar1(rng, correlation, 4000)[:, None]).matrix[0, 0] for _ in range(60)]
     assert np.mean(estimates) == pytest.approx(4000 / (1 - correlation) ** 2, rel=tolerance)
@@ -174,7 +174,7 @@ def test_errors_have_the_parameters_units():
         ((500.0, 20.0), 2000.0, Identifiability.NONE, "no no", "cannot be determined"),
     ],
 )
-def test_how_far_data_determine_parameters_is_said(values, noise, grade, determined, words):
+def test_identifiability_is_reported(values, noise, grade, determined, words):
     found = assessed(values, noise)
     assert found.identifiability is grade
     assert " ".join(found.determined) == determined

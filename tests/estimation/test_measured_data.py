@@ -25,7 +25,7 @@ def indentation(specimen):
     return import_file(DATA / "soft_indentation" / "runs.csv.gz", ImportOptions(where={"specimen": specimen}))
 
 
-def test_soft_specimen_is_as_stiff_as_its_curve_says():
+def test_stiffness_of_a_soft_specimen_matches_its_curve():
     (channel,) = indentation(FIRST_P002).channels
     assert channel.runs.tolist() == [19]
     found = estimated(channel)

@@ -190,7 +190,7 @@ def test_items_of_an_array_of_structures_are_named_by_their_number(tmp_path):
     ],
     ids=["a line for each column", "a line for each number"],
 )
-def test_lines_make_rows_as_the_recipe_says(tmp_path, text, read, source, force):
+def test_recipe_converts_lines_to_rows(tmp_path, text, read, source, force):
     (tmp_path / "a.txt").write_text(text)
     table = converted(tmp_path, {"time_s": "0", "force_N": source}, format="text", files=["a.txt"], **read)
     assert list(zip(table["time_s"], table["force_N"], strict=True)) == force

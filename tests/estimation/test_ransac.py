@@ -72,7 +72,7 @@ def test_degenerate_subsets_are_skipped_and_none_holds_a_sample_twice():
     assert solved.skipped == 0
 
 
-def test_says_what_to_do_if_nothing_agrees_or_subsets_are_too_large():
+def test_ransac_failure_states_a_remedy():
     regression = problem(np.random.default_rng(5), noise=0.1)
     with pytest.raises(
         InputError, match=r"samples agree within 1e-09; raise the threshold .* or use 'robust'"

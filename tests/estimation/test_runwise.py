@@ -70,7 +70,7 @@ def test_lag_follows_a_step_and_a_held_strain_relaxes():
     assert left[500] / left[300] == pytest.approx(np.exp(-2.0 / 2.0), rel=1e-6)
 
 
-def test_a_strain_is_not_forgotten_between_two_presses():
+def test_strain_memory_persists_between_presses():
     strain = np.maximum(np.sin(2.0 * TIME), 0.0)
     seen = (TIME < 1.8) | (TIME > 2.9)  # nothing was recorded in between
     run = np.where(TIME < 2.5, 3, 7)

@@ -96,7 +96,7 @@ def test_a_probing_session_gives_contact_and_joints(tmp_path):
     assert channels[0].surface is not None
 
 
-def test_a_session_without_channels_says_so(tmp_path):
+def test_session_without_channels_is_reported(tmp_path):
     stream = Stream("noise", (Column("time_s", "s"),))
     path = write_session(tmp_path / "other.mcap", [(stream, {"time_s": T})], SessionMetadata())
     with pytest.raises(InputError, match="no stream holds samples of a run; its streams: noise"):

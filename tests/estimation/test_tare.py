@@ -39,7 +39,7 @@ def misses_m(channel, found):
 
 
 @pytest.mark.parametrize("name", ["lsq", "robust", "ransac"])
-def test_the_surface_is_where_it_is_whatever_the_sensor_s_zero(name):
+def test_surface_estimate_is_independent_of_the_sensor_zero(name):
     (channel,) = contact_channels(biased(kelvin_voigt(500.0, 20.0)), tared=True)
     miss_m, std_err_m = misses_m(channel, estimated(channel, "kelvin_voigt", name))
     assert abs(miss_m) < 4 * std_err_m < 4e-5

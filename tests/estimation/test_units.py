@@ -102,7 +102,7 @@ def test_units_come_out_in_si_and_nm_goes_by_what_it_stands_beside():
         ("load", "20N/V", 20.0),  # of no unit: it is in what the constant is per
     ],
 )
-def test_a_voltage_or_a_pressure_stands_for_the_force_by_its_constant(column, unit, newtons):
+def test_voltage_or_pressure_is_converted_to_force_by_a_constant(column, unit, newtons):
     options = ImportOptions(units={"force": unit})
     (press,) = imported(options, **{"t [s]": T, "Travel [m]": X, column: FORCE}).channels
     np.testing.assert_allclose(press.effort, newtons * FORCE)
@@ -115,7 +115,7 @@ def test_a_voltage_or_a_pressure_stands_for_the_force_by_its_constant(column, un
         ("Load [mV]", 1e-3, "is a voltage that stands for the force: 1 V counts as 1 N; give the sensor's"),
     ],
 )
-def test_without_a_constant_it_counts_as_it_stands_and_a_note_says_so(column, factor, words):
+def test_effort_without_a_constant_is_used_with_a_note(column, factor, words):
     found = imported(**{"t [s]": T, "Travel [m]": X, column: FORCE})
     np.testing.assert_allclose(found.channels[0].effort, factor * FORCE)
     assert words in found.notes[0]

@@ -30,7 +30,7 @@ def test_stages_are_saved_continued_and_reverted(hardening, tmp_path):
     assert "kelvin_voigt + cubic_stiffness" in shown
 
 
-def test_without_a_word_on_it_the_model_of_the_newest_revision_goes_on(tmp_path):
+def test_model_of_the_newest_revision_is_the_default(tmp_path):
     t = np.arange(600) * 0.01
     torque = 0.2 * -9 * np.sin(3 * t) + 0.5 * 3 * np.cos(3 * t) + 2 * np.sin(np.sin(3 * t))
     torque += np.random.default_rng(0).normal(0, 0.01, len(t))
@@ -67,7 +67,7 @@ def test_what_cannot_be_added_or_stored_is_refused_and_nothing_is_fitted(hardeni
     assert_refused(refused, "/proc/palpate", "cannot be written")
 
 
-def test_ones_own_effect_is_run_again_only_if_one_says_so(hardening, tmp_path):
+def test_saved_user_effect_runs_only_on_request(hardening, tmp_path):
     place = write_own_effect(tmp_path)
     kept = add(hardening, tmp_path, "mine", "--effect", place)
     assert kept[1]["user_effects"] == [place]

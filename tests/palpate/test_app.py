@@ -119,13 +119,13 @@ def test_nothing_that_happens_at_the_very_end_changes_how_it_ended(code, end, ex
     assert (result.returncode, result.stderr) == (expected, "")
 
 
-def test_output_that_nobody_takes_is_no_error():
+def test_closed_output_pipe_is_no_error():
     starter = "import sys; sys.stdout = sys.stderr = None; from palpate.main import main; main()"
     command = [sys.executable, "-c", starter, "effects", "backlash"]  # as Python has it after >&- 2>&-
     assert subprocess.run(command, cwd=ROOT, check=False).returncode == 0
 
 
-def test_what_libraries_mutter_is_not_heard():
+def test_library_output_is_suppressed():
     program = (
         "import sys, warnings\n"
         "from palpate import main\n"
@@ -235,7 +235,7 @@ def test_no_color_is_heeded_by_what_is_read_once():
     assert not [one for one in COLOURS if one in told.stdout]
 
 
-def test_every_package_says_that_it_is_typed():
+def test_every_package_is_marked_as_typed():
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
     assert "py.typed" in settings["package-data"]["palpate"]
     assert (ROOT / "palpate" / "py.typed").is_file()

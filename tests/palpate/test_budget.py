@@ -57,7 +57,7 @@ def printed(found, width):
     return console.file.getvalue()
 
 
-def test_the_sentence_says_all_shares_or_that_all_is_noise():
+def test_budget_sentence_states_all_shares_or_noise():
     told = budget_view(diagnosis(RELAXATION, SHAPE, RUNS)).sentence
     assert told == (
         "Of the 0.144 N error: relaxation 61 %, elastic shape 25 %, differences between runs 10 %, noise 4 %."
@@ -164,7 +164,7 @@ def test_an_approximate_form_and_kinds_without_one_are_marked_beside_names():
     assert told.endswith("The form of elastic shape (25 %) is not known.")
 
 
-def test_unexplained_says_the_kinds_alone():
+def test_verdict_unexplained_names_only_kinds():
     found = diagnosis(SHAPE, share("friction", 0.2, effects=["dry_friction"]), verdict="unexplained")
     told = diagnosis_verdict(found).sentence
     assert (

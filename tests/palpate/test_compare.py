@@ -22,7 +22,7 @@ def grown(hardening, tmp_path_factory):
     return folder, json.loads(added.stdout)["revisions"][-1]
 
 
-def test_a_hardening_object_is_missed_most_where_it_is_deep_and_the_first_line_says_by_how_much(hardening):
+def test_comparison_reports_largest_error_of_a_hardening_object_at_depth(hardening):
     (channel,) = as_json("compare", hardening)["channels"]
     assert channel["lack_of_fit"] > 5
     assert channel["noise_floor"] < 3 * NOISE_N
@@ -38,7 +38,7 @@ def test_a_hardening_object_is_missed_most_where_it_is_deep_and_the_first_line_s
     assert "palpate diagnose" in result.stderr
 
 
-def test_a_model_that_fits_is_said_to_fit(tmp_path):
+def test_adequate_model_is_reported_as_adequate(tmp_path):
     result = run("compare", write_presses(tmp_path / "plain.csv", cubic=0))
     assert "kelvin_voigt fits contact" in result.stdout
 
@@ -73,7 +73,7 @@ def test_what_was_added_can_be_put_beside_the_measurement_too(hardening, grown):
     assert next_commands(shown)[0][-4:] == ["--revision", "1", "--folder", str(folder)]
 
 
-def test_a_revision_of_other_rows_is_said_to_be_one(grown, tmp_path):
+def test_revision_of_other_rows_is_reported(grown, tmp_path):
     other = write_presses(tmp_path / "other.csv", seed=5)
     told = run("compare", other, "--revision", 1, "--folder", grown[0]).stdout
     assert "revision 1 was saved with an error of" in " ".join(told.split())

@@ -156,7 +156,7 @@ def number(cell):
 
 @many
 @given(columns=degenerate_tables())
-def test_what_is_imported_of_a_degenerate_table_stands_there(tmp_path, columns):
+def test_degenerate_table_is_imported_faithfully(tmp_path, columns):
     path, session = tmp_path / "a.csv", tmp_path / "a.mcap"
     session.unlink(missing_ok=True)
     write_csv(path, columns)

@@ -135,7 +135,7 @@ def test_recorded_column_that_explains_the_error_is_named(tmp_path):
     assert "change_warmth" in blamed.stdout
 
 
-def test_a_next_command_for_each_joint_says_which_it_is_for(tmp_path):
+def test_next_commands_name_their_joint(tmp_path):
     run_number, t = np.repeat(np.arange(3), 300), np.tile(np.arange(300) * 0.01, 3)
     w = 2 * np.pi * (0.5 + 0.1 * run_number)
     q, v, a = np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)
@@ -297,7 +297,7 @@ def test_warnings_reach_the_diagnosis_in_its_file_and_on_the_screen(tmp_path):
     assert words in (tmp_path / "out" / "report.html").read_text()
 
 
-def test_notes_of_two_files_that_are_alike_are_said_once(tmp_path):
+def test_identical_notes_of_two_files_are_shown_once(tmp_path):
     for seed, name in enumerate(("a.csv", "b.csv")):
         file = write_presses(tmp_path / name, seed=seed)
         text = file.read_text().replace("displacement_m,force_N", "Way [m],Load [N]", 1)

@@ -95,7 +95,7 @@ NEEDS_EXTRA = {
 }
 
 
-def test_data_are_analysed_without_extras_and_what_needs_one_says_which(tmp_path):
+def test_missing_extra_is_named_where_it_is_needed(tmp_path):
     from palpate.commands import COMMANDS
 
     write_presses(tmp_path / "press.csv")

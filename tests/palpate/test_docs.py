@@ -40,7 +40,7 @@ def test_what_a_document_points_to_is_there(path):
     assert not [link for link in links if not (path.parent / link).exists()]
 
 
-def test_the_page_of_commands_is_what_their_help_says():
+def test_command_page_matches_the_help():
     """Otherwise run `.venv/bin/python docs/make_commands.py`."""
     assert DOCUMENT.read_text(encoding="utf-8") == document()
 

@@ -74,7 +74,7 @@ def plants(monkeypatch):
 
 
 @pytest.mark.parametrize("path", [DYNAMIXEL, ODRIVE, CUBEMARS], ids=lambda path: path.stem)
-def test_a_good_arm_passes_to_the_end_and_is_left_without_torque(path, plants):
+def test_valid_arm_passes_all_checks_and_ends_without_torque(path, plants):
     findings = examined(path, move=True, may_power=lambda: True)
     assert not failures(findings)
     subjects = {finding.subject for finding in findings}
@@ -197,9 +197,7 @@ def signs_by(hand, monkeypatch, **options):
         (ReturningHand, "hands away", "somebody touches"),  # while the seconds are counted
     ],
 )
-def test_an_arm_at_which_somebody_does_not_do_as_asked_gets_no_power(
-    hand, subject, words, monkeypatch, plants
-):
+def test_arm_is_not_powered_if_instructions_are_not_followed(hand, subject, words, monkeypatch, plants):
     monkeypatch.setattr(signs, "_COUNT_S", 2)  # the hand comes back in the last second, not in the first
     asked = []
     (found,) = failures(signs_by(hand, monkeypatch, may_power=lambda: asked.append(hand) or True))
@@ -225,7 +223,7 @@ def test_operator_prompts_state_when_to_release_and_clear_the_arm(capsys):
 
 
 @pytest.mark.parametrize("path", sorted(ROOT.glob("robots/*_3dof.yaml")), ids=lambda path: path.stem)
-def test_a_joint_that_is_held_is_let_go_before_it_is_pushed_hard(path):
+def test_blocked_joint_is_released_before_a_large_torque(path):
     robot_file = load_robot_file(path)
     body = RigidBody.of_robot(robot_file)
     limits = reduced_limits(robot_file.limits, body)

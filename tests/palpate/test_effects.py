@@ -105,7 +105,7 @@ def test_every_plain_example_is_drawn_and_shows_something():
     assert Example.on_simple_motion(effect, kind_of(effect)) is None
 
 
-def test_a_curve_is_drawn_where_it_is():
+def test_curve_is_drawn_at_its_coordinates():
     x = np.linspace(0.0, 1.0, 5)
     lines = [line.plain for line in draw_characters((x, x, "red"), (x, 1.0 - x, "blue"), 4, 4)]
     assert [line[number] > BLANK for number, line in enumerate(lines)] == [True] * 4
@@ -158,7 +158,7 @@ def test_columns_that_nothing_could_be_fitted_to_are_refused(said, monkeypatch):
         Study([DATA], effects=[spoilt()])
 
 
-def test_an_effect_that_never_comes_to_be_is_given_up(tmp_path, monkeypatch):
+def test_effect_without_influence_is_abandoned(tmp_path, monkeypatch):
     monkeypatch.setattr(user_effects, "LIMIT_S", 0.2)
     file = tmp_path / "waits.py"
     file.write_text(

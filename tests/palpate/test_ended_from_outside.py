@@ -94,7 +94,7 @@ def test_a_program_that_is_ended_leaves_no_half_of_a_file(number, tmp_path):
 
 
 @pytest.mark.parametrize(("world", "ends"), [(None, True), (SimpleNamespace, False)])
-def test_only_a_real_arm_is_ended_when_nobody_writes_its_log_any_more(world, ends, tmp_path):
+def test_only_a_real_arm_stops_when_its_log_writer_dies(world, ends, tmp_path):
     log = SessionWriter(tmp_path / "s.mcap", [TICK], METADATA)
     arm = ArmSession(None, None, None, None, log, None, world)
     assert not arm.unlogged()

@@ -74,7 +74,7 @@ def contact_csv(path, force_scale=1.0, names=("time_s", "displacement_m", "force
     return write_table(path, **dict(zip(names, (t, depth, force_scale * force, number), strict=True)))
 
 
-def test_a_data_file_is_estimated_directly_and_a_model_that_does_not_fit_is_said_not_to(tmp_path):
+def test_data_file_is_estimated_and_a_poor_fit_is_reported(tmp_path):
     data = estimate_json(contact_csv(tmp_path / "mine.csv"), "--estimator", "lsq")
     parameters = data["channels"][0]["estimates"][0]["parameters"]
     assert parameters["stiffness.k"]["value"] == pytest.approx(400, rel=0.01)
@@ -90,7 +90,7 @@ def test_a_data_file_is_estimated_directly_and_a_model_that_does_not_fit_is_said
     assert estimate_json(file)["channels"][0]["misfit"]["times"] > 30
 
 
-def test_nothing_is_said_against_a_model_that_fits(probed, tmp_path):
+def test_adequate_model_passes_the_residual_checks(probed, tmp_path):
     for file in (probed[0], contact_csv(tmp_path / "mine.csv")):
         assert "does not describe" not in run("estimate", file, "--estimator", "lsq").stdout
         assert estimate_json(file, "--estimator", "lsq")["channels"][0]["misfit"]["times"] < 1.5
@@ -113,14 +113,14 @@ def test_a_force_with_the_wrong_sign_is_pointed_out_by_every_estimator(tmp_path)
         (np.abs, "was rectified"),
     ],
 )
-def test_data_that_mean_nothing_are_said_to_in_the_words_of_the_diagnosis(tmp_path, bend, words):
+def test_insufficient_data_are_reported_like_in_the_diagnosis(tmp_path, bend, words):
     file = spoil(tmp_path / "presses.csv", "force_N", bend)
     shown = " ".join(run("estimate", file, "--estimator", "lsq").stdout.split())
     assert words in shown.partition("do not rely on these estimates: ")[2]
     assert words in estimate_json(file, "--estimator", "lsq")["channels"][0]["spoilt"]
 
 
-def test_what_is_implausible_is_said_and_estimated(tmp_path):
+def test_implausible_data_are_reported_and_estimated(tmp_path):
     file = spoil(tmp_path / "presses.csv", "displacement_m", lambda depth: 100.0 * depth)
     result = done("estimate", file, "--estimator", "lsq", "--json")
     words = "contact: the deepest indentation is 1 m, more than 0.2 m; if the displacement is in millimeters"
@@ -182,7 +182,7 @@ def test_a_joint_is_estimated_with_a_joint_model(joint):
     assert estimate_json(joint, "--estimator", "lsq")["channels"] == [channel]  # the model that suits it
 
 
-def test_what_cannot_be_is_not_called_determined_and_is_said_once(tmp_path):
+def test_unphysical_parameter_is_reported_once_as_undetermined(tmp_path):
     """A joint that swings so slowly that its inertia does nothing; the dry friction that it has does."""
     t = np.arange(0, 6, 0.005)
     velocity = 0.1 * np.cos(0.2 * t)
@@ -296,7 +296,7 @@ def test_the_object_s_truth_is_not_held_against_a_joint(probed):
         assert "truth" not in channel["estimates"][0]["parameters"]["stiffness.k"]
 
 
-def test_a_session_that_is_cut_off_is_said_to_be(probed, tmp_path):
+def test_truncated_session_is_reported(probed, tmp_path):
     whole, part = probed[0].read_bytes(), tmp_path / "part.mcap"
     part.write_bytes(whole[: len(whole) * 2 // 3])
     for file, cut_off in ((part, True), (probed[0], False)):

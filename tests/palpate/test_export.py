@@ -108,7 +108,7 @@ def test_deadband_found_in_joints_applies_to_the_start_of_contact():
     assert any("force_deadband" in line for line in both.left_out)
 
 
-def test_what_the_simulator_cannot_do_is_said():
+def test_unsupported_simulator_terms_are_reported():
     unknown = fitted("contact", stiffness__k=500.0, mystery__a=1.0)
     export = export_scenario(Scenario(), [unknown], "x")
     assert export.left_out == ("contact: the simulator has no effect 'mystery'",)
@@ -269,7 +269,7 @@ def exported(path, name, file):
 
 
 @pytest.mark.parametrize("ending", [".csv", ".parquet"])
-def test_a_stream_comes_back_to_the_last_digit(session, tmp_path, ending):
+def test_stream_is_read_back_exactly(session, tmp_path, ending):
     table, ticks = exported(session, "tick", tmp_path / f"t{ending}"), synthetic.ticks()
     assert table.num_rows == len(ticks["time_s"])
     for name, values in (

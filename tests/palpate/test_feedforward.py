@@ -155,7 +155,7 @@ def test_the_c_function_gives_the_numbers_of_the_python_function(swinging, tmp_p
     assert np.isnan(compiled(2, 0.0, 0.0, 0.0))
 
 
-def test_what_the_table_has_no_term_for_is_said(swinging, tmp_path):
+def test_effects_without_a_term_are_reported(swinging, tmp_path):
     path, _, _ = swinging
     study = Study(path, "pendulum", folder=tmp_path)
     study.add("coulomb_friction", "joint_spring", "lag")

@@ -91,7 +91,7 @@ def test_a_stop_of_the_guard_is_raised_and_stays(tmp_path):
     assert Session.open(tmp_path / "arm.mcap").samples("tick")["guard_tripped"][-1]
 
 
-def test_a_program_that_has_died_ends_the_arm_and_what_cannot_be_run_is_said_by_the_start(tmp_path):
+def test_dead_program_stops_the_arm_and_start_reports_unsupported_jobs(tmp_path):
     arm = FollowingArm(job(tmp_path))
     home = arm.start().joint_position_rad
     arm_near(home + 0.05, arm)

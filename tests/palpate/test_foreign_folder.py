@@ -86,13 +86,13 @@ def test_no_planted_file_runs_in_both_sides_of_the_demo(planted, installed):
     shutil.rmtree(planted / "demo")
 
 
-def test_what_is_wrong_with_python_is_said():
+def test_python_problem_is_reported():
     for version in ((3, 11), (3, 13), (3, 14)):
         assert preflight.python_problem(version) is None
     assert "needs CPython 3.11 or newer, this is 3.10" in preflight.python_problem((3, 10))
 
 
-def test_a_folder_that_was_deleted_meanwhile_is_said(tmp_path, monkeypatch):
+def test_folder_deleted_during_a_run_is_reported(tmp_path, monkeypatch):
     assert preflight.folder_problem() is None
     monkeypatch.chdir(tmp_path)
     tmp_path.rmdir()

@@ -36,7 +36,7 @@ def mystery(tmp_path_factory):
     return path
 
 
-def test_what_was_drawn_comes_to_light_on_request(mystery):
+def test_drawn_hidden_effect_is_revealed_on_request(mystery):
     revealed = as_json("reveal", mystery)
     (drawn,) = draw_hidden(8)
     (entry,) = revealed["hidden"]
@@ -188,7 +188,7 @@ def test_neither_a_real_arm_nor_a_robot_file_hides_anything(tmp_path):
 @pytest.mark.parametrize(
     ("name", "channel"), [("coulomb_friction", "joint_3"), ("delay", "contact"), ("adhesion", "contact")]
 )
-def test_the_arm_probes_to_the_end_whatever_is_hidden(name, channel, tmp_path):
+def test_probing_finishes_with_any_hidden_effect(name, channel, tmp_path):
     scenario = load_scenario("default")
     entry = IMPERFECTIONS[name].at_strength(16.0, channel, noise_scale(scenario), np.random.default_rng(5))
     world = scenario.with_hidden([entry])
@@ -199,7 +199,7 @@ def test_the_arm_probes_to_the_end_whatever_is_hidden(name, channel, tmp_path):
     assert np.nanmax(Session.open(job.session).samples("tick")["force_n"]) > 9.5
 
 
-def test_a_joint_says_that_the_force_sensor_is_off_whose_reading_lags(tmp_path, monkeypatch):
+def test_lagging_force_sensor_is_identified_from_a_joint(tmp_path, monkeypatch):
     try_few_effects(monkeypatch, "force_sensor_error")
     (tmp_path / "lag.yaml").write_text("hidden: [{effect: lag, channel: contact, time_s: 0.03}]\n")
     path = tmp_path / "lag.mcap"

@@ -144,7 +144,7 @@ def test_a_file_is_diagnosed_or_compared_as_it_is(tmp_path, monkeypatch, write, 
 
 
 @pytest.mark.parametrize("write", LABORATORIES, ids=IDS)
-def test_what_was_taken_for_what_is_said(tmp_path, write):
+def test_column_assignment_is_reported(tmp_path, write):
     path = write(tmp_path)
     files = sorted(path.iterdir()) if path.is_dir() else [path]
     result = done("import", *files, "-o", tmp_path / "session.mcap", "--json")
@@ -154,7 +154,7 @@ def test_what_was_taken_for_what_is_said(tmp_path, write):
     assert "time '" in result.stderr
 
 
-def test_the_report_says_how_the_file_was_read(tmp_path, monkeypatch):
+def test_report_states_how_the_file_was_read(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert run("report", joint_log(tmp_path)).exit_code == 0
     page = (tmp_path / "report.html").read_text()

@@ -56,7 +56,7 @@ def test_a_session_cut_short_or_whose_program_was_killed_is_not_called_whole(ses
     assert as_json("info", session)["unclosed"] is False
 
 
-def test_of_a_data_file_it_is_said_how_to_import_it(hardening):
+def test_data_file_gives_a_hint_to_import(hardening):
     assert_refused(run("info", hardening), f"palpate import {hardening}", f"palpate compare {hardening}")
 
 

@@ -88,7 +88,7 @@ def test_the_demo_makes_everything_at_once(tmp_path, monkeypatch):
     assert made["again"] == "palpate demo --scenario engine"  # and nothing was drawn by chance
 
 
-def test_a_demo_without_a_seed_says_how_to_make_it_again(tmp_path, monkeypatch):
+def test_demo_without_a_seed_prints_the_command_to_repeat_it(tmp_path, monkeypatch):
     jobs = []
     done = SimpleNamespace(raise_for_failure=lambda: None)
     monkeypatch.setattr(demo_runs, "run_probing", lambda job, watcher: jobs.append(job) or done)

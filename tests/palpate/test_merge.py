@@ -76,7 +76,7 @@ def test_imported_sessions_are_merged_too(imported, tmp_path):
         (0.002, 400.0, r"other.mcap: contact begins about 2(\.\d)? mm deeper"),
     ],
 )
-def test_a_surface_at_another_depth_is_said_to_be_one(imported, tmp_path, offset_m, stiffness, said):
+def test_surface_at_another_depth_is_reported(imported, tmp_path, offset_m, stiffness, said):
     def law(x, v):
         return stiffness * np.maximum(x - offset_m, 0.0)
 

@@ -77,7 +77,7 @@ def test_what_is_read_is_never_replaced(session, hardening, tmp_path):
         (("calibrate", "encoder", "--pose", "home", "-o"), "c.yaml"),
     ],
 )
-def test_where_the_user_says_nothing_is_replaced_unasked(command, name, session, hardening, tmp_path):
+def test_existing_files_are_kept_without_confirmation(command, name, session, hardening, tmp_path):
     there = tmp_path / "there"
     there.mkdir()
     (there / name).write_text("precious")

@@ -57,7 +57,7 @@ def test_without_a_terminal_and_without_yes_no_real_arm_moves_and_no_port_is_ope
     assert_refused(run(*command, "--robot", SERVOS, "-o", out), "--yes")  # and not: no such port
 
 
-def test_the_question_says_what_the_arm_is_going_to_do(tmp_path, monkeypatch):
+def test_confirmation_question_describes_the_motion(tmp_path, monkeypatch):
     asked = []
     monkeypatch.setattr("palpate.commands.probe.ask_for_power", lambda text, yes: asked.append((text, yes)))
     options = ("--speed-mm-s", "20,12.5", "--force-limit-n", 3, "--repeats", 2, "--yes")
@@ -90,7 +90,7 @@ def test_after_a_yes_it_counts_down(monkeypatch, capsys, yes):
     assert "power in 3 s" in capsys.readouterr().err
 
 
-def test_a_pose_is_read_once_somebody_holds_the_arm_there(monkeypatch, capsys):
+def test_pose_is_read_after_confirmation(monkeypatch, capsys):
     types(monkeypatch, "\n")
     ask_for_pose([0.1, 1.25, -0.3], yes=False)
     assert "0.1, 1.25, -0.3 rad" in capsys.readouterr().err
@@ -108,7 +108,7 @@ def test_the_pose_of_a_real_arm_is_not_read_without_anybody(tmp_path, monkeypatc
     assert power == []
 
 
-def test_a_port_that_is_not_there_is_said_with_the_robot_file_and_the_way_out(tmp_path, monkeypatch):
+def test_error_for_a_missing_port_names_the_robot_file_and_a_remedy(tmp_path, monkeypatch):
     monkeypatch.setattr(options, "COUNTDOWN_S", 0)
     out = tmp_path / "x.mcap"
     result = run("probe", "--robot", SERVOS, "-o", out, "--yes")

@@ -25,7 +25,7 @@ from tests.palpate.cli import ROOT, assert_refused, done, run
 from tests.palpate.sessions import QUICK, QUICK_RUN
 
 
-def test_it_says_how_it_ended_and_the_session_can_be_understood_alone_with_its_estimate(probed):
+def test_probe_reports_its_end_and_the_session_is_self_contained(probed):
     path, said = probed
     assert said["session"] == str(path)
     assert (said["outcome"], said["failed_runs"], said["dropped"]) == ("finished", [], 0)
@@ -84,7 +84,7 @@ def test_measured_torques_follow_the_commands_and_are_what_the_rigid_body_needs(
     assert np.all(spread < [0.09, 0.04, 0.012])  # accelerations add to the 0.01 N m of the torque's noise
 
 
-def test_an_arm_of_ones_own_is_probed_by_the_same_code_in_real_time(tmp_path, monkeypatch):
+def test_user_robot_is_probed_in_real_time(tmp_path, monkeypatch):
     monkeypatch.setattr("palpate.runs.options.COUNTDOWN_S", 0)
     robot, path = write_mock_files(tmp_path), tmp_path / "own.mcap"
     patient = robot.read_text().replace("_age_s: 0.005", "_age_s: 1.0")  # a busy machine is no failure
@@ -109,7 +109,7 @@ def write_deep(folder):
     return folder / "deep.yaml"
 
 
-def test_an_object_that_is_not_there_is_said_in_words(tmp_path, log_in_process):
+def test_missing_object_is_reported(tmp_path, log_in_process):
     deep = write_deep(tmp_path)
     plan = tmp_path / "short.yaml"
     plan.write_text(f"{QUICK.read_text()}search_depth_m: 0.05\n")
@@ -218,7 +218,7 @@ def test_the_largest_seed_is_read_back():
     assert parse_scenario(scenario.to_yaml(), "session").seed == MOST_SEED
 
 
-def test_a_demo_that_touches_nothing_says_so(tmp_path, log_in_process):
+def test_demo_without_contact_is_reported(tmp_path, log_in_process):
     result = run("demo", "-o", tmp_path / "x.mcap", "--scenario", write_deep(tmp_path))
     assert result.exit_code == 1
     assert "no touch" in result.stderr

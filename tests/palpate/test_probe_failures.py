@@ -102,14 +102,14 @@ def ended(monkeypatch, tmp_path):
 
 @pytest.mark.parametrize("name", TROUBLES)
 @pytest.mark.parametrize("outcome", list(Outcome))
-def test_every_trouble_is_shown_however_it_ended(ended, name, outcome):
+def test_every_logged_problem_is_shown(ended, name, outcome):
     value, words = TROUBLES[name]
     result = LoopResult(outcome, cause="" if outcome is Outcome.FINISHED else "asked", **{name: value})
     assert words in " ".join(ended(result).stdout.split())
     assert json.loads(ended(result, "--json").stdout)[name] == value
 
 
-def test_a_clean_run_says_nothing_of_the_kind(ended):
+def test_clean_run_gives_no_warning(ended):
     said = ended(LoopResult(Outcome.FINISHED, ticks=7))
     assert said.exit_code == 0
     assert "ticks" not in said.stdout

@@ -171,7 +171,7 @@ def test_each_revision_has_its_own_curve_and_the_last_lies_on_the_measurement(ch
     assert distance[2] < distance[0] / 3
 
 
-def test_the_error_of_each_revision_stands_beside_the_noise_and_words_say_what_was_added(result, chunks):
+def test_recording_shows_error_noise_and_added_effect_of_each_revision(result, chunks):
     rows = rows_of(chunks, "/contact/error", "Scalars:scalars")
     assert [revision for revision, _ in rows] == [0, 1, 2]
     errors, noise = np.transpose([levels for _, levels in rows])

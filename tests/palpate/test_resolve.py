@@ -170,7 +170,7 @@ def test_a_saved_diagnosis_is_followed_as_it_states(probed, diagnosed, monkeypat
     assert following.plan == probed.next_probe(diagnosed.channels).plan
 
 
-def test_a_file_of_somebody_else_plans_nothing_of_its_own(probed, diagnosed):
+def test_plan_from_a_foreign_file_is_not_executed(probed, diagnosed):
     (stated,) = diagnosed.channels
     foreign = stated.next_experiment.model_copy(update={"probe": {"force_limit_n": 14.0, "repeats": 40}})
     opened = Study(probed.source.path, keep=False)

@@ -287,7 +287,7 @@ def test_what_was_added_is_put_side_by_side(hardening, tmp_path):
     assert_refused(run("compare", hardening, softer, *kept, "--other-revision", 1), "no revision 1")
 
 
-def test_of_a_fit_that_noise_keeps_low_that_is_said(soft, tmp_path):
+def test_fit_limited_by_noise_is_reported(soft, tmp_path):
     weak = write_presses(tmp_path / "weak.csv", force_of=lambda x, v: 10.0 * x + 0.0 * v, seed=5)
     said = run("compare", soft, weak).stdout
     assert "(leaves only noise of B)" in " ".join(said.split())

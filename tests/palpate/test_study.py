@@ -72,7 +72,7 @@ def test_notebook_and_commands_keep_revisions_in_one_place(tmp_path, monkeypatch
     assert len(Study(path).revisions) == 2
 
 
-def test_an_effect_of_ones_own_is_given_as_an_object_or_by_its_file(frame, tmp_path):
+def test_user_effect_is_given_as_object_or_file(frame, tmp_path):
     place, space = write_own_effect(tmp_path), {}
     exec((tmp_path / "mine.py").read_text(), space)
     given = (Study(frame, effects=[one]) for one in (place, space["Mine"]()))

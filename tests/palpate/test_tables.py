@@ -176,7 +176,7 @@ def test_edited_revision_is_shown_without_markup(text, width):
 @pytest.mark.parametrize(
     ("number", "words"), [(0, "0 rows"), (1, "1 row"), (999, "999 rows"), (18550, "18,550 rows")]
 )
-def test_a_number_stands_with_its_noun_and_in_thousands(number, words):
+def test_count_has_its_noun_and_thousands_separators(number, words):
     assert count(number, "row") == words
 
 

@@ -80,7 +80,7 @@ ONE, TWO = accepted("bias", 0.5, 0.2), accepted("lag", 0.2, 0.1, "delay", "dampi
         (diagnosis("unexplained"), ("it depends on no single signal",), ()),
     ],
 )
-def test_a_verdict_is_one_sentence_that_says_what_to_know(found, words, absent):
+def test_verdict_is_one_sentence(found, words, absent):
     told = diagnosis_verdict(found).sentence
     assert all(word in told for word in words)
     assert not any(word in told for word in absent)

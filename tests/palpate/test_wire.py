@@ -167,7 +167,7 @@ def test_so_does_the_doctor(arm):
     assert "emulated devices" in result.stderr
 
 
-def test_a_simulated_robots_says_so_too(tmp_path):
+def test_simulated_robot_is_reported(tmp_path):
     options = ("--pose", "home", "-o", tmp_path / "e.yaml", "--session", tmp_path / "e.mcap")
     assert run("calibrate", "encoder", *options).exit_code == 0
     assert load_calibration(tmp_path / "e.yaml").source == "simulated"

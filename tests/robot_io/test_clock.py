@@ -21,7 +21,7 @@ class WrittenClock(Clock):
         self.waited_until.append(time_s)
 
 
-def test_simulated_time_passes_only_when_somebody_waits():
+def test_simulated_time_advances_only_while_waiting():
     clock = SimulatedClock()
     assert [clock.now_s(), clock.now_s()] == [0.0, 0.0]
     clock.sleep_until(2.5)
@@ -58,7 +58,7 @@ def test_simulated_time_keeps_step_with_a_real_clock_and_makes_up_for_nothing_be
         assert pace.now_s() == pytest.approx(1.0 + clock.now_s())
 
 
-def test_a_stall_shifts_what_comes_after_it_and_a_late_tick_does_not():
+def test_stall_shifts_later_ticks_and_a_late_tick_does_not():
     pace = SimulatedClock()
     clock = SimulatedClock(pace)
     clock.sleep_until(0.1)

@@ -157,7 +157,7 @@ class TestReading:
         tick(active)
         assert active.bus_delays == {}
 
-    def test_a_failed_bus_makes_its_devices_fail_and_says_why(self, active, bus):
+    def test_failed_bus_marks_its_devices_faulty_with_a_reason(self, active, bus):
         bus.faults.unplugged = True
         measurement = tick(active)
         assert measurement.encoder_status is measurement.force_status is Status.FAULT

@@ -25,7 +25,7 @@ def changed(**changes):
     return "\n".join(lines)
 
 
-def test_it_says_what_the_file_says(tmp_path):
+def test_info_matches_the_file(tmp_path):
     robot_file = load_robot_file(write_mock_files(tmp_path))
     assert robot_file.name == "mock"
     assert robot_file.joint_count == 3

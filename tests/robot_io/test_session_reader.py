@@ -127,7 +127,7 @@ def test_a_session_that_is_not_long_has_a_record_in_each_message(tmp_path, in_ba
 
 @within_one_folder
 @given(share=st.floats(0.05, 0.99))
-def test_a_long_session_that_was_cut_off_gives_what_came_before(tmp_path, in_batches, share):
+def test_truncated_long_session_yields_all_earlier_records(tmp_path, in_batches, share):
     whole = tmp_path / "whole.mcap"
     content = (whole if whole.exists() else written(whole, 5000)).read_bytes()
     session = Session.open(saved(tmp_path / "s.mcap", content[: int(share * len(content))]))
@@ -169,7 +169,7 @@ def test_other_programs_can_read_it(tmp_path):
 
 @within_one_folder
 @given(st.data())
-def test_a_file_cut_off_anywhere_gives_what_came_before(tmp_path, whole, data):
+def test_truncated_file_yields_all_earlier_records(tmp_path, whole, data):
     length = data.draw(st.integers(0, len(whole) - 1))
     session = opened(saved(tmp_path / "s.mcap", whole[:length]))
     if session is None:
@@ -238,14 +238,14 @@ def test_junk_after_a_good_beginning_never_breaks_the_reader(tmp_path, whole, ju
         (Opcode.CHUNK, bytes(16) + b"\0\0\x40" + bytes(21), "the checksum of a chunk"),
     ],
 )
-def test_what_is_damaged_in_a_finished_file_is_said(tmp_path, whole, opcode, content, said):
+def test_damage_in_a_finished_file_is_reported(tmp_path, whole, opcode, content, said):
     path, record = tmp_path / "s.mcap", bytes((opcode,)) + len(content).to_bytes(8, "little") + content
     path.write_bytes(whole[:8] + record + whole[8:])
     with pytest.raises(SessionError, match=said):
         Session.open(path)
 
 
-def test_what_is_damaged_in_a_growing_file_is_said(tmp_path, whole):
+def test_damage_in_a_growing_file_is_reported(tmp_path, whole):
     path = tmp_path / "s.mcap"
     path.write_bytes(whole[:8] + bytes((Opcode.METADATA,)) + (2).to_bytes(8, "little") + b"\xff\xff")
     with pytest.raises(SessionError, match="damaged"):
@@ -292,7 +292,7 @@ def test_writing_a_long_session_reports_progress(tmp_path):
     ("end", "dropped"),
     [(None, 0), ("1", 0), ("5", 4), ("0", 0), ("-3", 0), ("many", 0), ("9" * 19, 10**19 - 2), ("9" * 20, 0)],
 )
-def test_what_the_end_of_a_file_says_of_lost_records_is_believed_if_it_can_be(tmp_path, end, dropped):
+def test_plausible_count_of_lost_records_is_used(tmp_path, end, dropped):
     session = Session.open(foreign(tmp_path / "s", {}, [("slow", MESSAGE)], end=end))
     assert (session.samples("slow")["x"].tolist(), session.dropped) == ([1.0], dropped)
     assert not session.truncated

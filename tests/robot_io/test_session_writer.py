@@ -73,7 +73,7 @@ def test_a_disk_that_hangs_holds_no_program_for_ever(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("meanwhile", [Path.unlink, lambda path: (path.unlink(), path.write_bytes(b""))])
-def test_a_file_that_is_gone_when_it_is_done_is_said_to_be(meanwhile, tmp_path):
+def test_file_deleted_during_writing_is_reported(meanwhile, tmp_path):
     log = SessionWriter(tmp_path / "s.mcap", [TICK], METADATA)
     log.append("tick", tick(0))
     meanwhile(tmp_path / "s.mcap")
@@ -166,7 +166,7 @@ def test_a_stream_of_a_long_session_is_logged_record_by_record(tmp_path):
     assert Session.open(tmp_path / "s.mcap").samples("slow")["time_s"].tolist() == list(range(130))
 
 
-def test_a_slow_stream_reaches_the_disk_while_the_session_goes_on(tmp_path):
+def test_slow_stream_is_written_during_the_session(tmp_path):
     with SessionWriter(tmp_path / "s.mcap", [SLOW], METADATA) as log:
         for number in range(3):
             log.append("slow", (float(number), 0.0))
@@ -216,7 +216,7 @@ def run_program(path, end):
 
 @linux_only
 @pytest.mark.parametrize(("end", "code"), [("close", 0), ("kill", -signal.SIGKILL), ("forget", 0)])
-def test_the_file_is_finished_and_nothing_is_left_or_said_however_the_program_ends(tmp_path, end, code):
+def test_session_file_is_finished_for_any_program_end(tmp_path, end, code):
     path, before = tmp_path / "s.mcap", set(os.listdir("/dev/shm"))
     done = run_program(path, end)
     assert (done.returncode, done.stdout) == (code, "")
@@ -243,7 +243,7 @@ def test_ctrl_c_and_termination_leave_the_writer_at_work(tmp_path):
 
 
 @linux_only
-def test_a_full_disk_is_seen_during_the_run_and_said_at_the_end(tmp_path):
+def test_full_disk_during_a_run_is_reported_at_the_end(tmp_path):
     path = tmp_path / "s.mcap"
     log = SessionWriter(path, [TICK], METADATA, ring_slots=1000)
     resource.prlimit(pid(log), resource.RLIMIT_FSIZE, (400_000, 400_000))
@@ -269,7 +269,7 @@ def test_a_full_disk_is_seen_during_the_run_and_said_at_the_end(tmp_path):
 
 
 @linux_only
-def test_a_disk_that_is_full_from_the_start_is_said_at_once(tmp_path):
+def test_full_disk_is_reported_at_the_start(tmp_path):
     with pytest.raises(SessionError, match="exists already"):
         SessionWriter("/dev/full", [TICK], METADATA)
     (tmp_path / "file").touch()
@@ -280,7 +280,7 @@ def test_a_disk_that_is_full_from_the_start_is_said_at_once(tmp_path):
 
 
 @linux_only
-def test_memory_that_is_not_given_is_said_before_anything_is_written(tmp_path):
+def test_missing_memory_is_reported_before_writing(tmp_path):
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, before[1]))
     try:
@@ -461,7 +461,7 @@ def test_a_session_that_is_being_written_is_locked_until_its_program_is_gone(tmp
     wait_until(lambda: not is_locked(tmp_path / "killed.mcap"))
 
 
-def test_without_links_nobody_can_begin_a_session_while_a_file_takes_its_name(tmp_path, monkeypatch):
+def test_session_name_is_reserved_without_hard_links(tmp_path, monkeypatch):
     path, replace_file = tmp_path / "s.mcap", Path.replace
 
     def refuse(*_):

@@ -63,7 +63,7 @@ def test_a_falling_arm_keeps_its_energy(name):
 
 
 @pytest.mark.parametrize("name", ARM_NAMES)
-def test_gravity_and_contact_force_are_held_by_the_torques_that_statics_says(name):
+def test_static_torques_balance_gravity_and_contact_force(name):
     model, data = reference(name)
     arm = shipped_arm(name)
     q = np.array(arm.home_rad)

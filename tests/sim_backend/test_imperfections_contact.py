@@ -33,7 +33,7 @@ def test_a_cubic_spring_a_second_layer_and_hunt_crossley_act_as_their_equations_
     assert np.allclose(press([entry], IN_AND_OUT, law=nothing), press([], IN_AND_OUT, law=law))
 
 
-def test_relaxation_after_a_ramp_fades_as_the_closed_form_says():
+def test_relaxation_after_a_ramp_matches_the_closed_form():
     relaxing = hidden("stress_relaxation", stiffness_n_m=300.0, time_s=0.1)
     ramp_s, hold_s, speed = 0.05, 0.4, 0.2
     t = steps(ramp_s + hold_s)

@@ -51,7 +51,7 @@ def test_coulomb_friction_brakes_evenly_to_a_stop_and_holds():
         assert accelerations(world, force, 0.0) == pytest.approx(expected, abs=1e-6)
 
 
-def test_stribeck_friction_lets_go_at_once_and_falls_with_speed():
+def test_stribeck_friction_breaks_away_and_decreases_with_speed():
     entry = hidden("stribeck_friction", joint=1, stiction_nm=2.0, speed_rad_s=0.2, coulomb_nm=1.0)
     world = hidden_slider(entry, gravity=0.0)
     assert accelerations(world, 2.99, 0.0) == pytest.approx(0.0, abs=1e-6)
@@ -213,7 +213,7 @@ def test_a_rotor_much_heavier_than_its_mass_is_stable_on_a_stiff_and_damped_obje
 
 
 @pytest.mark.parametrize(("pitch", "roll"), [(0.1, 0.0), (-0.3, 0.0), (0.2, 0.4), (0.0, 0.5)])
-def test_a_tilted_base_feels_gravity_from_where_it_comes(pitch, roll):
+def test_tilted_base_changes_the_gravity_direction(pitch, roll):
     arm, q, rest = shipped_arm("follower"), np.array([0.4, -0.8, -0.6]), np.zeros(3)
     world = World(arm, quiet_scenario(hidden("gravity_tilt", pitch_rad=pitch, roll_rad=roll)))
     model = pinocchio.buildModelFromXML(arm.urdf_text)
@@ -248,7 +248,7 @@ def test_a_spring_at_a_joint_swings_it_about_its_rest():
     assert position - 5.0 == pytest.approx(0.5 / omega * np.sin(omega * t), abs=2e-4)
 
 
-def test_a_wrong_motor_constant_pushes_more_than_the_drive_says():
+def test_wrong_motor_constant_exerts_more_than_reported():
     world = hidden_slider(hidden("torque_gain", joint=1, gain=1.3), gravity=0.0)
     assert accelerations(world, 2.0, 0.0) == pytest.approx(2.6)
     assert world.torque_sensor.read(world.time_s).value == pytest.approx([2.0])

@@ -77,7 +77,7 @@ def test_a_coarse_converter_shows_the_nearest_step(signal, step):
     assert shown / step == pytest.approx(np.round(shown / step), abs=1e-6)
 
 
-def test_what_is_mechanical_comes_ahead_of_the_noise_and_what_is_electrical_after():
+def test_mechanical_faults_precede_noise_and_electrical_faults_follow():
     noisy = {**QUIET, "force": {"noise_std_n": 0.5, "resolution_n": 0.0}}
 
     def force_samples(entry):

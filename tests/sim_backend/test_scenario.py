@@ -122,7 +122,7 @@ def test_every_law_has_an_example_here():
 
 @pytest.mark.parametrize("name", sorted(LAWS))
 class TestEveryLaw:
-    def test_says_what_it_is_and_is_described_and_parsed_alike(self, name):
+    def test_imperfection_is_documented_and_round_trips(self, name):
         law_type = CONTACT_LAWS[name]
         assert issubclass(law_type, FileModel)
         source = inspect.getsource(law_type)

@@ -122,7 +122,7 @@ def test_force_comes_in_steps_of_the_resolution(resolution):
     assert len(set(np.round(steps))) > 5
 
 
-def test_beyond_its_range_the_force_sensor_shows_its_end_and_says_so():
+def test_saturated_force_sensor_is_reported():
     world = resting(0.3, force={"range_n": 100.0})
     world.advance_to(0.001)
     sample = world.force_sensor.read(world.time_s)

@@ -136,7 +136,7 @@ def test_time_advances_in_whole_steps_and_never_back():
     assert world.time_s == pytest.approx(110.0, abs=1e-9)
 
 
-def test_a_held_arm_stands_still_while_time_and_sensors_go_on():
+def test_held_arm_rests_while_time_and_sensors_advance():
     world = make_world(shipped_arm("leader"))
     world.held = True
     world.advance_to(0.1)
@@ -232,7 +232,7 @@ def test_sensor_effects_act_on_their_own_sensor():
 
 
 @OWN_CONTACT
-def test_a_forgotten_world_does_not_keep_its_engine():
+def test_unreferenced_world_releases_its_engine():
     bullet = pytest.importorskip("pybullet")
     world = make_world(slider(0.1), scenario(engine="pybullet"))
     client = world._engine._client

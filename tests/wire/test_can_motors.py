@@ -163,7 +163,7 @@ def test_two_motors_with_one_id_are_refused(bench, path, when):
 
 
 @ASKED
-def test_a_second_motor_with_the_same_id_in_a_run_is_not_believed(bench, path):
+def test_duplicate_motor_id_during_a_run_is_a_fault(bench, path):
     arm = bench(path).start()
     before_rad = arm.tick().joint_position_rad
     wire = arm.arm.wires["motors"]
@@ -190,7 +190,7 @@ def test_damiao_motors_with_the_master_id_that_they_are_delivered_with_are_named
 
 
 @pytest.mark.parametrize("path", [DAMIAO, ROBSTRIDE, MOTEUS], ids=lambda path: path.stem)
-def test_a_motor_that_has_restarted_says_so(bench, path):
+def test_restart_of_a_motor_is_reported(bench, path):
     arm = bench(path).start()
     arm.ticks(5, PUSH_NM)
     arm.inject_fault("motors", FaultKind.REBOOT, device=1, times=1, delay_s=0.001)

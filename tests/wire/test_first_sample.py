@@ -35,7 +35,7 @@ def begin(arm):
 
 @pytest.mark.parametrize("robot_file", [ODRIVE, CUBEMARS], ids=["odrive", "cubemars"])
 @pytest.mark.parametrize("pause_s", [0.0, 0.5, 3.0])
-def test_however_long_it_takes_until_the_loop_begins_it_begins_with_new_samples(bench, robot_file, pause_s):
+def test_loop_starts_with_new_samples_after_any_pause(bench, robot_file, pause_s):
     arm = bench(robot_file)
     arm.robot.configure()
     arm.clock.sleep_until(arm.clock.now_s() + pause_s)  # a session is opened, a plan is checked
@@ -48,7 +48,7 @@ def test_however_long_it_takes_until_the_loop_begins_it_begins_with_new_samples(
 
 
 @pytest.mark.parametrize("robot_file", [ODRIVE, CUBEMARS], ids=["odrive", "cubemars"])
-def test_a_motor_that_falls_silent_before_the_loop_begins_is_named_and_nothing_is_powered(bench, robot_file):
+def test_motor_silent_before_the_loop_is_named_and_power_stays_off(bench, robot_file):
     arm = bench(robot_file)
     arm.robot.configure()
     arm.inject_fault("motors", FaultKind.DROP, device=2)
@@ -84,7 +84,7 @@ PUSH_NM = (3.0, -2.0, 1.0)
     ],
     ids=["damiao", "robstride", "moteus"],
 )
-def test_a_motor_that_hears_nothing_lets_go(bench, robot, step_nm, attribute, shown, problem):
+def test_motor_without_commands_disables_its_torque(bench, robot, step_nm, attribute, shown, problem):
     arm = bench(robot).start()
     arm.ticks(3, PUSH_NM)
     np.testing.assert_allclose(arm.drive_torque_nm, PUSH_NM, atol=step_nm)

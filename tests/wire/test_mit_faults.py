@@ -54,7 +54,7 @@ def test_what_a_motor_does_not_confirm_is_an_error(bench):
     assert not any(node.enabled for node in arm.motors)  # they were told all the same
 
 
-def test_a_motor_that_has_restarted_goes_on_answering_and_exerts_nothing(bench):
+def test_restarted_motor_answers_and_exerts_no_torque(bench):
     """As the firmware does that the protocol comes from; `deaf_drive_s` is for this."""
     arm = bench(CUBEMARS).start()
     arm.ticks(5, PUSH_NM)
@@ -123,7 +123,7 @@ TIMEOUT, MODE, VMAX = 9, 10, 22  # registers
 
 
 @pytest.mark.parametrize(("stuck", "problem"), [(True, "torque off"), (False, "motor mode")])
-def test_a_motor_is_on_or_off_once_it_says_so(bench, stuck, problem):
+def test_motor_state_is_the_reported_state(bench, stuck, problem):
     """An answer alone is no confirmation."""
     arm = bench(DAMIAO)
     arm.robot.configure()
@@ -213,7 +213,7 @@ def test_no_torque_and_no_mode_before_it_is_activated(bench):
     assert [node.mode for node in arm.motors] == [0] * 3
 
 
-def test_a_fault_is_named_and_forgotten_at_the_next_activation(bench):
+def test_fault_is_named_and_cleared_by_the_next_activation(bench):
     arm = bench(MOTEUS).start()
     arm.inject_fault("motors", FaultKind.ALERT, device=3, times=1)
     assert arm.ticks_until(lambda m: m.torque_status is Status.FAULT) <= 3
@@ -254,7 +254,7 @@ def test_position_of_a_faulty_encoder_is_invalid(bench, fault, status):
     assert (measurement.encoder_status, measurement.torque_status) == (status, Status.FAULT)
 
 
-def test_what_cuts_a_torque_is_said(bench):
+def test_torque_limitation_is_reported(bench):
     arm = bench(MOTEUS).start()
     arm.motors[2]._max_torque_nm = 0.25
     arm.ticks(4, PUSH_NM)

@@ -81,7 +81,7 @@ def test_limits_are_written_where_the_robot_file_states_a_current(bench):
 @pytest.mark.parametrize(
     ("changes", "name"), [((), "INVERTER_OVER_TEMP"), (V0_5, "MOTOR_FAILED motor error")], ids=["0.6", "0.5"]
 )
-def test_an_axis_error_is_named_and_a_fault_of_the_drives(bench, changes, name):
+def test_axis_error_is_named_as_a_drive_fault(bench, changes, name):
     arm = bench(changes=changes).start()
     arm.inject_fault("motors", FaultKind.ALERT, device=1, times=1)
     ticks = arm.ticks_until(lambda m: m.torque_status is Status.FAULT)
@@ -101,7 +101,7 @@ def test_lost_heartbeat_is_distinguished_from_lost_estimates(bench):
     assert "node 1" not in arm.problem
 
 
-def test_foreign_ids_are_counted_and_believed_by_nobody(bench):
+def test_foreign_ids_are_counted_and_ignored(bench):
     arm = bench().start()
     counts = arm.robot.buses["motors"].line.counts
     before = counts["foreign id"]
@@ -111,7 +111,7 @@ def test_foreign_ids_are_counted_and_believed_by_nobody(bench):
     assert "joint 2 (node 1): nothing valid" in arm.problem
 
 
-def test_torque_off_that_nobody_confirms_is_an_error(bench):
+def test_unconfirmed_torque_off_is_an_error(bench):
     arm = bench().start()
     arm.inject_fault("motors", FaultKind.DROP, device=1)
     arm.ticks(2, PUSH_NM)
@@ -146,7 +146,7 @@ def test_a_babbling_node_does_not_hold_up_the_loop(bench):
     assert not arm.problem
 
 
-def test_an_axis_that_somebody_left_on_is_off_after_configuring(bench):
+def test_configure_switches_off_an_active_axis(bench):
     arm = bench()
     node = arm.motors[1]
     node.state, node._control_mode, node._input_torque_nm = 8, 1, 0.5
@@ -175,7 +175,7 @@ def test_flushing_does_not_say_an_old_command_again(bench):
     assert not arm.drive_torque_nm.any()
 
 
-def test_what_was_staged_before_the_power_went_off_is_forgotten(bench):
+def test_staged_command_is_cleared_by_power_off(bench):
     arm = bench().start()
     arm.robot.torque.stage_torque(np.array(PUSH_NM))
     arm.robot.deactivate()

@@ -95,7 +95,7 @@ def test_what_does_not_fit_the_robot_file_is_refused(bench, path, changes, spoil
 
 
 @pytest.mark.parametrize(("path", "spoil", "problem"), AT_ACTIVATING)
-def test_a_motor_that_would_not_let_go_by_itself_or_obey_is_refused(bench, path, spoil, problem):
+def test_motor_without_watchdog_or_control_mode_is_refused(bench, path, spoil, problem):
     arm = bench(path)
     arm.robot.configure()
     spoil(arm.motors[1])

@@ -159,7 +159,7 @@ def test_waves_over_jitter_feel_as_over_the_delay_that_it_becomes():
 
 
 @pytest.mark.parametrize("channel", [LatestPacketChannel, PlayoutBuffer])
-def test_a_packet_that_is_not_finite_never_came(channel):
+def test_packet_with_nonfinite_values_is_ignored(channel):
     end = channel()
     for number, packet in enumerate([(1.0, 2.0), (nan, 2.0), (inf, -inf)]):
         end.take(number, packet)

@@ -45,7 +45,7 @@ def _side():
     return made, line, clock
 
 
-def test_who_has_heard_this_program_is_the_peer():
+def test_peer_is_the_side_that_acknowledged_this_program():
     side, line, clock = _side()
     line.inbox = [(10.0, _frame(PEER, 0, 0, 5.0))]
     side.receive()

@@ -65,7 +65,7 @@ def test_the_next_touch_after_an_update_has_the_new_law(before):
     assert forces[len(depth) + 800] == pytest.approx(law(depth[800], 0.0, DT_S), rel=1e-6)
 
 
-def test_a_stiffness_up_to_double_comes_without_a_new_touch():
+def test_stiffness_increase_up_to_double_needs_no_new_touch():
     forces = press(
         VirtualObject(kelvin_voigt(800.0, 0.0), np.zeros(3), UP),
         in_and_out(0.008),
@@ -99,7 +99,7 @@ def contacts(draw):
 
 
 @given(contacts())
-def test_no_contact_returns_more_than_the_reserve_however_it_is_updated(case):
+def test_contact_energy_never_exceeds_the_reserve(case):
     law, tip, updates = case
     touches = list(touches_of(VirtualObject(law, np.zeros(3), UP, reserve_j=RESERVE_J), tip, updates))
     inside = np.array([False, *(touch.depth_m > 0.0 for touch in touches), False])

@@ -142,7 +142,7 @@ def test_means_over_uneven_readings_do_not_tell_whether_the_velocity_has_the_rig
 
 
 @pytest.mark.parametrize("still", ["position", "effort"])
-def test_nothing_more_is_said_of_a_signal_that_never_changes(still):
+def test_constant_signal_is_not_reported_further(still):
     data = replace(DATA, **{still: np.full(len(DATA), 2.0)})
     assert reject_reason(data) == f"the {still} never changes; check the sensor and the column"
     assert quality_warnings(data) == []

@@ -73,7 +73,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_a_law_that_nobody_knows_is_beyond_all_draws(name):
+def test_unknown_law_exceeds_all_bootstrap_samples(name):
     model, made = WRONG[name]
     fit = fit_model(made(1), model, {})
     found = lack_of_fit_test(fit, identify_measurement_model(fit.data), np.random.default_rng(0))
@@ -82,7 +82,7 @@ def test_a_law_that_nobody_knows_is_beyond_all_draws(name):
     assert len(found.simulated) < DRAWS
 
 
-def test_an_effect_gains_more_than_chance_only_where_it_is():
+def test_only_a_true_effect_improves_beyond_chance():
     effect = EFFECTS["coulomb_friction"]()
     for torque, is_there in ((0.05, True), (0.0, False)):
         data = swings(3, lambda q, v, a, size=torque: size * np.tanh(v / 0.01))
@@ -266,7 +266,7 @@ def test_draws_with_a_noise_that_is_known_have_it_and_the_reader_s_steps(step):
 
 
 @pytest.mark.parametrize(("made", "share"), [(0.0, 1.0), (0.6, 0.64), (1.0, 0.05), (3.0, 0.05)])
-def test_of_what_is_left_a_twentieth_is_the_effort_s_own_however_much_the_readings_may_make(made, share):
+def test_at_least_a_twentieth_of_the_residual_is_effort_noise(made, share):
     noise, trusted = np.tile([1.0, -1.0, 5.0], 10), np.tile([True, True, False], 10)
     fit = SimpleNamespace(
         problem=SimpleNamespace(blocked=SimpleNamespace(trusted=trusted)),
@@ -289,7 +289,7 @@ def test_motion_that_passes_for_reading_errors_makes_no_larger_error_than_the_da
     assert 0.3 * fit.solution.held_out < np.mean(energies) < 1.5 * fit.solution.held_out
 
 
-def test_where_the_error_is_more_than_noise_that_of_other_blocks_stands():
+def test_errors_of_other_blocks_apply_beyond_noise():
     noise, trusted = np.array([1.0, 2.0, 30.0, 40.0, 50.0]), np.array([True, True, False, False, False])
     assert bootstrap._fill_untrusted(noise, trusted).tolist() == [1.0, 2.0, 1.0, 2.0, 1.0]
 

@@ -207,7 +207,7 @@ def test_candidates_come_by_what_they_leave_in_held_out_runs(ranked):
         ),  # more than three tenths of what the best takes away
     ],
 )
-def test_in_between_are_tried_the_best_and_what_comes_near_them(refined, ripple_nm, names):
+def test_midpoints_of_the_best_and_nearly_best_are_tried(refined, ripple_nm, names):
     data = swings(
         2, lambda q, v, a: 0.3 * np.tanh(v / 0.02) + ripple_nm * np.sin(15.0 * q), runs=4, seconds=1.5
     )

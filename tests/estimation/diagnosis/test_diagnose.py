@@ -276,7 +276,7 @@ def warm(data, per_kelvin):
     return replace(data, effort=effort, **more)
 
 
-def test_an_error_that_depends_on_what_was_recorded_says_so():
+def test_error_that_depends_on_a_recorded_signal_is_reported():
     found = decide_verdict(warm(pressed(11), 0.01), *SOME["contact"])
     assert found.verdict is Verdict.UNEXPLAINED
     assert found.depends_on[0] == "temperature"

@@ -39,7 +39,7 @@ module = import_module(
         (np.array([0.0, 0.1, 0.2, 5.0]), 0.05, "0.1 N m apart"),
     ],
 )
-def test_a_handful_of_readings_says_nothing_below_their_distance(levels, rmse, said):
+def test_few_readings_determine_nothing_below_their_spacing(levels, rmse, said):
     data = SimpleNamespace(effort=np.tile(levels, 10), kind=SimpleNamespace(effort_unit="N m"))
     found = _too_few_levels(SimpleNamespace(data=data, rmse=rmse))
     assert found is None if said is None else said in found
@@ -57,7 +57,7 @@ def test_a_handful_of_readings_says_nothing_below_their_distance(levels, rmse, s
         (False, False, 1.051, 0.29, True, False, 1),
     ],
 )
-def test_a_model_is_complete_where_it_leaves_no_more_than_draws_from_it(
+def test_model_is_complete_if_its_residual_matches_bootstrap_samples(
     exact, outdone, rmse, steps, unusual, complete, drawn, monkeypatch
 ):
     fit = Mock(is_exact=exact, rmse=rmse, **{"floor.return_value": 1.0, "flexible.explained": 0.9})

@@ -440,7 +440,7 @@ def test_runs_that_follow_one_law_disagree_by_chance_as_draws_say(drawn, no_chan
     ("share", "times", "told"),
     [(0.36, 40.0, True), (0.2, 40.0, True), (0.199, 40.0, False), (0.36, 39.9, False), (None, None, False)],
 )
-def test_a_swing_is_named_where_it_is_a_fair_part_and_stands_out(share, times, told, monkeypatch):
+def test_dominant_oscillation_is_named(share, times, told, monkeypatch):
     found = share and (7.0, share, times)
     monkeypatch.setattr(residual_checks, "strongest_frequency", lambda *_: found)
     monkeypatch.setattr(residual_checks, "free_air_noise", lambda _: None)

@@ -475,7 +475,7 @@ def quick(hidden, rate_hz=1000.0, runs=5):
     return swings(1, hidden, rate_hz=rate_hz, runs=runs)
 
 
-def test_a_sketch_has_a_sample_for_each_block_and_says_what_is_worth_trying():
+def test_coarse_search_has_one_sample_per_block_and_selects_candidates():
     names = ("bias", "joint_spring", "payload", "delay", "lag", "saturation", COULOMB, RIPPLE)
     data = quick(rippling)
     search = searched(data, *names)

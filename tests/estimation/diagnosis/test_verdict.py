@@ -198,7 +198,7 @@ def test_remaining_error_is_reported_with_its_signals(known):
     assert known(complete=True, nothing=True)[0].verdict is Verdict.ADEQUATE
 
 
-def test_an_objection_says_what_is_left_and_the_noise_is_one_number_whatever_the_model(swung, known):
+def test_residual_finding_states_the_remaining_error_and_noise_is_model_independent(swung, known):
     residual_finding = ResidualFinding("run 2 is off", "run")
     found, *_ = said(swung, complete=False, residual_finding=residual_finding)
     assert found.verdict is Verdict.MISSING
@@ -229,7 +229,7 @@ def test_candidates_that_lower_the_error_alone_are_ranked_by_the_error_that_each
         assert one.score == pytest.approx(1.0 - one.rmse_held_out / search.start.rmse)
 
 
-def test_where_nothing_is_established_the_best_single_effect_is_named_and_its_fits_handed_over(swung, known):
+def test_best_single_effect_is_named_without_accepted_effects(swung, known):
     found, *_ = known(complete=False, nothing=True)
     share = f"{100 * found.ranking[0].score:.0f} %"
     assert found.reason.endswith(
@@ -311,7 +311,7 @@ def test_what_makes_up_for_data_that_cannot_say(kind, reason, words):
     assert propose_remedial_experiment(reason, ChannelKind(kind)).instruction.startswith(words)
 
 
-def test_of_data_that_cannot_say_nothing_is_said_but_why():
+def test_insufficient_data_give_only_a_reason():
     found = insufficient_diagnosis(session(3), "only one run")
     assert (found.verdict, found.reason, found.channel) == (Verdict.INSUFFICIENT, "only one run", "contact")
     assert (found.complete, found.accepted, found.baseline, found.effort_unit) == (None, [], None, "N")

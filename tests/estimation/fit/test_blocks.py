@@ -100,7 +100,7 @@ def test_blocks_with_samples_that_are_not_fit_for_use_do_not_count(good_from):
 
 
 @pytest.mark.parametrize(("phase", "rests"), [(-1, False), (0, True)])
-def test_where_a_probing_arm_s_joint_rests_or_has_just_begun_friction_says_nothing(phase, rests):
+def test_friction_is_not_scored_at_rest_and_motion_start(phase, rests):
     t = np.arange(0.0, 10.0, 1e-3)
     q = np.where(t < 4.0, np.sin(2.0 * np.pi * t), 0.02 * t)  # 6.3 rad/s, then 20 mrad/s
     blocked = block_average(recorded(ChannelKind.REVOLUTE, q, q, phase=phase))

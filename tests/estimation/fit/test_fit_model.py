@@ -122,7 +122,7 @@ def test_blocks_are_those_of_each_run_and_leave_the_edge_of_contact():
     assert (np.diff(blocked.rows, axis=1) == 3).all()
 
 
-def test_a_run_that_begins_pressed_counts_once_it_has_let_go():
+def test_run_that_starts_in_contact_counts_after_release():
     """What it remembers of the way there was not recorded."""
     data = session(1)
     cut = data.select(np.flatnonzero((data.run > 0) | (data.position > 0.006)))
@@ -335,7 +335,7 @@ def test_the_floor_in_all_runs_is_the_floor_and_in_some_it_is_theirs():
     assert loud == pytest.approx(np.sqrt(10.0) * NOISE_NM, rel=0.2)
 
 
-def test_what_was_asked_for_longest_ago_is_forgotten_first(monkeypatch):
+def test_cache_evicts_the_least_recently_used(monkeypatch):
     monkeypatch.setattr("palpate.estimation.signals.cache_by_array.MAX_BYTES", 3 * 80)
     cache, asked = FitCache(), []
 

@@ -290,7 +290,7 @@ def test_gains_within_bounds_are_those_of_scipy(seed):
         assert gains[fixed].tolist() == found.gains[fixed].tolist()
 
 
-def test_a_gain_at_its_bound_is_fixed_and_says_so():
+def test_gain_at_its_bound_is_fixed_and_marked():
     found = solve_gains(
         problem(pressed(lambda x, v: 3.0 * x - 0.5 * v, ChannelKind.REVOLUTE)),
         model("stiffness", "damping"),

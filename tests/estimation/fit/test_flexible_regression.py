@@ -162,7 +162,7 @@ PRESS_LAWS = {
 
 
 @pytest.mark.parametrize("name", PRESS_LAWS)
-def test_a_law_of_a_contact_is_drawn_where_it_was_touched(name):
+def test_contact_law_is_plotted_over_the_touched_depth(name):
     blocked, own = signals(PRESSED)
     columns = smooth_features(blocked, [own["e"]])
     own["furthest"] = np.concatenate([np.maximum.accumulate(own["x"][own["run"] == r]) for r in range(6)])

@@ -90,7 +90,7 @@ def test_each_parameter_has_its_unit_and_an_interval_of_two_standard_errors(foun
     assert not any(one.at_bound for one in known.values())
 
 
-def test_a_parameter_whose_interval_contains_zero_is_said_not_to_be_determined():
+def test_parameter_with_zero_in_its_interval_is_reported_as_undetermined():
     model = BASE.with_effect(EFFECTS["coulomb_friction"]())
     known = fit_model(swings(4), model, {"coulomb_friction.transition": 0.02}).parameters
     lower, upper = known["coulomb_friction.force"].interval

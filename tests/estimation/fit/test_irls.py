@@ -30,7 +30,7 @@ def biweight(u):
 
 
 @pytest.mark.parametrize(("influence", "efficiency"), [(cauchy, 0.95), (biweight, 0.975)])
-def test_influence_has_the_slope_it_says_and_loses_little_at_gaussian_noise(influence, efficiency):
+def test_influence_has_its_slope_and_high_gaussian_efficiency(influence, efficiency):
     """Efficiency of an M-estimate: (E psi')^2 / E psi^2 (Huber, Robust Statistics (1981), ch. 3)."""
     psi, slope = influence(U)
     assert np.gradient(psi, U)[1:-1] == pytest.approx(slope[1:-1], abs=2e-3)

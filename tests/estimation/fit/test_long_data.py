@@ -148,9 +148,7 @@ def quick(time_s, runs, kind):
         (ChannelKind.CONTACT, 7, "which loses faster changes"),
     ],
 )
-def test_however_quick_and_long_a_recording_is_it_gets_short_enough_and_says_how(
-    kind, runs, words, monkeypatch
-):
+def test_long_recording_is_shortened_and_the_method_reported(kind, runs, words, monkeypatch):
     monkeypatch.setattr(long_data, "_MAX_SAMPLES", 3_000)
     whole = quick(np.arange(200_000) / RATE_HZ, runs, kind)
     short, said, _ = shortened(whole)
@@ -191,7 +189,7 @@ def test_rest_is_kept_if_too_few_samples_would_remain():
     assert np.ptp(short.time_s) > 199.0
 
 
-def test_a_study_says_what_was_averaged(recording):
+def test_study_reports_averaging(recording):
     source = limit_length(Source("presses.csv", (recording,), notes=("first",)))
     first, said = source.notes
     assert first == "first"

@@ -244,7 +244,7 @@ def test_derivatives_without_any_noise_are_recognised_and_what_bent_them_is_take
         assert np.std(drawn - getattr(measurement.data, name)) < 5e-3 * np.std(exact), name
 
 
-def test_what_rests_or_whose_acceleration_nobody_knows_is_read_as_it_was():
+def test_resting_samples_keep_their_readings_in_simulation():
     rest = replace(SMOOTH, position=0.0 * SMOOTH.position, velocity=0.0 * SMOOTH.velocity)
     for data in (rest, replace(rest, acceleration=0.0 * rest.velocity)):
         measurement = identify_measurement_model(data)

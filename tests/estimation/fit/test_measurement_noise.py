@@ -87,7 +87,7 @@ def test_errors_of_the_position_count_as_noise_as_the_model_passes_them_on():
     assert found.value == pytest.approx(base.rmse, rel=0.15)
 
 
-def test_a_sensor_that_shows_zero_in_free_air_says_nothing_there():
+def test_zero_readings_in_free_air_give_no_noise_estimate():
     data = session(4)
     found = noise_of(replace(data, effort=np.where(data.engaged, data.effort, 0.0)))
     assert found.source is not NoiseSource.FREE_AIR

@@ -98,7 +98,7 @@ def test_finds_where_the_surface_is():
     assert abs(offset.value - 0.0004) < 4 * offset.std_err < 5e-5
 
 
-def test_says_when_the_search_ends_at_a_bound():
+def test_search_that_ends_at_a_bound_is_reported():
     t, x, v = swing()
     data = channel(1e9 * x**5, x, v, t)  # an exponent beyond what the effect allows
     found = estimated(data, "hunt_crossley")

@@ -72,7 +72,7 @@ def test_fits_that_were_forgotten_come_again_the_same(monkeypatch: pytest.Monkey
     assert study.fit("contact", ["delay"]).rmse == first
 
 
-def test_comparison_says_where_a_stiffening_spring_is_missed_and_refuses_what_cannot_be_judged():
+def test_comparison_locates_a_missing_stiffening_and_refuses_rejected_data():
     found = compare(session(4, cubic), MODEL)
     assert found.lack_of_fit > 3.0
     assert {"run", "direction", "speed", "depth", "effort"} <= set(found.parts)

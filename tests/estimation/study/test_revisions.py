@@ -91,7 +91,7 @@ STIFFNESS = {"std_err": None, "unit": "N/m"}
         ("parameters", {"stiffness.k": STIFFNESS | {"value": 1.0, "std_err": -2.0}}, "std_err"),
     ],
 )
-def test_a_revision_that_was_edited_by_hand_is_believed_only_where_it_makes_sense(key, value, said, tmp_path):
+def test_edited_revision_with_invalid_values_is_refused(key, value, said, tmp_path):
     kept = Revisions(tmp_path).save(revision)
     file = tmp_path / "revisions" / "0000.json"
     file.write_text(json.dumps(with_checksum(kept.model_dump(mode="json") | {key: value})))
@@ -107,7 +107,7 @@ def test_a_revision_that_was_edited_by_hand_is_believed_only_where_it_makes_sens
         (lambda content: {key: value for key, value in content.items() if key != "sha256"}, "is missing"),
     ],
 )
-def test_a_number_that_makes_sense_is_not_believed_where_it_was_changed(change, said, tmp_path):
+def test_edited_plausible_value_is_refused(change, said, tmp_path):
     kept = Revisions(tmp_path)
     made = kept.save(revision)
     assert kept.all() == (made,)

@@ -107,7 +107,7 @@ def test_every_channel_that_is_compared_is_diagnosed(arm):
     assert "coulomb_friction" in [entry.effect for entry in diagnosis.channels[2].accepted]
 
 
-def test_an_effect_goes_where_it_suits_or_where_one_says(arm):
+def test_effect_is_added_to_a_suitable_or_requested_channel(arm):
     study, _ = arm
     with pytest.raises(InputError, match="coulomb_friction can be added to joint_1, joint_2: choose one"):
         study.add("coulomb_friction")
@@ -118,7 +118,7 @@ def test_an_effect_goes_where_it_suits_or_where_one_says(arm):
         study.add("bias", channel="joint_9")
 
 
-def test_adding_goes_on_from_the_newest_and_removing_goes_back():
+def test_adding_continues_the_newest_revision_and_removing_reverts():
     study = ModelStudy(session(4, cubic), now=lambda: NOON)
     study.add("bias")
     study.add("cubic_stiffness")
@@ -282,7 +282,7 @@ def test_a_table_in_memory_is_read_like_its_file(made, tmp_path):
     assert study.channels[0].sha256 == of_file.channels[0].sha256
 
 
-def test_a_channel_that_cannot_be_judged_is_said_beside_the_others():
+def test_rejected_channel_is_reported_next_to_the_others():
     one_run = session(4)
     study = ModelStudy([one_run.select(np.arange(60)), *joints()])
     found = study.compare()

@@ -257,7 +257,7 @@ def test_a_report_has_the_diagnosis_and_the_added_effects_of_its_batch(
     assert "Added since: contact with bias" in page
 
 
-def test_the_terminal_says_how_many_measurements_the_model_misses(hardening, tmp_path):
+def test_terminal_reports_the_number_of_inadequate_measurements(hardening, tmp_path):
     plain = write_presses(tmp_path / "plain.csv", cubic=0.0)
     said = " ".join(done("batch", hardening, plain, "--out", tmp_path / "out").stdout.split())
     assert "kelvin_voigt does not fit contact in 1 of 2 measurements: errors reach" in said
@@ -492,7 +492,7 @@ def test_workers_of_a_scheduler_give_the_same_table(specimens, out, tmp_path, da
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
-def test_after_a_kill_or_ctrl_c_the_same_command_goes_on_and_ends_with_the_same_table(tmp_path, number):
+def test_interrupted_batch_continues_to_the_same_table(tmp_path, number):
     folder = write_specimens(tmp_path / "recordings", 8)
     whole, out = tmp_path / "whole", tmp_path / "out"
     _, errors = process(folder, whole).communicate(timeout=300)

@@ -33,7 +33,7 @@ def test_mean_and_spread_are_those_of_statsmodels(spread):
 
 
 @pytest.mark.parametrize("number", [8, 30])
-def test_the_interval_of_the_mean_holds_the_truth_as_often_as_it_says(number):
+def test_interval_of_the_mean_has_its_nominal_coverage(number):
     rng = np.random.default_rng(5)
     held = predicted = 0
     for _ in range(600):

@@ -110,7 +110,7 @@ def write_table(folder, values, days, std_err=0.01):
 DAYS = [date(2026, 1, 1) + timedelta(days=number) for number in range(40)]
 
 
-def test_the_command_says_what_changes_when_and_by_how_much_and_ends_with_its_code(tmp_path):
+def test_trend_command_reports_changes_and_its_exit_code(tmp_path):
     rng = np.random.default_rng(6)
     order = rng.permutation(40)  # of the rows in the table
     values = (0.2 + 0.04 * (np.arange(40) >= 25) + 0.003 * rng.standard_normal(40))[order]
@@ -177,7 +177,7 @@ def test_series_too_short_for_a_step_are_counted_instead_of_reported_as_unchange
     assert (alone["kind"], alone["first"]) == ("step", DAYS[7].isoformat())
 
 
-def test_a_constant_parameter_is_said_to_be_one(tmp_path):
+def test_constant_parameter_is_reported_as_constant(tmp_path):
     write_table(tmp_path / "nightly", np.full(40, 0.2), DAYS)
     series = ("--parameter", "coulomb_friction.torque", "--exit-code")
     told = run("trend", tmp_path / "nightly", *series)
@@ -200,7 +200,7 @@ def test_a_single_date_is_refused_and_a_constant_column_skipped_for_one_that_var
     assert time_axis(table)[2] == "timestamp"
 
 
-def test_what_is_no_table_no_date_or_too_short_is_said(tmp_path):
+def test_invalid_trend_tables_are_reported(tmp_path):
     write_table(tmp_path / "few", np.arange(5.0), DAYS[:5])
     assert "needs at least 10" in run("trend", tmp_path / "few").stdout
     assert_refused(run("trend", tmp_path), "contains no table from palpate batch")

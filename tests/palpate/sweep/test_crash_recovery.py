@@ -61,7 +61,7 @@ def check_all_done_and_only_running_repeated(folder, finished_at_kill, most_repe
     assert [row["square"] for row in rows] == [seed**2 for seed in range(12) for _ in range(2)]
 
 
-def test_a_killed_client_takes_its_workers_along_and_the_next_one_goes_on(tmp_path):
+def test_killed_client_ends_its_workers_and_a_new_client_continues(tmp_path):
     first = client(tmp_path)
     wait_for(lambda: landed(tmp_path) >= 3, "no case landed")
     first.kill()
@@ -84,14 +84,14 @@ def test_a_killed_worker_costs_the_case_that_it_was_running(tmp_path):
     check_all_done_and_only_running_repeated(tmp_path, finished, most_repeated=1)
 
 
-def test_a_case_that_ends_its_worker_each_time_is_named_and_the_others_are_done(tmp_path):
+def test_case_that_crashes_its_worker_is_reported_and_others_finish(tmp_path):
     cases = [Case("tests.palpate.sweep.slow_work:fatal", {"what": "all"}, seed) for seed in range(3)]
     report = run_cases(cases, ResultStore(tmp_path), Cluster(workers=2))
     assert report.failures == ("case {'what': 'all'}: ended its worker 4 times",)
     assert [row["seed"] for row in ResultStore(tmp_path).rows([case.address for case in cases])] == [0, 2]
 
 
-def test_nobody_else_of_this_machine_can_reach_the_workers(tmp_path):
+def test_other_users_cannot_reach_the_workers(tmp_path):
     """Whoever reached a port of theirs could have them run anything."""
     running = client(tmp_path)
     wait_for(lambda: len(starts(tmp_path)) >= 2, "no case started")
@@ -104,7 +104,7 @@ def test_nobody_else_of_this_machine_can_reach_the_workers(tmp_path):
     assert not open_sockets
 
 
-def test_a_killed_scheduler_ends_the_client_in_one_line_and_the_next_one_goes_on(tmp_path, dask_on):
+def test_killed_scheduler_ends_the_client_and_a_new_one_continues(tmp_path, dask_on):
     scheduler, address = dask_on()
     running = client(tmp_path, address)
     wait_for(lambda: landed(tmp_path) >= 3, "no case landed")

@@ -115,7 +115,7 @@ def test_the_examples_are_as_large_as_they_say(path, count):
     assert sum(1 for _ in load_grid(ROOT / path).cases()) == count
 
 
-def test_the_paper_is_run_as_it_says():
+def test_paper_cases_match_the_paper():
     cases = paper_cases()
     grid_runs = cases["grid"]
     assert {tuple(case.parameters["plan"]["speeds_m_s"]) for case in grid_runs} == {(0.15, 0.09, 0.06)}

@@ -163,7 +163,7 @@ def test_a_pipe_is_not_waited_for(tmp_path):
         ResultStore(tmp_path).finished()
 
 
-def test_a_case_that_raises_has_a_result_that_says_so_and_is_not_tried_again(tmp_path):
+def test_failed_case_stores_its_error_and_is_not_repeated(tmp_path):
     store = ResultStore(tmp_path)
     case = Case("tests.palpate.sweep.slow_work:failing", {"what": "luck"}, 3)
     progress = []

@@ -73,7 +73,7 @@ def test_the_same_command_goes_on_and_repeats_nothing(done, mine):
     assert ResultStore(out / "results").finished() == before
 
 
-def test_a_plan_says_what_is_left_by_the_measured_cost(done, mine):
+def test_remaining_sweep_time_follows_the_measured_cost(done, mine):
     out, _ = done
     said = as_json("sweep", mine, "--out", out, "--plan", "--workers", 4)
     (cost,) = said["cpu_s_per_case"].values()
@@ -91,7 +91,7 @@ def test_bad_input_is_refused_in_one_line(tmp_path, monkeypatch, arguments, word
     assert_refused(run("sweep", *arguments), words)
 
 
-def test_an_interrupted_sweep_says_how_much_is_done(tmp_path, mine, monkeypatch):
+def test_interrupted_sweep_reports_its_progress(tmp_path, mine, monkeypatch):
     def interrupted(cases, store, *_):
         store.write(cases[0].address, [{"seconds": 1.0, "first": True, "error": ""}])
         raise KeyboardInterrupt

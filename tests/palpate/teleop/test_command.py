@@ -37,7 +37,7 @@ def test_bad_input_is_one_line(arguments, words, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     "text", ["device: nosuch", "path: []", "device: scripted", "- scripted", "device: [mouse]"]
 )
-def test_an_operator_file_that_says_too_little_is_refused(text, tmp_path):
+def test_incomplete_operator_file_is_refused(text, tmp_path):
     path = tmp_path / "operator.yaml"
     path.write_text(text)
     assert_refused(run("teleop", "leader", "--operator", path), "operator.yaml")

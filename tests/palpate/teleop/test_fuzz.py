@@ -33,7 +33,7 @@ def test_frames_with_a_checksum_that_fits_crash_neither_side():
         assert all(abs(value) <= 100.0 for value in target.position_world_m)
 
 
-def test_targets_that_nobody_asked_for_keep_the_arm_within_its_limits(tmp_path):
+def test_arbitrary_targets_keep_the_arm_within_its_limits(tmp_path):
     """Two that can be probed, and what no arm can do: each is refused, and none trips the guard."""
     odd = [(0.4, 0.0, 0.05), (0.4, 0.02, 0.05), (99.0, 0.0, 0.05), (0.0, 0.0, 0.0), (0.3, 0.0, 1e-300)]
     directions = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.6, 0.0, -0.8), (0.0, 0.0, 1.0)]

@@ -52,7 +52,7 @@ def haptic(withheld_n: float, late_at: int | None) -> Kept:
 
 
 @pytest.mark.parametrize("late_at", [1200, 1203])
-def test_a_touch_at_which_the_machine_was_late_says_nothing_of_the_model(late_at):
+def test_late_touch_is_excluded_from_the_model_error(late_at):
     felt = MergedSessions(Kept(haptic=haptic(0.5, late_at)), None).compare_rendered_to_real(REAL)
     assert felt.settled().share < 1e-9
     assert felt.stalled.sum() == 500

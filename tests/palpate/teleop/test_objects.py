@@ -110,7 +110,7 @@ def test_laws_that_cannot_be_rendered_are_refused(terms, words):
         force_law(terms)
 
 
-def test_trust_says_what_it_rests_on():
+def test_trust_summary_states_age_and_distance_of_the_estimate():
     assert "a guess" in summarize_trust(None, float("nan"), float("nan"))
     told = summarize_trust(estimate(verdict=""), 4.4, 0.012)
     assert told.startswith("target 0, 12 mm away, 4 s old: k 500.0 ± 1.0 N/m")

@@ -47,7 +47,7 @@ def states(session: Session) -> list[str]:
 
 
 @pytest.mark.parametrize(("on_silence", "ending"), [("finish", "DONE"), ("retreat", "CANCELLED")])
-def test_a_killed_leader_leaves_the_arm_safe_and_another_one_is_heard(tmp_path, on_silence, ending):
+def test_killed_leader_leaves_the_arm_safe_and_a_new_leader_connects(tmp_path, on_silence, ending):
     port, session = free_port(), tmp_path / "follower.mcap"
     options = ("--port", str(port), "-o", str(session), "--no-diagnose", "--on-silence", on_silence)
     with started("follower", *options) as process:

@@ -67,7 +67,7 @@ def followed(line, monkeypatch):
     return messaging, answers
 
 
-def test_what_became_of_the_last_leaders_targets_says_nothing_of_this_ones(led, line):
+def test_target_states_of_an_earlier_leader_are_ignored(led, line):
     last = [target_number(5, count) for count in (0, 1)]
     line.put(1, 0, report(targets=tuple(last), states=(TargetState.DONE, TargetState.REFUSED)))
     led._exchange()
@@ -110,7 +110,7 @@ def test_silent_side_repeats_its_presence(led, line):
     assert line.anew == [3.0, 10.5]  # the last word, at 6.5 s, holds for a second
 
 
-def test_what_may_be_wrong_is_said_once(led, line):
+def test_possible_errors_are_reported_once(led, line):
     line.advice = "is it running?"
     for now_s in (9.0, 10.0, 11.0):
         line.now = now_s

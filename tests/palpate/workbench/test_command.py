@@ -79,7 +79,7 @@ def test_bad_input_is_refused_in_one_line(arguments, said, tmp_path, monkeypatch
     assert_refused(run("workbench", *arguments, "--no-browser"), said)
 
 
-def test_a_port_that_somebody_has_is_named(tmp_path):
+def test_port_in_use_is_named(tmp_path):
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()

@@ -131,7 +131,7 @@ def test_two_pages_that_follow_one_session_send_each_tick_once(feed):
     assert len(feed._channel.times_ns) == 50
 
 
-def test_what_nobody_watches_is_not_made(feed):
+def test_live_figure_is_made_only_for_viewers(feed):
     feed.send(Path("a.mcap"), None)
 
 
@@ -150,6 +150,6 @@ def test_the_feed_ends_with_the_page(feed):
         time.sleep(0.01)
 
 
-def test_a_port_that_somebody_has_is_named(feed):
+def test_port_in_use_is_named(feed):
     with pytest.raises(InputError, match=f"--foxglove {feed.port}: in use, or not permitted; choose another"):
         FoxgloveFeed("127.0.0.1", feed.port)

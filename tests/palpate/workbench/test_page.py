@@ -137,7 +137,7 @@ def test_tick_error_falls_undo_keep_report(opened, press):
     assert page.locator(".revision:has-text('cubic_stiffness')").count() == 1
 
 
-def test_a_gain_at_its_physical_bound_is_said_beside_the_error(opened, tmp_path):
+def test_gain_at_its_physical_bound_is_shown_next_to_the_error(opened, tmp_path):
     turned = write_presses(tmp_path / "turned.csv", cubic=0.0, force_of=lambda x, v: 400.0 * x - 6.0 * v)
     tab = opened(turned)
     tab.page.wait_for_selector("text=/damping.c would be below the physical bound, 0 N s/")
@@ -417,7 +417,7 @@ def test_the_gallery_simulates_on_the_own_motion(opened, press):
     page.wait_for_function(f"before => ({last})() !== before", arg=before)
 
 
-def test_a_probing_is_followed_while_it_goes_on(opened, tmp_path):
+def test_running_probe_is_displayed_live(opened, tmp_path):
     sessions = tmp_path / "sessions"
     sessions.mkdir()
     tab = opened(sessions)

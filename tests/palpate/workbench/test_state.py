@@ -190,7 +190,7 @@ def test_runs_that_are_held_out_are_in_the_commands(state):
     assert again.with_runs((), ()).study is state.study
 
 
-def test_a_page_opened_with_runs_held_out_says_so_once_and_can_let_them_in(press):
+def test_page_states_held_out_runs_and_can_include_them(press):
     state = _state(DataArguments(file=press, held_out="2"), press, ImportOptions(), None)
     assert state.command().count("--held-out 2") == 1
     again = state.with_runs((), ())
@@ -297,7 +297,7 @@ def test_corrected_columns_are_options_of_the_command(press):
         options_of(columns)
 
 
-def test_the_checklist_says_what_refuse_says(press):
+def test_checklist_matches_the_reject_reason(press):
     from dataclasses import replace
 
     data = Study(press, keep=False).channels[0].data
@@ -393,7 +393,7 @@ def test_model_effects_and_runs_held_out_stay_when_data_changes(press, tmp_path)
     assert again.fit("contact", ["mine"]).rmse == other.show().fitted.rmse
 
 
-def test_what_the_diagnosis_named_is_not_said_to_be_like_itself():
+def test_named_effect_is_not_listed_as_its_own_alternative():
     lag = frozenset({"lag"})
     alone = RiddleScore(lag, lag, lag, lag)
     assert alone.in_words().endswith("The diagnosis said lag: right.")

@@ -218,7 +218,7 @@ def test_an_unknown_key_is_refused():
         parse_robot_file(ROBOT_YAML + "\ncalibration: {forse: a.yaml}\n", "mock.yaml")
 
 
-def test_the_text_for_the_session_says_the_same(tmp_path):
+def test_session_text_matches_the_report(tmp_path):
     found = load_calibrations(robot_with(tmp_path, *KINDS), NOW)
     again = parse_calibrations(found.text)
     assert again == found

@@ -80,7 +80,7 @@ def test_the_line_is_that_of_the_key_that_is_wrong(robot, kind, change, line):
     assert text.splitlines()[number - 1] == line
 
 
-def test_what_is_missing_or_no_unit_is_said_in_words(robot):
+def test_missing_columns_and_invalid_units_are_reported(robot):
     with pytest.raises(InputError, match=r"^c\.yaml, urdf_sha256: is missing$"):
         parse_calibration(changed(robot, "torque", lambda d: d.pop("urdf_sha256")), "c.yaml")
     with pytest.raises(InputError, match=r"give 1 to 20 letters, .* \(is 'N m\?'\)"):

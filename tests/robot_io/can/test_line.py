@@ -46,7 +46,7 @@ def test_a_robot_s_time_stamp_is_the_time_of_the_sample(ends):
 
 
 @pytest.mark.parametrize(("stamp", "believed"), [(0.5, 1.0), (-3.0, 1.0), (1.5, 1.5), (7.0, 2.0), (1e9, 2.0)])
-def test_a_time_stamp_before_the_last_drain_or_in_the_future_is_not_believed(ends, stamp, believed):
+def test_implausible_time_stamps_are_replaced(ends, stamp, believed):
     line, other, clock = ends("robot")
     clock.sleep_until(1.0)
     line.drain(1.0)
@@ -105,7 +105,7 @@ def test_a_jump_of_the_wall_clock_is_bounded_by_what_the_line_knows(ends, monkey
         assert at_s == pytest.approx(1.006, abs=1e-6)
 
 
-def test_bus_off_lasts_until_the_adapter_says_that_it_has_restarted(ends):
+def test_bus_off_lasts_until_the_adapter_restarts(ends):
     line, other, _ = ends("robot")
     send(other, is_error_frame=True)
     other.send(can.Message(arbitration_id=0x40, is_error_frame=True, data=bytes(8)))
@@ -131,7 +131,7 @@ def test_an_ordinary_error_frame_is_only_counted(ends):
     assert line.counts == {"error frame": 1, "CAN FD": 1}
 
 
-def test_a_closed_line_says_so(ends):
+def test_closed_line_raises_an_error(ends):
     line, _, _ = ends("robot")
     line.close()
     line.close()
@@ -157,7 +157,7 @@ def test_a_serial_port_has_one_owner_and_what_is_none_needs_no_lock(tmp_path):
     os.close(slave)
 
 
-def test_an_adapter_that_cannot_be_closed_says_so(ends):
+def test_failure_to_close_an_adapter_is_reported(ends):
     line, _, _ = ends("robot")
     line._bus.shutdown()
     line._bus = SimpleNamespace(shutdown=lambda: os.close(-1))

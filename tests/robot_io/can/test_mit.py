@@ -103,7 +103,7 @@ DM4310 = DIALECTS[Maker.DAMIAO].models["DM-J4310"]
     ("first", "motor_id", "error", "enabled"),
     [(0x01, 1, 0, False), (0x11, 1, 0, True), (0xD3, 3, 13, False), (0x8F, 15, 8, False)],
 )
-def test_damiao_s_status_stands_above_the_id(first, motor_id, error, enabled):
+def test_damiao_status_is_in_the_bits_above_the_id(first, motor_id, error, enabled):
     """Where others have an error there is a temperature."""
     frame = CanFrame(0x11, bytes((first, 0x80, 0, 0x80, 8, 0, 40, 35)))
     state = mit.decode_state(frame, DM4310, status_beside_id=True)

@@ -47,7 +47,7 @@ def test_what_is_sent_is_what_was_written_down(frame, bytes_):
 
 
 @given(st.floats(-100, 100))
-def test_a_torque_stands_in_the_id_beside_gains_of_zero(torque_nm):
+def test_torque_is_encoded_in_the_id_with_zero_gains(torque_nm):
     frame, sent_nm = FRAMES.torque(7, torque_nm, RS03)
     kind, torque, motor = bitstruct.unpack("p3u5u16u8", frame.can_id.to_bytes(4, "big"))
     assert (kind, motor, frame.data[4:]) == (1, 7, bytes(4))
@@ -101,7 +101,7 @@ def test_what_is_sent_is_what_the_vendor_s_library_sends(frame, data):
     assert set(frame.data[len(data) // 2 :]) == {0x50}
 
 
-def test_what_is_answered_means_what_the_vendor_s_library_says():
+def test_answers_decode_like_the_vendor_library():
     state = moteus.decode_state(CanFrame(0x300, ANSWER, fd=True))
     assert (state.mode, state.position_rev, state.velocity_rev_s, state.torque_nm) == (10, 0.25, -1.5, 2.0)
     assert (state.home, state.supply_v, state.temperature_c, state.fault) == (2, 24.0, 31, 0)

@@ -36,7 +36,7 @@ def fast():
 # Setting up
 
 
-def test_activating_sets_what_the_robot_file_says():
+def test_activation_writes_the_settings_of_the_robot_file():
     with dynamixel_bench(return_delay_s=40e-6, watchdog_s=0.1) as bench:
         bench.start()
         for servo in bench.line.servos.values():
@@ -61,7 +61,7 @@ def test_older_firmware_is_read_the_plain_way():
         assert np.isfinite(bench.tick().position_rad).all()
 
 
-def test_a_goal_that_somebody_left_behind_is_not_pursued():
+def test_stale_goal_is_not_followed_after_activation():
     with dynamixel_bench() as bench:
         for servo in bench.line.servos.values():
             servo.memory.put(table.OPERATING_MODE, 0)
@@ -228,7 +228,7 @@ def test_a_servo_that_stays_off_without_a_word_is_named_with_its_error():
 # Letting go
 
 
-def test_servos_that_hear_nothing_let_go_by_themselves_until_they_are_activated_again(active):
+def test_servos_without_commands_disable_torque_until_reactivated(active):
     active.tick((0.5, 0.3, 0.1))
     active.wait(WATCHDOG_S - 0.005)
     assert (active.exerted_nm() != 0).all()
@@ -253,7 +253,7 @@ def test_switching_off_gets_through_a_bad_line(active):
     active.torque.deactivate()
 
 
-def test_switching_off_that_nobody_confirms_is_an_error_that_says_what_follows(active):
+def test_unconfirmed_switch_off_is_an_error_with_consequences(active):
     active.befall(kind="drop", device=2)
     with pytest.raises(
         DeviceError, match=r"the torque may still be on: servo 2.*watchdog switches it off 0.06 s"

@@ -182,7 +182,7 @@ def test_alert_bit_and_error_number_are_separated():
 
 
 @pytest.mark.parametrize("count", [0, 250, 300, 600])
-def test_a_packet_says_how_long_it_is(count):
+def test_packet_length_field_matches_its_length(count):
     packet = protocol.DIALECT.encode_packet(1, 3, bytes(count))
     assert int.from_bytes(packet[5:7], "little") == len(packet) - 7 == 1 + count + 2
 

@@ -96,7 +96,7 @@ def test_a_torque_is_a_goal_beside_the_joint(arm):
 
 
 @pytest.mark.parametrize(("count", "sign"), [(2, -1.0), (4093, 1.0)], ids=["lowest", "highest"])
-def test_no_goal_lies_beyond_the_ends_of_the_counts_and_what_is_lost_is_said(arm, count, sign):
+def test_goals_stay_within_the_count_range_and_clipping_is_reported(arm, count, sign):
     arm.start()
     hold(arm)
     arm.ticks(2)

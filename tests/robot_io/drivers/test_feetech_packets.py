@@ -88,7 +88,7 @@ def test_an_echo_on_the_one_wire_is_no_answer(servo_id, address, size):
     assert reader.rejected == 0
 
 
-def test_an_echo_comes_once():
+def test_echo_is_sent_once():
     """With a position sensor error, servo 1 says so of a position of 568: 38 02, as it was asked."""
     request = protocol.DIALECT.read(1, 56, 2)
     assert feetech.status(1, 2, (568).to_bytes(2, "little")) == request

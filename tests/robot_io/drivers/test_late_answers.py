@@ -82,7 +82,7 @@ def test_no_answer_is_dated_later_than_its_request(damaged, fast, servos, period
 
 
 @pytest.mark.parametrize("fast", [True, False], ids=["fast", "plain"])
-def test_an_answer_that_comes_again_is_no_new_feedback(fast):
+def test_repeated_answer_is_no_new_feedback(fast):
     """The servos have fallen silent, and an adapter repeats what they said."""
     clock = SimulatedClock()
     line = LateLine(clock, 2e-4, damaged=False)
@@ -108,7 +108,7 @@ def test_a_servo_that_refuses_to_be_read_is_named():
         reader.read(1e-3)
 
 
-def test_what_came_after_a_question_was_given_up_does_not_answer_the_next():
+def test_late_answer_does_not_match_the_next_request():
     line = bytearray(dynamixel.status(1, 0, b"\x07"))
     came = lambda *_: bytes([line.pop(0) for _ in range(len(line))])  # noqa: E731
     port = SimpleNamespace(

@@ -169,7 +169,7 @@ def test_the_second_is_in_the_turn_of_the_first(make, turns):
     assert measurement.joint_position_rad[0] == pytest.approx(1.1573, abs=0.01)
 
 
-def test_the_doctor_sees_both_and_says_which_zero_would_agree(make, family):
+def test_doctor_reports_the_zero_that_aligns_both_servos(make, family):
     arm = make(family)
     arm.robot.configure()
     motors, number = arm.robot.buses["motors"], FAMILIES[family][2]

@@ -42,7 +42,7 @@ def stated(text):
 
 
 @pytest.mark.parametrize(("tables", "text"), [(dynamixel, DYNAMIXEL), (feetech, FEETECH)])
-def test_registers_are_where_the_manual_says(tables, text):
+def test_register_addresses_match_the_manual(tables, text):
     known = [one for one in vars(tables).values() if isinstance(one, Register)]
     assert {one.name: one for one in known} == stated(text)
 

@@ -118,7 +118,7 @@ def test_whatever_is_wrong_trips_with_its_cause_even_in_the_first_measurement(gu
     ],
     ids=str,
 )
-def test_what_its_user_can_do_is_said(guard, changes, reference, remedy):
+def test_user_permissions_are_reported(guard, changes, reference, remedy):
     guard.watch(measured(1.0, **changes), None if reference is None else np.array(reference))
     assert bool(remedy) == bool(guard.tripped.remedy)
     assert remedy in guard.tripped.remedy
@@ -190,7 +190,7 @@ def test_devices_whose_samples_are_too_old_are_named_without_a_trip(guard):
 
 
 @pytest.mark.parametrize(("encoder_age_s", "longest_s"), [(0.005, 0.1), (0.5, 0.5)])
-def test_a_command_means_nothing_when_the_arm_was_let_go_or_its_motion_is_too_old(encoder_age_s, longest_s):
+def test_command_is_ignored_without_power_or_with_stale_motion(encoder_age_s, longest_s):
     limits = LIMITS.model_copy(update={"encoder_age_s": encoder_age_s})
     assert Guard(limits, SAFE_STATE, 2).longest_hold_up_s == longest_s
 
@@ -241,7 +241,7 @@ class TestLimiting:
         assert limited(guard, torque(0, bad), measured(0.001, joint_velocity_rad_s=[1.0, 0.0])) == [-2.0, 0.0]
         assert f"the controller's torque for joint 2 is {bad}" in guard.tripped.cause
 
-    def test_what_comes_out_cannot_be_changed(self, guard):
+    def test_results_are_immutable(self, guard):
         for command in (
             guard.limit(torque(0, 0), measured(), DT),
             guard.limit(torque(nan, 0), measured(), DT),

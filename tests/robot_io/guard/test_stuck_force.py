@@ -161,7 +161,7 @@ def test_neither_old_samples_nor_the_first_equal_ones_are_a_stuck_sensor():
     assert first_100 is not None
 
 
-def test_it_stops_the_arm_and_is_forgotten_when_rearmed():
+def test_fault_stops_the_arm_and_is_cleared_by_rearming():
     guard = Guard(LIMITS, SafeState(damping_nms_rad=(1.0, 1.0), stop_time_s=0.05), 2)
     for k, force_n in enumerate(frozen(noise(1000), 500)):
         guard.watch(felt(k, force_n))

@@ -164,7 +164,7 @@ EDGES = [  # torque limit; what is sent and shown in turn, then what; whether th
     [row[1:] for row in EDGES],
     ids=[row[0] for row in EDGES],
 )
-def test_how_much_may_be_missing_is_as_it_says(limit_nm, sent, shown, then_sent, then_shown, missed, side):
+def test_missing_share_is_limited_as_documented(limit_nm, sent, shown, then_sent, then_shown, missed, side):
     """Each in numbers that floats hold exactly: 1 N m up and down is a mean jump of 1 N m."""
     check = UnresponsiveDrives(LIMITS.model_copy(update={"torque_nm": (limit_nm, limit_nm)}))
     named = ticks_until_named(
@@ -219,7 +219,7 @@ NAMED = {  # changed limits, what is shown, what is sent, ticks a sample; the fi
 
 
 @pytest.mark.parametrize("case", NAMED)
-def test_a_drive_that_obeys_no_more_is_named_as_soon_as_it_is_sure(case):
+def test_unresponsive_drive_is_named_once_certain(case):
     changes, shows, sent, every, (first, last) = NAMED[case]
     check = UnresponsiveDrives(LIMITS.model_copy(update=changes))
     tick, _ = ticks_until_named(check, shows(), sent, every=every)
@@ -227,7 +227,7 @@ def test_a_drive_that_obeys_no_more_is_named_as_soon_as_it_is_sure(case):
 
 
 @pytest.mark.parametrize("sent_nm", [-4.5, 0.95])
-def test_it_says_what_was_sent_and_what_is_exerted(sent_nm):
+def test_emulator_reports_sent_and_exerted_torque(sent_nm):
     waves = lambda k: sent_nm * (1.1 if k % 90 < 45 else 1.0)  # noqa: E731
     _, said = ticks_until_named(UnresponsiveDrives(LIMITS), deaf(300, noise=1e-4), waves)
     assert f"0.00 N m where {sent_nm:.2f} N m was sent" in said
@@ -249,7 +249,7 @@ def test_detection_time_is_exact_to_the_tick(deaf_from, sent_from, named_at):
     assert tick == named_at
 
 
-def test_after_a_tenth_of_a_second_without_a_command_it_goes_on():
+def test_emulator_resumes_after_a_command_gap():
     check, shows = UnresponsiveDrives(LIMITS), deaf(0)
     assert ticks_until_named(check, shows, lambda k: 4.0, first=-300, count=301) is None
     tick, _ = ticks_until_named(check, shows, lambda k: 4.0, first=100)

@@ -74,7 +74,7 @@ def test_a_second_follower_is_refused_in_one_line():
         (None, "No such file"),
     ],
 )
-def test_what_zenoh_refuses_is_said_in_one_line_without_its_source(config, words, tmp_path):
+def test_zenoh_error_is_one_line(config, words, tmp_path):
     path = tmp_path / "link.json5"
     if config is not None:
         path.write_text(config)
@@ -141,7 +141,7 @@ def test_a_follower_without_key_or_certificates_stays_on_this_machine(config, op
     assert open_to in str(refused.value)
 
 
-def test_who_may_say_where_to_probe_is_known_and_what_is_not_said_is_closed(tmp_path):
+def test_access_control_denies_unlisted_key_expressions(tmp_path):
     """zenoh listens everywhere and looks for peers in the network where a configuration says nothing."""
     path, port, key = tmp_path / "link.json5", free_port(), write_key(tmp_path / "pair.key")
     path.write_text("{}")
@@ -175,7 +175,7 @@ def test_pairs_of_another_name_do_not_hear_each_other():
         assert not heard(other, follower, intent(target(1)), 0.5)
 
 
-def test_who_has_another_key_or_none_is_not_heard_and_it_is_said(tmp_path):
+def test_peer_with_another_key_is_ignored_and_reported(tmp_path):
     port, clock = free_port(), MonotonicClock()
     for name in ("ours", "theirs"):
         write_key(tmp_path / name, name.encode() * 8)
@@ -203,7 +203,7 @@ def test_the_advice_names_what_both_sides_must_share_and_what_udp_costs(tmp_path
         assert "UDP" not in line.advice
 
 
-def test_a_bad_network_delays_and_loses_as_it_says():
+def test_network_emulator_delays_and_drops_as_configured():
     network = NetworkEmulator(Impairment(delay_s=0.5, jitter_s=0.05, loss=0.2, seed=3))
     for number in range(5000):
         network.put(b"%d" % number, 0.0)

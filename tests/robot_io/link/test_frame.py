@@ -74,7 +74,7 @@ OURS, THEIRS = key_seal(b"k" * 32), key_seal(b"k" * 31 + b"l")
         (OURS, CHECKSUM, "made with a key"),
     ],
 )
-def test_whoever_has_another_key_or_none_is_refused(made, read, words):
+def test_connection_with_another_key_is_refused(made, read, words):
     assert decode(framed(MESSAGES[0], seal=made), made).message == MESSAGES[0]
     with pytest.raises(FrameError, match=words):
         decode(framed(MESSAGES[0], seal=made), read)
@@ -141,7 +141,7 @@ def test_messages_that_make_no_sense_cannot_be_made(make):
         make()
 
 
-def test_a_message_that_makes_no_sense_is_refused_where_it_arrives(monkeypatch):
+def test_invalid_message_is_refused_on_arrival(monkeypatch):
     with monkeypatch.context() as unchecked:
         unchecked.setattr(Target, "__post_init__", lambda self: None)
         sent = framed(intent(Target(0, (nan, 0.0, 0.0), (0.0, 0.0, -1.0))))

@@ -68,7 +68,7 @@ def test_noise_is_removed_from_the_saved_answer():
         ([1250, 2_000_000, 2500], 2),  # it was not
     ],
 )
-def test_a_time_that_does_not_go_on_is_believed_with_the_next(times_us, taken):
+def test_stopped_time_is_accepted_after_the_next_sample(times_us, taken):
     stream, forces = fed(*(bota_frame(0, ONES, time_us) for time_us in times_us))
     assert len(forces) == taken
     assert stream.rejected == 1 + len(times_us) - taken
@@ -101,7 +101,7 @@ def test_a_status_is_an_end_of_range_an_error_or_a_sample_less(status, forces, s
     assert not stream.fault_text
 
 
-def test_a_sensor_that_skips_on_and_on_says_so_itself():
+def test_sensor_that_keeps_skipping_is_reported():
     stream, forces = fed(*(bota_frame(SKIPPED, ONES, 1250 * k) for k in range(1, 6)))
     assert (forces, stream.fault_text) == ([], "the sensor says 'skips measurements, lower rate_hz'")
     assert stream.feed(bota_frame(0, ONES, 7500)) == [-2.0]
@@ -124,7 +124,7 @@ def sensor(arm):
     return arm.arm.wires["load_cell"]._sensor
 
 
-def test_it_is_set_up_as_the_robot_file_says(arm):
+def test_servo_is_configured_according_to_the_robot_file(arm):
     heard, receive = [], sensor(arm).receive
     sensor(arm).receive = lambda data, now_s: heard.append(data) or receive(data, now_s)
     arm.robot.configure()

@@ -130,7 +130,7 @@ def test_another_cell_than_stated_is_refused(arm, old, new, problem):
 
 
 @pytest.mark.parametrize("word", ["converter", "silent"])
-def test_what_the_firmware_says_is_wrong_is_said_until_the_next_sample(arm, word):
+def test_firmware_fault_is_reported_until_the_next_sample(arm, word):
     arm.robot.configure()
     arm.ticks(20, None)
     sensor = arm.arm.wires["load_cell"]._sensor

@@ -151,7 +151,7 @@ def test_a_page_is_read():
         (PAGE, b"\xff" * 100_000, "is missing"),
     ],
 )
-def test_a_page_that_says_nothing_sensible_is_refused(old, new, said):
+def test_invalid_configuration_page_is_refused(old, new, said):
     with pytest.raises(ProtocolError, match=said):
         parse_configuration(PAGE.replace(old, new))
 
@@ -188,7 +188,7 @@ def configure_with(arm, old, new):
         robot.configure()
 
 
-def test_nobody_there_is_named(arm):
+def test_missing_peer_is_reported(arm):
     arm.arm.wires["load_cell"].close()
     with pytest.raises(DeviceError, match=r"netftapi2.xml: no answer \(.*; check power, cable, host"):
         arm.robot.configure()
@@ -265,7 +265,7 @@ def test_what_waited_while_the_program_stood_still_is_as_old_as_that(arm):
     assert reader.newest.arrived_at_s <= stood_s + 0.5e-3
 
 
-def test_a_strangers_records_are_not_heard(arm):
+def test_records_of_another_host_are_ignored(arm):
     arm.robot.configure()
     arm.ticks(10, None)
     ours = arm.robot.buses["load_cell"]._port._socket.getsockname()

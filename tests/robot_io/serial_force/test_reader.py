@@ -47,7 +47,7 @@ def line():
     made.close()
 
 
-def test_two_readings_after_a_damaged_line_are_not_believed(line):
+def test_two_readings_after_a_damaged_line_are_discarded(line):
     assert line.send(b"1.0", 5) == (1.0, 0)
     assert line.send(b"1.\xb0") == (1.0, 1)
     assert line.send(b"9.0") == (1.0, 2)
@@ -72,7 +72,7 @@ def test_long_after_it_is_forgotten(line):
     assert line.send(b"3.0", 3) == (3.0, 0)
 
 
-def test_a_line_that_goes_on_being_damaged_is_silent(line):
+def test_permanently_damaged_line_counts_as_silent(line):
     """One in three looks like a reading, and is none."""
     line.send(b"1.0", 5)
     for k in range(300):
@@ -81,12 +81,12 @@ def test_a_line_that_goes_on_being_damaged_is_silent(line):
     assert line.send(b"1.5", 1000) == (1.5, 0)
 
 
-def test_readings_that_came_together_with_a_damaged_line_are_not_believed(line):
+def test_readings_next_to_a_damaged_line_are_discarded(line):
     line.send(b"1.0", 5)
     assert line.send(b"9.0\r\n?\r\n9.0\r\n9.0") == (1.0, 1)
 
 
-def test_what_a_device_says_of_itself_before_its_first_reading_is_no_damage(line):
+def test_device_greeting_is_not_counted_as_damage(line):
     for _ in range(8):
         assert line.send(b"load cell amplifier, version 2") is None
     assert line.send(b"1.0", 3) is None  # two are discarded, one waits for the next
@@ -201,7 +201,7 @@ def dated(late_s, clock=1.0, prompt=None, rate_error=0.0):
 
 
 @given(st.lists(st.floats(0, 0.05), min_size=1, max_size=50))
-def test_what_comes_late_is_as_old_as_that_once_one_came_in_time(late_s):
+def test_late_samples_are_dated_after_a_punctual_one(late_s):
     for age_s, late in zip(dated([0.0, *late_s]), [0.0, *late_s], strict=True):
         assert age_s == pytest.approx(late, abs=1e-3 * PERIOD_S * (len(late_s) + 1) + 1e-9)
 

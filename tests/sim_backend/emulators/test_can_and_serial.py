@@ -44,7 +44,7 @@ def arm(node, now_s=0.01):
 
 
 @pytest.mark.parametrize("firmware", ["0.5", "0.6"])
-def test_what_an_axis_tells_is_what_the_dbc_says(plant, firmware):
+def test_axis_messages_match_the_dbc_file(plant, firmware):
     node = odrive(plant, firmware, torque_constant_nm_a=0.5)
     database = cantools.database.load_file(DBC / f"odrive_0_{firmware[2]}.dbc")
     told = {}
@@ -61,7 +61,7 @@ def test_what_an_axis_tells_is_what_the_dbc_says(plant, firmware):
     assert set(told) == {"Heartbeat", "Encoder_Estimates", "Iq" if firmware == "0.5" else "Torques"}
 
 
-def test_an_axis_obeys_only_in_closed_loop_torque_control_and_within_its_limit(plant):
+def test_axis_follows_torque_only_in_closed_loop_control_within_its_limit(plant):
     node = odrive(plant)
     torque = frame(0x2E, struct.pack("<f", -1.0))
     node.receive(torque, 0.01)
@@ -124,7 +124,7 @@ def test_a_motor_exerts_its_feed_forward_torque_and_its_gains_once_it_is_on(plan
     assert not plant.world.truth().drive_torque_nm.any()
 
 
-def test_a_load_cell_speaks_as_its_manual_says():
+def test_emulated_load_cell_follows_its_manual():
     sensor = EmulatedLoadstar(100.0, unit="lb")
     assert sensor.receive(b"\r", 0.0) == b"A\r\n"
     assert b"DI-1000" in sensor.receive(b"MODEL\r", 0.0)

@@ -213,7 +213,7 @@ def test_a_reboot_forgets_ram_and_keeps_eeprom(client):
     assert client.read(1, 98) == (0, b"\x00")
 
 
-def test_a_hardware_error_sets_the_alert_and_lets_go_until_a_reboot(client):
+def test_hardware_error_sets_the_alert_and_disables_torque_until_reboot(client):
     client.write(1, 64, 1)
     client.line.servos[1].fail()
     assert client.read(1, 64) == (0x80, b"\x00")

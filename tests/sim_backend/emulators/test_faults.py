@@ -27,7 +27,7 @@ def test_a_fault_strikes_in_its_window_its_device_and_as_often_as_it_may():
     assert hits(faults) == []
 
 
-def test_chance_is_repeatable_and_about_as_likely_as_said():
+def test_p_value_is_repeatable_and_calibrated():
     def misfortunes(seed):
         return hits(Faults([Fault(kind=FaultKind.DROP, probability=0.3)], seed=seed), times_s=range(2000))
 

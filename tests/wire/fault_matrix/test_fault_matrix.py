@@ -53,7 +53,7 @@ def test_what_runs_soon_is_in_the_matrix():
         for phase_ms in (PHASES_MS if row.label in PHASED else (0,))
     ],
 )
-def test_a_fault_ends_as_the_matrix_says(row: Row, tmp_path):
+def test_fault_has_the_outcome_in_the_fault_matrix(row: Row, tmp_path):
     if row.fault is ProgramFault.DISK_FULL and not sys.platform.startswith("linux"):
         pytest.skip("fills the disk of another process as Linux lets it")
     rig = FaultRig(row, tmp_path)
