@@ -148,7 +148,7 @@ def _stated_probe(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> N
     if setup is None:
         return None
     proposal = proposals[0]
-    single = candidates(setup.before, setup.arm.robot_file, setup.place_world_m)
+    single = setup.candidates()
     paired = (
         plan for pair in combinations(single, 2) if (plan := combine_plans(*pair, setup.before)) is not None
     )
@@ -265,7 +265,7 @@ def feasible(
     if setup is None:
         return
     if pairs is None:
-        considered = candidates(setup.before, setup.arm.robot_file, setup.place_world_m)
+        considered = setup.candidates()
     else:
         considered = [plan for pair in pairs if (plan := combine_plans(*pair, setup.before))][:PAIRED]
     simulations = [setup.simulation(plan.plan) for plan in considered]
@@ -335,14 +335,13 @@ class _SimulationSetup:
         start_rad = session.samples(STREAM_NAME).vector("joint_position_rad")[0]
         return cls(before, arm, known, tuple(np.round(start_rad, 3).tolist()))
 
-    @property
-    def place_world_m(self) -> FloatArray:
-        """Where the first target's surface was touched, shape (3,) [m]."""
+    def candidates(self) -> list[CandidatePlan]:
+        """Return all experiments with a valid plan at or near the place that was touched first."""
         push = np.array(self.before.press_direction_world)
         tip_m, _ = self.arm.body.tip_pose(np.array(self.start_rad))
         before_m = np.array(self.before.targets_world_m[0]) if self.before.targets_world_m else tip_m
-        place: FloatArray = before_m + (self.known.surface_m - before_m @ push) * push
-        return place
+        place_m = before_m + (self.known.surface_m - before_m @ push) * push
+        return candidates(self.before, self.arm.robot_file, place_m)
 
     def simulation(self, plan: ProbingPlan) -> PlanSimulation:
         """Return the rehearsal of a plan.

@@ -40,7 +40,9 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
         following = diagnosis.next_experiment  # its instruction may repeat the end of the reason
         cause = diagnosis.reason.removesuffix(f"; {following.instruction}" if following else "")
         return f"{diagnosis.channel}: no verdict is possible: {_with_period(cause)}"
-    error, kinds = _error_sentence(diagnosis), _kinds_without_form(diagnosis)
+    error = _error_sentence(diagnosis)
+    unknown_forms = (entry for entry in diagnosis.budget if entry.form is Form.UNKNOWN)
+    kinds = [f"{entry.kind.word} ({percent(entry.share)})" for entry in unknown_forms]
     if diagnosis.verdict is Verdict.ADEQUATE:
         unrelated = _unrelated_error(diagnosis)
         return f"{diagnosis.channel}: these data show no missing effect. {error}{unrelated}"
@@ -81,12 +83,6 @@ def _unrelated_error(diagnosis: ChannelDiagnosis) -> str:
         return ""
     times = rounded(left.times_floor, 2)
     return f" What is left, {times} times the noise, depends on no recorded signal."
-
-
-def _kinds_without_form(diagnosis: ChannelDiagnosis) -> list[str]:
-    """Return the kinds whose form matches no effect, with their shares of the error."""
-    unknown = (entry for entry in diagnosis.budget if entry.form is Form.UNKNOWN)
-    return [f"{entry.kind.word} ({percent(entry.share)})" for entry in unknown]
 
 
 def _error_sentence(diagnosis: ChannelDiagnosis) -> str:
