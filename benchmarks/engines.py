@@ -42,11 +42,10 @@ def diagnosis_case(effect: str, seed: int) -> Case:
     if effect != NOTHING:
         kind = IMPERFECTIONS[effect]
         place, rng = "joint_1" if "joint" in kind.model_fields else CONTACT, np.random.default_rng(seed)
-        hidden = (
-            draw_hidden(seed, effect=effect, scenario=world)
-            if kind.shows_in
-            else [kind.at_strength(UNSEEN, place, noise_scale(world), rng)]
-        )
+        if kind.shows_in:
+            hidden = draw_hidden(seed, effect=effect, scenario=world)
+        else:
+            hidden = [kind.at_strength(UNSEEN, place, noise_scale(world), rng)]
     judged = [channel for entry in hidden for channel in entry.channels]
     parameters: dict[str, Any] = {
         "robot": "follower",
@@ -94,11 +93,8 @@ def compare_grid(options: Namespace) -> None:
 def compare_diagnoses(options: Namespace) -> None:
     """Print how often the diagnosis is the same in both engines."""
     same: list[bool] = []
-    for effect, rows in zip(
-        options.hidden,
-        in_both([diagnosis_case(effect, options.seed) for effect in options.hidden], options),
-        strict=True,
-    ):
+    cases = [diagnosis_case(effect, options.seed) for effect in options.hidden]
+    for effect, rows in zip(options.hidden, in_both(cases, options), strict=True):
         for bullet, mujoco in zip(*rows, strict=True):
             answers = [f"{row['verdict']} {row['accepted']}".strip() for row in (bullet, mujoco)]
             same.append(answers[0] == answers[1])

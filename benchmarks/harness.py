@@ -21,11 +21,11 @@ from threadpoolctl import threadpool_limits
 ROOT = Path(__file__).resolve().parents[1]
 ROBOTS = ROOT / "robots"
 PALPATE = (sys.executable, "-m", "palpate.main")
-# The command's main process says at its end how much memory it took: Linux counts it in KiB.
-_MEASURED = """import resource, sys
+# The command's main process states at its end how much memory it took, in KiB on Linux.
+_MEASURED = """import atexit, resource, sys
 from palpate.main import main
-try: main()
-finally: print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, file=sys.stderr)"""
+atexit.register(lambda: print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, file=sys.stderr))
+main()"""
 
 
 def arguments(description: str | None) -> ArgumentParser:
@@ -42,26 +42,29 @@ class FinishedCommand:
     exit_code: int
     wall_s: float
     processor_s: float  # user and system time, with the processes that it started
-    peak_gb: float  # memory of the main process
+    peak_gb: float  # memory of the main process; NaN if the command ended by an error
 
 
-def run_palpate(*words: object, check: bool = True) -> FinishedCommand:
+def run_palpate(*words: object, check: bool = True, timeout_s: float | None = None) -> FinishedCommand:
     """Run a palpate command in its own process, and measure it.
 
     Args:
         words: command and options.
         check: whether an exit code other than 0 is an error.
+        timeout_s: time after which the command is killed [s].
 
     Raises:
         subprocess.CalledProcessError: the command failed; only with `check`.
+        subprocess.TimeoutExpired: it took longer than `timeout_s`.
     """
     begun_s, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
     command = [sys.executable, "-P", "-c", _MEASURED, *map(str, words)]
-    ended = subprocess.run(command, capture_output=True, text=True, check=check)
+    ended = subprocess.run(command, capture_output=True, text=True, check=check, timeout=timeout_s)
     wall_s, after = time.perf_counter() - begun_s, resource.getrusage(resource.RUSAGE_CHILDREN)
     processor_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    stderr, _, peak = ended.stderr.rstrip("\n").rpartition("\n")
-    peak_gb = int(peak) * 1024 / 1e9 if peak.isdigit() else float("nan")
+    *said, last = ended.stderr.splitlines() or [""]
+    peak_gb = int(last) * 1024 / 1e9 if last.isdigit() else float("nan")
+    stderr = "\n".join(said if last.isdigit() else [*said, last])
     return FinishedCommand(ended.stdout, stderr, ended.returncode, wall_s, processor_s, peak_gb)
 
 

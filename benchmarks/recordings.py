@@ -12,12 +12,11 @@ Recordings that are held out are run once, by somebody who did not write the rul
 
 import json
 import subprocess
-import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from harness import PALPATE, arguments, json_lines
+from harness import arguments, json_lines, run_palpate
 from measured.convert import RECIPES, load_recipe
 from measured.score import Score, score, share_of, summary
 
@@ -25,8 +24,8 @@ _TIME_LIMIT_S = 900
 
 
 def command_of(recipe: dict[str, Any], file: Path) -> list[str]:
-    """Command line that diagnoses a recording."""
-    command = [*PALPATE, "diagnose", str(file), "--json", "--model", recipe["model"]]
+    """Words of the command that diagnoses a recording."""
+    command = ["diagnose", str(file), "--json", "--model", recipe["model"]]
     for column in recipe.get("context", []):
         command += ["--context", column]
     return command + (["--fresh-runs"] if recipe.get("fresh_runs") else []) + recipe.get("raw", [])
@@ -54,17 +53,14 @@ def answer_of(recipe: dict[str, Any], file: Path, kept: Path | None = None) -> d
     """
     if kept is not None and kept.is_file():
         return dict(json.loads(kept.read_text(encoding="utf-8")))
-    started = time.monotonic()
     try:
-        done = subprocess.run(
-            command_of(recipe, file), capture_output=True, text=True, timeout=_TIME_LIMIT_S, check=False
-        )
+        done = run_palpate(*command_of(recipe, file), check=False, timeout_s=_TIME_LIMIT_S)
     except subprocess.TimeoutExpired:
-        answer = {"stopped": f"no answer in {_TIME_LIMIT_S} s"}
+        answer = {"stopped": f"no answer in {_TIME_LIMIT_S} s", "seconds": _TIME_LIMIT_S}
     else:
         last = (done.stderr.strip().splitlines() or ["no message"])[-1]
-        answer = {"refused": last} if done.returncode else dict(json.loads(done.stdout))
-    answer["seconds"] = time.monotonic() - started
+        answer = {"refused": last} if done.exit_code else dict(json.loads(done.stdout))
+        answer["seconds"] = done.wall_s
     if kept is not None:
         kept.write_text(json.dumps(answer), encoding="utf-8")
     return answer

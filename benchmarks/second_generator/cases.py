@@ -89,8 +89,7 @@ def make(job: CaseSpec, seed: int) -> GeneratedCase | None:
 def _try(job: CaseSpec, strength: float, rng: Generator) -> GeneratedCase | None:
     reading = readings.draw_reading(rng, job.kind)
     runs = int(rng.integers(3, 7 if reading.rate_hz < 500.0 else 4))
-    drawn = _contact(rng, reading, runs, job) if job.kind == "contact" else _joint(rng, runs, job)
-    world, shape = drawn
+    world, shape = _contact(rng, reading, runs, job) if job.kind == "contact" else _joint(rng, runs, job)
     seconds = len(world.motion.t) / motion.FINE_HZ
     allowed = [rate for rate in RATES_HZ if rate * seconds <= MOST_SAMPLES]
     reading = replace(reading, rate_hz=min(reading.rate_hz, max(allowed, default=RATES_HZ[-1])))
@@ -107,8 +106,7 @@ def _try(job: CaseSpec, strength: float, rng: Generator) -> GeneratedCase | None
         return None
     last = [e for e, name in zip(hidden, job.hidden, strict=True) if name in AFTER_NOISE]
     effort, position = effort_and_position(world, [e for e in hidden if e not in last])
-    text = read.csv(effort, position, last)
-    channel = _imported(text, ImportOptions(fresh=world.fresh and job.kind == "contact"))
+    channel = read.channel(effort, position, last)
     base = MODELS[world.base]()
     context = ModelContext(joint=None if world.kind == "contact" else 0)
     if world.base == "rigid_body":
@@ -215,8 +213,8 @@ class _Reader:
             missed = missed + w.law["g"] * (np.sin(read) - np.sin(x))
         return missed if whole else float(np.sqrt(np.mean(missed**2)))
 
-    def csv(self, effort: Array, position: Array, last: list[Hidden]) -> str:
-        """The file's text; effects that come after the noise are applied to what is noisy."""
+    def channel(self, effort: Array, position: Array, last: list[Hidden]) -> ChannelData:
+        """What is imported from the file; effects that come after the noise are applied to what is noisy."""
         contact, one_of_two = self.world.kind == "contact", self.world.base == "rigid_body"
         joint = "_1" if one_of_two else ""
         true = self.sampled(effort)
@@ -238,13 +236,11 @@ class _Reader:
         if one_of_two:
             still = np.zeros(len(read))
             columns |= {"position_2_rad": (still, "%g"), "torque_2_Nm": (still, "%g")}
-        formats = [form for _, form in columns.values()]
-        rows = zip(*(values.tolist() for values, _ in columns.values()), strict=True)
-        lines = [
-            ",".join(columns),
-            *(",".join(f % v for f, v in zip(formats, row, strict=True)) for row in rows),
-        ]
-        return "\n".join(lines) + "\n"
+        with TemporaryDirectory() as folder:
+            path, formats = Path(folder) / "case.csv", [form for _, form in columns.values()]
+            rows = np.column_stack([values for values, _ in columns.values()])
+            np.savetxt(path, rows, formats, ",", header=",".join(columns), comments="")
+            return import_file(path, ImportOptions(fresh=self.world.fresh and contact)).channels[0]
 
     def velocity(self, read: Array, position: Array) -> Array:
         """A tachometer's, or the slope over so many samples as suit the steps: its user looked at it."""
@@ -256,30 +252,21 @@ class _Reader:
         return min(tries, key=lambda slope: float(np.mean((slope - true) ** 2)))
 
 
-def _imported(text: str, options: ImportOptions) -> ChannelData:
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "case.csv"
-        path.write_text(text)
-        return import_file(path, options).channels[0]
+_LAWS = {  # true parameters of the simple laws, by the library's names
+    "kelvin_voigt": {"stiffness.k": "k", "damping.c": "c"},
+    "inertia": {"inertia.m": "J", "viscous_friction.d": "d"},
+    "pendulum": {"pendulum.inertia": "J", "pendulum.gravity": "g", "viscous_friction.d": "d"},
+    "rigid_body": {},
+}
 
 
 def _truth(world: CaseWorld, job: CaseSpec, hidden: list[Hidden]) -> dict[str, float]:
     """True parameters in the library's names."""
-    law = world.law
-    truth = {
-        "kelvin_voigt": lambda: {"stiffness.k": law["k"], "damping.c": law["c"]},
-        "inertia": lambda: {"inertia.m": law["J"], "viscous_friction.d": law["d"]},
-        "pendulum": lambda: {
-            "pendulum.inertia": law["J"],
-            "pendulum.gravity": law["g"],
-            "viscous_friction.d": law["d"],
-        },
-        "rigid_body": dict,
-    }[world.base]()
+    truth = {name: world.law[key] for name, key in _LAWS[world.base].items()}
     for name, effect in zip(job.hidden, hidden, strict=True):
         plain = name.split(" (")[0]
-        own = {key if "." in key else f"{plain}.{key}": value for key, value in (effect.truth or {}).items()}
-        truth |= own
+        own = (effect.truth or {}).items()
+        truth |= {key if "." in key else f"{plain}.{key}": value for key, value in own}
     if len(hidden) > 1:  # the library's relaxation takes all springs along, here one relaxes beside another
         truth = {key: value for key, value in truth.items() if not key.startswith("relaxation_spectrum.")}
     return {key: float(value) for key, value in truth.items()}
