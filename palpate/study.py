@@ -6,6 +6,7 @@ from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
 from importlib.util import find_spec
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -262,6 +263,7 @@ class Study(ModelStudy):
         target: "SimulatorFormat | str",
         patch: Path | str | None = None,
         revisions: int | Sequence[int] = (),
+        servo_gain_nm_rad: float | None = None,
     ) -> "Written":
         """Write friction, rotor, spring, payload and gravity of joints for another simulator.
 
@@ -272,10 +274,12 @@ class Study(ModelStudy):
             patch: the user's file whose values are replaced in the output; it is only read. Required for
                 MJCF; for URDF the default is the arm's; for BAM, a parameter file of the motor.
             revisions: as for `export_feedforward`.
+            servo_gain_nm_rad: torque per goal error of the servos [N m/rad], required if no effort was
+                measured; the gain `kp` of a <position> actuator in an MJCF.
 
         Raises:
-            InputError: as for `export_feedforward`, the target is unknown, or `patch` is missing, not
-                readable or lacks a joint.
+            InputError: as for `export_feedforward`, the target is unknown, the gain is missing, superfluous
+                or not above 0, or `patch` is missing, not readable or lacks a joint.
         """
         from palpate.export.simulator import write_simulator  # noqa: PLC0415, only here
         from palpate.export.target_terms import SimulatorFormat  # noqa: PLC0415, likewise
@@ -285,7 +289,10 @@ class Study(ModelStudy):
         place, target = _path(path, "output"), SimulatorFormat(target)
         base = None if patch is None else existing_file(_path(patch, "patch"), "patch")
         fitted, failures = self._fitted_joints(revisions, target.value)
-        _refuse_goal_error(fitted)
+        if servo_gain_nm_rad is None:
+            _refuse_goal_error(fitted)
+        else:
+            fitted = _as_torques(fitted, servo_gain_nm_rad)
         source = self.source.name
         return write_simulator(
             fitted, target, place, self.source.arm, patch=base, failures=failures, source=source
@@ -468,10 +475,22 @@ def _refuse_goal_error(joints: "Sequence[FittedJoint | StudyChannel]") -> None:
     for joint in joints:
         if joint.kind is ChannelKind.SERVO:
             raise InputError(
-                f"{joint.name}: is in rad of goal error, and a simulator needs N m; multiply goal minus "
-                "position by the servo's gain [N m/rad], and add the product as a column torque_Nm "
-                "(torque_1_Nm, torque_2_Nm, ... if the positions are numbered)"
+                f"{joint.name}: is in rad of goal error, and a simulator needs N m; state the servo's gain "
+                "[N m/rad] with --servo-gain (mjcf, urdf, isaaclab, bam), or multiply goal minus position by "
+                "it and add the product as a column torque_Nm (torque_1_Nm, ... if positions are numbered)"
             )
+
+
+def _as_torques(joints: "Sequence[FittedJoint]", gain_nm_rad: float) -> list["FittedJoint"]:
+    """Return position servos with their parameters in N m, and refuse other joints."""
+    if not (isfinite(gain_nm_rad) and gain_nm_rad > 0.0):
+        raise InputError(f"--servo-gain {gain_nm_rad:g} N m/rad: must be above 0")
+    for joint in joints:
+        if joint.kind is not ChannelKind.SERVO:
+            raise InputError(
+                f"--servo-gain {gain_nm_rad:g}: the effort of {joint.name} was measured; omit this option"
+            )
+    return [replace(joint, servo_gain_nm_rad=gain_nm_rad) for joint in joints]
 
 
 def _path(path: Any, what: str) -> Path:  # noqa: ANN401, whatever a user gives

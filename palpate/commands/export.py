@@ -95,6 +95,13 @@ def export_command(
             metavar="FILE",
         ),
     ] = None,
+    servo_gain: Annotated[
+        float | None,
+        typer.Option(
+            help="Torque per goal error of the servos, for data with goal and position but no torque.",
+            metavar="NM_PER_RAD",
+        ),
+    ] = None,
     stream: Annotated[
         str | None,
         typer.Option(
@@ -153,10 +160,14 @@ def export_command(
         path, force = out or place / _FILES[form][0], force or out is None
         if patch is not None and form in (Format.SCENARIO, Format.FEEDFORWARD):
             raise InputError(f"--patch {patch}: --format {form} patches no file. Valid: mjcf, urdf, bam")
+        if servo_gain is not None and form in (Format.SCENARIO, Format.FEEDFORWARD):
+            raise InputError(f"--servo-gain {servo_gain:g}: only for --format mjcf, urdf, isaaclab or bam")
         if form is Format.SCENARIO:
             made = export_scenario(data, study, path, revision or (), folder, force=force)
         else:
-            made = export_joints(data, study, path, revision or (), form, patch, force=force)
+            made = export_joints(
+                data, study, path, revision or (), form, patch, force=force, servo_gain_nm_rad=servo_gain
+            )
 
     def show() -> None:
         for line in made.lines:
@@ -280,6 +291,7 @@ def export_joints(  # noqa: PLR0917, what was typed
     patch: Path | None,
     *,
     force: bool,
+    servo_gain_nm_rad: float | None = None,
 ) -> _Export:
     """Write the models of the joints as a feedforward or for a simulator, and warn of base models.
 
@@ -291,6 +303,7 @@ def export_joints(  # noqa: PLR0917, what was typed
         form: format of the file.
         patch: file to copy and complete; None for the default of this format.
         force: whether existing files are replaced.
+        servo_gain_nm_rad: torque per goal error of servos [N m/rad]; None if the effort was measured.
 
     Raises:
         InputError: there is no such revision, or a file cannot be written.
@@ -307,7 +320,7 @@ def export_joints(  # noqa: PLR0917, what was typed
         used, left_out = made.used, made.left_out
     else:
         output_file(path, force=force, keep=[data.file], endings=_FILES[form][1])
-        written = study.export_simulator(path, form.value, patch, list(revisions))
+        written = study.export_simulator(path, form.value, patch, list(revisions), servo_gain_nm_rad)
         files = [(form.value, file) for file in written.files]
         content = {"format": form.value, "files": [str(file) for file in written.files]}
         used, left_out = written.used, written.left_out

@@ -165,16 +165,17 @@ def rerun_step(recording: Path) -> tuple[str, str]:
 
 
 def export_steps(kept: str, kinds: Iterable[ChannelKind]) -> list[tuple[str, str]]:
-    """Return the commands that export revisions; none for a servo's goal error, which no simulator models.
+    """Return the commands that export revisions; for a servo's goal error, one that also needs its gain.
 
     Args:
         kept: the data path and the folder of revisions, quoted for a shell.
         kinds: kinds of the channels that have a saved model.
     """
     joints = set(kinds) - {ChannelKind.CONTACT}
-    if ChannelKind.SERVO in joints:
-        return []
     export = f"palpate export {kept}"
+    if ChannelKind.SERVO in joints:
+        gain = "the joints in a copy of your MJCF, with the servo's gain K [N m/rad]"
+        return [(f"{export} --format mjcf --patch MODEL.xml --servo-gain K", gain)]
     steps = [(export, "the improved model as a simulated world")]
     if joints:
         into = "the joints in a copy of your MJCF; also urdf, isaaclab, bam"

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from math import isfinite
 from pathlib import Path
 
@@ -10,6 +10,7 @@ import yaml
 
 from palpate.common.files import write_text
 from palpate.estimation.channel import ChannelKind
+from palpate.estimation.effect import Parameter
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate import ParameterEstimate, rounded, with_unit
 from palpate.estimation.fit.fit_result import FitResult
@@ -75,6 +76,8 @@ class FittedJoint:
     kind: ChannelKind
     effort_unit: str
     fit: FitResult
+    # Torque per goal error of a position servo [N m/rad]; None keeps its parameters in rad of goal error.
+    servo_gain_nm_rad: float | None = None
 
     @property
     def number(self) -> int:
@@ -87,10 +90,27 @@ class FittedJoint:
         effects: dict[str, dict[str, ParameterEstimate]] = {
             effect.name: {} for effect in self.fit.model.effects
         }
+        units = {
+            f"{effect.name}.{each.name}": each
+            for effect in self.fit.model.effects
+            for each in (*effect.gains, *effect.inner)
+        }
         for name, parameter in self.fit.parameters.items():
             effect, _, own = name.partition(".")
-            effects.setdefault(effect, {})[own] = parameter
+            gain = self.servo_gain_nm_rad
+            in_file = parameter if gain is None else _as_torque(parameter, units[name], gain)
+            effects.setdefault(effect, {})[own] = in_file
         return effects
+
+
+def _as_torque(fitted: ParameterEstimate, parameter: Parameter, gain_nm_rad: float) -> ParameterEstimate:
+    """Convert a parameter in units of the goal error to N m and kg m^2."""
+    unit = parameter.unit_of(ChannelKind.REVOLUTE)
+    if "{effort}" not in parameter.unit and "{inertia}" not in parameter.unit:
+        return replace(fitted, unit=unit)
+    low, high = (gain_nm_rad * end for end in fitted.interval)
+    value, std_err = gain_nm_rad * fitted.value, gain_nm_rad * fitted.std_err
+    return replace(fitted, unit=unit, value=value, std_err=std_err, interval=(low, high))
 
 
 @dataclass(frozen=True)

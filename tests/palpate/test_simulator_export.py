@@ -313,6 +313,59 @@ def test_what_is_in_an_included_file_is_patched_there(swinging, tmp_path):
     assert_refused(run(*base, tmp_path / "new" / "better.xml"), "included file arm.xml beside", "with -o")
 
 
+SERVO = """<mujoco><worldbody><body><joint name="lift" axis="0 0 1"{}/>
+<inertial pos="0.1 0 0" mass="1" diaginertia="0.01 0.01 0.01"/></body></worldbody>
+<actuator><position joint="lift" kp="30"/></actuator></mujoco>"""
+
+
+def follow(text, seed):
+    """Goals of a servo and the positions that it reaches, every 2 ms."""
+    model = mujoco.MjModel.from_xml_string(text)
+    data, rng = mujoco.MjData(model), np.random.default_rng(seed)
+    phase, rate = rng.uniform(0, 6, 3), rng.uniform([0.8, 2.0, 4.0], [1.6, 3.5, 6.0])
+    goal = np.sin(rate * 0.002 * np.arange(4000)[:, None] + phase) @ [0.5, 0.25, 0.1]
+    position = np.empty(len(goal))
+    for i, data.ctrl[0] in enumerate(goal):
+        position[i] = data.qpos[0]
+        mujoco.mj_step(model, data)
+    return goal, position
+
+
+def test_a_servo_without_torques_is_exported_with_its_gain_and_then_moves_as_recorded(tmp_path):
+    hidden = SERVO.format(' damping="0.6" frictionloss="0.8" solreffriction="0.004 1"')
+    nominal = SERVO.format("")
+    runs = [np.stack(follow(hidden, seed))[:, 500::5] for seed in range(3)]
+    goal, q = np.concatenate(runs, axis=1)
+    q += np.random.default_rng(1).normal(0.0, 2e-4, len(q))
+    t, run_number = np.tile(0.01 * np.arange(700), 3), np.repeat(np.arange(3), 700)
+    columns = {"run": run_number, "time_s": t, "goal_position_rad": goal, "position_rad": q}
+    data, mine, out = (
+        write_table(tmp_path / "servo.csv", **columns),
+        tmp_path / "servo.xml",
+        tmp_path / "o.xml",
+    )
+    mine.write_text(nominal)
+    run("add", data, "coulomb_friction", "--out", tmp_path / "study")
+    base = ("export", data, "--folder", tmp_path / "study", "--format", "mjcf", "--patch", mine, "-o", out)
+    for options, said in ((), "with --servo-gain"), (("--servo-gain", -1), "must be above 0"):
+        refused = run(*base, *options)
+        assert (refused.exit_code, said in refused.stderr) == (2, True)
+    (damping, friction) = as_json(*base, "--servo-gain", 30)["used"]
+    assert "N m s/rad" in damping
+    assert float(damping.split()[3]) == pytest.approx(0.6, rel=0.03)
+    assert float(friction.split()[3]) == pytest.approx(0.8, rel=0.03)
+    true = follow(hidden, 9)[1]
+    before, after = (np.std(follow(text, 9)[1] - true) for text in (nominal, out.read_text()))
+    assert after < 4e-4 < 0.01 * before  # of the order of the noise
+
+
+def test_a_gain_of_a_servo_whose_torque_was_measured_is_refused(swinging, tmp_path):
+    data, folder = swinging
+    base = ("export", data, "--folder", folder / "study", "-o", tmp_path / "x.py", "--servo-gain", 2)
+    assert_refused(run(*base, "--format", "isaaclab"), "the effort of joint_1 was measured")
+    assert_refused(run(*base, "--format", "feedforward"), "only for --format mjcf")
+
+
 @pytest.mark.parametrize("form", ["bam", "feedforward"])
 def test_a_joint_without_a_revision_gets_its_base_model_with_a_warning(swinging, tmp_path, form):
     data, folder = swinging
