@@ -277,7 +277,7 @@ def demo(
     _line("arm", 7447, None, None, bad_network)  # checks the option before anything starts
     network = [] if bad_network is None else ["--bad-network", bad_network]
     with console.stderr().status("leader and follower are running (about 30 s)"):
-        made = run_demo(out, load_scenario(scenario), network, network)
+        made = run_demo(out, load_scenario(scenario), network)
     if as_json:
         files = {what: str(path) for what, path in made.files.items()}
         settled = made.rendered.settled()

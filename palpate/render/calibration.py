@@ -14,7 +14,7 @@ from palpate.calibration.encoder import EncoderFit
 from palpate.calibration.force import ForceFit
 from palpate.common.console import safe, significant, table
 from palpate.render import palette
-from palpate.render.report import styled
+from palpate.render.report import styled, title_axes
 from palpate.robot_io.calibration.applied import find_large_zero_shift
 from palpate.robot_io.calibration.file import Calibration, Quantities, Quantity
 
@@ -100,10 +100,8 @@ def force_figure(fit: ForceFit, reading_unit: str) -> go.Figure:
     made.add_trace(
         go.Scatter(**around, fill="toself", fillcolor=palette.SHADE, line_width=0, showlegend=False), 1, 2
     )
-    made.update_xaxes(title_text=f"reading [{reading_unit}]", row=1, col=1)
-    made.update_yaxes(title_text="reference [N]", row=1, col=1)
-    made.update_xaxes(title_text="reference [N]", row=1, col=2)
-    made.update_yaxes(title_text="reference − calibrated [mN]", row=1, col=2)
+    title_axes(made, (1, 1), f"reading [{reading_unit}]", "reference [N]")
+    title_axes(made, (1, 2), "reference [N]", "reference − calibrated [mN]")
     remark = (
         f"residual rms {_TO_MILLI * fit.rms_n:.2g} mN, "
         f"hysteresis {_TO_MILLI * fit.hysteresis_n.value:.2g} mN; "

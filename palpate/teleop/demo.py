@@ -122,16 +122,13 @@ def write_worlds(folder: Path, real: Scenario) -> None:
         write_text(folder / f"{name}.yaml", world.to_yaml())
 
 
-def run_demo(
-    folder: Path, real: Scenario, follower: Sequence[str] = (), leader: Sequence[str] = ()
-) -> TeleopDemo:
+def run_demo(folder: Path, real: Scenario, further: Sequence[str] = ()) -> TeleopDemo:
     """Run both sides, and evaluate their sessions.
 
     Args:
         folder: destination of all files.
         real: world of the follower.
-        follower: further options of this side.
-        leader: further options of this side.
+        further: further options of both sides.
 
     Raises:
         InputError: a file exists already.
@@ -147,11 +144,11 @@ def run_demo(
         probe.bind(("127.0.0.1", 0))
         port = str(probe.getsockname()[1])
     commands = {
-        "follower": ["--scenario", str(folder / "real.yaml"), *follower],
-        "leader": ["--scenario", str(folder / "guess.yaml"), "--operator", str(operator), *leader],
+        "follower": ["--scenario", str(folder / "real.yaml")],
+        "leader": ["--scenario", str(folder / "guess.yaml"), "--operator", str(operator)],
     }
     for side, options in commands.items():
-        options += ["--port", port, "-o", str(sessions[side])]
+        options += ["--port", port, "-o", str(sessions[side]), *further]
     with tempfile.TemporaryDirectory() as own:  # a folder that other users cannot read
         key = Path(own, "pair.key")
         key.touch(0o600)
