@@ -64,24 +64,27 @@ def test_lag_follows_a_step_and_a_held_strain_relaxes():
     step = (TIME > 2.0).astype(float)
     lagged = low_pass(step, TIME, ONE_RUN, 0.5)
     assert lagged[700] == pytest.approx(1 - np.exp(-(7.0 - 2.005) / 0.5), abs=2e-3)
-
+    rising = low_pass(np.ones(1000), TIME, ONE_RUN, 0.5, from_rest=True)
+    assert rising == pytest.approx(1 - np.exp(-TIME / 0.5), abs=0.02)
     held = np.where(TIME >= 1.0, 1.0, 0.0)
     left = relax(held, TIME, ONE_RUN, 2.0)
     assert left[500] / left[300] == pytest.approx(np.exp(-2.0 / 2.0), rel=1e-6)
 
 
-def test_strain_memory_persists_between_presses():
-    strain = np.maximum(np.sin(2.0 * TIME), 0.0)
-    seen = (TIME < 1.8) | (TIME > 2.9)  # nothing was recorded in between
-    run = np.where(TIME < 2.5, 3, 7)
-    whole = relax(strain, TIME, ONE_RUN, 0.8)
-    left = relax(strain[seen], TIME[seen], run[seen], 0.8)
+@pytest.mark.parametrize("uneven_s", [0.0, 0.004])
+def test_strain_memory_persists_between_presses(uneven_s):
+    time_s = TIME + uneven_s * (np.arange(1000) % 2)
+    strain = np.maximum(np.sin(2.0 * time_s), 0.0)
+    seen = (time_s < 1.8) | (time_s > 2.9)  # nothing was recorded in between
+    run = np.where(time_s < 2.5, 3, 7)
+    whole = relax(strain, time_s, ONE_RUN, 0.8)
+    left = relax(strain[seen], time_s[seen], run[seen], 0.8)
     assert left == pytest.approx(whole[seen], abs=1e-9)
     order = np.argsort(-run, kind="stable")  # the numbers of the runs say nothing
-    assert relax(strain[order], TIME[order], -run[order], 0.8) == pytest.approx(whole[order], abs=1e-9)
+    assert relax(strain[order], time_s[order], -run[order], 0.8) == pytest.approx(whole[order], abs=1e-9)
     first, second = run[seen] == 3, run[seen] == 7
     later = np.concatenate([strain[seen][second], strain[seen][first]])
-    times = np.concatenate([TIME[seen][second], TIME[seen][first]])
+    times = np.concatenate([time_s[seen][second], time_s[seen][first]])
     alone = relax(later, times, np.repeat([0, 1], [second.sum(), first.sum()]), 0.8)
     assert alone[second.sum() :] == pytest.approx(whole[seen][first], abs=1e-9)  # time went back: by itself
 
