@@ -9,7 +9,7 @@ import pytest
 
 from palpate.robot_io.errors import SessionError
 from palpate.robot_io.session import Session, SessionMetadata
-from palpate.runs.hidden_effects import hide
+from palpate.runs.hidden_effects import SEAL, command_line, hide
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import find_robot
 from palpate.runs.session import ArmJob, begun_session
@@ -82,6 +82,7 @@ def test_effects_of_a_file_act_and_their_file_is_not_named_in_the_session(tmp_pa
     assert "a.mcap.sealed" in done(*arguments).stdout
     line = Session.open(path).metadata.command_line
     assert shlex.split(line)[:6] == ["palpate", "probe", "--hidden", "(sealed)", "-o", str(path)]
+    assert command_line(["probe", "--hidden=bias"], "bias").endswith(" probe '--hidden=(sealed)'")
     answer = unseal(sealed_path(path))
     assert [describe_imperfection(found) for found in answer.hidden] == [entry]
     assert answer.seed is None
@@ -125,10 +126,11 @@ def test_an_answer_that_was_taken_away_or_is_to_another_session_is_refused(myste
     path = tmp_path / "a.mcap"
     path.write_bytes(mystery.read_bytes())
     assert_refused(run("reveal", path), "sealed answer", "a.mcap.sealed: no such file")
-    seal(path, SealedAnswer((), 1, Session.open(mystery).metadata.created_utc, "5" * 32))
+    metadata = Session.open(mystery).metadata
+    seal(path, SealedAnswer((), 1, metadata.created_utc, "5" * 32))
     assert_refused(run("reveal", path), "another session")
     sealed_path(path).unlink()
-    seal(path, SealedAnswer((), 1, "2001-01-01T00:00:00+00:00"))
+    seal(path, SealedAnswer((), 1, "2001-01-01T00:00:00+00:00", metadata.extra[SEAL]))
     assert_refused(run("reveal", path), "another session, made at 2001")
 
 
