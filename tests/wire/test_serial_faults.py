@@ -201,12 +201,8 @@ SILENT = {"receive": lambda data, now_s: b""}
         (ODRIVE, [MARK10], SILENT, "no gauge gives an answer; check port and baud rate"),
         (ODRIVE, [], {"_unit": "psi"}, "unit 'psi' is not a known unit"),
         (ODRIVE, [], SILENT, "no DI-100 or DI-1000 answers"),
-        (
-            CUBEMARS,
-            [],
-            {"receive": lambda data, now_s: STRANGER},
-            "no answer to HELLO",
-        ),  # from another sensor
+        # From another sensor.
+        (CUBEMARS, [], {"receive": lambda data, now_s: STRANGER}, "no answer to HELLO"),
     ],
 )
 def test_a_sensor_that_cannot_be_asked_for_a_force_is_refused(bench, path, changes, spoil, problem):

@@ -289,14 +289,8 @@ def test_parts_that_are_fewer_than_their_whole_are_held_against_it():
         (0.5, 0.3, (Kind.TIME_MEMORY,), 1.0, 0.5, True),  # nothing else takes all of it
         (0.5, 0.0, (), 1.0, 0.5, True),
         (0.5, 0.0, (Kind.TIME_MEMORY,), 1.0, 0.5, False),  # what is left may be why relaxation takes as much
-        (
-            0.5,
-            0.0,
-            (Kind.TIME_MEMORY,),
-            1.0,
-            1.0,
-            True,
-        ),  # a law of relaxation leaves as much as the form does
+        # A law of relaxation leaves as much as the form does.
+        (0.5, 0.0, (Kind.TIME_MEMORY,), 1.0, 1.0, True),
         (0.5, 0.0, (Kind.TIME_MEMORY,), 0.05, 0.5, True),  # of two kinds, the one with a simple form
         (0.0, 0.0, (), 1.0, 0.5, False),
         (None, None, (), 1.0, 0.5, True),  # its kind has no law

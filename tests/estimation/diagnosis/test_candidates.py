@@ -200,11 +200,8 @@ def test_candidates_come_by_what_they_leave_in_held_out_runs(ranked):
         (0, 0.03, set()),
         (1, 0.1, {"coulomb_friction"}),
         (2, 0.1, {"coulomb_friction", "torque_ripple"}),
-        (
-            1,
-            0.15,
-            {"coulomb_friction", "torque_ripple"},
-        ),  # more than three tenths of what the best takes away
+        # More than three tenths of what the best takes away.
+        (1, 0.15, {"coulomb_friction", "torque_ripple"}),
     ],
 )
 def test_midpoints_of_the_best_and_nearly_best_are_tried(refined, ripple_nm, names):

@@ -24,7 +24,7 @@ from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model
 from tests.estimation.presses import NOISE_N, kelvin_voigt, session
-from tests.estimation.searches import PRESS, SWING, reached, searched
+from tests.estimation.searches import PRESS, SWING, measured, reached, searched
 from tests.estimation.swings import INERTIA, WEIGHT, swings
 
 BASE = SWING.effects
@@ -57,8 +57,7 @@ def test_the_simplest_law_bears_the_name_where_the_data_and_what_is_left_allow(
     """Friction fitted as asymmetric; it is, or is the same both ways."""
     data = swings(1, lambda q, v, a: np.where(v > 0.0, 0.3, backward) * np.tanh(v / 0.01))
     search = searched(data, "coulomb_friction", "asymmetric_friction")
-    tried = {one.effect.name: one for one in search.screen(search.start)}
-    end = search.with_candidate(tried["asymmetric_friction"])
+    end = reached(search, "asymmetric_friction")
     found = most_parsimonious(
         search, end, identify_measurement_model(data), lambda one: is_as_complete or one is end
     )
@@ -72,10 +71,8 @@ def test_no_simpler_law_that_leaves_more_bears_the_name_though_draws_refuse_noth
     monkeypatch.setattr(acceptance, "improvement_test", lambda *args: BootstrapTest(0.0, np.ones(2)))
     data = swings(1, lambda q, v, a: np.where(v > 0.0, 0.3, 0.15) * np.tanh(v / 0.01))
     search = searched(data, "coulomb_friction", "asymmetric_friction")
-    (tried,) = (one for one in search.screen(search.start) if one.effect.name == "asymmetric_friction")
-    found = most_parsimonious(
-        search, search.with_candidate(tried), identify_measurement_model(data), lambda one: True
-    )
+    end = reached(search, "asymmetric_friction")
+    found = most_parsimonious(search, end, measured(search), lambda one: True)
     assert search.added_effects(found) == ["asymmetric_friction"]
 
 
@@ -89,35 +86,27 @@ def test_no_simpler_law_that_leaves_more_bears_the_name_though_draws_refuse_noth
 def test_asymmetric_friction_must_do_more_than_coulomb_friction_and_a_bias(uneven, expected):
     data = swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.01) + uneven(v))
     search = searched(data, "coulomb_friction", "asymmetric_friction", "bias")
-    (alone,) = (one for one in search.screen(search.start) if one.effect.name == "asymmetric_friction")
-    end = backward_step(search, search.with_candidate(alone))
+    end = backward_step(search, reached(search, "asymmetric_friction"))
     assert set(search.added_effects(end)) == expected
-    if "bias" in expected:
-        measurement = identify_measurement_model(data)
-        assert all(
-            "asymmetric_friction" in indistinguishable_models(search, end, name, measurement)
-            for name in expected
-        )
+    for name in expected if "bias" in expected else ():
+        assert "asymmetric_friction" in indistinguishable_models(search, end, name, measured(search))
 
 
 def test_a_part_may_belong_to_the_base_model():
     data = swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.01) + 0.1)
     base = SWING.with_effect(EFFECTS["bias"]())
     search = searched(data, "coulomb_friction", "asymmetric_friction", "bias", base=base)
-    by_name = {one.effect.name: one for one in search.screen(search.start)}
-    end = backward_step(search, search.with_candidate(by_name["asymmetric_friction"]))
+    end = backward_step(search, reached(search, "asymmetric_friction"))
     assert search.added_effects(end) == ["coulomb_friction"]
-    assert list(
-        indistinguishable_models(search, end, "coulomb_friction", identify_measurement_model(data))
-    ) == ["asymmetric_friction"]
+    rivals = indistinguishable_models(search, end, "coulomb_friction", measured(search))
+    assert list(rivals) == ["asymmetric_friction"]
 
 
 def test_a_law_with_more_parameters_takes_no_name_for_a_small_gain():
     """A joint's spring, preloaded, beside a bias that changes by a little over the range."""
     data = swings(1, lambda q, v, a: 0.5 + 0.06 * q, runs=5)
     search = searched(data, "bias", "joint_spring")
-    by_name = {one.effect.name: search.with_candidate(one) for one in search.screen(search.start)}
-    bias, spring = by_name["bias"], by_name["joint_spring"]
+    bias, spring = (reached(search, name) for name in ("bias", "joint_spring"))
     assert 0.91 < spring.solution.held_out / bias.solution.held_out < 0.97
     assert search.added_effects(backward_step(search, bias)) == ["bias"]
     assert search.added_effects(backward_step(search, spring)) == ["bias"]
@@ -131,10 +120,8 @@ def test_dry_friction_rubs_at_the_sides_or_within_the_object_as_the_data_have_it
         rubbing = 0.8 * np.tanh(v / 1e-3)
         return kelvin_voigt(x, v) + rubbing * (x > 0) if pulls else kelvin_voigt(x, v, rubbing)
 
-    base = Model("kelvin_voigt", tuple(EFFECTS[name]() for name in ("stiffness", "damping")))
-    search = searched(session(1, law), "dry_friction", base=base)
-    (tried,) = search.screen(search.start)
-    end = search.with_candidate(tried)
+    search = searched(session(1, law), "dry_friction", base=PRESS)
+    end = reached(search, "dry_friction")
     (friction,) = (one for one in end.solution.model.effects if one.name == "dry_friction")
     assert friction.one_sided is not pulls
     assert end.rmse < 1.1 * NOISE_N
@@ -150,8 +137,7 @@ def test_elasticity_is_as_large_as_it_is_behind_an_acceleration_with_smooth_erro
     made = differentiate(true.time_s, position, true.run, 3)
     data = replace(true, position=position, velocity=made.velocity, acceleration=made.acceleration)
     search = searched(data, "joint_elasticity")
-    (tried,) = search.screen(search.start)
-    found = search.with_candidate(tried).solution.parameters["joint_elasticity.compliance"]
+    found = reached(search, "joint_elasticity").solution.parameters["joint_elasticity.compliance"]
     assert found == pytest.approx(compliance, rel=0.06)
 
 
@@ -279,11 +265,10 @@ def test_an_effect_whose_size_has_zero_size_is_not_established(monkeypatch, gap_
         interval = (value - 2.0 * error, value + 2.0 * error)
         return ParameterEstimate(f"backlash.{name}", "rad", value, error, interval)
 
-    known = [
+    known = (
         one("gap", sign * 0.01, gap_error),
-        one("motor_inertia", 0.4, 0.01),
-        one("motor_friction", 0.4, 0.01),
-    ]
+        *(one(f"motor_{n}", 0.4, 0.01) for n in ("inertia", "friction")),
+    )
     monkeypatch.setattr(acceptance, "estimate_parameters", lambda *_: {each.name: each for each in known})
     assert acceptance._has_zero_size(search.start, end, "backlash") is may_be
 
@@ -320,8 +305,7 @@ def test_fit_is_cached_unless_another_start_lowers_the_error():
     assert search.fitted(ripple, {}) is good
     assert search.refitted(ripple, {"torque_ripple.cycles": 40.0}) is good
     assert search.screen(good) is not beside  # what was tried beside the poor one says nothing now
-    (tried,) = (one for one in search.screen(search.start) if one.effect.name == "torque_ripple")
-    assert search.with_candidate(tried) is good
+    assert reached(search, "torque_ripple") is good
 
 
 def test_an_effect_at_a_wrong_place_is_sought_again_and_leads_smaller_models_along():
