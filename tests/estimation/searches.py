@@ -8,6 +8,7 @@ from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.model import Model
 
 SWING = Model("pendulum", (EFFECTS["pendulum"](), EFFECTS["viscous_friction"]()))
+ROTOR = Model("inertia", (EFFECTS["inertia"](), EFFECTS["viscous_friction"]()))
 PRESS = Model("kelvin_voigt", (EFFECTS["stiffness"](), EFFECTS["damping"]()))
 
 

@@ -9,11 +9,9 @@ from scipy.signal import lfilter
 from palpate.estimation.budget.laws import periodic_columns
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.diagnosis.forms import analyse_kinds, error_of_kinds
-from palpate.estimation.effects import EFFECTS
 from palpate.estimation.kinds import Kind
-from palpate.estimation.model import Model
 from tests.estimation.presses import NOISE_N, K, kelvin_voigt, maxwell, session
-from tests.estimation.searches import PRESS, SWING, searched
+from tests.estimation.searches import PRESS, ROTOR, SWING, searched
 from tests.estimation.swings import swings
 
 pytestmark = pytest.mark.usefixtures("whole_budget")
@@ -146,8 +144,7 @@ def rectangles(sensor, runs=5, seconds=3.0, rate_hz=250.0):
 
 def test_the_law_of_sensor_dynamics_fits_a_model_again_that_a_delay_has_bent():
     """A delay of 0.1 s makes an inertia vanish; what comes late is not what the base model predicts."""
-    rotor = Model("inertia", (EFFECTS["inertia"](), EFFECTS["viscous_friction"]()))
-    partial = analyse_kinds(searched(rectangles(lambda torque, run: late(torque, run, 25)), base=rotor))
+    partial = analyse_kinds(searched(rectangles(lambda torque, run: late(torque, run, 25)), base=ROTOR))
     assert partial.search.start.solution.parameters["inertia.m"] < 0.005  # of 0.05
     first = partial.budget.entries[0]
     assert (first.kind, first.share > 0.8) == (Kind.SENSOR_DYNAMICS, True)

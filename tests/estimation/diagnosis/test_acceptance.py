@@ -19,18 +19,11 @@ from palpate.estimation.diagnosis.acceptance import (
 from palpate.estimation.diagnosis.bootstrap import BootstrapTest
 from palpate.estimation.diagnosis.forms import analyse_kinds, form_tests
 from palpate.estimation.effects import EFFECTS
-from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.kinds import Kind
 from tests.estimation.searches import SWING, measured, reached, searched
 from tests.estimation.swings import swings
 
-SPRING, RUB, RIPPLE, BIAS, SQUARE = (
-    "joint_spring",
-    "coulomb_friction",
-    "torque_ripple",
-    "bias",
-    "quadratic_friction",
-)
+SPRING, RUB, BIAS, SQUARE = "joint_spring", "coulomb_friction", "bias", "quadratic_friction"
 
 
 def strange(q, v, a):
@@ -59,8 +52,8 @@ def searches():
 
     def of(law, base=SWING):
         if law not in made:
-            data = swings(1, LAWS[law])
-            made[law] = searched(data, SPRING, RUB, BIAS, SQUARE, base=base), identify_measurement_model(data)
+            search = searched(swings(1, LAWS[law]), SPRING, RUB, BIAS, SQUARE, base=base)
+            made[law] = search, measured(search)
         return made[law]
 
     return of
@@ -205,10 +198,8 @@ def test_what_needs_more_parameters_to_draw_the_same_is_no_rival(refused, same, 
     data = swings(1, lambda q, v, a: (0.2 + 0.15 * np.exp(-((v / 0.6) ** 2))) * np.tanh(v / 0.01), runs=4)
     others = ("stribeck_friction", "presliding_friction", "load_dependent_friction", SPRING)
     search = searched(data, RUB, *others)
-    assert (
-        indistinguishable_models(search, reached(search, RUB), RUB, identify_measurement_model(data)).keys()
-        == found
-    )
+    rivals = indistinguishable_models(search, reached(search, RUB), RUB, measured(search))
+    assert rivals.keys() == found
 
 
 def curve(values):
@@ -256,15 +247,13 @@ def test_a_whole_is_stated_also_if_a_rival_of_its_part_is_in_the_model():
     wide = swings(2)
     q, v, a = 0.1 * wide.position, 0.1 * wide.velocity, 0.1 * wide.acceleration
     rubbed = np.where(v > 0.0, 0.1, -0.5)
-    torque = (
-        0.05 * a + 2.0 * np.sin(q) + 0.15 * v + rubbed + np.random.default_rng(1).normal(0.0, 0.02, len(q))
-    )
+    noise = np.random.default_rng(1).normal(0.0, 0.02, len(q))
+    torque = 0.05 * a + 2.0 * np.sin(q) + 0.15 * v + rubbed + noise
     small = replace(wide, position=q, velocity=v, acceleration=a, effort=torque)
     search = searched(small, "coulomb_friction", "gravity_tilt", "bias", "asymmetric_friction")
     fit = reached(search, "coulomb_friction", "gravity_tilt")
-    assert {"bias", "asymmetric_friction"} <= set(
-        indistinguishable_models(search, fit, "gravity_tilt", measured(search))
-    )
+    rivals = indistinguishable_models(search, fit, "gravity_tilt", measured(search))
+    assert {"bias", "asymmetric_friction"} <= set(rivals)
 
 
 def test_parts_that_are_fewer_than_their_whole_are_held_against_it():

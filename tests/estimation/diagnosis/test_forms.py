@@ -20,9 +20,8 @@ from palpate.estimation.diagnosis.verdict import Evidence
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.kinds import Kind
-from palpate.estimation.model import Model
 from tests.estimation.contact_data import channel
-from tests.estimation.searches import PRESS, SWING, measured, reached, searched
+from tests.estimation.searches import PRESS, ROTOR, SWING, measured, reached, searched
 from tests.estimation.swings import NOISE_NM, one_way_turns, swings
 
 TISSUE_NOISE_N = 5e-3
@@ -147,9 +146,7 @@ def test_a_form_is_known_that_takes_most_of_its_law_and_closed_where_the_law_add
 def test_a_form_is_exact_if_only_noise_is_left_and_no_law_of_any_kind_replaces_it(
     monkeypatch, complete, added, rivals, kinds, form
 ):
-    test = FormTest(
-        RUB, Kind.FRICTION, explained_by_effect=1.0, explained_by_law=1.0, added_by_law=added, unexplained=0.1
-    )
+    test = FormTest(RUB, Kind.FRICTION, 1.0, 1.0, added_by_law=added, unexplained=0.1)
     evidence = Evidence(None, None, None, complete, None, [test])
     vars(evidence).update(leaves_only_noise=complete, rivals={RUB: rivals}, replacing_kinds={RUB: kinds})
     monkeypatch.setattr(Evidence, "_is_resolved", lambda *_: True)
@@ -177,15 +174,7 @@ def test_the_law_of_its_own_kind_adds_nothing_to_a_true_form_and_something_to_a_
 
 @pytest.mark.parametrize(("added", "imitation"), [(0.019, False), (0.021, True)])
 def test_a_sensors_fault_imitates_if_its_law_adds_a_part_of_what_it_explains_in_the_model(added, imitation):
-    test = FormTest(
-        "bias",
-        Kind.SENSOR_STATICS,
-        explained_by_effect=0.1,
-        explained_by_law=0.1,
-        added_by_law=added,
-        unexplained=0.1,
-        explained=2.0,
-    )
+    test = FormTest("bias", Kind.SENSOR_STATICS, 0.1, 0.1, added_by_law=added, unexplained=0.1, explained=2.0)
     assert not test.is_closed
     assert test.is_imitation is imitation
 
@@ -245,12 +234,17 @@ def test_forms_that_together_leave_as_little_as_the_laws_of_their_kinds_bear_the
         assert search.added_effects(known) == names
 
 
+def deep_presses(curvature=0.0):
+    """Presses of a spring whose displacement counts from elsewhere, 16 mm above its surface."""
+    x, run = np.tile(np.linspace(18e-3, 38e-3, 400), 3), np.repeat(np.arange(3), 400)
+    v, noise = np.array([1e-3, 2e-3, 4e-3])[run], np.random.default_rng(0).normal(0.0, 0.3, 1200)
+    force = 3e4 * (x - 16e-3) + curvature * (x - 18e-3) ** 2 + noise
+    return channel(force, x, v, (x - 18e-3) / v + 100.0 * run, run=run)
+
+
 def test_what_the_reader_and_the_object_draw_alike_is_the_object_s(whole_budget):
-    """A press whose displacement counts from elsewhere: a dead band of the reader draws nearly the same."""
-    depth, run = np.linspace(18e-3, 38e-3, 400), np.repeat(np.arange(3), 400)
-    x, v = np.tile(depth, 3), np.array([1e-3, 2e-3, 4e-3])[run]
-    force = 3e4 * (x - 16e-3) + 1e5 * (x - 18e-3) ** 2 + np.random.default_rng(0).normal(0.0, 0.3, 1200)
-    data = channel(force, x, v, (x - depth[0]) / v + 100.0 * run, run=run)
+    """A dead band of the reader draws nearly the same."""
+    data = deep_presses(1e5)
     for names in (("deadband",), ("deadband", "contact_offset")):
         search = searched(data, *names, base=PRESS)
         end, _ = accept_forms(search, analyse_kinds(search), reached(search, "deadband"), measured(search))
@@ -258,12 +252,8 @@ def test_what_the_reader_and_the_object_draw_alike_is_the_object_s(whole_budget)
 
 
 def test_in_a_complete_model_too_the_object_s_effect_bears_the_name_of_what_both_draw():
-    """A spring whose surface lies elsewhere, read well: a dead band of the reader draws the same line."""
-    depth, run = np.linspace(18e-3, 38e-3, 400), np.repeat(np.arange(3), 400)
-    x, v = np.tile(depth, 3), np.array([1e-3, 2e-3, 4e-3])[run]
-    force = 3e4 * (x - 16e-3) + np.random.default_rng(0).normal(0.0, 0.3, 1200)
-    data = channel(force, x, v, (x - depth[0]) / v + 100.0 * run, run=run)
-    search = searched(data, "deadband", "contact_offset", base=PRESS)
+    """The surface was read well: a dead band of the reader draws the same line."""
+    search = searched(deep_presses(), "deadband", "contact_offset", base=PRESS)
     end = most_parsimonious(search, reached(search, "deadband"), measured(search), lambda _: True)
     assert search.added_effects(end) == ["contact_offset"]
 
@@ -271,8 +261,7 @@ def test_in_a_complete_model_too_the_object_s_effect_bears_the_name_of_what_both
 @pytest.mark.parametrize("rest", [0.0, 0.4])  # of another kind, so that the model stays incomplete
 def test_in_a_motion_that_never_reverses_friction_and_bias_are_one_curve_and_both_are_stated(rest):
     data = one_way_turns(lambda q, v: 0.8 + rest * np.sin(3.0 * q + v))
-    base = Model("inertia", (EFFECTS["inertia"](), EFFECTS["viscous_friction"]()))
-    told = decide(data, base, "bias", "coulomb_friction", "joint_spring")
+    told = decide(data, ROTOR, "bias", "coulomb_friction", "joint_spring")
     assert told.verdict is Verdict.MISSING
     ((name, others),) = ((entry.effect, entry.confused_with) for entry in told.accepted)
     assert (name, others) == ("coulomb_friction", ["bias"])
@@ -286,13 +275,7 @@ def test_over_a_short_way_a_weight_is_a_spring_and_both_are_stated_if_something_
     noise = np.random.default_rng(5).normal(0.0, 0.02, len(q))
     torque = 0.05 * a + 0.15 * v + 2.0 * np.sin(q) + 2.0 * strange(q, v, a) + noise
     data = replace(wide, position=q, velocity=v, acceleration=a, effort=torque)
-    told = decide(
-        data,
-        Model("inertia", (EFFECTS["inertia"](), EFFECTS["viscous_friction"]())),
-        "joint_spring",
-        "weight",
-        "bias",
-    )
+    told = decide(data, ROTOR, "joint_spring", "weight", "bias")
     (entry,) = told.accepted
     assert {entry.effect, *entry.confused_with} == {"joint_spring", "weight"}
     assert set(told.next_experiment.separates) == {"joint_spring", "weight"}

@@ -25,14 +25,9 @@ class SearchedModels:
         if names not in self._known:
             self.fits.append("".join(sorted(names)))
             left = self._left.get(names, 100.0)
+            more = {"floor": lambda: self._floor, "explainable_share": lambda: self._smooth}
             solution = SimpleNamespace(held_out=left, model=names, parameters={})
-            self._known[names] = SimpleNamespace(
-                names=names,
-                solution=solution,
-                rmse=left,
-                floor=lambda: self._floor,
-                explainable_share=lambda: self._smooth,
-            )
+            self._known[names] = SimpleNamespace(names=names, solution=solution, rmse=left, **more)
         return self._known[names]
 
     def __getattr__(self, name):

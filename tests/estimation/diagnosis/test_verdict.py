@@ -29,13 +29,12 @@ from palpate.estimation.diagnosis.verdict import (
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import final_solution, fit_model
 from palpate.estimation.fit.intervals import estimate_parameters
-from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.fit.measurement_noise import MeasurementNoise, NoiseSource
 from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model
 from tests.estimation.contact_data import channel
 from tests.estimation.presses import NOISE_N, kelvin_voigt, session
-from tests.estimation.searches import PRESS, SWING, reached, searched
+from tests.estimation.searches import PRESS, ROTOR, SWING, measured, reached, searched
 from tests.estimation.swings import DAMPING, NOISE_NM, no_torque, swings
 
 BOTH = ("joint_spring", "coulomb_friction")  # the most telling first
@@ -45,7 +44,7 @@ BOTH = ("joint_spring", "coulomb_friction")  # the most telling first
 def swung():
     data = swings(1, lambda q, v, a: 0.1 * np.tanh(v / 0.02) + 6.0 * q)
     search = searched(data, "coulomb_friction", "joint_spring", "bias")
-    return search, reached(search, *BOTH), identify_measurement_model(data)
+    return search, reached(search, *BOTH), measured(search)
 
 
 def said(swung, *, complete, residual_finding=None, nothing=False):
@@ -178,7 +177,7 @@ def test_report_states_the_amplitude_of_sensor_hum(hum_n):
     hum = np.sqrt(2.0) * hum_n
     data = session(2, lambda t, x, v, run: kelvin_voigt(x, v) + hum * np.sin(2.0 * np.pi * 7.3 * t))
     search = searched(data, "cubic_stiffness")
-    told = decide_verdict(Evidence(search, identify_measurement_model(data), search.start, True, None))
+    told = decide_verdict(Evidence(search, measured(search), search.start, True, None))
     assert told.verdict is Verdict.ADEQUATE
     found = re.search(r"; 0.3 N of the noise oscillates at (\S+) Hz, in free air too", told.reason)
     assert (float(found[1]) if found else None) == (pytest.approx(7.3, abs=0.05) if hum_n else None)
@@ -190,10 +189,8 @@ def test_remaining_error_is_reported_with_its_signals(known):
     assert found.noise_floor < 0.5 * end.rmse
     assert found.remaining.times_floor == pytest.approx(end.rmse / found.noise_floor)
     assert found.depends_on == found.remaining.depends_on == end.depends_on != []
-    assert (
-        f"{end.rmse / found.noise_floor:.2g} times the noise, and depends on {found.depends_on[0]}"
-        in found.reason
-    )
+    times = f"{end.rmse / found.noise_floor:.2g} times the noise"
+    assert f"{times}, and depends on {found.depends_on[0]}" in found.reason
     assert found.next_experiment.purpose.endswith(", ".join(found.depends_on))
     assert known(complete=True, nothing=True)[0].verdict is Verdict.ADEQUATE
 
@@ -205,21 +202,18 @@ def test_residual_finding_states_the_remaining_error_and_noise_is_model_independ
     assert found.reason.endswith("; run 2 is off")
     assert found.depends_on == ["run"]
     assert found.next_experiment.purpose.endswith("run")
-    told = [
-        known(**what)[0]
-        for what in ({"complete": True}, {"complete": False}, {"complete": False, "nothing": True})
-    ]
+    given = {"complete": True}, {"complete": False}, {"complete": False, "nothing": True}
+    told = [known(**what)[0] for what in given]
     assert len({(one.noise_floor, one.floor.source, one.floor.at_most) for one in told}) == 1
 
 
 def test_candidates_that_lower_the_error_alone_are_ranked_by_the_error_that_each_leaves():
     """Screened on blocks of ten samples, of which a sketch is made; the error is that of single samples."""
     data = swings(1, lambda q, v, a: 0.1 * np.tanh(v / 0.02), rate_hz=1000.0)
-    search = searched(
-        data, "bias", "viscous_friction", "coulomb_friction", "dry_friction", "asymmetric_friction"
-    )
+    frictions = (f"{name}_friction" for name in ("viscous", "coulomb", "dry", "asymmetric"))
+    search = searched(data, "bias", *frictions)
     assert search.coarse is not None
-    found = decide_verdict(Evidence(search, identify_measurement_model(data), search.start, True, None))
+    found = decide_verdict(Evidence(search, measured(search), search.start, True, None))
     names, errors = zip(*((one.effect, one.rmse_held_out) for one in found.ranking), strict=True)
     assert "coulomb_friction" in names
     assert "bias" not in names  # hardly lowers the error
@@ -251,11 +245,8 @@ def test_indistinguishable_effects_are_listed_with_a_separating_experiment(scale
     noise = 0.1 * NOISE_NM * np.random.default_rng(0).standard_normal(len(made))
     torque = 0.05 * made.acceleration + 0.15 * made.velocity + 2.0 * np.sin(made.position) + noise
     data = replace(made, effort=torque)
-    base = Model("inertia", (EFFECTS["inertia"](), EFFECTS["viscous_friction"]()))
-    search = searched(data, "weight", "joint_spring", base=base)
-    found = decide_verdict(
-        Evidence(search, identify_measurement_model(data), reached(search, "weight"), True, None)
-    )
+    search = searched(data, "weight", "joint_spring", base=ROTOR)
+    found = decide_verdict(Evidence(search, measured(search), reached(search, "weight"), True, None))
     (entry,) = found.accepted
     assert (entry.effect, entry.confused_with) == ("weight", confused)
     assert ("with weight (indistinguishable from joint_spring), and" in found.reason) == bool(confused)
@@ -344,7 +335,7 @@ def test_run_to_run_variation_is_reported_with_its_spread(name):
     assert told.std_err == pytest.approx(told.value / np.sqrt(10.0))
     assert told.unit == unit
     assert found.rmse == pytest.approx(NOISE_N, rel=0.15)
-    entry = decide_verdict(Evidence(search, identify_measurement_model(data), found, True, None)).accepted[0]
+    entry = decide_verdict(Evidence(search, measured(search), found, True, None)).accepted[0]
     assert entry.parameters["spread"] == told
 
 
@@ -375,17 +366,9 @@ def test_a_kind_without_a_name_has_no_share_of_what_a_named_effect_takes():
 
 def test_at_most_three_candidates_are_fitted_alone():
     data = swings(1, lambda q, v, a: 0.5 * np.tanh(v / 0.02) + 6.0 * q)
-    names = (
-        "coulomb_friction",
-        "asymmetric_friction",
-        "stribeck_friction",
-        "joint_spring",
-        "cubic_stiffness",
-    )
-    search = searched(data, *names)
-    evidence = Evidence(
-        search, identify_measurement_model(data), search.start, complete=False, residual_finding=None
-    )
+    frictions = (f"{name}_friction" for name in ("coulomb", "asymmetric", "stribeck"))
+    search = searched(data, *frictions, "joint_spring", "cubic_stiffness")
+    evidence = Evidence(search, measured(search), search.start, complete=False, residual_finding=None)
     possible = [candidate for candidate in search.screen(search.start) if candidate.possible]
     assert len(possible) > 3
     assert len(evidence.single_effects) == 3

@@ -44,17 +44,8 @@ def signals(data):
     direction = turned(v, 0.02)
     since = t - np.array([t[blocked.run == run][0] for run in blocked.run])
     done = np.cumsum(np.abs(e * v))
-    own = {
-        "t": t,
-        "x": x,
-        "v": v,
-        "a": a,
-        "e": e,
-        "s": direction,
-        "since": since,
-        "work": done,
-        "run": blocked.run,
-    }
+    own = {"t": t, "x": x, "v": v, "a": a, "e": e, "s": direction, "run": blocked.run}
+    own |= {"since": since, "work": done}
     own |= {name: blocked.reduce(data.context[name]) for name in data.context}
     return blocked, own
 
