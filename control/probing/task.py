@@ -79,7 +79,9 @@ class ProbingTask:
         axis_tip = frozen_array(sensor_axis_tip, (3,))
         self._control = HybridController(body, axis_tip, gains, plan.hold_law, estimated)
         feedforward = gains.contact.force_feedforward
-        self._disturbance = DisturbanceObserver(body, gains.witness, plan.force_limit_n, feedforward)
+        self._disturbance = DisturbanceObserver(
+            body, gains.disturbance_observer, plan.force_limit_n, feedforward
+        )
         self._gains = gains
         self._plan = plan
         self._limits_rad = position_limits_rad or body.position_limits_rad

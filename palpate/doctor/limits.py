@@ -18,7 +18,7 @@ _WEIGHTS = 10.0  # multiple of the arm's largest gravity torque, enough for all 
 _SPEEDS = 2.0  # multiple of the URDF's speed, above the speed that a servo can reach
 _WIDE_TRACKING_RAD, _NO_TRACKING_RAD = 0.3, 1.0
 _ROUNDING_RAD = 1e-3
-_LATCHES = ("deaf_drive_s", "stuck_encoder_s", "stuck_force_s")
+_LATCHES = ("unresponsive_drive_s", "stuck_encoder_s", "stuck_force_s")
 _LONG_LATCH_S, _NO_LATCH_S = 0.1, 1.0
 _WARN, _FAIL = Level.WARN, Level.FAIL
 

@@ -5,7 +5,7 @@ from typing import Annotated, NamedTuple
 
 from pydantic import Field, model_validator
 
-from palpate.robot_io.files.file_model import FileModel, NotNegative, Number, Positive
+from palpate.robot_io.files.file_model import FileModel, NotNegative, Number, Positive, rename_key
 from palpate.robot_io.types import FloatArray, Measurement, Status
 
 # Bounds beyond any arm that this guard is for: a limit past them would be no limit.
@@ -16,7 +16,7 @@ Speed = Annotated[Positive, Field(le=100.0)]
 Distance = Annotated[Positive, Field(le=2.0)]
 Force = Annotated[Positive, Field(le=5000.0)]
 Age = Annotated[Positive, Field(le=10.0)]
-Patience = Annotated[Positive, Field(le=10.0)]
+FaultDuration = Annotated[Positive, Field(le=10.0)]
 
 
 class Limits(FileModel):
@@ -34,16 +34,21 @@ class Limits(FileModel):
     torque_age_s: Age  # oldest measured torque that is still acted on [s]
     force_age_s: Age  # oldest force that is still acted on [s]
     # How long a drive may measure less than half of any recently sent torque [s].
-    deaf_drive_s: Patience = 0.01
+    unresponsive_drive_s: FaultDuration = 0.01
     # How long an encoder may be constant while its reference and its drive's torque change [s].
-    stuck_encoder_s: Patience = 0.02
+    stuck_encoder_s: FaultDuration = 0.02
     # How long a force sensor that never did so before may repeat one value while the arm moves [s].
-    stuck_force_s: Patience = 0.02
+    stuck_force_s: FaultDuration = 0.02
 
     @property
     def joint_count(self) -> int:
         """Number of joints n."""
         return len(self.torque_nm)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _accept_former_key(cls, data: object) -> object:
+        return rename_key(data, "deaf_drive_s", "unresponsive_drive_s")
 
     @model_validator(mode="after")
     def _check_consistency(self) -> "Limits":

@@ -320,7 +320,7 @@ _PAUSE_S = 0.1  # time without a command after which the next command counts as 
 
 _DRIVE_REMEDY = (
     "check its supply and connectors, and restart it; palpate doctor checks it; if it follows commands and "
-    "only reports its torque wrongly, raise limits.deaf_drive_s"
+    "only reports its torque wrongly, raise limits.unresponsive_drive_s"
 )
 
 
@@ -398,11 +398,11 @@ class UnresponsiveDrives:
     """Tracks each drive's commands, and how long its readings have contradicted them.
 
     Args:
-        limits: `deaf_drive_s` is the time; thresholds are shares of the torque limits.
+        limits: `unresponsive_drive_s` is the time; thresholds are shares of the torque limits.
     """
 
     def __init__(self, limits: Limits) -> None:
-        self._time_s = limits.deaf_drive_s
+        self._time_s = limits.unresponsive_drive_s
         self._torques_nm = limits.torque_nm
         self.restart()
 
@@ -436,7 +436,7 @@ class UnresponsiveDrives:
             measurement: measurement of this tick.
 
         Returns:
-            The problem of the first drive that has not obeyed for `deaf_drive_s`, or None.
+            The problem of the first drive that has not obeyed for `unresponsive_drive_s`, or None.
         """
         sampled_at_s = measurement.torque_at_s
         if not (sampled_at_s > self._sampled_at_s and sampled_at_s - self._sent_at_s <= _PAUSE_S):

@@ -127,7 +127,9 @@ class TestOnTheReferencePlant:
 
     def test_what_the_controller_leaves_to_the_pid_is_no_contradiction(self):
         contact = Gains().contact.model_copy(update={"force_feedforward": 0.0})
-        _, record = self.run(Gains(contact=contact, witness=DisturbanceObserverGains(share=0.1, floor_n=2.5)))
+        _, record = self.run(
+            Gains(contact=contact, disturbance_observer=DisturbanceObserverGains(share=0.1, floor_n=2.5))
+        )
         assert record.kinds()[-1] == "probing_done"
 
     def test_a_late_tick_is_no_contradiction(self):
@@ -145,7 +147,7 @@ class TestOnTheReferencePlant:
 
     def test_the_threshold_is_the_robot_files(self):
         with pytest.raises(SafetyTripError, match="joint torques indicate"):
-            self.run(Gains(witness=DisturbanceObserverGains(share=0.0, floor_n=0.05)))
+            self.run(Gains(disturbance_observer=DisturbanceObserverGains(share=0.0, floor_n=0.05)))
 
 
 def test_the_mass_that_the_tip_has_is_that_of_the_mass_matrix():
@@ -154,3 +156,7 @@ def test_the_mass_that_the_tip_has_is_that_of_the_mass_matrix():
     lever_m = np.array([0.0, 0.6, 0.8]) @ body.tip_jacobian(position)[:3]
     pushed = np.linalg.solve(body.mass_matrix(position), lever_m)
     assert body.effective_mass(position, lever_m) == pytest.approx(1.0 / (lever_m @ pushed), rel=1e-9)
+
+
+def test_former_key_of_the_gains_is_accepted():
+    assert Gains.model_validate({"witness": {"share": 0.1}}).disturbance_observer.share == 0.1

@@ -306,8 +306,8 @@ def test_what_fails_on_the_force_sensor_s_bus_is_not_blamed_on_encoders():
     old = rest._replace(time_s=2e-3, encoder_status=Status.FAULT, force_status=Status.FAULT)
 
     def finding(device, bus, failed):
-        complaint = "the port was unplugged" if bus in failed else None
-        return arm_check._device([(rest, set()), (old, failed)], complaint, device, bus, 5e-3)
+        fault_text = "the port was unplugged" if bus in failed else None
+        return arm_check._device([(rest, set()), (old, failed)], fault_text, device, bus, 5e-3)
 
     assert finding("encoder", "motors", {"load_cell"}).level is Level.OK
     force = finding("force", "load_cell", {"load_cell"})
@@ -343,11 +343,11 @@ def limit_findings(robot_file):
         ("tracking_rad: [0.1,", "tracking_rad: [2.0,", "tracking limits", Level.FAIL, "2 rad"),
         ("tracking_rad: [0.1,", "tracking_rad: [0.5,", "tracking limits", Level.WARN, "0.5 rad"),
         ("[0.5, 0.25, 0.03]", "[0.0, 0.0, 0.0]", "braking", Level.WARN, "damping 0, 0, 0"),
-        ("force_n:", "deaf_drive_s: 10\n  force_n:", "deaf_drive_s", Level.FAIL, "10000 ms"),
+        ("force_n:", "unresponsive_drive_s: 10\n  force_n:", "unresponsive_drive_s", Level.FAIL, "10000 ms"),
         ("force_n:", "stuck_encoder_s: 10\n  force_n:", "stuck_encoder_s", Level.FAIL, "10000 ms"),
         ("force_n:", "stuck_force_s: 10\n  force_n:", "stuck_force_s", Level.FAIL, "10000 ms"),
         ("force_n:", "stuck_force_s: 0.3\n  force_n:", "stuck_force_s", Level.WARN, "300 ms"),
-        ("force_n:", "deaf_drive_s: 1e-9\n  force_n:", "deaf_drive_s", Level.FAIL, "than a tick of 1 ms"),
+        ("force_n:", "unresponsive_drive_s: 1e-9\n  force_n:", "unresponsive_drive_s", Level.FAIL, "tick"),
     ],
 )  # fmt: skip
 def test_ineffective_limit_is_detected(old, new, subject, level, words):

@@ -157,7 +157,7 @@ class ServoPairs:
         in_pair = [0.5 if joint in self.joints else 1.0 for joint in range(self.joint_count)]
         self._share = self.repeat_for_servos(in_pair)
         self._floor_nm = [_FLOOR_SHARE * limits.torque_nm[joint] for joint in self.joints]
-        self._time_s = limits.deaf_drive_s
+        self._time_s = limits.unresponsive_drive_s
         self.restart()
 
     def restart(self) -> None:
@@ -275,7 +275,7 @@ class ServoPairs:
         return None
 
     def torque_difference(self, torque_nm: FloatArray, time_s: float) -> str | None:
-        """Name a pair whose torques have differed for `deaf_drive_s`.
+        """Name a pair whose torques have differed for `unresponsive_drive_s`.
 
         Args:
             torque_nm: Measured torques of all servos (m) [N m].

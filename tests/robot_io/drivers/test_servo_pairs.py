@@ -95,7 +95,7 @@ def test_a_dynamixel_that_pulls_otherwise_is_named_while_positions_stay_sound(ma
     arm.inject_fault("motors", kind, device=4)
     began_s = arm.clock.now_s()
     arm.ticks_until(lambda _: arm.problem, 20, torque_nm)
-    assert 0.008 < arm.clock.now_s() - began_s < 0.013  # deaf_drive_s is 10 ms
+    assert 0.008 < arm.clock.now_s() - began_s < 0.013  # unresponsive_drive_s is 10 ms
     assert "servos 1 and 4 (joint 1) exert " in arm.problem
     assert "both were sent the same" in arm.problem
     measurement = arm.tick(torque_nm)

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from palpate.robot_io.guard import Limits, SafeState
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "reference" / "robot-file.md"
-FAULT_TIMES = ("deaf_drive_s", "stuck_encoder_s", "stuck_force_s")
+FAULT_TIMES = ("unresponsive_drive_s", "stuck_encoder_s", "stuck_force_s")
 
 
 @pytest.mark.parametrize("key", FAULT_TIMES)
@@ -21,7 +21,7 @@ def test_a_limit_that_may_be_left_out_is_documented_with_its_value(key):
 EDGES = [  # a value that is still a limit, and beyond which there would be none
     *(("torque_nm", 1e4), ("torque_rate_nm_s", 1e7), ("position_min_rad", -100.0)),
     *(("position_max_rad", 100.0), ("velocity_rad_s", 100.0), ("force_n", 5000.0), ("tracking_rad", 2.0)),
-    *(("encoder_age_s", 10.0), ("torque_age_s", 10.0), ("force_age_s", 10.0), ("deaf_drive_s", 10.0)),
+    *(("encoder_age_s", 10.0), ("torque_age_s", 10.0), ("force_age_s", 10.0), ("unresponsive_drive_s", 10.0)),
     *(("stop_time_s", 10.0), ("lower_time_s", 10.0), ("lower_speed_rad_s", 2.0)),
 ]
 LIMITS = {key: 0.1 if key.endswith("_s") else (1.0,) for key in Limits.model_fields}
@@ -51,3 +51,9 @@ def test_an_arm_is_lowered_as_documented_and_positions_need_room():
     safe_state = SafeState(**SAFE_STATE)
     assert safe_state.lower_time_s == float(lower_time_s)
     assert safe_state.lower_time_s * safe_state.lower_speed_rad_s < 1.0  # it is let down, not far
+
+
+def test_former_key_of_a_limit_is_accepted():
+    values = {key: value for key, value in LIMITS.items() if key != "unresponsive_drive_s"}
+    assert Limits(**values, deaf_drive_s=0.3).unresponsive_drive_s == 0.3
+    assert Limits(**LIMITS, deaf_drive_s=0.3).unresponsive_drive_s == 0.1

@@ -202,7 +202,13 @@ NAMED = {  # changed limits, what is shown, what is sent, ticks a sample; the fi
     ),
     "pushes the other way": ({}, lambda: deaf(300, turns=-1.0), lambda k: 1.0, 1, (300, 312)),
     "a constant that is wrong by a fifth": ({}, lambda: deaf(700, gain=0.8), lambda k: 4.0, 1, (700, 712)),
-    "the time of the robot file": ({"deaf_drive_s": 0.04}, lambda: deaf(300), lambda k: 3.0, 1, (340, 342)),
+    "the time of the robot file": (
+        {"unresponsive_drive_s": 0.04},
+        lambda: deaf(300),
+        lambda k: 3.0,
+        1,
+        (340, 342),
+    ),
     "the fifth of few samples": ({}, lambda: deaf(300), lambda k: 3.0, 8, (304 + 4 * 8,) * 2),
     "noise, and a large torque": ({}, lambda: deaf(300, noise=0.3), lambda k: 3.2, 1, (301, 400)),
     **{  # what was sent before excuses it for a while

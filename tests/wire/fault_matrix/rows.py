@@ -165,7 +165,7 @@ _IDLE = (
     "the tool hangs straight down and its drive gets no torque command, so a missing torque does no harm "
     "until the arm presses"
 )
-_DEAF, _FROZEN_ENCODER, _FROZEN_FORCE = "deaf_drive_s", "stuck_encoder_s", "stuck_force_s"
+_UNRESPONSIVE, _FROZEN_ENCODER, _FROZEN_FORCE = "unresponsive_drive_s", "stuck_encoder_s", "stuck_force_s"
 BRAKED = 310.0  # [ms]: the safe state brakes for 300
 OLD, OLD_OFF = 6, 8  # an age limit of 5 ms, and the tick in which it is seen
 
@@ -248,7 +248,7 @@ _MOTOR_ROWS = {
         (2, 52, "bus-off, the adapter has left the bus", _CUT_OFF),
         _STUCK_ENCODER,
     ),
-    "mit": _mit_mode("6 or 8", (12, BRAKED + 12, "joint 1: its drive exerts", "", _DEAF)),
+    "mit": _mit_mode("6 or 8", (12, BRAKED + 12, "joint 1: its drive exerts", "", _UNRESPONSIVE)),
     "damiao": _mit_mode("8", _LEFT),
     "robstride": _mit_mode("8", _LEFT, "over temperature"),
     "moteus": _mit_mode("24", _LEFT, "over temperature", "moteus"),
@@ -285,8 +285,14 @@ _PAIR_ROWS = {
         (1, "first servo's horn slips", K.SLIPPED, MOVING_S, (2, 3, _APART)),
         (4, "second servo's horn slips", K.SLIPPED, MOVING_S, (2, 3, _APART)),
         (4, "second servo's encoder stuck", K.STUCK, FAST_S, (60, 62, _APART[:-1], _TURNS, _TOLERANCE)),
-        (4, "second servo exerts nothing", K.LIMP, FAST_S, (12, BRAKED + 12, _PULL, "", _DEAF)),
-        (4, "second servo opposes the first", K.REVERSED, FAST_S, (12, BRAKED + 12, _PULL, "", _DEAF)),
+        (4, "second servo exerts nothing", K.LIMP, FAST_S, (12, BRAKED + 12, _PULL, "", _UNRESPONSIVE)),
+        (
+            4,
+            "second servo opposes the first",
+            K.REVERSED,
+            FAST_S,
+            (12, BRAKED + 12, _PULL, "", _UNRESPONSIVE),
+        ),
     ),
     "feetech_pair": (
         (7, "second servo silent", K.DROP, MOVING_S, (*_FEETECH_OLD, "servo 7 did not answer", LAST_SEEN)),
@@ -439,7 +445,7 @@ def _rows() -> Iterator[Row]:
             joint, at_s = (0, FAST_S) if kind is K.STUCK else (2, MOVING_S)
             if _HEARTBEAT in ends:
                 at_s += TICK_S  # the last heartbeat has just come
-            if _DEAF in ends:
+            if _UNRESPONSIVE in ends:
                 joint = 0  # which carries the arm
             yield _wire_row(family, name, kind, at_s, ends, details | _whose(family, kind, joint))
         if family == "mit":
@@ -464,7 +470,7 @@ def _rows() -> Iterator[Row]:
 def _mit_rows() -> Iterator[Row]:
     """What a motor that has restarted does is not the same for all of them."""
     name, back_at_once = "reboot, back at once", {"times": 1, "delay_s": 0.001, "device": 3}
-    idle = (1680, BRAKED + 1680, "joint 3 is 0.1", _IDLE, _DEAF)
+    idle = (1680, BRAKED + 1680, "joint 3 is 0.1", _IDLE, _UNRESPONSIVE)
     yield _wire_row("mit", f"{name}; without a load", K.REBOOT, MOVING_S, idle, back_at_once)
     mute = (OLD, BRAKED, "joint 3 (motor 3): nothing valid for")
     row = _wire_row("mit", f"{name}; silent until it enters the mode", K.REBOOT, MOVING_S, mute, back_at_once)
