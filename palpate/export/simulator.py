@@ -83,7 +83,11 @@ def write_simulator(
         text, place = (mounted.urdf, mounted.origin) if patch is None else (_patch_text(patch), str(patch))
         folder = _folder_of_meshes(Path(place), path)
         if target is SimulatorFormat.MJCF:
-            patched = patch_mjcf(text, place, arm, mounting, by_name=body is not None, folder=folder)
+            gain = joints[0].servo_gain_nm_rad
+            named = body is not None
+            patched = patch_mjcf(
+                text, place, arm, mounting, by_name=named, folder=folder, servo_gain_nm_rad=gain
+            )
         else:
             patched = patch_urdf(text, place, arm, mounting, folder=folder)
         texts, used = {path: patched.text}, list(patched.used)

@@ -19,6 +19,7 @@ _SMALL_INERTIA = "1e-9"  # inertia of a point mass, which must not be zero in ei
 _SMALL_ARMATURE = 1e-5  # inertia between the flanks of a gap, which MuJoCo needs [kg m^2]
 _JOINTS = ("hinge", "slide")
 _SCALED = ("motor", "general")  # actuators whose force is a gain times the control
+_SERVO_GAINS = (("kp", "1"), ("kv", "0"))  # of a <position> actuator, with MuJoCo's defaults
 _PASSIVE = ("armature", "damping", "frictionloss", "stiffness")
 
 
@@ -42,7 +43,14 @@ class Patched:
 
 
 def patch_mjcf(
-    text: str, place: str, arm: TargetArm, mounting: Mounting, *, by_name: bool, folder: str = "."
+    text: str,
+    place: str,
+    arm: TargetArm,
+    mounting: Mounting,
+    *,
+    by_name: bool,
+    folder: str = ".",
+    servo_gain_nm_rad: float | None = None,
 ) -> Patched:
     """Write the values of an arm into the text of an MJCF.
 
@@ -55,6 +63,7 @@ def patch_mjcf(
         mounting: mounting of the arm.
         by_name: find joints by their names; otherwise the n-th hinge or slide joint is joint n.
         folder: path from the folder of the copy to that of the original, where its meshes are.
+        servo_gain_nm_rad: gain of position servos whose torques were not measured [N m/rad], or None.
 
     Raises:
         InputError: the file cannot be read, is no MJCF, lacks a joint, or includes files and goes elsewhere.
@@ -63,7 +72,10 @@ def patch_mjcf(
     rebase_mjcf(root, place, folder)
     model = _Mjcf(place, root)
     for joint in arm.joints:
-        model.set_joint(model.joint(joint, by_name=by_name), joint)
+        element = model.joint(joint, by_name=by_name)
+        model.set_joint(element, joint)
+        if servo_gain_nm_rad is not None:
+            model.check_servo(element, joint, servo_gain_nm_rad)
     if (tilt := arm.arm.get("tilt_rad")) is not None:
         from scipy.spatial.transform import Rotation  # noqa: PLC0415, slow to import
 
@@ -280,13 +292,35 @@ class _Mjcf:
             )
             self.left_out.append(f"{joint.channel}: {line}")
 
-    def _scale_actuators(self, element: Element, joint: TargetJoint, factor: float) -> None:
-        actuators = [
+    def check_servo(self, element: Element, joint: TargetJoint, gain_nm_rad: float) -> None:
+        """Report where the joint's <position> actuator contradicts a fit to goals and positions.
+
+        Args:
+            element: hinge or slide joint.
+            joint: the joint's values in this format.
+            gain_nm_rad: gain of the servo [N m/rad].
+        """
+        for each in self._actuators(element):
+            if each.tag != "position":
+                continue
+            kp, kv = (self._numbers(each, name, self.value(each, name, no))[0] for name, no in _SERVO_GAINS)
+            if abs(kp - gain_nm_rad) > 1e-3 * gain_nm_rad:
+                line = f"kp {kp:g} of <position> is kept, but the servo's gain is {gain_nm_rad:g}"
+                self.left_out.append(f"{joint.channel}: {line}")
+            if kv:
+                line = f"kv {kv:g} of <position> is kept, but the fitted damping already includes the servo's"
+                self.left_out.append(f"{joint.channel}: {line}")
+
+    def _actuators(self, element: Element) -> list[Element]:
+        return [
             each
             for section in self._root.findall("actuator")
             for each in section
             if each.get("joint") is not None and each.get("joint") == element.get("name")
         ]
+
+    def _scale_actuators(self, element: Element, joint: TargetJoint, factor: float) -> None:
+        actuators = self._actuators(element)
         scaled = [each for each in actuators if each.tag in _SCALED and not each.get("biastype")]
         for each in scaled:
             first, *further = self._numbers(each, "gear", self.value(each, "gear", "1"))

@@ -351,11 +351,21 @@ def test_a_servo_without_torques_is_exported_with_its_gain_and_then_moves_as_rec
         refused = run(*base, *options)
         assert (refused.exit_code, said in refused.stderr) == (2, True)
     (damping, friction) = as_json(*base, "--servo-gain", 30)["used"]
+    exported_text = out.read_text()
     assert "N m s/rad" in damping
     assert float(damping.split()[3]) == pytest.approx(0.6, rel=0.03)
     assert float(friction.split()[3]) == pytest.approx(0.8, rel=0.03)
+    assert not any(
+        "kp" in line or "kv" in line for line in as_json(*base, "--servo-gain", 30, "--force")["left_out"]
+    )
+    other = as_json(*base, "--servo-gain", 40, "--force")["left_out"]
+    assert any("kp 30 of <position> is kept, but the servo's gain is 40" in line for line in other)
+    mine.write_text(nominal.replace('kp="30"', 'kp="30" kv="2"'))
+    assert any(
+        "kv 2 of <position>" in line for line in as_json(*base, "--servo-gain", 30, "--force")["left_out"]
+    )
     true = follow(hidden, 9)[1]
-    before, after = (np.std(follow(text, 9)[1] - true) for text in (nominal, out.read_text()))
+    before, after = (np.std(follow(text, 9)[1] - true) for text in (nominal, exported_text))
     assert after < 4e-4 < 0.01 * before  # of the order of the noise
 
 
