@@ -10,6 +10,7 @@ import ctypes
 import fcntl
 import json
 import os
+import secrets
 import select
 import struct
 import subprocess
@@ -128,6 +129,8 @@ def run(folder: Path, over: str) -> MergedSessions:
         "follower": ["--scenario", str(folder / "real.yaml"), "--no-diagnose"],
         "leader": ["--scenario", str(folder / "guess.yaml"), "--operator", str(operator)],
     }
+    (key := folder / "key").touch(0o600)  # a follower refuses a key that others can read
+    key.write_bytes(secrets.token_bytes(32))
     endpoint, running = {"endpoints": [f"{over}/{ADDRESSES[0]}:7447"]}, []
     for side, name in zip(SIDES, NAMES, strict=True):
         way, reverse = ("listen", "connect") if side == "follower" else ("connect", "listen")
@@ -138,7 +141,7 @@ def run(folder: Path, over: str) -> MergedSessions:
         config["transport"] = {"unicast": {"open_timeout": 3000, "accept_timeout": 3000}}
         (path := folder / f"{side}.json5").write_text(json.dumps(config))
         program = ["ip", "netns", "exec", name, *PALPATE, "teleop", side]
-        out = ["--link", str(path), "-o", str(folder / f"{side}.mcap")]
+        out = ["--key", str(key), "--link", str(path), "-o", str(folder / f"{side}.mcap")]
         running.append(subprocess.Popen([*program, *commands[side], *out]))
     until_s = time.monotonic() + LIMIT_S
     try:
