@@ -4,7 +4,8 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-from palpate.export.target_terms import TargetArm, as_comment
+from palpate.export.feedforward import as_comment
+from palpate.export.target_terms import TargetArm
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import read_text
 

@@ -160,14 +160,14 @@ class Feedforward:
             for joint, terms in zip(self.joints, self.terms, strict=True)
         )
         names = ", ".join(asdict(JointTerms()))
-        text = _PYTHON.format(source=_comment(source), names=names, rows=rows)
+        text = _PYTHON.format(source=as_comment(source), names=names, rows=rows)
         write_text(path.with_suffix(".py"), text)
         rows = "".join(
             f"    {{{joint.number}, {{{_literals(terms)}}}}}, /* {_title(joint)} */\n"
             for joint, terms in zip(self.joints, self.terms, strict=True)
         )
         names = "".join(f"    double {name};\n" for name in asdict(JointTerms()))
-        text = _C.format(source=_comment(source), names=names, rows=rows)
+        text = _C.format(source=as_comment(source), names=names, rows=rows)
         write_text(path.with_suffix(".c"), text)
 
 
@@ -240,9 +240,14 @@ def _title(joint: FittedJoint) -> str:
     return f"{joint.name}: {joint.effort_unit}, recorded from {rounded(low)} to {fastest}/s"
 
 
-def _comment(text: str) -> str:
-    """Make text safe within a comment of Python or C."""
-    return json.dumps(text, ensure_ascii=True)[1:-1].replace("*/", "* /").replace("\\", "/")
+def as_comment(text: str) -> str:
+    """Make text one line that cannot end a comment of XML, Python or C, or a docstring.
+
+    Args:
+        text: any text, such as the name of a file.
+    """
+    plain = json.dumps(text, ensure_ascii=True)[1:-1].replace("\\", "/")
+    return plain.replace('/"', "'").replace("--", "- -").replace("*/", "* /")
 
 
 _PYTHON = '''"""Feedforward effort of joints, written by palpate export from {source}.

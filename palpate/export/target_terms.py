@@ -1,6 +1,5 @@
 """Table of how each simulator format represents each effect of a joint, or why it cannot."""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -267,13 +266,3 @@ def _shown(parameter: ParameterEstimate) -> str:
     low, high = parameter.interval
     known = f"95 %: {low:.4g} to {high:.4g}" if isfinite(low) and isfinite(high) else "no interval"
     return f"{parameter.value:.5g} {parameter.unit} ({known})"
-
-
-def as_comment(text: str) -> str:
-    """Make text one line that cannot end a comment of XML or Python, or a docstring.
-
-    Args:
-        text: any text, such as the name of a file.
-    """
-    plain = json.dumps(text, ensure_ascii=True)[1:-1].replace("\\", "/")
-    return plain.replace('/"', "'").replace("--", "- -")

@@ -9,7 +9,8 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from palpate.export.asset_paths import rebase_mjcf, rebase_urdf
-from palpate.export.target_terms import TargetArm, TargetJoint, Value, as_comment
+from palpate.export.feedforward import as_comment
+from palpate.export.target_terms import TargetArm, TargetJoint, Value
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.urdf_text import parse_xml
 from palpate.robot_io.types import FloatArray

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
+from palpate.export.feedforward import as_comment
 from palpate.robot_io.errors import InputError
 from palpate.sim_backend.world import ArmDescription, World
 from palpate.study import Study
@@ -153,6 +154,11 @@ def test_the_c_function_gives_the_numbers_of_the_python_function(swinging, tmp_p
     for state in [*states(500), *extreme]:
         assert compiled(1, *state) == pytest.approx(feedforward(1, *state), rel=1e-14, abs=1e-15)
     assert np.isnan(compiled(2, 0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("name", ["a*/b", "a*\\b", 'a"""b', "a-->b"])
+def test_a_file_name_ends_no_comment(name):
+    assert not any(end in as_comment(name) for end in ("*/", '"""', "--"))
 
 
 def test_effects_without_a_term_are_reported(swinging, tmp_path):
