@@ -46,7 +46,7 @@ from palpate.sim_backend.hidden import noise_scale
 from palpate.sim_backend.imperfection import IMPERFECTIONS, parse_imperfection
 from palpate.sim_backend.scenario import Scenario
 from palpate.study import Study
-from palpate.workflows.resolve import Budget, Decision, StopReason, resolve
+from palpate.workflows.resolve import ProbeBudget, ProbeDecision, StopReason, resolve
 
 SHORT = ProbingPlan(speeds_m_s=(0.09,), repeats=2, hold_s=0.3)
 WEAKEST, STRONGEST = 1.5, 10.0  # times the noise floor
@@ -81,12 +81,12 @@ def screened(effect: str, seed: int) -> dict[str, Any] | None:
 def resolved(way: str, probes: int, case: dict[str, Any]) -> dict[str, Any]:
     """One case, resolved in one way."""
     begun = time.perf_counter()
-    decisions: list[Decision] = []
+    decisions: list[ProbeDecision] = []
     design = Study.next_probe if way == "designed" else partial(next_listed, [])
     with TemporaryDirectory() as folder, threadpool_limits(1):
         job = _job(case, Path(folder) / "sessions" / "probe.mcap")
         try:
-            done = resolve(job, Budget(probes, 600.0), case["channel"], decisions.append, design=design)
+            done = resolve(job, ProbeBudget(probes, 600.0), case["channel"], decisions.append, design=design)
             end, left = str(done.end), _groups(done.channels[0])
         except PalpateError as error:
             end, left = f"stopped: {error}", [["?"]]

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from palpate.export.feedforward import Feedforward, FittedJoint
     from palpate.export.scenario import Export
-    from palpate.export.simulator import Written
+    from palpate.export.simulator import WrittenModels
     from palpate.export.target_terms import SimulatorFormat
     from palpate.sim_backend.scenario import Scenario
 

@@ -20,7 +20,7 @@ from .contact_effects import CONTACT, CONTACT_OUTSIDE
 from .joint_effects import GRAVITY, IN_RIGID_BODY, JOINT, JOINT_OUTSIDE, NEEDS_GRAVITY
 from .motion import Array
 from .sensor_effects import AFTER_NOISE
-from .world import CaseWorld, Hidden, effort_and_position, sized
+from .world import CaseWorld, HiddenEffect, effort_and_position, sized
 
 STRENGTHS = (3.0, 10.0, 30.0)
 MOST_SAMPLES = 20_000  # of a case, so that many can be judged; a fast reader gets fewer runs
@@ -213,7 +213,7 @@ class _Reader:
             missed = missed + w.law["g"] * (np.sin(read) - np.sin(x))
         return missed if whole else float(np.sqrt(np.mean(missed**2)))
 
-    def channel(self, effort: Array, position: Array, last: list[Hidden]) -> ChannelData:
+    def channel(self, effort: Array, position: Array, last: list[HiddenEffect]) -> ChannelData:
         """What is imported from the file; effects that come after the noise are applied to what is noisy."""
         contact, one_of_two = self.world.kind == "contact", self.world.base == "rigid_body"
         joint = "_1" if one_of_two else ""
@@ -260,7 +260,7 @@ _LAWS = {  # true parameters of the simple laws, by the library's names
 }
 
 
-def _truth(world: CaseWorld, job: CaseSpec, hidden: list[Hidden]) -> dict[str, float]:
+def _truth(world: CaseWorld, job: CaseSpec, hidden: list[HiddenEffect]) -> dict[str, float]:
     """True parameters in the library's names."""
     truth = {name: world.law[key] for name, key in _LAWS[world.base].items()}
     for name, effect in zip(job.hidden, hidden, strict=True):

@@ -9,7 +9,7 @@ import numpy as np
 from .contact_effects import sawtooth, thinned, warming
 from .motion import Array
 from .sensor_effects import SENSOR, crosstalk
-from .world import CaseWorld, Effect, Hidden, play
+from .world import CaseWorld, Effect, HiddenEffect, play
 
 GRAVITY = 9.81  # as the model of the arm has it: else a light payload is judged by the fourth digit of g
 
@@ -18,90 +18,90 @@ def _sign(w: CaseWorld) -> Array:
     return np.tanh(w.motion.v / (0.003 * w.speed))
 
 
-def coulomb_friction(w: CaseWorld, s: float, u: Array) -> Hidden:
+def coulomb_friction(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """F sign(v)."""
     f = s * w.scale
-    return Hidden(adds=f * _sign(w), truth={"force": f})
+    return HiddenEffect(adds=f * _sign(w), truth={"force": f})
 
 
-def stribeck_friction(w: CaseWorld, s: float, u: Array) -> Hidden:
+def stribeck_friction(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """Stribeck's whole curve: Coulomb's friction, and more of it at small speed."""
     f, more, vs = s * w.scale, s * w.scale * (0.5 + u[0]), w.speed * (0.05 + 0.15 * u[1])
-    return Hidden(
+    return HiddenEffect(
         adds=(f + more * np.exp(-((w.motion.v / vs) ** 2))) * _sign(w),
         truth={"coulomb": f, "rise": more, "speed": vs},
     )
 
 
-def asymmetric_friction(w: CaseWorld, s: float, u: Array) -> Hidden:
+def asymmetric_friction(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """One Coulomb friction forwards, another backwards."""
     f, b = s * w.scale, s * w.scale * (0.1 + 0.5 * u[0])
     sign = _sign(w)
-    return Hidden(adds=np.where(sign > 0, f, b) * sign, truth={"forward": f, "backward": b})
+    return HiddenEffect(adds=np.where(sign > 0, f, b) * sign, truth={"forward": f, "backward": b})
 
 
-def load_dependent_friction(w: CaseWorld, s: float, u: Array) -> Hidden:
+def load_dependent_friction(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """Mu |load| sign(v)."""
     mu = s
-    return Hidden(adds=mu * np.abs(w.load) * _sign(w), truth={"mu": mu})
+    return HiddenEffect(adds=mu * np.abs(w.load) * _sign(w), truth={"mu": mu})
 
 
-def quadratic_friction(w: CaseWorld, s: float, u: Array) -> Hidden:
+def quadratic_friction(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """d2 v |v|."""
     d2 = 2 * s * w.scale / w.speed**2
-    return Hidden(adds=d2 * w.motion.v * np.abs(w.motion.v), truth={"d2": d2})
+    return HiddenEffect(adds=d2 * w.motion.v * np.abs(w.motion.v), truth={"d2": d2})
 
 
-def viscous_friction(w: CaseWorld, s: float, u: Array) -> Hidden:
+def viscous_friction(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """D v, where the simple model has none."""
     d = s * w.scale / w.speed
-    return Hidden(adds=d * w.motion.v, truth={"d": d})
+    return HiddenEffect(adds=d * w.motion.v, truth={"d": d})
 
 
-def payload(w: CaseWorld, s: float, u: Array) -> Hidden:
+def payload(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """A point mass at the tip, at `w.law["tip"]` from the axis."""
     tip = w.law["tip"]
     mass = 2 * s * w.law["g"] / (GRAVITY * tip)
     adds = mass * tip**2 * w.motion.a + mass * GRAVITY * tip * np.sin(w.motion.x)
-    return Hidden(adds=adds, truth={"mass": mass})
+    return HiddenEffect(adds=adds, truth={"mass": mass})
 
 
-def armature(w: CaseWorld, s: float, u: Array) -> Hidden:
+def armature(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """A rotor behind the gear."""
     inertia = 3 * s * w.law["J"]
-    return Hidden(adds=inertia * w.motion.a, truth={"inertia": inertia})
+    return HiddenEffect(adds=inertia * w.motion.a, truth={"inertia": inertia})
 
 
-def gravity_tilt(w: CaseWorld, s: float, u: Array) -> Hidden:
+def gravity_tilt(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """The base stands askew: gravity comes from another direction."""
     angle = float(np.sign(u[0] - 0.5)) * 0.5 * s
     g, x = w.law["g"], w.motion.x
     tilt = angle if w.base == "rigid_body" else g * np.sin(angle)
-    return Hidden(adds=g * (np.sin(x + angle) - np.sin(x)), truth={"tilt": tilt})
+    return HiddenEffect(adds=g * (np.sin(x + angle) - np.sin(x)), truth={"tilt": tilt})
 
 
-def torque_ripple(w: CaseWorld, s: float, u: Array) -> Hidden:
+def torque_ripple(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """A sin(N q + phase)."""
     n, size, phase = int(6 + 30 * u[0]), s * w.scale, 2 * np.pi * u[1]
     truth = {"sine": size * np.cos(phase), "cosine": size * np.sin(phase), "cycles": n}
-    return Hidden(adds=size * np.sin(n * w.motion.x + phase), truth=truth)
+    return HiddenEffect(adds=size * np.sin(n * w.motion.x + phase), truth=truth)
 
 
-def ripple_with_harmonics(w: CaseWorld, s: float, u: Array) -> Hidden:
+def ripple_with_harmonics(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """Cogging: a ripple of N and 2 N (and a little 3 N) a turn."""
     n, x, size = int(6 + 14 * u[0]), w.motion.x, s * w.scale
     parts = ((1.0, 1, u[1]), (0.6, 2, u[2]), (0.3, 3, u[3]))
     adds = sum(a * np.sin(h * n * x + 2 * np.pi * phase) for a, h, phase in parts)
-    return Hidden(adds=size * adds, truth={"cycles": n})
+    return HiddenEffect(adds=size * adds, truth={"cycles": n})
 
 
-def joint_spring(w: CaseWorld, s: float, u: Array) -> Hidden:
+def joint_spring(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """K (q - q0)."""
     k, rest = 2 * s * w.scale / w.size, w.size * (u[0] - 0.3)
-    return Hidden(adds=k * (w.motion.x - rest), truth={"k": k, "preload": -k * rest})
+    return HiddenEffect(adds=k * (w.motion.x - rest), truth={"k": k, "preload": -k * rest})
 
 
-def backlash(w: CaseWorld, s: float, u: Array) -> Hidden:
+def backlash(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """The motor's angle is read; a link that does not move by itself follows it with play.
 
     While the gap is crossed, the motor turns alone and carries half of the inertia.
@@ -110,26 +110,26 @@ def backlash(w: CaseWorld, s: float, u: Array) -> Hidden:
     link = w.by_run(lambda rows: play(m.x[rows], gap))
     carried = np.abs(w.rate(link)) > 0
     adds = w.law["g"] * (np.sin(link) - np.sin(m.x)) - 0.5 * w.law["J"] * m.a * ~carried
-    return Hidden(adds=w.filtered(adds, 0.002), truth={"gap": gap})
+    return HiddenEffect(adds=w.filtered(adds, 0.002), truth={"gap": gap})
 
 
-def joint_elasticity(w: CaseWorld, s: float, u: Array) -> Hidden:
+def joint_elasticity(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """The motor's angle is read, the link is behind it by torque over stiffness.
 
     Singular perturbation to first order: the link moves as said, the motor ahead of it. With the motor held,
     the link would swing at 8 Hz or more.
     """
     give = s / (w.law["J"] * (2 * np.pi * 8.0) ** 2)
-    return Hidden(moves=lambda torque: w.load * give, truth={"compliance": give})
+    return HiddenEffect(moves=lambda torque: w.load * give, truth={"compliance": give})
 
 
-def torque_gain(w: CaseWorld, s: float, u: Array) -> Hidden:
+def torque_gain(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """Each newton meter reads as more or less."""
     gain = float(np.sign(u[0] - 0.5)) * 0.6 * s
-    return Hidden(senses=lambda f: (1 + gain) * f, truth={"gain": 1 + gain})
+    return HiddenEffect(senses=lambda f: (1 + gain) * f, truth={"gain": 1 + gain})
 
 
-def presliding_friction(w: CaseWorld, s: float, u: Array) -> Hidden:
+def presliding_friction(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """Dahl: asperities bend over a distance before they slip."""
     f, over, m = s * w.scale, w.size * (0.02 + 0.1 * u[0]), w.motion
 
@@ -142,7 +142,7 @@ def presliding_friction(w: CaseWorld, s: float, u: Array) -> Hidden:
             out.append(z)
         return np.array(out)
 
-    return Hidden(adds=f * w.by_run(element), truth={"force": f})
+    return HiddenEffect(adds=f * w.by_run(element), truth={"force": f})
 
 
 # what each is best hidden in: its simple model must not take it over
@@ -167,38 +167,38 @@ NEEDS_GRAVITY = frozenset(
 )
 
 
-def _farthest(w: CaseWorld, s: float, u: Array) -> Hidden:
+def _farthest(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """A seal that has given way as far as the joint ever turned."""
     far = np.maximum.accumulate(np.abs(w.motion.x))
-    return Hidden(adds=s * w.scale * np.exp(-(far - np.abs(w.motion.x)) / (0.08 * w.size)) * _sign(w))
+    return HiddenEffect(adds=s * w.scale * np.exp(-(far - np.abs(w.motion.x)) / (0.08 * w.size)) * _sign(w))
 
 
-def _end_cushion(w: CaseWorld, s: float, u: Array) -> Hidden:
+def _end_cushion(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """Oil that is squeezed out near an end: (q - q0)^2 v beyond q0."""
     deep = np.maximum(w.motion.x / w.size - 0.3 - 0.3 * u[0], 0.0)
-    return Hidden(adds=10 * s * w.scale * deep**2 * w.motion.v / w.speed)
+    return HiddenEffect(adds=10 * s * w.scale * deep**2 * w.motion.v / w.speed)
 
 
-def _dwell(w: CaseWorld, s: float, u: Array) -> Hidden:
+def _dwell(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """A friction that grows with the time spent slow, and is worn off within a short time of motion."""
     slow = w.filtered((np.abs(w.motion.v) < 0.1 * w.speed).astype(float), 0.3 + u[0])
-    return Hidden(adds=3 * s * w.scale * slow * w.motion.v / w.speed)
+    return HiddenEffect(adds=3 * s * w.scale * slow * w.motion.v / w.speed)
 
 
 JOINT_OUTSIDE: dict[str, Effect] = {
     # a sawtooth over the path
-    "stick-slip chatter": lambda w, s, u: Hidden(
+    "stick-slip chatter": lambda w, s, u: HiddenEffect(
         adds=s * w.scale * sawtooth(w, w.size * (0.05 + 0.1 * u[0])) * _sign(w)
     ),
     # a bearing that is tight in two places
-    "cos^2 of the angle times speed": lambda w, s, u: Hidden(
+    "cos^2 of the angle times speed": lambda w, s, u: HiddenEffect(
         adds=3 * s * w.scale * np.cos(2 * w.motion.x + u[0]) ** 2 * w.motion.v / w.speed
     ),
     # a magnet at one angle
-    "magnetic detent": lambda w, s, u: Hidden(
+    "magnetic detent": lambda w, s, u: HiddenEffect(
         adds=s * w.scale * np.exp(-(((w.motion.x / w.size - u[0] * 0.6) / (0.06 + 0.1 * u[1])) ** 2))
     ),
-    "grease that thins with use": lambda w, s, u: Hidden(
+    "grease that thins with use": lambda w, s, u: HiddenEffect(
         adds=4 * s * w.scale * thinned(w, 1.0, u[0]) * w.motion.v / w.speed
     ),
     # a torque constant that falls with the heat

@@ -3,56 +3,60 @@
 import numpy as np
 
 from .motion import Array
-from .world import CaseWorld, Effect, Hidden, play
+from .world import CaseWorld, Effect, HiddenEffect, play
 
 
-def bias(w: CaseWorld, s: float, u: Array) -> Hidden:
+def bias(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """A zero that is off."""
     b = float(np.sign(u[0] - 0.5)) * s * w.scale
-    return Hidden(senses=lambda f: f + b, truth={"offset": b})
+    return HiddenEffect(senses=lambda f: f + b, truth={"offset": b})
 
 
-def drift(w: CaseWorld, s: float, u: Array) -> Hidden:
+def drift(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """A zero that wanders at a constant rate from the start."""
     span = w.motion.t[-1] - w.motion.t[0]
     rate = float(np.sign(u[0] - 0.5)) * 2 * s * w.scale / span
-    return Hidden(senses=lambda f: f + rate * (w.motion.t - w.motion.t[0]), truth={"rate": rate})
+    return HiddenEffect(senses=lambda f: f + rate * (w.motion.t - w.motion.t[0]), truth={"rate": rate})
 
 
-def lag(w: CaseWorld, s: float, u: Array) -> Hidden:
+def lag(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """A first-order low-pass."""
     tau = 0.2 * s
-    return Hidden(senses=lambda f: w.filtered(f, tau), truth={"tau": tau})
+    return HiddenEffect(senses=lambda f: w.filtered(f, tau), truth={"tau": tau})
 
 
-def delay(w: CaseWorld, s: float, u: Array) -> Hidden:
+def delay(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """Everything comes later."""
     late = 0.1 * s
-    return Hidden(senses=lambda f: w.later(f, late), truth={"time": late})
+    return HiddenEffect(senses=lambda f: w.later(f, late), truth={"time": late})
 
 
-def saturation(w: CaseWorld, s: float, u: Array) -> Hidden:
+def saturation(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """Readings end at a limit."""
     limit = (1 - 0.8 * s) * float(np.abs(w.plain).max())
-    return Hidden(senses=lambda f: np.clip(f, -limit, limit), truth={"limit": limit})
+    return HiddenEffect(senses=lambda f: np.clip(f, -limit, limit), truth={"limit": limit})
 
 
-def deadband(w: CaseWorld, s: float, u: Array) -> Hidden:
+def deadband(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """Small efforts read as nothing, larger ones less that much."""
     width = 0.5 * s * w.scale
-    return Hidden(senses=lambda f: np.sign(f) * np.maximum(np.abs(f) - width, 0.0), truth={"width": width})
+    return HiddenEffect(
+        senses=lambda f: np.sign(f) * np.maximum(np.abs(f) - width, 0.0), truth={"width": width}
+    )
 
 
-def hysteresis(w: CaseWorld, s: float, u: Array) -> Hidden:
+def hysteresis(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """The reading follows the effort with play, as an elastic body with friction in it does."""
     width = s * w.scale
-    return Hidden(senses=lambda f: w.by_run(lambda rows: play(f[rows], width)), truth={"width": 0.5 * width})
+    return HiddenEffect(
+        senses=lambda f: w.by_run(lambda rows: play(f[rows], width)), truth={"width": 0.5 * width}
+    )
 
 
-def quantisation(w: CaseWorld, s: float, u: Array) -> Hidden:
+def quantisation(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """A converter with few levels. It comes last, after the noise: see `cases.read`."""
     step = s * w.scale
-    return Hidden(senses=lambda f: np.round(f / step) * step, truth={"step": step})
+    return HiddenEffect(senses=lambda f: np.round(f / step) * step, truth={"step": step})
 
 
 SENSOR: dict[str, Effect] = {
@@ -62,7 +66,9 @@ SENSOR: dict[str, Effect] = {
 AFTER_NOISE = frozenset({"saturation", "quantisation"})
 
 
-def crosstalk(w: CaseWorld, s: float, u: Array) -> Hidden:
+def crosstalk(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     """Another machine's period in the sensor, which no vocabulary has."""
     f = 3 + 9 * u[0]
-    return Hidden(senses=lambda force: force + s * w.scale * np.sin(2 * np.pi * (f * w.motion.t + u[1])))
+    return HiddenEffect(
+        senses=lambda force: force + s * w.scale * np.sin(2 * np.pi * (f * w.motion.t + u[1]))
+    )

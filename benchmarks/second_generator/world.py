@@ -101,7 +101,7 @@ class CaseWorld:
 
 
 @dataclass(frozen=True)
-class Hidden:
+class HiddenEffect:
     """What one effect of a certain size does."""
 
     adds: Array | float = 0.0  # to the effort of the object or joint, shape (n,)
@@ -116,11 +116,11 @@ class Hidden:
 
 
 Effect = Callable[
-    [CaseWorld, float, Array], Hidden
+    [CaseWorld, float, Array], HiddenEffect
 ]  # of the world, a size in (0, 1], and four chances in 0..1
 
 
-def effort_and_position(world: CaseWorld, hidden: Iterable[Hidden]) -> tuple[Array, Array]:
+def effort_and_position(world: CaseWorld, hidden: Iterable[HiddenEffect]) -> tuple[Array, Array]:
     """The effort as sensed without noise, and the position as read without steps."""
     some = list(hidden)
     m = world.motion
@@ -141,7 +141,7 @@ def effort_and_position(world: CaseWorld, hidden: Iterable[Hidden]) -> tuple[Arr
     return effort, position
 
 
-def not_mimicked(world: CaseWorld, hidden: Iterable[Hidden]) -> float:
+def not_mimicked(world: CaseWorld, hidden: Iterable[HiddenEffect]) -> float:
     """RMS of the part of some effects that the simple law cannot take over with other parameters."""
     effort, position = effort_and_position(world, hidden)
     m = world.motion
@@ -159,7 +159,7 @@ def not_mimicked(world: CaseWorld, hidden: Iterable[Hidden]) -> float:
 
 def sized(
     world: CaseWorld, effect: Effect, chances: Array, target: float, *, tolerance: float = 0.03
-) -> Hidden | None:
+) -> HiddenEffect | None:
     """The effect so large that the simple law misses this much; None if it never does."""
     low, high = 1e-4, 1.0
     if not_mimicked(world, [effect(world, high, chances)]) < target:

@@ -39,7 +39,7 @@ Packet = tuple[float, ...]  # what one side sends the other in a step
 _MAX_AGE_STEPS = 10_000  # largest age behind the newest packet, in steps; older packets are ignored
 
 
-class Channel(ABC):
+class PacketChannel(ABC):
     """One side's end of the link, without I/O: `take` received packets, then call `packet` once per step."""
 
     def take(self, number: int, packet: Packet) -> None:
@@ -61,7 +61,7 @@ class Channel(ABC):
         """Return the packet of this step; None before the first. Call it once per step."""
 
 
-class LatestPacketChannel(Channel):
+class LatestPacketChannel(PacketChannel):
     """Channel that returns the newest packet; an overtaken packet is dropped."""
 
     def __init__(self) -> None:
@@ -73,11 +73,11 @@ class LatestPacketChannel(Channel):
             self._number, self._packet = number, packet
 
     def packet(self) -> Packet | None:
-        """See `Channel.packet`."""
+        """See `PacketChannel.packet`."""
         return self._packet
 
 
-class PlayoutBuffer(Channel):
+class PlayoutBuffer(PacketChannel):
     """Playout buffer that delays each packet to the largest delay so far.
 
     So jitter becomes a constant delay, as wave variables require (Kosuge, Murayama and Takeo, "Bilateral
@@ -99,7 +99,7 @@ class PlayoutBuffer(Channel):
         heapq.heappush(self._waiting, (number, packet))
 
     def packet(self) -> Packet | None:
-        """See `Channel.packet`."""
+        """See `PacketChannel.packet`."""
         self._step += 1
         while self._waiting and self._waiting[0][0] + self._delay_steps <= self._step:
             self._played, self._packet = heapq.heappop(self._waiting)
@@ -148,7 +148,7 @@ class Coupling:
     name: str
     leader: Callable[[], CouplingSide]
     follower: Callable[[], CouplingSide]
-    channel: Callable[[], Channel] = LatestPacketChannel  # one for each side
+    channel: Callable[[], PacketChannel] = LatestPacketChannel  # one for each side
 
 
 @dataclass(frozen=True)

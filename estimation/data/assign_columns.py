@@ -33,7 +33,7 @@ from palpate.estimation.data.column_names import (
     si_unit,
     unit_in_name,
 )
-from palpate.estimation.data.column_units import Assigned, Chosen, ColumnUnits
+from palpate.estimation.data.column_units import AssignedColumn, Chosen, ColumnUnits
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.presses import MIN_RUN_ROWS, press_sides
 from palpate.estimation.data.table import Table
@@ -43,11 +43,11 @@ from palpate.robot_io.types import FloatArray
 
 
 @dataclass(frozen=True)
-class Columns:
+class ColumnAssignment:
     """A table with the meaning of its columns."""
 
     table: Table  # the table
-    assigned: dict[Key, Assigned]  # the columns in use, by quantity
+    assigned: dict[Key, AssignedColumn]  # the columns in use, by quantity
     run: str | None  # column with the run of each row, or None
     phase: str | None  # column with the phase of each row, or None
     choice_notes: tuple[str, ...] = ()  # notes on how the columns were chosen
@@ -152,7 +152,7 @@ def in_blocks(values: FloatArray) -> bool:
     return bool(blocks == len(np.unique(values)) and blocks * MIN_RUN_ROWS <= len(values))
 
 
-def assign_columns(table: Table, options: ImportOptions) -> Columns:
+def assign_columns(table: Table, options: ImportOptions) -> ColumnAssignment:
     """Assign columns to quantities: by options first, then by palpate's own names, then by common names.
 
     Args:
@@ -197,7 +197,7 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
     assigned, two_sided, sign_notes = _orient_signs(units, assigned, shift)
     phase = options.columns.get(PHASE, PHASE if PHASE in table.names else None)
     notes += [*position_notes, *sign_notes]
-    return Columns(table, assigned, run, phase, tuple(notes), two_sided, shift)
+    return ColumnAssignment(table, assigned, run, phase, tuple(notes), two_sided, shift)
 
 
 def _assign_by_options(table: Table, options: ImportOptions, shift: int) -> Chosen:
@@ -293,8 +293,8 @@ def _press_or_axis(units: ColumnUnits, chosen: Chosen) -> tuple[Chosen, list[str
 
 
 def _orient_signs(
-    units: ColumnUnits, assigned: dict[Key, Assigned], shift: int
-) -> tuple[dict[Key, Assigned], bool, list[str]]:
+    units: ColumnUnits, assigned: dict[Key, AssignedColumn], shift: int
+) -> tuple[dict[Key, AssignedColumn], bool, list[str]]:
     """Make displacement and force positive in compression, and detect elements that can pull.
 
     A unit with a number, such as 1N, prevents a change of sign. A displacement named by --column belongs to a

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.estimation.channel import ChannelKind
-from palpate.estimation.data.assign_columns import Columns
+from palpate.estimation.data.assign_columns import ColumnAssignment
 from palpate.estimation.data.choose_columns import EFFORTS
 from palpate.estimation.data.column_names import (
     DISPLACEMENT,
@@ -52,7 +52,7 @@ class ChannelSource:
         return self.position, self.effort, ("velocity", self.joint), ("acceleration", self.joint)
 
 
-def channel_sources(columns: Columns) -> list[ChannelSource]:
+def channel_sources(columns: ColumnAssignment) -> list[ChannelSource]:
     """Return the channels for which there are columns, at least one.
 
     Args:
@@ -92,7 +92,7 @@ def channel_sources(columns: Columns) -> list[ChannelSource]:
 
 
 def check_options_are_used(
-    columns: Columns, sources: Collection[ChannelSource], options: ImportOptions
+    columns: ColumnAssignment, sources: Collection[ChannelSource], options: ImportOptions
 ) -> None:
     """Check that each quantity named in the options is used, since others would be ignored silently.
 
@@ -122,7 +122,7 @@ def check_options_are_used(
             )
 
 
-def _check_dimensions(columns: Columns) -> None:
+def _check_dimensions(columns: ColumnAssignment) -> None:
     """Raise an error if a joint has an angle with a force, or a length with a torque."""
     for (quantity, joint), position in columns.assigned.items():
         other_effort = ("force" if position.dimension == "angle" else "torque", joint)
@@ -142,7 +142,7 @@ def _check_dimensions(columns: Columns) -> None:
         )
 
 
-def _suggest_columns(columns: Columns) -> str:
+def _suggest_columns(columns: ColumnAssignment) -> str:
     """Describe the columns that channels need, and options for a column that probably is an effort."""
     table = columns.table
     guesses = {guess.column: guess for guess in guess_columns(table.names)}

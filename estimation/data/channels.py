@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from palpate.control.loop.tick_record import STREAM_NAME
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.data.import_file import Imported, with_arm
+from palpate.estimation.data.import_file import ImportedData, with_arm
 from palpate.estimation.data.tick_channels import checked_ticks, contact_channels, join_ticks, joint_channels
 from palpate.estimation.data.units import MIN_INCREASE_S, describe_fault, invalid_rows
 from palpate.estimation.signals.runwise import sample_time
@@ -35,7 +35,7 @@ _DOCS = {
 }
 
 
-def import_streams(imported: Imported) -> list[tuple[Stream, Mapping[str, ArrayLike]]]:
+def import_streams(imported: ImportedData) -> list[tuple[Stream, Mapping[str, ArrayLike]]]:
     """Convert each imported channel to a stream and its columns, for `write_session`.
 
     Args:
@@ -64,7 +64,7 @@ def import_streams(imported: Imported) -> list[tuple[Stream, Mapping[str, ArrayL
     return streams
 
 
-def import_extra(imported: Imported) -> dict[str, str]:
+def import_extra(imported: ImportedData) -> dict[str, str]:
     """Return the metadata of an imported session: the names of its runs.
 
     Args:

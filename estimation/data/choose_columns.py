@@ -9,9 +9,9 @@ import numpy as np
 from palpate.estimation.data.column_names import (
     JOINT_QUANTITIES,
     TIME,
-    Guess,
     Key,
     Role,
+    RoleGuess,
     guess_column,
     guess_columns,
     keys_of_channels,
@@ -68,7 +68,7 @@ def choose_columns(
     of_user = {g for g in free if units.option_names(Role(*g.key, g.unit, shift), g.column)}
     clear = [guess for guess in free if guess.unit or guess.key == TIME or guess in of_user]
     guesses = clear if keys_of_channels({*known, *(guess.key for guess in clear)}) else free
-    guesses_of: dict[Key, list[Guess]] = {}
+    guesses_of: dict[Key, list[RoleGuess]] = {}
     for guess in guesses:
         guesses_of.setdefault(guess.key, []).append(guess)
     keys = [key for key in keys_of_channels({*known, *guesses_of}) if key in guesses_of]
@@ -116,7 +116,7 @@ def is_pressed(position: FloatArray, force: FloatArray) -> bool:
     return bool(force[begins].size and abs(np.median(force[begins])) < _MAX_OPPOSITE_FORCE * largest)
 
 
-def _best_matches(table: Table, key: Key, guesses: list[Guess]) -> list[Guess]:
+def _best_matches(table: Table, key: Key, guesses: list[RoleGuess]) -> list[RoleGuess]:
     """Return the columns with the best fitting names and different values.
 
     Of several times, only those that increase are used, if there are any.

@@ -239,7 +239,7 @@ _INTERFACES = (  # names whose units are specified: ROS (REP 103), RTDE, libfran
 
 
 @dataclass(frozen=True)
-class Guess:
+class RoleGuess:
     """Quantity that a column probably contains."""
 
     column: str  # name of the column in the file
@@ -261,7 +261,7 @@ class Guess:
         return dimension_of(self.unit) not in EFFORT_PROXIES, self.rank, bool(self.unit)
 
 
-def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Guess]:
+def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[RoleGuess]:
     """Guess the quantity of each column, with the joint's number as in the file.
 
     Args:
@@ -272,15 +272,15 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
     units = {name: normalize_unit(name.strip("[]() ")) for name in names if not is_unnamed(name)}
     units_only = sum(map(bool, map(dimension_of, units.values()))) >= max(2.0, 0.6 * len(units))
 
-    def guess_alone(name: str) -> Guess:
+    def guess_alone(name: str) -> RoleGuess:
         repeated = _REPEATED_NAME.fullmatch(name)
         if repeated and repeated[1] in names:
-            return Guess(name, "")
+            return RoleGuess(name, "")
         if name in clocks:
             return replace(guess_column(f"{split_unit(name)[0]} [s]"), column=name)
         quantity = _BY_DIMENSION.get(dimension_of(units.get(name, "")) or "", "") if units_only else ""
         if quantity:
-            return Guess(name, quantity, None, units[name], _BY_UNIT, "by its unit")
+            return RoleGuess(name, quantity, None, units[name], _BY_UNIT, "by its unit")
         return guess_column(name)
 
     guesses = list(map(guess_alone, names))
@@ -311,9 +311,11 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
         if guess in named and guess.joint_name in number:
             paired.append(replace(guess, joint=number[guess.joint_name]))
         elif guess.rank == _BY_PAIR and guess.joint is None and not (shared and guess.quantity == "position"):
-            paired.append(Guess(guess.column, ""))
+            paired.append(RoleGuess(guess.column, ""))
         elif not guess.quantity and (quantity := quantity_in(guess.column, last=True)) in missing:
-            paired.append(Guess(guess.column, quantity, rank=_BY_PAIR, why="by the last word of its name"))
+            paired.append(
+                RoleGuess(guess.column, quantity, rank=_BY_PAIR, why="by the last word of its name")
+            )
         else:
             paired.append(guess)
     return paired
@@ -365,13 +367,13 @@ def quantity_in(name: str, *, last: bool = False) -> str:
     return next((quantity for quantity, known in _KNOWN if known & long), "")
 
 
-def guess_column(name: str) -> Guess:
+def guess_column(name: str) -> RoleGuess:
     """Guess the quantity of a column from its name alone."""
     if (match := _NAME.fullmatch(name.strip())) and (role := parse_role(name)):
         rank, joint = OWN_NAME if role.unit else _BY_NAME, int(match[2]) if match[2] else None
-        return Guess(name, role.quantity, joint, role.unit, rank, "by its name")
+        return RoleGuess(name, role.quantity, joint, role.unit, rank, "by its name")
     if plain(name.strip()) in WORDS[RUN]:
-        return Guess(name, RUN, why="by its name")
+        return RoleGuess(name, RUN, why="by its name")
     stem, unit = split_unit(name)
     stem = _ARTICLE.sub(r"\1 ", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", without_accents(stem)))
     words = re.findall(r"[^\W\d_]+|\d+", stem)
@@ -380,9 +382,9 @@ def guess_column(name: str) -> Guess:
     joint = numbers[0] if len(numbers) == 1 else None
     is_goal = _GOAL & set(letters) and not {*letters} - _GOAL - _UNINFORMATIVE - WORDS["position"]
     if is_goal and dimension_of(unit) in {None, "angle"}:
-        return Guess(name, "goal", joint, unit, _BY_WORD, "by a word in its name")
+        return RoleGuess(name, "goal", joint, unit, _BY_WORD, "by a word in its name")
     if _NOT_MEASURED & set(letters):
-        return Guess(name, "")
+        return RoleGuess(name, "")
     is_count = not _COUNTS.isdisjoint(letters)
     letters = [word for word in letters if word not in _UNINFORMATIVE | _COUNTS]
     if not WORDS["torque"].isdisjoint(letters):
@@ -390,7 +392,7 @@ def guess_column(name: str) -> Guess:
     quantity, rank = _match_words("".join(letters), letters, unit) if letters else ("", 0)
     rank = min(rank, _BY_WORD) if is_count else rank
     if not quantity:
-        return Guess(name, "")
+        return RoleGuess(name, "")
     if quantity not in _MOTION_OR_TORQUE:
         joint = None
     # `WORDS` has none for acceleration.
@@ -398,7 +400,7 @@ def guess_column(name: str) -> Guess:
     joint_name = tuple(word.lower() for word in words if plain(word) not in uninformative)
     why = ("by its name and others'", "by its unit", "by a word in its name", "by its name")[rank]
     specified = next((units.get(quantity, "") for pattern, units in _INTERFACES if pattern.search(name)), "")
-    return Guess(name, quantity, joint, unit or specified, rank, why, joint_name)
+    return RoleGuess(name, quantity, joint, unit or specified, rank, why, joint_name)
 
 
 def _match_words(whole: str, words: Sequence[str], unit: str) -> tuple[str, int]:

@@ -56,7 +56,7 @@ _PREPOSITION = "in"  # "Weg in [mm]" is not in inches
 
 
 @dataclass(frozen=True)
-class Assigned:
+class AssignedColumn:
     """Column of one quantity."""
 
     column: str  # name of the column in the file
@@ -104,7 +104,7 @@ class ColumnUnits:
         """Return whether --unit has a number before the unit, which also fixes the sign."""
         return any(is_scaled(self.options.units[name]) for name in self.option_names(role, column))
 
-    def assign(self, role: Role, column: str) -> Assigned:
+    def assign(self, role: Role, column: str) -> AssignedColumn:
         """Determine the unit of a column and its factor to SI.
 
         Raises:
@@ -145,7 +145,7 @@ class ColumnUnits:
         elif not user_unit:
             note = _note_on_name(role, column, named_unit, unit) or note
         factor = scale * factor_to_si(unit, dimension, f"column '{column}'")
-        return Assigned(column, dimension, user_unit if scale != 1.0 else unit, factor, note)
+        return AssignedColumn(column, dimension, user_unit if scale != 1.0 else unit, factor, note)
 
     def missing(self, chosen: Chosen) -> list[tuple[str, str]]:
         """Return the columns of unknown unit, each with the option that states the likely unit."""

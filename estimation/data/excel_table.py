@@ -19,8 +19,8 @@ from palpate.estimation.data.table_layout import matching_places, with_run
 from palpate.estimation.data.text_dialect import (
     MIN_NUMBERS,
     NAMELESS,
-    Block,
-    Layout,
+    TableBlock,
+    TableLayout,
     decimal_mark,
     find_layouts,
     is_footer,
@@ -73,7 +73,7 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
         notes.append(NAMELESS)
     if not tables:
         raise InputError(f"{path}: no sheet has names of columns above rows of numbers")
-    blocks = [Block(table.sheet, table.names, len(table.rows)) for table in tables]
+    blocks = [TableBlock(table.sheet, table.names, len(table.rows)) for table in tables]
     chosen, omitted = same_columns(blocks, selected, path)
     same_tables = [tables[place] for place in chosen]
     first = max(same_tables, key=lambda table: len(table.rows))
@@ -167,7 +167,7 @@ def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_SheetTable
     if nameless:
         numbered = numbered_names(len(head[0]) if head else 0)
         first = next(find_layouts([numbered, *head], decimal), None)
-        layouts = [Layout(first.names, 0, 0)] if first and first.first == 1 else []
+        layouts = [TableLayout(first.names, 0, 0)] if first and first.first == 1 else []
     if not layouts:
         return []
     above = 1 + (sheet.start or (0, 0))[0]

@@ -10,14 +10,19 @@ import numpy as np
 import scipy
 
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.data.assign_columns import Columns, assign_columns, in_blocks
+from palpate.estimation.data.assign_columns import ColumnAssignment, assign_columns, in_blocks
 from palpate.estimation.data.channel_sources import ChannelSource, channel_sources, check_options_are_used
 from palpate.estimation.data.column_names import TIME, Key
 from palpate.estimation.data.column_units import ColumnUnits
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
-from palpate.estimation.data.import_rows import UNKNOWN_PHASE, Rows, arrange_rows, without_repeated_rows
+from palpate.estimation.data.import_rows import (
+    UNKNOWN_PHASE,
+    ImportedRows,
+    arrange_rows,
+    without_repeated_rows,
+)
 from palpate.estimation.data.measured_derivatives import is_difference, mistaken_scale
 from palpate.estimation.data.presses import press_phases
 from palpate.estimation.data.table import Table, read_table
@@ -48,7 +53,7 @@ _CERTAIN_SIGN = 0.5  # absolute correlation of effort and velocity above which t
 
 
 @dataclass(frozen=True)
-class Imported:
+class ImportedData:
     """Channels of a data file."""
 
     channels: tuple[ChannelData, ...]  # "contact", and "joint_1" ...
@@ -68,7 +73,7 @@ class Imported:
         return f"{channel} of {columns}" if columns else channel
 
 
-def import_file(path: str | os.PathLike[str], options: ImportOptions = NO_OPTIONS) -> Imported:
+def import_file(path: str | os.PathLike[str], options: ImportOptions = NO_OPTIONS) -> ImportedData:
     """Read a data file of any format that `read_table` supports.
 
     A contact needs `time_s`, `displacement_m` (positive into the object) and `force_N` (positive in
@@ -86,7 +91,7 @@ def import_file(path: str | os.PathLike[str], options: ImportOptions = NO_OPTION
     return import_table(read_table(path, options.table), options)
 
 
-def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> Imported:
+def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> ImportedData:
     """Create channels from a table in memory; see `import_file`.
 
     Args:
@@ -123,10 +128,14 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> Imported:
         for source in sources
         if source.kind is not ChannelKind.CONTACT and columns.matched
     }
-    return Imported(with_arm(channels), rows.labels, tuple(notes), unused, read, columns.roles, joint_columns)
+    return ImportedData(
+        with_arm(channels), rows.labels, tuple(notes), unused, read, columns.roles, joint_columns
+    )
 
 
-def _context_signals(columns: Columns, rows: Rows, options: ImportOptions) -> dict[str, FloatArray]:
+def _context_signals(
+    columns: ColumnAssignment, rows: ImportedRows, options: ImportOptions
+) -> dict[str, FloatArray]:
     """Return the columns to keep as context, shape (n,) each, by the names of their signals.
 
     Raises:
@@ -173,7 +182,7 @@ def chosen_texts(name: str, given: str, texts: Collection[str], place: str) -> l
     return parts
 
 
-def _note_time(columns: Columns, rows: Rows) -> Iterator[str]:
+def _note_time(columns: ColumnAssignment, rows: ImportedRows) -> Iterator[str]:
     """Yield notes on an unlikely unit of time, and on the first pause longer than the rest of its run."""
     if TIME not in columns:
         return
@@ -195,7 +204,7 @@ def _note_time(columns: Columns, rows: Rows) -> Iterator[str]:
             return
 
 
-def _note_specimens(columns: Columns, rows: Rows, options: ImportOptions) -> list[str]:
+def _note_specimens(columns: ColumnAssignment, rows: ImportedRows, options: ImportOptions) -> list[str]:
     """Return a note if run labels or an unused column show that the runs belong to several specimens."""
     if options.fresh or options.where or len(rows.labels) < _MIN_SPECIMENS:
         return []
@@ -211,7 +220,9 @@ def _note_specimens(columns: Columns, rows: Rows, options: ImportOptions) -> lis
     return []
 
 
-def _make_channel(source: ChannelSource, columns: Columns, rows: Rows, notes: list[str]) -> ChannelData:
+def _make_channel(
+    source: ChannelSource, columns: ColumnAssignment, rows: ImportedRows, notes: list[str]
+) -> ChannelData:
     """Create one channel and append its notes to `notes`."""
     velocity_key, acceleration_key = (("velocity", source.joint), ("acceleration", source.joint))
     position, pieces = columns.values(source.position)[rows.order], number_pieces(rows.time_s, rows.run)
@@ -252,10 +263,10 @@ def _make_channel(source: ChannelSource, columns: Columns, rows: Rows, notes: li
 
 
 def _measured_derivative(  # noqa: PLR0917
-    columns: Columns,
+    columns: ColumnAssignment,
     key: Key,
     source: ChannelSource,
-    rows: Rows,
+    rows: ImportedRows,
     signal: tuple[str, FloatArray, FloatArray],
     notes: list[str],
 ) -> FloatArray | None:
@@ -293,7 +304,7 @@ def _measured_derivative(  # noqa: PLR0917
 def _reverse_reactions(
     channels: Sequence[ChannelData],
     sources: Sequence[ChannelSource],
-    columns: Columns,
+    columns: ColumnAssignment,
     units: ColumnUnits,
     notes: list[str],
 ) -> list[ChannelData]:

@@ -13,7 +13,7 @@ from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.arrow import pa
 from palpate.estimation.data.column_names import is_unnamed
 from palpate.estimation.data.file_columns import is_bag, natural_key
-from palpate.estimation.data.import_file import Imported, import_table, with_arm
+from palpate.estimation.data.import_file import ImportedData, import_table, with_arm
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import ENDINGS, Table, read_table
 from palpate.robot_io.errors import InputError
@@ -46,7 +46,7 @@ def import_files(
     paths: Sequence[Path],
     options: ImportOptions,
     progress: Callable[[str, float], None] = lambda what, share: None,
-) -> Imported:
+) -> ImportedData:
     """Read files one by one with `import_file`, and concatenate their runs.
 
     If the first file alone makes no channel, files with the same rows and different columns are joined side
@@ -107,7 +107,9 @@ def import_files(
     ways = list(dict.fromkeys(part.read for part in parts if part.read))
     differ = " (others differ)" if len(ways) > 1 else ""
     read = f"{len(parts)} files; {ways[0]}{differ}" if ways else ""
-    return Imported(with_arm(channels), dict(enumerate(labels)), notes, unused, read, {}, parts[0].columns)
+    return ImportedData(
+        with_arm(channels), dict(enumerate(labels)), notes, unused, read, {}, parts[0].columns
+    )
 
 
 def joined_columns(first: Table, further: Iterable[Table]) -> Table | None:

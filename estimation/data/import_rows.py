@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.control.loop.task import Phase
-from palpate.estimation.data.assign_columns import Columns, in_blocks
+from palpate.estimation.data.assign_columns import ColumnAssignment, in_blocks
 from palpate.estimation.data.column_names import DISPLACEMENT, FORCE, RUN, TIME, guess_columns
 from palpate.estimation.data.presses import MAX_RUNS, MIN_RUN_ROWS, cut_into, cut_presses, number_recordings
 from palpate.estimation.data.table import Table
@@ -31,7 +31,7 @@ _LATE_NOTE = "stamps {0} rows late, in bursts after gaps: their times are spaced
 
 
 @dataclass(frozen=True)
-class Rows:
+class ImportedRows:
     """Rows of a table, one block for each run."""
 
     order: IntArray  # index of each row in the table, shape (n,)
@@ -42,7 +42,7 @@ class Rows:
     notes: tuple[str, ...] = ()  # notes on the detection of runs and on repairs
 
 
-def arrange_rows(columns: Columns, *, fresh: bool, count: int | None) -> Rows:
+def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -> ImportedRows:
     """Group the rows by run.
 
     Args:
@@ -86,7 +86,7 @@ def arrange_rows(columns: Columns, *, fresh: bool, count: int | None) -> Rows:
         if moved := int(np.sum(time_s != before_s)):
             name = columns.name(TIME)
             notes.append(f"'{name}' {note.format(f'{moved} of {len(order)}', shlex.quote(name))}")
-    rows = Rows(order, time_s, run, _phases(table, columns.phase)[order], labels, tuple(notes))
+    rows = ImportedRows(order, time_s, run, _phases(table, columns.phase)[order], labels, tuple(notes))
     _check_times(columns, rows)
     runs, counts = np.unique(run, return_counts=True)
     if counts.min() < _MIN_ROWS:
@@ -112,7 +112,7 @@ def _numbered_runs(table: Table, column: str) -> tuple[IntArray, dict[int, str]]
     return np.array(numbers, dtype=np.int64)[index], dict(sorted(zip(numbers, names, strict=True)))
 
 
-def without_repeated_rows(columns: Columns) -> Columns:
+def without_repeated_rows(columns: ColumnAssignment) -> ColumnAssignment:
     """Remove rows that repeat an earlier row and make the clock go back, and note it.
 
     A logger that writes its buffer twice repeats samples with their times. Rows that differ in any column,
@@ -138,11 +138,13 @@ def without_repeated_rows(columns: Columns) -> Columns:
     return replace(columns, table=table.select(is_new), choice_notes=(*columns.choice_notes, note))
 
 
-def _times(columns: Columns) -> FloatArray:
+def _times(columns: ColumnAssignment) -> FloatArray:
     return columns.values(TIME) if TIME in columns else np.arange(len(columns.table), dtype=np.float64)
 
 
-def _detect_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tuple[IntArray, list[str]]:
+def _detect_runs(
+    columns: ColumnAssignment, time_s: FloatArray, count: int | None
+) -> tuple[IntArray, list[str]]:
     """Detect the run of each row if no column states it, and return a note on the method.
 
     A restart of the clock begins a run; presses of a contact are separated in free air.
@@ -181,7 +183,7 @@ def _detect_runs(columns: Columns, time_s: FloatArray, count: int | None) -> tup
     return run, [f"{reason}cut into {number} runs{which}; if that is wrong, {remedy}"]
 
 
-def _cycles(columns: Columns) -> tuple[IntArray, str]:
+def _cycles(columns: ColumnAssignment) -> tuple[IntArray, str]:
     """Number the cycles of a repeated test by a second clock that restarts, and return its column.
 
     The rows remain one run, and the column name is empty, if there are very many or very short cycles, or if
@@ -260,7 +262,7 @@ def _phases(table: Table, column: str | None) -> IntArray:
     return np.array([known[name.lower()] for name in names], dtype=np.int64)[index]
 
 
-def _check_times(columns: Columns, rows: Rows) -> None:
+def _check_times(columns: ColumnAssignment, rows: ImportedRows) -> None:
     late = np.flatnonzero((np.diff(rows.time_s) < MIN_INCREASE_S) & (np.diff(rows.run) == 0))
     if not len(late):
         return

@@ -44,7 +44,7 @@ MISSING = frozenset(
 
 
 @dataclass(frozen=True)
-class Layout:
+class TableLayout:
     """Position of names and numbers among rows of cells."""
 
     names: tuple[str, ...]  # column names; units from a row of units follow in brackets
@@ -53,7 +53,7 @@ class Layout:
     titles: tuple[str, ...] = ()  # cells of the row above the names
 
 
-def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[Layout]:
+def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[TableLayout]:
     """Yield the layout of each table: a row of names, and perhaps one of units, directly above numbers.
 
     Args:
@@ -69,7 +69,7 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[Layout
         above = [row for row in _preamble(rows, first, decimal) if len(row) == width + 1]
         remarks = {row[0].rstrip(":").lower(): row[1:] for row in reversed(above) if row[0].endswith(":")}
         if "columns" in remarks:
-            yield Layout(_with_units(remarks["columns"], remarks.get("units", ())), first, first - 1)
+            yield TableLayout(_with_units(remarks["columns"], remarks.get("units", ())), first, first - 1)
             continue
         header = _header_rows(rows, first, width, decimal)
         if not header:
@@ -81,7 +81,7 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[Layout
             place, names = header[1] if units_by_row[0] else header[0]
         full_names = _with_units(_clean_names(rows, place, names, width), units)
         titles = tuple(" ".join(cell.split()) for cell in rows[top - 1]) if top else ()
-        yield Layout(_with_units_above(rows, top, full_names, decimal), first, top, titles)
+        yield TableLayout(_with_units_above(rows, top, full_names, decimal), first, top, titles)
 
 
 def _is_body(body: Sequence[Sequence[str]], decimal: str) -> bool:
@@ -465,7 +465,7 @@ def _is_measurement(names: Sequence[str]) -> bool:
 
 
 @dataclass(frozen=True)
-class Block:
+class TableBlock:
     """Names and length of one table of a file."""
 
     title: str  # name of its sheet, or number of its first line
@@ -473,7 +473,7 @@ class Block:
     rows: int
 
 
-def same_columns(blocks: Sequence[Block], selected: str, place: Path) -> tuple[list[int], list[str]]:
+def same_columns(blocks: Sequence[TableBlock], selected: str, place: Path) -> tuple[list[int], list[str]]:
     """Select the longest table that forms a channel, or the requested one, and all with the same columns.
 
     Args:

@@ -21,7 +21,7 @@ from palpate.estimation.data.table_layout import matching_places, with_run
 from palpate.estimation.data.text_dialect import (
     BLANKS,
     DELIMITERS,
-    Block,
+    TableBlock,
     TextDialect,
     TextTable,
     find_dialect,
@@ -73,7 +73,7 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     blocks = []
     for table, end in filled:
         line, rows = (1 + content.count(b"\n", *span) for span in ((0, table.head), (table.start, end - 1)))
-        blocks.append(Block(str(line), table.names, rows))
+        blocks.append(TableBlock(str(line), table.names, rows))
     chosen, note = same_columns(blocks, selected, path)
     tests = [filled[place] for place in chosen]
     lead = sum(bool(line.strip()) for line in content[: tests[0][0].head].splitlines())

@@ -13,7 +13,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.effect import Effect
 from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
-from palpate.estimation.study.source import Source
+from palpate.estimation.study.source import DataSource
 from palpate.robot_io.errors import InputError
 
 CONTACT_MODEL = "kelvin_voigt"
@@ -121,7 +121,7 @@ def default_model(channel: ChannelData, arm: Arm) -> str:
     return ARM_MODEL if arm.urdf else LOOSE_JOINT_MODEL
 
 
-def model_to_estimate(source: Source, model: str | None) -> dict[str, str]:
+def model_to_estimate(source: DataSource, model: str | None) -> dict[str, str]:
     """Select the channels and models to estimate: contacts if there are any, otherwise joints.
 
     Args:
@@ -144,7 +144,7 @@ def model_to_estimate(source: Source, model: str | None) -> dict[str, str]:
     return {channel.name: joints for channel in source.channels}
 
 
-def described_by(source: Source, model: str) -> tuple[ChannelData, ...]:
+def described_by(source: DataSource, model: str) -> tuple[ChannelData, ...]:
     """Return the channels that a base model describes.
 
     Args:

@@ -13,7 +13,7 @@ from palpate.estimation.estimate import DisplayTable, ParameterEstimate, TableDi
 from palpate.estimation.estimate_channel import UNPHYSICAL
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_noise import MeasurementNoise
-from palpate.estimation.study.patterns import Part, Pattern, patterns, splits
+from palpate.estimation.study.patterns import ErrorPart, ErrorPattern, patterns, splits
 from palpate.estimation.workers import single_threaded
 from palpate.robot_io.errors import InputError, UnknownNameError
 from palpate.robot_io.types import BoolArray
@@ -34,9 +34,9 @@ class Comparison(TableDisplay):
     fitted: FitResult  # the fitted model, whose residual is held out
     noise: MeasurementNoise  # noise of the channel, independent of the model
     # Errors by kind of split (phase, run, direction, speed, depth or position, effort, load).
-    parts: Mapping[str, tuple[Part, ...]]
+    parts: Mapping[str, tuple[ErrorPart, ...]]
     words: tuple[str, ...]  # sentences on size and distribution of the error, and the kinds that explain it
-    patterns: tuple[Pattern, ...] = ()  # patterns in the parts of the error; empty if it is noise
+    patterns: tuple[ErrorPattern, ...] = ()  # patterns in the parts of the error; empty if it is noise
     # Kinds whose flexible laws explain the error, the largest share first; empty if it is noise.
     kinds: tuple[BudgetEntry, ...] = ()
 
@@ -132,14 +132,16 @@ def compare(fitted: FitResult, model: str, noise: MeasurementNoise) -> Compariso
     # Compute the error for each split that has more than one part with samples.
     parts = {}
     for by, masks in splits(fitted.data).items():
-        occupied = list[Part]()
+        occupied = list[ErrorPart]()
         for label, mask in masks.items():
             residuals = fitted.residual[mask & fitted.scored]
             if len(residuals):
                 size = float(np.sqrt(np.mean(residuals**2)))
                 energy = float(np.sum(residuals**2) / np.nansum(fitted.residual**2))
                 excess = size / noise.value if noise.value > 0.0 else float("inf")
-                occupied.append(Part(label, len(residuals), size, float(residuals.mean()), energy, excess))
+                occupied.append(
+                    ErrorPart(label, len(residuals), size, float(residuals.mean()), energy, excess)
+                )
         if len(occupied) > 1:
             parts[by] = tuple(occupied)
     is_noise = fitted.rmse < AT_NOISE * noise.value
@@ -164,7 +166,7 @@ def compare(fitted: FitResult, model: str, noise: MeasurementNoise) -> Compariso
 
 
 def _words(
-    error: float, noise: MeasurementNoise, parts: Mapping[str, tuple[Part, ...]], unit: str
+    error: float, noise: MeasurementNoise, parts: Mapping[str, tuple[ErrorPart, ...]], unit: str
 ) -> tuple[str, ...]:
     """Describe the total error, then the splits in which it is most uneven."""
     level = noise.describe(unit)
@@ -189,7 +191,7 @@ def _words(
     return tuple(sentences)
 
 
-def _contrast(parts: tuple[Part, ...]) -> float:
+def _contrast(parts: tuple[ErrorPart, ...]) -> float:
     """Return a measure of how unevenly the error is distributed over the parts."""
     sizes = np.array([part.rmse for part in parts])
     means = np.array([part.mean for part in parts])

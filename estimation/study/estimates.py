@@ -16,7 +16,7 @@ from palpate.estimation.fit.measurement_noise import MeasurementNoise
 from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
 from palpate.estimation.statistics.correlation import residual_scale
-from palpate.estimation.study.source import Source
+from palpate.estimation.study.source import DataSource
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray
 
@@ -111,7 +111,7 @@ def choose_estimators(names: str | Sequence[str]) -> list[str]:
     return [ESTIMATORS[name].name for name in chosen]
 
 
-def only_runs(channel: ChannelData, runs: Sequence[int], source: Source) -> ChannelData:
+def only_runs(channel: ChannelData, runs: Sequence[int], source: DataSource) -> ChannelData:
     """Return the channel with only some runs, by their recorded numbers.
 
     Args:

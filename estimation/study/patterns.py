@@ -23,7 +23,7 @@ _IMPLIED_BY = dict.fromkeys(("effort", "phase"), ("depth", "position", "directio
 
 
 @dataclass(frozen=True)
-class Part:
+class ErrorPart:
     """The error in one part of the data."""
 
     label: str  # such as "moving in" or "0.01 to 0.05 m/s"
@@ -35,7 +35,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Pattern:
+class ErrorPattern:
     """A pattern in an error."""
 
     by: str  # split that shows the pattern
@@ -48,7 +48,7 @@ class Pattern:
         return f"The error {self.words}."
 
 
-def patterns(parts: Mapping[str, Sequence[Part]], rmse: float) -> tuple[Pattern, ...]:
+def patterns(parts: Mapping[str, Sequence[ErrorPart]], rmse: float) -> tuple[ErrorPattern, ...]:
     """Describe patterns in the parts of an error, the strongest first; empty without any.
 
     Args:
@@ -63,7 +63,7 @@ def patterns(parts: Mapping[str, Sequence[Part]], rmse: float) -> tuple[Pattern,
     # Subtract the overall mean from the parts, and compute the correlation ratio of each split: root mean
     # square of the parts' means over the total error.
     centered_rmse = rmse * float(np.sqrt(1.0 - min(one_sided, 1.0) ** 2))
-    varying, means = dict[str, list[Part]](), dict[str, float]()
+    varying, means = dict[str, list[ErrorPart]](), dict[str, float]()
     for by, split in parts.items():
         weights = [part.samples for part in split]
         mean = float(np.average([part.mean for part in split], weights=weights))
@@ -75,18 +75,18 @@ def patterns(parts: Mapping[str, Sequence[Part]], rmse: float) -> tuple[Pattern,
         spread = float(np.sqrt(np.average(deviations**2, weights=weights)))
         means[by] = spread / centered_rmse if centered_rmse > 0.0 else 0.0
     patterns = [
-        Pattern(by, words, share)
+        ErrorPattern(by, words, share)
         for by, split in varying.items()
         if means[by]
         > _MIN_ADVANTAGE * max((means.get(name, 0.0) for name in _IMPLIED_BY.get(by, ())), default=-1.0)
         for words, share in _pattern_of_split(by, split, means[by])
     ]
     if one_sided > _ONE_SIDED_SHARE:
-        patterns.append(Pattern("all", "has one sign throughout", one_sided))
+        patterns.append(ErrorPattern("all", "has one sign throughout", one_sided))
     return tuple(sorted(patterns, key=lambda pattern: -pattern.share)[:_MAX_PATTERNS])
 
 
-def _pattern_of_split(by: str, parts: Sequence[Part], share: float) -> Iterator[tuple[str, float]]:
+def _pattern_of_split(by: str, parts: Sequence[ErrorPart], share: float) -> Iterator[tuple[str, float]]:
     """Yield description and strength of the patterns in one split."""
     match by:
         case "direction":

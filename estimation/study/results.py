@@ -12,7 +12,7 @@ from palpate.estimation.study.revisions import Revision
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
+class ModelStage:
     """One stage of a model."""
 
     fitted: FitResult  # the fitted model of this stage
@@ -39,7 +39,7 @@ class ChannelResult(TableDisplay):
     # Comparison of the base model with the measurement; None if the channel cannot be fitted.
     comparison: Comparison | None = None
     # The base model, and one stage for each added effect; empty if the channel cannot be fitted.
-    stages: tuple[Stage, ...] = ()
+    stages: tuple[ModelStage, ...] = ()
     extended_comparison: Comparison | None = (
         None  # comparison of the last stage with the measurement; None without effects
     )

@@ -20,7 +20,7 @@ from palpate.estimation.data.array_files import arrow_table
 from palpate.estimation.data.arrow import pa
 from palpate.estimation.data.column_names import RUN
 from palpate.estimation.data.file_columns import is_session
-from palpate.estimation.data.import_file import Imported, import_file, import_table
+from palpate.estimation.data.import_file import ImportedData, import_file, import_table
 from palpate.estimation.data.import_files import data_files, import_files, joined_channels
 from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
 from palpate.estimation.data.table import table_of
@@ -36,7 +36,7 @@ _CHANNEL_NAME = re.compile(r"\w{1,64}", re.ASCII)
 
 
 @dataclass(frozen=True)
-class Source:
+class DataSource:
     """Measurement of a study: its channels, arm and origin."""
 
     name: str  # name of the file for display
@@ -78,7 +78,7 @@ class Source:
         """Return the numbers of a channel's runs, or stretches, that belong to recorded runs."""
         return tuple(channel.runs[np.isin(self.recorded(channel), recorded)].tolist())
 
-    def without(self, runs: Sequence[int]) -> Source:
+    def without(self, runs: Sequence[int]) -> DataSource:
         """Return the source without some runs.
 
         Args:
@@ -104,7 +104,7 @@ class Source:
         return tuple(channel for channel in chosen if len(channel))
 
 
-def open_source(data: Any, options: ImportOptions = NO_OPTIONS, arm: Arm | None = None) -> Source:  # noqa: ANN401
+def open_source(data: Any, options: ImportOptions = NO_OPTIONS, arm: Arm | None = None) -> DataSource:  # noqa: ANN401
     """Read a measurement from any supported source.
 
     Args:
@@ -121,7 +121,7 @@ def open_source(data: Any, options: ImportOptions = NO_OPTIONS, arm: Arm | None 
     return source if arm is None else replace(source, arm=arm, notes=(*source.notes, *arm.notes))
 
 
-def without_uninstalled(source: Source) -> Source:
+def without_uninstalled(source: DataSource) -> DataSource:
     """Drop the joints of an arm that also pressed an object if Pinocchio is not installed, and add a note.
 
     Args:
@@ -134,7 +134,7 @@ def without_uninstalled(source: Source) -> Source:
     return replace(source, channels=contacts, notes=(*source.notes, note))
 
 
-def limit_length(source: Source, held_out: Sequence[int] = ()) -> Source:
+def limit_length(source: DataSource, held_out: Sequence[int] = ()) -> DataSource:
     """Shorten recordings that are too long, see `shortened`, and add a note on each.
 
     The ticks of a long session are dropped from memory, and read again when they are needed.
@@ -167,7 +167,7 @@ def limit_length(source: Source, held_out: Sequence[int] = ()) -> Source:
     )
 
 
-def joined(first: Source, second: Source) -> Source:
+def joined(first: DataSource, second: DataSource) -> DataSource:
     """Join two measurements in memory; the runs of the second follow those of the first.
 
     Args:
@@ -185,12 +185,12 @@ def joined(first: Source, second: Source) -> Source:
     )
     if not channels:
         raise InputError(f"{second.name}: has no channel that {first.name} has")
-    return Source(f"{first.name} and {second.name}", channels, first.arm)
+    return DataSource(f"{first.name} and {second.name}", channels, first.arm)
 
 
-def _source_of(data: Any, options: ImportOptions) -> Source:  # noqa: ANN401
+def _source_of(data: Any, options: ImportOptions) -> DataSource:  # noqa: ANN401
     match data:
-        case Source():
+        case DataSource():
             return data
         case str() | os.PathLike():
             return _source_of_file(Path(data), options)
@@ -204,7 +204,7 @@ def _source_of(data: Any, options: ImportOptions) -> Source:  # noqa: ANN401
                 raise InputError(f"{IN_MEMORY}: several channels are called {', '.join(twice)}; rename them")
             for channel in data:
                 _check_channel(channel)
-            return Source(IN_MEMORY, tuple(data))
+            return DataSource(IN_MEMORY, tuple(data))
     imported = import_table(table_of(_as_arrow(data), Path(IN_MEMORY)), options)
     return _source_of_import(IN_MEMORY, imported)
 
@@ -244,19 +244,19 @@ def _check_channel(channel: ChannelData) -> None:
         )
 
 
-def _source_of_import(name: str, imported: Imported, path: Path | None = None) -> Source:
+def _source_of_import(name: str, imported: ImportedData, path: Path | None = None) -> DataSource:
     unused, notes, read = imported.unused, imported.notes, imported.read
-    return Source(name, imported.channels, path=path, unused=unused, notes=notes, read=read)
+    return DataSource(name, imported.channels, path=path, unused=unused, notes=notes, read=read)
 
 
-def _source_of_file(path: Path, options: ImportOptions) -> Source:
+def _source_of_file(path: Path, options: ImportOptions) -> DataSource:
     if path.is_dir() and (any(map(is_session, path.glob("*.mcap"))) or not (files := data_files(path))):
         if options != NO_OPTIONS:
             raise InputError(f"{path}: is a folder of sessions; such options apply at import")
         from palpate.estimation.study import sessions  # noqa: PLC0415, needs the MCAP library
 
         (first, *more), channels = sessions.read_folder(path)
-        return Source(path.name, channels, sessions.arm_of(first), path, first, more=tuple(more))
+        return DataSource(path.name, channels, sessions.arm_of(first), path, first, more=tuple(more))
     if path.is_dir():
         return _source_of_import(path.name, import_files(files, options), path)
     if not is_session(path):
@@ -271,7 +271,7 @@ def _source_of_file(path: Path, options: ImportOptions) -> Source:
     session, channels = sessions.read_session(path, runs or "")
     cut_off = "the session is cut off: results use only the data written before that"
     notes = (cut_off,) if session.truncated else ()
-    return Source(path.name, channels, sessions.arm_of(session), path, session, notes=notes)
+    return DataSource(path.name, channels, sessions.arm_of(session), path, session, notes=notes)
 
 
 def _as_arrow(data: Any) -> pa.Table:  # noqa: ANN401

@@ -34,9 +34,9 @@ from palpate.estimation.study.estimates import (
 from palpate.estimation.study.fits import StudyFits
 from palpate.estimation.study.results import (
     ChannelResult,
+    ModelStage,
     RevisionChange,
     RevisionTable,
-    Stage,
     StudyDiagnosis,
 )
 from palpate.estimation.study.revisions import Revision, Revisions, SavedParameter
@@ -447,7 +447,7 @@ class ModelStudy(StudyFits):
         numbers = {tuple(revision.effects): revision.number for revision in same}
         chains = [tuple(effects[:count]) for count in range(len(effects) + 1)]
         stages = [
-            Stage(self.fit(channel, chain), "".join(chain[-1:]), numbers.get(chain)) for chain in chains
+            ModelStage(self.fit(channel, chain), "".join(chain[-1:]), numbers.get(chain)) for chain in chains
         ]
         extended_comparison = self.comparison(channel, effects) if effects else None
         return ChannelResult(

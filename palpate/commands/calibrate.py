@@ -196,12 +196,12 @@ class _CalibrationResult(NamedTuple):
     remarks: tuple[str, ...] = ()
 
 
-def _stamp(options: CalibrateOptions, raw: Path) -> fits.Stamp:
-    return fits.Stamp.of(options.robot_file, raw, options.valid_days)
+def _stamp(options: CalibrateOptions, raw: Path) -> fits.CalibrationStamp:
+    return fits.CalibrationStamp.of(options.robot_file, raw, options.valid_days)
 
 
 def _move_in_free_air(
-    kind: str, options: MotionOptions, make: Callable[[ArmFit, fits.Stamp], Calibration]
+    kind: str, options: MotionOptions, make: Callable[[ArmFit, fits.CalibrationStamp], Calibration]
 ) -> None:
     robot_file = options.robot_file
 

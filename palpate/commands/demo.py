@@ -21,7 +21,7 @@ from palpate.sim_backend.scenario import MOST_SEED, load_scenario, shipped_scena
 from palpate.workflows.demo import (
     HIDDEN_PLAN,
     PLAN,
-    Demo,
+    DemoResult,
     HiddenDemo,
     drawn_seed,
     hide_one,
@@ -116,7 +116,7 @@ def demo_command(
     console.next_steps(*steps, (again, "the same demo again"))
 
 
-def _as_data(demo: Demo, hidden: HiddenDemo | None) -> dict[str, Any]:
+def _as_data(demo: DemoResult, hidden: HiddenDemo | None) -> dict[str, Any]:
     of_hidden: dict[str, Any] | None = None
     if hidden is not None:
         diagnosis = hidden.result.diagnosis

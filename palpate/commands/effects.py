@@ -10,7 +10,7 @@ from palpate.common.console import shell_path
 from palpate.common.files import existing_data
 from palpate.common.options import JsonOption, effect_names
 from palpate.estimation.effects import EFFECTS
-from palpate.render.effects import Example, as_data, kind_of, library, print_effect, print_library
+from palpate.render.effects import EffectExample, as_data, kind_of, library, print_effect, print_library
 from palpate.robot_io.errors import InputError
 from palpate.sim_backend.imperfection import IMPERFECTIONS
 
@@ -53,7 +53,7 @@ def effects_command(
         console.print_json(as_data(effect))
         return
     if on is None:
-        example = Example.on_simple_motion(effect, kind_of(effect))
+        example = EffectExample.on_simple_motion(effect, kind_of(effect))
     else:  # the first channel to which the effect applies
         from palpate.study import Study  # noqa: PLC0415, takes a second
 
@@ -65,7 +65,7 @@ def effects_command(
             and effect.name not in {part.name for part in channel.model.effects}
         )
         examples = (
-            Example.on_fitted_motion(fitted, suited)
+            EffectExample.on_fitted_motion(fitted, suited)
             for fitted in fits
             if (suited := effect.suited_to(fitted.data)).applies_to(fitted.data)
         )

@@ -23,7 +23,7 @@ from palpate.common.options import JsonOption
 from palpate.common.table_files import write_table
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.study.revisions import user_effects_of
-from palpate.export.table import LAYOUT_ENDINGS, Program, check_ending, layout_of, recorded_table
+from palpate.export.table import LAYOUT_ENDINGS, PlotProgram, check_ending, layout_of, recorded_table
 from palpate.render.build import REPORT, is_own_page
 from palpate.render.view import NOISE
 from palpate.robot_io.errors import InputError
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from palpate.study import Study
 
 SCENARIO, FEEDFORWARD = "scenario.yaml", "feedforward.yaml"
-PROGRAMS = {Program.FOXGLOVE: "Foxglove", Program.PLOTJUGGLER: "PlotJuggler"}
+PROGRAMS = {PlotProgram.FOXGLOVE: "Foxglove", PlotProgram.PLOTJUGGLER: "PlotJuggler"}
 
 
 class Format(StrEnum):
@@ -109,7 +109,7 @@ def export_command(
         ),
     ] = None,
     layout: Annotated[
-        Program | None, typer.Option(help="Write a layout file for viewing the session in this program.")
+        PlotProgram | None, typer.Option(help="Write a layout file for viewing the session in this program.")
     ] = None,
     folder: FolderOption = None,
     out: Annotated[
@@ -181,7 +181,7 @@ def export_command(
     console.present({"file": str(data.file), **made.content}, show, made.steps, as_json=as_json)
 
 
-def export_layout(data: DataArguments, program: Program, out: Path | None, *, force: bool) -> _Export:
+def export_layout(data: DataArguments, program: PlotProgram, out: Path | None, *, force: bool) -> _Export:
     """Write a viewer's layout.
 
     Args:

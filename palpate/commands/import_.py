@@ -18,7 +18,7 @@ from palpate.common.options import JsonOption, SessionOutOption, with_options
 from palpate.control.loop.task import Phase
 from palpate.estimation.data.channels import import_extra, import_streams
 from palpate.estimation.data.file_columns import is_session, list_first
-from palpate.estimation.data.import_file import Imported, import_table
+from palpate.estimation.data.import_file import ImportedData, import_table
 from palpate.estimation.data.import_files import data_files, import_files
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import Table, read_table
@@ -143,7 +143,7 @@ def preview_data(path: Path, options: ImportOptions) -> dict[str, Any]:
     }
 
 
-def channel_facts(imported: Imported) -> list[dict[str, Any]]:
+def channel_facts(imported: ImportedData) -> list[dict[str, Any]]:
     """Return kind, samples, runs and length of each channel, as plain data.
 
     Args:
@@ -216,7 +216,7 @@ def print_preview(
     return imported.roles
 
 
-def plausibility_warnings(imported: Imported) -> list[str]:
+def plausibility_warnings(imported: ImportedData) -> list[str]:
     """Describe implausible properties of the data of each channel, one sentence each.
 
     Args:

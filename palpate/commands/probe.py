@@ -43,7 +43,7 @@ from palpate.runs.robots import describe_wires
 from palpate.runs.session import raise_for_end
 
 if TYPE_CHECKING:
-    from palpate.workflows.resolve import Decision
+    from palpate.workflows.resolve import ProbeDecision
 
 MILLI = 1e-3
 NO_ESTIMATOR = "none"
@@ -238,7 +238,7 @@ def resolve_command(
 
       palpate resolve --robot my_arm.yaml --probes 3 --seconds 120
     """
-    from palpate.workflows.resolve import DECISIONS, Budget, resolve  # noqa: PLC0415, the study takes a second
+    from palpate.workflows.resolve import DECISIONS, ProbeBudget, resolve  # noqa: PLC0415, the study takes a second
 
     robot_file = options.robot_file
     plan = probing_plan(experiment)
@@ -264,12 +264,12 @@ def resolve_command(
         with probing_progress(next_plan, live=job.simulated) as watcher:
             yield watcher
 
-    def tell(decision: "Decision") -> None:
+    def tell(decision: "ProbeDecision") -> None:
         talk = console.stderr() if options.as_json else console.stdout()
         talk.print(safe(decision.sentence[:1].upper() + decision.sentence[1:]))
 
     try:
-        resolved = resolve(job, Budget(probes, seconds), channel, tell, watch, diagnosis_progress)
+        resolved = resolve(job, ProbeBudget(probes, seconds), channel, tell, watch, diagnosis_progress)
     except KeyboardInterrupt:
         if folder.exists():
             console.stderr().print(f"kept: {display_path(folder)}")

@@ -19,7 +19,7 @@ from palpate.robot_io.files.file_model import read_text
 
 
 @dataclass(frozen=True)
-class Written:
+class WrittenModels:
     """Files of an export."""
 
     files: tuple[Path, ...]
@@ -36,7 +36,7 @@ def write_simulator(
     patch: Path | None,
     failures: Sequence[str],
     source: str,
-) -> Written:
+) -> WrittenModels:
     """Write fitted joints in a simulator's file format.
 
     Args:
@@ -97,7 +97,7 @@ def write_simulator(
         output_file(file, force=True, keep=kept)
     for file, text in texts.items():
         write_text(file, text)
-    return Written(tuple(texts), tuple(used), arm.left_out)
+    return WrittenModels(tuple(texts), tuple(used), arm.left_out)
 
 
 def _patch_text(patch: Path) -> str:

@@ -120,17 +120,17 @@ _LEFT_OUT = {"s", "1"}  # times, and numbers without unit but for the next
 _STEPS = ("run", "phase")
 
 
-class Program(StrEnum):
+class PlotProgram(StrEnum):
     """Viewer that opens the layout."""
 
     FOXGLOVE = "foxglove"
     PLOTJUGGLER = "plotjuggler"
 
 
-LAYOUT_ENDINGS = {Program.FOXGLOVE: ".json", Program.PLOTJUGGLER: ".xml"}
+LAYOUT_ENDINGS = {PlotProgram.FOXGLOVE: ".json", PlotProgram.PLOTJUGGLER: ".xml"}
 
 
-def layout_of(session: Session, program: Program) -> str:
+def layout_of(session: Session, program: PlotProgram) -> str:
     """Return a viewer's layout as text. InputError: the session has nothing to plot.
 
     Args:
@@ -147,7 +147,7 @@ def layout_of(session: Session, program: Program) -> str:
                 plots.setdefault(f"{stream.name}: run and phase", []).append((stream, column))
     if not plots:
         raise InputError(f"{session.path}: has no stream with anything to plot")
-    if program is Program.FOXGLOVE:
+    if program is PlotProgram.FOXGLOVE:
         panels = {}
         for number, (title, plot) in enumerate(plots.items()):
             names = _series(plot, lambda stream, column: f"{stream}.{column}")

@@ -162,14 +162,14 @@ OF_ARM = frozenset({"tilt_rad", "payload_kg"})  # values of the whole arm
 
 
 @dataclass(frozen=True)
-class Value:
+class TermValue:
     """One value of a target."""
 
     number: float  # in SI units
     fitted: tuple[str, ...]  # parameters that it comes from, with their 95 % intervals
 
 
-Values = Mapping[str, Value]
+Values = Mapping[str, TermValue]
 
 
 @dataclass(frozen=True)
@@ -218,13 +218,13 @@ def express(
         rotors: inertia [kg m^2] of each joint's rotor that is in the base model; empty for none.
     """
     targets, left_out = list[TargetJoint](), list[str]()
-    arm: dict[str, tuple[float, Value, str]] = {}  # half interval, value, channel
+    arm: dict[str, tuple[float, TermValue, str]] = {}  # half interval, value, channel
     for joint in sorted(joints, key=lambda each: each.number):
-        own: dict[str, Value] = {}
+        own: dict[str, TermValue] = {}
         lost = list[str]()
         rotor = rotors[joint.number - 1] if joint.number <= len(rotors) else 0.0
         if rotor and isinstance(TABLE[target].get("armature"), TargetTerm):
-            own["armature"] = Value(rotor, (f"rotor of the robot file {rotor:.5g} kg m^2",))
+            own["armature"] = TermValue(rotor, (f"rotor of the robot file {rotor:.5g} kg m^2",))
         for effect, parameters in joint.by_effect.items():
             term = TABLE[target].get(effect, reason_left_out(effect, REASONS, "file"))
             fitted = tuple(f"{effect}.{name} {_shown(each)}" for name, each in parameters.items())
@@ -236,8 +236,8 @@ def express(
             numbers = term.values({name: each.value for name, each in parameters.items()})
             for key, number in numbers.items():
                 if key not in OF_ARM:
-                    before = own.get(key, Value(0.0, ()))
-                    own[key] = Value(before.number + number, before.fitted + fitted)
+                    before = own.get(key, TermValue(0.0, ()))
+                    own[key] = TermValue(before.number + number, before.fitted + fitted)
                     continue
                 (half,) = (each.half_interval for each in parameters.values())
                 rank = half if isfinite(half) else float("inf")
@@ -247,7 +247,7 @@ def express(
                         "interval gives it"
                     )
                 if key not in arm or rank < arm[key][0]:
-                    arm[key] = (rank, Value(number, fitted), joint.name)
+                    arm[key] = (rank, TermValue(number, fitted), joint.name)
             if term.lost:
                 lost.append(f"'{effect}': {term.lost}")
             lost += [

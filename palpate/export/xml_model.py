@@ -35,7 +35,7 @@ class Mounting:
 
 
 @dataclass(frozen=True)
-class Patched:
+class PatchedModel:
     """A patched file."""
 
     text: str  # text of the file
@@ -92,7 +92,9 @@ def patch_mjcf(
     return _patched(text, root, arm, model.used, model.left_out)
 
 
-def patch_urdf(text: str, place: str, arm: TargetArm, mounting: Mounting, *, folder: str = ".") -> Patched:
+def patch_urdf(
+    text: str, place: str, arm: TargetArm, mounting: Mounting, *, folder: str = "."
+) -> PatchedModel:
     """Write the values of an arm into the text of a URDF.
 
     Args:
@@ -332,7 +334,7 @@ class _Mjcf:
             line = f"'torque_gain' scales the gear of a <motor>; actuators of this joint: {kinds}"
             self.left_out.append(f"{joint.channel}: {line}")
 
-    def add_payload(self, payload: Value, mounting: Mounting) -> None:
+    def add_payload(self, payload: TermValue, mounting: Mounting) -> None:
         """Add a point mass at the tip.
 
         Args:
@@ -410,7 +412,7 @@ def _comment(root: Element, element: Element, title: str, lines: Sequence[str]) 
 
 def _patched(
     before: str, root: Element, arm: TargetArm, used: Sequence[str], left_out: Sequence[str]
-) -> Patched:
+) -> PatchedModel:
     """Join the text before the root, comments on omitted effects, and the changed root."""
     out = (*arm.left_out, *left_out)
     lines = [f"Patched by palpate export from {arm.source}.", *(f"not in it: {line}" for line in out)]
@@ -419,4 +421,4 @@ def _patched(
     head = head if opened and head.count("<!--") == head.count("-->") else ""
     ElementTree.indent(root)
     text = f"{head}{comments}{ElementTree.tostring(root, encoding='unicode')}\n"
-    return Patched(text, tuple(used), out)
+    return PatchedModel(text, tuple(used), out)

@@ -22,7 +22,7 @@ from palpate.estimation.fit.measurement_noise import MeasurementNoise
 from palpate.estimation.model import Model
 from palpate.estimation.signals.blocks import block_index, blocks, time_in_run
 from palpate.estimation.study import ChannelResult, ModelStudy
-from palpate.estimation.study.patterns import Part
+from palpate.estimation.study.patterns import ErrorPart
 from palpate.render.diagnosis import (
     budget_view,
     comparison_verdict,
@@ -30,7 +30,7 @@ from palpate.render.diagnosis import (
     diagnosis_verdict,
     unphysical_remarks,
 )
-from palpate.render.view import Axes, ChannelView, ParameterView, StageView, StudyView, VerdictView
+from palpate.render.view import AxisLabels, ChannelView, ParameterView, StageView, StudyView, VerdictView
 from palpate.robot_io.extras import missing_package
 from palpate.robot_io.types import BoolArray, FloatArray
 
@@ -50,7 +50,7 @@ def channel_view(
     stages: Sequence[StageView],
     noise: MeasurementNoise | None,
     *,
-    parts: Mapping[str, Sequence[Part]] | None = None,
+    parts: Mapping[str, Sequence[ErrorPart]] | None = None,
     words: Sequence[str] = (),
     diagnosis: ChannelDiagnosis | None = None,
     scored: BoolArray | None = None,
@@ -123,17 +123,17 @@ def parameter_view(name: str, fitted: FittedValue) -> ParameterView:
     return ParameterView(effect, parameter, fitted.value, lower, upper, fitted.unit, fitted.at_bound)
 
 
-def axes_of(kind: ChannelKind) -> Axes:
+def axes_of(kind: ChannelKind) -> AxisLabels:
     """Return units for display: mm for contacts and sliding joints, rad for turning joints."""
     unit = kind.effort_unit
     match kind:
         case ChannelKind.CONTACT:
-            return Axes(f"contact force [{unit}]", unit, "depth [mm]", "velocity inwards [mm/s]")
+            return AxisLabels(f"contact force [{unit}]", unit, "depth [mm]", "velocity inwards [mm/s]")
         case ChannelKind.SERVO:
-            return Axes(f"goal error [{unit}]", unit, "position [rad]", "velocity [rad/s]")
+            return AxisLabels(f"goal error [{unit}]", unit, "position [rad]", "velocity [rad/s]")
         case ChannelKind.PRISMATIC:
-            return Axes(f"force [{unit}]", unit, "position [mm]", "velocity [mm/s]")
-    return Axes(f"torque [{unit}]", unit, "position [rad]", "velocity [rad/s]")
+            return AxisLabels(f"force [{unit}]", unit, "position [mm]", "velocity [mm/s]")
+    return AxisLabels(f"torque [{unit}]", unit, "position [rad]", "velocity [rad/s]")
 
 
 def concatenated_times(data: ChannelData) -> FloatArray:

@@ -30,7 +30,7 @@ _PLAIN = {"stiffness.k": 500.0, "damping.c": 4.0, "inertia.m": 0.02, "viscous_fr
 
 
 @dataclass
-class Example:
+class EffectExample:
     """A model with an effect, compared with the same model without it."""
 
     effect: Effect  # effect that is shown
@@ -40,7 +40,7 @@ class Example:
     values: dict[str, float]
 
     @classmethod
-    def on_simple_motion(cls, effect: Effect, kind: ChannelKind) -> "Example | None":
+    def on_simple_motion(cls, effect: Effect, kind: ChannelKind) -> "EffectExample | None":
         """Show the effect on two plain presses or swings; None if it has no influence there.
 
         The model without the effect is a spring and damper, or a mass with viscous friction. If the effect is
@@ -56,7 +56,7 @@ class Example:
         return made if np.any(made.effort() != data.effort) else None
 
     @classmethod
-    def on_fitted_motion(cls, fitted: FitResult, effect: Effect) -> "Example":
+    def on_fitted_motion(cls, fitted: FitResult, effect: Effect) -> "EffectExample":
         """Add an effect to a fitted model, on a few runs of its motion.
 
         Args:
@@ -227,7 +227,7 @@ def print_library(console: Console, effects: Sequence[Effect]) -> None:
             console.print(made)
 
 
-def print_effect(console: Console, effect: Effect, example: Example | None) -> None:
+def print_effect(console: Console, effect: Effect, example: EffectExample | None) -> None:
     """Print one effect: physics, equation, signature, drawing, parameters and similar effects.
 
     Args:
@@ -264,7 +264,7 @@ def print_effect(console: Console, effect: Effect, example: Example | None) -> N
         console.print(rivals)
 
 
-def draw_example(example: Example, width: int) -> Iterator[Text]:
+def draw_example(example: EffectExample, width: int) -> Iterator[Text]:
     """Draw an example with characters: effort over position or velocity and, if there is room, over time.
 
     Args:

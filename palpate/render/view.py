@@ -11,7 +11,7 @@ import numpy as np
 from palpate.estimation.design.next_experiment import NextExperiment
 from palpate.estimation.diagnosis.result import AcceptedEffect, RankedEffect
 from palpate.estimation.effect import Effect
-from palpate.estimation.study.patterns import Part
+from palpate.estimation.study.patterns import ErrorPart
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 RANGE = "alone or added last"  # header of `BudgetPart.range_text`
@@ -24,7 +24,7 @@ _MOST_PARTS = 8
 
 
 @dataclass(frozen=True)
-class Axes:
+class AxisLabels:
     """Names of a channel's quantities with units, and the effort's unit."""
 
     effort: str
@@ -153,7 +153,7 @@ class ChannelView:
     """One channel: measurement, stages of its model, and findings."""
 
     name: str  # such as "contact"
-    axes: Axes  # names and units
+    axes: AxisLabels  # names and units
     time_s: FloatArray  # time with the runs one after the other, shape (n,) [s]
     position: FloatArray  # position in display units, shape (n,)
     velocity: FloatArray  # velocity in display units, shape (n,)
@@ -170,7 +170,7 @@ class ChannelView:
     verdict: VerdictView  # verdict on the channel
     budget: BudgetView | None = None  # budget of the base model's error; None without a diagnosis
     # The last model's error by phase, run, speed and so on.
-    parts: Mapping[str, Sequence[Part]] = field(default_factory=dict)
+    parts: Mapping[str, Sequence[ErrorPart]] = field(default_factory=dict)
     accepted: tuple[AcceptedEffect, ...] = ()  # accepted effects
     ranking: tuple[RankedEffect, ...] = ()  # candidates that improve the base model, best first
     next_experiment: NextExperiment | None = None  # what to record next; None for nothing
@@ -185,7 +185,7 @@ class ChannelView:
         """
         return error / self.noise_level if self.noise_level > 0.0 else float("inf")
 
-    def parts_by(self) -> Iterator[tuple[str, Sequence[Part]]]:
+    def parts_by(self) -> Iterator[tuple[str, Sequence[ErrorPart]]]:
         """Yield each kind's name and parts; if there are very many parts, such as runs, only the worst."""
         for kind, parts in self.parts.items():
             if len(parts) > _MOST_PARTS:

@@ -80,7 +80,7 @@ def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
 
 
 @dataclass(frozen=True)
-class Stamp:
+class CalibrationStamp:
     """Origin of a calibration, which every calibration file states."""
 
     robot_file: RobotFile  # robot file of the calibrated robot
@@ -91,7 +91,7 @@ class Stamp:
     made_with: tuple[str, ...] = ()  # calibrations applied during the recording
 
     @classmethod
-    def of(cls, robot_file: RobotFile, raw: Path, valid_days: float) -> "Stamp":
+    def of(cls, robot_file: RobotFile, raw: Path, valid_days: float) -> "CalibrationStamp":
         """Read the origin from a session; a data file states none and counts as measured now.
 
         Args:
@@ -167,7 +167,7 @@ def encoder_fit_of(
         raise InputError(f"{error}; if the arm was held in a pose, give it with --pose") from error
 
 
-def force_calibration(fit: ForceFit, reading_unit: str, stamp: Stamp) -> ForceCalibration:
+def force_calibration(fit: ForceFit, reading_unit: str, stamp: CalibrationStamp) -> ForceCalibration:
     """Make the content of a force calibration.
 
     Args:
@@ -188,7 +188,7 @@ def force_calibration(fit: ForceFit, reading_unit: str, stamp: Stamp) -> ForceCa
     return validate(ForceCalibration, content)
 
 
-def encoder_calibration(fit: EncoderFit, stamp: Stamp) -> EncoderCalibration:
+def encoder_calibration(fit: EncoderFit, stamp: CalibrationStamp) -> EncoderCalibration:
     """Make the content of an encoder calibration.
 
     Args:
@@ -200,7 +200,7 @@ def encoder_calibration(fit: EncoderFit, stamp: Stamp) -> EncoderCalibration:
     return validate(EncoderCalibration, stamp.content("encoder") | {"values": values, "findings": findings})
 
 
-def torque_calibration(fit: ArmFit, stamp: Stamp) -> TorqueCalibration:
+def torque_calibration(fit: ArmFit, stamp: CalibrationStamp) -> TorqueCalibration:
     """Make the content of a torque calibration; friction is reported, not applied.
 
     Args:
@@ -220,7 +220,7 @@ def torque_calibration(fit: ArmFit, stamp: Stamp) -> TorqueCalibration:
     return validate(TorqueCalibration, stamp.content("torque") | {"values": values, "findings": findings})
 
 
-def gravity_calibration(fit: ArmFit, stamp: Stamp) -> GravityCalibration:
+def gravity_calibration(fit: ArmFit, stamp: CalibrationStamp) -> GravityCalibration:
     """Make the content of a gravity calibration, without angles that do not affect the arm's torques.
 
     Args:

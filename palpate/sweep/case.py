@@ -303,7 +303,7 @@ class SweepTable:
 
 
 @dataclass(frozen=True)
-class Errors:
+class EstimationErrors:
     """Errors of one estimator for one parameter, from all rows with both estimate and truth."""
 
     relative: FloatArray  # estimate / truth - 1, shape (m,), of the rows with nonzero truth
@@ -312,7 +312,7 @@ class Errors:
     covered: float  # share of the 95 % intervals that contain the truth; NaN without intervals
 
 
-def errors_of(rows: Iterable[Row], parameter: str) -> Errors:
+def errors_of(rows: Iterable[Row], parameter: str) -> EstimationErrors:
     """Collect the errors of a parameter, such as "stiffness.k".
 
     Args:
@@ -327,7 +327,7 @@ def errors_of(rows: Iterable[Row], parameter: str) -> Errors:
     inside = (low <= true) & (true <= high)
     some = true != 0
     usable = np.isfinite(bound) & (bound > 0)
-    return Errors(
+    return EstimationErrors(
         error[some] / true[some],
         estimated[~some],
         float(np.sqrt(np.mean((error[usable] / bound[usable]) ** 2))) if usable.any() else float("nan"),

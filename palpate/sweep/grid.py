@@ -33,7 +33,7 @@ Spec = str | dict[str, str | float]
 Hidden = str | list[dict[str, Any]]
 
 
-class Range(FileModel):
+class ParameterRange(FileModel):
     """Evenly spaced numbers, both ends included."""
 
     from_: Annotated[Number, Field(alias="from")]
@@ -119,7 +119,7 @@ class GridFile(FileModel):
             choices: dict[str, list[Any]] = {}
             for name, value in entry.items():
                 if isinstance(value, Mapping):
-                    choices[name] = validate(Range, value).values()
+                    choices[name] = validate(ParameterRange, value).values()
                 else:
                     choices[name] = list(value) if isinstance(value, list | tuple) else [value]
             given.append(choices)

@@ -27,7 +27,7 @@ from palpate.sweep.case import (
 )
 from palpate.sweep.figures import C, K
 from palpate.sweep.grid import shipped_grid
-from palpate.sweep.report import Section, write_page
+from palpate.sweep.report import ReportSection, write_page
 
 LIMIT_N = 10.0
 WORST = {"ransac": (6.5, 18.4), "lsq": (20.6, 29.5)}  # section VI-B: worst error of k and c [%]
@@ -74,7 +74,7 @@ RANSAC_NOISES = ((0.0, 0.0), (10.0, 0.0), (0.0, 30.0))  # noise relative to the 
 _POWER_LAW = ("law stiffness", "law damping", "law exponent")
 
 
-def controller_section(ticks: Sequence[Row]) -> Section:
+def controller_section(ticks: Sequence[Row]) -> ReportSection:
     """Make the section of figure 3a.
 
     Args:
@@ -90,10 +90,10 @@ def controller_section(ticks: Sequence[Row]) -> Section:
         f"the load. Our two torques differ by at most {off_nm:.3f} N m (root mean square). This is the noise "
         "(0.01 N m) and the step (0.002 N m) of the simulated torque sensor. The paper gives no value.",
     )
-    return Section("Figure 3a: commanded and measured torque", figures.torques(ticks), words)
+    return ReportSection("Figure 3a: commanded and measured torque", figures.torques(ticks), words)
 
 
-def transition_section(ticks: Sequence[Row]) -> Section:
+def transition_section(ticks: Sequence[Row]) -> ReportSection:
     """Make the section of figure 3b.
 
     Args:
@@ -109,10 +109,12 @@ def transition_section(ticks: Sequence[Row]) -> Section:
         "arm brakes, and settles within 20 ms. The paper's figure shows small spikes and then a steady "
         "increase; the paper does not state the speed.",
     )
-    return Section("Figure 3b: torque through the transition to contact", figures.transition(ticks), words)
+    return ReportSection(
+        "Figure 3b: torque through the transition to contact", figures.transition(ticks), words
+    )
 
 
-def force_section(ticks: Sequence[Row], grid: Sequence[Row]) -> Section:
+def force_section(ticks: Sequence[Row], grid: Sequence[Row]) -> ReportSection:
     """Make the section of figure 4a, and of runs in which the damping force alone exceeds the limit.
 
     Args:
@@ -151,7 +153,7 @@ def force_section(ticks: Sequence[Row], grid: Sequence[Row]) -> Section:
         f"is {elsewhere:.2f} N. The estimators use all samples in contact, including those while the arm "
         "brakes, which have the largest change of speed and determine c best.",
     )
-    return Section(
+    return ReportSection(
         "Figure 4a: force over displacement at three speeds, k = 500 N/m, c = 100 N s/m",
         figures.force_displacement(ticks, rows),
         words,
@@ -159,7 +161,7 @@ def force_section(ticks: Sequence[Row], grid: Sequence[Row]) -> Section:
     )
 
 
-def grid_section(rows: Sequence[Row], clean: Sequence[Row]) -> Section:
+def grid_section(rows: Sequence[Row], clean: Sequence[Row]) -> ReportSection:
     """Make the section of figures 4b and 4c, with the worst errors of section VI-B.
 
     Args:
@@ -199,12 +201,12 @@ def grid_section(rows: Sequence[Row], clean: Sequence[Row]) -> Section:
         error_table("grid_estimators", "All estimators, sensor noise of 0.02 N", rows, best_first=True),
         error_table("grid_clean", "All estimators, no noise of the force sensor", clean, best_first=True),
     )
-    return Section(
+    return ReportSection(
         "Figures 4b and 4c: estimates of k and c over the grid", figures.grid_estimates(rows), words, tables
     )
 
 
-def noise_section(rows: Sequence[Row]) -> Section:
+def noise_section(rows: Sequence[Row]) -> ReportSection:
     """Make the section of figure 4d.
 
     Args:
@@ -241,10 +243,10 @@ def noise_section(rows: Sequence[Row]) -> Section:
         "the paper observes. The additional term β·nint(γ e²) acts only on errors above 0.7 N. The "
         "divergence in the paper's figure does not occur at this force.",
     )
-    return Section("Figure 4d: error over force noise", figures.noise(lines), words, (shown,), (table,))
+    return ReportSection("Figure 4d: error over force noise", figures.noise(lines), words, (shown,), (table,))
 
 
-def cubes_section(rows: Sequence[Row]) -> Section:
+def cubes_section(rows: Sequence[Row]) -> ReportSection:
     """Make the section of tables I and II.
 
     Args:
@@ -287,10 +289,10 @@ def cubes_section(rows: Sequence[Row]) -> Section:
         f"At 50 mm/s, the damper of cube A alone needs {CUBES[0].c['ransac'] * 0.05:.1f} N; the highest "
         f"measured force is {peak_n:.1f} N.",
     )
-    return Section("Tables I and II: the silicone cubes", None, words, (first, second))
+    return ReportSection("Tables I and II: the silicone cubes", None, words, (first, second))
 
 
-def ransac_section(rows: Sequence[Row]) -> Section:
+def ransac_section(rows: Sequence[Row]) -> ReportSection:
     """Make the section on RANSAC's settings, which the paper leaves to future work.
 
     Args:
@@ -325,7 +327,7 @@ def ransac_section(rows: Sequence[Row]) -> Section:
         "trials hardly matters either if there are no outliers. With 30 % outliers, ten trials are too few; "
         "a draw without an outlier-free subset counts with an error of 100 %.",
     )
-    return Section(
+    return ReportSection(
         "Future work in the paper: influence of RANSAC's settings",
         figures.ransac_map(named),
         words,
@@ -334,7 +336,7 @@ def ransac_section(rows: Sequence[Row]) -> Section:
     )
 
 
-def hunt_crossley_section(rows: Sequence[Row]) -> Section:
+def hunt_crossley_section(rows: Sequence[Row]) -> ReportSection:
     """Make the section on Hunt-Crossley objects, which the paper leaves to future work."""
     table = error_table("hunt_crossley", "Hunt-Crossley, all objects", rows, best_first=True)
     best = table.rows[0]
@@ -345,7 +347,7 @@ def hunt_crossley_section(rows: Sequence[Row]) -> Section:
         "The unit of k is N/mⁿ, so a small error of n causes a large error of k. The two errors are "
         "correlated, and the force over the probed depth is known much better than k or n.",
     )
-    return Section(
+    return ReportSection(
         "Future work in the paper: recovery of Hunt-Crossley parameters",
         figures.hunt_crossley(rows, str(best[0])),
         words,

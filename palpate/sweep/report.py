@@ -24,7 +24,7 @@ _TEMPLATE = Path(__file__).parent / "page.html"
 
 
 @dataclass(frozen=True)
-class Section:
+class ReportSection:
     """Section of the page."""
 
     title: str  # heading
@@ -35,7 +35,7 @@ class Section:
 
 
 def write_page(
-    folder: Path, title: str, summary: str, facts: Mapping[str, str], sections: Sequence[Section]
+    folder: Path, title: str, summary: str, facts: Mapping[str, str], sections: Sequence[ReportSection]
 ) -> Path:
     """Write all files; return the page. InputError: a file cannot be written.
 
@@ -111,10 +111,10 @@ def write_grid(
         names = ("hidden", "channel", "verdict", "effects named", "cases")
         counts = tuple((*key, len(own)) for key, own in sorted(verdicts.items()))
         table = SweepTable("verdicts", "What the diagnosis said", names, counts)
-        sections = [Section("Diagnosis", None, (), (table,))]
+        sections = [ReportSection("Diagnosis", None, (), (table,))]
     else:
         table = error_table("errors", "All cases", rows)
-        sections = [Section("Errors by estimator", figures.error_spread(rows), (_WORDS,), (table,))]
+        sections = [ReportSection("Errors by estimator", figures.error_spread(rows), (_WORDS,), (table,))]
         conditions = ("law", "speeds_mm_s", "noise_std_n", "noise_percent", "hidden")
         groups = grouped(
             (row for row in rows if not row["error"]), lambda row: tuple(row[key] for key in conditions)
@@ -128,14 +128,14 @@ def write_grid(
                 )
                 for number, ((law, speeds, std, percent, hidden), own) in enumerate(groups.items(), 1)
             )
-            sections.append(Section("By condition", None, (), by_condition))
+            sections.append(ReportSection("By condition", None, (), by_condition))
     why = grouped(
         (row for row in rows if row["error"] or row.get("problem")),
         lambda row: row["error"] or f"{row['estimator']}: {row['problem']}",
     )
     lines = tuple((text, len(own)) for text, own in why.items())
     tables = (SweepTable("failures", "Why a case has no result", ("why", "cases"), lines),) if lines else ()
-    sections.append(Section("Cases without a result", None, (), tables))
+    sections.append(ReportSection("Cases without a result", None, (), tables))
     keys = tuple(dict.fromkeys(key for row in rows for key in row if key not in _NOT_SHOWN))
     every = SweepTable("cases", "Every row", keys, tuple(tuple(row.get(key) for key in keys) for row in rows))
     sections[0] = replace(sections[0], more=(every,))

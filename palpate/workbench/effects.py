@@ -15,7 +15,7 @@ from palpate.estimation.effect import Effect, Parameter
 from palpate.estimation.estimate import with_unit
 from palpate.render import palette
 from palpate.render.build import axes_of
-from palpate.render.effects import Example
+from palpate.render.effects import EffectExample
 from palpate.robot_io.errors import PalpateError
 from palpate.workbench import elements
 from palpate.workbench.elements import Figure, Plot, Restyle, axis, curve, heading, layout_of, set_props
@@ -199,7 +199,7 @@ class EffectList:
 
 def _row(effect: Effect, kind: ChannelKind) -> Row:
     """Return an effect's row: texts, and a drawing of effort over position with and without it."""
-    example, drawn = Example.on_simple_motion(effect, kind), ""
+    example, drawn = EffectExample.on_simple_motion(effect, kind), ""
     if example is not None:
         step, data = slice(None, None, 2), example.data
         curves = [(data.effort[step], palette.BASE), (example.effort()[step], palette.MODEL)]
@@ -262,7 +262,7 @@ class _Simulated:
     """A fitted base model with an added effect, on a few runs of the user's motion."""
 
     def __init__(self, state: WorkbenchState, effect: Effect) -> None:
-        self.example = Example.on_fitted_motion(state.study.fit(state.channel), effect)
+        self.example = EffectExample.on_fitted_motion(state.study.fit(state.channel), effect)
         self._motion = DrawnMotion.of(self.example.data)
         rows = np.flatnonzero(near(self._motion))
         self._rows = self._motion.with_gaps(rows[:: max(len(rows) // _POINTS, 1)])

@@ -19,7 +19,7 @@ from palpate.robot_io.errors import InputError, PalpateError
 from palpate.workbench import elements
 from palpate.workbench.effects import EffectList
 from palpate.workbench.elements import errors_as_warnings, heading, set_props
-from palpate.workbench.parameters import ErrorCard, Lines, Parameters
+from palpate.workbench.parameters import EquivalentCommands, ErrorCard, Parameters
 from palpate.workbench.plots import PlotPanel, UseRuns
 from palpate.workbench.state import DisplayedFit, ModelSelection, WorkbenchState
 
@@ -88,7 +88,7 @@ class Page:
                 self._center = PlotPanel(self.state, use_runs)
                 self._center.build()
             with ui.element("div").classes("right"):
-                self._lines = Lines(self.state)
+                self._lines = EquivalentCommands(self.state)
                 self._parameters = Parameters(self.state, self.choose, self.move_slider)
                 if not refused:
                     self._error.build()

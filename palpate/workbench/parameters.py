@@ -262,7 +262,7 @@ class Parameters:
         dialog.open()
 
 
-class Lines:
+class EquivalentCommands:
     """The equivalent command and Python line."""
 
     def __init__(self, state: WorkbenchState) -> None:

@@ -16,7 +16,7 @@ from nicegui import events, ui
 
 from palpate.common.files import atomic_write, output_folder
 from palpate.control.loop.tick_record import STREAM_NAME
-from palpate.estimation.data.column_names import QUANTITIES, RUN, Guess, guess_columns
+from palpate.estimation.data.column_names import QUANTITIES, RUN, RoleGuess, guess_columns
 from palpate.estimation.data.file_columns import is_session
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import Table, read_table
@@ -76,7 +76,7 @@ def suggest_columns(table: Table) -> list[ColumnGuess]:
     best = {(each.quantity, each.joint): each for each in sorted(guesses, key=lambda each: each.fit)}
     columns = []
     for each in guesses:
-        guessed = each if best[each.quantity, each.joint] is each else Guess(each.column, "")
+        guessed = each if best[each.quantity, each.joint] is each else RoleGuess(each.column, "")
         quantity = f"{guessed.quantity}_{guessed.joint}" if guessed.joint is not None else guessed.quantity
         values = ", ".join(f"{value:.4g}" for value in table.head(_SHOWN).numbers(guessed.column))
         why = guessed.why if guessed.unit or not quantity else f"{guessed.why}; unit not stated"

@@ -14,7 +14,7 @@ from palpate.estimation.diagnosis.candidates import applicable_effects
 from palpate.estimation.effect import Effect, Parameter
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.study import Revision, StudyChannel
-from palpate.estimation.study.source import Source, joined, open_source
+from palpate.estimation.study.source import DataSource, joined, open_source
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 from palpate.study import Study
@@ -368,7 +368,7 @@ class WorkbenchState:
         state.source, state.whole, state.out = self.source, whole, out
         return state
 
-    def _with(self, source: Source, held_out: Sequence[int]) -> "WorkbenchState":
+    def _with(self, source: DataSource, held_out: Sequence[int]) -> "WorkbenchState":
         """Return a state of other data with the same base model and effects."""
         study = self.study
         state = WorkbenchState(Study(source, study.model, effects=study.user_effects, held_out=held_out))

@@ -33,7 +33,7 @@ _SEEDS = 1_000_000  # small enough to be typed
 
 
 @dataclass(frozen=True)
-class Demo:
+class DemoResult:
     """Results of the first part of the demo: a probed object and its estimates."""
 
     session: Path  # the session file
@@ -87,7 +87,7 @@ def probe_demo(
     run_probing(job, watcher).raise_for_failure()
 
 
-def show_demo(session: Path) -> Demo:
+def show_demo(session: Path) -> DemoResult:
     """Estimate, and write recording and plots into the session's folder.
 
     Args:
@@ -104,7 +104,7 @@ def show_demo(session: Path) -> Demo:
     recording = folder / RECORDING if find_spec("rerun") else None
     if recording is not None:
         inspection.record(recording)
-    return Demo(session, study, estimates, recording, (inspection.plot(folder),))
+    return DemoResult(session, study, estimates, recording, (inspection.plot(folder),))
 
 
 def drawn_seed() -> int:

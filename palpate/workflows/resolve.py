@@ -59,7 +59,7 @@ _ENDS = {
 
 
 @dataclass(frozen=True)
-class Decision:
+class ProbeDecision:
     """Result of one probe, and what follows."""
 
     probe: int  # its number, from 1
@@ -80,7 +80,7 @@ class Decision:
         diagnoses: Sequence[ChannelDiagnosis],
         end: StopReason | None,
         following: NextProbe | None,
-    ) -> "Decision":
+    ) -> "ProbeDecision":
         """Describe the result of a probe.
 
         Args:
@@ -121,7 +121,7 @@ class Decision:
 
 
 @dataclass(frozen=True)
-class Budget:
+class ProbeBudget:
     """Maximum number of probes, including the first, and of seconds on the robot's clock."""
 
     probes: int = 4
@@ -133,7 +133,7 @@ class ResolveResult:
     """Result of the whole sequence."""
 
     folder: Path  # with the sessions, and what is derived from them
-    decisions: tuple[Decision, ...]  # one for each probe
+    decisions: tuple[ProbeDecision, ...]  # one for each probe
     channels: tuple[ChannelDiagnosis, ...]  # the last diagnosis
 
     @property
@@ -157,9 +157,9 @@ class ResolveResult:
 
 def resolve(  # noqa: PLR0917
     job: ProbingJob,
-    budget: Budget,
+    budget: ProbeBudget,
     channel: str | None = None,
-    on_decision: Callable[[Decision], None] = lambda decision: None,
+    on_decision: Callable[[ProbeDecision], None] = lambda decision: None,
     watch: Watch = lambda plan: nullcontext(NOBODY),
     work: Work = lambda channels: nullcontext(lambda what, share: None),
     design: Design = Study.next_probe,
@@ -184,7 +184,7 @@ def resolve(  # noqa: PLR0917
     if any(folder.glob("*.mcap")):
         raise InputError(f"{folder}: holds sessions already; name a new folder, which palpate creates")
     output_folder(folder)
-    decisions: list[Decision] = []
+    decisions: list[ProbeDecision] = []
     shown: set[str] = set()  # channels in which something was missing so far
     while True:
         number = len(decisions)
@@ -213,7 +213,7 @@ def resolve(  # noqa: PLR0917
                     end = StopReason.SIMPLEST
                 diagnosis = diagnosis.model_copy(update={"channels": judged})
         write_text(output_folder(folder / "study") / RESULT, json_text(study.diagnosis_data(diagnosis)))
-        decision = Decision.of(number + 1, ran.session, outcome.loop.duration_s, judged, end, following)
+        decision = ProbeDecision.of(number + 1, ran.session, outcome.loop.duration_s, judged, end, following)
         decisions.append(decision)
         with (folder / DECISIONS).open("a", encoding="utf-8") as log:
             log.write(json.dumps(asdict(decision)) + "\n")

@@ -63,7 +63,7 @@ _OLD_RECORDS = 50  # in a row are more than any network repeats,
 _OLD_BEGINNING, _BEGINNING = 3, 20  # and so many of the first records that there are, long after them
 
 
-class Record(NamedTuple):
+class RdtRecord(NamedTuple):
     """One record."""
 
     sequence: int  # of the records
@@ -72,7 +72,7 @@ class Record(NamedTuple):
     counts: tuple[int, ...]  # forces and torques along x, y, z
 
 
-def decode_record(datagram: bytes) -> Record:
+def decode_record(datagram: bytes) -> RdtRecord:
     """Return the record in a datagram.
 
     Args:
@@ -84,7 +84,7 @@ def decode_record(datagram: bytes) -> Record:
     if len(datagram) != RECORD_SIZE:
         raise ProtocolError(f"a record must have {RECORD_SIZE} bytes, but this one has {len(datagram)}")
     sequence, measurement, status, *counts = _RECORD.unpack(datagram)
-    return Record(sequence, measurement, status, tuple(counts))
+    return RdtRecord(sequence, measurement, status, tuple(counts))
 
 
 def status_problem(status: int) -> str:
@@ -110,7 +110,7 @@ class NetFtStream(ReadingStream):
 
     def __init__(self, newtons_per_count: float, axis: str, rate_hz: float) -> None:
         self._scale, self._axis, self._period_s = newtons_per_count, "xyz".index(axis), 1.0 / rate_hz
-        self._last: Record | None = None
+        self._last: RdtRecord | None = None
         self._old = 0  # in a row
         self.sensor_clock = SensorClock()
 
@@ -121,7 +121,7 @@ class NetFtStream(ReadingStream):
         except ProtocolError:
             self.rejected += 1
             return []
-        last = self._last or Record(record.sequence - 1, record.measurement - 1, 0, ())
+        last = self._last or RdtRecord(record.sequence - 1, record.measurement - 1, 0, ())
         steps = (record.sequence - last.sequence) % _COUNTERS
         if not 0 < steps < _COUNTERS // 2 or record.measurement == last.measurement:
             self.rejected += 1
@@ -146,7 +146,7 @@ _LARGEST_PAGE = 262_144  # bytes
 _PATIENCE_S = 2.0
 
 
-class Configuration(NamedTuple):
+class NetFtConfiguration(NamedTuple):
     """Configuration that a sensor reports."""
 
     product: str  # name of the product
@@ -156,7 +156,7 @@ class Configuration(NamedTuple):
     is_streaming: bool  # whether records are sent at all
 
 
-def parse_configuration(page: bytes) -> Configuration:
+def parse_configuration(page: bytes) -> NetFtConfiguration:
     """Return the configuration on a page.
 
     Args:
@@ -167,7 +167,7 @@ def parse_configuration(page: bytes) -> Configuration:
     """
     text = page.decode("utf-8", "replace")
     try:
-        configuration = Configuration(
+        configuration = NetFtConfiguration(
             product=_value(text, "prodname", "Net F/T"),
             counts_per_force=float(_value(text, "cfgcpf")),
             unit=_value(text, "scfgfu"),
@@ -191,7 +191,7 @@ def _value(text: str, name: str, default: str | None = None) -> str:
     return match[1] if match else str(default)
 
 
-def read_configuration(host: str, port: int) -> Configuration:
+def read_configuration(host: str, port: int) -> NetFtConfiguration:
     """Read the configuration of a sensor.
 
     Args:
@@ -299,7 +299,7 @@ class NetFtLine(ForceLine):
         except (OSError, UnicodeError) as error:  # the latter if the text cannot be a host name
             raise DeviceError(f"{self.label}: cannot be reached ({error})") from error
 
-    def read_configuration(self) -> Configuration:
+    def read_configuration(self) -> NetFtConfiguration:
         """Read the sensor's configuration; raise `DeviceError` without a valid answer."""
         return read_configuration(self._settings.host, self._settings.http_port)
 

@@ -310,7 +310,7 @@ MODULE = "palpate.robot_io.session.writer_process"
 
 
 @dataclass(frozen=True)
-class Job:
+class WriterJob:
     """One line of JSON on the writer process's standard input."""
 
     path: str  # the new session file
@@ -339,7 +339,7 @@ class Job:
         return process
 
     @classmethod
-    def receive(cls, pipe: IO[str]) -> "Job":
+    def receive(cls, pipe: IO[str]) -> "WriterJob":
         """Read the job in the writer process.
 
         Args:

@@ -20,8 +20,8 @@ from palpate.robot_io.session.mcap_file import McapFile
 from palpate.robot_io.session.shared_log import (
     FINISHED,
     STARTING,
-    Job,
     SharedLog,
+    WriterJob,
     check_streams,
     is_locked,
     open_memory,
@@ -74,7 +74,7 @@ class SessionWriter:
         memory = open_memory(streams, ring_slots)
         try:
             self._log = SharedLog(memory, streams, ring_slots)
-            job = Job(
+            job = WriterJob(
                 path=str(self.path.absolute()),
                 memory=memory,
                 streams=streams_to_json(tuple(streams)),

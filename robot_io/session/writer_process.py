@@ -14,7 +14,7 @@ from palpate.robot_io.errors import SessionError
 from palpate.robot_io.files.atomic_write import reserve_name
 from palpate.robot_io.session.event import EVENT_STREAM, SessionMetadata, encode_event, unclosed
 from palpate.robot_io.session.mcap_file import McapFile
-from palpate.robot_io.session.shared_log import FINISHED, READY, Job, SharedLog, lock
+from palpate.robot_io.session.shared_log import FINISHED, READY, SharedLog, WriterJob, lock
 from palpate.robot_io.session.stream import TIME_COLUMN, Stream, streams_from_json
 
 IDLE_S = 0.01
@@ -32,7 +32,7 @@ def main() -> None:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     with suppress(AttributeError, OSError):
         os.sched_setaffinity(0, range(os.cpu_count() or 1))
-    job = Job.receive(sys.stdin)
+    job = WriterJob.receive(sys.stdin)
     streams = streams_from_json(job.streams)
     log = SharedLog(job.memory, streams, job.ring_slots)
     os.close(job.memory)
@@ -44,7 +44,7 @@ def main() -> None:
         log.fail(text or str(error) or repr(error), number)
 
 
-def _write_session(job: Job, streams: tuple[Stream, ...], log: SharedLog) -> None:
+def _write_session(job: WriterJob, streams: tuple[Stream, ...], log: SharedLog) -> None:
     path = Path(job.path)
     with reserve_name(path):  # exclusive creation; another program may have been faster
         file = path.open("xb")

@@ -6,7 +6,7 @@ from pathlib import Path
 from palpate.robot_io.robot_file import RobotFile
 from palpate.robot_io.session import Session
 from palpate.runs.calibration import CalibrationJob
-from palpate.runs.calibration_file import Stamp
+from palpate.runs.calibration_file import CalibrationStamp
 from palpate.runs.robots import find_robot
 from palpate.sim_backend.scenario import load_scenario
 
@@ -26,8 +26,8 @@ def opened(job: CalibrationJob) -> Session:
     return Session.open(job.session)
 
 
-def stamp(job: CalibrationJob) -> Stamp:
-    return Stamp.of(job.robot_file, job.session, 365.0)
+def stamp(job: CalibrationJob) -> CalibrationStamp:
+    return CalibrationStamp.of(job.robot_file, job.session, 365.0)
 
 
 def in_joints(effect: str, **parameters) -> list[dict]:

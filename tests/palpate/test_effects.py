@@ -16,7 +16,7 @@ from palpate.estimation.channel import ChannelKind
 from palpate.estimation.effect import AdditiveEffect, Parameter
 from palpate.estimation.effects import EFFECTS
 from palpate.render.effects import (
-    Example,
+    EffectExample,
     draw_characters,
     draw_example,
     kind_of,
@@ -80,7 +80,7 @@ def test_lists_and_drawings_fit_the_terminal_and_break_no_name(width):
     print_library(console, library())
     for name in ("backlash", "cubic_stiffness", "rigid_body"):
         effect = EFFECTS[name]()
-        print_effect(console, effect, Example.on_simple_motion(effect, kind_of(effect)))
+        print_effect(console, effect, EffectExample.on_simple_motion(effect, kind_of(effect)))
     assert max(map(len, out.getvalue().splitlines())) <= width
     assert "⣿ with cubic_stiffness\n" in "".join(line.rstrip() + "\n" for line in out.getvalue().splitlines())
     assert set(EFFECTS) <= set(out.getvalue().split())
@@ -88,21 +88,23 @@ def test_lists_and_drawings_fit_the_terminal_and_break_no_name(width):
 
 def test_every_plain_example_is_drawn_and_shows_something():
     examples = {
-        one.name: example for one in library() if (example := Example.on_simple_motion(one, kind_of(one)))
+        one.name: example
+        for one in library()
+        if (example := EffectExample.on_simple_motion(one, kind_of(one)))
     }
     for name, example in examples.items():
         share = np.abs(example.effort() - example.data.effort).max() / np.ptp(example.data.effort)
         assert share > (0.02 if name == "damping" else 0.05), name  # the damping of the plain model is small
     assert len(examples) > 35
     effect = EFFECTS["asymmetric_friction"]()
-    example = Example.on_simple_motion(effect, kind_of(effect))
+    example = EffectExample.on_simple_motion(effect, kind_of(effect))
     effort, v = example.effort() - example.data.effort, example.data.velocity
     assert effort[v > 1.0].mean() > 2.0 * -effort[v < -1.0].mean() > 0.0
     assert "over velocity [rad/s]" in next(
         line.plain for line in draw_example(example, 120) if "over" in line.plain
     )
     effect = EFFECTS["rigid_body"]()
-    assert Example.on_simple_motion(effect, kind_of(effect)) is None
+    assert EffectExample.on_simple_motion(effect, kind_of(effect)) is None
 
 
 def test_curve_is_drawn_at_its_coordinates():

@@ -14,7 +14,7 @@ from benchmarks import simulator_round_trip
 from benchmarks.simulator_round_trip import CASES, NOISE_NM, URDF, round_trip
 from palpate import Study
 from palpate.estimation.effects import EFFECTS
-from palpate.export.target_terms import TABLE, SimulatorFormat, TargetArm, TargetJoint, Value
+from palpate.export.target_terms import TABLE, SimulatorFormat, TargetArm, TargetJoint, TermValue
 from palpate.export.xml_model import Mounting, patch_mjcf, patch_urdf
 from palpate.robot_io.errors import InputError
 from tests.files import saved
@@ -47,8 +47,8 @@ LEVEL = Mounting("tip", np.array([0.25, 0.0, 0.02]), np.array([0.0, 1.0, 0.0]), 
 
 def arm_of(arm=(), **values):
     """An arm whose only fitted joint is its elbow, with these values."""
-    own = {key: Value(number, (f"{key} from -- a fit",)) for key, number in values.items()}
-    whole = {key: Value(number, (key,)) for key, number in dict(arm).items()}
+    own = {key: TermValue(number, (f"{key} from -- a fit",)) for key, number in values.items()}
+    whole = {key: TermValue(number, (key,)) for key, number in dict(arm).items()}
     return TargetArm("swing--1.csv", (TargetJoint("joint_2", "elbow", own, ()),), whole, ())
 
 
@@ -142,7 +142,7 @@ def test_a_gap_lets_the_link_move_by_itself_and_no_further():
 
 
 def test_a_torque_scale_goes_into_the_gear_and_a_late_reading_into_a_late_sensor():
-    scaled = TargetArm("", (TargetJoint("joint_1", "", {"gear": Value(1.25, ())}, ()),), {}, ())
+    scaled = TargetArm("", (TargetJoint("joint_1", "", {"gear": TermValue(1.25, ())}, ()),), {}, ())
     model, result = patched(scaled, by_name=False)
     assert model.actuator_gear[0, 0] == pytest.approx(3.75)
     assert not result.left_out[1:]  # beside the damping that is kept

@@ -9,7 +9,7 @@ from palpate.robot_io.clock import Clock
 from palpate.robot_io.drivers.dynamixel import protocol, tables
 from palpate.robot_io.drivers.dynamixel.protocol import DynamixelStatus, DynamixelStatusReader, FastReply
 from palpate.robot_io.drivers.dynamixel.tables import DynamixelSettings, ServoSettings
-from palpate.robot_io.drivers.servo.feedback import FeedbackReader, Request
+from palpate.robot_io.drivers.servo.feedback import FeedbackReader, FeedbackRequest
 from palpate.robot_io.drivers.servo.line import TOO_HOT, RegisterAccess, ServoLine
 from palpate.robot_io.errors import DeviceError, ProtocolError
 from palpate.robot_io.examination import Finding, Level, fail, graded, ok
@@ -96,7 +96,7 @@ class _FastReader(FeedbackReader[DynamixelFeedback]):
         return {size: FastReply(self._ids, size) for size in self._requests}
 
     @cached_property
-    def _by_length(self) -> dict[bytes, Request]:
+    def _by_length(self) -> dict[bytes, FeedbackRequest]:
         return {self._replies[size].length: request for size, request in self._requests.items()}
 
     @cached_property
@@ -107,14 +107,14 @@ class _FastReader(FeedbackReader[DynamixelFeedback]):
     def _answer_size(self, size: int) -> int:
         return self._replies[size].size
 
-    def _decode_whole(self, request: Request, data: bytes) -> list[DynamixelFeedback] | None:
+    def _decode_whole(self, request: FeedbackRequest, data: bytes) -> list[DynamixelFeedback] | None:
         parts = self._replies[request.size].valid_parts(self._buffer + data)
         if parts is None:
             return None
         self._buffer = b""
         return list(map(DynamixelFeedback._make, self._layouts[request.size].iter_unpack(parts)))
 
-    def _answers(self, data: bytes) -> Iterator[tuple[Request, Sequence[DynamixelStatus]]]:
+    def _answers(self, data: bytes) -> Iterator[tuple[FeedbackRequest, Sequence[DynamixelStatus]]]:
         self._buffer = buffer = self._buffer + data
         index, incomplete = 0, -1
         while (start := buffer.find(protocol.FAST_HEADER, index)) >= 0:
@@ -141,7 +141,7 @@ class _FastReader(FeedbackReader[DynamixelFeedback]):
             incomplete = max(index, len(buffer) - len(protocol.FAST_HEADER) + 1)
         self._buffer = buffer[incomplete:]
 
-    def _describe_silence(self, request: Request) -> str:
+    def _describe_silence(self, request: FeedbackRequest) -> str:
         partial = self._buffer[max(self._buffer.rfind(protocol.FAST_HEADER), 0) :]
         return f"servo {self._ids[self._replies[request.size].answered(partial)]} did not answer in time"
 

@@ -22,7 +22,7 @@ from palpate.robot_io.drivers.feetech.servos import FeetechLine, examine_servo
 from palpate.robot_io.drivers.feetech.tables import POSITION_STEP_RAD, FeetechSettings
 from palpate.robot_io.drivers.joint_bus import BusTorque
 from palpate.robot_io.drivers.servo.bus import ServoBus, ServoEncoder
-from palpate.robot_io.drivers.servo.feedback import FeedbackReader, Request
+from palpate.robot_io.drivers.servo.feedback import FeedbackReader, FeedbackRequest
 from palpate.robot_io.drivers.servo.stream import ServoAnswer
 from palpate.robot_io.errors import DeviceError, LifecycleError, ProtocolError
 from palpate.robot_io.examination import Finding, ok
@@ -220,7 +220,7 @@ class FeetechReader(FeedbackReader[FeetechFeedback]):
             for size in _SIZES
         }
 
-    def _decode_whole(self, request: Request, data: bytes) -> list[FeetechFeedback] | None:
+    def _decode_whole(self, request: FeedbackRequest, data: bytes) -> list[FeetechFeedback] | None:
         buffer, width = self._packets.pending + data, protocol.AROUND + request.size
         if len(buffer) != width * len(self._ids):
             return None

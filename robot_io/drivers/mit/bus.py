@@ -8,7 +8,7 @@ from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.drivers.can.line import CanFrame
 from palpate.robot_io.drivers.can.motors import ANSWER_S, PolledMotorBus
 from palpate.robot_io.drivers.joint_bus import BusEncoder, BusTorque
-from palpate.robot_io.drivers.mit.protocol import TIMEOUT_STEP_S, MitState, MotorRegister, Order
+from palpate.robot_io.drivers.mit.protocol import TIMEOUT_STEP_S, MitState, MotorCommand, MotorRegister
 from palpate.robot_io.drivers.mit.settings import MitBusSettings
 from palpate.robot_io.errors import DeviceError, ProtocolError
 from palpate.robot_io.examination import Finding, fail, ok
@@ -98,7 +98,7 @@ class MitBus(PolledMotorBus[MitState]):
         finally:
             self._alarms = [0] * self.joint_count
 
-    def _order_frames(self, order: Order) -> list[CanFrame]:
+    def _command_frames(self, order: MotorCommand) -> list[CanFrame]:
         return [self._frames.order(motor_id, order) for motor_id in self._motor_ids]
 
     def _register(self, joint: int, register: MotorRegister, value: float | None = None) -> float:
@@ -177,7 +177,7 @@ class MitBus(PolledMotorBus[MitState]):
     def power_on(self) -> None:
         if self._dialect.activation_registers:
             self._set_up()
-        frames = [*self._order_frames(Order.ENTER), *self._zero_torque()]
+        frames = [*self._command_frames(MotorCommand.ENTER), *self._zero_torque()]
         self._send_confirmed(frames, "motor mode is not confirmed by", enabled=True)
         self._refuse_duplicate_ids()
         self._refuse_errors()
@@ -206,7 +206,7 @@ class MitBus(PolledMotorBus[MitState]):
         self._refuse_errors(but=dialect.timeout_error)
         self._send_all(
             [
-                self._frames.order(motor_id, Order.CLEAR)
+                self._frames.order(motor_id, MotorCommand.CLEAR)
                 for motor_id, error in zip(self._motor_ids, self._errors, strict=True)
                 if error and error == dialect.timeout_error
             ]
@@ -239,7 +239,7 @@ class MitBus(PolledMotorBus[MitState]):
             self._exchange(self._zero_torque())
             self._refuse_active(map(bool, self._enabled), "is still in motor mode")
         else:
-            exerting = self._exerts_torque(self._order_frames(Order.ENTER), trial_nm)
+            exerting = self._exerts_torque(self._command_frames(MotorCommand.ENTER), trial_nm)
             self._refuse_active(exerting, "still exerts torque")
 
     def _exerts_torque(self, frames: list[CanFrame], trial_nm: list[float]) -> list[bool]:
@@ -249,17 +249,17 @@ class MitBus(PolledMotorBus[MitState]):
 
     def _switch_off(self) -> None:
         """See `MotorBus._switch_off`; each motor must answer, even if it is off and ignores commands."""
-        leave = self._order_frames(Order.LEAVE)
+        leave = self._command_frames(MotorCommand.LEAVE)
         frames = [*self._zero_torque(), *leave, *leave]
         self._send_confirmed(frames, "torque off is not confirmed by", enabled=False)
 
     def _state_requests(self, joint: int) -> list[CanFrame]:
         motor_id = self._motor_ids[joint]
-        leave = self._frames.order(motor_id, Order.LEAVE)
+        leave = self._frames.order(motor_id, MotorCommand.LEAVE)
         if self._settings.ask_with == "exit":
             return [leave]
         # A motor asked in this way has power, at zero torque, until the frame after the next arrives.
-        return [self._frames.order(motor_id, Order.ENTER), self._encode_torque(joint, 0.0)[0], leave]
+        return [self._frames.order(motor_id, MotorCommand.ENTER), self._encode_torque(joint, 0.0)[0], leave]
 
 
 class MitEncoder(BusEncoder):

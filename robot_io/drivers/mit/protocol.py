@@ -168,7 +168,7 @@ MIT_MODE: Final = 1
 TIMEOUT_STEP_S: Final = 50e-6
 
 
-class Order(StrEnum):
+class MotorCommand(StrEnum):
     """Commands other than torques; only motors of Damiao and Robstride know `CLEAR`."""
 
     ENTER = "enter motor mode"
@@ -184,21 +184,21 @@ class MitFrames:
         answer_ids: arbitration ids of each motor's answers, by its CAN id.
     """
 
-    _ORDERS: ClassVar = {Order.ENTER: ENTER_MOTOR_MODE, Order.LEAVE: EXIT_MOTOR_MODE}
+    _COMMANDS: ClassVar = {MotorCommand.ENTER: ENTER_MOTOR_MODE, MotorCommand.LEAVE: EXIT_MOTOR_MODE}
     _ID_BITS, _STATUS_BESIDE_ID, _HAS_REGISTERS = 0xFF, False, False
     extended = False
 
     def __init__(self, host_id: int, answer_ids: Mapping[int, tuple[int, ...]]) -> None:
         self.host_id, self._answer_ids = host_id, answer_ids
 
-    def order(self, motor_id: int, order: Order) -> CanFrame:
+    def order(self, motor_id: int, order: MotorCommand) -> CanFrame:
         """Make the frame of an order; the motor answers with its state.
 
         Args:
             motor_id: CAN id of the receiver.
             order: the order.
         """
-        return CanFrame(motor_id, self._ORDERS[order])
+        return CanFrame(motor_id, self._COMMANDS[order])
 
     def torque(self, motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[CanFrame, float]:
         """Make the frame for a torque at the output shaft.
@@ -314,7 +314,7 @@ class DamiaoFrames(MitFrames):
     Only a state near the end of the position's range can have the same bytes as an answer about a register.
     """
 
-    _ORDERS: ClassVar = {**MitFrames._ORDERS, Order.CLEAR: CLEAR_ERROR}
+    _COMMANDS: ClassVar = {**MitFrames._COMMANDS, MotorCommand.CLEAR: CLEAR_ERROR}
     _ID_BITS, _STATUS_BESIDE_ID, _HAS_REGISTERS = 0xF, True, True
 
 
@@ -324,10 +324,10 @@ POSITION: Final = MotorRegister("mechPos", 0x7019, "<f")  # of the output shaft,
 ROBSTRIDE_CAN_TIMEOUT: Final = MotorRegister("canTimeout", 0x7028, "<I")  # in steps of 50 us
 
 _CONTROL, _STATE, _ENABLE, _STOP, _READ, _WRITE, _FAULTS = 1, 2, 3, 4, 17, 18, 21
-_ORDERS = {
-    Order.ENTER: (_ENABLE, bytes(8)),
-    Order.LEAVE: (_STOP, bytes(8)),
-    Order.CLEAR: (_STOP, b"\x01" + bytes(7)),
+_COMMANDS = {
+    MotorCommand.ENTER: (_ENABLE, bytes(8)),
+    MotorCommand.LEAVE: (_STOP, bytes(8)),
+    MotorCommand.CLEAR: (_STOP, b"\x01" + bytes(7)),
 }
 _RUNNING, _MODE_COUNT = 2, 3
 _ONLY_TORQUE_DATA = bytes((0x80, 0, 0x80, 0, 0, 0, 0, 0))  # as `_ONLY_TORQUE`; the torque is in the id
@@ -340,8 +340,8 @@ class RobstrideFrames(MitFrames):
 
     extended = True
 
-    def order(self, motor_id: int, order: Order) -> CanFrame:
-        kind, data = _ORDERS[order]
+    def order(self, motor_id: int, order: MotorCommand) -> CanFrame:
+        kind, data = _COMMANDS[order]
         return self._frame(kind, self.host_id, motor_id, data)
 
     def torque(self, motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[CanFrame, float]:

@@ -77,7 +77,7 @@ def crc16(data: bytes) -> int:
 _REVERSED: Final = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
-class Sample(NamedTuple):
+class BotaSample(NamedTuple):
     """Content of one frame."""
 
     status: int  # bits
@@ -86,7 +86,7 @@ class Sample(NamedTuple):
     temperature_c: float  # [degrees Celsius]
 
 
-def decode_frame(frame: bytes) -> Sample:
+def decode_frame(frame: bytes) -> BotaSample:
     """Decode a frame.
 
     Args:
@@ -102,17 +102,17 @@ def decode_frame(frame: bytes) -> Sample:
     status, *forces, time_us, temperature_c = _DATA.unpack(frame[1:-2])
     if not all(map(isfinite, forces)):
         raise ProtocolError("a force is not a number")
-    return Sample(status, tuple(forces), time_us, temperature_c)
+    return BotaSample(status, tuple(forces), time_us, temperature_c)
 
 
-class _Frames(PacketStream[Sample]):
+class _FrameReader(PacketStream[BotaSample]):
     header = bytes((_HEADER,))
     head = 1
 
     def _size(self, buffer: bytes, start: int) -> int:
         return FRAME_SIZE
 
-    def _decode(self, packet: bytes) -> Sample:
+    def _decode(self, packet: bytes) -> BotaSample:
         return decode_frame(packet)
 
 
@@ -130,7 +130,7 @@ class BotaStream(ReadingStream):
 
     def __init__(self, axis: str, capacity_n: float) -> None:
         self._axis, self._capacity_n = "xyz".index(axis), capacity_n
-        self._frames = _Frames(FRAME_SIZE)
+        self._frames = _FrameReader(FRAME_SIZE)
         self._time_us: int | None = None  # of the last sample, and of a sample whose time did not continue
         self._odd_us: int | None = None
         self._left_out = self._skipped = 0  # the latter in a row
@@ -142,7 +142,7 @@ class BotaStream(ReadingStream):
         self.rejected = self._frames.rejected + self._left_out
         return forces_n
 
-    def _forces(self, sample: Sample) -> list[float]:
+    def _forces(self, sample: BotaSample) -> list[float]:
         is_new, is_skipped = self._is_new(sample.time_us), sample.status & _SKIPPED
         self._skipped = self._skipped + 1 if is_skipped else 0
         if not is_new or (is_skipped and self._skipped < _MANY_SKIPPED):

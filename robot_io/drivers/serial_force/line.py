@@ -225,7 +225,7 @@ class ForceLineSettings(FileModel):
     delay_s: Annotated[NotNegative, Field(le=1)] = 0.0
 
 
-class Port(Protocol):
+class BytePort(Protocol):
     """Interface of an open port; no call waits for long."""
 
     def fileno(self) -> int:
@@ -253,7 +253,7 @@ class ForceLine(Bus):
         self._settings = context.settings_as(self.Settings, settings)
         self._clock = context.clock
         self._silent_s = _SILENT_SHARE * context.robot_file.limits.force_age_s
-        self._port: Port | None = None
+        self._port: BytePort | None = None
         self._reader: SerialReader | None = None
         self._capacity_n = float("inf")
         self.sample: ForceSample | None = None
@@ -378,7 +378,7 @@ class ForceLine(Bus):
         value = np.array([-force_n if reversed_sign else force_n])
         return Reading(value, arrived_at_s - self._settings.delay_s, status)
 
-    def _opened(self) -> Port:
+    def _opened(self) -> BytePort:
         if self._port is None:
             raise DeviceError(f"{self.label}: not open")
         return self._port

@@ -16,7 +16,7 @@ _LATEST_S = 0.1  # no answer comes later than this after its request: USB adapte
 
 
 @dataclass(slots=True, eq=False)
-class Request:
+class FeedbackRequest:
     """One request to all servos. `asked_at_s` is its time [s], minus infinity once it is answered."""
 
     packet: bytes  # bytes of the request
@@ -55,9 +55,9 @@ class FeedbackReader(Generic[FeedbackType]):
         overhead: int,
     ) -> None:
         self._port, self._clock, self._ids = port, clock, tuple(servo_ids)
-        self._requests = {size: Request(packet, size) for size, packet in asking.items()}
+        self._requests = {size: FeedbackRequest(packet, size) for size, packet in asking.items()}
         self._next_requests = list(self._requests.values())  # the first one is next
-        self._open: list[Request] = []  # without an answer, the oldest first
+        self._open: list[FeedbackRequest] = []  # without an answer, the oldest first
         self._packets, self._decode, self._overhead = packets, decode, overhead
         self._newest_request = self._next_requests[0]
         self._problem = ""
@@ -160,13 +160,13 @@ class FeedbackReader(Generic[FeedbackType]):
                 self._close(earlier)
         return newest
 
-    def _close(self, request: Request) -> None:
+    def _close(self, request: FeedbackRequest) -> None:
         """Stop expecting an answer to a request."""
         if request.asked_at_s > -inf:
             request.asked_at_s = -inf
             self._open.remove(request)
 
-    def _decode_whole(self, request: Request, data: bytes) -> list[FeedbackType] | None:
+    def _decode_whole(self, request: FeedbackRequest, data: bytes) -> list[FeedbackType] | None:
         """Decode all answers to the only open request at once, as in most ticks.
 
         Args:
@@ -179,14 +179,14 @@ class FeedbackReader(Generic[FeedbackType]):
         """
         return None
 
-    def _oldest_open(self, servo_id: int | None = None) -> Request | None:
+    def _oldest_open(self, servo_id: int | None = None) -> FeedbackRequest | None:
         """Return the first unanswered request, of this servo if given.
 
         An answer without a usable length, damaged or a refusal, belongs to this request or a later one.
         """
         return next((request for request in self._open if servo_id not in request.answers), None)
 
-    def _answers(self, data: bytes) -> Iterator[tuple[Request, Sequence[ServoAnswer]]]:
+    def _answers(self, data: bytes) -> Iterator[tuple[FeedbackRequest, Sequence[ServoAnswer]]]:
         """Yield requests whose answers are complete with `data`, each with all servos' packets in order."""
         ids = self._ids
         for packet in self._packets.feed(data):
@@ -199,7 +199,7 @@ class FeedbackReader(Generic[FeedbackType]):
                 if len(answers) == len(ids):
                     yield request, [answers[servo_id] for servo_id in ids]
 
-    def _describe_silence(self, request: Request) -> str:
+    def _describe_silence(self, request: FeedbackRequest) -> str:
         """Name the servos that did not answer."""
         silent = ", ".join(str(servo_id) for servo_id in self._ids if servo_id not in request.answers)
         damaged = f" ({self._packets.rejected} damaged answers)" if self._packets.rejected else ""

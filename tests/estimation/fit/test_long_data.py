@@ -13,7 +13,7 @@ from palpate.estimation.fit.long_data import shortened, within_blocks
 from palpate.estimation.model import Model
 from palpate.estimation.study import ModelStudy
 from palpate.estimation.study.fitting import fit_base
-from palpate.estimation.study.source import Source, limit_length
+from palpate.estimation.study.source import DataSource, limit_length
 from palpate.robot_io.errors import InputError
 
 RATE_HZ, RUN_S, RUNS, NOISE_N = 1000.0, 20.0, 8, 0.02
@@ -190,7 +190,7 @@ def test_rest_is_kept_if_too_few_samples_would_remain():
 
 
 def test_study_reports_averaging(recording):
-    source = limit_length(Source("presses.csv", (recording,), notes=("first",)))
+    source = limit_length(DataSource("presses.csv", (recording,), notes=("first",)))
     first, said = source.notes
     assert first == "first"
     assert source.averaged == {"contact": said}
@@ -201,7 +201,7 @@ def test_study_reports_averaging(recording):
 def test_held_out_are_the_runs_that_were_recorded_and_all_of_them(runs, monkeypatch):
     monkeypatch.setattr(long_data, "_MAX_SAMPLES", 5_000)
     whole = quick(np.arange(200_000) / RATE_HZ, runs, ChannelKind.REVOLUTE)
-    source = Source("swings.csv", (whole,))
+    source = DataSource("swings.csv", (whole,))
     study = ModelStudy(source, held_out=(1,))
     one = study.channel()
     begin_s, end_s = whole.time_s[whole.run == 1][[0, -1]]
@@ -220,7 +220,7 @@ def test_held_out_are_the_runs_that_were_recorded_and_all_of_them(runs, monkeypa
 def test_of_a_recording_that_was_cut_a_recorded_run_is_left_out_or_held_out(monkeypatch):
     monkeypatch.setattr(long_data, "_MAX_SAMPLES", 5_000)
     whole = quick(np.arange(200_000) / RATE_HZ, 3, ChannelKind.REVOLUTE)
-    source = ModelStudy(Source("swings.csv", (whole,))).source
+    source = ModelStudy(DataSource("swings.csv", (whole,))).source
     assert source.runs == (0, 1, 2)
     assert source.without([2]).channels[0].time_s.max() < whole.time_s[whole.run == 2][0]
     held = ModelStudy(source, held_out=[2]).channel()
@@ -238,6 +238,6 @@ def test_stretches_of_one_recording_have_no_zero_of_their_own(cut, monkeypatch):
 
     whole = quick(np.arange(200_000) / RATE_HZ, 3, ChannelKind.REVOLUTE)
     with pytest.raises(InputError, match="seen"):
-        ModelStudy(Source("swings.csv", (whole,))).diagnose(judge=judge)
+        ModelStudy(DataSource("swings.csv", (whole,))).diagnose(judge=judge)
     assert "coulomb_friction" in tried
     assert ("run_offset" in tried) is not cut

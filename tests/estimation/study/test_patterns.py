@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.estimation.kinds import Kind
-from palpate.estimation.study import ModelStudy, Part
+from palpate.estimation.study import ErrorPart, ModelStudy
 from palpate.estimation.study.patterns import patterns
 from tests.palpate.presses import press_rows
 
@@ -13,7 +13,7 @@ SPEEDS = (0.02, 0.04, 0.08, 0.03)
 
 def part(label, mean, rmse=None, samples=100):
     size = abs(mean) if rmse is None else rmse
-    return Part(label, samples, size, mean, 0.0, size)
+    return ErrorPart(label, samples, size, mean, 0.0, size)
 
 
 def presses(law):

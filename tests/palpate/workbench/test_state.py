@@ -18,7 +18,7 @@ from palpate.estimation.data_quality import checklist
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit import long_data
 from palpate.estimation.study.source import joined, open_source
-from palpate.render.effects import Example, simple_motion, visible_parameters
+from palpate.render.effects import EffectExample, simple_motion, visible_parameters
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import Session
 from palpate.study import Study
@@ -341,7 +341,7 @@ def test_a_form_that_needs_an_arm_is_not_drawn_on_a_plain_motion():
     swing, _, _ = simple_motion(ChannelKind.REVOLUTE)
     signals = dict.fromkeys(("tilt_effort_per_rad", "weight_effort", "payload_effort_per_kg"), swing.effort)
     of_arm = EFFECTS["gravity_tilt"]().suited_to(replace(swing, context={**swing.context, **signals}))
-    assert Example.on_simple_motion(of_arm, ChannelKind.REVOLUTE) is None
+    assert EffectExample.on_simple_motion(of_arm, ChannelKind.REVOLUTE) is None
 
 
 def test_a_probing_that_the_server_leaves_is_brought_to_its_end(tmp_path):

@@ -12,8 +12,8 @@ from palpate.robot_io.drivers.can.line import CanFrame
 from palpate.robot_io.drivers.mit.protocol import (
     ROBSTRIDE_CAN_TIMEOUT,
     RUN_MODE,
+    MotorCommand,
     MotorRegister,
-    Order,
     RobstrideFrames,
 )
 from palpate.robot_io.drivers.mit.settings import DIALECTS, Maker
@@ -37,9 +37,9 @@ def said(frame):
         ),
         (RobstrideFrames(0xAA, {}).write_register(2, RUN_MODE, 1), "1200AA02 05 70 00 00 01 00 00 00"),
         (FRAMES.write_register(1, ROBSTRIDE_CAN_TIMEOUT, 20000), "1200FD01 28 70 00 00 20 4e 00 00"),
-        (FRAMES.order(1, Order.ENTER), "0300FD01 00 00 00 00 00 00 00 00"),
-        (FRAMES.order(1, Order.LEAVE), "0400FD01 00 00 00 00 00 00 00 00"),
-        (FRAMES.order(1, Order.CLEAR), "0400FD01 01 00 00 00 00 00 00 00"),
+        (FRAMES.order(1, MotorCommand.ENTER), "0300FD01 00 00 00 00 00 00 00 00"),
+        (FRAMES.order(1, MotorCommand.LEAVE), "0400FD01 00 00 00 00 00 00 00 00"),
+        (FRAMES.order(1, MotorCommand.CLEAR), "0400FD01 01 00 00 00 00 00 00 00"),
     ],
 )
 def test_what_is_sent_is_what_was_written_down(frame, bytes_):
