@@ -30,15 +30,15 @@ from tests.wire.parts import (
     ROBSTRIDE,
     SO101,
     V0_5,
-    WireBench,
+    EmulatedRobot,
 )
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 @dataclass(frozen=True)
-class RobotBench:
-    """One robot on the bench, in state NEW.
+class RobotSetup:
+    """One robot in state NEW.
 
     press: makes the force sensor feel about this force [N] at the next ticks, or None where nobody can.
     watchdog_s: after how long without commands the drives let go [s], or None where they have no watchdog.
@@ -91,25 +91,25 @@ class Backend:
     """
 
     name: str
-    open: Callable[[], RobotBench]
+    open: Callable[[], RobotSetup]
     missing: Callable[[], str | None] = lambda: None
     known: str = ""
 
 
-def open_mock() -> RobotBench:
+def open_mock() -> RobotSetup:
     robot_file, clock = mock_robot_file(), SimulatedClock()
     robot = build_robot(robot_file, DriverCatalog("tests.mock_robot"), clock)
 
     def press(force_n: float) -> None:
         mock_bus(robot).plant.hand_force_n = force_n
 
-    return RobotBench(robot, robot_file, clock, press, WATCHDOG_S)
+    return RobotSetup(robot, robot_file, clock, press, WATCHDOG_S)
 
 
 SIM_ROBOT_FILE = ROOT / "sim_backend" / "arms" / "follower" / "follower.yaml"
 
 
-def open_simulation() -> RobotBench:
+def open_simulation() -> RobotSetup:
     robot_file, clock = load_robot_file(SIM_ROBOT_FILE), SimulatedClock()
     robot = build_robot(robot_file, DriverCatalog("palpate.sim_backend.drivers"), clock)
 
@@ -120,7 +120,7 @@ def open_simulation() -> RobotBench:
         depth_m = force_n / world.object.law.stiffness_n_m if force_n else -0.05
         world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
 
-    return RobotBench(robot, robot_file, clock, press)
+    return RobotSetup(robot, robot_file, clock, press)
 
 
 def wired(
@@ -128,9 +128,9 @@ def wired(
     changes: Sequence[tuple[str, str]] = (),
     watchdog_s: float | None = None,
     hidden: Sequence[Imperfection] = (),
-) -> RobotBench:
+) -> RobotSetup:
     """Real drivers of a robot file that is shipped, changed, in lock-step with emulated devices."""
-    made = WireBench(path, changes, hidden)
+    made = EmulatedRobot(path, changes, hidden)
 
     def press(force_n: float) -> None:
         """Hold the arm where it is, tool down, and bring the surface up to it."""
@@ -140,10 +140,10 @@ def wired(
         depth_m = force_n / world.object.law.stiffness_n_m if force_n else -0.05
         world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
 
-    return RobotBench(made.robot, made.arm.robot_file, made.clock, press, watchdog_s, made.arm.emulator.close)
+    return RobotSetup(made.robot, made.arm.robot_file, made.clock, press, watchdog_s, made.arm.emulator.close)
 
 
-def odrive(*changes: tuple[str, str]) -> RobotBench:
+def odrive(*changes: tuple[str, str]) -> RobotSetup:
     return wired(ODRIVE, changes, 0.05)
 
 
@@ -166,7 +166,7 @@ PLAIN = (  # other servos, with the plain sync read, and the velocity by differe
 )
 
 
-def open_documented() -> RobotBench:
+def open_documented() -> RobotSetup:
     """The driver of docs/how-to/driver.md, on the gauge that it is written for."""
     text, pattern = ODRIVE.read_text(encoding="utf-8"), "(?P<value>[-+]?[0-9.]+) (?P<unit>[a-z]+)"
     built = text.replace(LOADSTAR, f"driver: force_lines, pattern: '{pattern}'")
@@ -179,7 +179,7 @@ def open_documented() -> RobotBench:
         as_built=parse_robot_file(built, ODRIVE),
     )
     robot = build_robot(arm.robot_file, DriverCatalog(documented_driver()), clock)
-    return RobotBench(robot, arm.robot_file, clock, None, 0.05, arm.emulator.close)
+    return RobotSetup(robot, arm.robot_file, clock, None, 0.05, arm.emulator.close)
 
 
 ROTORS = [HiddenArmature(joint=1, inertia_kg_m2=0.056)]  # of two servos, which drive little else

@@ -1,4 +1,4 @@
-"""One bench per backend for every contract test."""
+"""One robot per backend for every contract test."""
 
 import pytest
 
@@ -30,8 +30,8 @@ def backend(request):
 
 
 @pytest.fixture
-def open_bench(backend):
-    """Makes fresh benches, and closes them all at the end."""
+def open_setup(backend):
+    """Make new robots, and close them all at the end."""
     opened = []
 
     def make():
@@ -39,20 +39,20 @@ def open_bench(backend):
         return opened[-1]
 
     yield make
-    for bench in opened:
-        bench.close()
+    for robot_setup in opened:
+        robot_setup.close()
 
 
 @pytest.fixture
-def bench(open_bench):
+def robot_setup(open_setup):
     """A fresh robot in state NEW."""
-    return open_bench()
+    return open_setup()
 
 
 @pytest.fixture
-def active(bench):
+def active(robot_setup):
     """An active robot whose devices have all sampled."""
-    bench.robot.configure()
-    bench.robot.activate()
-    bench.settle()
-    return bench
+    robot_setup.robot.configure()
+    robot_setup.robot.activate()
+    robot_setup.settle()
+    return robot_setup

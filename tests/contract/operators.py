@@ -1,4 +1,4 @@
-"""A bench for each operator device: something that moves it, presses its button and takes it away."""
+"""A test setup for each operator device: something that moves it, presses its button and takes it away."""
 
 import atexit
 import ctypes
@@ -21,7 +21,7 @@ from palpate.robot_io.clock import MonotonicClock, SimulatedClock
 from tests.mock_robot import mock_bus, write_mock_files
 
 
-class OperatorBench:
+class OperatorSetup:
     """One device; `move` brings it upwards, `press` holds its button, `unplug` takes it away."""
 
     clock_type = SimulatedClock
@@ -44,7 +44,7 @@ class OperatorBench:
         pytest.skip("nothing that could be unplugged")
 
 
-class Scripted(OperatorBench):
+class Scripted(OperatorSetup):
     name = "scripted"
 
     def settings(self):
@@ -58,7 +58,7 @@ class Scripted(OperatorBench):
         self.wait(2.5)
 
 
-class Pipe(OperatorBench):
+class Pipe(OperatorSetup):
     """A device file that the test writes to."""
 
     def settings(self):
@@ -82,7 +82,7 @@ class Pipe(OperatorBench):
             os.close(self.writer)
 
 
-class GamepadBench(Pipe):
+class GamepadSetup(Pipe):
     name = "gamepad"
 
     def move(self):
@@ -96,7 +96,7 @@ class GamepadBench(Pipe):
         self.send(struct.pack("=IhBB", 1, 1, 1, 0))
 
 
-class MouseBench(Pipe):
+class MouseSetup(Pipe):
     name = "mouse"
 
     def move(self):
@@ -108,7 +108,7 @@ class MouseBench(Pipe):
         self.send(bytes([0x09, 0, 0]))
 
 
-class KeyboardBench(OperatorBench):
+class KeyboardSetup(OperatorSetup):
     name = "keyboard"
 
     def settings(self):
@@ -147,7 +147,7 @@ def _compiled_stand_in():
     return folder / "libHD.so"
 
 
-class TouchBench(OperatorBench):
+class TouchSetup(OperatorSetup):
     name = "touch"
     clock_type = MonotonicClock
     oldest_s = 60.0
@@ -191,7 +191,7 @@ class TouchBench(OperatorBench):
         self.library.stand_in_press(0)
 
 
-class LeaderArmBench(OperatorBench):
+class LeaderArmSetup(OperatorSetup):
     name = "leader_arm"
 
     def settings(self):
@@ -218,4 +218,4 @@ class LeaderArmBench(OperatorBench):
         self.bus.faults.unplugged = True
 
 
-BENCHES = (Scripted, KeyboardBench, MouseBench, GamepadBench, TouchBench, LeaderArmBench)
+OPERATOR_SETUPS = (Scripted, KeyboardSetup, MouseSetup, GamepadSetup, TouchSetup, LeaderArmSetup)

@@ -75,36 +75,41 @@ MUST = {"odrive", "cubemars", "dynamixel"}  # the backends of hardware drivers, 
 
 
 @pytest.fixture
-def examinable(bench, backend):
+def examinable(robot_setup, backend):
     """The configured robot's parts that can be examined."""
-    bench.robot.configure()
-    parts = [*bench.robot.buses.values(), bench.robot.encoder, bench.robot.torque, bench.robot.force]
+    robot_setup.robot.configure()
+    parts = [
+        *robot_setup.robot.buses.values(),
+        robot_setup.robot.encoder,
+        robot_setup.robot.torque,
+        robot_setup.robot.force,
+    ]
     found = [part for part in parts if isinstance(part, Examinable)]
     if backend.name.split("_")[0] in MUST:
-        assert any(part in bench.robot.buses.values() for part in found)
+        assert any(part in robot_setup.robot.buses.values() for part in found)
     if not found:
         pytest.skip("this backend has nothing to examine")
     return found
 
 
-def test_examination_passes_repeatably_without_changes_or_power(examinable, bench):
+def test_examination_passes_repeatably_without_changes_or_power(examinable, robot_setup):
     first = [part.examine() for part in examinable]
     for part, observations in zip(examinable, first, strict=True):
         wire_s = part.tick_wire_s()  # the bytes of a tick take some of its time
-        assert wire_s is None or 0 < wire_s < bench.period_s
+        assert wire_s is None or 0 < wire_s < robot_setup.period_s
         assert observations
         for seen in observations:
             assert seen.level is Level.OK, seen
             assert seen.subject
             assert seen.text
             assert not seen.remedy
-    bench.settle()
-    assert np.isfinite(bench.read().joint_position_rad).all()
+    robot_setup.settle()
+    assert np.isfinite(robot_setup.read().joint_position_rad).all()
     again = [part.examine() for part in examinable]
     assert [[seen.subject for seen in found] for found in again] == [
         [seen.subject for seen in found] for found in first
     ]
-    torque_nm = bench.read().joint_torque_nm
-    assert np.abs(torque_nm).max() < 0.02 * max(bench.robot_file.limits.torque_nm)
-    bench.robot.activate()  # as from any configured robot
-    bench.tick()
+    torque_nm = robot_setup.read().joint_torque_nm
+    assert np.abs(torque_nm).max() < 0.02 * max(robot_setup.robot_file.limits.torque_nm)
+    robot_setup.robot.activate()  # as from any configured robot
+    robot_setup.tick()

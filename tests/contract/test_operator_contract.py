@@ -6,33 +6,33 @@ import pytest
 from palpate.control.teleop.leader_arm import OPERATOR_DEVICES, LeaderArm, build_operator_device
 from palpate.robot_io.clock import MonotonicClock, SimulatedClock
 from palpate.robot_io.errors import DeviceError, InputError, LifecycleError, SafetyTripError
-from tests.contract.operators import BENCHES
+from tests.contract.operators import OPERATOR_SETUPS
 
 UP = np.array([0.0, 0.0, 1.0])
 
 
-@pytest.fixture(params=BENCHES, ids=lambda bench: bench.name)
-def bench(request, tmp_path):
+@pytest.fixture(params=OPERATOR_SETUPS, ids=lambda operator_setup: operator_setup.name)
+def operator_setup(request, tmp_path):
     made = request.param(tmp_path)
     yield made
     made.close()
 
 
 @pytest.fixture
-def active(bench):
-    bench.device.configure()
-    bench.device.activate()
-    bench.device.read()
-    bench.wait(0.005)  # an arm's guard limits how fast its torque rises
-    return bench
+def active(operator_setup):
+    operator_setup.device.configure()
+    operator_setup.device.activate()
+    operator_setup.device.read()
+    operator_setup.wait(0.005)  # an arm's guard limits how fast its torque rises
+    return operator_setup
 
 
 def test_every_operator_device_has_a_contract_test():
-    assert {bench.name for bench in BENCHES} == set(OPERATOR_DEVICES)
+    assert {operator_setup.name for operator_setup in OPERATOR_SETUPS} == set(OPERATOR_DEVICES)
 
 
-def test_calls_out_of_order_are_refused(bench):
-    device = bench.device
+def test_calls_out_of_order_are_refused(operator_setup):
+    device = operator_setup.device
     for call in (device.read, device.activate, lambda: device.set_force(UP)):
         with pytest.raises(LifecycleError):
             call()
@@ -45,23 +45,23 @@ def test_calls_out_of_order_are_refused(bench):
         device.read()
 
 
-def test_it_reads_from_configure_on_in_metres_upwards_and_its_button_selects(bench):
+def test_it_reads_from_configure_on_in_metres_upwards_and_its_button_selects(operator_setup):
     for _ in range(2):
-        with bench.device as device:
+        with operator_setup.device as device:
             hand = device.read()
             assert hand.position_world_m.shape == hand.velocity_world_m_s.shape == (3,)
             assert np.isfinite(hand.position_world_m).all()
-            assert 0.0 <= bench.clock.now_s() - hand.sampled_at_s <= bench.oldest_s
+            assert 0.0 <= operator_setup.clock.now_s() - hand.sampled_at_s <= operator_setup.oldest_s
             assert not hand.select
         device.close()
-    with bench.device as device:
+    with operator_setup.device as device:
         before = device.read()
-        bench.move()
+        operator_setup.move()
         after = device.read()
     assert 0.002 < after.position_world_m[2] - before.position_world_m[2] < 0.15
     assert after.sampled_at_s > before.sampled_at_s
-    with bench.device as device:
-        bench.press()
+    with operator_setup.device as device:
+        operator_setup.press()
         assert device.read().select
 
 
@@ -82,13 +82,13 @@ def test_invalid_force_is_refused_and_the_device_continues(active, force):
     assert active.device.set_force(0.1 * UP) == pytest.approx(0.1 * UP, abs=0.02)
 
 
-def test_lost_device_raises_an_error_and_closes(bench):
-    bench.device.configure()
-    bench.device.read()
-    bench.unplug()
+def test_lost_device_raises_an_error_and_closes(operator_setup):
+    operator_setup.device.configure()
+    operator_setup.device.read()
+    operator_setup.unplug()
     with pytest.raises(DeviceError):
-        bench.wait(0.2), bench.device.read()
-    bench.device.close()
+        operator_setup.wait(0.2), operator_setup.device.read()
+    operator_setup.device.close()
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,9 @@ def test_unknown_names_and_settings_are_refused():
         build_operator_device("gamepad", {"speed": 1.0}, SimulatedClock())
 
 
-@pytest.mark.parametrize("bench", [b for b in BENCHES if b.name in {"scripted", "keyboard"}], indirect=True)
+@pytest.mark.parametrize(
+    "operator_setup", [b for b in OPERATOR_SETUPS if b.name in {"scripted", "keyboard"}], indirect=True
+)
 def test_modeled_hand_yields_to_a_force_by_its_stiffness(active):
     active.wait(5.0)
     before = active.device.read().position_world_m
@@ -124,7 +126,7 @@ def test_modeled_hand_yields_to_a_force_by_its_stiffness(active):
     assert before - active.device.read().position_world_m == pytest.approx([0.0, 0.0, 0.01], abs=1e-5)
 
 
-@pytest.mark.parametrize("bench", [b for b in BENCHES if b.name == "touch"], indirect=True)
+@pytest.mark.parametrize("operator_setup", [b for b in OPERATOR_SETUPS if b.name == "touch"], indirect=True)
 class TestTouch:
     def test_axes_units_and_limit(self, active):
         active.move()
@@ -136,29 +138,34 @@ class TestTouch:
         active.wait(0.005)
         assert active.force() == pytest.approx([-2.0, 2.0, -1.0])
 
-    def test_no_force_without_a_new_one(self, bench):
-        settings = bench.device.Settings(library=bench.settings()["library"], watchdog_s=1e-3)
-        bench.device = type(bench.device)(settings, bench.clock)
-        bench.device.configure()
-        bench.device.activate()
-        bench.device.set_force(UP)
-        bench.wait(0.005)  # the servo thread sleeps for 1 ms each time
-        assert bench.force() == pytest.approx(np.zeros(3))
+    def test_no_force_without_a_new_one(self, operator_setup):
+        settings = operator_setup.device.Settings(
+            library=operator_setup.settings()["library"], watchdog_s=1e-3
+        )
+        operator_setup.device = type(operator_setup.device)(settings, operator_setup.clock)
+        operator_setup.device.configure()
+        operator_setup.device.activate()
+        operator_setup.device.set_force(UP)
+        operator_setup.wait(0.005)  # the servo thread sleeps for 1 ms each time
+        assert operator_setup.force() == pytest.approx(np.zeros(3))
 
     def test_it_is_released(self, active):
         assert active.library.stand_in_open()
         active.device.close()
         assert not active.library.stand_in_open()
 
-    def test_another_device_is_refused(self, bench):
-        other = type(bench.device)(
-            bench.device.Settings(device="Left", library=bench.settings()["library"]), MonotonicClock()
+    def test_another_device_is_refused(self, operator_setup):
+        other = type(operator_setup.device)(
+            operator_setup.device.Settings(device="Left", library=operator_setup.settings()["library"]),
+            MonotonicClock(),
         )
         with pytest.raises(DeviceError, match="0x0300"):
             other.configure()
 
 
-@pytest.mark.parametrize("bench", [b for b in BENCHES if b.name == "leader_arm"], indirect=True)
+@pytest.mark.parametrize(
+    "operator_setup", [b for b in OPERATOR_SETUPS if b.name == "leader_arm"], indirect=True
+)
 class TestLeaderArm:
     def test_it_balances_a_hand(self, active):
         """A hand that pushes up with 2 N against a force of 2 N downwards: nothing moves."""

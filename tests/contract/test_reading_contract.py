@@ -15,16 +15,20 @@ def take(robot):
     }
 
 
-def shape_of(bench, name):
-    return (1,) if name == "force" else (bench.robot_file.joint_count,)
+def shape_of(robot_setup, name):
+    return (1,) if name == "force" else (robot_setup.robot_file.joint_count,)
 
 
-def test_a_robot_knows_its_joints_and_nothing_else_before_the_first_sample(bench):
+def test_a_robot_knows_its_joints_and_nothing_else_before_the_first_sample(robot_setup):
     """Configured, unknown is NaN, old and stale; a device that has sampled already is as good as any."""
-    assert bench.robot.encoder.joint_count == bench.robot.torque.joint_count == bench.robot_file.joint_count
-    bench.robot.configure()
-    for name, reading in take(bench.robot).items():
-        assert reading.value.shape == shape_of(bench, name)
+    assert (
+        robot_setup.robot.encoder.joint_count
+        == robot_setup.robot.torque.joint_count
+        == robot_setup.robot_file.joint_count
+    )
+    robot_setup.robot.configure()
+    for name, reading in take(robot_setup.robot).items():
+        assert reading.value.shape == shape_of(robot_setup, name)
         if np.isfinite(reading.sampled_at_s):
             assert np.isfinite(reading.value).all()
         else:

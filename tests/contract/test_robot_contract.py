@@ -36,24 +36,24 @@ def test_write_returns_what_was_sent_and_sends_nothing_that_is_not_finite(active
             active.robot.write(Command(torque), active.clock.now_s())
 
 
-def test_it_can_be_watched_before_it_is_powered(bench):
-    bench.robot.configure()
-    measurement = bench.settle()
+def test_it_can_be_watched_before_it_is_powered(robot_setup):
+    robot_setup.robot.configure()
+    measurement = robot_setup.settle()
     assert np.isfinite(measurement.joint_position_rad).all()
     with pytest.raises(LifecycleError, match="configured"):
-        bench.robot.write(Command(np.zeros(bench.robot.joint_count)), bench.clock.now_s())
+        robot_setup.robot.write(Command(np.zeros(robot_setup.robot.joint_count)), robot_setup.clock.now_s())
 
 
-def test_its_life(bench):
-    robot = bench.robot
+def test_its_life(robot_setup):
+    robot = robot_setup.robot
     with pytest.raises(LifecycleError):
-        robot.read(bench.clock.now_s())
+        robot.read(robot_setup.clock.now_s())
     with pytest.raises(LifecycleError):
         robot.activate()
     robot.configure()
     for _ in range(3):
         robot.activate()
-        bench.tick()
+        robot_setup.tick()
         robot.deactivate()
         robot.deactivate()
     robot.activate()
@@ -61,36 +61,36 @@ def test_its_life(bench):
     robot.close()
     robot.deactivate()
     assert robot.state is RobotState.CLOSED
-    for call in (robot.configure, robot.activate, lambda: robot.read(bench.clock.now_s())):
+    for call in (robot.configure, robot.activate, lambda: robot.read(robot_setup.clock.now_s())):
         with pytest.raises(LifecycleError, match="closed"):
             call()
 
 
-def test_a_with_block_closes_it(bench):
+def test_a_with_block_closes_it(robot_setup):
     def fail_inside():
-        with bench.robot as robot:
+        with robot_setup.robot as robot:
             robot.activate()
-            bench.tick()
+            robot_setup.tick()
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
         fail_inside()
-    assert bench.robot.state is RobotState.CLOSED
+    assert robot_setup.robot.state is RobotState.CLOSED
 
 
-def test_two_of_them_do_not_disturb_each_other(open_bench):
-    benches = [open_bench(), open_bench()]
-    for bench in benches:
-        bench.robot.configure()
-        bench.robot.activate()
-        bench.settle()
-    push = 0.05 * np.array(benches[0].robot_file.limits.torque_nm)
-    alone = open_bench()
+def test_two_of_them_do_not_disturb_each_other(open_setup):
+    setups = [open_setup(), open_setup()]
+    for robot_setup in setups:
+        robot_setup.robot.configure()
+        robot_setup.robot.activate()
+        robot_setup.settle()
+    push = 0.05 * np.array(setups[0].robot_file.limits.torque_nm)
+    alone = open_setup()
     alone.robot.configure()
     alone.robot.activate()
     alone.settle()
     for _ in range(15):
-        benches[0].tick(push)
-        with_a_neighbour = benches[1].tick()
+        setups[0].tick(push)
+        with_a_neighbour = setups[1].tick()
         by_itself = alone.tick()
     np.testing.assert_allclose(with_a_neighbour.joint_position_rad, by_itself.joint_position_rad, atol=1e-3)

@@ -6,13 +6,13 @@ import pytest
 SMALL = 0.05  # of the torque limit
 
 
-def small_torque(bench):
-    return SMALL * np.array(bench.robot_file.limits.torque_nm)
+def small_torque(robot_setup):
+    return SMALL * np.array(robot_setup.robot_file.limits.torque_nm)
 
 
-def noise_nm(bench):
+def noise_nm(robot_setup):
     """What a torque sensor may show beside the torque [N m]."""
-    return 0.05 * np.array(bench.robot_file.limits.torque_nm)
+    return 0.05 * np.array(robot_setup.robot_file.limits.torque_nm)
 
 
 def test_staging_returns_the_command_without_sending(active):
@@ -48,18 +48,18 @@ def test_the_measured_torque_follows_the_command_and_drives_let_go_without_one(a
 
 
 @pytest.mark.parametrize("joint", [0, 2])
-def test_a_positive_torque_turns_the_joint_forwards(open_bench, joint):
+def test_a_positive_torque_turns_the_joint_forwards(open_setup, joint):
     """Against the same motion with the torque reversed, so that gravity does not matter."""
     velocity = {}
     for sign in (-1.0, 1.0):
-        bench = open_bench()
-        bench.robot.configure()
-        bench.robot.activate()
-        bench.settle()
-        torque = np.zeros(bench.robot.joint_count)
-        torque[joint] = sign * small_torque(bench)[joint]
+        robot_setup = open_setup()
+        robot_setup.robot.configure()
+        robot_setup.robot.activate()
+        robot_setup.settle()
+        torque = np.zeros(robot_setup.robot.joint_count)
+        torque[joint] = sign * small_torque(robot_setup)[joint]
         for _ in range(20):
-            measurement = bench.tick(torque)
+            measurement = robot_setup.tick(torque)
         velocity[sign] = measurement.joint_velocity_rad_s[joint]
     assert velocity[1.0] > velocity[-1.0]
 

@@ -33,7 +33,7 @@ def test_contact_needs_the_threshold_several_times_and_between_the_thresholds_no
     assert states(touching, [0.4, 0.4, 0.4]) == [True, True, False]
 
 
-class HybridBench:
+class HybridSetup:
     """The controller on the reference plant, along a line under the tip."""
 
     def __init__(self, height_m: float = 0.06, **plant) -> None:
@@ -57,63 +57,63 @@ class HybridBench:
         return next(i for i in range(1, len(self.contact)) if self.contact[i] is to != self.contact[i - 1])
 
 
-def press_and_leave(bench: HybridBench, speed_m_s: float = 0.06) -> HybridBench:
+def press_and_leave(setup: HybridSetup, speed_m_s: float = 0.06) -> HybridSetup:
     approach = SpeedBlend(LineState(0.0), speed_m_s, 3.0)
     load = ForceGoal(10.0, speed_m_s, hold=False)
     for tick in range(500):
-        bench.tick(HybridReference(approach.at(tick * TICK_S), load))
-        if bench.contact[-1]:
+        setup.tick(HybridReference(approach.at(tick * TICK_S), load))
+        if setup.contact[-1]:
             break
     for _ in range(300):
-        bench.tick(HybridReference(force=load))
+        setup.tick(HybridReference(force=load))
     for _ in range(500):
-        bench.tick(HybridReference(force=load._replace(hold=True)))
-    leave = SpeedBlend(bench.states[-1]._replace(acceleration_m_s2=0.0), -speed_m_s, 3.0)
+        setup.tick(HybridReference(force=load._replace(hold=True)))
+    leave = SpeedBlend(setup.states[-1]._replace(acceleration_m_s2=0.0), -speed_m_s, 3.0)
     for tick in range(1, 2400):
-        bench.tick(HybridReference(free=leave.at(tick * TICK_S)))
-    return bench
+        setup.tick(HybridReference(free=leave.at(tick * TICK_S)))
+    return setup
 
 
 @pytest.mark.parametrize(
     ("stiffness", "damping"), [(100.0, 0.0), (500.0, 20.0), (2000.0, 50.0), (10_000.0, 0.0)]
 )
 def test_the_switch_is_bumpless_both_ways(stiffness, damping):
-    bench = press_and_leave(HybridBench(stiffness_n_m=stiffness, damping_n_s_m=damping))
-    torques, forces = np.array(bench.torques), np.array(bench.forces)
+    setup = press_and_leave(HybridSetup(stiffness_n_m=stiffness, damping_n_s_m=damping))
+    torques, forces = np.array(setup.torques), np.array(setup.forces)
     # The torques balance the measured force; what the controller itself adds at the switch is a bump.
     reach_m = 0.6
     for to in (True, False):
-        tick = bench.switch_tick(to)
+        tick = setup.switch_tick(to)
         force_step_nm = reach_m * np.abs(np.diff(forces[tick - 3 : tick + 4])).max()
         around = np.abs(np.diff(torques[tick - 2 : tick + 4], axis=0)).max()
         assert around < 0.6 + 1.5 * force_step_nm
-    travel = np.array([state.travel_m for state in bench.states])
-    speed = np.array([state.speed_m_s for state in bench.states])
+    travel = np.array([state.travel_m for state in setup.states])
+    speed = np.array([state.speed_m_s for state in setup.states])
     assert np.abs(np.diff(travel)).max() < 0.065 * TICK_S
     assert np.abs(np.diff(speed)).max() <= Gains().contact.yielding_m_s2 * TICK_S + 1e-9
     assert travel[1:] - travel[:-1] == pytest.approx((speed[1:] + speed[:-1]) / 2 * TICK_S, abs=2e-7)
 
 
 def test_without_force_goal_it_follows_the_motion_even_in_contact():
-    bench = HybridBench(height_m=0.055, stiffness_n_m=500.0)
+    setup = HybridSetup(height_m=0.055, stiffness_n_m=500.0)
     down = SpeedBlend(LineState(0.0), 0.03, 3.0)
     for tick in range(400):
-        bench.tick(HybridReference(free=down.at(tick * TICK_S)))
-    assert bench.contact[-1]
-    assert bench.states[-1] == down.at(399 * TICK_S)
+        setup.tick(HybridReference(free=down.at(tick * TICK_S)))
+    assert setup.contact[-1]
+    assert setup.states[-1] == down.at(399 * TICK_S)
 
 
 def test_a_stale_force_proves_no_contact():
-    bench = HybridBench()
-    bench.plant.force_bias_n = 5.0
-    measurement = bench.plant.measure()
+    setup = HybridSetup()
+    setup.plant.force_bias_n = 5.0
+    measurement = setup.plant.measure()
     still = HybridReference(free=LineState(0.0))
     for tick in range(20):
         late = measurement._replace(time_s=tick * TICK_S)  # sampled at the same time, again and again
-        assert not bench.control.step(late, still, TICK_S).in_contact
+        assert not setup.control.step(late, still, TICK_S).in_contact
     for tick in range(20, 40):
         fault = measurement._replace(force_at_s=tick * TICK_S, force_status=Status.FAULT)
-        assert not bench.control.step(fault, still, TICK_S).in_contact
+        assert not setup.control.step(fault, still, TICK_S).in_contact
 
 
 def test_misuse_is_refused():
@@ -122,6 +122,6 @@ def test_misuse_is_refused():
     control.start(measurement)
     with pytest.raises(InputError, match="set_line"):
         control.step(measurement, HybridReference(free=LineState(0.0)), TICK_S)
-    bench = HybridBench()
+    setup = HybridSetup()
     with pytest.raises(InputError, match="neither a motion nor a force"):
-        bench.tick(HybridReference())
+        setup.tick(HybridReference())

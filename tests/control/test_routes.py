@@ -153,7 +153,7 @@ def plan_of(targets, clearance_m, **more) -> ProbingPlan:
     )
 
 
-class ProbingBench:
+class ProbingSetup:
     """Sites and ways of a shipped arm that stands at home."""
 
     def __init__(self, name: str, plan: ProbingPlan) -> None:
@@ -180,27 +180,27 @@ class ProbingBench:
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize(("x1", "x2", "clearance_m"), FAR_APART)
 def test_route_preserves_half_of_the_clearance(name, x1, x2, clearance_m):
-    bench = ProbingBench(name, plan_of([(x1, SURFACE_M), (x2, SURFACE_M)], clearance_m))
-    passage = bench.routes.find(*bench.places)
+    setup = ProbingSetup(name, plan_of([(x1, SURFACE_M), (x2, SURFACE_M)], clearance_m))
+    passage = setup.routes.find(*setup.places)
     assert passage.clearance_deficit_m == 0.0
-    assert passage.points_rad[0] is bench.places[0].position_rad
-    assert passage.points_rad[-1] is bench.places[1].position_rad
-    heights = bench.heights_m(passage.points_rad)
+    assert passage.points_rad[0] is setup.places[0].position_rad
+    assert passage.points_rad[-1] is setup.places[1].position_rad
+    heights = setup.heights_m(passage.points_rad)
     assert heights.min() >= SURFACE_M + 0.5 * clearance_m - 1e-4
     assert heights.max() < SURFACE_M + clearance_m + 0.03  # and no higher than it needs
 
 
 def test_straight_where_that_is_clear():
-    bench = ProbingBench("follower", plan_of([(0.4, SURFACE_M), (0.44, SURFACE_M)], 0.03))
-    assert len(bench.routes.find(*bench.places).points_rad) == 2
+    setup = ProbingSetup("follower", plan_of([(0.4, SURFACE_M), (0.44, SURFACE_M)], 0.03))
+    assert len(setup.routes.find(*setup.places).points_rad) == 2
 
 
 @pytest.mark.parametrize("order", [1, -1])
 def test_up_a_step_before_it_and_down_a_step_behind_it(order):
     low, high = (0.36, SURFACE_M), (0.42, SURFACE_M + 0.06)
-    bench = ProbingBench("follower", plan_of([low, high][::order], 0.02))
-    points = bench.routes.find(*bench.places).points_rad
-    tips = np.array([bench.body.tip_pose(point)[0] for point in points])
+    setup = ProbingSetup("follower", plan_of([low, high][::order], 0.02))
+    points = setup.routes.find(*setup.places).points_rad
+    tips = np.array([setup.body.tip_pose(point)[0] for point in points])
     beside = np.argmin(tips[:, 2])  # at the low target; the way goes straight up from there
     above = beside + order
     assert tips[above, 0] == pytest.approx(tips[beside, 0], abs=1e-6)
@@ -227,16 +227,16 @@ def test_nothing_is_touched_on_the_way(x1, x2, clearance_m):
 
 def test_targets_between_which_the_tip_cannot_be_lifted_are_refused():
     plan = plan_of([(0.2, SURFACE_M), (0.5, SURFACE_M)], 0.015, search_depth_m=0.02, max_depth_m=0.01)
-    bench = ProbingBench("follower", plan)
+    setup = ProbingSetup("follower", plan)
     pressed = [
-        site.line.joint_motion(LineState(0.03), near_rad).position_rad for near_rad, site in bench.places
+        site.line.joint_motion(LineState(0.03), near_rad).position_rad for near_rad, site in setup.places
     ]
-    postures = np.array([*(place.position_rad for place in bench.places), *pressed])
+    postures = np.array([*(place.position_rad for place in setup.places), *pressed])
     limits = postures.min(axis=0) - 0.01, postures.max(axis=0) + 0.01
-    axis = np.array(bench.robot_file.sensor_axis_tip)
-    task = ProbingTask.from_robot_file(bench.robot_file, plan)
-    task = ProbingTask(bench.body, axis, task._gains, plan, position_limits_rad=limits)
-    at, still = bench.places[0].position_rad, np.zeros(3)
+    axis = np.array(setup.robot_file.sensor_axis_tip)
+    task = ProbingTask.from_robot_file(setup.robot_file, plan)
+    task = ProbingTask(setup.body, axis, task._gains, plan, position_limits_rad=limits)
+    at, still = setup.places[0].position_rad, np.zeros(3)
     with pytest.raises(InputError, match=r"on the way to target 2 the tip would come .* mm too near"):
         task.start(Measurement(0.0, at, still, still, 0.0, 0.0, 0.0, 0.0))
 

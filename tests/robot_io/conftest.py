@@ -1,5 +1,5 @@
-"""Benches on emulated wires, as the tests of the wire have them."""
+"""Robots on emulated wires, as the tests of the wire have them."""
 
-from tests.wire.conftest import bench, few_ids
+from tests.wire.conftest import few_ids, make_robot
 
-__all__ = ["bench", "few_ids"]
+__all__ = ["few_ids", "make_robot"]

@@ -1,4 +1,4 @@
-"""Benches that are closed at the end."""
+"""Emulated robots that are closed at the end."""
 
 from contextlib import suppress
 
@@ -7,7 +7,7 @@ import pytest
 from palpate.robot_io.drivers.dynamixel.servos import DynamixelLine
 from palpate.robot_io.drivers.feetech.servos import FeetechLine
 from palpate.robot_io.errors import DeviceError
-from tests.wire.parts import WireBench
+from tests.wire.parts import EmulatedRobot
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -20,12 +20,12 @@ def few_ids():
 
 
 @pytest.fixture
-def bench():
-    """Makes benches; closes them all, also those whose devices no longer answer."""
+def make_robot():
+    """Make emulated robots; close them all, also those whose devices no longer answer."""
     opened = []
 
     def make(*args, **kwargs):
-        opened.append(WireBench(*args, **kwargs))
+        opened.append(EmulatedRobot(*args, **kwargs))
         return opened[-1]
 
     yield make

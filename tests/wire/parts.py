@@ -64,7 +64,7 @@ NET_FT = (  # one axis of a Net F/T, and the network that it is on, in their pla
 )
 
 
-class WireBench:
+class EmulatedRobot:
     """A robot of real drivers and the emulated devices behind it.
 
     Args:
@@ -97,7 +97,7 @@ class WireBench:
         self.robot: Robot = build_robot(self.arm.robot_file, DriverCatalog(), self.clock)
         self.period_s = 1.0 / robot_file.control_rate_hz
 
-    def start(self) -> "WireBench":
+    def start(self) -> "EmulatedRobot":
         self.robot.configure()
         self.robot.activate()
         self.ticks(5)

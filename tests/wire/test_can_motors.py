@@ -30,9 +30,9 @@ PUSH_NM = (3.0, -2.0, 1.0)
     ],
 )
 def test_torques_arrive_and_come_back_within_the_wire_s_steps(
-    bench, path, changes, drive_nm, read_nm, read_rad
+    make_robot, path, changes, drive_nm, read_nm, read_rad
 ):
-    arm = bench(path, changes).start()
+    arm = make_robot(path, changes).start()
     measurement = arm.ticks(20, PUSH_NM)
     np.testing.assert_allclose(arm.drive_torque_nm, PUSH_NM, atol=drive_nm)
     np.testing.assert_allclose(measurement.joint_torque_nm, PUSH_NM, atol=read_nm)
@@ -48,9 +48,9 @@ def test_torques_arrive_and_come_back_within_the_wire_s_steps(
     [(CUBEMARS, [(1, 2), (2, 1), (3, 9)]), (DAMIAO, [(17, 0x12), (18, 0x11), (1, 0x11), (0, 0x13)])],
     ids=["cubemars", "damiao"],
 )
-def test_answers_under_another_motor_s_id_are_no_position(bench, path, frames):
+def test_answers_under_another_motor_s_id_are_no_position(make_robot, path, frames):
     """Each by the id of its frame, and the id inside."""
-    arm = bench(path).start()
+    arm = make_robot(path).start()
     before = arm.tick().joint_position_rad
     arm.intrude(*((own, bytes((inside, 0x12, 0x34, 0, 0, 0, 0, 0))) for own, inside in frames))
     assert arm.tick().joint_position_rad == pytest.approx(before, abs=0.02)
@@ -61,9 +61,9 @@ ASKED = pytest.mark.parametrize("path", [CUBEMARS, DAMIAO, ROBSTRIDE, MOTEUS], i
 
 @pytest.mark.parametrize("path", [CUBEMARS, DAMIAO, ROBSTRIDE, MOTEUS, ODRIVE], ids=lambda path: path.stem)
 @pytest.mark.parametrize("late_ms", [0.0, 4.2])
-def test_frames_that_are_constantly_late_are_as_old_as_they_are(bench, path, late_ms):
+def test_frames_that_are_constantly_late_are_as_old_as_they_are(make_robot, path, late_ms):
     """CAN frames carry no time: those that came 4.2 ms late from the start on once passed as fresh."""
-    arm = bench(path)
+    arm = make_robot(path)
     if late_ms:
         arm.inject_fault("motors", FaultKind.DELAY, delay_s=late_ms * 1e-3)
     arm.robot.configure()
@@ -80,9 +80,9 @@ def age_ms(measurement):
 
 @ASKED
 @pytest.mark.parametrize(("late_ms", "torque_nm"), [(1.5, None), (4.2, (0.5, 0.3, 0.1))], ids=["off", "on"])
-def test_answers_that_become_late_in_a_run_are_as_old_as_their_requests(bench, path, late_ms, torque_nm):
+def test_answers_that_become_late_in_a_run_are_as_old_as_their_requests(make_robot, path, late_ms, torque_nm):
     """They were dated by a delay that was measured before the run: 4.2 ms passed for 0.4."""
-    arm = bench(path)
+    arm = make_robot(path)
     arm.robot.configure()
     if torque_nm:
         arm.robot.activate()
@@ -98,8 +98,8 @@ def test_answers_that_become_late_in_a_run_are_as_old_as_their_requests(bench, p
 
 
 @ASKED
-def test_a_frame_that_the_adapter_refuses_counts_as_no_lost_answer(bench, path, monkeypatch):
-    arm = bench(path).start()
+def test_a_frame_that_the_adapter_refuses_counts_as_no_lost_answer(make_robot, path, monkeypatch):
+    arm = make_robot(path).start()
     arm.ticks(5, PUSH_NM)
     line = arm.robot.buses["motors"].line
     send, refused = line.send, []
@@ -119,8 +119,8 @@ def test_a_frame_that_the_adapter_refuses_counts_as_no_lost_answer(bench, path, 
 
 
 @ASKED
-def test_a_lost_answer_makes_later_ones_no_older(bench, path):
-    arm = bench(path).start()
+def test_a_lost_answer_makes_later_ones_no_older(make_robot, path):
+    arm = make_robot(path).start()
     for _ in range(5):
         arm.inject_fault("motors", FaultKind.DROP, device=2, times=1)
         assert max(age_ms(arm.tick()) for _ in range(10)) < 4.1
@@ -129,9 +129,9 @@ def test_a_lost_answer_makes_later_ones_no_older(bench, path):
 
 
 @ASKED
-def test_answers_from_before_a_wait_are_as_old_as_the_wait(bench, path):
+def test_answers_from_before_a_wait_are_as_old_as_the_wait(make_robot, path):
     """A clock that is set back makes the loop wait until it has caught up: 21 ms passed for 1."""
-    arm = bench(path).start()
+    arm = make_robot(path).start()
     arm.ticks(20)
     now_s, sleep_until = arm.clock.now_s, arm.clock.sleep_until
     arm.clock.now_s = lambda: now_s() - 0.02
@@ -144,9 +144,9 @@ def test_answers_from_before_a_wait_are_as_old_as_the_wait(bench, path):
 
 @ASKED
 @pytest.mark.parametrize("when", ["before", "after"])
-def test_two_motors_with_one_id_are_refused(bench, path, when):
+def test_two_motors_with_one_id_are_refused(make_robot, path, when):
     """The second stands elsewhere: the arm was armed with its position."""
-    arm = bench(path)
+    arm = make_robot(path)
     wire = arm.arm.wires["motors"]
     twin = type(wire._nodes[0]).__new__(type(wire._nodes[0]))
     twin.__dict__ |= wire._nodes[0].__dict__ | {"_joint": 2}
@@ -163,8 +163,8 @@ def test_two_motors_with_one_id_are_refused(bench, path, when):
 
 
 @ASKED
-def test_duplicate_motor_id_during_a_run_is_a_fault(bench, path):
-    arm = bench(path).start()
+def test_duplicate_motor_id_during_a_run_is_a_fault(make_robot, path):
+    arm = make_robot(path).start()
     before_rad = arm.tick().joint_position_rad
     wire = arm.arm.wires["motors"]
     twin = type(wire._nodes[0]).__new__(type(wire._nodes[0]))
@@ -176,8 +176,8 @@ def test_duplicate_motor_id_during_a_run_is_a_fault(bench, path):
     assert "do two motors have this id" in arm.problem
 
 
-def test_damiao_motors_with_the_master_id_that_they_are_delivered_with_are_named(bench):
-    arm = bench(DAMIAO)
+def test_damiao_motors_with_the_master_id_that_they_are_delivered_with_are_named(make_robot):
+    arm = make_robot(DAMIAO)
     for motor in arm.motors:
         motor._host_id = 0
     ids = r"set the master id of each motor \(0x011, 0x012, 0x013 by the rob"
@@ -190,8 +190,8 @@ def test_damiao_motors_with_the_master_id_that_they_are_delivered_with_are_named
 
 
 @pytest.mark.parametrize("path", [DAMIAO, ROBSTRIDE, MOTEUS], ids=lambda path: path.stem)
-def test_restart_of_a_motor_is_reported(bench, path):
-    arm = bench(path).start()
+def test_restart_of_a_motor_is_reported(make_robot, path):
+    arm = make_robot(path).start()
     arm.ticks(5, PUSH_NM)
     arm.inject_fault("motors", FaultKind.REBOOT, device=1, times=1, delay_s=0.001)
     assert arm.ticks_until(lambda m: bool(arm.robot.bus_errors), torque_nm=PUSH_NM) <= 4
@@ -201,8 +201,8 @@ def test_restart_of_a_motor_is_reported(bench, path):
 @pytest.mark.parametrize(
     ("path", "error"), [(CUBEMARS, 5), (ROBSTRIDE, 1 << 3)], ids=["cubemars", "robstride"]
 )
-def test_an_encoder_fault_is_no_velocity_to_brake_against(bench, path, error):
-    arm = bench(path).start()
+def test_an_encoder_fault_is_no_velocity_to_brake_against(make_robot, path, error):
+    arm = make_robot(path).start()
     arm.motors[0].error = error
     assert arm.ticks(3).encoder_status is Status.FAULT
     assert "encoder fault" in arm.problem

@@ -12,7 +12,7 @@ from palpate.robot_io.examination import Level
 from palpate.robot_io.robot import build_robot
 from palpate.robot_io.robot_file import parse_robot_file
 from palpate.sim_backend.emulators import dynamixel_servo as table
-from tests.robot_io.drivers.dynamixel_bench import dynamixel_bench
+from tests.robot_io.drivers.dynamixel_setup import dynamixel_setup
 from tests.wire.parts import CUBEMARS, DAMIAO, DYNAMIXEL, LINES, MOTEUS, ODRIVE, ROBSTRIDE, SO101
 
 LONG, SHORT = 111e-6, 79e-6  # CAN frames with 8 and 4 bytes of data at 1 Mbit/s, without stuffing
@@ -32,8 +32,8 @@ LONG, SHORT = 111e-6, 79e-6  # CAN frames with 8 and 4 bytes of data at 1 Mbit/s
         (SO101, 5, "answers, and holds|STS3215-12V, firmware 3.9, 12.0 V, 30 °C", "nau7802, 320", None),
     ],
 )
-def test_devices_that_are_well_say_what_they_are(bench, path, count, said, force, wire_s):
-    arm = bench(path)
+def test_devices_that_are_well_say_what_they_are(make_robot, path, count, said, force, wire_s):
+    arm = make_robot(path)
     assert arm.robot.force.examine() == ()  # it has not been asked yet
     arm.robot.configure()
     motors = arm.robot.buses["motors"]
@@ -48,7 +48,7 @@ def test_devices_that_are_well_say_what_they_are(bench, path, count, said, force
 
 
 def put(address, value):
-    return lambda bench: bench.line.servos[2].memory.put(address, value)
+    return lambda setup: setup.line.servos[2].memory.put(address, value)
 
 
 @pytest.mark.parametrize(
@@ -67,17 +67,17 @@ def put(address, value):
         (put(6, 38), Level.OK, "firmware 38", ""),
         (put(6, 37), Level.FAIL, "firmware 37, without a bus watchdog", "servo 2 has firmware 37"),
         (
-            *(lambda bench: bench.line.servos.pop(2), Level.FAIL, "does not answer"),
+            *(lambda setup: setup.line.servos.pop(2), Level.FAIL, "does not answer"),
             r"no answer from servo 2 at 4000000 bit/s \(answering: 1, 3\)",
         ),
     ],
 )
 def test_a_dynamixel_that_is_not_well_is_named(spoil, level, said, refused):
-    with dynamixel_bench() as bench:
-        spoil(bench)
+    with dynamixel_setup() as setup:
+        spoil(setup)
         with pytest.raises(DeviceError, match=refused) if refused else nullcontext():
-            bench.bus.configure()
-        found = bench.bus.examine()
+            setup.bus.configure()
+        found = setup.bus.examine()
         mine = [one for one in found if one.subject == "servo 2 (joint 2)"]
         assert any(said in one.text and one.level is level for one in mine), mine
         assert {one.level for one in found if one not in mine} == {Level.OK}
@@ -105,11 +105,11 @@ def test_a_dynamixel_that_is_not_well_is_named(spoil, level, said, refused):
     ],
 )
 def test_servos_with_other_ids_are_detected(bolted, subject, level, said, refused):
-    with dynamixel_bench(bolted=bolted) as bench:
+    with dynamixel_setup(bolted=bolted) as setup:
         with pytest.raises(DeviceError, match=refused):
-            bench.bus.configure()
+            setup.bus.configure()
         assert any(
-            (one.subject, one.level) == (subject, level) and said in one.text for one in bench.bus.examine()
+            (one.subject, one.level) == (subject, level) and said in one.text for one in setup.bus.examine()
         )
 
 

@@ -35,8 +35,8 @@ def begin(arm):
 
 @pytest.mark.parametrize("robot_file", [ODRIVE, CUBEMARS], ids=["odrive", "cubemars"])
 @pytest.mark.parametrize("pause_s", [0.0, 0.5, 3.0])
-def test_loop_starts_with_new_samples_after_any_pause(bench, robot_file, pause_s):
-    arm = bench(robot_file)
+def test_loop_starts_with_new_samples_after_any_pause(make_robot, robot_file, pause_s):
+    arm = make_robot(robot_file)
     arm.robot.configure()
     arm.clock.sleep_until(arm.clock.now_s() + pause_s)  # a session is opened, a plan is checked
     result, task, limits = begin(arm)
@@ -48,8 +48,8 @@ def test_loop_starts_with_new_samples_after_any_pause(bench, robot_file, pause_s
 
 
 @pytest.mark.parametrize("robot_file", [ODRIVE, CUBEMARS], ids=["odrive", "cubemars"])
-def test_motor_silent_before_the_loop_is_named_and_power_stays_off(bench, robot_file):
-    arm = bench(robot_file)
+def test_motor_silent_before_the_loop_is_named_and_power_stays_off(make_robot, robot_file):
+    arm = make_robot(robot_file)
     arm.robot.configure()
     arm.inject_fault("motors", FaultKind.DROP, device=2)
     arm.clock.sleep_until(arm.clock.now_s() + 0.5)
@@ -60,11 +60,11 @@ def test_motor_silent_before_the_loop_is_named_and_power_stays_off(bench, robot_
     assert not arm.drive_torque_nm.any()
 
 
-def test_sensor_with_unparsable_lines_is_distinguished_from_a_silent_one(bench):
+def test_sensor_with_unparsable_lines_is_distinguished_from_a_silent_one(make_robot):
     as_other = (
         r"{driver: force_lines, bus: load_cell, capacity_n: 100.0, pattern: 'X(?P<value>\d+)', unit: N}"
     )
-    arm = bench(ODRIVE, (("{driver: loadstar, bus: load_cell, capacity_n: 100.0}", as_other),))
+    arm = make_robot(ODRIVE, (("{driver: loadstar, bus: load_cell, capacity_n: 100.0}", as_other),))
     arm.robot.configure()
     with pytest.raises(
         DeviceTimeoutError, match=r"\d+ lines or telegrams came, but no reading yet: .* pattern"
@@ -84,8 +84,8 @@ PUSH_NM = (3.0, -2.0, 1.0)
     ],
     ids=["damiao", "robstride", "moteus"],
 )
-def test_motor_without_commands_disables_its_torque(bench, robot, step_nm, attribute, shown, problem):
-    arm = bench(robot).start()
+def test_motor_without_commands_disables_its_torque(make_robot, robot, step_nm, attribute, shown, problem):
+    arm = make_robot(robot).start()
     arm.ticks(3, PUSH_NM)
     np.testing.assert_allclose(arm.drive_torque_nm, PUSH_NM, atol=step_nm)
     arm.clock.sleep_until(arm.clock.now_s() + 0.11)
@@ -103,8 +103,8 @@ def test_motor_without_commands_disables_its_torque(bench, robot, step_nm, attri
     [(DAMIAO, "registers", 9), (ROBSTRIDE, "parameters", 0x7028)],
     ids=["damiao", "robstride"],
 )
-def test_a_timeout_that_motors_are_delivered_without_is_set(bench, robot, kept, number):
-    arm = bench(robot)
+def test_a_timeout_that_motors_are_delivered_without_is_set(make_robot, robot, kept, number):
+    arm = make_robot(robot)
     assert [node.timeout_s for node in arm.motors] == [None] * 3
     arm.start()
     assert [getattr(node, kept)[number] for node in arm.motors] == [2000] * 3

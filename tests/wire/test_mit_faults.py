@@ -13,16 +13,16 @@ from tests.wire.parts import CUBEMARS, DAMIAO, MOTEUS, ROBSTRIDE
 PUSH_NM = (3.0, -2.0, 1.0)
 
 
-def test_what_write_returns_is_what_acts(bench):
-    arm = bench(CUBEMARS).start()
+def test_what_write_returns_is_what_acts(make_robot):
+    arm = make_robot(CUBEMARS).start()
     sent = arm.robot.write(Command(np.array(PUSH_NM)), arm.clock.now_s())
     arm.clock.sleep_until(arm.clock.now_s() + 1e-3)
     np.testing.assert_allclose(arm.drive_torque_nm, sent.joint_torque_nm, rtol=1e-9)
 
 
 @pytest.mark.parametrize("ask_with", ["exit", "enter"])
-def test_no_torque_before_it_is_activated_nor_after_its_timeout(bench, ask_with):
-    arm = bench(CUBEMARS, [("driver: mit_bus", f"driver: mit_bus\n    ask_with: {ask_with}")])
+def test_no_torque_before_it_is_activated_nor_after_its_timeout(make_robot, ask_with):
+    arm = make_robot(CUBEMARS, [("driver: mit_bus", f"driver: mit_bus\n    ask_with: {ask_with}")])
     arm.robot.configure()
     measurement = arm.ticks(10, None)
     assert np.abs(arm.drive_torque_nm).max() < 0.02  # zero on the wire is half a step off
@@ -32,15 +32,15 @@ def test_no_torque_before_it_is_activated_nor_after_its_timeout(bench, ask_with)
     arm.robot.deactivate()
     assert arm.ticks(3, None).encoder_status is Status.OK
     assert not any(node.enabled for node in arm.motors)
-    arm = bench(CUBEMARS, [("driver: mit_bus", f"driver: mit_bus\n    ask_with: {ask_with}")]).start()
+    arm = make_robot(CUBEMARS, [("driver: mit_bus", f"driver: mit_bus\n    ask_with: {ask_with}")]).start()
     assert arm.tick().torque_status is Status.OK
     assert np.abs(arm.drive_torque_nm).max() < 0.02
     arm.ticks(3, PUSH_NM)
     np.testing.assert_allclose(arm.drive_torque_nm, PUSH_NM, atol=50 / 4095)
 
 
-def test_what_a_motor_does_not_confirm_is_an_error(bench):
-    arm = bench(CUBEMARS)
+def test_what_a_motor_does_not_confirm_is_an_error(make_robot):
+    arm = make_robot(CUBEMARS)
     arm.robot.configure()
     arm.inject_fault("motors", FaultKind.DROP, device=2, for_s=0.2)
     with pytest.raises(DeviceError, match=r"motor mode is not confirmed by joint 2 \(motor 2\)"):
@@ -54,9 +54,9 @@ def test_what_a_motor_does_not_confirm_is_an_error(bench):
     assert not any(node.enabled for node in arm.motors)  # they were told all the same
 
 
-def test_restarted_motor_answers_and_exerts_no_torque(bench):
+def test_restarted_motor_answers_and_exerts_no_torque(make_robot):
     """As the firmware does that the protocol comes from; `deaf_drive_s` is for this."""
-    arm = bench(CUBEMARS).start()
+    arm = make_robot(CUBEMARS).start()
     arm.ticks(5, PUSH_NM)
     arm.inject_fault("motors", FaultKind.REBOOT, device=1, times=1, delay_s=0.001)
     measurement = arm.ticks(20, PUSH_NM)
@@ -66,8 +66,8 @@ def test_restarted_motor_answers_and_exerts_no_torque(bench):
     assert measurement.joint_torque_nm[1] == pytest.approx(PUSH_NM[1], abs=0.1)
 
 
-def test_motor_that_ignores_queries_outside_motor_mode_is_switched_off(bench):
-    arm = bench(CUBEMARS, [("driver: mit_bus", "driver: mit_bus\n    ask_with: enter")]).start()
+def test_motor_that_ignores_queries_outside_motor_mode_is_switched_off(make_robot):
+    arm = make_robot(CUBEMARS, [("driver: mit_bus", "driver: mit_bus\n    ask_with: enter")]).start()
     arm.ticks(5, PUSH_NM)
     arm.inject_fault("motors", FaultKind.REBOOT, device=1, times=1, delay_s=0.001)
     assert 2 <= arm.ticks_until(lambda m: bool(arm.problem), torque_nm=PUSH_NM) <= 5
@@ -78,8 +78,8 @@ def test_motor_that_ignores_queries_outside_motor_mode_is_switched_off(bench):
     assert arm.ticks(5, PUSH_NM).torque_status is Status.OK
 
 
-def test_a_motor_s_error_is_named(bench):
-    arm = bench(CUBEMARS).start()
+def test_a_motor_s_error_is_named(make_robot):
+    arm = make_robot(CUBEMARS).start()
     arm.inject_fault("motors", FaultKind.ALERT, device=3, times=1)
     ticks = arm.ticks_until(lambda m: m.torque_status is Status.FAULT)
     assert ticks <= 3
@@ -89,8 +89,8 @@ def test_a_motor_s_error_is_named(bench):
         arm.robot.activate()
 
 
-def test_short_frames_and_foreign_ids_are_counted_separately(bench):
-    arm = bench(CUBEMARS).start()
+def test_short_frames_and_foreign_ids_are_counted_separately(make_robot):
+    arm = make_robot(CUBEMARS).start()
     counts = arm.robot.buses["motors"].line.counts
     arm.inject_fault("motors", FaultKind.CORRUPT, device=1, for_s=0.002)
     arm.inject_fault("motors", FaultKind.WRONG_ID, device=2, for_s=0.002)
@@ -99,17 +99,17 @@ def test_short_frames_and_foreign_ids_are_counted_separately(bench):
     assert counts["foreign id"] >= 1
 
 
-def test_a_position_at_the_end_of_the_wire_s_range_is_marked(bench):
+def test_a_position_at_the_end_of_the_wire_s_range_is_marked(make_robot):
     ranges = "ranges: {position_rad: 1.0, velocity_rad_s: 50, torque_nm: 25}"
-    arm = bench(CUBEMARS, [("motor_id: 1, model: AK70-10", f"motor_id: 1, model: AK70-10, {ranges}")])
+    arm = make_robot(CUBEMARS, [("motor_id: 1, model: AK70-10", f"motor_id: 1, model: AK70-10, {ranges}")])
     arm.robot.configure()
     assert (
         arm.ticks(3, None).encoder_status is Status.SATURATED
     )  # joint 1 stands at 0.87 rad, the motor at 1.75
 
 
-def test_a_motor_that_answers_late_is_examined_as_one_that_answers(bench):
-    arm = bench(CUBEMARS)
+def test_a_motor_that_answers_late_is_examined_as_one_that_answers(make_robot):
+    arm = make_robot(CUBEMARS)
     arm.inject_fault("motors", FaultKind.DELAY, delay_s=4.2e-3)
     arm.robot.configure()
     findings = [
@@ -123,9 +123,9 @@ TIMEOUT, MODE, VMAX = 9, 10, 22  # registers
 
 
 @pytest.mark.parametrize(("stuck", "problem"), [(True, "torque off"), (False, "motor mode")])
-def test_motor_state_is_the_reported_state(bench, stuck, problem):
+def test_motor_state_is_the_reported_state(make_robot, stuck, problem):
     """An answer alone is no confirmation."""
-    arm = bench(DAMIAO)
+    arm = make_robot(DAMIAO)
     arm.robot.configure()
     if stuck:
         arm.robot.activate()
@@ -138,8 +138,8 @@ def test_motor_state_is_the_reported_state(bench, stuck, problem):
         arm.robot.deactivate() if stuck else arm.robot.activate()
 
 
-def test_a_late_answer_about_a_register_is_no_position(bench):
-    arm = bench(DAMIAO).start()
+def test_a_late_answer_about_a_register_is_no_position(make_robot):
+    arm = make_robot(DAMIAO).start()
     before = arm.tick().joint_position_rad
     bus = arm.robot.buses["motors"]
     bus._store_frame(CanFrame(17, bytes((1, 0, 0x33, TIMEOUT, 0xD0, 0x07, 0, 0))), arm.clock.now_s())
@@ -149,8 +149,8 @@ def test_a_late_answer_about_a_register_is_no_position(bench):
 @pytest.mark.parametrize(
     ("path", "error"), [(DAMIAO, "MOSFET over temperature"), (ROBSTRIDE, "over temperature: remove")]
 )
-def test_an_error_other_than_the_timeout_s_is_not_cleared_in_silence(bench, path, error):
-    arm = bench(path).start()
+def test_an_error_other_than_the_timeout_s_is_not_cleared_in_silence(make_robot, path, error):
+    arm = make_robot(path).start()
     arm.robot.deactivate()
     arm.inject_fault("motors", FaultKind.ALERT, device=3, times=1)
     arm.ticks(2, None)
@@ -163,13 +163,13 @@ def test_an_error_other_than_the_timeout_s_is_not_cleared_in_silence(bench, path
 STATE, CONTROL, ANSWER, FAULTS, HOST = 2, 1, 17, 21, 0xFD
 
 
-def test_another_host_is_answered(bench):
-    arm = bench(ROBSTRIDE, [("maker: robstride", "maker: robstride\n    host_id: 0")]).start()
+def test_another_host_is_answered(make_robot):
+    arm = make_robot(ROBSTRIDE, [("maker: robstride", "maker: robstride\n    host_id: 0")]).start()
     assert arm.ticks(5).torque_status is Status.OK
 
 
-def test_faults_are_named_even_without_a_state_bit(bench):
-    arm = bench(ROBSTRIDE).start()
+def test_faults_are_named_even_without_a_state_bit(make_robot):
+    arm = make_robot(ROBSTRIDE).start()
     arm.motors[2].report_faults(1 << 3 | 1 << 16)
     assert arm.ticks_until(lambda m: m.torque_status is Status.FAULT) <= 3
     assert "joint 3 (motor 3): over voltage, over current in phase A" in arm.problem
@@ -191,8 +191,8 @@ def test_faults_are_named_even_without_a_state_bit(bench):
         (STATE, 3 << 14 | 1, HOST),  # a mode that does not exist
     ],
 )
-def test_frames_that_are_no_state_of_a_motor_of_ours_are_no_position(bench, kind, middle, host):
-    arm = bench(ROBSTRIDE).start()
+def test_frames_that_are_no_state_of_a_motor_of_ours_are_no_position(make_robot, kind, middle, host):
+    arm = make_robot(ROBSTRIDE).start()
     before = arm.tick().joint_position_rad
     bus = arm.robot.buses["motors"]
     for extended in (True, False):
@@ -203,8 +203,8 @@ def test_frames_that_are_no_state_of_a_motor_of_ours_are_no_position(bench, kind
     np.testing.assert_allclose(bus._position_rad, before)
 
 
-def test_no_torque_and_no_mode_before_it_is_activated(bench):
-    arm = bench(MOTEUS)
+def test_no_torque_and_no_mode_before_it_is_activated(make_robot):
+    arm = make_robot(MOTEUS)
     arm.robot.configure()
     assert arm.ticks(10, None).encoder_status is Status.OK
     assert [node.mode for node in arm.motors] == [0] * 3
@@ -213,8 +213,8 @@ def test_no_torque_and_no_mode_before_it_is_activated(bench):
     assert [node.mode for node in arm.motors] == [0] * 3
 
 
-def test_fault_is_named_and_cleared_by_the_next_activation(bench):
-    arm = bench(MOTEUS).start()
+def test_fault_is_named_and_cleared_by_the_next_activation(make_robot):
+    arm = make_robot(MOTEUS).start()
     arm.inject_fault("motors", FaultKind.ALERT, device=3, times=1)
     assert arm.ticks_until(lambda m: m.torque_status is Status.FAULT) <= 3
     assert "joint 3 (motor 3): over temperature" in arm.problem
@@ -226,8 +226,8 @@ def test_fault_is_named_and_cleared_by_the_next_activation(bench):
     assert arm.ticks(5).torque_status is Status.OK
 
 
-def test_a_reference_that_is_lost_by_a_restart_is_missed_at_the_next_activation(bench):
-    arm = bench(MOTEUS).start()
+def test_a_reference_that_is_lost_by_a_restart_is_missed_at_the_next_activation(make_robot):
+    arm = make_robot(MOTEUS).start()
     arm.robot.deactivate()
     arm.motors[1].home = 0
     with pytest.raises(DeviceError, match=r"joint 2 \(motor 2\): has no reference for its position"):
@@ -235,8 +235,8 @@ def test_a_reference_that_is_lost_by_a_restart_is_missed_at_the_next_activation(
     assert [node.mode for node in arm.motors] == [0] * 3
 
 
-def test_a_position_that_is_lost_is_no_old_one(bench):
-    arm = bench(MOTEUS).start()
+def test_a_position_that_is_lost_is_no_old_one(make_robot):
+    arm = make_robot(MOTEUS).start()
     arm.motors[0].known = False
     assert arm.ticks(3).encoder_status is Status.FAULT
     before = arm.tick().torque_at_s
@@ -246,24 +246,24 @@ def test_a_position_that_is_lost_is_no_old_one(bench):
 @pytest.mark.parametrize(
     ("fault", "status"), [(35, Status.FAULT), (42, Status.FAULT), (43, Status.FAULT), (38, Status.OK)]
 )
-def test_position_of_a_faulty_encoder_is_invalid(bench, fault, status):
-    arm = bench(MOTEUS).start()
+def test_position_of_a_faulty_encoder_is_invalid(make_robot, fault, status):
+    arm = make_robot(MOTEUS).start()
     arm.motors[1].mode, arm.motors[1].fault = 1, fault
     measurement = arm.ticks(3)
     assert np.isfinite(measurement.joint_position_rad).all()
     assert (measurement.encoder_status, measurement.torque_status) == (status, Status.FAULT)
 
 
-def test_torque_limitation_is_reported(bench):
-    arm = bench(MOTEUS).start()
+def test_torque_limitation_is_reported(make_robot):
+    arm = make_robot(MOTEUS).start()
     arm.motors[2]._max_torque_nm = 0.25
     arm.ticks(4, PUSH_NM)
     assert "joint 3 (motor 3): its torque is limited by servo.max_current_A" in arm.problem
 
 
 @pytest.mark.parametrize(("number", "fd"), [(0x100, False), (0x900, True), (0x101, True), (0x8100, True)])
-def test_answers_that_are_not_for_us_or_no_can_fd_are_no_position(bench, number, fd):
-    arm = bench(MOTEUS).start()
+def test_answers_that_are_not_for_us_or_no_can_fd_are_no_position(make_robot, number, fd):
+    arm = make_robot(MOTEUS).start()
     before = arm.tick().joint_position_rad
     bus = arm.robot.buses["motors"]
     bus.line.drain = lambda _: [(CanFrame(number, bytes(24), extended=True, fd=fd), 9.0)]
@@ -272,9 +272,9 @@ def test_answers_that_are_not_for_us_or_no_can_fd_are_no_position(bench, number,
     assert bus.line.counts["foreign id"] == 1
 
 
-def test_classic_can_frames_are_distinguished_from_can_fd(bench):
+def test_classic_can_frames_are_distinguished_from_can_fd(make_robot):
     """Other drivers take none of the latter."""
-    arm = bench(MOTEUS).start()
+    arm = make_robot(MOTEUS).start()
     sent = []
     arm.robot.buses["motors"].line._bus.send = lambda message, timeout: sent.append(message)
     arm.tick()

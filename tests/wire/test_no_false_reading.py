@@ -80,18 +80,18 @@ def move(arm, bus, tick):
         world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
 
 
-def test_lines_that_nothing_pads_are_no_exception(bench, monkeypatch):
+def test_lines_that_nothing_pads_are_no_exception(make_robot, monkeypatch):
     """What is left of one that was cut is a number, and as long as others."""
     monkeypatch.setattr(EmulatedLoadstar, "width", 0)
-    test_no_wrong_number_is_served_as_ok(bench, "loadstar", (), FaultKind.LOSE)
+    test_no_wrong_number_is_served_as_ok(make_robot, "loadstar", (), FaultKind.LOSE)
 
 
 @pytest.mark.parametrize(
     ("family", "changes", "kind"), CASES, ids=[f"{c[0]}-{c[2]}-{len(c[1])}" for c in CASES]
 )
-def test_no_wrong_number_is_served_as_ok(bench, family, changes, kind):
+def test_no_wrong_number_is_served_as_ok(make_robot, family, changes, kind):
     devices = FAMILIES[family]
-    arm = bench(devices.robot, (*devices.changes, *changes))
+    arm = make_robot(devices.robot, (*devices.changes, *changes))
     bus = devices.bus
     course, faults = Course(arm, bus), arm.faults[bus]
     faults.generator = np.random.default_rng(1)

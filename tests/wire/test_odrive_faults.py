@@ -15,8 +15,8 @@ PUSH_NM = (3.0, -2.0, 1.0)
 @pytest.mark.parametrize(
     ("changes", "remedy"), [((), "torques_msg_rate_ms = 1"), (V0_5, "iq_rate_ms = 1")], ids=["0.6", "0.5"]
 )
-def test_axis_with_factory_settings_is_refused_with_the_needed_settings(bench, changes, remedy):
-    arm = bench(changes=changes)
+def test_axis_with_factory_settings_is_refused_with_the_needed_settings(make_robot, changes, remedy):
+    arm = make_robot(changes=changes)
     bus = arm.robot.buses["motors"]
     arm.motors[1]._torque = lambda: None
     with pytest.raises(DeviceError, match=rf"joint 2 \(node 1\): sends no torques; set .*{remedy}"):
@@ -28,9 +28,9 @@ def test_axis_with_factory_settings_is_refused_with_the_needed_settings(bench, c
 @pytest.mark.parametrize(
     ("changes", "current"), [((), "motor.current_soft_max"), (V0_5, "config.current_lim")], ids=["0.6", "0.5"]
 )
-def test_what_can_cannot_read_is_printed_as_commands(bench, changes, current):
+def test_what_can_cannot_read_is_printed_as_commands(make_robot, changes, current):
     """As typed into odrivetool; the speed is 6 rad/s at a joint with nine turns of its motor."""
-    arm = bench(changes=changes)
+    arm = make_robot(changes=changes)
     arm.robot.configure()
     (unseen,) = (one for one in arm.robot.buses["motors"].examine() if one.subject == "set over USB")
     for command in (
@@ -40,17 +40,17 @@ def test_what_can_cannot_read_is_printed_as_commands(bench, changes, current):
         assert command in unseen.text
 
 
-def test_torques_that_stop_name_their_joint(bench):
-    arm = bench().start()
+def test_torques_that_stop_name_their_joint(make_robot):
+    arm = make_robot().start()
     arm.motors[1]._torque = lambda: None
     assert arm.ticks_until(lambda m: bool(arm.problem), most=10) <= 7  # half of the age limit of 10 ms
     assert "joint 2 (node 1): no torques for" in arm.problem
     assert "node 0" not in arm.problem
 
 
-def test_a_velocity_limiter_that_cuts_torques_is_named(bench):
+def test_a_velocity_limiter_that_cuts_torques_is_named(make_robot):
     """As delivered: 2 rev/s and 1/6 N m s/rev leave 3 of 9 N m at a joint that stands."""
-    arm = bench().start()
+    arm = make_robot().start()
     arm.arm.plant.world.held = True
     arm.ticks(10, (9.0, 1.0, 0.0))
     assert not arm.problem
@@ -62,11 +62,11 @@ def test_a_velocity_limiter_that_cuts_torques_is_named(bench):
     assert "node 1" not in arm.problem
 
 
-def test_limits_are_written_where_the_robot_file_states_a_current(bench):
+def test_limits_are_written_where_the_robot_file_states_a_current(make_robot):
     """As delivered an axis fails beyond 2.4 rev/s, a quarter of what this robot file allows."""
     said = [("max_torque_nm: 4.4}", "max_torque_nm: 4.4, current_limit_a: 40}")]
     for changes, failed in (((), True), (said, False)):
-        arm = bench(ODRIVE, changes)
+        arm = make_robot(ODRIVE, changes)
         arm.motors[0].velocity_limit_rev_s = 2.0
         arm.start()
         speed = 0.0
@@ -81,8 +81,8 @@ def test_limits_are_written_where_the_robot_file_states_a_current(bench):
 @pytest.mark.parametrize(
     ("changes", "name"), [((), "INVERTER_OVER_TEMP"), (V0_5, "MOTOR_FAILED motor error")], ids=["0.6", "0.5"]
 )
-def test_axis_error_is_named_as_a_drive_fault(bench, changes, name):
-    arm = bench(changes=changes).start()
+def test_axis_error_is_named_as_a_drive_fault(make_robot, changes, name):
+    arm = make_robot(changes=changes).start()
     arm.inject_fault("motors", FaultKind.ALERT, device=1, times=1)
     ticks = arm.ticks_until(lambda m: m.torque_status is Status.FAULT)
     assert ticks <= 11  # with the next heartbeat
@@ -91,8 +91,8 @@ def test_axis_error_is_named_as_a_drive_fault(bench, changes, name):
     assert arm.tick().encoder_status is Status.OK  # the others can still be braked
 
 
-def test_lost_heartbeat_is_distinguished_from_lost_estimates(bench):
-    arm = bench().start()
+def test_lost_heartbeat_is_distinguished_from_lost_estimates(make_robot):
+    arm = make_robot().start()
     arm.motors[0]._heartbeat_s = 1e9
     arm.motors[0]._next_heartbeat_s = 1e9
     ticks = arm.ticks_until(lambda m: m.torque_status is Status.FAULT)
@@ -101,8 +101,8 @@ def test_lost_heartbeat_is_distinguished_from_lost_estimates(bench):
     assert "node 1" not in arm.problem
 
 
-def test_foreign_ids_are_counted_and_ignored(bench):
-    arm = bench().start()
+def test_foreign_ids_are_counted_and_ignored(make_robot):
+    arm = make_robot().start()
     counts = arm.robot.buses["motors"].line.counts
     before = counts["foreign id"]
     arm.inject_fault("motors", FaultKind.WRONG_ID, device=1)
@@ -111,8 +111,8 @@ def test_foreign_ids_are_counted_and_ignored(bench):
     assert "joint 2 (node 1): nothing valid" in arm.problem
 
 
-def test_unconfirmed_torque_off_is_an_error(bench):
-    arm = bench().start()
+def test_unconfirmed_torque_off_is_an_error(make_robot):
+    arm = make_robot().start()
     arm.inject_fault("motors", FaultKind.DROP, device=1)
     arm.ticks(2, PUSH_NM)
     with pytest.raises(DeviceError, match=r"did not confirm that it is idle: joint 2 \(node 1\)"):
@@ -120,8 +120,8 @@ def test_unconfirmed_torque_off_is_an_error(bench):
     assert not arm.drive_torque_nm.any()  # they were told all the same
 
 
-def test_all_reachable_axes_are_switched_off(bench):
-    arm = bench().start()
+def test_all_reachable_axes_are_switched_off(make_robot):
+    arm = make_robot().start()
     line = arm.robot.buses["motors"].line
     send = line.send
 
@@ -137,8 +137,8 @@ def test_all_reachable_axes_are_switched_off(bench):
     assert [node.state for node in arm.arm.wires["motors"]._nodes] == [8, 1, 1]
 
 
-def test_a_babbling_node_does_not_hold_up_the_loop(bench):
-    arm = bench().start()
+def test_a_babbling_node_does_not_hold_up_the_loop(make_robot):
+    arm = make_robot().start()
     arm.intrude(*[(0x7F0, bytes(8))] * 5000)
     line = arm.robot.buses["motors"].line
     assert len(line.drain(arm.clock.now_s())) <= 1000
@@ -146,8 +146,8 @@ def test_a_babbling_node_does_not_hold_up_the_loop(bench):
     assert not arm.problem
 
 
-def test_configure_switches_off_an_active_axis(bench):
-    arm = bench()
+def test_configure_switches_off_an_active_axis(make_robot):
+    arm = make_robot()
     node = arm.motors[1]
     node.state, node._control_mode, node._input_torque_nm = 8, 1, 0.5
     node._fed_s = arm.clock.now_s()
@@ -157,17 +157,17 @@ def test_configure_switches_off_an_active_axis(bench):
     assert not arm.drive_torque_nm.any()
 
 
-def test_an_old_heartbeat_confirms_nothing(bench):
+def test_an_old_heartbeat_confirms_nothing(make_robot):
     """The last one said IDLE, but that was before it was told so."""
-    arm = bench()
+    arm = make_robot()
     arm.robot.configure()
     arm.inject_fault("motors", FaultKind.DROP, device=0)
     with pytest.raises(DeviceError, match=r"did not confirm that it is idle: joint 1 \(node 0\)"):
         arm.robot.deactivate()
 
 
-def test_flushing_does_not_say_an_old_command_again(bench):
-    arm = bench().start()
+def test_flushing_does_not_say_an_old_command_again(make_robot):
+    arm = make_robot().start()
     arm.tick(PUSH_NM)
     for _ in range(60):
         arm.tick(None)
@@ -175,8 +175,8 @@ def test_flushing_does_not_say_an_old_command_again(bench):
     assert not arm.drive_torque_nm.any()
 
 
-def test_staged_command_is_cleared_by_power_off(bench):
-    arm = bench().start()
+def test_staged_command_is_cleared_by_power_off(make_robot):
+    arm = make_robot().start()
     arm.robot.torque.stage_torque(np.array(PUSH_NM))
     arm.robot.deactivate()
     arm.robot.activate()
@@ -185,16 +185,16 @@ def test_staged_command_is_cleared_by_power_off(bench):
     assert not arm.drive_torque_nm.any()
 
 
-def test_an_encoder_that_has_failed_is_no_velocity_to_brake_against(bench):
-    arm = bench().start()
+def test_an_encoder_that_has_failed_is_no_velocity_to_brake_against(make_robot):
+    arm = make_robot().start()
     arm.motors[1]._disarm(1 << 26)
     measurement = arm.ticks(12)
     assert measurement.encoder_status is Status.FAULT
     assert "SPINOUT_DETECTED" in arm.robot.bus_errors["motors"]
 
 
-def test_a_silent_axis_is_a_delay_and_no_failure_of_the_bus(bench):
-    arm = bench().start()
+def test_a_silent_axis_is_a_delay_and_no_failure_of_the_bus(make_robot):
+    arm = make_robot().start()
     arm.inject_fault("motors", FaultKind.DROP, device=2, for_s=0.01)
     assert 3 <= arm.ticks_until(lambda m: bool(arm.problem)) <= 4  # half of the age limit of 5 ms
     assert "joint 3 (node 2): nothing valid for " in arm.robot.bus_delays["motors"]
@@ -203,8 +203,8 @@ def test_a_silent_axis_is_a_delay_and_no_failure_of_the_bus(bench):
     assert "motors" not in arm.robot.bus_errors
 
 
-def test_an_adapter_that_is_not_there_is_one_line(bench):
-    arm = bench()
+def test_an_adapter_that_is_not_there_is_one_line(make_robot):
+    arm = make_robot()
     for interface in ("socketcan", "no_such_interface"):
         line = CanLine(CanLineSettings(interface=interface, channel="can9"), arm.clock)
         with pytest.raises(DeviceError, match="cannot be opened"):

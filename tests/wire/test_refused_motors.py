@@ -87,16 +87,16 @@ AT_ACTIVATING = [
 
 
 @pytest.mark.parametrize(("path", "changes", "spoil", "problem"), AT_CONFIGURING)
-def test_what_does_not_fit_the_robot_file_is_refused(bench, path, changes, spoil, problem):
-    arm = bench(path, changes)
+def test_what_does_not_fit_the_robot_file_is_refused(make_robot, path, changes, spoil, problem):
+    arm = make_robot(path, changes)
     spoil(arm.arm.wires["motors"].servos[3] if path is SO101 else arm.motors[1])
     with pytest.raises(DeviceError, match=problem):
         arm.robot.configure()
 
 
 @pytest.mark.parametrize(("path", "spoil", "problem"), AT_ACTIVATING)
-def test_motor_without_watchdog_or_control_mode_is_refused(bench, path, spoil, problem):
-    arm = bench(path)
+def test_motor_without_watchdog_or_control_mode_is_refused(make_robot, path, spoil, problem):
+    arm = make_robot(path)
     arm.robot.configure()
     spoil(arm.motors[1])
     with pytest.raises(DeviceError, match=problem) as refused:
@@ -108,8 +108,8 @@ def test_motor_without_watchdog_or_control_mode_is_refused(bench, path, spoil, p
 
 
 @pytest.mark.parametrize("path", [CUBEMARS, DAMIAO, ROBSTRIDE, MOTEUS, ODRIVE], ids=lambda path: path.stem)
-def test_a_motor_that_is_not_there_is_named(bench, path):
-    arm = bench(path)
+def test_a_motor_that_is_not_there_is_named(make_robot, path):
+    arm = make_robot(path)
     arm.inject_fault("motors", FaultKind.DROP, device=2)
     said = r"joint 3 \(node 2\): no heartbeat" if path is ODRIVE else r"no answer in 0.05 s from joint 2"
     with pytest.raises(DeviceError, match=said):

@@ -30,10 +30,10 @@ SENSORS = {
 
 
 @pytest.fixture(params=SENSORS, ids=str)
-def sensor(request, bench):
+def sensor(request, make_robot):
     """Any of the sensors, pressed with about 5 N."""
     path, changes = SENSORS[request.param]
-    arm = bench(path, changes)
+    arm = make_robot(path, changes)
     arm.robot.configure()
     press(arm, 5.0)
     arm.ticks(10, None)
@@ -47,16 +47,16 @@ def press(arm, force_n):
     world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
 
 
-def test_a_sensor_that_counts_tension_as_positive_is_reversed(bench):
-    arm = bench(ODRIVE, [("capacity_n: 100.0}", "capacity_n: 100.0, reversed: true}")])
+def test_a_sensor_that_counts_tension_as_positive_is_reversed(make_robot):
+    arm = make_robot(ODRIVE, [("capacity_n: 100.0}", "capacity_n: 100.0, reversed: true}")])
     arm.robot.configure()
     press(arm, 5.0)
     assert arm.ticks(10, None).force_n == pytest.approx(5.0, abs=0.1)
 
 
-def test_after_a_stall_of_the_line_the_newest_reading_is_served(bench):
+def test_after_a_stall_of_the_line_the_newest_reading_is_served(make_robot):
     """A late reading holds back those behind it; all arrive together, and the force has risen meanwhile."""
-    arm = bench(ODRIVE)
+    arm = make_robot(ODRIVE)
     wire = arm.arm.wires["load_cell"]
     wire.stalls = True
     arm.robot.configure()
@@ -91,8 +91,8 @@ def test_a_silent_sensor_keeps_its_value_and_its_time(sensor):
         (CUBEMARS, "load_code: 100", "load_code: 50", "load_code 100"),
     ],
 )
-def test_another_sensor_than_stated_is_refused(bench, path, old, new, problem):
-    arm = bench(path)
+def test_another_sensor_than_stated_is_refused(make_robot, path, old, new, problem):
+    arm = make_robot(path)
     stated = parse_robot_file(arm.arm.robot_file.text.replace(old, new), path)
     robot = build_robot(stated, DriverCatalog(), arm.clock)
     with pytest.raises(DeviceError, match=problem):
@@ -100,9 +100,9 @@ def test_another_sensor_than_stated_is_refused(bench, path, old, new, problem):
 
 
 @pytest.mark.parametrize(("answer", "refused"), [("A", False), ("Tared", False), ("?", True)])
-def test_zeroing_is_confirmed_or_refused(bench, answer, refused):
+def test_zeroing_is_confirmed_or_refused(make_robot, answer, refused):
     """Interfaces differ in how they say yes; a no was once taken for a yes, and a plain yes for silence."""
-    arm = bench(ODRIVE, [("capacity_n: 100.0}", "capacity_n: 100.0, tare: true}")])
+    arm = make_robot(ODRIVE, [("capacity_n: 100.0}", "capacity_n: 100.0, tare: true}")])
     sensor = arm.arm.wires["load_cell"]._sensor
     receive = sensor.receive
     sensor.receive = lambda data, now_s: (
@@ -183,8 +183,8 @@ def test_a_defect_in_a_decoder_does_not_end_the_thread_unseen(terminal):
         (ODRIVE, "0.002", {2, 3}),
     ],
 )
-def test_a_force_is_as_old_as_it_is(bench, path, delay_s, ages_ms):
-    arm = bench(path, [("delay_s: 0.0 ", f"delay_s: {delay_s} ")]).start()
+def test_a_force_is_as_old_as_it_is(make_robot, path, delay_s, ages_ms):
+    arm = make_robot(path, [("delay_s: 0.0 ", f"delay_s: {delay_s} ")]).start()
     ticks = [arm.tick() for _ in range(20)]
     assert {round(1e3 * (one.time_s - one.force_at_s), 3) for one in ticks} == ages_ms
 
@@ -205,15 +205,15 @@ SILENT = {"receive": lambda data, now_s: b""}
         (CUBEMARS, [], {"receive": lambda data, now_s: STRANGER}, "no answer to HELLO"),
     ],
 )
-def test_a_sensor_that_cannot_be_asked_for_a_force_is_refused(bench, path, changes, spoil, problem):
-    arm = bench(path, changes)
+def test_a_sensor_that_cannot_be_asked_for_a_force_is_refused(make_robot, path, changes, spoil, problem):
+    arm = make_robot(path, changes)
     vars(arm.arm.wires["load_cell"]._sensor).update(spoil)
     with pytest.raises(DeviceError, match=problem):
         arm.robot.configure()
 
 
-def test_a_gauge_without_commands_for_signs_is_taken(bench):
-    arm = bench(ODRIVE, [MARK10])
+def test_a_gauge_without_commands_for_signs_is_taken(make_robot):
+    arm = make_robot(ODRIVE, [MARK10])
     arm.arm.wires["load_cell"]._sensor.unknown = ("IPOL", "OPOL")
     arm.robot.configure()
     press(arm, 5.0)
@@ -221,8 +221,8 @@ def test_a_gauge_without_commands_for_signs_is_taken(bench):
 
 
 @pytest.mark.parametrize("before", [b"  \r\n", b"x" * 300 + b"\r\n"], ids=["blanks", "too long"])
-def test_a_line_without_words_before_an_answer_is_no_answer(bench, before):
-    arm = bench(ODRIVE, [MARK10])
+def test_a_line_without_words_before_an_answer_is_no_answer(make_robot, before):
+    arm = make_robot(ODRIVE, [MARK10])
     sensor = arm.arm.wires["load_cell"]._sensor
     obey, reading = sensor._execute, sensor.reading
     sensor._execute = lambda command, now_s: before * (command == "RM") + obey(command, now_s)
@@ -232,8 +232,8 @@ def test_a_line_without_words_before_an_answer_is_no_answer(bench, before):
     assert found.text.startswith("M7-50, reads in lbF")
 
 
-def test_a_gauge_that_is_switched_to_another_unit_is_named(bench):
-    arm = bench(ODRIVE, [MARK10])
+def test_a_gauge_that_is_switched_to_another_unit_is_named(make_robot):
+    arm = make_robot(ODRIVE, [MARK10])
     arm.robot.configure()
     arm.ticks(10, None)
     arm.arm.wires["load_cell"]._sensor.unit = "N"
@@ -241,9 +241,9 @@ def test_a_gauge_that_is_switched_to_another_unit_is_named(bench):
     assert "the gauge reads in N, but it read in lbF when it was configured" in arm.problem
 
 
-def test_a_lost_answer_is_asked_for_again_at_once(bench):
+def test_a_lost_answer_is_asked_for_again_at_once(make_robot):
     """The gauge was left alone for 0.35 s, and the arm stopped."""
-    arm = bench(ODRIVE, [MARK10])
+    arm = make_robot(ODRIVE, [MARK10])
     arm.robot.configure()
     press(arm, 5.0)
     arm.ticks(600, None)
@@ -256,9 +256,9 @@ def test_a_lost_answer_is_asked_for_again_at_once(bench):
 
 
 @pytest.mark.parametrize("late_ms", [4.2, 60.0, 130.0])
-def test_an_answer_is_as_old_as_its_question(bench, late_ms):
+def test_an_answer_is_as_old_as_its_question(make_robot, late_ms):
     """What comes later than the driver waits for belongs to no younger question."""
-    arm = bench(ODRIVE, [MARK10])
+    arm = make_robot(ODRIVE, [MARK10])
     arm.robot.configure()
     arm.ticks(10, None)
     arm.inject_fault("load_cell", FaultKind.DELAY, delay_s=late_ms * 1e-3)

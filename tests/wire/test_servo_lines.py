@@ -22,9 +22,9 @@ def examined(arm):
         (FaultKind.CORRUPT, "damaged answers from servo 3: do two servos have", "its answers are damaged"),
     ],
 )
-def test_two_servos_with_one_id_are_hinted_at(bench, path, kind, refused, examined_as):
+def test_two_servos_with_one_id_are_hinted_at(make_robot, path, kind, refused, examined_as):
     """One answers after the other, or both at once, which spoils both answers."""
-    arm = bench(path)
+    arm = make_robot(path)
     arm.inject_fault("motors", kind, device=3)
     with pytest.raises(DeviceError, match=refused):
         arm.robot.buses["motors"].configure()
@@ -34,8 +34,8 @@ def test_two_servos_with_one_id_are_hinted_at(bench, path, kind, refused, examin
 
 
 @LINES
-def test_servos_at_another_baud_rate_are_detected(bench, path):
-    arm = bench(path)
+def test_servos_at_another_baud_rate_are_detected(make_robot, path):
+    arm = make_robot(path)
     line, rate = arm.arm.wires["motors"], 115_200
     line._baud_rate, stated = rate, line._baud_rate
     with pytest.raises(DeviceError, match=f"at {stated} bit/s"):
@@ -47,16 +47,16 @@ def test_servos_at_another_baud_rate_are_detected(bench, path):
     assert {finding.text for finding in examined(arm).values()} == {finding.text}  # the port is open again
 
 
-def test_unpowered_line_is_distinguished_from_wrong_baud_rate(bench):
-    arm = bench(SO101)
+def test_unpowered_line_is_distinguished_from_wrong_baud_rate(make_robot):
+    arm = make_robot(SO101)
     arm.inject_fault("motors", FaultKind.DROP)
     with pytest.raises(DeviceError, match="no answer from servo 2, 3, 4, 1, 5"):
         arm.robot.buses["motors"].configure()
     assert examined(arm)["servos"].text == "no servo answers at any baud rate"
 
 
-def test_feetech_servos_missing_from_the_robot_file_are_detected(bench):
-    arm = bench(SO101)
+def test_feetech_servos_missing_from_the_robot_file_are_detected(make_robot):
+    arm = make_robot(SO101)
     line = arm.arm.wires["motors"]
     stranger = line.servos.pop(3)
     stranger.id = 9
@@ -72,9 +72,9 @@ def test_feetech_servos_missing_from_the_robot_file_are_detected(bench):
 
 @LINES
 @pytest.mark.parametrize(("celsius", "level"), [(70, Level.OK), (81, Level.WARN)])
-def test_a_servo_that_is_hotter_than_its_own_limit_is_a_warning(bench, path, celsius, level):
+def test_a_servo_that_is_hotter_than_its_own_limit_is_a_warning(make_robot, path, celsius, level):
     """As delivered, 80 degrees for these Dynamixel servos and 70 for Feetech's."""
-    arm = bench(path)
+    arm = make_robot(path)
     arm.robot.configure()
     servo = arm.arm.wires["motors"].servos[3]
     if path is DYNAMIXEL:

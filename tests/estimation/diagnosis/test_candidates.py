@@ -68,7 +68,7 @@ def gain(name="g", lower=0.0, upper=10.0):
 
 
 class LinearProblem:
-    """A bench that fits columns by least squares, on 100 blocks of one run at 128 Hz."""
+    """A problem that fits columns by least squares, on 100 blocks of one run at 128 Hz."""
 
     blocked = SimpleNamespace(data=SimpleNamespace(time_s=np.arange(100) / 128, run=np.zeros(100, dtype=int)))
 

@@ -10,7 +10,7 @@ from palpate.robot_io.errors import DeviceError, DeviceTimeoutError, InputError,
 from palpate.robot_io.robot_file import load_robot_file
 from palpate.robot_io.types import Status
 from palpate.sim_backend.emulators import dynamixel_servo as table
-from tests.robot_io.drivers.dynamixel_bench import READ_S, ROBOT_FILE, TICK_S, dynamixel_bench
+from tests.robot_io.drivers.dynamixel_setup import READ_S, ROBOT_FILE, TICK_S, dynamixel_setup
 
 FAST, PLAIN = {"fast_sync_read": True}, {"fast_sync_read": False}
 BOTH = pytest.mark.parametrize("way", [FAST, PLAIN], ids=["fast", "plain"])
@@ -19,27 +19,27 @@ WATCHDOG_S = 0.06
 
 @pytest.fixture(params=[FAST, PLAIN], ids=["fast", "plain"])
 def active(request):
-    with dynamixel_bench(**request.param) as bench:
-        bench.start()
-        bench.tick()
-        yield bench
+    with dynamixel_setup(**request.param) as setup:
+        setup.start()
+        setup.tick()
+        yield setup
 
 
 @pytest.fixture
 def fast():
-    with dynamixel_bench() as bench:
-        bench.start()
-        bench.tick()
-        yield bench
+    with dynamixel_setup() as setup:
+        setup.start()
+        setup.tick()
+        yield setup
 
 
 # Setting up
 
 
 def test_activation_writes_the_settings_of_the_robot_file():
-    with dynamixel_bench(return_delay_s=40e-6, watchdog_s=0.1) as bench:
-        bench.start()
-        for servo in bench.line.servos.values():
+    with dynamixel_setup(return_delay_s=40e-6, watchdog_s=0.1) as setup:
+        setup.start()
+        for servo in setup.line.servos.values():
             assert servo.memory.get(table.OPERATING_MODE) == 0
             assert servo.memory.get(table.RETURN_DELAY) == 20
             assert servo.memory.get(table.BUS_WATCHDOG) == 5
@@ -48,36 +48,36 @@ def test_activation_writes_the_settings_of_the_robot_file():
 
 
 def test_configuring_powers_nothing():
-    with dynamixel_bench() as bench:
-        bench.bus.configure()
-        assert not any(servo.memory.get(table.TORQUE_ENABLE) for servo in bench.line.servos.values())
+    with dynamixel_setup() as setup:
+        setup.bus.configure()
+        assert not any(servo.memory.get(table.TORQUE_ENABLE) for servo in setup.line.servos.values())
         with pytest.raises(LifecycleError):
-            bench.torque.stage_torque(np.zeros(3))
+            setup.torque.stage_torque(np.zeros(3))
 
 
 def test_older_firmware_is_read_the_plain_way():
-    with dynamixel_bench(bolted={3: {"firmware": 44}}) as bench:
-        bench.start()
-        assert np.isfinite(bench.tick().position_rad).all()
+    with dynamixel_setup(bolted={3: {"firmware": 44}}) as setup:
+        setup.start()
+        assert np.isfinite(setup.tick().position_rad).all()
 
 
 def test_stale_goal_is_not_followed_after_activation():
-    with dynamixel_bench() as bench:
-        for servo in bench.line.servos.values():
+    with dynamixel_setup() as setup:
+        for servo in setup.line.servos.values():
             servo.memory.put(table.OPERATING_MODE, 0)
             servo.memory.put(table.GOAL_CURRENT, 300)
-        bench.start()
-        bench.read()
-        assert (bench.exerted_nm() == 0).all()
+        setup.start()
+        setup.read()
+        assert (setup.exerted_nm() == 0).all()
 
 
 @pytest.mark.parametrize("level", [0, 1])
 def test_a_servo_that_answers_little_but_pings_is_made_to_answer(level):
-    with dynamixel_bench() as bench:
-        for servo in bench.line.servos.values():
+    with dynamixel_setup() as setup:
+        for servo in setup.line.servos.values():
             servo.memory.put(table.STATUS_RETURN_LEVEL, level)
-        bench.start()
-        assert bench.tick() is not None
+        setup.start()
+        assert setup.tick() is not None
 
 
 @pytest.mark.parametrize(
@@ -108,26 +108,26 @@ def test_positions_are_the_arms_whatever_the_mounting():
         {"id": 2, "model": "XM540-W270", "zero_rad": -2.0, "reversed": True},
         {"id": 3, "model": "XM430-W350", "zero_rad": 6.0},
     ]
-    with dynamixel_bench(servos=servos) as bench:
-        bench.bus.configure()
-        position = bench.read().position_rad
-        np.testing.assert_allclose(position, bench.robot_file.home_rad, atol=0.001)
+    with dynamixel_setup(servos=servos) as setup:
+        setup.bus.configure()
+        position = setup.read().position_rad
+        np.testing.assert_allclose(position, setup.robot_file.home_rad, atol=0.001)
 
 
 @BOTH
 def test_negative_values_are_negative(way):
     """Minus one in a current beside minus three in a velocity is what byte stuffing is for."""
-    with dynamixel_bench(**way) as bench:
-        bench.start()
-        memory = bench.line.servos[1].memory
-        bench.line.servos[1]._sample_position = lambda: None
+    with dynamixel_setup(**way) as setup:
+        setup.start()
+        memory = setup.line.servos[1].memory
+        setup.line.servos[1]._sample_position = lambda: None
         for address, value in (
             (table.PRESENT_CURRENT, -1),
             (table.PRESENT_VELOCITY, -3),
             (table.PRESENT_POSITION, -1),
         ):
             memory.put(address, value)
-        sample = bench.read()
+        sample = setup.read()
         assert sample.velocity_rad_s[0] == pytest.approx(-3 * 0.229 * 2 * np.pi / 60)
         assert sample.torque_nm[0] == pytest.approx(-0.00269 * 10.6 / 4.4)
         step_rad = 2 * np.pi / 4096
@@ -136,22 +136,22 @@ def test_negative_values_are_negative(way):
 
 def test_a_calibrated_torque_constant_is_used():
     constant = {1: {"torque_constant_nm_a": 2.0}}
-    with dynamixel_bench(bolted=constant) as bench:  # the servo is weaker than its data sheet says
-        bench.start()
-        bench.tick((1.0, 0.0, 0.0))
-        bench.clock.sleep_until(bench.clock.now_s() + TICK_S)
-        assert bench.exerted_nm()[0] == pytest.approx(1.0 * 2.0 / (10.6 / 4.4), rel=0.01)
+    with dynamixel_setup(bolted=constant) as setup:  # the servo is weaker than its data sheet says
+        setup.start()
+        setup.tick((1.0, 0.0, 0.0))
+        setup.clock.sleep_until(setup.clock.now_s() + TICK_S)
+        assert setup.exerted_nm()[0] == pytest.approx(1.0 * 2.0 / (10.6 / 4.4), rel=0.01)
 
 
 def test_configured_current_limit_is_preserved():
-    with dynamixel_bench() as bench:
-        bench.line.servos[3].memory.put(table.CURRENT_LIMIT, 100)
-        bench.start()
-        sent = bench.torque.stage_torque(np.full(3, 100.0))
+    with dynamixel_setup() as setup:
+        setup.line.servos[3].memory.put(table.CURRENT_LIMIT, 100)
+        setup.start()
+        sent = setup.torque.stage_torque(np.full(3, 100.0))
         assert sent[2] == pytest.approx(100 * 0.00269 * 4.1 / 2.3)
-        bench.tick((0.0, 0.0, 100.0))
-        bench.clock.sleep_until(bench.clock.now_s() + TICK_S)
-        assert bench.exerted_nm()[2] == pytest.approx(sent[2])
+        setup.tick((0.0, 0.0, 100.0))
+        setup.clock.sleep_until(setup.clock.now_s() + TICK_S)
+        assert setup.exerted_nm()[2] == pytest.approx(sent[2])
 
 
 def test_samples_carry_the_time_of_the_question_and_are_worth_the_bus_time(active):
@@ -214,15 +214,15 @@ def test_a_hardware_error_keeps_the_torque_off_until_a_reboot(fast):
 
 def test_a_servo_that_stays_off_without_a_word_is_named_with_its_error():
     """Some firmware takes the write, says that all is well but for the alert bit, and stays off."""
-    with dynamixel_bench() as bench:
-        servo = bench.line.servos[2]
+    with dynamixel_setup() as setup:
+        servo = setup.line.servos[2]
         servo.fail()
         write = servo.write
         servo.write = lambda address, data: 0 if address == table.TORQUE_ENABLE else write(address, data)
-        bench.bus.configure()
-        bench.bus.activate()
+        setup.bus.configure()
+        setup.bus.activate()
         with pytest.raises(DeviceError, match=r"servo 2: torque enable is 0 .*overload; it must be rebooted"):
-            bench.torque.activate()
+            setup.torque.activate()
 
 
 # Letting go
@@ -263,27 +263,27 @@ def test_unconfirmed_switch_off_is_an_error_with_consequences(active):
 
 @BOTH
 def test_a_port_that_failed_can_be_used_again(way, tmp_path):
-    with dynamixel_bench(link=tmp_path / "port", **way) as bench:
-        bench.start()
-        bench.tick()
-        bench.line.close()
+    with dynamixel_setup(link=tmp_path / "port", **way) as setup:
+        setup.start()
+        setup.tick()
+        setup.line.close()
         with pytest.raises(DeviceError, match="unplugged"):
-            bench.read()
+            setup.read()
         for _ in range(2):  # a second try that did nothing must not pass for one that worked
             with pytest.raises(DeviceError, match="the torque may still be on"):
-                bench.torque.deactivate()
+                setup.torque.deactivate()
         with pytest.raises(DeviceError):
-            bench.bus.configure()
-        bench.plug_in()
+            setup.bus.configure()
+        setup.plug_in()
         with pytest.raises(DeviceError, match=r"unplugged|not open"):
-            bench.read()  # not by itself: a loose connector is not to be hidden
-        bench.start()
-        assert np.isfinite(bench.tick().position_rad).all()
+            setup.read()  # not by itself: a loose connector is not to be hidden
+        setup.start()
+        assert np.isfinite(setup.tick().position_rad).all()
 
 
 def test_a_port_has_one_owner(active):
     with (
-        dynamixel_bench(port=active.line.path) as other,
+        dynamixel_setup(port=active.line.path) as other,
         pytest.raises(DeviceError, match="cannot be opened"),
     ):
         other.bus.configure()

@@ -19,8 +19,8 @@ LOCK, PHASE, OFFSET, LEVEL, P_GAIN, TORQUE_ON, GOAL, LIMIT = 55, 18, 31, 8, 21, 
 
 
 @pytest.fixture
-def arm(bench):
-    return bench(SO101)
+def arm(make_robot):
+    return make_robot(SO101)
 
 
 def servos(arm):
@@ -149,10 +149,10 @@ def test_a_torque_that_is_no_number_is_refused(arm):
 
 
 @pytest.mark.parametrize(("found", "refused"), [(85, False), (-85, True)])
-def test_a_servo_that_was_calibrated_anew_is_refused(bench, found, refused):
+def test_a_servo_that_was_calibrated_anew_is_refused(make_robot, found, refused):
     """Its positions mean other angles than the robot file says."""
     stated = "- {id: 3, model: STS3215-12V,"
-    arm = bench(SO101, [(stated, f"{stated} homing_offset: 85,")])
+    arm = make_robot(SO101, [(stated, f"{stated} homing_offset: 85,")])
     servos(arm)[3].put(OFFSET, abs(found) | (0x800 if found < 0 else 0))
     said = "homing offset of -85, but the robot file states 85"
     with pytest.raises(DeviceError, match=said) if refused else nullcontext():
@@ -244,9 +244,9 @@ def test_a_servo_that_holds_is_watched_as_the_joints_are(arm, break_servo, probl
     assert re.search(problem, arm.problem)
 
 
-def test_each_servo_has_the_torque_limit_of_what_it_drives(bench):
+def test_each_servo_has_the_torque_limit_of_what_it_drives(make_robot):
     """Torque, and what its speed takes beside it; those that hold stand still."""
-    arm = bench(SO101, [("velocity_rad_s: [3.0, 3.0, 3.0]", "velocity_rad_s: [3.0, 1.0, 0.5]")])
+    arm = make_robot(SO101, [("velocity_rad_s: [3.0, 3.0, 3.0]", "velocity_rad_s: [3.0, 1.0, 0.5]")])
     arm.robot.configure()
     at_stall = ["stall torque" in finding.text for finding in arm.robot.buses["motors"].examine()]
     assert at_stall == [True, *4 * [False]]

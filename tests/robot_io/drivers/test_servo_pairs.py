@@ -18,7 +18,7 @@ from palpate.robot_io.robot_file import parse_robot_file
 from palpate.robot_io.types import Status
 from palpate.sim_backend.emulators import FaultKind
 from palpate.sim_backend.emulators import dynamixel_servo as table
-from tests.robot_io.drivers.dynamixel_bench import dynamixel_bench
+from tests.robot_io.drivers.dynamixel_setup import dynamixel_setup
 from tests.wire.parts import DYNAMIXEL, DYNAMIXEL_PAIR, FEETECH_PAIR, SO101
 
 FAMILIES = {"dynamixel": (DYNAMIXEL, DYNAMIXEL_PAIR, 4), "feetech": (SO101, FEETECH_PAIR, 7)}
@@ -31,8 +31,8 @@ def family(request):
 
 
 @pytest.fixture
-def make(bench):
-    return lambda family, *changes: bench(FAMILIES[family][0], (FAMILIES[family][1], *changes))
+def make(make_robot):
+    return lambda family, *changes: make_robot(FAMILIES[family][0], (FAMILIES[family][1], *changes))
 
 
 def servos(arm):
@@ -195,11 +195,11 @@ def test_the_wrong_sense_is_refused_as_soon_as_the_arm_is_read():
         {"id": 3, "model": "XM430-W350"},
     ]
     bolted = {1: {"second": {"id": 4}}}
-    with dynamixel_bench(servos=servos, bolted=bolted) as bench:
-        bench.bus.configure()
+    with dynamixel_setup(servos=servos, bolted=bolted) as setup:
+        setup.bus.configure()
         with pytest.raises(DeviceError, match=r"servos 1 and 4 \(joint 1\) stand .* reversed wrong"):
-            bench.read()
-        assert bench.bus.sample is None
+            setup.read()
+        assert setup.bus.sample is None
 
 
 def test_the_second_has_the_torque_constant_of_the_first_and_its_change_ends_a_calibration():

@@ -36,11 +36,11 @@ def recorded(arm):
 
 
 @pytest.mark.parametrize("robot_file", [DYNAMIXEL, SO101], ids=["dynamixel", "feetech"])
-def test_all_at_once_is_one_by_one_and_a_damaged_answer_is_not_decoded_at_once(bench, robot_file):
-    _, answers = recorded(bench(robot_file))
+def test_all_at_once_is_one_by_one_and_a_damaged_answer_is_not_decoded_at_once(make_robot, robot_file):
+    _, answers = recorded(make_robot(robot_file))
     assert len(answers) >= TICKS
     assert [feedback for _, _, feedback, _ in answers] == [expected for *_, expected in answers]
-    reader, answers = recorded(bench(robot_file))
+    reader, answers = recorded(make_robot(robot_file))
     request, data, feedback, _ = answers[-1]
     assert reader._decode_whole(request, data) == feedback
     for place in range(len(data)):
@@ -53,8 +53,8 @@ def test_all_at_once_is_one_by_one_and_a_damaged_answer_is_not_decoded_at_once(b
     assert reader._decode_whole(longer, data) is None
 
 
-def test_a_valid_answer_that_is_not_plausible_takes_the_way_of_single_packets(bench):
-    reader, answers = recorded(bench(SO101))
+def test_a_valid_answer_that_is_not_plausible_takes_the_way_of_single_packets(make_robot):
+    reader, answers = recorded(make_robot(SO101))
     request, data, _, _ = answers[-1]
     width = AROUND + request.size
     first, second, *others = [data[start : start + width] for start in range(0, len(data), width)]
@@ -72,8 +72,8 @@ def test_a_valid_answer_that_is_not_plausible_takes_the_way_of_single_packets(be
 
 
 @pytest.mark.parametrize("robot_file", [DYNAMIXEL, SO101], ids=["dynamixel", "feetech"])
-def test_an_answer_in_two_pieces_is_the_whole_answer(bench, robot_file):
-    arm = bench(robot_file)
+def test_an_answer_in_two_pieces_is_the_whole_answer(make_robot, robot_file):
+    arm = make_robot(robot_file)
     arm.start()
     reader = arm.robot.buses["motors"]._reader
     wait, held = reader._port.wait, []

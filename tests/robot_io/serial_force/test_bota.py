@@ -116,8 +116,8 @@ def test_one_frame_alone_is_no_force():
 
 
 @pytest.fixture
-def arm(bench):
-    return bench(ODRIVE, BOTA)
+def arm(make_robot):
+    return make_robot(ODRIVE, BOTA)
 
 
 def sensor(arm):
@@ -147,10 +147,10 @@ def test_a_sensor_that_still_starts_is_waited_for(arm, starts_s, said):
         arm.robot.configure()
 
 
-def test_a_line_that_is_too_slow_is_refused(bench):
+def test_a_line_that_is_too_slow_is_refused(make_robot):
     slow = (*BOTA[:1], ("baud_rate: 230400", "baud_rate: 115200"))
     with pytest.raises(DeviceError, match="a line of 115200 bit/s cannot carry"):
-        bench(ODRIVE, slow).robot.configure()
+        make_robot(ODRIVE, slow).robot.configure()
 
 
 def test_commands_are_those_of_the_maker():

@@ -107,8 +107,8 @@ def test_a_converter_at_its_end_is_saturated():
 
 
 @pytest.fixture
-def arm(bench):
-    return bench(ODRIVE, (CELL,))
+def arm(make_robot):
+    return make_robot(ODRIVE, (CELL,))
 
 
 @pytest.mark.parametrize(

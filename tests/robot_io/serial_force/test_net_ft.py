@@ -105,9 +105,9 @@ def test_a_sensor_that_counts_anew_is_named():
     assert "restarted its counter" in stream.fault_text
 
 
-def test_a_sensor_that_counts_anew_is_named_before_its_samples_are_too_old(bench):
+def test_a_sensor_that_counts_anew_is_named_before_its_samples_are_too_old(make_robot):
     """It was named after 50 records, and the arm stopped by the age of its sample after 10 ms."""
-    arm = bench(ODRIVE, NET_FT)
+    arm = make_robot(ODRIVE, NET_FT)
     arm.robot.configure()
     arm.ticks(100, None)
     arm.arm.wires["load_cell"]._sensor._sequence = 0
@@ -157,8 +157,8 @@ def test_invalid_configuration_page_is_refused(old, new, said):
 
 
 @pytest.fixture
-def arm(bench):
-    return bench(ODRIVE, NET_FT)
+def arm(make_robot):
+    return make_robot(ODRIVE, NET_FT)
 
 
 def sensor(arm):

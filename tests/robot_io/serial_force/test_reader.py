@@ -233,8 +233,8 @@ def test_silence_and_late_polling_do_not_delay_later_samples():
 
 @pytest.mark.parametrize("changes", [NET_FT, BOTA, (CELL,)], ids=["net_ft", "bota", "cell"])
 @pytest.mark.parametrize("late_s", [0.002, 0.008, 0.012])
-def test_a_stream_that_has_become_late_is_not_served_as_fresh(bench, changes, late_s):
-    arm = bench(ODRIVE, changes)
+def test_a_stream_that_has_become_late_is_not_served_as_fresh(make_robot, changes, late_s):
+    arm = make_robot(ODRIVE, changes)
     arm.robot.configure()
 
     def ages_s(ticks):

@@ -264,13 +264,13 @@ def sdk(monkeypatch):
     line = EmulatedDynamixelLine(
         [DynamixelMounting(id=i, model="XM430-W350") for i in (1, 2, 3)], plant, baud_rate=None
     )
-    bench = HardwareEmulator(plant, [line], MonotonicClock())
-    bench.start()
+    emulator = HardwareEmulator(plant, [line], MonotonicClock())
+    emulator.start()
     port = PortHandler(line.path)
     port.openPort()
     yield port, PacketHandler(2.0), plant
     port.closePort()
-    bench.close()
+    emulator.close()
 
 
 def test_the_sdk_finds_and_sets_up_the_servos(sdk):

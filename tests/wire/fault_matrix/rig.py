@@ -23,7 +23,7 @@ from palpate.robot_io.guard import Guard
 from palpate.sim_backend.emulators import Fault
 from tests.log_in_process import LogInProcess
 from tests.wire.fault_matrix.rows import FAMILIES, ProgramFault, Row
-from tests.wire.parts import WireBench
+from tests.wire.parts import EmulatedRobot
 
 SESSION = "session.mcap"
 CHUNK_BYTES = 65_536
@@ -66,10 +66,10 @@ class FaultRig:
     def __init__(self, row: Row, folder: Path) -> None:
         self.row, self.path = row, folder / SESSION
         family = FAMILIES[row.family]
-        self.bench = WireBench(family.robot, (*family.changes, *row.changes))
-        self.robot, self.clock = self.bench.robot, self.bench.clock
+        self.setup = EmulatedRobot(family.robot, (*family.changes, *row.changes))
+        self.robot, self.clock = self.setup.robot, self.setup.clock
         self.log: LogInProcess | SessionWriter = LogInProcess(self.path, [tick_stream(3)], SessionMetadata())
-        self.robot_file = self.bench.arm.robot_file
+        self.robot_file = self.setup.arm.robot_file
         self.guard = Guard(self.robot_file.limits, self.robot_file.safe_state, 3)
         self.tick_s = 1e-3 * family.tick_ms
         plan = ProbingPlan(speeds_m_s=(family.speed_m_s,), hold_s=0.1, free_air_s=0.1)
@@ -81,7 +81,7 @@ class FaultRig:
         if row.fault is ProgramFault.CLOCK_BACK:
             self._stamp_by_wall_clock()
         if isinstance(row.fault, Fault):
-            self.bench.faults[family.bus].add(row.fault)
+            self.setup.faults[family.bus].add(row.fault)
         self.clock.subscribe(self._watch_drives)
 
     def run(self) -> Observed:
@@ -175,7 +175,7 @@ class FaultRig:
 
     def _stamp_by_wall_clock(self) -> None:
         """Let a CAN adapter stamp its frames by the wall clock, as real ones do."""
-        bus, wire = self.robot.buses["motors"], self.bench.arm.wires["motors"]
+        bus, wire = self.robot.buses["motors"], self.setup.arm.wires["motors"]
         if isinstance(bus, MotorBus):
             bus.line._settings = bus.line._settings.model_copy(update={"timestamps": Timestamps.WALL})
             put = wire._put
@@ -184,7 +184,7 @@ class FaultRig:
     # What came of it.
 
     def _watch_drives(self, time_s: float) -> None:
-        if np.abs(self.bench.drive_torque_nm).max() > NO_TORQUE_NM:
+        if np.abs(self.setup.drive_torque_nm).max() > NO_TORQUE_NM:
             self._torque_until_s = time_s
 
     def _close_log(self, result: LoopResult | None) -> str:
@@ -207,6 +207,6 @@ class FaultRig:
             torque_off_ms=1e3 * (self._torque_until_s - self.row.at_s),
             reads=reads,
             last_tick_s=ticks["time_s"][-1],
-            fastest_rad_s=np.abs(self.bench.arm.plant.world.truth().joint_velocity_rad_s).max(),
+            fastest_rad_s=np.abs(self.setup.arm.plant.world.truth().joint_velocity_rad_s).max(),
             session_events=[event.text for event in session.events],
         )

@@ -61,8 +61,8 @@ def test_fault_has_the_outcome_in_the_fault_matrix(row: Row, tmp_path):
         seen = rig.run()
     finally:
         with suppress(DeviceError):
-            rig.bench.robot.close()
-        rig.bench.arm.emulator.close()
+            rig.setup.robot.close()
+        rig.setup.arm.emulator.close()
     assert row.reads in seen.reads
     assert seen.trips == (row.ticks is not None), seen.reads
     if row.ticks is not None:

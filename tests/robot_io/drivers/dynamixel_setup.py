@@ -17,7 +17,7 @@ TICK_S = 1e-3
 READ_S = 0.6e-3  # as the control loop allows
 
 
-class DynamixelBench:
+class DynamixelSetup:
     """Attributes: clock, line (the emulated servos), plant, bus, encoder, torque (the drivers)."""
 
     def __init__(self, bolted=None, encoder=None, link=None, **settings):
@@ -80,14 +80,14 @@ class DynamixelBench:
 
     def close(self):
         self.bus.close()
-        for bench in self._emulators:
-            bench.close()
+        for setup in self._emulators:
+            setup.close()
 
 
 @contextmanager
-def dynamixel_bench(**changes):
-    bench = DynamixelBench(**changes)
+def dynamixel_setup(**changes):
+    setup = DynamixelSetup(**changes)
     try:
-        yield bench
+        yield setup
     finally:
-        bench.close()
+        setup.close()
