@@ -264,7 +264,7 @@ class Study(ModelStudy):
         patch: Path | str | None = None,
         revisions: int | Sequence[int] = (),
         servo_gain_nm_rad: float | None = None,
-    ) -> "Written":
+    ) -> "WrittenModels":
         """Write friction, rotor, spring, payload and gravity of joints for another simulator.
 
         Args:
