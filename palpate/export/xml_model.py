@@ -52,7 +52,7 @@ def patch_mjcf(
     by_name: bool,
     folder: str = ".",
     servo_gain_nm_rad: float | None = None,
-) -> Patched:
+) -> PatchedModel:
     """Write the values of an arm into the text of an MJCF.
 
     A value replaces that of the file, because the fitted model has no other friction, spring or rotor.
