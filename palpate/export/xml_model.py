@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.export.asset_paths import rebase_mjcf, rebase_urdf
 from palpate.export.feedforward import as_comment
-from palpate.export.target_terms import TargetArm, TargetJoint, Value
+from palpate.export.target_terms import TargetArm, TargetJoint, TermValue
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.urdf_text import parse_xml
 from palpate.robot_io.types import FloatArray
