@@ -107,6 +107,24 @@ def time_axis(table: pa.Table, field: str | None = None) -> tuple[FloatArray, li
     return np.array([number[name] for name in measurement]), measurement, "count"
 
 
+def _days(text: str) -> float | None:
+    """Return the days since 1970 of a date or time; None for other texts."""
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        return None
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp() / _SECONDS_A_DAY
+
+
+def _number(text: str) -> float | None:
+    """Return a finite number; None for other texts."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if np.isfinite(value) else None
+
+
 def all_series(table: pa.Table, times: FloatArray) -> Iterator[Series]:
     """Yield each parameter, the ratio of error to noise, and each kind's share, by channel and group.
 
@@ -241,24 +259,6 @@ def _statistics(scaled: FloatArray, times: FloatArray) -> FloatArray:
     away = times - times.mean()
     drift = (centered @ away) ** 2 / max(float(away @ away), np.finfo(float).tiny)
     return np.asarray(np.column_stack([steps, drift]) / variance)
-
-
-def _days(text: str) -> float | None:
-    """Return the days since 1970 of a date or time; None for other texts."""
-    try:
-        moment = datetime.fromisoformat(text)
-    except ValueError:
-        return None
-    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp() / _SECONDS_A_DAY
-
-
-def _number(text: str) -> float | None:
-    """Return a finite number; None for other texts."""
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return value if np.isfinite(value) else None
 
 
 def least_for_step(tested: int) -> int:

@@ -172,6 +172,41 @@ def examine_signs(robot: Robot, body: RigidBody, hand: ArmOperator) -> Iterator[
     yield fail("hands away", value, "take all hands off the arm; if the force stays, the sensor is stuck")
 
 
+def _tip_motion(body: RigidBody, angles_rad: FloatArray, joint: int) -> str:
+    """Describe the tip's motion for a positive turn of a joint, such as "the tip goes up and forwards"."""
+    turned_rad = angles_rad.copy()
+    turned_rad[joint] += _SHOWN_RAD
+    way_m = body.tip_pose(turned_rad)[0] - body.tip_pose(angles_rad)[0]
+    length_m = float(np.linalg.norm(way_m))
+    if length_m < 1e-3:
+        return "to its positive side"
+    axes = [axis for axis in np.argsort(-np.abs(way_m)) if abs(way_m[axis]) > _PLAIN_M * length_m]
+    return f"the tip goes {' and '.join(_DIRECTIONS[axis][int(way_m[axis] < 0)] for axis in axes)}"
+
+
+def _joint_finding(joint: int, moved_rad: FloatArray) -> Finding:
+    subject, own_rad = f"sign of joint {joint + 1}", float(moved_rad[joint])
+    most = int(np.argmax(np.abs(moved_rad)))
+    value = f"{own_rad:+.2f} rad when turned forwards"
+    if not abs(moved_rad[most]) >= _MOVED_RAD:  # true for NaN as well
+        return fail(subject, f"{value}: no joint moved", "turn it further, or check its encoder")
+    if most != joint:
+        other = f"{value}, but joint {most + 1} moved by {moved_rad[most]:+.2f} rad"
+        return fail(subject, other, "the drives' ids are in the wrong order: correct the robot file")
+    remedy = "change its 'reversed' in the robot file, then its zero_rad"
+    return graded(subject, value, (_FAIL, own_rad < 0, remedy))
+
+
+def _force_finding(pressed_n: float) -> Finding:
+    subject, value = "sign of the force", f"{pressed_n:+.2f} N when pressed"
+    if not abs(pressed_n) >= _PRESSED_N:  # true for NaN as well
+        return fail(
+            subject, f"{value}: too small to judge", "press harder; if it stays small, check the sensor"
+        )
+    remedy = "change 'reversed' of the force sensor in the robot file"
+    return graded(subject, value, (_FAIL, pressed_n < 0, remedy))
+
+
 def count_down(robot: Robot, hand: ArmOperator) -> Iterator[Finding]:
     """Count down before power; a movement or force during the countdown is a failure.
 
@@ -207,18 +242,6 @@ def is_still(measurements: list[Measurement]) -> bool:
         max(m.encoder_status, m.force_status) < Status.FAULT and np.isfinite(m.force_n) for m in measurements
     )
     return good and bool((np.ptp([m.joint_position_rad for m in measurements], axis=0) < _STILL_RAD).all())
-
-
-def _tip_motion(body: RigidBody, angles_rad: FloatArray, joint: int) -> str:
-    """Describe the tip's motion for a positive turn of a joint, such as "the tip goes up and forwards"."""
-    turned_rad = angles_rad.copy()
-    turned_rad[joint] += _SHOWN_RAD
-    way_m = body.tip_pose(turned_rad)[0] - body.tip_pose(angles_rad)[0]
-    length_m = float(np.linalg.norm(way_m))
-    if length_m < 1e-3:
-        return "to its positive side"
-    axes = [axis for axis in np.argsort(-np.abs(way_m)) if abs(way_m[axis]) > _PLAIN_M * length_m]
-    return f"the tip goes {' and '.join(_DIRECTIONS[axis][int(way_m[axis] < 0)] for axis in axes)}"
 
 
 def _watch(
@@ -264,29 +287,6 @@ def _read_for(robot: Robot, duration_s: float) -> list[Measurement]:
 
 def _force_n(measurements: list[Measurement]) -> float:
     return float(np.mean([m.force_n for m in measurements]))
-
-
-def _joint_finding(joint: int, moved_rad: FloatArray) -> Finding:
-    subject, own_rad = f"sign of joint {joint + 1}", float(moved_rad[joint])
-    most = int(np.argmax(np.abs(moved_rad)))
-    value = f"{own_rad:+.2f} rad when turned forwards"
-    if not abs(moved_rad[most]) >= _MOVED_RAD:  # true for NaN as well
-        return fail(subject, f"{value}: no joint moved", "turn it further, or check its encoder")
-    if most != joint:
-        other = f"{value}, but joint {most + 1} moved by {moved_rad[most]:+.2f} rad"
-        return fail(subject, other, "the drives' ids are in the wrong order: correct the robot file")
-    remedy = "change its 'reversed' in the robot file, then its zero_rad"
-    return graded(subject, value, (_FAIL, own_rad < 0, remedy))
-
-
-def _force_finding(pressed_n: float) -> Finding:
-    subject, value = "sign of the force", f"{pressed_n:+.2f} N when pressed"
-    if not abs(pressed_n) >= _PRESSED_N:  # true for NaN as well
-        return fail(
-            subject, f"{value}: too small to judge", "press harder; if it stays small, check the sensor"
-        )
-    remedy = "change 'reversed' of the force sensor in the robot file"
-    return graded(subject, value, (_FAIL, pressed_n < 0, remedy))
 
 
 class NudgeTask:

@@ -114,6 +114,15 @@ def transition_section(ticks: Sequence[Row]) -> ReportSection:
     )
 
 
+def _torque_at_touch_nm(ticks: Sequence[Row], run: int) -> tuple[float, float, float]:
+    """Return joint 1's torque before the touch, its minimum within 5 ms after, and its next maximum."""
+    own = [row for row in ticks if row["run"] == run]
+    touch = next(i for i, row in enumerate(own) if row["phase"] == Phase.LOADING)
+    torque = column(own, "torque_commanded_1_nm")[touch - 3 : touch + 20]
+    lowest = int(np.argmin(torque[:8]))
+    return float(torque[0]), float(torque[lowest]), float(torque[lowest:].max())
+
+
 def force_section(ticks: Sequence[Row], grid: Sequence[Row]) -> ReportSection:
     """Make the section of figure 4a, and of runs in which the damping force alone exceeds the limit.
 
@@ -161,6 +170,10 @@ def force_section(ticks: Sequence[Row], grid: Sequence[Row]) -> ReportSection:
     )
 
 
+def _speed(row: Row, number: int) -> float:
+    return 1e-3 * float(row["speeds_mm_s"].split(", ")[number])
+
+
 def grid_section(rows: Sequence[Row], clean: Sequence[Row]) -> ReportSection:
     """Make the section of figures 4b and 4c, with the worst errors of section VI-B.
 
@@ -204,6 +217,10 @@ def grid_section(rows: Sequence[Row], clean: Sequence[Row]) -> ReportSection:
     return ReportSection(
         "Figures 4b and 4c: estimates of k and c over the grid", figures.grid_estimates(rows), words, tables
     )
+
+
+def _worst(rows: Sequence[Row], parameter: str) -> float:
+    return 100 * float(np.abs(errors_of(rows, parameter).relative).max())
 
 
 def noise_section(rows: Sequence[Row]) -> ReportSection:
@@ -360,23 +377,6 @@ def _one_of_each(rows: Sequence[Row]) -> list[Row]:
     keys = ("law stiffness_n_m", "law damping_n_s_m", "seed")
     good = (row for row in rows if not row["error"])
     return [own[0] for own in grouped(good, lambda row: tuple(row[key] for key in keys)).values()]
-
-
-def _speed(row: Row, number: int) -> float:
-    return 1e-3 * float(row["speeds_mm_s"].split(", ")[number])
-
-
-def _worst(rows: Sequence[Row], parameter: str) -> float:
-    return 100 * float(np.abs(errors_of(rows, parameter).relative).max())
-
-
-def _torque_at_touch_nm(ticks: Sequence[Row], run: int) -> tuple[float, float, float]:
-    """Return joint 1's torque before the touch, its minimum within 5 ms after, and its next maximum."""
-    own = [row for row in ticks if row["run"] == run]
-    touch = next(i for i, row in enumerate(own) if row["phase"] == Phase.LOADING)
-    torque = column(own, "torque_commanded_1_nm")[touch - 3 : touch + 20]
-    lowest = int(np.argmin(torque[:8]))
-    return float(torque[0]), float(torque[lowest]), float(torque[lowest:].max())
 
 
 _THRESHOLDS_N = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)

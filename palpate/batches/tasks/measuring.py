@@ -40,27 +40,6 @@ def measure(files: Sequence[Path], parameters: Mapping[str, Any]) -> list[Row]:
     return [_row(study, channel, diagnosed.get(channel.name), options["add"]) for channel in study.channels]
 
 
-def write_measurement_report(files: Sequence[Path], parameters: Mapping[str, Any], path: Path) -> None:
-    """Write the report of one measurement, with the diagnosis and the effects that the batch has.
-
-    Args:
-        files: files of the measurement.
-        parameters: see `measure`.
-        path: path of the HTML page.
-
-    Raises:
-        InputError: the files cannot be read, or the page cannot be written.
-    """
-    options, study = parameters["options"], _study_of(files, parameters)
-    if options["diagnose"]:
-        study.diagnose(plan=False)
-    for channel in study.channels:
-        for name in options["add"]:
-            with suppress(InputError):  # does not apply to this channel; the table has a warning
-                study.add(name, channel=channel.name)
-    study.report(path)
-
-
 def _study_of(files: Sequence[Path], parameters: Mapping[str, Any]) -> Study:
     options = parameters["options"]
     return Study(
@@ -172,3 +151,24 @@ def _suggestion(study: Study, channel: StudyChannel) -> Row:
     except InputError:
         better = None
     return {"channel": channel.name, "suggested": better[0] if better else ""}
+
+
+def write_measurement_report(files: Sequence[Path], parameters: Mapping[str, Any], path: Path) -> None:
+    """Write the report of one measurement, with the diagnosis and the effects that the batch has.
+
+    Args:
+        files: files of the measurement.
+        parameters: see `measure`.
+        path: path of the HTML page.
+
+    Raises:
+        InputError: the files cannot be read, or the page cannot be written.
+    """
+    options, study = parameters["options"], _study_of(files, parameters)
+    if options["diagnose"]:
+        study.diagnose(plan=False)
+    for channel in study.channels:
+        for name in options["add"]:
+            with suppress(InputError):  # does not apply to this channel; the table has a warning
+                study.add(name, channel=channel.name)
+    study.report(path)

@@ -76,6 +76,50 @@ def estimate(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     return rows
 
 
+def _bounds(
+    channel: ChannelData, model: Model, truth: Mapping[str, float], scenario: Scenario, share: float
+) -> Row:
+    """Return Cramer-Rao bounds for known noise and unknown surface; empty for laws without a bound."""
+    names = [*model.gains, *model.inner]
+    surface = channel.surface
+    if surface is None or not all(name in truth or name.startswith("contact_offset") for name in names):
+        return {}
+    known = dict(truth) | {"contact_offset.offset": truth[SURFACE] - surface.position_m}
+    at, rows, sensor = {name: known[name] for name in names}, fitting_rows(channel), scenario.sensors.force
+    force_n = model.predict(channel, at)[rows]
+    variance = sensor.noise_std_n**2 + sensor.resolution_n**2 / 12 + (share * force_n) ** 2
+    spread = cramer_rao(slopes_of(model, channel, at)[rows], np.sqrt(variance))
+    return {f"bound {name}": float(std) for name, std in zip(names, spread, strict=True) if name in truth}
+
+
+def _estimate_with(channel: ChannelData, model: Model, spec: str | Mapping[str, Any], seed: int) -> Row:
+    label, estimator = make_estimator(spec)
+    row: Row = {"estimator": label, "problem": ""}
+    rng = np.random.default_rng(seed)
+    try:
+        if isinstance(estimator, ContactEstimator):
+            # Depth, speed and force in contact, for methods that need a known surface: the surface of least
+            # squares.
+            rows = fitting_rows(channel)
+            surface_m = fit_samples(model, channel, rows).parameters[f"{ContactOffset.name}.offset"]
+            samples = channel.position[rows] - surface_m, channel.velocity[rows], channel.effort[rows]
+            law = estimator.fit(*samples, rng=rng)  # these estimators return no intervals
+            if model.name == "hunt_crossley":
+                names = (f"{model.name}.{name}" for name in "kbn")
+                return row | dict(zip(names, law[:3], strict=True))
+            return row | {"stiffness.k": law.stiffness, "damping.c": law.damping}
+        estimate = estimate_channel(channel, model, estimator, rng=rng)
+    except (InputError, np.linalg.LinAlgError) as error:
+        return row | {"problem": str(error)}
+    for parameter in estimate.parameters:
+        row |= {
+            parameter.name: parameter.value,
+            f"low {parameter.name}": parameter.interval[0],
+            f"high {parameter.name}": parameter.interval[1],
+        }
+    return row | {"inlier_share": float(np.mean(estimate.inliers)), "rmse_n": estimate.rmse}
+
+
 def diagnose(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     """Probe and diagnose once, and return one row per diagnosed channel.
 
@@ -216,34 +260,6 @@ def make_estimator(spec: str | Mapping[str, Any]) -> tuple[str, Estimator | Cont
         raise InputError(f"estimator '{name}': {error}") from error
 
 
-def _estimate_with(channel: ChannelData, model: Model, spec: str | Mapping[str, Any], seed: int) -> Row:
-    label, estimator = make_estimator(spec)
-    row: Row = {"estimator": label, "problem": ""}
-    rng = np.random.default_rng(seed)
-    try:
-        if isinstance(estimator, ContactEstimator):
-            # Depth, speed and force in contact, for methods that need a known surface: the surface of least
-            # squares.
-            rows = fitting_rows(channel)
-            surface_m = fit_samples(model, channel, rows).parameters[f"{ContactOffset.name}.offset"]
-            samples = channel.position[rows] - surface_m, channel.velocity[rows], channel.effort[rows]
-            law = estimator.fit(*samples, rng=rng)  # these estimators return no intervals
-            if model.name == "hunt_crossley":
-                names = (f"{model.name}.{name}" for name in "kbn")
-                return row | dict(zip(names, law[:3], strict=True))
-            return row | {"stiffness.k": law.stiffness, "damping.c": law.damping}
-        estimate = estimate_channel(channel, model, estimator, rng=rng)
-    except (InputError, np.linalg.LinAlgError) as error:
-        return row | {"problem": str(error)}
-    for parameter in estimate.parameters:
-        row |= {
-            parameter.name: parameter.value,
-            f"low {parameter.name}": parameter.interval[0],
-            f"high {parameter.name}": parameter.interval[1],
-        }
-    return row | {"inlier_share": float(np.mean(estimate.inliers)), "rmse_n": estimate.rmse}
-
-
 def _conditions(parameters: Mapping[str, Any]) -> Row:
     hidden = parameters["hidden"]
     law = {f"law {key}": value for key, value in parameters["law"].items() if key != "name"}
@@ -254,22 +270,6 @@ def _conditions(parameters: Mapping[str, Any]) -> Row:
         "noise_percent": parameters["noise_percent"],
         "hidden": hidden if isinstance(hidden, str) else ", ".join(entry["effect"] for entry in hidden),
     }
-
-
-def _bounds(
-    channel: ChannelData, model: Model, truth: Mapping[str, float], scenario: Scenario, share: float
-) -> Row:
-    """Return Cramer-Rao bounds for known noise and unknown surface; empty for laws without a bound."""
-    names = [*model.gains, *model.inner]
-    surface = channel.surface
-    if surface is None or not all(name in truth or name.startswith("contact_offset") for name in names):
-        return {}
-    known = dict(truth) | {"contact_offset.offset": truth[SURFACE] - surface.position_m}
-    at, rows, sensor = {name: known[name] for name in names}, fitting_rows(channel), scenario.sensors.force
-    force_n = model.predict(channel, at)[rows]
-    variance = sensor.noise_std_n**2 + sensor.resolution_n**2 / 12 + (share * force_n) ** 2
-    spread = cramer_rao(slopes_of(model, channel, at)[rows], np.sqrt(variance))
-    return {f"bound {name}": float(std) for name, std in zip(names, spread, strict=True) if name in truth}
 
 
 def ransac_errors(parameters: Mapping[str, Any], seed: int) -> list[Row]:
