@@ -91,7 +91,7 @@ def channel_of(kind: ChannelKind, *signals: np.ndarray) -> ChannelData:
     return ChannelData(name, kind, *signals, np.full(len(signals[0]), -1))
 
 
-def directly(data: ChannelData, model: str) -> str:
+def diagnose_directly(data: ChannelData, model: str) -> str:
     """Diagnose a channel without a session around it."""
     built = MODELS[model]().build(ModelContext())
     (diagnosis,) = diagnose(data, built, rng=np.random.default_rng(0)).channels
@@ -114,11 +114,11 @@ def hour_of_joint(swing_hz: float, moving_s: float) -> str:
 
 def main() -> None:
     """Measure all."""
-    timed("one joint, 50,000 samples", directly, long_joint(), "pendulum")
+    timed("one joint, 50,000 samples", diagnose_directly, long_joint(), "pendulum")
     for swing_hz, moving_s in ((0.5, 600.0), (0.5, 20.0), (1 / 1800, 1e9)):
         what = f"one joint, an hour at 1 kHz, swinging at {swing_hz:.2g} Hz"
         timed(what, hour_of_joint, swing_hz, moving_s)
-    timed("2,000 short runs", directly, short_runs(), "kelvin_voigt")
+    timed("2,000 short runs", diagnose_directly, short_runs(), "kelvin_voigt")
     with TemporaryDirectory() as folder:
         for name, hidden in (("nothing", []), ("three effects", THREE)):
             path = probed(Path(folder) / f"{name}.mcap", hidden)

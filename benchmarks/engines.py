@@ -60,7 +60,7 @@ def diagnosis_case(effect: str, seed: int) -> Case:
     return Case(DIAGNOSE, parameters | ({"channels": judged} if judged else {}), seed)
 
 
-def in_both(cases: Sequence[Case], options: Namespace) -> Iterator[tuple[list[Row], list[Row]]]:
+def run_in_both_engines(cases: Sequence[Case], options: Namespace) -> Iterator[tuple[list[Row], list[Row]]]:
     """Rows of each case in the first and in the second engine."""
     pairs = [
         replace(case, parameters={**case.parameters, "engine": name}) for case in cases for name in ENGINES
@@ -78,7 +78,7 @@ def compare_grid(options: Namespace) -> None:
     """Print the largest difference of k and c between the engines, for each estimator."""
     cases = list(shipped_grid("paper_clean").cases())[:: options.every]
     apart: dict[tuple[str, str], list[float]] = {}
-    for rows in in_both(cases, options):
+    for rows in run_in_both_engines(cases, options):
         for bullet, mujoco in zip(*rows, strict=True):
             for name in ("stiffness.k", "damping.c"):
                 truth = bullet[f"true {name}"]
@@ -94,7 +94,7 @@ def compare_diagnoses(options: Namespace) -> None:
     """Print how often the diagnosis is the same in both engines."""
     same: list[bool] = []
     cases = [diagnosis_case(effect, options.seed) for effect in options.hidden]
-    for effect, rows in zip(options.hidden, in_both(cases, options), strict=True):
+    for effect, rows in zip(options.hidden, run_in_both_engines(cases, options), strict=True):
         for bullet, mujoco in zip(*rows, strict=True):
             answers = [f"{row['verdict']} {row['accepted']}".strip() for row in (bullet, mujoco)]
             same.append(answers[0] == answers[1])

@@ -53,13 +53,13 @@ WEAKEST, STRONGEST = 1.5, 10.0  # times the noise floor
 SAME = {"force_deadband": "deadband"}  # what the simulator calls an effect that was found
 
 
-def drawable() -> list[str]:
+def drawable_effects() -> list[str]:
     """Effects that some channel of a probing run shows."""
     channels = set(noise_scale(Scenario()).channels)
     return [name for name, kind in IMPERFECTIONS.items() if channels & set(kind.shows_in)]
 
 
-def screened(effect: str, seed: int) -> dict[str, Any] | None:
+def screen_case(effect: str, seed: int) -> dict[str, Any] | None:
     """A case that the short probe leaves undecided; None if it decides."""
     rng, scale = np.random.default_rng([seed, 77]), noise_scale(Scenario())
     kind = IMPERFECTIONS[effect]
@@ -78,7 +78,7 @@ def screened(effect: str, seed: int) -> dict[str, Any] | None:
     return case | {"left": _groups(diagnosis)} if is_undecided(diagnosis) else None
 
 
-def resolved(way: str, probes: int, case: dict[str, Any]) -> dict[str, Any]:
+def resolve_case(way: str, probes: int, case: dict[str, Any]) -> dict[str, Any]:
     """One case, resolved in one way."""
     begun = time.perf_counter()
     decisions: list[ProbeDecision] = []
@@ -194,16 +194,16 @@ def main() -> None:
         check(options.check)
         return
     if options.find:
-        names = drawable()
+        names = drawable_effects()
         jobs = [(names[n % len(names)], options.seed + n) for n in range(options.find)]
         with json_lines(options.cases, "a") as write:
-            for case in filter(None, parallel(screened, jobs, options.processes, in_order=True)):
+            for case in filter(None, parallel(screen_case, jobs, options.processes, in_order=True)):
                 write(case)
         return
     cases = [json.loads(line) for line in options.cases.read_text(encoding="utf-8").splitlines()]
     jobs, done = [(options.way, options.probes, case) for case in cases[: options.first]], []
     with json_lines(options.out, "a") as write:
-        for case in parallel(resolved, jobs, options.processes):
+        for case in parallel(resolve_case, jobs, options.processes):
             done.append(case)
             word = "separated" if case["separated"] else "WRONG" if case["wrong"] else case["end"]
             print(word, *(case[key] for key in ("hidden", "more_probes", "experiments", "left")), sep=" | ")

@@ -95,7 +95,7 @@ class RoundTrip:
     motion: float  # of the patched MJCF under the commands of the last run
 
     @property
-    def kept(self) -> bool:
+    def is_preserved(self) -> bool:
         """Whether the promise was kept within 5 %."""
         return self.replayed <= 1.05 * self.promised
 
@@ -219,7 +219,7 @@ def main() -> None:
         results[name] = vars(trip)
         found = "; ".join(f"{key} {', '.join(value)}" for key, value in trip.found.items()) or "nothing"
         errors = f"{trip.nominal:7.4f} -> promised {trip.promised:7.4f}, replayed {trip.replayed:7.4f} N m"
-        verdict = "kept" if trip.kept else "BROKEN"
+        verdict = "kept" if trip.is_preserved else "BROKEN"
         motion = f"motion {trip.nominal_motion:.2e} -> {trip.motion:.2e} rad"
         print(f"{name:20} {errors} {verdict}; {motion}  ({found}; {time.monotonic() - began:.0f} s)")
     if arguments.out:

@@ -206,7 +206,7 @@ def _read(position_m: float) -> float:
     return round(position_m / ENCODER_STEP_M) * ENCODER_STEP_M
 
 
-def given_back_j(trace: dict[str, np.ndarray]) -> np.ndarray:
+def returned_energy_j(trace: dict[str, np.ndarray]) -> np.ndarray:
     """Energy that the leader's motor has given to the hand, above what it took; at each step [J].
 
     Everything behind that motor begins at rest: if it is passive, this never rises above zero.

@@ -81,7 +81,7 @@ def ticks(page: Page, effects: Sequence[str], pause_s: float) -> FloatArray:
     return np.array(durations)
 
 
-def weighed(page: Page, effect: str) -> bool:
+def is_ranked(page: Page, effect: str) -> bool:
     """Whether the page has fitted an effect ahead; a busy machine may not come to it in time."""
     try:
         page.wait_for_selector(f'[data-effect="{effect}"] .evidence span', timeout=PATIENCE_MS)
@@ -121,7 +121,7 @@ def measure_workbench(page: Page, session: Path, folder: Path, count: int) -> No
         print(f"after the command: {shown}")
         page.wait_for_selector('[data-effect="cubic_stiffness"] .q-checkbox')
         print_times("at once, hardly anything fitted ahead", ticks(page, EFFECTS[:6], 0.3))
-        ready = [effect for effect in EFFECTS if weighed(page, effect)]
+        ready = [effect for effect in EFFECTS if is_ranked(page, effect)]
         page.wait_for_timeout(3000)
         print_times("of effects fitted ahead", ticks(page, ready, 1.0))
         for _ in range(20):

@@ -13,7 +13,7 @@ from operator import add
 import numpy as np
 
 from palpate.estimation.arm.consistent_fit import (
-    arranged,
+    arrange_products,
     consistent_information,
     information_of_others,
     shared_information,
@@ -59,7 +59,7 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
     if len({fit.problem.blocked.folds for fit in fits}) > 1:
         return list(channels)
     joints = [
-        arranged(
+        arrange_products(
             fit.problem.normal_equations(fit.solution.columns, fit.solution.target).products,
             list(fit.solution.model.gains),
             names,

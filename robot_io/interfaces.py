@@ -121,7 +121,7 @@ class ForceSensor(Component, ABC):
 
 
 _ATTEMPTS = 3  # attempts at a step that is interrupted, for example by several Ctrl-C
-Labelled = tuple[str, Component]
+LabeledComponent = tuple[str, Component]
 """Name of a component in messages, and the component."""
 
 
@@ -156,7 +156,7 @@ class ManagedDevice(ABC):
 
 
 def start_all(
-    components: Sequence[Labelled],
+    components: Sequence[LabeledComponent],
     step: Literal["configure", "activate"],
     *,
     undo: Literal["close", "deactivate"],
@@ -188,7 +188,7 @@ def start_all(
             raise
 
 
-def undo_all(components: Sequence[Labelled], step: Literal["close", "deactivate"]) -> None:
+def undo_all(components: Sequence[LabeledComponent], step: Literal["close", "deactivate"]) -> None:
     """Apply a step to every component, last one first, even after failures.
 
     After a Ctrl-C, the interrupted step is repeated, the others follow, and then the interrupt is raised

@@ -21,7 +21,7 @@ from palpate.robot_io.interfaces import (
     ForceSensor,
     JointEncoder,
     JointTorque,
-    Labelled,
+    LabeledComponent,
     ManagedDevice,
     start_all,
     undo_all,
@@ -89,7 +89,7 @@ class Robot(ManagedDevice):
         self._state = RobotState.NEW
         self._newest_s = {"encoder": -inf, "torque": -inf, "force": -inf}
         # Started in this order and stopped in reverse: the torque is the last on and the first off.
-        self._components: tuple[Labelled, ...] = (
+        self._components: tuple[LabeledComponent, ...] = (
             *((f"bus '{bus_name}'", bus) for bus_name, bus in self.buses.items()),
             ("encoder", encoder),
             ("force sensor", force),

@@ -115,7 +115,7 @@ def _try(job: CaseSpec, strength: float, rng: Generator) -> GeneratedCase | None
     words = (
         f"{world.base}, {shape}, {len(channel.runs)} runs, {reading.rate_hz:.0f} Hz"
         f"{' irregular' if reading.irregular else ''}, {_chain(reading)}, velocity {reading.velocity}, "
-        f"{reading.colour} noise"
+        f"{reading.color} noise"
     )
     return GeneratedCase(job, channel, model, strength, read.floor, _truth(world, job, hidden), words)
 

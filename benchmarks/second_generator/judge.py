@@ -104,10 +104,10 @@ def run(job: CaseSpec, seed: int) -> CaseOutcome | None:
         return None
     started = time.process_time()
     rng = np.random.default_rng([seed, job.number, 7])
-    removed = withheld(job) if job.sort == "removed" else frozenset()
+    removed = withheld_effects(job) if job.sort == "removed" else frozenset()
     effects = [effect for effect in effect_library() if effect.name not in removed]
     diagnosis = diagnose(case.channel, case.model, effects, rng=rng, file=f"case {job.number}").channels[0]
-    return judged(case, seed, diagnosis, time.process_time() - started)
+    return evaluate_case(case, seed, diagnosis, time.process_time() - started)
 
 
 def _names(job: CaseSpec) -> list[str]:
@@ -115,13 +115,13 @@ def _names(job: CaseSpec) -> list[str]:
     return [NAMES["spelled"].get(name, name) for name in job.hidden]
 
 
-def withheld(job: CaseSpec) -> frozenset[str]:
+def withheld_effects(job: CaseSpec) -> frozenset[str]:
     """Names of the hidden effects and of every law that contains one of them."""
     plain = frozenset(_names(job))
     return plain.union(*(NAMES["contained_in"].get(name, ()) for name in plain))
 
 
-def judged(case: GeneratedCase, seed: int, diagnosis: ChannelDiagnosis, seconds: float) -> CaseOutcome:
+def evaluate_case(case: GeneratedCase, seed: int, diagnosis: ChannelDiagnosis, seconds: float) -> CaseOutcome:
     """Hold a diagnosis against the truth."""
     job = case.job
     names = [entry.effect for entry in diagnosis.accepted]

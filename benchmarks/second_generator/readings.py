@@ -20,7 +20,7 @@ class ReadingChain:
     steps: tuple[int, ...]  # of each joint's encoder in a turn; one entry for a joint, three for an arm's tip
     digits_m: float  # to which a position is printed; 0 for all digits
     velocity: str  # "none" (the file has no such column), "derived" (by its user) or "given" (a tachometer)
-    colour: str  # of the effort's noise: "white", "ar1" or "proportional"
+    color: str  # of the effort's noise: "white", "ar1" or "proportional"
 
 
 def draw_reading(rng: Generator, kind: str) -> ReadingChain:
@@ -39,7 +39,7 @@ def draw_reading(rng: Generator, kind: str) -> ReadingChain:
         steps=tuple(int(n) for n in per_turn),
         digits_m=digits,
         velocity=str(rng.choice(["none", "derived", "given"], p=[0.5, 0.3, 0.2])),
-        colour=str(rng.choice(["white", "ar1", "proportional"], p=[0.5, 0.25, 0.25])),
+        color=str(rng.choice(["white", "ar1", "proportional"], p=[0.5, 0.25, 0.25])),
     )
 
 
@@ -84,9 +84,9 @@ def read_position(rng: Generator, reading: ReadingChain, x: Array, *, arm: bool)
 def noise(rng: Generator, reading: ReadingChain, effort: Array, run: Array) -> Array:
     """Noise of RMS 1: white, first-order autoregressive over 10 samples, or growing with the effort."""
     white = rng.standard_normal(len(effort))
-    if reading.colour == "ar1":
+    if reading.color == "ar1":
         return np.sqrt(1 - 0.9**2) * lfilter([1.0], [1.0, -0.9], white)
-    if reading.colour == "proportional":
+    if reading.color == "proportional":
         size = 0.25 + np.abs(effort) / np.abs(effort).max()
         return white * size / np.sqrt(np.mean(size**2))
     return white

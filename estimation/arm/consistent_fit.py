@@ -12,7 +12,7 @@ from palpate.robot_io.types import FloatArray
 
 
 @dataclass(frozen=True)
-class JointMoments:
+class JointNormalEquations:
     """Cross products of one joint's columns and torque, by fold."""
 
     # Shape (folds, s + k + 1, s + k + 1): first the s shared columns in the same order for all joints (zero
@@ -22,7 +22,9 @@ class JointMoments:
     sigma: float  # standard deviation of the joint's noise in a sample [N m]
 
 
-def arranged(products: FloatArray, names: Sequence[str], shared: Sequence[str], sigma: float) -> JointMoments:
+def arrange_products(
+    products: FloatArray, names: Sequence[str], shared: Sequence[str], sigma: float
+) -> JointNormalEquations:
     """Reorder the cross products of one joint: shared columns, own columns, torque.
 
     Args:
@@ -37,7 +39,7 @@ def arranged(products: FloatArray, names: Sequence[str], shared: Sequence[str], 
     indices = np.array([*(index_by_name[name] for name in names), len(index_by_name)])
     ordered = np.zeros((len(products), len(index_by_name) + 1, len(index_by_name) + 1))
     ordered[:, indices[:, None], indices] = products
-    return JointMoments(ordered, len(shared), sigma)
+    return JointNormalEquations(ordered, len(shared), sigma)
 
 
 def training_sums(products: FloatArray) -> FloatArray:
@@ -53,7 +55,7 @@ def training_sums(products: FloatArray) -> FloatArray:
     return np.concatenate([total, total - products])
 
 
-def shared_information(joint: JointMoments) -> Information:
+def shared_information(joint: JointNormalEquations) -> Information:
     """Compute the information of one joint on the shared parameters, with its own gains profiled out.
 
     Args:
@@ -66,7 +68,9 @@ def shared_information(joint: JointMoments) -> Information:
     return Information(total[:, :-1, :-1], total[:, :-1, -1]).about(np.arange(joint.shared))
 
 
-def information_of_others(joints: Sequence[JointMoments], prior: Information) -> tuple[Information, ...]:
+def information_of_others(
+    joints: Sequence[JointNormalEquations], prior: Information
+) -> tuple[Information, ...]:
     """Return for each joint the information on the shared parameters from all other joints and the prior.
 
     Args:

@@ -260,7 +260,7 @@ def _accounts_for_error(
     left_by_replacement = min(map(partial.error.mean_square, replacing), default=-np.inf)
     is_distinct = not entry.replaceable_by or unexplained < _MAX_UNEXPLAINED * explained
     is_distinct |= AS_GOOD * test.unexplained_by_all <= left_by_replacement
-    is_replacement = any(explained >= least for least in _least_in_place(partial, entry))
+    is_replacement = any(explained >= least for least in _replacement_thresholds(partial, entry))
     is_counted = (entry.kind in partial.kinds or is_replacement) and is_distinct
     if entry.necessary >= _MIN_SHARE or (entry.share >= _MIN_SHARE and is_counted):
         return True
@@ -273,7 +273,7 @@ def _accounts_for_error(
     return test.kind in _PHYSICAL_KINDS and is_better and without.held_out_mean_square > by_laws
 
 
-def _least_in_place(partial: PartiallyLinear, entry: BudgetEntry) -> Iterator[float]:
+def _replacement_thresholds(partial: PartiallyLinear, entry: BudgetEntry) -> Iterator[float]:
     """Yield, for each kind that the effect's kind can replace, the mean square that the effect must explain.
 
     This is the mean square explained by the replaced kind's law, or most of it if the effect's kind is

@@ -26,7 +26,7 @@ from palpate.estimation.diagnosis.candidates import effect_library
 from palpate.estimation.diagnosis.forms import (
     FormTest,
     PartiallyLinear,
-    analyse_kinds,
+    analyze_kinds,
     form_tests,
     named_forms,
 )
@@ -141,8 +141,8 @@ def diagnose_channel(
         return insufficient_diagnosis(data, reason)
     search = prepare_search(data, model, usable(data), effects, rng, progress)
     checks = _Completeness(search)
-    kinds = cache(lambda: analyse_kinds(search))
-    coarse_kinds = cache(lambda: analyse_kinds(search.coarse or search))
+    kinds = cache(lambda: analyze_kinds(search))
+    coarse_kinds = cache(lambda: analyze_kinds(search.coarse or search))
 
     def evidence_of(end: FitResult, tests: list[FormTest]) -> Evidence:
         complete = checks.is_complete(end)
@@ -256,8 +256,8 @@ def _search_with_offset(
     offset_end, offset_tests = _find_effects(
         offset_search,
         offset_checks,
-        cache(lambda: analyse_kinds(offset_search)),
-        cache(lambda: analyse_kinds(offset_search.coarse or offset_search)),
+        cache(lambda: analyze_kinds(offset_search)),
+        cache(lambda: analyze_kinds(offset_search.coarse or offset_search)),
     )
     if offset_end is offset_search.start:
         return end, tests

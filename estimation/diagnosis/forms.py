@@ -178,7 +178,7 @@ class PartiallyLinear:
         return np.hstack(laws) if laws else np.empty((len(self.search.start.problem.blocked), 0))
 
 
-def analyse_kinds(search: Search, only: Kinds | None = None) -> PartiallyLinear:
+def analyze_kinds(search: Search, only: Kinds | None = None) -> PartiallyLinear:
     """Determine the kinds that account for the base model's held-out error.
 
     Args:

@@ -444,7 +444,7 @@ def prepare_search(  # noqa: PLR0917
     """
     full_search = Search(data, model, good, effects, rng, progress)
     blocked = merge_blocks(full_search.start.problem.blocked, _MAX_BLOCKS)
-    chosen = _some_runs(blocked)
+    chosen = _select_runs(blocked)
     if blocked.rows.shape[1] == 1 and chosen.all():
         return full_search
     copy, good_copy = replace(decimate(blocked).select(chosen), shared=data.shared), blocked.trusted[chosen]
@@ -453,7 +453,7 @@ def prepare_search(  # noqa: PLR0917
     return replace(full_search, coarse=Search(copy, model, good_copy, effects, rng, progress))
 
 
-def _some_runs(blocked: BlockedData) -> BoolArray:
+def _select_runs(blocked: BlockedData) -> BoolArray:
     """Return the mask (m,) of blocks for a coarse search, from enough runs with small and large efforts.
 
     If there are many runs, only runs with a trusted block are selected.
@@ -488,7 +488,7 @@ def select_effects(
         forms: function that fits the best form of each kind that accounts for the error, on the coarse copy.
     """
     coarse = whole.coarse or whole
-    refine = partial(_refined, whole)
+    refine = partial(_refine_on_full_data, whole)
 
     def is_enough(fit: FitResult) -> bool:
         needs_nothing = not whole.added_effects(fit) or fit.rmse <= (1.0 + SMALL) * fit.floor()
@@ -533,7 +533,7 @@ def _pairs(coarse: Search) -> Iterator[FitResult]:
     yield from islice((fit for fit in fits if coarse.is_sensible(fit)), PAIRS)
 
 
-def _refined(whole: Search, rough: FitResult) -> FitResult:
+def _refine_on_full_data(whole: Search, rough: FitResult) -> FitResult:
     """Fit a model of the coarse copy to all data, and continue the search there unless much error is left."""
     refined = whole.refined(whole.fitted(rough.solution.model, rough.solution.parameters))
     if whole.added_effects(refined) and refined.explainable_share() > _LITTLE:

@@ -340,7 +340,7 @@ def residual_slopes(problem: FitProblem, solution: Solution, ahead: Mapping[str,
     return np.asarray(change - unit @ np.linalg.solve(fit.system, unit.T @ change))
 
 
-LinearisedParts = Callable[[Inner], Parts | None]
+LinearizedParts = Callable[[Inner], Parts | None]
 
 
 def is_linear_on_blocks(data: ChannelData, model: Model) -> bool:
@@ -350,7 +350,7 @@ def is_linear_on_blocks(data: ChannelData, model: Model) -> bool:
 
 def linearize_inner(
     blocked: BlockedData, model: Model, effect: Effect, parameters: Mapping[str, float]
-) -> LinearisedParts:
+) -> LinearizedParts:
     """Return a fast evaluation of `Model.parts` as a function of one effect's inner parameters.
 
     Args:

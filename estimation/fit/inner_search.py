@@ -9,7 +9,7 @@ import scipy
 from palpate.estimation.effect import Effect, Parameter
 from palpate.estimation.fit.fit_problem import (
     FitProblem,
-    LinearisedParts,
+    LinearizedParts,
     Solution,
     linearize_inner,
     residual_slopes,
@@ -142,7 +142,7 @@ def _solve_at(  # noqa: PLR0917
     effect: Effect,
     parameters: Mapping[str, float],
     inner: Mapping[str, float],
-    parts_at: LinearisedParts,
+    parts_at: LinearizedParts,
 ) -> Solution:
     own_parameters = {f"{effect.name}.{name}": value for name, value in inner.items()}
     # One step from fitted gains is sufficient to rank candidates; promising ones are fitted completely later.

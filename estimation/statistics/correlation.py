@@ -161,7 +161,7 @@ def residual_scale(residuals: FloatArray) -> float:
     return float(np.quantile(np.abs(residuals), _QUANTILE)) / _QUANTILE_SIGMAS
 
 
-def fit_percent(measured: FloatArray, modelled: FloatArray) -> float:
+def fit_percent(measured: FloatArray, modeled: FloatArray) -> float:
     """Compute the fit 100 (1 - |y - ym| / |y - mean(y)|) [%]: 100 is perfect, 0 as good as the mean.
 
     It is 100 % minus the normalized root mean square error of system identification (L. Ljung, System
@@ -169,12 +169,12 @@ def fit_percent(measured: FloatArray, modelled: FloatArray) -> float:
 
     Args:
         measured: measured signal y, NaN is ignored, shape (n,).
-        modelled: signal ym of the model, NaN is ignored, shape (n,).
+        modeled: signal ym of the model, NaN is ignored, shape (n,).
 
     Returns:
         The fit; negative for a model that is worse than the mean, NaN for a constant measurement.
     """
-    known = np.isfinite(measured) & np.isfinite(modelled)
-    y, ym = measured[known], modelled[known]
+    known = np.isfinite(measured) & np.isfinite(modeled)
+    y, ym = measured[known], modeled[known]
     scale = float(np.linalg.norm(y - y.mean())) if len(y) else 0.0
     return 100.0 * (1.0 - float(np.linalg.norm(y - ym)) / scale) if scale > 0.0 else float("nan")

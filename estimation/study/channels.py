@@ -139,12 +139,12 @@ def model_to_estimate(source: DataSource, model: str | None) -> dict[str, str]:
     if model is None and (contacts or source.probed):
         model = CONTACT_MODEL
     if model is not None:
-        return {channel.name: model for channel in described_by(source, model)}
+        return {channel.name: model for channel in channels_for_model(source, model)}
     joints = FITTED_ARM_MODEL if source.arm.urdf else LOOSE_JOINT_MODEL
     return {channel.name: joints for channel in source.channels}
 
 
-def described_by(source: DataSource, model: str) -> tuple[ChannelData, ...]:
+def channels_for_model(source: DataSource, model: str) -> tuple[ChannelData, ...]:
     """Return the channels that a base model describes.
 
     Args:
@@ -171,7 +171,7 @@ def described_by(source: DataSource, model: str) -> tuple[ChannelData, ...]:
     )
 
 
-def unapplicable(effect: Effect, data: ChannelData) -> str:
+def inapplicable_reason(effect: Effect, data: ChannelData) -> str:
     """Describe why an effect does not apply to a channel; empty if it applies.
 
     Args:

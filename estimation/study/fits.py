@@ -29,10 +29,10 @@ from palpate.estimation.study.channels import (
     ChannelKey,
     StudyChannel,
     channel_of,
+    channels_for_model,
     default_model,
-    described_by,
+    inapplicable_reason,
     suited_names,
-    unapplicable,
 )
 from palpate.estimation.study.comparison import Comparison, Comparisons, compare
 from palpate.estimation.study.source import limit_length, open_source, without_uninstalled
@@ -73,7 +73,7 @@ class StudyFits(TableDisplay):
         self._fits: dict[_FitKey, FitResult] = {}
         self._comparisons: dict[_FitKey, Comparison] = {}
         self._noise: dict[ChannelKey, MeasurementNoise] = {}
-        measured = self.source.channels if model is None else described_by(self.source, model)
+        measured = self.source.channels if model is None else channels_for_model(self.source, model)
         channels = [self._channel(data, model) for data in measured]
         # Add to each joint with fitted base parameters the information from the other joints.
         joints = [member for member in channels if member.model.name == FITTED_ARM_MODEL]
@@ -168,8 +168,8 @@ class StudyFits(TableDisplay):
                 parent = self.fit(channel, effects[:-1])
                 fit = fit_extended(channel.to_fit, parent, self._suited_effect(effects[-1], parent))
             elif fit is None:
-                whole = channel.data if channel.held_out else None
-                fit = fitting.fit_base(channel.to_fit, channel.model, whole)
+                full_data = channel.data if channel.held_out else None
+                fit = fitting.fit_base(channel.to_fit, channel.model, full_data)
             self._add_to_cache(key, fit)
             return fit
 
@@ -341,7 +341,7 @@ class StudyFits(TableDisplay):
             InputError: the effect is unknown or does not apply.
         """
         effect = self._effect(name)
-        if reason := unapplicable(effect, parent.data):
+        if reason := inapplicable_reason(effect, parent.data):
             raise InputError(reason)
         return effect.suited_to(parent.training)
 

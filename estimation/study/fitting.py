@@ -30,13 +30,13 @@ Progress = Callable[[str, float], None]  # receives the current step and its com
 Judge = Callable[[Sequence[ChannelData], Sequence[Model], Sequence[Effect], Progress, str], Diagnosis]
 
 
-def fit_base(data: ChannelData, model: Model, whole: ChannelData | None = None) -> FitResult:
+def fit_base(data: ChannelData, model: Model, full_data: ChannelData | None = None) -> FitResult:
     """Fit a base model to a channel.
 
     Args:
         data: the channel with the runs used for fitting.
         model: the base model.
-        whole: the channel with all runs, if the user holds out some; None to score by cross-validation.
+        full_data: the channel with all runs, if the user holds out some; None to score by cross-validation.
 
     Raises:
         InputError: the channel cannot be fitted; the message states the reason.
@@ -45,7 +45,7 @@ def fit_base(data: ChannelData, model: Model, whole: ChannelData | None = None) 
         raise InputError(f"channel '{data.name}': {reason}")
     with single_threaded():
         fit = fit_model(data, model, {}, usable(data))
-        return fit if whole is None else replace(fit, validation=Validation(whole, usable(whole)))
+        return fit if full_data is None else replace(fit, validation=Validation(full_data, usable(full_data)))
 
 
 def preview_extended(parent: FitResult, effect: Effect) -> FitResult:

@@ -20,9 +20,9 @@ from palpate.estimation.study import fitting
 from palpate.estimation.study.channels import (
     ChannelKey,
     StudyChannel,
+    inapplicable_reason,
     model_to_estimate,
     suited_names,
-    unapplicable,
 )
 from palpate.estimation.study.estimates import (
     DEFAULT_ESTIMATORS,
@@ -470,7 +470,7 @@ class ModelStudy(StudyFits):
             data = base.data
             with suppress(InputError):  # the channel cannot be fitted, which is reported when it is selected
                 data = self.fit(base).data  # includes signals derived in the fit, such as a joint's load
-            if not any(unapplicable(effect, data) for effect in effects):
+            if not any(inapplicable_reason(effect, data) for effect in effects):
                 fitting_channels.append(base)
         names = " and ".join(effect.name for effect in effects)
         if not fitting_channels:

@@ -57,8 +57,11 @@ class ComparedPair:
         files = (data.file, path or data.file)
         first = data.study(models[0], folder)
         second = replace(data, file=files[1]).study(models[1] or models[0], None if path else folder, first)
-        kept = chosen_revisions(first, revisions[0])
-        grown = _extended(first, kept), _extended(second, chosen_revisions(second, revisions[1]) or kept)
+        saved_revisions = chosen_revisions(first, revisions[0])
+        grown = (
+            _extended(first, saved_revisions),
+            _extended(second, chosen_revisions(second, revisions[1]) or saved_revisions),
+        )
         self.files = files
         self.names = _names(first, second, grown)
         sides = compare_pairs(first, second, self.names, grown)
@@ -112,18 +115,18 @@ def chosen_revisions(study: Study, numbers: Sequence[int]) -> list[Revision]:
     Raises:
         InputError: one does not exist, or two are of one channel.
     """
-    kept = [study.revision(number) for number in dict.fromkeys(numbers)]
-    names = [revision.channel for revision in kept]
+    saved_revisions = [study.revision(number) for number in dict.fromkeys(numbers)]
+    names = [revision.channel for revision in saved_revisions]
     if twice := {name for name in names if names.count(name) > 1}:
         raise InputError(
             f"--revision: several revisions of channel '{min(twice)}'; compare them one at a time"
         )
-    return kept
+    return saved_revisions
 
 
-def _extended(study: Study, kept: Sequence[Revision]) -> Extended:
+def _extended(study: Study, saved_revisions: Sequence[Revision]) -> Extended:
     """Return the models of revisions in a study, or its base models without revisions."""
-    return [(study.channel_of(revision), revision.effects) for revision in kept] or [
+    return [(study.channel_of(revision), revision.effects) for revision in saved_revisions] or [
         (channel, ()) for channel in study.channels
     ]
 
@@ -201,13 +204,13 @@ def compare_command(
         _compare_pair(data, pair, {**typed_too, "folder": folder}, out, as_json=as_json, force=force)
         return
     study = data.study(model, read)
-    kept = chosen_revisions(study, revision or ())
+    saved_revisions = chosen_revisions(study, revision or ())
     target = None
     if out is not None:
         target = output_folder(folder_to_fill(data.file, out, (RESULT, *NAMES), force=force))
     with console.stderr().status("comparing"):
-        if kept:
-            results = [study.result(study.channel_of(item), item.effects) for item in kept]
+        if saved_revisions:
+            results = [study.result(study.channel_of(item), item.effects) for item in saved_revisions]
             failures: dict[str, str] = {}
         else:
             base = study.compare(channel)
@@ -223,14 +226,14 @@ def compare_command(
         of_other_data = (
             f"revision {item.number} was saved with an error of {with_unit(item.rmse, item.effort_unit)}: "
             "it was made from other rows or with other import options"
-            for item in kept
+            for item in saved_revisions
             if study.channel_of(item).sha256 != item.data_sha256
         )
         for words in (*of_other_data, *failures.values()):
             console.stdout().print(f"[yellow]{safe(words)}[/yellow]")
 
     console.present(content, show, as_json=as_json)
-    grown = {"revision": [str(item.number) for item in kept], "folder": folder}
+    grown = {"revision": [str(item.number) for item in saved_revisions], "folder": folder}
     again = f"palpate compare {data.command_text(channel=channel, model=model, **grown)}"
     if target is not None:
         written = write_outcome(target, study, results, [again], {RESULT: json_text(content)})
@@ -238,7 +241,7 @@ def compare_command(
     if not as_json:
         zoom = (f"{again} --out FOLDER", "an interactive report")
         stages = (f"palpate revisions {data.command_text(folder=folder)}", "all stages")
-        first = [stages] if kept else _next_steps(data, study, results, model, channel, folder)
+        first = [stages] if saved_revisions else _next_steps(data, study, results, model, channel, folder)
         console.next_steps(*first, zoom)
 
 
@@ -314,7 +317,9 @@ def _next_steps(  # noqa: PLR0917, what was typed
     folder: Path | None,
 ) -> Iterator[tuple[str, str]]:
     """Suggest commands that follow a comparison of base models, the nearest first."""
-    newest = [kept for result in results if (kept := study.newest(result.channel)) is not None]
+    newest = [
+        saved_revisions for result in results if (saved_revisions := study.newest(result.channel)) is not None
+    ]
     if newest:
         own = list(dict.fromkeys([*(data.effect or ()), *user_effects_of(newest)]))
         numbers = [str(revision.number) for revision in newest]

@@ -218,7 +218,7 @@ _BAR, _ROW, _TOP = 28, 22, 50  # heights of the stacked bar and of a row, and wh
 _SECOND = 16  # height of a row's second line where the picture is narrow [px]
 _NARROW = 640  # [px]
 _TRACK = "rgba(128,140,155,0.25)"
-_LABELLED = 0.06  # share of the bar's width, from which a segment has its percentage in it
+_LABELED = 0.06  # share of the bar's width, from which a segment has its percentage in it
 _CHARACTER = 6.4  # width of a letter on average [px]
 
 
@@ -248,7 +248,7 @@ def budget_svg(budget: BudgetView, width: int, ink: str = "currentColor") -> str
             f'<rect x="{left:.1f}" y="0" width="{share * width:.1f}" height="{_BAR}" fill="{part.color}">'
             f"<title>{words}</title></rect>"
         )
-        if share > _LABELLED:
+        if share > _LABELED:
             middle = left + share * width / 2
             drawn.append(
                 _text(middle, 19, f"{100 * part.share:.0f} %", "#fff", size=12, anchor="middle", bold=True)

@@ -91,6 +91,6 @@ def test_two_of_them_do_not_disturb_each_other(open_setup):
     alone.settle()
     for _ in range(15):
         setups[0].tick(push)
-        with_a_neighbour = setups[1].tick()
+        with_a_neighbor = setups[1].tick()
         by_itself = alone.tick()
-    np.testing.assert_allclose(with_a_neighbour.joint_position_rad, by_itself.joint_position_rad, atol=1e-3)
+    np.testing.assert_allclose(with_a_neighbor.joint_position_rad, by_itself.joint_position_rad, atol=1e-3)

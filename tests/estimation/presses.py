@@ -38,7 +38,7 @@ def kelvin_voigt(x, v, extra=0.0):
     return np.where(x > 0, np.maximum(K * x + C * v + extra, 0.0), 0.0)
 
 
-def coloured(rng, count, correlation):
+def colored_noise(rng, count, correlation):
     noise = rng.normal(0.0, NOISE_N * np.sqrt(1 - correlation**2), count)
     return lfilter([1.0], [1.0, -correlation], noise)
 
@@ -52,7 +52,7 @@ def session(seed, law=lambda t, x, v, run: kelvin_voigt(x, v), correlation=0.0, 
     """A session whose force is `law(time, depth, speed, run)` with noise of a colour."""
     rng = np.random.default_rng(seed)
     time_s, x, v, run = motion(rng, runs)
-    force = law(time_s, x, v, run) + coloured(rng, len(x), correlation)
+    force = law(time_s, x, v, run) + colored_noise(rng, len(x), correlation)
     return channel(force, time_s, x, v, run)
 
 

@@ -25,13 +25,13 @@ def noise(seed, n=N):
 
 
 @pytest.mark.parametrize(
-    ("modelled", "percent"),
+    ("modeled", "percent"),
     [(lambda y: y, 100.0), (lambda y: 0 * y + y.mean(), 0.0), (lambda y: 2 * y.mean() - y, -100.0)],
 )
-def test_the_fit_is_100_for_the_truth_and_0_for_the_mean(modelled, percent):
+def test_the_fit_is_100_for_the_truth_and_0_for_the_mean(modeled, percent):
     y = 3.0 + noise(0)
-    assert fit_percent(y, modelled(y)) == pytest.approx(percent)
-    assert fit_percent(np.append(y, np.nan), np.append(modelled(y), 1.0)) == pytest.approx(percent)
+    assert fit_percent(y, modeled(y)) == pytest.approx(percent)
+    assert fit_percent(np.append(y, np.nan), np.append(modeled(y), 1.0)) == pytest.approx(percent)
 
 
 def test_of_a_constant_or_of_nothing_there_is_no_fit():

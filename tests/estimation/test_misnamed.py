@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.estimation.effects import EFFECTS
-from tests.estimation.presses import channel, coloured, session
+from tests.estimation.presses import channel, colored_noise, session
 from tests.estimation.test_effect_form import some_channel
 
 DEPTH_M, NOISE_N = 0.004, 0.05
@@ -111,7 +111,7 @@ def test_slow_noise_at_the_end_of_a_range_is_no_curve(share):
     time_s, way = 0.01 * np.arange(count), np.linspace(0.0, 1e-2, count)
     flags = 0
     for _ in range(20):
-        force = np.minimum(1e3 * way, 9.5) + coloured(rng, count, share)  # 75 readings at the end
+        force = np.minimum(1e3 * way, 9.5) + colored_noise(rng, count, share)  # 75 readings at the end
         data = channel(force, time_s, way, np.full(count, 1e-3), np.zeros(count, dtype=np.int64))
         flags += EFFECTS["saturation"]().is_misnamed(data, {"saturation.limit": 9.5}, dict, 0.05)
     assert flags <= 1

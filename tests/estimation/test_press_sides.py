@@ -17,7 +17,7 @@ from palpate.estimation.data_quality import quality_warnings, reject_reason
 from palpate.estimation.estimate_channel import estimate_channel
 from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.models import MODELS
-from palpate.estimation.study.channels import described_by
+from palpate.estimation.study.channels import channels_for_model
 from palpate.estimation.study.source import open_source
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import SessionMetadata, write_session
@@ -74,14 +74,14 @@ def test_a_damper_is_a_linear_axis_whichever_way_its_force_counts(force, sign):
 
 def test_spring_and_damper_describe_a_linear_axis_too():
     source = open_source({"time_s": T, "displacement_m": X, "force_N": DAMPER + NOISE, "run": RUN})
-    (axis,) = described_by(source, "kelvin_voigt")
+    (axis,) = channels_for_model(source, "kelvin_voigt")
     assert axis.kind is ChannelKind.PRISMATIC
     model = MODELS["kelvin_voigt"]().build(ModelContext())
     estimate = estimate_channel(axis, model, ESTIMATORS["lsq"](), rng=np.random.default_rng(0))
     assert estimate["damping.c"].value == pytest.approx(60.0, rel=0.01)
     turning = open_source({"time_s": T, "position_rad": X, "torque_Nm": DAMPER, "run": RUN})
     with pytest.raises(InputError, match="describes a contact, but its channels are: joint_1"):
-        described_by(turning, "kelvin_voigt")
+        channels_for_model(turning, "kelvin_voigt")
 
 
 def test_the_users_word_makes_a_contact_or_an_axis_and_one_spring_is_not_cut_into_presses():

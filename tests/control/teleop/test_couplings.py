@@ -13,8 +13,8 @@ from benchmarks.teleop_simulation import (
     LinkFaults,
     SimulatedLink,
     SpringDamper,
-    given_back_j,
     presses,
+    returned_energy_j,
     run,
 )
 from palpate.control.teleop.couplings import (
@@ -91,12 +91,12 @@ def test_object_is_rendered_without_delay(coupling):
     trace = run(coupling, OBJECT, HandArm(HOLD), SimulatedLink(LinkFaults(), 0), 11.0)
     felt_n, there_n = trace["felt_n"][-500:].mean(), 1500.0 * trace["hand_m"][-500:].mean()
     assert there_n * 0.67 < felt_n < there_n * 1.05
-    assert given_back_j(trace).max() < 2.0 * RESERVE_J
+    assert returned_energy_j(trace).max() < 2.0 * RESERVE_J
 
 
 def test_direct_coupling_is_unstable_where_passive_ones_are_not():
     made = {
-        coupling.name: given_back_j(
+        coupling.name: returned_energy_j(
             run(coupling, OBJECT, HandArm(HOLD), SimulatedLink(LinkFaults(0.1), 0), 3.0)
         ).max()
         for coupling in COUPLINGS

@@ -102,7 +102,7 @@ def other_bodies(rng, urdf, spread=0.2):
     return inertial_of(factor @ change @ factor.transpose(0, 2, 1))
 
 
-def coloured_noise(rng, run, joints, noise_model=0.7):
+def colored_noise(rng, run, joints, noise_model=0.7):
     """AR(1) of standard deviation 1 that begins anew with each run, shape (n, joints)."""
     parts = []
     for number in np.unique(run):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from palpate.estimation.arm.consistent_fit import (
-    JointMoments,
-    arranged,
+    JointNormalEquations,
+    arrange_products,
     information_of_others,
     shared_information,
     training_sums,
@@ -13,7 +13,7 @@ from palpate.estimation.arm.consistent_fit import (
 )
 from palpate.estimation.arm.inertial_parameters import base_parameters
 from palpate.estimation.channel import Information
-from tests.estimation.arm.panda import JOINTS, coloured_noise, minimum, motion, other_bodies, panda, regressor
+from tests.estimation.arm.panda import JOINTS, colored_noise, minimum, motion, other_bodies, panda, regressor
 
 FOLDS = 4
 SIGMA = np.array([0.3, 0.5, 0.2, 0.3, 0.05, 0.1, 0.02])
@@ -40,7 +40,7 @@ class SharedArm:
         ]
         self.columns = regressor(self.body, q, v, a)[:, :, self.base.columns]
         self.torque = self.columns @ (self.base.grouping @ other_bodies(rng, self.body.parameters))
-        self.torque += 0.4 * np.sign(v) + SIGMA * coloured_noise(rng, self.fold, JOINTS)
+        self.torque += 0.4 * np.sign(v) + SIGMA * colored_noise(rng, self.fold, JOINTS)
         self.prior = urdf_information(self.base, self.body.parameters)
         self.moments = [self.of_joint(j, self.columns[:, j], self.own[j]) for j in range(JOINTS)]
 
@@ -48,7 +48,9 @@ class SharedArm:
         torque = self.torque if torque is None else torque
         rows = np.column_stack([shared, own, torque[:, joint]])
         parts = [rows[self.fold == f] for f in range(FOLDS)]
-        return JointMoments(np.stack([part.T @ part for part in parts]), shared.shape[1], SIGMA[joint])
+        return JointNormalEquations(
+            np.stack([part.T @ part for part in parts]), shared.shape[1], SIGMA[joint]
+        )
 
     def stacked(self, used):
         """All gains by least squares of all joints' rows, the prior as more rows: an independent way."""
@@ -120,7 +122,7 @@ def test_moments_in_another_order_say_the_same(arm):
     }
     rows = np.column_stack([*(picked[name] for name in mixed), arm.torque[:, joint]])
     products = np.stack([rows[arm.fold == f].T @ rows[arm.fold == f] for f in range(FOLDS)])
-    found = arranged(products, mixed, names, SIGMA[joint])
+    found = arrange_products(products, mixed, names, SIGMA[joint])
     np.testing.assert_allclose(found.products, arm.moments[joint].products, atol=1e-9)
 
 

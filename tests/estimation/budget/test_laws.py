@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from palpate.estimation.budget.laws import periodic_columns
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.diagnosis.forms import analyse_kinds, error_of_kinds
+from palpate.estimation.diagnosis.forms import analyze_kinds, error_of_kinds
 from palpate.estimation.kinds import Kind
 from tests.estimation.presses import NOISE_N, K, kelvin_voigt, maxwell, session
 from tests.estimation.searches import PRESS, ROTOR, SWING, searched
@@ -144,14 +144,14 @@ def rectangles(sensor, runs=5, seconds=3.0, rate_hz=250.0):
 
 def test_the_law_of_sensor_dynamics_fits_a_model_again_that_a_delay_has_bent():
     """A delay of 0.1 s makes an inertia vanish; what comes late is not what the base model predicts."""
-    partial = analyse_kinds(searched(rectangles(lambda torque, run: late(torque, run, 25)), base=ROTOR))
+    partial = analyze_kinds(searched(rectangles(lambda torque, run: late(torque, run, 25)), base=ROTOR))
     assert partial.search.start.solution.parameters["inertia.m"] < 0.005  # of 0.05
     first = partial.budget.entries[0]
     assert (first.kind, first.share > 0.8) == (Kind.SENSOR_DYNAMICS, True)
 
 
 def analysed(data):
-    return analyse_kinds(searched(data, base=PRESS if data.name == "contact" else SWING))
+    return analyze_kinds(searched(data, base=PRESS if data.name == "contact" else SWING))
 
 
 def test_drift_is_identified_with_epoch_times():

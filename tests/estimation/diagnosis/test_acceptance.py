@@ -17,7 +17,7 @@ from palpate.estimation.diagnosis.acceptance import (
     models_by_importance,
 )
 from palpate.estimation.diagnosis.bootstrap import BootstrapTest
-from palpate.estimation.diagnosis.forms import analyse_kinds, form_tests
+from palpate.estimation.diagnosis.forms import analyze_kinds, form_tests
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.kinds import Kind
 from tests.estimation.searches import SWING, measured, reached, searched
@@ -89,7 +89,7 @@ def test_a_complete_model_keeps_the_effects_that_it_needs(searches, law, found, 
 )
 def test_an_incomplete_model_keeps_the_effects_whose_form_is_known(searches, law, found, kept):
     search, _ = searches(law)
-    end, tests = accept_forms(search, analyse_kinds(search), reached(search, *found), measured(search))
+    end, tests = accept_forms(search, analyze_kinds(search), reached(search, *found), measured(search))
     assert set(search.added_effects(end)) == kept
     assert {test.effect for test in tests} == kept
 
@@ -289,7 +289,7 @@ def test_a_form_is_named_where_its_kind_accounts_for_some_of_the_error(
     searches, share, necessary, others, unexplained, by_other, told
 ):
     search, _ = searches("a friction and what nobody knows")
-    end, partial = reached(search, RUB), analyse_kinds(search)
+    end, partial = reached(search, RUB), analyze_kinds(search)
     (test,) = form_tests(partial, end)
     entry = share is not None and BudgetEntry(
         Kind.FRICTION, share, (share, share), necessary, share, tuple(others)
@@ -305,7 +305,7 @@ def test_a_form_is_named_where_its_kind_accounts_for_some_of_the_error(
 
 def test_an_effect_that_leaves_less_than_all_laws_names_its_kind_itself(searches):
     search, _ = searches("a friction and what nobody knows")
-    end, partial = reached(search, RUB), analyse_kinds(search)
+    end, partial = reached(search, RUB), analyze_kinds(search)
     (test,) = form_tests(partial, end)
     nothing = {Kind.FRICTION: BudgetEntry(Kind.FRICTION, 0.0, (0.0, 0.0), 0.0, 0.0, ())}
     for flexible, told in ((0.9, True), (0.0, False)):
@@ -332,5 +332,5 @@ def test_what_stands_in_for_a_law_takes_most_of_it_and_the_less_likely_as_much(k
         budget=SimpleNamespace(entries=[SimpleNamespace(kind=Kind.TIME_MEMORY)]),
         replacements=lambda entry: frozenset({Kind.FRICTION, Kind.DRIFT}),
     )
-    needed = list(module._least_in_place(partial, SimpleNamespace(kind=kind)))
+    needed = list(module._replacement_thresholds(partial, SimpleNamespace(kind=kind)))
     assert needed == ([] if least is None else [pytest.approx(0.9 * least)])

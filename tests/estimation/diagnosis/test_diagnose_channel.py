@@ -148,7 +148,7 @@ def test_a_channel_is_searched_varied_reduced_and_answered(name, monkeypatch):
         "_is_reached": lambda evidence, judge: evidence.end not in given.get("missed", ()),
         "select_effects": searching,
         "add_run_variation": lambda tried, one: _Named(given["varied"]) if "varied" in given else one,
-        "analyse_kinds": lambda *_: None,
+        "analyze_kinds": lambda *_: None,
         "named_forms": lambda *_: SimpleNamespace(solution=SimpleNamespace(model=rough, parameters={})),
         "accept_forms": lambda tried, kinds, one, measurement: (one, []),
         "_accept": lambda tried, one, judge, kinds: (one, []),

@@ -11,7 +11,7 @@ from palpate.estimation.diagnosis.extension import fit_extended
 from palpate.estimation.diagnosis.forms import (
     Form,
     FormTest,
-    analyse_kinds,
+    analyze_kinds,
     closest_forms,
     form_tests,
     named_forms,
@@ -41,7 +41,7 @@ def strange(q, v, a):
 def incomplete():
     """Friction beside something unknown, and a search that knows friction and two others."""
     search = searched(swings(1, lambda q, v, a: rubbing(q, v, a) + strange(q, v, a)), RUB, DRAG, SPRING)
-    return search, analyse_kinds(search)
+    return search, analyze_kinds(search)
 
 
 def test_a_form_is_named_beside_what_has_no_name_but_not_where_its_kind_s_law_exceeds_it(incomplete):
@@ -62,7 +62,7 @@ def test_a_form_is_named_beside_what_has_no_name_but_not_where_its_kind_s_law_ex
 def test_best_form_of_each_kind_is_identified():
     law = lambda q, v, a: rubbing(q, v, a) + 0.3 * np.sin(15.0 * q)  # noqa: E731
     search = searched(swings(1, law), RUB, RIPPLE, DRAG, SPRING)
-    found = named_forms(analyse_kinds(search))
+    found = named_forms(analyze_kinds(search))
     assert set(search.added_effects(found)) == {RUB, RIPPLE}
     assert found.solution.parameters["coulomb_friction.force"] == pytest.approx(0.4, rel=0.05)
     assert found.solution.parameters["torque_ripple.cycles"] == pytest.approx(15.0, rel=0.02)
@@ -94,10 +94,10 @@ def test_elastic_shape_and_relaxation_are_identified_as_a_product():
     """One branch of memory without a shape fits better than each factor alone, and hides the other factor."""
     names = {"power_law_stiffness", "relaxation_spectrum", "run_gain"}
     search = searched(tissue(), *sorted(names), "stress_relaxation", base=PRESS)
-    found = named_forms(analyse_kinds(search))
+    found = named_forms(analyze_kinds(search))
     assert set(search.added_effects(found)) == names
     assert found.solution.parameters["power_law_stiffness.n"] == pytest.approx(1.9, abs=0.05)
-    accepted, _ = accept_forms(search, analyse_kinds(search), found, measured(search))
+    accepted, _ = accept_forms(search, analyze_kinds(search), found, measured(search))
     assert set(search.added_effects(accepted)) == names
     flat = found.solution.model.without("power_law_stiffness")
     hidden = fit_model(search.data, flat, found.solution.parameters)
@@ -110,7 +110,7 @@ def test_a_kind_without_a_form_gets_its_closest_ones_and_no_more():
     """Friction that also falls with the speed, where the library has Coulomb's alone."""
     law = lambda q, v, a: (0.2 + 0.3 * np.exp(-((v / 0.6) ** 2))) * np.tanh(v / 0.01)  # noqa: E731
     search = searched(swings(1, law), RUB, DRAG, SPRING)
-    partial = analyse_kinds(search)
+    partial = analyze_kinds(search)
     assert partial.budget.kinds[0] is Kind.FRICTION
     assert closest_forms(partial, Kind.FRICTION, partial.kinds) == [RUB]
     assert closest_forms(partial, Kind.INERTIA, partial.kinds) == []
@@ -164,7 +164,7 @@ def test_a_form_is_exact_only_if_the_noise_would_show_a_deviation_of_a_tenth(tim
 def test_the_law_of_its_own_kind_adds_nothing_to_a_true_form_and_something_to_a_rough_one():
     stribeck = lambda q, v, a: (0.2 + 0.3 * np.exp(-((v / 0.6) ** 2))) * np.tanh(v / 0.01)  # noqa: E731
     search = searched(swings(1, stribeck, runs=5), RUB, "stribeck_friction")
-    partial = analyse_kinds(search)
+    partial = analyze_kinds(search)
     (true,), (rough,) = (form_tests(partial, reached(search, name)) for name in ("stribeck_friction", RUB))
     assert true.is_known
     assert true.is_closed
@@ -210,7 +210,7 @@ def test_of_kinds_that_stand_in_for_each_other_the_form_of_fewest_parameters_bea
     search = searched(
         channel(force, x, v, time_s, run=run), "layered_stiffness", "contact_offset", base=PRESS
     )
-    partial = analyse_kinds(search)
+    partial = analyze_kinds(search)
     fit = named_forms(partial)
     end, (test,) = accept_forms(search, partial, fit, measured(search))
     assert search.added_effects(end) == ["contact_offset"]
@@ -224,7 +224,7 @@ def test_forms_that_together_leave_as_little_as_the_laws_of_their_kinds_bear_the
     """Though one of them takes less of the error than its own kind's law, which draws a part of the other."""
     law = lambda q, v, a: rubbing(q, v, a) + 0.3 * np.sin(15.0 * q) * (1 + 0.1 * np.sin(4.0 * q))  # noqa: E731
     search = searched(swings(1, law), RUB, RIPPLE)
-    partial, end = analyse_kinds(search), reached(search, RIPPLE, RUB)
+    partial, end = analyze_kinds(search), reached(search, RIPPLE, RUB)
     monkeypatch.setattr(FormTest, "share", 0.5)
     left, base = end.held_out_mean_square, partial.budget.base
     shares = ((1.1, base, [RIPPLE, RUB]), (0.8, base, []), (1.1, 2.0 * np.sqrt(left), []))
@@ -247,7 +247,7 @@ def test_what_the_reader_and_the_object_draw_alike_is_the_object_s(whole_budget)
     data = deep_presses(1e5)
     for names in (("deadband",), ("deadband", "contact_offset")):
         search = searched(data, *names, base=PRESS)
-        end, _ = accept_forms(search, analyse_kinds(search), reached(search, "deadband"), measured(search))
+        end, _ = accept_forms(search, analyze_kinds(search), reached(search, "deadband"), measured(search))
         assert search.added_effects(end) == [names[-1]]
 
 

@@ -27,7 +27,7 @@ from palpate.estimation.fit.measurement_noise import free_air_noise
 from palpate.estimation.fit.normal_equations import WHITE
 from palpate.estimation.fit.run_heterogeneity import RunHeterogeneity, run_heterogeneity
 from palpate.estimation.models import MODELS
-from tests.estimation.presses import NOISE_N, coloured, kelvin_voigt, session
+from tests.estimation.presses import NOISE_N, colored_noise, kelvin_voigt, session
 from tests.estimation.presses import channel as press_channel
 from tests.estimation.swings import swings
 
@@ -364,7 +364,7 @@ def test_without_free_air_only_what_is_smooth_over_much_of_a_run_is_no_noise(sha
     way, run = 1e-3 + 1e-4 * t, np.zeros(count, dtype=np.int64)
     added = {
         "bump": 0.5 * np.sin(2.0 * np.pi * t / 9.0),
-        "slow noise": 20.0 * coloured(rng, count, 0.99),
+        "slow noise": 20.0 * colored_noise(rng, count, 0.99),
         "filtered noise": 3.0 * gaussian_filter1d(rng.standard_normal(count), 8.0),
     }[shape]
     force = kelvin_voigt(way, 1e-4) + added

@@ -13,8 +13,8 @@ from palpate.estimation.diagnosis import search as module
 from palpate.estimation.diagnosis.acceptance import indistinguishable_models, most_parsimonious
 from palpate.estimation.diagnosis.bootstrap import BootstrapTest
 from palpate.estimation.diagnosis.candidates import Candidate
-from palpate.estimation.diagnosis.forms import analyse_kinds
-from palpate.estimation.diagnosis.search import Search, _key, _some_runs, backward_step, prepare_search
+from palpate.estimation.diagnosis.forms import analyze_kinds
+from palpate.estimation.diagnosis.search import Search, _key, _select_runs, backward_step, prepare_search
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate import ParameterEstimate
 from palpate.estimation.fit.fit_problem import solve_gains
@@ -228,7 +228,7 @@ def test_a_sketch_has_twelve_runs_of_four_thousand_blocks_weak_and_strong_ones_a
     effort = np.tile(np.linspace(0.0, 1.0, blocks), runs) * (run + 1)
     fields = {"run": run, "effort": effort, "trusted": np.ones(len(run), dtype=np.bool_)}
     blocked = type("Blocks", (), {**fields, "__len__": lambda self: len(self.run)})()
-    found = np.unique(run[_some_runs(blocked)])
+    found = np.unique(run[_select_runs(blocked)])
     assert len(found) == chosen
     assert np.ptp(np.diff(found)) == 0
 
@@ -243,7 +243,7 @@ def test_a_recording_of_which_most_runs_are_left_out_is_searched_by_the_others(w
     signals = (size * signal for signal in (x, v, a, effort))
     data = ChannelData("contact", ChannelKind.CONTACT, t + run, *signals, run, run * 0 - 1)
     search = prepare_search(data, PRESS, run < 3, (), np.random.default_rng(0))
-    assert Kind.ELASTIC_SHAPE in analyse_kinds(search.coarse or search).kinds
+    assert Kind.ELASTIC_SHAPE in analyze_kinds(search.coarse or search).kinds
 
 
 def test_each_form_of_an_effect_is_a_model_of_its_own():

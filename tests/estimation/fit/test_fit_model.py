@@ -89,7 +89,7 @@ def test_columns_that_are_alike_do_not_break_the_fit():
 
 
 @pytest.mark.parametrize("memory", [(0.9,), (0.5, 0.3), ()])
-def test_colour_is_recovered_and_taken_out(memory):
+def test_ar_noise_is_identified_and_whitened(memory):
     rng, run, every = np.random.default_rng(2), np.repeat(np.arange(10), 1000), np.ones(10000, dtype=bool)
     made = [lfilter([1.0], [1.0, *(-m for m in memory)], rng.normal(size=1200))[200:] for _ in range(10)]
     noise = np.concatenate(made)
@@ -102,7 +102,7 @@ def test_colour_is_recovered_and_taken_out(memory):
     assert abs(np.corrcoef(white[1:], white[:-1])[0, 1]) < 0.03
 
 
-def test_what_one_run_ends_with_and_the_next_begins_with_is_no_colour():
+def test_ar_noise_is_not_correlated_across_runs():
     noise = np.random.default_rng(5).normal(size=(2000, 6))
     noise[1:, 0] = noise[:-1, -1]  # white within each run
     run = np.repeat(np.arange(2000), 6)
