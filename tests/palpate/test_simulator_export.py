@@ -240,9 +240,10 @@ def test_isaac_lab_gets_static_and_dynamic_friction(swinging, monkeypatch):
 def test_bam_gets_its_stribeck_model_and_keeps_the_motor(swinging, tmp_path):
     motor = tmp_path / "motor.json"
     known = {"actuator": "sts3215", "kt": 1.3, "R": 2.7, "armature": 0.02}
-    motor.write_text(json.dumps(known | {"model": "m6"}))
+    motor.write_text(json.dumps(known | {"model": "m6", "load_friction_motor_quad": 0.01}))
     text, _ = exported(swinging, "bam", "--patch", motor)
     content = json.loads(text)
+    assert "load_friction_motor_quad" not in content  # M2 has no such friction
     assert content.items() >= (known | {"model": "m2", "alpha": 2.0}).items()
     assert content["friction_base"] == pytest.approx(0.4, rel=0.05)
     assert content["friction_stribeck"] == pytest.approx(0.3, rel=0.1)
