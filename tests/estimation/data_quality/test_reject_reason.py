@@ -1,6 +1,7 @@
 """What is rejected or reported, each with its figure and remedy, and what only looks like it."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -85,23 +86,24 @@ def glitch_in_each_block():
     return ChannelData("contact", ChannelKind.CONTACT, t + run, x, v, a, effort, run, run * 0 - 1)
 
 
+def press(**changes):
+    """Makes a press with these signals in the place of its own."""
+    return partial(replace, DATA, **changes)
+
+
 SHORT_RUNS = {"time_s": 0.1 * DATA.time_s, "velocity": 10.0 * DATA.velocity}
 REJECTED = {
-    "never changes": lambda: replace(DATA, effort=np.full(len(DATA), 2.0)),
-    "no two of 6 runs have similar depths": lambda: replace(
-        DATA, position=DATA.position + DATA.run * np.ptp(DATA.position)
+    "never changes": press(effort=np.full(len(DATA), 2.0)),
+    "no two of 6 runs have similar depths": press(position=X + DATA.run * np.ptp(X)),
+    "none can be predicted from the others": press(position=X + 0.95 * DATA.run * np.ptp(X)),
+    "of 6 touches the object; record at least three that do": press(
+        position=np.where(DATA.run == 0, X, X - 1.0), effort=np.where(DATA.run == 0, F, 0.0)
     ),
-    "none can be predicted from the others": lambda: replace(
-        DATA, position=DATA.position + 0.95 * DATA.run * np.ptp(DATA.position)
-    ),
-    "of 6 touches the object; record at least three that do": lambda: replace(
-        DATA, position=np.where(DATA.run == 0, X, X - 1.0), effort=np.where(DATA.run == 0, F, 0.0)
-    ),
-    "no contact: the displacement": lambda: replace(DATA, position=X - 1.0),
-    "no contact: the force": lambda: replace(DATA, effort=np.random.default_rng(0).normal(0, 0.05, len(X))),
-    "check times and units": lambda: replace(DATA, velocity=1e3 * DATA.velocity),
-    "check the sign": lambda: replace(DATA, effort=-F),
-    "too coarse": lambda: replace(DATA, effort=4.0 * np.round(F / 4.0)),
+    "no contact: the displacement": press(position=X - 1.0),
+    "no contact: the force": press(effort=np.random.default_rng(0).normal(0, 0.05, len(X))),
+    "check times and units": press(velocity=1e3 * DATA.velocity),
+    "check the sign": press(effort=-F),
+    "too coarse": press(effort=4.0 * np.round(F / 4.0)),
     "2 different readings": lambda: replace(swinging(), effort=np.sign(swinging().effort)),
     "runs with --where run=N,N": very_long,
     "take shorter recordings": lambda: replace(very_long(), run=np.zeros(len(very_long()), np.int64)),
@@ -109,19 +111,15 @@ REJECTED = {
     "only 0 samples": lambda: DATA.select(COUNT[:0]),
     "was rectified; record it with its sign": lambda: replace(swinging(), effort=np.abs(swinging().effort)),
     "was the sign cut off": lambda: replace(swinging(), effort=np.maximum(swinging().effort, 0.0)),
-    "fewer than two runs have": lambda: replace(DATA, **SHORT_RUNS, run=COUNT // 8),
-    "runs last": lambda: replace(DATA, run=COUNT // 8),
+    "fewer than two runs have": press(**SHORT_RUNS, run=COUNT // 8),
+    "runs last": press(run=COUNT // 8),
     "at most one run has motion": lambda: moving_in_one_run(phase=1),
     "excluded readings (200)": glitch_in_each_block,
-    f"{-(-len(DATA) // 60)} readings of the effort are far from their neighbors, such as -9999 N": lambda: (
-        replace(DATA, effort=np.where(COUNT % 60 == 0, -9999.0, F))
+    f"{-(-len(DATA) // 60)} readings of the effort are far from their neighbors, such as -9999 N": press(
+        effort=np.where(COUNT % 60 == 0, -9999.0, F)
     ),
-    "1 reading of the effort is far from its neighbors, such as 1e+12 N": lambda: replace(
-        DATA, effort=np.where(COUNT == 900, 1e12, F)
-    ),
-    "1 reading of the position is far from its neighbors, such as -0.999 m": lambda: replace(
-        DATA, position=np.where(COUNT == 900, -0.999, X)
-    ),
+    "effort is far from its neighbors, such as 1e+12 N": press(effort=np.where(COUNT == 900, 1e12, F)),
+    "1 reading of the position is far from its neighbors": press(position=np.where(COUNT == 900, -0.999, X)),
 }
 
 
@@ -154,38 +152,24 @@ def in_millimetres():
 
 IMPLAUSIBLE = {  # what is said of it, and how often
     f"the deepest indentation is {1e3 * X.max():.3g} m, more than 0.2 m; if": in_millimetres,
-    f"force over depth is {1e7 * np.ptp(F) / X.max():.3g} N/m, outside 0.01 to 1e+07 N/m": lambda: replace(
-        DATA, effort=1e7 * F
-    ),
+    f"force over depth is {1e7 * np.ptp(F) / X.max():.3g} N/m, outside": press(effort=1e7 * F),
     "faster than 300 rad/s: a tenth of the samples exceed 551 rad/s": lambda: replace(
         swinging(), position=200.0 * swinging().position, velocity=200.0 * swinging().velocity
     ),
-    "90 % of the loaded samples show 3 N: the sensor is saturated": lambda: replace(
-        DATA, effort=np.minimum(F, 3.0)
-    ),
+    "90 % of the loaded samples show 3 N: the sensor is saturated": press(effort=np.minimum(F, 3.0)),
     "of the loaded samples show -0.9 N m: the sensor is saturated": lambda: replace(
         swinging(), effort=np.maximum(swinging().effort, -0.9)
     ),
-    "of free air shows exactly 1 N, and no sample shows less": lambda: replace(
-        DATA, effort=np.maximum(F, 1.0)
-    ),
-    "the force is 0.5 s late relative to the motion (correlation 0.99 if shifted": lambda: replace(
-        DATA, effort=np.roll(F, 250)
-    ),
-    "the signal was rectified, and": lambda: replace(DATA, effort=np.abs(F)),
-    "was one column used for both?": lambda: replace(DATA, effort=0.5 * DATA.position),
-    "explain only 0 % of the force; is it the right column?": lambda: replace(
-        DATA, effort=shuffled_in_contact()
-    ),
+    "of free air shows exactly 1 N, and no sample shows less": press(effort=np.maximum(F, 1.0)),
+    "the force is 0.5 s late relative to the motion (correlation 0.99": press(effort=np.roll(F, 250)),
+    "the signal was rectified, and": press(effort=np.abs(F)),
+    "was one column used for both?": press(effort=0.5 * DATA.position),
+    "explain only 0 % of the force; is it the right column?": press(effort=shuffled_in_contact()),
     "only one run, which goes through its motion once: changes": lambda: DATA.of_runs(DATA.runs[:1]),
     "cannot be separated; record at least three runs": lambda: one_recording(lambda t: t),
     "run 1 is a copy of run 0 (and 2 more): 100 % of its noise": copies,
-    "1 reading of the effort is far from its neighbors, such as 500 N at 0.2 s; diagnosis": lambda: replace(
-        DATA, effort=np.where(COUNT == 100, 500.0, F)
-    ),
-    "readings of the effort are far from their neighbors, such as 0 N at": lambda: replace(
-        DATA, effort=np.where((COUNT % 30 == 7) & DATA.engaged, 0.0, F)
-    ),
+    "its neighbors, such as 500 N at 0.2 s; diagnosis": press(effort=np.where(COUNT == 100, 500.0, F)),
+    "far from their neighbors, such as 0 N": press(effort=np.where((COUNT % 30 == 7) & DATA.engaged, 0.0, F)),
     "run 6 is a copy of run 0: 100 % of its noise": lambda: joined(DATA, DATA.of_runs(DATA.runs[:1])),
 }
 
@@ -316,19 +300,19 @@ JUDGED = {
     "steps of 1024 a turn": lambda: coarsely_read(2 * np.pi / 1024),
     "a noisy angle": lambda: coarsely_read(0.0, noise=0.02),
     "noise and steps": lambda: coarsely_read(0.02, noise=0.02),
-    "a depth in steps": lambda: replace(DATA, position=stepped(X, 3e-4)),
-    "a velocity that noise is in": lambda: replace(
-        DATA, velocity=DATA.velocity + np.random.default_rng(0).normal(0, 0.03, len(X))
+    "a depth in steps": press(position=stepped(X, 3e-4)),
+    "a velocity that noise is in": press(
+        velocity=DATA.velocity + np.random.default_rng(0).normal(0, 0.03, len(X))
     ),
-    "a zero beyond the readings": lambda: replace(DATA, effort=F - F.min()),
-    "a zero a little off": lambda: replace(DATA, effort=F + 0.02),
-    "a zero far off": lambda: replace(DATA, effort=F + 0.3),
-    "a dead band about zero": lambda: replace(DATA, effort=np.sign(F) * np.maximum(np.abs(F) - 0.5, 0.0)),
-    "no force below zero": lambda: replace(DATA, effort=np.maximum(F - 0.5, 0.0)),
-    "no noise, and an offset": lambda: replace(DATA, effort=0.7 + EXACT),
-    "steps, and an offset": lambda: replace(DATA, effort=stepped(F - 0.3 * (X < 0), 0.1) + 0.5),
-    "steps coarser than the noise": lambda: replace(DATA, effort=stepped(F, 0.2) + 0.6),
-    "coarse steps, often at the last": lambda: replace(DATA, effort=stepped(F, 0.6)),
+    "a zero beyond the readings": press(effort=F - F.min()),
+    "a zero a little off": press(effort=F + 0.02),
+    "a zero far off": press(effort=F + 0.3),
+    "a dead band about zero": press(effort=np.sign(F) * np.maximum(np.abs(F) - 0.5, 0.0)),
+    "no force below zero": press(effort=np.maximum(F - 0.5, 0.0)),
+    "no noise, and an offset": press(effort=0.7 + EXACT),
+    "steps, and an offset": press(effort=stepped(F - 0.3 * (X < 0), 0.1) + 0.5),
+    "steps coarser than the noise": press(effort=stepped(F, 0.2) + 0.6),
+    "coarse steps, often at the last": press(effort=stepped(F, 0.6)),
     "a hold without noise": cut_hold,
     "one press made again without noise": lambda: replace(
         copies(), effort=copies(replace(DATA, effort=EXACT)).effort
