@@ -150,9 +150,7 @@ def test_zeros_are_estimated_at_the_hard_stops_under_tight_limits(tmp_path, monk
 def test_hard_stop_at_another_angle_stops_the_arm(tmp_path):
     job = job_in(tmp_path, "encoder", [])
     wrong = (np.full(3, np.nan), np.full(3, 2.0))
-    with pytest.raises(
-        PalpateError, match=r"joint 1 reached no stop at 2\.15\d rad, but its stop should .*--upper-stops"
-    ):
+    with pytest.raises(PalpateError, match=r"joint 1 reached no stop at 2\.15\d rad, .*--upper-stops"):
         runs.run_stops(job, wrong)
     assert opened(job).samples("tick")["guard_tripped"][-1]
 

@@ -30,9 +30,7 @@ def test_thousands_separators_are_not_read_as_decimal_marks(tmp_path, mark):
         f"{time:.0f};{depth:,.0f};{force:,.0f}".replace(",", mark)
         for time, depth, force in zip(1e3 * TIME_S, 1e6 * DEPTH_M, 1e3 * FORCE_N, strict=True)
     ]
-    with pytest.raises(
-        InputError, match=r"line \d+, column 'displacement_um': '1.\d{3}' may mean 1.\d* or 1"
-    ):
+    with pytest.raises(InputError, match=r"line \d+, .*'displacement_um': '1.\d{3}' may mean 1.\d* or 1"):
         import_file(saved(tmp_path / "press.csv", "\n".join(["time_ms;displacement_um;force_mN", *lines])))
 
 

@@ -640,9 +640,7 @@ def test_joint_without_an_effort_column_is_refused_with_a_hint(contact):
 def test_a_stated_number_of_presses_is_no_remedy_for_restarts_of_the_clock(contact):
     several = np.tile(np.arange(50), 3)
     path = contact(**{name: values[several] for name, values in PRESS.items()})
-    with pytest.raises(
-        InputError, match="--runs 2: the clock restarts 2 times, so there are at least 3 runs"
-    ):
+    with pytest.raises(InputError, match="2: the clock restarts 2 times, so there are at least 3 runs"):
         import_file(path, ImportOptions(runs=2))
     imported = import_file(path, ImportOptions(runs=1))
     assert len(imported.run_labels) == 3

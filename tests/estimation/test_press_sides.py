@@ -182,9 +182,7 @@ def test_a_position_in_metres_is_that_of_a_press_or_an_axis_by_its_force(columns
 def test_a_position_that_may_be_either_is_asked_about():
     options = ImportOptions(units={"position": "mm"})
     weight = np.full(len(PRESS_X), 9.0) + 0.01 * PRESS_V
-    with pytest.raises(
-        InputError, match=r"to a press or to a linear axis; choose with --column displacement=position"
-    ):
+    with pytest.raises(InputError, match=r"press or to a linear axis; .* --column displacement=position"):
         imported(options, time_s=PRESS_T, run=PRESS_RUN, force_N=weight, position=PRESS_X)
 
 

@@ -74,9 +74,7 @@ def test_degenerate_subsets_are_skipped_and_none_holds_a_sample_twice():
 
 def test_ransac_failure_states_a_remedy():
     regression = problem(np.random.default_rng(5), noise=0.1)
-    with pytest.raises(
-        InputError, match=r"samples agree within 1e-09; raise the threshold .* or use 'robust'"
-    ):
+    with pytest.raises(InputError, match=r"agree within 1e-09; raise the threshold .* or use 'robust'"):
         fit(regression, threshold=1e-9)
     regression = problem(np.random.default_rng(6), count=9)
     with pytest.raises(InputError, match="subsets of 50 samples: must be between 2"):

@@ -101,9 +101,7 @@ def test_a_ros_recording_that_is_cut_or_of_other_things_is_refused(tmp_path):
     whole = write_bag(tmp_path / "bag.mcap").read_bytes()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(
-        InputError, match=r"cut\.mcap: cannot be read: it is damaged or cut off \(EndOfFile\)"
-    ):
+    with pytest.raises(InputError, match=r"cut\.mcap: cannot be read: .* cut off \(EndOfFile\)"):
         import_file(cut)
     empty = tmp_path / "empty.mcap"
     with empty.open("wb") as file:
@@ -208,9 +206,7 @@ def test_numbers_that_begin_with_the_highest_byte_are_read_too(tmp_path):
 def test_a_message_that_is_none_is_named_with_its_topic(tmp_path, data):
     path = tmp_path / "broken.db3"
     store(path, [(1, 0, data)])
-    with pytest.raises(
-        InputError, match="a message of topic '/js' is cut off or is not a sensor_msgs/msg/JointState"
-    ):
+    with pytest.raises(InputError, match="topic '/js' is cut off or is not a sensor_msgs/msg/JointState"):
         import_file(path)
 
 

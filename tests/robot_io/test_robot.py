@@ -179,7 +179,7 @@ class TestReading:
 
     def test_it_needs_a_configured_robot(self, robot):
         with pytest.raises(
-            LifecycleError, match="mock: read needs a robot that is configured or active, this is new"
+            LifecycleError, match="read needs a robot that is configured or active, this is new"
         ):
             robot.read(0.0)
 

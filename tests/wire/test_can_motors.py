@@ -155,9 +155,7 @@ def test_two_motors_with_one_id_are_refused(make_robot, path, when):
         arm.robot.configure()
         start = arm.robot.activate
     wire._nodes += (twin,)
-    with pytest.raises(
-        DeviceError, match=r"joint 1 \(motor 1\): answers more often than it is asked: do two"
-    ):
+    with pytest.raises(DeviceError, match=r"joint 1 \(motor 1\): answers more often than .* asked: do two"):
         start()
     assert not any(getattr(node, "enabled", False) for node in wire._nodes)
 

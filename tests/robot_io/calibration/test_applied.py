@@ -65,9 +65,7 @@ def test_measured_torque_is_that_of_the_joint(tmp_path):
 def test_a_robot_file_is_never_built_without_what_it_names(tmp_path):
     robot_file = robot_with(tmp_path, "force")
     (tmp_path / "force.yaml").unlink()
-    with pytest.raises(
-        InputError, match=r"mock\.yaml line \d+, calibration\.force: .*force\.yaml: cannot be"
-    ):
+    with pytest.raises(InputError, match=r"mock\.yaml line \d+, .*force: .*force\.yaml: cannot be"):
         build_robot(robot_file, DriverCatalog("tests.mock_robot"), SimulatedClock())
     with pytest.raises(InputError, match=r"force\.yaml"):
         RigidBody.of_robot(robot_file)

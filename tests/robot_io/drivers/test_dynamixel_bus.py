@@ -255,9 +255,7 @@ def test_switching_off_gets_through_a_bad_line(active):
 
 def test_unconfirmed_switch_off_is_an_error_with_consequences(active):
     active.befall(kind="drop", device=2)
-    with pytest.raises(
-        DeviceError, match=r"the torque may still be on: servo 2.*watchdog switches it off 0.06 s"
-    ):
+    with pytest.raises(DeviceError, match=r"may still be on: servo 2.*watchdog switches it off 0.06 s"):
         active.torque.deactivate()
 
 

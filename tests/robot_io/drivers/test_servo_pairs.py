@@ -150,9 +150,7 @@ def test_another_homing_offset_is_refused(make, place):
     arm.robot.configure()  # as they are bolted on
     arm.robot.deactivate()
     servos(arm)[place].memory.put(table.HOMING_OFFSET, 512)
-    with pytest.raises(
-        DeviceError, match=f"servo {place}: has a homing offset of 512, but the robot file states"
-    ):
+    with pytest.raises(DeviceError, match=f"servo {place}: has a homing offset of 512, but the robot"):
         arm.robot.buses["motors"].configure()
     findings = {one.subject: one for one in arm.robot.buses["motors"].examine() if one.level is Level.FAIL}
     (found,) = findings.values()

@@ -60,8 +60,7 @@ def limited(guard, command, measurement, dt_s=DT):
 def test_limits_and_safe_state_of_another_number_of_joints_are_refused(joints, damped):
     safe_state = SafeState(damping_nms_rad=damped, stop_time_s=0.05)
     with pytest.raises(
-        InputError,
-        match=f"the arm has {joints} joints, but its limits have 2 and its safe state {len(damped)}",
+        InputError, match=f"{joints} joints, but its limits have 2 and its safe state {len(damped)}"
     ):
         Guard(LIMITS, safe_state, joints)
 

@@ -105,9 +105,7 @@ def test_a_key_that_others_can_read_is_refused(mode, tmp_path):
     key = write_key(tmp_path / "pair.key")
     load_seal(key, "topic")
     key.chmod(mode)
-    with pytest.raises(
-        InputError, match=rf"key .*pair\.key: others can read it \(mode {mode:o}\): chmod 600"
-    ):
+    with pytest.raises(InputError, match=rf"pair\.key: others can read it \(mode {mode:o}\): chmod 600"):
         LinkConnection("follower", LinkSettings(port=free_port(), key=key), MonotonicClock())
     key.chmod(0o600)
     other = write_key(tmp_path / "tls.key")
@@ -115,9 +113,7 @@ def test_a_key_that_others_can_read_is_refused(mode, tmp_path):
     config = tmp_path / "link.json5"
     tls = {"listen_private_key": str(other), "listen_certificate": str(key)}
     config.write_text(json.dumps({"transport": {"link": {"tls": tls}}}))
-    with pytest.raises(
-        InputError, match=rf"listen_private_key .*tls\.key: others can read it \(mode {mode:o}\)"
-    ):
+    with pytest.raises(InputError, match=rf"listen_private_key .*tls\.key: .* \(mode {mode:o}\)"):
         LinkConnection("follower", LinkSettings(config=config), MonotonicClock())
 
 
