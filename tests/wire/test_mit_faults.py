@@ -103,9 +103,8 @@ def test_a_position_at_the_end_of_the_wire_s_range_is_marked(make_robot):
     ranges = "ranges: {position_rad: 1.0, velocity_rad_s: 50, torque_nm: 25}"
     arm = make_robot(CUBEMARS, [("motor_id: 1, model: AK70-10", f"motor_id: 1, model: AK70-10, {ranges}")])
     arm.robot.configure()
-    assert (
-        arm.ticks(3, None).encoder_status is Status.SATURATED
-    )  # joint 1 stands at 0.87 rad, the motor at 1.75
+    # Joint 1 stands at 0.87 rad, the motor at 1.75.
+    assert arm.ticks(3, None).encoder_status is Status.SATURATED
 
 
 def test_a_motor_that_answers_late_is_examined_as_one_that_answers(make_robot):

@@ -47,9 +47,8 @@ def test_base_parameters_give_every_torque(body):
 
 def test_base_parameters_are_independent_and_say_what_pseudo_inertias_do():
     base = base_parameters(panda())
-    assert (
-        len(base.columns) == 43
-    )  # seven joints, none parallel, first axis vertical: Khalil and Dombre, ch. 9
+    # Seven joints, none parallel, first axis vertical: Khalil and Dombre, ch. 9.
+    assert len(base.columns) == 43
     assert np.linalg.matrix_rank(base.grouping) == 43
     assert len(set(base.names)) == 43 == len(base.units)
     phi = np.concatenate([point_masses(np.random.default_rng(seed)) for seed in range(3)])

@@ -196,9 +196,8 @@ def test_a_diagnosis_names_what_is_missing_and_an_added_effect_has_a_size_in_eve
     assert "What is missing where" in (tmp_path / "out" / "index.html").read_text()
     added = palpate.batch([hardening, plain], out=tmp_path / "out", add=["cubic_stiffness"], workers=2)
     grown = {row["measurement"]: row["stiffness.k [N/m]"] for row in added.table.to_pylist()}
-    assert (
-        by_name["hardening.csv"]["stiffness.k [N/m]"] == grown["hardening.csv"]
-    )  # of the model with the effect
+    # Of the model with the effect.
+    assert by_name["hardening.csv"]["stiffness.k [N/m]"] == grown["hardening.csv"]
     sizes = {row["measurement"]: row["cubic_stiffness.k3 [N/m^3]"] for row in added.table.to_pylist()}
     assert sizes["hardening.csv"] == pytest.approx(2e6, rel=0.1)
     assert abs(sizes["plain.csv"]) < 2e5

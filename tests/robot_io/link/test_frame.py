@@ -100,9 +100,8 @@ def test_a_mark_holds_for_one_pair_and_one_direction(tmp_path):
     path.touch(0o600)
     path.write_bytes(b"k" * 32)
     said = load_seal(path, "palpate/arm/leader")
-    assert (
-        decode(framed(MESSAGES[0], seal=said), load_seal(path, "palpate/arm/leader")).message == MESSAGES[0]
-    )
+    opened = decode(framed(MESSAGES[0], seal=said), load_seal(path, "palpate/arm/leader"))
+    assert opened.message == MESSAGES[0]
     for topic in ("palpate/arm/follower", "palpate/other/leader"):
         with pytest.raises(FrameError, match="this side's key"):
             decode(framed(MESSAGES[0], seal=said), load_seal(path, topic))
