@@ -95,13 +95,8 @@ def relaxation_spectrum():
         parts.append((t, x, np.array(force)))
     (t, x, force), run = runs(parts)
     data = channel(CONTACT, t, x, force, run=run)
-    truth = {
-        "fast": fast,
-        "slow": slow,
-        "fast_time": sooner,
-        "slow_time": later,
-        "power_law_stiffness.n": 2.2,
-    }
+    truth = {"fast": fast, "slow": slow, "fast_time": sooner, "slow_time": later}
+    truth["power_law_stiffness.n"] = 2.2
     return RecoveryCase(data, ("power_law_stiffness",), truth, 0.05)
 
 

@@ -42,12 +42,8 @@ def test_intervals_hold_the_truth_though_the_surface_is_unknown():
     held = []
     for seed in range(12):
         found = probed(kelvin_voigt(1000.0, 20.0), "robust", seed=seed, speeds=(0.15, 0.06))
-        held.append(
-            [
-                p.interval[0] <= t <= p.interval[1]
-                for p, t in zip(found.parameters, (1000.0, 20.0), strict=False)
-            ]
-        )
+        pairs = zip(found.parameters, (1000.0, 20.0), strict=False)
+        held.append([p.interval[0] <= t <= p.interval[1] for p, t in pairs])
     assert np.all(np.mean(held, axis=0) > 0.75)
 
 

@@ -244,17 +244,9 @@ def test_repeated_readings_of_a_matlab_array_are_averaged(tmp_path):
 
 def test_conversion_reads_the_commit_of_a_repository_and_not_its_work_tree(tmp_path):
     def git(*arguments):
-        command = [
-            "git",
-            "-C",
-            str(tmp_path),
-            "-c",
-            "user.name=a",
-            "-c",
-            "user.email=a@example.org",
-            *arguments,
-        ]
-        return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+        command = ["git", "-C", str(tmp_path), "-c", "user.name=a", "-c", "user.email=a@example.org"]
+        made = subprocess.run([*command, *arguments], check=True, capture_output=True, text=True)
+        return made.stdout.strip()
 
     (tmp_path / "a.txt").write_text("0;1\n1;2\n")
     git("init", "-q")

@@ -280,11 +280,8 @@ def short(probed, tmp_path_factory):
 def test_a_damaged_session_is_read_as_it_was_written_or_refused(tmp_path, short, data, kind, command):
     good, path = Session.open(short), tmp_path / "s.mcap"
     samples = good.samples("tick")
-    columns, metadata, stream = (
-        {name: samples[name].copy() for name in samples},
-        good.metadata,
-        samples.stream,
-    )
+    columns = {name: samples[name].copy() for name in samples}
+    metadata, stream = good.metadata, samples.stream
     path.unlink(missing_ok=True)
     if kind == "bytes":
         path.write_bytes(damaged(bytearray(short.read_bytes()), data.draw))

@@ -166,11 +166,8 @@ def test_effects_without_a_term_are_reported(swinging, tmp_path):
     study = Study(path, "pendulum", folder=tmp_path)
     study.add("coulomb_friction", "joint_spring", "lag")
     found = as_json("export", path, "--format", "feedforward", "--folder", tmp_path)
-    assert [line.split(" ")[1] for line in found["used"]] == [
-        "pendulum",
-        "viscous_friction",
-        "coulomb_friction",
-    ]
+    used = [line.split(" ")[1] for line in found["used"]]
+    assert used == ["pendulum", "viscous_friction", "coulomb_friction"]
     spring, lag = (
         next(line for line in found["left_out"] if name in line) for name in ("joint_spring", "lag")
     )

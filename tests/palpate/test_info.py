@@ -24,12 +24,8 @@ def test_json_states_the_facts(session):
     assert stream["rate_hz"] == pytest.approx(1000)
     assert data["duration_s"] == pytest.approx((samples - 1) * 0.001)
     assert (data["seed"], data["truncated"], data["dropped"]) == (7, False, 0)
-    assert data["events"][0] == {
-        "time_s": 0.333,
-        "kind": "touch",
-        "text": "touched the object",
-        "data": {"run": 0},
-    }
+    touch = {"time_s": 0.333, "kind": "touch", "text": "touched the object", "data": {"run": 0}}
+    assert data["events"][0] == touch
 
 
 @pytest.mark.parametrize("asked", [(), ("--json",)])

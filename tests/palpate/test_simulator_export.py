@@ -340,11 +340,8 @@ def test_a_servo_without_torques_is_exported_with_its_gain_and_then_moves_as_rec
     q += np.random.default_rng(1).normal(0.0, 2e-4, len(q))
     t, run_number = np.tile(0.01 * np.arange(700), 3), np.repeat(np.arange(3), 700)
     columns = {"run": run_number, "time_s": t, "goal_position_rad": goal, "position_rad": q}
-    data, mine, out = (
-        write_table(tmp_path / "servo.csv", **columns),
-        tmp_path / "servo.xml",
-        tmp_path / "o.xml",
-    )
+    data = write_table(tmp_path / "servo.csv", **columns)
+    mine, out = tmp_path / "servo.xml", tmp_path / "o.xml"
     mine.write_text(nominal)
     run("add", data, "coulomb_friction", "--out", tmp_path / "study")
     base = ("export", data, "--folder", tmp_path / "study", "--format", "mjcf", "--patch", mine, "-o", out)

@@ -41,11 +41,8 @@ def test_driver_settings_are_passed_on_unread_and_the_file_cannot_be_changed():
         changed(force="{driver: mock_force, bus: world, gain: 2, unit: N}"), "m.yaml"
     )
     assert robot_file.force.settings == {"gain": 2, "unit": "N"}
-    assert parse_robot_file(changed(sensor_axis_tip="[0, 3, -4]"), "m.yaml").sensor_axis_tip == (
-        0.0,
-        0.6,
-        -0.8,
-    )
+    turned = parse_robot_file(changed(sensor_axis_tip="[0, 3, -4]"), "m.yaml")
+    assert turned.sensor_axis_tip == (0.0, 0.6, -0.8)
     with pytest.raises(ValueError, match="frozen"):
         mock_robot_file().name = "other"
 

@@ -73,11 +73,8 @@ def test_effects_are_listed_in_order_with_error_decrease_and_parameters(known):
     for entry in found.accepted:
         effect = EFFECTS[entry.effect]
         assert entry.parameters.keys() == {p.name for p in (*effect.gains, *effect.inner)}
-        assert (entry.physics, entry.equation, entry.signature) == (
-            effect.physics,
-            effect.equation,
-            effect.signature,
-        )
+        for name in ("physics", "equation", "signature"):
+            assert getattr(entry, name) == getattr(effect, name)
         for name, told in entry.parameters.items():
             one = known[f"{entry.effect}.{name}"]
             assert (told.value, told.std_err) == pytest.approx((one.value, one.std_err), rel=1e-2)

@@ -243,11 +243,8 @@ def test_gains_are_those_of_scipy_for_the_whole_model(name):
 def test_where_a_sensor_bends_the_effort_steps_go_on_until_one_leads_where_it_was_to(
     effects, how, looks, monkeypatch
 ):
-    data, seen, plain = (
-        pressed(lambda x, v: np.clip(10.0 * x, -2.0, 2.0), ChannelKind.REVOLUTE),
-        [],
-        Model.linearize,
-    )
+    data = pressed(lambda x, v: np.clip(10.0 * x, -2.0, 2.0), ChannelKind.REVOLUTE)
+    seen, plain = [], Model.linearize
     monkeypatch.setattr(Model, "linearize", lambda *args: seen.append(1) or plain(*args))
     solve_gains(problem(data), model(*effects), {"saturation.limit": 2.0, "delay.time": 0.013}, **how)
     assert len(seen) == looks
@@ -291,11 +288,8 @@ def test_gains_within_bounds_are_those_of_scipy(seed):
 
 
 def test_gain_at_its_bound_is_fixed_and_marked():
-    found = solve_gains(
-        problem(pressed(lambda x, v: 3.0 * x - 0.5 * v, ChannelKind.REVOLUTE)),
-        model("stiffness", "damping"),
-        {},
-    )
+    driven = pressed(lambda x, v: 3.0 * x - 0.5 * v, ChannelKind.REVOLUTE)
+    found = solve_gains(problem(driven), model("stiffness", "damping"), {})
     assert found.parameters["damping.c"] == 0.0
     assert found.fixed == {"damping.c"}
     assert found.parameters["stiffness.k"] == pytest.approx(3.0, rel=0.02)

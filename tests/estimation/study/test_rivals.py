@@ -51,16 +51,10 @@ TWO_GROUPS = (
 
 def test_each_group_is_a_question_of_its_own_and_a_whole_stands_for_all_its_parts():
     friction, constant = rival_effects(_diagnosis_of(*TWO_GROUPS), effect_library())
-    assert friction == [
-        ["bias", "coulomb_friction"],
-        ["bias", "presliding_friction"],
-        ["asymmetric_friction"],
-    ]
-    assert constant == [
-        ["coulomb_friction", "bias"],
-        ["coulomb_friction", "payload"],
-        ["asymmetric_friction"],
-    ]
+    beside_bias = [["bias", "coulomb_friction"], ["bias", "presliding_friction"]]
+    assert friction == [*beside_bias, ["asymmetric_friction"]]
+    beside_friction = [["coulomb_friction", name] for name in ("bias", "payload")]
+    assert constant == [*beside_friction, ["asymmetric_friction"]]
 
 
 def test_in_each_group_the_simplest_is_stated_and_beside_all_its_parts_a_whole(study):

@@ -306,12 +306,8 @@ def write_lerobot(folder, torques_Nm):
         q = 0.6 * np.sin(1.1 * t) + 0.3 * np.sin(2.9 * t + 1.0)
         v = 0.66 * np.cos(1.1 * t) + 0.87 * np.cos(2.9 * t + 1.0)
         a = -0.726 * np.sin(1.1 * t) - 2.523 * np.sin(2.9 * t + 1.0)
-        torque = (
-            (0.05 + 0.01 * episode) * a
-            + 0.1 * v
-            + coulomb * np.tanh(v / 0.01)
-            + 0.01 * rng.standard_normal(len(t))
-        )
+        noise = 0.01 * rng.standard_normal(len(t))
+        torque = (0.05 + 0.01 * episode) * a + 0.1 * v + coulomb * np.tanh(v / 0.01) + noise
         parts.append(
             pa.table(
                 {

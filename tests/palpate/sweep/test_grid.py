@@ -130,11 +130,8 @@ def test_paper_cases_match_the_paper():
         ransac = [spec for spec in specs if (spec if isinstance(spec, str) else spec["name"]) == "ransac"]
         assert ransac == [{"name": "ransac", "threshold": 0.01, "label": "ransac"}]
     assert make_estimator(ransac[0]) == ("ransac", Ransac(threshold=0.01))
-    assert cases["ticks"][0].parameters["law"] == {
-        "name": "kelvin_voigt",
-        "stiffness_n_m": 500,
-        "damping_n_s_m": 100,
-    }
+    law = {"name": "kelvin_voigt", "stiffness_n_m": 500, "damping_n_s_m": 100}
+    assert cases["ticks"][0].parameters["law"] == law
     assert shipped_grid("paper_cubes").speeds_mm_s == ((50, 20, 10),)
 
 

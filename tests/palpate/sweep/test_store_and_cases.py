@@ -236,11 +236,8 @@ def test_one_worker_does_many_cases(tmp_path):
     cases = [Case("tests.palpate.sweep.slow_work:fatal", {}, seed) for seed in (0, 2, 3)]
     report = run_cases(cases, ResultStore(tmp_path), Cluster(workers=1))
     assert (report.finished_now, report.failures) == (3, ())
-    assert [row["square"] for row in ResultStore(tmp_path).rows([case.address for case in cases])] == [
-        0,
-        4,
-        9,
-    ]
+    rows = ResultStore(tmp_path).rows([case.address for case in cases])
+    assert [row["square"] for row in rows] == [0, 4, 9]
 
 
 def test_a_parameter_that_json_cannot_hold_has_no_address():

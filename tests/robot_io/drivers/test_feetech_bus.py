@@ -37,15 +37,8 @@ def hold(arm):
 def test_activating_sets_the_plain_law_and_loses_nothing_that_was_saved(arm):
     arm.start()
     for servo in servos(arm).values():
-        assert [servo.get(place, 1) for place in (P_GAIN, 22, 23, 26, 27, 33, LEVEL)] == [
-            16,
-            0,
-            0,
-            0,
-            0,
-            0,
-            1,
-        ]
+        told = [servo.get(place, 1) for place in (P_GAIN, 22, 23, 26, 27, 33, LEVEL)]
+        assert told == [16, 0, 0, 0, 0, 0, 1]
         assert servo.get(TORQUE_ON, 1) == 1
         servo.reboot(arm.clock.now_s(), 0.0)
         assert [servo.get(place, 1) for place in (P_GAIN, 22, 26)] == [32, 32, 1]  # as its owner has it

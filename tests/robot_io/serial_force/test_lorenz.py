@@ -63,19 +63,11 @@ def test_a_command_that_is_not_doubled_is_no_telegram(data):
 
 def header_block(dimension=3, load=100):
     block = bytearray(28)
-    block[0], block[8], block[10:12], block[4:8] = (
-        0x40,
-        dimension,
-        load.to_bytes(2, "big"),
-        (77).to_bytes(4, "big"),
-    )
+    block[0], block[8] = 0x40, dimension
+    block[10:12], block[4:8] = load.to_bytes(2, "big"), (77).to_bytes(4, "big")
     sums = np.cumsum(np.frombuffer(block, np.uint8), dtype=np.int64)
-    return (
-        bytes((128,))
-        + bytes(block)
-        + int(sums[-1] % 65536).to_bytes(2, "big")
-        + int(sums.sum() % 65536).to_bytes(2, "big")
-    )
+    checks = b"".join(int(one % 65536).to_bytes(2, "big") for one in (sums[-1], sums.sum()))
+    return bytes((128,)) + bytes(block) + checks
 
 
 def test_the_sensor_header():
