@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from enum import StrEnum
-from math import isfinite
+from math import isfinite, nan
 from typing import Any, Self
 
 import numpy as np
@@ -40,12 +40,17 @@ class ParameterValue(_Entry):
     at_bound: bool = False
 
     @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval; not a number if undetermined."""
+        half = nan if self.std_err is None else SIGMAS_95 * self.std_err
+        return self.value - half, self.value + half
+
+    @property
     def interval_text(self) -> str:
         """The 95 % interval, or why there is none."""
         if self.at_bound or self.std_err is None:
             return "at its bound" if self.at_bound else "not determined"
-        half = SIGMAS_95 * self.std_err
-        return f"{self.value - half:.5g} to {self.value + half:.5g}"
+        return "{:.5g} to {:.5g}".format(*self.interval)
 
     @classmethod
     def of(cls, estimate: ParameterEstimate) -> Self:

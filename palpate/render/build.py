@@ -17,7 +17,6 @@ from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.diagnosis.result import ParameterValue
 from palpate.estimation.effect import AdditiveEffect, MemoryEffect, MotionEffect, SensorEffect
 from palpate.estimation.estimate import ParameterEstimate, with_unit
-from palpate.estimation.fit.intervals import SIGMAS_95
 from palpate.estimation.fit.measurement_noise import MeasurementNoise
 from palpate.estimation.model import Model
 from palpate.estimation.signals.blocks import block_index, blocks, time_in_run
@@ -40,9 +39,6 @@ _SHOWS = 0.1  # smallest share of the inward motion in an approach that shows it
 _SAME_SPEED = 1.06  # ratio up to which speeds count as the same
 _QUICK = 0.9  # quantile of inward velocity that is taken as the speed of a run without phases
 _TERM = re.compile(r"[,;] (?![^(]*\))")  # separator between a term and its conditions, outside parentheses
-
-
-FittedValue = ParameterEstimate | ParameterValue
 
 
 def channel_view(
@@ -115,12 +111,10 @@ def channel_view(
     return replace(view, ranking=ranking, next_experiment=diagnosis.next_experiment)
 
 
-def parameter_view(name: str, fitted: FittedValue) -> ParameterView:
+def parameter_view(name: str, fitted: ParameterEstimate | ParameterValue) -> ParameterView:
     """Make the view of one parameter."""
     effect, _, parameter = name.rpartition(".")
-    error = SIGMAS_95 * (fitted.std_err if fitted.std_err is not None else float("nan"))
-    lower, upper = getattr(fitted, "interval", (fitted.value - error, fitted.value + error))
-    return ParameterView(effect, parameter, fitted.value, lower, upper, fitted.unit, fitted.at_bound)
+    return ParameterView(effect, parameter, fitted.value, *fitted.interval, fitted.unit, fitted.at_bound)
 
 
 def axes_of(kind: ChannelKind) -> AxisLabels:

@@ -8,7 +8,6 @@ whether the model is complete.
 import os
 from collections.abc import Callable
 from dataclasses import replace
-from math import nan
 from multiprocessing.connection import Connection
 from typing import NamedTuple
 
@@ -19,7 +18,6 @@ from palpate.control.loop.stop_handler import one_line
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.contact import find_contacts
 from palpate.estimation.data.tick_channels import contact_channels
-from palpate.estimation.fit.intervals import SIGMAS_95
 from palpate.estimation.study import Revision
 from palpate.estimation.study.revisions import SavedParameter
 from palpate.estimation.workers import end_with_parent
@@ -247,11 +245,10 @@ def _estimate(contact: _Contact, target: int, revision: Revision) -> ObjectEstim
     export = export_scenario(Scenario(), [FittedChannel(revision, contact.channel.surface, 0)], "")
     if export.left_out:
         raise InputError(export.left_out[0])
-    parameters = []
-    for name, kept in revision.parameters.items():
-        reach = nan if kept.std_err is None else SIGMAS_95 * kept.std_err
-        ends = kept.value - reach, kept.value + reach
-        parameters.append(EstimatedParameter(name, kept.unit, kept.value, *ends))
+    parameters = [
+        EstimatedParameter(name, kept.unit, kept.value, *kept.interval)
+        for name, kept in revision.parameters.items()
+    ]
     tip_m, direction = contact.tip_world_m, contact.direction_world
     # Sign convention of `export_scenario`, for any direction.
     along_m = -export.scenario.object.surface_height_m

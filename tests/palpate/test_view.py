@@ -12,7 +12,7 @@ from palpate.control.loop.task import Phase
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.design.next_experiment import propose_remedial_experiment
 from palpate.estimation.diagnosis import ChannelDiagnosis
-from palpate.estimation.diagnosis.result import NoiseFloor
+from palpate.estimation.diagnosis.result import NoiseFloor, ParameterValue
 from palpate.render import palette, terminal
 from palpate.render.build import channel_view, concatenated_times, parameter_view, run_speeds
 from palpate.render.diagnosis import describe_error_decrease, diagnosis_verdict
@@ -214,9 +214,9 @@ def test_excluded_samples_are_reported(contact):
     ],
 )
 def test_a_parameter_is_shown_with_its_interval(std_err, interval, shown):
-    found = SimpleNamespace(value=12.346, std_err=std_err, unit="N/m", at_bound=False)
-    if interval is not None:
-        found.interval = interval
+    found = ParameterValue(value=12.346, std_err=std_err, unit="N/m")
+    if interval is not None:  # an estimate has an interval of its own
+        found = SimpleNamespace(value=12.346, interval=interval, unit="N/m", at_bound=False)
     assert terminal.with_interval(parameter_view("stiffness.k", found)) == shown
 
 

@@ -11,7 +11,6 @@ from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.diagnosis.candidates import applicable_effects, screen_effects
 from palpate.estimation.diagnosis.result import ParameterValue
 from palpate.estimation.estimate import ParameterEstimate
-from palpate.estimation.fit.intervals import SIGMAS_95
 from palpate.estimation.study import StudyChannel
 from palpate.estimation.study.model_suggestions import far_better_model
 from palpate.robot_io.errors import InputError
@@ -112,17 +111,11 @@ def _all_columns(parameters: Mapping[str, ParameterEstimate | ParameterValue]) -
     row: Row = {}
     for name, parameter in parameters.items():
         row[f"{name} [{parameter.unit}]"] = float(parameter.value)
-        std_err = (
-            float("nan") if parameter.std_err is None or parameter.at_bound else float(parameter.std_err)
-        )
-        if not np.isfinite(std_err):
+        if parameter.at_bound or parameter.std_err is None or not np.isfinite(parameter.std_err):
             continue
-        if isinstance(parameter, ParameterEstimate):
-            low, high = parameter.interval
-        else:
-            low, high = parameter.value - SIGMAS_95 * std_err, parameter.value + SIGMAS_95 * std_err
+        low, high = parameter.interval
         row |= {f"{name} low [{parameter.unit}]": float(low), f"{name} high [{parameter.unit}]": float(high)}
-        row[f"{name} std_err [{parameter.unit}]"] = std_err
+        row[f"{name} std_err [{parameter.unit}]"] = float(parameter.std_err)
     return row
 
 
