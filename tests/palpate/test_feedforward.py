@@ -43,11 +43,8 @@ def motion(t, seed):
     size, phase = np.array([0.6, 0.35, 0.12]), rng.uniform(0.0, 6.0, 3)
     rate = rng.uniform([1.5, 3.0, 6.0], [2.5, 4.5, 8.0])
     waves = rate * t[:, None] + phase
-    return (
-        (size * np.sin(waves)).sum(1),
-        (size * rate * np.cos(waves)).sum(1),
-        (-size * rate**2 * np.sin(waves)).sum(1),
-    )
+    motion = (size * np.sin(waves), size * rate * np.cos(waves), -size * rate**2 * np.sin(waves))
+    return tuple(signal.sum(1) for signal in motion)
 
 
 def follow(seed, effort=lambda q, v, a: 0.0):

@@ -41,11 +41,8 @@ def test_the_default_file_states_every_default_and_named_objects_are_what_they_a
     assert {key: part.keys() for key, part in stated["sensors"].items()} == {
         key: part.keys() for key, part in default.model_dump()["sensors"].items()
     }
-    assert load_scenario("paper").object.law.model_dump() == {
-        "stiffness_n_m": 500.0,
-        "damping_n_s_m": 100.0,
-        "sticky": False,
-    }
+    law = {"stiffness_n_m": 500.0, "damping_n_s_m": 100.0, "sticky": False}
+    assert load_scenario("paper").object.law.model_dump() == law
     assert load_scenario("stiff").object.law.stiffness_n_m == 7100.0
 
 

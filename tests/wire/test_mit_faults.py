@@ -118,7 +118,7 @@ def test_a_motor_that_answers_late_is_examined_as_one_that_answers(make_robot):
     assert not [one.text for one in findings if "does not answer" in one.text]
 
 
-TIMEOUT, MODE, VMAX = 9, 10, 22  # registers
+TIMEOUT = 9  # a register
 
 
 @pytest.mark.parametrize(("stuck", "problem"), [(True, "torque off"), (False, "motor mode")])
@@ -159,7 +159,7 @@ def test_an_error_other_than_the_timeout_s_is_not_cleared_in_silence(make_robot,
     assert path is ROBSTRIDE or arm.motors[2].error == 11
 
 
-STATE, CONTROL, ANSWER, FAULTS, HOST = 2, 1, 17, 21, 0xFD
+STATE, CONTROL, ANSWER, HOST = 2, 1, 17, 0xFD
 
 
 def test_another_host_is_answered(make_robot):

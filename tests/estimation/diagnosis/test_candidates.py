@@ -90,7 +90,7 @@ def tried(effect, values, columns, noise=0.0, standard_errors=0.0, inner=()):
     return Solution(made, parameters, columns, target, linear_fit)
 
 
-LINE, ONES = np.linspace(-1.0, 1.0, 100), np.ones(100)
+ONES = np.ones(100)
 
 
 @pytest.mark.parametrize(

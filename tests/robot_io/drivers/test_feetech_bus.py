@@ -15,7 +15,7 @@ from palpate.sim_backend.emulators import FaultKind
 from tests.wire.parts import SO101
 
 STALL_NM, NO_LOAD_RAD_S = 30 * 0.0980665, pi / 3 / 0.222
-LOCK, PHASE, OFFSET, LEVEL, P_GAIN, TORQUE_ON, GOAL, LIMIT = 55, 18, 31, 8, 21, 40, 42, 48  # addresses
+OFFSET, LEVEL, P_GAIN, TORQUE_ON, GOAL, LIMIT = 31, 8, 21, 40, 42, 48  # addresses
 
 
 @pytest.fixture
