@@ -89,7 +89,7 @@ def test_an_unknown_scenario_is_refused_with_the_shipped_ones():
 
 
 @pytest.mark.parametrize("source", [3, None, ["default"]])
-def test_what_is_no_scenario_at_all_is_refused(source):
+def test_invalid_scenario_is_refused(source):
     with pytest.raises(InputError, match="a name, a path or a mapping"):
         load_scenario(source)
 

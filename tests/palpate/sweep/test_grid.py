@@ -94,7 +94,7 @@ def objects(**numbers):
         ({"repeats": 1_000_000, "noise_percent": [0, 1]}, "2000000 cases"),
     ],
 )
-def test_what_makes_no_sense_is_refused_with_its_place(tmp_path, keys, words):
+def test_invalid_value_is_refused_with_its_place(tmp_path, keys, words):
     with pytest.raises(InputError, match=words):
         grid(tmp_path, **keys)
 
