@@ -186,6 +186,8 @@ def test_statistic_is_the_share_of_the_held_out_error():
     found = improvement_test(before, after, measurement, np.random.default_rng(0), "coulomb_friction")
     assert found.observed == pytest.approx(1.0 - np.sqrt(after.solution.held_out / before.solution.held_out))
     assert found.is_significant
+    fixed = improvement_test(before, after, measurement, np.random.default_rng(0))
+    assert (fixed.simulated != found.simulated).any()  # a draw's own transition is sought
     back = improvement_test(after, before, measurement, np.random.default_rng(0))
     assert back.observed < 0.0
     assert not back.is_significant
