@@ -2,9 +2,9 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from difflib import get_close_matches
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
 from palpate.estimation.study.source import DataSource
 from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray
 
 CONTACT_MODEL = "kelvin_voigt"
 ARM_MODEL = "rigid_body"
@@ -23,6 +24,7 @@ LOOSE_JOINT_MODEL = "inertia"
 SERVO_MODEL = "position_servo"
 ChannelKey = tuple[str, str, str]  # channel, base model, SHA-256 of the data
 ALL_CHANNELS = "all"
+_DIGITS = 7  # decimal digits of what identifies data
 _KIND_NAMES = {
     ChannelKind.CONTACT: "contact",
     ChannelKind.PRISMATIC: "prismatic joint",
@@ -214,10 +216,11 @@ def data_sha256(data: ChannelData, arm: Arm) -> str:
         arm: the arm to which it belongs; ignored for a contact.
 
     Returns:
-        64 hexadecimal digits.
+        64 hexadecimal digits. Rounding errors, which differ between processors and versions of libraries, do
+        not change them, nor do phases, which are derived with thresholds.
     """
     digest = hashlib.sha256()
-    _update_digest(digest, data)
+    _update_digest(digest, replace(data, phase=np.full(len(data), -1)))
     if data.kind is not ChannelKind.CONTACT:
         _update_digest(digest, (arm.urdf, arm.tip_frame, arm.gravity_m_s2))
         if arm.rotor_inertia_kg_m2:
@@ -228,6 +231,10 @@ def data_sha256(data: ChannelData, arm: Arm) -> str:
 def _update_digest(digest: "hashlib._Hash", value: object) -> None:
     """Update a digest with a value, its type and its size, so that different values give different bytes."""
     match value:
+        case np.ndarray() if value.dtype.kind == "f":
+            _update_digest(digest, (value.shape, *_projections(value)))
+        case float():
+            digest.update(f"{value:.{_DIGITS}g};".encode())
         case np.ndarray():
             digest.update(f"{value.dtype.str}{value.shape}".encode())
             digest.update(np.ascontiguousarray(value).tobytes())
@@ -246,3 +253,23 @@ def _update_digest(digest: "hashlib._Hash", value: object) -> None:
                 _update_digest(digest, (field.name, getattr(value, field.name)))
         case _:
             digest.update(f"{type(value).__name__}={value!r};".encode())
+
+
+def _projections(values: FloatArray) -> list[float]:
+    """Return numbers that identify an array: its scale, and its projections on fixed directions, rounded.
+
+    Args:
+        values: array of any shape; numbers that are not finite count as zero.
+    """
+    is_finite = np.isfinite(values).ravel()
+    flat = np.where(is_finite, values.ravel(), 0.0)
+    scale = float(np.linalg.norm(flat))
+    directions = _directions(len(flat))
+    shares = directions @ (flat / (scale or 1.0))
+    return [scale, *(round(each, _DIGITS) + 0.0 for each in (*shares.tolist(), *(directions @ is_finite)))]
+
+
+@lru_cache(maxsize=2)
+def _directions(size: int) -> FloatArray:
+    """Return two vectors, shape (2, size), without symmetry."""
+    return np.cos(np.sqrt([[2.0], [3.0]]) * np.arange(1, size + 1))
