@@ -40,7 +40,7 @@ class StudyChannel:
     measured: ChannelData  # the recorded channel
     model: Model  # the base model of this channel
     context: ModelContext  # further information that the model may need
-    sha256: str  # SHA-256 of all measured arrays and, for a joint, of the arm
+    sha256: str  # SHA-256 of all measured arrays, up to rounding, and, for a joint, of the arm
     # Value of `data` if it depends on other channels; None to compute it from this channel.
     prepared: ChannelData | None = None
     # Runs excluded from fitting and used only for scoring; empty for cross-validation.
@@ -229,7 +229,7 @@ def data_sha256(data: ChannelData, arm: Arm) -> str:
 
 
 def _update_digest(digest: "hashlib._Hash", value: object) -> None:
-    """Update a digest with a value, its type and its size, so that different values give different bytes."""
+    """Update a digest with a value, its type and its size; numbers that differ by rounding are the same."""
     match value:
         case np.ndarray() if value.dtype.kind == "f":
             _update_digest(digest, (value.shape, *_projections(value)))
