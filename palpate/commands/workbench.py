@@ -68,7 +68,7 @@ def workbench_command(
     require("nicegui")  # before an address is printed
     early = early_server(port)
     if foxglove is not None:
-        from palpate.workbench.sources import FoxgloveFeed  # noqa: PLC0415, rarely wanted
+        from palpate.workbench.live import FoxgloveFeed  # noqa: PLC0415, rarely wanted
 
         home.feed = FoxgloveFeed(LOOPBACK, foxglove)
     address = f"http://{LOOPBACK}:{early.port}"

@@ -22,8 +22,9 @@ from palpate.workbench import elements
 from palpate.workbench.diagnosis import DiagnosisCard, RiddleCard
 from palpate.workbench.effects import Gallery
 from palpate.workbench.elements import errors_as_warnings, set_props
+from palpate.workbench.file_drop import FileDrop
+from palpate.workbench.live import LiveView, newest_growing, run_command
 from palpate.workbench.page import Page
-from palpate.workbench.sources import FileDrop, LiveView, newest_growing, run_command
 from palpate.workbench.startup import AppState
 from palpate.workbench.state import WorkbenchState
 

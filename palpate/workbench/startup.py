@@ -24,7 +24,7 @@ from palpate.robot_io.session import Session
 from palpate.robot_io.types import FloatArray
 
 if TYPE_CHECKING:
-    from palpate.workbench.sources import FoxgloveFeed
+    from palpate.workbench.live import FoxgloveFeed
     from palpate.workbench.state import WorkbenchState
 
 

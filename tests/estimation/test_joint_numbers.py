@@ -7,7 +7,7 @@ from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import read_table
 from palpate.robot_io.errors import InputError
-from palpate.workbench.sources import options_of, suggest_columns
+from palpate.workbench.file_drop import options_of, suggest_columns
 from tests.files import write_csv
 
 T = np.arange(200) * 0.01

@@ -15,8 +15,8 @@ import pytest
 from palpate.control.loop.tick_record import tick_stream
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import Samples
+from palpate.workbench.live import TOPIC, FoxgloveFeed
 from palpate.workbench.server import _end
-from palpate.workbench.sources import TOPIC, FoxgloveFeed
 from palpate.workbench.startup import AppState
 
 client = pytest.importorskip("websockets.sync.client", reason="websockets is not installed")

@@ -26,10 +26,11 @@ from palpate.workbench import elements
 from palpate.workbench import page as page_module
 from palpate.workbench.diagnosis import RiddleScore
 from palpate.workbench.effects import _Simulated
+from palpate.workbench.file_drop import options_of, suggest_columns, units_of
 from palpate.workbench.layout import _unused_path
+from palpate.workbench.live import run_command
 from palpate.workbench.plots import MOST_POINTS, DrawnMotion, picked, time_figure
 from palpate.workbench.processes import FitPrefetcher
-from palpate.workbench.sources import options_of, run_command, suggest_columns, units_of
 from palpate.workbench.startup import AppState
 from palpate.workbench.state import WorkbenchState, evidence_of, groups
 from palpate.workflows.data_options import DataArguments

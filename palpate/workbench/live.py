@@ -1,227 +1,24 @@
-"""Sources of data: a dropped file, or a session that is still being written."""
+"""Live view of a session that is still being written, also in Foxglove, and the command that writes it."""
 
 import asyncio
-import re
 import signal
 import sys
 from collections.abc import Awaitable, Callable, Sequence
-from dataclasses import dataclass
 from itertools import count, cycle
 from pathlib import Path
 from threading import Lock
-from typing import Any
 
 import numpy as np
-from nicegui import events, ui
+from nicegui import ui
 
-from palpate.common.files import atomic_write, output_folder
 from palpate.control.loop.tick_record import STREAM_NAME
-from palpate.estimation.data.column_names import QUANTITIES, RUN, RoleGuess, guess_columns
-from palpate.estimation.data.file_columns import is_session
-from palpate.estimation.data.import_options import ImportOptions
-from palpate.estimation.data.table import Table, read_table
-from palpate.estimation.data.table_layout import clocks_of
-from palpate.estimation.data.units import SI
 from palpate.render import palette
 from palpate.render.thinning import peak_rows
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.robot_io.session import Samples, Session, SessionTail
 from palpate.robot_io.types import FloatArray
-from palpate.workbench.elements import (
-    Figure,
-    Plot,
-    axis,
-    curve,
-    errors_as_warnings,
-    heading,
-    layout_of,
-    set_props,
-)
+from palpate.workbench.elements import Figure, Plot, axis, curve, heading, layout_of
 from palpate.workbench.plots import picked
-
-DROPPED = Path("sessions")  # folder of dropped files
-MOST_BYTES = 500_000_000
-NOTHING = "not used"
-_SELECT = "dense outlined options-dense"
-_SHOWN = 4  # number of values of a column that are shown
-_LASTING = {"multi_line": True, "timeout": 0, "close_button": True}  # a notification that the user closes
-
-
-@dataclass
-class ColumnGuess:
-    """Guessed role of a column; `quantity` may number a joint, as in position_2."""
-
-    name: str
-    quantity: str
-    unit: str  # empty if the file states none; inferred for time, otherwise the user is asked
-    why: str
-    values: str
-    stated: str = ""  # unit stated in the file
-
-    def assign(self, quantity: str) -> None:
-        """Assign another quantity to the column, in its present unit or the unit stated in the file.
-
-        Args:
-            quantity: quantity, such as force; empty if the column is not used.
-        """
-        known = units_of(quantity)
-        self.unit = next((unit for unit in (self.unit, self.stated) if unit in known), "")
-        self.quantity = quantity
-
-
-def suggest_columns(table: Table) -> list[ColumnGuess]:
-    """Guess the role of each numeric column from its name, and of the time also from its values."""
-    guesses = guess_columns(table.names, clocks_of(table.columns))
-    guesses = [guessed for guessed in guesses if table.numeric_share(guessed.column) == 1.0]
-    best = {(each.quantity, each.joint): each for each in sorted(guesses, key=lambda each: each.fit)}
-    columns = []
-    for each in guesses:
-        guessed = each if best[each.quantity, each.joint] is each else RoleGuess(each.column, "")
-        quantity = f"{guessed.quantity}_{guessed.joint}" if guessed.joint is not None else guessed.quantity
-        values = ", ".join(f"{value:.4g}" for value in table.head(_SHOWN).numbers(guessed.column))
-        why = guessed.why if guessed.unit or not quantity else f"{guessed.why}; unit not stated"
-        columns.append(ColumnGuess(guessed.column, quantity, guessed.unit, why, values, each.unit))
-    if not any(column.quantity == "time" for column in columns):
-        for column in columns:
-            if not column.quantity and np.all(np.diff(table.numbers(column.name)) > 0.0):
-                column.quantity, column.why = "time", "rises all along"
-                break
-    return columns
-
-
-def options_of(columns: Sequence[ColumnGuess]) -> ImportOptions:
-    """Return the import options for these roles; raise `InputError` if two columns have the same role.
-
-    Args:
-        columns: columns of the file, with the roles that the user chose.
-    """
-    used = [column for column in columns if column.quantity]
-    names = [column.quantity for column in used]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise InputError(f"several columns are chosen as {twice[0]}; choose one")
-    units = {column.name: column.unit for column in used if column.unit and column.quantity != RUN}
-    return ImportOptions(columns={column.quantity: column.name for column in used}, units=units)
-
-
-def units_of(quantity: str) -> list[str]:
-    """Return the units that a quantity may have.
-
-    Args:
-        quantity: quantity, such as force or position_2.
-    """
-    return [
-        unit for dimension in QUANTITIES.get(re.sub(r"_\d+$", "", quantity), ()) for unit in SI[dimension]
-    ]
-
-
-OpenFile = Callable[[Path, ImportOptions], Awaitable[None]]
-
-
-class FileDrop:
-    """Area to drop a file on, and a form for its columns."""
-
-    def __init__(self, opened: OpenFile) -> None:
-        self._opened = opened
-
-    def build(self) -> None:
-        """Create the elements."""
-
-        async def upload(event: events.UploadEventArguments) -> None:
-            with errors_as_warnings(**_LASTING):
-                path, is_new = await self._keep(event)
-                if not await self.begin(path) and is_new:
-                    path.unlink()
-
-        ui.upload(
-            label="Drop a data file or a session here, or choose one",
-            auto_upload=True,
-            max_files=1,
-            max_file_size=MOST_BYTES,
-            on_upload=upload,
-        ).props("flat bordered").classes("drop").mark("drop")
-        self._review = ui.element("div").classes("dropped")
-
-    async def begin(self, path: Path) -> bool:
-        """Open a session at once, a data file after a review of its columns; return whether it is readable.
-
-        Args:
-            path: a session, a folder of sessions or a data file.
-        """
-        is_readable = False
-        with errors_as_warnings(**_LASTING):
-            if is_session(path) or path.is_dir():
-                await self._opened(path, ImportOptions())
-            else:
-                self._ask(path, await asyncio.to_thread(lambda: suggest_columns(read_table(path))))
-            is_readable = True
-        return is_readable
-
-    async def _keep(self, event: events.UploadEventArguments) -> tuple[Path, bool]:
-        """Store the file under its own name; return its path, and whether it is new."""
-        name = Path(event.file.name).name
-        if event.file.size() > MOST_BYTES:  # the browser rejects it, but other clients may send it
-            raise InputError(f"{name}: larger than {MOST_BYTES // 10**6} MB; open it by its name instead")
-        folder, content = output_folder(DROPPED), await event.file.read()
-        stem, dot, ending = name.partition(".")
-        for number in range(1, 1000):
-            path = folder / (name if number == 1 else f"{stem}-{number}{dot}{ending}")
-            try:
-                if not path.exists():
-                    with atomic_write(path) as writing:
-                        writing.write_bytes(content)
-                    return path, True
-                if path.is_file() and path.read_bytes() == content:
-                    return path, False
-            except (OSError, ValueError) as error:
-                raise InputError(f"{name[:80]!r}: cannot be saved in {folder} ({error})") from error
-        raise InputError(f"{folder}: too many files are called {name}")
-
-    def _ask(self, path: Path, columns: list[ColumnGuess]) -> None:
-        self._review.clear()
-        choices = [NOTHING, *QUANTITIES, RUN]
-        with self._review:
-            ui.label(f"{path.name}: is this right?").classes("text-bold")
-            with ui.element("table"):
-                with ui.element("tr"):
-                    for heading in ("column", "holds", "in", "first values"):
-                        with ui.element("th"):
-                            ui.label(heading)
-                for column in columns:
-                    self._column_row(column, choices)
-
-            async def use() -> None:
-                with errors_as_warnings(**_LASTING):
-                    await self._opened(path, options_of(columns))
-
-            ui.button("Use these columns", on_click=use).props("unelevated dense no-caps").mark("use")
-
-    @staticmethod
-    def _column_row(column: ColumnGuess, choices: list[str]) -> None:
-        with ui.element("tr"):
-            with ui.element("td"):
-                set_props(ui.label(column.name), title=column.why)
-            with ui.element("td"):
-                known = choices if column.quantity in {*choices, ""} else [*choices, column.quantity]
-                quantity = ui.select(known, value=column.quantity or NOTHING).props(_SELECT)
-                set_props(quantity, aria_label=f"quantity of {column.name}")
-            with ui.element("td"):
-                known_units = units_of(column.quantity)
-                label = "unit?" if known_units and not column.unit else None
-                unit = ui.select(known_units, value=column.unit or None, label=label).props(_SELECT)
-                set_props(unit, aria_label=f"unit of {column.name}")
-            with ui.element("td"):
-                ui.label(column.values).classes("quiet")
-
-        def chose_quantity(event: events.ValueChangeEventArguments[Any]) -> None:
-            column.assign("" if event.value == NOTHING else event.value)
-            unit.set_options(units_of(column.quantity), value=column.unit or None)
-
-        def chose_unit(event: events.ValueChangeEventArguments[Any]) -> None:
-            column.unit = event.value or ""
-
-        quantity.on_value_change(chose_quantity)
-        unit.on_value_change(chose_unit)
-
 
 TOPIC = "/probing"
 _NUMBERS = {
