@@ -40,6 +40,7 @@ _PLASTIC_SETS = (0.1, 0.3, 0.6, 0.9)  # plastic sets, relative to the deepest in
 _SPANNED = 1e-6  # largest share of a signal's energy outside the span of columns that contain it
 _FULL_SCALE = 0.95  # share of the largest reading above which a sensor may saturate
 _DEAD_BANDS = (0.01, 0.03, 0.1)  # half widths, as shares of the effort's range
+_MIN_BIAS_SHARE = 0.02  # least share of the squared error that the bias in free air must explain
 _MAX_RUNS = 30  # largest number of runs that may each have their own waves
 _MAX_WAVES = 10  # largest number of waves of the periodic law
 _MIN_WAVE_SHARE = 0.02  # least share of the residual energy that one more wave must explain
@@ -97,7 +98,8 @@ def flexible_laws(
     depth = blocked.reduce(data.position * data.engaged) if is_contact else position
     unit_depth, unit_speed = _unit(depth), _unit(velocity)
 
-    zero = zero_in_free_air(data)
+    zero, error = zero_in_free_air(data), np.mean(residual[used] ** 2)
+    has_bias = zero is None or not (zero.is_zero or zero.bias**2 < _MIN_BIAS_SHARE * error)
     relaxed = _relaxation(time_s, run, touching, is_contact=is_contact)
     laws = [
         _law(Kind.ELASTIC_SHAPE, _hinges(depth), unit_depth * np.abs(unit_depth), unit_depth**3),
@@ -107,7 +109,7 @@ def flexible_laws(
         _law((Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY), *relaxed(depth * unit_depth), nonnegative=True),
         _law(Kind.INERTIA, acceleration, nonnegative=True),
         *_sensor_dynamics(blocked, base, effort, time_s, used),
-        _sensor_statics(effort, blocked.effort, run, base, has_bias=zero is None or not zero.is_zero),
+        _sensor_statics(effort, blocked.effort, run, base, has_bias=has_bias),
     ]
     if (zero is None or not zero.is_steady) and not is_monotonic(position, run):
         laws.append(_drift(time_s, residual, used))

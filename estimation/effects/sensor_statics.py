@@ -14,6 +14,8 @@ from palpate.estimation.signals.motion import is_monotonic
 from palpate.estimation.signals.runwise import play
 from palpate.robot_io.types import FloatArray, IntArray
 
+_OFF = 0.5  # largest difference of the zero in free air, relative to the fitted offset
+
 
 class Bias(AdditiveEffect):
     """reading = effort + b."""
@@ -42,6 +44,16 @@ class Bias(AdditiveEffect):
         """See `Effect.applies_to`: a contact needs free air, else a bias looks like a shifted surface."""
         is_contact = data.kind is ChannelKind.CONTACT
         return super().applies_to(data) and not (is_contact and zero_in_free_air(data) is None)
+
+    def is_misnamed(
+        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
+    ) -> bool:
+        """See `Effect.is_misnamed`: readings in free air do not have the fitted offset."""
+        zero = zero_in_free_air(data)
+        if zero is None:
+            return False
+        offset = parameters[f"{self.name}.offset"]
+        return abs(zero.bias - offset) > max(_OFF * abs(offset), zero.noise)
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         return np.ones((len(data), 1))

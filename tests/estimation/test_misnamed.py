@@ -40,7 +40,7 @@ def test_a_soft_layer_that_may_as_well_be_none_is_none(error, layer):
     assert is_layer(823.0, -762.0, error) is layer
 
 
-def test_layered_stiffness_requires_load_depth_and_significance():
+def test_what_is_a_layer_goes_by_its_load_its_reach_and_the_other_s_error():
     assert is_layer(40.0, 20000.0, error=100.0)  # less stiff than the other is uncertain
     assert is_layer(0.0, 1500.0, **{"cubic_stiffness.k3": 5e7})  # which presses back too
     assert is_layer(0.0, 1500.0, **{"hunt_crossley.k": 4000.0})  # which may carry the load
@@ -83,6 +83,12 @@ def test_a_layer_of_which_a_sensor_shows_nothing_is_a_surface_that_lies_deeper(w
 def test_a_damper_alone_that_grows_with_depth_is_not_hunt_and_crossleys(k, b, n, crossley):
     given = {f"hunt_crossley.{name}": value for name, value in {"k": k, "b": b, "n": n}.items()}
     assert EFFECTS["hunt_crossley"]().is_misnamed(session(1), given, dict, NOISE_N) is not crossley
+
+
+@pytest.mark.parametrize(("fitted_n", "agrees"), [(0.8, True), (0.6, True), (2.0, False), (-0.8, False)])
+def test_a_bias_agrees_with_the_readings_in_free_air(fitted_n, agrees):
+    data = session(1, lambda t, x, v, run: 800.0 * x.clip(0.0) + 0.8)
+    assert EFFECTS["bias"]().is_misnamed(data, {"bias.offset": fitted_n}, dict, NOISE_N) is not agrees
 
 
 @pytest.mark.parametrize(("share", "clipped"), [(1.0, True), (0.9, False)])
