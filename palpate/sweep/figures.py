@@ -14,7 +14,8 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
 from palpate.control.loop.task import IN_CONTACT, Phase
 from palpate.render.palette import BASE, JOINTS, MEASURED, MODEL, NOISE, TRUTH
-from palpate.sweep.case import BOUND, Row, column, errors_of, estimated, grouped, parameters_of
+from palpate.sweep.case import Row
+from palpate.sweep.rows import BOUND, column, errors_of, estimated, grouped, parameters_of
 
 P = ParamSpec("P")
 ONE_COLUMN_IN, TWO_COLUMNS_IN = 3.5, 7.16

@@ -13,21 +13,11 @@ import numpy as np
 
 from palpate.control.loop.task import Phase
 from palpate.sweep import figures
-from palpate.sweep.case import (
-    BOUND,
-    TRUE,
-    Case,
-    Row,
-    SweepTable,
-    column,
-    error_table,
-    errors_of,
-    estimated,
-    grouped,
-)
+from palpate.sweep.case import Case, Row
 from palpate.sweep.figures import C, K
 from palpate.sweep.grid import shipped_grid
 from palpate.sweep.report import ReportSection, write_page
+from palpate.sweep.rows import BOUND, TRUE, SweepTable, column, error_table, errors_of, estimated, grouped
 
 LIMIT_N = 10.0
 WORST = {"ransac": (6.5, 18.4), "lsq": (20.6, 29.5)}  # section VI-B: worst error of k and c [%]

@@ -14,9 +14,10 @@ from markupsafe import Markup
 from palpate.common.files import atomic_write, output_folder, write_text
 from palpate.render.report import rendered
 from palpate.sweep import figures
-from palpate.sweep.case import Row, SweepTable, error_table, grouped
+from palpate.sweep.case import Row
 from palpate.sweep.figures import Drawing
 from palpate.sweep.grid import GridFile
+from palpate.sweep.rows import SweepTable, error_table, grouped
 
 PAGE, FIGURES, TABLES = "index.html", "figures", "tables"
 _PIXELS_PER_INCH = 132

@@ -7,9 +7,9 @@ import yaml
 from palpate.estimation.estimators.ransac import Ransac
 from palpate.robot_io.errors import InputError
 from palpate.sweep import figures, paper
-from palpate.sweep.case import TRUE, estimated
 from palpate.sweep.grid import DIAGNOSE, load_grid, shipped_grid
 from palpate.sweep.paper import CUBES, paper_cases
+from palpate.sweep.rows import TRUE, estimated
 from palpate.sweep.tasks.probing import make_estimator
 from tests.files import saved
 from tests.palpate.cli import ROOT

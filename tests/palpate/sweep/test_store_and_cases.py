@@ -11,7 +11,8 @@ import pytest
 
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.sweep import Case, Cluster, ResultStore, case, run_cases
-from palpate.sweep.case import BOUND, HIGH, LOW, TRUE, code_version, error_table, errors_of
+from palpate.sweep.case import code_version
+from palpate.sweep.rows import BOUND, HIGH, LOW, TRUE, error_table, errors_of
 from palpate.sweep.runner import run_one
 
 BASE = Case("tests.palpate.sweep.slow_work:work", {"k": 500, "noise": [0.0, 0.1]}, 1)
