@@ -98,7 +98,7 @@ def import_command(
             progress=lambda share: progress("writing the session", _READ + (1.0 - _READ) * share),
         )
     notes = (*imported.notes, *plausibility_warnings(imported))
-    console.say_read(imported.read, notes)
+    console.print_read_notes(imported.read, notes)
 
     def show() -> None:
         for fact in channel_facts(imported):

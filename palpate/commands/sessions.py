@@ -42,7 +42,7 @@ def merge_command(
     metadata = merged_metadata(opened, as_command(sys.argv[1:]))
     write_session(file, streams, metadata, [event for session in opened for event in session.events])
     samples = {stream.name: len(columns["time_s"]) for stream, columns in streams}
-    console.say_read("", [*incomplete_notes(opened), *surface_notes(opened)])
+    console.print_read_notes("", [*incomplete_notes(opened), *surface_notes(opened)])
 
     def show() -> None:
         for name, number in samples.items():

@@ -226,7 +226,7 @@ def warn(remark: str, more: str = "") -> None:
     stderr().print(f"[yellow]{safe(remark)}[/yellow]{more}")
 
 
-def say_read(read: str, notes: Iterable[str]) -> None:
+def print_read_notes(read: str, notes: Iterable[str]) -> None:
     """Report on stderr how the columns of a data file were interpreted; print nothing for a session.
 
     Args:

@@ -87,7 +87,7 @@ def probing_progress(plan: ProbingPlan, *, live: bool, remark: str = "") -> Iter
         return (newest + _SHARE_DONE.get(output.phase, 0.0)) / len(runs), words
 
     with _bar("starting", wait=True) as bar:
-        yield _Mover(bar, share, remark)
+        yield _BarUpdater(bar, share, remark)
 
 
 @contextmanager
@@ -104,7 +104,7 @@ def motion_progress(what: str, *, live: bool) -> Iterator[MakeWatcher]:
     with _bar(what) as bar:
 
         def watcher(duration_s: float) -> Watcher:
-            return _Mover(
+            return _BarUpdater(
                 bar, lambda m, _: (min(m.time_s / duration_s, 1.0), f"{what}, {m.time_s:.0f} s simulated")
             )
 
@@ -126,7 +126,7 @@ def weighing_progress(number: int, *, live: bool) -> Iterator[Callable[[float], 
         yield lambda share: bar.update(share, f"weight {round(share * number)} of {number}")
 
 
-class _Drawn:
+class _ProgressBar:
     """One bar, drawn at each update."""
 
     def __init__(self, progress: Progress, what: str) -> None:
@@ -147,14 +147,14 @@ class _Drawn:
 
 
 @contextmanager
-def _bar(what: str, *, wait: bool = False) -> Iterator[_Drawn]:
+def _bar(what: str, *, wait: bool = False) -> Iterator[_ProgressBar]:
     """Make a bar that is shown at once or, with `wait`, at its first update."""
     talk = console.stderr()
     columns = BarColumn(bar_width=32), TextColumn("{task.description}")
     progress = Progress(
         *columns, console=talk, transient=True, auto_refresh=False, disable=not talk.is_terminal
     )
-    bar = _Drawn(progress, what)
+    bar = _ProgressBar(progress, what)
     if not wait:
         progress.start()
     try:
@@ -173,11 +173,14 @@ class _Announcer(Watcher):
         console.stderr().print(self._words)
 
 
-class _Mover(Watcher):
+class _BarUpdater(Watcher):
     """Moves a bar, at most every `_REFRESH_S`."""
 
     def __init__(
-        self, bar: _Drawn, share: Callable[[Measurement, TaskOutput], tuple[float, str]], remark: str = ""
+        self,
+        bar: _ProgressBar,
+        share: Callable[[Measurement, TaskOutput], tuple[float, str]],
+        remark: str = "",
     ) -> None:
         self._bar, self._share, self._remark = bar, share, remark
         self._next_s = 0.0

@@ -171,7 +171,7 @@ class DataArguments(StudyOptions):
         warnings = (f"{name}: {warning}" for name, several in study.warnings.items() for warning in several)
         earlier_notes = (like.source.read, *like.source.notes) if like is not None else ()
         notes = [note for note in (*study.source.notes, *warnings) if note not in earlier_notes]
-        console.say_read("" if study.source.read in earlier_notes else study.source.read, notes)
+        console.print_read_notes("" if study.source.read in earlier_notes else study.source.read, notes)
         return study
 
     def refuse_unknown(self, model: str | None) -> None:

@@ -69,16 +69,16 @@ class ServoMounting(FileModel):
         """Sign of the joint's motion when the servo counts up."""
         return -1.0 if self.reversed else 1.0
 
-    def homing_problem(self, found: int) -> str | None:
+    def homing_problem(self, measured_offset: int) -> str | None:
         """Return why a servo is not the servo of the robot file; None if it may be.
 
         Args:
-            found: homing offset that the servo has [counts].
+            measured_offset: homing offset that the servo has [counts].
         """
-        if self.homing_offset in (None, found):
+        if self.homing_offset in (None, measured_offset):
             return None
         return (
-            f"has a homing offset of {found}, but the robot file states {self.homing_offset}: "
+            f"has a homing offset of {measured_offset}, but the robot file states {self.homing_offset}: "
             "it has been calibrated again, and its positions mean other angles"
         )
 
