@@ -8,10 +8,10 @@ import numpy as np
 
 from palpate.robot_io.errors import InputError, one_line
 from palpate.robot_io.types import FloatArray
+from palpate.runs.hidden_effects import SURFACE
 from palpate.sweep.case import Row
 
 TRUE, BOUND, LOW, HIGH = "true ", "bound ", "low ", "high "
-SURFACE = "surface"
 T = TypeVar("T")
 
 
