@@ -141,7 +141,7 @@ def next_steps(*commands: tuple[str, str]) -> None:
     """Show commands to try next, each with what it does.
 
     Args:
-        commands: pairs of a command that can be pasted into a shell (see `typed` for paths) and its purpose.
+        commands: pairs of a command that can be pasted into a shell (see `shell_path`) and its purpose.
     """
     console = stderr()
     console.print("\n[bold]Next[/bold]")

@@ -96,7 +96,7 @@ def test_arm_at_rest_is_refused(path):
 
 
 class TestPath:
-    def test_is_inside_the_limits_and_above_the_ground(self, path):
+    def test_path_stays_within_limits_and_above_the_floor(self, path):
         limits = ROBOT.limits
         floor = BODY.heights_m(np.array(ROBOT.home_rad))[1:].min()
         for time_s in np.linspace(0, path.duration_s, 700):
@@ -118,13 +118,13 @@ class TestPath:
             np.testing.assert_allclose(path.at(time_s).velocity_rad_s, 0.0, atol=1e-9)
             np.testing.assert_allclose(path.at(time_s).position_rad, path.center_rad)
 
-    def test_is_the_same_at_many_times_and_for_equal_seeds(self, path):
+    def test_path_is_repeatable_for_equal_seeds(self, path):
         times = np.linspace(-1.0, path.duration_s + 1.0, 300)
         each = [path.at(time_s) for time_s in times]
         np.testing.assert_allclose(path.sample(times), np.swapaxes(each, 0, 1), atol=1e-12)
         assert np.array_equal(chosen().at(7.0).position_rad, path.at(7.0).position_rad)
 
-    def test_is_smaller_where_there_is_less_room(self):
+    def test_path_is_smaller_near_limits(self):
         small = chosen(UPRIGHT_RAD)
         for time_s in np.linspace(0, small.duration_s, 700):
             assert BODY.heights_m(small.at(time_s).position_rad)[1:].min() > 0.55 - 0.02

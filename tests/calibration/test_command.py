@@ -130,7 +130,7 @@ def own_arm(folder):
     return robot
 
 
-def test_what_is_named_already_stays_in_the_line_for_the_robot_file(tmp_path, monkeypatch):
+def test_existing_names_stay_in_the_robot_file_line(tmp_path, monkeypatch):
     robot = own_arm(tmp_path / "my folder")
     monkeypatch.chdir(robot.parent)
     pose = ("calibrate", "encoder", "--robot", robot.name, "--pose", "home")
@@ -165,9 +165,7 @@ def test_a_refusal_leaves_the_users_own_empty_folders(tmp_path):
         ("torque", (), "palpate.runs.calibration.run_motion"),
     ],
 )
-def test_after_ctrl_c_what_was_recorded_is_named_also_while_it_is_worked_out(
-    kind, options, step, tmp_path, monkeypatch
-):
+def test_ctrl_c_names_the_recording_even_during_analysis(kind, options, step, tmp_path, monkeypatch):
     def interrupted(*_arguments, **_options):
         (tmp_path / "whole.mcap").touch()
         raise KeyboardInterrupt

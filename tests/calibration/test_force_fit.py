@@ -84,7 +84,7 @@ def test_a_straight_sensor_is_rarely_called_bent():
     assert np.mean(bent) < 0.04
 
 
-def test_what_a_calibrated_sensor_shows_is_right_over_its_range():
+def test_calibrated_sensor_is_accurate_over_its_range():
     plateaus = record(np.random.default_rng(2), bend=1e-4, step=0.0)
     fit = fit_force(plateaus)
     assert fit.rms_n < 0.01
@@ -125,7 +125,7 @@ def test_glitches_and_what_settles_do_not_count():
         ([0.0, 1.0, 2.0, 3.0, 2.0, 1.0, 0.0], [5] * 7, "does not respond"),
     ],
 )
-def test_what_cannot_be_calibrated_is_refused(forces, readings, words):
+def test_invalid_calibration_is_refused(forces, readings, words):
     rng = np.random.default_rng(0)
     noise = 0.0 if len(set(readings)) == 1 else 0.01
     pieces = [np.full(50, float(reading)) + noise * rng.normal(size=50) for reading in readings]

@@ -45,7 +45,7 @@ def test_calls_out_of_order_are_refused(operator_setup):
         device.read()
 
 
-def test_it_reads_from_configure_on_in_metres_upwards_and_its_button_selects(operator_setup):
+def test_operator_device_reads_meters_upwards_and_its_button(operator_setup):
     for _ in range(2):
         with operator_setup.device as device:
             hand = device.read()
@@ -183,7 +183,7 @@ class TestLeaderArm:
             active.wait(1e-3)
         assert device.read().position_world_m[2] > before[2] + 5e-3
 
-    def test_what_a_planar_arm_cannot_push_is_not_claimed(self, active):
+    def test_force_out_of_plane_is_not_rendered(self, active):
         assert active.device.set_force(np.array([0.0, 3.0, 1.0])) == pytest.approx([0.0, 0.0, 1.0], abs=0.02)
 
     def test_its_guard_holds(self, active):

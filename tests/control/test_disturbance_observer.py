@@ -125,7 +125,7 @@ class TestOnTheReferencePlant:
         with pytest.raises(SafetyTripError, match="joint torques indicate about"):
             self.run(change=lambda plant, measured: measured._replace(force_n=0.3 * measured.force_n))
 
-    def test_what_the_controller_leaves_to_the_pid_is_no_contradiction(self):
+    def test_pid_residual_torque_does_not_trip_the_force_check(self):
         contact = Gains().contact.model_copy(update={"force_feedforward": 0.0})
         _, record = self.run(
             Gains(contact=contact, disturbance_observer=DisturbanceObserverGains(share=0.1, floor_n=2.5))

@@ -113,7 +113,7 @@ def test_lateness_counts_from_when_a_tick_was_due_and_does_not_shift_the_next():
     assert result.overruns == 0
 
 
-def test_what_stop_asks_for_is_a_safe_stop():
+def test_stop_request_triggers_a_safe_stop():
     arm, task = MockArm(), SwingTask()
     result, log = run(arm, task, stop=lambda: "enough is known" * (task.steps >= 40))
     assert result.outcome is Outcome.STOPPED

@@ -86,7 +86,7 @@ def test_a_task_that_ends_the_program_brakes_the_arm_first():
     assert_came_to_rest(arm, log)
 
 
-def test_what_fails_before_the_first_tick_is_passed_on_and_nothing_is_sent():
+def test_failure_before_the_first_tick_propagates():
     arm, task = MockArm(), SwingTask()
     task.start = raising(InputError("target 2 is out of reach"))
     with pytest.raises(InputError, match="out of reach"):
@@ -102,7 +102,7 @@ def test_what_fails_before_the_first_tick_is_passed_on_and_nothing_is_sent():
 
 
 @pytest.mark.parametrize("held_s", [0.04, 0.2])
-def test_what_was_computed_before_a_hold_up_is_not_sent_after_it(held_s):
+def test_command_computed_before_a_stall_is_not_sent(held_s):
     arm, task = MockArm(), SwingTask(done_at=120)
     compute = task.step
 

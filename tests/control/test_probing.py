@@ -312,7 +312,7 @@ def test_an_excitation_moves_the_object_and_keeps_the_limit(shape, quantity, sti
         ({"targets_world_m": ((0.5999, 0.0, -0.15),)}, "singular"),
     ],
 )
-def test_what_cannot_be_reached_is_refused_before_anything_moves(plan, message):
+def test_unreachable_plan_is_refused_before_motion(plan, message):
     task = probing_task(ProbingPlan(**plan))
     with pytest.raises(InputError, match=message):
         task.start(plant_above().measure())

@@ -81,7 +81,7 @@ def test_the_shortest_time_counts_every_run():
         ({"joint_speed_rad_s": 7.0}, r"joint_speed_rad_s 7: .* trips at 6 rad/s .*at most 5.45 rad/s"),
     ],
 )
-def test_what_the_guard_would_trip_on_is_refused_in_one_line(plan, message):
+def test_plan_beyond_guard_limits_is_refused_in_one_line(plan, message):
     with pytest.raises(InputError, match=message) as refused:
         ProbingTask.from_robot_file(FOLLOWER, ProbingPlan(**plan))
     assert "\n" not in str(refused.value)
@@ -158,7 +158,7 @@ def test_a_force_before_the_arm_moves_is_not_tared_away(force_n):
         task.start(plant.measure())
 
 
-def test_how_much_force_may_be_there_before_the_arm_moves_is_the_robot_file_s_to_say():
+def test_robot_file_limits_the_force_before_motion():
     task = probing_task(ProbingPlan(force_limit_n=10.0), Gains(touch=TouchGains(touch_force_n=4.0)))
     with pytest.raises(InputError, match=r"would count above 4 N.* at most 3.5 N is allowed.*touch_force_n"):
         task.start(plant_above().measure())

@@ -48,7 +48,7 @@ def test_everything_is_put_back(policy):
     assert during != before
 
 
-def test_what_is_granted_is_on_and_put_back_after_an_exception():
+def test_realtime_settings_are_restored_after_an_exception():
     with realtime(priority=7) as report:
         policy, priority, locked, frozen, slack_ns = switches()
     assert (policy == os.SCHED_FIFO and priority == 7) == ("SCHED_FIFO" in report.granted)
@@ -164,7 +164,7 @@ def test_current_and_future_memory_is_locked_once(monkeypatch, any_amount, flags
 @pytest.mark.parametrize(
     ("switch", "refused"), [("_locked_memory", ()), ("_fine_timer", (29,)), ("_fine_timer", (30,))]
 )
-def test_what_the_system_refuses_is_an_error_with_its_reason(monkeypatch, switch, refused):
+def test_operating_system_refusal_is_reported_with_its_reason(monkeypatch, switch, refused):
     libc = SimpleNamespace(mlockall=lambda _: -1, prctl=lambda option, *_: -1 if option in refused else 0)
     monkeypatch.setattr(ctypes, "CDLL", lambda *_, use_errno: libc)
     monkeypatch.setattr(ctypes, "get_errno", lambda: 12)

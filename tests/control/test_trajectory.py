@@ -154,7 +154,7 @@ def values(profile: Profile, step_s: float = 1e-3) -> np.ndarray:
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("offset", [1.0, 3.0])
-def test_it_begins_at_rest_and_only_takes_away(shape, offset):
+def test_friction_starts_at_rest_and_only_dissipates(shape, offset):
     profile = Profile(Excitation(shape=shape), offset)
     start = profile.at(0.0)
     assert start.value == start.rate_1_s == start.acceleration_1_s2 == 0.0

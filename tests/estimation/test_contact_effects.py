@@ -116,7 +116,7 @@ def test_a_sensor_with_hysteresis_takes_columns_as_it_takes_one_effort():
         np.testing.assert_allclose(together[:, column], sensor.sense(effort, data, {"width": 0.3}))
 
 
-def test_of_two_branches_the_fast_one_is_that_of_the_shorter_time():
+def test_branches_are_ordered_by_time_constant():
     data = session(1)
     branches = Model("kelvin_voigt", (*PRESS.effects, EFFECTS["relaxation_spectrum"]()))
     names = [f"relaxation_spectrum.{name}" for name in ("fast", "slow", "fast_time", "slow_time")]

@@ -34,7 +34,7 @@ def test_the_fit_is_100_for_the_truth_and_0_for_the_mean(modeled, percent):
     assert fit_percent(np.append(y, np.nan), np.append(modeled(y), 1.0)) == pytest.approx(percent)
 
 
-def test_of_a_constant_or_of_nothing_there_is_no_fit():
+def test_fit_of_a_constant_or_empty_signal_is_nan():
     assert np.isnan(fit_percent(np.ones(9), np.ones(9)))
     assert np.isnan(fit_percent(np.full(9, np.nan), np.ones(9)))
 
@@ -148,7 +148,7 @@ def test_noise_alone_is_no_misfit(seed):
     assert found.times == pytest.approx(1.0, rel=0.1)
 
 
-def test_what_is_left_over_slowly_counts_and_what_a_robust_method_set_aside():
+def test_misfit_includes_slow_residuals_and_outliers():
     slow = 0.2 * np.sin(np.arange(3000) / 100)
     found = misfit(white() + slow, RUN, ALL)
     assert found.noise == pytest.approx(0.02, rel=0.1)

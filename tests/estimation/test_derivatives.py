@@ -96,7 +96,7 @@ def test_no_other_window_would_be_much_better(rate, noise):
     assert np.std(found.acceleration - a) < 1.25 * min(np.std(other.acceleration - a) for other in others)
 
 
-def test_where_times_repeat_a_fit_stays_within_its_samples():
+def test_fit_with_repeated_times_stays_within_its_samples():
     t = np.repeat(np.arange(12) * 0.01, 4)
     x = np.tile([-1.0, 1.0, -2.0, 2.0], 12) + 3.0 * t
     fitted = local_fit(t, x, np.arange(len(t)), 3).fitted
@@ -133,7 +133,7 @@ def test_the_window_grows_with_the_noise_and_is_far_better_than_a_difference():
 
 @pytest.mark.parametrize("turns_hz", [1.0, 3.0])
 @pytest.mark.parametrize("noise", [1e-6, 4e-6])
-def test_where_means_are_taken_afterwards_narrow_windows_are_no_worse(turns_hz, noise):
+def test_narrow_windows_are_as_good_before_averaging(turns_hz, noise):
     """Means over 10 ms, of an acceleration that changes as quickly as that of a probing arm does."""
     t = np.arange(4000) * 1e-3
     jumping = np.where(np.sin(2 * np.pi * turns_hz * t) > 0.0, 4.0, -4.0)
@@ -202,7 +202,7 @@ def test_a_rate_that_falls_for_good_makes_no_gaps():
 
 
 @pytest.mark.parametrize("place", [0.01, 1e6 / 3])
-def test_what_rests_does_not_move_not_even_by_rounding(place):
+def test_resting_object_does_not_drift_by_rounding(place):
     time_s, piece = np.arange(200) * 0.002, np.repeat([0, 1], 100)
     found = differentiate(time_s, np.full(200, place), piece)
     assert not found.velocity.any()

@@ -127,7 +127,7 @@ def test_a_unit_above_the_names_is_no_unit_of_another_column(tmp_path):
         import_file(path)
 
 
-def test_neither_a_remark_nor_lines_between_hide_the_names_above_the_numbers(tmp_path):
+def test_column_names_are_found_despite_remarks(tmp_path):
     check_press(import_file(write(tmp_path, ["Time (s),Travel (mm),Load (N)", ",,Channel 2"])))
     head = ["# units: m N", "# columns: height vDeflection"]
     head += [f"# settings.segment.{number}.value: {number}" for number in range(300)]

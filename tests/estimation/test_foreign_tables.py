@@ -77,7 +77,7 @@ def by_the_advice(path):
     return import_file(path, ImportOptions(columns=columns, units=units, context=context))
 
 
-def test_of_columns_that_hold_the_same_in_two_units_one_is_read(tmp_path):
+def test_equal_columns_in_two_units_are_read_once(tmp_path):
     columns = (TIME_S, np.degrees(SWING_RAD), SWING_RAD, TORQUE_NM)
     path = table_file(tmp_path, "time_s,position_degrees,position_radians,torque_Nm\n", *columns)
     imported = import_file(path)
@@ -146,7 +146,7 @@ def test_a_german_of_the_is_no_desired(name, quantity):
     assert guess_column(name).quantity == quantity
 
 
-def test_of_sheets_the_longest_that_holds_a_measurement_is_read(tmp_path):
+def test_longest_sheet_with_a_measurement_is_read(tmp_path):
     book = openpyxl.Workbook()
     book.active.append(["Elapsed [ms]", "Byte0", "Byte1"])
     for place in range(900):
@@ -243,7 +243,7 @@ def test_times_out_of_order_name_the_column_that_orders_them(tmp_path):
     assert len(by_the_advice(path).channels[0].runs) == 2
 
 
-def test_what_makes_no_channel_is_asked_for_by_the_columns_that_are_there(tmp_path):
+def test_missing_columns_are_requested_by_name(tmp_path):
     path = table_file(tmp_path, "time_s,level,pump_V,constant\n", TIME_S, 1e3 * WAY_M, FORCE_N, 0.0 * TIME_S)
     (channel,) = by_the_advice(path).channels
     np.testing.assert_allclose(channel.position, WAY_M, atol=1e-8)

@@ -171,7 +171,7 @@ def test_a_velocity_that_is_a_difference_of_the_positions_is_derived_again(tmp_p
         assert "column 'velocity_rad_s' holds differences" in found.notes[0]
 
 
-def test_where_chooses_rows_and_context_keeps_signals(contact):
+def test_where_option_selects_rows_and_context_keeps_signals(contact):
     path = contact(specimen=["P1"] * 30 + ["P2"] * 20, temperature_C=20 + T)
     channel = only(import_file(path, ImportOptions(where={"specimen": "P1"}, context=("temperature_C",))))
     assert len(channel) == 30
@@ -268,7 +268,7 @@ def test_a_file_of_very_many_columns_is_refused_briefly(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["big.csv", "big.csv.gz", "big.npz", "big.parquet"])
-def test_what_would_fill_the_memory_is_refused(tmp_path, monkeypatch, contact, name):
+def test_oversized_data_are_refused(tmp_path, monkeypatch, contact, name):
     monkeypatch.setattr(file_columns, "MAX_BYTES", 500)
     file = tmp_path / name
     if name.endswith(".npz"):
@@ -281,7 +281,7 @@ def test_what_would_fill_the_memory_is_refused(tmp_path, monkeypatch, contact, n
     assert "split it" in refusal(file)
 
 
-def test_what_is_small_only_while_it_is_packed_is_refused(tmp_path, monkeypatch):
+def test_compressed_file_with_large_content_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(atomic_write, "_ALLOWED_BYTES", 100_000)
     file = tmp_path / "x.parquet"
     same = pa.DictionaryArray.from_arrays(np.zeros(2000, np.int32), pa.array(["x" * 1000]))
@@ -398,7 +398,7 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         ),
     ],
 )
-def test_what_makes_no_channel_is_refused_with_its_place_and_remedy(contact, changed, options, words):
+def test_unusable_columns_are_refused_with_a_remedy(contact, changed, options, words):
     assert words in refusal(contact(**changed), **options)
 
 
@@ -578,7 +578,7 @@ def test_arrays_that_make_no_table_are_named(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:Duplicate name")
-def test_of_two_arrays_of_one_name_none_is_chosen(tmp_path):
+def test_ambiguous_arrays_are_refused(tmp_path):
     path, other = tmp_path / "data.npz", tmp_path / "other.npy"
     np.savez(path, **PRESS)
     np.save(other, 2 * F)
@@ -607,7 +607,7 @@ def test_names_say_what_is_measured_and_units_become_si(tmp_path, columns, name,
     np.testing.assert_allclose(channel.effort, F)
 
 
-def test_of_two_columns_one_can_be_chosen_and_time_may_go_back_from_run_to_run(contact):
+def test_column_option_selects_one_of_two(contact):
     chosen = ImportOptions(columns={"displacement_m": "displacement_mm"})
     np.testing.assert_allclose(only(import_file(contact(displacement_mm=2e3 * X), chosen)).position, 2 * X)
     only(import_file(contact(time_s=BACK, run=[0] * 30 + [1] * 20)))

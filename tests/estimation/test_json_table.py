@@ -61,7 +61,7 @@ def test_rows_that_nothing_names_are_called_by_their_places(tmp_path):
         ('{"a": 1}\n\n{"a": 2}\n{"a": ', "is not valid JSON: line 4: "),
     ],
 )
-def test_what_holds_no_table_is_refused(tmp_path, text, words):
+def test_file_without_a_table_is_refused(tmp_path, text, words):
     with pytest.raises(InputError, match=words):
         read_table(saved(tmp_path / "a.json", text))
 

@@ -97,7 +97,7 @@ def test_a_force_below_every_level_is_one_run(press):
     assert len(contact_of(press(**{LOAD: load})).runs) == 1
 
 
-def test_of_very_many_presses_several_are_a_run(press):
+def test_many_presses_are_grouped_into_runs(press):
     t = np.arange(30_000) * 0.01
     x = 4.0 * np.sin(np.pi * t)  # a press every other second
     imported = import_file(press(**{TIME: t, WAY: x, LOAD: 0.8 * np.maximum(x, 0.0)}))
@@ -113,7 +113,7 @@ def test_of_very_many_presses_several_are_a_run(press):
 
 
 @pytest.mark.parametrize(("count", "each"), [(499, 1), (500, 1), (501, 2)])
-def test_as_many_presses_as_may_be_runs_are_runs(count, each):
+def test_number_of_presses_is_limited_by_the_number_of_runs(count, each):
     wave = np.sin(2.0 * np.pi * np.arange(60 * count) / 60)
     run, presses = cut_presses(
         np.maximum(wave, 0.0), wave, np.zeros(len(wave), dtype=int), np.arange(wave.size)
@@ -318,7 +318,7 @@ GOOD = "Time [s],Way [mm],Load [N]\n" + "".join(f"{i},{i},{i}\n" for i in range(
         (f"{GOOD}9\n".encode(), "line 11 has 1 cells and the header 3"),
     ],
 )
-def test_what_is_no_table_is_named(tmp_path, content, words):
+def test_file_without_a_table_is_named(tmp_path, content, words):
     with pytest.raises(InputError, match=words):
         import_file(saved(tmp_path / "a.csv", content))
 
@@ -477,7 +477,7 @@ def test_files_that_do_not_belong_side_by_side_are_not_joined(tmp_path, further)
         import_files(paths, ImportOptions())
 
 
-def test_of_files_that_cannot_be_joined_the_first_one_s_fault_is_reported(tmp_path):
+def test_first_fault_of_unjoinable_files_is_reported(tmp_path):
     paths = [write_csv(tmp_path / "q.csv", SWING), tmp_path / "remarks.csv"]
     paths[1].write_text("nothing but words\n")
     with pytest.raises(InputError, match=r"q\.csv"):

@@ -40,7 +40,7 @@ def test_a_soft_layer_that_may_as_well_be_none_is_none(error, layer):
     assert is_layer(823.0, -762.0, error) is layer
 
 
-def test_what_is_a_layer_goes_by_its_load_its_reach_and_the_other_s_error():
+def test_layered_stiffness_requires_load_depth_and_significance():
     assert is_layer(40.0, 20000.0, error=100.0)  # less stiff than the other is uncertain
     assert is_layer(0.0, 1500.0, **{"cubic_stiffness.k3": 5e7})  # which presses back too
     assert is_layer(0.0, 1500.0, **{"hunt_crossley.k": 4000.0})  # which may carry the load

@@ -33,7 +33,7 @@ def test_ends_at_stiffness_damping_and_surface(stiffness, damping, name):
     assert found[2] == pytest.approx(SURFACE_M, abs=1e-4)
 
 
-def test_nothing_is_claimed_before_there_is_enough_to_go_by():
+def test_no_estimate_is_given_before_enough_samples():
     recorded = probe(kelvin_voigt(500.0, 20.0))
     found = follow(recorded)
     known = np.isfinite(found[:, 0])

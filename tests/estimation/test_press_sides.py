@@ -198,7 +198,7 @@ def test_a_push_towards_larger_readings_keeps_its_way_wherever_the_reader_counts
     assert (sides.displacement, sides.force) == (1.0, -1.0)
 
 
-def test_what_softens_or_falls_from_zero_on_is_pulled_the_way_that_it_goes():
+def test_sign_of_a_softening_force_is_oriented():
     x = np.linspace(0.0, 0.04, 400)
     force = np.where(x < 0.004, 2500.0 * x, 10.0 - 150.0 * (x - 0.004)) + np.sin(900.0 * x)
     sides = press_sides(x, force)

@@ -34,7 +34,7 @@ def test_rls_is_least_squares_with_a_prior_and_ewrls_weighs_a_sample_by_its_age(
 
 
 @pytest.mark.parametrize("estimator", [Ewrls(forgetting=1.0), Sprls(beta=0.0, gamma=0.0)])
-def test_without_what_is_its_own_it_is_rls(estimator):
+def test_estimator_reduces_to_rls(estimator):
     regression = problem(np.random.default_rng(2))
     plain = feed(Rls(), regression.columns, regression.effort)
     np.testing.assert_allclose(feed(estimator, regression.columns, regression.effort), plain)

@@ -73,7 +73,7 @@ def test_values_of_a_run_do_not_depend_on_other_runs_nor_on_its_own_end(name):
 
 
 @pytest.mark.parametrize(("common", "told"), [(0.0, False), (0.8, False), (4.0, True)])
-def test_what_all_runs_have_in_common_is_no_difference_between_them(common, told):
+def test_common_part_of_runs_is_no_run_variation(common, told):
     own = np.random.default_rng(4).standard_normal(12)
     data, effect = presses(common + 0.5 * (own - own.mean()), np.ones(12)), EFFECTS["run_offset"]()
     assert effect.is_common(4.0 * data.position, data, {"share": 1.0}) is told
@@ -87,7 +87,7 @@ def test_what_all_runs_have_in_common_is_no_difference_between_them(common, told
         (lambda run, share: 0.02 * (run % 2) + 0.2 * share, True),  # each run alike
     ],
 )
-def test_what_changes_within_runs_does_not_differ_between_them(gain, gradual):
+def test_change_within_runs_is_no_run_variation(gain, gradual):
     count, number = 400, 6
     share, run = np.tile(np.linspace(0.0, 1.0, count), number), np.repeat(np.arange(number), count)
     q = np.sin(40.0 * share + run)

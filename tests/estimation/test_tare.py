@@ -98,7 +98,7 @@ def test_the_error_of_a_mean_is_that_of_repeated_means_also_in_coloured_noise():
     assert np.mean(errors) == pytest.approx(np.std(means), rel=0.25)
 
 
-def test_what_a_common_error_does_is_what_least_squares_makes_of_it():
+def test_common_error_covariance_matches_least_squares():
     rng = np.random.default_rng(1)
     columns = np.column_stack([rng.uniform(size=300), np.ones(300)])
     run = np.repeat([4, 7], 150)

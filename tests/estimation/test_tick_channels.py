@@ -66,7 +66,7 @@ def test_rows_in_contact_are_chosen_by_time_and_not_by_force():
         assert contact.noise_n == pytest.approx(NOISE_N, rel=0.3)
 
 
-def test_neither_a_bounce_nor_a_reading_that_stays_up_is_a_contact():
+def test_bounces_and_offsets_are_no_contact():
     force = np.concatenate([np.zeros(50), np.full(30, 5.0), np.zeros(20), np.full(100, 5.0), np.zeros(50)])
     force = force + 0.02 * np.random.default_rng(0).standard_normal(len(force))
     phase = np.where(np.arange(len(force)) < 50, Phase.FREE_AIR, Phase.LOADING)
@@ -199,7 +199,7 @@ def test_a_force_that_was_sampled_at_another_time_is_brought_to_the_torque_s():
     np.testing.assert_allclose(pressed[5:], wanted[5:], atol=0.1 * 20.0 * late_s)
 
 
-def test_what_sticks_to_the_tool_moves_neither_the_stiffness_nor_the_surface():
+def test_adhesion_does_not_bias_stiffness_or_surface():
     truth = probe(kelvin_voigt(800.0, 40.0), surface_m=SURFACE_M, noise_n=0.005)
     pulled = replace(truth, force_n=truth.force_n - 0.8 * (truth.true_along_m > SURFACE_M))
     (channel,) = contact_channels(ticks(pulled), tared=True)

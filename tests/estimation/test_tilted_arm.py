@@ -97,7 +97,7 @@ def channel_of(torque_of, tmp_path):
     ],
     ids=["dry friction", "noise"],
 )
-def test_what_fits_only_the_rest_is_not_determined(torque_of, model, tmp_path):
+def test_parameters_without_own_signal_are_undetermined(torque_of, model, tmp_path):
     channel = channel_of(torque_of, tmp_path)
     found = estimate_with(channel, model, list(ESTIMATORS))
     for one in found.estimates:

@@ -65,7 +65,7 @@ def test_units_of_machines_are_known(name, dimension, factor):
 
 
 @pytest.mark.parametrize("unit", ["MM", "MS", "MV", "xN", "furlong"])
-def test_what_is_no_unit_is_not_read_as_one(unit):
+def test_words_are_not_read_as_units(unit):
     assert dimension_of(normalize_unit(unit)) is None
 
 

@@ -44,9 +44,7 @@ def test_model_of_the_newest_revision_is_the_default(tmp_path):
     assert add(joint, tmp_path, "bias", "--fresh")[-1]["model"] == "inertia"
 
 
-def test_what_is_shown_falls_to_the_floor_and_only_above_it_a_next_step_says_where_the_model_fails(
-    hardening, tmp_path
-):
+def test_shown_error_decreases_to_the_noise_floor(hardening, tmp_path):
     failing = run("add", hardening, "bias", "--out", tmp_path)
     assert [words for words in next_commands(failing) if words[0] == "compare"]
     at_noise = done("add", hardening, "cubic_stiffness", "--fresh", "--out", tmp_path)
@@ -58,7 +56,7 @@ def test_what_is_shown_falls_to_the_floor_and_only_above_it_a_next_step_says_whe
     assert not [words for words in next_commands(at_noise) if words[0] == "compare"]
 
 
-def test_what_cannot_be_added_or_stored_is_refused_and_nothing_is_fitted(hardening, tmp_path, monkeypatch):
+def test_invalid_addition_is_refused_without_a_fit(hardening, tmp_path, monkeypatch):
     folder = tmp_path / "none"
     assert_refused(run("add", hardening, "cubic_stifness", "--out", folder), "cubic_stiffness")
     assert not folder.exists()

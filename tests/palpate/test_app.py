@@ -79,7 +79,7 @@ def test_ctrl_c_while_a_class_is_made_is_no_internal_error():
     assert_refused(CliRunner().invoke(app_that_raises(error), ["fail"]), "interrupted", code=130)
 
 
-def test_as_a_process_bad_input_gives_one_line_and_2(tmp_path):
+def test_invalid_input_gives_one_line_and_exit_code_2(tmp_path):
     assert_refused(run_process("info", tmp_path / "none.mcap"), "none.mcap", "no such file")
 
 
@@ -107,7 +107,7 @@ def test_ctrl_c_while_commands_are_loaded_leaves_no_traceback(monkeypatch, capsy
         (2, "print('tidied up')", 2),
     ],
 )
-def test_nothing_that_happens_at_the_very_end_changes_how_it_ended(code, end, expected):
+def test_late_failures_do_not_change_the_outcome(code, end, expected):
     program = (
         "import atexit, os, signal, sys\n"
         "from palpate import main\n"

@@ -61,7 +61,7 @@ def test_a_single_press_is_judged_by_its_parts_with_a_warning_and_few_samples_ar
     assert_refused(run("compare", press), "only 60 samples")
 
 
-def test_what_was_added_can_be_put_beside_the_measurement_too(hardening, grown):
+def test_extended_model_is_compared_with_the_measurement(hardening, grown):
     folder, kept = grown
     (channel,) = as_json("compare", hardening, "--revision", 1, "--folder", folder)["channels"]
     assert channel["model"] == "kelvin_voigt + cubic_stiffness"
@@ -105,7 +105,7 @@ def test_noise_floor_does_not_depend_on_earlier_revisions(hardening, grown, tmp_
         (("--revision", 1, "--model", "hunt_crossley"), ("leave out --model",)),
     ],
 )
-def test_what_cannot_be_compared_is_refused(hardening, grown, options, words):
+def test_incomparable_data_are_refused(hardening, grown, options, words):
     assert_refused(run("compare", hardening, "--folder", grown[0], *options), *words)
 
 

@@ -234,7 +234,7 @@ def test_a_bad_effect_file_is_refused_in_one_line(hardening, tmp_path, text, cod
     assert_refused(run("diagnose", hardening, "--effect", text.replace("FILE", str(file))), *words)
 
 
-def test_what_an_effect_prints_does_not_stand_among_the_results(hardening, tmp_path):
+def test_output_of_a_user_effect_is_separated_from_results(hardening, tmp_path):
     file = tmp_path / "mine.py"
     loud = "        print('from', 'columns')\n        return np.where"
     file.write_text(f"print('at import')\n{OWN_EFFECT.replace('        return np.where', loud)}")
@@ -244,7 +244,7 @@ def test_what_an_effect_prints_does_not_stand_among_the_results(hardening, tmp_p
     assert "from columns\n" in result.stderr
 
 
-def test_where_the_steps_are_too_coarse_the_next_motion_takes_more_effort():
+def test_coarse_resolution_proposes_a_larger_effort():
     time_s, x, v, run = motion(np.random.default_rng(0))
     force = np.round(kelvin_voigt(x, v) / 4.0) * 4.0
     reason = reject_reason(channel(force, time_s, x, v, run))

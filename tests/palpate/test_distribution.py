@@ -77,7 +77,7 @@ def test_a_wheel_holds_one_package_with_all_its_files(tmp_path):
     assert {name for name in names if ".dist-info/" not in name} == sources - links
 
 
-def test_what_is_imported_lazily_is_in_the_extra_that_is_named():
+def test_lazily_imported_packages_are_in_their_extra():
     extras = PROJECT["optional-dependencies"]
     for package, extra in EXTRAS.values():
         assert package in {Requirement(line).name for line in extras[extra]}

@@ -35,7 +35,7 @@ def test_the_readme_and_the_session_format_have_examples():
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: f"{path.parent.name}-{path.name}")
-def test_what_a_document_points_to_is_there(path):
+def test_document_links_exist(path):
     links = re.findall(r"\]\(([^)#:]+)\)", path.read_text(encoding="utf-8"))
     assert not [link for link in links if not (path.parent / link).exists()]
 

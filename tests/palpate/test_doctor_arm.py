@@ -300,7 +300,7 @@ def test_a_press_or_turn_that_is_not_a_number_is_a_failure():
     assert signs._joint_finding(0, np.full(3, np.nan)).level is Level.FAIL
 
 
-def test_what_fails_on_the_force_sensor_s_bus_is_not_blamed_on_encoders():
+def test_force_bus_failure_does_not_affect_encoders():
     """A robot calls an encoder without a new sample faulty where any bus has failed."""
     rest = Measurement(0.0, np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0, 0.0)
     old = rest._replace(time_s=2e-3, encoder_status=Status.FAULT, force_status=Status.FAULT)
@@ -528,7 +528,7 @@ def next_lines(result):
     return result.stderr.split("Next\n")[1]
 
 
-def test_what_was_typed_is_in_what_to_type_next(tmp_path, monkeypatch):
+def test_next_command_repeats_the_given_options(tmp_path, monkeypatch):
     robot, module = with_own_driver(tmp_path, monkeypatch)
     spaced = tmp_path / "my arm.yaml"
     spaced.write_text(robot[1].read_text(encoding="utf-8").replace("bad_gauge", "loadstar"), encoding="utf-8")

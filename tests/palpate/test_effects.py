@@ -55,7 +55,7 @@ def test_a_force_of_rounding_errors_is_drawn_from_zero(monkeypatch):
     assert max(map(len, told.splitlines())) <= 60
 
 
-def test_on_the_own_motion_it_is_drawn_beside_the_fitted_model(hardening):
+def test_effect_is_drawn_on_the_recorded_motion(hardening):
     told = done("effects", "stress_relaxation", "--on", hardening)
     assert "contact force" in told.stdout
 
@@ -69,7 +69,7 @@ def test_on_the_own_motion_it_is_drawn_beside_the_fitted_model(hardening):
         (("bias", "--on", "none.csv"), ("none.csv", "no such file")),
     ],
 )
-def test_what_cannot_be_shown_is_refused(arguments, words, hardening):
+def test_invalid_display_option_is_refused(arguments, words, hardening):
     assert_refused(run("effects", *(hardening if one == "HARDENING" else one for one in arguments)), *words)
 
 
@@ -208,7 +208,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("words", WRONG)
-def test_what_a_rehearsal_does_not_come_to_is_one_clear_line_all_the_same(words):
+def test_failed_plan_simulation_is_one_line(words):
     found = type("Wrong", (Power,), {"goes_wrong": staticmethod(WRONG[words])})
     effect, before = guarded(found()), GUARDED_DATA.effort.copy()
     try_effect(effect, GUARDED_DATA)

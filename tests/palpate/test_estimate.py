@@ -307,7 +307,7 @@ def test_truncated_session_is_reported(probed, tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"", b"nonsense", b"\0" * 100])
-def test_what_is_called_a_session_and_is_none_is_not_taken_for_a_data_file(tmp_path, content):
+def test_invalid_session_file_is_no_data_file(tmp_path, content):
     (tmp_path / "x.mcap").write_bytes(content)
     for command in ("estimate", "info"):
         assert_refused(run(command, tmp_path / "x.mcap"), "not a palpate session")

@@ -74,7 +74,7 @@ def test_friction_that_turns_round_at_once_is_exported_as_fast_as_can_be_simulat
     assert all("presliding of 1e-07 m and transition of 0.004 m/s" in line for line in export.left_out)
 
 
-def test_what_belongs_to_the_whole_arm_is_exported_once():
+def test_arm_parameters_are_exported_once():
     """Every joint shows the tilt of the base, and the dead band of the force sensor."""
     shown = {"gravity_tilt__tilt": 0.1, "force_deadband__width": 0.3}
     joints = [fitted(f"joint_{number}", 3, **shown) for number in (1, 2)]
@@ -235,7 +235,7 @@ def test_every_curve_is_a_value_of_the_session(program, session, tmp_path):
 
 
 @pytest.mark.parametrize("program", ["foxglove", "plotjuggler"])
-def test_of_a_long_session_the_first_value_of_each_message_is_shown(program, tmp_path, monkeypatch):
+def test_long_session_shows_the_first_value_of_each_message(program, tmp_path, monkeypatch):
     monkeypatch.setattr(writer, "_MANY", 10)
     session = synthetic_session(tmp_path / "long.mcap")
     result = run("export", session, "--layout", program, "-o", tmp_path / "layout")
@@ -289,7 +289,7 @@ def test_parquet_keeps_the_units_and_events_are_a_table_with_their_text(session,
     assert json.loads(table["data"][0]) == {"run": 0}
 
 
-def test_of_a_session_without_a_channel_streams_and_events_are_written_too(tmp_path):
+def test_session_without_channels_exports_streams_and_events(tmp_path):
     path = write_session(tmp_path / "x.mcap", [], SessionMetadata(), [Event(0.5, "start", "it begins", None)])
     assert exported(path, "events", tmp_path / "e.csv")["time_s"].to_pylist() == [0.5]
     assert_refused(run("export", path, "--stream", "tick", "-o", tmp_path / "t.csv"), "There are: events")
@@ -325,7 +325,7 @@ def test_without_a_name_it_goes_where_what_is_derived_lies(session):
         (("--stream", "tick", "-o", "SESSION"), (".csv or .parquet",)),
     ],
 )
-def test_what_cannot_be_written_is_refused(session, options, words, tmp_path, monkeypatch):
+def test_invalid_export_is_refused(session, options, words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert_refused(run("export", session, *(session if one == "SESSION" else one for one in options)), *words)
     assert list(tmp_path.iterdir()) == []

@@ -43,11 +43,8 @@ def motion(t, seed):
     size, phase = np.array([0.6, 0.35, 0.12]), rng.uniform(0.0, 6.0, 3)
     rate = rng.uniform([1.5, 3.0, 6.0], [2.5, 4.5, 8.0])
     waves = rate * t[:, None] + phase
-    return (
-        (size * np.sin(waves)).sum(1),
-        (size * rate * np.cos(waves)).sum(1),
-        (-size * rate**2 * np.sin(waves)).sum(1),
-    )
+    motion = (size * np.sin(waves), size * rate * np.cos(waves), -size * rate**2 * np.sin(waves))
+    return tuple(signal.sum(1) for signal in motion)
 
 
 def follow(seed, effort=lambda q, v, a: 0.0):
@@ -106,7 +103,7 @@ def swinging(tmp_path_factory):
     return path, folder, added
 
 
-def test_what_was_added_to_a_joint_leads_to_a_simulator_and_to_a_feedforward(swinging):
+def test_joint_effects_are_exported_to_simulator_and_feedforward(swinging):
     _, folder, added = swinging
     mjcf, feedforward = (words for words in next_commands(added) if "--format" in words)
     (folder / "arm.xml").write_text(
@@ -217,7 +214,7 @@ def test_revisions_of_other_channels_are_not_ignored(tmp_path):
         (("--revision", 9), "no revision 9"),
     ],
 )
-def test_what_makes_no_feedforward_is_refused(swinging, arguments, words, tmp_path, monkeypatch):
+def test_effects_without_feedforward_are_refused(swinging, arguments, words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path, folder, _ = swinging
     assert_refused(run("export", path, "--format", "feedforward", "--folder", folder, *arguments), words)

@@ -70,7 +70,7 @@ def test_stopped_clock_is_reported(change, device, tmp_path):
         session_channels(session_of(tmp_path / "x.mcap", columns, data))
 
 
-def test_what_nothing_is_worked_out_from_may_be_missing(tmp_path):
+def test_unused_signals_may_be_missing(tmp_path):
     columns, data = columns_and_data()
     for name in ("tick", "lateness_s", "log_s", "joint_velocity_rad_s"):
         del data[name]

@@ -51,7 +51,7 @@ def test_drawn_hidden_effect_is_revealed_on_request(mystery):
     assert next_commands(told)[-1] == ["diagnose", str(mystery)]
 
 
-def test_nothing_else_tells_what_is_hidden(mystery):
+def test_only_the_sealed_file_contains_the_hidden_effect(mystery):
     metadata = Session.open(mystery).metadata
     texts = [metadata.scenario, metadata.robot_file, metadata.command_line, *metadata.extra.values()]
     said = run("info", mystery).stdout + sealed_path(mystery).read_text() + "".join(texts)
@@ -168,7 +168,7 @@ def test_a_session_that_is_there_already_gets_no_other_answer(tmp_path, mystery)
         ("hidden: [{effect: payload, joint: 4, mass_kg: 1}]", "joint 4 does not exist; the arm has 3 joints"),
     ],
 )
-def test_what_cannot_be_hidden_is_refused_and_nothing_is_written(what, words, tmp_path):
+def test_invalid_hidden_effects_are_refused(what, words, tmp_path):
     file = tmp_path / "hidden.yaml"
     file.write_text(what)
     given = file if ":" in what else what
@@ -176,7 +176,7 @@ def test_what_cannot_be_hidden_is_refused_and_nothing_is_written(what, words, tm
     assert list(tmp_path.iterdir()) == [file]
 
 
-def test_neither_a_real_arm_nor_a_robot_file_hides_anything(tmp_path):
+def test_hidden_effects_require_the_simulator(tmp_path):
     robot = write_mock_files(tmp_path)
     options = ("--robot", robot, "--drivers", "tests.mock_robot", "--hidden", "random")
     assert_refused(run("probe", *options, "-o", tmp_path / "a.mcap"), "is not simulated", "hidden")

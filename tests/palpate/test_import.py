@@ -102,7 +102,7 @@ def test_bad_options_leave_nothing_behind(good, tmp_path, options, words):
     assert not target.exists()
 
 
-def test_what_is_no_data_file_is_refused(tmp_path):
+def test_unsupported_data_file_is_refused(tmp_path):
     assert_refused(run("import", tmp_path), "is a folder without a data file")
     assert_refused(run("import", tmp_path / "none.csv"), "no such file")
     assert_refused(run("import", synthetic_session(tmp_path / "s.mcap"), "--look"), "is a session already")

@@ -75,3 +75,10 @@ def test_event_times_count_from_the_session_start(tmp_path):
     assert "0.000 s" in said
     assert "1.500 s" in said
     assert as_json("info", path)["events"][1]["time_s"] == 50_001.75
+
+
+def test_most_events_are_shown_and_the_others_counted(tmp_path):
+    events = [Event(float(number), "note", "again") for number in range(43)]
+    shown = done("info", write_session(tmp_path / "long.mcap", [], SessionMetadata(), events)).stdout
+    assert "... and 3 more (see --json)" in shown
+    assert "seed       none" in shown

@@ -122,7 +122,7 @@ def test_a_session_that_is_cut_off_is_named(imported, tmp_path):
         (("A", "circle.mcap"), ("circle.mcap: no such file",)),
     ],
 )
-def test_what_does_not_belong_together_is_refused(names, words, probings, imported, tmp_path):
+def test_incompatible_sessions_are_refused(names, words, probings, imported, tmp_path):
     def session(name, **columns):
         stream = Stream("extra", tuple(Column(one, "1", width) for one, width in columns.items()))
         arrays = {

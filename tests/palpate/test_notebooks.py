@@ -63,7 +63,7 @@ def test_a_file_of_one_s_own(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_from_a_data_set_to_a_simulator(tmp_path, monkeypatch):
+def test_data_set_is_exported_to_a_simulator(tmp_path, monkeypatch):
     names, shown = run_notebook("lerobot-to-mujoco.ipynb", tmp_path, monkeypatch)
     assert names["after"] < 1.05 * names["torque_error"](names["real"])
     assert names["after"] < 0.1 * names["before"]

@@ -129,7 +129,7 @@ def test_every_option_that_estimation_names_has_a_keyword():
     assert not unknown
 
 
-def test_from_python_errors_name_keywords_and_from_the_command_line_options(tmp_path):
+def test_errors_name_keywords_in_python_and_options_on_the_command_line(tmp_path):
     t = np.arange(0.0, 2.0, 0.01)
     table = {"clock": t, "depth": 0.01 * np.sin(3 * t), "load": np.sin(3 * t)}
     file = write_table(tmp_path / "unknown.csv", **table)

@@ -46,7 +46,7 @@ def session(probed, tmp_path):
     return Path(shutil.copy(probed[0], tmp_path / "s.mcap"))
 
 
-def test_what_is_read_is_never_replaced(session, hardening, tmp_path):
+def test_input_files_are_never_overwritten(session, hardening, tmp_path):
     (tmp_path / "link.yaml").symlink_to(session)
     data = Path(shutil.copy(hardening, tmp_path / "data.csv"))
     for read, command in (
@@ -179,7 +179,7 @@ def test_a_folder_that_takes_no_files_is_refused_before_any_work(hardening):
 
 
 @pytest.mark.parametrize("device", ["/dev/zero", "pipe"])
-def test_what_might_never_end_is_not_read(device, hardening, tmp_path):
+def test_pipes_and_devices_are_not_read(device, hardening, tmp_path):
     os.mkfifo(tmp_path / "pipe")
     path = tmp_path / device
     with pytest.raises(InputError, match="is a device or a pipe"):
@@ -205,7 +205,7 @@ def test_a_file_that_cannot_be_finished_is_not_there(tmp_path):
     assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [("x.txt", "old")]
 
 
-def test_of_a_set_of_files_all_appear_or_none(tmp_path):
+def test_set_of_files_is_written_atomically(tmp_path):
     paths = [tmp_path / name for name in ("a.json", "b.html")]
     with pytest.raises(KeyboardInterrupt), atomic_write_all(dict.fromkeys(paths, "text")):
         raise KeyboardInterrupt

@@ -82,7 +82,7 @@ def test_a_no_is_a_no(monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("yes", [True, False])
-def test_after_a_yes_it_counts_down(monkeypatch, capsys, yes):
+def test_confirmation_starts_a_countdown(monkeypatch, capsys, yes):
     types(monkeypatch, "" if yes else "y\n")
     pauses = []
     ask_for_power("'it' is going to move", yes=yes, pause=pauses.append)

@@ -46,7 +46,7 @@ def test_probe_reports_its_end_and_the_session_is_self_contained(probed):
     assert ticks["surface_m"][-1] == pytest.approx(-0.05, abs=1e-4)
 
 
-def test_it_probes_at_the_speeds_and_to_the_force_asked_for(tmp_path, log_in_process):
+def test_probe_uses_the_requested_speeds_and_force(tmp_path, log_in_process):
     path = tmp_path / "two.mcap"
     plan = ("--experiment", QUICK, "--speed-mm-s", "150,75", "--force-limit-n", 5, "--repeats", 2)
     done("probe", "-o", path, *plan, "--online", "none")

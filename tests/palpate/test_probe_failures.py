@@ -115,7 +115,7 @@ def test_clean_run_gives_no_warning(ended):
     assert "ticks" not in said.stdout
 
 
-def test_nothing_is_to_be_estimated_of_what_was_not_touched(ended, monkeypatch, tmp_path):
+def test_estimation_without_contact_is_refused(ended, monkeypatch, tmp_path):
     stopped = LoopResult(Outcome.STOPPED, cause="interrupted by the user (SIGINT)", ticks=9)
     assert "palpate estimate" in ended(stopped).stderr
     outcome = ProbingOutcome(tmp_path / "x.mcap", stopped, (), touched=False)

@@ -86,7 +86,7 @@ def test_a_real_arm_gets_no_power_without_a_question(recorded, tmp_path, monkeyp
         (("--scenario", "none.yaml"), ("none.yaml",)),
     ],
 )
-def test_what_cannot_be_repeated_is_refused(recorded, tmp_path, options, words):
+def test_unrepeatable_session_is_refused(recorded, tmp_path, options, words):
     given = [recorded if one == "SESSION" else one for one in options]
     out = [] if "-o" in options else ["-o", tmp_path / "t.mcap"]
     assert_refused(run("replay", recorded, *given, *out), *words)

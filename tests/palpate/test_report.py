@@ -151,7 +151,7 @@ def browse(page, folder, *arguments):
     return done.stdout
 
 
-def test_nothing_is_left_where_it_cannot_be_written(result, tmp_path):
+def test_unwritable_folder_stays_empty(result, tmp_path):
     (tmp_path / "report.html").mkdir()
     with pytest.raises(InputError, match=r"report\.html"):
         write_report(StudyView("f", (result_view(result),)), tmp_path / "report.html")

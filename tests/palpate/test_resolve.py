@@ -46,7 +46,7 @@ def resolved(tmp_path_factory):
     return resolve(job, ProbeBudget(3, 120.0), "joint_1", told.append), told
 
 
-def test_what_the_first_probe_leaves_open_a_second_decides(resolved):
+def test_second_probe_decides_between_rivals(resolved):
     done, told = resolved
     first, *_, last = done.decisions
     assert first.left["joint_1"] == [["deadband", "bias"]]
@@ -134,7 +134,7 @@ def test_simulated_plan_obeys_the_equation_of_motion(simulations):
     assert needed[in_air] == pytest.approx(ticks["torque_measured_nm"][1:-1][in_air], abs=1e-6)
 
 
-def test_what_the_arm_cannot_do_is_not_offered(probed):
+def test_infeasible_experiments_are_not_proposed(probed):
     robot = find_robot("follower")
     offered = {candidate.words for candidate, _ in feasible(probed)}
     assert offered < {candidate.words for candidate in candidates(QUICK, robot, PLACE)}
@@ -187,7 +187,7 @@ def test_no_experiment_is_run_twice(resolved, diagnosed):
     ]
 
 
-def test_what_no_longer_shows_once_more_is_known_is_not_called_separated(tmp_path, diagnosed, monkeypatch):
+def test_separation_is_withdrawn_with_further_data(tmp_path, diagnosed, monkeypatch):
     (shown,) = diagnosed.channels
     gone = shown.model_copy(update={"verdict": Verdict.ADEQUATE, "accepted": []})
     answers = iter([diagnosed, diagnosed.model_copy(update={"channels": [gone]})])

@@ -70,7 +70,7 @@ def test_a_repetition_shows_no_difference_and_follows_as_far_as_noise_lets_it(so
     assert other_of == pytest.approx(own, abs=0.3)
 
 
-def test_what_the_model_lacks_alike_in_two_repetitions_leaves_their_difference_sharp(tmp_path):
+def test_common_model_error_cancels_in_paired_differences(tmp_path):
     """A hidden cubic term makes each stiffness uncertain by 100 N/m, and the difference by less than one."""
 
     def hardening(stiffness, seed):
@@ -166,7 +166,7 @@ def test_the_model_of_another_object_fits_worse(soft, stiff):
     assert of_other == pytest.approx(expected, abs=0.5)
 
 
-def test_what_a_complete_model_leaves_is_white_and_what_a_wrong_one_leaves_is_not(soft, hardening):
+def test_residual_is_white_only_for_a_complete_model(soft, hardening):
     found = sides(soft, hardening)
     assert found.first.autocorrelation.outside < 0.1
     assert found.second.autocorrelation.outside > 0.5
@@ -268,7 +268,7 @@ def test_large_differences_are_shown_as_plain_percent(soft, tmp_path):
 
 
 @pytest.mark.slow
-def test_what_was_added_is_put_side_by_side(hardening, tmp_path):
+def test_extended_models_are_compared(hardening, tmp_path):
     softer = write_presses(tmp_path / "softer.csv", cubic=1e6, seed=8)
     base = run("compare", hardening, softer).stdout
     assert "its parameters mean little: add the missing effects" in " ".join(base.split())
@@ -306,7 +306,7 @@ def test_fit_limited_by_noise_is_reported(soft, tmp_path):
         (("SOFT", "SWING"), ("share no channel", "contact", "joint")),
     ],
 )
-def test_what_cannot_be_put_side_by_side_is_refused(arguments, words, soft, stiff, tmp_path):
+def test_incomparable_measurements_are_refused(arguments, words, soft, stiff, tmp_path):
     t = np.arange(0, 8, 0.02)
     swing = write_table(tmp_path / "swing.csv", time_s=t, position_rad=np.sin(3 * t), torque_Nm=np.cos(t))
     files = {"SOFT": soft, "STIFF": stiff, "SWING": swing}

@@ -304,7 +304,7 @@ def test_a_urdf_in_another_folder_names_the_meshes_of_the_original(compiler, wri
     assert [each.get("meshdir") for each in root.iter("compiler")] == ([meshdir] if meshdir else [])
 
 
-def test_what_is_in_an_included_file_is_patched_there(swinging, tmp_path):
+def test_included_files_are_patched(swinging, tmp_path):
     (tmp_path / "arm.xml").write_text(HAND_MADE)
     scene = tmp_path / "scene.xml"
     scene.write_text('<mujoco><include file="arm.xml"/></mujoco>')

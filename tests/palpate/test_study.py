@@ -117,12 +117,12 @@ def study(tmp_path_factory):
         (lambda s: s.report(3), "report 3: give a path"),
     ],
 )
-def test_what_is_of_another_type_is_one_clear_line(study, call, said):
+def test_wrong_type_gives_one_line(study, call, said):
     with pytest.raises(InputError, match=said):
         call(study)
 
 
-def test_what_has_a_number_is_exported_also_if_that_is_zero(tmp_path):
+def test_zero_values_are_exported(tmp_path):
     study = Study(write_presses(tmp_path / "p.csv"), keep=False)
     study.add("cubic_stiffness")
     for revision in (0, [0]):

@@ -56,7 +56,7 @@ def test_a_session_over_the_wire_tells_the_truth(tmp_path, name):
 
 
 @pytest.mark.parametrize("command", ["probe", "doctor"])
-def test_what_emulated_devices_take_the_place_of_must_be_valid(tmp_path, command):
+def test_replaced_devices_must_be_valid(tmp_path, command):
     text = SERVOS.read_text(encoding="utf-8").replace("/dev/serial/by-id/usb-Loadstar_DI-1000", "''")
     path = saved(tmp_path / "arm.yaml", text.replace("dynamixel_3dof.", f"{SERVOS.parent}/dynamixel_3dof."))
     refused = run(command, "--robot", path, "--wire")
@@ -75,7 +75,7 @@ def test_an_arm_without_torque_mode_tells_a_stiffness(tmp_path):
         assert found["damping.c"] == pytest.approx(10.0, rel=0.06)
 
 
-def test_neither_a_robot_without_wires_nor_a_scenario_for_real_devices_is_taken(tmp_path):
+def test_invalid_wire_options_are_refused(tmp_path):
     path = tmp_path / "no.mcap"
     assert_refused(run("probe", "--wire", "-o", path), "follower", "without wires")
     assert not path.exists()
@@ -136,7 +136,7 @@ def arm(tmp_path_factory):
     return path
 
 
-def test_it_says_so(arm):
+def test_invalid_result_is_reported(arm):
     assert load_calibration(arm.parent / "e.yaml").source == "emulated"
 
 

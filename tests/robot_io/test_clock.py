@@ -101,7 +101,7 @@ print(lines, opened)
 """
 
 
-def test_what_is_printed_is_captured_without_a_file_that_is_open_for_writing():
+def test_output_is_captured_in_memory():
     done = subprocess.run(
         [sys.executable, "-P", "-c", PROGRAM], capture_output=True, text=True, check=True, timeout=60
     )

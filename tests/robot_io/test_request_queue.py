@@ -47,7 +47,7 @@ def test_answers_that_are_or_become_late_are_as_old_as_their_requests(delay_ms, 
 
 
 @pytest.mark.parametrize("delay_ms", [0.0, 0.4, 0.8, 1.4, 2.4])
-def test_after_a_loss_answers_are_soon_dated_right_again(delay_ms):
+def test_answers_are_dated_correctly_soon_after_a_loss(delay_ms):
     line = RequestLine(100, lambda tick: 1e-3 * delay_ms, lost=[50])
     assert all(dated_s == true_s for dated_s, true_s in line.dates)
     ages_s = [tick * TICK_S - true_s for tick, (_, true_s) in enumerate(line.dates) if true_s is not None]
@@ -60,7 +60,7 @@ def test_after_a_loss_answers_are_soon_dated_right_again(delay_ms):
 @example(0.0, 0.0, {50, 51})
 @example(0.8e-3, 0.0, {50})
 @example(1.4e-3, 0.0, {50, 51, 52})
-def test_after_any_losses_at_a_usual_delay_no_answer_is_dated_too_new(delay_s, jitter_s, lost):
+def test_losses_never_date_an_answer_too_new(delay_s, jitter_s, lost):
     line = RequestLine(150, lambda tick: delay_s + jitter_s * (tick % 3) / 2, lost)
     assert all(dated_s <= true_s for dated_s, true_s in line.dates if dated_s is not None)
 
@@ -85,7 +85,7 @@ def test_no_answer_is_dated_later_than_its_request(before_s, after_s, lost, from
     assert all(dated_s <= true_s for dated_s, true_s in line.dates if dated_s is not None)
 
 
-def test_what_was_never_asked_for_answers_nothing():
+def test_unsolicited_answer_is_ignored():
     queue = RequestQueue(MARGIN_S, LATEST_S)
     assert not queue.answer(1.0)
     queue.ask(1.0)

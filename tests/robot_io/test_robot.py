@@ -79,7 +79,7 @@ class TestReading:
         assert same[device]
 
     @pytest.mark.parametrize("ago_s", [0.0, DT], ids=["a repeat", "a late packet from the past"])
-    def test_what_is_not_new_is_stale_even_if_the_driver_calls_it_fresh(self, active, monkeypatch, ago_s):
+    def test_repeated_sample_is_stale(self, active, monkeypatch, ago_s):
         reading = Reading(np.array([1.0]), active.force.read_force().sampled_at_s - ago_s)
         monkeypatch.setattr(active.force, "read_force", lambda: reading)
         assert reading.status is Status.OK
@@ -166,7 +166,7 @@ class TestReading:
         assert tick(active).encoder_status is Status.OK
         assert active.bus_errors == {}
 
-    def test_what_the_driver_does_with_its_arrays_does_not_reach_a_measurement(self, active, bus):
+    def test_measurement_copies_driver_arrays(self, active, bus):
         measurement = tick(active)
         kept = measurement.joint_position_rad.copy()
         bus.readings["encoder"].value[:] = 77.0
@@ -185,7 +185,7 @@ class TestReading:
 
 
 class TestWriting:
-    def test_it_returns_what_the_drives_made_of_it(self, active, bus):
+    def test_write_returns_the_torque_of_the_drives(self, active, bus):
         sent = active.write(Command(np.array([0.12345, 99.0, -0.0004])), 1.0)
         np.testing.assert_allclose(sent.joint_torque_nm, [0.123, 20.0, 0.0], atol=1e-12)
         np.testing.assert_array_equal(bus.plant.torque_nm, sent.joint_torque_nm)

@@ -296,7 +296,7 @@ def test_plausible_count_of_lost_records_is_used(tmp_path, end, dropped):
 
 
 @pytest.mark.parametrize(("flip", "count"), [(0, 1), (1, 0)])
-def test_of_a_session_that_was_cut_off_a_damaged_chunk_is_left_out(tmp_path, flip, count):
+def test_damaged_chunk_of_a_truncated_session_is_skipped(tmp_path, flip, count):
     path = foreign(tmp_path / "s", {}, [("slow", MESSAGE)], CompressionType.NONE)
     whole = path.read_bytes()
     cut = bytearray(whole[: whole.index(MESSAGE) + len(MESSAGE)])
@@ -374,7 +374,7 @@ def other_file(folder, kind):
 
 
 @pytest.mark.parametrize("kind", ["missing", "folder", "empty", "text", "zip", "magic", "fifo"])
-def test_what_is_no_session_is_refused_in_one_line(tmp_path, kind):
+def test_invalid_session_is_refused_in_one_line(tmp_path, kind):
     path = other_file(tmp_path, kind)
     assert opened(path) is None
 
@@ -404,7 +404,7 @@ def test_unknown_names_say_what_there_is(tmp_path):
         session.samples("tick")["triped"]
 
 
-def test_nothing_is_left_when_writing_fails(tmp_path, monkeypatch):
+def test_failed_write_leaves_no_file(tmp_path, monkeypatch):
     good = {"time_s": [0.0], "x": [1.0]}
     with pytest.raises(InputError, match="expected"):
         write_session(tmp_path / "s", [(SLOW, good | {"x": [1.0, 2.0]})], METADATA)

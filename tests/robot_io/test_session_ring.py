@@ -36,7 +36,7 @@ def record(number):
 @given(
     st.integers(1, 7), st.lists(st.tuples(st.sampled_from(["push", "pop"]), st.integers(1, 9)), max_size=60)
 )
-def test_it_is_a_queue_that_counts_what_it_cannot_hold(slots, steps):
+def test_ring_buffer_counts_dropped_records(slots, steps):
     ring, model, offered, dropped = ring_of(slots), [], 0, 0
     for step, count in steps:
         if step == "push":
@@ -185,7 +185,7 @@ def test_a_record_has_the_columns_in_order_and_the_largest_streams_are_taken():
         (lambda: Stream("../s", (TIME,)), "../s"),
     ],
 )
-def test_what_cannot_be_a_stream_is_refused_by_name(make, word):
+def test_invalid_stream_is_refused_by_name(make, word):
     with pytest.raises(InputError, match=word.replace(".", r"\.")):
         make()
 

@@ -81,7 +81,7 @@ def test_file_deleted_during_writing_is_reported(meanwhile, tmp_path):
         log.close()
 
 
-def test_what_was_logged_is_read_back(tmp_path):
+def test_logged_data_are_read_back(tmp_path):
     path = tmp_path / "new" / "s.mcap"
     with SessionWriter(path, [TICK, SLOW], METADATA) as log:
         append(log, range(3000))
@@ -303,7 +303,7 @@ def test_a_writer_that_does_not_start_does_not_hang_the_program(tmp_path, monkey
         SessionWriter(tmp_path / "s.mcap", [TICK], METADATA)
 
 
-def test_what_was_handed_over_outlives_the_process(tmp_path):
+def test_transferred_records_outlive_the_process(tmp_path):
     with (tmp_path / "s.mcap").open("wb") as file:
         mcap = McapFile(file, [SLOW], METADATA)
         assert os.stat(file.fileno()).st_size == file.tell() > 0
@@ -393,7 +393,7 @@ def test_the_writer_leaves_the_core_of_the_loop(tmp_path):
         os.sched_setaffinity(0, everywhere)
 
 
-def test_it_works_where_there_is_no_memfd(tmp_path, monkeypatch):
+def test_session_is_written_without_memfd(tmp_path, monkeypatch):
     monkeypatch.delattr(os, "memfd_create", raising=False)
     with SessionWriter(tmp_path / "s", [TICK], METADATA) as log:
         log.append("tick", tick(0))
@@ -414,7 +414,7 @@ with SessionWriter(path, [TICK], METADATA) as log:
 """
 
 
-def test_of_programs_that_begin_one_session_at_once_all_but_one_are_refused(tmp_path):
+def test_only_one_program_can_create_a_session(tmp_path):
     path = tmp_path / "s.mcap"
     firsts = (0, 1000, 2000)
     begun = [

@@ -59,7 +59,7 @@ def test_home_is_with_the_tool_down_above_every_shipped_object():
             assert truth.tip_position_world_m == pytest.approx([0.40, 0.0, 0.18], abs=1e-3)
 
 
-def test_what_was_sent_has_the_drive_s_resolution_and_range():
+def test_sent_torque_has_drive_resolution_and_range():
     with build() as robot:
         robot.activate()
         sent = robot.write(Command(np.array([0.12345, -1000.0, 0.0])), 0.0).joint_torque_nm
@@ -135,7 +135,7 @@ class StepClock(Clock):
         self.time_s = max(self.time_s, time_s)
 
 
-def test_on_any_other_clock_the_world_catches_up_when_it_is_read_or_written():
+def test_world_advances_on_access_with_a_real_clock():
     clock = StepClock()
     with build(clock=clock) as robot:
         robot.activate()

@@ -79,7 +79,7 @@ def test_the_whole_vocabulary_is_there():
 
 @pytest.mark.parametrize("name", ALL)
 class TestEveryEffect:
-    def test_is_documented_and_takes_its_typical_values(self, name):
+    def test_imperfection_is_documented_and_accepts_typical_values(self, name):
         kind = IMPERFECTIONS[name]
         source = inspect.getsource(kind)
         for parameter in kind.parameters():
@@ -105,7 +105,7 @@ class TestEveryEffect:
         assert parse_scenario(world.to_yaml(), "copy") == world
 
     @EVERY_ENGINE
-    def test_is_silent_at_strength_zero(self, name, engine):
+    def test_zero_strength_changes_nothing(self, name, engine):
         expected, truth = fallen(engine, None, 0.0)
         shown, at_end = fallen(engine, name, 0.0)
         assert np.array_equal(shown, expected)
@@ -116,7 +116,7 @@ class TestEveryEffect:
         assert np.abs(strong - calm).mean() > np.abs(weak - calm).mean()
         assert np.array_equal(fall(at_strength(name, 30.0))[0], strong)
 
-    def test_is_stable_at_the_ends_of_its_typical_range(self, name):
+    def test_imperfection_is_stable_over_its_typical_range(self, name):
         kind = IMPERFECTIONS[name]
         for joint in (1, 3) if "joint" in kind.model_fields else (None,):
             place = {"joint": joint} if joint else {}
@@ -126,7 +126,7 @@ class TestEveryEffect:
             assert np.isfinite(shown).all()
             assert np.abs(truth.joint_velocity_rad_s).max() < 60.0
 
-    def test_is_refused_in_a_joint_that_the_arm_does_not_have(self, name):
+    def test_nonexistent_joint_is_refused(self, name):
         kind = IMPERFECTIONS[name]
         if "joint" in kind.model_fields:
             entry = at_strength(name, 5.0).model_copy(update={"joint": 4})
@@ -138,7 +138,7 @@ class TestEveryEffect:
             hidden_effects([entry], 3)
 
 
-def test_nothing_hidden_nothing_at_work_effects_side_by_side_and_a_secret_in_public():
+def test_sealing_rejects_invalid_answers():
     effects = hidden_effects(Scenario().hidden, 3)
     assert not any(vars(effects).values())
     entries = [at_strength(name, 5.0) for name in ALL if name != "plastic_set"]
@@ -228,7 +228,7 @@ def test_drawn_effect_suits_its_world_and_channel(seed, channel, name):
         ({"channel": "joint_3", "effect": "payload"}, "Valid: joint_1, joint_2"),
     ],
 )
-def test_what_cannot_be_drawn_is_refused(options, words):
+def test_unplottable_data_are_refused(options, words):
     with pytest.raises(InputError, match=words):
         draw_hidden(1, **options)
 
@@ -239,6 +239,6 @@ def test_channels_and_joints_name_each_other(joint):
 
 
 @pytest.mark.parametrize("channel", ["contact", "joint_", "joint_0", "joint_x", "2"])
-def test_what_is_no_joint_s_channel_is_refused(channel):
+def test_channel_without_a_joint_is_refused(channel):
     with pytest.raises(InputError, match="not that of a joint"):
         joint_of(channel)

@@ -41,11 +41,8 @@ def test_the_default_file_states_every_default_and_named_objects_are_what_they_a
     assert {key: part.keys() for key, part in stated["sensors"].items()} == {
         key: part.keys() for key, part in default.model_dump()["sensors"].items()
     }
-    assert load_scenario("paper").object.law.model_dump() == {
-        "stiffness_n_m": 500.0,
-        "damping_n_s_m": 100.0,
-        "sticky": False,
-    }
+    law = {"stiffness_n_m": 500.0, "damping_n_s_m": 100.0, "sticky": False}
+    assert load_scenario("paper").object.law.model_dump() == law
     assert load_scenario("stiff").object.law.stiffness_n_m == 7100.0
 
 
@@ -92,7 +89,7 @@ def test_an_unknown_scenario_is_refused_with_the_shipped_ones():
 
 
 @pytest.mark.parametrize("source", [3, None, ["default"]])
-def test_what_is_no_scenario_at_all_is_refused(source):
+def test_invalid_scenario_is_refused(source):
     with pytest.raises(InputError, match="a name, a path or a mapping"):
         load_scenario(source)
 

@@ -13,7 +13,7 @@ from tests.wire.parts import CUBEMARS, DAMIAO, MOTEUS, ROBSTRIDE
 PUSH_NM = (3.0, -2.0, 1.0)
 
 
-def test_what_write_returns_is_what_acts(make_robot):
+def test_write_returns_the_applied_torque(make_robot):
     arm = make_robot(CUBEMARS).start()
     sent = arm.robot.write(Command(np.array(PUSH_NM)), arm.clock.now_s())
     arm.clock.sleep_until(arm.clock.now_s() + 1e-3)
@@ -39,7 +39,7 @@ def test_no_torque_before_it_is_activated_nor_after_its_timeout(make_robot, ask_
     np.testing.assert_allclose(arm.drive_torque_nm, PUSH_NM, atol=50 / 4095)
 
 
-def test_what_a_motor_does_not_confirm_is_an_error(make_robot):
+def test_unconfirmed_motor_command_is_an_error(make_robot):
     arm = make_robot(CUBEMARS)
     arm.robot.configure()
     arm.inject_fault("motors", FaultKind.DROP, device=2, for_s=0.2)
@@ -118,7 +118,7 @@ def test_a_motor_that_answers_late_is_examined_as_one_that_answers(make_robot):
     assert not [one.text for one in findings if "does not answer" in one.text]
 
 
-TIMEOUT, MODE, VMAX = 9, 10, 22  # registers
+TIMEOUT = 9  # a register
 
 
 @pytest.mark.parametrize(("stuck", "problem"), [(True, "torque off"), (False, "motor mode")])
@@ -159,7 +159,7 @@ def test_an_error_other_than_the_timeout_s_is_not_cleared_in_silence(make_robot,
     assert path is ROBSTRIDE or arm.motors[2].error == 11
 
 
-STATE, CONTROL, ANSWER, FAULTS, HOST = 2, 1, 17, 21, 0xFD
+STATE, CONTROL, ANSWER, HOST = 2, 1, 17, 0xFD
 
 
 def test_another_host_is_answered(make_robot):

@@ -28,7 +28,7 @@ def test_axis_with_factory_settings_is_refused_with_the_needed_settings(make_rob
 @pytest.mark.parametrize(
     ("changes", "current"), [((), "motor.current_soft_max"), (V0_5, "config.current_lim")], ids=["0.6", "0.5"]
 )
-def test_what_can_cannot_read_is_printed_as_commands(make_robot, changes, current):
+def test_settings_unreadable_over_can_are_printed_as_commands(make_robot, changes, current):
     """As typed into odrivetool; the speed is 6 rad/s at a joint with nine turns of its motor."""
     arm = make_robot(changes=changes)
     arm.robot.configure()

@@ -47,13 +47,6 @@ def press(arm, force_n):
     world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
 
 
-def test_a_sensor_that_counts_tension_as_positive_is_reversed(make_robot):
-    arm = make_robot(ODRIVE, [("capacity_n: 100.0}", "capacity_n: 100.0, reversed: true}")])
-    arm.robot.configure()
-    press(arm, 5.0)
-    assert arm.ticks(10, None).force_n == pytest.approx(5.0, abs=0.1)
-
-
 def test_after_a_stall_of_the_line_the_newest_reading_is_served(make_robot):
     """A late reading holds back those behind it; all arrive together, and the force has risen meanwhile."""
     arm = make_robot(ODRIVE)
@@ -212,9 +205,16 @@ def test_a_sensor_that_cannot_be_asked_for_a_force_is_refused(make_robot, path, 
         arm.robot.configure()
 
 
-def test_a_gauge_without_commands_for_signs_is_taken(make_robot):
-    arm = make_robot(ODRIVE, [MARK10])
-    arm.arm.wires["load_cell"]._sensor.unknown = ("IPOL", "OPOL")
+@pytest.mark.parametrize(
+    ("sensor", "unknown"),
+    [
+        (("capacity_n: 100.0}", "capacity_n: 100.0, reversed: true}"), ()),
+        (MARK10, ("IPOL", "OPOL")),  # a gauge without commands for signs
+    ],
+)
+def test_a_sensor_whose_sign_is_reversed_or_cannot_be_set_shows_a_press(make_robot, sensor, unknown):
+    arm = make_robot(ODRIVE, [sensor])
+    arm.arm.wires["load_cell"]._sensor.unknown = unknown
     arm.robot.configure()
     press(arm, 5.0)
     assert arm.ticks(10, None).force_n == pytest.approx(5.0, abs=0.1)

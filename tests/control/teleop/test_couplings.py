@@ -178,7 +178,7 @@ def test_packet_with_nonfinite_values_is_ignored(channel):
         ((0.0, 0.0, 0.0), None, 0.0),
     ],
 )
-def test_what_is_not_finite_is_refused_and_changes_nothing(coupling, port, packet, dt_s):
+def test_nonfinite_values_are_refused(coupling, port, packet, dt_s):
     for make in (coupling.leader, coupling.follower):
         side, other = make(), make()
         with pytest.raises(InputError, match="finite"):

@@ -155,7 +155,7 @@ def test_repeated_lost_and_odd_intents_change_nothing():
     assert queue.done
 
 
-def test_what_was_probed_is_not_probed_again_when_its_place_is_needed():
+def test_probe_is_cached_after_eviction():
     queue = TargetQueue()
     queue.linked = True
     for number in range(200):

@@ -66,11 +66,8 @@ def test_the_next_touch_after_an_update_has_the_new_law(before):
 
 
 def test_stiffness_increase_up_to_double_needs_no_new_touch():
-    forces = press(
-        VirtualObject(kelvin_voigt(800.0, 0.0), np.zeros(3), UP),
-        in_and_out(0.008),
-        {700: (kelvin_voigt(1500.0, 0.0),)},
-    )
+    virtual = VirtualObject(kelvin_voigt(800.0, 0.0), np.zeros(3), UP)
+    forces = press(virtual, in_and_out(0.008), {700: (kelvin_voigt(1500.0, 0.0),)})
     assert forces[990] == pytest.approx(1500.0 * 0.0079, rel=1e-6)
 
 

@@ -55,7 +55,7 @@ def test_base_parameters_are_independent_and_say_what_pseudo_inertias_do():
     np.testing.assert_allclose(inertial_of(pseudo_inertias(phi)), phi, atol=1e-12)
 
 
-def test_what_has_mass_is_body_and_what_no_mass_can_be_is_not():
+def test_pseudo_inertia_is_positive_for_physical_bodies():
     rng = np.random.default_rng(1)
     for _ in range(20):
         heap = point_masses(rng)

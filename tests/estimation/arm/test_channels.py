@@ -106,7 +106,7 @@ def test_friction_that_the_base_model_lacks_does_not_bias_what_joints_tell_each_
     np.testing.assert_allclose([fitted.rmse for fitted in found], 0.05, rtol=0.3)
 
 
-def test_what_little_motion_does_not_show_stays_near_the_urdf(bodies):
+def test_unexcited_parameters_stay_near_the_urdf(bodies):
     """Two joints that move a little must predict another, full motion better than the URDF does."""
     still = (0.0,) * JOINTS
     little, models = prepared(arm_channels(bodies, moving=(1, 3), size=0.4, coulomb=still)), fitted_models()

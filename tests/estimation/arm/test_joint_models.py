@@ -25,13 +25,8 @@ def arm(seed, extra=lambda body, q, v, a: 0.0, runs=4, count=900):
         waves = 2 * np.pi * f * t[:, None, None] + p
         size = 0.25 / f
         w = 2 * np.pi * f
-        parts.append(
-            [
-                (size * np.sin(waves)).sum(2),
-                (size * w * np.cos(waves)).sum(2),
-                (-size * w**2 * np.sin(waves)).sum(2),
-            ]
-        )
+        motion = (size * np.sin(waves), size * w * np.cos(waves), -size * w**2 * np.sin(waves))
+        parts.append([signal.sum(2) for signal in motion])
     q, v, a = (np.concatenate([part[i] for part in parts]) for i in range(3))
     torque = np.array([body.inverse_dynamics(*row) for row in zip(q, v, a, strict=True)])
     torque = torque + extra(body, q, v, a) + rng.normal(0, 0.02, torque.shape)
@@ -103,14 +98,8 @@ def test_the_urdf_as_it_is_explains_its_own_arm():
 
 def test_friction_is_identified_with_fitted_arm_parameters():
     channels = arm(2, lambda body, q, v, a: 0.3 * np.tanh(v / 0.01))
-    tried = (
-        "coulomb_friction",
-        "quadratic_friction",
-        "presliding_friction",
-        "joint_spring",
-        "payload",
-        "bias",
-    )
+    frictions = (f"{name}_friction" for name in ("coulomb", "quadratic", "presliding"))
+    tried = (*frictions, "joint_spring", "payload", "bias")
     found = answer(channels, "rigid_body_fitted", 0, *tried)
     assert [entry.effect for entry in found.accepted] == ["coulomb_friction"]
     force = found.accepted[0].parameters["force"]

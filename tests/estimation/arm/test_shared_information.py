@@ -81,7 +81,7 @@ def close(found, expected):
 
 
 @pytest.mark.parametrize("joint", range(JOINTS))
-def test_one_joint_with_what_the_others_know_finds_what_all_find_by_the_columns_that_it_feels(arm, joint):
+def test_one_joint_with_shared_information_matches_the_joint_fit(arm, joint):
     others = information_of_others(arm.moments, arm.prior)[joint]
     total = training_sums(arm.moments[joint].products) / SIGMA[joint] ** 2
     b = len(arm.base.columns)
@@ -126,7 +126,7 @@ def test_moments_in_another_order_say_the_same(arm):
     np.testing.assert_allclose(found.products, arm.moments[joint].products, atol=1e-9)
 
 
-def test_what_joints_share_beside_their_masses_needs_no_prior(arm):
+def test_shared_parameters_without_masses_need_no_prior(arm):
     """A coupling of joints 5 and 6, in one fit of joint 5 with what the others know."""
     rng, coupled = np.random.default_rng(8), np.zeros((len(arm.fold), JOINTS, 1))
     coupled[:, 4, 0], coupled[:, 5, 0] = rng.normal(size=(2, len(arm.fold)))

@@ -93,7 +93,7 @@ def test_a_sensor_kind_gives_way_to_a_kind_of_the_object_that_explains_most_of_i
 @pytest.mark.parametrize(
     "left", [lambda kinds: 10.0, lambda kinds: 0.0, lambda kinds: 10.0 - 0.1 * len(kinds)]
 )
-def test_where_no_kind_explains_anything_there_is_no_share(left):
+def test_no_kind_has_a_share_without_explained_error(left):
     found = budget([ELASTIC, RATE], left)
     assert found.entries == ()
     assert found.unexplained == 1.0
@@ -106,7 +106,7 @@ def test_a_kind_that_makes_things_worse_beside_another_takes_nothing_from_it():
     assert found.entries[0].share == pytest.approx(0.8)
 
 
-def test_what_differences_between_runs_share_with_a_law_of_the_motion_is_the_law_s_and_the_rest_theirs():
+def test_shared_error_is_attributed_to_the_motion_law():
     """Each takes 6 of 10 alone, and both 8: a gain and a zero of each run imitate much of any law."""
     left = {frozenset(): 10.0, frozenset({MEMORY, RUNS}): 2.0}
     found = budget([MEMORY, RUNS], lambda kinds: left.get(kinds, 4.0))

@@ -174,7 +174,7 @@ def test_the_kind_that_is_hidden_has_the_largest_share_and_the_others_next_to_no
 
 
 @pytest.mark.parametrize("data", [lambda: swings(2), lambda: session(3)])
-def test_where_nothing_is_hidden_no_kind_has_a_share(data):
+def test_no_kind_has_a_share_without_hidden_effects(data):
     assert sum(entry.share for entry in analysed(data()).budget.entries) < 0.05
 
 

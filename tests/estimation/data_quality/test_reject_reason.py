@@ -124,7 +124,7 @@ REJECTED = {
 
 
 @pytest.mark.parametrize("words", REJECTED)
-def test_what_cannot_be_computed_is_rejected_with_a_remedy(words):
+def test_unusable_data_are_rejected_with_a_remedy(words):
     assert words in reject_reason(REJECTED[words]())
 
 
@@ -195,7 +195,7 @@ def joined(first, second):
 
 
 @pytest.mark.parametrize("words", IMPLAUSIBLE)
-def test_what_is_implausible_is_reported_with_its_figure_and_judged(words):
+def test_implausible_data_are_reported_and_diagnosed(words):
     data = IMPLAUSIBLE[words]()
     assert reject_reason(data) is None
     assert words in " ".join(quality_warnings(data))
@@ -209,7 +209,7 @@ def test_codes_for_a_missing_value_are_no_unit_and_no_saturated_sensor():
     assert "are far from" in contaminated(data, model("kelvin_voigt"))
 
 
-def test_what_is_plausible_gives_no_warning():
+def test_plausible_data_give_no_warning():
     assert quality_warnings(DATA) == []
     assert quality_warnings(swinging(), model("pendulum")) == []
     assert reject_reason(replace(DATA, run=0 * DATA.run)) is None
@@ -469,7 +469,7 @@ def test_glitches_are_excluded_and_steps_are_preserved():
     assert usable(replace(DATA, effort=np.where(COUNT > 1000, 5.0, 0.0) + F)).all()
 
 
-def test_what_was_measured_well_is_spoilt_by_nothing_though_one_run_is_too_few_to_diagnose():
+def test_good_measurement_has_no_quality_warning():
     assert contaminated(DATA.of_runs(DATA.runs[:1]), model("kelvin_voigt")) is None
 
 

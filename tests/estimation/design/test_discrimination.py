@@ -115,7 +115,7 @@ def test_a_recorded_motion_is_offered_faster_slower_and_further(shallow):
     assert "mm/s" in next(iter(candidate_motions(data)))[0]
 
 
-def test_what_two_experiments_tell_of_one_pair_adds_up():
+def test_evidence_of_two_experiments_adds_up():
     def experiment(lead):
         return Experiment("e", 1.0, (np.array([[0.0, lead], [0.0, 0.0]]),))
 

@@ -94,7 +94,7 @@ def test_an_incomplete_model_keeps_the_effects_whose_form_is_known(searches, law
     assert {test.effect for test in tests} == kept
 
 
-def test_one_kind_bears_one_name_as_long_as_something_is_left():
+def test_each_kind_has_one_name_while_error_remains():
     """Two forms of a kind draw almost any third; effects of two kinds may each have a name."""
     kinds = (RUB, "position_dependent_friction", SQUARE)
     end = SimpleNamespace(
@@ -188,7 +188,7 @@ def test_a_rival_explains_half_of_what_the_effect_does_and_is_not_refused(search
     ("same", "found"),
     [(False, {"stribeck_friction", "load_dependent_friction"}), (True, {"load_dependent_friction"})],
 )
-def test_what_needs_more_parameters_to_draw_the_same_is_no_rival(refused, same, found, monkeypatch):
+def test_model_with_more_parameters_is_no_rival(refused, same, found, monkeypatch):
     """Friction that falls with the speed: with the load it has one parameter more.
 
     What creeps no way at all before it slides is another's name for the same, and no rival either.
@@ -314,7 +314,7 @@ def test_an_effect_that_leaves_less_than_all_laws_names_its_kind_itself(searches
         assert found is told
 
 
-def test_of_two_curves_over_one_signal_only_the_more_telling_may_bear_its_name():
+def test_better_of_two_curves_over_one_signal_is_named():
     effects = [EFFECTS[name]() for name in ("cubic_stiffness", "exponential_stiffness", "damping")]
     end = SimpleNamespace(solution=SimpleNamespace(model=SimpleNamespace(effects=effects)))
     taken = {"cubic_stiffness": 1.0, "exponential_stiffness": 2.0, "damping": 0.1}
@@ -323,7 +323,7 @@ def test_of_two_curves_over_one_signal_only_the_more_telling_may_bear_its_name()
 
 
 @pytest.mark.parametrize(("kind", "least"), [(Kind.FRICTION, 0.8), (Kind.DRIFT, 0.95), (Kind.PERIODIC, None)])
-def test_what_stands_in_for_a_law_takes_most_of_it_and_the_less_likely_as_much(kind, least):
+def test_replacement_explains_most_of_a_law(kind, least):
     """Relaxation leaves a tenth of the error; friction and drift have laws that would do as well."""
     left = {frozenset[Kind](): 1.0, frozenset({Kind.TIME_MEMORY}): 0.1}
     partial = SimpleNamespace(

@@ -90,7 +90,7 @@ def tried(effect, values, columns, noise=0.0, standard_errors=0.0, inner=()):
     return Solution(made, parameters, columns, target, linear_fit)
 
 
-LINE, ONES = np.linspace(-1.0, 1.0, 100), np.ones(100)
+ONES = np.ones(100)
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_inner_parameters_are_within_range_and_times_at_least_half_a_step(parame
 
 
 @pytest.mark.parametrize(("share", "possible"), [(0.021, True), (0.019, False)])
-def test_what_makes_an_effect_what_it_is_takes_away_a_fiftieth_of_the_squared_error(share, possible):
+def test_essential_parameter_explains_two_percent_of_the_squared_error(share, possible):
     effect, wave = (
         Made(gain("minor"), gain("major"), essential=("major",)),
         np.tile([1.0, 1.0, -1.0, -1.0], 25),
@@ -150,7 +150,7 @@ def test_misnamed_is_judged_by_the_motion_that_acts_and_by_what_the_model_leaves
         ("press", (), {"stiffness"}, {"inertia", "pendulum", "rigid_body_fitted", "weight"}),
     ],
 )  # fmt: skip
-def test_what_is_tried_fits_the_channel_and_what_the_model_has(data, base, tried, not_tried):
+def test_candidates_suit_channel_and_model(data, base, tried, not_tried):
     kinds = {"joint": swings(1, runs=2), "press": session(1)}
     made = kinds.get(data) or replace(kinds["joint"], kind=ChannelKind.PRISMATIC)
     names = {effect.name for effect in applicable_effects(made, model(*base), effect_library())}

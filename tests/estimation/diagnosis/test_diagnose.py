@@ -130,7 +130,7 @@ HIDDEN = {
     # A friction alone and two effects at once are other cases.
     [pytest.param(n, marks=pytest.mark.slow) if n == "a spring and a friction" else n for n in HIDDEN],
 )
-def test_what_is_hidden_is_named_with_its_size_and_nothing_else(name):
+def test_hidden_effect_alone_is_named_with_its_size(name):
     made, expected, (effect, parameter, truth, off) = HIDDEN[name]
     data = made()
     found = decide_verdict(data, *EFFECTS_OF.get(name, SOME[data.name]))
@@ -196,7 +196,7 @@ NOTHING = {
 
 
 @pytest.mark.parametrize("name", NOTHING)
-def test_where_nothing_is_hidden_nothing_is_missing(name):
+def test_model_is_adequate_without_hidden_effects(name):
     data = NOTHING[name]()
     found = decide_verdict(data, *EFFECTS_OF.get(name, SOME[data.name]))
     assert (found.verdict, named(found), found.complete) == (Verdict.ADEQUATE, set(), True)
@@ -212,7 +212,7 @@ UNKNOWN = {
 
 
 @pytest.mark.parametrize("name", UNKNOWN)
-def test_what_the_library_lacks_gives_its_kind_and_no_name(name):
+def test_law_outside_the_library_gives_only_its_kind(name):
     kind, made = UNKNOWN[name]
     data = made()
     found = decide_verdict(data, *EFFECTS_OF.get(name, SOME[data.name]))
@@ -339,7 +339,7 @@ def test_a_tool_gives_beside_an_object_that_stiffens_and_snaps_beside_one_that_s
     assert is_misnamed(model.effects[-1], found.solution, found.problem) is misnamed
 
 
-def test_what_snaps_or_softens_beyond_its_forms_bears_no_name():
+def test_snapping_or_softening_objects_are_not_named():
     found = decide_verdict(pulls(snapping), "tool_compliance", "cubic_stiffness", "plastic_set", "bias")
     assert not found.complete
     assert "tool_compliance" not in [effect.effect for effect in found.accepted]

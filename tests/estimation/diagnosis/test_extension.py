@@ -28,7 +28,7 @@ def stiffening(t, x, v, run):
         ("relaxation_spectrum", None, 4),
     ],
 )
-def test_of_fits_from_several_starts_the_one_counts_that_leaves_least_held_out(name, law, fits, monkeypatch):
+def test_fit_with_least_held_out_error_is_selected(name, law, fits, monkeypatch):
     data, made = session(1, *([law] if law else [])), []
 
     def recorded(*given):

@@ -192,7 +192,7 @@ def decide(data, base, *names):
     return diagnose(data, base, effects, rng=np.random.default_rng(1)).channels[0]
 
 
-def test_what_is_named_beside_an_unknown_law_is_approximate():
+def test_form_with_an_unknown_law_is_approximate():
     """Alone it is exact: see test_diagnose."""
     both = decide(swings(1, lambda q, v, a: rubbing(q, v, a) + strange(q, v, a)), SWING, RUB, SPRING, DRAG)
     assert (both.verdict, both.complete) == (Verdict.MISSING, False)
@@ -201,7 +201,7 @@ def test_what_is_named_beside_an_unknown_law_is_approximate():
     assert (share.form, share.effects) == (Form.APPROXIMATE, [RUB])
 
 
-def test_of_kinds_that_stand_in_for_each_other_the_form_of_fewest_parameters_bears_the_name():
+def test_most_parsimonious_form_of_replaceable_kinds_is_named():
     """A spring that the displacement's zero is not at, and whose first loading beds it in."""
     rng, depth, run = np.random.default_rng(0), np.linspace(2.1e-3, 9.5e-3, 150), np.repeat(np.arange(5), 150)
     x, bedded = np.tile(depth, 5), np.repeat([2e-4, 2e-5, -6e-5, -7e-5, -8e-5], 150)
@@ -242,7 +242,7 @@ def deep_presses(curvature=0.0):
     return channel(force, x, v, (x - 18e-3) / v + 100.0 * run, run=run)
 
 
-def test_what_the_reader_and_the_object_draw_alike_is_the_object_s(whole_budget):
+def test_ambiguous_effect_is_attributed_to_the_object(whole_budget):
     """A dead band of the reader draws nearly the same."""
     data = deep_presses(1e5)
     for names in (("deadband",), ("deadband", "contact_offset")):
@@ -251,7 +251,7 @@ def test_what_the_reader_and_the_object_draw_alike_is_the_object_s(whole_budget)
         assert search.added_effects(end) == [names[-1]]
 
 
-def test_in_a_complete_model_too_the_object_s_effect_bears_the_name_of_what_both_draw():
+def test_object_effect_is_preferred_over_an_equivalent_sensor_effect():
     """The surface was read well: a dead band of the reader draws the same line."""
     search = searched(deep_presses(), "deadband", "contact_offset", base=PRESS)
     end = most_parsimonious(search, reached(search, "deadband"), measured(search), lambda _: True)
@@ -259,7 +259,7 @@ def test_in_a_complete_model_too_the_object_s_effect_bears_the_name_of_what_both
 
 
 @pytest.mark.parametrize("rest", [0.0, 0.4])  # of another kind, so that the model stays incomplete
-def test_in_a_motion_that_never_reverses_friction_and_bias_are_one_curve_and_both_are_stated(rest):
+def test_friction_and_bias_are_indistinguishable_in_monotonic_motion(rest):
     data = one_way_turns(lambda q, v: 0.8 + rest * np.sin(3.0 * q + v))
     told = decide(data, ROTOR, "bias", "coulomb_friction", "joint_spring")
     assert told.verdict is Verdict.MISSING

@@ -216,7 +216,7 @@ def test_runs_disagree_where_each_by_itself_leaves_clearly_less(gains, lengths, 
 
 
 @pytest.mark.parametrize(("memory", "chosen", "share"), [(0.0, 1.0, 0.0), (0.8, 1.0, 0.8), (0.8, 0.5, 0.8)])
-def test_what_neighbouring_blocks_share_is_their_covariance(memory, chosen, share):
+def test_covariance_of_adjacent_blocks_is_estimated(memory, chosen, share):
     rng, noise = np.random.default_rng(1), np.zeros(20_000)
     for i in range(1, len(noise)):
         noise[i] = memory * noise[i - 1] + rng.normal()
@@ -238,7 +238,7 @@ def test_noise_is_that_about_the_mean_of_each_run_and_between_neighbours_of_one_
     assert found.tolist() == [-1.0, 1.0, -2.0, 2.0]
 
 
-def test_what_is_left_in_contact_is_held_against_free_air():
+def test_residual_in_contact_is_compared_with_free_air():
     hum = humming()
     fit = fit_model(hum, MODEL, {})
     found = excess(hum, fit)
@@ -344,7 +344,7 @@ def test_a_hum_below_noise_that_is_louder_in_contact_is_not_held_against_the_mod
 
 
 @pytest.mark.parametrize(("creak_nm", "is_noise"), [(0.1, False), (0.0, True)])
-def test_what_is_left_in_motion_is_held_against_rest(creak_nm, is_noise):
+def test_residual_in_motion_is_compared_with_rest(creak_nm, is_noise):
     speed = np.repeat(np.tile([0.0, 2.0 * np.pi], 6), 1000)  # every other five seconds
     q = np.sin(np.cumsum(0.005 * gaussian_filter1d(speed, 40.0)))
     v = np.gradient(q, 0.005)

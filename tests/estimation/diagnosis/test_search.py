@@ -184,7 +184,7 @@ def test_more_parameters_must_be_worth_it(one, other, better):
     assert search.is_better(ours, theirs) is better
 
 
-def test_of_those_as_good_as_the_best_the_smallest_come_first():
+def test_smallest_of_equally_good_models_come_first():
     search = searched(swings(1, runs=2))
     made = [left(RIPPLE, held_out=99.0), left(held_out=103.0), left(COULOMB, held_out=100.9)]
     made += [left(held_out=101.1), left(COULOMB, held_out=100.5)]
@@ -284,7 +284,7 @@ def test_an_effect_whose_size_has_zero_size_is_not_established(monkeypatch, gap_
         (0.0, 0.055, 0.05, "bias", False),  # the reader does not round
     ],
 )
-def test_what_is_rounding_of_the_reader_may_be_its_rounding(step, without, end, name, below):
+def test_quantization_effect_is_limited_to_the_sensor_step(step, without, end, name, below):
     effort = np.random.default_rng(1).normal(0.0, 1.0, 3000)
     effort = step * np.round(effort / step) if step else effort
     whole = SimpleNamespace(data=SimpleNamespace(effort=effort), rmse=end)
@@ -376,7 +376,7 @@ def test_an_effect_is_exchanged_for_another_that_does_better():
     assert search.added_effects(made) == ["stribeck_friction"]
 
 
-def test_in_the_place_of_an_effect_the_others_are_tried_with_everything_else_as_it_is():
+def test_alternatives_replace_an_effect_with_other_parameters_fixed():
     search = searched(swings(1, rippling), COULOMB, RIPPLE, "joint_spring", "asymmetric_friction")
     end = reached(search, RIPPLE, COULOMB)
     tried = {one.effect.name: one for one in search.alternatives(end, COULOMB)}

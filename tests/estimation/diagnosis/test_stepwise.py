@@ -113,7 +113,7 @@ def test_effects_are_added_as_long_as_one_is_needed_and_needless_ones_dropped(le
     assert came_to(module._forward_selection(world, world.start)) == found
 
 
-def test_what_looking_back_undoes_ends_the_climb():
+def test_forward_selection_ends_when_backward_steps_undo_it():
     """An unsound effect is found again and again, and dropped each time."""
     world = SearchedModels({"": 100, "a": 50}, unsound=["a"])
     assert module._forward_selection(world, world.start) is world.start
@@ -203,7 +203,7 @@ def test_pairs_are_tried_where_more_than_two_effects_are_needed(complete, part, 
     assert came_to(sought(world, lambda one: came_to(one) in complete, lambda one: world.at(part))) == found
 
 
-def test_what_is_unsound_or_needless_in_all_data_is_not_taken():
+def test_unsound_effects_on_all_data_are_rejected():
     world = SearchedModels(MISLED, unsound=["bc"])
     assert came_to(sought(world, lambda one: False, forms="bc")) == "a"
     whole = SearchedModels({"": 100, "a": 50, "b": 20, "ab": 19.9})
@@ -212,7 +212,7 @@ def test_what_is_unsound_or_needless_in_all_data_is_not_taken():
     assert "abc" not in whole.fits
 
 
-def test_of_second_effects_the_best_pairs_come_first():
+def test_best_pairs_of_effects_come_first():
     left = {"": 100, **dict.fromkeys("abcdef", 99)}
     pairs = {"ab": 30, "ac": 40, "ad": 50, "ae": 10.5, "bc": 10, "cd": 60, "ef": 70}
     world = SearchedModels({**left, **pairs})

@@ -99,7 +99,7 @@ def test_each_effect_is_listed_once_for_any_order_in_the_model(swung):
     assert [entry.effect for entry in decide_verdict(evidence).accepted] == list(BOTH)
 
 
-def test_where_nothing_is_left_nothing_is_to_be_recorded(known):
+def test_no_experiment_is_proposed_without_remaining_error(known):
     found, _, end = known(complete=True)
     assert found.noise_floor == found.floor.value == pytest.approx(NOISE_NM, rel=0.1)
     assert found.remaining.times_floor == found.final.rmse / found.noise_floor
@@ -118,7 +118,7 @@ def test_where_nothing_is_left_nothing_is_to_be_recorded(known):
         (4.0, None, "only noise is left", Form.EXACT),  # a bound, but neighboring residuals show the noise
     ],
 )
-def test_what_is_left_far_above_the_noise_is_not_called_noise(swung, ratio, effort_nm, left, form):
+def test_residual_far_above_noise_is_not_called_noise(swung, ratio, effort_nm, left, form):
     search, end, measurement = swung
     evidence = Evidence(search, measurement, end, True, None)
     vars(evidence)["noise"] = MeasurementNoise(end.rmse / ratio, NoiseSource.NEIGHBORS, effort_nm, 0.0)
@@ -273,7 +273,7 @@ def test_a_motion_that_cannot_be_changed_by_computing_gets_the_effect_s_own_advi
         (["nothing that is known"], "move over a wider range"),
     ],
 )
-def test_what_shows_more_of_an_error_is_another_value_of_what_it_depends_on(signals, words):
+def test_next_experiment_varies_the_signal_of_the_error(signals, words):
     data = session(3)
     data = replace(data, context={"temperature": data.time_s}, recorded=frozenset({"temperature"}))
     found = propose_exploring_experiment(signals, data)
@@ -294,7 +294,7 @@ def test_what_shows_more_of_an_error_is_another_value_of_what_it_depends_on(sign
         ("revolute", "only one run", "repeat the motion at least three times"),
     ],
 )
-def test_what_makes_up_for_data_that_cannot_say(kind, reason, words):
+def test_insufficient_data_give_a_remedial_experiment(kind, reason, words):
     assert propose_remedial_experiment(reason, ChannelKind(kind)).instruction.startswith(words)
 
 

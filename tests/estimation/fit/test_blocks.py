@@ -73,7 +73,7 @@ def test_noise_of_a_joint_s_effort_is_no_swing():
 
 
 @pytest.mark.parametrize(("seconds", "unknown_s"), [(10.0, 0.1), (1.0, 0.05)])
-def test_what_was_before_a_run_is_not_known_at_its_start(seconds, unknown_s):
+def test_memory_is_unknown_at_the_start_of_a_run(seconds, unknown_s):
     t = np.arange(0.0, seconds, 1e-3)
     data = recorded(ChannelKind.REVOLUTE, np.sin(3.0 * t), np.sin(3.0 * t))
     blocked = block_average(replace(data, time_s=data.time_s + 7.0))
@@ -170,7 +170,7 @@ def stepping(times, run=None):
         (range(100, 800, 34), 0),  # more: so coarsely sampled that there is nothing else
     ],
 )
-def test_where_the_velocity_jumps_a_contact_does_not_count(times, sharp):
+def test_samples_at_velocity_jumps_are_excluded(times, sharp):
     blocked = block_average(stepping(times))
     lost = np.flatnonzero(~blocked.trusted[20:]) + 20
     assert (lost.tolist() if isinstance(sharp, list) else len(lost)) == sharp
@@ -188,7 +188,7 @@ def test_a_corner_is_where_the_velocity_jumps_from_reading_to_reading(averaged, 
 
 
 @pytest.mark.parametrize(("averaged", "lost"), [(1, [40]), (4, [39, 40])])
-def test_of_means_neither_beside_a_surface_counts(averaged, lost):
+def test_means_next_to_the_surface_are_excluded(averaged, lost):
     """Which reading passed it is not known."""
     depth = np.where(np.arange(100) < 40, -0.01, 0.01)
     data = replace(

@@ -48,7 +48,7 @@ def linear_problem():
     return columns, columns @ [2.0, -0.1, 500.0] + rng.normal(size=300), fold
 
 
-def test_what_is_known_from_elsewhere_counts_as_samples_that_are_never_held_out():
+def test_prior_information_counts_as_training_samples():
     columns, target, fold = linear_problem()
     mine, others = fold < 3, fold == 3
     gram, told = columns[others].T @ columns[others], columns[others].T @ target[others]

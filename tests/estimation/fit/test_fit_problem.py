@@ -123,7 +123,7 @@ SHARED = ("m.c", "m.a")  # in another order than the model has them
         (["m.a", "m.c"], WHITE, True),
     ],
 )
-def test_what_other_channels_say_of_shared_gains_counts_by_name(names, noise_model, counts):
+def test_shared_gain_information_is_matched_by_name(names, noise_model, counts):
     rows = RNG.normal(size=(50, 2))
     told = rows @ [7.0, -3.0]
     information = Information(np.tile(rows.T @ rows, (4, 1, 1)), np.tile(rows.T @ told, (4, 1)))
@@ -148,7 +148,7 @@ def test_a_column_that_only_others_move_gets_what_they_say():
     assert solve_normal_equations(NormalEquations(nothing)).gains == pytest.approx([0.0])
 
 
-def test_what_others_say_of_gains_counts_beside_one_that_is_fixed():
+def test_shared_gain_information_applies_with_a_fixed_gain():
     """As if the others' rows stood below these, all less what the fixed gain makes of them."""
     rows, effort = RNG.normal(size=(40, 3)), RNG.normal(size=40)
     known = Information(np.repeat((rows.T @ rows)[None], 2, axis=0), np.repeat((rows.T @ effort)[None], 2, 0))
@@ -162,7 +162,7 @@ def test_what_others_say_of_gains_counts_beside_one_that_is_fixed():
 
 
 @pytest.mark.parametrize("count", [3, 4])
-def test_as_many_gains_as_samples_have_no_error_that_is_known(count):
+def test_saturated_regression_has_unknown_errors(count):
     found = problem(trusted=np.arange(COUNT) < count).solve(COLUMNS, TARGET)
     assert np.isnan(found.standard_errors).all() == (count == 3)
 
@@ -240,9 +240,7 @@ def test_gains_are_those_of_scipy_for_the_whole_model(name):
         (("stiffness", "delay"), {}, 0),  # linear: its columns are known on blocks
     ],
 )
-def test_where_a_sensor_bends_the_effort_steps_go_on_until_one_leads_where_it_was_to(
-    effects, how, looks, monkeypatch
-):
+def test_gains_iterate_until_convergence_with_a_nonlinear_sensor(effects, how, looks, monkeypatch):
     data = pressed(lambda x, v: np.clip(10.0 * x, -2.0, 2.0), ChannelKind.REVOLUTE)
     seen, plain = [], Model.linearize
     monkeypatch.setattr(Model, "linearize", lambda *args: seen.append(1) or plain(*args))

@@ -188,7 +188,7 @@ HIDDEN = {  # and a signal that says nothing of it
 
 
 @pytest.mark.parametrize("name", HIDDEN)
-def test_what_a_model_leaves_is_explained_by_the_signal_that_it_depends_on(name):
+def test_residual_is_explained_by_its_signal(name):
     law, nothing = HIDDEN[name]
     one = fit_model(swings(6, law, rate_hz=100.0), SWING, {})
     found = fit_flexible(one.problem, one.solution, MEASURED)
@@ -204,7 +204,7 @@ def test_what_a_model_leaves_is_explained_by_the_signal_that_it_depends_on(name)
     assert set(model_features(one.problem, one.solution)) == set(found.by_signal)
 
 
-def test_of_noise_next_to_nothing_is_explained_and_never_more_than_there_is():
+def test_explained_share_of_noise_is_small_and_bounded():
     for data, model in (
         (swings(3, rate_hz=100.0), SWING),
         (session(3), Model("m", (EFFECTS["stiffness"](), EFFECTS["damping"]()))),
@@ -262,7 +262,7 @@ def test_gains_beside_flexible_columns_are_those_of_all_fitted_together(flexible
     assert found.sse.sum() == pytest.approx(left @ left, rel=1e-6)
 
 
-def test_what_the_flexible_columns_explain_is_gone():
+def test_flexible_columns_remove_their_part_of_the_error():
     nuisance = nuisance_of(FLEXIBLE, PER_RUN, problem().blocked.run, np.ones(COUNT, dtype=bool))
     assert nuisance.remove(FLEXIBLE @ [1.0, -2.0, 0.5, 3.0]) == pytest.approx(0.0, abs=1e-9)
     assert nuisance.remove(PER_RUN) == pytest.approx(0.0, abs=1e-9)

@@ -142,7 +142,7 @@ def test_two_parameters_are_searched_by_turns_twice(monkeypatch):
     assert refined.start_count == len(looked.solutions) == 9
 
 
-def test_what_has_one_place_to_be_tried_is_not_refined(monkeypatch):
+def test_single_start_value_is_not_refined(monkeypatch):
     looked, refined = searched(monkeypatch, lambda width: width, WIDTH, starts=WIDTHS[:1])
     assert refined.solutions == looked.solutions
     assert refined.best.blocks

@@ -50,7 +50,7 @@ def test_slow_noise_makes_slow_parameters_less_certain():
         ([0, 1, 2], [False, False, False]),
     ],
 )
-def test_what_makes_up_for_each_other_has_no_error(columns, unknown):
+def test_collinear_parameters_have_infinite_errors(columns, unknown):
     assert np.isnan(_errors(SLOPES[:, columns], RNG.normal(size=COUNT), RUN)).tolist() == unknown
     nothing = np.column_stack([SLOPES, np.zeros(COUNT)])
     assert np.isnan(_errors(nothing, RNG.normal(size=COUNT), RUN)).tolist() == [False] * 3 + [True]

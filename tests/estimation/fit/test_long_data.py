@@ -101,7 +101,7 @@ def test_a_tone_above_the_new_rate_is_no_noise(recording):
     assert quiet.noise == pytest.approx(NOISE_N, rel=0.02)
 
 
-def test_neither_sample_at_a_surface_is_trusted(recording):
+def test_samples_next_to_the_surface_are_excluded(recording):
     short, *_ = shortened(recording)
     touches = np.flatnonzero(short.engaged[1:] != short.engaged[:-1])
     trusted = block_average(short).trusted
@@ -110,7 +110,7 @@ def test_neither_sample_at_a_surface_is_trusted(recording):
     assert not trusted[touches + 1].any()
 
 
-def test_of_very_many_runs_evenly_spread_ones_are_taken(recording, monkeypatch):
+def test_evenly_spaced_runs_are_selected(recording, monkeypatch):
     long = channel(
         np.tile(recording.position, 2), np.tile(recording.effort, 2), np.repeat(np.arange(16), 20_000)
     )
@@ -159,7 +159,7 @@ def test_long_recording_is_shortened_and_the_method_reported(kind, runs, words, 
 
 
 @pytest.mark.parametrize(("runs", "most"), [(1, 10**6), (2, 10**6), (2, 3_000)])
-def test_of_a_joint_that_mostly_rests_its_motions_are_taken_with_what_is_around_them(runs, most, monkeypatch):
+def test_motions_of_a_mostly_resting_joint_are_selected(runs, most, monkeypatch):
     monkeypatch.setattr(long_data, "_MAX_SAMPLES", most)
     time_s = np.arange(200_000) / RATE_HZ
     moves = (time_s % 25.0 > 5.0) & (time_s % 25.0 < 12.0)  # eight times
@@ -217,7 +217,7 @@ def test_held_out_are_the_runs_that_were_recorded_and_all_of_them(runs, monkeypa
         ModelStudy(source, held_out=(77,))
 
 
-def test_of_a_recording_that_was_cut_a_recorded_run_is_left_out_or_held_out(monkeypatch):
+def test_recorded_runs_of_a_cut_recording_can_be_excluded(monkeypatch):
     monkeypatch.setattr(long_data, "_MAX_SAMPLES", 5_000)
     whole = quick(np.arange(200_000) / RATE_HZ, 3, ChannelKind.REVOLUTE)
     source = ModelStudy(DataSource("swings.csv", (whole,))).source

@@ -174,7 +174,7 @@ def test_a_derivative_may_be_off_its_window_s_by_a_thousandth_or_half_of_the_noi
     assert (_identify_window(SMOOTH, position, error, given, 1)[0] is not None) is known
 
 
-def test_where_an_arm_hardly_moves_its_steps_are_drawn_as_large_as_elsewhere():
+def test_simulated_encoder_steps_are_equal_at_low_speed():
     """A smoothing window follows them there: what it leaves is too small."""
     rng, steps = np.random.default_rng(2), np.array([4e-4, 2.6e-4, 1e-4])
     time_s, place, _, run = motion(rng)

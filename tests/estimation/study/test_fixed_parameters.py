@@ -51,7 +51,7 @@ def test_held_parameters_stay_and_the_others_make_up_for_them(study):
     ("held", "said"),
     [({"spring.k": 1.0}, "no parameter 'spring.k'"), ({"stiffness.k": float("nan")}, "finite")],
 )
-def test_what_cannot_be_held_is_refused(study: ModelStudy, held: dict[str, float], said: str) -> None:
+def test_invalid_fixed_parameters_are_refused(study: ModelStudy, held: dict[str, float], said: str) -> None:
     with pytest.raises(InputError, match=said):
         study.fit_held("contact", (), held)
 

@@ -60,7 +60,7 @@ def test_a_pipe_is_not_waited_for(tmp_path):
         ({"effects": ["bias"], "removed": "bias"}, "its effects are bias"),
     ],
 )
-def test_what_makes_no_sense_is_refused_with_the_reason(changes, words, tmp_path):
+def test_invalid_value_is_refused_with_a_reason(changes, words, tmp_path):
     (tmp_path / "revisions").mkdir()
     (tmp_path / "revisions" / "0001.json").write_text(
         json.dumps(with_checksum(revision(**{"number": 1} | changes).model_dump(mode="json")))

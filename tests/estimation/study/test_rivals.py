@@ -29,7 +29,7 @@ def study():
         ("bouc_wen_hysteresis", ["presliding_friction", "coulomb_friction"]),
     ],
 )
-def test_of_laws_that_contain_it_the_simplest_is_stated(study, named, others):
+def test_simplest_nested_law_is_stated(study, named, others):
     found = keep_simplest_rivals(study, study.channel("joint_1"), _diagnosis(named, others))
     assert [(one.effect, one.confused_with) for one in found.accepted] == [("coulomb_friction", [])]
 
@@ -57,7 +57,7 @@ def test_each_group_is_a_question_of_its_own_and_a_whole_stands_for_all_its_part
     assert constant == [*beside_friction, ["asymmetric_friction"]]
 
 
-def test_in_each_group_the_simplest_is_stated_and_beside_all_its_parts_a_whole(study):
+def test_simplest_effect_of_each_group_is_stated(study):
     """Friction that differs between directions is plain friction and a bias: neither name says less."""
     data = study.channel("joint_1").data
     pulled = ModelStudy((replace(data, effort=data.effort + 0.03),), "inertia")

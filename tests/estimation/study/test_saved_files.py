@@ -47,7 +47,7 @@ KEPT = revision(
 ).model_dump(mode="json")
 
 
-def test_what_was_written_is_read(tmp_path):
+def test_written_values_are_read(tmp_path):
     assert read_saved(written(tmp_path, with_checksum(KEPT)), Revision).model_dump(mode="json") == KEPT
 
 
@@ -78,7 +78,7 @@ def test_every_text_is_short_and_can_be_printed(path, text, why, tmp_path):
         (b"", "Invalid JSON"),
     ],
 )
-def test_what_is_no_such_file_is_refused(content, why, tmp_path):
+def test_file_of_another_type_is_refused(content, why, tmp_path):
     with pytest.raises(ValueError, match=why) as caught:
         read_saved(written(tmp_path, content), Revision)
     assert str(caught.value).isprintable()

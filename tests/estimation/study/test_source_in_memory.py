@@ -36,7 +36,7 @@ N = len(T)
         ([f"00:00:{t:05.2f}" for t in T], "column 'force_N' holds clock times, expected force"),
     ],
 )
-def test_what_is_no_column_of_numbers_is_named(force, said):
+def test_nonnumeric_column_is_named(force, said):
     with pytest.raises(InputError, match=said):
         open_source({**COLUMNS, "force_N": force})
 

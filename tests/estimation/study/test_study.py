@@ -76,7 +76,7 @@ def test_one_model_has_one_fit_whatever_asks_for_it(pressed):
     assert (k3.value, k3.std_err) == (accepted.parameters["k3"].value, accepted.parameters["k3"].std_err)
 
 
-def test_what_a_diagnosis_ranks_is_what_add_does(pressed):
+def test_ranking_matches_the_added_effect(pressed):
     study, diagnosis = pressed
     for entry in diagnosis.channels[0].ranking[:5]:
         assert entry.rmse_held_out == study.fit("contact", [entry.effect]).rmse
@@ -248,7 +248,7 @@ def test_numbers_of_a_forged_revision_are_held_against_the_data(tmp_path):
         study.check(study.revision(1))
 
 
-def test_from_many_threads_a_model_is_fitted_once(monkeypatch):
+def test_concurrent_threads_fit_a_model_once(monkeypatch):
     calls = []
 
     def counted(module, name):

@@ -132,7 +132,7 @@ def test_the_same_batch_repeats_nothing_wherever_the_files_lie_and_a_changed_fil
     assert (result.measurements, result.finished, len(result.table)) == (2, 2, 2)
 
 
-def test_of_several_added_effects_only_one_that_does_not_apply_is_left_out(specimens, tmp_path):
+def test_only_inapplicable_effects_are_omitted(specimens, tmp_path):
     """Backlash is an effect of joints."""
     press = specimens / "s0_soft.csv"
     palpate.batch(press, out=tmp_path, add=["backlash", "cubic_stiffness"], workers=1)
@@ -426,7 +426,7 @@ def test_a_table_of_failures_alone_has_their_rows(tmp_path):
     ]
 
 
-def test_what_a_late_step_would_refuse_is_refused_before_the_first_measurement(specimens, tmp_path):
+def test_invalid_settings_are_refused_before_the_first_measurement(specimens, tmp_path):
     press, out = specimens / "s0_soft.csv", tmp_path / "out"
     assert_refused(run("batch", press, "--out", out, "--group", "animal"), "--group animal: no such field")
     assert_refused(
@@ -446,7 +446,7 @@ def test_what_a_late_step_would_refuse_is_refused_before_the_first_measurement(s
         ({"split": "animal"}, "no such column. There are: time_s"),
     ],
 )
-def test_what_does_not_fit_is_refused_in_one_line(specimens, options, words):
+def test_incompatible_data_are_refused_in_one_line(specimens, options, words):
     with pytest.raises(InputError, match=r"^[^\n]*$") as refused:
         find_measurements(options.pop("places", [f"{specimens}/s*.csv"]), **options)
     assert words in str(refused.value)

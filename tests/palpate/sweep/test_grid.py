@@ -22,19 +22,10 @@ def grid(tmp_path, **keys):
 
 
 def test_every_combination_is_one_case_and_each_repeat_has_a_seed_of_its_own(tmp_path):
-    law = {
-        "name": "kelvin_voigt",
-        "stiffness_n_m": {"from": 200, "to": 600, "step": 200},
-        "damping_n_s_m": [0, 20],
-    }
-    found = grid(
-        tmp_path,
-        objects=[law, ONE["objects"][0]],
-        speeds_mm_s=[[90], [20, 10]],
-        noise_percent=[0, 5],
-        repeats=3,
-        seed=7,
-    )
+    stiffness = {"from": 200, "to": 600, "step": 200}
+    law = {"name": "kelvin_voigt", "stiffness_n_m": stiffness, "damping_n_s_m": [0, 20]}
+    more = {"speeds_mm_s": [[90], [20, 10]], "noise_percent": [0, 5], "repeats": 3, "seed": 7}
+    found = grid(tmp_path, objects=[law, ONE["objects"][0]], **more)
     cases = list(found.cases())
     assert len(cases) == (3 * 2 + 1) * 2 * 2 * 3
     assert len({case.address for case in cases}) == len(cases)
@@ -103,7 +94,7 @@ def objects(**numbers):
         ({"repeats": 1_000_000, "noise_percent": [0, 1]}, "2000000 cases"),
     ],
 )
-def test_what_makes_no_sense_is_refused_with_its_place(tmp_path, keys, words):
+def test_invalid_value_is_refused_with_its_place(tmp_path, keys, words):
     with pytest.raises(InputError, match=words):
         grid(tmp_path, **keys)
 

@@ -27,7 +27,7 @@ BASE = Case("tests.palpate.sweep.slow_work:work", {"k": 500, "noise": [0.0, 0.1]
         Case(BASE.task, BASE.parameters, 2),
     ],
 )
-def test_what_a_result_depends_on_changes_its_address(other):
+def test_address_depends_on_all_inputs(other):
     assert other.address != BASE.address
 
 
@@ -105,7 +105,7 @@ def test_a_pack_that_was_killed_before_it_removed_what_is_in_it_counts_each_resu
     assert [row["number"] for row in store.rows("ab")] == [1, 2]
 
 
-def test_what_was_killed_while_it_was_written_is_no_result_and_a_damaged_one_is_named(tmp_path):
+def test_partially_written_results_are_ignored(tmp_path):
     store = ResultStore(tmp_path)
     store.write("a", [{"number": 1}])
     half = (tmp_path / "a.parquet").read_bytes()[:50]

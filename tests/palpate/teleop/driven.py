@@ -56,13 +56,6 @@ class _Queue(TargetQueue):
         super().finish(state, remark)
 
 
-def distinct(targets: Iterable[Target]) -> list[Target]:
-    """One of those that are the same to a micrometre and a microradian."""
-    return list(
-        {tuple(np.round((*one.position_world_m, *one.direction_world), 6)): one for one in targets}.values()
-    )
-
-
 def drive(targets: Iterable[Target], folder: Path) -> Driven:
     """Let the arm probe them, one after the other; its session goes into the folder."""
     robot_file, queue = find_robot("follower"), _Queue(targets)

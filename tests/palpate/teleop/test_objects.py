@@ -80,7 +80,7 @@ def test_accepted_effect_is_rendered(few_effects):
         assert felt(depth_m, 0.0, 1e-3) == pytest.approx(real(depth_m, 0.0, 1e-3), rel=0.02, abs=0.05)
 
 
-def test_nothing_touched_is_no_estimate():
+def test_session_without_contact_has_no_estimate():
     with pytest.raises(InputError, match="nothing was touched"):
         estimate_object(probed({"object": {"surface_height_m": -0.5}}, NOTHING_NEAR), 0)
 

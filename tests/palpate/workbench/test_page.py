@@ -435,7 +435,7 @@ def test_running_probe_is_displayed_live(opened, tmp_path):
     tab.page.wait_for_selector(".gallery:has-text('payload')")
 
 
-def test_nothing_that_lies_beside_a_recording_is_executed(opened, tmp_path, tmp_path_factory, press):
+def test_files_next_to_a_recording_are_not_executed(opened, tmp_path, tmp_path_factory, press):
     """Neither by what fits ahead, nor by the diagnosis, nor by a probing."""
     with planted_modules(tmp_path, tmp_path_factory.mktemp("mark") / "executed"):
         tab = opened(press)

@@ -114,7 +114,7 @@ def test_another_use_of_runs_can_be_undone(state):
     assert (back.out, back.study.held_out, back.choice.effects) == ((1,), (2,), ("cubic_stiffness",))
 
 
-def test_what_is_held_goes_with_its_effect(state):
+def test_fixed_parameter_is_removed_with_its_effect(state):
     state.choose(state.toggled("cubic_stiffness"))
     state.choose(state.with_held("cubic_stiffness.k3", 1e6))
     assert state.toggled("cubic_stiffness").held == {}
@@ -200,7 +200,7 @@ def test_page_states_held_out_runs_and_can_include_them(press):
     assert again.with_runs((), (2,)) is state
 
 
-def test_of_a_recording_that_was_averaged_no_command_uses_the_same_runs(press, monkeypatch):
+def test_averaged_recording_offers_no_command_for_its_runs(press, monkeypatch):
     monkeypatch.setattr(long_data, "LONG", 1000)
     monkeypatch.setattr(long_data, "_MAX_SAMPLES", 300)
     state = WorkbenchState(Study(press, keep=False), "press.csv")

@@ -103,7 +103,7 @@ def test_one_of_emulated_devices_is_for_emulated_devices_alone(tmp_path, kind):
     assert load_calibrations(robot_file, NOW, emulated=True).kinds == (kind,)
 
 
-def test_one_that_does_not_say_what_was_read_can_be_read_and_not_applied(tmp_path):
+def test_calibration_without_reading_unit_is_not_applied(tmp_path):
     robot_file = robot_with(tmp_path, "force", source=None)
     with pytest.raises(InputError, match="does not say whether real devices were read"):
         load_calibrations(robot_file, NOW)
@@ -135,7 +135,7 @@ def torque_values(**changes):
         ("torque", torque_values(offset=[0.0, 0.0, 99.0]), "offset of 99 N m for joint 3; .* at most"),
     ],
 )
-def test_one_that_would_deceive_the_guard_is_refused(tmp_path, kind, values, words):
+def test_calibration_that_would_mislead_the_guard_is_refused(tmp_path, kind, values, words):
     robot_file = robot_with(tmp_path, kind, values=values)
     with pytest.raises(InputError, match=words):
         load_calibrations(robot_file, NOW)

@@ -14,7 +14,7 @@ def robot(tmp_path):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_is_written_is_read_back(robot, tmp_path, kind):
+def test_written_data_are_read_back(robot, tmp_path, kind):
     calibration = calibration_of(kind, robot)
     path = tmp_path / "c.yaml"
     path.write_text(calibration.to_yaml())
@@ -52,7 +52,7 @@ def changed(robot, kind, change):
         ("gravity", lambda d: d["values"].clear(), ("pitch or roll",)),
     ],
 )
-def test_what_is_wrong_is_named(robot, kind, change, words):
+def test_invalid_setting_is_named(robot, kind, change, words):
     with pytest.raises(InputError) as caught:
         parse_calibration(changed(robot, kind, change), "c.yaml")
     text = str(caught.value)

@@ -65,7 +65,7 @@ def test_without_a_time_stamp_a_frame_is_as_old_as_it_can_be(ends):
 
 
 @pytest.mark.parametrize("timestamps", ["robot", "none"])
-def test_what_has_queued_up_does_not_become_newer_by_waiting_for_the_next_drain(ends, timestamps):
+def test_queued_samples_keep_their_age(ends, timestamps):
     line, other, clock = ends(timestamps)
     stamps = [1e-3 * tick for tick in range(2500)]
     for stamp in stamps:

@@ -72,7 +72,7 @@ def test_a_state_against_a_bit_packer(position, velocity, torque, error):
 
 
 @given(st.floats(-30, 30))
-def test_what_is_sent_is_what_the_motor_will_read(torque_nm):
+def test_encoded_torque_matches_the_motor_resolution(torque_nm):
     frame, sent_nm = mit.encode_torque(7, torque_nm, AK80_9)
     position, velocity, stiffness, damping, torque = bitstruct.unpack("u16u12u12u12u12", frame.data)
     assert (frame.can_id, stiffness, damping) == (7, 0, 0)

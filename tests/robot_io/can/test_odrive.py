@@ -153,7 +153,7 @@ def test_a_wrong_length_is_refused(decode, length):
         decode(CanFrame(0x21, bytes(length)))
 
 
-def test_what_means_nothing_is_refused():
+def test_meaningless_settings_are_refused():
     with pytest.raises(ProtocolError, match="state 5 "):
         odrive.decode_heartbeat(CanFrame(0x21, bytes((0, 0, 0, 0, 5, 0, 0, 0))), Firmware.V0_6)
     with pytest.raises(ProtocolError, match="finite"):

@@ -42,7 +42,7 @@ def said(frame):
         (FRAMES.order(1, MotorCommand.CLEAR), "0400FD01 01 00 00 00 00 00 00 00"),
     ],
 )
-def test_what_is_sent_is_what_was_written_down(frame, bytes_):
+def test_frames_match_recorded_ones(frame, bytes_):
     assert said(frame) == bytes_
 
 
@@ -94,7 +94,7 @@ ANSWER = bytes.fromhex("21000a2f010000803e0000c0bf0000004020040c02301f00")
         (moteus.encode_query(0, 3), QUESTION),
     ],
 )
-def test_what_is_sent_is_what_the_vendor_s_library_sends(frame, data):
+def test_encoding_matches_the_vendor_library(frame, data):
     assert frame.data.hex().startswith(data)
     assert (frame.can_id, frame.extended, frame.fd) == (0x8003, True, True)
     assert len(frame.data) in (8, 12, 16, 20, 24, 32)
@@ -119,7 +119,7 @@ def test_an_answer_of_another_form_is_refused(place):
 
 
 @pytest.mark.parametrize("values", [(float("nan"), 0, 0), (0, float("inf"), 0), (0, 0, -float("inf"))])
-def test_what_is_not_finite_is_not_known(values):
+def test_nonfinite_values_are_ignored(values):
     data = ANSWER[:5] + struct.pack("<3f", *values) + ANSWER[17:]
     assert not moteus.decode_state(CanFrame(0x300, data, fd=True)).is_known
 

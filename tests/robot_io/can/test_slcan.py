@@ -84,7 +84,7 @@ def test_frames_of_the_manual(adapter, line, frame):
 
 
 @given(st.integers(0, 0x7FF), st.binary(max_size=8), st.booleans())
-def test_what_is_sent_can_be_read(can_id, data, is_extended):
+def test_encoded_message_is_decodable(can_id, data, is_extended):
     message = can.Message(arbitration_id=can_id, data=data, is_extended_id=is_extended)
     line = encode_line(message)
     assert line.isascii()
@@ -111,7 +111,7 @@ def test_any_portions_give_the_same_frames(adapter):
     assert found == [CanFrame(0x21, b"\xaa"), CanFrame(0x21, b"\xbb")]
 
 
-def test_what_waited_in_the_line_is_as_old_as_it_can_be(adapter):
+def test_buffered_samples_have_their_largest_possible_age(adapter):
     adapter.line.drain(0.0)
     adapter.says(b"t0211AA\r")
     adapter.clock.sleep_until(0.55)

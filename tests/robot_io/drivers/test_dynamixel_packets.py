@@ -107,7 +107,7 @@ def test_the_sdk_destuffs_a_first_pattern_likewise():
 
 @example(servo_id=1, error=0, data=packet("ff ff ff ff fd ff ff ff ff ff fd"))  # the SDK gets this one wrong
 @given(IDS, st.integers(0, 255), TRICKY)
-def test_whatever_a_servo_sends_is_understood(servo_id, error, data):
+def test_all_servo_packets_are_decoded(servo_id, error, data):
     sent = dynamixel.status(servo_id, error, data)
     assert b"\xff\xff\xfd" not in sent[7:-2].replace(b"\xff\xff\xfd\xfd", b"")
     assert decode_status(sent) == DynamixelStatus(servo_id, error, data)
@@ -115,7 +115,7 @@ def test_whatever_a_servo_sends_is_understood(servo_id, error, data):
 
 @example(servo_id=1, code=3, parameters=packet("ff ff fd fd 00 ff ff fd"))
 @given(IDS | st.just(BROADCAST_ID), st.integers(0, 252), TRICKY)
-def test_whatever_is_asked_is_understood_by_a_servo(servo_id, code, parameters):
+def test_all_requests_are_understood_by_the_emulated_servo(servo_id, code, parameters):
     sent = protocol.DIALECT.encode_packet(servo_id, code, parameters)
     assert b"\xff\xff\xfd" not in sent[7:-2].replace(b"\xff\xff\xfd\xfd", b"")
     (understood,) = dynamixel.DynamixelParser().take(sent)
@@ -146,7 +146,7 @@ def test_answer_is_parsed_after_noise(noise, servo_id, data):
     ]
 
 
-def test_neither_a_damaged_length_nor_an_echo_of_the_request_hides_an_answer():
+def test_answer_is_found_after_a_damaged_length_or_echo():
     endless = packet("ff ff fd 00 01 ff ff 55 00")
     good = dynamixel.status(2, 0, b"\x07")
     assert DynamixelStatusReader().feed(endless + good) == [DynamixelStatus(2, 0, b"\x07")]

@@ -15,7 +15,7 @@ from palpate.sim_backend.emulators import FaultKind
 from tests.wire.parts import SO101
 
 STALL_NM, NO_LOAD_RAD_S = 30 * 0.0980665, pi / 3 / 0.222
-LOCK, PHASE, OFFSET, LEVEL, P_GAIN, TORQUE_ON, GOAL, LIMIT = 55, 18, 31, 8, 21, 40, 42, 48  # addresses
+OFFSET, LEVEL, P_GAIN, TORQUE_ON, GOAL, LIMIT = 31, 8, 21, 40, 42, 48  # addresses
 
 
 @pytest.fixture
@@ -114,7 +114,7 @@ def test_the_load_of_a_turning_motor_is_no_torque(arm):
     assert np.abs(measurement.joint_velocity_rad_s).max() > 0.1
 
 
-def test_without_a_word_the_joints_stay_near_where_they_were(arm):
+def test_joints_stay_near_their_position_without_commands(arm):
     """There is no watchdog: the program may die, and the arm stands."""
     arm.start()
     let_go = hold(arm)
@@ -178,7 +178,7 @@ def test_an_adapter_that_hears_itself_disturbs_nothing(arm):
     ("place", "value", "problem"),
     [(LIMIT, 300, "torque limit is 300 in place of"), (GOAL, 77, "goal position is 77 in place of 18")],
 )
-def test_what_a_servo_cannot_say_now_is_a_damaged_answer(arm, place, value, problem):
+def test_impossible_servo_value_is_a_damaged_answer(arm, place, value, problem):
     """Eight bits of checksum let one damaged answer in 256 pass."""
     arm.start()
     arm.tick()

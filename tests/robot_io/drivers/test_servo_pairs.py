@@ -287,7 +287,7 @@ STS = {"id": 1, "model": "STS3215-12V"}
         (FeetechSettings, STS | {"second": {"id": 4, "homing_offset": 2048}}, "second.homing_offset"),
     ],
 )
-def test_what_no_pair_can_be_is_refused(model, servo, said):
+def test_invalid_servo_pair_is_refused(model, servo, said):
     with pytest.raises(InputError) as refused:
         validate(model, {"port": "p", "servos": [servo]})
     assert said in str(refused.value)

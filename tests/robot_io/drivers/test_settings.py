@@ -112,5 +112,5 @@ def test_a_whole_number_is_written_as_one(model, key):
         *((ServoMounting, "reversed", False), (DynamixelSettings, "fast_sync_read", True)),
     ],
 )
-def test_what_may_be_left_out_is_the_plain_case(model, key, default):
+def test_optional_settings_have_plain_defaults(model, key, default):
     assert model.model_fields[key].default == default

@@ -61,7 +61,7 @@ def test_a_dynamixel_is_what_its_emulator_is(name):
     assert dynamixel.model_name(theirs.number) == name
 
 
-def test_what_a_dynamixel_s_numbers_mean():
+def test_dynamixel_numbers_have_documented_units():
     assert dynamixel.drive_mode_problem(0) is dynamixel.drive_mode_problem(0x04) is None  # profile by time
     assert all(dynamixel.drive_mode_problem(bit) for bit in (0x01, 0x02, 0x08))
     assert pytest.approx(0.0239808, rel=1e-5) == dynamixel.VELOCITY_STEP_RAD_S  # 0.229 rpm

@@ -97,7 +97,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("changes", "cause"), WRONG, ids=[cause for _, cause in WRONG])
-def test_whatever_is_wrong_trips_with_its_cause_even_in_the_first_measurement(guard, changes, cause):
+def test_each_violation_trips_with_its_cause(guard, changes, cause):
     guard.watch(measured(**({"time_s": 1.0} | changes)))
     assert cause in guard.tripped.cause
     assert guard.tripped.tick == 0
@@ -123,7 +123,7 @@ def test_user_permissions_are_reported(guard, changes, reference, remedy):
     assert remedy in guard.tripped.remedy
 
 
-def test_what_is_right_does_not_trip(guard):
+def test_valid_measurement_does_not_trip(guard):
     guard.watch(measured(1.0))
     edge = {"joint_position_rad": [1.0, -2.0], "joint_velocity_rad_s": [3.0, -4.0], "force_n": 20.0}
     guard.watch(measured(1.001, **edge))
@@ -279,10 +279,10 @@ class TestStop:
         ("velocity", "sent"),
         [([1.0, -0.5], [-2.0, 0.5]), ([-1e9, 4.5], [6.0, -4.0])],  # a mad one as the fastest allowed
     )
-    def test_it_brakes_against_the_velocity_whatever_the_controller_wants(self, tripped, velocity, sent):
+    def test_guard_brakes_against_the_velocity(self, tripped, velocity, sent):
         assert self.stopping(tripped, 0.001, velocity) == sent
 
-    def test_it_brakes_at_once_not_at_the_rate_limit(self, guard):
+    def test_braking_ignores_the_rate_limit(self, guard):
         limited(guard, torque(0, 0), measured(0.0, joint_torque_nm=[10.0, 0.0]))
         guard.trip("test")
         assert self.stopping(guard, 0.001, [2.0, 0.0], dt_s=1e-6) == [-4.0, 0.0]
@@ -327,16 +327,16 @@ class TestStop:
             ((0.025, 0.049, 0.05), 1e-6, [True, True, False]),  # by the clock: the steps are too short
         ],
     )
-    def test_it_ends_on_time(self, tripped, times_s, dt_s, brakes):
+    def test_safe_stop_ends_on_time(self, tripped, times_s, dt_s, brakes):
         assert [any(self.stopping(tripped, time_s, [1.0, 1.0], dt_s)) for time_s in times_s] == brakes
 
-    def test_it_ends_when_the_clock_goes_backwards(self, tripped):
+    def test_safe_stop_ends_with_a_decreasing_clock(self, tripped):
         for tick in range(1, 60):
             self.stopping(tripped, -0.001 * tick, [1.0, 1.0])
         assert tripped.finished
 
     @pytest.mark.parametrize(("time_s", "dt_s"), [(nan, DT), (0.001, nan), (0.001, -1.0), (0.001, 0.0)])
-    def test_it_ends_at_once_when_time_makes_no_sense(self, tripped, time_s, dt_s):
+    def test_safe_stop_ends_with_invalid_time(self, tripped, time_s, dt_s):
         assert self.stopping(tripped, time_s, [1.0, 1.0], dt_s=dt_s) == [0.0, 0.0]
         assert tripped.finished
 
@@ -450,7 +450,7 @@ class TestWeight:
         [{"encoder_status": Status.FAULT}, {"encoder_at_s": -0.1}, {"joint_position_rad": [nan, 0.0]}],
         ids=str,
     )
-    def test_where_the_arm_is_unknown_its_weight_is_not_guessed(self, unknown):
+    def test_gravity_of_an_unknown_arm_is_not_modeled(self, unknown):
         asked = []
         sent, guard = self.stop(weight=lambda position: asked.append(1) or 4.0 + position, **unknown)
         assert not sent.any()
@@ -463,7 +463,7 @@ class TestWeight:
         guard.trip("again")
         assert limited(guard, torque(0, 0), measured(1.001)) == [4.0, -1.0]
 
-    def test_it_cannot_be_rearmed_while_being_lowered(self):
+    def test_guard_cannot_be_rearmed_while_lowering(self):
         _, guard = self.stop(ticks=200)
         with pytest.raises(SafetyTripError, match="still being stopped"):
             guard.rearm(measured(0.201))
@@ -616,7 +616,7 @@ class TestStoppedInItsMotion:
 
     @pytest.mark.parametrize("seen", [in_steps, float], ids=["12 bits", "fine"])
     @pytest.mark.parametrize(("at", "start_rad"), [(60, 0.0), (407, 0.0), (60, -0.6)])
-    def test_it_is_named_within_the_limit_and_two_ticks(self, guard, seen, at, start_rad):
+    def test_fault_is_named_within_the_limit_and_two_ticks(self, guard, seen, at, start_rad):
         ticks, _ = self.named(guard, lambda k: start_rad + SPEED * k, at, seen)
         assert ticks <= 22
 
@@ -637,7 +637,7 @@ class TestStoppedInItsMotion:
             (lambda k: SPEED * (k if k <= 200 else max(200, k - 300)), 200, 0.0),
         ],
     )
-    def test_what_an_object_or_friction_may_hold_is_waited_for(self, guard, reference, at, force_n):
+    def test_blocked_joint_is_given_time(self, guard, reference, at, force_n):
         _, behind_rad = self.named(guard, reference, at, force_n=lambda k: 0.0 if k <= at else force_n)
         assert 0.03 < behind_rad < 0.04
 
@@ -654,7 +654,7 @@ class TestStoppedInItsMotion:
         tick = watch_many(guard, 600, reading, reference, lambda k: 150 * (reference(k) - reading(k)))
         assert abs(reference(tick) - reading(tick)) > 0.015
 
-    def test_what_was_before_it_was_rearmed_is_past(self, guard):
+    def test_rearming_clears_earlier_state(self, guard):
         def reference(k):
             return SPEED * (k if k <= 195 else max(195, k - 100))
 

@@ -96,7 +96,7 @@ def test_a_coarse_sensor_that_alternates_on_an_edge_may_be_still_in_the_middle_o
     assert ticks_until_named(StuckForce(LIMIT_S), forces_n) is None
 
 
-def test_neither_motion_nor_a_trembling_encoder_makes_a_still_sensor_a_stuck_one():
+def test_resting_sensor_is_not_reported_as_stuck():
     forces_n = held(0.0, 5.0, air_std=0.1, hold_std=0.001, step=0.02)
     speeds = np.where(np.arange(len(forces_n)) < AIR + PRESS, MOVING_RAD_S, 0.0)
     assert ticks_until_named(StuckForce(LIMIT_S), forces_n, speeds_rad_s=speeds) is None
@@ -145,7 +145,7 @@ def test_chance_repetitions_of_a_coarse_sensor_are_not_reported(seed, row, accus
     assert (ticks_until_named(StuckForce(5e-3), forces_n) is not None) is accused
 
 
-def test_neither_old_samples_nor_the_first_equal_ones_are_a_stuck_sensor():
+def test_old_and_initial_equal_samples_are_not_stuck():
     forces_n = np.concatenate([noise(150), np.full(5, 1.0), noise(10)])
     assert ticks_until_named(StuckForce(1e-3), forces_n) is None
     forces_n = np.concatenate([noise(150), np.full(300, 1.0)])

@@ -114,7 +114,7 @@ def test_drive_with_inaccurate_torque_reading_is_not_reported(wear, seed, every)
 @pytest.mark.parametrize(
     "wear", [{"bias": -3.5}, {"drift": -2.0}, {"bias": 3.5}, {"drift": 2.0}, {"gain": 0.52}], ids=str
 )
-def test_what_a_reading_is_always_off_is_known_before_it_is_held_against_a_large_torque(wear, side):
+def test_constant_torque_offset_is_learned_first(wear, side):
     drive = HealthyDrive(noise=0.01, **wear)
     assert ticks_until_named(UnresponsiveDrives(LIMITS), drive.show, lambda k: side * 5.0, count=3000) is None
 

@@ -301,7 +301,7 @@ def test_both_sides_meet_through_a_router(tmp_path):
         assert heard(follower, leader, report())
 
 
-def test_what_is_larger_than_a_frame_is_dropped_when_it_arrives():
+def test_oversized_data_are_dropped_on_arrival():
     import zenoh
 
     settings, clock = LinkSettings(port=free_port()), MonotonicClock()

@@ -28,7 +28,7 @@ def framed(message, sequence: int = 5, seal: FrameCode = CHECKSUM) -> bytes:
 
 
 @pytest.mark.parametrize("message", MESSAGES, ids=lambda one: type(one).__name__)
-def test_what_is_sent_arrives_as_it_was(message):
+def test_message_arrives_unchanged(message):
     frame = decode(framed(message))
     assert frame.message == message
     assert (frame.sender, frame.sequence, frame.sent_s, frame.heard_at_s) == (2**61 + 3, 5, 1.25, 7.5)
@@ -108,7 +108,7 @@ def test_a_mark_holds_for_one_pair_and_one_direction(tmp_path):
 
 
 @pytest.mark.parametrize("data", [b"", b"1234", bytes(MOST_BYTES + 1)])
-def test_what_is_no_frame_is_refused(data):
+def test_invalid_frame_is_refused(data):
     with pytest.raises(FrameError):
         decode(data)
 

@@ -27,7 +27,7 @@ def test_a_frame_is_what_the_sensor_sent(status, values, time_us):
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
-def test_what_is_no_number_is_refused(value):
+def test_nonnumeric_value_is_refused(value):
     with pytest.raises(ProtocolError, match="not a number"):
         decode_frame(bota_frame(0, [*ONES[:5], value], 0))
 

@@ -69,7 +69,7 @@ def test_the_firmware_and_the_driver_understand_each_other(tmp_path):
 @pytest.mark.parametrize(
     "text", ["1 2 3", "1", "256 1", "-1 1", "1 8388608", "1 -8388609", "1 1.0", "fault converter", ""]
 )
-def test_what_is_no_sample_is_refused(text):
+def test_invalid_sample_is_refused(text):
     with pytest.raises(ProtocolError):
         parse_sample(cell_line(text)[:-1])
 

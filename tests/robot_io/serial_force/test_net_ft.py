@@ -209,13 +209,13 @@ def test_a_web_server_of_something_else_is_named(arm):
 
 
 @pytest.mark.parametrize("host", ["http://192.168.1.1", "192.168.1.1:80", "192.168.1.1 ", "a b", ""])
-def test_what_is_more_than_an_address_is_refused(host):
+def test_only_a_plain_address_is_accepted(host):
     with pytest.raises(InputError, match=r"host: give its address alone, such as 192\.168\.1\.1"):
         validate(NetFtLineSettings, {"host": host})
 
 
 @pytest.mark.parametrize("host", ["..", "x" * 64, "no.such.host.invalid"])
-def test_what_is_no_host_is_named(arm, host):
+def test_invalid_host_is_named(arm, host):
     with pytest.raises(DeviceError, match="cannot be reached"):
         configure_with(arm, "host: 127.0.0.1", f"host: {host}")
 
@@ -252,7 +252,7 @@ def test_a_sensor_that_repeats_its_measurement_goes_silent_and_is_named(arm):
     assert "measures nothing new" in arm.problem
 
 
-def test_what_waited_while_the_program_stood_still_is_as_old_as_that(arm):
+def test_samples_buffered_during_a_pause_include_the_pause(arm):
     """A network keeps hundreds of datagrams for a program that does not read."""
     arm.robot.configure()
     arm.ticks(10, None)

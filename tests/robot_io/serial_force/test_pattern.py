@@ -86,7 +86,7 @@ def test_readings_of_the_manual(text, value):
 
 
 @pytest.mark.parametrize("text", ["", "nan", "inf", "1e5", "1.2.3", "0x10", "--1", "1,5", "1 2", "٣"])
-def test_what_is_no_reading_is_refused(text):
+def test_invalid_reading_is_refused(text):
     with pytest.raises(ProtocolError):
         gauges.parse_number(text)
 
@@ -122,7 +122,7 @@ def test_any_portions_give_the_same_readings(values, data):
     assert stream.rejected == 0
 
 
-def test_neither_a_cut_line_nor_one_too_large_nor_an_endless_one_is_a_reading():
+def test_truncated_and_oversized_lines_are_no_readings():
     """The last digits of 123.4567 would be a fine number."""
     assert loadstar_stream(1.0, 100.0).feed(b"4567\r\n   1.0000\r\n") == [1.0]
     stream = loadstar_stream(1.0, 100.0)
@@ -148,7 +148,7 @@ def test_readings_of_mark10_s_manual():
 
 
 @pytest.mark.parametrize("line", ["", "1.5", "1.5lbF", "1,5 N", "nan N", "1e3 N", "*10", "1 N x", "-- N"])
-def test_what_mark10_does_not_write_is_refused(line):
+def test_invalid_mark10_line_is_refused(line):
     with pytest.raises(ProtocolError):
         parse_reading(line)
 
@@ -171,7 +171,7 @@ def test_another_unit_is_no_reading_and_named_once_it_is_no_damage():
     assert stream.fault_text == "the gauge says '*22 value too large'"
 
 
-def test_one_question_is_out_at_a_time_and_a_late_answer_is_not_taken_for_the_next_one():
+def test_one_request_is_pending_and_late_answers_are_discarded():
     poll = Poll(b"?", b"!")
     assert [poll.to_send(time_s) for time_s in (0.0, 0.01)] == [b"?", b""]
     assert poll.answered(0.011) == 0.0
@@ -196,7 +196,7 @@ def used_poll():
     return poll
 
 
-def test_after_a_lost_answer_the_next_question_has_a_marker_and_without_its_answer_it_waits():
+def test_request_after_a_lost_answer_has_a_marker():
     poll = used_poll()
     assert [poll.to_send(2.0 + 1e-3 * tick) for tick in range(1, 6)] == [b"", b"", b"!?", b"", b""]
     assert poll.answered(2.0045) is None  # a late answer to the question before

@@ -140,7 +140,7 @@ def test_a_ping_is_answered_with_model_and_firmware_and_a_damaged_request_with_a
         (98, (128,), 4),
     ],
 )
-def test_what_may_not_be_written_is_refused(client, address, data, error):
+def test_forbidden_write_is_refused(client, address, data, error):
     assert client.write(1, address, *data) == error
 
 

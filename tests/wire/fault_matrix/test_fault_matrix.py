@@ -37,7 +37,7 @@ PHASES_MS = (0, 5, 10, 15)  # of a tick of 4 ms, and of a goal that moves by a c
 PHASED = {"feetech_pair, second servo silent", "feetech_pair, second servo ignores goals"}
 
 
-def test_what_runs_soon_is_in_the_matrix():
+def test_quick_fault_cases_are_in_the_matrix():
     assert {row.label for row in ROWS} >= SOON | PHASED
 
 
