@@ -26,6 +26,7 @@ _THOROUGH = 1.1  # largest ratio of a thorough set's mean squared error to the l
 _REPLACEMENT = 0.75  # least share of a kind's contribution, after the others, that a replacement explains
 # Least share of a sensor kind's contribution that a kind of the object or the drive explains in its place.
 _LIKELIER = 0.8
+_COMPARABLE = 4.0  # largest ratio of the mean squared errors that the two leave; a sensor fault is exact
 _SENSOR_KINDS = frozenset({Kind.SENSOR_DYNAMICS, Kind.SENSOR_STATICS})
 _NOT_PHYSICAL = _SENSOR_KINDS | {Kind.DRIFT, Kind.RUN_DIFFERENCES, Kind.RECORDED_CONTEXT, Kind.OTHER}
 _SAMPLES = 200  # bootstrap samples of runs, for intervals
@@ -188,14 +189,14 @@ class _KindSubsets:
         """Replace kinds of the sensor by kinds of the object or the drive that explain most of their part.
 
         Sensors are seldom wrong, and their laws can imitate those of the object: a dead band looks like an
-        object that is soft at first.
+        object that is soft at first. A fault of the sensor follows its law exactly and leaves far less error.
 
         Args:
             chosen: kinds that account for the error.
         """
         for kind in _ordered(chosen & _SENSOR_KINDS):
             without, with_it = self.best_mean_square(chosen - {kind}), self.best_mean_square(chosen)
-            limit = without - _LIKELIER * (without - with_it)
+            limit = min(without - _LIKELIER * (without - with_it), _COMPARABLE * with_it)
             likelier = self.relevant - chosen - _NOT_PHYSICAL
             errors = {k: self.best_mean_square(chosen - {kind} | {k}) for k in _ordered(likelier)}
             best = min(errors, key=errors.__getitem__, default=kind)

@@ -81,12 +81,14 @@ def test_kinds_that_explain_the_same_are_one_kind_that_another_may_replace():
     assert found.alternatives == (frozenset({BIAS}),)
 
 
-@pytest.mark.parametrize(("left_by_shape", "kind"), [(2.0, ELASTIC), (4.0, BIAS)])
-def test_a_sensor_kind_gives_way_to_a_kind_of_the_object_that_explains_most_of_it(left_by_shape, kind):
+@pytest.mark.parametrize(
+    ("left_by_sensor", "left_by_shape", "kind"), [(1.0, 2.0, ELASTIC), (1.0, 4.0, BIAS), (0.1, 1.5, BIAS)]
+)
+def test_object_kind_replaces_sensor_kind_that_explains_little_more(left_by_sensor, left_by_shape, kind):
     left = {frozenset(): 10.0, frozenset({ELASTIC}): left_by_shape}
-    found = budget([BIAS, ELASTIC], lambda kinds: left.get(kinds, 1.0))
+    found = budget([BIAS, ELASTIC], lambda kinds: left.get(kinds, left_by_sensor))
     assert found.kinds == (kind,)
-    assert found.unexplained == pytest.approx(left.get(frozenset({kind}), 1.0) / 10.0)
+    assert found.unexplained == pytest.approx(left.get(frozenset({kind}), left_by_sensor) / 10.0)
     assert found.alternatives == (() if kind is BIAS else (frozenset({BIAS}),))
 
 
