@@ -24,11 +24,6 @@ _MAX_NAMED = 4  # kinds in the smallest set
 _ALLOWANCE, _ERROR_ALLOWANCE = 0.05, 0.03
 _THOROUGH = 1.1  # largest ratio of a thorough set's mean squared error to the least one
 _REPLACEMENT = 0.75  # least share of a kind's contribution, after the others, that a replacement explains
-# Least share of a sensor kind's contribution that a kind of the object or the drive explains in its place.
-_LIKELIER = 0.8
-_COMPARABLE = 4.0  # largest ratio of the mean squared errors that the two leave; a sensor fault is exact
-_SENSOR_KINDS = frozenset({Kind.SENSOR_DYNAMICS, Kind.SENSOR_STATICS})
-_NOT_PHYSICAL = _SENSOR_KINDS | {Kind.DRIFT, Kind.RUN_DIFFERENCES, Kind.RECORDED_CONTEXT, Kind.OTHER}
 _SAMPLES = 200  # bootstrap samples of runs, for intervals
 
 # If several sets explain as much, effects of the object and the drive come before those of the sensor.
@@ -83,8 +78,7 @@ def error_budget(error: SquaredErrors, rng: np.random.Generator, only: Kinds | N
     sets = _KindSubsets(error, _relevant(error, all_kinds) | known)
     smallest = sets.smallest_sufficient(sets.limit) if only is None else [known]
     thorough = sets.smallest_sufficient(_THOROUGH * sets.best_mean_square(sets.relevant))[0]
-    chosen = sets.with_likelier_kinds(smallest[0]) if only is None else known
-    alternatives = tuple(kinds for kinds in smallest if kinds != chosen)
+    chosen = smallest[0]
     values = _shapley(sets, chosen, error.counts[:, None])[0]
     weights = rng.multinomial(error.runs, np.full(error.runs, 1.0 / error.runs), size=_SAMPLES).T.astype(
         np.float64
@@ -107,7 +101,7 @@ def error_budget(error: SquaredErrors, rng: np.random.Generator, only: Kinds | N
         )
     entries.sort(key=lambda entry: -entry.share)
     left, flexible, rms = sets.best_mean_square(chosen) / base, least_error / base, float(np.sqrt(base))
-    return ErrorBudget(rms, tuple(entries), left, flexible, alternatives, thorough)
+    return ErrorBudget(rms, tuple(entries), left, flexible, tuple(smallest[1:]), thorough)
 
 
 def _ordered(kinds: Kinds) -> list[Kind]:
@@ -184,25 +178,6 @@ class _KindSubsets:
             if close or size == max_size:
                 return sorted(close, key=rank) or [min(sets, key=self.best_mean_square)]
         return [frozenset()]
-
-    def with_likelier_kinds(self, chosen: Kinds) -> Kinds:
-        """Replace kinds of the sensor by kinds of the object or the drive that explain most of their part.
-
-        Sensors are seldom wrong, and their laws can imitate those of the object: a dead band looks like an
-        object that is soft at first. A fault of the sensor follows its law exactly and leaves far less error.
-
-        Args:
-            chosen: kinds that account for the error.
-        """
-        for kind in _ordered(chosen & _SENSOR_KINDS):
-            without, with_it = self.best_mean_square(chosen - {kind}), self.best_mean_square(chosen)
-            limit = min(without - _LIKELIER * (without - with_it), _COMPARABLE * with_it)
-            likelier = self.relevant - chosen - _NOT_PHYSICAL
-            errors = {k: self.best_mean_square(chosen - {kind} | {k}) for k in _ordered(likelier)}
-            best = min(errors, key=errors.__getitem__, default=kind)
-            if best is not kind and errors[best] <= limit:
-                chosen = chosen - {kind} | {best}
-        return chosen
 
     def replacements(self, chosen: Kinds, kind: Kind) -> tuple[Kind, ...]:
         """Find kinds that explain about as much in the place of a kind, together with the other chosen kinds.

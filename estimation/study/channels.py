@@ -24,7 +24,7 @@ LOOSE_JOINT_MODEL = "inertia"
 SERVO_MODEL = "position_servo"
 ChannelKey = tuple[str, str, str]  # channel, base model, SHA-256 of the data
 ALL_CHANNELS = "all"
-_DIGITS = 7  # decimal digits of what identifies data
+_DIGITS = 9  # decimal digits of what identifies data; rounding errors reach the 12th
 _KIND_NAMES = {
     ChannelKind.CONTACT: "contact",
     ChannelKind.PRISMATIC: "prismatic joint",

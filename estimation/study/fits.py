@@ -35,7 +35,7 @@ from palpate.estimation.study.channels import (
     suited_names,
 )
 from palpate.estimation.study.comparison import Comparison, Comparisons, compare
-from palpate.estimation.study.source import limit_length, open_source, without_uninstalled
+from palpate.estimation.study.source import limit_length, open_source, without_unreadable_joints
 from palpate.estimation.workers import release_freed_memory
 from palpate.robot_io.errors import InputError
 
@@ -60,7 +60,7 @@ class StudyFits(TableDisplay):
         user_effects = effects or {}
         source = open_source(data, options, arm)
         if model is None:
-            source = without_uninstalled(source)
+            source = without_unreadable_joints(source)
         self.source = limit_length(source, held_out)
         if self.source.averaged:
             release_freed_memory()

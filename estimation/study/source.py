@@ -121,7 +121,7 @@ def open_source(data: Any, options: ImportOptions = NO_OPTIONS, arm: Arm | None 
     return source if arm is None else replace(source, arm=arm, notes=(*source.notes, *arm.notes))
 
 
-def without_uninstalled(source: DataSource) -> DataSource:
+def without_unreadable_joints(source: DataSource) -> DataSource:
     """Drop the joints of an arm that also pressed an object if Pinocchio is not installed, and add a note.
 
     Args:

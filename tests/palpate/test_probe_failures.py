@@ -136,6 +136,12 @@ def test_torque_that_may_still_be_on_is_worth_more_than_the_users_ctrl_c(ended):
 ROOM_BYTES = 300_000  # to the writer process a file that may not grow is a disk that is full
 
 
+def probe_with(writer, path, monkeypatch):
+    """Probe once, and write the session with a writer that fails."""
+    monkeypatch.setattr(run_session, "SessionWriter", writer)
+    return run("probe", "-o", path, "--speed-mm-s", 150, "--hold-s", 0.2, "--online", "none")
+
+
 class SmallDisk(SessionWriter):
     def __init__(self, *args, **kwargs):
         super().__init__(*args, **kwargs)
@@ -144,10 +150,8 @@ class SmallDisk(SessionWriter):
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits another process as Linux does")
 def test_a_full_disk_stops_no_arm_and_is_one_line(tmp_path, monkeypatch):
-    monkeypatch.setattr(run_session, "SessionWriter", SmallDisk)
     path = tmp_path / "s.mcap"
-    said = run("probe", "-o", path, "--speed-mm-s", 150, "--hold-s", 0.2, "--online", "none")
-
+    said = probe_with(SmallDisk, path, monkeypatch)
     assert said.exit_code == 3
     assert said.stderr.strip().endswith("s.mcap is not complete: File too large")
     session = Session.open(path)
@@ -165,8 +169,6 @@ class DeadWriter(SessionWriter):
 
 
 def test_a_writer_that_was_killed_is_no_bad_input(tmp_path, monkeypatch):
-    monkeypatch.setattr(run_session, "SessionWriter", DeadWriter)
-    path = tmp_path / "s.mcap"
-    said = run("probe", "-o", path, "--speed-mm-s", 150, "--hold-s", 0.2, "--online", "none")
+    said = probe_with(DeadWriter, tmp_path / "s.mcap", monkeypatch)
     assert said.exit_code == 1
     assert said.stderr.strip().endswith("s.mcap is not complete: the writer process ended with -9")

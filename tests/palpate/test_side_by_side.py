@@ -144,7 +144,7 @@ def test_another_motion_is_not_paired(soft, again, tmp_path):
 def test_a_difference_that_no_effort_shows_is_none_and_no_noise_is_given_in_percent(tmp_path):
     first = write_presses(tmp_path / "first.csv")
     columns = press_columns(first)
-    columns["force_N"] += 3e-3 * columns["displacement_m"]
+    columns["force_N"] += 1e-4 * columns["displacement_m"]
     second = write_table(tmp_path / "second.csv", **columns)
     found = differences(first, second)
     assert abs(found["stiffness.k"].value) > found["stiffness.k"].half  # rounding alone is beyond it

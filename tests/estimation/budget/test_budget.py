@@ -82,17 +82,6 @@ def test_kinds_that_explain_the_same_are_one_kind_that_another_may_replace():
 
 
 @pytest.mark.parametrize(
-    ("left_by_sensor", "left_by_shape", "kind"), [(1.0, 2.0, ELASTIC), (1.0, 4.0, BIAS), (0.1, 1.5, BIAS)]
-)
-def test_object_kind_replaces_sensor_kind_that_explains_little_more(left_by_sensor, left_by_shape, kind):
-    left = {frozenset(): 10.0, frozenset({ELASTIC}): left_by_shape}
-    found = budget([BIAS, ELASTIC], lambda kinds: left.get(kinds, left_by_sensor))
-    assert found.kinds == (kind,)
-    assert found.unexplained == pytest.approx(left.get(frozenset({kind}), left_by_sensor) / 10.0)
-    assert found.alternatives == (() if kind is BIAS else (frozenset({BIAS}),))
-
-
-@pytest.mark.parametrize(
     "left", [lambda kinds: 10.0, lambda kinds: 0.0, lambda kinds: 10.0 - 0.1 * len(kinds)]
 )
 def test_no_kind_has_a_share_without_explained_error(left):

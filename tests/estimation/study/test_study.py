@@ -162,7 +162,7 @@ def test_invalid_effects_are_refused_and_nothing_is_saved(effects, how, words):
 
 def test_data_is_known_by_its_arrays_and_joints_by_their_arm_too():
     data, (joint, _) = session(4), joints()
-    moved = replace(data, effort=data.effort + np.r_[0.01, np.zeros(len(data) - 1)])
+    moved = replace(data, effort=data.effort + np.r_[1e-5, np.zeros(len(data) - 1)])
     turned = replace(data, effort=data.effort[::-1].copy())
     (one,), (same,), *others = (ModelStudy(each).channels for each in (data, session(4), moved, turned))
     assert one.sha256 == same.sha256
