@@ -45,7 +45,7 @@ def measured(
     return ArmMotion(times, q, v, a, shown + rng.normal(0, noise, shown.shape), shown)
 
 
-def test_all_hidden_drive_parameters_are_identified_together(path):
+def test_drive_parameters_are_identified_together(path):
     hidden = {
         "gain": np.array([0.85, 1.1, 1.2]),
         "offset": np.array([0.2, -0.1, 0.03]),
@@ -61,7 +61,7 @@ def test_all_hidden_drive_parameters_are_identified_together(path):
     assert fit.tilt_rad.std_err[0] < 1e-3
 
 
-def test_twice_the_uncertainty_covers_95_percent(path):
+def test_two_standard_errors_cover_95_percent(path):
     """30 recordings of 10 values; the band is wide enough for that number of draws."""
     clean = measured(path, np.random.default_rng(0), noise=0.0, duration=15.0)
     covered = []
@@ -74,13 +74,13 @@ def test_twice_the_uncertainty_covers_95_percent(path):
     assert 0.90 < np.mean(covered) < 0.99
 
 
-def test_an_arm_that_moves_in_one_plane_does_not_feel_roll(path):
+def test_planar_motion_does_not_identify_roll(path):
     fit = fit_arm(measured(path, np.random.default_rng(2)), BODIES)
     assert np.isfinite(fit.tilt_rad.value[0])
     assert np.isnan(fit.tilt_rad.value[1])
 
 
-def test_late_torque_samples_are_not_taken_for_friction(path):
+def test_late_torque_samples_do_not_bias_friction(path):
     motion = measured(path, np.random.default_rng(3))
     time_s, q, v, a, measured_nm, sent_nm = vars(motion).values()
     late = ArmMotion(*(part[:-3] for part in (time_s, q, v, a)), measured_nm[3:], sent_nm[3:])
@@ -106,7 +106,7 @@ class TestPath:
             assert np.all(np.abs(motion.velocity_rad_s) < limits.velocity_rad_s)
             assert BODY.heights_m(motion.position_rad)[1:].min() > floor - 0.02
 
-    def test_profile_has_consistent_derivatives_and_starts_at_rest(self, path):
+    def test_profile_derivatives_are_consistent_and_start_at_rest(self, path):
         step = 1e-5
         for time_s in (0.5, 3.9, 17.2, 37.0, 39.9):
             before, here, after = (path.at(time_s + shift) for shift in (-step, 0.0, step))

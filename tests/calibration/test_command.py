@@ -20,14 +20,14 @@ def table(tmp_path):
     return path
 
 
-def test_help_lists_all_four_and_the_next_steps():
+def test_help_lists_all_commands_and_next_steps():
     result = done("calibrate", "--help")
     for word in ("force", "encoder", "torque", "gravity", "calibration: {force: force.yaml"):
         assert word in result.stdout
     assert run("calibrate").stdout == result.stdout
 
 
-def test_somebodys_load_cell_becomes_a_file_and_a_plot(table, tmp_path):
+def test_load_cell_record_gives_calibration_file_and_plot(table, tmp_path):
     out = tmp_path / "cell.yaml"
     result = done("calibrate", "force", "--from", table, "-o", out, "--valid-days", 30)
     calibration = load_calibration(out)
@@ -41,7 +41,7 @@ def test_somebodys_load_cell_becomes_a_file_and_a_plot(table, tmp_path):
     assert "palpate calibrate force --robot follower --weights-kg" in result.stderr
 
 
-def test_a_weighing_is_a_session_and_can_be_worked_out_again(tmp_path):
+def test_recorded_weighing_is_evaluated_again_from_its_session(tmp_path):
     session, out = tmp_path / "w.mcap", tmp_path / "w.yaml"
     options = ("--weights-kg", "0,1,2,3,2,1,0", "--json", "--session", session, "-o", out)
     result = done("calibrate", "force", *options)
@@ -53,7 +53,7 @@ def test_a_weighing_is_a_session_and_can_be_worked_out_again(tmp_path):
     assert json.loads(again.stdout)["values"] == first["values"]
 
 
-def test_a_pose_gives_zeros_and_nothing_moves(tmp_path):
+def test_zeros_from_a_pose_move_nothing(tmp_path):
     session, out = tmp_path / "p.mcap", tmp_path / "p.yaml"
     result = done("calibrate", "encoder", "--pose", "home", "--session", session, "-o", out)
     assert load_calibration(out).values.offset.value == pytest.approx((0, 0, 0), abs=1e-4)
@@ -63,7 +63,7 @@ def test_a_pose_gives_zeros_and_nothing_moves(tmp_path):
     assert "palpate probe --robot my_follower/follower.yaml" in result.stderr
 
 
-def test_a_zero_that_is_far_off_is_pointed_at(tmp_path):
+def test_large_zero_shift_is_reported(tmp_path):
     options = ("--pose", "1.5,1.5,1.5", "-o", tmp_path / "p.yaml", "--session", tmp_path / "p.mcap")
     result = done("calibrate", "encoder", *options)
     assert "check again" in result.stdout
@@ -89,7 +89,7 @@ def test_a_zero_that_is_far_off_is_pointed_at(tmp_path):
         (("torque", "--robot", "follower", "--wire"), ("without wires",)),
     ],
 )
-def test_what_makes_no_sense_is_refused_in_one_line(tmp_path, monkeypatch, arguments, words):
+def test_invalid_options_are_refused_in_one_line(tmp_path, monkeypatch, arguments, words):
     monkeypatch.chdir(tmp_path)
     assert_refused(run("calibrate", *arguments, "-o", "c.yaml"), *words)
     assert not (tmp_path / "c.yaml").exists()
@@ -97,7 +97,7 @@ def test_what_makes_no_sense_is_refused_in_one_line(tmp_path, monkeypatch, argum
     assert not (tmp_path / "sessions").exists()  # refused before anything is recorded
 
 
-def test_a_session_of_another_kind_or_robot_or_without_its_pose_is_refused(probed, tmp_path):
+def test_unsuitable_session_is_refused(probed, tmp_path):
     for kind in ("force", "encoder", "torque", "gravity"):
         result = run("calibrate", kind, "--from", probed[0], "-o", tmp_path / "c.yaml")
         assert_refused(result, "is from no calibration", f"palpate calibrate {kind}")
@@ -113,7 +113,7 @@ def test_a_session_of_another_kind_or_robot_or_without_its_pose_is_refused(probe
 
 
 @pytest.mark.parametrize("options", [("-o", "c.html"), ("-o", "c.yaml", "--session", "c.yaml")])
-def test_files_that_would_replace_each_other_are_refused(options, tmp_path, monkeypatch):
+def test_colliding_output_files_are_refused(options, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert_refused(run("calibrate", "encoder", "--pose", "home", *options), "is given twice")
     assert list(tmp_path.iterdir()) == []
@@ -142,7 +142,7 @@ def test_existing_names_stay_in_the_robot_file_line(tmp_path, monkeypatch):
     assert "palpate probe --robot 'my arm.yaml'" in result.stderr
 
 
-def test_a_refusal_leaves_no_empty_folder(tmp_path, monkeypatch):
+def test_refusal_leaves_no_empty_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert_refused(run("calibrate", "encoder", "--from", "missing.mcap"), "no such file")
     assert_refused(run("calibrate", "force", "-o", "new/sub/x.yaml", "--weights-kg", "0,1"), "plateaus")
@@ -150,7 +150,7 @@ def test_a_refusal_leaves_no_empty_folder(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_refusal_leaves_the_users_own_empty_folders(tmp_path):
+def test_refusal_keeps_existing_empty_folders(tmp_path):
     (tmp_path / "mine").mkdir()
     out = tmp_path / "mine" / "new" / "x.yaml"
     assert_refused(run("calibrate", "force", "-o", out, "--weights-kg", "0,1"), "plateaus")

@@ -40,7 +40,7 @@ def test_curvature_and_hysteresis_are_distinguished():
 
 
 @pytest.mark.parametrize("bend", [6e-6, 5e-5, 2e-4, 5e-4, 2e-3])
-def test_a_bent_sensor_keeps_its_uncertainty_though_its_curve_is_no_parabola(bend):
+def test_uncertainty_covers_a_curve_that_is_no_parabola(bend):
     """40 sensors, with play: at most five of either value outside of two deviations (binomial, 1 %)."""
     outside = np.zeros(2)
     for seed in range(40):
@@ -58,7 +58,7 @@ def test_a_bent_sensor_keeps_its_uncertainty_though_its_curve_is_no_parabola(ben
     assert np.all(outside <= 5), outside
 
 
-def test_nor_does_a_straight_one_pay_for_the_bent_ones():
+def test_straight_sensor_keeps_a_small_uncertainty():
     """Its scale is stated as a line with Student's t states it, no wider."""
     scatter, stated = [], []
     for seed in range(100):
@@ -79,7 +79,7 @@ def test_three_forces_show_no_curvature():
     assert fit.scale.std_err > 0.001
 
 
-def test_a_straight_sensor_is_rarely_called_bent():
+def test_straight_sensor_is_rarely_called_curved():
     bent = [fit_force(record(np.random.default_rng(seed))).curvature is not None for seed in range(150)]
     assert np.mean(bent) < 0.04
 
@@ -91,7 +91,7 @@ def test_calibrated_sensor_is_accurate_over_its_range():
     assert fit.suspect is None
 
 
-def test_a_common_error_of_all_weights_is_in_the_scale_and_a_wrong_one_is_pointed_at():
+def test_common_weight_error_enters_the_scale_and_a_wrong_weight_is_named():
     plateaus = record(np.random.default_rng(3))
     one, other = fit_force(plateaus), fit_force(plateaus, reference_rel_std=0.01)
     assert other.scale.value == one.scale.value
@@ -101,7 +101,7 @@ def test_a_common_error_of_all_weights_is_in_the_scale_and_a_wrong_one_is_pointe
     assert fit_force(plateaus).suspect == 3
 
 
-def test_glitches_and_what_settles_do_not_count():
+def test_glitches_and_settling_are_excluded():
     rng = np.random.default_rng(5)
     reference = np.repeat(UP_AND_DOWN_N, 200)
     reading = reference + rng.normal(0, 0.02, len(reference))

@@ -40,7 +40,7 @@ def weighed(folder, hidden, seed, robot=FOLLOWER):
     return job, fit_force(read_weighing(opened(job)))
 
 
-def test_a_force_sensor_is_put_right_within_its_uncertainty(tmp_path):
+def test_force_sensor_is_calibrated_within_its_uncertainty(tmp_path):
     """Six sensors: at most two of 12 values outside of two standard uncertainties (binomial, 1.7 %)."""
     outside = 0
     for seed in range(6):
@@ -57,7 +57,7 @@ def test_a_force_sensor_is_put_right_within_its_uncertainty(tmp_path):
     assert outside <= 2
 
 
-def test_weights_beyond_the_limit_are_refused_before_anything_is_opened(tmp_path):
+def test_weights_beyond_the_limit_are_refused_before_opening(tmp_path):
     job = job_in(tmp_path, "force", [])
     with pytest.raises(InputError, match=r"61 N: limits\.force_n of 'follower' is 60 N"):
         runs.run_weighing(job, [0.0, 10.0, 61.0, 20.0, 10.0, 0.0], runs.put_simulated_weight)
@@ -99,7 +99,7 @@ class TestDrives:
             assert np.all(np.abs(found - true) < 4 * std)
         assert np.all(fit.gain.std_err < 2e-3)
 
-    def test_and_so_is_the_base(self, excited):
+    def test_base_tilt_is_estimated_within_its_uncertainty(self, excited):
         job, hidden, fit = excited
         calibration = fits.gravity_calibration(fit, stamp(job))
         pitch = calibration.values.pitch
@@ -178,7 +178,7 @@ def probed(folder, robot, hidden, name):
     )
 
 
-def test_a_probing_run_with_calibrations_estimates_better_than_without(tmp_path):
+def test_calibration_improves_the_estimates_of_a_probing_run(tmp_path):
     """The object is 500 N/m; the sensor shows 6 % too much, the joints' zeros are off by up to 0.05 rad."""
     hidden = [
         {"effect": GAIN, "channel": "contact", "gain": 1.06},

@@ -18,7 +18,7 @@ def write(folder, header, rows):
     return path
 
 
-def test_masses_become_weights_and_units_come_from_the_names(tmp_path):
+def test_masses_become_weights_and_names_give_units(tmp_path):
     rows = [f"{500 + 100 * kg + sample % 2},{kg}" for kg in KG for sample in range(20)]
     plateaus, unit = read_reference_file(write(tmp_path, "reading_counts,reference_kg", rows), {})
     assert unit == "count"
@@ -44,7 +44,7 @@ def test_incomplete_file_is_refused(tmp_path, header, columns, words):
 
 @pytest.mark.skipif(not LOAD_CELL.is_file(), reason=f"measured data are not there: {LOAD_CELL}")
 @pytest.mark.parametrize(("cell", "counts_n", "glitches"), [(1, 224.4, False), (2, 225.7, True)])
-def test_real_load_cells_have_a_zero_and_a_scale_and_nothing_else(cell, counts_n, glitches):
+def test_measured_load_cells_have_only_a_zero_and_a_scale(cell, counts_n, glitches):
     """Cell 2's converter glitched; the counts per newton are those that the data's own README found."""
     columns = {"reading": f"load_cell_{cell}_counts", "reference": "nominal_force_N"}
     plateaus, unit = read_reference_file(LOAD_CELL, columns)

@@ -75,7 +75,7 @@ def test_joint_at_its_stop_is_at_rest_despite_velocity_noise(noise_rad_s):
     assert seen.count(Phase.HOLD) == 3 * 250
 
 
-def test_a_joint_that_still_creeps_does_not_stand():
+def test_creeping_joint_is_not_at_rest():
     seen = phases(lambda k: 0.015 * k * DT, noise_rad_s=0.0, seconds=8.0)
     assert Phase.HOLD not in seen
 
@@ -99,7 +99,7 @@ def test_every_tick_is_logged_without_torque(still):
         assert not row["torque_sent_nm"].any()
 
 
-def test_a_force_beyond_the_limit_ends_it_and_is_logged(still, monkeypatch):
+def test_force_beyond_the_limit_ends_the_weighing_and_is_logged(still, monkeypatch):
     still.await_samples()
     read = still.robot.read
     monkeypatch.setattr(still.robot, "read", lambda deadline_s: read(deadline_s)._replace(force_n=31.0))
@@ -108,7 +108,7 @@ def test_a_force_beyond_the_limit_ends_it_and_is_logged(still, monkeypatch):
     assert len(still.log.records) == 1
 
 
-def test_a_device_that_never_samples_is_named(still, monkeypatch):
+def test_silent_device_is_named(still, monkeypatch):
     robot = still.robot
     read = robot.read
     late = float("-inf")
@@ -137,7 +137,7 @@ def free():
     return motion
 
 
-def test_shaking_arm_is_reported_after_a_timeout_with_a_remedy(free):
+def test_moving_arm_is_reported_after_a_timeout_with_a_remedy(free):
     assert free.at_rest(REST, 0.0)
     assert free.at_rest(REST, 10.0)
     assert not free.at_rest(SHAKING, 1.9)
@@ -154,7 +154,7 @@ def path_under(settings=TORQUE_MOTION, **limits):
     return choose_path(BODY, BODIES, HOME_RAD, limits, settings=settings, rng=np.random.default_rng(0))
 
 
-def test_a_motion_in_free_air_runs_under_low_limits(tmp_path, log_in_process):
+def test_free_air_motion_runs_under_low_limits(tmp_path, log_in_process):
     job = job_in(tmp_path, "torque", [], robot=limited(velocity_rad_s=SLOW_RAD_S))
     runs.run_motion(job, ExcitationSettings(duration_s=2.0, period_s=2.0))
     ticks = opened(job).samples("tick")
@@ -163,7 +163,7 @@ def test_a_motion_in_free_air_runs_under_low_limits(tmp_path, log_in_process):
 
 
 @pytest.mark.parametrize("kind", ["torque", "gravity", "encoder"])
-def test_the_speed_that_is_announced_is_the_one_that_is_moved_at(kind):
+def test_announced_speed_is_the_executed_speed(kind):
     assert "0.6 rad/s" in runs.describe_motion("encoder", FOLLOWER.limits)
     assert "up to 1.5 rad/s" in runs.describe_motion("torque", FOLLOWER.limits)
     words = runs.describe_motion(kind, limited(velocity_rad_s=(0.5, 0.5, 0.5)).limits)
@@ -176,7 +176,7 @@ def largest_torques_nm(path):
     return np.abs([BODY.inverse_dynamics(*motion) for motion in motions]).max(axis=0)
 
 
-def test_a_weak_arm_chooses_a_motion_that_it_can_carry():
+def test_weak_arm_gets_a_motion_within_its_torque():
     weak_nm = np.array([10.0, 3.7, 0.45])
     assert np.any(largest_torques_nm(path_under()) > 0.85 * weak_nm)
     assert np.all(largest_torques_nm(path_under(torque_nm=tuple(weak_nm))) < 0.85 * weak_nm)
@@ -190,12 +190,12 @@ def test_a_weak_arm_chooses_a_motion_that_it_can_carry():
         ({"position_max_rad": (3.05, 2.75, -2.6)}, r"joint 3: .* are 0\.25 rad apart"),
     ],
 )
-def test_limits_that_leave_no_motion_are_named_before_anything_moves(limits, words):
+def test_limits_without_feasible_motion_are_named_before_moving(limits, words):
     with pytest.raises(InputError, match=words):
         path_under(settings=GRAVITY_MOTION, **limits)
 
 
-def test_the_shipped_dynamixel_arm_reaches_its_stops_from_home():
+def test_shipped_dynamixel_arm_reaches_its_stops_from_home():
     robot = find_robot(str(ROOT / "robots/dynamixel_3dof.yaml"))
     body = RigidBody.from_urdf(robot.urdf_path, robot.tip_frame)
     home, limits = np.array(robot.home_rad), robot.limits
@@ -203,7 +203,7 @@ def test_the_shipped_dynamixel_arm_reaches_its_stops_from_home():
     assert [approach.joint for approach in approaches] == [0, 1, 2]
 
 
-def test_the_guard_opens_for_each_joint_towards_its_stop_alone():
+def test_guard_opens_each_joint_only_towards_its_stop():
     limits, stops = FOLLOWER.limits, BODY.position_limits_rad
     _, approaches = plan_stops(BODY, HOME_RAD, limits, stops, reach_rad=0.15)
     wider = widen_limits_for_stops(limits, approaches, 0.2)

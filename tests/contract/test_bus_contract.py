@@ -22,7 +22,7 @@ def sample_times(robot):
     return np.array([reading.sampled_at_s for reading in readings])
 
 
-def test_polling_and_nothing_else_brings_new_samples(active):
+def test_only_polling_brings_new_samples(active):
     before = sample_times(active.robot)
     for _ in range(20):
         active.clock.sleep_until(active.clock.now_s() + active.period_s)
@@ -34,7 +34,7 @@ def test_polling_and_nothing_else_brings_new_samples(active):
     np.testing.assert_array_equal(sample_times(active.robot), polled)
 
 
-def test_polling_late_twice_and_flushing_with_nothing_staged_are_harmless(active):
+def test_late_repeated_polls_and_empty_flushes_are_harmless(active):
     for bus in active.robot.buses.values():
         before_s = active.clock.now_s()
         with suppress(DeviceTimeoutError):  # nothing had arrived: an honest answer
@@ -65,7 +65,7 @@ def test_registry_contains_every_kind_of_driver():
 
 
 @pytest.mark.parametrize("driver", DRIVERS)
-def test_a_driver_is_named_documented_and_made_from_settings_and_context(driver):
+def test_driver_is_named_documented_and_built_from_settings(driver):
     assert re.fullmatch(r"[a-z][a-z0-9_]*", driver.name)
     assert inspect.getdoc(driver)
     assert list(inspect.signature(driver).parameters) == ["settings", "context"]
@@ -92,7 +92,7 @@ def examinable(robot_setup, backend):
     return found
 
 
-def test_examination_passes_repeatably_without_changes_or_power(examinable, robot_setup):
+def test_examination_is_repeatable_without_changes_or_power(examinable, robot_setup):
     first = [part.examine() for part in examinable]
     for part, observations in zip(examinable, first, strict=True):
         wire_s = part.tick_wire_s()  # the bytes of a tick take some of its time

@@ -3,7 +3,7 @@
 import numpy as np
 
 
-def test_the_velocity_is_the_rate_of_the_position(active):
+def test_velocity_is_the_rate_of_the_position(active):
     """Over 50 ticks under a push, the integral of the velocity is the way that was gone."""
     push_nm = 0.05 * np.array(active.robot_file.limits.torque_nm)
     measurements = [active.tick(push_nm) for _ in range(50)]

@@ -45,7 +45,7 @@ def test_calls_out_of_order_are_refused(operator_setup):
         device.read()
 
 
-def test_operator_device_reads_meters_upwards_and_its_button(operator_setup):
+def test_device_reads_meters_upwards_and_its_button(operator_setup):
     for _ in range(2):
         with operator_setup.device as device:
             hand = device.read()
@@ -65,7 +65,7 @@ def test_operator_device_reads_meters_upwards_and_its_button(operator_setup):
         assert device.read().select
 
 
-def test_forces_are_rendered_within_range_until_it_is_deactivated(active):
+def test_forces_are_rendered_within_range_until_deactivation(active):
     force = np.array([0.3, 0.0, 0.5])
     assert active.device.set_force(force) == pytest.approx(force, abs=0.02)
     active.device.deactivate()
@@ -102,7 +102,7 @@ def test_lost_device_raises_an_error_and_closes(operator_setup):
         ("touch", {"library": "libc.so.6"}),
     ],
 )
-def test_a_device_that_is_not_there_is_named(name, settings):
+def test_missing_device_is_named(name, settings):
     device = build_operator_device(name, settings, SimulatedClock())
     with pytest.raises(DeviceError, match=next(iter(settings.values()))):
         device.configure()
@@ -118,7 +118,7 @@ def test_unknown_names_and_settings_are_refused():
 @pytest.mark.parametrize(
     "operator_setup", [b for b in OPERATOR_SETUPS if b.name in {"scripted", "keyboard"}], indirect=True
 )
-def test_modeled_hand_yields_to_a_force_by_its_stiffness(active):
+def test_modeled_hand_yields_by_its_stiffness(active):
     active.wait(5.0)
     before = active.device.read().position_world_m
     active.device.set_force(-6.0 * UP)
@@ -138,7 +138,7 @@ class TestTouch:
         active.wait(0.005)
         assert active.force() == pytest.approx([-2.0, 2.0, -1.0])
 
-    def test_no_force_without_a_new_one(self, operator_setup):
+    def test_watchdog_ends_the_force(self, operator_setup):
         settings = operator_setup.device.Settings(
             library=operator_setup.settings()["library"], watchdog_s=1e-3
         )
@@ -149,7 +149,7 @@ class TestTouch:
         operator_setup.wait(0.005)  # the servo thread sleeps for 1 ms each time
         assert operator_setup.force() == pytest.approx(np.zeros(3))
 
-    def test_it_is_released(self, active):
+    def test_device_is_released(self, active):
         assert active.library.stand_in_open()
         active.device.close()
         assert not active.library.stand_in_open()
@@ -167,7 +167,7 @@ class TestTouch:
     "operator_setup", [b for b in OPERATOR_SETUPS if b.name == "leader_arm"], indirect=True
 )
 class TestLeaderArm:
-    def test_it_balances_a_hand(self, active):
+    def test_rendered_force_balances_a_hand(self, active):
         """A hand that pushes up with 2 N against a force of 2 N downwards: nothing moves."""
         device, plant = active.device, active.bus.plant
         before = device.read().position_world_m
@@ -186,13 +186,13 @@ class TestLeaderArm:
     def test_force_out_of_plane_is_not_rendered(self, active):
         assert active.device.set_force(np.array([0.0, 3.0, 1.0])) == pytest.approx([0.0, 0.0, 1.0], abs=0.02)
 
-    def test_its_guard_holds(self, active):
+    def test_device_guard_limits_force(self, active):
         rendered = active.device.set_force(-500.0 * UP)
         assert np.linalg.norm(rendered) < 60.0
         assert isinstance(active.device, LeaderArm)
         assert np.abs(active.bus.staged_nm).max() <= 15.0
 
-    def test_a_trip_brakes_it_and_is_reported_at_the_end(self, active):
+    def test_trip_brakes_the_device_and_is_reported_at_the_end(self, active):
         device, plant = active.device, active.bus.plant
 
         def push_hard_for(ticks):

@@ -19,7 +19,7 @@ def shape_of(robot_setup, name):
     return (1,) if name == "force" else (robot_setup.robot_file.joint_count,)
 
 
-def test_a_robot_knows_its_joints_and_nothing_else_before_the_first_sample(robot_setup):
+def test_before_the_first_sample_only_joints_are_known(robot_setup):
     """Configured, unknown is NaN, old and stale; a device that has sampled already is as good as any."""
     assert (
         robot_setup.robot.encoder.joint_count
@@ -37,7 +37,7 @@ def test_a_robot_knows_its_joints_and_nothing_else_before_the_first_sample(robot
             assert reading.status is Status.STALE
 
 
-def test_samples_are_fresh_and_honest_and_a_reading_is_a_snapshot(active):
+def test_samples_are_fresh_and_a_reading_is_a_snapshot(active):
     """Fresh, finite, of the right shape, with the device's own time, in the past of the robot's clock."""
     limits = active.robot_file.limits
     oldest_s = dict.fromkeys(("position", "velocity"), limits.encoder_age_s)

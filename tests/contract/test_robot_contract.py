@@ -8,7 +8,7 @@ from palpate.robot_io.robot import RobotState
 from palpate.robot_io.types import Command, Status
 
 
-def test_it_starts_at_home_and_measurements_are_coherent_and_cannot_be_changed(active):
+def test_robot_starts_at_home_with_coherent_immutable_measurements(active):
     np.testing.assert_allclose(active.tick().joint_position_rad, active.robot_file.home_rad, atol=0.1)
     last_s = -np.inf
     for _ in range(30):
@@ -24,7 +24,7 @@ def test_it_starts_at_home_and_measurements_are_coherent_and_cannot_be_changed(a
         assert max(m.encoder_status, m.torque_status, m.force_status) <= Status.STALE
 
 
-def test_write_returns_what_was_sent_and_sends_nothing_that_is_not_finite(active):
+def test_write_returns_what_was_sent_and_sends_nothing_nonfinite(active):
     wanted = 0.1 * np.array(active.robot_file.limits.torque_nm)
     sent = active.robot.write(Command(wanted), active.clock.now_s() + active.period_s)
     np.testing.assert_allclose(sent.joint_torque_nm, wanted, rtol=0.1, atol=0.02)
@@ -36,7 +36,7 @@ def test_write_returns_what_was_sent_and_sends_nothing_that_is_not_finite(active
             active.robot.write(Command(torque), active.clock.now_s())
 
 
-def test_it_can_be_watched_before_it_is_powered(robot_setup):
+def test_robot_can_be_read_before_it_is_powered(robot_setup):
     robot_setup.robot.configure()
     measurement = robot_setup.settle()
     assert np.isfinite(measurement.joint_position_rad).all()
@@ -44,7 +44,7 @@ def test_it_can_be_watched_before_it_is_powered(robot_setup):
         robot_setup.robot.write(Command(np.zeros(robot_setup.robot.joint_count)), robot_setup.clock.now_s())
 
 
-def test_its_life(robot_setup):
+def test_lifecycle_calls_follow_their_order(robot_setup):
     robot = robot_setup.robot
     with pytest.raises(LifecycleError):
         robot.read(robot_setup.clock.now_s())
@@ -66,7 +66,7 @@ def test_its_life(robot_setup):
             call()
 
 
-def test_a_with_block_closes_it(robot_setup):
+def test_with_block_closes_the_robot(robot_setup):
     def fail_inside():
         with robot_setup.robot as robot:
             robot.activate()
@@ -78,7 +78,7 @@ def test_a_with_block_closes_it(robot_setup):
     assert robot_setup.robot.state is RobotState.CLOSED
 
 
-def test_two_of_them_do_not_disturb_each_other(open_setup):
+def test_two_robots_do_not_disturb_each_other(open_setup):
     setups = [open_setup(), open_setup()]
     for robot_setup in setups:
         robot_setup.robot.configure()

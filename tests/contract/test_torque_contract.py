@@ -34,7 +34,7 @@ def test_staging_returns_the_command_without_sending(active):
     assert (np.abs(measurement.joint_torque_nm) < noise_nm(active)).all()
 
 
-def test_the_measured_torque_follows_the_command_and_drives_let_go_without_one(active):
+def test_measured_torque_follows_the_command_until_commands_end(active):
     wanted = 0.3 * np.array(active.robot_file.limits.torque_nm)
     for _ in range(20):
         measurement = active.tick(wanted)
@@ -48,7 +48,7 @@ def test_the_measured_torque_follows_the_command_and_drives_let_go_without_one(a
 
 
 @pytest.mark.parametrize("joint", [0, 2])
-def test_a_positive_torque_turns_the_joint_forwards(open_setup, joint):
+def test_positive_torque_turns_the_joint_forwards(open_setup, joint):
     """Against the same motion with the torque reversed, so that gravity does not matter."""
     velocity = {}
     for sign in (-1.0, 1.0):
@@ -64,7 +64,7 @@ def test_a_positive_torque_turns_the_joint_forwards(open_setup, joint):
     assert velocity[1.0] > velocity[-1.0]
 
 
-def test_deactivated_drives_are_limp(active):
+def test_deactivated_drives_exert_no_torque(active):
     for _ in range(5):
         active.tick(small_torque(active))
     active.robot.deactivate()
@@ -73,7 +73,7 @@ def test_deactivated_drives_are_limp(active):
     assert (np.abs(measurement.joint_torque_nm) < noise_nm(active)).all()
 
 
-def test_activated_again_drives_do_not_remember_a_torque(active):
+def test_reactivated_drives_forget_their_torque(active):
     for _ in range(5):
         active.tick(0.3 * np.array(active.robot_file.limits.torque_nm))
     active.robot.deactivate()

@@ -37,7 +37,7 @@ def press(compliance, law, duration_s: float, speed_m_s: float = 0.0, delay: int
 
 
 @given(objects, guessed_wrong, guessed_wrong)
-def test_the_force_is_reached_and_held_within_a_second_or_the_objects_own_time(real, k_error, c_error):
+def test_force_is_reached_and_held_within_a_second_or_the_object_time_constant(real, k_error, c_error):
     guess = Compliance(real[0] * k_error, real[1] * c_error)
     admittance = scheduled_admittance(guess, GAINS)
     rows = press(real, lambda force, speed: admittance.acceleration(10.0 - force, speed, DT_S), 3.0)
@@ -88,7 +88,7 @@ def test_loading_keeps_the_set_speed_for_most_of_the_way(stiffness, speed_m_s, s
     assert fast[:, 2].max() > share * 9.8
 
 
-def test_a_force_far_above_the_limit_yields_at_the_hardest():
+def test_force_far_above_the_limit_yields_at_the_hardest():
     spike = loading_acceleration(0.15, 0.15, 8.0, Compliance(500.0, 200.0), GAINS)
     assert -GAINS.yielding_m_s2 <= spike <= -20.0
     crash = loading_acceleration(0.15, 0.15, -200.0, Compliance(500.0, 200.0), GAINS)
@@ -105,7 +105,7 @@ def samples(stiffness, damping, count=400, noise_n=0.0, exponent=1.0):
 
 
 @pytest.mark.parametrize(("stiffness", "damping"), [(100.0, 0.0), (500.0, 100.0), (10_000.0, 200.0)])
-def test_the_guess_finds_the_object(stiffness, damping):
+def test_stiffness_estimate_finds_the_object(stiffness, damping):
     guess = QuickEstimator()
     for depth, speed, force in samples(stiffness, damping, noise_n=0.02):
         guess.update(depth, speed, force, DT_S)
@@ -113,14 +113,14 @@ def test_the_guess_finds_the_object(stiffness, damping):
     assert guess.compliance.damping_n_s_m == pytest.approx(damping, abs=8.0)
 
 
-def test_the_guess_sees_a_damper_within_five_milliseconds():
+def test_stiffness_estimate_sees_a_damper_within_five_milliseconds():
     guess = QuickEstimator()
     for depth, speed, force in samples(500.0, 200.0, count=5):
         guess.update(depth, speed, force, DT_S)
     assert guess.compliance.damping_n_s_m == pytest.approx(200.0, rel=0.1)
 
 
-def test_the_guess_follows_a_stiffening_object():
+def test_stiffness_estimate_follows_a_stiffening_object():
     guess = QuickEstimator()
     # F = a depth^2: the slope at the end is twice the chord, a fit to everything three quarters of it.
     speed_m_s, hardening = 0.05, 2e5

@@ -28,7 +28,7 @@ def follow(plant, controller, motion_at, duration_s: float, push_nm=NONE) -> np.
     return np.array(errors)
 
 
-def test_a_fast_move_is_tracked_closely():
+def test_fast_move_is_tracked_closely():
     plant = plant_above(height_m=0.2)
     start = plant.position_rad.copy()
     move = JointMove(start, start + np.array([-0.5, 0.6, -0.4]), 2.0, 15.0)
@@ -37,7 +37,7 @@ def test_a_fast_move_is_tracked_closely():
     assert np.abs(errors[-1]).max() < 5e-5
 
 
-def test_an_error_dies_out_like_the_designed_oscillator_on_every_joint():
+def test_error_decays_like_the_designed_oscillator_on_every_joint():
     gains = TrackingGains(bandwidth_rad_s=20.0, integral_rate_1_s=0.0, derivative_filter_s=0.0)
     plant = plant_above(height_m=0.2)
     goal = plant.position_rad.copy()
@@ -50,7 +50,7 @@ def test_an_error_dies_out_like_the_designed_oscillator_on_every_joint():
     assert errors == pytest.approx(np.outer(critically_damped, start_error), abs=0.03 * 0.05)
 
 
-def test_a_constant_disturbance_is_taken_out():
+def test_constant_disturbance_is_rejected():
     plant = plant_above(height_m=0.2)
     still = JointMotion(plant.position_rad.copy(), NONE, NONE)
     push = np.array([1.0, -0.5, 0.2])
@@ -75,7 +75,7 @@ def pid(**changes) -> Pid:
     return Pid(2, **(settings | changes))
 
 
-def test_the_parts_add_up():
+def test_parts_add_up():
     controller = pid()
     error, rate = np.array([0.1, -0.2]), np.array([0.5, 0.0])
     assert controller.step(error, rate, DT_S) == pytest.approx((15.005, -20.01))
@@ -94,7 +94,7 @@ def send_a_mass(push_of) -> tuple[float, float]:
     return furthest - 1.0, position
 
 
-def test_a_long_saturation_does_not_wind_up():
+def test_long_saturation_does_not_wind_up():
     controller = Pid(1, kp=100.0, ki=100.0, kd=20.0, output_limit=2.0)
     collected = 0.0
 
@@ -111,7 +111,7 @@ def test_a_long_saturation_does_not_wind_up():
     assert ours < 0.5 * theirs
 
 
-def test_the_integral_stands_still_in_saturation_but_can_come_back():
+def test_integral_is_frozen_in_saturation_but_can_return():
     controller = pid(output_limit=5.0)
     for _ in range(1000):
         output = controller.step(np.array([1.0, 0.001]), np.zeros(2), DT_S)
@@ -125,7 +125,7 @@ def test_the_integral_stands_still_in_saturation_but_can_come_back():
     assert controller.integral[0] == pytest.approx(-0.05)
 
 
-def test_the_derivative_is_filtered():
+def test_derivative_is_filtered():
     controller = pid(kp=0.0, ki=0.0, kd=1.0, derivative_filter_s=0.01)
     outputs = [controller.step(np.zeros(2), np.ones(2), DT_S)[0] for _ in range(100)]
     assert outputs[0] == pytest.approx(1 / 11)
@@ -136,7 +136,7 @@ def test_the_derivative_is_filtered():
     assert np.std(filtered) < 0.3
 
 
-def test_reset_forgets():
+def test_reset_forgets_the_state():
     controller = pid(derivative_filter_s=0.01)
     fresh = controller.step(np.ones(2), np.ones(2), DT_S)
     controller.step(np.ones(2), np.ones(2), DT_S)
@@ -154,7 +154,7 @@ def file_with(gains: str):
     return parse_robot_file(ROBOT_YAML + gains, "arm.yaml")
 
 
-def test_a_file_without_gains_or_some_of_them_has_the_defaults():
+def test_missing_gains_get_defaults():
     assert gains_of(file_with("")) == Gains()
     gains = gains_of(file_with("gains: {contact: {mass_kg: 2.5}}\n"))
     assert gains.contact.mass_kg == 2.5
@@ -172,12 +172,12 @@ def test_a_file_without_gains_or_some_of_them_has_the_defaults():
         ("{contact: {loading_aim: 0.5}}", "gains.contact.loading_aim"),
     ],
 )
-def test_a_bad_gain_names_file_line_and_key(text, message):
+def test_invalid_gain_names_file_line_and_key(text, message):
     with pytest.raises(InputError, match=message):
         gains_of(file_with(f"gains: {text}\n"))
 
 
-def test_the_shipped_arms_have_valid_gains():
+def test_shipped_arms_have_valid_gains():
     from pathlib import Path
 
     from palpate.robot_io.robot_file import load_robot_file

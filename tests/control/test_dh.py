@@ -51,7 +51,7 @@ def assert_same_tip(table: DhTable, body: RigidBody, position: np.ndarray) -> No
 
 
 @pytest.mark.parametrize("path", TABLES, ids=lambda path: path.name)
-def test_a_shipped_table_describes_the_shipped_urdf(path):
+def test_shipped_table_describes_the_shipped_urdf(path):
     table = load_dh_table(path)
     body = RigidBody.from_urdf(path.with_name(path.name.replace(".dh.yaml", ".urdf")), "tip")
     for position in np.random.default_rng(1).uniform(-2.5, 2.5, (20, 3)):
@@ -63,7 +63,7 @@ def test_both_shipped_arms_have_a_table():
 
 
 @given(rows, st.integers(0, 2**32 - 1))
-def test_any_table_and_its_urdf_have_the_same_kinematics(found, seed):
+def test_table_and_its_urdf_have_the_same_kinematics(found, seed):
     table = table_of(found)
     body = RigidBody.from_urdf(dh_to_urdf(table), "tip")
     assert body.joint_names == tuple(row.name for row in table.joint_rows)
@@ -98,13 +98,13 @@ def test_masses_arrive_in_the_dynamics():
         ("name: a\n", "rows: is missing"),
     ],
 )
-def test_a_bad_table_is_one_clear_line(text, message):
+def test_invalid_table_is_one_clear_line(text, message):
     with pytest.raises(InputError, match=message) as caught:
         load_dh_table(parse_yaml(text, "arm.yaml"))
     assert "\n" not in str(caught.value)
 
 
-def test_the_number_of_positions_must_fit():
+def test_number_of_positions_must_fit():
     with pytest.raises(InputError, match="joint positions"):
         TABLE.tip_frame(np.zeros(2))
 
@@ -121,7 +121,7 @@ def follower(tmp_path):
 
 
 @pytest.mark.parametrize("robot", ROBOT_FILES, ids=lambda path: path.stem)
-def test_the_tables_in_the_tree_are_those_of_their_arms(robot):
+def test_documented_tables_are_those_of_their_arms(robot):
     assert len(ROBOT_FILES) >= 4
     check(robot)
 
@@ -145,7 +145,7 @@ def test_another_arm_s_table_is_refused(follower, wrong, right, words):
     assert words in str(caught.value)
 
 
-def test_a_robot_file_needs_no_table(follower):
+def test_robot_file_needs_no_table(follower):
     robot = follower / "follower.yaml"
     robot.write_text(re.sub("^dh:.*$", "", robot.read_text(), flags=re.MULTILINE))
     (follower / "follower.dh.yaml").unlink()

@@ -132,7 +132,7 @@ class TestOnTheReferencePlant:
         )
         assert record.kinds()[-1] == "probing_done"
 
-    def test_a_late_tick_is_no_contradiction(self):
+    def test_late_tick_is_no_contradiction(self):
         """30 ms without a command leave the arm off its motion; it comes back, and is not accused."""
         plant = plant_above(stiffness_n_m=500.0)
         task = probing_task(ProbingPlan(speeds_m_s=(0.15,), hold_s=0.3))
@@ -145,12 +145,12 @@ class TestOnTheReferencePlant:
             plant.advance(output.command.joint_torque_nm, dt_s)
         assert task.failures == ()
 
-    def test_the_threshold_is_the_robot_files(self):
+    def test_threshold_is_read_from_the_robot_file(self):
         with pytest.raises(SafetyTripError, match="joint torques indicate"):
             self.run(Gains(disturbance_observer=DisturbanceObserverGains(share=0.0, floor_n=0.05)))
 
 
-def test_the_mass_that_the_tip_has_is_that_of_the_mass_matrix():
+def test_effective_tip_mass_is_that_of_the_mass_matrix():
     body: RigidBody = plant_above().body
     position = np.array([0.7, -1.4, 0.3])
     lever_m = np.array([0.0, 0.6, 0.8]) @ body.tip_jacobian(position)[:3]

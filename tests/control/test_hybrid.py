@@ -22,7 +22,7 @@ def states(contact: ContactSwitch, forces) -> list[bool]:
     return [contact.update(force) for force in forces]
 
 
-def test_contact_needs_the_threshold_several_times_and_between_the_thresholds_nothing_changes():
+def test_contact_needs_repeated_samples_and_has_hysteresis():
     contact = switch()
     assert states(contact, [2, 2, 0, 2, 2, 0, 2, 2]) == [False] * 8
     assert states(contact, [2]) == [True]
@@ -77,7 +77,7 @@ def press_and_leave(setup: HybridSetup, speed_m_s: float = 0.06) -> HybridSetup:
 @pytest.mark.parametrize(
     ("stiffness", "damping"), [(100.0, 0.0), (500.0, 20.0), (2000.0, 50.0), (10_000.0, 0.0)]
 )
-def test_the_switch_is_bumpless_both_ways(stiffness, damping):
+def test_switch_is_bumpless_both_ways(stiffness, damping):
     setup = press_and_leave(HybridSetup(stiffness_n_m=stiffness, damping_n_s_m=damping))
     torques, forces = np.array(setup.torques), np.array(setup.forces)
     # The torques balance the measured force; what the controller itself adds at the switch is a bump.
@@ -94,7 +94,7 @@ def test_the_switch_is_bumpless_both_ways(stiffness, damping):
     assert travel[1:] - travel[:-1] == pytest.approx((speed[1:] + speed[:-1]) / 2 * TICK_S, abs=2e-7)
 
 
-def test_without_force_goal_it_follows_the_motion_even_in_contact():
+def test_without_force_goal_motion_is_followed_even_in_contact():
     setup = HybridSetup(height_m=0.055, stiffness_n_m=500.0)
     down = SpeedBlend(LineState(0.0), 0.03, 3.0)
     for tick in range(400):
@@ -103,7 +103,7 @@ def test_without_force_goal_it_follows_the_motion_even_in_contact():
     assert setup.states[-1] == down.at(399 * TICK_S)
 
 
-def test_a_stale_force_proves_no_contact():
+def test_stale_force_proves_no_contact():
     setup = HybridSetup()
     setup.plant.force_bias_n = 5.0
     measurement = setup.plant.measure()

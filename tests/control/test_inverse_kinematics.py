@@ -62,7 +62,7 @@ def test_link_lengths_are_read_from_the_arm():
     assert PlanarArm(test_arm(), TOOL_AXIS_TIP).lengths_m == pytest.approx((0.32, 0.28, 0.12))
 
 
-def test_an_unreachable_target_names_the_reach_and_one_near_its_edge_is_near_singular():
+def test_unreachable_target_names_the_reach_and_its_edge_is_near_singular():
     arm = PlanarArm(test_arm(), TOOL_AXIS_TIP)
     with pytest.raises(InputError, match=r"wrist is 0\.8089 m .* reaches 0\.0400 to 0\.6000 m"):
         arm.solve(np.array([0.8, 0.0, 0.0]), DOWN, Elbow.POSITIVE)

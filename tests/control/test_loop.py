@@ -27,7 +27,7 @@ def run(arm, task, log=None, **options):
     return run_loop(arm.robot, arm.guard, task, arm.clock, log, rate_hz=RATE_HZ, **options), log
 
 
-def test_a_task_that_is_done_ends_the_run_with_the_torque_off():
+def test_finished_task_ends_the_run_with_the_torque_off():
     arm, task = MockArm(), SwingTask(done_at=200)
     result, log = run(arm, task)
     assert result.outcome is Outcome.FINISHED
@@ -52,7 +52,7 @@ def test_records_contain_measurement_reference_and_command():
     assert np.array_equal(log.column("torque_measured_nm")[1:], arm.sent_nm[:-1])  # the plant obeyed
 
 
-def test_the_events_of_the_task_are_logged_at_their_tick():
+def test_task_events_are_logged_at_their_tick():
     _, log = run(MockArm(), SwingTask(done_at=10))
     assert [(time_s, text) for time_s, kind, text in log.events if kind == "touch"] == [
         (log.column("time_s")[2], "touched")
@@ -73,13 +73,13 @@ def test_task_reference_is_recorded_in_its_columns():
     assert (plain.run, plain.done) == (-1, False)
 
 
-def test_each_step_is_one_period_after_the_one_before():
+def test_steps_are_one_period_apart():
     task = SwingTask(done_at=30)
     run(MockArm(), task)
     assert task.dts_s == pytest.approx([1.0 / RATE_HZ] * 30)
 
 
-def test_ten_thousand_ticks_end_where_ten_thousand_periods_end():
+def test_ten_thousand_ticks_end_after_ten_thousand_periods():
     arm = MockArm()
     arm.plant.advance = lambda time_s: setattr(arm.plant, "time_s", time_s)  # it stands still, quickly
     result, _ = run(arm, SwingTask(done_at=10_000, torque_nm=0.0), log=_Silent())
@@ -104,7 +104,7 @@ class _LateClock(SimulatedClock):
         super().sleep_until(time_s + self.lateness_s[-1])
 
 
-def test_lateness_counts_from_when_a_tick_was_due_and_does_not_shift_the_next():
+def test_lateness_counts_from_the_due_time_and_does_not_shift_the_next_tick():
     arm = MockArm(clock := _LateClock())
     result, log = run(arm, SwingTask(done_at=30, torque_nm=0.0))
     assert log.column("lateness_s") == pytest.approx(clock.lateness_s, abs=1e-9)
@@ -126,7 +126,7 @@ def test_stop_request_triggers_a_safe_stop():
     result.raise_for_trip()  # asked for: not an error
 
 
-def test_the_observer_sees_each_tick_and_its_estimates_are_logged_with_it():
+def test_observer_sees_each_tick_and_its_estimates_are_logged():
     seen = []
 
     def observe(measurement, output):
@@ -143,7 +143,7 @@ def test_the_observer_sees_each_tick_and_its_estimates_are_logged_with_it():
     assert (log.column("observer_s") > 0).all()
 
 
-def test_the_sections_of_a_tick_make_up_the_tick(monkeypatch):
+def test_sections_of_a_tick_add_up_to_the_tick(monkeypatch):
     looks = count(step=1e-5)  # a stopwatch on which 10 us pass between two looks, whatever the machine does
     monkeypatch.setattr(palpate.control.loop.loop, "perf_counter", lambda: next(looks))
     result, log = run(MockArm(), SwingTask(done_at=200, torque_nm=0.0), observer=lambda *_: (1.0, 2.0, 3.0))
@@ -158,7 +158,7 @@ def test_the_sections_of_a_tick_make_up_the_tick(monkeypatch):
     assert result.duration_s == pytest.approx(0.2, abs=1e-6)
 
 
-def test_reading_gives_up_in_time_for_the_command_and_that_before_the_next_tick():
+def test_reading_leaves_time_for_the_command_and_the_next_tick():
     arm, left_s = MockArm(), {"read": [], "write": []}
 
     def timed(name, call):
@@ -192,7 +192,7 @@ def test_overrun_is_counted_skipped_and_passed_to_the_task():
     assert np.allclose(on_grid, np.round(on_grid), atol=1e-6)
 
 
-def test_the_loop_waits_for_the_first_samples_with_the_torque_off():
+def test_loop_waits_for_the_first_samples_with_the_torque_off():
     arm = MockArm()
     arm.faults.silent.add("force")
 
@@ -216,7 +216,7 @@ def test_sensor_without_samples_is_named_and_power_stays_off():
     assert arm.sent_nm == []
 
 
-def test_an_arm_that_is_outside_its_limits_is_not_powered():
+def test_arm_outside_its_limits_is_not_powered():
     arm = MockArm()
     arm.plant.angle_rad = np.cumsum([-1.0, 2.7, 1.0])
     result, log = run(arm, SwingTask())
@@ -228,14 +228,14 @@ def test_an_arm_that_is_outside_its_limits_is_not_powered():
         result.raise_for_trip()
 
 
-def test_a_tripped_guard_is_refused_until_it_is_rearmed():
+def test_tripped_guard_is_refused_until_rearmed():
     arm = MockArm()
     arm.guard.trip("the cable was loose")
     with pytest.raises(SafetyTripError, match="the cable was loose"):
         run(arm, SwingTask())
 
 
-def test_the_same_arm_and_guard_run_again():
+def test_same_arm_and_guard_run_again():
     arm = MockArm()
     for _ in range(2):
         begun_s = time.perf_counter()
@@ -267,13 +267,13 @@ def test_single_write_failure_is_reported(trouble, words):
 
 
 @pytest.mark.parametrize("rate_hz", [0.0, -1.0, float("nan"), float("inf")])
-def test_a_rate_that_is_none_is_refused(rate_hz):
+def test_invalid_rate_is_refused(rate_hz):
     arm = MockArm()
     with pytest.raises(InputError, match="rate"):
         run_loop(arm.robot, arm.guard, SwingTask(), arm.clock, MemoryLog(), rate_hz=rate_hz)
 
 
-def test_a_slow_rate_is_one_and_the_rate_limit_starts_afresh_in_each_run():
+def test_slow_rate_works_and_the_rate_limit_restarts_in_each_run():
     arm = MockArm()
     log = MemoryLog()
     assert run_loop(arm.robot, arm.guard, SwingTask(done_at=1), arm.clock, log, rate_hz=0.9).ticks == 1
@@ -284,7 +284,7 @@ def test_a_slow_rate_is_one_and_the_rate_limit_starts_afresh_in_each_run():
     assert arm.sent_nm[first] == pytest.approx([3.0] * JOINTS)  # 3000 N m/s from zero, not from 5 N m
 
 
-def test_a_run_is_read_back_with_units_and_events(tmp_path):
+def test_run_is_read_back_with_units_and_events(tmp_path):
     arm, path = MockArm(), tmp_path / "run.mcap"
     with SessionWriter(path, [tick_stream(JOINTS)], SessionMetadata(), wait_for_room=True) as log:
         result = run_loop(
@@ -309,6 +309,6 @@ def test_a_run_is_read_back_with_units_and_events(tmp_path):
     assert session.dropped == 0
 
 
-def test_the_numbers_of_phases_are_those_in_the_files_that_are_there():
+def test_phase_numbers_match_existing_files():
     names = ("idle", "move", "approach", "loading", "hold", "unloading", "retract", "free_air", "stopped")
     assert [Phase(number).name.lower() for number in range(len(names))] == list(names)

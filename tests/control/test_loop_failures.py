@@ -63,7 +63,7 @@ class Spoilt(SwingTask):
         return self.spoil(output) if self.steps >= self.since else output
 
 
-def test_an_exception_in_the_task_brakes_the_arm_and_is_chained():
+def test_task_exception_brakes_the_arm_and_is_chained():
     arm = MockArm()
     result, log = run(arm, SwingTask(fail_at=100, torque_nm=0.5))
     assert result.outcome is Outcome.TRIPPED
@@ -77,7 +77,7 @@ def test_an_exception_in_the_task_brakes_the_arm_and_is_chained():
     assert isinstance(raised.value.__cause__, ZeroDivisionError)
 
 
-def test_a_task_that_ends_the_program_brakes_the_arm_first():
+def test_task_that_exits_brakes_the_arm_first():
     arm, task = MockArm(), SwingTask(torque_nm=0.5)
     task.step = raising(SystemExit(7))
     result, log = run(arm, task)
@@ -122,7 +122,7 @@ def test_command_computed_before_a_stall_is_not_sent(held_s):
     assert log.column("torque_commanded_nm")[99].all()
 
 
-def test_an_exception_in_stop_is_a_reason_to_stop():
+def test_exception_in_stop_is_a_reason_to_stop():
     arm = MockArm()
     result, log = run(arm, SwingTask(), stop=raising(OSError("no such pipe")))
     assert result.outcome is Outcome.TRIPPED
@@ -130,7 +130,7 @@ def test_an_exception_in_stop_is_a_reason_to_stop():
     assert_came_to_rest(arm, log)
 
 
-def test_a_command_that_is_no_number_never_goes_out():
+def test_nonfinite_command_is_never_sent():
     arm, diverged = MockArm(), Command(np.full(3, np.nan))
     result, log = run(arm, Spoilt(lambda output: output._replace(command=diverged), 50, torque_nm=0.1))
     assert result.outcome is Outcome.TRIPPED
@@ -141,7 +141,7 @@ def test_a_command_that_is_no_number_never_goes_out():
         result.raise_for_trip()
 
 
-def test_a_tracking_error_is_judged_against_the_reference_of_the_tick_before():
+def test_tracking_error_is_judged_against_the_previous_reference():
     def jump(output):
         return output._replace(reference_position_rad=output.reference_position_rad + 2.0)
 
@@ -171,7 +171,7 @@ def test_failing_observer_is_disabled_and_the_task_continues(observe, error):
     assert np.isnan(log.column("surface_m")).all()
 
 
-def test_a_log_that_fails_is_counted_and_does_not_stop_the_arm():
+def test_failing_log_is_counted_and_does_not_stop_the_arm():
     arm, log = MockArm(), MemoryLog()
     log.error = OSError(28, "No space left on device")
     result = run_loop(arm.robot, arm.guard, SwingTask(done_at=50), arm.clock, log, rate_hz=RATE_HZ)
@@ -191,14 +191,14 @@ def test_a_log_that_fails_is_counted_and_does_not_stop_the_arm():
     assert result.log_error == "OSError: gone"
 
 
-def test_a_disk_that_failed_behind_the_log_is_in_the_result():
+def test_failed_disk_behind_the_log_is_in_the_result():
     arm, log = MockArm(), MemoryLog()
     log.failure, log.dropped = "the disk is full", 7
     result = run_loop(arm.robot, arm.guard, SwingTask(done_at=5), arm.clock, log, rate_hz=RATE_HZ)
     assert (result.log_error, result.dropped) == ("the disk is full", 7)
 
 
-def test_a_stale_sensor_trips_within_its_age_limit_and_two_ticks():
+def test_stale_sensor_trips_within_its_age_limit_and_two_ticks():
     arm, task = MockArm(), SwingTask()
     arm.on_poll = lambda: arm.faults.silent.update({"force"} if task.steps >= 30 else ())
     result, log = run(arm, task)
@@ -209,7 +209,7 @@ def test_a_stale_sensor_trips_within_its_age_limit_and_two_ticks():
     assert (log.column("force_status")[-10:] == 1).all()
 
 
-def test_a_bus_that_fails_in_reading_trips_and_is_named():
+def test_failing_bus_trips_and_is_named():
     arm, task = MockArm(), SwingTask()
     arm.on_poll = lambda: setattr(arm.faults, "unplugged", task.steps == 30)
     result, log = run(arm, task)
@@ -220,7 +220,7 @@ def test_a_bus_that_fails_in_reading_trips_and_is_named():
     assert not arm.bus.powered
 
 
-def test_a_driver_bug_in_reading_trips_and_shows_old_values_as_old():
+def test_driver_bug_in_reading_trips_and_old_values_are_marked_old():
     arm, task = MockArm(), SwingTask()
     fail = raising(IndexError("bug in a driver"))
     arm.on_poll = lambda: fail() if task.steps == 30 else None
@@ -234,7 +234,7 @@ def test_a_driver_bug_in_reading_trips_and_shows_old_values_as_old():
     assert not arm.bus.powered
 
 
-def test_commands_that_cannot_be_sent_are_tried_each_tick_and_counted():
+def test_failing_commands_are_retried_each_tick_and_counted():
     arm, task = MockArm(), SwingTask()
     unplug = raising(DeviceError("bus off"))
     arm.on_flush = lambda: unplug() if task.steps == 30 else None
@@ -267,7 +267,7 @@ def test_stop_cause_is_reported_with_a_failed_torque_off():
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_ctrl_c_is_a_safe_stop_that_a_second_one_does_not_shorten(number):
+def test_second_ctrl_c_does_not_shorten_the_safe_stop(number):
     arm, task = MockArm(), SwingTask(torque_nm=0.5)
 
     def press():
@@ -301,7 +301,7 @@ def test_first_cause_of_a_stop_is_reported():
 
 
 @pytest.mark.parametrize("outcome", [Outcome.FINISHED, Outcome.STOPPED])
-def test_the_same_loop_runs_and_stops_on_the_machine_s_clock(outcome):
+def test_loop_runs_and_stops_on_the_monotonic_clock(outcome):
     # no torque: an arm that a busy machine leaves alone must not reach its limits
     arm, task = MockArm(MonotonicClock(), age_limit_s=1.0), SwingTask(done_at=50, torque_nm=0.0)
     if outcome is Outcome.STOPPED:
@@ -333,7 +333,7 @@ def test_the_same_loop_runs_and_stops_on_the_machine_s_clock(outcome):
         (None, "step returned a NoneType"),
     ],
 )
-def test_a_result_that_is_of_no_use_brakes_the_arm_like_an_exception(changes, words):
+def test_invalid_task_result_brakes_the_arm_like_an_exception(changes, words):
     arm = MockArm()
     task = Spoilt(lambda output: None if changes is None else output._replace(**changes))
     result, log = run(arm, task)
@@ -347,7 +347,7 @@ def test_a_result_that_is_of_no_use_brakes_the_arm_like_an_exception(changes, wo
     assert not result.log_error
 
 
-def test_a_fault_of_the_loop_itself_brakes_the_arm_too(monkeypatch):
+def test_loop_fault_brakes_the_arm(monkeypatch):
     made, calls = tick_record.tick_record, count(1)
     fail = raising(IndexError("a bug in the loop"))
     monkeypatch.setattr(tick_record, "tick_record", lambda tick: fail() if next(calls) == 100 else made(tick))
@@ -358,7 +358,7 @@ def test_a_fault_of_the_loop_itself_brakes_the_arm_too(monkeypatch):
     assert log.column("guard_tripped").sum() > STOP_TIME_S * RATE_HZ / 2
 
 
-def test_a_guard_that_fails_while_it_stops_the_arm_leaves_the_torque_off_at_once():
+def test_guard_failure_during_the_stop_leaves_the_torque_off():
     arm, task = MockArm(), SwingTask(fail_at=50)
     limit = arm.guard.limit
 
@@ -376,7 +376,7 @@ def test_a_guard_that_fails_while_it_stops_the_arm_leaves_the_torque_off_at_once
     assert not arm.bus.powered
 
 
-def test_a_signal_that_was_switched_off_stays_off():
+def test_ignored_signal_stays_ignored():
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as under nohup
     try:
         with InterruptFlag() as flag:

@@ -46,7 +46,7 @@ def test_corner_objects_are_probed_within_the_force_limit(stiffness, damping, sp
     assert (record.force_n[pressed] > 0.0).all()  # it does not bounce
 
 
-def test_a_slow_sensor_does_not_make_it_unstable():
+def test_slow_sensor_does_not_destabilize_probing():
     for stiffness, damping in ((7100.0, 100.0), (500.0, 100.0)):
         plant = plant_above(stiffness_n_m=stiffness, damping_n_s_m=damping, force_delay_ticks=2)
         record, _ = probe(plant=plant, speeds_m_s=(0.05,))
@@ -54,7 +54,7 @@ def test_a_slow_sensor_does_not_make_it_unstable():
         assert record.force_n[record.in_phase(Phase.HOLD)][-300:] == pytest.approx(10.0, abs=0.1)
 
 
-def test_the_phases_of_a_run_in_their_order():
+def test_phases_of_a_run_are_in_order():
     record, _ = plain()
     changes = np.flatnonzero(np.diff(record.phase)) + 1
     order = " ".join(Phase(record.phase[i]).name for i in (0, *changes))
@@ -67,7 +67,7 @@ def test_the_phases_of_a_run_in_their_order():
     assert not record.outputs[-2].done
 
 
-def test_the_touch_comes_at_the_set_speed_and_the_loading_keeps_it():
+def test_touch_and_loading_keep_the_set_speed():
     record, _ = probe(stiffness=500.0, damping=0.0, speeds_m_s=(0.09,))
     down = np.array([-output.tip_velocity_world_m_s[2] for output in record.outputs])
     loading = record.in_phase(Phase.LOADING)
@@ -79,7 +79,7 @@ def test_the_touch_comes_at_the_set_speed_and_the_loading_keeps_it():
     assert "not reached" not in touch.text
 
 
-def test_reported_values_fit_each_other():
+def test_reported_values_are_consistent():
     record, _ = plain()
     outputs = record.outputs
     assert all(np.isnan(output.desired_force_n) for output in outputs if output.phase == Phase.APPROACH)
@@ -117,7 +117,7 @@ def test_next_approach_starts_above_the_detected_surface():
 
 
 @pytest.mark.parametrize("elbow", list(Elbow))
-def test_the_elbow_stays_as_it_is(elbow):
+def test_elbow_configuration_is_kept(elbow):
     plant = plant_above(elbow=elbow, stiffness_n_m=500.0)
     start = plant.position_rad.copy()
     record, task = probe(plant=plant)
@@ -125,7 +125,7 @@ def test_the_elbow_stays_as_it_is(elbow):
     assert np.abs(record.position_rad - start).max() < 0.6
 
 
-def test_a_surface_that_is_not_there_is_an_event_and_the_next_target_is_tried():
+def test_missing_surface_is_an_event_and_the_next_target_is_tried():
     plan = {"targets_world_m": ((0.42, 0.0, 0.2), (0.42, 0.0, 0.05)), "search_depth_m": 0.06}
     record, task = probe(speeds_m_s=(0.09, 0.05), hold_s=0.1, **plan)
     missed = [event for _, event in record.events if event.kind == "missed_surface"]
@@ -138,7 +138,7 @@ def test_a_surface_that_is_not_there_is_an_event_and_the_next_target_is_tried():
     assert record.outputs[-1].done
 
 
-def test_an_object_too_soft_is_left_at_the_depth_limit_and_slow_loading_goes_on_to_the_hold():
+def test_soft_object_is_left_at_the_depth_limit_and_slow_loading_goes_on():
     record, task = probe(stiffness=100.0, damping=0.0, max_depth_m=0.03)
     event = record.event("depth_limit")
     assert event.data["depth_m"] < 0.03
@@ -172,7 +172,7 @@ def back_at_the_start(record) -> bool:
         {"max_depth_m": 0.005},
     ],
 )
-def test_the_task_is_done_where_it_started_and_at_rest(plan):
+def test_task_ends_at_its_start_at_rest(plan):
     record, _ = probe(hold_s=0.1, settle_s=0.05, **plan)
     assert back_at_the_start(record)
     speed = np.abs(np.diff(record.position_rad[-3:], axis=0)).max() / 0.001
@@ -198,7 +198,7 @@ def test_moving_arm_is_not_released():
         run_probing(plant, task)
 
 
-def test_something_in_the_way_back_ends_with_the_guard():
+def test_obstacle_on_the_way_back_ends_with_the_guard():
     plant = plant_above(height_m=0.12, stiffness_n_m=500.0)
     task = probing_task(ProbingPlan(speeds_m_s=(0.15,), hold_s=0.1))
     began = []
@@ -214,7 +214,7 @@ def test_something_in_the_way_back_ends_with_the_guard():
     assert sum(began) == 3
 
 
-def test_for_something_in_the_way_the_arm_brakes_does_not_stop_dead_and_goes_back():
+def test_arm_brakes_smoothly_at_an_obstacle_and_goes_back():
     plant = plant_above(height_m=0.12, stiffness_n_m=2000.0)
     plan = {"targets_world_m": ((0.42, 0.0, 0.02),), "approach_clearance_m": 0.02}  # hover below the surface
     record, task = probe(plant=plant, **plan)
@@ -241,7 +241,7 @@ RIDES = {
 
 
 @pytest.mark.parametrize("ride", RIDES)
-def test_an_object_that_is_taken_away_is_not_chased_and_not_held(ride):
+def test_removed_object_is_not_chased_and_not_held(ride):
     plant = plant_above(stiffness_n_m=500.0, damping_n_s_m=20.0, **NOISE)
     task = probing_task(ProbingPlan(speeds_m_s=(0.15, 0.09), hold_s=0.5, excitation=RIDES[ride]))
     step, taken_after_s = task.step, 0.2 if ride == "hold" else 0.8
@@ -268,7 +268,7 @@ def test_an_object_that_is_taken_away_is_not_chased_and_not_held(ride):
     assert back_at_the_start(record)
 
 
-def test_a_force_bias_changes_nothing_and_noise_raises_the_touch_threshold():
+def test_force_bias_changes_nothing_and_noise_raises_the_touch_threshold():
     plant = plant_above(stiffness_n_m=500.0, force_bias_n=4.0, **NOISE)
     record, _ = probe(plant=plant)
     assert record.event("free_air").data["mean_n"] == pytest.approx(4.0, abs=0.02)
@@ -289,7 +289,7 @@ def test_a_force_bias_changes_nothing_and_noise_raises_the_touch_threshold():
         ("chirp", "position", 500.0, 20.0),
     ],
 )
-def test_an_excitation_moves_the_object_and_keeps_the_limit(shape, quantity, stiffness, damping):
+def test_excitation_moves_the_object_and_keeps_the_limit(shape, quantity, stiffness, damping):
     excitation = Excitation(shape=shape, quantity=quantity, duration_s=2.5)
     record, _ = probe(stiffness, damping, speeds_m_s=(0.05,), hold_s=0.4, excitation=excitation)
     begun_s = next(time_s for time_s, event in record.events if event.kind == "excitation")
@@ -332,7 +332,7 @@ def test_joint_limits_bound_the_search():
         task.start(plant.measure())
 
 
-def test_without_other_limits_those_of_the_urdf_count():
+def test_urdf_limits_apply_without_other_limits():
     ranges = [JointRange(angle - 0.001, angle + 0.001) for angle in plant_above().position_rad]
     body = RigidBody.from_urdf(dh_to_urdf(TABLE, ranges=ranges), "tip")
     task = ProbingTask(body, TOOL_AXIS_TIP, Gains(), ProbingPlan())
@@ -340,14 +340,14 @@ def test_without_other_limits_those_of_the_urdf_count():
         task.start(plant_above().measure())
 
 
-def test_without_force_feedforward_it_still_holds():
+def test_hold_works_without_force_feedforward():
     gains = Gains(contact=ContactGains(force_feedforward=0.0))
     record, _ = probe(stiffness=2000.0, damping=20.0, gains=gains, speeds_m_s=(0.05,), hold_s=1.0)
     assert record.force_n[record.in_phase(Phase.HOLD)][-300:].mean() == pytest.approx(10.0, abs=0.1)
     assert record.force_after_touch(0, 0.02).max() < 11.0
 
 
-def test_a_task_can_be_started_again():
+def test_task_can_be_started_again():
     task = probing_task(ProbingPlan(speeds_m_s=(0.09,), hold_s=0.1))
     for _ in range(2):
         record = run_probing(plant_above(stiffness_n_m=500.0, **NOISE), task)

@@ -16,7 +16,7 @@ from tests.control.loop_parts import RATE_HZ, MemoryLog, MockArm
 from tests.control.simulated_arms import SimulatedArm, kelvin_voigt
 
 
-def test_the_mock_robot_is_probed_through_the_interfaces_alone():
+def test_mock_robot_is_probed_through_the_interfaces_alone():
     arm, log = MockArm(), MemoryLog()
     robot_file = mock_robot.mock_robot_file()
     body = RigidBody.from_urdf(mock_robot.URDF, robot_file.tip_frame)
@@ -36,7 +36,7 @@ def test_the_mock_robot_is_probed_through_the_interfaces_alone():
     ("name", "stiffness", "damping", "speed_m_s"),
     [("follower", 100.0, 0.0, 0.15), ("leader", 7100.0, 100.0, 0.05), ("follower", 10_000.0, 200.0, 0.05)],
 )
-def test_the_simulated_arms_keep_the_force_limit_and_come_home_to_rest(name, stiffness, damping, speed_m_s):
+def test_simulated_arms_keep_the_force_limit_and_return_home_to_rest(name, stiffness, damping, speed_m_s):
     plan = ProbingPlan(speeds_m_s=(speed_m_s,), hold_s=0.5)
     arm = SimulatedArm(name, plan, kelvin_voigt(stiffness, damping))
     with closing(arm.robot):

@@ -46,13 +46,13 @@ def test_every_target_gets_every_repeat_of_every_speed_and_a_unit_direction():
         ("hold_s: soon", "hold_s: expected a number"),
     ],
 )
-def test_a_bad_plan_is_one_clear_line(text, message, tmp_path):
+def test_invalid_plan_is_one_clear_line(text, message, tmp_path):
     with pytest.raises(InputError, match=message) as caught:
         load_probing_plan(saved(tmp_path / "plan.yaml", text + "\n"))
     assert "\n" not in str(caught.value)
 
 
-def test_a_plan_is_read_from_its_file(tmp_path):
+def test_plan_is_read_from_its_file(tmp_path):
     path = saved(tmp_path / "plan.yaml", "speeds_m_s: [0.05]\nexcitation: {shape: chirp}\n")
     plan = load_probing_plan(path)
     assert plan.speeds_m_s == (0.05,)
@@ -60,7 +60,7 @@ def test_a_plan_is_read_from_its_file(tmp_path):
     assert plan.force_limit_n == 10.0
 
 
-def test_the_shortest_time_counts_every_run():
+def test_shortest_time_counts_every_run():
     plan = ProbingPlan(
         speeds_m_s=(0.1, 0.05),
         repeats=3,
@@ -95,11 +95,11 @@ def test_plan_beyond_guard_limits_is_refused_in_one_line(plan, message):
         {"force_limit_n": 54.0, "excitation": Excitation(quantity="position", amplitude_n=10.0)},
     ],
 )
-def test_what_it_would_not_is_not(plan):
+def test_plan_within_guard_limits_is_not_refused(plan):
     ProbingTask.from_robot_file(FOLLOWER, ProbingPlan(**plan))
 
 
-def test_an_excitation_of_the_force_never_goes_beyond_the_limit_that_it_rides_on():
+def test_force_excitation_never_exceeds_the_limit():
     ride = Excitation(quantity="force", amplitude_n=15.0, duration_s=2.0, high_hz=4.0)
     plan = ProbingPlan(speeds_m_s=(0.05,), force_limit_n=54.0, hold_s=0.2, excitation=ride)
     arm = SimulatedArm("follower", plan, kelvin_voigt(5000.0))
@@ -116,7 +116,7 @@ def test_an_excitation_of_the_force_never_goes_beyond_the_limit_that_it_rides_on
     ("plan", "name"),
     [({"speeds_m_s": (0.1, 0.3)}, "speeds_m_s 0.3"), ({"travel_speed_m_s": 0.4}, "travel_speed")],
 )
-def test_speeds_that_a_joint_cannot_follow_are_refused_at_the_start(plan, name):
+def test_speeds_beyond_a_joint_limit_are_refused_at_the_start(plan, name):
     started(ProbingPlan(**plan), velocity_limits_rad_s=np.full(3, 4.0))
     with pytest.raises(InputError, match=rf"{name}.* target 1 joint \d would move .* trips at 0.5 rad/s"):
         started(ProbingPlan(**plan), velocity_limits_rad_s=np.full(3, 0.5))
@@ -131,7 +131,7 @@ def probe(gains: Gains | None = None, height_m: float = 0.08, plan=None, **plant
 @pytest.mark.parametrize(
     ("noise_n", "limit_n", "least_n"), [(0.8, 10.0, 13.7), (1.0, 10.0, 17.1), (0.35, 4.0, 6.0)]
 )
-def test_a_sensor_too_noisy_for_the_force_limit_presses_nothing(noise_n, limit_n, least_n):
+def test_sensor_too_noisy_for_the_force_limit_presses_nothing(noise_n, limit_n, least_n):
     record, task = probe(force_noise_n=noise_n, plan={"force_limit_n": limit_n, "speeds_m_s": (0.15, 0.09)})
     assert record.kinds() == ["free_air", "free_air_refused", "probing_done"]
     assert record.force_n.max() == 0.0
@@ -143,7 +143,7 @@ def test_a_sensor_too_noisy_for_the_force_limit_presses_nothing(noise_n, limit_n
     assert np.abs(record.position_rad[-1] - record.position_rad[0]).max() < 1e-3
 
 
-def test_the_force_limit_that_the_refusal_names_is_enough():
+def test_force_limit_named_by_the_refusal_is_enough():
     record, task = probe(force_noise_n=0.8, plan={"force_limit_n": 15.0})
     assert task.failures == ()
     assert record.kinds()[-1] == "probing_done"
@@ -151,7 +151,7 @@ def test_the_force_limit_that_the_refusal_names_is_enough():
 
 
 @pytest.mark.parametrize("force_n", [30.0, 6.0, -6.0])
-def test_a_force_before_the_arm_moves_is_not_tared_away(force_n):
+def test_force_before_motion_is_not_tared_away(force_n):
     plant = plant_above(force_bias_n=force_n)
     task = probing_task(ProbingPlan())
     with pytest.raises(InputError, match=rf"force in free air is {force_n:g} N.* at most 5 N is allowed: "):
@@ -179,7 +179,7 @@ def test_contact_during_free_air_is_not_tared():
     assert record.force_n.max() == 0.0
 
 
-def test_controller_and_estimation_share_one_rule_of_touch(monkeypatch):
+def test_controller_and_estimation_share_one_touch_rule(monkeypatch):
     monkeypatch.setattr("palpate.control.laws.touch._NOISE_FACTOR", 12.0)
     monkeypatch.setattr(
         "palpate.control.laws.hybrid.release_force_n",

@@ -38,7 +38,7 @@ def policy(request):
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
-def test_everything_is_put_back(policy):
+def test_settings_are_restored(policy):
     before = switches()
     assert before[0] == policy
     with realtime() as report:
@@ -86,7 +86,7 @@ def test_threads_and_processes_started_inside_are_scheduled_normally():
 
 
 @pytest.mark.parametrize(("user", "limit", "may"), [(0, 8 << 20, True), (1, 8 << 20, False), (1, -1, True)])
-def test_memory_to_come_is_not_locked_under_a_limit(monkeypatch, user, limit, may):
+def test_future_memory_is_not_locked_under_a_limit(monkeypatch, user, limit, may):
     monkeypatch.setattr(os, "geteuid", lambda: user)
     monkeypatch.setattr(module.resource, "getrlimit", lambda _: (limit, module.resource.RLIM_INFINITY))
     assert module._may_lock_any_amount() is may
@@ -107,7 +107,7 @@ def test_realtime_report_lists_granted_and_refused_features():
     assert (str(whole), str(none)) == ("real-time help: a, b", "real-time help: none; no a: slow; no b: late")
 
 
-def test_a_sleep_ends_when_it_should_and_as_before_afterwards():
+def test_sleep_ends_on_time_and_as_before_afterwards():
     """Asked by itself: a thread with real-time scheduling has no slack anyway."""
     libc = ctypes.CDLL(None)
     before_ns = libc.prctl(30)
@@ -132,7 +132,7 @@ class Scheduler:
 
 
 @pytest.mark.parametrize("refuses", [False, True])
-def test_the_scheduling_is_put_back_as_far_as_the_system_lets_it(monkeypatch, refuses):
+def test_scheduling_is_restored_as_far_as_the_system_allows(monkeypatch, refuses):
     scheduler = Scheduler(monkeypatch, refuses=refuses)
     with realtime():
         pass
@@ -173,7 +173,7 @@ def test_operating_system_refusal_is_reported_with_its_reason(monkeypatch, switc
         pass
 
 
-def test_the_processor_is_asked_for_no_latency_as_long_as_the_file_is_open(monkeypatch, tmp_path):
+def test_latency_request_lasts_while_the_file_is_open(monkeypatch, tmp_path):
     opened = []
 
     def to_a_file(path, mode, **how):

@@ -43,7 +43,7 @@ def bodies():
     return [test_arm(), *(RigidBody.from_urdf(path, "tip") for path in SHIPPED)]
 
 
-def test_the_shipped_arms_are_there():
+def test_shipped_arms_are_complete():
     assert len(SHIPPED) >= 2
 
 
@@ -179,14 +179,14 @@ def test_joint_axes_are_where_the_urdf_puts_them():
         ("<!DOCTYPE r [<!ENTITY a 'b'>]><robot name='&a;'/>", "tip", "document type"),
     ],
 )
-def test_a_bad_urdf_is_one_clear_line(urdf, tip, message, capfd):
+def test_invalid_urdf_is_one_clear_line(urdf, tip, message, capfd):
     with pytest.raises(InputError, match=message) as caught:
         RigidBody.from_urdf(urdf, tip)
     assert capfd.readouterr() == ("", "")  # also nothing from the C++ parser
     assert "\n" not in str(caught.value)
 
 
-def test_a_joint_that_moves_no_mass_is_named():
+def test_massless_joint_is_named():
     urdf = PENDULUM
     inertial = urdf[urdf.index("<inertial>") : urdf.index("</inertial>") + len("</inertial>")]
     assert RigidBody.from_urdf(urdf, "tip").weightless_joint == ""
@@ -194,14 +194,14 @@ def test_a_joint_that_moves_no_mass_is_named():
 
 
 @pytest.mark.parametrize("count", [1, 20])
-def test_many_samples_at_once_are_as_each_by_itself(count):
+def test_many_samples_at_once_equal_single_samples(count):
     for body in (*bodies(), RigidBody.from_urdf(PENDULUM, "tip")):
         motions = np.random.default_rng(3).uniform(-2.0, 2.0, (3, count, len(body.joint_names)))
         one_by_one = [body.inverse_dynamics(*rows) for rows in motions.transpose(1, 0, 2)]
         assert body.inverse_dynamics_batch(*motions) == pytest.approx(np.array(one_by_one), abs=1e-12)
 
 
-def test_a_load_takes_what_moves_a_point_mass_at_the_tip():
+def test_load_equals_a_point_mass_at_the_tip():
     step_s, mass_kg = 1e-5, 0.7
     for body in bodies():
         for position, velocity, acceleration in random_states(5):
@@ -217,7 +217,7 @@ def test_a_load_takes_what_moves_a_point_mass_at_the_tip():
             assert loaded - bare == pytest.approx(body.tip_jacobian(position)[:3].T @ force, abs=1e-6)
 
 
-def test_rotors_add_to_what_a_joint_moves_and_to_nothing_else():
+def test_rotors_add_to_joint_inertia_only():
     rotors = (0.03, 0.02, 0.01)
     path = SHIPPED[0]
     bare, geared = (
@@ -234,7 +234,7 @@ def test_rotors_add_to_what_a_joint_moves_and_to_nothing_else():
         RigidBody.from_urdf(path, "tip", rotor_inertia_kg_m2=(0.03,))
 
 
-def test_the_simulated_arm_feels_the_rotors_as_the_model_does():
+def test_simulated_arm_and_model_feel_the_rotors_alike():
     """Three rotors ten times as heavy as what the wrist feels of the arm."""
     robot_file = load_robot_file(ARMS.parents[1] / "robots" / "so101.yaml")
     rotors, home = np.array(robot_file.rotor_inertia_kg_m2), np.array(robot_file.home_rad)

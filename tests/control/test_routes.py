@@ -50,7 +50,7 @@ def probed(swing_m):
     return record
 
 
-def test_the_tip_swings_up_and_back_at_both_speeds_before_every_run():
+def test_tip_swings_up_and_back_at_both_speeds_before_every_run():
     record = probed(SWING_M)
     assert "no_swing" not in record.kinds()
     heights = np.array([output.tip_position_world_m[2] for output in record.outputs])
@@ -89,7 +89,7 @@ def test_contact_during_a_swing_sends_the_arm_home():
     assert record.time_s[-1] < pushed[0] + 3.0  # by the shortest way
 
 
-def test_a_swing_beyond_the_joints_or_the_torque_is_refused_before_anything_moves():
+def test_swing_beyond_the_joints_or_the_torque_is_refused_before_moving():
     home = plant_above().position_rad
     narrow = home - 0.5, home + np.array((0.2, 0.5, 0.5))
     plan = {**SHORT, "search_depth_m": 0.03, "max_depth_m": 0.01}
@@ -103,7 +103,7 @@ def test_a_swing_beyond_the_joints_or_the_torque_is_refused_before_anything_move
         started(plan, torque_limits_nm=np.full(3, 0.5))
 
 
-def test_a_swing_at_which_the_guard_trips_is_refused_and_one_not_asked_for_is_not():
+def test_swing_that_trips_the_guard_is_refused_only_if_requested():
     follower = load_robot_file(ARMS / "follower" / "follower.yaml")
     fast = {"free_air_swing_speeds_rad_s": (0.3, 7.0)}
     ProbingTask.from_robot_file(follower, ProbingPlan(**fast))
@@ -134,7 +134,7 @@ def test_guard_does_not_trip_on_unmodeled_friction():
         ("free_air_swing_speeds_rad_s", [0.01]),
     ],
 )
-def test_swings_that_make_no_sense_are_refused(key, value):
+def test_invalid_swings_are_refused(key, value):
     with pytest.raises(ValueError, match=key):
         ProbingPlan(**{key: value})
 
@@ -186,13 +186,13 @@ def test_route_preserves_half_of_the_clearance(name, x1, x2, clearance_m):
     assert heights.max() < SURFACE_M + clearance_m + 0.03  # and no higher than it needs
 
 
-def test_straight_where_that_is_clear():
+def test_clear_route_is_straight():
     setup = ProbingSetup("follower", plan_of([(0.4, SURFACE_M), (0.44, SURFACE_M)], 0.03))
     assert len(setup.routes.find(*setup.places).points_rad) == 2
 
 
 @pytest.mark.parametrize("order", [1, -1])
-def test_up_a_step_before_it_and_down_a_step_behind_it(order):
+def test_route_rises_before_a_step_and_descends_behind_it(order):
     low, high = (0.36, SURFACE_M), (0.42, SURFACE_M + 0.06)
     setup = ProbingSetup("follower", plan_of([low, high][::order], 0.02))
     points = setup.routes.find(*setup.places).points_rad
@@ -221,7 +221,7 @@ def test_nothing_is_touched_on_the_way(x1, x2, clearance_m):
     assert arm.truth[moving, 1].min() > SURFACE_M + 0.3 * clearance_m
 
 
-def test_targets_between_which_the_tip_cannot_be_lifted_are_refused():
+def test_targets_without_room_to_lift_the_tip_are_refused():
     plan = plan_of([(0.2, SURFACE_M), (0.5, SURFACE_M)], 0.015, search_depth_m=0.02, max_depth_m=0.01)
     setup = ProbingSetup("follower", plan)
     pressed = [
@@ -267,7 +267,7 @@ def test_contact_between_targets_returns_the_arm_along_its_path():
     assert record.force_n[met:].max() == 0.0
 
 
-def test_a_target_to_which_there_is_no_way_any_more_is_left(monkeypatch):
+def test_target_that_became_unreachable_is_skipped(monkeypatch):
     task = probing_task(ProbingPlan(**TWO, repeats=2, hold_s=0.05, settle_s=0.05, free_air_s=0.1))
     plant = plant_above(height_m=0.15, stiffness_n_m=2000.0, damping_n_s_m=20.0)
     find = Routes.find

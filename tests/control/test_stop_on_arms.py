@@ -58,7 +58,7 @@ def stop_in(name: str, phase: Phase, ticks: int, *, gravity=True, stiffness=500.
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_at_home_the_weight_is_held_up_and_then_sinks_slowly(name):
+def test_arm_at_home_is_held_up_and_then_sinks_slowly(name):
     stop = stop_in(name, Phase.FREE_AIR, 100)
     assert stop.falls_m(within_s=0.3) < 0.001
     assert 0.05 < stop.falls_m(within_s=2.5) < 0.15  # it does come down, by itself
@@ -69,7 +69,7 @@ def test_at_home_the_weight_is_held_up_and_then_sinks_slowly(name):
     assert stop.finished_s == pytest.approx(0.3 + 3.0, abs=0.003)
 
 
-def test_without_a_model_of_its_weight_the_arm_falls():
+def test_arm_falls_without_a_gravity_model():
     """The reason for the model; and the stop then ends with the braking."""
     stop = stop_in("follower", Phase.FREE_AIR, 100, gravity=False)
     assert stop.falls_m(within_s=0.3) > 0.1
@@ -80,7 +80,7 @@ def test_without_a_model_of_its_weight_the_arm_falls():
 @pytest.mark.parametrize(
     ("name", "phase", "stiffness"), [("follower", Phase.LOADING, 7100.0), ("leader", Phase.HOLD, 500.0)]
 )
-def test_in_contact_the_object_pushes_the_arm_out_and_carries_it_softly_later(name, phase, stiffness):
+def test_object_in_contact_pushes_the_arm_out_and_carries_it_softly(name, phase, stiffness):
     stop = stop_in(name, phase, 10, stiffness=stiffness)
     at_trip_n = stop.force_n[0]
     braking = stop.time_s < stop.time_s[0] + 0.3
@@ -91,7 +91,7 @@ def test_in_contact_the_object_pushes_the_arm_out_and_carries_it_softly_later(na
     assert stop.finished_s == pytest.approx(3.3, abs=0.003)
 
 
-def test_torque_off_comes_softer_than_without_lowering():
+def test_torque_off_is_softer_than_without_lowering():
     plain = stop_in("leader", Phase.HOLD, 10, gravity=False, stiffness=500.0)
     lowered = stop_in("leader", Phase.HOLD, 10, stiffness=500.0)
     assert lowered.force_after_n < 0.7 * plain.force_after_n

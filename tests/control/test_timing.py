@@ -30,7 +30,7 @@ def test_percentiles_agree_with_numpy_for_any_durations(durations_s, percent):
     assert filled(durations_s).percentile(percent) == pytest.approx(expected, rel=BIN_ERROR)
 
 
-def test_the_longest_is_exact_and_no_percentile_exceeds_it():
+def test_longest_duration_is_exact_and_bounds_percentiles():
     histogram = filled([1e-4, 2e-4, 3.3e-4])
     assert histogram.max_s == 3.3e-4
     assert histogram.percentile(100.0) <= 3.3e-4
@@ -39,7 +39,7 @@ def test_the_longest_is_exact_and_no_percentile_exceeds_it():
     assert math.isnan(Histogram().percentile(50.0))
 
 
-def test_zero_and_huge_durations_are_counted_and_not_lost():
+def test_zero_and_huge_durations_are_counted():
     histogram = filled([0.0] * 6 + [1e4] * 4)
     assert histogram.count == 10
     assert histogram.percentile(50.0) == 0.0
@@ -79,7 +79,7 @@ def test_hours_of_ticks_take_no_more_memory_than_a_minute():
     assert timing.summary()["tick"].count == 55_000
 
 
-def test_ends_where_the_periods_end_after_a_hundred_thousand_ticks():
+def test_schedule_has_no_drift_after_a_hundred_thousand_ticks():
     grid = TickGrid(start_s=12345.678, period_s=0.001)
     for _ in range(100_000):
         grid.advance(grid.due_s + 0.0004)

@@ -48,7 +48,7 @@ def clamped(motion, start: LineState):
 
 
 @given(speeds, speeds)
-def test_a_change_of_speed_is_smooth_and_within_its_limit(before, after):
+def test_speed_change_is_smooth_and_within_its_limit(before, after):
     start = LineState(0.1, before)
     blend = SpeedBlend(start, after, 3.0)
     jerk = 6.0 * max(abs(after - before), 1e-3) / blend.duration_s**2
@@ -61,13 +61,13 @@ def test_a_change_of_speed_is_smooth_and_within_its_limit(before, after):
     assert end.travel_m == pytest.approx(0.1 + travelled)
 
 
-def test_a_change_of_speed_takes_up_the_acceleration_it_finds():
+def test_speed_change_continues_the_current_acceleration():
     blend = SpeedBlend(LineState(0.0, 0.1, -1.0), -0.1, 3.0)
     assert blend.at(0.0) == LineState(0.0, 0.1, -1.0)
     assert blend.at(blend.duration_s - 1e-9).acceleration_m_s2 == pytest.approx(0.0, abs=1e-6)
 
 
-def test_run_up_and_turning_distance_are_what_blends_and_reversals_need():
+def test_run_up_and_turning_distance_match_blends_and_reversals():
     blend = SpeedBlend(LineState(0.0), 0.15, 3.0)
     assert blend.at(blend.duration_s).travel_m == pytest.approx(blend_distance_m(0.15, 3.0))
     blend = SpeedBlend(LineState(0.0, 0.15), -0.15, 3.0)
@@ -89,7 +89,7 @@ def test_line_return_ends_at_rest_at_its_goal(way_m, speed_m_s):
     assert max(abs(state.acceleration_m_s2) for state in states) <= 3.0 + 1e-9
 
 
-def test_too_short_a_way_back_overshoots_by_no_more_than_stopping_needs():
+def test_short_way_back_overshoots_by_no_more_than_stopping_needs():
     back = LineReturn(LineState(0.001, -0.15), 0.0, 0.15, 3.0)
     end = back.at(back.duration_s)
     assert end.speed_m_s == pytest.approx(0.0, abs=1e-12)
@@ -99,7 +99,7 @@ def test_too_short_a_way_back_overshoots_by_no_more_than_stopping_needs():
 @given(
     st.tuples(*[st.floats(-3.0, 3.0)] * 3).map(np.array), st.tuples(*[st.floats(-3.0, 3.0)] * 3).map(np.array)
 )
-def test_a_joint_move_is_smooth_arrives_and_keeps_its_limits(start, end):
+def test_joint_move_is_smooth_arrives_and_keeps_its_limits(start, end):
     move = JointMove(start, end, 1.0, 4.0)
     for time_s in (-1.0, 0.0):
         assert move.at(time_s).position_rad == pytest.approx(start)
@@ -118,7 +118,7 @@ def test_a_joint_move_is_smooth_arrives_and_keeps_its_limits(start, end):
         )
 
 
-def test_a_move_uses_one_of_its_limits_and_no_way_is_no_time():
+def test_move_uses_one_of_its_limits_and_zero_distance_takes_no_time():
     far = JointMove(np.zeros(3), np.array([3.0, 0.1, 0.0]), 1.0, 100.0)
     near = JointMove(np.zeros(3), np.array([0.01, 0.0, 0.0]), 1.0, 4.0)
     speed = max(np.abs(far.at(t).velocity_rad_s).max() for t in np.linspace(0, far.duration_s, 1001))
@@ -165,7 +165,7 @@ def test_friction_starts_at_rest_and_only_dissipates(shape, offset):
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_rate_and_acceleration_are_derivatives_and_the_power_lies_between_the_frequencies(shape):
+def test_excitation_derivatives_are_exact_and_its_power_is_in_band(shape):
     profile = Profile(Excitation(shape=shape))
     for time_s in np.linspace(0.01, 3.9, 60):
         behind, now, ahead = (profile.at(time_s + s) for s in (-EXCITATION_STEP_S, 0.0, EXCITATION_STEP_S))
@@ -182,7 +182,7 @@ def test_rate_and_acceleration_are_derivatives_and_the_power_lies_between_the_fr
         assert power[(hertz > low) & (hertz < high)].sum() / power.sum() > 0.05
 
 
-def test_position_and_force_amplitude_fit_the_object():
+def test_position_and_force_amplitude_match_the_object():
     excitation = Excitation(amplitude_n=1.5, high_hz=8.0)
     stiff, offset = position_amplitude_m(
         excitation, stiffness_n_m=7100.0, damping_n_s_m=0.0, force_limit_n=10.0, speed_limit_m_s=0.15
@@ -203,7 +203,7 @@ def test_position_and_force_amplitude_fit_the_object():
 @pytest.mark.parametrize(
     "changes", [{"low_hz": 9.0}, {"amplitude_n": 0.0}, {"duration_s": 1.0}, {"shape": "square"}, {"amp": 1}]
 )
-def test_nonsense_is_refused(changes):
+def test_invalid_trajectories_are_refused(changes):
     with pytest.raises(ValidationError):
         Excitation(**changes)
 
@@ -219,7 +219,7 @@ def line(start=START, direction=DOWN, elbow=Elbow.POSITIVE) -> PressLine:
 
 @pytest.mark.parametrize("direction", [DOWN, SLANTED])
 @pytest.mark.parametrize("elbow", list(Elbow))
-def test_the_tip_follows_the_line_and_keeps_the_tool_direction(direction, elbow):
+def test_tip_follows_the_line_and_keeps_the_tool_direction(direction, elbow):
     body, press = test_arm(), line(direction=direction, elbow=elbow)
     near = press.start.position_rad
     for travel_m in (0.0, 0.02, 0.05):
@@ -249,7 +249,7 @@ def test_joint_velocity_and_acceleration_match_finite_differences():
     assert now.acceleration_rad_s2 == pytest.approx(acceleration, abs=1e-5)
 
 
-def test_positions_stay_on_the_turn_they_were_on():
+def test_positions_stay_on_their_turn():
     press = line()
     near = press.start.position_rad + np.array([2 * np.pi, -2 * np.pi, 0.0])
     assert press.joint_motion(LineState(0.0), near).position_rad == pytest.approx(near)
@@ -272,6 +272,6 @@ def test_reach_ends_at_the_arm_and_at_the_joint_limits():
     assert (np.abs(moved - near) <= 0.05).all()
 
 
-def test_a_start_out_of_reach_is_refused():
+def test_unreachable_start_is_refused():
     with pytest.raises(InputError, match="out of reach"):
         line(start=np.array([0.9, 0.0, 0.1]))

@@ -72,13 +72,13 @@ def energy_made_j(coupling, leader_m, follower_m, faults, seed):
 @pytest.mark.parametrize("coupling", [WAVE_VARIABLES, TIME_DOMAIN], ids=lambda c: c.name)
 @settings(max_examples=25)
 @given(leader=motions(), follower=motions(), faults=FAULTS, seed=st.integers(0, 99))
-def test_no_motion_and_no_link_makes_these_produce_energy(coupling, leader, follower, faults, seed):
+def test_passive_couplings_produce_no_energy(coupling, leader, follower, faults, seed):
     held_n = 8000.0 * np.abs(np.diff(leader)).max() ** 2 + 8000.0 * np.abs(np.diff(follower)).max() ** 2
     assert energy_made_j(coupling, leader, follower, faults, seed) <= 2.0 * RESERVE_J + held_n
 
 
 @pytest.mark.parametrize("coupling", [DIRECT, FOUR_CHANNEL], ids=lambda c: c.name)
-def test_the_others_do_produce_energy_over_a_delay(coupling):
+def test_direct_couplings_produce_energy_over_a_delay(coupling):
     """A hand that moves to and fro while the follower is clamped: the test above can fail."""
     s = np.linspace(0.0, 1.0, 2000)
     motion = 0.01 * np.sin(6.0 * np.pi * s) * np.minimum(1.0, np.minimum(s, 1.0 - s) / 0.1) ** 2
@@ -112,7 +112,7 @@ def test_model_is_rendered_within_five_percent_over_a_bad_link(faults):
     assert trace["felt_n"][-500:].mean() == pytest.approx(1500.0 * trace["hand_m"][-500:].mean(), rel=0.05)
 
 
-def test_the_follower_presses_by_itself_within_its_limit_and_then_rests():
+def test_follower_presses_by_itself_within_its_limit_and_then_rests():
     trace = run(model_mediated(), OBJECT, HandArm(HOLD), SimulatedLink(LinkFaults(0.5), 0), 8.0)
     assert 8.0 < trace["object_n"].max() < 9.0
     assert np.ptp(trace["follower_m"][-1000:]) < 1e-4
@@ -134,14 +134,14 @@ def received(channel, faults: LinkFaults, steps: int = 20_000) -> tuple[np.ndarr
     return ages, numbers
 
 
-def test_the_line_delays_and_loses_and_the_newest_never_goes_back():
+def test_line_delays_and_loses_and_never_goes_back():
     ages, numbers = received(LatestPacketChannel(), LinkFaults(0.05, 0.02, 0.3))
     assert ages.min() >= 50
     assert ages.max() < 100
     assert len(set(numbers)) < 0.7 * 20_000  # the lost, and those that were overtaken
 
 
-def test_played_out_a_link_with_jitter_is_one_with_a_constant_delay():
+def test_buffered_jitter_equals_a_constant_delay():
     ages, numbers = received(PlayoutBuffer(), LinkFaults(0.05, 0.02))
     settled = ages[1000:]
     assert settled.min() == settled.max() == 70
@@ -150,7 +150,7 @@ def test_played_out_a_link_with_jitter_is_one_with_a_constant_delay():
     assert (ages[1000:] == 70).mean() == pytest.approx(0.7, abs=0.02)  # of the rest the one before stands
 
 
-def test_waves_over_jitter_feel_as_over_the_delay_that_it_becomes():
+def test_waves_over_jitter_equal_waves_over_the_resulting_delay():
     felt = [
         run(WAVE_VARIABLES, OBJECT, HandArm(HOLD), SimulatedLink(faults, 0), 11.0)["felt_n"][-500:].mean()
         for faults in (LinkFaults(0.05, 0.02), LinkFaults(0.07))
@@ -198,6 +198,6 @@ def test_nonfinite_values_are_refused(coupling, port, packet, dt_s):
         lambda: ProbingMotion(force_limit_n=inf),
     ],
 )
-def test_settings_that_make_no_coupling_are_refused(make):
+def test_invalid_coupling_settings_are_refused(make):
     with pytest.raises(InputError):
         make()

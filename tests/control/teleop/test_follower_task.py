@@ -62,7 +62,7 @@ def in_phase(phase: Phase):
     return lambda output: output.phase is phase
 
 
-def test_targets_are_probed_in_order_and_runs_are_numbered_through():
+def test_targets_are_probed_in_order_with_consecutive_run_numbers():
     rig = FollowerRig()
     rig.queue.take(intent(NEAR, target(1, 0.40), ended=True))
     rig.until(lambda output: output.done)
@@ -73,7 +73,7 @@ def test_targets_are_probed_in_order_and_runs_are_numbered_through():
     assert rig.away_rad < 0.01
 
 
-def test_the_tool_keeps_its_direction_in_contact():
+def test_tool_keeps_its_direction_in_contact():
     rig = FollowerRig()
     rig.queue.take(intent(NEAR, ended=True))
     body, tilts = test_arm(), []
@@ -89,7 +89,7 @@ def test_the_tool_keeps_its_direction_in_contact():
     assert np.degrees(np.arccos(-np.array(tilts))).max() < 0.5
 
 
-def test_without_a_word_from_the_leader_nothing_is_begun():
+def test_nothing_starts_without_the_leader():
     rig = FollowerRig()
     rig.queue.take(intent(NEAR))
     rig.queue.linked = False
@@ -104,7 +104,7 @@ def test_without_a_word_from_the_leader_nothing_is_begun():
     ("on_silence", "state"),
     [(SilenceAction.FINISH, TargetState.DONE), (SilenceAction.RETREAT, TargetState.CANCELLED)],
 )
-def test_a_cut_link_in_contact_ends_as_configured_and_the_rest_waits(on_silence, state):
+def test_lost_link_in_contact_ends_as_configured_and_keeps_the_queue(on_silence, state):
     rig = FollowerRig(on_silence)
     rig.queue.take(intent(NEAR, target(1, 0.40)))
     rig.until(in_phase(Phase.HOLD))
@@ -117,7 +117,7 @@ def test_a_cut_link_in_contact_ends_as_configured_and_the_rest_waits(on_silence,
 
 
 @pytest.mark.parametrize("phase", [Phase.MOVE, Phase.FREE_AIR, Phase.APPROACH, Phase.LOADING, Phase.HOLD])
-def test_a_target_can_be_called_off_at_any_time(phase):
+def test_target_can_be_canceled_at_any_time(phase):
     rig = FollowerRig()
     rig.queue.take(intent(NEAR))
     rig.until(in_phase(phase))
@@ -128,7 +128,7 @@ def test_a_target_can_be_called_off_at_any_time(phase):
     assert not any(output.run > 0 for output in rig.outputs)
 
 
-def test_a_target_out_of_reach_is_refused_and_the_next_one_probed():
+def test_unreachable_target_is_refused_and_the_next_one_probed():
     rig = FollowerRig()
     rig.queue.take(intent(target(0, 5.0), target(1, 0.42), ended=True))
     rig.until(lambda output: output.done)
@@ -136,7 +136,7 @@ def test_a_target_out_of_reach_is_refused_and_the_next_one_probed():
     assert any("target 0 refused" in text for text in rig.events())
 
 
-def test_repeated_lost_and_odd_intents_change_nothing():
+def test_repeated_lost_and_invalid_intents_change_nothing():
     queue = TargetQueue()
     queue.linked = True
     wanted = intent(NEAR, target(1, 0.40))
@@ -167,7 +167,7 @@ def test_probe_is_cached_after_eviction():
     assert len(queue.states()) <= 64
 
 
-def test_a_new_leader_finds_an_empty_queue():
+def test_new_leader_finds_an_empty_queue():
     queue = TargetQueue()
     queue.linked = True
     queue.take(intent(NEAR, target(1)))
@@ -183,7 +183,7 @@ def test_a_new_leader_finds_an_empty_queue():
     assert queue.begin() == newcomers
 
 
-def test_no_two_leaders_give_the_same_number_and_people_read_a_short_one():
+def test_leaders_never_share_target_numbers_and_users_see_short_ones():
     numbers = [target_number(leader, count) for leader in (3, 2**61 + 4) for count in range(100)]
     assert len(set(numbers)) == 200
     assert all(float(number) == number for number in numbers)  # sessions may hold them as doubles

@@ -56,7 +56,7 @@ def test_peer_is_the_side_that_acknowledged_this_program():
     assert (side.linked, line.taken) == (True, [1])
 
 
-def test_frames_recorded_on_another_day_neither_keep_a_link_alive_nor_take_the_peer_s_place():
+def test_replayed_frames_neither_keep_a_link_alive_nor_replace_the_peer():
     side, line, clock = _side()
     line.inbox = [(10.0, _frame(PEER, US, 0, 5.0))]
     side.receive()
@@ -147,7 +147,7 @@ def test_clock_offset_is_estimated_through_a_jittery_network():
     assert clocks.best.round_trip_s < 0.02
 
 
-def test_a_clock_that_slips_is_followed_within_seconds():
+def test_drifting_clock_is_followed_within_seconds():
     clocks = ClockOffset()
     for t0_s in np.arange(0.0, 10.0, 0.02):
         offset_s = 0.0 if t0_s < 5.0 else 0.5
@@ -157,7 +157,7 @@ def test_a_clock_that_slips_is_followed_within_seconds():
 
 
 @pytest.mark.parametrize("stamps", [(nan, 1.0, 2.0, 3.0), (1.0, 2.0, 9.0, 3.0), (5.0, 2.0, 2.0, 3.0)])
-def test_stamps_that_contradict_each_other_are_left_out(stamps):
+def test_contradictory_stamps_are_left_out(stamps):
     clocks = ClockOffset()
     clocks.update(*stamps)
     assert clocks.best is None
@@ -174,7 +174,7 @@ def test_ages_are_on_the_own_clock():
 
 
 @pytest.mark.parametrize("limits", [{"late_s": 0.0}, {"silent_s": 61.0}, {"silent_s": nan}])
-def test_limits_that_make_no_sense(limits):
+def test_invalid_limits_are_refused(limits):
     with pytest.raises(InputError):
         PeerLimits(**limits)
 
@@ -190,7 +190,7 @@ def pressed(
         monitor.add(place, depth_m, measured_n, model_n_m * depth_m)
 
 
-def test_a_model_that_fits_raises_nothing_and_a_harder_place_is_named_with_depth_and_size():
+def test_harder_place_is_reported_with_depth_and_size():
     monitor = MismatchMonitor(noise_n=0.02)
     pressed(monitor, "hold", 500.0, 500.0)
     pressed(monitor, "loading", 500.0, 490.0)
@@ -218,7 +218,7 @@ def test_noise_is_no_disagreement_and_the_worst_comes_first():
     assert "stiffer" in other.mismatches()[0].summary()
 
 
-def test_the_tip_is_where_the_hand_is_and_the_tool_points_down():
+def test_tip_follows_the_hand_and_the_tool_points_down():
     robot_file = load_robot_file(ARMS / "leader" / "leader.yaml")
     body = RigidBody.of_robot(robot_file)
     axis, down = np.array(robot_file.sensor_axis_tip), np.array((0.0, 0.0, -1.0))

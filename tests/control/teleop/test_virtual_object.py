@@ -59,7 +59,7 @@ def test_unchanged_law_is_rendered_exactly(law):
 
 
 @pytest.mark.parametrize("before", [nothing, kelvin_voigt(300.0, 0.0), kelvin_voigt(5000.0, 20.0)])
-def test_the_next_touch_after_an_update_has_the_new_law(before):
+def test_next_touch_after_an_update_has_the_new_law(before):
     law, depth = kelvin_voigt(1500.0, 8.0), in_and_out(0.008)
     forces = press(VirtualObject(before, np.zeros(3), UP), np.tile(depth, 2), {800: (law,)})
     assert forces[len(depth) + 800] == pytest.approx(law(depth[800], 0.0, DT_S), rel=1e-6)
@@ -71,7 +71,7 @@ def test_stiffness_increase_up_to_double_needs_no_new_touch():
     assert forces[990] == pytest.approx(1500.0 * 0.0079, rel=1e-6)
 
 
-def test_no_update_adds_energy_where_the_bare_law_would():
+def test_update_adds_no_energy_where_the_bare_law_would():
     soft, stiff, depth = kelvin_voigt(300.0, 0.0), kelvin_voigt(6000.0, 0.0), in_and_out(0.008)
     bare = np.array([(soft if i < 700 else stiff)(x, 0.0, DT_S) for i, x in enumerate(depth)])
     assert returned_j(bare, depth) > 0.1  # the test can fail
@@ -107,7 +107,7 @@ def test_contact_energy_never_exceeds_the_reserve(case):
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 2e4), st.floats(-0.004, 0.02)), min_size=1, max_size=10))
-def test_an_update_at_rest_in_contact_makes_no_jump(models):
+def test_update_at_rest_in_contact_makes_no_jump(models):
     """Stiffness and height of the surface change while the tip rests 8 mm deep."""
     depth = np.concatenate([in_and_out(0.008)[:700], np.full(2000, in_and_out(0.008)[700])])
     updates = {700 + 150 * i: (kelvin_voigt(k, 10.0), h * UP) for i, (k, h) in enumerate(models)}
@@ -118,7 +118,7 @@ def test_an_update_at_rest_in_contact_makes_no_jump(models):
     assert np.abs(np.diff(forces[650:])).max() <= 0.05 + moved_n + 1e-9
 
 
-def test_it_pushes_along_its_normal_within_its_limit_also_with_a_coarse_encoder():
+def test_object_pushes_along_its_normal_within_its_limit():
     depth = np.round(in_and_out(0.008, steps=4000) / 1e-4) * 1e-4
     virtual = VirtualObject(kelvin_voigt(3000.0, 0.0), np.zeros(3), UP)
     forces = [virtual.step(-x * UP, np.zeros(3), DT_S).force_n for x in depth]
@@ -131,7 +131,7 @@ def test_it_pushes_along_its_normal_within_its_limit_also_with_a_coarse_encoder(
     assert touch.withheld_n == pytest.approx(1e5 * touch.depth_m - 20.0)
 
 
-def test_a_law_that_fails_renders_nothing():
+def test_failing_law_renders_nothing():
     virtual = VirtualObject(lambda _x, _v, _dt: float("nan"), np.zeros(3), UP)
     assert press(virtual, in_and_out(0.005)).max() == 0.0
 
@@ -140,6 +140,6 @@ def test_a_law_that_fails_renders_nothing():
     ("normal", "point", "settings"),
     [((0, 0, 0), (0, 0, 0), {}), ((0, 0, 1), (0, np.nan, 0), {}), ((0, 0, 1), (0, 0, 0), {"reserve_j": 0.0})],
 )
-def test_nonsense_is_refused(normal, point, settings):
+def test_invalid_objects_are_refused(normal, point, settings):
     with pytest.raises(InputError):
         VirtualObject(nothing, np.array(point, float), np.array(normal, float), **settings)

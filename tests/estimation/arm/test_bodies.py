@@ -35,7 +35,7 @@ def body(request):
     return panda() if request.param == "panda" else RigidBody.from_urdf(FOLLOWER, "tip")
 
 
-def test_base_parameters_give_every_torque(body):
+def test_base_parameters_reproduce_every_torque(body):
     base, phi = base_parameters(body), body.parameters
     for q, v, a in np.random.default_rng(5).uniform(-3, 3, (20, 3, body.joint_count)):
         regressor = body.regressor(q, v, a)
@@ -45,7 +45,7 @@ def test_base_parameters_give_every_torque(body):
         assert np.abs(regressor[:, base.columns][unfelt]).max(initial=0.0) < 1e-9
 
 
-def test_base_parameters_are_independent_and_say_what_pseudo_inertias_do():
+def test_base_parameters_are_independent_and_agree_with_pseudo_inertias():
     base = base_parameters(panda())
     # Seven joints, none parallel, first axis vertical: Khalil and Dombre, ch. 9.
     assert len(base.columns) == 43
@@ -69,7 +69,7 @@ def test_pseudo_inertia_is_positive_for_physical_bodies():
         assert is_body(nearest_bodies(wrong))
 
 
-def test_divergence_has_the_slopes_and_curvature_that_differences_show():
+def test_divergence_gradient_and_hessian_match_finite_differences():
     rng = np.random.default_rng(2)
     origin, at = (np.concatenate([point_masses(rng), point_masses(rng)]) for _ in range(2))
     divergence, step = Divergence(origin), 1e-5
@@ -84,7 +84,7 @@ def test_divergence_has_the_slopes_and_curvature_that_differences_show():
     assert divergence.value(-at) == np.inf
 
 
-def test_divergence_is_the_same_in_grams_and_millimetres():
+def test_divergence_is_independent_of_units():
     rng = np.random.default_rng(3)
     one, two = point_masses(rng), point_masses(rng)
     units = np.repeat([1e3, 1e6, 1e9], [1, 3, 6])
@@ -92,7 +92,7 @@ def test_divergence_is_the_same_in_grams_and_millimetres():
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e6])
-def test_the_best_bodies_are_a_minimum_whatever_weighs_more(scale):
+def test_best_bodies_minimize_the_penalized_error(scale):
     """No small change of the bodies lowers the cost, from hardly any data to nearly no noise."""
     rng, origin = (
         np.random.default_rng(4),
@@ -117,7 +117,7 @@ def test_the_best_bodies_are_a_minimum_whatever_weighs_more(scale):
         assert cost(near) > cost(best)
 
 
-def test_the_prior_expanded_at_the_best_bodies_leads_a_linear_fit_to_them():
+def test_prior_expanded_at_the_best_bodies_leads_a_linear_fit_to_them():
     body = panda()
     base, rng = base_parameters(body), np.random.default_rng(6)
     rows = rng.normal(size=(30, len(base.columns)))  # 30 equations for 43 parameters

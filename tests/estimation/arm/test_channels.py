@@ -55,7 +55,7 @@ def fits(channels, models):
     return [fit_model(data, model, {}, usable(data)) for data, model in zip(channels, models, strict=True)]
 
 
-def test_every_joint_names_the_same_parameters():
+def test_all_joints_name_the_same_parameters():
     """A joint's columns times the arm's base parameters, by name, are its torque."""
     body = panda()
     base = base_parameters(body)
@@ -79,7 +79,7 @@ def together(bodies):
     return fits(with_shared_gains(channels, models), models)
 
 
-def test_all_joints_find_one_set_of_base_parameters_their_friction_and_the_noise(together):
+def test_joints_share_base_parameters_and_identify_friction_and_noise(together):
     """Each joint's fit, with what the others say, is the fit of all: they agree on what they share."""
     found = [fitted.solution.parameters for fitted in together]
     for name in found[0]:
@@ -91,7 +91,7 @@ def test_all_joints_find_one_set_of_base_parameters_their_friction_and_the_noise
     np.testing.assert_allclose([fitted.rmse for fitted in together], 0.05, rtol=0.15)
 
 
-def test_friction_that_the_base_model_lacks_does_not_bias_what_joints_tell_each_other(bodies):
+def test_unmodeled_friction_does_not_bias_shared_information(bodies):
     friction, offset = (
         np.array([1.5, 2.0, 1.5, 1.0, 0.5, 0.5, 0.5]),
         np.array([0.0, 1.0, -1.0, 0.0, 0.5, 0.0, 0.0]),
@@ -124,7 +124,7 @@ def test_unexcited_parameters_stay_near_the_urdf(bodies):
         assert errors[0] < 0.5 * errors[1]
 
 
-def test_joints_that_do_not_move_are_left_as_they_are(bodies):
+def test_resting_joints_are_left_unchanged(bodies):
     little = prepared(arm_channels(bodies, moving=(1, 3), **BRIEF))
     shared = with_shared_gains(little, fitted_models())
     assert [data.shared is not None for data in shared] == [j in (1, 3) for j in range(JOINTS)]

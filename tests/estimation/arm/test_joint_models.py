@@ -90,7 +90,7 @@ def test_payload_signal_agrees_with_the_potential_energy_at_rest():
         assert ready.context["payload_effort_per_kg"] == pytest.approx(expected[:, joint], abs=1e-5)
 
 
-def test_the_urdf_as_it_is_explains_its_own_arm():
+def test_urdf_explains_its_own_arm():
     found = answer(arm(1), "rigid_body", 1)
     assert found.verdict is Verdict.ADEQUATE
     assert found.baseline.rmse == pytest.approx(0.02, rel=0.1)
@@ -117,6 +117,6 @@ def test_fitted_base_parameters_predict_the_arm():
 
 
 @pytest.mark.parametrize("context", [ModelContext(), ModelContext(0), ModelContext(7, URDF, TIP)])
-def test_rigid_body_asks_for_what_it_lacks(context):
+def test_rigid_body_names_missing_inputs(context):
     with pytest.raises(InputError, match=r"URDF|arm has 3"):
         MODELS["rigid_body"]().build(context)

@@ -112,7 +112,7 @@ def test_one_joint_with_shared_information_matches_the_joint_fit(arm, joint):
         close(columns[held] @ gains, expected)
 
 
-def test_moments_in_another_order_say_the_same(arm):
+def test_moments_in_another_order_are_equivalent(arm):
     joint, names = 4, list(arm.base.names)
     felt = [names[i] for i in np.flatnonzero(arm.base.affects_joint[joint])]
     mixed = ["coulomb", *reversed(felt)]

@@ -38,7 +38,7 @@ def budget(kinds, left, only=None):
     return error_budget(Game(kinds, left), np.random.default_rng(0), only)
 
 
-def test_kinds_that_have_nothing_in_common_get_what_each_takes():
+def test_disjoint_kinds_get_their_own_shares():
     takes = {ELASTIC: 6.0, RATE: 3.0, FRICTION: 0.0}
     found = budget(list(takes), lambda kinds: 10.0 - sum(takes[kind] for kind in kinds))
     assert found.kinds == (ELASTIC, RATE)
@@ -72,7 +72,7 @@ def test_shares_are_shapley_values_over_all_orders():
     assert sum(expected.values()) + found.unexplained == pytest.approx(1.0)
 
 
-def test_kinds_that_explain_the_same_are_one_kind_that_another_may_replace():
+def test_equivalent_kinds_are_merged_and_replaceable():
     """What the object does bears the name before what the sensor does."""
     found = budget([BIAS, ELASTIC], lambda kinds: 1.0 if kinds else 10.0)
     (entry,) = found.entries
@@ -90,7 +90,7 @@ def test_no_kind_has_a_share_without_explained_error(left):
     assert found.unexplained == 1.0
 
 
-def test_a_kind_that_makes_things_worse_beside_another_takes_nothing_from_it():
+def test_harmful_kind_takes_no_share_from_another():
     takes = {frozenset(): 10.0, frozenset({ELASTIC}): 2.0, frozenset({RATE}): 11.0}
     found = budget([ELASTIC, RATE], lambda kinds: takes.get(kinds, 3.0))
     assert found.kinds == (ELASTIC,)

@@ -102,7 +102,7 @@ FURTHER = {
 
 
 @pytest.mark.parametrize("what", FURTHER)
-def test_a_law_takes_what_its_kind_does_in_runs_that_go_further(what):
+def test_law_describes_its_kind_in_longer_runs(what):
     kind, made = FURTHER[what]
     first = analysed(made()).budget.entries[0]
     assert first.kind is kind
@@ -110,7 +110,7 @@ def test_a_law_takes_what_its_kind_does_in_runs_that_go_further(what):
 
 
 @pytest.mark.parametrize("tau_s", [0.05, 0.13, 0.3])
-def test_the_law_of_relaxation_describes_any_time_constant(tau_s):
+def test_relaxation_law_describes_any_time_constant(tau_s):
     """Six constants over these runs would leave up to 30 times the noise."""
     data = press(lambda t, x, v, run: 6000.0 * maxwell(t, x, run, tau_s))
     error = analysed(data).error
@@ -142,7 +142,7 @@ def rectangles(sensor, runs=5, seconds=3.0, rate_hz=250.0):
     return ChannelData("joint_1", ChannelKind.REVOLUTE, time_s, *motion, effort, run, blocks)
 
 
-def test_the_law_of_sensor_dynamics_fits_a_model_again_that_a_delay_has_bent():
+def test_sensor_dynamics_law_corrects_a_model_bent_by_a_delay():
     """A delay of 0.1 s makes an inertia vanish; what comes late is not what the base model predicts."""
     partial = analyze_kinds(searched(rectangles(lambda torque, run: late(torque, run, 25)), base=ROTOR))
     assert partial.search.start.solution.parameters["inertia.m"] < 0.005  # of 0.05
@@ -161,7 +161,7 @@ def test_drift_is_identified_with_epoch_times():
 
 
 @pytest.mark.parametrize("kind", OF_KIND)
-def test_the_kind_that_is_hidden_has_the_largest_share_and_the_others_next_to_none(kind):
+def test_hidden_kind_has_the_largest_share(kind):
     partial = analysed(OF_KIND[kind]())
     budget = partial.budget
     first, *others = budget.entries
@@ -178,7 +178,7 @@ def test_no_kind_has_a_share_without_hidden_effects(data):
     assert sum(entry.share for entry in analysed(data()).budget.entries) < 0.05
 
 
-def test_two_kinds_share_the_error_as_their_own_energies_do():
+def test_two_kinds_share_the_error_by_their_energies():
     both = lambda q, v, a: 0.4 * np.tanh(v / 0.02) + 0.3 * np.sin(15.0 * q)  # noqa: E731
     alone = [
         searched(swings(1, law)).start.held_out_mean_square
@@ -205,7 +205,7 @@ def test_waves_per_turn_are_identified_with_their_amplitudes():
     assert found == pytest.approx(amplitudes, abs=0.01)
 
 
-def test_a_law_is_of_its_own_signals_alone():
+def test_law_uses_only_its_own_signals():
     """A press that stands still has no rate, and the law of the rate no columns that differ from zero."""
     search = searched(session(3), base=PRESS)
     problem = search.start.problem

@@ -129,9 +129,7 @@ def test_unusable_data_are_rejected_with_a_remedy(words):
 
 
 @pytest.mark.parametrize(("averaged", "is_rejected"), [(1, True), (2, False)])
-def test_means_over_uneven_readings_do_not_tell_whether_the_velocity_has_the_right_scale(
-    averaged, is_rejected
-):
+def test_uneven_averages_do_not_reject_the_velocity_scale(averaged, is_rejected):
     """An uneven recording whose readings were averaged in pairs: their velocity seems twice too large."""
     uneven = swinging()
     uneven = uneven.select(np.random.default_rng(0).random(len(uneven)) < 0.7)
@@ -183,7 +181,7 @@ def softer(depth_share, force_share):
 @pytest.mark.parametrize(
     ("depth_share", "force_share", "is_doubtful"), [(1e-4, 1e-9, False), (1.0, 1e-5, True)]
 )
-def test_a_cell_under_a_cantilever_is_soft_and_needs_no_other_unit(depth_share, force_share, is_doubtful):
+def test_soft_cantilever_cell_needs_no_other_unit(depth_share, force_share, is_doubtful):
     """Micrometers and nanonewtons give some mN/m; as much over millimeters is a mistake."""
     warnings = quality_warnings(softer(depth_share, force_share))
     assert any("force over depth is" in warning for warning in warnings) == is_doubtful
@@ -202,7 +200,7 @@ def test_implausible_data_are_reported_and_diagnosed(words):
     assert quality_warnings(data)[0] in checklist(data).values()
 
 
-def test_codes_for_a_missing_value_are_no_unit_and_no_saturated_sensor():
+def test_missing_value_codes_are_neither_a_unit_nor_saturation():
     data = replace(DATA, position=np.where(COUNT % 60 == 0, -0.999, X))
     assert quality_warnings(data) == []
     assert "are far from" in checklist(data)["readings"]
@@ -215,7 +213,7 @@ def test_plausible_data_give_no_warning():
     assert reject_reason(replace(DATA, run=0 * DATA.run)) is None
 
 
-def test_a_damper_under_a_sine_is_not_out_of_step_with_its_force():
+def test_damper_under_a_sine_is_in_step_with_its_force():
     t, run = np.tile(np.arange(2000) * 0.005, 4), np.repeat(np.arange(4), 2000)
     x, v = 0.01 * np.sin(np.pi * t), 0.01 * np.pi * np.cos(np.pi * t)
     force = 200.0 * v + np.random.default_rng(0).normal(0.0, 0.01, len(t))
@@ -331,7 +329,7 @@ def test_harmless_anomalies_do_not_prevent_a_diagnosis(name):
 
 @pytest.mark.parametrize("step", [0.0, 0.05])
 @pytest.mark.parametrize("factor", [0.1, 0.5, 2.0, 30.0])
-def test_a_mistaken_velocity_is_seen_through_the_steps_of_the_position(factor, step):
+def test_wrong_velocity_is_detected_through_encoder_steps(factor, step):
     data = coarsely_read(step)
     reason = reject_reason(replace(data, velocity=factor * data.velocity))
     assert float(reason.split()[3]) == pytest.approx(factor, rel=0.05)
@@ -346,7 +344,7 @@ def test_copied_run_is_detected_by_its_noise(correlation, step_n):
     assert set(again.run[usable(again)]) == {0}
 
 
-def test_copies_of_a_run_make_no_interval_narrower():
+def test_copied_runs_do_not_narrow_intervals():
     """Four times one run, with differences far below its noise, say no more than the run itself."""
     many = copies()
     many = replace(many, effort=many.effort + np.random.default_rng(1).normal(0.0, 0.002, len(many)))
@@ -369,7 +367,7 @@ def test_copies_of_a_run_make_no_interval_narrower():
     ],
     ids=["noise added", "scaled and offset", "rounded"],
 )
-def test_a_copy_that_differs_by_less_than_its_noise_is_left_out(change, correlation):
+def test_copy_that_differs_by_less_than_its_noise_is_left_out(change, correlation):
     data = session(3, correlation=correlation)
     noise = session(4, lambda t, x, v, run: 0.0 * x, correlation=correlation).effort
     rows = data.run == 1
@@ -382,7 +380,7 @@ def test_a_copy_that_differs_by_less_than_its_noise_is_left_out(change, correlat
 
 @pytest.mark.parametrize("correlation", [0.0, 0.6])
 @pytest.mark.parametrize("corner_n", [0.0, 20.0])
-def test_the_same_motion_made_again_is_no_copy(correlation, corner_n):
+def test_repeated_motion_is_no_copy(correlation, corner_n):
     """The very same positions, to the last digit, with other noise and a jump of the force."""
     first, second = (session(3, correlation=correlation), session(4, correlation=correlation))
     rows = first.run == 0
@@ -398,7 +396,7 @@ def test_the_same_motion_made_again_is_no_copy(correlation, corner_n):
 
 @pytest.mark.parametrize("step_n", [0.0, 0.01, 0.02])
 @pytest.mark.parametrize("correlation", [0.0, 0.6])
-def test_a_converter_that_cuts_off_free_air_passes_and_one_that_folds_it_does_not(step_n, correlation):
+def test_converter_that_clips_free_air_passes_and_one_that_folds_it_fails(step_n, correlation):
     made = session(3, correlation=correlation)
     force = stepped(made.effort, step_n)
     assert reject_reason(replace(made, effort=np.maximum(force, 0.0))) is None
@@ -410,7 +408,7 @@ def test_a_converter_that_cuts_off_free_air_passes_and_one_that_folds_it_does_no
         assert abs(np.mean(rectified.effort[left] - kelvin_voigt(made.position, made.velocity)[left])) < 2e-3
 
 
-def test_a_tare_does_not_hide_that_readings_were_folded():
+def test_tare_does_not_hide_folded_readings():
     tare = Tare(DATA.runs, np.full(len(DATA.runs), 0.04), np.full(len(DATA.runs), 0.01))
     assert "rectified" in quality_warnings(replace(DATA, effort=np.abs(F) - 0.04, tare=tare))[0]
 
@@ -489,7 +487,7 @@ def test_force_that_starts_below_the_surface_is_reported(change, says):
 
 
 @pytest.mark.parametrize("step", [0.0, 3e-4])
-def test_a_joint_at_rest_whose_position_only_holds_noise_is_not_judged(step):
+def test_resting_joint_with_position_noise_is_not_judged(step):
     rng, count = np.random.default_rng(2), 3000
     noise, t = 1e-4 * rng.standard_normal(count), 0.01 * np.arange(count)
     noise = step * np.round(2.0 * noise / step) if step else noise

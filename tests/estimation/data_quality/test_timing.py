@@ -54,7 +54,7 @@ LAWS = {
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("correlation", [0.0, 0.6])
-def test_an_effect_that_the_model_lacks_is_not_taken_for_a_delay(law, correlation):
+def test_missing_effect_is_not_taken_for_a_delay(law, correlation):
     data = session(3, LAWS[law], correlation=correlation)
     assert time_offset(data, MODEL) is None
     assert lost_rows(data) is None
@@ -75,19 +75,19 @@ def test_lost_rows_show_as_jumps_of_the_motion(share):
     assert told in quality_warnings(data, MODEL)
 
 
-def test_rows_that_are_missing_with_their_times_are_no_jumps():
+def test_rows_missing_with_their_times_are_no_jumps():
     data = session(3)
     assert lost_rows(data.select(np.random.default_rng(1).random(len(data)) > 0.03)) is None
 
 
 @pytest.mark.parametrize("noise_m", [1e-6, 1e-5, 1e-4])
-def test_a_noisy_motion_does_not_jump(noise_m):
+def test_noisy_motion_does_not_jump(noise_m):
     data = session(3)
     noisy = data.position + np.random.default_rng(0).normal(0.0, noise_m, len(data))
     assert lost_rows(with_motion(data, noisy)) is None
 
 
 @pytest.mark.parametrize("step_m", [1e-6, 3e-6, 1e-5, 2e-5, 5e-5, 8e-5, 1e-4])
-def test_the_steps_of_an_encoder_are_no_jumps(step_m):
+def test_encoder_steps_are_no_jumps(step_m):
     data = session(3)
     assert lost_rows(with_motion(data, step_m * np.round(data.position / step_m))) is None

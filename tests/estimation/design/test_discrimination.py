@@ -38,14 +38,14 @@ def shallow():
     return rivals(data, "cubic_stiffness", "exponential_stiffness")
 
 
-def test_a_deeper_press_tells_two_stiffenings_apart_and_the_same_press_does_not(shallow):
+def test_deeper_press_separates_two_stiffenings_and_the_same_press_does_not(shallow):
     again, deeper = pressed(0.006, [6.0, 9.0], seed=1), pressed(0.018, [6.0, 9.0], seed=1)
     for leads in (shallow.predicted_leads, lambda m: shallow.simulated_leads(m, np.random.default_rng(0))):
         assert leads(deeper)[0, 1] > 0.2
         assert np.abs(leads(again)).max() < 0.05
 
 
-def test_the_promise_to_first_order_is_what_refitting_gives_where_models_are_linear():
+def test_first_order_prediction_equals_refitting_for_linear_models():
     data = pressed(0.006, [6.0], force=lambda x, v: K * x + C * v + 2e6 * x**3)
     linear = rivals(data, "cubic_stiffness", "quadratic_damping")
     for depth in (0.006, 0.012, 0.018):
@@ -57,7 +57,7 @@ def test_the_promise_to_first_order_is_what_refitting_gives_where_models_are_lin
         assert promised == pytest.approx(expected, abs=0.06)
 
 
-def test_data_drawn_from_the_true_law_bear_the_expected_lead_out(shallow):
+def test_data_from_the_true_law_confirm_the_expected_evidence(shallow):
     """Not drawn by the code: the lead is what two fits to new data really show."""
     motion = pressed(0.018, [6.0, 9.0], seed=3)
     law = pressed(0.018, [6.0, 9.0], seed=4, force=lambda x, v: K * x + C * v + 2e6 * x**3)
@@ -78,7 +78,7 @@ def test_data_drawn_from_the_true_law_bear_the_expected_lead_out(shallow):
     assert shallow.simulated_leads(motion, np.random.default_rng(0))[0, 1] == pytest.approx(really, abs=0.1)
 
 
-def test_the_shortest_of_those_that_tell_most_is_chosen():
+def test_shortest_of_the_most_informative_experiments_is_chosen():
     def lead(value):
         return (np.array([[0.0, value], [value, 0.0]]),)
 
@@ -93,7 +93,7 @@ def test_the_shortest_of_those_that_tell_most_is_chosen():
     assert choose_experiment([]) is None
 
 
-def test_an_experiment_that_sets_all_or_one_pair_apart_beats_one_that_sets_one_rival_far_or_none():
+def test_experiment_that_separates_most_pairs_is_preferred():
     """After the first, one of two rivals that it does not tell apart is left in two cases of three."""
     far, all_apart = np.zeros((3, 3)), np.full((3, 3), 0.2)
     far[0, 1:] = far[1:, 0] = 0.9
@@ -105,7 +105,7 @@ def test_an_experiment_that_sets_all_or_one_pair_apart_beats_one_that_sets_one_r
     assert choose_experiment(offered).index == 1
 
 
-def test_a_recorded_motion_is_offered_faster_slower_and_further(shallow):
+def test_recorded_motion_is_offered_faster_slower_and_further(shallow):
     data = shallow.data
     faster, slower, further, nearer = (moved for _, _, moved in candidate_motions(data))
     for moved, speed in ((faster, 3.0), (slower, 1.0 / 3.0)):
@@ -124,7 +124,7 @@ def test_evidence_of_two_experiments_adds_up():
     assert both.duration_s == 2.0
 
 
-def test_an_effect_that_needs_the_load_of_a_joint_is_fitted_again_from_its_starts():
+def test_effect_with_joint_load_is_refitted_from_its_starts():
     (joint, _), (planned, _) = joints(), joints(seed=1)
     base = MODELS["inertia"]().build(ModelContext())
     starts = {"joint_elasticity.compliance": 1e-3}

@@ -68,7 +68,7 @@ def searches():
         ("a large friction and a small zero", (RUB, BIAS), {RUB}),  # less than a twentieth of all
     ],
 )
-def test_a_complete_model_keeps_the_effects_that_it_needs(searches, law, found, kept):
+def test_complete_model_keeps_its_needed_effects(searches, law, found, kept):
     search, measurement = searches(law)
     end = accept_effects(search, reached(search, *found), measurement)
     assert set(search.added_effects(end)) == kept
@@ -87,7 +87,7 @@ def test_a_complete_model_keeps_the_effects_that_it_needs(searches, law, found, 
         ("a friction and what nobody knows", (RUB, BIAS), {RUB}),
     ],
 )
-def test_an_incomplete_model_keeps_the_effects_whose_form_is_known(searches, law, found, kept):
+def test_incomplete_model_keeps_effects_of_known_form(searches, law, found, kept):
     search, _ = searches(law)
     end, tests = accept_forms(search, analyze_kinds(search), reached(search, *found), measured(search))
     assert set(search.added_effects(end)) == kept
@@ -105,14 +105,14 @@ def test_each_kind_has_one_name_while_error_remains():
     assert repeated == ["position_dependent_friction"]
 
 
-def test_an_effect_that_turns_a_base_gain_beyond_its_bounds_is_not_established(searches, monkeypatch):
+def test_effect_that_drives_a_base_gain_out_of_bounds_is_not_accepted(searches, monkeypatch):
     search, measurement = searches("a friction")
     end = reached(search, RUB)
     monkeypatch.setattr(type(search), "is_sensible", lambda self, one: one is not end)
     assert accept_effects(search, end, measurement) is search.start
 
 
-def test_effects_come_with_the_most_telling_first(searches):
+def test_effects_are_ordered_by_improvement(searches):
     search, _ = searches("a spring and a friction")
     end = reached(search, RUB, SPRING)
     assert effects_by_importance(search, end) == [SPRING, RUB]
@@ -124,7 +124,7 @@ def test_effects_come_with_the_most_telling_first(searches):
     assert effects_by_importance(search, search.start) == []
 
 
-def test_models_are_held_against_a_law_without_a_name_block_by_block(searches):
+def test_models_are_compared_with_a_flexible_law_block_by_block(searches):
     """Beside a base model that lacks a friction, such a law finds it; beside the friction, nothing."""
     search, _ = searches("a friction")
     end = reached(search, RUB)
@@ -158,7 +158,7 @@ def names(fit):
     return {one.name for one in fit.solution.model.effects} - {"pendulum", "viscous_friction"}
 
 
-def test_the_smallest_part_from_which_draws_gain_as_much_by_the_whole_is_enough(searches, refused):
+def test_smallest_sufficient_part_of_a_model_is_selected(searches, refused):
     search, measurement = searches("a spring and a friction")
     end = reached(search, SPRING, RUB)
     asked = refused(lambda before, after: not names(before))  # only the base model is refused
@@ -168,7 +168,7 @@ def test_the_smallest_part_from_which_draws_gain_as_much_by_the_whole_is_enough(
 
 
 @pytest.mark.parametrize("others_refused", [False, True])
-def test_a_rival_explains_half_of_what_the_effect_does_and_is_not_refused(searches, refused, others_refused):
+def test_rival_explains_half_of_the_effect_and_is_not_rejected(searches, refused, others_refused):
     """Of friction: a spring explains nothing of it."""
     search, measurement = searches("a friction")
     end = reached(search, RUB)
@@ -218,11 +218,11 @@ def curve(values):
         ([0.0, 0.0], [0.0, 0.0], [1.0, 0.0, 0.0], False),
     ],
 )
-def test_curves_are_the_same_but_for_a_small_share_of_what_they_add(one, other, without, same):
+def test_curves_are_equal_up_to_a_small_share(one, other, without, same):
     assert module._is_same_curve(*map(curve, (one, other, without))) is same
 
 
-def test_an_effect_that_takes_away_more_than_is_left_is_not_nothing(searches):
+def test_effect_that_removes_more_than_remains_is_not_negligible(searches):
     """Though nobody looked at its interval."""
     search, _ = searches("a friction")
     end = reached(search, RUB, BIAS)
@@ -235,14 +235,14 @@ def test_an_effect_that_takes_away_more_than_is_left_is_not_nothing(searches):
     assert not module._has_zero_size(whole, half, RUB)
 
 
-def test_a_fault_of_the_reader_needs_a_size_even_if_it_removes_most_of_the_error(searches):
+def test_sensor_fault_needs_a_size_even_if_it_removes_most_error(searches):
     search, _ = searches("a friction")
     end = reached(search, RUB, BIAS)
     large = SimpleNamespace(flexible=SimpleNamespace(before=1e9 * end.flexible.before))
     assert module._has_zero_size(large, end, BIAS)
 
 
-def test_a_whole_is_stated_also_if_a_rival_of_its_part_is_in_the_model():
+def test_whole_effect_is_reported_even_with_a_rival_of_its_part():
     """In a small swing a tilt of gravity is a bias, and that with friction is friction by direction."""
     wide = swings(2)
     q, v, a = 0.1 * wide.position, 0.1 * wide.velocity, 0.1 * wide.acceleration
@@ -256,7 +256,7 @@ def test_a_whole_is_stated_also_if_a_rival_of_its_part_is_in_the_model():
     assert {"bias", "asymmetric_friction"} <= set(rivals)
 
 
-def test_parts_that_are_fewer_than_their_whole_are_held_against_it():
+def test_parts_with_fewer_parameters_are_compared_with_their_whole():
     """Friction and a bias, where one effect has both; a whole of which a part is missing is no rival."""
     data = swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.01) + 0.1)
     search = searched(data, RUB, BIAS, "asymmetric_friction")
@@ -285,7 +285,7 @@ def test_parts_that_are_fewer_than_their_whole_are_held_against_it():
         (None, None, (), 1.0, 0.5, True),  # its kind has no law
     ],
 )
-def test_a_form_is_named_where_its_kind_accounts_for_some_of_the_error(
+def test_form_is_named_where_its_kind_explains_some_error(
     searches, share, necessary, others, unexplained, by_other, told
 ):
     search, _ = searches("a friction and what nobody knows")
@@ -303,7 +303,7 @@ def test_a_form_is_named_where_its_kind_accounts_for_some_of_the_error(
     assert found is told
 
 
-def test_an_effect_that_leaves_less_than_all_laws_names_its_kind_itself(searches):
+def test_effect_that_leaves_less_than_all_laws_names_its_kind(searches):
     search, _ = searches("a friction and what nobody knows")
     end, partial = reached(search, RUB), analyze_kinds(search)
     (test,) = form_tests(partial, end)

@@ -126,12 +126,12 @@ def test_only_a_true_effect_improves_beyond_chance():
         (1.0, (0.9, 1.1, *(0.9,) * 30), 2, False),
     ],
 )
-def test_drawing_stops_once_the_answer_is_clear(observed, figures, drawn, is_unusual):
+def test_sampling_stops_once_the_answer_is_clear(observed, figures, drawn, is_unusual):
     found = sequential_test(observed, iter(figures))
     assert (len(found.simulated), found.is_significant) == (drawn, is_unusual)
 
 
-def test_draws_repeat_the_model_the_noise_and_nothing_else():
+def test_samples_repeat_the_model_and_the_noise_only():
     fit = fit_model(swings(5), SWING, {})
     found = [solution for _, solution in drawn(fit, 20)]
     for name, value in fit.solution.parameters.items():
@@ -158,7 +158,7 @@ def test_motion_noise_is_not_counted_twice():
 
 
 @pytest.mark.parametrize(("other", "refused"), [("stribeck_friction", False), ("quadratic_friction", True)])
-def test_a_rival_is_refused_where_it_is_not_the_same_in_other_words(other, refused):
+def test_rival_is_rejected_unless_it_is_equivalent(other, refused):
     data = swings(4, lambda q, v, a: 0.3 * np.tanh(v / 0.01))
     ours, theirs = (
         fit_model(data, SWING.with_effect(EFFECTS[effect]()), {}) for effect in ("coulomb_friction", other)
@@ -181,9 +181,7 @@ def test_a_rival_is_refused_where_it_is_not_the_same_in_other_words(other, refus
         (0.187, (0.085, 0.095, 0.095, 0.105), True, False),
     ],
 )
-def test_beyond_all_draws_by_a_margin_is_unusual_and_beyond_where_the_next_may_be_is_clear(
-    observed, drawn, unusual, clear
-):
+def test_unusual_statistic_exceeds_all_samples_by_a_margin(observed, drawn, unusual, clear):
     placed = BootstrapTest(observed, np.array(drawn))
     assert (placed.is_significant, placed.is_conclusive) == (unusual, clear)
 
@@ -204,7 +202,7 @@ def test_statistic_is_the_share_of_the_held_out_error():
     assert np.abs(left.simulated).max() < 0.05
 
 
-def test_draws_are_made_from_the_model_that_may_be_refused(monkeypatch):
+def test_samples_are_drawn_from_the_model_under_test(monkeypatch):
     drawn_from, (before, after) = [], small_friction()
 
     def draws(fit, *rest):
@@ -243,7 +241,7 @@ def test_slow_encoder_error_is_at_most_half_a_step(encoders, slope, is_of_steps)
 
 
 @pytest.mark.parametrize("step", [0.0, 0.05])
-def test_draws_with_a_noise_that_is_known_have_it_and_the_reader_s_steps(step):
+def test_samples_with_known_noise_use_it_and_the_encoder_steps(step):
     data = swings(5)
     data = replace(data, effort=step * np.round(data.effort / step)) if step else data
     fit = fit_model(data, SWING, {})
@@ -259,7 +257,7 @@ def test_draws_with_a_noise_that_is_known_have_it_and_the_reader_s_steps(step):
 
 
 @pytest.mark.parametrize(("made", "share"), [(0.0, 1.0), (0.6, 0.64), (1.0, 0.05), (3.0, 0.05)])
-def test_at_least_a_twentieth_of_the_residual_is_effort_noise(made, share):
+def test_effort_noise_is_at_least_a_twentieth_of_the_residual(made, share):
     noise, trusted = np.tile([1.0, -1.0, 5.0], 10), np.tile([True, True, False], 10)
     fit = SimpleNamespace(
         problem=SimpleNamespace(blocked=SimpleNamespace(trusted=trusted)),
@@ -268,7 +266,7 @@ def test_at_least_a_twentieth_of_the_residual_is_effort_noise(made, share):
     assert bootstrap._estimate_noise(fit, made**2) == pytest.approx(np.sqrt(share) * noise)
 
 
-def test_motion_that_passes_for_reading_errors_makes_no_larger_error_than_the_data_have():
+def test_motion_error_in_samples_does_not_exceed_the_data():
     """A vibration that the force follows is no error of the readings, but too fast for the smooth motion."""
     quiet, rng = session(2), np.random.default_rng(1)
     x = quiet.position + rng.normal(0.0, 4e-4, len(quiet))
@@ -285,7 +283,7 @@ def test_errors_of_other_blocks_apply_beyond_noise():
     assert bootstrap._fill_untrusted(noise, trusted).tolist() == [1.0, 2.0, 1.0, 2.0, 1.0]
 
 
-def test_draws_of_a_model_whose_load_was_derived_have_it_too():
+def test_samples_of_a_model_with_derived_load_include_it():
     rubbing = EFFECTS["load_dependent_friction"]()
     law = lambda q, v, a: 0.2 * np.abs(0.05 * a + 2.0 * np.sin(q)) * np.tanh(v / 0.02)  # noqa: E731
     start = {"load_dependent_friction.transition": 0.02}
@@ -293,7 +291,7 @@ def test_draws_of_a_model_whose_load_was_derived_have_it_too():
     assert np.mean(energies(fit, 6)) == pytest.approx(1.0, rel=0.1)
 
 
-def test_each_form_of_an_effect_is_looked_at_in_a_draw():
+def test_each_form_of_an_effect_is_fitted_to_a_sample():
     friction = EFFECTS["dry_friction"]()
     model = PRESS.with_effect(friction)
     made = bootstrap._forms(model, friction)

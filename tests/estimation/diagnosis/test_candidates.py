@@ -44,7 +44,7 @@ STOOD = fit_model(SWUNG, model(*BASE), {})
     [(swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.3)), 2), (one_way_turns(lambda q, v: 0.3 + 0.0 * q), 1)],
     ids=["reverses", "never reverses"],
 )
-def test_the_transition_of_friction_is_a_parameter_only_where_the_motion_reverses(data, determined):
+def test_friction_transition_is_a_parameter_only_with_reversals(data, determined):
     fit = fit_model(data, model(*BASE, "coulomb_friction"), {"coulomb_friction.transition": 0.1})
     friction = EFFECTS["coulomb_friction"]()
     assert parameter_count(friction) == 2
@@ -121,7 +121,7 @@ def test_essential_parameter_explains_two_percent_of_the_squared_error(share, po
     assert is_possible(effect, found, LinearProblem()) is possible
 
 
-def test_misnamed_is_judged_by_the_motion_that_acts_and_by_what_the_model_leaves():
+def test_misnamed_effect_is_judged_by_acting_motion_and_residual():
     seen = {}
 
     class MisnamedEffect(Made):
@@ -158,7 +158,7 @@ def test_candidates_suit_channel_and_model(data, base, tried, not_tried):
     assert not names & not_tried
 
 
-def test_a_sensor_s_fault_may_lie_before_another_and_each_form_is_tried():
+def test_sensor_fault_is_tried_before_and_after_another_in_each_form():
     lag, delay, bias = (EFFECTS[name]() for name in ("lag", "delay", "bias"))
     orders = [[e.name for e in one.effects] for one in extended_models(Model("m", (bias, lag)), delay)]
     assert orders == [["bias", "lag", "delay"], ["delay", "bias", "lag"]]
@@ -169,7 +169,7 @@ def test_a_sensor_s_fault_may_lie_before_another_and_each_form_is_tried():
 
 
 @pytest.mark.parametrize(("name", "count"), [("bias", 1), ("coulomb_friction", 2), ("lag", 1)])
-def test_the_size_of_an_effect_is_how_many_parameters_it_has(name, count):
+def test_size_of_an_effect_is_its_number_of_parameters(name, count):
     assert parameter_count(EFFECTS[name]()) == count
 
 
@@ -183,7 +183,7 @@ def ranked():
     return found, told
 
 
-def test_candidates_come_by_what_they_leave_in_held_out_runs(ranked):
+def test_candidates_are_ordered_by_held_out_error(ranked):
     found, told = ranked
     left = [one.held_out for one in found]
     assert left == sorted(left)
@@ -216,7 +216,7 @@ def test_midpoints_of_the_best_and_nearly_best_are_tried(refined, ripple_nm, nam
         assert found[effect.name].start_count == len(effect.starts(data))
 
 
-def test_effects_are_tried_where_one_says():
+def test_effects_are_tried_at_given_places():
     (found,) = screen_effects(
         STOOD, [EFFECTS["coulomb_friction"]()], starts=lambda effect: [{"transition": 0.3}], refined=0
     )
@@ -224,7 +224,7 @@ def test_effects_are_tried_where_one_says():
     assert screen_effects(STOOD, []) == []
 
 
-def test_an_offset_of_the_model_has_zero_size_beside_another_effect():
+def test_model_offset_has_zero_size_beside_another_effect():
     """What a bias does, an offset of the surface did before: found where that is taken back."""
     data = session(3)
     data = replace(
@@ -238,7 +238,7 @@ def test_an_offset_of_the_model_has_zero_size_beside_another_effect():
     assert found.search.best.parameters["contact_offset.offset"] == 0.0
 
 
-def test_an_inner_parameter_is_no_cheaper_than_a_gain_where_runs_differ():
+def test_inner_parameter_costs_as_much_as_a_gain_where_runs_differ():
     """One relaxing branch, written with a gain or with a share of the spring, of another size in each run."""
     gains = np.array([200.0, 900.0, 300.0, 800.0, 100.0, 700.0])
     data = session(4, lambda t, x, v, run: kelvin_voigt(x, v, gains[run] * maxwell(t, x, run, 0.3)))
@@ -264,7 +264,7 @@ def test_an_inner_parameter_is_no_cheaper_than_a_gain_where_runs_differ():
 
 
 @pytest.mark.parametrize(("share", "snaps"), [(0.002, False), (0.05, True), (0.5, True)])
-def test_a_tool_that_snaps_through_in_more_than_a_hundredth_of_the_samples_is_no_tool(share, snaps):
+def test_tool_that_snaps_through_in_over_one_percent_of_samples_is_rejected(share, snaps):
     """Where the object softens faster than the tool gives, the force is no function of the way."""
     data, compliance = session(1), 1e-6
     pressed = data.position[

@@ -130,7 +130,7 @@ HIDDEN = {
     # A friction alone and two effects at once are other cases.
     [pytest.param(n, marks=pytest.mark.slow) if n == "a spring and a friction" else n for n in HIDDEN],
 )
-def test_hidden_effect_alone_is_named_with_its_size(name):
+def test_single_hidden_effect_is_named_with_its_size(name):
     made, expected, (effect, parameter, truth, off) = HIDDEN[name]
     data = made()
     found = decide_verdict(data, *EFFECTS_OF.get(name, SOME[data.name]))
@@ -147,7 +147,7 @@ def test_hidden_effect_alone_is_named_with_its_size(name):
 
 @pytest.mark.parametrize("run_damping", [1.0, 1.3])
 @pytest.mark.parametrize("seed", [5, 6])
-def test_an_effect_above_the_noise_is_named_beside_a_much_larger_one(seed, run_damping):
+def test_effect_above_the_noise_is_named_beside_a_much_larger_one(seed, run_damping):
     """Without the stiffening, the error is three times the noise, but a twentieth of the base model's.
 
     The runs may follow different laws: one of them with more damping.
@@ -174,7 +174,7 @@ def test_backlash_is_identified_with_motor_inertia_and_friction():
         assert abs(told.value - truth) < 3.0 * told.std_err < 0.2, name
 
 
-def test_a_sensor_s_fault_that_does_not_follow_its_law_bears_no_name(monkeypatch):
+def test_sensor_fault_that_deviates_from_its_law_is_not_named(monkeypatch):
     """A delay to which the law of its kind adds as much as the delay explains imitates something else."""
 
     def more_in_the_law(partial, end):
@@ -247,13 +247,13 @@ IMPOSTORS = [
 
 
 @pytest.mark.parametrize(("made", "right", "wrong"), IMPOSTORS)
-def test_an_effect_is_not_called_by_another_s_name(made, right, wrong):
+def test_effect_is_not_given_another_s_name(made, right, wrong):
     data = made()
     assert named(decide_verdict(data, wrong)) == set()
     assert named(decide_verdict(data, right, wrong)) == {right}
 
 
-def test_data_without_noise_is_judged_to_its_last_digits():
+def test_noiseless_data_are_judged_to_the_last_digits():
     data = pressed(5)
     force = kelvin_voigt(data.position, data.velocity)
     exact = replace(data, effort=np.round(force, 6))
@@ -299,7 +299,7 @@ def test_result_is_read_back_from_its_text_with_progress():
     assert entry.parameters["k3"].unit == "N/m^3"
 
 
-def test_a_channel_has_the_same_draws_alone_and_among_others(monkeypatch):
+def test_channel_has_the_same_samples_alone_and_among_others(monkeypatch):
     module, drawn = import_module("palpate.estimation.diagnosis.diagnose"), []
 
     def judged(data, model, effects, rng, progress=None):
@@ -332,7 +332,7 @@ def snapping(way, run):
 @pytest.mark.parametrize(
     ("law", "misnamed"), [(snapping, True), (lambda way, run: 2e4 * way + 1e8 * way**3, False)]
 )
-def test_a_tool_gives_beside_an_object_that_stiffens_and_snaps_beside_one_that_softens(law, misnamed):
+def test_tool_is_valid_beside_stiffening_and_misnamed_beside_softening(law, misnamed):
     names = ("stiffness", "cubic_stiffness", "tool_compliance")
     model = Model("m", tuple(EFFECTS[name]() for name in names))
     found = fit_model(pulls(law), model, {"tool_compliance.compliance": 3e-5})
@@ -349,7 +349,7 @@ def test_snapping_or_softening_objects_are_not_named():
     assert (found.verdict, found.accepted) == (Verdict.UNEXPLAINED, [])
 
 
-def test_friction_is_named_beside_an_offset_of_ten_times_its_size():
+def test_friction_is_named_beside_a_tenfold_offset():
     def torque(q, v, a):
         unnamed = 0.25 * np.sin(9.0 * q) * np.cos(3.0 * v) + 0.15 * np.sin(4.0 * q * v)
         return 6.0 + 0.6 * np.tanh(v / 0.02) + unnamed
@@ -361,7 +361,7 @@ def test_friction_is_named_beside_an_offset_of_ten_times_its_size():
     assert friction.parameters["force"].value == pytest.approx(0.6, rel=0.05)
 
 
-def test_a_model_whose_minimum_is_not_reached_by_adding_its_effects_is_not_complete(monkeypatch):
+def test_model_with_an_unreached_minimum_is_not_complete(monkeypatch):
     def fit_far(data, parent, effect):
         fit = fit_extended(data, parent, effect)
         values = {**fit.solution.parameters, "stress_relaxation.tau": 0.04}  # 0.4 s in truth
@@ -377,7 +377,7 @@ def test_a_model_whose_minimum_is_not_reached_by_adding_its_effects_is_not_compl
     assert all(entry.form is Form.APPROXIMATE for entry in missed.accepted)
 
 
-def test_matrices_are_small_so_that_more_threads_would_only_take_longer():
+def test_matrices_are_too_small_for_more_threads():
     threads = []
 
     def progress(what, share):

@@ -105,7 +105,7 @@ class _Named(str):
 
 
 @pytest.mark.parametrize("name", FLOW)
-def test_a_channel_is_searched_varied_reduced_and_answered(name, monkeypatch):
+def test_channel_is_searched_varied_reduced_and_reported(name, monkeypatch):
     given, expected = FLOW[name]
     base = _Named("base")
     base.is_exact = given.get("exact", False)
@@ -164,9 +164,7 @@ def test_a_channel_is_searched_varied_reduced_and_answered(name, monkeypatch):
 
 
 @pytest.mark.parametrize(("simpler_is_complete", "way"), [(True, "complete"), (False, "forms of a simpler")])
-def test_a_model_that_is_simplified_and_then_leaves_something_is_judged_by_its_forms(
-    simpler_is_complete, way, monkeypatch
-):
+def test_simplified_model_with_residual_is_judged_by_its_forms(simpler_is_complete, way, monkeypatch):
     complete = {"whole": True, "simpler": simpler_is_complete, "base": True}
     judge = SimpleNamespace(
         measurement="readings", is_complete=complete.__getitem__, explains_each_run=complete.__getitem__
@@ -192,7 +190,7 @@ def test_a_model_that_is_simplified_and_then_leaves_something_is_judged_by_its_f
         (True, True, "far above noise", False),
     ],
 )
-def test_an_objection_counts_no_more_where_draws_gain_as_much_by_a_model_to_which_nothing_objects(
+def test_objection_is_dropped_where_samples_improve_as_much_by_a_clean_model(
     sensible, noise, excess, complete, monkeypatch
 ):
     base, whole = Mock(is_exact=False), Mock(is_exact=False)
@@ -219,7 +217,7 @@ def told_its_draw(monkeypatch):
     monkeypatch.setattr(module, "diagnose_channel", say)
 
 
-def test_a_channel_is_judged_alike_alone_among_others_and_in_another_process(told_its_draw):
+def test_channel_verdict_is_independent_of_other_channels_and_process(told_its_draw):
     one, two = joints()
     told = []
 
@@ -254,7 +252,7 @@ def test_each_channel_has_its_model_and_the_whole_library_is_tried_by_default(to
     assert found.channels[0].verdict is Verdict.INSUFFICIENT
 
 
-def test_a_model_that_predicts_no_better_than_a_constant_is_not_complete_by_a_bound_of_the_noise(tmp_path):
+def test_model_no_better_than_a_constant_is_not_complete_by_a_noise_bound(tmp_path):
     """A pulled specimen yields once, which no other part of the run predicts: the noise is only bounded."""
     rng, t = np.random.default_rng(4), np.arange(0.0, 1000.0, 0.1)
     stretch = np.round(t * 3.6e-5 / 5e-6) * 5e-6  # one pull at one speed, read in steps of 5 um
@@ -291,7 +289,7 @@ def test_constant_effect_that_explains_little_is_dropped(lost, kept, monkeypatch
     assert tests[-1] == ("beside" if kept else alone)
 
 
-def test_an_error_is_compared_with_a_constant_on_the_same_means():
+def test_error_is_compared_with_a_constant_on_the_same_means():
     """A torque below the noise of a reading, but above that of a mean of ten, is more than a constant."""
     data = swings(1, rate_hz=1000.0)
     noise = np.random.default_rng(0).normal(0.0, NOISE_NM, len(data))
@@ -303,9 +301,7 @@ def test_an_error_is_compared_with_a_constant_on_the_same_means():
 
 
 @pytest.mark.parametrize(("step", "kept"), [(0.5, True), (0.1, False)])
-def test_a_sensors_fault_keeps_its_name_if_its_law_adds_no_more_than_encoder_steps_cause(
-    step, kept, monkeypatch
-):
+def test_sensor_fault_keeps_its_name_if_its_law_adds_only_encoder_steps(step, kept, monkeypatch):
     """The law adds a mean square of 0.04."""
     test = FormTest(
         "bias",

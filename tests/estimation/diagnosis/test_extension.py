@@ -44,7 +44,7 @@ def test_fit_with_least_held_out_error_is_selected(name, law, fits, monkeypatch)
         assert np.ptp([fit.solution.parameters["relaxation_spectrum.slow_time"] for fit in made]) > 0.0
 
 
-def test_an_earlier_effect_at_the_end_of_its_range_is_fitted_anew_beside_the_added_one():
+def test_earlier_effect_at_its_bound_is_refitted_beside_the_added_one():
     """Alone, Coulomb friction takes most of a quadratic friction by a transition at the end of its range."""
     data = swings(3, lambda q, v, a: 0.3 * v * np.abs(v) + 0.3 * np.sign(v) - DAMPING * v)
     coulomb, quadratic = EFFECTS["coulomb_friction"](), EFFECTS["quadratic_friction"]()

@@ -44,7 +44,7 @@ def incomplete():
     return search, analyze_kinds(search)
 
 
-def test_a_form_is_named_beside_what_has_no_name_but_not_where_its_kind_s_law_exceeds_it(incomplete):
+def test_form_is_named_beside_unexplained_error_unless_its_law_exceeds_it(incomplete):
     search, partial = incomplete
     assert partial.kinds >= {Kind.FRICTION}
     end, tests = accept_forms(search, partial, reached(search, RUB), measured(search))
@@ -106,7 +106,7 @@ def test_elastic_shape_and_relaxation_are_identified_as_a_product():
     assert hidden.rmse > 5.0 * extended.rmse
 
 
-def test_a_kind_without_a_form_gets_its_closest_ones_and_no_more():
+def test_kind_without_a_form_gets_only_its_closest_forms():
     """Friction that also falls with the speed, where the library has Coulomb's alone."""
     law = lambda q, v, a: (0.2 + 0.3 * np.exp(-((v / 0.6) ** 2))) * np.tanh(v / 0.01)  # noqa: E731
     search = searched(swings(1, law), RUB, DRAG, SPRING)
@@ -126,7 +126,7 @@ def test_a_kind_without_a_form_gets_its_closest_ones_and_no_more():
         (0.0, 0.0, 0.0, 1.0, False, True),
     ],
 )
-def test_a_form_is_known_that_takes_most_of_its_law_and_closed_where_the_law_adds_nothing(
+def test_form_is_known_if_it_explains_most_of_its_law(
     explained_by_effect, explained_by_law, added, left, known, closed
 ):
     test = FormTest(RUB, Kind.FRICTION, explained_by_effect, explained_by_law, added, left)
@@ -143,7 +143,7 @@ def test_a_form_is_known_that_takes_most_of_its_law_and_closed_where_the_law_add
         (False, 0.0, {}, {}, Form.APPROXIMATE),
     ],
 )
-def test_a_form_is_exact_if_only_noise_is_left_and_no_law_of_any_kind_replaces_it(
+def test_form_is_exact_if_only_noise_is_left_and_no_law_replaces_it(
     monkeypatch, complete, added, rivals, kinds, form
 ):
     test = FormTest(RUB, Kind.FRICTION, 1.0, 1.0, added_by_law=added, unexplained=0.1)
@@ -154,14 +154,14 @@ def test_a_form_is_exact_if_only_noise_is_left_and_no_law_of_any_kind_replaces_i
 
 
 @pytest.mark.parametrize(("times_noise", "form"), [(30.0, Form.EXACT), (3.0, Form.APPROXIMATE)])
-def test_a_form_is_exact_only_if_the_noise_would_show_a_deviation_of_a_tenth(times_noise, form):
+def test_form_is_exact_only_if_a_tenth_deviation_would_exceed_the_noise(times_noise, form):
     """Coulomb friction is the truth in both cases."""
     friction = swings(1, lambda q, v, a: times_noise * NOISE_NM * np.tanh(v / 0.02))
     found = decide(friction, SWING, RUB, SPRING, DRAG)
     assert {entry.effect: entry.form for entry in found.accepted} == {RUB: form}
 
 
-def test_the_law_of_its_own_kind_adds_nothing_to_a_true_form_and_something_to_a_rough_one():
+def test_law_of_its_kind_adds_nothing_to_a_true_form():
     stribeck = lambda q, v, a: (0.2 + 0.3 * np.exp(-((v / 0.6) ** 2))) * np.tanh(v / 0.01)  # noqa: E731
     search = searched(swings(1, stribeck, runs=5), RUB, "stribeck_friction")
     partial = analyze_kinds(search)
@@ -173,13 +173,13 @@ def test_the_law_of_its_own_kind_adds_nothing_to_a_true_form_and_something_to_a_
 
 
 @pytest.mark.parametrize(("added", "imitation"), [(0.019, False), (0.021, True)])
-def test_a_sensors_fault_imitates_if_its_law_adds_a_part_of_what_it_explains_in_the_model(added, imitation):
+def test_sensor_fault_imitates_if_its_law_adds_part_of_its_explanation(added, imitation):
     test = FormTest("bias", Kind.SENSOR_STATICS, 0.1, 0.1, added_by_law=added, unexplained=0.1, explained=2.0)
     assert not test.is_closed
     assert test.is_imitation is imitation
 
 
-def test_another_form_of_the_kind_that_takes_as_much_is_its_like():
+def test_form_of_the_kind_that_explains_as_much_is_its_like():
     """What draws nearly the same, with as few parameters; a spring is of another kind."""
     search = searched(swings(1, rubbing), RUB, "stribeck_friction", SPRING)
     likes = similar_forms(search, reached(search, "stribeck_friction"), "stribeck_friction")
@@ -220,7 +220,7 @@ def test_most_parsimonious_form_of_replaceable_kinds_is_named():
     assert Kind.ELASTIC_SHAPE in budget.entries[0].replaceable_by
 
 
-def test_forms_that_together_leave_as_little_as_the_laws_of_their_kinds_bear_their_names(monkeypatch):
+def test_forms_that_jointly_leave_as_little_as_their_laws_are_named(monkeypatch):
     """Though one of them takes less of the error than its own kind's law, which draws a part of the other."""
     law = lambda q, v, a: rubbing(q, v, a) + 0.3 * np.sin(15.0 * q) * (1 + 0.1 * np.sin(4.0 * q))  # noqa: E731
     search = searched(swings(1, law), RUB, RIPPLE)
@@ -268,7 +268,7 @@ def test_friction_and_bias_are_indistinguishable_in_monotonic_motion(rest):
     assert told.next_experiment.instruction.startswith("repeat the motion in the other direction")
 
 
-def test_over_a_short_way_a_weight_is_a_spring_and_both_are_stated_if_something_is_left():
+def test_weight_and_spring_are_both_reported_over_a_short_way():
     """Beside the weight acts a torque whose law the library lacks."""
     wide = swings(3)
     q, v, a = 0.7 * wide.position, 0.7 * wide.velocity, 0.7 * wide.acceleration

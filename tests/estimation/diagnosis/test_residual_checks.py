@@ -146,7 +146,7 @@ WAVE = np.tile([1.0, -1.0], 200)
         (0, 0.0, 0.1, None),
     ],
 )
-def test_the_noise_of_free_air_is_that_before_the_first_touch(before, zero, noise, told):
+def test_free_air_noise_is_that_before_the_first_touch(before, zero, noise, told):
     at = np.arange(400)
     depth = np.where((at < before) | (at > 390), -0.01, 0.01)
     force = zero + noise * WAVE + np.where((at >= 0.9 * before) & (before < 400), 50.0, 0.0)
@@ -155,7 +155,7 @@ def test_the_noise_of_free_air_is_that_before_the_first_touch(before, zero, nois
     assert free_air_noise(swings(1)) is None
 
 
-def test_runs_with_a_zero_of_their_own_have_one_noise_of_free_air():
+def test_runs_with_their_own_zero_have_one_free_air_noise():
     run = np.repeat([0, 1, 2], [200, 150, 50])
     force = np.array([0.1, 0.3, 9.0])[run] * WAVE + np.array([0.0, 5.0, 0.0])[run]
     depth = np.where(run < 2, -0.01, 0.01)
@@ -173,7 +173,7 @@ def of_runs(gains, lengths, noise=0.1):
     return blocked, solve_gains(FitProblem(blocked, WHITE), MODEL.without("damping"), {})
 
 
-def test_each_run_is_held_against_what_the_others_say_of_it_and_what_it_says_itself():
+def test_each_run_is_compared_with_the_others_and_itself():
     blocked, solution = of_runs([10.0, 10.0, 12.0, 10.0], 200)
     data, found = blocked.data, run_heterogeneity(blocked, solution)
     predicted, alone = np.empty(800), np.empty(800)
@@ -210,7 +210,7 @@ def test_each_run_is_held_against_what_the_others_say_of_it_and_what_it_says_its
         ([10.0, 13.0], [200, 50], False),  # a single run is left
     ],
 )
-def test_runs_disagree_where_each_by_itself_leaves_clearly_less(gains, lengths, disagree):
+def test_runs_disagree_where_separate_fits_leave_clearly_less(gains, lengths, disagree):
     blocked, solution = of_runs(gains, lengths, noise=0.3)
     assert (run_heterogeneity(blocked, solution) is not None) is disagree
 
@@ -225,7 +225,7 @@ def test_covariance_of_adjacent_blocks_is_estimated(memory, chosen, share):
     assert found**2 / np.var(noise) == pytest.approx(share, abs=0.05)
 
 
-def test_noise_is_that_about_the_mean_of_each_run_and_between_neighbours_of_one_run():
+def test_noise_is_about_the_mean_of_each_run_and_between_its_neighbors():
     noise, every = np.ones(50), np.ones(50, dtype=bool)
     shared = residual_checks._shared_by_neighbors
     assert shared(noise, np.arange(50), every) == 0.0
@@ -251,7 +251,7 @@ def test_residual_in_contact_is_compared_with_free_air():
 
 
 @pytest.mark.parametrize(("pull_n", "is_noise"), [(0.0, True), (0.4, False)])
-def test_a_pull_after_contact_is_held_against_the_air_before_it(pull_n, is_noise):
+def test_pull_after_contact_is_compared_with_the_air_before_it(pull_n, is_noise):
     def adhesive(t, x, v, run):
         pulls = (x < 0.0) & (x > -3e-3) & (v < 0.0)  # a neck that breaks on the way out
         return kelvin_voigt(x, v) - pull_n * pulls
@@ -306,7 +306,7 @@ def test_adhesion_applies_only_to_a_pull_after_contact(added, pulls, is_noise):
     assert (found is None or found.where != "after contact") is is_noise
 
 
-def test_a_late_force_is_no_reference_for_the_noise():
+def test_late_force_is_no_reference_for_the_noise():
     def late_and_humming(t, number):
         late = 10.0 * ((t > 1.41) & (t < 1.43))  # the contact has just ended
         return white(t, number) + 0.2 * np.sin(2 * np.pi * 7.3 * t) * ((t > 0.6) & (t < 1.4)) + late
@@ -318,7 +318,7 @@ def test_a_late_force_is_no_reference_for_the_noise():
     assert found.expected == pytest.approx(NOISE_N / np.sqrt(fit.problem.blocked.rows.shape[1]), rel=0.3)
 
 
-def test_steps_of_an_effort_that_mostly_rests_on_one_value_are_noise():
+def test_steps_of_a_mostly_resting_effort_are_noise():
     run = np.repeat([0, 1], 50)
     steps = np.where(np.arange(100) % 5 == 0, 0.1, 0.0) + run  # most blocks show the median
     noise = _without_outliers(steps, run, np.ones(100, dtype=bool))
@@ -327,14 +327,14 @@ def test_steps_of_an_effort_that_mostly_rests_on_one_value_are_noise():
 
 
 @pytest.mark.parametrize(("times", "is_noise"), [(2.2, True), (2.8, False)])
-def test_an_excess_is_two_and_a_half_times_the_noise(times, is_noise):
+def test_excess_is_two_and_a_half_times_the_noise(times, is_noise):
     block_noise = NOISE_N / np.sqrt(2.0)  # blocks of two samples
     hum = humming(times * block_noise * np.sqrt(2.0), runs=4)
     assert (excess(hum) is None) is is_noise
 
 
 @pytest.mark.parametrize(("share", "is_noise"), [(0.7, False), (1.5, True)])
-def test_a_hum_below_noise_that_is_louder_in_contact_is_not_held_against_the_model(share, is_noise):
+def test_hum_below_louder_contact_noise_is_no_objection(share, is_noise):
     """The noise on blocks is so many times the hum; draws know that of free air alone."""
     hum = humming()
     block = fit_model(hum, MODEL, {}).problem.blocked.rows.shape[1]
@@ -358,7 +358,7 @@ def test_residual_in_motion_is_compared_with_rest(creak_nm, is_noise):
 @pytest.mark.parametrize(
     ("shape", "is_noise"), [("bump", False), ("slow noise", True), ("filtered noise", True)]
 )
-def test_without_free_air_only_what_is_smooth_over_much_of_a_run_is_no_noise(shape, is_noise):
+def test_without_free_air_only_slow_residuals_are_no_noise(shape, is_noise):
     rng, count = np.random.default_rng(5), 3000
     t = 0.01 * np.arange(count)
     way, run = 1e-3 + 1e-4 * t, np.zeros(count, dtype=np.int64)
@@ -372,7 +372,7 @@ def test_without_free_air_only_what_is_smooth_over_much_of_a_run_is_no_noise(sha
 
 
 @pytest.mark.parametrize(("creak_nm", "is_noise"), [(0.1, False), (0.0, True)])
-def test_without_a_rest_the_residual_is_held_against_neighboring_readings(creak_nm, is_noise):
+def test_without_rest_the_residual_is_compared_with_neighboring_readings(creak_nm, is_noise):
     t = np.arange(0.0, 60.0, 0.005)
     q, v, a = 6.0 * t + np.sin(3.0 * t), 6.0 + 3.0 * np.cos(3.0 * t), -9.0 * np.sin(3.0 * t)
     told = objection(*creaking(q, v, a, creak_nm))
@@ -397,7 +397,7 @@ EXCESS = ExcessVariance(1.0, 0.1, None, "in motion", "at rest")
         (False, 0.81, APART, False, EXCESS, "run"),  # runs by themselves leave less than half of its rest
     ],
 )
-def test_runs_are_looked_at_first_then_what_is_left_in_contact(
+def test_runs_are_checked_before_the_residual_in_contact(
     complete, floor, apart, chance, excess, depends_on, monkeypatch
 ):
     monkeypatch.setattr(residual_checks, "run_heterogeneity", lambda *_: apart)
@@ -420,7 +420,7 @@ def test_runs_are_looked_at_first_then_what_is_left_in_contact(
     ("drawn", "no_chance"),
     [((1.0, 0.0), True), ((2.44, 1.0), True), ((2.46, 1.0), False), ((3.0, 9.0), False)],
 )
-def test_runs_that_follow_one_law_disagree_by_chance_as_draws_say(drawn, no_chance, monkeypatch):
+def test_runs_of_one_law_disagree_by_chance_like_the_samples(drawn, no_chance, monkeypatch):
     """These do by 2.5; draws that agree count as none."""
     figures = iter(drawn * 20)
 
@@ -461,7 +461,7 @@ def test_dominant_oscillation_is_named(share, times, told, monkeypatch):
         (2.0, 0.89, True),  # the error is three times what is left beside it
     ],
 )
-def test_a_swing_that_is_in_free_air_too_is_noise_unless_it_is_most_of_it(air, share, named, monkeypatch):
+def test_oscillation_also_in_free_air_is_noise_unless_it_dominates(air, share, named, monkeypatch):
     monkeypatch.setattr(residual_checks, "strongest_frequency", lambda *_: (50.0, share, 100.0))
     monkeypatch.setattr(residual_checks, "free_air_noise", lambda _: air)
     end = fit_model(session(7), MODEL, {})

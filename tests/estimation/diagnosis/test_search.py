@@ -35,7 +35,7 @@ def rippling(q, v, a):
 
 
 @pytest.mark.parametrize("cycles", [14.9, 15.1])
-def test_a_candidate_is_judged_as_if_the_parameters_of_the_others_followed(cycles):
+def test_candidate_is_judged_with_refitted_parameters_of_the_others(cycles):
     """A ripple whose period is off hides what friction explains; its slope by the period shows that."""
     ripple, friction = EFFECTS["torque_ripple"](), EFFECTS["coulomb_friction"]()
     model = Model("pendulum", (*BASE, ripple, friction))
@@ -51,9 +51,7 @@ def test_a_candidate_is_judged_as_if_the_parameters_of_the_others_followed(cycle
 
 @pytest.mark.parametrize(("backward", "expected"), [(0.3, "coulomb_friction"), (0.15, "asymmetric_friction")])
 @pytest.mark.parametrize("is_as_complete", [True, False])
-def test_the_simplest_law_bears_the_name_where_the_data_and_what_is_left_allow(
-    backward, expected, is_as_complete
-):
+def test_simplest_law_is_named_where_data_and_residual_allow(backward, expected, is_as_complete):
     """Friction fitted as asymmetric; it is, or is the same both ways."""
     data = swings(1, lambda q, v, a: np.where(v > 0.0, 0.3, backward) * np.tanh(v / 0.01))
     search = searched(data, "coulomb_friction", "asymmetric_friction")
@@ -66,7 +64,7 @@ def test_the_simplest_law_bears_the_name_where_the_data_and_what_is_left_allow(
     assert search.added_effects(found) == [expected if is_simple else "asymmetric_friction"]
 
 
-def test_no_simpler_law_that_leaves_more_bears_the_name_though_draws_refuse_nothing(monkeypatch):
+def test_simpler_law_that_leaves_more_is_not_named(monkeypatch):
     """As where they come from a hundred slow samples."""
     monkeypatch.setattr(acceptance, "improvement_test", lambda *args: BootstrapTest(0.0, np.ones(2)))
     data = swings(1, lambda q, v, a: np.where(v > 0.0, 0.3, 0.15) * np.tanh(v / 0.01))
@@ -83,7 +81,7 @@ def test_no_simpler_law_that_leaves_more_bears_the_name_though_draws_refuse_noth
         (lambda v: 0.06 * np.abs(v), {"asymmetric_friction"}),
     ],
 )
-def test_asymmetric_friction_must_do_more_than_coulomb_friction_and_a_bias(uneven, expected):
+def test_asymmetric_friction_must_exceed_coulomb_friction_and_a_bias(uneven, expected):
     data = swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.01) + uneven(v))
     search = searched(data, "coulomb_friction", "asymmetric_friction", "bias")
     end = backward_step(search, reached(search, "asymmetric_friction"))
@@ -92,7 +90,7 @@ def test_asymmetric_friction_must_do_more_than_coulomb_friction_and_a_bias(uneve
         assert "asymmetric_friction" in indistinguishable_models(search, end, name, measured(search))
 
 
-def test_a_part_may_belong_to_the_base_model():
+def test_part_may_belong_to_the_base_model():
     data = swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.01) + 0.1)
     base = SWING.with_effect(EFFECTS["bias"]())
     search = searched(data, "coulomb_friction", "asymmetric_friction", "bias", base=base)
@@ -102,7 +100,7 @@ def test_a_part_may_belong_to_the_base_model():
     assert list(rivals) == ["asymmetric_friction"]
 
 
-def test_a_law_with_more_parameters_takes_no_name_for_a_small_gain():
+def test_law_with_more_parameters_is_not_named_for_a_small_gain():
     """A joint's spring, preloaded, beside a bias that changes by a little over the range."""
     data = swings(1, lambda q, v, a: 0.5 + 0.06 * q, runs=5)
     search = searched(data, "bias", "joint_spring")
@@ -113,7 +111,7 @@ def test_a_law_with_more_parameters_takes_no_name_for_a_small_gain():
 
 
 @pytest.mark.parametrize("pulls", [True, False])
-def test_dry_friction_rubs_at_the_sides_or_within_the_object_as_the_data_have_it(pulls):
+def test_dry_friction_acts_at_the_sides_or_within_the_object(pulls):
     """At the tool's sides it pulls on the way out, where an object can only push."""
 
     def law(t, x, v, run):
@@ -128,7 +126,7 @@ def test_dry_friction_rubs_at_the_sides_or_within_the_object_as_the_data_have_it
 
 
 @pytest.mark.parametrize("noise_rad", [1e-5, 3e-5])
-def test_elasticity_is_as_large_as_it_is_behind_an_acceleration_with_smooth_errors(noise_rad):
+def test_elasticity_is_unbiased_behind_an_acceleration_with_smooth_errors(noise_rad):
     """Neighbours have their errors in common, so that the load seems better known than it is."""
     true, compliance = swings(1), 0.03
     load = INERTIA * true.acceleration + WEIGHT * np.sin(true.position)
@@ -141,7 +139,7 @@ def test_elasticity_is_as_large_as_it_is_behind_an_acceleration_with_smooth_erro
     assert found == pytest.approx(compliance, rel=0.06)
 
 
-def test_a_gain_beyond_its_physical_bound_is_fitted_at_the_bound():
+def test_gain_beyond_its_physical_bound_is_fitted_at_the_bound():
     """A joint that something drives would have a negative friction; the other gains make up for it."""
     data = swings(1, lambda q, v, a: -0.5 * v)
     solution = searched(data).start.solution
@@ -177,7 +175,7 @@ COULOMB, RIPPLE = "coulomb_friction", "torque_ripple"  # two parameters, and thr
         ((COULOMB, 110.9), (RIPPLE, 100.0), False),
     ],
 )
-def test_more_parameters_must_be_worth_it(one, other, better):
+def test_more_parameters_must_be_worth_their_improvement(one, other, better):
     search = searched(swings(1, runs=2))
     ours, theirs = (left(name, held_out=held_out) for name, held_out in (one, other))
     assert [search.size(left(name)) for name in (COULOMB, RIPPLE)] == [2, 3]
@@ -200,7 +198,7 @@ def test_smallest_of_equally_good_models_come_first():
         *((0.5, 2, 0.01, False), (0.5, 5, 0.011, False)),  # folds of five; chance
     ],
 )
-def test_an_effect_is_needed_where_it_is_large_and_helps_most_runs_and_is_no_chance(
+def test_effect_is_needed_if_large_helpful_in_most_runs_and_significant(
     monkeypatch, rmse, helped, p_value, needed
 ):
     search = searched(swings(1, runs=2))
@@ -210,7 +208,7 @@ def test_an_effect_is_needed_where_it_is_large_and_helps_most_runs_and_is_no_cha
     assert search.is_needed(before, after) is needed
 
 
-def test_models_are_the_same_in_any_order_but_of_their_sensors():
+def test_model_order_matters_only_for_sensor_effects():
     made = [
         SWING.with_effect(EFFECTS[a]()).with_effect(EFFECTS[b]())
         for a, b in ((COULOMB, RIPPLE), (RIPPLE, COULOMB), ("delay", "lag"), ("lag", "delay"))
@@ -223,7 +221,7 @@ def test_models_are_the_same_in_any_order_but_of_their_sensors():
 @pytest.mark.parametrize(
     ("runs", "blocks", "chosen"), [(6, 100, 6), (24, 100, 24), (24, 400, 12), (36, 400, 12), (12, 2000, 12)]
 )
-def test_a_sketch_has_twelve_runs_of_four_thousand_blocks_weak_and_strong_ones_alike(runs, blocks, chosen):
+def test_coarse_data_have_twelve_runs_of_four_thousand_blocks(runs, blocks, chosen):
     run = np.repeat(np.arange(runs), blocks)
     effort = np.tile(np.linspace(0.0, 1.0, blocks), runs) * (run + 1)
     fields = {"run": run, "effort": effort, "trusted": np.ones(len(run), dtype=np.bool_)}
@@ -233,7 +231,7 @@ def test_a_sketch_has_twelve_runs_of_four_thousand_blocks_weak_and_strong_ones_a
     assert np.ptp(np.diff(found)) == 0
 
 
-def test_a_recording_of_which_most_runs_are_left_out_is_searched_by_the_others(whole_budget):
+def test_mostly_excluded_recording_is_searched_by_the_other_runs(whole_budget):
     """Of 100 runs, the three that are no copies: every eighth run by effort would miss them."""
     t, run = np.tile(np.arange(200) / 200.0, 100), np.repeat(np.arange(100), 200)
     size = np.where(run == 2, 1.2, np.where((run == 1) | (run > 62), 1.1, 1.0))
@@ -256,7 +254,7 @@ def test_each_form_of_an_effect_is_a_model_of_its_own():
 
 @pytest.mark.parametrize(("gap_error", "may_be"), [(0.0035, False), (0.0041, True)])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_an_effect_whose_size_has_zero_size_is_not_established(monkeypatch, gap_error, may_be, sign):
+def test_effect_of_zero_size_is_not_established(monkeypatch, gap_error, may_be, sign):
     """However sure its other parameters are: without a gap there is no backlash."""
     search = searched(swings(1))
     end = search.fitted(SWING.with_effect(EFFECTS["backlash"]()), {})
@@ -308,7 +306,7 @@ def test_fit_is_cached_unless_another_start_lowers_the_error():
     assert reached(search, "torque_ripple") is good
 
 
-def test_an_effect_at_a_wrong_place_is_sought_again_and_leads_smaller_models_along():
+def test_misplaced_effect_is_searched_again_in_smaller_models_too():
     """A pulse that repeats is late by a part of its period, or by that and a whole one."""
     data = session(1, lambda t, x, v, run: 800.0 * np.clip(x, 0.0, None))
     t = np.arange(len(data)) / 200.0  # as many as blocks a second, so that there is no sketch
@@ -331,7 +329,7 @@ def test_an_effect_at_a_wrong_place_is_sought_again_and_leads_smaller_models_alo
     assert less.solution.parameters["delay.time"] == pytest.approx(0.08, abs=3e-3)
 
 
-def test_steps_that_means_over_blocks_hide_are_fitted_from_single_readings():
+def test_steps_hidden_by_block_means_are_fitted_from_single_readings():
     step_nm = 0.5
     data = swings(1)
     data = replace(data, effort=step_nm * np.round(data.effort / step_nm))
@@ -369,7 +367,7 @@ def test_extensions_are_sensible_promising_and_ordered(monkeypatch):
     assert search.added_effects(search.extensions(search.start)[0]) == [COULOMB]
 
 
-def test_an_effect_is_exchanged_for_another_that_does_better():
+def test_effect_is_exchanged_for_a_better_one():
     data = swings(1, lambda q, v, a: (0.2 + 0.15 * np.exp(-((v / 0.6) ** 2))) * np.tanh(v / 0.01))
     search = searched(data, COULOMB, "stribeck_friction", "quadratic_friction")
     (made,) = search.substitutions(reached(search, COULOMB), COULOMB)  # drag is nowhere near
@@ -392,7 +390,7 @@ def test_alternatives_replace_an_effect_with_other_parameters_fixed():
     assert made == search.ordered(made)
 
 
-def test_parts_are_tried_in_the_place_of_their_whole():
+def test_parts_are_tried_in_place_of_their_whole():
     data = swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.01) + 0.1)
     search = searched(data, COULOMB, "bias", "asymmetric_friction")
     end = search.fitted(
@@ -431,7 +429,7 @@ def test_p_value_is_the_share_of_noise_samples_with_as_large_a_gain(friction_nm,
         (20_000, 0.09, True),
     ],
 )
-def test_less_is_clear_without_a_test_of_more_blocks(monkeypatch, count, energy, is_tested):
+def test_smaller_residual_is_clear_without_a_test_of_more_blocks(monkeypatch, count, energy, is_tested):
     """`energy` is what the effect takes away, relative to what it leaves."""
     tested = []
 
@@ -480,7 +478,7 @@ def test_coarse_search_has_one_sample_per_block_and_selects_candidates():
     assert limits[1:] == pytest.approx([one["limit"] for one in EFFECTS["saturation"]().starts(data)])
 
 
-def test_beyond_a_shortlist_only_what_a_sketch_cannot_see_is_tried(monkeypatch):
+def test_only_effects_invisible_on_coarse_data_are_tried_beyond_a_shortlist(monkeypatch):
     monkeypatch.setattr("palpate.estimation.diagnosis.search.SHORTLIST", 1)
     search = searched(quick(rippling), "bias", "joint_spring", "delay", "saturation", COULOMB, RIPPLE)
     assert {one.effect.name for one in search.screen(search.start)} == {RIPPLE, "delay", "saturation"}

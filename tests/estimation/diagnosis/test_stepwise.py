@@ -107,7 +107,7 @@ def came_to(found):
         ({"": 100, "a": 90, "ab": 80, "abc": 70, "abcd": 60, "abcde": 50, "abcdef": 40}, "abcd"),
     ],
 )
-def test_effects_are_added_as_long_as_one_is_needed_and_needless_ones_dropped(left, found):
+def test_needed_effects_are_added_and_needless_ones_dropped(left, found):
     assert len("abcd") == MOST_EFFECTS
     world = SearchedModels(left)
     assert came_to(module._forward_selection(world, world.start)) == found
@@ -131,9 +131,7 @@ def test_forward_selection_ends_when_backward_steps_undo_it():
         ({"": 100, "a": 50, "c": 40, "d": 30}, {"exchanges": [("a", "c"), ("a", "d")]}, "a", "c"),
     ],
 )
-def test_looking_back_drops_what_is_needless_and_exchanges_what_another_does_better(
-    left, world, begun, found
-):
+def test_backward_step_drops_needless_and_exchanges_better_effects(left, world, begun, found):
     made = SearchedModels(left, **world)
     assert came_to(backward_step(made, made.at(begun))) == found
 
@@ -153,9 +151,7 @@ MISLED = {"": 100, "a": 50, "b": 55, "bc": 10}
         ({"": 100}, set(), "", ""),
     ],
 )
-def test_forms_of_all_kinds_are_tried_where_the_best_effects_one_by_one_leave_something(
-    left, complete, forms, found
-):
+def test_forms_of_all_kinds_are_tried_where_single_effects_leave_error(left, complete, forms, found):
     assert came_to(sought(SearchedModels(left), lambda one: came_to(one) in complete, forms=forms)) == found
 
 
@@ -168,7 +164,7 @@ def test_forms_of_all_kinds_are_tried_where_the_best_effects_one_by_one_leave_so
         ({"": 100, "a": 101, "b": 99, "ab": 97}, ""),
     ],
 )
-def test_the_best_pair_is_tried_if_single_effects_leave_more_than_half(left, found):
+def test_best_pair_is_tried_if_single_effects_leave_more_than_half(left, found):
     assert came_to(sought(SearchedModels(left), lambda model: False)) == found
 
 
@@ -181,7 +177,7 @@ def test_the_best_pair_is_tried_if_single_effects_leave_more_than_half(left, fou
         (0.21, 47.5, "bc"),
     ],
 )
-def test_draws_decide_only_where_little_is_left(smooth, floor, found):
+def test_samples_decide_only_where_little_is_left(smooth, floor, found):
     """Of the error that a smooth law explains, or within a twentieth of the floor."""
     world = SearchedModels(MISLED, smooth=smooth, floor=floor)
     assert came_to(sought(world, lambda one: came_to(one) == "a", forms="bc")) == found

@@ -129,7 +129,7 @@ def test_residual_far_above_noise_is_not_called_noise(swung, ratio, effort_nm, l
     assert (diagnosis.rest.unexplained > 0.0) == (ratio > 1.5 and effort_nm is not None)
 
 
-def test_a_bound_of_the_noise_does_not_show_that_a_smooth_residual_is_noise(swung):
+def test_noise_bound_does_not_turn_a_smooth_residual_into_noise(swung):
     search, _, measurement = swung
     evidence = Evidence(search, measurement, reached(search, "joint_spring"), True, None)  # lacks a friction
     vars(evidence)["noise"] = MeasurementNoise(2.0 * evidence.end.rmse, NoiseSource.EACH_RUN, None, 0.0)
@@ -138,7 +138,7 @@ def test_a_bound_of_the_noise_does_not_show_that_a_smooth_residual_is_noise(swun
     assert {effect.form for effect in diagnosis.accepted} == {Form.APPROXIMATE}
 
 
-def test_a_kind_is_replaceable_if_another_kind_is_indistinguishable_from_its_effects(swung, monkeypatch):
+def test_kind_is_replaceable_if_another_is_indistinguishable_from_its_effects(swung, monkeypatch):
     rivals = {"joint_spring": {}, "coulomb_friction": {"bias": swung[1]}}
     monkeypatch.setattr(verdict, "indistinguishable_models", lambda search, end, name, _: rivals[name])
     elastic, friction = sorted(said(swung, complete=True)[0].budget, key=lambda entry: entry.effects)[::-1]
@@ -151,7 +151,7 @@ def test_a_kind_is_replaceable_if_another_kind_is_indistinguishable_from_its_eff
     ("hidden", "form"),
     [("viscous", Form.APPROXIMATE), ("coulomb", Form.EXACT)],  # the library has only Coulomb's law
 )
-def test_a_form_is_not_exact_if_the_law_of_another_kind_fits_as_well(hidden, form):
+def test_form_is_not_exact_if_the_law_of_another_kind_fits_as_well(hidden, form):
     sliding = {"viscous": no_torque, "coulomb": lambda q, v, a: 0.5 * np.tanh(v / 0.02) - DAMPING * v}
     data = swings(1, sliding[hidden])
     pendulum = Model("pendulum", (EFFECTS["pendulum"](),))
@@ -191,7 +191,7 @@ def test_remaining_error_is_reported_with_its_signals(known):
     assert known(complete=True, nothing=True)[0].verdict is Verdict.ADEQUATE
 
 
-def test_residual_finding_states_the_remaining_error_and_noise_is_model_independent(swung, known):
+def test_residual_finding_states_the_error_and_noise_is_model_independent(swung, known):
     residual_finding = ResidualFinding("run 2 is off", "run")
     found, *_ = said(swung, complete=False, residual_finding=residual_finding)
     assert found.verdict is Verdict.MISSING
@@ -203,7 +203,7 @@ def test_residual_finding_states_the_remaining_error_and_noise_is_model_independ
     assert len({(one.noise_floor, one.floor.source, one.floor.at_most) for one in told}) == 1
 
 
-def test_candidates_that_lower_the_error_alone_are_ranked_by_the_error_that_each_leaves():
+def test_single_candidates_are_ranked_by_remaining_error():
     """Screened on blocks of ten samples, of which a sketch is made; the error is that of single samples."""
     data = swings(1, lambda q, v, a: 0.1 * np.tanh(v / 0.02), rate_hz=1000.0)
     frictions = (f"{name}_friction" for name in ("viscous", "coulomb", "dry", "asymmetric"))
@@ -252,7 +252,7 @@ def test_indistinguishable_effects_are_listed_with_a_separating_experiment(scale
         assert found.next_experiment.purpose == "tell weight from joint_spring"
 
 
-def test_a_motion_that_cannot_be_changed_by_computing_gets_the_effect_s_own_advice():
+def test_fixed_motion_gets_the_effect_s_own_advice():
     data = replace(swings(5), context={"payload_effort_per_kg": np.ones(len(swings(5)))})
     one = fit_model(data, SWING.with_effect(EFFECTS["payload"]()), {})
     found = propose_separating_experiment(EFFECTS["payload"](), {"payload": one, "gravity_tilt": one}, data)
@@ -335,7 +335,7 @@ def test_run_to_run_variation_is_reported_with_its_spread(name):
     assert entry.parameters["spread"] == told
 
 
-def test_an_effect_that_stood_for_the_difference_between_runs_is_left_out():
+def test_effect_that_stood_for_run_variation_is_dropped():
     """A zero of its own in each run looked like a bias in all of them."""
     zero = np.array([0.9, 1.0, 1.1, 0.8, 1.2, -1.0])
     data = session(8, lambda t, x, v, run: kelvin_voigt(x, v) + zero[run])
@@ -344,7 +344,7 @@ def test_an_effect_that_stood_for_the_difference_between_runs_is_left_out():
     assert search.added_effects(found) == ["run_offset"]
 
 
-def test_a_kind_without_a_name_has_no_share_of_what_a_named_effect_takes():
+def test_unnamed_kind_has_no_share_of_a_named_effect():
     """Laws of the elastic shape draw the hinge at a deeper surface; something small has no name."""
     rng, run = np.random.default_rng(0), np.repeat(np.arange(3), 180)
     x = np.tile(np.linspace(0.0, 3.7e-3, 180), 3)
@@ -382,9 +382,7 @@ def test_error_peaks_are_reported(large, said):
 
 
 @pytest.mark.parametrize(("newtons", "name"), [(0.1, None), (0.0, "coulomb_friction")])
-def test_an_effect_has_no_gain_where_the_step_from_the_simpler_model_stays_where_it_was(
-    swung, monkeypatch, newtons, name
-):
+def test_effect_has_no_gain_where_the_extended_model_changes_nothing(swung, monkeypatch, newtons, name):
     """As where the step ends in another minimum than the search: the friction that is there stays at zero."""
     search, end, measurement = swung
     evidence = Evidence(search, measurement, end, complete=True, residual_finding=None)
@@ -398,6 +396,6 @@ def test_an_effect_has_no_gain_where_the_step_from_the_simpler_model_stays_where
     assert effect_without_gain(evidence) == name
 
 
-def test_a_model_without_effects_has_none_without_gain(swung):
+def test_model_without_effects_has_none_without_gain(swung):
     search, _, measurement = swung
     assert effect_without_gain(Evidence(search, measurement, search.start, True, None)) is None

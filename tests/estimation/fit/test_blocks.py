@@ -39,7 +39,7 @@ def press(seconds=4.0, rate_hz=1000.0, free_m=0.003, shape=np.sin):
         *((ChannelKind.REVOLUTE, 1000.0, 10), (ChannelKind.REVOLUTE, 100.0, 1)),
     ],
 )
-def test_a_block_lasts_5_or_10_ms(kind, rate_hz, block):
+def test_block_lasts_5_or_10_ms(kind, rate_hz, block):
     t = np.arange(0.0, 4.0, 1.0 / rate_hz)
     data = recorded(kind, np.sin(3.0 * t), np.sin(3.0 * t), rate_hz=rate_hz)
     assert block_length(data) == block
@@ -47,19 +47,19 @@ def test_a_block_lasts_5_or_10_ms(kind, rate_hz, block):
 
 
 @pytest.mark.parametrize(("frequency_hz", "block"), [(5.0, 10), (15.0, 5), (40.0, 2)])
-def test_a_joint_s_effort_does_not_swing_within_a_block(frequency_hz, block):
+def test_joint_effort_does_not_oscillate_within_a_block(frequency_hz, block):
     t = np.arange(0.0, 4.003, 1e-3)
     data = recorded(ChannelKind.REVOLUTE, np.sin(3.0 * t), np.sin(2.0 * np.pi * frequency_hz * t + 0.3))
     assert block_length(data) == block
 
 
 @pytest.mark.parametrize(("seconds", "block"), [(4.0, 10), (0.03, 5)])
-def test_a_contact_that_lasts_a_few_blocks_has_shorter_ones(seconds, block):
+def test_short_contact_has_shorter_blocks(seconds, block):
     assert block_length(press(seconds, rate_hz=2000.0)) == block
 
 
 @pytest.mark.parametrize(("rate_hz", "block"), [(100.0, 1), (200.0, 2), (300.0, 3)])
-def test_a_signal_on_blocks_is_its_mean_over_each(rate_hz, block):
+def test_signal_on_blocks_is_its_mean_over_each(rate_hz, block):
     data = swings(1, runs=1, rate_hz=rate_hz)
     blocked = block_average(data)
     several = np.column_stack([data.position, data.velocity])
@@ -67,7 +67,7 @@ def test_a_signal_on_blocks_is_its_mean_over_each(rate_hz, block):
     assert blocked.effort == pytest.approx(data.effort.reshape(-1, block).mean(axis=1))
 
 
-def test_noise_of_a_joint_s_effort_is_no_swing():
+def test_joint_effort_noise_is_no_swing():
     t, noise = np.arange(0.0, 4.0, 1e-3), np.random.default_rng(1).normal(0.0, 1.0, 4000)
     assert block_length(recorded(ChannelKind.REVOLUTE, np.sin(3.0 * t), noise)) == 10
 
@@ -81,7 +81,7 @@ def test_memory_is_unknown_at_the_start_of_a_run(seconds, unknown_s):
     assert blocked.trusted[np.argmax(blocked.trusted) :].all()
 
 
-def test_a_run_is_held_out_whole_and_a_single_one_in_five_parts_from_all_over_it():
+def test_folds_are_whole_runs_or_five_parts_of_a_single_run():
     several = block_average(swings(1, runs=8))
     assert several.folds == 6
     assert all(len(set(several.fold[several.run == run])) == 1 for run in range(8))
@@ -92,7 +92,7 @@ def test_a_run_is_held_out_whole_and_a_single_one_in_five_parts_from_all_over_it
 
 
 @pytest.mark.parametrize("good_from", [0, 2000])
-def test_blocks_with_samples_that_are_not_fit_for_use_do_not_count(good_from):
+def test_blocks_with_invalid_samples_are_excluded(good_from):
     data = swings(1, runs=1, seconds=10.0, rate_hz=1000.0)
     blocked = block_average(data, np.arange(len(data)) >= good_from + 5)
     assert not blocked.trusted[blocked.rows[:, 0] < good_from + 5].any()
@@ -115,7 +115,7 @@ def triangle(angle):
     return np.minimum(angle, np.pi - angle) * 2.0 / np.pi
 
 
-def test_a_corner_of_a_contact_s_motion_counts_only_where_data_has_nothing_else():
+def test_contact_corner_is_scored_only_where_data_has_nothing_else():
     sharp, round_ = block_average(press(shape=triangle)), block_average(press())
     top = np.abs(sharp.reduce(sharp.data.time_s) - 2.0)
     assert not sharp.trusted[top < 0.004].any()
@@ -127,7 +127,7 @@ def test_a_corner_of_a_contact_s_motion_counts_only_where_data_has_nothing_else(
     assert slow.trusted[np.abs(slow.reduce(slow.data.time_s) - 20.0) < 5.0].all()
 
 
-def test_blocks_within_the_error_of_the_position_of_a_surface_do_not_count():
+def test_blocks_within_the_surface_error_are_excluded():
     data = press()
     noisy = replace(data, position=data.position + np.random.default_rng(1).normal(0.0, 2e-4, len(data)))
     nearest = [
@@ -137,7 +137,7 @@ def test_blocks_within_the_error_of_the_position_of_a_surface_do_not_count():
     assert 3.9e-4 < nearest[1] < 7.5e-4
 
 
-def test_the_coarse_copy_has_a_sample_for_each_block():
+def test_coarse_copy_has_one_sample_per_block():
     data = replace(swings(1, rate_hz=1000.0), context={"temperature_c": np.arange(15_000.0)})
     blocked = block_average(data)
     copy = decimate(blocked)
@@ -176,12 +176,12 @@ def test_samples_at_velocity_jumps_are_excluded(times, sharp):
     assert (lost.tolist() if isinstance(sharp, list) else len(lost)) == sharp
 
 
-def test_a_jump_from_one_run_to_the_next_is_no_corner():
+def test_jump_between_runs_is_no_corner():
     assert block_average(stepping((400,), np.repeat([0, 1], 400))).trusted[380:400].all()
 
 
 @pytest.mark.parametrize(("averaged", "share"), [(1, 0.0), (2, 1.0)])
-def test_a_corner_is_where_the_velocity_jumps_from_reading_to_reading(averaged, share):
+def test_corner_is_a_velocity_jump_between_readings(averaged, share):
     speeds = np.linspace(0.0, 0.9, 800) + 0.1 * (np.arange(800) >= 400)
     data = replace(stepping(()), velocity=speeds, averaged=averaged)
     assert block_average(data).trusted[396:404].mean() == share
@@ -200,7 +200,7 @@ def test_means_next_to_the_surface_are_excluded(averaged, lost):
 
 
 @pytest.mark.parametrize(("again", "taken"), [(20, False), (6, True)])
-def test_a_press_that_was_not_seen_from_its_start_counts_where_there_is_hardly_another(again, taken):
+def test_press_without_its_start_is_scored_if_most_are_such(again, taken):
     depth = np.full(200, -0.01)
     depth[:100] = depth[150 : 150 + again] = 0.01
     data = recorded(ChannelKind.CONTACT, depth, depth, rate_hz=50.0)
@@ -209,7 +209,7 @@ def test_a_press_that_was_not_seen_from_its_start_counts_where_there_is_hardly_a
     assert blocked.trusted[102:149].all()
 
 
-def test_blocks_share_what_does_not_depend_on_the_load_and_compute_the_rest_anew():
+def test_blocks_share_load_independent_parts_and_recompute_the_rest():
     data = replace(swings(1, runs=1), context={"load": np.ones(750)})
     one = block_average(data)
     two = block_average(replace(data, context={"load": np.full(750, 3.0)}), cache=one.cache)
@@ -221,7 +221,7 @@ def test_blocks_share_what_does_not_depend_on_the_load_and_compute_the_rest_anew
     assert one.parts(loaded, model, inner) is one.parts(loaded, model, inner)
 
 
-def test_blocks_that_are_joined_keep_their_runs_folds_and_means():
+def test_joined_blocks_keep_their_runs_folds_and_means():
     blocked = block_average(swings(1, runs=3, rate_hz=100.0))
     joined = merge_blocks(blocked, len(blocked) // 4)
     assert len(joined) == len(blocked) // 4
@@ -251,7 +251,7 @@ def test_blocks_that_are_joined_keep_their_runs_folds_and_means():
         ),
     ],
 )
-def test_a_column_on_blocks_passes_through_the_effects_on_motion_and_sensor(names, parameters):
+def test_column_on_blocks_passes_through_motion_and_sensor_effects(names, parameters):
     blocked = block_average(swings(1, runs=2))
     model = Model("m", tuple(EFFECTS[name]() for name in ("inertia", *names)))
     parameters = {name: inner.beginning for name, inner in model.inner.items()} | parameters
@@ -261,7 +261,7 @@ def test_a_column_on_blocks_passes_through_the_effects_on_motion_and_sensor(name
     np.testing.assert_allclose(columns, blocked.reduce(slopes), rtol=1e-9, atol=1e-12)
 
 
-def test_columns_at_the_full_rate_are_known_on_the_measured_motion_only():
+def test_full_rate_columns_are_known_only_on_the_measured_motion():
     blocked = block_average(swings(1, runs=1))
     coulomb, inner = EFFECTS["coulomb_friction"](), {"transition": 0.01}
     moved = replace(blocked.data, velocity=-blocked.data.velocity)
@@ -283,7 +283,7 @@ class _Known(AdditiveEffect):
 
 
 @pytest.mark.parametrize("sensor", ["delay", "lag"])
-def test_an_effect_without_gains_passes_through_a_sensor(sensor):
+def test_effect_without_gains_passes_through_a_sensor(sensor):
     blocked = block_average(swings(1, runs=2))
     model = Model("m", (EFFECTS["inertia"](), _Known(), EFFECTS[sensor]()))
     parameters = {**dict.fromkeys(model.gains, 0.0), **dict.fromkeys(model.inner, 0.02)}

@@ -67,7 +67,7 @@ def test_prior_information_counts_as_training_samples():
     assert np.isnan(found.standard_errors).all()  # nobody said how many samples there are
 
 
-def test_shrunken_errors_are_those_of_ridge_regression_without_the_fold():
+def test_held_out_errors_are_those_of_ridge_regression_without_the_fold():
     columns, target, fold = linear_problem()
     found = held_out_sse(_moments(columns, target, fold, 4), np.array([[1e-9] * 3, [0.1] * 3]))
     unit = columns / np.linalg.norm(columns, axis=0)
@@ -79,7 +79,7 @@ def test_shrunken_errors_are_those_of_ridge_regression_without_the_fold():
             assert row[number] == pytest.approx(left[~train] @ left[~train], rel=1e-6)
 
 
-def test_columns_that_are_alike_do_not_break_the_fit():
+def test_equal_columns_do_not_break_the_fit():
     column = np.random.default_rng(1).normal(size=(200, 1))
     found = solve_normal_equations(
         _moments(np.hstack([column, column]), 3 * column[:, 0], np.arange(200) % 3, 3)
@@ -110,7 +110,7 @@ def test_ar_noise_is_not_correlated_across_runs():
     assert noise_model.coefficients == pytest.approx([0.0] * 4, abs=0.04)
 
 
-def test_blocks_are_those_of_each_run_and_leave_the_edge_of_contact():
+def test_blocks_stay_within_runs_and_off_the_contact_edge():
     data = session(1)
     blocked = block_average(data)
     for fold in range(blocked.folds):
@@ -137,7 +137,7 @@ def test_run_that_starts_in_contact_counts_after_release():
     assert blocked.trusted[~first].mean() > 0.9
 
 
-def test_the_held_out_error_of_a_run_is_that_of_a_fit_to_the_others():
+def test_held_out_error_of_a_run_is_that_of_a_fit_to_the_others():
     data = swings(2)
     found = fit_model(data, SWING, {})
     error = held_out_residual(found.problem.blocked, found.solution)
@@ -176,7 +176,7 @@ def power_law(t, x, v, run):
         ),
     ],
 )
-def test_inner_parameters_are_those_of_scipy_over_all_parameters(model, made, start):
+def test_inner_parameters_match_scipy_over_all_parameters(model, made, start):
     """Of the same blocks; scipy moves gains and inner parameters together."""
     found = fit_model(made(), model, start)
     problem, solution = found.problem, found.solution
@@ -228,7 +228,7 @@ def test_95_percent_intervals_hold_the_truth(parameter, truth, made, model):
     assert 0.6 < np.sqrt(np.mean(off**2)) < 1.4
 
 
-def test_a_mass_is_as_uncertain_as_its_smoothed_acceleration():
+def test_mass_uncertainty_includes_its_smoothed_acceleration():
     """Smoothing cuts peaks, so that the mass seems larger in every run; the residual does not show it."""
     exact, kernel = swings(3, rate_hz=500.0), np.ones(31) / 31.0
     cut = np.concatenate(
@@ -244,7 +244,7 @@ def test_a_mass_is_as_uncertain_as_its_smoothed_acceleration():
     assert abs(two.value - INERTIA) < 3.0 * two.std_err
 
 
-def test_a_sample_that_a_small_step_carries_over_the_surface_has_no_slope():
+def test_sample_carried_over_the_surface_has_no_slope():
     model, name = with_effects(PRESS, "contact_offset"), "contact_offset.offset"
     problem, solution = final_solution(fit_model(session(4), model, {}))
     rows = problem.blocked.rows[problem.used].ravel()
@@ -268,7 +268,7 @@ def geared():
     return swings(11, torque)
 
 
-def test_the_load_of_a_gear_is_what_passes_it():
+def test_gear_load_is_the_transmitted_torque():
     base = ("pendulum", "viscous_friction")
     data = with_load(
         geared(), SWING, {"pendulum.inertia": 0.08, "pendulum.gravity": 2.0, "viscous_friction.d": 0}
@@ -283,14 +283,14 @@ def test_the_load_of_a_gear_is_what_passes_it():
     assert found["pendulum.inertia"] == pytest.approx(INERTIA + ROTOR, rel=0.02)
 
 
-def test_a_contact_and_a_channel_that_brings_its_own_keep_their_load():
+def test_contact_and_given_loads_are_kept():
     contact = session(1)
     assert with_load(contact, PRESS, {}) is contact
     brought = replace(swings(1), context={"load": np.ones(len(swings(1)))})
     assert with_load(brought, SWING, {}) is brought
 
 
-def test_models_that_share_their_work_are_fitted_as_by_themselves():
+def test_models_that_share_work_are_fitted_as_alone():
     """Also where the load, which one effect takes from the model around it, changes from model to model."""
     data, shared = geared(), FitCache()
     rubbing = with_effects(SWING, "load_dependent_friction", "coulomb_friction")
@@ -302,7 +302,7 @@ def test_models_that_share_their_work_are_fitted_as_by_themselves():
     assert shared.total_bytes > 0
 
 
-def test_the_floor_in_all_runs_is_the_floor_and_in_some_it_is_theirs():
+def test_noise_floor_of_all_runs_is_the_floor_and_of_some_their_own():
     """A friction is missing, and the last run is as noisy as three."""
     data = swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.01))
     last = data.run == data.runs[-1]
@@ -332,7 +332,7 @@ def test_cache_evicts_the_least_recently_used(monkeypatch):
 @pytest.mark.parametrize(
     ("name", "inner"), [("dry_friction", {"presliding": 1e-4, "transition": 1e-4}), ("lag", {"tau": 0.01})]
 )
-def test_parts_along_an_effect_are_those_of_the_whole_model_there(name, inner):
+def test_linearized_parts_match_the_whole_model(name, inner):
     data, effect = session(1), EFFECTS[name]()
     base = Model("m", tuple(EFFECTS[one]() for one in ("stiffness", "contact_offset", "stress_relaxation")))
     model, there = base.with_effect(effect), {"contact_offset.offset": 1e-3, "stress_relaxation.tau": 0.3}

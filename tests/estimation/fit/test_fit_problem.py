@@ -61,7 +61,7 @@ def model(*names):
     )
 
 
-def test_blocks_that_count_are_fitted_and_each_fold_is_left_out():
+def test_scored_blocks_are_fitted_and_each_fold_is_left_out():
     some = np.arange(COUNT) % 7 > 0
     one = problem(trusted=some)
     found = one.solve(COLUMNS, TARGET)
@@ -80,7 +80,7 @@ def test_blocks_that_count_are_fitted_and_each_fold_is_left_out():
 
 
 @pytest.mark.parametrize("held", [{"b": 0.3}, {"a": 1.0, "c": -2.0}])
-def test_a_gain_that_is_held_is_taken_off_and_has_no_error(held):
+def test_fixed_gain_is_subtracted_and_has_no_error(held):
     names, known = ["a", "b", "c"], np.array([held.get(n, 0.0) for n in "abc"])
     free = [i for i, name in enumerate(names) if name not in held]
     found = problem().solve(COLUMNS, TARGET, names, held)
@@ -93,7 +93,7 @@ def test_a_gain_that_is_held_is_taken_off_and_has_no_error(held):
     assert found.held_out == pytest.approx(rest.held_out)
 
 
-def test_held_values_that_the_model_lacks_change_nothing_and_weights_are_factors_of_residuals():
+def test_irrelevant_fixed_values_change_nothing_and_weights_scale_residuals():
     found = problem().solve(COLUMNS, TARGET, ["a", "b", "c"], {"z": 1.0})
     assert found.gains == pytest.approx(problem().solve(COLUMNS, TARGET).gains, rel=1e-12)
     weights = RNG.uniform(0.0, 2.0, COUNT)
@@ -101,7 +101,7 @@ def test_held_values_that_the_model_lacks_change_nothing_and_weights_are_factors
     assert problem(weights=weights).solve(COLUMNS, TARGET).gains == pytest.approx(expected, rel=1e-6)
 
 
-def test_coloured_noise_is_weighed_by_what_is_new_in_each_block():
+def test_colored_noise_is_weighted_by_innovations():
     memory, one = np.array([0.7, 0.1]), problem(noise_model=ArNoise(np.array([0.7, 0.1])))
     rows = [i for i in range(COUNT) if i % 40 >= 2]
     new = [s[rows] - memory[0] * s[np.subtract(rows, 1)] - memory[1] * s[np.subtract(rows, 2)]
@@ -140,7 +140,7 @@ def test_shared_gain_information_is_matched_by_name(names, noise_model, counts):
         assert one.solve(columns, TARGET, names).gains == pytest.approx(expected, rel=1e-6)
 
 
-def test_a_column_that_only_others_move_gets_what_they_say():
+def test_unexcited_column_gets_the_shared_value():
     information = Information(np.full((4, 1, 1), 5.0), np.full((4, 1), 10.0))
     nothing = np.zeros((3, 2, 2))
     nothing[:, 1, 1] = 1.0
@@ -167,7 +167,7 @@ def test_saturated_regression_has_unknown_errors(count):
     assert np.isnan(found.standard_errors).all() == (count == 3)
 
 
-def test_no_columns_leave_all():
+def test_equations_without_columns_leave_the_whole_error():
     target = TARGET[:, None]
     equations = NormalEquations(np.stack([part.T @ part for part in np.split(target, 3)]))
     assert held_out_sse(equations, np.empty((1, 0)))[0] == pytest.approx(equations.products[:, 0, 0])
@@ -214,7 +214,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_gains_are_those_of_scipy_for_the_whole_model(name):
+def test_gains_match_scipy_for_the_whole_model(name):
     kind, effects, force, inner, near = CASES[name]
     data, made = pressed(force, ChannelKind(kind), 2400), model(*effects)
     one = problem(data, block=2)
@@ -248,7 +248,7 @@ def test_gains_iterate_until_convergence_with_a_nonlinear_sensor(effects, how, l
     assert len(seen) == looks
 
 
-def test_parts_at_hand_are_used_and_a_trial_without_its_blocks_is_as_good():
+def test_given_parts_are_used_and_a_solution_without_blocks_is_equal():
     data, made = pressed(), model("stiffness", "damping")
     one = problem(data)
     whole = solve_gains(one, made, {})
@@ -261,7 +261,7 @@ def test_parts_at_hand_are_used_and_a_trial_without_its_blocks_is_as_good():
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_gains_within_bounds_are_those_of_scipy(seed):
+def test_gains_within_bounds_match_scipy(seed):
     """Columns that resemble each other: gains at a bound may leave it again once others are there."""
     rng = np.random.default_rng(seed)
     columns = rng.normal(size=(COUNT, 5)) @ (np.eye(5) + 0.6 * rng.normal(size=(5, 5)))
@@ -294,7 +294,7 @@ def test_gain_at_its_bound_is_fixed_and_marked():
 
 
 @pytest.mark.parametrize("kind", [ChannelKind.CONTACT, ChannelKind.PRISMATIC])
-def test_slopes_of_the_residual_are_those_of_the_gains_fitted_anew_where_nothing_is_left(kind):
+def test_residual_slopes_are_those_of_refitted_gains(kind):
     """At the truth and without noise the projected slopes are exact."""
     names, inner, true = (
         (("stiffness", "exponential_stiffness"), "exponential_stiffness.b", 3.0)

@@ -126,7 +126,7 @@ def swung():
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_a_law_of_a_signal_is_drawn_by_its_columns(swung, name):
+def test_law_of_a_signal_is_represented_by_its_columns(swung, name):
     own, columns = swung
     signal, law = LAWS[name]
     law = law(SimpleNamespace(**own))
@@ -153,7 +153,7 @@ PRESS_LAWS = {
 
 
 @pytest.mark.parametrize("name", PRESS_LAWS)
-def test_contact_law_is_plotted_over_the_touched_depth(name):
+def test_contact_law_covers_the_touched_depth(name):
     blocked, own = signals(PRESSED)
     columns = smooth_features(blocked, [own["e"]])
     own["furthest"] = np.concatenate([np.maximum.accumulate(own["x"][own["run"] == r]) for r in range(6)])
@@ -167,7 +167,7 @@ def test_contact_law_is_plotted_over_the_touched_depth(name):
 
 
 @pytest.mark.parametrize("low", [-1.0, 0.5])
-def test_bumps_make_up_any_kinked_line_but_no_constant_of_their_own(low):
+def test_basis_represents_any_kinked_line_without_a_constant(low):
     values = np.sort(np.random.default_rng(1).uniform(low, 2.0, 400))
     bumps = hats(values)
     assert (bumps >= 0.0).all()
@@ -227,7 +227,7 @@ def test_explained_share_of_noise_is_small_and_bounded():
         ((4.0, 5.0, 0.4, 0.0, 0.0), (1, 0)),  # three thousandths of the energy are not worth one more
     ],
 )
-def test_signals_are_taken_one_by_one_where_another_would_mislead(weights, taken):
+def test_signals_are_selected_stepwise_where_another_would_mislead(weights, taken):
     """Beside them is one that says the opposite in the second fold: all together do worse."""
     rng, parts = np.random.default_rng(1), []
     for sign in (1.0, -1.0, 1.0):
@@ -247,7 +247,7 @@ NONE = np.empty((COUNT, 0))
 
 @pytest.mark.parametrize("per_run", [NONE, PER_RUN])
 @pytest.mark.parametrize("flexible", [NONE, FLEXIBLE, np.column_stack([FLEXIBLE, FLEXIBLE.sum(axis=1)])])
-def test_gains_beside_flexible_columns_are_those_of_all_fitted_together(flexible, per_run):
+def test_gains_beside_flexible_columns_equal_a_joint_fit(flexible, per_run):
     """Some blocks do not count; a column that others make up takes nothing away."""
     some = np.arange(COUNT) % 7 > 0
     plain = problem(trusted=some)
@@ -270,7 +270,7 @@ def test_flexible_columns_remove_their_part_of_the_error():
     assert nuisance.remove(once) == pytest.approx(once)
 
 
-def test_a_sensor_that_sticks_by_a_constant_amount_is_a_law_of_its_effort():
+def test_constant_stiction_of_a_sensor_is_a_law_of_its_effort():
     """Its error has the sign of the effort's rate, at slow and at fast changes alike."""
     time_s, run = 1e-3 * np.arange(4000), np.zeros(4000, dtype=int)
     effort = 5.0 * np.sin(2.0 * np.pi * time_s) + 2.0 * np.sin(2.0 * np.pi * 0.37 * time_s)

@@ -33,7 +33,7 @@ from palpate.estimation.fit.inner_search import (
         ([5.0], 0, False, [1.0, 100.0]),
     ],
 )
-def test_half_way_to_both_neighbours_and_never_beyond_the_bounds(values, best, log, expected):
+def test_midpoints_to_both_neighbors_stay_within_bounds(values, best, log, expected):
     inner = Parameter("width", "m", 1.0, 100.0, (2.0, 50.0), log=log)
     assert _midpoints(values, best, inner) == pytest.approx(expected)
 
@@ -48,13 +48,13 @@ def test_half_way_to_both_neighbours_and_never_beyond_the_bounds(values, best, l
         ([1.0, 2.0, 8.0], lambda x: 8.0 - (x - 3.0) ** 2, False, None),  # a summit
     ],
 )
-def test_a_parabola_s_lowest_point_is_looked_at(values, cost, log, expected):
+def test_parabola_minimum_is_tried(values, cost, log, expected):
     inner = Parameter("width", "m", 1.0, 100.0, (2.0, 50.0), log=log)
     lowest = _parabola_minimum(values, [cost(value) for value in values], inner)
     assert lowest == pytest.approx([] if expected is None else [expected])
 
 
-def test_each_fold_is_judged_at_the_inner_parameters_that_the_others_chose():
+def test_each_fold_is_judged_at_inner_parameters_of_the_others():
     def solution(train, held_out):
         return SimpleNamespace(sse=sum(train), linear_fit=SimpleNamespace(train=train, held_out=held_out))
 
@@ -74,7 +74,7 @@ def test_each_fold_is_judged_at_the_inner_parameters_that_the_others_chose():
         (0.0, False, -4.8, -0.1),
     ],
 )
-def test_a_search_moves_numbers_of_order_one(start, log, value, number):
+def test_search_variables_are_of_order_one(start, log, value, number):
     scale = Scale(Parameter("width", "m", -100.0, 100.0, (2.0, 50.0), log=log), start)
     assert scale.number(value) == pytest.approx(number)
     assert scale.value(number) == pytest.approx(value)
@@ -115,7 +115,7 @@ WIDTHS = [{"width": value} for value in (2.0, 4.0, 8.0, 16.0, 32.0)]
 
 @pytest.mark.parametrize("lowest", [1.2, 3.0, 5.7, 22.0, 60.0])
 @pytest.mark.parametrize("sharp", [0.5, 2.0])
-def test_a_search_along_one_parameter_ends_at_the_lowest_cost_after_few_trials(monkeypatch, lowest, sharp):
+def test_line_search_finds_the_minimum_in_few_trials(monkeypatch, lowest, sharp):
     def cost(width):
         return abs(np.log(width / lowest)) ** (2.0 * sharp) * (1.0 + 0.2 * width / lowest)
 
@@ -128,7 +128,7 @@ def test_a_search_along_one_parameter_ends_at_the_lowest_cost_after_few_trials(m
     assert not any(one.blocks for one in refined.without_blocks().solutions)
 
 
-def test_two_parameters_are_searched_by_turns_twice(monkeypatch):
+def test_two_parameters_are_searched_alternately_twice(monkeypatch):
     """Where the one is best depends on the other."""
     grid = [{"width": w, "shift": s} for w in (2.0, 8.0, 32.0) for s in (-5.0, 0.0, 5.0)]
 

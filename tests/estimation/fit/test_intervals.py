@@ -23,7 +23,7 @@ SLOPES = RNG.normal(size=(COUNT, 3)) * [1.0, 1e3, 1e-3]
 RUN = np.repeat(np.arange(8), COUNT // 8)
 
 
-def test_standard_errors_are_those_of_least_squares_where_noise_is_white():
+def test_standard_errors_are_those_of_least_squares_for_white_noise():
     noise = 0.3 * RNG.normal(size=COUNT)
     textbook = 0.3 * np.sqrt(np.diag(np.linalg.inv(SLOPES.T @ SLOPES)))
     assert _errors(SLOPES, noise, RUN) == pytest.approx(textbook, rel=0.08)
@@ -32,7 +32,7 @@ def test_standard_errors_are_those_of_least_squares_where_noise_is_white():
     assert (few > 9.0 * more).all()  # freedom that eight samples for three parameters lack
 
 
-def test_slow_noise_makes_slow_parameters_less_certain():
+def test_slow_noise_widens_errors_of_slow_parameters():
     """A mean of AR(1) noise: its variance is (1 + r) / (1 - r) times that of white noise as large."""
     noise = np.zeros(COUNT)
     for i in range(1, COUNT):
@@ -57,7 +57,7 @@ def test_collinear_parameters_have_infinite_errors(columns, unknown):
 
 
 @pytest.mark.parametrize(("size", "kept"), [(20.0, True), (20.1, False), (-20.1, False)])
-def test_a_jump_is_twenty_times_what_most_slopes_are(size, kept):
+def test_slope_jump_is_twenty_times_the_typical_slope(size, kept):
     slope = np.append(np.zeros(500), np.append(np.tile([1.0, -1.0], 200), size))
     assert (_without_jumps(slope)[-1] == size) == kept
     assert _without_jumps(slope)[:-1] == pytest.approx(slope[:-1])
@@ -73,7 +73,7 @@ def found():
     return estimate_parameters(*final_solution(fit)), fit
 
 
-def test_each_parameter_has_its_unit_and_an_interval_of_two_standard_errors(found):
+def test_each_parameter_has_its_unit_and_a_two_sigma_interval(found):
     known, fit = found
     assert list(known) == [*fit.solution.model.gains, *fit.solution.model.inner]
     units = [
@@ -90,7 +90,7 @@ def test_each_parameter_has_its_unit_and_an_interval_of_two_standard_errors(foun
     assert not any(one.at_bound for one in known.values())
 
 
-def test_parameter_with_zero_in_its_interval_is_reported_as_undetermined():
+def test_parameter_with_zero_in_its_interval_is_undetermined():
     model = BASE.with_effect(EFFECTS["coulomb_friction"]())
     known = fit_model(swings(4), model, {"coulomb_friction.transition": 0.02}).parameters
     lower, upper = known["coulomb_friction.force"].interval
@@ -110,7 +110,7 @@ def test_gain_limited_by_its_bound_is_reported_at_the_bound():
     assert [words.split()[:4] for words in fit.unphysical] == [["viscous_friction.d", "would", "be", "below"]]
 
 
-def test_the_colour_is_taken_out_only_where_nothing_is_missing(found):
+def test_noise_is_whitened_only_where_nothing_is_missing(found):
     _, fit = found
     problem, solution = final_solution(fit)
     assert problem is fit.whitened_problem
@@ -120,7 +120,7 @@ def test_the_colour_is_taken_out_only_where_nothing_is_missing(found):
 
 
 @pytest.mark.parametrize(("transition", "taken"), [(0.012, True), (0.3, False)])
-def test_the_last_word_is_said_near_where_the_model_stands(found, transition, taken, monkeypatch):
+def test_final_optimization_stays_near_the_model(found, transition, taken, monkeypatch):
     """A fit beside a badly known colour may end elsewhere: by a twentieth of the error and more."""
     _, fit = found
     there = {**fit.solution.parameters, "coulomb_friction.transition": transition}
@@ -146,7 +146,7 @@ def accelerated(error, *, run=None, uneven=False, steps=0.0):
 
 @pytest.mark.parametrize("error", [0.0, 0.05, -0.3])
 @pytest.mark.parametrize("how", [{}, {"uneven": True}, {"run": lambda t: (t > 2.0).astype(np.int64)}])
-def test_positions_tell_what_an_acceleration_lacks(error, how):
+def test_positions_reveal_a_biased_acceleration(error, how):
     """On the average over 30 ms to either side, but for the ends of runs."""
     data, exact = accelerated(error, **how)
     told = inflate_acceleration_noise(data).acceleration
@@ -158,7 +158,7 @@ def test_positions_tell_what_an_acceleration_lacks(error, how):
     assert inflate_acceleration_noise(data).position == pytest.approx(data.position)
 
 
-def test_steps_of_an_encoder_count_the_less_the_further_positions_are_compared():
+def test_encoder_steps_matter_less_over_longer_distances():
     data, exact = accelerated(0.0, steps=1e-4)
     off = [
         np.std((inflate_acceleration_noise(data, reach_s=reach).acceleration - exact)[100:-100])
@@ -168,7 +168,7 @@ def test_steps_of_an_encoder_count_the_less_the_further_positions_are_compared()
 
 
 @pytest.mark.parametrize("count", [1, 2, 6, 7])
-def test_runs_too_short_to_be_compared_are_left_as_they_are(count):
+def test_short_runs_are_left_unchanged(count):
     data, _ = accelerated(0.5)
     short = data.select(np.arange(0, 50 * count, 50))
     same = inflate_acceleration_noise(short).acceleration == short.acceleration
@@ -176,7 +176,7 @@ def test_runs_too_short_to_be_compared_are_left_as_they_are(count):
 
 
 @pytest.mark.parametrize("half", [28, 40])
-def test_a_window_that_rounds_off_a_joint_s_motion_turns_no_gain(half):
+def test_smoothing_window_of_a_joint_biases_no_gain(half):
     data = smoothed(swings(6), half)
     fit = fit_model(data, BASE, {}, within(data, half))
     assert fit.solution.parameters["pendulum.inertia"] > 1.04 * INERTIA

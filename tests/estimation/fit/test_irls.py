@@ -30,7 +30,7 @@ def biweight(u):
 
 
 @pytest.mark.parametrize(("influence", "efficiency"), [(cauchy, 0.95), (biweight, 0.975)])
-def test_influence_has_its_slope_and_high_gaussian_efficiency(influence, efficiency):
+def test_influence_matches_its_slope_and_has_high_gaussian_efficiency(influence, efficiency):
     """Efficiency of an M-estimate: (E psi')^2 / E psi^2 (Huber, Robust Statistics (1981), ch. 3)."""
     psi, slope = influence(U)
     assert np.gradient(psi, U)[1:-1] == pytest.approx(slope[1:-1], abs=2e-3)
@@ -39,7 +39,7 @@ def test_influence_has_its_slope_and_high_gaussian_efficiency(influence, efficie
     assert np.sum(slope * GAUSS) ** 2 / np.sum(psi**2 * GAUSS) == pytest.approx(efficiency, abs=0.003)
 
 
-def test_beyond_the_cut_a_sample_has_no_weight_and_absolute_shares_find_the_median():
+def test_outliers_have_no_weight_and_absolute_loss_finds_the_median():
     found = settled_at(np.array([0.99, 1.0, -1.0]) * CUT)
     assert found.inside.tolist() == [True, False, False]
     assert (found.influence[0] != 0.0).tolist() == [True, False, False]
@@ -63,7 +63,7 @@ def decay(values):
 
 @pytest.mark.parametrize("known", [NoiseLevel(0.1, 0.0), NoiseLevel(0.05, 0.05), None])
 @pytest.mark.parametrize("wrong", [0.0, 0.2])
-def test_steps_lead_to_the_minimum_of_tukey_s_cost(known, wrong):
+def test_steps_minimize_tukey_s_loss(known, wrong):
     rng = np.random.default_rng(2)
     level = known or NoiseLevel(0.1, 0.0)
     clean = decay([3.0, 1.2])[0]
@@ -85,7 +85,7 @@ def test_steps_lead_to_the_minimum_of_tukey_s_cost(known, wrong):
     assert found.sigma == pytest.approx(level.sigma(clean), rel=0.2)
 
 
-def test_the_noise_is_that_of_most_samples_or_of_all_where_hardly_one_fits():
+def test_noise_is_that_of_most_samples_or_of_all_without_inliers():
     rng = np.random.default_rng(3)
     flat = lambda values: (np.full(400, values[0]), np.ones((400, 1)))  # noqa: E731
     some = np.where(np.arange(400) < 320, 0.1 * rng.normal(size=400), 30.0 + rng.normal(size=400))

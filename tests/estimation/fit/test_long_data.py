@@ -59,7 +59,7 @@ def recording():
     return presses()
 
 
-def test_a_short_recording_is_the_very_same_and_few_samples_in_many_blocks_are_averaged(recording):
+def test_short_recording_is_unchanged_and_blocks_are_averaged(recording):
     short = recording.select(np.arange(8_000))
     assert shortened(short) == (short, "", {})
     two = recording.of_runs(np.array([0, 1]))
@@ -70,7 +70,7 @@ def test_a_short_recording_is_the_very_same_and_few_samples_in_many_blocks_are_a
     assert not run_of
 
 
-def test_stiffness_damping_and_cubic_are_those_of_the_full_recording(recording):
+def test_parameters_equal_those_of_the_full_recording(recording):
     short, said, _ = shortened(recording)
     assert short.averaged >= 40
     assert len(short) == len(recording) // short.averaged
@@ -86,12 +86,12 @@ def test_stiffness_damping_and_cubic_are_those_of_the_full_recording(recording):
 @pytest.mark.parametrize(
     ("quick_hz", "least_hz", "most_hz"), [(0.4, 5, 26), (5.0, 50, 110), (20.0, 190, 210)]
 )
-def test_the_quicker_the_motion_the_higher_the_rate(quick_hz, least_hz, most_hz):
+def test_faster_motion_needs_a_higher_rate(quick_hz, least_hz, most_hz):
     short, *_ = shortened(presses(quick_hz))
     assert least_hz <= RATE_HZ / short.averaged <= most_hz
 
 
-def test_a_tone_above_the_new_rate_is_no_noise(recording):
+def test_tone_above_the_new_rate_is_no_noise(recording):
     tone = 0.5 * NOISE_N * np.sin(2 * np.pi * 50.0 * recording.time_s)
     quiet = within_blocks(recording, 40)
     loud = within_blocks(channel(recording.position, recording.effort + tone, recording.run), 40)
@@ -122,7 +122,7 @@ def test_evenly_spaced_runs_are_selected(recording, monkeypatch):
 
 
 @pytest.mark.parametrize(("swing_hz", "runs"), [(0.7, 20), (0.002, 1)])
-def test_a_joints_single_run_is_thinned_by_stretches_that_go_through_its_motion(swing_hz, runs, monkeypatch):
+def test_single_run_of_a_joint_is_thinned_by_stretches_covering_its_motion(swing_hz, runs, monkeypatch):
     time_s, rng = np.arange(200_000) / RATE_HZ, np.random.default_rng(1)
     angle = np.sin(2 * np.pi * swing_hz * time_s)
     effort = 2.0 * angle + rng.normal(0, 0.01, len(angle))
@@ -198,7 +198,7 @@ def test_study_reports_averaging(recording):
 
 
 @pytest.mark.parametrize("runs", [3, 40])
-def test_held_out_are_the_runs_that_were_recorded_and_all_of_them(runs, monkeypatch):
+def test_held_out_runs_are_recorded_runs(runs, monkeypatch):
     monkeypatch.setattr(long_data, "_MAX_SAMPLES", 5_000)
     whole = quick(np.arange(200_000) / RATE_HZ, runs, ChannelKind.REVOLUTE)
     source = DataSource("swings.csv", (whole,))
@@ -228,7 +228,7 @@ def test_recorded_runs_of_a_cut_recording_can_be_excluded(monkeypatch):
 
 
 @pytest.mark.parametrize("cut", [True, False])
-def test_stretches_of_one_recording_have_no_zero_of_their_own(cut, monkeypatch):
+def test_stretches_of_one_recording_share_their_zero(cut, monkeypatch):
     monkeypatch.setattr(long_data, "_MAX_SAMPLES", 5_000 if cut else 10**6)
     tried = []
 

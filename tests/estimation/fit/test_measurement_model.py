@@ -24,7 +24,7 @@ STEP = 2 * np.pi / 4096
 
 
 @pytest.mark.parametrize("noise", [1e-4, 1e-3])
-def test_the_redrawn_position_is_as_noisy_as_the_measured_one(noise):
+def test_simulated_position_is_as_noisy_as_measured(noise):
     measurement = identify_measurement_model(read(SMOOTH, noise=noise))
     drawn = [measurement.simulate(np.random.default_rng(seed)).position for seed in range(4)]
     off = np.array(drawn) - SMOOTH.position
@@ -35,7 +35,7 @@ def test_the_redrawn_position_is_as_noisy_as_the_measured_one(noise):
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
-def test_a_redrawn_encoder_keeps_its_steps(noise):
+def test_simulated_encoder_keeps_its_steps(noise):
     """Its zero may lie anywhere between two of them."""
     measurement = identify_measurement_model(read(SMOOTH, step=STEP, noise=noise))
     assert measurement.step == pytest.approx(STEP)
@@ -47,7 +47,7 @@ def test_a_redrawn_encoder_keeps_its_steps(noise):
 
 
 @pytest.mark.parametrize("given", [{"step": STEP}, {"noise": 1e-3}])
-def test_derivatives_follow_the_redrawn_position_by_their_own_window(given):
+def test_derivatives_follow_the_simulated_position_by_their_window(given):
     data = read(SMOOTH, **given)
     made = differentiate(data.time_s, data.position, data.run)
     measurement = identify_measurement_model(data)
@@ -57,7 +57,7 @@ def test_derivatives_follow_the_redrawn_position_by_their_own_window(given):
     assert one.velocity - two.velocity == pytest.approx(apart, abs=1e-9 * np.ptp(one.velocity))
 
 
-def test_a_velocity_is_redrawn_as_noisy_as_its_position_or_with_noise_of_its_own():
+def test_simulated_velocity_follows_its_position_or_has_its_own_noise():
     measurement = identify_measurement_model(read(SMOOTH, noise=1e-3))
     white = np.random.default_rng(3).normal(0.0, 1e-3, len(SMOOTH))
     expected = np.std(channel_derivative(SMOOTH, white, measurement.filters[0], 1))
@@ -73,7 +73,7 @@ def test_a_velocity_is_redrawn_as_noisy_as_its_position_or_with_noise_of_its_own
     np.testing.assert_array_equal(one.effort, data.effort)
 
 
-def test_an_acceleration_follows_the_redrawn_velocity_that_it_was_derived_from():
+def test_acceleration_follows_the_simulated_velocity_it_was_derived_from():
     noisy = SMOOTH.velocity + np.random.default_rng(1).normal(0.0, 0.05, len(SMOOTH))
     made = differentiate(SMOOTH.time_s, noisy, SMOOTH.run)
     measurement = identify_measurement_model(
@@ -94,7 +94,7 @@ def through_an_arm(x, steps, start):
     )
 
 
-def test_a_redrawn_arm_makes_steps_as_large_as_its_encoders_do():
+def test_simulated_joint_steps_match_the_encoder():
     """Its tip lies on no grid: each joint's encoder steps at places of its own."""
     rng, steps = np.random.default_rng(2), np.array([0.2, 0.13, 0.05])
     slow = replace(SMOOTH, time_s=10.0 * SMOOTH.time_s)
@@ -107,14 +107,14 @@ def test_a_redrawn_arm_makes_steps_as_large_as_its_encoders_do():
     assert abs(np.mean(alike)) < 0.15  # of any sign, as steps at other places are
 
 
-def test_derivatives_without_the_position_s_noise_are_not_redrawn():
+def test_derivatives_without_position_noise_are_kept():
     data = replace(read(SMOOTH, noise=1e-3), velocity=SMOOTH.velocity, acceleration=SMOOTH.acceleration)
     drawn = identify_measurement_model(data).simulate(np.random.default_rng(0))
     assert np.std(drawn.velocity - data.velocity) < 1e-3 * np.std(data.velocity)
     assert np.std(drawn.acceleration - data.acceleration) < 1e-3 * np.std(data.acceleration)
 
 
-def test_the_true_motion_is_nearer_than_the_reading():
+def test_smoothed_motion_is_nearer_the_truth_than_the_reading():
     data = read(swings(2), noise=2e-3)
     true = identify_measurement_model(data).smoothed_motion
     exact = swings(2)
@@ -123,14 +123,14 @@ def test_the_true_motion_is_nearer_than_the_reading():
         assert np.std(off) < share * np.std(read_off)
 
 
-def test_a_derivative_is_that_of_a_cubic_and_stays_within_its_run():
+def test_derivative_matches_a_cubic_within_its_run():
     data = session(1)
     cubic = (data.time_s - data.time_s.mean()) ** 3 + 5.0 * data.run
     inside = channel_derivative(data, cubic, 5, 1)
     assert inside == pytest.approx(3.0 * (data.time_s - data.time_s.mean()) ** 2, rel=1e-6, abs=1e-6)
 
 
-def test_shuffled_noise_keeps_its_values_and_loses_its_place():
+def test_shuffled_noise_keeps_its_values_without_order():
     rng = np.random.default_rng(0)
     run = np.repeat([0, 1], 400)
     noise = np.convolve(rng.normal(size=804), np.ones(5), "valid")
@@ -139,7 +139,7 @@ def test_shuffled_noise_keeps_its_values_and_loses_its_place():
     assert np.mean(np.abs([np.corrcoef(noise, one)[0, 1] for one in made])) < 0.15
 
 
-def test_windows_are_recognised_in_long_runs_and_in_pieces_that_were_derived_by_themselves():
+def test_windows_are_recognized_in_long_runs_and_separate_pieces():
     data = read(swings(2, runs=3, seconds=9.0, rate_hz=500.0), step=STEP)
     made = differentiate(data.time_s, data.position, data.run)
     assert identify_measurement_model(data).filters == made.half_windows
@@ -162,9 +162,7 @@ def test_windows_are_recognised_in_long_runs_and_in_pieces_that_were_derived_by_
         (1e-3, 1.01 * np.sqrt(0.5), False),
     ],
 )
-def test_a_derivative_may_be_off_its_window_s_by_a_thousandth_or_half_of_the_noise_in_it(
-    sign, noise, off, known, monkeypatch
-):
+def test_derivative_may_deviate_by_a_thousandth_or_half_its_noise(sign, noise, off, known, monkeypatch):
     monkeypatch.setattr("palpate.estimation.fit.measurement_model.HALF_WINDOWS", (10,))
     position = sign * SMOOTH.position
     error = noise * np.random.default_rng(1).normal(size=len(SMOOTH))
@@ -191,7 +189,7 @@ def test_simulated_encoder_steps_are_equal_at_low_speed():
     assert np.std(off) == pytest.approx(np.sqrt(np.sum(steps**2) / 12.0), rel=0.3)
 
 
-def test_an_acceleration_derived_from_a_derived_velocity_is_recognised():
+def test_acceleration_derived_from_a_derived_velocity_is_recognized():
     data = read(SMOOTH, noise=1e-4)
     velocity = channel_derivative(data, data.position, 3, 1)
     twice = replace(data, velocity=velocity, acceleration=channel_derivative(data, velocity, 5, 1))
@@ -206,7 +204,7 @@ def test_an_acceleration_derived_from_a_derived_velocity_is_recognised():
 
 
 @pytest.mark.parametrize("half", [10, 25, 50])
-def test_noise_that_a_window_hid_is_drawn_up_to_where_the_window_passes_half_of_its_size(half):
+def test_hidden_noise_is_simulated_up_to_half_the_window_response(half):
     """White noise less what a cubic through the window follows, with what is drawn for that, is white."""
     window = savgol_coeffs(2 * half + 1, 3)
     turn, passed = freqz(window, worN=np.pi * np.linspace(1e-3, 0.5, 2000))
@@ -227,7 +225,7 @@ def test_noise_that_a_window_hid_is_drawn_up_to_where_the_window_passes_half_of_
     assert np.isfinite(low_frequency_noise(whole, short, 200, rng)).all()
 
 
-def test_derivatives_without_any_noise_are_recognised_and_what_bent_them_is_taken_back():
+def test_noiseless_derivatives_are_recognized_and_debiased():
     halves = (3, 20)
     velocity, acceleration = (
         channel_derivative(SMOOTH, SMOOTH.position, h, k) for k, h in enumerate(halves, start=1)
@@ -254,7 +252,7 @@ def test_resting_samples_keep_their_readings_in_simulation():
         assert drawn.acceleration == pytest.approx(data.acceleration)
 
 
-def test_a_pause_within_a_run_adds_no_error_to_the_redrawn_motion():
+def test_pause_within_a_run_adds_no_error_to_the_simulated_motion():
     """Pieces of a long test, of which only some cycles were kept, are derived each by itself."""
     read_once = read(SMOOTH, noise=1e-3)
     half = np.arange(len(read_once)) % np.sum(read_once.run == 0) >= np.sum(read_once.run == 0) // 2

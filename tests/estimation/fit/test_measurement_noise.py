@@ -25,14 +25,14 @@ def noise_of(data, model=MODEL):
 
 
 @pytest.mark.parametrize("law", [None, cubic])
-def test_free_air_tells_the_noise_whatever_the_object_does(law):
+def test_free_air_noise_is_independent_of_the_object(law):
     found = noise_of(session(4, law) if law else session(4))
     assert found.source is NoiseSource.FREE_AIR
     assert found.value == pytest.approx(NOISE_N, rel=0.1)
     assert not found.is_bound
 
 
-def test_noise_that_grows_with_the_force_is_estimated_from_the_whole_recording():
+def test_noise_that_grows_with_force_is_estimated_from_the_whole_recording():
     quiet = session(4)
     growing = 0.1 * np.abs(quiet.effort) * np.random.default_rng(3).normal(size=len(quiet))
     data = replace(quiet, effort=quiet.effort + growing)
@@ -43,7 +43,7 @@ def test_noise_that_grows_with_the_force_is_estimated_from_the_whole_recording()
     assert found.value == pytest.approx(everywhere, rel=0.2)
 
 
-def test_a_slow_error_at_the_object_is_no_noise_that_grows_with_the_force():
+def test_slow_error_at_the_object_is_no_force_proportional_noise():
     """Neighboring readings share it, so they tell the growing noise alone; a flexible law leaves both."""
     quiet = session(4)
     growing = 0.1 * np.abs(quiet.effort) * np.random.default_rng(3).normal(size=len(quiet))
@@ -54,13 +54,13 @@ def test_a_slow_error_at_the_object_is_no_noise_that_grows_with_the_force():
     assert found.value == pytest.approx(everywhere, rel=0.2)
 
 
-def test_differences_of_readings_tell_the_noise_of_a_joint_whatever_is_missing():
+def test_differences_of_readings_estimate_joint_noise():
     found = noise_of(swings(2, lambda q, v, a: 0.1 * np.tanh(v / 0.02) + 6.0 * q), SWING)
     assert found.source is NoiseSource.NEIGHBORS
     assert found.value == pytest.approx(NOISE_NM, rel=0.1)
 
 
-def test_steps_from_hold_to_hold_and_a_few_jumps_are_no_noise():
+def test_sample_and_hold_steps_and_few_jumps_are_no_noise():
     data = swings(2, lambda q, v, a: 0.0 * q)
     position = 0.01 * np.arange(len(data)) // 0.2 * 0.2  # a step every twenty readings
     cogging = 10.0 * NOISE_NM * np.sin(7.3 * position / 0.2)
@@ -75,7 +75,7 @@ def test_steps_from_hold_to_hold_and_a_few_jumps_are_no_noise():
     assert fast_noise(replace(data, effort=effort)) == pytest.approx(NOISE_NM, rel=0.05)
 
 
-def test_errors_of_the_position_count_as_noise_as_the_model_passes_them_on():
+def test_position_errors_count_as_noise_through_the_model():
     data, error_m = session(4), 1e-4
     read = data.position + np.random.default_rng(3).normal(0.0, error_m, len(data))
     base = fit_model(replace(data, position=read), MODEL, {})
@@ -94,7 +94,7 @@ def test_zero_readings_in_free_air_give_no_noise_estimate():
     assert found.value == pytest.approx(NOISE_N, rel=0.2)
 
 
-def test_a_source_is_read_under_the_name_that_older_files_have():
+def test_source_is_read_under_its_former_name():
     stored = {"value": 0.1, "source": "smooth law of all signals", "free_air": None, "share_left": 0.0}
     assert NoiseFloor.model_validate_json(json.dumps(stored)).source is NoiseSource.FLEXIBLE
 
@@ -105,7 +105,7 @@ def slow_noise(count, size):
     return size * smooth / smooth.std()
 
 
-def test_slow_noise_is_bounded_by_runs_that_repeat_a_motion():
+def test_slow_noise_is_bounded_by_repeated_runs():
     data = swings(1)
     once = data.run == 0
     runs = [data.select(once)] * 4
@@ -123,7 +123,7 @@ def test_slow_noise_is_bounded_by_runs_that_repeat_a_motion():
     assert "N m: upper bound, from " in found.describe("N m")
 
 
-def test_no_effect_that_is_added_moves_it():
+def test_added_effect_does_not_change_the_noise():
     base, grown = fits(session(4, cubic), MODEL, ["cubic_stiffness"])
     assert grown.rmse < 0.2 * base.rmse
     assert measurement_noise(base).value == pytest.approx(measurement_noise(grown).value, rel=0.05)
@@ -132,7 +132,7 @@ def test_no_effect_that_is_added_moves_it():
 RUN = np.repeat([0, 1], 500)
 
 
-def test_surrogates_keep_the_noise_s_values_and_colour_and_lose_its_place():
+def test_surrogates_keep_values_and_spectrum_of_the_noise():
     rng = np.random.default_rng(3)
     noise = np.convolve(rng.normal(size=1004), np.ones(5), "valid")
     made = surrogate_residuals(noise, RUN, rng)
@@ -144,7 +144,7 @@ def test_surrogates_keep_the_noise_s_values_and_colour_and_lose_its_place():
     assert np.mean([abs(np.corrcoef(noise, one)[0, 1]) for one in made.T]) < 0.15
 
 
-def test_gains_of_white_noise_follow_the_beta_distribution_of_its_degrees_of_freedom():
+def test_gains_of_white_noise_follow_the_beta_distribution():
     rng = np.random.default_rng(4)
     base, more = rng.normal(size=(1000, 2)), rng.normal(size=(1000, 3))
     found = null_improvements(rng.normal(size=1000), RUN, base, [np.hstack([base, more])], rng)
@@ -152,7 +152,7 @@ def test_gains_of_white_noise_follow_the_beta_distribution_of_its_degrees_of_fre
     assert stats.kstest(found, stats.beta(1.5, 497.5).cdf).pvalue > 0.01
 
 
-def test_the_best_of_many_candidates_gains_more_than_one():
+def test_best_of_many_candidates_gains_more_than_one():
     rng = np.random.default_rng(5)
     base, noise = np.ones((1000, 1)), rng.normal(size=1000)
     tried = [np.hstack([base, rng.normal(size=(1000, 1))]) for _ in range(30)]
@@ -162,7 +162,7 @@ def test_the_best_of_many_candidates_gains_more_than_one():
     assert one < 0.2 * best
 
 
-def test_slow_noise_gives_more_to_a_slow_law():
+def test_slow_noise_favors_a_slow_law():
     rng = np.random.default_rng(6)
     base = np.ones((1000, 1))
     slow = np.hstack([base, np.sin(np.arange(1000) / 40.0)[:, None]])
@@ -175,7 +175,7 @@ def test_slow_noise_gives_more_to_a_slow_law():
     assert gain(20) > 5.0 * gain(1)
 
 
-def test_columns_of_nothing_gain_nothing():
+def test_zero_columns_gain_nothing():
     rng = np.random.default_rng(6)
     base, noise = np.ones((1000, 1)), rng.normal(size=1000)
     again = np.hstack([base, 3.0 * base, np.zeros((1000, 1))])
@@ -203,7 +203,7 @@ def test_signals_are_sorted_by_explained_error(shares, told):
     assert FitResult.depends_on.fget(SimpleNamespace(flexible=SimpleNamespace(by_signal=shares))) == told
 
 
-def test_a_chance_test_that_is_decided_stops_and_decides_alike():
+def test_decided_permutation_test_stops_with_the_same_decision():
     rng = np.random.default_rng(7)
     noise, base = rng.normal(size=len(RUN)), np.ones((len(RUN), 1))
     tried = [np.hstack([base, rng.normal(size=(len(RUN), 3))]) for _ in range(20)]

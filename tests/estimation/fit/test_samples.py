@@ -40,7 +40,7 @@ def cramer_rao():
 
 
 @pytest.mark.parametrize("loss", list(Loss))
-def test_finds_gains_and_exponent_without_noise(loss):
+def test_gains_and_exponent_are_exact_without_noise(loss):
     found = fit_samples(base_model("hunt_crossley"), hunt_crossley_data(0, noise=0.0), loss=loss)
     np.testing.assert_allclose(relative_errors(found), 0.0, atol=1e-5)
 
@@ -68,7 +68,7 @@ def test_errors_are_near_the_cramer_rao_bound_and_within_the_intervals(loss, out
         (0.0, 0.0, -1.1e-7, False),
     ],
 )
-def test_a_search_is_settled_when_nothing_moves_by_much(stiffness, damping, exponent, settled):
+def test_search_is_converged_when_nothing_moves_by_much(stiffness, damping, exponent, settled):
     inner = {"e.n": Parameter("n", "1", 1.0, 4.0, (1.0, 2.0))}
     model = SimpleNamespace(gains={"e.k": None, "e.c": None}, inner=inner)
     before = {"e.k": 1000.0, "e.c": 0.1, "e.n": 1.5}
@@ -77,7 +77,7 @@ def test_a_search_is_settled_when_nothing_moves_by_much(stiffness, damping, expo
     assert _has_converged(*solutions) is settled
 
 
-def test_only_the_chosen_rows_count_and_least_squares_does_not_stand_outliers():
+def test_only_selected_rows_count_and_least_squares_is_not_robust():
     found = fit_samples(base_model("hunt_crossley"), hunt_crossley_data(0, outliers=0.3))
     assert abs(relative_errors(found)[0]) > 0.2
     data = hunt_crossley_data(1)
@@ -88,7 +88,7 @@ def test_only_the_chosen_rows_count_and_least_squares_does_not_stand_outliers():
     assert np.std(found.residuals) < 0.03
 
 
-def test_finds_where_the_surface_is():
+def test_surface_position_is_found():
     rng = np.random.default_rng(3)
     t, x, v = swing()
     data = channel(800 * x + 30 * v + 0.02 * rng.standard_normal(len(t)), x + 0.0004, v, t)
@@ -109,7 +109,7 @@ def test_search_that_ends_at_a_bound_is_reported():
     assert "hunt_crossley.n: the search ended at a physical bound" in found.note
 
 
-def test_a_gain_is_no_surer_for_a_partner_that_ended_at_its_bound():
+def test_partner_at_its_bound_does_not_reduce_gain_uncertainty():
     # the surface lies 30 mm off, 20 mm is the bound: only the slope says what k is
     rng = np.random.default_rng(8)
     t = np.arange(0.0, 1.0, 1e-3)
@@ -123,7 +123,7 @@ def test_a_gain_is_no_surer_for_a_partner_that_ended_at_its_bound():
     assert found["stiffness.k"].std_err == pytest.approx(slope_alone, rel=0.5)
 
 
-def test_jacobian_is_that_of_the_formula():
+def test_jacobian_matches_the_formula():
     found = fit_samples(base_model("hunt_crossley"), hunt_crossley_data(7))
     _, x, v = swing()
     k, b, n = found.parameters.values()
@@ -143,7 +143,7 @@ def test_two_searched_effects_at_once():
 
 
 @pytest.mark.parametrize(("share", "begins"), [(0.0, 0.001), (0.0005, 0.001), (0.3, 0.3), (1.0, 0.999)])
-def test_a_search_begins_a_thousandth_of_its_range_off_a_bound(share, begins):
+def test_search_starts_a_thousandth_of_its_range_off_a_bound(share, begins):
     """At one it would be stuck."""
     model = Model("m", (EFFECTS["contact_offset"](),))
     (name, one), *_ = model.inner.items()

@@ -42,7 +42,7 @@ def test_smoothing_bias_of_derived_motion_is_no_law(half):
     assert shares[0] < 0.02 < shares[1]
 
 
-def test_a_law_is_explained_beside_the_smoothing_bias():
+def test_law_is_explained_beside_the_smoothing_bias():
     hidden = swings(6, lambda q, v, a: 0.2 * np.sin(9.0 * q))
     fit = fit_model(smoothed(hidden, 25), SWING, {})
     assert fit_flexible(fit.problem, fit.solution, windows(25)).share_of(fit.solution) > 0.7
@@ -50,7 +50,7 @@ def test_a_law_is_explained_beside_the_smoothing_bias():
 
 @pytest.mark.parametrize(("block", "least"), [(1, 0.01), (4, 0.05)])
 @pytest.mark.parametrize("order", [1, 2])
-def test_a_kernel_smooths_a_derivative_as_the_window_does_that_estimates_it(order, block, least):
+def test_kernel_smooths_like_the_differentiation_window(order, block, least):
     t = np.arange(2000) * 0.01
     waves = [(0.3, 0.2), (1.1, 1.3), (2.3, 2.0)]  # frequency [Hz] and phase
     signal = sum(np.sin(2 * np.pi * f * t + phase) / f**order for f, phase in waves)
@@ -74,6 +74,6 @@ def test_a_kernel_smooths_a_derivative_as_the_window_does_that_estimates_it(orde
         ((0.61, 0.0), False),
     ],
 )
-def test_a_plausible_smoothing_bias_is_at_most_three_times_the_expected_one(gains, is_plausible):
+def test_plausible_smoothing_bias_is_at_most_three_times_expected(gains, is_plausible):
     bias = np.array([[5.0, 1.0], [-5.0, -1.0]])
     assert is_plausible_bias(bias, np.array(gains)) is is_plausible

@@ -24,7 +24,7 @@ def study() -> ModelStudy:
     return ModelStudy(presses(np.random.default_rng(1)))
 
 
-def test_held_parameters_stay_and_the_others_make_up_for_them(study):
+def test_fixed_parameters_stay_and_the_others_compensate(study):
     free = study.fit("contact", ["cubic_stiffness"])
     held = study.fit_held("contact", ["cubic_stiffness"], {"stiffness.k": 350.0})
     assert held.values["stiffness.k"] == 350.0
@@ -56,13 +56,13 @@ def test_invalid_fixed_parameters_are_refused(study: ModelStudy, held: dict[str,
         study.fit_held("contact", (), held)
 
 
-def test_the_model_is_evaluated_at_any_parameters(study: ModelStudy) -> None:
+def test_model_is_evaluated_at_any_parameters(study: ModelStudy) -> None:
     fitted = study.fit("contact")
     soft = fitted.predict({**fitted.values, "stiffness.k": 0.0, "damping.c": 0.0})
     assert np.abs(soft).max() == 0.0
 
 
-def test_fits_that_were_forgotten_come_again_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_evicted_fits_are_reproduced(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("palpate.estimation.study.fits._MAX_FITS", 2)
     study = ModelStudy(presses(np.random.default_rng(2)))
     first = study.fit("contact", ["delay"]).rmse

@@ -48,7 +48,7 @@ RUBBING = presses(lambda x, v: 400 * x + 6 * v + 0.3 * np.tanh(v / 0.0005))
         (swings(lambda q, v: 0.3 + 0 * q), "pendulum", "all", Kind.SENSOR_STATICS),
     ],
 )
-def test_the_kind_of_what_was_left_out_comes_first(data, model, by, kind):
+def test_omitted_kind_comes_first(data, model, by, kind):
     compared = ModelStudy(data, model).compare().channels[0]
     if data is RUBBING:  # what rubs pushes back on the way in and holds back on the way out
         means = {part.label: part.mean for part in compared.parts["direction"]}
@@ -60,7 +60,7 @@ def test_the_kind_of_what_was_left_out_comes_first(data, model, by, kind):
     assert f": {kind.word} " in compared.words[-1]
 
 
-def test_kinds_that_explain_about_as_much_are_named_and_an_error_about_its_mean_at_no_speed():
+def test_equally_explanatory_kinds_are_named():
     """A force that hardly grows with the speed passes for friction."""
     data = presses(lambda x, v: 500 * x + 5 * v + 0.8 * np.abs(v) ** 0.3 * np.sign(v))
     compared = ModelStudy(data, "kelvin_voigt").compare().channels[0]
@@ -102,6 +102,6 @@ def test_noise_suggests_nothing(data):
         ({}, None),
     ],
 )
-def test_a_pattern_is_what_most_of_the_error_goes_with(parts, words):
+def test_pattern_is_the_signal_of_most_error(parts, words):
     found = patterns(parts, 1.0)
     assert [words in one.words for one in found] == ([True] if words else [])

@@ -39,14 +39,14 @@ def test_revisions_without_a_folder_stay_in_memory(tmp_path, monkeypatch):
         kept.get(7)
 
 
-def test_only_what_is_a_revision_by_its_name_is_read(tmp_path):
+def test_only_revision_files_are_read(tmp_path):
     kept = Revisions(tmp_path).save(revision)
     for name in ("1.json", "00001.json", "²222.json", "0001.json.json"):
         (tmp_path / "revisions" / name).write_text("nonsense")
     assert Revisions(tmp_path).all() == (kept,)
 
 
-def test_a_pipe_is_not_waited_for(tmp_path):
+def test_named_pipe_is_not_read(tmp_path):
     (tmp_path / "revisions").mkdir()
     os.mkfifo(tmp_path / "revisions" / "0002.json")
     with pytest.raises(InputError, match=r"0002\.json: is damaged: it is not a regular file"):
@@ -117,14 +117,14 @@ def test_edited_plausible_value_is_refused(change, said, tmp_path):
         kept.all()
 
 
-def test_a_file_that_is_nested_too_deeply_is_refused(tmp_path):
+def test_deeply_nested_file_is_refused(tmp_path):
     (tmp_path / "revisions").mkdir()
     (tmp_path / "revisions" / "0000.json").write_text("[" * 100_000)
     with pytest.raises(InputError, match=r"0000\.json: is damaged"):
         Revisions(tmp_path).all()
 
 
-def test_a_value_beyond_its_physical_bounds_is_refused(tmp_path):
+def test_value_beyond_its_physical_bounds_is_refused(tmp_path):
     lag = {"lag.tau": {"value": -5.0, "std_err": None, "unit": "s"}}
     Revisions(tmp_path).save(
         lambda number: revision(number, effects=["lag"], added="lag", parameters=SPRING | lag)

@@ -34,7 +34,7 @@ def test_simplest_nested_law_is_stated(study, named, others):
     assert [(one.effect, one.confused_with) for one in found.accepted] == [("coulomb_friction", [])]
 
 
-def test_a_law_that_does_something_else_stays(study):
+def test_law_with_another_function_is_kept(study):
     found = keep_simplest_rivals(
         study, study.channel("joint_1"), _diagnosis("coulomb_friction", ["joint_spring"])
     )
@@ -49,7 +49,7 @@ TWO_GROUPS = (
 )
 
 
-def test_each_group_is_a_question_of_its_own_and_a_whole_stands_for_all_its_parts():
+def test_each_group_is_separate_and_a_whole_stands_for_its_parts():
     friction, constant = rival_effects(_diagnosis_of(*TWO_GROUPS), effect_library())
     beside_bias = [["bias", "coulomb_friction"], ["bias", "presliding_friction"]]
     assert friction == [*beside_bias, ["asymmetric_friction"]]

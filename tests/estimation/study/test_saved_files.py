@@ -62,7 +62,7 @@ def test_written_values_are_read(tmp_path):
         (1.0, "valid string"),
     ],
 )
-def test_every_text_is_short_and_can_be_printed(path, text, why, tmp_path):
+def test_texts_are_short_and_printable(path, text, why, tmp_path):
     with pytest.raises(ValueError, match=why):
         read_saved(written(tmp_path, changed(KEPT, path, text)), Revision)
 

@@ -14,7 +14,7 @@ T = np.arange(200) * 0.01
 COLUMNS = {"time_s": T, "displacement_m": 0.01 * np.sin(T), "force_N": 5.0 * np.sin(T)}
 
 
-def test_channels_of_one_name_are_refused():
+def test_duplicate_channel_names_are_refused():
     (one,) = open_source(COLUMNS).channels
     with pytest.raises(InputError, match="several channels are called contact"):
         open_source([one, one])
@@ -60,14 +60,14 @@ def test_numbers_of_other_byte_orders_and_lengths_are_read(kind):
         ({"phase": np.full(N, 99)}, "there is no phase 99. Valid: -1 to 8"),
     ],
 )
-def test_channels_that_no_import_would_make_are_refused(change, said):
+def test_invalid_channels_are_refused(change, said):
     (channel,) = open_source(COLUMNS).channels
     with pytest.raises(InputError, match=said):
         open_source(replace(channel, **change))
 
 
 @pytest.mark.parametrize("held_out", [0, ["0", 7], [[0]]])
-def test_runs_to_hold_out_are_a_list_of_numbers(held_out):
+def test_held_out_runs_are_a_list_of_numbers(held_out):
     with pytest.raises(InputError, match=re.escape(f"held_out={held_out!r}: give a list of run numbers")):
         limit_length(open_source(COLUMNS), held_out)
 

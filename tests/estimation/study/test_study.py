@@ -48,7 +48,7 @@ def arm():
     return study, study.diagnose()
 
 
-def test_a_fit_sent_from_another_process_has_all_signals_that_it_was_derived_with():
+def test_fit_from_another_process_has_all_derived_signals():
     effects = ["load_dependent_friction"]
     own = {name: EFFECTS[name]() for name in effects}
     there, here = (ModelStudy(joints((0.4,)), "pendulum", effects=own) for _ in range(2))
@@ -58,7 +58,7 @@ def test_a_fit_sent_from_another_process_has_all_signals_that_it_was_derived_wit
     assert np.array_equal(here.fit(one, effects).predicted, made.predicted)
 
 
-def test_one_model_has_one_fit_whatever_asks_for_it(pressed):
+def test_one_model_has_one_fit_for_every_caller(pressed):
     study, diagnosis = pressed
     (found,), (one,) = diagnosis.channels, study.channels
     base = study.fit("contact")
@@ -83,7 +83,7 @@ def test_ranking_matches_the_added_effect(pressed):
         assert entry.score == pytest.approx(1 - entry.rmse_held_out / study.fit("contact").rmse)
 
 
-def test_a_channel_has_one_noise(pressed):
+def test_channel_has_one_noise(pressed):
     study, diagnosis = pressed
     change = study.add("bias", fresh=True)
     found = diagnosis.channels[0]
@@ -98,7 +98,7 @@ def test_a_channel_has_one_noise(pressed):
     assert len(levels) == 1
 
 
-def test_every_channel_that_is_compared_is_diagnosed(arm):
+def test_every_compared_channel_is_diagnosed(arm):
     study, diagnosis = arm
     assert [one.channel for one in diagnosis.channels] == [one.channel for one in study.compare().channels]
     for found in diagnosis.channels:
@@ -160,7 +160,7 @@ def test_invalid_effects_are_refused_and_nothing_is_saved(effects, how, words):
     assert study.revisions == before
 
 
-def test_data_is_known_by_its_arrays_and_joints_by_their_arm_too():
+def test_data_are_identified_by_arrays_and_joints_also_by_arm():
     data, (joint, _) = session(4), joints()
     moved = replace(data, effort=data.effort + np.r_[1e-5, np.zeros(len(data) - 1)])
     turned = replace(data, effort=data.effort[::-1].copy())
@@ -216,7 +216,7 @@ def forge(file: Path, change: Callable[[dict], object]) -> None:
         ),
     ],
 )
-def test_numbers_of_a_forged_diagnosis_are_held_against_the_data(change, words, pressed, tmp_path):
+def test_numbers_of_a_forged_diagnosis_are_checked_against_the_data(change, words, pressed, tmp_path):
     study, found = pressed
     (tmp_path / RESULT).write_text(json.dumps(study.diagnosis_data(found)))
     again = ModelStudy(session(4, cubic), folder=tmp_path)
@@ -226,7 +226,7 @@ def test_numbers_of_a_forged_diagnosis_are_held_against_the_data(change, words, 
         again.known_diagnosis(again.channels[0])
 
 
-def test_a_diagnosis_that_was_changed_by_hand_is_refused(pressed, tmp_path):
+def test_diagnosis_changed_by_hand_is_refused(pressed, tmp_path):
     study, found = pressed
     content = study.diagnosis_data(found)
     content["channels"][0]["verdict"] = "unexplained"
@@ -236,7 +236,7 @@ def test_a_diagnosis_that_was_changed_by_hand_is_refused(pressed, tmp_path):
         again.known_diagnosis(again.channels[0])
 
 
-def test_numbers_of_a_forged_revision_are_held_against_the_data(tmp_path):
+def test_numbers_of_a_forged_revision_are_checked_against_the_data(tmp_path):
     ModelStudy(session(4, cubic), folder=tmp_path).add("cubic_stiffness")
     study = ModelStudy(session(4, cubic), folder=tmp_path)
     study.check(study.revision(1))
@@ -276,7 +276,7 @@ class DictLike:
 
 
 @pytest.mark.parametrize("made", [dict, pa.table, DictLike], ids=["dict", "pyarrow", "frame"])
-def test_a_table_in_memory_is_read_like_its_file(made, tmp_path):
+def test_table_in_memory_is_read_like_its_file(made, tmp_path):
     path = write_presses(tmp_path / "p.csv")
     rows = np.loadtxt(path, delimiter=",", skiprows=1)
     names = ("time_s", "displacement_m", "load", "run")
