@@ -23,7 +23,7 @@ from palpate.common.options import JsonOption
 from palpate.common.table_files import write_table
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.study.revisions import user_effects_of
-from palpate.export.table import LAYOUT_ENDINGS, PlotProgram, check_ending, layout_of, recorded_table
+from palpate.export.table import ENDINGS, LAYOUT_ENDINGS, PlotProgram, layout_of, recorded_table
 from palpate.render.build import REPORT, is_own_page
 from palpate.render.view import NOISE
 from palpate.robot_io.errors import InputError
@@ -219,7 +219,8 @@ def export_table(data: DataArguments, name: str, out: Path | None, *, force: boo
     """
     existing_data(data.file)
     path = out or derived_folder(data.file) / f"{name}.csv"
-    check_ending(path)
+    if path.suffix not in ENDINGS:
+        raise InputError(f"output {path}: a table is written as {' or '.join(ENDINGS)}")
     table = recorded_table(data.file, data.options, name)
     write_table(table, output_file(path, force=force or out is None, keep=[data.file]))
     columns = table.column_names

@@ -25,7 +25,7 @@ from palpate.estimation.data.table import Table, read_table
 from palpate.estimation.data_quality import quality_warnings
 from palpate.estimation.signals.runwise import sample_time
 from palpate.render.palette import phase
-from palpate.render.progress import import_progress
+from palpate.render.progress import progress_bar
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import SessionMetadata, write_session
 from palpate.workflows.data_options import ReadOptions, shell_options
@@ -84,8 +84,8 @@ def import_command(
     stem = files[0].name.removesuffix(".gz").rpartition(".")[0] or files[0].stem
     session = output_session(out or Path("sessions") / f"{stem}.mcap")
     names = list_first([file.name for file in tables], _MOST_NAMES)
-    with import_progress() as progress:
-        imported = import_files(tables, options.options, lambda what, share: progress(what, _READ * share))
+    with progress_bar("reading") as bar:
+        imported = import_files(tables, options.options, lambda what, share: bar.update(_READ * share, what))
         write_session(
             session,
             import_streams(imported),
@@ -95,7 +95,7 @@ def import_command(
                 command_line=as_command(sys.argv[1:]),
                 extra={"source": f"imported from {names}"} | import_extra(imported),
             ),
-            progress=lambda share: progress("writing the session", _READ + (1.0 - _READ) * share),
+            progress=lambda share: bar.update(_READ + (1.0 - _READ) * share, "writing the session"),
         )
     notes = (*imported.notes, *plausibility_warnings(imported))
     console.print_read_notes(imported.read, notes)

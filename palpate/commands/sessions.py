@@ -16,7 +16,7 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import write_session
 from palpate.runs.hidden_effects import open_answer, was_sealed
 from palpate.sim_backend.hidden import SealedAnswer
-from palpate.workflows.merge import incomplete_notes, merged_metadata, merged_streams, surface_notes
+from palpate.workflows.merge import merge_notes, merged_metadata, merged_streams
 
 
 def merge_command(
@@ -42,7 +42,7 @@ def merge_command(
     metadata = merged_metadata(opened, as_command(sys.argv[1:]))
     write_session(file, streams, metadata, [event for session in opened for event in session.events])
     samples = {stream.name: len(columns["time_s"]) for stream, columns in streams}
-    console.print_read_notes("", [*incomplete_notes(opened), *surface_notes(opened)])
+    console.print_read_notes("", merge_notes(opened))
 
     def show() -> None:
         for name, number in samples.items():

@@ -51,12 +51,8 @@ _BAM_MODELS: Mapping[str, tuple[str, ...]] = {
         *("load_friction_base", "load_friction_stribeck"),
     ),
 }
+# Keys of BAM's file that the fit replaces, together with the load friction of models M5 and M6.
 _OF_BAM = frozenset({"armature", *_BAM_MODELS["m4"]})
-
-
-def _is_replaced(key: str) -> bool:
-    """Return whether the fit replaces a key of BAM's file, also the friction of models M5 and M6."""
-    return key in _OF_BAM or key.startswith("load_friction_")
 
 
 def bam_texts(arm: TargetArm, patch: Path | None) -> list[str]:
@@ -84,7 +80,11 @@ def bam_texts(arm: TargetArm, patch: Path | None) -> list[str]:
             name for name, keys in _BAM_MODELS.items() if not (joint.values.keys() - {"armature"}) - {*keys}
         )
         known = {key: value.number for key, value in joint.values.items()}
-        content = {key: value for key, value in motor.items() if not _is_replaced(key)}
+        content = {
+            key: value
+            for key, value in motor.items()
+            if not (key in _OF_BAM or key.startswith("load_friction_"))
+        }
         content |= {"model": model} | {key: known.get(key, 0.0) for key in _BAM_MODELS[model]}
         if (armature := known.get("armature", motor.get("armature"))) is not None:
             content["armature"] = armature

@@ -81,7 +81,10 @@ def write_simulator(
         if patch is None and (target is SimulatorFormat.MJCF or not mounted.urdf):
             raise InputError(f"--format {target} changes a copy of your file: name it with --patch FILE")
         text, place = (mounted.urdf, mounted.origin) if patch is None else (_patch_text(patch), str(patch))
-        folder = _folder_of_meshes(Path(place), path)
+        original = Path(place)
+        folder = (
+            os.path.relpath(original.resolve().parent, path.resolve().parent) if original.is_file() else "."
+        )
         if target is SimulatorFormat.MJCF:
             gain = joints[0].servo_gain_nm_rad
             named = body is not None
@@ -106,8 +109,3 @@ def _patch_text(patch: Path) -> str:
         return read_text(patch)
     except (OSError, ValueError) as error:
         raise InputError(f"--patch {patch}: cannot be read ({error})") from error
-
-
-def _folder_of_meshes(original: Path, copy: Path) -> str:
-    """Return the path from the folder of the copy to that of the original, "." for one that is no file."""
-    return os.path.relpath(original.resolve().parent, copy.resolve().parent) if original.is_file() else "."

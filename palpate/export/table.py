@@ -24,6 +24,9 @@ from palpate.robot_io.session import Column, Samples, Session, Stream
 EVENTS = "events"
 _CHANNEL = re.compile(r"contact(_\d+)?|joint_\d+")
 ENDINGS = (".csv", ".parquet")
+_EVENT_COLUMNS = pa.schema(
+    {"time_s": pa.float64(), "kind": pa.string(), "text": pa.string(), "data": pa.string()}
+)
 _EFFORTS = {"force_n": "force_N", "torque_nm": "torque_Nm"}  # names that `palpate import` takes
 
 
@@ -42,7 +45,10 @@ def recorded_table(path: Path, options: ImportOptions, name: str) -> pa.Table:
     streams = [] if session is None else [EVENTS, *session.stream_names]
     is_channel = _CHANNEL.fullmatch(name) is not None  # an imported session has a stream of the same name
     if session is not None and name in streams and not is_channel:
-        return events_table(session) if name == EVENTS else stream_table(session.samples(name))
+        if name != EVENTS:
+            return stream_table(session.samples(name))
+        rows = [{**vars(event), "data": json.dumps(event.data)} for event in session.events]
+        return pa.Table.from_pylist(rows, _EVENT_COLUMNS)
     try:
         channels = {channel.name: channel for channel in open_source(path, options).channels}
     except InputError:
@@ -87,33 +93,6 @@ def channel_table(channel: ChannelData) -> pa.Table:
     if np.isin(channel.phase, list(known)).all():
         table = table.append_column("phase", pa.array([known[phase] for phase in channel.phase.tolist()]))
     return table.filter(pa.array(channel.run >= 0))
-
-
-def events_table(session: Session) -> pa.Table:
-    """Return the events, one per row, with their data as JSON.
-
-    Args:
-        session: the session.
-    """
-    events = session.events
-    return pa.table(
-        {
-            "time_s": pa.array([event.time_s for event in events], pa.float64()),
-            "kind": pa.array([event.kind for event in events], pa.string()),
-            "text": pa.array([event.text for event in events], pa.string()),
-            "data": pa.array([json.dumps(event.data) for event in events], pa.string()),
-        }
-    )
-
-
-def check_ending(path: Path) -> None:
-    """Refuse other formats. InputError: the ending is neither CSV's nor Parquet's.
-
-    Args:
-        path: path of the output.
-    """
-    if path.suffix not in ENDINGS:
-        raise InputError(f"output {path}: a table is written as {' or '.join(ENDINGS)}")
 
 
 _LEFT_OUT = {"s", "1"}  # times, and numbers without unit but for the next

@@ -55,13 +55,6 @@ def diagnosis_progress(channels: Sequence[str]) -> Iterator[Report]:
 
 
 @contextmanager
-def import_progress() -> Iterator[Report]:
-    """Show the current step of an import and its progress."""
-    with _bar("reading") as bar:
-        yield lambda what, share: bar.update(share, what)
-
-
-@contextmanager
 def probing_progress(plan: ProbingPlan, *, live: bool, remark: str = "") -> Iterator[Watcher]:
     """Show the progress of the runs.
 
@@ -86,7 +79,7 @@ def probing_progress(plan: ProbingPlan, *, live: bool, remark: str = "") -> Iter
         )
         return (newest + _SHARE_DONE.get(output.phase, 0.0)) / len(runs), words
 
-    with _bar("starting", wait=True) as bar:
+    with progress_bar("starting", wait=True) as bar:
         yield _BarUpdater(bar, share, remark)
 
 
@@ -101,7 +94,7 @@ def motion_progress(what: str, *, live: bool) -> Iterator[MakeWatcher]:
     if not live:
         yield lambda _duration_s: _Announcer(f"{what}; keep clear. Ctrl-C brings the arm to rest")
         return
-    with _bar(what) as bar:
+    with progress_bar(what) as bar:
 
         def watcher(duration_s: float) -> Watcher:
             return _BarUpdater(
@@ -122,11 +115,11 @@ def weighing_progress(number: int, *, live: bool) -> Iterator[Callable[[float], 
     if not live:
         yield None
         return
-    with _bar("weighing") as bar:
+    with progress_bar("weighing") as bar:
         yield lambda share: bar.update(share, f"weight {round(share * number)} of {number}")
 
 
-class _ProgressBar:
+class ProgressBar:
     """One bar, drawn at each update."""
 
     def __init__(self, progress: Progress, what: str) -> None:
@@ -147,14 +140,19 @@ class _ProgressBar:
 
 
 @contextmanager
-def _bar(what: str, *, wait: bool = False) -> Iterator[_ProgressBar]:
-    """Make a bar that is shown at once or, with `wait`, at its first update."""
+def progress_bar(what: str, *, wait: bool = False) -> Iterator[ProgressBar]:
+    """Make a bar that is shown at once or, with `wait`, at its first update.
+
+    Args:
+        what: the first step.
+        wait: whether to show it at its first update only.
+    """
     talk = console.stderr()
     columns = BarColumn(bar_width=32), TextColumn("{task.description}")
     progress = Progress(
         *columns, console=talk, transient=True, auto_refresh=False, disable=not talk.is_terminal
     )
-    bar = _ProgressBar(progress, what)
+    bar = ProgressBar(progress, what)
     if not wait:
         progress.start()
     try:
@@ -178,7 +176,7 @@ class _BarUpdater(Watcher):
 
     def __init__(
         self,
-        bar: _ProgressBar,
+        bar: ProgressBar,
         share: Callable[[Measurement, TaskOutput], tuple[float, str]],
         remark: str = "",
     ) -> None:

@@ -94,32 +94,27 @@ def merged_metadata(sessions: Sequence[Session], command_line: str) -> SessionMe
     )
 
 
-def incomplete_notes(sessions: Sequence[Session]) -> list[str]:
-    """Name incomplete sessions, one sentence each, since the merged session does not mark them.
-
-    Args:
-        sessions: the merged sessions.
-    """
-    return [
-        f"{session.path.name}: is incomplete (palpate info says why); the part that exists was merged"
-        for session in sessions
-        if _is_incomplete(session)
-    ]
-
-
 def _is_incomplete(session: Session) -> bool:
     is_cut = session.truncated or session.unclosed or session.dropped
     return bool(is_cut) or NOT_WHOLE in session.metadata.extra
 
 
-def surface_notes(sessions: Sequence[Session]) -> list[str]:
-    """Name contacts that begin at another depth than in the first session, one sentence each.
+def merge_notes(sessions: Sequence[Session]) -> list[str]:
+    """Name incomplete sessions, and contacts that begin at another depth than in the first session.
 
-    A merged session is judged as presses onto one surface: nothing is shifted.
+    The merged session marks neither. It is judged as presses onto one surface: nothing is shifted.
 
     Args:
         sessions: the merged sessions, in order.
+
+    Returns:
+        One sentence for each.
     """
+    notes = [
+        f"{session.path.name}: is incomplete (palpate info says why); the part that exists was merged"
+        for session in sessions
+        if _is_incomplete(session)
+    ]
     try:
         first, *others = (
             {
@@ -130,8 +125,8 @@ def surface_notes(sessions: Sequence[Session]) -> list[str]:
             for session in sessions
         )
     except InputError:  # a session without a channel is not compared
-        return []
-    return [
+        return notes
+    return notes + [
         f"{session.path.name}: {name} begins about {_TO_MILLI * abs(deeper_m):.2g} mm "
         f"{'deeper' if deeper_m > 0.0 else 'higher'} than in {sessions[0].path.name}, but a merged "
         "session has only one surface. Measure displacements from the surface, or compare the two "
