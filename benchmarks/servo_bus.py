@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from harness import ROBOTS, print_table
@@ -55,7 +56,7 @@ class ReplayedPort:
         clock: simulated.
     """
 
-    def __init__(self, bus: ServoBus, clock: SimulatedClock) -> None:
+    def __init__(self, bus: ServoBus[Any], clock: SimulatedClock) -> None:
         self._port, self.zero, self.spent_s = bus._port, np.zeros(bus.joint_count), 0.0
         sent: list[bytes] = []
         received: list[bytes] = []
@@ -87,7 +88,7 @@ class ReplayedPort:
             os.write(self._far_fd, self._answer)
         self.spent_s += perf_counter() - begun_s
 
-    def tick(self, bus: ServoBus, clock: SimulatedClock) -> None:
+    def tick(self, bus: ServoBus[Any], clock: SimulatedClock) -> None:
         """Poll, stage and flush, as the robot does in each tick."""
         bus.poll(clock.now_s() + TICK_S)
         bus.stage(self.zero)

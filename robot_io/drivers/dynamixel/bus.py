@@ -32,7 +32,7 @@ def count_steps(servos: Sequence[ServoSettings]) -> FloatArray:
     return np.array([direction * step for step in steps])
 
 
-class DynamixelBus(ServoBus):
+class DynamixelBus(ServoBus[DynamixelFeedback]):
     """Servos of the X series in current control, Protocol 2.0."""
 
     name = "dynamixel_bus"
@@ -46,6 +46,9 @@ class DynamixelBus(ServoBus):
         self._torque_steps_nm: list[float] = self._joints.steps[2].tolist()
         self._largest_current = [servo.servo_model.largest_current for servo in validated.turning]
         self._watchdog = validated.watchdog
+        nothing, watchdog = (0,) * len(self._ids), (self._watchdog,) * len(self._ids)
+        # Error, torque on, hardware error and watchdog of healthy servos, by whether they are powered.
+        self._healthy = [(nothing, (on,) * len(self._ids), nothing, watchdog) for on in (0, 1)]
         self._servos = {servo.id: servo for servo in validated.turning}
 
     def _examine_servo(self, servo_id: int, label: str) -> list[Finding]:
@@ -66,23 +69,22 @@ class DynamixelBus(ServoBus):
         )
         return self._line.feedback_reader()
 
-    def _counts(self, feedback: Sequence[DynamixelFeedback]) -> Sequence[Sequence[int]]:
-        _, _, _, _, current, velocity, position = zip(*feedback, strict=True)
-        return position, velocity, current
+    def _counts(self, feedback: DynamixelFeedback) -> tuple[Sequence[int], Sequence[int], Sequence[int]]:
+        return feedback.position, feedback.velocity, feedback.current
 
-    def _is_healthy(self, feedback: Sequence[DynamixelFeedback]) -> bool:
-        expected = (0, int(self._powered), 0, self._watchdog)
-        return [servo[:4] for servo in feedback] == [expected] * len(feedback)
+    def _is_healthy(self, feedback: DynamixelFeedback) -> bool:
+        return feedback[:4] == self._healthy[self._powered]
 
-    def _problem(self, feedback: Sequence[DynamixelFeedback]) -> str | None:
-        for label, servo in zip(self._labels, feedback, strict=True):
-            has_fired = servo.watchdog == tables.WATCHDOG_FIRED
+    def _problem(self, feedback: DynamixelFeedback) -> str | None:
+        states = feedback.torque_on, feedback.hardware_error, feedback.watchdog
+        for label, torque_on, hardware_error, watchdog in zip(self._labels, *states, strict=True):
+            has_fired = watchdog == tables.WATCHDOG_FIRED
             if self._powered and has_fired:
                 return f"{label}: its bus watchdog has fired, its torque is off"
-            if servo.watchdog != self._watchdog and not has_fired:
+            if watchdog != self._watchdog and not has_fired:
                 return f"{label}: has lost its settings; it has restarted"
-            if self._powered and not servo.torque_on:
-                names = tables.hardware_error_names(servo.hardware_error)
+            if self._powered and not torque_on:
+                names = tables.hardware_error_names(hardware_error)
                 return f"{label}: has switched its torque off (hardware error: {names})"
         return None
 

@@ -28,36 +28,41 @@ _LARGEST_ANSWER = _STATUS_PACKET + 4 * (FEEDBACK_SIZE + PADDING) // 3 + 1  # byt
 
 
 class DynamixelFeedback(NamedTuple):
-    """One servo's state, in its own units."""
+    """State of all servos, in their own units; each field has one value per servo."""
 
-    error: int  # error byte of its answer: 0, or the alert
-    torque_on: int
-    hardware_error: int
-    watchdog: int  # -1 when it has fired
-    current: int
-    velocity: int
-    position: int  # over several turns
+    error: tuple[int, ...]  # error byte of the answer: 0, or the alert
+    torque_on: tuple[int, ...]
+    hardware_error: tuple[int, ...]
+    watchdog: tuple[int, ...]  # -1 when it has fired
+    current: tuple[int, ...]
+    velocity: tuple[int, ...]
+    position: tuple[int, ...]  # over several turns
 
     @property
-    def fault_text(self) -> str:
-        """Names of its hardware errors, or an empty string."""
-        is_well = not (self.error or self.hardware_error)
-        return "" if is_well else f"hardware error: {tables.hardware_error_names(self.hardware_error)}"
+    def fault_texts(self) -> list[str]:
+        """Names of each servo's hardware errors, or an empty string."""
+        return [
+            f"hardware error: {tables.hardware_error_names(hardware_error)}"
+            if error or hardware_error
+            else ""
+            for error, hardware_error in zip(self.error, self.hardware_error, strict=True)
+        ]
 
 
-def decode_feedback(packet: DynamixelStatus) -> DynamixelFeedback:
-    """Decode the block at the end of an answer.
+def decode_feedback(packets: Sequence[DynamixelStatus]) -> DynamixelFeedback:
+    """Decode the block at the end of each servo's answer.
 
     Args:
-        packet: An answer of at least `FEEDBACK_SIZE` bytes.
+        packets: An answer of at least `FEEDBACK_SIZE` bytes from each servo.
 
     Raises:
-        ProtocolError: The servo refused to be read.
+        ProtocolError: A servo refused to be read.
     """
-    servo_id, error, data = packet
-    if error and packet.refusal:
-        raise ProtocolError(f"servo {servo_id} refuses to be read: {packet.refusal}")
-    return DynamixelFeedback(error, *_FORMAT.unpack_from(data, len(data) - FEEDBACK_SIZE))
+    for packet in packets:
+        if packet.refusal:
+            raise ProtocolError(f"servo {packet.servo_id} refuses to be read: {packet.refusal}")
+    servos = [(error, *_FORMAT.unpack_from(data, len(data) - FEEDBACK_SIZE)) for _, error, data in packets]
+    return DynamixelFeedback(*zip(*servos, strict=True))
 
 
 def feedback_reader(
@@ -107,12 +112,12 @@ class _FastReader(FeedbackReader[DynamixelFeedback]):
     def _answer_size(self, size: int) -> int:
         return self._replies[size].size
 
-    def _decode_whole(self, request: FeedbackRequest, data: bytes) -> list[DynamixelFeedback] | None:
+    def _decode_whole(self, request: FeedbackRequest, data: bytes) -> DynamixelFeedback | None:
         parts = self._replies[request.size].valid_parts(self._buffer + data)
         if parts is None:
             return None
         self._buffer = b""
-        return list(map(DynamixelFeedback._make, self._layouts[request.size].iter_unpack(parts)))
+        return DynamixelFeedback(*zip(*self._layouts[request.size].iter_unpack(parts), strict=True))
 
     def _answers(self, data: bytes) -> Iterator[tuple[FeedbackRequest, Sequence[DynamixelStatus]]]:
         self._buffer = buffer = self._buffer + data

@@ -5,13 +5,13 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from math import exp, isnan, pi
-from typing import Any, Literal
+from typing import Any, Generic, Literal
 
 import numpy as np
 
 from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.drivers.joint_bus import BusEncoder, JointBus, check_one_per_joint
-from palpate.robot_io.drivers.servo.feedback import FeedbackReader
+from palpate.robot_io.drivers.servo.feedback import FeedbackReader, FeedbackType
 from palpate.robot_io.drivers.servo.joints import ServoBusSettings, ServoJoints, ServoPairs, ServoSample
 from palpate.robot_io.drivers.servo.line import ServoLine, examine_line
 from palpate.robot_io.errors import DeviceError, InputError, LifecycleError
@@ -21,7 +21,7 @@ from palpate.robot_io.serial_port import SerialPort
 from palpate.robot_io.types import FloatArray, Reading, Status
 
 
-class ServoBus(JointBus, Examinable):
+class ServoBus(JointBus, Examinable, Generic[FeedbackType]):
     """Servos on one half-duplex line, one or two per joint; base of each maker's bus.
 
     Args:
@@ -45,7 +45,7 @@ class ServoBus(JointBus, Examinable):
         middle_rad = [0.5 * (low + high) for low, high in ends_rad]
         self._joints = ServoJoints(settings.turning, self._pairs, middle_rad, steps)
         self._clock = context.clock
-        self._reader: FeedbackReader[Any] | None = None
+        self._reader: FeedbackReader[FeedbackType] | None = None
         self._turns_known = False
         self._powered = False
         self._may_hold = False  # whether the torque may be on; until a command for torque off was confirmed
@@ -64,19 +64,19 @@ class ServoBus(JointBus, Examinable):
         """Read the identity of a servo; raise `DeviceError` if it no longer answers, or the port failed."""
 
     @abstractmethod
-    def _prepare_feedback(self) -> FeedbackReader[Any]:
+    def _prepare_feedback(self) -> FeedbackReader[FeedbackType]:
         """Check the servos against the robot file and prepare reading; their torque is off."""
 
     @abstractmethod
-    def _counts(self, feedback: Sequence[Any]) -> Sequence[Sequence[int]]:
-        """Return position, velocity and torque of all servos that turn joints, shape (3, m) [counts]."""
+    def _counts(self, feedback: FeedbackType) -> tuple[Sequence[int], Sequence[int], Sequence[int]]:
+        """Return positions, velocities and torques of the servos that turn joints, each (m,) [counts]."""
 
     @abstractmethod
-    def _is_healthy(self, feedback: Sequence[Any]) -> bool:
+    def _is_healthy(self, feedback: FeedbackType) -> bool:
         """Return whether all servos have their settings and no errors; decides in most ticks."""
 
     @abstractmethod
-    def _problem(self, feedback: Sequence[Any]) -> str | None:
+    def _problem(self, feedback: FeedbackType) -> str | None:
         """Return why some of the feedback cannot be trusted at all, or None."""
 
     @abstractmethod
@@ -162,7 +162,7 @@ class ServoBus(JointBus, Examinable):
         if fault_text:
             raise DeviceError(fault_text)
 
-    def _fault_texts(self, feedback: Sequence[Any]) -> str:
+    def _fault_texts(self, feedback: FeedbackType) -> str:
         """Return errors that servos report with sound positions.
 
         Raises:
@@ -170,10 +170,10 @@ class ServoBus(JointBus, Examinable):
         """
         if problem := self._problem(feedback):
             raise DeviceError(problem)
-        servos = zip(self._labels, feedback, strict=True)
-        return "; ".join(f"{label}: {servo.fault_text}" for label, servo in servos if servo.fault_text)
+        servos = zip(self._labels, feedback.fault_texts, strict=True)
+        return "; ".join(f"{label}: {fault_text}" for label, fault_text in servos if fault_text)
 
-    def _values(self, feedback: Sequence[Any]) -> list[float]:
+    def _values(self, feedback: FeedbackType) -> list[float]:
         """Positions, velocities and torques of the servos along the joint axes, see `ServoJoints.values`."""
         counts = self._counts(feedback)
         if not self._turns_known:

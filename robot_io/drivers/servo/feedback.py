@@ -3,14 +3,23 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from palpate.robot_io.clock import Clock
 from palpate.robot_io.drivers.servo.stream import PacketStream, ServoAnswer
 from palpate.robot_io.errors import DeviceTimeoutError, ProtocolError
 from palpate.robot_io.serial_port import SerialPort
 
-FeedbackType = TypeVar("FeedbackType")
+
+class ServoFeedback(Protocol):
+    """State of all servos of a line, in their own units."""
+
+    @property
+    def fault_texts(self) -> list[str]:
+        """Names of each servo's errors, or an empty string."""
+
+
+FeedbackType = TypeVar("FeedbackType", bound=ServoFeedback)
 
 _LATEST_S = 0.1  # no answer comes later than this after its request: USB adapters hold bytes for 16 ms
 
@@ -39,7 +48,8 @@ class FeedbackReader(Generic[FeedbackType]):
         servo_ids: Servos that are asked, in this order.
         asking: Request for each number of bytes that can be requested from each servo, the smallest first.
         packets: Parser of the received bytes.
-        decode: Converts one packet to feedback; raises ProtocolError if it cannot be read.
+        decode: Converts the packets of all servos, in their order, to feedback; raises ProtocolError if one
+            cannot be read.
         overhead: Bytes of an answer in addition to its data.
     """
 
@@ -51,7 +61,7 @@ class FeedbackReader(Generic[FeedbackType]):
         *,
         asking: Mapping[int, bytes],
         packets: PacketStream[Any],
-        decode: Callable[[Any], FeedbackType],
+        decode: Callable[[Sequence[Any]], FeedbackType],
         overhead: int,
     ) -> None:
         self._port, self._clock, self._ids = port, clock, tuple(servo_ids)
@@ -72,14 +82,14 @@ class FeedbackReader(Generic[FeedbackType]):
         """Number of bytes of all answers to a request for `size` bytes."""
         return len(self._ids) * (self._overhead + size)
 
-    def read(self, deadline_s: float) -> tuple[list[FeedbackType], float]:
+    def read(self, deadline_s: float) -> tuple[FeedbackType, float]:
         """Request the feedback of all servos, and wait for their answers.
 
         Args:
             deadline_s: End of the wait, on the robot's clock [s].
 
         Returns:
-            The newest feedback of all servos in their order, and the time of its request [s]. The servos
+            The newest feedback of all servos, and the time of its request [s]. The servos
             sample when the request has reached them, so this time is a little too early, never too late.
 
         Raises:
@@ -137,7 +147,7 @@ class FeedbackReader(Generic[FeedbackType]):
                 return now_s
         return -inf
 
-    def _newest(self, data: bytes) -> tuple[list[FeedbackType], float] | None:
+    def _newest(self, data: bytes) -> tuple[FeedbackType, float] | None:
         """Return the last complete answer that ends in `data`, and the time of its request [s]."""
         if len(self._open) == 1:
             request = self._open[0]
@@ -151,7 +161,7 @@ class FeedbackReader(Generic[FeedbackType]):
             if request.asked_at_s == -inf:
                 continue  # a second answer to the same request
             try:
-                newest = list(map(self._decode, packets)), request.asked_at_s
+                newest = self._decode(packets), request.asked_at_s
             except ProtocolError as error:
                 self._problem = str(error)
             # Answers arrive in the order of the requests, so no answers to earlier requests follow.
@@ -166,7 +176,7 @@ class FeedbackReader(Generic[FeedbackType]):
             request.asked_at_s = -inf
             self._open.remove(request)
 
-    def _decode_whole(self, request: FeedbackRequest, data: bytes) -> list[FeedbackType] | None:
+    def _decode_whole(self, request: FeedbackRequest, data: bytes) -> FeedbackType | None:
         """Decode all answers to the only open request at once, as in most ticks.
 
         Args:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.robot_io.drivers.dynamixel.servos import decode_feedback
-from palpate.robot_io.drivers.feetech.bus import FEEDBACK_SIZE
+from palpate.robot_io.drivers.feetech.feedback import FEEDBACK_SIZE
 from palpate.robot_io.drivers.feetech.protocol import AROUND, FeetechStatusReader
 from tests.wire.parts import DYNAMIXEL, SO101
 
@@ -14,8 +14,8 @@ TICKS = 60
 
 def one_by_one(reader, request, data):
     if hasattr(reader, "_replies"):
-        return list(map(decode_feedback, reader._replies[request.size].decode(data)))
-    return list(map(reader._decode, FeetechStatusReader().feed(data)))
+        return decode_feedback(reader._replies[request.size].decode(data))
+    return reader._decode(FeetechStatusReader().feed(data))
 
 
 def recorded(arm):
