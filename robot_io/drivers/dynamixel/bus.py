@@ -69,7 +69,7 @@ class DynamixelBus(ServoBus[DynamixelFeedback]):
         )
         return self._line.feedback_reader()
 
-    def _counts(self, feedback: DynamixelFeedback) -> tuple[Sequence[int], Sequence[int], Sequence[int]]:
+    def _counts(self, feedback: DynamixelFeedback) -> Sequence[Sequence[float]]:
         return feedback.position, feedback.velocity, feedback.current
 
     def _is_healthy(self, feedback: DynamixelFeedback) -> bool:

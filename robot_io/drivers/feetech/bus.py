@@ -43,10 +43,14 @@ class FeetechBus(ServoBus[FeetechFeedback]):
         step_rad = direction * POSITION_STEP_RAD
         step_nm = direction * np.array(self._stall_nm) * tables.DUTY_PER_LOAD
         super().__init__(validated, np.array((step_rad, step_rad, step_nm)), context)
-        self._drag_nms_rad = [model.stall_torque_nm / model.no_load_rad_s for model in models]
-        steps_rad: list[float] = self._joints.steps[0].tolist()
-        stiffness_nm_rad = [stall_nm * validated.duty_per_rad for stall_nm in self._stall_nm]
-        self._laws = list(zip(self._drag_nms_rad, self._stall_nm, stiffness_nm_rad, steps_rad, strict=True))
+        drag_nms_rad = [model.stall_torque_nm / model.no_load_rad_s for model in models]
+        self._drag_loads = (np.array(drag_nms_rad) * step_rad / step_nm).tolist()  # load per speed, in counts
+        steps_rad: list[float] = step_rad.tolist()
+        torque_per_count_nm = [
+            stall_nm * validated.duty_per_rad * step
+            for stall_nm, step in zip(self._stall_nm, steps_rad, strict=True)
+        ]
+        self._laws = list(zip(drag_nms_rad, self._stall_nm, torque_per_count_nm, steps_rad, strict=True))
         self._half_tick_s = 0.5 / context.robot_file.control_rate_hz
         # Largest duty cycle of each servo, in its unit: for its torque at its speed. Those that hold stand
         # still, and may bear what the strongest servo of a joint may.
@@ -55,7 +59,7 @@ class FeetechBus(ServoBus[FeetechFeedback]):
             pairs.split_torques(limits.torque_nm),
             pairs.repeat_for_servos(limits.velocity_rad_s),
         )
-        servos = zip(servo_nm, speed_rad_s, self._drag_nms_rad, self._stall_nm, strict=True)
+        servos = zip(servo_nm, speed_rad_s, drag_nms_rad, self._stall_nm, strict=True)
         turning = [(torque + drag * speed) / stall for torque, speed, drag, stall in servos]
         held = max(torque / stall for torque, stall in zip(servo_nm, self._stall_nm, strict=True))
         duties = [max(duty, _LEAST_DUTY) for duty in (*turning, *len(validated.hold) * [held])]
@@ -80,16 +84,13 @@ class FeetechBus(ServoBus[FeetechFeedback]):
         self._plausibility.restart()
         return FeetechReader(self._port, self._clock, self._sent_settings, self._plausibility)
 
-    def _counts(self, feedback: FeetechFeedback) -> tuple[Sequence[int], Sequence[int], Sequence[int]]:
+    def _counts(self, feedback: FeetechFeedback) -> Sequence[Sequence[float]]:
+        """See `ServoBus._counts`; the duty cycle includes what the speed takes, which is no torque."""
         count = len(self._ids)  # servos that hold come last
-        return feedback.position[:count], feedback.speed[:count], feedback.load[:count]
-
-    def _values(self, feedback: FeetechFeedback) -> list[float]:
-        values, count = super()._values(feedback), len(self._ids)
-        speeds, loads = values[count : 2 * count], values[2 * count :]
-        torques = zip(loads, speeds, self._drag_nms_rad, feedback.torque_on, strict=False)
-        values[2 * count :] = [(load - speed * drag) * torque_on for load, speed, drag, torque_on in torques]
-        return values
+        speeds = feedback.speed[:count]
+        servos = zip(feedback.load[:count], speeds, self._drag_loads, feedback.torque_on[:count], strict=True)
+        torques = [(load - speed * drag) * torque_on for load, speed, drag, torque_on in servos]
+        return feedback.position[:count], speeds, torques
 
     def _is_healthy(self, feedback: FeetechFeedback) -> bool:
         return (
@@ -121,13 +122,14 @@ class FeetechBus(ServoBus[FeetechFeedback]):
         shares_nm, zeros_rad = self._pairs.split_torques(torque_nm), self._joints.offset_rad
         servos = zip(shares_nm, position_rad, velocity_rad_s, zeros_rad, self._laws, strict=True)
         for wanted_nm, angle_rad, speed_rad_s, zero_rad, law in servos:
-            drag_nms_rad, stall_nm, stiffness_nm_rad, step_rad = law
-            expected_rad, drag_nm = angle_rad + ahead_s * speed_rad_s, drag_nms_rad * speed_rad_s
+            drag_nms_rad, stall_nm, torque_per_count_nm, step_rad = law
+            expected_count = (angle_rad + ahead_s * speed_rad_s - zero_rad) / step_rad
+            drag_nm = drag_nms_rad * speed_rad_s
             motor_nm = clip(wanted_nm + drag_nm, -stall_nm, stall_nm)
-            goal = round((expected_rad + motor_nm / stiffness_nm_rad - zero_rad) / step_rad)
+            goal = round(expected_count + motor_nm / torque_per_count_nm)
             goal = 0 if goal < 0 else min(goal, highest)
             counts.append(goal)
-            sent_nm.append((goal * step_rad + zero_rad - expected_rad) * stiffness_nm_rad - drag_nm)
+            sent_nm.append((goal - expected_count) * torque_per_count_nm - drag_nm)
         self._plausibility.sent(counts)
         return counts, np.array(self._pairs.sum_pairs(sent_nm))
 

@@ -68,8 +68,8 @@ class ServoBus(JointBus, Examinable, Generic[FeedbackType]):
         """Check the servos against the robot file and prepare reading; their torque is off."""
 
     @abstractmethod
-    def _counts(self, feedback: FeedbackType) -> tuple[Sequence[int], Sequence[int], Sequence[int]]:
-        """Return positions, velocities and torques of the servos that turn joints, each (m,) [counts]."""
+    def _counts(self, feedback: FeedbackType) -> Sequence[Sequence[float]]:
+        """Return positions, velocities and torques of the servos that turn joints, shape (3, m) [counts]."""
 
     @abstractmethod
     def _is_healthy(self, feedback: FeedbackType) -> bool:
@@ -148,7 +148,11 @@ class ServoBus(JointBus, Examinable, Generic[FeedbackType]):
             raise LifecycleError("the servos can be read only between configure and close")
         feedback, asked_at_s = self._reader.read(deadline_s)
         fault_text = "" if self._is_healthy(feedback) else self._fault_texts(feedback)
-        motion = np.array(self._values(feedback)).reshape(3, -1)
+        counts = self._counts(feedback)
+        if not self._turns_known:
+            self._joints.choose_turns(counts)
+            self._turns_known = True
+        motion = self._joints.motion(counts)
         position_rad, velocity_rad_s, torque_nm = motion[0], motion[1], motion[2]  # faster than iterating
         if self._pairs.joints:
             if disagreement := self._pairs.disagreement(position_rad):
@@ -172,14 +176,6 @@ class ServoBus(JointBus, Examinable, Generic[FeedbackType]):
             raise DeviceError(problem)
         servos = zip(self._labels, feedback.fault_texts, strict=True)
         return "; ".join(f"{label}: {fault_text}" for label, fault_text in servos if fault_text)
-
-    def _values(self, feedback: FeedbackType) -> list[float]:
-        """Positions, velocities and torques of the servos along the joint axes, see `ServoJoints.values`."""
-        counts = self._counts(feedback)
-        if not self._turns_known:
-            self._joints.choose_turns(counts)
-            self._turns_known = True
-        return self._joints.values(counts)
 
     def stage(self, torque_nm: FloatArray) -> FloatArray:
         """See `JointBus.stage`; raise `InputError` if a torque is not a number."""

@@ -343,9 +343,9 @@ class ServoJoints:
         self._middle_rad = np.array(pairs.repeat_for_servos(middle_rad))
         self._zero_rad = np.array([servo.zero_rad for servo in mountings])
         self._offsets = np.zeros_like(steps)
-        self._store_offsets()
+        self.offset_rad: list[float] = self._offsets[0].tolist()
 
-    def choose_turns(self, counts: Sequence[Sequence[int]]) -> None:
+    def choose_turns(self, counts: Sequence[Sequence[float]]) -> None:
         """Choose for each servo the turn that is nearest to the middle of its joint's range.
 
         For the second servo of a joint, it is the turn that is nearest to the first servo.
@@ -354,34 +354,23 @@ class ServoJoints:
             counts: Counts of position, velocity and torque, shape (3, m).
         """
         self._offsets[0] = self._zero_rad
-        self._store_offsets()
         shown_rad = self.motion(counts)[0]
         turned_rad = shown_rad + _whole_turns(self._middle_rad - shown_rad)
         first_rad = np.array(self._pairs.repeat_for_servos(turned_rad[: self._pairs.joint_count]))
         self._offsets[0] += _whole_turns(first_rad - shown_rad)
-        self._store_offsets()
+        self.offset_rad = self._offsets[0].tolist()
 
-    def _store_offsets(self) -> None:
-        """Store sizes and offsets of all counts as numbers, which are faster than arrays in each tick."""
-        self._linear = list(zip(self.steps.ravel().tolist(), self._offsets.ravel().tolist(), strict=True))
-        self.offset_rad: list[float] = self._offsets[0].tolist()
-
-    def motion(self, counts: Sequence[Sequence[int]]) -> FloatArray:
-        """Convert counts to `values` as an array, shape (3, m)."""
-        return np.array(self.values(counts)).reshape(3, -1)
-
-    def values(self, counts: Sequence[Sequence[int]]) -> list[float]:
-        """Convert counts; as plain numbers, since this runs in every tick.
+    def motion(self, counts: Sequence[Sequence[float]]) -> FloatArray:
+        """Convert counts.
 
         Args:
             counts: Counts of position, velocity and torque, shape (3, m).
 
         Returns:
-            Positions [rad], then velocities [rad/s], then torques [N m] along the joint axes, 3 m numbers.
+            Positions [rad], velocities [rad/s] and torques [N m] along the joint axes, shape (3, m).
         """
-        position, velocity, torque = counts
-        pairs = zip((*position, *velocity, *torque), self._linear, strict=True)
-        return [count * step + offset for count, (step, offset) in pairs]
+        motion: FloatArray = np.array(counts, dtype=np.float64) * self.steps + self._offsets
+        return motion
 
 
 def _whole_turns(angle_rad: FloatArray) -> FloatArray:

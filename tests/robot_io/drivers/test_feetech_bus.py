@@ -93,14 +93,14 @@ def test_goals_stay_within_the_count_range_and_clipping_is_reported(arm, count, 
     arm.start()
     hold(arm)
     arm.ticks(2)
-    motors, step_rad = arm.robot.buses["motors"], 2 * pi / 4096
+    motors = arm.robot.buses["motors"]
     servo_states = motors.sample.servo_states.copy()
     servo_states[0, 1] = motors._joints.offset_rad[1] + count * motors._joints.steps[0, 1]
     servo_states[1, 1] = 0.0
     motors.sample = motors.sample._replace(servo_states=servo_states)
     sent_nm = motors.stage(np.array([0.0, sign * np.sign(motors._joints.steps[0, 1]), 0.0]))
-    _, _, stiffness_nm_rad, _ = motors._laws[1]
-    assert abs(sent_nm[1]) == pytest.approx(stiffness_nm_rad * 2 * step_rad)
+    _, _, torque_per_count_nm, _ = motors._laws[1]
+    assert abs(sent_nm[1]) == pytest.approx(2 * abs(torque_per_count_nm))
 
 
 def test_the_load_of_a_turning_motor_is_no_torque(arm):
