@@ -1,9 +1,8 @@
 """Data of one tick between robot, guard and controller. SI units; arrays are read-only.
 
-Records with many fields are named tuples: immutable like a frozen dataclass, and faster to make.
+Records are named tuples: immutable like a frozen dataclass, and faster to make.
 """
 
-from dataclasses import dataclass
 from enum import IntEnum
 from math import isfinite
 from typing import NamedTuple
@@ -51,8 +50,7 @@ class Measurement(NamedTuple):
     force_status: Status = Status.OK  # status of the force
 
 
-@dataclass(frozen=True, slots=True)
-class Command:
+class Command(NamedTuple):
     """Command of one tick."""
 
     joint_torque_nm: FloatArray  # shape (n,), positive along the joint axis [N m]

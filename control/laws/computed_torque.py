@@ -77,15 +77,16 @@ class Pid:
             dt_s: length of the step [s].
         """
         filter_share = dt_s / (dt_s + self._filter_s)
+        kp, ki_dt, kd, limit = self._kp, self._ki * dt_s, self._kd, self._limit
         output: list[float] = []  # for few joints, a loop is several times faster than arrays
-        errors = zip(error_rad.tolist(), error_rate_rad_s.tolist(), strict=True)
-        for joint, (error, error_rate) in enumerate(errors):
-            self._rate[joint] += (error_rate - self._rate[joint]) * filter_share
-            growth = error * (self._ki * dt_s)
-            unlimited = self._kp * error + self._kd * self._rate[joint] + self._integral[joint] + growth
-            limited = clip(unlimited, -self._limit, self._limit)
+        errors = zip(error_rad.tolist(), error_rate_rad_s.tolist(), self._rate, self._integral, strict=True)
+        for joint, (error, error_rate, last_rate, integral) in enumerate(errors):
+            self._rate[joint] = rate = last_rate + (error_rate - last_rate) * filter_share
+            growth = error * ki_dt
+            unlimited = kp * error + kd * rate + integral + growth
+            limited = clip(unlimited, -limit, limit)
             if not (unlimited - limited) * growth > 0.0:
-                self._integral[joint] += growth
+                self._integral[joint] = integral + growth
             output.append(limited)
         return np.array(output)
 

@@ -241,7 +241,6 @@ class StuckForce:
         self._jump_n = nan  # last change
         self._step_n = inf  # smallest change so far
         self._noise_n = 0.0  # sum of the changes that reversed, each beyond one step
-        self._enough: float = inf  # length of a sequence that is not due to chance
         self._rests = False  # whether the sensor is known to repeat values
 
     def problem(self, measurement: Measurement) -> Problem | None:
@@ -264,7 +263,7 @@ class StuckForce:
             self._jump_n, self._force_n = force_n - self._force_n, force_n
             return None
         self._row += 1
-        is_long = self._row > self._enough and sampled_at_s - self._since_s >= self._time_s - 1e-9
+        is_long = sampled_at_s - self._since_s >= self._time_s - 1e-9 and self._row > self._improbable_count()
         if not is_long or self._rests or not self._has_moved(measurement):
             return None
         count = self._row + 1
@@ -291,12 +290,10 @@ class StuckForce:
         self._equal += row
         self._known += row + 1
         self._longest = max(self._longest, row)
-        if self._known >= _LEAST_KNOWN:
-            self._enough = self._improbable_count()
 
     def _improbable_count(self) -> float:
         """Return the number of consecutive equal samples that is not due to chance."""
-        if not self._noise_n:
+        if self._known < _LEAST_KNOWN or not self._noise_n:
             return inf
         noise_n = self._noise_n / self._known
         share = max(self._equal / self._known, _LEAST_SHARE, _NOISE_SHARE * self._step_n / noise_n)
@@ -446,13 +443,12 @@ class UnresponsiveDrives:
         is_first = sampled_at_s - self._begun_s < _FIRST_S
         is_judged = not is_first and measurement.torque_status is not Status.SATURATED
         share = dt_s / (dt_s + (_FIRST_HABIT_S if is_first else _HABIT_S))
-        for joint, (drive, measured_nm) in enumerate(
-            zip(self._drives, measurement.joint_torque_nm.tolist(), strict=True), 1
-        ):
+        torques_nm = measurement.joint_torque_nm.tolist()
+        for joint, (drive, measured_nm) in enumerate(zip(self._drives, torques_nm, strict=True), 1):
             drive.shows(measured_nm)
             if not (is_judged and drive.is_missing()):
                 drive.count, drive.obeyed_at_s = 0, sampled_at_s
-                off_nm = drive.measured_nm - clip(drive.measured_nm, drive.low_nm, drive.high_nm)
+                off_nm = measured_nm - clip(measured_nm, drive.low_nm, drive.high_nm)
                 drive.usually_off_nm += (off_nm - drive.usually_off_nm) * share
                 continue
             drive.count += 1
