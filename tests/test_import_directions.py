@@ -52,7 +52,7 @@ def rooms(folder: Path, root: Path = ROOT) -> dict[str, set[str]]:
 
 
 @pytest.mark.parametrize("package", sorted(ALLOWED))
-def test_package_imports_only_what_the_house_allows(package):
+def test_package_imports_only_allowed_packages(package):
     wrong = {
         f"{path.relative_to(ROOT)} imports {other}"
         for path in (ROOT / package).rglob("*.py")
@@ -64,7 +64,7 @@ def test_package_imports_only_what_the_house_allows(package):
 FOLDERS = sorted({path.parent for package in ALLOWED for path in (ROOT / package).rglob("*.py")})
 
 
-def test_no_room_leads_back_to_itself():
+def test_no_package_imports_itself_in_a_circle():
     for folder in FOLDERS:
         TopologicalSorter(rooms(folder)).prepare()  # raises CycleError with the way round
 
@@ -77,7 +77,7 @@ def test_every_import_is_under_the_one_name():
     assert not [path for path in files for name in imported_modules(path) if name.split(".")[0] in beside]
 
 
-def test_rooms_that_import_each_other_and_forbidden_imports_are_seen(tmp_path):
+def test_circular_and_forbidden_imports_are_detected(tmp_path):
     house = tmp_path / "house"
     (house / "kitchen").mkdir(parents=True)
     (house / "kitchen" / "stove.py").write_text("from house.cellar import wood\n")

@@ -49,7 +49,7 @@ def test_tip_comes_to_rest_at_force_balance(body):
     assert plant.compression_n == pytest.approx(8.0 * np.sin(plant.angle_rad[2]), rel=0.02)
 
 
-def test_the_surface_never_pulls():
+def test_surface_never_pulls():
     plant = MockPlant(np.array([-1.275, 1.391, 1.455]), 10.0, 200.0)
     plant.surface_height_m = plant.tip_height_m + 0.01
     plant.rate_rad_s = np.array([-5.0, 0.0, 0.0])  # leaves fast

@@ -13,13 +13,13 @@ KELVIN_VOIGT = Press(ContactLaw(500.0, 20.0), count=1500)
 HUNT_CROSSLEY = Press(ContactLaw(2000.0, 1500.0, 1.3, 1.3), count=2000)
 
 
-def test_the_speed_is_the_depth_s_derivative():
+def test_speed_is_the_derivative_of_depth():
     np.testing.assert_allclose(
         np.gradient(KELVIN_VOIGT.depth_m, 1e-3)[1:-1], KELVIN_VOIGT.speed_m_s[1:-1], atol=2e-3
     )
 
 
-def test_the_bound_is_what_least_squares_scatter_by_in_even_noise():
+def test_bound_equals_the_scatter_of_least_squares_in_even_noise():
     """Of a linear law with Gaussian noise they reach it (Gauss and Markov)."""
     noise, errors = Noise(0.05), []
     for seed in range(300):
@@ -29,7 +29,7 @@ def test_the_bound_is_what_least_squares_scatter_by_in_even_noise():
     np.testing.assert_allclose(np.std(errors, axis=0), KELVIN_VOIGT.bound(noise), rtol=0.15)
 
 
-def test_the_bound_of_hunt_crossley_is_that_of_finite_differences():
+def test_hunt_crossley_bound_matches_finite_differences():
     rows = []
     for step in np.diag(1e-6 * HUNT_CROSSLEY.truth):
         ahead, behind = (
@@ -53,7 +53,7 @@ def test_hunt_crossley_is_recovered_over_its_range_with_outliers(k, n):
 
 
 @pytest.mark.parametrize(("outliers", "most"), [pytest.param(0.0, 1.35, marks=pytest.mark.slow), (0.3, 1.6)])
-def test_the_robust_estimate_of_a_channel_is_near_the_bound_in_exponent_and_gains(outliers, most):
+def test_robust_estimate_is_near_the_bound_in_exponent_and_gains(outliers, most):
     """Errors of 25 draws scatter by a seventh; 30 % of the samples lost cost 1.2."""
     noise, errors = Noise(outliers=outliers), []
     for seed in range(25):

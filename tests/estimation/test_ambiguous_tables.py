@@ -41,7 +41,7 @@ def test_rows_with_the_other_decimal_mark_are_not_a_footer(tmp_path):
     np.testing.assert_allclose(channel.effort, FORCE_N, atol=1e-5)
 
 
-def test_a_lone_quotation_mark_swallows_no_rows_and_a_quoted_remark_of_several_lines_is_none(tmp_path):
+def test_unclosed_quotation_mark_is_refused_and_a_multiline_quote_is_not(tmp_path):
     lines, path = rows(TIME_S, DEPTH_M, FORCE_N), tmp_path / "press.csv"
     whole = "\n".join([HEADER, *lines[:99], lines[99].replace("ok", '"5 mm probe'), *lines[100:]])
     path.write_text(whole, encoding="utf-8")
@@ -75,7 +75,7 @@ def test_text_with_thousands_separators_among_numbers_is_refused(tmp_path):
         import_file(path)
 
 
-def test_a_row_of_units_that_may_contradict_the_names_is_reported(tmp_path):
+def test_units_row_that_contradicts_the_names_is_reported(tmp_path):
     header = ["time_s", "displacement_m", "force_N"]
     path = workbook(tmp_path / "press.xlsx", header, ["s", "m", "kN"], force=FORCE_N.tolist())
     notes = " ".join(import_file(path).notes)
@@ -98,7 +98,7 @@ def test_factors_in_names_are_reported(tmp_path, name):
     assert f"'{name}' is ignored" in notes
 
 
-def test_an_unrelated_velocity_or_acceleration_is_not_used_and_a_constant_velocity_is(tmp_path):
+def test_unrelated_derivative_is_not_used_and_a_constant_velocity_is(tmp_path):
     header = "time_s;displacement_m;velocity_m_s;force_N;note"
     for velocity in (np.zeros_like(TIME_S), np.sin(90.0 * TIME_S + 1.0)):
         notes = notes_of(tmp_path / "press.csv", header, TIME_S, DEPTH_M, velocity, FORCE_N)
@@ -118,20 +118,20 @@ def test_an_unrelated_velocity_or_acceleration_is_not_used_and_a_constant_veloci
     assert "does not follow" not in notes
 
 
-def test_a_pause_longer_than_the_rest_of_the_run_is_reported(tmp_path):
+def test_pause_longer_than_the_rest_of_the_run_is_reported(tmp_path):
     time_s = np.where(TIME_S > 0.15, TIME_S + 3600.0, TIME_S)  # at the largest depth
     notes = notes_of(tmp_path / "press.csv", HEADER, time_s, DEPTH_M, FORCE_N)
     assert "'time_s' jumps by 3600 s to line 153" in notes
     assert "jumps" not in notes_of(tmp_path / "press.csv", HEADER, TIME_S, DEPTH_M, FORCE_N)
 
 
-def test_a_unit_that_makes_numbers_too_large_is_refused(tmp_path):
+def test_unit_that_makes_numbers_too_large_is_refused(tmp_path):
     path = saved(tmp_path / "press.csv", "\n".join([HEADER, *rows(TIME_S, DEPTH_M, FORCE_N)]))
     with pytest.raises(InputError, match=r"column 'force_N' in 1e30N: .*N is too large a number"):
         import_file(path, ImportOptions(units={"force": "1e30N"}))
 
 
-def test_a_blank_at_the_end_of_rows_without_numbers_hides_no_error(tmp_path):
+def test_trailing_blank_of_rows_without_numbers_hides_no_error(tmp_path):
     path = tmp_path / "press.csv"
     path.write_text("".join(f"00:{n:02d}.0,-1.0,0.5 00:{n:02d}.0,-1.0,0.5\n" for n in range(60)) + " ")
     with pytest.raises(InputError) as error:

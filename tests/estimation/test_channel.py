@@ -21,7 +21,7 @@ from tests.estimation.swings import long_swings as swings
         ({"context": {"temperature_c": np.full(15_000, np.nan)}}, "temperature_c is not finite at sample 0"),
     ],
 )
-def test_arrays_that_do_not_fit_are_refused(change, words):
+def test_arrays_of_other_lengths_are_refused(change, words):
     with pytest.raises(InputError, match=words):
         replace(swings(1, rate_hz=1000.0), **change)
 
@@ -36,7 +36,7 @@ def test_results_are_cached_for_read_only_arrays():
     assert not any(one.flags.writeable for one in block_index(np.repeat([0, 1], 2)))
 
 
-def test_a_tool_s_yielding_goes_by_where_the_object_pushes_now():
+def test_tool_compliance_follows_the_current_contact():
     """The force is smoothed piece by piece; where the surface moves, the pieces do."""
     compliance, data = EFFECTS["tool_compliance"](), swings(1, rate_hz=1000.0)
     data = replace(data, kind=ChannelKind.CONTACT)

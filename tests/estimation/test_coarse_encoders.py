@@ -63,7 +63,7 @@ def test_surface_of_a_stiff_object_is_at_first_contact():
         assert offset_m == pytest.approx(0.0, abs=1e-8)
 
 
-def test_intervals_hold_what_the_steps_leave_uncertain():
+def test_intervals_include_the_encoder_step_uncertainty():
     inside, inside_without = 0, 0
     for seed in range(6):
         channel, _ = pressed(3000.0, seed)
@@ -77,21 +77,21 @@ def test_intervals_hold_what_the_steps_leave_uncertain():
 
 
 @pytest.mark.parametrize("stiffness", [800.0, 3000.0])
-def test_damping_is_cleared_of_what_the_steps_take_away_and_its_interval_holds_the_rest(stiffness):
+def test_damping_is_corrected_for_encoder_steps_within_its_interval(stiffness):
     """Steps make the derived velocity noisy, and least squares take that for a smaller damping."""
     found = [estimated(pressed(stiffness, seed)[0])["damping.c"] for seed in range(6)]
     assert np.mean([each.value for each in found]) == pytest.approx(DAMPING, rel=0.12)
     assert all(each.interval[0] <= DAMPING <= each.interval[1] for each in found)
 
 
-def test_a_fine_encoder_widens_nothing():
+def test_fine_encoder_widens_no_interval():
     (channel,) = contact_channels(ticks(probe(kelvin_voigt(800.0, 40.0), seed=1)), tared=True)
     fine = estimated(replace(channel, position_step=1e-9))["stiffness.k"]
     none = estimated(replace(channel, position_step=0.0))["stiffness.k"]
     assert fine.std_err == pytest.approx(none.std_err, rel=1e-6)
 
 
-def test_the_first_reading_in_contact_does_not_lift_the_surface():
+def test_first_reading_in_contact_does_not_raise_the_surface():
     """It may be half a step too high; a sample that is known to press is not cut off at the surface."""
     for seed in range(3):
         channel, surface_m = pressed(1500.0, seed)

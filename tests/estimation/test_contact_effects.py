@@ -20,7 +20,7 @@ def around_the_surface(kind=ChannelKind.CONTACT):
     return channel(np.zeros(5), x, np.full(5, 0.1), np.arange(5.0), kind=kind)
 
 
-def test_a_contact_pushes_only_while_it_is_pressed_and_a_held_spring_pulls_too():
+def test_contact_pushes_only_while_pressed_and_a_two_sided_spring_pulls():
     data = around_the_surface()
     for name in ("stiffness", "damping", "hunt_crossley"):
         columns = EFFECTS[name]().columns(data, {"n": 1.5})
@@ -38,7 +38,7 @@ def test_hunt_crossley_with_exponent_1_is_a_spring_without_damping():
     assert columns[3, 1] == pytest.approx(0.001 * 0.1)
 
 
-def test_an_offset_moves_the_surface():
+def test_offset_moves_the_surface():
     data = around_the_surface()
     deeper = EFFECTS["contact_offset"]().move(data, {"offset": 0.002})
     np.testing.assert_array_equal(deeper.engaged, [False, False, False, False, True])
@@ -68,7 +68,7 @@ def test_every_base_model_has_a_description(name):
     assert model.__doc__
 
 
-def test_an_unknown_model_lists_the_valid_ones():
+def test_unknown_model_lists_the_valid_ones():
     with pytest.raises(InputError, match=r"no model is called 'kelvin'.*kelvin_voigt"):
         MODELS["kelvin"]
 
@@ -81,7 +81,7 @@ def two_presses():
     return channel(force, depth, np.gradient(depth, 0.01), t, run=np.repeat([2, 5], 100))
 
 
-def test_a_dent_stays_for_the_next_press_in_time_whatever_the_numbers_of_the_runs_say():
+def test_dent_persists_to_the_next_press_in_time_for_any_run_numbers():
     data = two_presses()
     dented = data.position - EFFECTS["plastic_set"]().move(data, {"share": 0.1, "kept": 1.0}).position
     assert dented[:100] == pytest.approx(np.full(100, 0.1))
@@ -108,7 +108,7 @@ def test_plastic_indentation_is_reset_when_the_clock_restarts():
     assert dented[50:100] == pytest.approx(np.full(50, 0.05))
 
 
-def test_a_sensor_with_hysteresis_takes_columns_as_it_takes_one_effort():
+def test_hysteresis_of_a_sensor_is_the_same_for_one_or_many_columns():
     data, sensor = two_presses(), EFFECTS["hysteresis"]()
     efforts = np.column_stack([5 * data.position, 3 * data.position - 0.2, np.zeros(200)])
     together = sensor.sense(efforts, data, {"width": 0.3})
@@ -128,7 +128,7 @@ def test_branches_are_ordered_by_time_constant():
     assert held.in_order(crossed) == crossed
 
 
-def test_dry_friction_turns_round_where_the_path_does_although_the_velocity_shows_it_late():
+def test_dry_friction_reverses_with_the_position_despite_a_late_velocity():
     t, path_m, gone_back = np.arange(0.0, 2.0, 0.001), 0.0002, 0.00005
     x = np.where(t < 1.0, 0.001 + 0.004 * t, 0.005 - gone_back * np.minimum((t - 1.0) / 0.5, 1.0))
     late = np.where(t < 1.2, 0.004, -gone_back / 0.5)
@@ -167,7 +167,7 @@ FROM_REST = {  # the hidden force beside a spring and a damper, and the paramete
 
 
 @pytest.mark.parametrize("name", FROM_REST)
-def test_a_run_that_begins_pressed_may_begin_with_a_relaxed_object(name):
+def test_run_that_begins_pressed_may_begin_relaxed(name):
     force, truth = FROM_REST[name]
     rng = np.random.default_rng(3)
     time_s, x, v, run = motion(rng, runs=3)
@@ -188,7 +188,7 @@ def test_a_run_that_begins_pressed_may_begin_with_a_relaxed_object(name):
 
 
 @pytest.mark.parametrize("name", FROM_REST)
-def test_a_run_that_begins_in_air_or_barely_pressed_relaxes_alike_in_both_forms(name):
+def test_run_that_begins_in_air_relaxes_alike_in_both_forms(name):
     truth = FROM_REST[name][1]
     time_s, x, v, run = motion(np.random.default_rng(3), runs=2)
     x = np.where(run == 1, x + 0.006, x)  # only the second run begins pressed

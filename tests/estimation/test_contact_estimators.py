@@ -34,7 +34,7 @@ def found(name, data, **settings):
 
 
 @EVERY
-def test_states_what_it_is_gives_the_stiffness_of_its_law_and_repeats_it(name):
+def test_estimator_has_metadata_and_repeats_the_stiffness_of_its_law(name):
     estimator = CONTACT_ESTIMATORS[name]
     assert issubclass(estimator, ContactEstimator)
     assert estimator.name == name
@@ -55,7 +55,7 @@ def test_states_what_it_is_gives_the_stiffness_of_its_law_and_repeats_it(name):
 
 
 @pytest.mark.parametrize("name", ["double_stage_rls", "robust_hunt_crossley", *FROM_LOGARITHMS])
-def test_samples_that_do_not_touch_are_refused(name):
+def test_samples_without_contact_are_refused(name):
     away = np.full(50, -0.01)
     with pytest.raises(InputError, match="in contact"):
         found(name, (away, away, np.zeros(50)))
@@ -69,7 +69,7 @@ def test_hunt_crossley_is_recovered(name):
     assert law.damping == pytest.approx(4000.0, rel=0.05)
 
 
-def test_two_stages_come_nearer_in_time_and_logarithms_forget_the_object_before():
+def test_two_stages_improve_with_time_and_logarithms_forget_the_last_object():
     soft, stiff = press(HUNT_CROSSLEY), press(ContactLaw(16000.0, 8000.0, 1.5, 1.5))
     both = tuple(map(np.concatenate, zip(soft, stiff, strict=True)))
     assert found("log_linear_ewrls", both).stiffness == pytest.approx(16000.0, rel=0.05)
@@ -79,7 +79,7 @@ def test_two_stages_come_nearer_in_time_and_logarithms_forget_the_object_before(
     assert errors[0] > errors[1] > errors[2]
 
 
-def test_the_filter_finds_the_surface_and_the_noise():
+def test_kalman_filter_finds_the_surface_and_the_noise():
     depth, speed, force = press(HUNT_CROSSLEY, noise_n=0.01)
     law = found("reduced_kalman", (depth - 2e-4, speed, force))
     assert law.surface_m == pytest.approx(-2e-4, abs=1e-5)
@@ -92,7 +92,7 @@ def test_the_filter_finds_the_surface_and_the_noise():
     assert np.mean(late) == pytest.approx(8000.0, rel=0.03)
 
 
-def test_the_hybrid_takes_the_linear_law_on_what_is_stiff():
+def test_hybrid_uses_the_linear_law_on_stiff_objects():
     stiff = found("hybrid_sprls", press(ContactLaw(3000.0, 40.0), noise_n=0.01))
     assert (stiff.exponent, stiff.damping_exponent) == (1.0, 0.0)
     assert stiff.stiffness == pytest.approx(3000.0, rel=0.01)
@@ -100,7 +100,7 @@ def test_the_hybrid_takes_the_linear_law_on_what_is_stiff():
     assert found("hybrid_sprls", press(ContactLaw(2000.0, 1500.0, 1.3, 1.3))).exponent > 1.2
 
 
-def test_the_gradient_needs_excitation():
+def test_gradient_estimator_needs_excitation():
     """At rest all that can be learnt is one sum of stiffness and damping's share."""
     data = press(ContactLaw(500.0, 20.0), noise_n=0.01)
     law = found("indirect_adaptive", data)
@@ -110,14 +110,14 @@ def test_the_gradient_needs_excitation():
     assert found("indirect_adaptive", still).damping == 0.0
 
 
-def test_the_reference_model_does_not_mind_a_biased_sensor():
+def test_reference_model_tolerates_a_biased_sensor():
     depth, speed, force = press(ContactLaw(500.0, 0.0), noise_n=0.01)
     law = found("model_reference", (depth, speed, force + 3.0))
     assert law.stiffness == pytest.approx(500.0, rel=0.02)
 
 
 @pytest.mark.parametrize("name", ONLINE)
-def test_every_online_one_follows_a_probing_arm(name):
+def test_online_estimators_follow_a_probing_arm(name):
     """Felt stiffness and damping of Hunt-Crossley or Kelvin-Voigt, from the raw samples of a probe."""
     nonlinear = CONTACT_ESTIMATORS[name].model == "hunt_crossley"
     law = hunt_crossley(5000.0, 8000.0, 1.4) if nonlinear else kelvin_voigt(500.0, 20.0)

@@ -28,7 +28,7 @@ def noise(seed, n=N):
     ("modeled", "percent"),
     [(lambda y: y, 100.0), (lambda y: 0 * y + y.mean(), 0.0), (lambda y: 2 * y.mean() - y, -100.0)],
 )
-def test_the_fit_is_100_for_the_truth_and_0_for_the_mean(modeled, percent):
+def test_fit_percent_is_100_for_the_truth_and_0_for_the_mean(modeled, percent):
     y = 3.0 + noise(0)
     assert fit_percent(y, modeled(y)) == pytest.approx(percent)
     assert fit_percent(np.append(y, np.nan), np.append(modeled(y), 1.0)) == pytest.approx(percent)
@@ -40,14 +40,14 @@ def test_fit_of_a_constant_or_empty_signal_is_nan():
 
 
 @pytest.mark.parametrize("coefficient", [0.0, 0.5, -0.7])
-def test_autocorrelation_is_that_of_statsmodels(coefficient):
+def test_autocorrelation_matches_statsmodels(coefficient):
     x = lfilter([1.0], [1.0, -coefficient], noise(1))
     ours = autocorrelation(x, ONE_RUN, LAGS)
     np.testing.assert_allclose(ours.value, acf(x, adjusted=True, nlags=LAGS), atol=1e-12)
     np.testing.assert_allclose(ours.value[:4], coefficient ** np.arange(4), atol=0.06)
 
 
-def test_both_correlations_are_those_of_statsmodels():
+def test_both_correlations_match_statsmodels():
     x = lfilter([1.0], [1.0, -0.5], noise(2))
     x[::7] = np.nan
     theirs = acf(x, adjusted=True, nlags=LAGS, missing="conservative")
@@ -72,7 +72,7 @@ def test_99_percent_of_independent_signals_are_within_the_band(colour):
     assert np.mean(outside) == pytest.approx(0.01, abs=0.008)
 
 
-def test_runs_are_never_joined_and_the_band_is_2_58_over_the_root_of_the_pairs():
+def test_runs_are_never_joined_and_the_band_is_2_58_over_root_n():
     x, run = np.array([1.0, -1.0, -1.0, 1.0]), np.array([0, 0, 1, 1])
     assert autocorrelation(x, run, 1).value[1] == pytest.approx(-1.0)  # joined, they would give -1/3
     short = autocorrelation(np.arange(5.0), np.arange(5), 3)
@@ -88,7 +88,7 @@ def recorded(begins_s, length, step_s=0.005):
     return time_s, np.repeat(np.arange(len(begins_s)), length)
 
 
-def test_a_peak_is_that_of_a_periodogram_on_the_samples():
+def test_spectral_peak_matches_a_periodogram():
     time_s, run = recorded([12.3], 800)
     signal = np.sin(2 * np.pi * 3.3 * time_s) + np.random.default_rng(0).normal(0.0, 0.5, len(time_s))
     known = np.random.default_rng(1).random(len(time_s)) < 0.7
@@ -100,7 +100,7 @@ def test_a_peak_is_that_of_a_periodogram_on_the_samples():
     assert share == pytest.approx(expected.max(), rel=0.01)
 
 
-def test_pieces_of_any_clock_swing_together():
+def test_pieces_of_any_clock_oscillate_together():
     time_s, run = recorded([0.0, 3.1234, 1e4], 600)
     signal = np.sin(2 * np.pi * 7.3 * time_s + run) + np.random.default_rng(0).normal(0.0, 0.5, len(time_s))
     found_hz, share, _ = strongest_frequency(time_s, run, signal, 0.005)
@@ -115,9 +115,7 @@ def test_pieces_of_any_clock_swing_together():
         ([0.0, 1e6], 500, 1, 4.0, 0.03, 10e6),  # a gap within a run makes it no longer
     ],
 )
-def test_a_long_recording_takes_little_memory_and_its_frequency_is_right(
-    starts_s, count, runs, true_hz, off, bytes_
-):
+def test_long_recording_needs_little_memory_for_its_frequency(starts_s, count, runs, true_hz, off, bytes_):
     time_s, run = recorded(starts_s, count)
     tracemalloc.start()
     signal = np.sin(2 * np.pi * true_hz * time_s)
@@ -128,7 +126,7 @@ def test_a_long_recording_takes_little_memory_and_its_frequency_is_right(
     assert share > 0.9
 
 
-def test_too_short_pieces_have_no_frequency():
+def test_short_pieces_have_no_frequency():
     time_s, run = recorded([0.0, 1.0, 2.0], 8)
     assert strongest_frequency(time_s, run, np.sin(time_s), 0.005) is None
 
@@ -159,7 +157,7 @@ def test_misfit_includes_slow_residuals_and_outliers():
     assert misfit(left, RUN, inliers).times > 10
 
 
-def test_kinks_steps_between_runs_and_nothing_to_compare_are_no_misfit():
+def test_kinks_and_steps_between_runs_are_no_misfit():
     left = white()
     left[::50] += 1.0
     found = misfit(left, RUN, np.abs(left) < 0.1)

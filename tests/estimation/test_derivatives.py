@@ -44,7 +44,7 @@ def test_cubics_are_exact_at_any_sampling(coefficients, steps, half_window):
     ("count", "half_window"),  # long pieces are fitted part by part
     [(200, 3), (200, 8), (20_000, 8), (20_001, 8), (20_007, 8), (45_000, 8)],
 )
-def test_agrees_with_savitzky_and_golay_where_the_sampling_is_even(count, half_window):
+def test_even_sampling_matches_savitzky_golay(count, half_window):
     t = np.arange(count) * 0.002
     x = np.random.default_rng(0).standard_normal(count)
     found = differentiate(t, x, ONE_PIECE(t), half_window)
@@ -54,7 +54,7 @@ def test_agrees_with_savitzky_and_golay_where_the_sampling_is_even(count, half_w
         np.testing.assert_allclose(values, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
 
 
-def test_even_and_uneven_sampling_take_different_ways_to_the_same_result():
+def test_even_and_uneven_sampling_give_the_same_result():
     t = np.arange(300) * 1e-3
     x = np.sin(20 * t) + 1e-3 * np.random.default_rng(1).standard_normal(300)
     jittered = t + 2e-7 * np.random.default_rng(2).uniform(size=300)  # enough to count as uneven
@@ -62,7 +62,7 @@ def test_even_and_uneven_sampling_take_different_ways_to_the_same_result():
     np.testing.assert_allclose(even.velocity, uneven.velocity, atol=2e-3)
 
 
-def test_no_phase_error():
+def test_derivatives_have_no_phase_error():
     t = np.arange(2000) * 1e-3
     found = differentiate(t, np.sin(30 * t), ONE_PIECE(t), 7)
     true = 30 * np.cos(30 * t)
@@ -73,7 +73,7 @@ def test_no_phase_error():
     np.testing.assert_allclose(found.velocity, true, atol=0.01)
 
 
-def test_a_kink_between_two_pieces_stays_sharp():
+def test_kink_between_two_pieces_stays_sharp():
     t = np.arange(400) * 1e-3
     x = np.where(t < 0.2, 0.1 * t, 0.02 + 0.9 * (t - 0.2))
     apart = differentiate(t, x, (t >= 0.2).astype(np.int64), 10).velocity
@@ -84,7 +84,7 @@ def test_a_kink_between_two_pieces_stays_sharp():
 
 @pytest.mark.parametrize("noise", [1e-7, 2e-6, 5e-5])
 @pytest.mark.parametrize("rate", [5.0, 15.0, 60.0])
-def test_no_other_window_would_be_much_better(rate, noise):
+def test_chosen_window_is_nearly_optimal(rate, noise):
     """Neither for velocity nor for acceleration, each with a window of its own."""
     t = np.arange(4000) * 1e-3
     x = 0.05 / rate * np.sin(rate * t)
@@ -105,7 +105,7 @@ def test_fit_with_repeated_times_stays_within_its_samples():
 
 
 @pytest.mark.parametrize("steps", [np.full(30, 0.01), np.linspace(0.008, 0.012, 30)])
-def test_a_fit_knows_what_noise_does_to_it(steps):
+def test_fit_reports_its_noise_gain(steps):
     t, centers = np.cumsum(steps), np.array([0, 3, 15, 29])
     rng = np.random.default_rng(6)
     draws = [local_fit(t, rng.standard_normal(30), centers, 6).fitted for _ in range(3000)]
@@ -113,7 +113,7 @@ def test_a_fit_knows_what_noise_does_to_it(steps):
     np.testing.assert_allclose(np.var(draws, axis=0), expected, rtol=0.12)
 
 
-def test_the_window_grows_with_the_noise_and_is_far_better_than_a_difference():
+def test_window_grows_with_the_noise_and_beats_a_difference():
     t = np.arange(3000) * 1e-3
     x = 0.01 * np.sin(15 * t)
     rng = np.random.default_rng(3)
@@ -150,7 +150,7 @@ def test_narrow_windows_are_as_good_before_averaging(turns_hz, noise):
 
 
 @pytest.mark.parametrize("steps", [[7e-5], [3e-5, 7e-5]], ids=["one encoder", "two in a row"])
-def test_an_encoders_steps_do_not_narrow_the_window(steps):
+def test_encoder_steps_do_not_narrow_the_window(steps):
     """Within a step neighbours share one error, which narrow windows would predict perfectly."""
     t = np.arange(4000) * 1e-3
     moving = np.clip(t - 1.0, 0.0, 0.5)
@@ -164,7 +164,7 @@ def test_an_encoders_steps_do_not_narrow_the_window(steps):
 
 
 @pytest.mark.parametrize(("missed", "half"), [(0.9, 10), (1.1, 3)])
-def test_windows_that_miss_less_than_the_rounding_follow_steps_and_do_not_bend_the_motion(missed, half):
+def test_windows_below_rounding_follow_steps_without_bending_the_motion(missed, half):
     """The velocity changes least between 4 and 5, then between 14 and 20; 4 to 7 is the wider step."""
     velocity = np.cumsum([0.0, 12.0, 7.0, 3.8, 4.8, 3.2, 1.9, 1.1, 1.5])
     windows = zip((2, 3, 4, 5, 7, 10, 14, 20, 28), velocity, strict=True)
@@ -176,14 +176,14 @@ def test_windows_that_miss_less_than_the_rounding_follow_steps_and_do_not_bend_t
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5])
-def test_short_pieces_get_what_they_can_say(count):
+def test_short_pieces_get_a_lower_order_fit(count):
     t = 0.1 * np.arange(count)
     found = differentiate(t, 3 * t, ONE_PIECE(t))
     np.testing.assert_allclose(found.velocity, 3.0 if count > 1 else 0.0, atol=1e-9)
     np.testing.assert_allclose(found.acceleration, 0.0, atol=1e-6)
 
 
-def test_center_slope_is_the_slope_in_the_middle_and_pieces_end_at_runs_and_gaps():
+def test_center_slope_is_in_the_middle_and_pieces_end_at_runs_and_gaps():
     steps = np.arange(11.0)
     assert even_coefficients(11, 5)[1] @ (steps**2) == pytest.approx(10.0)
     time_s = np.array([0, 1, 2, 3, 7, 8, 0, 1, 2], float)
@@ -191,7 +191,7 @@ def test_center_slope_is_the_slope_in_the_middle_and_pieces_end_at_runs_and_gaps
     np.testing.assert_array_equal(number_pieces(time_s, run), [0, 0, 0, 0, 1, 1, 2, 2, 2])
 
 
-def test_a_rate_that_falls_for_good_makes_no_gaps():
+def test_falling_sample_rate_makes_no_gaps():
     """As of a tension test that records yielding at 12 Hz and what follows at 2 Hz."""
     time_s = np.cumsum(np.repeat([0.08, 0.4, 0.08], [300, 150, 300]))
     run = np.zeros(len(time_s), dtype=np.int64)
@@ -209,7 +209,7 @@ def test_resting_object_does_not_drift_by_rounding(place):
     assert not found.acceleration.any()
 
 
-def test_much_that_is_smooth_does_not_choose_the_window_of_what_is_not():
+def test_smooth_stretches_do_not_choose_the_window_of_others():
     """A long calm swing before a short sharp motion, each with the same noise."""
     t = np.arange(0.0, 8.0, 0.001)
     sharp = t > 7.0
@@ -232,7 +232,7 @@ def test_much_that_is_smooth_does_not_choose_the_window_of_what_is_not():
 @pytest.mark.parametrize("half", [2, 7, 40])
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("count", [60, 300])
-def test_one_derivative_is_that_of_the_fits_around_all_samples(half, order, count):
+def test_single_derivative_equals_fits_around_all_samples(half, order, count):
     rng = np.random.default_rng(count)
     signal = np.cumsum(rng.standard_normal(count))
     for time_s in (0.002 * np.arange(count), np.cumsum(rng.uniform(0.001, 0.003, count))):
@@ -243,7 +243,7 @@ def test_one_derivative_is_that_of_the_fits_around_all_samples(half, order, coun
 
 @pytest.mark.parametrize("lengths", [(40, 40, 25), (40, 9, 25)])
 @pytest.mark.parametrize("jitter", [0.0, 0.3])
-def test_several_pieces_are_fitted_as_each_by_itself(lengths, jitter):
+def test_several_pieces_are_fitted_as_alone(lengths, jitter):
     rng, stops = np.random.default_rng(0), np.cumsum(lengths)
     pieces = [slice(stop - length, stop) for stop, length in zip(stops.tolist(), lengths, strict=True)]
     time_s = np.arange(stops[-1]) * 0.01 + rng.uniform(0.0, jitter, stops[-1]) * 0.01
@@ -256,7 +256,7 @@ def test_several_pieces_are_fitted_as_each_by_itself(lengths, jitter):
     assert together.variance == pytest.approx(np.concatenate([one.variance for one in alone]))
 
 
-def test_a_long_motion_is_differentiated_in_groups_as_at_once(monkeypatch):
+def test_long_motion_is_differentiated_in_groups_as_at_once(monkeypatch):
     rng, lengths = np.random.default_rng(1), (23_000, 7_000, 41_000, 900)
     piece = np.repeat(np.arange(len(lengths)), lengths)
     time_s = 0.001 * np.arange(len(piece)) + rng.uniform(0.0, 2e-4, len(piece))
@@ -280,7 +280,7 @@ def test_encoder_step_is_detected_after_zero_subtraction():
 
 @pytest.mark.parametrize("order", [0, 1, 2])
 @pytest.mark.parametrize("counts", [(1,), (2,), (5,), (200,), (9, 1, 3, 200, 2, 9, 4, 40)])
-def test_an_operator_derives_a_signal_as_local_fits_of_each_piece_do(order, counts):
+def test_operator_derives_a_signal_like_local_fits_of_each_piece(order, counts):
     rng = np.random.default_rng(1)
     time_s = np.cumsum(rng.uniform(0.5e-3, 1.5e-3, sum(counts)))
     signal, ends = rng.standard_normal(len(time_s)), np.cumsum(counts).tolist()
@@ -295,7 +295,7 @@ def test_an_operator_derives_a_signal_as_local_fits_of_each_piece_do(order, coun
     np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-9 * (1.0 + np.abs(expected).max()))
 
 
-def test_pieces_of_uneven_samples_are_fitted_at_once_as_each_alone():
+def test_pieces_of_uneven_samples_are_fitted_at_once_as_alone():
     rng = np.random.default_rng(2)
     counts = (40, 3, 7, 300, 5, 12, 7)
     time_s = np.cumsum(rng.uniform(0.5e-3, 1.5e-3, sum(counts)))

@@ -44,7 +44,7 @@ def inner_values(effect):
 
 
 @EVERY
-def test_states_its_physics_signals_kind_and_parameters_with_units_and_bounds(name):
+def test_effect_has_physics_signals_kind_and_parameters_with_units_and_bounds(name):
     effect = EFFECTS[name]
     assert issubclass(effect, AdditiveEffect | MotionEffect | MemoryEffect | SensorEffect)
     assert effect.name == name == name.lower()
@@ -75,7 +75,7 @@ def test_states_its_physics_signals_kind_and_parameters_with_units_and_bounds(na
 
 
 @EVERY
-def test_keeps_its_form_on_data_and_starts_within_the_bounds(name):
+def test_effect_keeps_its_form_on_data_and_starts_within_the_bounds(name):
     effect: Effect = EFFECTS[name]()
     for kind in effect.channels:
         data = some_channel(kind)
@@ -106,7 +106,7 @@ def test_keeps_its_form_on_data_and_starts_within_the_bounds(name):
 
 
 @pytest.mark.parametrize("name", [name for name, e in EFFECTS.items() if issubclass(e, SensorEffect)])
-def test_slopes_and_reading_at_once_are_those_of_each(name):
+def test_slopes_and_reading_at_once_match_those_of_each(name):
     effect = EFFECTS[name]()
     data, inner = some_channel(next(iter(effect.channels))), inner_values(effect)
     columns = np.column_stack([data.position, data.velocity])
@@ -116,7 +116,7 @@ def test_slopes_and_reading_at_once_are_those_of_each(name):
 
 
 @pytest.mark.parametrize("name", [n for n, e in EFFECTS.items() if getattr(e, "pointwise", False)])
-def test_a_pointwise_sensor_shows_the_mean_of_what_it_showed(name):
+def test_pointwise_sensor_shows_the_mean_of_its_readings(name):
     effect = EFFECTS[name]()
     data, inner = some_channel(next(iter(effect.channels))), inner_values(effect)
     of_samples = effect.sense(data.effort, data, inner).reshape(-1, 10).mean(axis=1)
@@ -125,7 +125,7 @@ def test_a_pointwise_sensor_shows_the_mean_of_what_it_showed(name):
 
 
 @pytest.mark.parametrize("noise", [0.01, 0.1, 0.2, 0.4])
-def test_coarse_steps_show_on_the_average_what_noise_makes_of_them(noise):
+def test_coarse_steps_are_smoothed_by_noise_on_average(noise):
     effect, step = EFFECTS["quantisation"](), 0.5
     effort = np.linspace(-1.3, 1.3, 53)
     each = noise * step * ndtri((np.arange(20_000) + 0.5) / 20_000)  # equally likely
@@ -135,7 +135,7 @@ def test_coarse_steps_show_on_the_average_what_noise_makes_of_them(noise):
 
 
 @pytest.mark.parametrize("name", ["presliding_friction", "bouc_wen_hysteresis", "dry_friction"])
-def test_a_path_that_makes_an_effect_what_it_is_is_no_less_than_half_an_encoder_s_step(name):
+def test_characteristic_path_is_at_least_half_an_encoder_step(name):
     """Dry friction is friction without its path, too."""
     effect, data = EFFECTS[name](), read(swings(1, runs=2), step=1.5e-3)
     suited = effect.suited_to(data)

@@ -359,7 +359,7 @@ def scaled(case, name, length, effort):
     ("built", "scale"),
     [(IN_RAD, "as it is"), *((case, s) for case in CASES for s in list(SCALES)[1:] if case != IN_RAD)],
 )
-def test_finds_what_was_simulated_without_its_formula(built, scale):
+def test_simulated_effect_is_recovered_without_its_formula(built, scale):
     case, name = built(), built.__name__
     data, truth = scaled(case, name, *SCALES[scale])
     found, left = recover(data, case.base, name)
@@ -369,7 +369,7 @@ def test_finds_what_was_simulated_without_its_formula(built, scale):
     assert EFFECTS[name]().applies_to(data)
 
 
-def test_multiples_of_a_ripple_are_sines_and_cosines_of_multiples_of_the_angle():
+def test_ripple_harmonics_are_sines_and_cosines_of_the_angle():
     time_s = np.arange(9000) * 1e-3
     data = channel(REVOLUTE, time_s, 3.0 * np.sin(time_s), np.zeros(9000))
     multiples = (1, 2, 7, 12, 144)
@@ -381,7 +381,7 @@ def test_multiples_of_a_ripple_are_sines_and_cosines_of_multiples_of_the_angle()
     np.testing.assert_allclose(columns, expected, atol=1e-12)
 
 
-def test_a_share_of_the_link_stays_without_meaning_where_a_weight_is_taken_off_the_model():
+def test_link_share_keeps_its_meaning_only_with_a_weight_in_the_model():
     """The search takes each effect off a model in turn, and keeps the form of the others."""
     data = swings(1)
     heavy = Model("inertia", tuple(EFFECTS[name]() for name in ("inertia", "viscous_friction", "weight")))

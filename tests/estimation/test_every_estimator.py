@@ -18,14 +18,14 @@ def fit(name, regression, seed=0):
     return ESTIMATORS[name]().fit(regression, rng=np.random.default_rng(seed))
 
 
-def test_the_paper_s_estimators_are_there_and_an_unknown_name_lists_the_valid_ones():
+def test_paper_estimators_exist_and_an_unknown_name_lists_the_valid_ones():
     assert {"lsq", "ransac", "rls", "ewrls", "sprls", "robust"} <= set(ESTIMATORS)
     with pytest.raises(InputError, match=r"no estimator is called 'ramsac'.*did you mean 'ransac'.*lsq"):
         ESTIMATORS["ramsac"]
 
 
 @EVERY
-def test_states_what_it_is_and_recovers_the_truth(name):
+def test_estimator_has_metadata_and_recovers_the_truth(name):
     estimator = ESTIMATORS[name]
     assert issubclass(estimator, Estimator)
     assert estimator.name == name
@@ -38,7 +38,7 @@ def test_states_what_it_is_and_recovers_the_truth(name):
 
 
 @EVERY
-def test_errors_and_intervals_are_as_large_as_the_estimates_scatter(name):
+def test_errors_and_intervals_match_the_scatter(name):
     draws = 20 if issubclass(ESTIMATORS[name], OnlineEstimator) else 40
     found = [fit(name, problem(np.random.default_rng(seed), noise=GENTLE_NOISE)) for seed in range(draws)]
     assert np.mean([covered(each) for each in found]) > 0.85
@@ -49,7 +49,7 @@ def test_errors_and_intervals_are_as_large_as_the_estimates_scatter(name):
 
 
 @EVERY
-def test_same_randomness_same_estimate_whose_residuals_inliers_and_covariance_fit_together(name):
+def test_equal_seed_gives_equal_and_consistent_estimates(name):
     regression = problem(np.random.default_rng(2))
     before = regression.columns.copy(), regression.effort.copy()
     first, second = fit(name, regression, seed=7), fit(name, regression, seed=7)
@@ -103,7 +103,7 @@ def test_correlated_noise_widens_the_intervals(name):
     ("value", "digits", "text"),
     [(1234.5, 3, "1230"), (-187_654.0, 3, "-188000"), (999_999.0, 3, "1000000"), (2.5e7, 3, "2.5e+07")],
 )
-def test_a_value_below_a_million_has_no_exponent(value, digits, text):
+def test_value_below_a_million_has_no_exponent(value, digits, text):
     assert rounded(value, digits) == text
 
 

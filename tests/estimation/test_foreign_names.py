@@ -57,11 +57,11 @@ def test_words_of_a_language_choose_among_columns_of_one_unit(tmp_path, names):
 
 
 @pytest.mark.parametrize("name", ["Position des [mm]", "Position des joint [mm]", "displacement_des_mm"])
-def test_a_desired_position_is_none_that_was_measured(name):
+def test_desired_position_is_not_a_measured_one(name):
     assert guess_column(name).quantity in {"", "goal"}
 
 
-def test_options_take_the_words_that_columns_have(tmp_path):
+def test_options_accept_the_words_of_columns(tmp_path):
     path = write(tmp_path, ["a,b,c"])
     columns = {"time": "a", "extension": "b", "load": "c"}
     units = {"time": "s", "extension": "mm", "load": "N"}
@@ -70,13 +70,13 @@ def test_options_take_the_words_that_columns_have(tmp_path):
         import_file(path, ImportOptions(columns={"nonsense": "b"}))
 
 
-def test_accents_may_be_left_out_or_stand_apart(tmp_path):
+def test_accents_may_be_left_out_or_decomposed(tmp_path):
     rows = [f"{row},{place % 7}" for place, row in enumerate(ROWS)]
     for word in ("Deplacement", "De\u0301placement"):
         check_press(import_file(write(tmp_path, [f"Temps (s),{word} (mm),Force (N),b0 (mm)"], rows)))
 
 
-def test_a_word_that_is_known_asks_for_its_unit_alone(tmp_path):
+def test_known_word_asks_for_its_unit_alone(tmp_path):
     path = write(tmp_path, ["时间,位移,力"])
     with pytest.raises(InputError, match="--unit displacement=mm --unit force=N"):
         import_file(path)
@@ -94,7 +94,7 @@ def test_a_word_that_is_known_asks_for_its_unit_alone(tmp_path):
         ("Prüfzeit (s),Weg (mm),Kraft (N)", "cp1252"),
     ],
 )
-def test_a_known_word_tells_the_encoding(tmp_path, head, encoding):
+def test_known_word_identifies_the_encoding(tmp_path, head, encoding):
     imported = import_file(write(tmp_path, [head], encoding=encoding))
     check_press(imported)
     assert f"text in {encoding}" in imported.read
@@ -104,7 +104,7 @@ def test_a_known_word_tells_the_encoding(tmp_path, head, encoding):
 @pytest.mark.parametrize(
     "head", ["时间（s）,位移（mm）,力（N）", "Time:s,Extension:mm,Load:N", "Time|s,Extension|mm,Load|N"]
 )
-def test_units_stand_behind_other_marks(tmp_path, head):
+def test_units_are_found_behind_other_marks(tmp_path, head):
     check_press(import_file(write(tmp_path, [head])))
 
 
@@ -117,11 +117,11 @@ def test_units_stand_behind_other_marks(tmp_path, head):
         ["Units,s,mm,N", "Operator,somebody"],
     ],
 )
-def test_lines_above_the_names_say_units(tmp_path, above):
+def test_lines_above_the_names_state_units(tmp_path, above):
     check_press(import_file(write(tmp_path, [*above, "", "Time,Displacement,Force"])))
 
 
-def test_a_unit_above_the_names_is_no_unit_of_another_column(tmp_path):
+def test_unit_above_the_names_is_not_that_of_another_column(tmp_path):
     path = write(tmp_path, ["Load unit,kN", "Stiffness unit,N", "Time,Displacement,Force"])
     with pytest.raises(InputError, match="'Displacement', 'Force' state no units"):
         import_file(path)
@@ -136,7 +136,7 @@ def test_column_names_are_found_despite_remarks(tmp_path):
 
 
 @pytest.mark.parametrize("sentence", ["# results of the first day of tests", "# kept for the record by all"])
-def test_a_sentence_above_numbers_between_blanks_names_no_columns(tmp_path, sentence):
+def test_sentence_above_numbers_names_no_columns(tmp_path, sentence):
     path = write(tmp_path, [sentence], [row.replace(",", " ") for row in ROWS])
     with pytest.raises(InputError, match="the file names none"):
         import_file(path)
@@ -151,7 +151,7 @@ def test_without_names_the_smoother_column_is_advised_as_displacement(tmp_path):
 
 
 @pytest.mark.parametrize("way", ["elongation_r", "raw"])
-def test_the_advice_goes_by_words_and_takes_no_time_for_a_way(tmp_path, way):
+def test_advice_goes_by_words_and_takes_no_time_for_a_displacement(tmp_path, way):
     path = write(tmp_path, [f"time_r,{way},load_r"])
     check_press(by_the_advice(path))
 
@@ -165,7 +165,7 @@ def test_several_specimens_in_a_file_are_noted(tmp_path):
 
 
 @pytest.mark.parametrize(("join", "above"), [(", ", []), ("; ", ["booting v2", "tare"]), ("\t", ["ready"])])
-def test_a_serial_log_of_labelled_numbers_is_a_table(tmp_path, join, above):
+def test_serial_log_of_labeled_numbers_is_a_table(tmp_path, join, above):
     rows = [
         join.join([f"Time: {1e3 * t:.1f} ms", f"Travel = {1e3 * x:.6f} mm", f"Force: {f:.6f}N"])
         for t, x, f in zip(TIME_S, WAY_M, FORCE_N, strict=True)
@@ -173,7 +173,7 @@ def test_a_serial_log_of_labelled_numbers_is_a_table(tmp_path, join, above):
     check_press(import_file(write(tmp_path, above, [*rows[:300], "sensor: reset", *rows[300:]])))
 
 
-def test_labels_that_change_from_line_to_line_make_no_table(tmp_path):
+def test_changing_labels_make_no_table(tmp_path):
     lines = [f"a{number}: 1 N, b{number}: 2 mm" for number in range(40)]
     with pytest.raises(InputError):
         import_file(write(tmp_path, lines, []))
@@ -183,12 +183,12 @@ def test_labels_that_change_from_line_to_line_make_no_table(tmp_path):
     ("written", "unit"),
     [("rad.s", "rad_s"), ("mm.s", "mm_s"), ("kN.m", "kNm"), ("N.mm", "Nmm"), ("m.s", "m_s")],
 )
-def test_a_point_within_a_unit_is_a_slash_or_a_product(written, unit):
+def test_point_within_a_unit_is_a_slash_or_a_product(written, unit):
     assert normalize_unit(written) == unit
     assert dimension_of(unit) is not None
 
 
-def test_rows_that_end_before_others_are_left_out_without_a_time(tmp_path):
+def test_rows_that_end_early_are_left_out_without_a_time(tmp_path):
     rows = [f"{place},{row.split(',', 1)[1]}" for place, row in enumerate(ROWS)]
     rows += [f"{place},," for place in range(len(ROWS), len(ROWS) + 200)]
     imported = import_file(write(tmp_path, ["counts,Travel (mm),Load (N)"], rows))
@@ -196,7 +196,7 @@ def test_rows_that_end_before_others_are_left_out_without_a_time(tmp_path):
     assert any("200 of 800 rows left out" in note for note in imported.notes)
 
 
-def test_a_workbook_without_names_is_read_by_the_advice(tmp_path):
+def test_workbook_without_names_is_read_by_the_advice(tmp_path):
     path = tmp_path / "numbers.xlsx"
     book = openpyxl.Workbook()
     for row in ROWS:
@@ -207,7 +207,7 @@ def test_a_workbook_without_names_is_read_by_the_advice(tmp_path):
     check_press(by_the_advice(path))
 
 
-def test_a_long_note_in_a_cell_is_read_past_and_a_long_first_line_is_refused(tmp_path):
+def test_long_cell_is_skipped_and_a_long_first_line_is_refused(tmp_path):
     """Labels are looked for within a few words, not from each letter to the end of the text."""
     noted = [f"{row},{'A' * 800_000 if place == 3 else ''}" for place, row in enumerate(ROWS)]
     check_press(import_file(write(tmp_path, ["Time (s),Travel (mm),Load (N),note"], noted)))
@@ -217,6 +217,6 @@ def test_a_long_note_in_a_cell_is_read_past_and_a_long_first_line_is_refused(tmp
 
 
 @pytest.mark.parametrize("names", ["Time, s;Extension, mm;Load, N", "время, с;перемещение, мм;сила, Н"])
-def test_a_comma_before_a_unit_parts_no_cells(tmp_path, names):
+def test_comma_before_a_unit_separates_no_cells(tmp_path, names):
     rows = [row.replace(",", ";").replace(".", ",") for row in ROWS]
     check_press(import_file(write(tmp_path, [names], rows)))

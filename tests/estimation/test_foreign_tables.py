@@ -42,7 +42,7 @@ def only_channel(folder, text, name="table.csv"):
 
 @pytest.mark.parametrize("mark", ["\u00a0", "\u202f", " ", "."])
 @pytest.mark.parametrize("quote", ["", '"'])
-def test_blanks_part_thousands(tmp_path, mark, quote):
+def test_blanks_separate_thousands(tmp_path, mark, quote):
     force = 1e5 * FORCE_N
     cells = [f"{value:,.2f}".translate({44: mark, 46: ","}) for value in force]
     rows = zip(TIME_S, 1e3 * WAY_M, cells, strict=True)
@@ -88,7 +88,7 @@ def test_equal_columns_in_two_units_are_read_once(tmp_path):
     np.testing.assert_allclose(by_the_advice(path).channels[0].position, SWING_RAD, atol=1e-6)
 
 
-def test_a_force_on_a_joint_that_turns_asks_for_its_lever_arm(tmp_path):
+def test_force_on_a_revolute_joint_asks_for_its_lever_arm(tmp_path):
     path = table_file(tmp_path, "time,angle_deg,force_feedback\n", TIME_S, np.degrees(SWING_RAD), TORQUE_NM)
     (channel,) = by_the_advice(path).channels
     assert channel.kind is ChannelKind.REVOLUTE
@@ -104,7 +104,7 @@ def test_ambiguous_columns_without_unit_are_asked_for(tmp_path):
     np.testing.assert_allclose(channel.effort, 5.0 * TORQUE_NM, atol=1e-5)
 
 
-def test_a_clock_of_cycles_tells_runs_and_no_time(tmp_path):
+def test_cycle_clock_gives_runs_and_no_time(tmp_path):
     total = np.round(np.arange(600) * 0.01, 6)
     total[300:] -= 0.01  # where a new step begins the time appears twice
     cycle = np.arange(600) % 100 * 0.01
@@ -123,7 +123,7 @@ def test_a_clock_of_cycles_tells_runs_and_no_time(tmp_path):
     np.testing.assert_allclose(channel.effort, 30.0 * (17.0 - way), atol=1e-5)
 
 
-def test_a_clock_of_steps_tells_no_runs(tmp_path):
+def test_step_clock_gives_no_runs(tmp_path):
     step = np.concatenate([np.arange(200), np.arange(200), np.arange(200)]) * 0.01
     way = np.concatenate([np.linspace(0.0, 2.0, 200), np.full(200, 2.0), np.linspace(2.0, 0.0, 200)])
     path = tmp_path / "steps.csv"
@@ -142,7 +142,7 @@ def test_a_clock_of_steps_tells_no_runs(tmp_path):
         ("Position des (rad)", "goal"),
     ],
 )
-def test_a_german_of_the_is_no_desired(name, quantity):
+def test_german_des_is_not_desired(name, quantity):
     assert guess_column(name).quantity == quantity
 
 
@@ -180,7 +180,7 @@ def test_units_joined_to_names_are_read(tmp_path, header):
 
 @pytest.mark.parametrize("rate_hz", [20.0, 100.0, 1000.0])
 @pytest.mark.parametrize("noise_m", [0.0, 1e-5])
-def test_a_sine_has_no_hold_and_a_hold_stays_one(rate_hz, noise_m):
+def test_sine_has_no_hold_and_a_hold_is_kept(rate_hz, noise_m):
     time_s = np.arange(0.0, 20.0, 1.0 / rate_hz)
     run, pressed = np.zeros(len(time_s), dtype=np.int64), np.ones(len(time_s), dtype=np.bool_)
     noise = np.random.default_rng(0).normal(0.0, noise_m, len(time_s))
@@ -220,7 +220,7 @@ UNEVEN = {
 
 
 @pytest.mark.parametrize("layout", UNEVEN)
-def test_rows_of_another_length_or_kind_spoil_no_table(tmp_path, layout):
+def test_rows_of_another_length_or_kind_do_not_spoil_a_table(tmp_path, layout):
     channel = only_channel(tmp_path, UNEVEN[layout])
     assert len(channel) == len(TIME_S)
     np.testing.assert_allclose(channel.time_s, TIME_S, atol=1e-4)
@@ -236,7 +236,7 @@ def test_omitted_lines_are_reported_and_rows_keep_their_numbers(tmp_path):
     assert "1 line of text among the rows left out; the first is line 302" in import_file(path).read
 
 
-def test_times_out_of_order_name_the_column_that_orders_them(tmp_path):
+def test_unordered_times_name_the_column_that_orders_them(tmp_path):
     path = tmp_path / "sorted.csv"
     rows = [f"{cells.strip()},{'up' if at < 300 else 'down'}\n" for at, cells in enumerate(CELLS)]
     path.write_text(HEADER.replace("\n", ",level\n") + "".join(rows[300:] + rows[:300]))
@@ -250,7 +250,7 @@ def test_missing_columns_are_requested_by_name(tmp_path):
     np.testing.assert_allclose(channel.effort, FORCE_N, atol=1e-6)
 
 
-def test_a_time_that_is_none_of_the_rows_may_be_left_out(tmp_path):
+def test_time_that_is_not_of_the_rows_may_be_left_out(tmp_path):
     done = np.repeat(np.arange(60.0), 10)
     path = table_file(tmp_path, "completion_time_s,depth_m,force_N\n", done, WAY_M, FORCE_N, form="{:.8f}")
     (note,) = (note for note in import_file(path).notes if "repeats its times" in note)
@@ -268,7 +268,7 @@ def test_rows_of_one_second_are_spread_over_it(tmp_path):
     assert np.diff(channel.time_s).min() > 0.0
 
 
-def test_a_joint_is_called_by_its_columns(tmp_path):
+def test_joint_is_called_by_its_columns(tmp_path):
     columns = (TIME_S, SWING_RAD, TORQUE_NM, -SWING_RAD, TORQUE_NM)
     names = "time [s],knee angle [rad],knee torque [Nm],hip angle [rad],hip torque [Nm]\n"
     path = table_file(tmp_path, names, *columns)
@@ -278,7 +278,7 @@ def test_a_joint_is_called_by_its_columns(tmp_path):
     assert import_file(path).title("joint_1") == "joint_1"
 
 
-def test_a_force_to_both_sides_deep_inside_is_that_of_an_axis(tmp_path):
+def test_two_sided_force_deep_inside_is_that_of_an_axis(tmp_path):
     force = np.where(np.gradient(WAY_M) < 0.0, -FORCE_N, FORCE_N)
     path = table_file(tmp_path, "Time [s],Extension [mm],Load [N]\n", TIME_S, 1e3 * np.abs(WAY_M), force)
     imported = import_file(path)
@@ -288,7 +288,7 @@ def test_a_force_to_both_sides_deep_inside_is_that_of_an_axis(tmp_path):
     assert import_file(path).channels[0].name == "contact"
 
 
-def test_a_strip_that_tears_is_pulled_though_its_force_then_falls(tmp_path):
+def test_tearing_strip_is_pulled_though_its_force_then_falls(tmp_path):
     way = np.linspace(0.0, 20.0, 800)
     force = np.where(way < 9.0, 0.3 * way + 0.02 * way**2, np.maximum(4.3 - 0.6 * (way - 9.0), 0.0))
     path = table_file(tmp_path, "Time [s],Position [mm],Fz [N]\n", np.linspace(0.0, 200.0, 800), -way, -force)
@@ -299,21 +299,21 @@ def test_a_strip_that_tears_is_pulled_though_its_force_then_falls(tmp_path):
 
 
 @pytest.mark.parametrize(("step", "count", "unit"), [(0.526, 200, "s"), (2.0, 4000, "ms"), (0.01, 300, "s")])
-def test_a_time_without_a_unit_is_no_shorter_than_a_press_lasts(tmp_path, step, count, unit):
+def test_time_without_a_unit_is_no_shorter_than_a_press(tmp_path, step, count, unit):
     time, way = step * np.arange(count), np.linspace(0.0, 1.0, count)
     path = table_file(tmp_path, "Time,Travel [mm],Load [N]\n", time, way, 3.0 * way + 0.1 * way**2)
     assert f"its steps are read as {unit};" in import_file(path).notes[0]
 
 
 @pytest.mark.parametrize("runs", [1, 2])
-def test_the_run_may_stand_behind_the_unit(tmp_path, runs):
+def test_run_number_may_follow_the_unit(tmp_path, runs):
     way, force = np.linspace(0.0, 5e-3, 200), np.linspace(0.0, 5.0, 200)
     names = ",".join(f'"Position (m) Run #{n}","Force (N) Run #{n}"' for n in range(1, runs + 1))
     (channel,) = import_file(table_file(tmp_path, names + "\n", *(way, force) * runs)).channels
     assert (channel.name, len(channel.runs), channel.position.max()) == ("contact", runs, pytest.approx(5e-3))
 
 
-def test_the_number_of_a_run_ends_a_name_and_is_part_of_it(tmp_path):
+def test_run_number_ends_a_name_and_is_part_of_it(tmp_path):
     path = tmp_path / "lab.csv"
     way, force = np.linspace(0.0, 5.0, 200), np.linspace(0.0, 5.0, 200)
     rows = lines(way, 1e-3 * way, force, 2.0 * force)
@@ -325,7 +325,7 @@ def test_the_number_of_a_run_ends_a_name_and_is_part_of_it(tmp_path):
 
 
 @pytest.mark.parametrize("delimiter", [";", " ", "\t"])
-def test_rows_that_nothing_names_may_have_decimal_commas(tmp_path, delimiter):
+def test_unnamed_columns_may_have_decimal_commas(tmp_path, delimiter):
     path = tmp_path / "bare.txt"
     path.write_text(lines(TIME_S, 1e3 * WAY_M, FORCE_N, delimiter=delimiter).replace(".", ","))
     table = read_table(path)
@@ -334,7 +334,7 @@ def test_rows_that_nothing_names_may_have_decimal_commas(tmp_path, delimiter):
 
 
 @pytest.mark.parametrize("delimiter", [",", ";", " ", "\t"])
-def test_rows_that_nothing_names_are_called_by_their_places(tmp_path, delimiter):
+def test_unnamed_columns_are_called_by_their_places(tmp_path, delimiter):
     path = saved(tmp_path / "bare.txt", lines(TIME_S, 1e3 * WAY_M, FORCE_N, delimiter=delimiter))
     with pytest.raises(InputError, match=r"names none; its first row is 0.0+, .*--column time='column 1'"):
         import_file(path)
@@ -344,7 +344,7 @@ def test_rows_that_nothing_names_are_called_by_their_places(tmp_path, delimiter)
     np.testing.assert_allclose(channel.position, WAY_M, atol=1e-8)
 
 
-def test_units_in_brackets_alone_stand_apart_between_blanks(tmp_path):
+def test_bracketed_units_are_separated_by_blanks(tmp_path):
     path = tmp_path / "bands.txt"
     rows = lines(TIME_S, 1e3 * WAY_M, FORCE_N, delimiter=" ")
     path.write_text("Raw Data\nTime Displacement Force\n(s) (mm) (N)\n" + rows)
@@ -352,7 +352,7 @@ def test_units_in_brackets_alone_stand_apart_between_blanks(tmp_path):
     np.testing.assert_allclose(channel.position, WAY_M, atol=1e-8)
 
 
-def test_a_position_that_nothing_holds_is_the_integral_of_the_velocity(tmp_path):
+def test_missing_position_is_integrated_from_the_velocity(tmp_path):
     speed = np.gradient(SWING_RAD, TIME_S)
     path = table_file(tmp_path, "time [s],torque [Nm],angular speed [rad/s]\n", TIME_S, TORQUE_NM, speed)
     imported = import_file(path)
@@ -363,7 +363,7 @@ def test_a_position_that_nothing_holds_is_the_integral_of_the_velocity(tmp_path)
     assert any("it is integrated from 'angular speed [rad/s]'" in note for note in imported.notes)
 
 
-def test_a_joint_without_a_time_is_read_row_by_row(tmp_path):
+def test_joint_without_a_time_is_read_row_by_row(tmp_path):
     imported = import_file(table_file(tmp_path, "angle [rad],torque [Nm]\n", SWING_RAD, TORQUE_NM))
     np.testing.assert_array_equal(np.diff(imported.channels[0].time_s), 1.0)
     assert any("damping, inertia and relaxation times are not in seconds" in note for note in imported.notes)
@@ -383,7 +383,7 @@ def test_velocity_is_read_with_a_user_unit(tmp_path):
     )
 
 
-def test_rows_that_were_stamped_late_are_spread_over_the_gap_before_them(tmp_path):
+def test_late_stamped_rows_are_spread_over_the_gap_before_them(tmp_path):
     """A logger slept for six steps, and stamped what came meanwhile in quick succession."""
     t = 1e-3 * np.arange(2000)
     stamped = t.copy()
@@ -396,7 +396,7 @@ def test_rows_that_were_stamped_late_are_spread_over_the_gap_before_them(tmp_pat
     assert any("stamps 6 of 2000 rows late" in note for note in found.notes)
 
 
-def test_remarks_may_say_names_and_units_of_columns(tmp_path):
+def test_remarks_may_state_names_and_units_of_columns(tmp_path):
     """As an instrument for atomic force microscopy writes its curves."""
     path = tmp_path / "curve.txt"
     head = (
@@ -409,14 +409,14 @@ def test_remarks_may_say_names_and_units_of_columns(tmp_path):
     np.testing.assert_allclose(import_file(path).channels[0].effort, FORCE_N, rtol=1e-8)
 
 
-def test_a_joint_that_the_user_names_is_the_only_one(tmp_path):
+def test_joint_named_by_the_user_is_the_only_one(tmp_path):
     path = table_file(tmp_path, "t,q1,tau1,q2,tau2\n", TIME_S, WAY_M, FORCE_N, 2.0 * WAY_M, 3.0 * FORCE_N)
     columns, units = {"position": "q2", "torque": "tau2"}, {"time": "s", "position": "rad", "torque": "Nm"}
     (channel,) = import_file(path, ImportOptions(columns=columns, units=units)).channels
     np.testing.assert_allclose(channel.effort, 3.0 * FORCE_N, atol=1e-5)
 
 
-def test_a_few_rows_before_a_clock_begins_anew_are_left_out(tmp_path):
+def test_few_rows_before_a_clock_restart_are_left_out(tmp_path):
     path = tmp_path / "motor.csv"
     rows = lines(np.arange(600), WAY_M, FORCE_N)
     path.write_text("Time [ms],Position [rad],Torque [Nm]\n0.0,0.0,0.0\n1.0,0.0,0.0\n" + rows)
@@ -446,7 +446,7 @@ def test_last_word_of_a_name_without_unit_determines_the_quantity(tmp_path):
     np.testing.assert_allclose(channel.effort, FORCE_N, atol=1e-6)
 
 
-def test_the_last_word_does_not_count_where_other_names_make_a_channel(tmp_path):
+def test_last_word_is_ignored_where_other_names_make_a_channel(tmp_path):
     header = "time_s,displacement_mm,force_N,Valve travel\n"
     channel = only_channel(tmp_path, header + lines(TIME_S, 1e3 * WAY_M, FORCE_N, np.cos(TIME_S)))
     np.testing.assert_allclose(channel.position, WAY_M, atol=1e-9)
@@ -473,7 +473,7 @@ def test_counts_are_asked_for_the_value_of_one(tmp_path, names, unit):
 
 
 @pytest.mark.parametrize("label", ["slow {}", "{}"])
-def test_a_column_of_trials_names_the_runs(tmp_path, label):
+def test_trial_column_names_the_runs(tmp_path, label):
     t = np.tile(np.arange(200) * 0.01, 3)
     x = 0.002 * np.sin(3.0 * t) ** 2
     trials = [label.format(row // 200 + 1) for row in range(600)]
@@ -498,7 +498,7 @@ def test_presses_are_cut_at_a_pause_of_the_logger(tmp_path, pause_s):
 
 @pytest.mark.parametrize("ending", [".npz", ".parquet", ".mat"])
 @pytest.mark.parametrize("names", [("position_rad", "torque_Nm"), ("q [rad]", "tau [Nm]")])
-def test_a_matrix_is_its_columns(tmp_path, ending, names):
+def test_matrix_gives_one_channel_per_column(tmp_path, ending, names):
     if ending == ".mat" and names[0] == "q [rad]":
         pytest.skip("no name of a variable")
     t = np.arange(300) * 0.01
@@ -518,7 +518,7 @@ def test_a_matrix_is_its_columns(tmp_path, ending, names):
 
 
 @pytest.mark.parametrize(("runs", "words"), [(False, "csv: has 3 rows"), (True, "run '7' has 3 rows")])
-def test_too_few_rows_name_a_run_only_where_a_column_does(tmp_path, runs, words):
+def test_too_few_rows_name_a_run_only_with_a_run_column(tmp_path, runs, words):
     columns = {"time_s": [0, 1, 2], "displacement_m": [0, 1, 2], "force_N": [0, 2, 4]}
     path = write_csv(tmp_path / "few.csv", columns | ({"run": [7, 7, 7]} if runs else {}))
     with pytest.raises(InputError, match=words):

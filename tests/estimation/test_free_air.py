@@ -31,7 +31,7 @@ def creeping(t, x, v, run):
     return kelvin_voigt(x, v) - np.where(x > 0.004, RATE * (t - t[0]), 0.0)
 
 
-def test_bias_and_drift_rate_are_recovered_and_a_steady_zero_is_reported():
+def test_bias_and_drift_are_recovered_and_a_steady_zero_is_reported():
     found = zero_in_free_air(session(1, lambda t, x, v, run: 0.4 + drifting(t, x, v, run)))
     assert found.rate == pytest.approx(RATE, abs=4.0 * found.rate_std_err)
     assert found.noise == pytest.approx(NOISE_N, rel=0.1)
@@ -46,7 +46,7 @@ def test_bias_and_drift_rate_are_recovered_and_a_steady_zero_is_reported():
 
 
 @pytest.mark.parametrize(("law", "misnamed"), [(drifting, False), (creeping, True)])
-def test_a_drift_that_readings_in_free_air_do_not_show_is_none(law, misnamed):
+def test_drift_without_readings_in_free_air_is_none(law, misnamed):
     data = session(1, law)
     drift = EFFECTS["drift"]()
     fit = fit_model(data, MODEL.with_effect(drift), {})
@@ -55,7 +55,7 @@ def test_a_drift_that_readings_in_free_air_do_not_show_is_none(law, misnamed):
 
 
 @pytest.mark.parametrize(("bias_n", "there"), [(0.0, False), (0.3, True)])
-def test_the_law_of_sensor_statics_has_a_bias_where_free_air_allows_one(bias_n, there):
+def test_sensor_statics_law_has_a_bias_where_free_air_allows_one(bias_n, there):
     data = session(2)
     laws = error_of_kinds(fit_model(replace(data, effort=data.effort + bias_n), MODEL, {})).laws
     (statics,) = (law for law in laws if law.kinds == {Kind.SENSOR_STATICS})
@@ -63,7 +63,7 @@ def test_the_law_of_sensor_statics_has_a_bias_where_free_air_allows_one(bias_n, 
 
 
 @pytest.mark.parametrize("scaled", [False, True])
-def test_the_law_of_sensor_statics_has_a_gain_unless_the_base_model_can_be_scaled(scaled):
+def test_sensor_statics_law_has_a_gain_unless_the_base_model_scales(scaled):
     fit = fit_model(session(2), MODEL, {})
     blocked = fit.problem.blocked
     effort = blocked.effort - fit.solution.residual
@@ -95,7 +95,7 @@ def test_drift_is_refused_for_monotonic_motion():
         ([(1e-3, 0.0, 2.0)] * 2, True),  # a return
     ],
 )
-def test_history_is_seen_by_a_hold_a_return_or_another_speed_alone(runs, seen):
+def test_history_needs_a_hold_a_return_or_another_speed(runs, seen):
     """Runs of 10 s: speed [m/s], hold at the end [s], return [s]."""
     parts = []
     for number, (speed, hold_s, back_s) in enumerate(runs):
@@ -119,7 +119,7 @@ def test_history_is_seen_by_a_hold_a_return_or_another_speed_alone(runs, seen):
 
 
 @pytest.mark.parametrize(("speeds", "seen"), [((1e-3, 1.1e-3), False), ((1e-3, 3e-3), True)])
-def test_dependence_on_the_rate_is_seen_at_two_speeds_alone(speeds, seen):
+def test_rate_dependence_needs_two_speeds(speeds, seen):
     """Triangles of 5 mm, so that friction is seen at any speed."""
     parts = []
     for number, speed in enumerate(speeds):
@@ -151,13 +151,13 @@ def pressed(runs, depth_m=0.0):
     [(pressed(1, 0.01), False), (pressed(2, 0.01), True), (pressed(1), True)],
     ids=["held", "two runs", "free air"],
 )
-def test_a_drift_is_seen_by_a_second_run_or_by_free_air_at_both_ends(data, seen):
+def test_drift_needs_a_second_run_or_free_air_at_both_ends(data, seen):
     """Within one contact, slow relaxation changes the effort in the same way."""
     names = {effect.name for effect in applicable_effects(data, MODEL, [EFFECTS["drift"]()])}
     assert ("drift" in names) is seen
 
 
-def test_an_element_that_is_held_at_both_ends_has_no_adhesion():
+def test_two_sided_element_has_no_adhesion():
     data = session(1)
     touching = np.ones(len(data), dtype=np.bool_)
     assert EFFECTS["adhesion"]().applies_to(data)

@@ -33,7 +33,7 @@ def remembered(time_s, x, tau_s):
 
 
 @pytest.mark.parametrize("afresh", [True, False])
-def test_the_data_say_whether_the_object_remembered(afresh):
+def test_data_decide_whether_the_object_remembered(afresh):
     def law(t, x, v, run):
         return kelvin_voigt(x, v, 500.0 * (maxwell(t, x, run, TAU_S) if afresh else remembered(t, x, TAU_S)))
 
@@ -42,7 +42,7 @@ def test_the_data_say_whether_the_object_remembered(afresh):
     assert not prefers_fresh_runs(with_clock_per_run(data), MODEL)
 
 
-def test_fresh_runs_keep_spread_times_and_what_does_not_relax_says_nothing():
+def test_fresh_runs_keep_spread_times_and_need_relaxation():
     t = np.arange(400) * 0.01
     x, f = 0.004 * (1.0 - np.cos(3.0 * t)), 2.0 * (1.0 - np.cos(3.0 * t))
     coarse_s = 5.0 + 0.02 * np.repeat(np.arange(200), 2)  # a clock that advances with every second row

@@ -107,7 +107,7 @@ def test_unit_of_another_dimension_is_kept_and_reported(tmp_path):
     assert "'weight_N' is read as displacement in m" in imported.notes[0]
 
 
-def test_numbered_runs_keep_their_numbers_and_are_put_together(contact):
+def test_numbered_runs_keep_their_numbers_and_are_grouped(contact):
     run = np.tile([7, 3], 25)
     channel = only(import_file(contact(run=run)))
     np.testing.assert_array_equal(channel.run, [3] * 25 + [7] * 25)
@@ -150,7 +150,7 @@ def test_derivatives_stay_within_runs_and_given_ones_are_preserved(contact):
 
 
 @pytest.mark.parametrize("derive", ["gradient", "backward", "tachometer"])
-def test_a_velocity_that_is_a_difference_of_the_positions_is_derived_again(tmp_path, derive):
+def test_velocity_from_position_differences_is_derived_again(tmp_path, derive):
     rng = np.random.default_rng(4)
     time_s = np.arange(2000) * 2e-3
     read = np.round(np.sin(3.0 * time_s) / 4e-4) * 4e-4  # an encoder of 14 bits
@@ -179,7 +179,7 @@ def test_where_option_selects_rows_and_context_keeps_signals(contact):
 
 
 @pytest.mark.parametrize("column", ["température à l'air", "°", "a" * 80])
-def test_a_session_holds_a_context_whatever_its_column_is_called(contact, tmp_path, column):
+def test_session_keeps_a_context_for_any_column_name(contact, tmp_path, column):
     imported = import_file(contact(**{column: 20 + T}), ImportOptions(context=(column,)))
     place = tmp_path / "kept.mcap"
     write_session(place, import_streams(imported), SessionMetadata(), ())
@@ -248,7 +248,7 @@ def test_any_increasing_times_and_finite_forces_are_accepted(tmp_path_factory, s
     assert np.isfinite(channel.acceleration).all()
 
 
-def test_pairs():
+def test_pairs_are_parsed():
     assert parse_pairs(["force_N = load", "run=log"], "--column") == {"force_N": "load", "run": "log"}
     assert parse_pairs(["force=a=b"], "--column") == {"force": "a=b"}
     assert parse_pairs(["a=b=mN"], "--unit") == {"a=b": "mN"}
@@ -259,7 +259,7 @@ def test_pairs():
         parse_pairs(["a=1", "a=2"], "--unit")
 
 
-def test_a_file_of_very_many_columns_is_refused_briefly(tmp_path):
+def test_very_wide_file_is_refused_briefly(tmp_path):
     file = tmp_path / "wide.csv"
     file.write_text(",".join(f"c{i}" for i in range(2_000)) + "\n" + ",".join("0" * 2_000) + "\n")
     text = refusal(file)
@@ -290,7 +290,7 @@ def test_compressed_file_with_large_content_is_refused(tmp_path, monkeypatch):
     assert "x.parquet: holds more than 0 MiB" in refusal(file)
 
 
-def test_fresh_runs_begin_with_the_clock_at_zero_and_keep_their_motion(contact, tmp_path):
+def test_fresh_runs_start_at_time_zero_and_keep_their_motion(contact, tmp_path):
     run = np.repeat([3, 5], 25)
     path = contact(time_s=T + 7.0, run=run)
     one_clock, fresh = (only(import_file(path, ImportOptions(fresh=way))) for way in (False, True))
@@ -402,7 +402,7 @@ def test_unusable_columns_are_refused_with_a_remedy(contact, changed, options, w
     assert words in refusal(contact(**changed), **options)
 
 
-def test_the_unit_of_a_position_that_is_read_as_a_displacement_is_that_of_either_name(contact):
+def test_displacement_unit_may_be_given_by_either_name(contact):
     depth = 3.0 * np.abs(np.sin(7.0 * T)) - 0.5  # mm
     force = 2.0 * depth.clip(0.0)
     file = contact(displacement_m=None, force_N=None, pos=depth, force1=force, force2=force[::-1])
@@ -437,7 +437,7 @@ def read_swing(tmp_path, options=None, **swing):
     return import_file(write_csv(tmp_path / "swing.csv", swung(**swing)), options or ImportOptions())
 
 
-def test_a_torque_that_opposes_the_velocity_is_a_reaction(tmp_path):
+def test_torque_that_opposes_the_velocity_is_a_reaction(tmp_path):
     imported, reaction = (read_swing(tmp_path, sign=sign) for sign in (1.0, -1.0))
     np.testing.assert_array_equal(only(reaction).effort, only(imported).effort)
     assert not any("opposes" in note for note in imported.notes)
@@ -447,13 +447,13 @@ def test_a_torque_that_opposes_the_velocity_is_a_reaction(tmp_path):
 
 
 @pytest.mark.parametrize(("early", "inertia"), [(8, 0.02), (-16, 0.002)])
-def test_a_torque_that_is_read_early_or_late_is_no_reaction(tmp_path, early, inertia):
+def test_time_shifted_torque_is_no_reaction(tmp_path, early, inertia):
     """An inertia's effort ahead of its motion, and a spring's behind it, look like a negative damping."""
     imported = read_swing(tmp_path, sign=1.0, friction=0.0, early=early, inertia=inertia)
     assert not any("opposes" in note for note in imported.notes)
 
 
-def test_one_joint_with_a_clear_sign_turns_those_without_one(tmp_path):
+def test_joint_with_a_clear_sign_decides_for_the_others(tmp_path):
     first, second = swung(sign=-1.0), swung(sign=-1.0, friction=0.0)
     columns = {"time_s": first["time_s"]}
     for number, joint in ((1, first), (2, second)):
@@ -489,7 +489,7 @@ def test_rows_that_a_logger_wrote_twice_are_left_out_and_counted(contact):
         import_file(contact(**columns))
 
 
-def test_a_simulated_run_that_repeats_another_exactly_is_a_run(contact):
+def test_exactly_repeated_simulated_run_is_a_run(contact):
     imported = import_file(contact(**{name: np.tile(values, 3) for name, values in PRESS.items()}))
     assert len(only(imported).runs) == 3
     np.testing.assert_array_equal(only(imported).effort, np.tile(F, 3))
@@ -515,7 +515,7 @@ def test_contradictory_derivative_is_replaced_and_reported(contact, changed, wor
     np.testing.assert_array_equal(only(imported).velocity, kept)
 
 
-def test_a_joint_that_rests_does_not_refuse_the_recording(contact):
+def test_resting_joint_does_not_refuse_the_recording(contact):
     """Its encoder toggles between two steps, and its velocity is exactly zero."""
     toggles = 1e-5 * (np.arange(50) % 3 == 0)
     resting = {"position_2_rad": 0.3 + toggles, "velocity_2_rad_s": np.zeros(50), "torque_2_Nm": np.zeros(50)}
@@ -599,7 +599,7 @@ def test_ambiguous_arrays_are_refused(tmp_path):
         ({"time_s": T, "position_m": X, "force_N": F}, "joint_1", "PRISMATIC"),
     ],
 )
-def test_names_say_what_is_measured_and_units_become_si(tmp_path, columns, name, kind):
+def test_names_give_quantities_and_si_units(tmp_path, columns, name, kind):
     channel = only(import_file(write_csv(tmp_path / "units.csv", columns)))
     assert (channel.name, channel.kind) == (name, ChannelKind[kind])
     np.testing.assert_allclose(channel.time_s, T, atol=1e-12)
@@ -622,7 +622,7 @@ def test_slow_press_without_time_uses_row_numbers_and_notes_it(contact):
     assert any("no column holds a time: rows count as 1 s apart" in note for note in imported.notes)
 
 
-def test_words_that_sound_like_a_displacement_are_left_where_another_column_holds_it(contact):
+def test_displacement_words_are_ignored_where_another_column_holds_it(contact):
     stroke = ["down"] * 25 + ["up"] * 25
     columns = {"displacement_m": None, "force_N": None, "time_s": None}
     path = contact(**columns, **{"travel (mm)": 1e3 * X, "force (gf)": F, "stroke": stroke})
@@ -637,7 +637,7 @@ def test_joint_without_an_effort_column_is_refused_with_a_hint(contact):
     assert only(import_file(path, ImportOptions(**options))).effort == pytest.approx(F)
 
 
-def test_a_stated_number_of_presses_is_no_remedy_for_restarts_of_the_clock(contact):
+def test_stated_number_of_presses_does_not_fix_clock_restarts(contact):
     several = np.tile(np.arange(50), 3)
     path = contact(**{name: values[several] for name, values in PRESS.items()})
     with pytest.raises(InputError, match="2: the clock restarts 2 times, so there are at least 3 runs"):

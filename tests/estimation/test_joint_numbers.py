@@ -48,7 +48,7 @@ def pairs(path, **options):
         ),
     ],
 )
-def test_a_position_goes_with_the_effort_of_its_number(log, names, joints):
+def test_position_is_paired_with_the_effort_of_its_number(log, names, joints):
     assert pairs(log(*names)) == joints
 
 
@@ -59,7 +59,7 @@ def test_a_position_goes_with_the_effort_of_its_number(log, names, joints):
         ("q0 [rad]", "q1 [rad]", "torque_1_Nm", "torque_2_Nm"),
     ],
 )
-def test_joints_that_count_from_different_numbers_are_asked_about(log, names):
+def test_joints_with_different_first_numbers_are_asked_about(log, names):
     path = log(*names)
     with pytest.raises(InputError, match="position start at 0, those of torque at 1; give") as error:
         pairs(path)
@@ -79,19 +79,19 @@ def test_joints_that_count_from_different_numbers_are_asked_about(log, names):
     ],
 )
 @pytest.mark.parametrize("names", [FROM_0, ("q0 [rad]", "q1 [rad]", "torque_0_Nm", "torque_1_Nm")])
-def test_a_unit_is_of_the_joint_that_the_file_calls_so(log, names, unit, factors):
+def test_unit_applies_to_the_joint_named_in_the_file(log, names, unit, factors):
     expected = [(0, 2, factors[0]), (1, 3, factors[1])]
     assert pairs(log(*names), units={unit: "10Nm"}) == expected
 
 
 @pytest.mark.parametrize("place", [2, 3])
-def test_a_column_is_of_the_joint_that_the_file_calls_so(log, place):
+def test_column_applies_to_the_joint_named_in_the_file(log, place):
     names = [*FROM_0]
     names[place] = "strange"
     assert pairs(log(*names), columns={FROM_0[place]: "strange"}) == [(0, 2, 1.0), (1, 3, 1.0)]
 
 
-def test_an_ambiguous_column_is_asked_about_by_its_number_and_the_page_takes_every_joint(log):
+def test_ambiguous_column_is_asked_by_number_and_the_page_takes_every_joint(log):
     path = log("q0 [rad]", "q1 [rad]", "tau0 [Nm]", "tau1 [Nm]", "torque 1 [Nm]")
     with pytest.raises(InputError, match="may hold torque_1; choose with --column torque_1='tau1"):
         pairs(path)

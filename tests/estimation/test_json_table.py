@@ -36,7 +36,7 @@ def test_table_is_detected_in_each_layout(tmp_path, content):
     np.testing.assert_allclose(channel.effort, FORCE_N)
 
 
-def test_records_may_stand_in_lines_and_hold_others(tmp_path):
+def test_records_may_be_lines_and_nested(tmp_path):
     path = tmp_path / "joint.jsonl"
     nested = [{"t": row[0], "joint": {"pos": row[1], "torque": [row[2], 1.0]}} for row in ROWS]
     path.write_text("\n".join(map(json.dumps, nested)))
@@ -45,7 +45,7 @@ def test_records_may_stand_in_lines_and_hold_others(tmp_path):
     np.testing.assert_allclose(table.numbers("joint.torque.0"), FORCE_N)
 
 
-def test_rows_that_nothing_names_are_called_by_their_places(tmp_path):
+def test_unnamed_columns_are_called_by_their_places(tmp_path):
     path = saved(tmp_path / "bare.json", json.dumps({"data": ROWS, "dt": 0.01, "time units": "s"}))
     table = read_table(path)
     assert (table.names, table.notes) == (("column 1", "column 2", "column 3"), ("no names of columns",))
@@ -66,13 +66,13 @@ def test_file_without_a_table_is_refused(tmp_path, text, words):
         read_table(saved(tmp_path / "a.json", text))
 
 
-def test_a_description_in_a_folder_is_no_data(tmp_path):
+def test_description_in_a_folder_is_no_data(tmp_path):
     (tmp_path / "meta.json").write_text(json.dumps(RECORDS))
     (tmp_path / "a.csv").write_text("time_s,displacement_m,force_N\n0,0,0\n")
     assert data_files(tmp_path) == [tmp_path / "a.csv"]
 
 
-def test_the_first_row_may_name_the_columns_and_lists_leave_the_others_readable(tmp_path):
+def test_first_row_may_name_the_columns_and_lists_are_skipped(tmp_path):
     path = saved(tmp_path / "a.json", json.dumps([NAMES, *ROWS]))
     np.testing.assert_allclose(import_file(path).channels[0].effort, FORCE_N)
     path = tmp_path / "a.json"
@@ -82,7 +82,7 @@ def test_the_first_row_may_name_the_columns_and_lists_leave_the_others_readable(
     assert read_table(path).notes == ("columns of other lengths left out: temperature",)
 
 
-def test_true_among_numbers_is_refused_and_not_read_as_one(tmp_path):
+def test_true_among_numbers_is_refused(tmp_path):
     """A column of truths alone stays one, such as a flag of the contact."""
     path = tmp_path / "press.json"
     table = dict(COLUMNS)
@@ -110,7 +110,7 @@ def as_records(columns):
         ([{"speed": 3.0, "samples": as_records(times_and_press(run))} for run in range(2)], ["0", "1"]),
     ],
 )
-def test_parts_with_clocks_of_their_own_are_runs(tmp_path, content, labels):
+def test_parts_with_their_own_clocks_are_runs(tmp_path, content, labels):
     imported = import_file(saved(tmp_path / "runs.json", json.dumps(content)))
     assert list(imported.run_labels.values()) == labels
     (channel,) = imported.channels
@@ -120,7 +120,7 @@ def test_parts_with_clocks_of_their_own_are_runs(tmp_path, content, labels):
 
 
 @pytest.mark.parametrize("by_record", [True, False])
-def test_a_matrix_beside_a_clock_is_its_columns(tmp_path, by_record):
+def test_matrix_beside_a_clock_gives_its_columns(tmp_path, by_record):
     t = np.arange(200) * 0.01
     q = np.column_stack([np.sin(t), np.cos(t)])
     columns = {"time_s": t.tolist(), "position_rad": q.tolist(), "torque_Nm": (2.0 * q).tolist()}

@@ -72,7 +72,7 @@ def test_small_presses_are_detected_beside_large_ones(press):
 
 
 @pytest.mark.parametrize("noise_mm", [0.0, 0.001, 0.02])
-def test_a_hold_between_sharp_ramps_is_as_long_as_it_was(press, noise_mm):
+def test_hold_between_sharp_ramps_keeps_its_length(press, noise_mm):
     parts = (np.full(30, -1.0), np.linspace(-1, 5, 60), np.full(200, 5.0), np.linspace(5, -1, 60))
     way_mm = np.concatenate([*parts, parts[0]])
     load = 0.5 * np.maximum(way_mm, 0.0)
@@ -92,7 +92,7 @@ def test_noise_is_no_press(press, wavers):
         contact_of(one, runs=3)
 
 
-def test_a_force_below_every_level_is_one_run(press):
+def test_force_below_every_level_is_one_run(press):
     load = np.where(np.arange(len(presses()[0])) % 50, 0.0, -1.0)
     assert len(contact_of(press(**{LOAD: load})).runs) == 1
 
@@ -193,13 +193,13 @@ def test_current_is_used_as_torque_without_a_constant(press, units, factor):
     assert any("1 A counts as 1 N m" in note for note in imported.notes) is unknown
 
 
-def test_a_torque_is_preferred_to_a_current_and_a_column_is_not_used_twice(press):
+def test_torque_is_preferred_to_current_and_no_column_is_used_twice(press):
     columns = {"Current [mA]": T, "Torque [Nm]": 2.0 * T, "Torque setpoint [Nm]": T}
     (channel,) = import_file(press(**RATE, **columns)).channels
     np.testing.assert_allclose(channel.effort, 2.0 * T)
 
 
-def test_columns_without_units_are_asked_about_only_where_nothing_else_makes_a_channel(press):
+def test_columns_without_units_are_asked_about_only_without_another_channel(press):
     joint = {"q": np.sin(T), "tau": T}
     assert contact_of(press(**joint)).name == "contact"
     with pytest.raises(InputError, match="'q', 'tau' state no units"):
@@ -209,7 +209,7 @@ def test_columns_without_units_are_asked_about_only_where_nothing_else_makes_a_c
 
 
 @pytest.mark.parametrize("said", ["displacement", "depth", "Travel"])
-def test_a_unit_counts_under_every_name_of_its_quantity_beside_another_channel(press, said):
+def test_unit_counts_under_every_name_of_its_quantity(press, said):
     """Columns without a unit are left alone where others make a channel, unless the user says it."""
     joint = {"position_1_rad": np.sin(T), "torque_1_Nm": np.cos(T)}
     imported = import_file(
@@ -218,13 +218,13 @@ def test_a_unit_counts_under_every_name_of_its_quantity_beside_another_channel(p
     assert [channel.name for channel in imported.channels] == ["contact", "joint_1"]
 
 
-def test_the_same_in_two_units_is_not_ambiguous(press):
+def test_same_column_in_two_units_is_not_ambiguous(press):
     f = presses()[2]
     channel = contact_of(press(**{"Load [lbf]": f / 4.4482216}))
     np.testing.assert_allclose(channel.effort, f)
 
 
-def test_files_of_a_folder_are_runs_in_the_order_of_their_numbers(tmp_path):
+def test_files_of_a_folder_are_runs_in_numerical_order(tmp_path):
     folder = one_file_a_run(tmp_path)
     assert [path.name for path in data_files(folder)] == ["run9.csv", "run10.csv", "run11.csv", "run12.csv"]
     imported = import_files(data_files(folder), ImportOptions())
@@ -248,7 +248,7 @@ def test_sheets_with_the_same_columns_are_runs(tmp_path):
     assert "sheets 'Probe 1', 'Probe 2', 'Probe 3', 'Probe 4' of 5" in imported.read
 
 
-def test_sheets_whose_columns_stand_in_another_order_are_runs_and_others_are_named(tmp_path):
+def test_sheets_with_reordered_columns_are_runs_and_others_are_named(tmp_path):
     book = openpyxl.Workbook()
     for sheet, names in (
         (book.active, "sxF"),
@@ -274,7 +274,7 @@ def test_monotonic_time_column_is_preferred(press, other):
     )
 
 
-def test_a_time_with_a_bad_cell_is_not_needed_beside_another(press):
+def test_time_with_a_bad_cell_is_skipped_beside_another(press):
     stamps = (1e3 * presses()[0]).astype(str).tolist()
     path = press(Timestamp=[*stamps[:300], "ERR", *stamps[301:]])
     np.testing.assert_allclose(contact_of(path).time_s, presses()[0])
@@ -282,7 +282,7 @@ def test_a_time_with_a_bad_cell_is_not_needed_beside_another(press):
         contact_of(path, columns={"time": "Timestamp"})
 
 
-def test_a_workbook_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch):
+def test_workbook_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch):
     path = tmp_path / "far.xlsx"
     book = openpyxl.Workbook()
     book.active["A1"], book.active["XFD1048576"] = 1, 2
@@ -324,7 +324,7 @@ def test_file_without_a_table_is_named(tmp_path, content, words):
 
 
 @given(st.binary(max_size=300))
-def test_bytes_at_random_get_one_line(tmp_path_factory, content):
+def test_random_bytes_get_one_line(tmp_path_factory, content):
     with pytest.raises(InputError) as caught:
         import_file(saved(tmp_path_factory.mktemp("any") / "any.lvm", content))
     assert "\n" not in str(caught.value)
@@ -343,14 +343,14 @@ def test_bytes_at_random_get_one_line(tmp_path_factory, content):
         ((".5", "-.25", "3."), "|", (0.5, -0.25, 3.0)),
     ],
 )
-def test_numbers_are_read_as_they_are_written(tmp_path, cells, delimiter, values):
+def test_numbers_are_read_as_written(tmp_path, cells, delimiter, values):
     path = tmp_path / "numbers.txt"
     lines = ["n [s]" + delimiter + "Kraft [N]", *(f"{i}{delimiter}{cell}" for i, cell in enumerate(cells))]
     path.write_text("\n".join(lines))
     assert read_table(path).numbers("Kraft [N]").tolist() == list(values)
 
 
-def test_a_comma_that_parts_no_thousands_is_not_left_out(tmp_path):
+def test_misplaced_thousands_comma_is_refused(tmp_path):
     path = saved(tmp_path / "numbers.txt", "n [s]\tKraft [N]\n0\t1,234.5\n1\t2,345.5\n2\t3,456.5\n3\t4,5\n")
     with pytest.raises(InputError, match=r"line 5, column .*'4,5' is not a finite number"):
         read_table(path).numbers("Kraft [N]")
@@ -384,7 +384,7 @@ def test_import_notes_state_the_file_format(tmp_path):
         (("08:00:00.0", "08:00:01.0", "21:00:00.0"), (28800.0, 28801.0, 75600.0)),
     ],
 )
-def test_the_times_of_a_clock_are_seconds(tmp_path, cells, seconds):
+def test_clock_times_are_seconds(tmp_path, cells, seconds):
     path = tmp_path / "clock.csv"
     path.write_text("When;Weg [mm];Kraft [N]\n" + "".join(f"{cell};1;2\n" for cell in cells))
     table = read_table(path)
@@ -401,7 +401,7 @@ def test_the_times_of_a_clock_are_seconds(tmp_path, cells, seconds):
         (("03/12/2024", "03/13/2024", "03/14/2024"), (0, 1, 2), "month/day"),
     ],
 )
-def test_month_and_day_stand_in_one_order_in_all_dates(tmp_path, dates, days, order):
+def test_month_and_day_have_one_order_in_all_dates(tmp_path, dates, days, order):
     path = tmp_path / "dates.csv"
     path.write_text("When,Weg [mm],Kraft [N]\n" + "".join(f"{day} 10:00:00.0,1,2\n" for day in dates))
     table = read_table(path)
@@ -418,7 +418,7 @@ def test_clock_column_counts_seconds_for_any_unit_in_its_name(press, name, optio
     assert np.ptp(channel.time_s) == pytest.approx(np.ptp(presses()[0]), abs=1e-3)
 
 
-def test_a_clock_beside_the_time_and_a_day_that_is_none_leave_columns_as_they_are(press):
+def test_clock_beside_the_time_and_invalid_dates_leave_columns_unchanged(press):
     cells = [f"09:{int(cell // 60.0):02d}:{cell % 60.0:07.4f}" for cell in presses()[0]]
     assert np.ptp(contact_of(press(Time=cells)).time_s) == pytest.approx(np.ptp(presses()[0]), abs=1e-3)
     assert contact_of(press(Made=["0000-00-00 00:00:00"] * len(presses()[0]))).name == "contact"
@@ -434,7 +434,7 @@ def test_time_unit_is_inferred_from_the_sample_step(press, scale, unit):
     assert f"'__time' states no unit: its steps are read as {unit}" in imported.notes[0]
 
 
-def test_tests_side_by_side_are_called_as_what_stands_above_them(tmp_path):
+def test_tests_side_by_side_are_called_by_their_headings(tmp_path):
     imported = import_file(side_by_side(tmp_path))
     assert list(imported.run_labels.values()) == ["Foam A", "Foam B", "Foam C", "Foam D"]
     assert "4 tests side by side" in imported.read
@@ -444,7 +444,7 @@ SWING = {"time_s": np.arange(400) * 0.01, "position_1_rad": np.sin(0.02 * np.ara
 PULL = {"time_s": SWING["time_s"], "torque_1_Nm": 2.0 * SWING["position_1_rad"]}
 
 
-def test_files_of_the_same_rows_with_position_and_torque_apart_are_one_recording(tmp_path):
+def test_position_and_torque_files_of_equal_rows_are_one_recording(tmp_path):
     paths = [write_csv(tmp_path / "q.csv", SWING), write_csv(tmp_path / "tau.csv", PULL)]
     imported = import_files(paths, ImportOptions())
     (joint,) = imported.channels
@@ -484,7 +484,7 @@ def test_first_fault_of_unjoinable_files_is_reported(tmp_path):
         import_files(paths, ImportOptions())
 
 
-def test_a_joint_that_the_first_file_lacks_is_left_out_and_one_that_another_lacks_is_refused(tmp_path):
+def test_joint_missing_in_the_first_file_is_left_out_and_in_another_refused(tmp_path):
     one = SWING | PULL
     second = {name.replace("_1_", "_2_"): values for name, values in one.items() if name != "time_s"}
     paths = [write_csv(tmp_path / "one.csv", one), write_csv(tmp_path / "two.csv", one | second)]

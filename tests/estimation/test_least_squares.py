@@ -21,7 +21,7 @@ def columns_and_effort(seed=0, count=200, gains=3):
     return rng.standard_normal((count, gains)), rng.standard_normal(count)
 
 
-def test_agrees_with_the_orthogonal_solution():
+def test_solution_agrees_with_the_orthogonal_one():
     columns, effort = columns_and_effort()
     weights = np.random.default_rng(1).uniform(0.1, 3.0, len(effort))
     expected = np.linalg.lstsq(columns * weights[:, None], effort * weights, rcond=None)[0]
@@ -38,7 +38,7 @@ def test_units_of_the_columns_do_not_matter(exponents):
     assert scaled.condition_number == pytest.approx(plain.condition_number, rel=1e-6)
 
 
-def test_nearly_dependent_columns_are_still_solved_and_a_silent_one_gets_no_gain():
+def test_nearly_dependent_columns_are_solved_and_a_zero_one_gets_no_gain():
     columns, _ = columns_and_effort()
     columns[:, 2] = columns[:, 1] + 1e-8 * columns[:, 2]
     truth = np.array([1.0, 2.0, 3.0])
@@ -53,7 +53,7 @@ def test_nearly_dependent_columns_are_still_solved_and_a_silent_one_gets_no_gain
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_gains_within_bounds_are_those_of_scipy(seed):
+def test_gains_within_bounds_match_scipy(seed):
     """Columns that resemble each other: a gain that was zero may be positive beside the others' zeros."""
     rng = np.random.default_rng(seed)
     columns = rng.standard_normal((60, 8)) @ (np.eye(8) + 0.6 * rng.standard_normal((8, 8)))
@@ -85,7 +85,7 @@ def test_two_columns_keep_their_covariance():
     np.testing.assert_allclose(found / 2000, mix @ mix.T, atol=0.05)
 
 
-def test_runs_are_independent_in_whatever_order_they_are_stored():
+def test_runs_are_independent_in_any_order():
     rng = np.random.default_rng(2)
     terms = ar1(rng, 0.9, 3000)[:, None]
     run = np.repeat([0, 1, 2], 1000)
@@ -98,7 +98,7 @@ def test_runs_are_independent_in_whatever_order_they_are_stored():
     np.testing.assert_allclose(swapped, sum_covariance(terms, run).matrix, rtol=1e-9)
 
 
-def test_correlation_shrinks_the_effective_count_and_zero_terms_have_no_uncertainty():
+def test_correlation_shrinks_the_effective_count_and_zeros_have_no_error():
     rng = np.random.default_rng(4)
     white = sum_covariance(ar1(rng, 0.0, 5000)[:, None]).effective_count
     coloured = sum_covariance(ar1(rng, 0.9, 5000)[:, None]).effective_count
@@ -118,7 +118,7 @@ def assessed(values, noise, columns=None, gain_count=2):
     return assess_parameters(NAMES, np.array(values), columns, effort, covariance, gain_count=gain_count)
 
 
-def test_even_uncorrelated_noise_gives_the_textbook_errors():
+def test_uncorrelated_even_noise_gives_the_textbook_errors():
     columns = motion(9000)[0]
     textbook = 0.02 * np.sqrt(np.diag(np.linalg.inv(columns.T @ columns)))
     rng = np.random.default_rng(1)
@@ -127,7 +127,7 @@ def test_even_uncorrelated_noise_gives_the_textbook_errors():
     assert np.median([each.degrees_of_freedom for each in found]) > 1000
 
 
-def test_residuals_that_few_samples_leave_are_made_up_for():
+def test_small_sample_residuals_are_corrected():
     """Five gains of twenty samples take a quarter of the noise's energy with them."""
     rng = np.random.default_rng(0)
     columns = rng.normal(size=(20, 5))
@@ -138,7 +138,7 @@ def test_residuals_that_few_samples_leave_are_made_up_for():
     assert np.mean(variance / truth) == pytest.approx(1.0, abs=0.12)
 
 
-def test_runs_are_no_neighbours_where_one_ends_and_the_next_begins():
+def test_runs_are_no_neighbors_across_their_ends():
     """The order of runs says nothing; scores of neighbouring samples of one run go together."""
     rng = np.random.default_rng(3)
     run = np.repeat(np.arange(30), 6)
@@ -181,7 +181,7 @@ def test_identifiability_is_reported(values, noise, grade, determined, words):
     assert re.search(words, found.note)
 
 
-def test_parameters_that_change_together_are_a_pair_and_one_near_zero_may_be_determined():
+def test_correlated_parameters_are_a_pair_and_one_near_zero_may_be_determined():
     assert assessed((500.0, 0.01), 0.02, gain_count=1).determined == (Determined.YES, Determined.YES)
     depth = motion()[0][:, 0]
     rng = np.random.default_rng(3)

@@ -67,7 +67,7 @@ def run(code):
     return done.stdout
 
 
-def test_a_package_that_is_not_allowed_is_seen():
+def test_forbidden_package_is_detected():
     done = subprocess.run(
         [sys.executable, "-c", BLOCK + "import yaml"], capture_output=True, text=True, check=False
     )
@@ -79,12 +79,12 @@ def test_estimation_imports_without_optional_packages_in_little_time():
     assert any(float(run(IMPORT)) < MOST for _ in range(5))
 
 
-def test_a_study_imports_neither_the_simulator_nor_what_writes_exports():
+def test_study_imports_neither_simulator_nor_exporters():
     code = "import sys, palpate.study; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     late = ("palpate.sim_backend", "palpate.export", "palpate.runs", "plotly", "pyarrow")
     assert [name for name in done.stdout.split() if name.startswith(late)] == []
 
 
-def test_a_table_is_fitted_without_optional_packages():
+def test_table_is_fitted_without_optional_packages():
     assert 390 < float(run(FIT)) < 410

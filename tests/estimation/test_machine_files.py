@@ -61,7 +61,7 @@ FILES["units of products"] = (
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "cp1252"])
 @pytest.mark.parametrize("layout", FILES)
-def test_the_longest_table_is_read_by_the_names_above_it(tmp_path, layout, encoding):
+def test_longest_table_is_read_by_the_names_above_it(tmp_path, layout, encoding):
     text, tests = FILES[layout]
     (channel,) = import_file(saved(tmp_path / "press.txt", text.encode(encoding))).channels
     assert channel.name == "contact"
@@ -73,12 +73,12 @@ def test_the_longest_table_is_read_by_the_names_above_it(tmp_path, layout, encod
 
 
 @pytest.mark.parametrize("name", ["press", "press.prn", "press.xls", "press.v2"])
-def test_text_is_read_whatever_its_name_ends_in(tmp_path, name):
+def test_text_is_read_with_any_file_ending(tmp_path, name):
     path = saved(tmp_path / name, "Time [s]\tTravel [mm]\tLoad [N]\n" + rows("\t"))
     np.testing.assert_allclose(import_file(path).channels[0].effort, FORCE_N, atol=1e-5)
 
 
-def test_fields_of_a_matlab_struct_and_columns_of_its_matrices_and_cells_are_columns(tmp_path):
+def test_matlab_structs_matrices_and_cells_give_columns(tmp_path):
     data = {"time_s": TIME_S, "displacement_mm": 1e3 * WAY_M, "force_N": FORCE_N, "area": 3.0}
     savemat(tmp_path / "press.mat", {"press": {"data": data}, "rate": 250.0, "gains": [1.0, 2.0]})
     (channel,) = import_file(tmp_path / "press.mat").channels
@@ -115,7 +115,7 @@ def test_pages_of_one_recording_are_one_run(tmp_path, gap_s, runs):
     assert (len(channel), len(channel.runs)) == (len(TIME_S), runs)
 
 
-def test_ends_of_strings_and_lines_of_blanks_do_not_spoil_a_table(tmp_path):
+def test_null_bytes_and_blank_lines_do_not_spoil_a_table(tmp_path):
     path = tmp_path / "gel.csv"
     lines = rows().splitlines(keepends=True)
     text = "C:\\data\\gel.csv\0\nTime [s],Travel [mm],Load [N]\n" + "".join(
@@ -126,7 +126,7 @@ def test_ends_of_strings_and_lines_of_blanks_do_not_spoil_a_table(tmp_path):
 
 
 @pytest.mark.parametrize("place", [0, 1, 2, -1], ids=["before", "for the point", "inside", "behind"])
-def test_a_zero_byte_in_a_number_never_makes_another_number(tmp_path, place):
+def test_zero_byte_in_a_number_never_makes_another_number(tmp_path, place):
     """A byte that a disk lost: closing the gap would read 9.876543 as 9876543, or as 9.87654."""
     path, lines = tmp_path / "gel.csv", rows().splitlines()
     time, way, _ = lines[100].split(",")
@@ -210,7 +210,7 @@ def test_two_tables_of_one_sheet_are_runs(tmp_path):
     np.testing.assert_allclose(channel.position, np.tile(WAY_M, 2), atol=1e-12)
 
 
-def test_a_column_in_use_that_is_there_twice_is_asked_about(tmp_path):
+def test_used_column_that_appears_twice_is_asked_about(tmp_path):
     path = saved(tmp_path / "press.csv", "Time [s],Way [mm],Load [N],Load [N]\n" + rows(behind=",7"))
     with pytest.raises(InputError, match=r"'Load \[N\]' appears twice, with different values; choose with"):
         import_file(path)

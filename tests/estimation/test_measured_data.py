@@ -36,7 +36,7 @@ def test_stiffness_of_a_soft_specimen_matches_its_curve():
 
 
 @pytest.mark.parametrize("name", sorted(set(ESTIMATORS) - {"ransac"} - FOLLOWING_CHANGES))
-def test_estimators_of_all_samples_agree(name):
+def test_batch_estimators_agree(name):
     """RANSAC's threshold of 0.01 N is far below what the model leaves here; the others must stay near."""
     (channel,) = indentation(FIRST_P002).channels
     found = estimated(channel, by=name)
@@ -44,7 +44,7 @@ def test_estimators_of_all_samples_agree(name):
 
 
 @pytest.mark.parametrize("name", sorted(FOLLOWING_CHANGES))
-def test_estimators_that_follow_changes_tell_the_stiffness_of_the_last_hold(name):
+def test_online_estimators_match_the_stiffness_of_the_last_hold(name):
     """The specimen stiffens and relaxes: force over depth is 48 N/m in the last hold, at 1 mm, not 97."""
     (channel,) = indentation(FIRST_P002).channels
     found = estimated(channel, by=name)
@@ -53,7 +53,7 @@ def test_estimators_that_follow_changes_tell_the_stiffness_of_the_last_hold(name
     assert found["stiffness.k"].value == pytest.approx(secant, rel=0.05)
 
 
-def test_all_runs_of_all_specimens_are_read_and_hunt_crossley_fits_them_better():
+def test_hunt_crossley_fits_all_specimens_better():
     (channel,) = indentation(FIRST_P002).channels
     curved = fit_samples(base_model("hunt_crossley"), channel, channel.engaged)
     straight = fit_samples(base_model("kelvin_voigt"), channel, channel.engaged)
@@ -90,7 +90,7 @@ def test_all_runs_of_all_specimens_are_read_and_hunt_crossley_fits_them_better()
         ),
     ],
 )
-def test_other_people_s_files_are_read(file, options, kind, rows):
+def test_public_files_are_read(file, options, kind, rows):
     (channel,) = import_file(DATA / file, ImportOptions(**options)).channels
     assert (channel.kind, len(channel)) == (kind, rows)
     assert np.isfinite(channel.acceleration).all()

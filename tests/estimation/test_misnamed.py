@@ -26,17 +26,17 @@ def test_two_layers_that_both_press_back_are_layers(k, k2):
 
 
 @pytest.mark.parametrize("k", [-9000.0, 0.0, 5.0])
-def test_a_layer_below_nothing_is_a_gap(k):
+def test_layer_below_nothing_is_a_gap(k):
     assert not is_layer(k, 1500.0)
 
 
 @pytest.mark.parametrize("k2", [-1500.0, -1498.0, -3000.0])
-def test_a_layer_that_takes_all_of_the_spring_away_is_the_end_of_a_range(k2):
+def test_layer_that_removes_the_whole_spring_is_the_end_of_a_range(k2):
     assert not is_layer(1500.0, k2)
 
 
 @pytest.mark.parametrize(("error", "layer"), [(20.0, True), (140.0, False), (float("nan"), True)])
-def test_a_soft_layer_that_may_as_well_be_none_is_none(error, layer):
+def test_insignificant_soft_layer_is_none(error, layer):
     assert is_layer(823.0, -762.0, error) is layer
 
 
@@ -61,18 +61,18 @@ def test_friction_that_rises_towards_rest_is_stribeck_friction(rise, speed):
 
 
 @pytest.mark.parametrize(("rise", "speed"), [(0.19, 0.0076), (0.19, 0.001), (-0.2, 0.2)])
-def test_friction_that_rises_nowhere_is_not(rise, speed):
+def test_friction_that_rises_nowhere_is_not_stribeck(rise, speed):
     assert not is_stribeck(rise, speed, transition=0.006)
 
 
-def test_the_cubic_part_counts_below_the_kink_too():
+def test_cubic_part_counts_below_the_kink_too():
     softening = {"cubic_stiffness.k3": -1.5e6}
     assert is_layer(800.0, -500.0)
     assert not is_layer(800.0, -500.0, **softening)
 
 
 @pytest.mark.parametrize(("width", "layer"), [(2.5, True), (3.15, False), (5.0, False)])
-def test_a_layer_of_which_a_sensor_shows_nothing_is_a_surface_that_lies_deeper(width, layer):
+def test_layer_without_a_sensor_reading_is_a_deeper_surface(width, layer):
     assert is_layer(800.0, -500.0, **{"deadband.width": width}) is layer  # it presses with 3.2 N at its end
 
 
@@ -80,19 +80,19 @@ def test_a_layer_of_which_a_sensor_shows_nothing_is_a_surface_that_lies_deeper(w
     ("k", "b", "n", "crossley"),
     [(5e4, 1e4, 1.5, True), (0.0, 1e6, 2.0, False), (800.0, 500.0, 1.0, True), (2e5, 0.0, 2.0, True)],
 )
-def test_a_damper_alone_that_grows_with_depth_is_not_hunt_and_crossleys(k, b, n, crossley):
+def test_damper_that_grows_with_depth_is_not_hunt_crossley(k, b, n, crossley):
     given = {f"hunt_crossley.{name}": value for name, value in {"k": k, "b": b, "n": n}.items()}
     assert EFFECTS["hunt_crossley"]().is_misnamed(session(1), given, dict, NOISE_N) is not crossley
 
 
 @pytest.mark.parametrize(("fitted_n", "agrees"), [(0.8, True), (0.6, True), (2.0, False), (-0.8, False)])
-def test_a_bias_agrees_with_the_readings_in_free_air(fitted_n, agrees):
+def test_bias_agrees_with_the_readings_in_free_air(fitted_n, agrees):
     data = session(1, lambda t, x, v, run: 800.0 * x.clip(0.0) + 0.8)
     assert EFFECTS["bias"]().is_misnamed(data, {"bias.offset": fitted_n}, dict, NOISE_N) is not agrees
 
 
 @pytest.mark.parametrize(("share", "clipped"), [(1.0, True), (0.9, False)])
-def test_readings_do_not_go_on_beyond_the_end_of_a_range(share, clipped):
+def test_readings_do_not_continue_beyond_the_end_of_a_range(share, clipped):
     data = session(1, lambda t, x, v, run: 800.0 * x.clip(0.0))
     top = float(abs(data.effort).max())
     data = replace(data, effort=data.effort.clip(-0.7 * top, 0.7 * top))
@@ -100,7 +100,7 @@ def test_readings_do_not_go_on_beyond_the_end_of_a_range(share, clipped):
     assert EFFECTS["saturation"]().is_misnamed(data, given, dict, 0.01 * top) is not clipped
 
 
-def test_an_end_of_a_range_is_flat_and_what_yields_is_not():
+def test_end_of_a_range_is_flat_and_yielding_is_not():
     data = session(2)
     top = float(data.effort.max())
     given, saturation = {"saturation.limit": 0.8 * top}, EFFECTS["saturation"]()

@@ -26,7 +26,7 @@ def samples_of(recorded):
 
 @pytest.mark.parametrize(("stiffness", "damping"), [(300.0, 0.0), (500.0, 100.0), (2000.0, 20.0)])
 @pytest.mark.parametrize("name", ["rls", "sprls"])
-def test_ends_at_stiffness_damping_and_surface(stiffness, damping, name):
+def test_estimator_converges_to_stiffness_damping_and_surface(stiffness, damping, name):
     found = follow(probe(kelvin_voigt(stiffness, damping), surface_m=SURFACE_M), ESTIMATORS[name]())[-1]
     assert found[0] == pytest.approx(stiffness, rel=0.01)
     assert found[1] == pytest.approx(damping, rel=0.02, abs=0.3)
@@ -43,7 +43,7 @@ def test_no_estimate_is_given_before_enough_samples():
     assert touch + 30 < first < touch + 80
 
 
-def test_estimates_get_better_from_run_to_run():
+def test_estimates_improve_from_run_to_run():
     recorded = probe(kelvin_voigt(500.0, 100.0))
     found = follow(recorded)
     ends = [np.flatnonzero(recorded.run == run)[-1] for run in range(3)]
@@ -52,7 +52,7 @@ def test_estimates_get_better_from_run_to_run():
     assert errors[2] <= errors[0] + 0.1
 
 
-def test_a_biased_sensor_is_tared_in_free_air():
+def test_biased_sensor_is_tared_in_free_air():
     recorded = probe(kelvin_voigt(800.0, 30.0), surface_m=SURFACE_M)
     recorded.force_n = recorded.force_n + 0.8
     found = follow(recorded)[-1]
@@ -68,7 +68,7 @@ def tick(time_s, along_m, force_n):
     return measurement, output
 
 
-def test_works_on_ticks_and_skips_what_is_stale():
+def test_stale_ticks_are_skipped():
     recorded = probe(kelvin_voigt(800.0, 30.0), surface_m=SURFACE_M)
     online = OnlineContactEstimator(Rls())
     for index, sample in enumerate(samples_of(recorded)):
@@ -81,7 +81,7 @@ def test_works_on_ticks_and_skips_what_is_stale():
     assert found[2] == pytest.approx(SURFACE_M, abs=1e-4)
 
 
-def test_an_overrun_does_not_make_a_false_velocity():
+def test_overrun_does_not_make_a_false_velocity():
     recorded = probe(kelvin_voigt(800.0, 30.0))
     kept = np.ones(len(recorded.time_s), bool)
     kept[700:-1:23] = False
@@ -92,14 +92,14 @@ def test_an_overrun_does_not_make_a_false_velocity():
     assert found[1] == pytest.approx(30.0, rel=0.02)
 
 
-def test_an_object_that_is_no_kelvin_voigt_still_gives_numbers():
+def test_object_without_kelvin_voigt_behavior_still_gives_numbers():
     found = follow(probe(hunt_crossley(5000.0, 8000.0, 1.4)))[-1]
     assert np.isfinite(found).all()
     assert found[0] > 0
 
 
 @pytest.mark.parametrize(("noise_n", "still_touching"), [(0.02, True), (0.1, False)])
-def test_touch_and_release_rise_with_the_sensor_s_noise_alike(noise_n, still_touching):
+def test_touch_and_release_thresholds_grow_with_the_sensor_noise(noise_n, still_touching):
     """0.2 N is above half of the touch force of a quiet sensor, and below half of that of a noisy one."""
     online = OnlineContactEstimator(Rls())
     air_n = noise_n * np.resize([1.0, -1.0], 200)
@@ -110,7 +110,7 @@ def test_touch_and_release_rise_with_the_sensor_s_noise_alike(noise_n, still_tou
     assert online.in_contact is still_touching
 
 
-def test_the_robot_s_own_touch_force_counts():
+def test_touch_force_of_the_robot_applies():
     gentle, firm = (OnlineContactEstimator(Rls(), TouchGains(touch_force_n=force)) for force in (0.3, 2.0))
     for online in (gentle, firm):
         for number, force_n in enumerate([0.0] * 50 + [1.0] * 5):
@@ -147,14 +147,14 @@ def stepped(count=4000):
 
 
 @pytest.mark.parametrize("noise", [{"noise_n": 0.02}, {"share": 0.02}, {"share": 0.1}])
-def test_a_step_is_tracked_within_100_ms(noise):
+def test_step_is_tracked_within_100_ms(noise):
     late = [
         follow_change(CusumRls(), *excited(stepped(), seed=seed, **noise))[CHANGE + 100] for seed in range(5)
     ]
     np.testing.assert_allclose(late, 1000.0, rtol=0.05)
 
 
-def test_cusum_rls_is_least_squares_without_a_change_and_steadier_at_rest_than_sprls():
+def test_cusum_rls_is_least_squares_without_a_change_and_steadier_than_sprls():
     data = excited(np.full(CHANGE, 500.0), share=0.1)
     calm, perturbed = (np.var(follow_change(each, *data)[1500:]) for each in (CusumRls(), Sprls()))
     assert calm < 0.25 * perturbed
@@ -162,7 +162,7 @@ def test_cusum_rls_is_least_squares_without_a_change_and_steadier_at_rest_than_s
     np.testing.assert_allclose(follow_change(CusumRls(), *data), follow_change(ESTIMATORS["rls"](), *data))
 
 
-def test_a_consensus_does_not_move_by_outliers_and_a_new_one_takes_over():
+def test_consensus_ignores_outliers_and_a_new_one_takes_over():
     data = excited(np.full(2000, 500.0), noise_n=0.02, outliers=0.3)
     assert follow_change(PreemptiveRansac(), *data)[-1] == pytest.approx(500.0, rel=0.005)
     assert abs(follow_change(ESTIMATORS["rls"](), *data)[-1] - 500.0) > 10.0

@@ -38,7 +38,7 @@ def test_no_estimator_is_worse_than_the_paper_s_best(name):
     assert found["damping.c"].value == pytest.approx(100.0, rel=0.184)
 
 
-def test_intervals_hold_the_truth_though_the_surface_is_unknown():
+def test_intervals_contain_the_truth_with_an_unknown_surface():
     held = []
     for seed in range(12):
         found = probed(kelvin_voigt(1000.0, 20.0), "robust", seed=seed, speeds=(0.15, 0.06))
@@ -58,7 +58,7 @@ def test_hunt_crossley_is_identified_with_surface_uncertainty():
     assert errors[1] > 1.3 * errors[0]
 
 
-def test_a_stiffness_that_cannot_be_is_pointed_out_and_a_damping_of_rounding_errors_is_not():
+def test_impossible_stiffness_is_reported_and_a_rounding_damping_is_not():
     t = np.arange(500) * 1e-3
     x, v = 0.005 + 0.004 * np.sin(20 * t), 0.08 * np.cos(20 * t)
     pulling, rounded = (estimated(channel(force, x, v, t)) for force in (-200 * x, 200 * x - 1e-12 * v))
@@ -75,7 +75,7 @@ def test_a_stiffness_that_cannot_be_is_pointed_out_and_a_damping_of_rounding_err
         (-0.01, r"0 samples in use cannot .* 2 parameters.*was the object touched"),
     ],
 )
-def test_a_channel_without_a_contact_is_refused(depth_m, words):
+def test_channel_without_a_contact_is_refused(depth_m, words):
     data = channel(np.zeros(100), np.full(100, depth_m), np.zeros(100), np.arange(100) * 1e-3)
     with pytest.raises(InputError, match=words):
         estimated(data)

@@ -99,7 +99,7 @@ def lerobot(folder, **arrays):
     return folder / "episode.parquet", goal, q
 
 
-def test_a_lerobot_data_set_without_currents_has_its_goal_error_for_an_effort(tmp_path):
+def test_lerobot_data_without_currents_use_the_goal_error_as_effort(tmp_path):
     path, goal, q = lerobot(tmp_path)
     imported = import_file(path, ImportOptions(units={"position": "deg", "goal": "deg"}))
     (channel,) = imported.channels
@@ -110,14 +110,14 @@ def test_a_lerobot_data_set_without_currents_has_its_goal_error_for_an_effort(tm
         import_file(path)
 
 
-def test_an_effort_that_was_measured_goes_before_the_goal(tmp_path):
+def test_measured_effort_is_preferred_to_the_goal_error(tmp_path):
     path, _, q = lerobot(tmp_path, **{"observation.effort": (0.1 * np.ones((1000, 1))).tolist()})
     imported = import_file(path, ImportOptions(units={"position": "deg", "torque": "Nm"}))
     assert imported.channels[0].kind is ChannelKind.REVOLUTE
     assert len(q) == 1000
 
 
-def test_the_model_is_of_servos_alone(tmp_path):
+def test_model_applies_to_servos_alone(tmp_path):
     path = written(tmp_path, 2, seconds=6.0)
     with pytest.raises(InputError, match="position_servo"):
         Study(path, "inertia_of_nothing", keep=False)
@@ -128,7 +128,7 @@ def test_the_model_is_of_servos_alone(tmp_path):
     assert study.channels[0].model.name == "position_servo"
 
 
-def test_the_column_that_an_export_asks_for_makes_it_possible(tmp_path):
+def test_export_names_a_column_that_makes_it_possible(tmp_path):
     t, goal, q = np.concatenate([servo(seed, seconds=6.0) for seed in range(2)]).T
     columns = {
         "time_s": t,

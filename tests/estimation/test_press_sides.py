@@ -43,7 +43,7 @@ def element(force, options=None, **changed):
     return imported(options, **columns)
 
 
-def test_a_spring_that_pulls_is_held_at_both_ends():
+def test_pulling_spring_is_held_at_both_ends():
     found = element(SPRING)
     (channel,) = found.channels
     assert channel.kind is ChannelKind.CONTACT
@@ -60,7 +60,7 @@ def test_a_spring_that_pulls_is_held_at_both_ends():
 
 @pytest.mark.parametrize("force", [DAMPER, FRICTION], ids=["damper", "friction"])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_damper_is_a_linear_axis_whichever_way_its_force_counts(force, sign):
+def test_damper_is_a_linear_axis_for_either_force_sign(force, sign):
     found = element(sign * force)
     (channel,) = found.channels
     assert channel.kind is ChannelKind.PRISMATIC
@@ -81,7 +81,7 @@ def test_spring_and_damper_describe_a_linear_axis_too():
         channels_for_model(turning, "kelvin_voigt")
 
 
-def test_the_users_word_makes_a_contact_or_an_axis_and_one_spring_is_not_cut_into_presses():
+def test_user_chooses_contact_or_axis_and_one_spring_is_not_cut():
     contact = element(SPRING, ImportOptions(columns={"displacement": "displacement_m"})).channels[0]
     assert contact.touching is None
     axis = element(SPRING, ImportOptions(columns={"position": "displacement_m"})).channels[0]
@@ -91,7 +91,7 @@ def test_the_users_word_makes_a_contact_or_an_axis_and_one_spring_is_not_cut_int
     assert reject_reason(found.channels[0]) is None
 
 
-def test_an_element_that_pulls_is_stored_as_one(tmp_path):
+def test_pulling_element_is_stored_as_one(tmp_path):
     found = element(SPRING)
     write_session(tmp_path / "s.mcap", import_streams(found), SessionMetadata(), ())
     (again,) = open_source(tmp_path / "s.mcap").channels
@@ -108,7 +108,7 @@ def test_an_element_that_pulls_is_stored_as_one(tmp_path):
         (-1.0, 1.0, "is negative in compression: its sign is reversed; --unit displacement=1m prevents"),
     ],
 )
-def test_a_press_is_turned_so_that_compression_is_positive(names, way, force, said):
+def test_press_is_turned_so_that_compression_is_positive(names, way, force, said):
     x = PRESS_X + 0.0035  # hardly any way in free air, which would be on the other side
     found = imported(time_s=PRESS_T, run=PRESS_RUN, **dict(zip(names, (way * x, force * PUSH), strict=True)))
     (channel,) = found.channels
@@ -120,7 +120,7 @@ def test_a_press_is_turned_so_that_compression_is_positive(names, way, force, sa
 
 @pytest.mark.parametrize("way", [1.0, -1.0], ids=["down", "up"])
 @pytest.mark.parametrize("from_m", [0.35, -0.35])
-def test_a_coordinate_of_a_robot_counts_from_where_the_force_begins(way, from_m):
+def test_robot_coordinate_counts_from_where_the_force_begins(way, from_m):
     found = imported(time_s=PRESS_T, run=PRESS_RUN, z_m=from_m + way * PRESS_X, force_N=PUSH)
     (channel,) = found.channels
     assert channel.position.max() == pytest.approx(PRESS_X.max(), abs=3e-4)
@@ -131,7 +131,7 @@ def test_a_coordinate_of_a_robot_counts_from_where_the_force_begins(way, from_m)
     assert not [warning for warning in quality_warnings(channel) if "deepest" in warning]
 
 
-def test_a_recording_that_stays_pressed_keeps_its_zero_and_a_number_before_the_unit_its_sign():
+def test_pressed_recording_keeps_its_zero_and_a_unit_factor_its_sign():
     x = 0.004 + 0.002 * np.sin(W * T)
     found = imported(time_s=T, displacement_m=x, force_N=500.0 * x + NOISE, run=RUN)
     np.testing.assert_allclose(found.channels[0].position, x)
@@ -144,7 +144,7 @@ def test_a_recording_that_stays_pressed_keeps_its_zero_and_a_number_before_the_u
     assert "check the sign" in reject_reason(channel)
 
 
-def test_free_air_and_an_object_that_sticks_are_one_sided():
+def test_free_air_and_a_sticky_object_are_one_sided():
     sticks = np.where((PRESS_X < 0.0) & (PRESS_X > -5e-4) & (PRESS_V < 0.0), -3.0, 0.0)
     for force in (PUSH, PUSH + sticks, PUSH - 1.0):
         assert press_sides(PRESS_X, force) == press_sides(PRESS_X, PUSH)
@@ -152,7 +152,7 @@ def test_free_air_and_an_object_that_sticks_are_one_sided():
 
 
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.8])
-def test_an_object_that_pulls_until_it_tears_off_is_one_sided(share):
+def test_object_that_pulls_until_it_tears_off_is_one_sided(share):
     """On its way out it pulls over most of the way in free air, as a soft object pulls a small probe."""
     x, v = 0.002 + 0.006 * np.sin(W * T), np.cos(W * T)
     pulls = np.where((x < 0.0) & (x > share * x.min()) & (v < 0.0), 600.0 * x, 0.0)
@@ -169,14 +169,14 @@ def test_an_object_that_pulls_until_it_tears_off_is_one_sided(share):
         ({"position_m": PRESS_X}, PUSH, ChannelKind.PRISMATIC),
     ],
 )
-def test_a_position_in_metres_is_that_of_a_press_or_an_axis_by_its_force(columns, force, kind):
+def test_position_in_meters_is_a_press_or_an_axis_by_its_force(columns, force, kind):
     options = ImportOptions(units={"position": "m"} if "position" in columns else {})
     found = imported(options, time_s=PRESS_T, run=PRESS_RUN, force_N=force, **columns)
     assert found.channels[0].kind is kind
     assert bool(found.notes) == ("position_m" not in columns)
 
 
-def test_a_position_that_may_be_either_is_asked_about():
+def test_ambiguous_position_is_asked_about():
     options = ImportOptions(units={"position": "mm"})
     weight = np.full(len(PRESS_X), 9.0) + 0.01 * PRESS_V
     with pytest.raises(InputError, match=r"press or to a linear axis; .* --column displacement=position"):
@@ -184,7 +184,7 @@ def test_a_position_that_may_be_either_is_asked_about():
 
 
 @pytest.mark.parametrize("zero", [-0.3, 0.0, 0.3])
-def test_a_push_towards_smaller_readings_is_turned_wherever_the_reader_counts_from(zero):
+def test_push_towards_smaller_readings_is_turned_for_any_zero(zero):
     """A testing machine moves down, where its reading falls, and counts compression negative."""
     sides = press_sides(zero - PRESS_X, -PUSH)
     assert (sides.displacement, sides.force) == (-1.0, -1.0)
@@ -193,7 +193,7 @@ def test_a_push_towards_smaller_readings_is_turned_wherever_the_reader_counts_fr
 
 
 @pytest.mark.parametrize("zero", [-0.3, 0.3])
-def test_a_push_towards_larger_readings_keeps_its_way_wherever_the_reader_counts_from(zero):
+def test_push_towards_larger_readings_keeps_its_direction_for_any_zero(zero):
     sides = press_sides(zero + PRESS_X, -PUSH)
     assert (sides.displacement, sides.force) == (1.0, -1.0)
 
@@ -209,7 +209,7 @@ def test_sign_of_a_softening_force_is_oriented():
     assert press_sides(x, 0.4 - 35.0 * (x % 0.021)).displacement == 1.0
 
 
-def test_a_force_that_snaps_on_one_way_is_one_press():
+def test_snapping_force_in_one_direction_is_one_press():
     x, one = np.linspace(0.0, 0.04, 6000), np.zeros(6000, dtype=np.int64)
     snaps = 5.0 - 230.0 * (x % 0.0201)
     assert cut_presses(snaps, x, one, np.arange(6000.0))[0].max() == 0
@@ -217,7 +217,7 @@ def test_a_force_that_snaps_on_one_way_is_one_press():
     assert cut_presses(200.0 * twice, twice, np.tile(one, 2), np.arange(12000.0))[0].max() == 1
 
 
-def test_a_pull_that_tears_before_zero_counts_from_where_its_force_begins():
+def test_pull_that_tears_before_zero_counts_from_its_first_force():
     x = np.linspace(-0.0246, 0.0054, 1800)
     force = np.where(x < -0.0226, 1.1e6 * (x + 0.0246), np.where(x < -0.013, 1700.0, -5.0))
     sides = press_sides(x, force + np.random.default_rng(0).normal(0.0, 1.0, 1800))
@@ -226,13 +226,13 @@ def test_a_pull_that_tears_before_zero_counts_from_where_its_force_begins():
 
 
 @pytest.mark.parametrize("start_m", [0.0, -1e-6, 1e-6])
-def test_a_way_from_about_zero_on_is_not_turned(start_m):
+def test_displacement_from_about_zero_on_is_not_turned(start_m):
     way = start_m + np.linspace(0.0, 5e-3, 400)
     softening = 8.0 * np.exp(-way / 1e-3)  # the force is largest at the start, and falls
     assert press_sides(way, softening).displacement == 1.0
 
 
-def test_a_peak_of_static_friction_is_no_press_and_a_long_hold_no_beginning_of_a_force():
+def test_static_friction_peak_is_no_press_and_a_long_hold_no_force_onset():
     way = np.concatenate([np.zeros(50), np.linspace(0.0, 0.1, 950)])
     friction = np.where(way > 0.0, 3.0 + 2.0 * np.exp(-way / 5e-4), 0.0)
     friction[50:54] = [1.0, 2.5, 4.0, 5.0]
@@ -251,7 +251,7 @@ RELAXING = 20.0 + 18.0 * np.exp(-HOLD_T / 30.0) + np.random.default_rng(2).norma
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_stretched_fibre_that_relaxes_is_held_at_both_ends(sign):
+def test_relaxing_stretched_fiber_is_held_at_both_ends(sign):
     found = imported(
         time_s=HOLD_T, displacement_m=GAP_M, force_N=sign * RELAXING, run=np.zeros(len(HOLD_T), int)
     )
@@ -264,6 +264,6 @@ def test_a_stretched_fibre_that_relaxes_is_held_at_both_ends(sign):
     np.testing.assert_allclose(channel.effort, RELAXING)  # a spring from the gap's zero on has this sign
 
 
-def test_a_force_that_is_nothing_but_noise_is_not_held():
+def test_pure_force_noise_is_not_two_sided():
     noise = np.random.default_rng(3).normal(0.0, 0.05, len(PRESS_X))
     assert not press_sides(PRESS_X + 0.0035, noise).two_sided

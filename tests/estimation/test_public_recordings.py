@@ -42,7 +42,7 @@ def test_recipe_names_only_kinds_effects_and_models_that_exist():
             assert {step["kind"] for step in recipe["ladder"]["steps"]} <= KINDS, name
 
 
-def test_split_follows_from_the_last_digit_of_the_digest_unless_the_recipe_states_it():
+def test_split_follows_from_the_digest_unless_the_recipe_states_it():
     for name in ("a", "b", "c", "d", "e"):
         digit = hashlib.sha256(name.encode()).hexdigest()[-1]
         assert split_of({"name": name}) == ("develop" if digit in "02468ace" else "held_out")
@@ -88,14 +88,14 @@ def test_conversion_scales_zeroes_and_numbers_runs(tmp_path):
     np.testing.assert_allclose(table["force_N"][:6], 2 * np.arange(6) + np.arange(6) + 6.5)
 
 
-def test_conversion_averages_blocks_and_cuts_pieces_or_keeps_rows_that_are_a_step_apart(tmp_path):
+def test_conversion_averages_blocks_and_cuts_pieces_or_keeps_spaced_rows(tmp_path):
     table = trials(tmp_path, every=2, pieces=3)
     assert table["run"] == [0, 1, 2, 3, 4, 5]
     np.testing.assert_allclose(table["time_s"][:3], [0.005, 0.025, 0.045])
     assert trials(tmp_path, thin=0.025)["time_s"] == [0.0, 0.03, 0.0, 0.03]
 
 
-def test_conversion_unwraps_an_encoder_that_starts_anew(tmp_path):
+def test_conversion_unwraps_an_encoder_that_restarts(tmp_path):
     turned = np.linspace(0.0, 60.0, 31) - 5.0
     wrapped = (turned + 12.5) % 25.0 - 12.5
     np.savez(tmp_path / "a.npz", time=np.arange(31.0), q=wrapped)
@@ -114,18 +114,18 @@ def test_trials_side_by_side_have_the_columns_that_the_recipe_names(tmp_path):
     assert table["x_m"] == [2, 4, 6, 20, 40]
 
 
-def test_conversion_unpacks_a_text_that_is_packed(tmp_path):
+def test_packed_text_is_unpacked(tmp_path):
     (tmp_path / "packed.txt.gz").write_bytes(gzip.compress(b"1;2\n"))
     assert Origin(tmp_path, "").read("packed.txt.gz") == b"1;2\n"
 
 
-def test_conversion_reads_vectors_and_columns_of_a_numpy_archive(tmp_path):
+def test_vectors_and_columns_of_a_numpy_archive_are_read(tmp_path):
     np.savez(tmp_path / "a.npz", time=np.arange(4.0), q=np.arange(12.0).reshape(4, 3), name="x")
     columns = {"time_s": "time", "position_rad": "q.2"}
     assert converted(tmp_path, columns, format="numpy", files=["a.npz"])["position_rad"] == [2, 5, 8, 11]
 
 
-def test_a_log_of_records_has_a_column_for_each_number():
+def test_log_of_records_has_a_column_for_each_number():
     log = b'{"motor": "a", "entries": [{"t": 0, "q": 0.5, "goal": null}, {"t": 1, "q": 0.25, "goal": 3}]}'
     (columns,) = read_json(log, {"records": "entries"})
     assert {name: values.tolist() for name, values in columns.items()} == {"t": [0, 1], "q": [0.5, 0.25]}
@@ -211,7 +211,7 @@ def test_sheets_that_match_or_are_listed_are_runs_in_their_order(tmp_path, sheet
     assert (table["run"], table["force_N"]) == ([0, 0, 1, 1], force)
 
 
-def test_speed_is_integrated_and_gives_a_size_its_sign(tmp_path):
+def test_speed_is_integrated_and_signs_a_magnitude(tmp_path):
     speed = np.array([0.0, 1.0, 2.0, -1.0, -1.0])
     np.savez(tmp_path / "a.npz", time=0.5 * np.arange(5), v=speed, current=np.arange(1.0, 6.0))
     columns = {"time_s": "time", "position_rad": {"sum": {"v": 2.0}, "integral": True}}
@@ -242,7 +242,7 @@ def test_repeated_readings_of_a_matlab_array_are_averaged(tmp_path):
     np.testing.assert_allclose(table["position_rad"], readings[1].mean(axis=1))
 
 
-def test_conversion_reads_the_commit_of_a_repository_and_not_its_work_tree(tmp_path):
+def test_conversion_reads_the_commit_and_not_the_work_tree(tmp_path):
     def git(*arguments):
         command = ["git", "-C", str(tmp_path), "-c", "user.name=a", "-c", "user.email=a@example.org"]
         made = subprocess.run([*command, *arguments], check=True, capture_output=True, text=True)
@@ -263,7 +263,7 @@ def test_missing_file_is_named(tmp_path):
         converted(tmp_path, {"time_s": "0"}, **SEMICOLONS)
 
 
-def test_surface_is_where_force_leaves_that_of_the_free_approach(tmp_path):
+def test_surface_is_where_force_leaves_the_free_approach(tmp_path):
     x = np.concatenate([np.linspace(0.0, 10.0, 201), np.linspace(10.0, 0.0, 201)])
     force = 3.0 + 2.0 * np.maximum(x - 6.0, 0.0) + 1e-3 * np.sin(37.0 * x)
     np.savetxt(tmp_path / "a.txt", np.column_stack([10.0 * np.arange(402), x, force]), delimiter=";")
@@ -285,7 +285,7 @@ def write_motion(path, *, coulomb, noise):
                 file.write(",".join(f"{value:.9g}" for value in row) + f",{run}\n")
 
 
-def test_ladder_finds_friction_that_is_there_and_nothing_in_noise(tmp_path):
+def test_ladder_finds_existing_friction_and_nothing_in_noise(tmp_path):
     write_motion(tmp_path / "a.csv", coulomb=0.5, noise=0.02)
     ladder = Ladder(load(tmp_path / "a.csv"), ["inertia", "damping"])
     errors = {name: ladder.attempt(name)[0] for name in ladder.built}
@@ -343,7 +343,7 @@ def test_score_counts_false_names_except_indistinguishable_ones():
     assert score(RECIPE, unsure, 1.0).false_names == []
 
 
-def test_verdict_that_the_recipe_allows_is_right_and_a_refused_recording_wrong():
+def test_verdict_allowed_by_the_recipe_is_right_and_a_rejected_recording_wrong():
     recipe = {**RECIPE, "expected": {**RECIPE["expected"], "verdicts": ["insufficient"]}}
     fair = score(recipe, {"verdict": "insufficient"}, 1.0)
     assert (fair.kind_right, fair.form_right, fair.false_names) == (True, True, [])

@@ -15,7 +15,7 @@ def fit(regression, seed=0, **settings):
 
 
 @pytest.mark.parametrize(("noise", "outliers", "most"), [(0.02, 0.0, 1.3), (0.2, 0.0, 1.3), (0.02, 0.3, 1.7)])
-def test_without_a_threshold_it_follows_the_noise_down_to_near_the_cramer_rao_bound(noise, outliers, most):
+def test_threshold_follows_the_noise_near_the_cramer_rao_bound(noise, outliers, most):
     problems = [problem(np.random.default_rng(seed), noise=noise, outliers=outliers) for seed in range(40)]
     bound = cramer_rao(problems[0].columns, np.full(len(problems[0].effort), noise))
     found = [fit(each, seed) for seed, each in enumerate(problems)]
@@ -25,7 +25,7 @@ def test_without_a_threshold_it_follows_the_noise_down_to_near_the_cramer_rao_bo
 
 
 @pytest.mark.parametrize("outliers", [0.1, 0.3, 0.5])
-def test_outliers_do_not_move_it(outliers):
+def test_outliers_do_not_move_the_estimate(outliers):
     found = fit(problem(np.random.default_rng(1), noise=0.003, outliers=outliers))
     np.testing.assert_allclose(values(found), TRUTH, rtol=0.005)
     assert found.inliers.mean() == pytest.approx(1 - outliers, abs=0.06)
@@ -33,7 +33,7 @@ def test_outliers_do_not_move_it(outliers):
     assert found.details["inlier_share"] == found.inliers.mean()
 
 
-def test_agrees_with_scikit_learn_on_which_samples_are_inliers():
+def test_inliers_agree_with_scikit_learn():
     regression = problem(np.random.default_rng(2), noise=0.003, outliers=0.3)
     other = RANSACRegressor(
         LinearRegression(fit_intercept=False),
@@ -49,7 +49,7 @@ def test_agrees_with_scikit_learn_on_which_samples_are_inliers():
     ("noise", "share", "threshold"),
     [(0.005, 0.0, 0.01), (0.08, 0.0, 0.01), (0.0, 0.1, 0.01), (0.08, 0.0, None), (0.0, 0.1, None)],
 )
-def test_stated_errors_follow_the_scatter_even_far_above_the_threshold(noise, share, threshold):
+def test_stated_errors_follow_the_scatter_far_above_the_threshold(noise, share, threshold):
     problems = (problem(np.random.default_rng(seed), noise=noise, share=share) for seed in range(50))
     found = [fit(each, threshold=threshold) for each in problems]
     scatter = np.std([values(each) for each in found], axis=0)
@@ -58,7 +58,7 @@ def test_stated_errors_follow_the_scatter_even_far_above_the_threshold(noise, sh
     assert np.all(stated < 3.0 * scatter)
 
 
-def test_degenerate_subsets_are_skipped_and_none_holds_a_sample_twice():
+def test_degenerate_subsets_are_skipped_and_samples_are_unique():
     columns, run = motion()
     columns = columns.copy()
     columns[:450] = [0.001, 0.01]  # standing still: five of these determine one number only

@@ -18,7 +18,7 @@ def feed_on(estimator, columns, effort):
     return np.array([estimator.update(row, float(value)) for row, value in zip(columns, effort, strict=True)])
 
 
-def test_rls_is_least_squares_with_a_prior_and_ewrls_weighs_a_sample_by_its_age():
+def test_rls_is_least_squares_with_a_prior_and_ewrls_weights_by_age():
     regression = problem(np.random.default_rng(0))
     gains = feed(Rls(variance=1e6), regression.columns, regression.effort)[-1]
     normal = regression.columns.T @ regression.columns + np.eye(2) / 1e6
@@ -40,7 +40,7 @@ def test_estimator_reduces_to_rls(estimator):
     np.testing.assert_allclose(feed(estimator, regression.columns, regression.effort), plain)
 
 
-def test_ewrls_does_not_run_away_while_nothing_moves():
+def test_ewrls_does_not_run_away_at_rest():
     columns = np.tile([0.005, 0.0], (20_000, 1))
     rng = np.random.default_rng(3)
     estimator = Ewrls()
@@ -51,7 +51,7 @@ def test_ewrls_does_not_run_away_while_nothing_moves():
     np.testing.assert_allclose(after[-1], TRUTH, rtol=0.01)
 
 
-def test_sprls_perturbs_when_the_error_is_large_and_not_when_it_is_small():
+def test_sprls_perturbs_only_for_a_large_error():
     """One gain by hand, after Park and Jun: P' = P - P^2/(1 + P) + beta nint(gamma e^2), from P = 1."""
     row = np.array([1.0])
     for error, expected_gain in ((0.70, 0.5 / 1.5), (0.72, 20.5 / 21.5), (2.0, 80.5 / 81.5)):
@@ -82,7 +82,7 @@ def test_sprls_is_unsteady_in_noise_as_in_the_paper():
 
 
 @ONLINE
-def test_history_is_what_the_loop_would_have_seen_and_is_not_overwritten(estimator):
+def test_history_matches_the_loop_and_is_not_overwritten(estimator):
     regression = problem(np.random.default_rng(5), count=300)
     found = estimator.fit(regression, rng=np.random.default_rng(0))
     live = feed(type(estimator)(), regression.columns, regression.effort)
@@ -118,6 +118,6 @@ def test_history_is_what_the_loop_would_have_seen_and_is_not_overwritten(estimat
         ("ransac", {"subset": 0}),
     ],
 )
-def test_refuses_settings_that_make_no_sense(name, settings):
+def test_invalid_settings_are_refused(name, settings):
     with pytest.raises(InputError, match=name):
         ESTIMATORS[name](**settings)

@@ -92,12 +92,12 @@ ONE_IS_NONE = np.where((np.arange(len(T)) == 5)[:, None] & [False, True], np.nan
         ({"stamped": False}, "every message has the same header.stamp"),
     ],
 )
-def test_joint_states_that_lack_what_is_needed_are_refused(tmp_path, changed, words):
+def test_incomplete_joint_states_are_refused(tmp_path, changed, words):
     with pytest.raises(InputError, match=f"/joint_states':? {words}"):
         import_file(write_bag(tmp_path / "bag.mcap", **changed))
 
 
-def test_a_ros_recording_that_is_cut_or_of_other_things_is_refused(tmp_path):
+def test_truncated_or_unrelated_ros_recording_is_refused(tmp_path):
     whole = write_bag(tmp_path / "bag.mcap").read_bytes()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole[: len(whole) // 2])
@@ -131,7 +131,7 @@ def episode(tmp_path):
     return path
 
 
-def test_an_episode_s_arrays_are_joints_and_an_action_an_effort_by_the_user_s_word(episode):
+def test_episode_arrays_are_joints_and_an_action_is_an_effort_on_request(episode):
     with pytest.raises(InputError, match=r"state no units.*--unit position=deg --unit torque=Nm"):
         import_file(episode)
     imported = import_file(episode, ImportOptions(units={"position": "deg", "torque": "Nm"}))
@@ -161,7 +161,7 @@ def as_sqlite(bag, path, rows=slice(None)):
     store(path, [(2, 0, b"\0"), *messages], topics)
 
 
-def test_a_bag_in_sqlite_and_in_several_files_is_the_same_as_in_one_mcap(tmp_path):
+def test_sqlite_bag_in_several_files_equals_one_mcap(tmp_path):
     whole = import_file(write_bag(tmp_path / "one.mcap"))
     folder = tmp_path / "bag"
     folder.mkdir()
@@ -178,7 +178,7 @@ def test_a_bag_in_sqlite_and_in_several_files_is_the_same_as_in_one_mcap(tmp_pat
             np.testing.assert_array_equal(one.time_s, other.time_s)
 
 
-def test_a_database_whose_last_messages_are_beside_it_is_refused(tmp_path):
+def test_database_with_unmerged_messages_is_refused(tmp_path):
     path, beside = tmp_path / "all.db3", tmp_path / "all.db3-wal"
     as_sqlite(write_bag(tmp_path / "one.mcap"), path)
     beside.touch()
@@ -188,7 +188,7 @@ def test_a_database_whose_last_messages_are_beside_it_is_refused(tmp_path):
         import_file(path)
 
 
-def test_numbers_that_begin_with_the_highest_byte_are_read_too(tmp_path):
+def test_big_endian_numbers_are_read(tmp_path):
     """CDR may be written either way round: the second byte says which."""
     names = b"".join(struct.pack(">I4s", 3, name) for name in (b"ab", b"cd"))
     path = tmp_path / "big.db3"
@@ -203,14 +203,14 @@ def test_numbers_that_begin_with_the_highest_byte_are_read_too(tmp_path):
 
 
 @pytest.mark.parametrize("data", [None, 5, "text", b"", b"\0\1\0\0" + b"\xff" * 60, b"\0\1\0\0" + b"\0" * 20])
-def test_a_message_that_is_none_is_named_with_its_topic(tmp_path, data):
+def test_invalid_message_is_named_with_its_topic(tmp_path, data):
     path = tmp_path / "broken.db3"
     store(path, [(1, 0, data)])
     with pytest.raises(InputError, match="topic '/js' is cut off or is not a sensor_msgs/msg/JointState"):
         import_file(path)
 
 
-def test_a_view_in_the_place_of_a_table_is_not_asked(tmp_path):
+def test_view_in_place_of_a_table_is_not_queried(tmp_path):
     path = tmp_path / "endless.db3"
     with closing(sqlite3.connect(path)) as database:
         database.execute("CREATE TABLE topics(id INTEGER, name TEXT, type TEXT)")
@@ -249,13 +249,13 @@ def test_joints_are_identified_by_interface_names(tmp_path, names, effort):
 
 
 @pytest.mark.parametrize("name", ["acceleration_1_rad_s2", "acc [rad/s^2]", "Beschleunigung [rad/s²]"])
-def test_accelerations_may_stand_beside_what_has_words(tmp_path, name):
+def test_accelerations_may_accompany_named_columns(tmp_path, name):
     columns = {"time_s": T, "position_1_rad": Q[:, 0], "tau1 [Nm]": TORQUE[:, 0], name: -25.0 * Q[:, 0]}
     (found,) = import_table(table_of(pa.table(columns), tmp_path)).channels
     assert (found.acceleration == pytest.approx(-25.0 * Q[:, 0])) is name.startswith("acceleration")
 
 
-def test_a_word_alone_is_no_joint_without_its_partner(tmp_path):
+def test_word_without_its_partner_is_no_joint(tmp_path):
     columns = {"time_s": T, "shoulder position": T, "elbow effort": T}
     with pytest.raises(InputError, match="no channel can be made of columns"):
         import_table(table_of(pa.table(columns), tmp_path))
@@ -271,7 +271,7 @@ def test_a_word_alone_is_no_joint_without_its_partner(tmp_path):
         "EnggStrain,TrueStrain",
     ],
 )
-def test_no_column_is_proposed_as_a_force_that_is_none_by_its_name(tmp_path, names):
+def test_no_column_is_proposed_as_a_force_against_its_name(tmp_path, names):
     columns = np.cumsum(np.random.default_rng(0).random((50, len(names.split(",")))), axis=0)
     path = tmp_path / "own.csv"
     np.savetxt(path, columns, delimiter=",", header=names, comments="")
@@ -283,7 +283,7 @@ def test_no_column_is_proposed_as_a_force_that_is_none_by_its_name(tmp_path, nam
     assert "\n" not in said
 
 
-def test_a_folder_of_a_data_set_is_its_episodes(episode):
+def test_data_set_folder_is_its_episodes(episode):
     options = ImportOptions(units={"position": "deg", "torque": "Nm"})
     source = open_source(episode.parents[2], options)
     np.testing.assert_array_equal(source.channels[1].effort, import_file(episode, options).channels[1].effort)

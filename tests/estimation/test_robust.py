@@ -25,11 +25,11 @@ def cramer_rao(sigma):
 
 
 @pytest.mark.parametrize("outliers", [0.1, 0.3, 0.4])
-def test_one_sided_outliers_hardly_move_it(outliers):
+def test_one_sided_outliers_hardly_move_the_estimate(outliers):
     assert np.all(scatter(Robust(), 25, outliers=outliers) < 2.2 * cramer_rao(np.full(900, 0.02)))
 
 
-def test_outliers_are_no_inliers_and_it_loses_little_without_them():
+def test_outliers_are_no_inliers_and_clean_data_lose_little():
     regression = problem(np.random.default_rng(1), outliers=0.2)
     found = fit(Robust(), regression)
     wrong = regression.effort - regression.columns @ TRUTH > 0.3
@@ -39,18 +39,18 @@ def test_outliers_are_no_inliers_and_it_loses_little_without_them():
 
 
 @pytest.mark.parametrize("estimator", [Robust(), Weighted()])
-def test_reaches_the_bound_when_the_noise_grows_with_the_force(estimator):
+def test_estimate_reaches_the_bound_for_force_dependent_noise(estimator):
     sigma = 0.1 * (motion()[0] @ TRUTH)
     assert np.all(scatter(estimator, 80, noise=0.0, share=0.1) < 1.25 * cramer_rao(sigma))
 
 
-def test_intervals_are_honest_with_outliers_and_uneven_noise():
+def test_intervals_hold_with_outliers_and_uneven_noise():
     noise = {"noise": 0.01, "share": 0.05, "outliers": 0.15}
     rates = [covered(fit(Robust(), problem(np.random.default_rng(s), **noise))) for s in range(80)]
     assert np.all(np.mean(rates, axis=0) > 0.86)
 
 
-def test_a_long_rest_that_fits_perfectly_does_not_outvote_the_motion():
+def test_perfectly_fitted_rest_does_not_outvote_the_motion():
     """Half of the samples rest where the model is exact; in the others it is a little wrong everywhere."""
     columns, run = motion(1800)
     columns = columns.copy()
@@ -77,7 +77,7 @@ def test_noise_level_finds_floor_and_share_and_even_noise_has_none():
 
 
 @pytest.mark.parametrize("estimator", ["robust", "weighted", "ransac", "lsq", "rls"])
-def test_data_without_any_noise_are_estimated_too(estimator):
+def test_noiseless_data_are_estimated(estimator):
     time_s = np.arange(400) * 0.002
     columns = np.column_stack([np.arange(400) % 7, np.sin(9 * time_s)]) * 1.0
     exact = Regression(columns, columns @ [3.0, 0.0], ("k", "c"), ("N/m", "N s/m"))

@@ -29,7 +29,7 @@ def rest_of_runs(data, effect, predicted):
 
 
 @pytest.mark.parametrize(("name", "spread"), [("run_offset", 0.8), ("run_gain", 0.2)])
-def test_a_run_that_was_never_seen_tells_its_own_value(name, spread):
+def test_unseen_run_estimates_its_own_value(name, spread):
     own = spread * np.random.default_rng(1).standard_normal(40)
     offsets, gains = (own, np.ones(40)) if name == "run_offset" else (np.zeros(40), 1.0 + own)
     data, effect = presses(offsets, gains), EFFECTS[name]()
@@ -46,7 +46,7 @@ def test_a_run_that_was_never_seen_tells_its_own_value(name, spread):
 
 
 @pytest.mark.parametrize("name", ["run_offset", "run_gain"])
-def test_runs_that_do_not_differ_have_no_values_of_their_own(name):
+def test_equal_runs_have_no_values_of_their_own(name):
     data, effect = presses(np.zeros(30), np.ones(30)), EFFECTS[name]()
     errors = {}
     for share in (0.0, 0.3, 1.0):
@@ -57,7 +57,7 @@ def test_runs_that_do_not_differ_have_no_values_of_their_own(name):
 
 
 @pytest.mark.parametrize("name", ["run_offset", "run_gain", "run_ripple"])
-def test_values_of_a_run_do_not_depend_on_other_runs_nor_on_its_own_end(name):
+def test_values_of_a_run_are_independent_of_other_runs_and_its_end(name):
     data, effect = presses(0.5 * np.arange(4), np.ones(4)), EFFECTS[name]()
     inner = {"share": 0.7} | ({"cycles": 5.0} if name == "run_ripple" else {})
     effort = 4.0 * data.position

@@ -30,12 +30,12 @@ def stepped_play(values, half_width):
 
 
 @given(arrays.arrays(np.float64, st.integers(1, 60), elements=st.floats(-5, 5)), st.floats(0.01, 3.0))
-def test_play_is_that_of_the_sample_by_sample_definition(values, half_width):
+def test_play_matches_the_sample_by_sample_definition(values, half_width):
     played = play(values, np.zeros(len(values), dtype=np.int64), half_width)
     assert played == pytest.approx(stepped_play(values, half_width))
 
 
-def test_play_forgets_between_runs_and_is_that_of_the_definition():
+def test_play_forgets_between_runs():
     two = np.column_stack([np.sin(TIME), np.cos(3 * TIME)])
     run = np.repeat([0, 1], 500)
     played = play(two, run, 0.2)
@@ -49,7 +49,7 @@ def test_play_forgets_between_runs_and_is_that_of_the_definition():
 
 
 @pytest.mark.parametrize("order", [1, 2])
-def test_rates_agree_with_savitzky_and_golay_run_by_run(order):
+def test_rates_match_savitzky_golay_run_by_run(order):
     signal = np.random.default_rng(0).standard_normal(62)
     run = np.repeat([0, 1, 2, 3], [30, 4, 5, 23])
     slope = derivative(signal, np.arange(62) * 0.01, run, order)
@@ -89,7 +89,7 @@ def test_strain_memory_persists_between_presses(uneven_s):
     assert alone[second.sum() :] == pytest.approx(whole[seen][first], abs=1e-9)  # time went back: by itself
 
 
-def test_direction_turns_over_its_path_and_a_signal_has_its_maximum():
+def test_direction_reverses_over_its_path_and_a_signal_has_its_maximum():
     x = np.where(TIME < 3, TIME, np.where(TIME < 6, 3.0, 9.0 - TIME))
     s = direction(x, ONE_RUN, 0.1)
     assert s[[250, 550, 990]] == pytest.approx([1.0, 1.0, -1.0], abs=1e-6)
@@ -100,7 +100,7 @@ def test_direction_turns_over_its_path_and_a_signal_has_its_maximum():
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.0004, 0.003, 0.0127, 2.0, -0.0004, -0.003, -0.0127, -2.0])
 @pytest.mark.parametrize("uneven", [0.0, 0.4])
-def test_a_shift_bends_no_cubic_and_stays_within_each_run(delay_s, uneven):
+def test_shift_is_exact_for_cubics_and_stays_within_each_run(delay_s, uneven):
     rng = np.random.default_rng(0)
     run = np.repeat([0, 1, 2], [1, 7, 300])
     time_s = (np.arange(len(run)) + uneven * rng.uniform(-1, 1, len(run))) * 1e-3
@@ -119,7 +119,7 @@ def test_a_shift_bends_no_cubic_and_stays_within_each_run(delay_s, uneven):
         np.testing.assert_allclose(shifted[:, 1], 1.0)
 
 
-def test_a_lag_of_uneven_samples_is_that_of_even_ones_between():
+def test_lag_of_uneven_samples_equals_that_of_even_ones_between():
     fine = np.linspace(0.0, 4.0, 4001)
     kept = np.unique(np.concatenate([[0], np.geomspace(1, 4000, 60).astype(int)]))
     corners = np.cumsum(np.random.default_rng(1).normal(size=len(kept)))
@@ -131,7 +131,7 @@ def test_a_lag_of_uneven_samples_is_that_of_even_ones_between():
 
 
 @pytest.mark.parametrize("step_s", [0.001, 0.005, 0.02])
-def test_a_steadied_position_is_a_cubic_through_each_window_within_each_run(step_s):
+def test_smoothed_position_is_a_local_cubic_within_each_run(step_s):
     run = np.repeat([0, 1, 2], [4, 200, 300])
     position = np.cumsum(np.random.default_rng(0).normal(size=len(run)))
     found = smooth_jitter(position, np.arange(len(run)) * step_s, run)
@@ -151,7 +151,7 @@ def some_runs(rng):
 
 @pytest.mark.parametrize(("from_rest", "uneven"), [(True, False), (False, False), (False, True)])
 @pytest.mark.parametrize("tau_s", [1e-6, 0.02, 0.3, 3.0, 500.0])
-def test_a_lag_of_all_runs_at_once_is_that_of_each_run_alone(from_rest, tau_s, uneven):
+def test_lag_of_all_runs_at_once_equals_each_run_alone(from_rest, tau_s, uneven):
     signal, time_s, run = some_runs(np.random.default_rng(3))
     if uneven:
         time_s = np.cumsum(np.random.default_rng(2).uniform(0.005, 0.015, len(run)))
@@ -166,7 +166,7 @@ def test_a_lag_of_all_runs_at_once_is_that_of_each_run_alone(from_rest, tau_s, u
         assert lagged[run == 2] == pytest.approx(both[run == 2])
 
 
-def test_a_direction_of_all_runs_at_once_is_that_of_each_run_alone():
+def test_direction_of_all_runs_at_once_equals_each_run_alone():
     signal, _, run = some_runs(np.random.default_rng(4))
     turned = direction(signal, run, 2.0)
     for number in np.unique(run):
@@ -175,7 +175,7 @@ def test_a_direction_of_all_runs_at_once_is_that_of_each_run_alone():
     assert direction(np.zeros(0), np.zeros(0, dtype=np.int64), 1.0).shape == (0,)
 
 
-def test_runs_that_overlap_have_clocks_of_their_own_and_keep_their_order():
+def test_overlapping_runs_have_their_own_clocks_and_keep_their_order():
     run = np.repeat([0, 1, 2], [3, 3, 3])
     later = np.array([10.0, 11, 12, 0, 1, 2, 5, 6, 7])
     assert [rows.start for rows in runs_by_time(later, run)] == [3, 6, 0]
@@ -185,7 +185,7 @@ def test_runs_that_overlap_have_clocks_of_their_own_and_keep_their_order():
 
 @pytest.mark.parametrize("alpha", [0.05, 0.2, 0.5, 0.9])
 @pytest.mark.parametrize("scale_s", [1e-4, 1.0, 1e4])
-def test_a_springpot_answers_a_ramp_as_its_closed_form_at_uneven_times(alpha, scale_s):
+def test_springpot_answers_a_ramp_in_closed_form_at_uneven_times(alpha, scale_s):
     t = np.concatenate([np.linspace(0, 1, 20), 1 + np.geomspace(1e-3, 100, 80)]) * scale_s
     ramp = np.minimum(t / scale_s, 1.0)
     since = np.maximum(t - scale_s, 0.0)
@@ -195,7 +195,7 @@ def test_a_springpot_answers_a_ramp_as_its_closed_form_at_uneven_times(alpha, sc
     np.testing.assert_allclose(both[:, 1], -3.0 * both[:, 0])
 
 
-def test_bouc_and_wen_is_dahl_s_direction_or_a_spring_that_slips():
+def test_bouc_wen_is_a_dahl_direction_or_a_slipping_spring():
     signal, _, run = some_runs(np.random.default_rng(5))
     np.testing.assert_allclose(bouc_wen(signal, run, 2.0, 1.0, 1.0), direction(signal, run, 2.0), atol=1e-4)
     signal, _, run = some_runs(np.random.default_rng(6))
@@ -214,12 +214,12 @@ def test_blocks_are_stretches_of_equal_values(values, expected):
 
 
 @pytest.mark.parametrize("uneven", [False, True])
-def test_a_shift_keeps_the_shape_of_a_signal_without_columns(uneven):
+def test_shift_keeps_the_shape_of_a_signal_without_columns(uneven):
     time_s = TIME + (0.3 * (TIME[1] - TIME[0]) * (np.arange(len(TIME)) % 2) if uneven else 0.0)
     assert shift(np.empty((len(TIME), 0)), time_s, ONE_RUN, 0.105).shape == (len(TIME), 0)
 
 
-def test_a_shift_follows_times_that_were_changed_in_place():
+def test_shift_follows_times_changed_in_place():
     time_s = np.cumsum(0.01 + 0.003 * (np.arange(1000) % 2))
     signal = np.sin(time_s)
     shift(signal, time_s, ONE_RUN, 0.105)

@@ -48,7 +48,7 @@ def test_session_gives_back_the_arrays_that_were_imported(tmp_path):
     assert Session.open(path).metadata.extra["run_labels"] == '{"0": "first", "1": "second"}'
 
 
-def test_a_session_knows_what_its_data_file_called_each_run(tmp_path):
+def test_session_knows_the_run_names_of_its_data_file(tmp_path):
     before = imported(tmp_path)
     metadata = SessionMetadata(extra=import_extra(before))
     write_session(tmp_path / "session.mcap", import_streams(before), metadata)
@@ -61,12 +61,12 @@ def test_a_session_knows_what_its_data_file_called_each_run(tmp_path):
 
 
 @pytest.mark.parametrize("labels", ["[", "[" * 9999, "[]", '{"0": 5, "x": "a", "9999999999999999999": "b"}'])
-def test_names_of_runs_that_are_none_name_nothing(labels, tmp_path):
+def test_invalid_run_names_name_nothing(labels, tmp_path):
     path = write_session(tmp_path / "x.mcap", [], SessionMetadata(extra={"run_labels": labels}))
     assert run_labels(Session.open(path)) == {}
 
 
-def test_a_number_that_is_another_runs_name_is_refused(tmp_path):
+def test_number_that_is_another_run_s_name_is_refused(tmp_path):
     metadata = SessionMetadata(extra={"run_labels": '{"0": "1", "1": "01"}'})
     write_session(tmp_path / "x.mcap", import_streams(imported(tmp_path)), metadata)
     for name, numbers in (("0", [0]), ("01", [1])):
@@ -84,7 +84,7 @@ def test_columns_have_units(tmp_path):
     assert units["torque_nm"] == "N m"
 
 
-def test_a_probing_session_gives_contact_and_joints(tmp_path):
+def test_probing_session_gives_contact_and_joints(tmp_path):
     samples = ticks(probe(kelvin_voigt(800.0, 30.0), speeds=(0.1,)))
     metadata, streams = SessionMetadata(software_version="0"), [(samples.stream, dict(samples.columns))]
     path = write_session(tmp_path / "probe.mcap", streams, metadata)
@@ -100,7 +100,7 @@ def test_session_without_channels_is_reported(tmp_path):
         session_channels(Session.open(path))
 
 
-def test_a_session_is_known_by_its_content(tmp_path):
+def test_session_is_identified_by_its_content(tmp_path):
     disguised = tmp_path / "session.csv"
     before = imported(tmp_path)
     write_session(tmp_path / "s.mcap", import_streams(before), SessionMetadata()).rename(disguised)

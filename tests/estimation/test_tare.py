@@ -45,7 +45,7 @@ def test_surface_estimate_is_independent_of_the_sensor_zero(name):
     assert abs(miss_m) < 4 * std_err_m < 4e-5
 
 
-def test_an_exponent_is_not_made_up_by_the_sensor_s_zero():
+def test_sensor_zero_does_not_bias_the_exponent():
     session = biased(hunt_crossley(5000.0, 8000.0, 1.4))
     tared, raw = (
         estimated(contact_channels(session, tared=tared)[0], "hunt_crossley") for tared in (True, False)
@@ -65,7 +65,7 @@ def test_each_run_has_its_own_zero():
     assert only["stiffness.k"].value == pytest.approx(500.0, rel=0.002)
 
 
-def test_a_bias_stays_in_the_force_as_it_was_measured():
+def test_bias_stays_in_the_measured_force():
     session = biased(kelvin_voigt(500.0, 20.0))
     (raw,), (tared,) = (contact_channels(session, tared=tared) for tared in (False, True))
     assert raw.tare is None
@@ -74,7 +74,7 @@ def test_a_bias_stays_in_the_force_as_it_was_measured():
     assert raw.surface == tared.surface
 
 
-def test_the_surface_s_error_takes_in_that_of_the_tare():
+def test_surface_error_includes_the_tare_error():
     """A free-air mean over 150 samples is known to 1.6 mN, which no number of samples in contact shows."""
     scores, without = [], []
     for seed in range(20):
@@ -88,7 +88,7 @@ def test_the_surface_s_error_takes_in_that_of_the_tare():
     assert too_sure > 1.3 * honest
 
 
-def test_the_error_of_a_mean_is_that_of_repeated_means_also_in_coloured_noise():
+def test_error_of_a_mean_is_right_for_colored_noise():
     means, errors = [], []
     for seed in range(200):
         noise = lfilter([0.02], [1.0, -0.8], np.random.default_rng(seed).standard_normal(400))

@@ -45,7 +45,7 @@ def test_surface_is_detected_within_its_error():
     assert 0 <= channel.surface.position_m - SURFACE_M < 1e-3
 
 
-def test_the_touch_hardly_disturbs_the_velocity():
+def test_touch_hardly_disturbs_the_velocity():
     """A dashpot takes the speed away within milliseconds."""
     truth = probe(kelvin_voigt(500.0, 100.0), surface_m=SURFACE_M)
     (channel,) = contact_channels(ticks(truth), tared=False)
@@ -85,7 +85,7 @@ def test_bounces_and_offsets_are_no_contact():
     assert contact_channels(ticks(only_air), tared=False) == ()
 
 
-def test_a_force_that_was_sampled_later_gets_the_motion_of_its_own_time():
+def test_late_force_sample_gets_the_motion_of_its_time():
     late_s = 0.0004
     truth = recorded()
     at = truth.time_s + late_s
@@ -119,7 +119,7 @@ def test_two_places_are_two_channels():
     np.testing.assert_array_equal(second.runs, [2])
 
 
-def test_joints_carry_the_whole_arm_s_motion():
+def test_joints_carry_the_whole_arm_motion():
     truth = recorded()
     channels = joint_channels(ticks(truth))
     assert [channel.name for channel in channels] == ["joint_1", "joint_2", "joint_3"]
@@ -132,7 +132,7 @@ def test_joints_carry_the_whole_arm_s_motion():
     np.testing.assert_allclose(second.velocity, -2 * truth.true_speed_m_s, atol=0.02)
 
 
-def test_a_torque_sampled_between_two_positions_does_not_spoil_the_acceleration():
+def test_torque_sampled_between_positions_does_not_spoil_the_acceleration():
     """Positions interpolated to its time would share their errors with their neighbours, and mislead."""
     truth = recorded()
     counts = np.round(np.outer(truth.true_along_m, [1.0, -2.0, 0.5]) / 7.7e-6) * 7.7e-6
@@ -146,7 +146,7 @@ def test_a_torque_sampled_between_two_positions_does_not_spoil_the_acceleration(
     np.testing.assert_allclose(between.position, moved, atol=1e-5)
 
 
-def test_a_move_belongs_to_the_run_after_it_and_useless_phases_to_none():
+def test_move_belongs_to_the_next_run_and_useless_phases_to_none():
     truth = recorded()
     run, phase = truth.run.copy(), truth.phase.copy()
     moving = np.flatnonzero(truth.run == 1)[:40]
@@ -157,7 +157,7 @@ def test_a_move_belongs_to_the_run_after_it_and_useless_phases_to_none():
     np.testing.assert_array_equal(channel.run[moving], 1)
 
 
-def test_a_joint_knows_where_the_tip_touches_and_feels_no_force_in_free_air():
+def test_joint_knows_the_contact_point_and_has_no_force_in_free_air():
     truth = recorded()
     biased = joint_channels(ticks(truth, force_n=truth.force_n + 0.7))[0].context["contact_force"]
     assert biased == pytest.approx(joint_channels(ticks(truth))[0].context["contact_force"])
@@ -172,7 +172,7 @@ def test_a_joint_knows_where_the_tip_touches_and_feels_no_force_in_free_air():
     assert not touching[truth.phase == Phase.FREE_AIR].any()
 
 
-def test_a_joint_is_not_asked_what_a_press_in_another_direction_is_like():
+def test_joint_ignores_presses_in_another_direction():
     """The surface answers along its normal; only one of two directions can be that."""
     straight, tilted = ticks(recorded()), [-0.64, 0.0, -0.77]
     turned = ticks(recorded(), press_direction_world=np.tile(tilted, (len(straight), 1)))
@@ -187,7 +187,7 @@ def test_a_joint_is_not_asked_what_a_press_in_another_direction_is_like():
     assert len(joint_channels(turned, straight["press_direction_world"][0])[0]) == len(second)
 
 
-def test_a_force_that_was_sampled_at_another_time_is_brought_to_the_torque_s():
+def test_late_force_sample_is_aligned_with_the_torque():
     truth = recorded()
     late_s = 0.0004
     at_torque, at_force = truth.time_s - late_s, truth.time_s

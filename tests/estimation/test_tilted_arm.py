@@ -44,14 +44,14 @@ def swinging(joint, dip_rad, swing_rad=0.1, noise_nm=0.0):
 
 @pytest.mark.parametrize("joint", [0, 1, 2])
 @pytest.mark.parametrize("dip_rad", [0.14, -0.6])
-def test_a_turned_base_takes_what_a_turned_gravity_takes(joint, dip_rad):
+def test_tilted_base_equals_tilted_gravity(joint, dip_rad):
     data = swinging(joint, dip_rad)
     tilt = EFFECTS["gravity_tilt"]().suited_to(data)
     added = tilt.known(data, {"tilt": dip_rad})  # about y, though the follower's joints turn about -y
     np.testing.assert_allclose(data.effort - data.context["rigid_body_torque"], added, atol=1e-9)
 
 
-def test_a_tilt_is_no_spring_though_the_joint_moves_little():
+def test_tilt_is_no_spring_though_the_joint_moves_little():
     """A tenth of a radian of swing, and 1 % of the weight that the tilt takes off: more than half of it."""
     data = swinging(0, dip_rad=0.14, noise_nm=0.01)
     effects = [EFFECTS[name]() for name in ("gravity_tilt", "joint_spring", "cubic_stiffness", "bias")]
@@ -65,7 +65,7 @@ def test_a_tilt_is_no_spring_though_the_joint_moves_little():
     assert abs(tilt.value - 0.14) < 3.0 * tilt.std_err < 0.03
 
 
-def test_no_joint_of_an_arm_is_taken_for_a_pendulum_on_a_tilted_base():
+def test_joint_on_a_tilted_base_is_no_pendulum():
     """What a tilt takes is not computed where the first axis is not level: then nothing is said of it."""
     arm, tilt = swinging(1, dip_rad=0.0), EFFECTS["gravity_tilt"]()
     lacking = {k: v for k, v in arm.context.items() if k not in {"tilt_effort_per_rad", "weight_effort"}}
@@ -105,7 +105,7 @@ def test_parameters_without_own_signal_are_undetermined(torque_of, model, tmp_pa
     assert found.best.estimator != "robust" or found.best.identifiability != "none"
 
 
-def test_columns_of_very_unlike_sizes_leave_a_recursive_estimate_real(tmp_path):
+def test_badly_scaled_columns_keep_recursive_estimates_real(tmp_path):
     rng, time_s = (
         np.random.default_rng(1),
         np.arange(60) * 1e-6,
@@ -116,7 +116,7 @@ def test_columns_of_very_unlike_sizes_leave_a_recursive_estimate_real(tmp_path):
     assert estimate_with(channel, "spring_mass_damper", ["cusum_rls"]).estimates
 
 
-def test_a_law_that_fits_all_of_it_is_known_to_the_last_digit(tmp_path):
+def test_exact_law_is_fitted_to_the_last_digit(tmp_path):
     found = estimate_with(
         channel_of(lambda position: 0.5 * position, tmp_path), "spring_mass_damper", ["lsq"]
     )
@@ -159,7 +159,7 @@ def resting(joint, force_n, n=5):
 
 
 @pytest.mark.parametrize("joint", [0, 1, 2])
-def test_the_work_of_the_joints_is_the_work_of_the_tip(body, joint):
+def test_work_of_the_joints_is_the_work_of_the_tip(body, joint):
     """A small turn moves the tip by d; the torque for the pressing does the force's work along d."""
     step = 1e-6
     data = with_rigid_body(resting(joint, 7.0), body, joint)
@@ -172,9 +172,7 @@ def test_the_work_of_the_joints_is_the_work_of_the_tip(body, joint):
         assert torque * step == pytest.approx(7.0 * moved @ PRESS, abs=1e-9)
 
 
-def test_torques_of_the_whole_arm_are_computed_once_for_all_joints_and_anew_for_another_arm(
-    body, monkeypatch
-):
+def test_arm_torques_are_computed_once_for_all_joints_of_an_arm(body, monkeypatch):
     calls = []
     whole = RigidBody.inverse_dynamics_batch
     monkeypatch.setattr(
@@ -194,7 +192,7 @@ def test_torques_of_the_whole_arm_are_computed_once_for_all_joints_and_anew_for_
     assert np.abs(heavier - torque).max() > 0.1
 
 
-def test_fitted_masses_leave_the_pressing_to_the_force_sensor(body):
+def test_fitted_masses_leave_the_contact_to_the_force_sensor(body):
     data = with_rigid_body(resting(0, 7.0), body, 0, regressor=True)
     fitted, given = EFFECTS["rigid_body_fitted"](), EFFECTS["rigid_body"]()
     pressing = given.known(data, {}) - data.context["rigid_body_torque"]
@@ -202,7 +200,7 @@ def test_fitted_masses_leave_the_pressing_to_the_force_sensor(body):
 
 
 @pytest.mark.parametrize("joint", [0, 1, 2])
-def test_the_other_joints_say_what_the_force_sensor_misses(body, joint):
+def test_other_joints_reveal_what_the_force_sensor_misses(body, joint):
     """The tip is pressed by more than the sensor reads; what the joint itself carries says nothing of it."""
     n, rng = 1200, np.random.default_rng(4)
     still, missed = resting(joint, 7.0, n), 0.8 * np.sin(np.linspace(0.0, 12.0, n))
@@ -220,7 +218,7 @@ def test_the_other_joints_say_what_the_force_sensor_misses(body, joint):
     assert np.sqrt(np.mean((found - missed)[230:] ** 2)) < 0.05
 
 
-def test_joints_without_a_lever_say_nothing_of_the_force(body):
+def test_joints_without_a_lever_arm_reveal_no_force(body):
     """Links in line, pressed along that line: two joints carry noise only, and a lever of next to nothing."""
     n, rng = 400, np.random.default_rng(5)
     q = np.tile([0.3, 0.5, 0.0], (n, 1))

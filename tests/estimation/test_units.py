@@ -32,7 +32,7 @@ G = 9.80665
         ("μN", 1e-6),  # the Greek letter
     ],
 )
-def test_a_prefix_is_read_by_its_letter_in_any_surrounding(form, unit, newtons):
+def test_prefix_is_read_by_its_letter_in_any_notation(form, unit, newtons):
     dimension, factor = factor_of(form.format(unit))
     assert (dimension, factor) == ("force", pytest.approx(newtons, rel=1e-12))
 
@@ -60,7 +60,7 @@ def test_a_prefix_is_read_by_its_letter_in_any_surrounding(form, unit, newtons):
         ("speed [rpm]", "angle_rate", np.pi / 30.0),
     ],
 )
-def test_units_of_machines_are_known(name, dimension, factor):
+def test_machine_units_are_known(name, dimension, factor):
     assert factor_of(name) == (dimension, pytest.approx(factor, rel=1e-12))
 
 
@@ -78,7 +78,7 @@ def imported(options=None, **columns):
     return import_table(table_of(pa.table(columns), "press"), options or ImportOptions())
 
 
-def test_units_come_out_in_si_and_nm_goes_by_what_it_stands_beside():
+def test_units_become_si_and_nm_depends_on_its_partner():
     found = imported(**{"Time (h)": T / 3600.0, "Travel (mm)": 1e3 * X, "Load (MN)": 1e-6 * FORCE})
     (channel,) = found.channels
     np.testing.assert_allclose(channel.time_s, T, atol=1e-12)
@@ -123,7 +123,7 @@ def test_effort_without_a_constant_is_used_with_a_note(column, factor, words):
     np.testing.assert_allclose(beside.channels[0].effort, FORCE)
 
 
-def test_a_unit_that_is_missing_or_not_understood_is_asked_for():
+def test_missing_or_unknown_unit_is_asked_for():
     with pytest.raises(InputError, match=r"'cycles' is not a known unit of time; use --unit time=s"):
         imported(**{"Time (cycles)": T, "Travel (mm)": 1e3 * X, "Load (N)": FORCE})
     with pytest.raises(InputError, match=r"\('MM' is not\); give it, as in --unit displacement"):
@@ -141,5 +141,5 @@ def test_a_unit_that_is_missing_or_not_understood_is_asked_for():
 @pytest.mark.parametrize(
     ("unit", "name"), [("MPa", "megapascals"), ("mA", "milliamps"), ("lbfft", "ft-lbf"), ("kgfcm", "kg.cm")]
 )
-def test_names_of_units_may_have_any_prefix_and_products_any_sign(unit, name):
+def test_unit_names_take_any_prefix_and_products_any_sign(unit, name):
     assert normalize_unit(name) == unit

@@ -32,7 +32,7 @@ def book(tmp_path):
     return write
 
 
-def test_true_numbers_are_the_same_beside_text_with_decimal_commas(book):
+def test_numbers_are_the_same_beside_text_with_decimal_commas(book):
     rows = [[1.0 + 0.125 * i, 1.125 + i, f"{0.5 * i:.5f}".replace(".", ",")] for i in range(9)]
     short = [row + (row if place < 6 else [None] * 3) for place, row in enumerate(rows)]
     for sheet in ([NAMES, *rows[:4], [1.5, "5,125", "2,0"], *rows[5:]], [NAMES * 2, *short]):
@@ -43,14 +43,14 @@ def test_true_numbers_are_the_same_beside_text_with_decimal_commas(book):
         np.testing.assert_array_equal(table.numbers("Load [N]"), 0.5 * truth)
 
 
-def test_points_are_no_marks_between_thousands_where_one_of_them_is_none(tmp_path):
+def test_misplaced_points_are_no_thousands_separators(tmp_path):
     path = tmp_path / "mixed.csv"
     path.write_text(";".join(NAMES) + "\n" + "".join(f"{i / 8:.3f};{i},25;{i},5\n" for i in range(12)))
     np.testing.assert_array_equal(read_table(path).numbers("Time [s]"), np.arange(12) / 8)
 
 
 @pytest.mark.parametrize("gap", [None, np.nan])
-def test_tests_of_a_frame_may_differ_in_length_and_in_the_kind_of_number(tmp_path, gap):
+def test_tests_of_a_frame_may_differ_in_length_and_number_type(tmp_path, gap):
     filled = [np.r_[(i + 1.0) * T[:8], [np.nan] * 4] for i in range(3)]
     short = [pa.array(one, from_pandas=gap is None) for one in filled]
     whole = [pa.array(np.arange(12)), pa.array(T), pa.array(2.0 * T)]
@@ -75,7 +75,7 @@ def test_times_of_a_frame_are_seconds(tmp_path, kind):
     np.testing.assert_allclose(table.numbers("Time") - 86399.0, 0.25 * np.arange(12), atol=1e-6)
 
 
-def test_repeated_names_that_stand_in_another_order_keep_theirs(book):
+def test_repeated_names_in_another_order_keep_their_columns(book):
     first, other = NAMES, (NAMES[1], NAMES[0], NAMES[2])
     rows = [[[t, 2 * t, k * t, t, 3 * t, (k + 1) * t] for t in T] for k in (4, 6)]
     rows[1] = [[row[place] for place in (1, 0, 2, 4, 3, 5)] for row in rows[1]]
@@ -88,7 +88,7 @@ def test_repeated_names_that_stand_in_another_order_keep_theirs(book):
 
 
 @pytest.mark.parametrize("tests", [1, 2])
-def test_runs_of_different_sheets_are_apart(book, tests):
+def test_runs_of_different_sheets_are_separate(book, tests):
     rows = [[1 + row // 6, t, 2 * t, 3 * t] * tests for row, t in enumerate(T)]
     later = [[cell + 100.0 * (place % 4 == 1) for place, cell in enumerate(row)] for row in rows]
     path = book(A=[("run", *NAMES) * tests, *rows], B=[("run", *NAMES) * tests, *later])
@@ -100,13 +100,13 @@ def test_runs_of_different_sheets_are_apart(book, tests):
 @pytest.mark.parametrize(
     "start", [datetime(2024, 3, 1, 23, 59, 59), timedelta(hours=23, minutes=59, seconds=59)]
 )
-def test_times_of_cells_go_on_past_midnight(book, start):
+def test_cell_times_continue_past_midnight(book, start):
     rows = [[start + timedelta(seconds=0.25 * row), 2.0 * row, 3.0 * row] for row in range(12)]
     table = read_table(book(S=[("Time", *NAMES[1:]), *rows]))
     np.testing.assert_allclose(table.numbers("Time") - 86399.0, 0.25 * np.arange(12), atol=1e-6)
 
 
-def test_formulas_without_saved_results_are_an_empty_column_and_dates_alone_stay_dates(book):
+def test_formulas_without_results_are_empty_and_dates_stay_dates(book):
     names = ("time_s", "displacement_m", "force_N")
     path = book(S=[names, *([t, 4e-3 * t, "=B2*2"] for t in T.tolist())])
     with pytest.raises(InputError, match=r"column 'force_N' is empty; .*--column; if it holds formulas"):
@@ -141,18 +141,18 @@ def test_lines_may_end_in_any_way(read, end, footer):
 
 
 @pytest.mark.parametrize("behind", ["\r\n", " \n", "\t \r\n"])
-def test_a_header_is_the_same_with_blanks_behind_it(read, behind):
+def test_trailing_blanks_do_not_change_a_header(read, behind):
     table = read("\n".join([HEAD, *ROWS, HEAD]) + behind + "\n".join(ROWS))
     assert len(table.labels("run")[0]) == 2
     assert len(table) == 18
 
 
-def test_words_below_a_header_are_named_as_what_they_are(read):
+def test_words_below_a_header_are_named_as_no_numbers(read):
     with pytest.raises(InputError, match="line 2, column 'force_N': 'c' is not a finite number"):
         read("time_s,displacement_m,force_N\na,b,c\n").numbers("force_N")
 
 
 @pytest.mark.parametrize("cut", ["5.99,,", "5.99,", ",1,"])
-def test_a_row_that_lacks_its_last_numbers_is_no_footer(read, cut):
+def test_row_without_its_last_numbers_is_no_footer(read, cut):
     with pytest.raises(InputError, match="line 11"):
         read("\n".join([HEAD, *ROWS, cut])).numbers("Load [N]")

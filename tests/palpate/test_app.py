@@ -67,12 +67,12 @@ def test_every_command_explains_itself(command):
         (KeyboardInterrupt(), 130, ("interrupted",)),
     ],
 )
-def test_a_failure_is_one_line_with_its_own_exit_code(error, code, words):
+def test_failure_is_one_line_with_its_own_exit_code(error, code, words):
     result = CliRunner().invoke(app_that_raises(error), ["fail"])
     assert_refused(result, *words, code=code)
 
 
-def test_ctrl_c_while_a_class_is_made_is_no_internal_error():
+def test_ctrl_c_during_class_creation_is_no_internal_error():
     """Python 3.11 wraps whatever `__set_name__` raises, as in the imports of a command, in a RuntimeError."""
     error = RuntimeError("Error calling __set_name__ on 'Field' instance '_cache' in 'Search'")
     error.__cause__ = KeyboardInterrupt()
@@ -158,7 +158,7 @@ def test_library_output_is_suppressed():
         ("palpate estimate x.csv --estimator rans", {"ransac"}),
     ],
 )
-def test_a_shell_completes_commands_options_and_their_values(typed, offered):
+def test_shell_completes_commands_options_and_their_values(typed, offered):
     result = CliRunner().invoke(app, prog_name="palpate", env=asked_by_bash(typed))
     assert set(result.stdout.split()) == offered, result.stderr
 
@@ -168,7 +168,7 @@ def asked_by_bash(typed):
     return {"_PALPATE_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": last}
 
 
-def test_the_program_itself_completes():
+def test_program_itself_completes():
     code = "import sys; sys.argv = ['palpate']; from palpate.main import main; main()"
     said = run_process(code=code, env=os.environ | asked_by_bash("palpate effects cubic"))
     assert said.stdout.split() == ["cubic_stiffness"], said.stderr
@@ -184,7 +184,7 @@ def test_the_program_itself_completes():
         (("estimat",), ("estimat", "estimate")),
     ],
 )
-def test_bad_input_is_refused_with_what_helps_and_with_json_in_one_line_of_json_too(arguments, words):
+def test_bad_input_is_refused_with_help_also_as_json(arguments, words):
     plain, result = run(*arguments), run(*arguments, "--json")
     assert_refused(plain, *words)
     assert plain.stdout == ""
@@ -206,11 +206,11 @@ def test_bad_input_is_refused_with_what_helps_and_with_json_in_one_line_of_json_
         (("unexplained", "missing", "insufficient"), 10),
     ],
 )
-def test_the_exit_code_of_a_diagnosis_is_that_of_its_worst_verdict(verdicts, code):
+def test_exit_code_of_a_diagnosis_is_that_of_its_worst_verdict(verdicts, code):
     assert exit_code_of([Verdict(one) for one in verdicts]) == code
 
 
-def test_the_exit_code_tells_the_verdict_where_that_was_asked(few_effects, hardening):
+def test_exit_code_tells_the_verdict_on_request(few_effects, hardening):
     """Without the option it is 0: tests/palpate/test_diagnose.py, and with --json test_docs.py."""
     asked = run("diagnose", hardening, "--json", "--exit-code")
     assert json.loads(asked.stdout)["channels"][0]["verdict"] == "missing"
@@ -221,7 +221,7 @@ COLOURS = [f"\x1b[{first}{second}" for first in "349" for second in "01234567"]
 
 
 @pytest.mark.parametrize("command", [("effects", "lag"), ("info", "none.mcap")])
-def test_no_color_is_heeded(command, monkeypatch):
+def test_no_color_is_respected(command, monkeypatch):
     monkeypatch.setenv("FORCE_COLOR", "1")
     shown = run(*command)
     monkeypatch.setenv("NO_COLOR", "1")
@@ -230,7 +230,7 @@ def test_no_color_is_heeded(command, monkeypatch):
     assert not [one for one in COLOURS if one in told.stdout + told.stderr]
 
 
-def test_no_color_is_heeded_by_what_is_read_once():
+def test_no_color_is_respected_at_import():
     told = run_process("info", "--help", env=os.environ | {"NO_COLOR": "1", "FORCE_COLOR": "1"})
     assert not [one for one in COLOURS if one in told.stdout]
 

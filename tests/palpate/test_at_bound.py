@@ -24,11 +24,11 @@ from tests.palpate.presses import write_presses
         (False, 1.0, True),
     ],
 )
-def test_the_ends_of_a_search(log, value, at_bound):
+def test_ends_of_a_search_are_bounds(log, value, at_bound):
     assert Parameter("p", "m", 1e-6, 1.0, (1e-3, 1e-1), log=log).at_bound(value) is at_bound
 
 
-def test_presliding_that_no_sample_resolves_is_marked_wherever_it_is_shown(capsys):
+def test_unresolved_presliding_is_marked_wherever_it_is_shown(capsys):
     """Friction that turns round within one step of the position: its presliding runs to the least one."""
     rng, t, runs = np.random.default_rng(0), np.arange(0, 2, 0.002), []
     for number, speed in enumerate((4.0, 7.0, 9.0)):
@@ -58,7 +58,9 @@ def test_presliding_that_no_sample_resolves_is_marked_wherever_it_is_shown(capsy
         (("estimate",), "outside the physical bounds"),
     ],
 )
-def test_no_command_calls_a_damper_that_drives_a_fit(tmp_path, few_effects, without_figures, command, said):
+def test_fit_with_negative_damping_is_reported_by_every_command(
+    tmp_path, few_effects, without_figures, command, said
+):
     data = write_presses(tmp_path / "driven.csv", force_of=lambda x, v: 900 * x - 6 * v)
     result = run(command[0], data, *command[1:], *(("--out", tmp_path) if command[0] == "add" else ()))
     told = " ".join(result.stdout.split())

@@ -71,7 +71,7 @@ def test_budget_sentence_states_all_shares_or_noise():
     assert budget_view(found) is None
 
 
-def test_noise_that_nothing_measured_is_an_upper_bound():
+def test_unmeasured_noise_is_an_upper_bound():
     """Then what nothing explains is a lower bound: the two add up."""
     told = budget_view(diagnosis(RELAXATION, noise=0.3, unexplained=0.09, free_air=None)).sentence
     assert told.endswith("relaxation 61 %, noise at most 30 %, unexplained at least 9 %.")
@@ -81,14 +81,14 @@ def test_noise_that_nothing_measured_is_an_upper_bound():
     assert measured.endswith("relaxation 61 %, noise 30 %, unexplained 9 %.")
 
 
-def test_every_kind_has_a_word_and_a_colour_of_its_own():
+def test_every_kind_has_its_own_word_and_color():
     assert len({kind.word for kind in Kind}) == len(Kind)
     assert set(palette.KINDS) == set(Kind)
     assert len(set(palette.KINDS.values())) == len(Kind)
 
 
 @pytest.mark.parametrize("width", [80, 100, 110, 120])
-def test_the_terminal_shows_a_row_for_each_kind_and_breaks_no_name_of_an_effect(width):
+def test_terminal_shows_a_row_for_each_kind_and_breaks_no_effect_name(width):
     names = ["position_dependent_friction", "load_dependent_presliding"]
     found = diagnosis(share("run_differences", 0.61, "approximate", names), RUNS, free_air=None)
     told = printed(found, width)
@@ -105,7 +105,7 @@ def test_the_terminal_shows_a_row_for_each_kind_and_breaks_no_name_of_an_effect(
     assert "closest: run_gain" not in told
 
 
-def test_a_range_goes_from_the_smaller_to_the_larger_share_in_every_view():
+def test_range_goes_from_the_smaller_to_the_larger_share_in_every_view():
     """A kind may explain less alone than is lost without it."""
     view = budget_view(diagnosis(share("friction", 0.6, low=0.63, high=0.53), SHAPE))
     assert view.parts[0].range_text == "53 to 63 %"
@@ -130,7 +130,7 @@ def test_indistinguishable_kinds_come_with_a_separating_experiment():
     assert told in re.sub(r"\s+", " ", printed(found, 80))
 
 
-def test_the_picture_stacks_the_shares_to_its_whole_width():
+def test_picture_stacks_the_shares_to_its_whole_width():
     picture = ElementTree.fromstring(budget_svg(budget_view(diagnosis(RELAXATION, SHAPE, RUNS)), 800))
     space = "{http://www.w3.org/2000/svg}"
     stacked = [rect for rect in picture.iter(f"{space}rect") if rect.get("y") == "0"]
@@ -152,7 +152,7 @@ def test_names_of_effects_never_become_markup_of_the_picture(width):
     ElementTree.fromstring(text)
 
 
-def test_an_approximate_form_and_kinds_without_one_are_marked_beside_names():
+def test_approximate_form_and_unnamed_kinds_are_marked_beside_names():
     names = [("relaxation_spectrum", "approximate"), ("run_gain", "exact")]
     told = diagnosis_verdict(diagnosis(RELAXATION, RUNS, accepted=names)).sentence
     assert "relaxation_spectrum (approximate) and run_gain are missing from the model" in told
@@ -164,7 +164,7 @@ def test_an_approximate_form_and_kinds_without_one_are_marked_beside_names():
     assert told.endswith("The form of elastic shape (25 %) is not known.")
 
 
-def test_verdict_unexplained_names_only_kinds():
+def test_unexplained_verdict_names_only_kinds():
     found = diagnosis(SHAPE, share("friction", 0.2, effects=["dry_friction"]), verdict="unexplained")
     told = diagnosis_verdict(found).sentence
     assert "effect is known, but not its form: elastic shape (25 %) and friction (20 %)." in told

@@ -43,14 +43,14 @@ def test_adequate_model_is_reported_as_adequate(tmp_path):
     assert "kelvin_voigt fits contact" in result.stdout
 
 
-def test_a_folder_gets_the_numbers_and_a_report(hardening, tmp_path):
+def test_folder_gets_the_numbers_and_a_report(hardening, tmp_path):
     result = done("compare", hardening, "--out", tmp_path / "there", "--json")
     kept = json.loads((tmp_path / "there" / "comparison.json").read_text())
     assert kept == json.loads(result.stdout)
     assert (tmp_path / "there" / "report.html").stat().st_size > 1e6
 
 
-def test_a_single_press_is_judged_by_its_parts_with_a_warning_and_few_samples_are_not(tmp_path):
+def test_single_press_is_judged_by_its_parts_and_few_samples_are_refused(tmp_path):
     press = write_presses(tmp_path / "press.csv", speeds_m_s=(0.02,), cubic=0.0)
     result = done("compare", press, "--json")
     assert "only one run, which goes through its motion once" in " ".join(result.stderr.split())
@@ -109,7 +109,7 @@ def test_incomparable_data_are_refused(hardening, grown, options, words):
     assert_refused(run("compare", hardening, "--folder", grown[0], *options), *words)
 
 
-def test_a_base_model_that_does_far_better_is_pointed_out(tmp_path):
+def test_better_base_model_is_recommended(tmp_path):
     run_number, t = np.repeat(np.arange(3), 250), np.tile(np.arange(250) * 0.02, 3)
     w = 3.0 + 0.7 * run_number
     q, a = np.sin(w * t), -(w**2) * np.sin(w * t)

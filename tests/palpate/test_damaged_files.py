@@ -183,7 +183,7 @@ def test_degenerate_table_is_imported_faithfully(tmp_path, columns):
     command=st.sampled_from(["estimate", "compare", "diagnose"]),
     kind=st.sampled_from(["f8", "f4", "f2", "U30", "c16", "parquet"]),
 )
-def test_a_degenerate_array_is_analysed_or_refused(tmp_path, few_effects, columns, command, kind):
+def test_degenerate_array_is_analyzed_or_refused(tmp_path, few_effects, columns, command, kind):
     path = tmp_path / ("a.parquet" if kind == "parquet" else "a.npz")
     try:
         with np.errstate(all="ignore"):
@@ -277,7 +277,7 @@ def short(probed, tmp_path_factory):
         ]
     ),
 )
-def test_a_damaged_session_is_read_as_it_was_written_or_refused(tmp_path, short, data, kind, command):
+def test_damaged_session_is_read_as_written_or_refused(tmp_path, short, data, kind, command):
     good, path = Session.open(short), tmp_path / "s.mcap"
     samples = good.samples("tick")
     columns = {name: samples[name].copy() for name in samples}
@@ -331,9 +331,7 @@ def good_tree(option):
 
 @many
 @given(data=st.data(), option=st.sampled_from(["--robot", "--scenario", "--experiment", "--hidden"]))
-def test_a_file_that_is_wrong_in_one_place_or_hostile_is_used_or_refused(
-    tmp_path, log_in_process, data, option
-):
+def test_wrong_or_hostile_file_is_used_or_refused(tmp_path, log_in_process, data, option):
     path = tmp_path / "file.yaml"
     if data.draw(st.booleans()):
         tree = good_tree(option)
@@ -356,7 +354,7 @@ def test_a_file_that_is_wrong_in_one_place_or_hostile_is_used_or_refused(
 
 
 @pytest.mark.parametrize("number", range(len(URDFS)))
-def test_a_hostile_urdf_is_used_or_refused(tmp_path, number):
+def test_hostile_urdf_is_used_or_refused(tmp_path, number):
     path, table = tmp_path / "arm.urdf", tmp_path / "joint.csv"
     path.write_text(URDFS[number], encoding="utf-8", errors="surrogatepass")
     t = np.arange(400) * 0.01

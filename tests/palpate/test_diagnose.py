@@ -46,7 +46,7 @@ def test_hidden_cubic_stiffness_is_identified_with_its_value(applied):
     assert accepted["rmse_after"] < accepted["rmse_before"] / 5
 
 
-def test_the_budget_comes_first_then_the_verdict_and_no_other_base_model_is_advised(applied):
+def test_budget_precedes_the_verdict_and_no_other_base_model_is_advised(applied):
     result, _ = applied
     assert re.match(r"contact  Of the [\d.]+ N error: elastic shape \d+ %, noise", result.stdout)
     (verdict,) = [line for line in result.stdout.splitlines() if line.startswith("MISSING")]
@@ -60,7 +60,7 @@ def test_the_budget_comes_first_then_the_verdict_and_no_other_base_model_is_advi
     assert not [words for words in next_commands(applied[0]) if "--model" in words]
 
 
-def test_applying_keeps_each_step_and_draws_the_fall(applied):
+def test_applying_saves_each_step_and_plots_the_decrease(applied):
     _, folder = applied
     kept = [json.loads(file.read_text()) for file in sorted((folder / "revisions").iterdir())]
     assert [(r["number"], r["parent"], r["added"]) for r in kept] == [
@@ -72,7 +72,7 @@ def test_applying_keeps_each_step_and_draws_the_fall(applied):
         assert (folder / file).stat().st_size > 1000
 
 
-def test_the_advised_add_starts_anew_where_revisions_have_effects_already(applied, hardening):
+def test_advised_add_starts_fresh_where_revisions_have_effects(applied, hardening):
     """`palpate add` continues the newest revision, while a diagnosis begins at the base model."""
     folder = applied[1]
     result = run("diagnose", hardening, "--out", folder, "--force")
@@ -88,7 +88,7 @@ def test_json_alone_is_on_stdout_and_writes_nothing(tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["plain.csv"]
 
 
-def test_data_that_cannot_say_gets_the_reason(tmp_path):
+def test_insufficient_data_get_the_reason(tmp_path):
     one = write_presses(tmp_path / "one.csv", speeds_m_s=(0.02,))
     header, *rows = one.read_text().splitlines()
     one.write_text("\n".join([header, *rows[100:161]]) + "\n")
@@ -101,7 +101,7 @@ def test_data_that_cannot_say_gets_the_reason(tmp_path):
     assert words[0] == "diagnose"
 
 
-def test_further_files_are_asked_for_only_where_runs_are_too_few(tmp_path):
+def test_more_files_are_requested_only_for_too_few_runs(tmp_path):
     still = write_presses(tmp_path / "still.csv")
     columns = press_columns(still)
     result = run("diagnose", write_table(still, **columns | {"force_N": columns["force_N"] * 0.0 + 1.0}))
@@ -109,7 +109,7 @@ def test_further_files_are_asked_for_only_where_runs_are_too_few(tmp_path):
     assert [words[0] for words in next_commands(result)] == ["estimate"]
 
 
-def test_one_run_is_left_to_fit_to_where_the_other_is_held_out(tmp_path):
+def test_one_run_is_fitted_where_the_other_is_held_out(tmp_path):
     two = write_presses(tmp_path / "two.csv", speeds_m_s=(0.02, 0.04), cubic=0.0)
     (channel,) = as_json("compare", two, "--held-out", 1)["channels"]
     assert channel["rmse"] == pytest.approx(NOISE_N, rel=0.1)
@@ -208,7 +208,7 @@ class Nameless(AdditiveEffect):
         ("physics = None", ("mine.py:Odd", "physics is None")),
     ],
 )
-def test_an_effect_that_is_none_is_refused_in_one_line(hardening, tmp_path, body, words):
+def test_invalid_effect_class_is_refused_in_one_line(hardening, tmp_path, body, words):
     file = saved(tmp_path / "mine.py", f"{OWN_EFFECT}\nclass Odd(Waves):\n    name = 'odd'\n    {body}\n")
     assert_refused(run("diagnose", hardening, "--effect", f"{file}:Odd"), *words)
 
@@ -229,7 +229,7 @@ def test_an_effect_that_is_none_is_refused_in_one_line(hardening, tmp_path, body
         ),
     ],
 )
-def test_a_bad_effect_file_is_refused_in_one_line(hardening, tmp_path, text, code, words):
+def test_invalid_effect_file_is_refused_in_one_line(hardening, tmp_path, text, code, words):
     file = saved(tmp_path / "mine.py", code)
     assert_refused(run("diagnose", hardening, "--effect", text.replace("FILE", str(file))), *words)
 
@@ -273,7 +273,7 @@ def test_reason_for_no_named_effect_is_shown_and_reported(tmp_path):
     assert "two.csv --context warmth" in result.stderr
 
 
-def test_a_probing_session_is_judged_in_the_channel_that_is_named(probed):
+def test_session_is_judged_in_the_named_channel(probed):
     path, _ = probed
     (contact,) = as_json("diagnose", path, "--channel", "contact")["channels"]
     assert (contact["channel"], contact["verdict"]) == ("contact", "adequate")
@@ -282,7 +282,7 @@ def test_a_probing_session_is_judged_in_the_channel_that_is_named(probed):
     )
 
 
-def test_warnings_reach_the_diagnosis_in_its_file_and_on_the_screen(tmp_path):
+def test_warnings_reach_the_diagnosis_file_and_the_terminal(tmp_path):
     file = write_presses(tmp_path / "presses.csv", cubic=0.0)
     columns = press_columns(file)
     write_table(file, **columns | {"displacement_m": 50.0 * columns["displacement_m"]})
@@ -312,7 +312,7 @@ def words_of(page):
 
 
 @pytest.mark.slow
-def test_the_report_after_adding_keeps_the_verdict_and_tells_what_was_added(tmp_path):
+def test_report_after_adding_keeps_the_verdict_and_names_the_addition(tmp_path):
     data, folder = write_presses(tmp_path / "hard.csv"), tmp_path / "out"
     assert run("diagnose", data, "--out", folder).exit_code == 0
     found = json.loads((folder / RESULT).read_text())["channels"][0]
@@ -343,7 +343,7 @@ def test_diagnosis_with_unavailable_user_effect_is_not_shown_without_it(tmp_path
     assert "contact is shown without its added effects" in words_of(page)
 
 
-def test_without_a_diagnosis_the_report_tells_how_the_last_stage_fits_and_a_damaged_one_is_named(tmp_path):
+def test_report_without_a_diagnosis_tells_the_last_fit(tmp_path):
     data = write_presses(tmp_path / "hard.csv")
     assert run("add", data, "cubic_stiffness", "--out", tmp_path / "out").exit_code == 0
     report = words_of(tmp_path / "out" / "report.html")

@@ -62,7 +62,7 @@ def git_files(*folders):
 
 
 @pytest.mark.skipif(Version(version("setuptools")) < Version("80"), reason="the wheel needs setuptools 80")
-def test_a_wheel_holds_one_package_with_all_its_files(tmp_path):
+def test_wheel_holds_one_package_with_all_its_files(tmp_path):
     tree = tmp_path / "tree"
     for name in git_files():
         (tree / name).parent.mkdir(parents=True, exist_ok=True)
@@ -122,7 +122,7 @@ def test_missing_extra_is_named_where_it_is_needed(tmp_path):
     assert [code for code, *_ in told[len(NEEDS_EXTRA) :]] == [0] * len(COMMANDS)
 
 
-def test_the_contact_of_a_session_is_analysed_without_the_rigid_body_model_of_its_arm(probed, tmp_path):
+def test_contact_is_analyzed_without_the_rigid_body_model(probed, tmp_path):
     (tmp_path / "press.mcap").symlink_to(probed[0])
     commands = [[name, "press.mcap", *more] for name, *more in (["estimate"], ["diagnose", "--out", "out"])]
     joint = ["diagnose", "press.mcap", "--channel", "joint_1", "--out", "out"]
@@ -165,7 +165,7 @@ def test_make_installs_with_pip_if_uv_fails(tmp_path, code, is_repeated):
     assert told == (said if is_repeated else "")
 
 
-def test_the_citation_names_the_version():
+def test_citation_names_the_version():
     assert f"version: {PROJECT['version']}\n" in (ROOT / "CITATION.cff").read_text()
 
 
@@ -181,7 +181,7 @@ IMPORTS = (  # one after the other, and what none of them up to here may have im
 )
 
 
-def test_no_import_brings_a_library_that_it_does_not_need():
+def test_imports_load_no_unneeded_library():
     code = "import importlib, sys\n" + "".join(
         f"importlib.import_module({name!r})\n"
         f"too_many = {set(slow.split())} & set(sys.modules)\n"

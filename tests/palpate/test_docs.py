@@ -23,14 +23,14 @@ EXAMPLES = [
 
 
 @pytest.mark.parametrize("code", EXAMPLES)
-def test_an_example_runs(few_effects, without_figures, one_process, probed, code, tmp_path, monkeypatch):
+def test_example_runs(few_effects, without_figures, one_process, probed, code, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in re.findall(r'"(\w+\.mcap)"', code):
         shutil.copy(probed[0], name)
     exec(code, {})
 
 
-def test_the_readme_and_the_session_format_have_examples():
+def test_readme_and_session_format_have_examples():
     assert len(EXAMPLES) >= 2
 
 
@@ -45,7 +45,7 @@ def test_command_page_matches_the_help():
     assert DOCUMENT.read_text(encoding="utf-8") == document()
 
 
-def test_the_site_builds_and_asks_no_other_host(tmp_path):
+def test_site_builds_without_external_hosts(tmp_path):
     environment = {"NO_MKDOCS_2_WARNING": "1", **os.environ}
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", tmp_path]
     result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, env=environment)
@@ -69,7 +69,7 @@ def json_keys(value, by_name=False):
     return set().union(() if by_name else value, *inner)
 
 
-def test_the_page_of_json_has_every_key(few_effects, without_figures, hardening, tmp_path):
+def test_json_page_has_every_key(few_effects, without_figures, hardening, tmp_path):
     page = (ROOT / "docs" / "reference" / "json.md").read_text(encoding="utf-8")
     documented = set(re.findall(r"`(\w+)`", page))
     diagnosis = json_keys(as_json("diagnose", hardening))
@@ -89,7 +89,7 @@ PLAIN = """name urdf buses motors load_cell driver port id bus limits safe_state
     position_min_rad position_max_rad"""
 
 
-def test_the_robot_file_is_shown_as_it_is_shipped_and_its_keys_are_explained():
+def test_robot_file_page_shows_the_shipped_file_and_explains_its_keys():
     blocks = re.findall(r"```yaml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     assert parse_yaml("".join(blocks), str(PAGE)).data == load_yaml(ROBOT).data
     prose = re.sub(r"```yaml\n.*?```", "", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)

@@ -11,7 +11,7 @@ from palpate.sim_backend.engines import default_engine
 from tests.palpate.cli import run
 
 
-def test_this_machine_can_run_palpate_and_json_has_a_remedy_for_all_that_is_not_ok():
+def test_this_machine_can_run_palpate_and_findings_have_a_remedy():
     broken = [finding for finding in examine_all() if finding.level is Level.FAIL]
     assert not broken
     result = run("doctor", "--json")
@@ -20,7 +20,7 @@ def test_this_machine_can_run_palpate_and_json_has_a_remedy_for_all_that_is_not_
     assert all(finding["remedy"] for finding in findings if finding["level"] != "ok")
 
 
-def test_a_check_that_breaks_is_a_finding_and_the_exit_code_is_1(monkeypatch):
+def test_failing_check_is_a_finding_with_exit_code_1(monkeypatch):
     def broken_check():
         raise RuntimeError("engine [x86] gone")
         yield
@@ -32,7 +32,7 @@ def test_a_check_that_breaks_is_a_finding_and_the_exit_code_is_1(monkeypatch):
     assert "memory lock" in result.stdout
 
 
-def test_a_missing_library_of_the_system_is_named_with_what_to_install(monkeypatch):
+def test_missing_system_library_is_named_with_its_package(monkeypatch):
     def no_openmp():
         raise ImportError("libgomp.so.1: cannot open shared object file: No such file or directory")
         yield
@@ -44,7 +44,7 @@ def test_a_missing_library_of_the_system_is_named_with_what_to_install(monkeypat
     assert "apt install libgomp1" in finding.remedy
 
 
-def test_a_missing_package_is_a_failure(monkeypatch):
+def test_missing_package_is_a_failure(monkeypatch):
     monkeypatch.setattr(machine.metadata, "requires", lambda _: ["numpy", "surely-not-installed>=1"])
     (finding,) = machine.packages()
     assert finding.level is Level.FAIL
@@ -52,7 +52,7 @@ def test_a_missing_package_is_a_failure(monkeypatch):
     assert "numpy" not in finding.text
 
 
-def test_an_untested_version_is_a_warning(monkeypatch, tmp_path):
+def test_untested_version_is_a_warning(monkeypatch, tmp_path):
     constraints = tmp_path / "constraints.txt"
     constraints.write_text("# tested versions\nnumpy==0.0.1\n")
     monkeypatch.setattr(machine, "CONSTRAINTS", constraints)

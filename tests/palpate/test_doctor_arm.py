@@ -82,7 +82,7 @@ def test_valid_arm_passes_all_checks_and_ends_without_torque(path, plants):
     assert np.abs(plants).max() < 0.02
 
 
-def test_nothing_is_powered_without_a_yes(plants):
+def test_nothing_is_powered_without_confirmation(plants):
     findings = examined(DYNAMIXEL, move=True, may_power=lambda: False)
     assert [finding.subject for finding in findings[-2:]] == ["hands away", "drives"]
     assert findings[-1].level is Level.WARN
@@ -104,7 +104,7 @@ def test_nothing_is_powered_without_a_yes(plants):
         (CUBEMARS, ("load_code: 100", "load_code: 101"), "force sensor", "load_code"),
     ],
 )  # fmt: skip
-def test_a_device_that_is_not_the_robot_files_is_named(path, built, subject, words):
+def test_device_that_contradicts_the_robot_file_is_named(path, built, subject, words):
     (found,) = failures(examined(path, as_built=changed(path, built)))
     assert found.subject == subject
     assert words in found.text
@@ -112,7 +112,7 @@ def test_a_device_that_is_not_the_robot_files_is_named(path, built, subject, wor
 
 
 @pytest.mark.parametrize("path", [DYNAMIXEL, ODRIVE, CUBEMARS], ids=lambda path: path.stem)
-def test_a_joint_that_turns_the_other_way_is_found_without_power(path, plants):
+def test_reversed_joint_is_found_without_power(path, plants):
     built = changed(path, (", reversed: true}", "}"))
     findings = examined(path, as_built=built, move=True, may_power=lambda: True)
     if "limits" not in failures(findings)[0].text:  # mirrored, it may stand outside of its limits already
@@ -207,7 +207,7 @@ def test_arm_is_not_powered_if_instructions_are_not_followed(hand, subject, word
     assert not np.any(plants)
 
 
-def test_a_hand_that_finishes_its_turn_is_not_taken_for_the_next_joint(monkeypatch):
+def test_continued_turn_is_not_taken_for_the_next_joint(monkeypatch):
     assert not failures(signs_by(ThoroughHand, monkeypatch))
 
 
@@ -234,7 +234,7 @@ def test_blocked_joint_is_released_before_a_large_torque(path):
 
 
 @pytest.mark.parametrize("side", ["position_min_rad", "position_max_rad"])
-def test_an_arm_that_rests_at_its_limits_is_nudged_away_from_them(side):
+def test_arm_at_its_limits_is_moved_away_from_them(side):
     robot_file = load_robot_file(DYNAMIXEL)
     limits = robot_file.limits
     start_rad = np.array(getattr(limits, side))
@@ -249,7 +249,7 @@ def test_an_arm_that_rests_at_its_limits_is_nudged_away_from_them(side):
     assert np.ptp(ways_rad, axis=0) == pytest.approx(NUDGE_RAD, rel=0.02)
 
 
-def test_samples_that_are_all_old_tell_nothing_of_rest():
+def test_old_samples_do_not_show_rest():
     rest = Measurement(0.0, np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0, 0.0)
     old = rest._replace(encoder_status=Status.STALE)
     assert is_still([rest, old, old])  # a sensor may be slower than it is asked
@@ -257,7 +257,7 @@ def test_samples_that_are_all_old_tell_nothing_of_rest():
     assert not is_still([rest, rest._replace(force_status=Status.FAULT)])
 
 
-def test_the_small_motion_stops_at_a_touch_of_the_tool():
+def test_small_motion_stops_when_the_tool_touches():
     robot_file = load_robot_file(DYNAMIXEL)
     task = NudgeTask(robot_file, RigidBody.of_robot(robot_file))
     rest = Measurement(0.0, np.array(robot_file.home_rad), *np.zeros((2, 3)), 0.2, 0.0, 0.0, 0.0)
@@ -275,7 +275,7 @@ def test_doctor_detects_swapped_drives():
     assert "joint 3 moved" in found[0].text
 
 
-def test_an_arm_that_is_heavier_than_its_urdf_shows_in_the_small_motion(plants):
+def test_arm_heavier_than_its_urdf_shows_in_the_small_motion(plants):
     heavy = changed(
         DYNAMIXEL, ("urdf: dynamixel_3dof.urdf", "urdf: ../sim_backend/arms/follower/follower.urdf")
     )
@@ -287,7 +287,7 @@ def test_an_arm_that_is_heavier_than_its_urdf_shows_in_the_small_motion(plants):
 
 
 @pytest.mark.parametrize("device", ["encoder", "torque", "force"])
-def test_samples_that_are_not_a_number_are_a_failure(device):
+def test_nonfinite_samples_are_a_failure(device):
     robot = build_mock_robot()
     robot.buses["world"].faults.not_a_number = {device}
     with robot:
@@ -295,7 +295,7 @@ def test_samples_that_are_not_a_number_are_a_failure(device):
     assert (failure.subject, failure.text) == (f"{device} samples", "some values are not numbers")
 
 
-def test_a_press_or_turn_that_is_not_a_number_is_a_failure():
+def test_nonfinite_press_or_turn_is_a_failure():
     assert signs._force_finding(np.nan).level is Level.FAIL
     assert signs._joint_finding(0, np.full(3, np.nan)).level is Level.FAIL
 
@@ -371,7 +371,7 @@ def test_excessive_torque_limit_is_detected(tmp_path):
 
 
 @pytest.mark.parametrize("path", [ODRIVE, CUBEMARS], ids=lambda path: path.stem)
-def test_the_capacity_is_known_of_each_shipped_sensor(path):
+def test_capacity_of_each_shipped_sensor_is_known(path):
     found = failures(limit_findings(changed(path, ("force_n: 60.0", "force_n: 100.0"))))
     assert [finding.subject for finding in found] == ["force limit"]
 
@@ -413,7 +413,7 @@ def with_own_driver(tmp_path, monkeypatch, made="pass"):
     return ("--robot", tmp_path / "own.yaml"), module
 
 
-def test_an_own_driver_that_cannot_be_made_is_bad_input_with_its_line(tmp_path, monkeypatch):
+def test_user_driver_that_cannot_be_built_is_bad_input_with_its_line(tmp_path, monkeypatch):
     robot, module = with_own_driver(tmp_path, monkeypatch, made="1 / 0")
     said = run("doctor", *robot, "--drivers", module)
     assert said.exit_code == 2
@@ -421,7 +421,7 @@ def test_an_own_driver_that_cannot_be_made_is_bad_input_with_its_line(tmp_path, 
         assert words in said.stderr
 
 
-def test_an_own_driver_that_fails_is_a_finding_with_its_line(monkeypatch):
+def test_user_driver_that_fails_is_a_finding_with_its_line(monkeypatch):
     def configure(_):
         raise KeyError("rate")
 
@@ -431,9 +431,7 @@ def test_an_own_driver_that_fails_is_a_finding_with_its_line(monkeypatch):
     assert "its driver fails, KeyError: 'rate' (test_doctor_arm.py, line " in found.text
 
 
-def test_an_own_sensor_cannot_be_emulated_and_a_driver_that_is_not_there_is_named_first(
-    tmp_path, monkeypatch
-):
+def test_user_sensor_cannot_be_emulated_and_a_missing_driver_is_named_first(tmp_path, monkeypatch):
     robot, module = with_own_driver(tmp_path, monkeypatch)
     assert_refused(
         run("doctor", *robot, "--wire", "--drivers", module), "own.yaml", "load_cell", "without --wire"
@@ -443,7 +441,7 @@ def test_an_own_sensor_cannot_be_emulated_and_a_driver_that_is_not_there_is_name
     assert_refused(run("doctor", *robot, "--wire"), "own.yaml line", missing)
 
 
-def test_packages_that_fail_say_where(tmp_path, monkeypatch):
+def test_failing_packages_are_located(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "falling").mkdir()
     (tmp_path / "falling" / "__init__.py").write_text("\n1 / 0\n", encoding="utf-8")
@@ -474,7 +472,7 @@ def test_large_zero_shifts_are_reported(monkeypatch):
     assert "joint 3 by +0.3 rad" in found.text
 
 
-def test_gains_that_no_run_takes_are_refused_in_the_same_words(tmp_path):
+def test_invalid_gains_are_refused_in_the_same_words(tmp_path):
     path = tmp_path / "arm.yaml"
     text = ODRIVE.read_text(encoding="utf-8").replace("urdf: ..", f"urdf: {ROOT}")
     path.write_text(text.replace("dh: ..", f"dh: {ROOT}") + "\ngains: {a: 1}\n", encoding="utf-8")
@@ -483,13 +481,13 @@ def test_gains_that_no_run_takes_are_refused_in_the_same_words(tmp_path):
     assert doctor.stderr == run("probe", "--robot", path, "--wire", "-o", tmp_path / "s.mcap").stderr
 
 
-def test_a_port_that_is_not_there_is_a_failure_with_a_remedy():
+def test_missing_port_is_a_failure_with_a_remedy():
     found = failures(finding for _, finding in examine_ports(load_robot_file(ODRIVE)))
     assert [finding.subject for finding in found] == ["port of motors", "port of load_cell"]
     assert "ip link set can0 up" in found[0].remedy
 
 
-def test_the_command_shows_lines_and_what_to_do_next():
+def test_command_shows_findings_and_next_steps():
     result = done("doctor", "--robot", ODRIVE, "--wire", "--move", "--yes")
     assert "ok    joint 2 (node 1)" in result.stdout
     assert "'odrive_3dof' passes all checks" in result.stdout
@@ -514,7 +512,7 @@ def test_ctrl_c_during_the_small_motion_is_reported(monkeypatch):
     assert next(ticks) == 801  # it was moving, and then no more
 
 
-def test_a_no_to_power_is_not_called_well(monkeypatch):
+def test_declined_power_is_not_reported_as_passed(monkeypatch):
     monkeypatch.setattr("palpate.commands.doctor._has_terminal", lambda: True)
     monkeypatch.setattr("typer.confirm", lambda question, **_: "Hands away" not in question)
     result = run("doctor", "--robot", ODRIVE, "--wire", "--move")
@@ -541,7 +539,7 @@ def test_next_command_repeats_the_given_options(tmp_path, monkeypatch):
     assert f"--as-built {other} --drivers {module} --move" in said
 
 
-def test_a_simulated_arm_is_probed_as_it_is_and_a_failure_is_exit_code_1_also_as_json():
+def test_simulated_arm_is_probed_and_a_failure_is_exit_code_1_also_as_json():
     assert "probe --robot follower  " in next_lines(run("doctor", "--robot", "follower"))
     result = run("doctor", "--robot", DYNAMIXEL, "--json")  # no such port on this machine
     assert result.exit_code == 1

@@ -48,7 +48,7 @@ def test_effects_are_listed_and_one_is_described_and_plotted():
     assert ["probe", "--hidden", "backlash", "-o", "backlash.mcap"] in next_commands(result)
 
 
-def test_a_force_of_rounding_errors_is_drawn_from_zero(monkeypatch):
+def test_force_of_rounding_errors_is_drawn_from_zero(monkeypatch):
     monkeypatch.setenv("COLUMNS", "60")  # which a pipe heeds too
     told = run("effects", "dry_friction").stdout
     assert "contact force [N], 0 to 4.73:" in told
@@ -74,7 +74,7 @@ def test_invalid_display_option_is_refused(arguments, words, hardening):
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])
-def test_lists_and_drawings_fit_the_terminal_and_break_no_name(width):
+def test_lists_and_plots_fit_the_terminal_and_break_no_name(width):
     out = io.StringIO()
     console = Console(file=out, width=width, no_color=True)
     print_library(console, library())
@@ -86,7 +86,7 @@ def test_lists_and_drawings_fit_the_terminal_and_break_no_name(width):
     assert set(EFFECTS) <= set(out.getvalue().split())
 
 
-def test_every_plain_example_is_drawn_and_shows_something():
+def test_every_plain_example_is_drawn_and_visible():
     examples = {
         one.name: example
         for one in library()
@@ -116,7 +116,7 @@ def test_curve_is_drawn_at_its_coordinates():
     assert all(char > BLANK for char in flat[-1])
 
 
-def test_the_document_has_the_same_tables():
+def test_document_has_the_same_tables():
     text = DOCUMENT.read_text(encoding="utf-8")
     assert renewed(text) == text
 
@@ -125,7 +125,7 @@ DATA = session(1, lambda t, x, v, run: kelvin_voigt(x, v))
 
 
 @pytest.mark.parametrize("name", EFFECTS)
-def test_palpates_own_effects_pass(name):
+def test_own_effects_pass_their_checks(name):
     for kind in ChannelKind:
         try_effect(guarded(EFFECTS[name]()), replace(DATA, kind=kind))
 
@@ -152,7 +152,7 @@ SPOILT = {
 
 
 @pytest.mark.parametrize("said", SPOILT)
-def test_columns_that_nothing_could_be_fitted_to_are_refused(said, monkeypatch):
+def test_columns_without_possible_fit_are_refused(said, monkeypatch):
     if "0.2 s" in said:  # the others may take their time on a busy machine
         monkeypatch.setattr(palpate.study, "LIMIT_S", 0.2)
     spoilt = type("Spoilt", (SoundEffect,), {"columns": lambda self, data, inner: SPOILT[said](data)})
@@ -257,7 +257,7 @@ class Mine(AdditiveEffect):
         ("data.position", "data.depth", 15, "depth"),
     ],
 )
-def test_the_error_of_an_own_effect_names_the_user_s_line(tmp_path, sound, wrong, line, words):
+def test_error_of_a_user_effect_names_its_line(tmp_path, sound, wrong, line, words):
     assert sound in OWN
     (tmp_path / "mine.py").write_text(OWN.replace(sound, wrong))
     with pytest.raises(InputError, match=words) as error:
@@ -265,7 +265,7 @@ def test_the_error_of_an_own_effect_names_the_user_s_line(tmp_path, sound, wrong
     assert f"(mine.py, line {line})" in str(error.value)
 
 
-def test_a_sound_effect_gives_what_it_gave_before_and_keeps_its_module():
+def test_valid_effect_is_unchanged_by_the_checks_and_keeps_its_module():
     effect = guarded(Power())
     assert np.array_equal(
         effect.columns(GUARDED_DATA, {"d": 0.018}), Power().columns(GUARDED_DATA, {"d": 0.018})
@@ -278,5 +278,5 @@ def test_a_sound_effect_gives_what_it_gave_before_and_keeps_its_module():
     ("name", "hint"),
     [("layered", "; did you mean 'layered_stiffness'?"), ("stress", "; did you mean 'stress_relaxation'?")],
 )
-def test_a_part_of_one_name_alone_is_enough_for_a_hint(name, hint):
+def test_one_matching_part_of_a_name_is_enough_for_a_hint(name, hint):
     assert_refused(run("effects", name), f"no effect is called '{name}'{hint}")

@@ -54,7 +54,7 @@ main.main()
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
-def test_a_diagnosis_that_is_ended_ends_its_workers_at_once(number):
+def test_ended_diagnosis_ends_its_workers_at_once(number):
     with subprocess.Popen([sys.executable, "-c", DIAGNOSING], stdout=subprocess.PIPE, cwd=ROOT) as program:
         assert [program.stdout.readline() for _ in range(2)] == [b"begun\n"] * 2
         program.send_signal(number)
@@ -74,7 +74,7 @@ time.sleep(60)
 """
 
 
-def test_a_workbench_that_is_killed_leaves_no_process_behind(tmp_path):
+def test_killed_workbench_leaves_no_process_behind(tmp_path):
     command = [sys.executable, "-c", FITTING_AHEAD, str(write_presses(tmp_path / "press.csv"))]
     with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=ROOT) as program:
         assert program.stdout.readline() == b"begun\n"
@@ -83,7 +83,7 @@ def test_a_workbench_that_is_killed_leaves_no_process_behind(tmp_path):
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_program_that_is_ended_leaves_no_half_of_a_file(number, tmp_path):
+def test_ended_program_leaves_no_partial_file(number, tmp_path):
     command = [sys.executable, "-c", HALF_WRITTEN, str(tmp_path / "x")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=ROOT) as program:
         program.stdout.readline()

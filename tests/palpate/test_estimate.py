@@ -52,7 +52,7 @@ def test_every_estimator_finds_the_simulated_object(probed):
         assert estimate["surface"]["position_m"] == pytest.approx(-0.05, abs=1e-4)
 
 
-def test_the_table_shows_truth_error_and_interval_of_three_estimators_unless_asked_for_others(probed):
+def test_table_shows_truth_error_and_interval_of_chosen_estimators(probed):
     shown = run("estimate", probed[0]).stdout
     for words in (
         *("k", "[N/m]", "[N s/m]", "±", "error", "truth", "500"),
@@ -96,7 +96,7 @@ def test_adequate_model_passes_the_residual_checks(probed, tmp_path):
         assert estimate_json(file, "--estimator", "lsq")["channels"][0]["misfit"]["times"] < 1.5
 
 
-def test_a_force_with_the_wrong_sign_is_pointed_out_by_every_estimator(tmp_path):
+def test_wrong_force_sign_is_reported(tmp_path):
     file = contact_csv(tmp_path / "mine.csv", force_scale=-1.0)
     kept = run("estimate", file, "--estimator", "lsq", "--unit", "force=1N", "--unit", "displacement=1m")
     assert "the sign of effort or motion is reversed" in " ".join(kept.stdout.split())
@@ -129,7 +129,7 @@ def test_implausible_data_are_reported_and_estimated(tmp_path):
     assert estimate["parameters"]["stiffness.k"]["value"] == pytest.approx(4.0, rel=0.02)
 
 
-def test_other_names_and_units_are_given_as_options(tmp_path):
+def test_columns_and_units_are_given_as_options(tmp_path):
     file = contact_csv(tmp_path / "mine.csv", force_scale=1000.0, names=("clock", "depth", "load", "run"))
     options = []
     for pair in ("time_s=clock", "displacement_m=depth", "force_mN=load"):
@@ -137,7 +137,7 @@ def test_other_names_and_units_are_given_as_options(tmp_path):
     assert lsq_parameters(file, *options)["stiffness.k"]["value"] == pytest.approx(400, rel=0.01)
 
 
-def test_an_imported_session_gives_what_its_file_gives(tmp_path):
+def test_imported_session_gives_the_estimates_of_its_file(tmp_path):
     file = contact_csv(tmp_path / "mine.csv")
     assert run("import", file, "-o", tmp_path / "mine.mcap").exit_code == 0
     from_file, from_session = estimate_json(file), estimate_json(tmp_path / "mine.mcap")
@@ -175,7 +175,7 @@ def joint(tmp_path):
     return write_table(tmp_path / "joint.csv", time_s=t, position_rad=position, torque_Nm=torque)
 
 
-def test_a_joint_is_estimated_with_a_joint_model(joint):
+def test_joint_is_estimated_with_a_joint_model(joint):
     (channel,) = estimate_json(joint, "--model", "inertia", "--estimator", "lsq")["channels"]
     values = [parameter["value"] for parameter in channel["estimates"][0]["parameters"].values()]
     assert values == pytest.approx([0.2, 0.5], rel=0.01)
@@ -201,7 +201,7 @@ def test_unphysical_parameter_is_reported_once_as_undetermined(tmp_path):
 
 
 @pytest.mark.parametrize(("damping", "state"), [(6.0, "yes"), (0.0, "no")])
-def test_a_parameter_whose_interval_holds_zero_is_not_called_determined(tmp_path, damping, state):
+def test_parameter_with_zero_in_its_interval_is_not_determined(tmp_path, damping, state):
     file = write_presses(tmp_path / "mine.csv", force_of=lambda x, v: 400 * x + damping * v)
     parameters = lsq_parameters(file)
     low, high = parameters["damping.c"]["interval"]
@@ -213,7 +213,7 @@ def test_a_parameter_whose_interval_holds_zero_is_not_called_determined(tmp_path
 
 @pytest.mark.parametrize("width", [60, 120])
 @pytest.mark.parametrize("model", ["kelvin_voigt", "hunt_crossley", "spring_mass_damper"])
-def test_values_stay_under_their_headings(hardening, monkeypatch, model, width):
+def test_values_are_aligned_with_their_headings(hardening, monkeypatch, model, width):
     monkeypatch.setenv("COLUMNS", str(width))
     lines = run("estimate", hardening, "--model", model).stdout.splitlines()
     rule = next(number for number, line in enumerate(lines) if set(line) == {"─", " "})
@@ -227,7 +227,7 @@ def test_values_stay_under_their_headings(hardening, monkeypatch, model, width):
             assert row[title.end() : title.end() + 2].strip() == ""
 
 
-def test_a_model_without_what_it_needs_is_refused(joint, probed, tmp_path):
+def test_model_without_its_inputs_is_refused(joint, probed, tmp_path):
     assert_refused(run("estimate", joint, "--model", "rigid_body_fitted"), "--urdf")
     assert_refused(
         run("estimate", joint, "--model", "rigid_body_fitted", "--urdf", tmp_path / "x"), "no such file"
@@ -235,14 +235,14 @@ def test_a_model_without_what_it_needs_is_refused(joint, probed, tmp_path):
     assert_refused(run("estimate", probed[0], "--model", "rigid_body"), "no free parameter")
 
 
-def test_a_model_with_many_parameters_gets_a_row_for_each(probed):
+def test_model_with_many_parameters_gets_a_row_for_each(probed):
     chosen = ("--model", "rigid_body_fitted", "--estimator", "lsq", "--where", "run=0")
     result = done("estimate", probed[0], *chosen)
     rows = [line for line in result.stdout.splitlines() if "kg m" in line]
     assert len(rows) > 6
 
 
-def test_one_estimator_that_cannot_work_does_not_end_the_others(tmp_path):
+def test_failing_estimator_does_not_end_the_others(tmp_path):
     """Four samples are too few for a subset of RANSAC."""
     depth, t = np.array([-0.001, 0.001, 0.005, 0.012, 0.02]), np.arange(5) / 100
     force = 500 * depth.clip(0) + np.array([0.0, 0.1, -0.1, 0.1, -0.1])
@@ -253,7 +253,7 @@ def test_one_estimator_that_cannot_work_does_not_end_the_others(tmp_path):
     assert_refused(run("estimate", file, "--estimator", "ransac"), "ransac")
 
 
-def test_names_of_estimators():
+def test_estimator_names_are_parsed():
     assert choose_estimators("all") == list(ESTIMATORS)
     assert choose_estimators(" lsq , robust") == ["lsq", "robust"]
 
@@ -277,16 +277,16 @@ def test_names_of_estimators():
         (59938329000.0, 205928000.0, "59940000000"),
     ],
 )
-def test_a_value_has_as_many_digits_as_its_uncertainty_allows(value, uncertainty, text):
+def test_value_has_as_many_digits_as_its_uncertainty_allows(value, uncertainty, text):
     assert significant(value, uncertainty) == text
 
 
-def test_an_unknown_interval_is_shown_as_unknown():
+def test_unknown_interval_is_shown_as_unknown():
     unknown = ParameterEstimate("k", "N/m", 5.0, float("nan"), (float("nan"), float("nan")))
     assert value_text(unknown) == "5 (not determined)"
 
 
-def test_the_object_s_truth_is_not_held_against_a_joint(probed):
+def test_truth_of_the_object_is_not_compared_with_a_joint(probed):
     chosen = ("--model", "spring_mass_damper", "--estimator", "lsq", "--where", "run=0")
     data = estimate_json(probed[0], *chosen)
     joints = [channel for channel in data["channels"] if channel["channel"] != "contact"]
@@ -317,7 +317,7 @@ def test_options_of_data_files_are_refused_for_a_session(probed):
     assert_refused(run("estimate", probed[0], "--column", "force_N=load"), "--column", "data files")
 
 
-def test_a_model_for_something_else_is_refused_in_words(probed, tmp_path):
+def test_model_for_another_channel_is_refused_in_words(probed, tmp_path):
     refused = run("estimate", contact_csv(tmp_path / "mine.csv"), "--model", "inertia")
     words = ("describes a prismatic joint or revolute joint", "contact (contact)", "--model: hunt_crossley")
     assert_refused(refused, *words)

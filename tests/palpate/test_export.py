@@ -31,7 +31,7 @@ def fitted(channel, runs=0, surface=None, **values):
     return FittedChannel(revision(channel=channel, parameters=kept), surface, runs)
 
 
-def test_every_effect_of_the_simulator_is_reached_by_the_name_of_a_fitted_one():
+def test_every_simulator_effect_has_a_fitted_counterpart():
     known = {**CONTACT, **JOINT, **ARM, **SENSOR}
     # a gain is found by calibration, not by a fit; a dead band by the contact and by the joints
     assert set(known) - {"force_deadband"} == set(IMPERFECTIONS) - {"sensor_gain"}
@@ -62,9 +62,7 @@ def test_typical_values_of_every_effect_can_be_exported(terms, channel):
 @pytest.mark.parametrize(
     ("presliding_m", "slip_m", "lost"), [(1e-7, 1e-6, 1), (1e-6, 1e-6, 0), (2e-4, 2e-4, 0)]
 )
-def test_friction_that_turns_round_at_once_is_exported_as_fast_as_can_be_simulated(
-    presliding_m, slip_m, lost
-):
+def test_immediate_friction_reversal_is_exported_at_the_fastest_rate(presliding_m, slip_m, lost):
     shown = {"force": 2.0, "presliding": presliding_m, "transition": 0.004}
     parameters = {"stiffness__k": 500.0} | {f"dry_friction__{name}": value for name, value in shown.items()}
     export = export_scenario(Scenario(), [fitted("contact", **parameters)], "x")
@@ -118,12 +116,12 @@ def test_unsupported_simulator_terms_are_reported():
     assert "a damping of -3 N s/m would add energy" in export_scenario(Scenario(), [pushing], "x").used[1]
 
 
-def test_a_wrong_motor_constant_is_turned_round():
+def test_wrong_motor_constant_is_inverted():
     (entry,) = export_scenario(Scenario(), [fitted("joint_1", 3, torque_gain__gain=0.8)], "x").scenario.hidden
     assert entry.gain == pytest.approx(1.25)
 
 
-def test_an_imported_file_becomes_an_object(tmp_path, monkeypatch):
+def test_imported_file_becomes_an_object(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     data = write_presses(tmp_path / "hard.csv")
     assert run("add", data, "cubic_stiffness").exit_code == 0
@@ -137,7 +135,7 @@ def test_an_imported_file_becomes_an_object(tmp_path, monkeypatch):
     assert not (tmp_path / "page.csv").exists()
 
 
-def test_a_world_that_cannot_be_read_leaves_no_revision(probed, tmp_path, monkeypatch):
+def test_unreadable_world_leaves_no_revision(probed, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     recorded = Session.open(probed[0])
     ticks = recorded.samples("tick")
@@ -149,7 +147,7 @@ def test_a_world_that_cannot_be_read_leaves_no_revision(probed, tmp_path, monkey
     assert list(tmp_path.iterdir()) == [session]
 
 
-def test_a_base_model_that_misses_the_data_is_exported_with_a_warning(tmp_path, monkeypatch):
+def test_inadequate_base_model_is_exported_with_a_warning(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     hardening, linear = (write_presses(tmp_path / f"{cubic}.csv", cubic=cubic) for cubic in (2e6, 0.0))
     said = " ".join(done("export", hardening).stderr.split())
@@ -160,7 +158,7 @@ def test_a_base_model_that_misses_the_data_is_exported_with_a_warning(tmp_path, 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("log_in_process")
-def test_the_world_reproduces_the_force_that_was_measured(tmp_path):
+def test_world_reproduces_the_measured_force(tmp_path):
     """Probe an object with something hidden, find it, and probe what was found, by another noise."""
     hidden = tmp_path / "hidden.yaml"
     hidden.write_text("hidden: [{effect: stress_relaxation, stiffness_n_m: 250.0, time_s: 0.2}]\n")
@@ -185,7 +183,7 @@ def force_of(session, number):
     return ticks["force_n"][mine]
 
 
-def test_revisions_of_other_rows_are_not_gone_on_from(tmp_path, monkeypatch):
+def test_revisions_of_other_rows_are_not_continued(tmp_path, monkeypatch):
     """One file of two specimens, the second softer: the name of the file is all that its revisions share."""
     monkeypatch.chdir(tmp_path)
     hard, soft = write_presses(tmp_path / "a.csv"), write_presses(tmp_path / "b.csv", cubic=0.0, seed=5)
@@ -243,7 +241,7 @@ def test_long_session_shows_the_first_value_of_each_message(program, tmp_path, m
     assert {"tick.force_n[0]", "tick.joint_position_rad[2]"} <= set(series_of(program, tmp_path / "layout"))
 
 
-def test_every_panel_of_foxglove_has_its_place_and_plotjuggler_stacks_its_plots(session, tmp_path):
+def test_foxglove_layout_places_every_panel_and_plotjuggler_stacks_its_plots(session, tmp_path):
     """Plotjuggler's plot_docker.cpp writes "-" for a splitter that is vertical, and "|" for side by side."""
     run("export", session, "--layout", "foxglove", "-o", tmp_path / "panels")
     layout = json.loads((tmp_path / "panels").read_text())
@@ -258,7 +256,7 @@ def test_every_panel_of_foxglove_has_its_place_and_plotjuggler_stacks_its_plots(
     assert len(split.get("sizes").split(";")) == len(split) == int(split.get("count"))
 
 
-def test_a_session_without_streams_has_no_layout(tmp_path):
+def test_session_without_streams_has_no_layout(tmp_path):
     path = write_session(tmp_path / "x.mcap", [], SessionMetadata())
     assert_refused(run("export", path, "--layout", "foxglove"), "no stream with anything to plot")
 
@@ -279,7 +277,7 @@ def test_stream_is_read_back_exactly(session, tmp_path, ending):
         np.testing.assert_array_equal(table[name].to_numpy(), values)
 
 
-def test_parquet_keeps_the_units_and_events_are_a_table_with_their_text(session, tmp_path):
+def test_parquet_keeps_units_and_events_are_a_table_with_their_text(session, tmp_path):
     table = exported(session, "tick", tmp_path / "t.parquet")
     assert table.schema.field("torque_sent_nm_3").metadata[b"unit"] == b"N m"
     table = exported(session, "events", tmp_path / "e.parquet").to_pydict()
@@ -295,7 +293,7 @@ def test_session_without_channels_exports_streams_and_events(tmp_path):
     assert_refused(run("export", path, "--stream", "tick", "-o", tmp_path / "t.csv"), "There are: events")
 
 
-def test_a_channel_is_imported_again_as_the_same(probed, tmp_path):
+def test_channel_is_imported_again_unchanged(probed, tmp_path):
     file = tmp_path / "contact.csv"
     exported(probed[0], "contact", file)
     first, again = (Study(path, keep=False).channel("contact").data for path in (probed[0], file))
@@ -305,7 +303,7 @@ def test_a_channel_is_imported_again_as_the_same(probed, tmp_path):
     assert next_commands(told) == [["import", str(file)]]
 
 
-def test_without_a_name_it_goes_where_what_is_derived_lies(session):
+def test_default_output_is_in_the_results_folder(session):
     told = as_json("export", session, "--stream", "tick")
     assert told["table"] == str(session.with_suffix("") / "tick.csv")
     assert "force_n" in told["columns"]

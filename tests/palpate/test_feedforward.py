@@ -124,7 +124,7 @@ def states(count):
     return rng.uniform([-3.0, -3.0, -30.0], [3.0, 3.0, 30.0], (count, 3)).tolist()
 
 
-def test_the_function_is_the_joints_own_law_and_the_zero_of_the_sensor_is_left_out(swinging):
+def test_function_is_the_joint_s_own_law_without_the_sensor_zero(swinging):
     _, folder, _ = swinging
     feedforward = function_of(folder)
     for q, v, a in states(50):
@@ -139,7 +139,7 @@ def test_the_function_is_the_joints_own_law_and_the_zero_of_the_sensor_is_left_o
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-def test_the_c_function_gives_the_numbers_of_the_python_function(swinging, tmp_path):
+def test_c_function_matches_the_python_function(swinging, tmp_path):
     _, folder, _ = swinging
     library = tmp_path / "ff.so"
     strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2", "-ffp-contract=off"]
@@ -154,7 +154,7 @@ def test_the_c_function_gives_the_numbers_of_the_python_function(swinging, tmp_p
 
 
 @pytest.mark.parametrize("name", ["a*/b", "a*\\b", 'a"""b', "a-->b"])
-def test_a_file_name_ends_no_comment(name):
+def test_file_name_ends_no_comment(name):
     assert not any(end in as_comment(name) for end in ("*/", '"""', "--"))
 
 
@@ -182,7 +182,7 @@ def test_without_revisions_the_base_model_is_written(swinging, tmp_path):
     assert made.terms[0].inertia == study.fit("joint_1").values["inertia.m"]
 
 
-def test_revisions_of_other_data_or_of_another_base_model_are_not_ignored(tmp_path):
+def test_revisions_of_other_data_or_base_model_are_reported(tmp_path):
     study = Study(swings(4), "inertia", folder=tmp_path)
     study.add("coulomb_friction")
     other_data = Study(swings(5), "inertia", folder=tmp_path)
@@ -221,6 +221,6 @@ def test_effects_without_feedforward_are_refused(swinging, arguments, words, tmp
     assert not list(tmp_path.iterdir())
 
 
-def test_a_contact_has_no_feedforward(hardening, tmp_path):
+def test_contact_has_no_feedforward(hardening, tmp_path):
     result = run("export", hardening, "--format", "feedforward", "-o", tmp_path / "ff.yaml")
     assert_refused(result, "no channel is a joint", "Channels: contact")

@@ -24,7 +24,7 @@ def moved(goals, ticks_each):
     return reference, [np.array(part) for part in zip(*motions, strict=True)]
 
 
-def test_goals_are_reached_within_the_limits_without_overshoot_or_steps():
+def test_goals_are_reached_within_limits_without_overshoot_or_steps():
     reference, (position, velocity, acceleration) = moved([(2.0, -2.0)], 4000)
     assert reference.arrived
     assert position[-1] == pytest.approx([2.0, -2.0], abs=1e-3)
@@ -51,7 +51,7 @@ def arm_near(goal, arm):
     raise AssertionError(f"never at {goal}: {measurement}")
 
 
-def test_an_arm_follows_goals_up_to_its_limits_and_returns_to_where_it_was(tmp_path):
+def test_arm_follows_goals_up_to_its_limits_and_returns(tmp_path):
     arm = FollowingArm(job(tmp_path))
     with pytest.raises(LifecycleError, match="not running"):
         arm.measure()
@@ -74,7 +74,7 @@ def test_an_arm_follows_goals_up_to_its_limits_and_returns_to_where_it_was(tmp_p
     assert not samples["guard_tripped"].any()
 
 
-def test_a_stop_of_the_guard_is_raised_and_stays(tmp_path):
+def test_guard_stop_is_raised_and_persists(tmp_path):
     folder = tmp_path / "arm"
     shutil.copytree(shipped_robots()["follower"].parent, folder)
     weak = (folder / "follower.yaml").read_text().replace("force_n: 60.0", "force_n: 3.0")

@@ -99,7 +99,7 @@ def test_folder_deleted_during_a_run_is_reported(tmp_path, monkeypatch):
     assert "change to another one" in preflight.first_problem()
 
 
-def test_the_checks_need_nothing_but_the_standard_library():
+def test_checks_need_only_the_standard_library():
     source = Path(preflight.__file__)
     program = (
         f"import runpy; print(sorted(runpy.run_path({str(source)!r})['first_problem'].__code__.co_names))"

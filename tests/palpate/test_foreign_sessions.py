@@ -36,7 +36,7 @@ def assert_nobody_reads(session, match):
 @pytest.mark.parametrize(
     "name", ["force_n", "phase", "run", "joint_position_rad", "torque_measured_nm", "surface_m"]
 )
-def test_a_column_that_is_missing_is_named(name, tmp_path):
+def test_missing_column_is_named(name, tmp_path):
     columns, data = columns_and_data()
     del data[name]
     session = session_of(tmp_path / "x.mcap", [c for c in columns if c.name != name], data)
@@ -44,7 +44,7 @@ def test_a_column_that_is_missing_is_named(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["encoder_at_s", "torque_at_s", "force_at_s"])
-def test_a_sample_of_another_clock_is_named(name, tmp_path):
+def test_sample_of_another_clock_is_named(name, tmp_path):
     columns, data = columns_and_data()
     data[name][7] = 1e18
     session = session_of(tmp_path / "x.mcap", columns, data)
@@ -89,7 +89,7 @@ def test_unused_signals_may_be_missing(tmp_path):
         ("phase", 1, "float64", "is float64, expected int32"),
     ],
 )
-def test_a_column_of_another_form_is_named(name, width, dtype, words, tmp_path):
+def test_column_of_another_form_is_named(name, width, dtype, words, tmp_path):
     columns, data = columns_and_data()
     changed = [Column(c.name, c.unit, width, c.doc, dtype) if c.name == name else c for c in columns]
     data[name] = np.zeros((len(data["run"]), width) if width > 1 else len(data["run"]), dtype)
@@ -117,7 +117,7 @@ def test_error_for_a_nan_names_its_tick(name, value, words, tmp_path):
         checked_ticks(session)
 
 
-def test_a_sample_that_its_device_does_not_stand_for_may_hold_anything(tmp_path):
+def test_invalid_sample_may_hold_anything(tmp_path):
     columns, data = columns_and_data()
     data["force_n"][700] = np.nan
     data["force_status"][700] = Status.FAULT
@@ -128,13 +128,13 @@ def test_a_sample_that_its_device_does_not_stand_for_may_hold_anything(tmp_path)
 
 
 @pytest.mark.parametrize("device", ["encoder", "torque", "force"])
-def test_a_device_that_never_gave_a_good_sample_is_no_fault_of_the_file(device, tmp_path):
+def test_device_without_a_good_sample_is_no_file_fault(device, tmp_path):
     columns, data = columns_and_data()
     data[f"{device}_status"][:] = Status.STALE
     assert len(checked_ticks(session_of(tmp_path / "x.mcap", columns, data)))
 
 
-def test_a_session_without_a_tick_is_checked_as_well(tmp_path):
+def test_session_without_a_tick_is_checked_too(tmp_path):
     columns, data = columns_and_data()
     empty = session_of(tmp_path / "x.mcap", columns, {name: values[:0] for name, values in data.items()})
     assert len(checked_ticks(empty)) == 0
@@ -151,7 +151,7 @@ def test_commands_refuse_in_one_line(tmp_path):
 @pytest.mark.parametrize(
     "urdf", ["no URDF", "<!DOCTYPE r [<!ENTITY a 'b'>]><robot name='&a;'>&a;", "<robot/>"]
 )
-def test_a_urdf_that_cannot_be_drawn_is_one_line(urdf, tmp_path, capfd):
+def test_undrawable_urdf_is_one_line(urdf, tmp_path, capfd):
     synthetic_session(tmp_path / "x.mcap", urdf=urdf)
     result = run("inspect", tmp_path / "x.mcap", "--save", tmp_path / "x.rrd")
     assert_refused(result, "session 'x': its URDF cannot be shown")
@@ -169,7 +169,7 @@ TEXTURE = (
 @pytest.mark.parametrize(
     "part", [MESH, MESH.format("file://{}"), MESH.format("../../../../../..{}"), TEXTURE]
 )
-def test_no_file_that_a_sessions_urdf_names_is_read(part, tmp_path):
+def test_files_named_by_a_session_s_urdf_are_not_read(part, tmp_path):
     secret = tmp_path / "secret.stl"
     secret.write_text("solid KEEP-THIS\nendsolid KEEP-THIS\n")
     urdf = synthetic.urdf().replace("</link>", part.format(secret) + "</link>", 1)
@@ -197,7 +197,7 @@ def imported(rows):
         ("time_s", slice(7), "times must increase within a run"),
     ],
 )
-def test_an_imported_stream_is_looked_at_as_well(name, value, words, tmp_path):
+def test_imported_stream_is_checked_too(name, value, words, tmp_path):
     columns, data = imported(50)
     if value is None:
         del data[name]
@@ -212,7 +212,7 @@ def test_an_imported_stream_is_looked_at_as_well(name, value, words, tmp_path):
     assert words in str(caught.value)
 
 
-def test_an_imported_stream_without_a_sample_is_nothing_to_show(tmp_path):
+def test_imported_stream_without_samples_shows_nothing(tmp_path):
     columns, data = imported(0)
     write_session(tmp_path / "x.mcap", [(Stream("contact", tuple(columns)), data)], SessionMetadata())
     assert_refused(

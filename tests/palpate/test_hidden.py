@@ -59,7 +59,7 @@ def test_only_the_sealed_file_contains_the_hidden_effect(mystery):
     assert "hidden" not in metadata.scenario
 
 
-def test_the_unit_of_a_sensor_s_effect_is_that_of_its_signal():
+def test_unit_of_a_sensor_effect_is_that_of_its_signal():
     units = {
         channel: IMPERFECTIONS["drift"](channel=channel, rate_1_s=1.0).values()["rate_1_s"][1]
         for channel in ("contact", "joint_1", "encoder_1")
@@ -68,12 +68,12 @@ def test_the_unit_of_a_sensor_s_effect_is_that_of_its_signal():
 
 
 @pytest.mark.parametrize(("second", "shown"), [(0.0, 2), (100.0, 4)])
-def test_a_second_branch_is_revealed_only_where_there_is_one(second, shown):
+def test_second_branch_is_revealed_only_if_present(second, shown):
     entry = {"effect": "stress_relaxation", "stiffness_n_m": 250.0, "time_s": 0.1}
     assert len(parse_imperfection(entry | {"second_stiffness_n_m": second}).values()) == shown
 
 
-def test_effects_of_a_file_act_and_their_file_is_not_named_in_the_session(tmp_path, monkeypatch):
+def test_effects_of_a_file_act_and_are_not_named_in_the_session(tmp_path, monkeypatch):
     entry = {"effect": "cubic_stiffness", "cubic_n_m3": 2e6}
     (tmp_path / "cubic.yaml").write_text(f"hidden: [{json.dumps(entry)}]\n")
     path = tmp_path / "a.mcap"
@@ -105,14 +105,14 @@ def test_scenario_with_hidden_effects_is_sealed_and_not_stored(tmp_path):
     assert still.mean() == pytest.approx(0.5, abs=0.01)
 
 
-def test_an_effect_that_is_named_is_drawn_in_place_and_strength():
+def test_named_effect_is_drawn_in_place_and_strength():
     (first,), (second,) = (hide(Scenario(seed=seed), "coulomb_friction").hidden for seed in (1, 2))
     assert first.name == second.name == "coulomb_friction"
     assert first != second
     assert hide(Scenario(seed=1), "coulomb_friction").hidden == (first,)
 
 
-def test_a_session_with_nothing_hidden_has_no_sealed_answer(probed):
+def test_session_without_hidden_effects_has_no_sealed_answer(probed):
     assert not sealed_path(probed[0]).exists()
     assert probed[1]["sealed"] is None
     told = done("reveal", probed[0])
@@ -121,7 +121,7 @@ def test_a_session_with_nothing_hidden_has_no_sealed_answer(probed):
     assert as_json("reveal", probed[0])["hidden"] == []
 
 
-def test_an_answer_that_was_taken_away_or_is_to_another_session_is_refused(mystery, tmp_path):
+def test_missing_or_foreign_answer_is_refused(mystery, tmp_path):
     """Two programs that probe at once to one name leave one whose time agrees, and its mark does not."""
     path = tmp_path / "a.mcap"
     path.write_bytes(mystery.read_bytes())
@@ -143,7 +143,7 @@ def test_existing_answer_file_is_preserved_and_probing_is_refused(tmp_path):
     ]
 
 
-def test_a_session_that_is_there_already_gets_no_other_answer(tmp_path, mystery):
+def test_existing_session_gets_no_other_answer(tmp_path, mystery):
     """Whoever loses the race for the session's name seals nothing."""
     answer = sealed_path(mystery).read_text()
     job = ArmJob(find_robot("follower"), mystery)

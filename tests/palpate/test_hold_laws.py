@@ -31,7 +31,7 @@ def held(tmp_path, law, online, stiffness_n_m=1500.0, damping_n_s_m=20.0, **plan
 
 @pytest.mark.parametrize("law", list(HOLD_LAWS))
 @pytest.mark.parametrize("stiffness_n_m", [400.0, 4000.0])
-def test_every_law_holds_the_force_with_an_estimate_of_its_own(tmp_path, law, stiffness_n_m):
+def test_every_law_holds_the_force_with_its_own_estimate(tmp_path, law, stiffness_n_m):
     force_n = held(tmp_path, law, "rls", stiffness_n_m)["force_n"][-300:]
     assert np.mean(force_n) == pytest.approx(10.0, abs=0.1)
     assert np.std(force_n) < 0.06
@@ -47,7 +47,7 @@ def test_excitation_makes_the_gradient_find_the_damping(tmp_path):
     assert excited["stiffness_n_m"][-1] == pytest.approx(1500.0, rel=0.1)
 
 
-def test_a_force_is_held_with_a_model_reference_stiffness(tmp_path):
+def test_force_is_held_with_a_model_reference_stiffness(tmp_path):
     found = held(tmp_path, "constant_force", "model_reference", damping_n_s_m=0.0)
     assert np.mean(found["force_n"][-300:]) == pytest.approx(10.0, abs=0.1)
     assert found["stiffness_n_m"][-1] == pytest.approx(1500.0, rel=0.15)

@@ -39,7 +39,7 @@ def good(tmp_path):
     return saved(tmp_path / "good.csv", GOOD)
 
 
-def test_a_file_becomes_a_session(good, tmp_path):
+def test_file_becomes_a_session(good, tmp_path):
     result = run("import", good, "-o", tmp_path / "good.mcap", "--json")
     said = json.loads(result.stdout)
     (channel,) = said["channels"]
@@ -49,9 +49,7 @@ def test_a_file_becomes_a_session(good, tmp_path):
     assert session.samples("contact")["force_n"][19] == pytest.approx(1.9)
 
 
-def test_the_command_that_a_session_keeps_can_be_typed_again_and_without_a_name_goes_to_sessions(
-    good, tmp_path, monkeypatch
-):
+def test_stored_command_can_be_repeated_and_the_default_folder_is_sessions(good, tmp_path, monkeypatch):
     monkeypatch.setattr("sys.argv", ["palpate", "import", "good.csv", "--context", "room temp"])
     run("import", good, "-o", tmp_path / "good.mcap")
     kept = Session.open(tmp_path / "good.mcap").metadata.command_line
@@ -81,7 +79,7 @@ def test_import_preview_shows_list_columns(tmp_path):
     assert "['a', 'b']" in result.stdout
 
 
-def test_a_session_is_not_called_a_table(good, tmp_path):
+def test_session_is_not_named_like_a_table(good, tmp_path):
     for name in ("x.csv", "x"):
         assert_refused(run("import", good, "-o", tmp_path / name), "ends in .mcap", f"{tmp_path / 'x.mcap'}")
     assert list(tmp_path.iterdir()) == [good]
@@ -130,7 +128,9 @@ DIAGNOSED = {plain, savetxt, one_file_a_run, joint_log}  # the others hold the s
 
 @pytest.mark.parametrize(("write", "verdict", "truth"), [(w, *t) for w, t in LABORATORIES.items()], ids=IDS)
 @pytest.mark.usefixtures("few_effects")
-def test_a_file_is_diagnosed_or_compared_as_it_is(tmp_path, monkeypatch, write, verdict, truth):
+def test_laboratory_file_is_diagnosed_or_compared_without_options(
+    tmp_path, monkeypatch, write, verdict, truth
+):
     monkeypatch.chdir(tmp_path)
     (channel,) = as_json("diagnose" if write in DIAGNOSED else "compare", write(tmp_path))["channels"]
     if write in DIAGNOSED:
@@ -176,7 +176,7 @@ def test_import_preview_shows_columns_runs_and_phases_and_stores_nothing(tmp_pat
     assert (tmp_path / "sessions" / "Schaum 12.mcap").is_file()
 
 
-def test_columns_that_are_the_same_in_each_file_of_a_folder_are_shown_once(tmp_path):
+def test_equal_columns_of_a_folder_s_files_are_shown_once(tmp_path):
     result = run("import", one_file_a_run(tmp_path), "--look")
     assert result.stdout.count("displacement in mm") == 1
     assert result.stdout.count("contact: 1 run") == 4
@@ -204,7 +204,7 @@ def test_relaxation_shows_in_the_hold(tmp_path):
     assert {"hold", "loading", "unloading"} <= {part["label"] for part in channel["parts"]["phase"]}
 
 
-def test_the_last_link_is_the_tip_where_none_is_called_so(tmp_path, monkeypatch):
+def test_last_link_is_the_tip_by_default(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     text = FOLLOWER.read_text().replace('"tip"', '"finger"')
     urdf = saved(tmp_path / "arm.urdf", text)
@@ -218,7 +218,7 @@ def test_the_last_link_is_the_tip_where_none_is_called_so(tmp_path, monkeypatch)
 
 
 @pytest.mark.parametrize("pulled", [True, False])
-def test_a_mass_on_a_spring_is_what_is_pressed_or_pulled(pulled):
+def test_mass_on_a_spring_is_pressed_or_pulled(pulled):
     t = np.arange(0.0, 8.0, 0.004)
     x = 3e-3 * np.sin(7.0 * t) + 1e-3 * np.sin(23.0 * t)
     v = 2.1e-2 * np.cos(7.0 * t) + 2.3e-2 * np.cos(23.0 * t)

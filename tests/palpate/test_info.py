@@ -30,7 +30,7 @@ def test_json_states_the_facts(session):
 
 @pytest.mark.parametrize("asked", [(), ("--json",)])
 @pytest.mark.parametrize("name", ["x.mcap", os.fsdecode(b"x\xff\x1b[2J.mcap")])
-def test_no_text_of_a_file_commands_the_terminal(name, asked, tmp_path):
+def test_text_of_a_file_never_controls_the_terminal(name, asked, tmp_path):
     orders = "[/] [bold]:smile: \x1b[2J\x9b2J\x1b]0;title\x07\u202egnp\u2066\r\n\\\\\\"
     texts = {orders: orders, "source": orders, "python": orders}
     synthetic_session(tmp_path / name, command_line=orders, software_version=orders, extra=texts)
@@ -40,7 +40,7 @@ def test_no_text_of_a_file_commands_the_terminal(name, asked, tmp_path):
     assert "[bold]not markup" in shown  # the text of an event
 
 
-def test_a_session_cut_short_or_whose_program_was_killed_is_not_called_whole(session, tmp_path):
+def test_truncated_session_is_not_called_complete(session, tmp_path):
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(session.read_bytes()[:-20_000])
     assert as_json("info", cut)["truncated"] is True

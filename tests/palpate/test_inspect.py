@@ -29,7 +29,7 @@ def entities(path):
     return {chunk.entity_path for chunk in RrdReader(path).stream().to_chunks()}
 
 
-def test_a_session_becomes_a_recording_of_everything(probed, tmp_path):
+def test_session_becomes_a_recording_of_everything(probed, tmp_path):
     recording = tmp_path / "seen.rrd"
     assert run("inspect", probed[0], "--save", recording).exit_code == 0
     assert {
@@ -39,7 +39,7 @@ def test_a_session_becomes_a_recording_of_everything(probed, tmp_path):
     } <= entities(recording)
 
 
-def test_without_a_name_it_goes_beside_the_session(probed, monkeypatch):
+def test_default_output_is_beside_the_session(probed, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     result = run("inspect", probed[0])
@@ -57,7 +57,7 @@ def test_plots_are_saved_in_the_requested_folder(probed, tmp_path):
         assert words in page
 
 
-def test_a_session_of_another_arm_with_a_torn_end_is_shown_too(tmp_path):
+def test_session_of_another_arm_with_a_torn_end_is_shown(tmp_path):
     whole = synthetic_session(tmp_path / "whole.mcap")
     torn = tmp_path / "torn.mcap"
     torn.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
@@ -66,7 +66,7 @@ def test_a_session_of_another_arm_with_a_torn_end_is_shown_too(tmp_path):
 
 
 @pytest.mark.skipif(not has_vulkan_driver(), reason="no Vulkan driver: Rerun cannot draw")
-def test_a_picture_is_taken_without_a_display(probed, tmp_path, monkeypatch):
+def test_picture_is_taken_without_a_display(probed, tmp_path, monkeypatch):
     monkeypatch.setattr(rerun_file, "_TOAST_S", 0.0)
     picture = tmp_path / "view.png"
     done("inspect", probed[0], "--save", tmp_path / "x.rrd", "--screenshot", picture)
@@ -75,7 +75,7 @@ def test_a_picture_is_taken_without_a_display(probed, tmp_path, monkeypatch):
     assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 500
 
 
-def test_the_demo_makes_everything_at_once(tmp_path, monkeypatch):
+def test_demo_makes_everything_at_once(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     made = as_json("demo", "--scenario", "engine")
     assert (tmp_path / made["session"]).is_file()
@@ -103,7 +103,7 @@ def test_demo_without_a_seed_prints_the_command_to_repeat_it(tmp_path, monkeypat
     assert again == f"palpate demo --seed {hidden[1]}" == hidden[2]  # which the session keeps
 
 
-def test_the_demo_finds_what_it_hid_and_tells_a_person(tmp_path):
+def test_demo_finds_its_hidden_effect_and_reports_it(tmp_path):
     result = done("demo", "-o", tmp_path / "d.mcap", "--seed", 1)
     for words in ("truth", "500", "robust", "recording.rrd", "plots.html"):
         assert words in result.stdout
@@ -118,7 +118,7 @@ def test_the_demo_finds_what_it_hid_and_tells_a_person(tmp_path):
         assert (folder / file).is_file()
 
 
-def test_a_recording_on_a_full_disk_is_refused_in_words_and_leaves_no_half_of_it(probed, tmp_path):
+def test_recording_on_a_full_disk_is_refused_without_a_partial_file(probed, tmp_path):
     def small():  # no file may grow beyond this: to a program it is a disk that is full
         resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
 
@@ -151,7 +151,7 @@ class HalfAPicture:
 
 
 @pytest.mark.parametrize("failure", [None, RuntimeError("the viewer is gone")])
-def test_a_picture_of_the_viewer_is_there_whole_or_not_at_all(tmp_path, monkeypatch, failure):
+def test_picture_of_the_viewer_is_written_atomically(tmp_path, monkeypatch, failure):
     monkeypatch.setattr(rerun_file, "_headless_viewer", lambda _size: nullcontext(HalfAPicture(failure)))
     monkeypatch.setattr(rerun_file, "_SETTLE_S", 0.0)
     monkeypatch.setattr(rerun_file, "_TOAST_S", 0.0)

@@ -131,7 +131,7 @@ def teleoperator(plugins, folder, **changed):
     return plugins[1].PalpateTeleoperator(config)
 
 
-def test_an_observation_has_all_that_is_promised_and_an_action_is_cut_to_what_the_guard_allows(robot):
+def test_observation_is_complete_and_an_action_is_limited_to_the_guard(robot):
     home_deg = np.degrees(robot._file.home_rad)
     with pytest.raises(ConnectionError):
         robot.get_observation()
@@ -164,7 +164,7 @@ def record(robot, operator):
 
 
 @pytest.mark.slow
-def test_a_stop_of_the_guard_ends_a_recording_with_its_cause(plugins, tmp_path):
+def test_guard_stop_ends_a_recording_with_its_cause(plugins, tmp_path):
     weak = tmp_path / "arm"
     weak.mkdir()
     for file in shipped_robots()["follower"].parent.iterdir():
@@ -184,7 +184,7 @@ def test_a_stop_of_the_guard_ends_a_recording_with_its_cause(plugins, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_operator_s_hand_feels_the_arm_s_force_and_moves_its_joints(plugins, robot, tmp_path):
+def test_operator_feels_the_arm_s_force_and_moves_its_joints(plugins, robot, tmp_path):
     deep, felt = teleoperator(plugins, tmp_path), teleoperator(plugins, tmp_path, force_share=1.0)
     robot.connect()
     for operator in (deep, felt):
@@ -207,7 +207,7 @@ def test_the_operator_s_hand_feels_the_arm_s_force_and_moves_its_joints(plugins,
         assert not operator.is_connected
 
 
-def test_an_operator_s_device_that_fails_ends_the_recording(plugins, tmp_path):
+def test_failing_operator_device_ends_the_recording(plugins, tmp_path):
     operator = teleoperator(plugins, tmp_path, force_share=1.0)
     operator.connect()
     operator.send_feedback({"force": float("nan")})
@@ -230,7 +230,7 @@ def test_distribution_has_the_name_that_lerobot_expects(name):
 
 @needs_lerobot
 @pytest.mark.parametrize("kind", ["Robot", "Teleoperator"])
-def test_lerobot_s_base_classes_ask_for_what_the_plugins_have(plugins, kind):
+def test_lerobot_base_classes_match_the_plugins(plugins, kind):
     base = getattr(importlib.import_module(f"lerobot.{kind.lower()}s"), kind)
     plugin = getattr(plugins[kind == "Teleoperator"], f"Palpate{kind}")
     assert base.__abstractmethods__ == ABSTRACT[kind]
@@ -242,7 +242,7 @@ def test_lerobot_s_base_classes_ask_for_what_the_plugins_have(plugins, kind):
 
 
 @needs_lerobot
-def test_lerobot_finds_both_and_makes_them_by_their_type(plugins, tmp_path):
+def test_lerobot_finds_both_plugins_and_makes_them_by_type(plugins, tmp_path):
     try:
         for name in PLUGINS:
             metadata.distribution(name)

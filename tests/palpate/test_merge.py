@@ -34,7 +34,7 @@ def merged(files, path):
     return as_json("merge", *files, "-o", path)
 
 
-def test_runs_go_on_nothing_is_lost_and_what_is_said_of_it_is_true_of_all(probings, tmp_path):
+def test_merged_runs_continue_without_loss_and_metadata_hold_for_all(probings, tmp_path):
     told = merged(probings, tmp_path / "both.mcap")
     both, ticks = Session.open(tmp_path / "both.mcap"), synthetic.ticks()
     count = len(ticks["time_s"])
@@ -50,7 +50,7 @@ def test_runs_go_on_nothing_is_lost_and_what_is_said_of_it_is_true_of_all(probin
     assert "seal" not in metadata.extra  # the mark of a sealed answer belongs to its own session
 
 
-def test_a_merged_session_is_what_the_folder_of_sessions_is(probings, tmp_path):
+def test_merged_session_equals_the_folder_of_sessions(probings, tmp_path):
     merged(probings, tmp_path / "both.mcap")
     one, other = (
         {each.name: each for each in Study(path, "kelvin_voigt", keep=False).channels}
@@ -87,14 +87,14 @@ def test_surface_at_another_depth_is_reported(imported, tmp_path, offset_m, stif
     assert re.search(said, told) if said else "begins" not in told
 
 
-def test_a_merged_session_lasts_as_long_as_its_parts(imported, probings, tmp_path):
+def test_merged_session_lasts_as_long_as_its_parts(imported, probings, tmp_path):
     for number, files in enumerate((imported, probings)):
         merged(files, tmp_path / f"{number}.mcap")
         lasts = [as_json("info", f)["duration_s"] for f in (tmp_path / f"{number}.mcap", *files)]
         assert lasts[0] == pytest.approx(sum(lasts[1:]))
 
 
-def test_a_session_that_is_cut_off_is_named(imported, tmp_path):
+def test_truncated_session_is_named(imported, tmp_path):
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(imported[1].read_bytes()[:-2000])
     told = run("merge", imported[0], cut, "-o", tmp_path / "both.mcap").stderr

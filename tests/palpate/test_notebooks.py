@@ -45,7 +45,7 @@ def has_figure(results):
 
 
 @pytest.mark.slow
-def test_a_file_of_one_s_own(tmp_path, monkeypatch):
+def test_own_file_notebook_runs(tmp_path, monkeypatch):
     names, shown = run_notebook("your-own-file.ipynb", tmp_path, monkeypatch)
     (entry,) = names["diagnosis"].channels[0].accepted
     assert entry.effect == "stress_relaxation"
@@ -72,7 +72,7 @@ def test_data_set_is_exported_to_a_simulator(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_tissue(tmp_path, monkeypatch):
+def test_tissue_notebook_runs(tmp_path, monkeypatch):
     names, shown = run_notebook("tissue.ipynb", tmp_path, monkeypatch)
     effects = {entry.effect for entry in names["diagnosis"].channels[0].accepted}
     assert effects == {"stress_relaxation", "exponential_stiffness"}
@@ -83,7 +83,7 @@ def test_tissue(tmp_path, monkeypatch):
     assert as_html(shown).count("<table>") == 3
 
 
-def test_a_notebook_shows_a_bar_and_takes_it_away(few_effects, monkeypatch, tmp_path):
+def test_notebook_shows_and_removes_a_progress_bar(few_effects, monkeypatch, tmp_path):
     said = []
 
     class Handle:
@@ -104,13 +104,13 @@ def test_a_notebook_shows_a_bar_and_takes_it_away(few_effects, monkeypatch, tmp_
     assert said[-1] == '<progress value="0.25"></progress> a &lt; b'
 
 
-def test_an_address_is_a_link_in_a_notebook():
+def test_address_is_a_link_in_a_notebook():
     assert PageAddress('http://a/"')._repr_html_() == (
         '<a href="http://a/&quot;" target="_blank">http://a/&quot;</a>'
     )
 
 
-def test_a_second_page_is_refused_with_the_address_of_the_first(monkeypatch, tmp_path):
+def test_second_page_is_refused_with_the_address_of_the_first(monkeypatch, tmp_path):
     monkeypatch.setattr("palpate.workbench.server._pages", [PageAddress("http://127.0.0.1:1")])
     with pytest.raises(InputError, match=r"already open at http://127\.0\.0\.1:1"):
         Study(write_presses(tmp_path / "press.csv"), keep=False).workbench(browser=False)

@@ -34,18 +34,18 @@ WHERE = ImportOptions(where={"run": "0,2"})
         (("--urdf", "ARM", "--tip-frame", "zz"), ("arm.urdf: no frame is called 'zz'", "Valid:")),
     ],
 )
-def test_options_of_estimate_that_say_nothing_are_refused(options, words, hardening, tmp_path):
+def test_meaningless_options_of_estimate_are_refused(options, words, hardening, tmp_path):
     (tmp_path / "arm.urdf").write_text(synthetic.urdf())
     places = {"DATA": hardening, "ARM": tmp_path / "arm.urdf"}
     assert_refused(run("estimate", hardening, *(places.get(each, each) for each in options)), *words)
 
 
-def test_an_option_for_data_files_is_refused_for_a_session(tmp_path):
+def test_data_file_option_is_refused_for_a_session(tmp_path):
     synthetic_session(tmp_path / "x.mcap")
     assert_refused(run("estimate", tmp_path / "x.mcap", "--fresh-runs"), "--fresh-runs", "data files")
 
 
-def test_runs_of_a_session_are_chosen_as_those_of_its_data_file(hardening, tmp_path):
+def test_runs_of_a_session_are_chosen_like_those_of_its_data_file(hardening, tmp_path):
     assert run("import", hardening, "-o", tmp_path / "x.mcap").exit_code == 0
     few, all_runs = open_source(tmp_path / "x.mcap", WHERE), open_source(tmp_path / "x.mcap")
     assert few.channels[0].runs.tolist() == few.tared(["contact"])[0].runs.tolist() == [0, 2]
@@ -55,7 +55,7 @@ def test_runs_of_a_session_are_chosen_as_those_of_its_data_file(hardening, tmp_p
 
 
 @pytest.mark.parametrize("command", ["export", "revisions"])
-def test_a_folder_of_revisions_that_is_not_there_is_refused(command, hardening, tmp_path):
+def test_missing_folder_of_revisions_is_refused(command, hardening, tmp_path):
     assert_refused(run(command, hardening, "--folder", tmp_path / "nope"), "--folder", "no such folder")
 
 
@@ -64,7 +64,7 @@ def test_error_for_a_missing_revision_names_the_folder(hardening, tmp_path):
     assert_refused(result, "no revision 99 in", str(tmp_path), "none yet")
 
 
-def test_a_package_without_drivers_is_refused(tmp_path, monkeypatch):
+def test_package_without_drivers_is_refused(tmp_path, monkeypatch):
     asked = ("probe", "-o", tmp_path / "x.mcap", "--drivers")
     assert_refused(run(*asked, "os"), "--drivers os", "holds no driver")
     monkeypatch.syspath_prepend(tmp_path)
@@ -74,7 +74,7 @@ def test_a_package_without_drivers_is_refused(tmp_path, monkeypatch):
     assert not (tmp_path / "x.mcap").exists()
 
 
-def test_a_urdf_that_is_too_large_is_not_read_whole(hardening, tmp_path):
+def test_oversized_urdf_is_not_read_whole(hardening, tmp_path):
     path = tmp_path / "arm.urdf"
     path.touch()
     os.truncate(path, 2**40)  # takes no room on the disk

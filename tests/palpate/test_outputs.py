@@ -89,7 +89,7 @@ def test_existing_files_are_kept_without_confirmation(command, name, session, ha
     assert {file.name: file.read_text() for file in there.iterdir()} == {name: "precious"}
 
 
-def test_a_report_replaces_its_own_page_alone(without_figures, hardening, tmp_path, monkeypatch):
+def test_report_replaces_its_own_page_alone(without_figures, hardening, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for _ in range(2):
         result = run("report", hardening, "--json")
@@ -98,7 +98,7 @@ def test_a_report_replaces_its_own_page_alone(without_figures, hardening, tmp_pa
     assert_refused(run("report", hardening, "-o", "mine.html"), "exists already", "--force")
 
 
-def test_a_report_states_the_commands_that_repeat_it(without_figures, hardening, tmp_path, monkeypatch):
+def test_report_states_the_commands_that_repeat_it(without_figures, hardening, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     folder = f"{hardening.stem}-palpate"
     assert run("add", hardening, "cubic_stiffness").exit_code == 0
@@ -117,7 +117,7 @@ def read_page(name):
     return unescape(Path(name).read_text())
 
 
-def test_with_force_it_is_replaced_but_never_what_is_read(without_figures, hardening, tmp_path):
+def test_force_option_replaces_outputs_but_never_inputs(without_figures, hardening, tmp_path):
     (tmp_path / "report.html").write_text("old")
     assert run("compare", hardening, "--out", tmp_path, "--force").exit_code == 0
     assert "<html" in (tmp_path / "report.html").read_text()
@@ -126,7 +126,7 @@ def test_with_force_it_is_replaced_but_never_what_is_read(without_figures, harde
         spare_files(tmp_path, ["*.csv"], force=True, keep=[data])
 
 
-def test_plots_and_pictures_replace_nothing_unasked_nor_each_other(session, tmp_path):
+def test_plots_and_pictures_replace_neither_files_nor_each_other(session, tmp_path):
     folder = tmp_path / "plots"
     folder.mkdir()
     page = folder / "plots.html"
@@ -165,12 +165,12 @@ def test_names_that_are_no_utf8_are_read_and_written(session, hardening, tmp_pat
 
 
 @pytest.mark.parametrize("option", ["--out", "--out=", "--model"])
-def test_an_empty_argument_is_no_name(option, hardening):
+def test_empty_argument_is_no_name(option, hardening):
     empty = (option,) if option.endswith("=") else (option, "")
     assert_refused(run("diagnose", hardening, *empty), "empty", option)
 
 
-def test_a_folder_that_takes_no_files_is_refused_before_any_work(hardening):
+def test_unwritable_folder_is_refused_before_any_work(hardening):
     assert_refused(run("probe", "-o", "/proc/x.mcap"), "output folder /proc", "cannot be written to")
     told = run("diagnose", hardening, "--out", hardening)
     assert_refused(told, "hardening.csv: is a file, not a folder")
@@ -191,7 +191,7 @@ def test_pipes_and_devices_are_not_read(device, hardening, tmp_path):
         assert_refused(run("probe", option, path, "-o", tmp_path / "a.mcap"), str(path))
 
 
-def test_a_file_that_cannot_be_finished_is_not_there(tmp_path):
+def test_unfinished_file_is_not_written(tmp_path):
     path = tmp_path / "x.txt"
     path.write_text("old")
 
@@ -220,7 +220,7 @@ def test_set_of_files_is_written_atomically(tmp_path):
     assert sorted(tmp_path.iterdir()) == paths
 
 
-def test_two_imports_into_one_file_at_once_leave_the_first_one_whole(tmp_path):
+def test_concurrent_imports_into_one_file_keep_the_first(tmp_path):
     """Both have found the name free; the slower one must not replace what the quicker one wrote."""
     path, column = tmp_path / "one.mcap", Stream("contact", (Column("time_s", "s", 1, ""),))
 
@@ -263,7 +263,7 @@ def test_names_with_markup_are_escaped_in_errors():
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
 @pytest.mark.parametrize("options", [(), ("--json",)])
-def test_output_that_cannot_be_written_is_one_plain_line(options, probed):
+def test_unwritable_output_is_one_plain_line(options, probed):
     command = [sys.executable, "-m", "palpate.main", "info", str(probed[0]), *options]
     with open("/dev/full", "w") as full:
         result = subprocess.run(
@@ -273,7 +273,7 @@ def test_output_that_cannot_be_written_is_one_plain_line(options, probed):
     assert result.stderr == "palpate: cannot write the output: No space left on device\n"
 
 
-def test_a_terminal_of_plain_ascii_gets_everything(session):
+def test_ascii_terminal_gets_everything(session):
     environment = os.environ | {"PYTHONIOENCODING": "ascii", "MPLCONFIGDIR": "/proc"}
     strange = session.rename(session.with_name("ü.mcap"))
     result = run_process("estimate", strange, "--estimator", "lsq", "--where", "run=0", env=environment)
@@ -281,7 +281,7 @@ def test_a_terminal_of_plain_ascii_gets_everything(session):
     assert r"\xfc.mcap: 1 channel" in result.stdout
 
 
-def test_a_link_that_leads_to_itself_is_one_output(tmp_path):
+def test_circular_link_is_one_output(tmp_path):
     circle = tmp_path / "circle"
     circle.symlink_to("circle")
     different_files(circle, tmp_path / "a")

@@ -44,9 +44,7 @@ MOVING = (("probe",), ("calibrate", "torque"), ("calibrate", "gravity"), ("calib
 
 
 @pytest.mark.parametrize("command", MOVING, ids=" ".join)
-def test_without_a_terminal_and_without_yes_no_real_arm_moves_and_no_port_is_opened(
-    command, tmp_path, monkeypatch, power
-):
+def test_real_arm_moves_only_with_a_terminal_or_yes(command, tmp_path, monkeypatch, power):
     monkeypatch.chdir(tmp_path)
     own = ("--robot", write_mock_files(tmp_path), "--drivers", "tests.mock_robot")
     assert_refused(run(*command, *own), "--yes", "--wire", "terminal")
@@ -68,7 +66,7 @@ def test_confirmation_question_describes_the_motion(tmp_path, monkeypatch):
         assert word in text
 
 
-def test_a_no_is_a_no(monkeypatch, capsys):
+def test_declined_confirmation_stops(monkeypatch, capsys):
     types(monkeypatch, "n\n")
     with pytest.raises(InputError, match="nothing has moved"):
         ask_for_power("'it' is going to move", yes=False, pause=pytest.fail)
@@ -99,7 +97,7 @@ def test_pose_is_read_after_confirmation(monkeypatch, capsys):
         ask_for_pose([0.1], yes=False)
 
 
-def test_the_pose_of_a_real_arm_is_not_read_without_anybody(tmp_path, monkeypatch, power):
+def test_pose_of_a_real_arm_is_not_read_unattended(tmp_path, monkeypatch, power):
     monkeypatch.chdir(tmp_path)
     own = ("--robot", write_mock_files(tmp_path), "--drivers", "tests.mock_robot", "--pose", "home")
     assert_refused(run("calibrate", "encoder", *own), "a person must bring", "--yes")
@@ -119,7 +117,7 @@ def test_error_for_a_missing_port_names_the_robot_file_and_a_remedy(tmp_path, mo
     assert not out.exists()
 
 
-def test_an_arm_beyond_its_limits_is_sent_to_a_hand_and_not_to_the_estimate(tmp_path, monkeypatch):
+def test_arm_beyond_its_limits_is_to_be_moved_by_hand(tmp_path, monkeypatch):
     monkeypatch.setattr(options, "COUNTDOWN_S", 0)
     robot = write_mock_files(tmp_path)
     text = robot.read_text()

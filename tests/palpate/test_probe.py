@@ -59,7 +59,7 @@ def test_probe_uses_the_requested_speeds_and_force(tmp_path, log_in_process):
         assert np.median(-ticks["tip_velocity_world_m_s"][rows, 2]) == pytest.approx(speed, rel=0.02)
 
 
-def test_measured_torques_follow_the_commands_and_are_what_the_rigid_body_needs(probed):
+def test_measured_torques_follow_the_commands_and_the_rigid_body_model(probed):
     """Figure 3a of the paper: the drives obey, and give what the rigid body needs, in contact too."""
     session = Session.open(probed[0])
     ticks = session.samples("tick")
@@ -149,13 +149,13 @@ def test_bad_options_are_refused_before_anything_moves(tmp_path, options, words)
     assert not path.exists()
 
 
-def test_a_place_that_cannot_be_written_is_refused(tmp_path):
+def test_unwritable_place_is_refused(tmp_path):
     (tmp_path / "file").write_text("in the way")
     assert_refused(run("probe", "-o", tmp_path / "file" / "x.mcap"), "file")
     assert_refused(run("probe", "-o", tmp_path), "is a directory")
 
 
-def test_ctrl_c_brings_the_arm_to_rest_keeps_the_session_and_leaves_stdout_to_json(tmp_path):
+def test_ctrl_c_stops_the_arm_keeps_the_session_and_leaves_stdout_to_json(tmp_path):
     path = tmp_path / "broken_off.mcap"
     command = [sys.executable, "-m", "palpate.main", "probe", "-o", str(path), "--realtime", "--json"]
     with subprocess.Popen(
@@ -204,7 +204,7 @@ PLANS = {
 
 
 @pytest.mark.parametrize(("plan", "words"), PLANS.items())
-def test_a_plan_that_cannot_be_carried_out_is_refused_and_leaves_nothing(tmp_path, plan, words):
+def test_infeasible_plan_is_refused_and_leaves_nothing(tmp_path, plan, words):
     (tmp_path / "plan.yaml").write_text(plan + "\n")
     out = tmp_path / "out" / "x.mcap"
     assert_refused(
@@ -213,7 +213,7 @@ def test_a_plan_that_cannot_be_carried_out_is_refused_and_leaves_nothing(tmp_pat
     assert not out.parent.exists() or not list(out.parent.iterdir())
 
 
-def test_the_largest_seed_is_read_back():
+def test_largest_seed_is_read_back():
     scenario = Scenario().with_seed(MOST_SEED)
     assert parse_scenario(scenario.to_yaml(), "session").seed == MOST_SEED
 
@@ -224,7 +224,7 @@ def test_demo_without_contact_is_reported(tmp_path, log_in_process):
     assert "no touch" in result.stderr
 
 
-def test_an_arm_without_masses_is_refused_before_anything_moves(tmp_path):
+def test_arm_without_masses_is_refused_before_anything_moves(tmp_path):
     shipped = find_robot("follower")
     light = re.sub(r"<inertial>.*?</inertial>", "", shipped.urdf_path.read_text(), flags=re.DOTALL)
     (tmp_path / "arm.urdf").write_text(light)
@@ -236,7 +236,7 @@ def test_an_arm_without_masses_is_refused_before_anything_moves(tmp_path):
     assert not out.exists()
 
 
-def test_another_arm_s_dh_table_is_refused_before_anything_moves(tmp_path):
+def test_dh_table_of_another_arm_is_refused_before_anything_moves(tmp_path):
     shipped = find_robot("follower")
     shutil.copytree(shipped.path.parent, tmp_path / "arm")
     table = tmp_path / "arm" / "follower.dh.yaml"

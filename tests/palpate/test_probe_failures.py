@@ -45,7 +45,7 @@ def probe(tmp_path):
     return run_probing(ProbingJob(find_robot("follower"), tmp_path / "x.mcap", QUICK_RUN, online=None))
 
 
-def test_the_next_try_does_not_wait_for_the_log(tmp_path, refusals):
+def test_next_attempt_does_not_wait_for_the_log(tmp_path, refusals):
     happened, left = refusals
     left.append(True)
     outcome = probe(tmp_path)
@@ -65,9 +65,7 @@ def test_user_is_asked_to_cut_the_power_if_torque_stays_on(tmp_path, refusals):
         outcome.raise_for_failure()
 
 
-def test_a_device_that_cannot_be_released_does_not_hide_why_the_arm_was_stopped(
-    tmp_path, log_in_process, monkeypatch
-):
+def test_unreleased_device_does_not_hide_the_stop_cause(tmp_path, log_in_process, monkeypatch):
     close = SimTorque.close
 
     def fail(self):
@@ -125,7 +123,7 @@ def test_estimation_without_contact_is_refused(ended, monkeypatch, tmp_path):
     assert "palpate inspect" in said
 
 
-def test_torque_that_may_still_be_on_is_worth_more_than_the_users_ctrl_c(ended):
+def test_possible_torque_outweighs_the_user_s_ctrl_c(ended):
     result = LoopResult(Outcome.STOPPED, cause="interrupted by the user (SIGINT)")
     assert ended(result).exit_code == 130
     said = ended(LoopResult(Outcome.STOPPED, cause="interrupted", deactivation_error="joint 2 is silent"))
@@ -149,7 +147,7 @@ class SmallDisk(SessionWriter):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits another process as Linux does")
-def test_a_full_disk_stops_no_arm_and_is_one_line(tmp_path, monkeypatch):
+def test_full_disk_stops_no_arm_and_is_one_line(tmp_path, monkeypatch):
     path = tmp_path / "s.mcap"
     said = probe_with(SmallDisk, path, monkeypatch)
     assert said.exit_code == 3
@@ -168,7 +166,7 @@ class DeadWriter(SessionWriter):
         self._process.wait()
 
 
-def test_a_writer_that_was_killed_is_no_bad_input(tmp_path, monkeypatch):
+def test_killed_writer_is_no_bad_input(tmp_path, monkeypatch):
     said = probe_with(DeadWriter, tmp_path / "s.mcap", monkeypatch)
     assert said.exit_code == 1
     assert said.stderr.strip().endswith("s.mcap is not complete: the writer process ended with -9")

@@ -61,7 +61,7 @@ def test_phases_and_events_are_logged_as_text(recording):
     assert column_values(recording, "/events", "TextLog:text") == [["touch: touched"]]
 
 
-def test_the_arm_moves_through_all_its_joints_in_order():
+def test_arm_moves_through_all_its_joints_in_order():
     tree = load_urdf(synthetic.urdf())
     assert [joint.name for joint in moving_joints(tree)] == ["joint_1", "joint_2", "joint_3"]
 
@@ -72,7 +72,7 @@ def test_pictures_are_few_and_include_the_last_tick(scene):
     assert len(rows) == pytest.approx(PICTURES_HZ * scene.time_s[-1], rel=0.02)
 
 
-def test_a_session_without_contact_and_urdf_is_recorded_too(tmp_path):
+def test_session_without_contact_and_urdf_is_recorded(tmp_path):
     ticks = synthetic.ticks((0.15,))
     free = {name: values[:200] for name, values in ticks.items()}
     record_session(Scene("free", free, ""), tmp_path / "free.rrd")
@@ -80,7 +80,7 @@ def test_a_session_without_contact_and_urdf_is_recorded_too(tmp_path):
     assert not column_values(tmp_path / "free.rrd", "/contact/displacement", "Scalars:scalars")
 
 
-def test_a_stopped_arm_without_reference_is_recorded_too(scene, tmp_path):
+def test_stopped_arm_without_reference_is_recorded(scene, tmp_path):
     ticks = {name: np.array(values) for name, values in scene.ticks.items()}
     lost = "press_direction_world tip_position_world_m torque_commanded_nm reference_position_rad"
     for name in lost.split():
@@ -92,7 +92,7 @@ def test_a_stopped_arm_without_reference_is_recorded_too(scene, tmp_path):
     assert np.isfinite(heights).all()
 
 
-def test_a_folder_that_is_not_there_is_refused_and_nothing_is_left(scene, tmp_path):
+def test_missing_folder_is_refused_and_nothing_is_left(scene, tmp_path):
     with pytest.raises(InputError, match="cannot write"):
         record_session(scene, tmp_path / "none" / "x.rrd")
     assert not list(tmp_path.iterdir())
@@ -104,7 +104,7 @@ class TestBlock:
     center = np.array([0.4, 0.0, 0.1])
     press = np.array([0.0, 0.0, -1.0])
 
-    def test_it_is_as_deep_as_measured_under_the_tip_and_stays_at_its_rim(self):
+    def test_surface_is_as_deep_as_measured_under_the_tip_and_rests_at_its_rim(self):
         tip = self.center + 0.012 * self.press
         vertices, _ = PressedBlock(self.center, self.press).pressed(tip[None], np.array([0.012]))
         assert (self.center[2] - vertices[0, :, 2]).max() == pytest.approx(0.012, rel=1e-6)
@@ -113,7 +113,7 @@ class TestBlock:
         rim = np.abs(vertices[0, :, 0] - self.center[0]) > 0.08
         assert (self.center[2] - vertices[0, rim, 2]).max() < 0.001
 
-    def test_normals_stand_on_the_surface(self):
+    def test_normals_are_perpendicular_to_the_surface(self):
         tips, depth = self.center[None] + [[0.01, 0.005, 0.0]], np.array([0.015])
         press = np.array([0.3, -0.2, -0.9]) / np.linalg.norm([0.3, -0.2, -0.9])
         block = PressedBlock(self.center, press)
@@ -157,7 +157,7 @@ def rows_of(chunks, entity, component):
     return rows
 
 
-def test_each_revision_has_its_own_curve_and_the_last_lies_on_the_measurement(chunks):
+def test_each_revision_has_its_curve_and_the_last_fits_the_measurement(chunks):
     ((at, measured),) = rows_of(chunks, "/contact/effort/a_measured", "LineStrips2D:strips")
     revisions, models = zip(*rows_of(chunks, "/contact/effort/model", "LineStrips2D:strips"), strict=True)
     assert (at, revisions) == (None, (0, 1, 2))
@@ -182,7 +182,7 @@ def test_recording_shows_error_noise_and_added_effect_of_each_revision(result, c
     assert "**+ cubic_stiffness**" in texts[2][0]
 
 
-def test_a_chart_puts_its_corners_into_the_corners():
+def test_chart_maps_its_corners_to_the_corners():
     chart = Chart("c", (1.0, 3.0), (-5.0, 5.0), "x", "y")
     placed = chart.place(np.array([1.0, 3.0]), np.array([-5.0, 5.0]))
     np.testing.assert_allclose(placed, [[0, HEIGHT], [WIDTH, 0]])
@@ -196,11 +196,11 @@ def test_a_chart_puts_its_corners_into_the_corners():
         ((1234.0, 1239.0), [1234, 1235, 1236, 1237, 1238, 1239]),
     ],
 )
-def test_rules_stand_at_round_values_within_the_frame(span, expected):
+def test_rules_are_at_round_values_within_the_frame(span, expected):
     np.testing.assert_allclose(ticks(*span), expected)
 
 
-def test_every_sample_is_there_over_time_with_both_models_and_what_they_leave(result, chunks):
+def test_every_sample_is_shown_over_time_with_both_models_and_residuals(result, chunks):
     effort = np.array([row for _, row in rows_of(chunks, "/contact/time/effort", "Scalars:scalars")])
     assert effort.shape == (len(result.channel.data), 3)
     np.testing.assert_allclose(effort[:, 0], result.channel.data.effort)
@@ -210,5 +210,5 @@ def test_every_sample_is_there_over_time_with_both_models_and_what_they_leave(re
 
 
 @pytest.mark.parametrize(("timeline", "play"), [(REVISION, "following"), (TIME, "paused")])
-def test_a_recording_of_revisions_opens_at_the_last_one(timeline, play):
+def test_recording_of_revisions_opens_at_the_last_one(timeline, play):
     assert shown_on(timeline=timeline).time_panel.play_state == play  # what is followed is the end

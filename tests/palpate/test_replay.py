@@ -45,7 +45,7 @@ def contact_of(first, second):
     return found
 
 
-def test_in_the_same_world_the_motion_and_the_force_come_again(recorded, study, tmp_path):
+def test_replay_in_the_same_world_repeats_motion_and_force(recorded, study, tmp_path):
     twin = tmp_path / "twin.mcap"
     result = done("replay", recorded, "-o", twin, "--seed", 6)
     assert ["compare", str(recorded), str(twin)] in next_commands(result)
@@ -59,7 +59,7 @@ def test_in_the_same_world_the_motion_and_the_force_come_again(recorded, study, 
     assert "default.mcap" in Session.open(twin).metadata.extra["replay_of"]
 
 
-def test_in_another_world_the_other_object_shows_and_json_names_the_session(recorded, study, tmp_path):
+def test_replay_in_another_world_shows_its_object_and_names_the_session(recorded, study, tmp_path):
     world, twin = tmp_path / "softer.yaml", tmp_path / "twin.mcap"
     world.write_text("object: {law: {name: kelvin_voigt, stiffness_n_m: 300, damping_n_s_m: 20}}\n")
     told = done("replay", recorded, "-o", twin, "--scenario", world, "--json")
@@ -71,7 +71,7 @@ def test_in_another_world_the_other_object_shows_and_json_names_the_session(reco
     assert found["stiffness.k"].differs
 
 
-def test_a_real_arm_gets_no_power_without_a_question(recorded, tmp_path, monkeypatch):
+def test_real_arm_gets_no_power_without_a_question(recorded, tmp_path, monkeypatch):
     monkeypatch.setattr(probing, "_check_arm", lambda *_: None)  # as if this arm had made the session
     result = run("replay", recorded, "--robot", "robots/dynamixel_3dof.yaml", "-o", tmp_path / "t.mcap")
     assert_refused(result, "a real arm would get power", "--yes")
@@ -93,16 +93,14 @@ def test_unrepeatable_session_is_refused(recorded, tmp_path, options, words):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_imported_session_has_no_motion_of_an_arm(hardening, tmp_path):
+def test_imported_session_has_no_arm_motion(hardening, tmp_path):
     assert run("import", hardening, "-o", tmp_path / "x.mcap").exit_code == 0
     assert_refused(
         run("replay", tmp_path / "x.mcap", "-o", tmp_path / "t.mcap"), "was not recorded with an arm"
     )
 
 
-def test_a_cut_session_is_repeated_to_where_the_arm_last_stood_and_without_a_whole_run_not(
-    recorded, tmp_path
-):
+def test_truncated_session_is_repeated_to_the_last_rest(recorded, tmp_path):
     whole = probing.references_of(Session.open(recorded))
     part = probing.references_of(Session.open(cut(recorded, tmp_path / "part.mcap", 0.7)))
     for one in (whole, part):
@@ -135,7 +133,7 @@ def references(**changes):
         ({"phase": np.full(5, 99)}, "phase"),
     ],
 )
-def test_references_that_cannot_be_followed_are_refused(changes, words):
+def test_invalid_references_are_refused(changes, words):
     with pytest.raises(InputError, match=words):
         references(**changes)
 

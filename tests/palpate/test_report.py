@@ -54,7 +54,7 @@ def own(text):
     return re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)
 
 
-def test_the_page_brings_everything_and_names_no_other_place(page):
+def test_page_is_self_contained_and_names_no_other_place(page):
     text = page.read_text()
     assert text.count("plotly.js v") == 1
     assert not re.search(r"""(src|href)\s*=\s*["']?(https?:)?//""", own(text))
@@ -66,15 +66,13 @@ def test_the_page_brings_everything_and_names_no_other_place(page):
 
 
 @pytest.mark.parametrize(("low", "high", "cell"), [(-0.34, 0.48, "><"), (0.04, 0.1, ">43 %<")])
-def test_the_error_of_a_parameter_is_given_in_percent_unless_its_interval_contains_zero(
-    result, low, high, cell
-):
+def test_parameter_error_is_in_percent_unless_its_interval_contains_zero(result, low, high, cell):
     parameter = ParameterView("damping", "c", 0.07, low, high, "N s/m")
     told = own(document(StudyView("f", (replace(result_view(result), parameters=(parameter,)),))))
     assert f'N s/m</td><td class="number"{cell}/td>' in told
 
 
-def test_a_reader_meets_verdict_fall_parameters_failures_and_then_what_to_do(result):
+def test_page_orders_verdict_error_parameters_failures_and_next_steps(result):
     following = {"purpose": "tell more", "separates": [], "instruction": "press", "probe": {}}
     found = result.diagnosis.model_copy(update={"next_experiment": following})
     view = result_view(replace(result, diagnosis=type(found)(**dict(found))))
@@ -84,7 +82,7 @@ def test_a_reader_meets_verdict_fall_parameters_failures_and_then_what_to_do(res
     assert places == sorted(places)
 
 
-def test_the_page_is_well_formed(page):
+def test_page_is_well_formed(page):
     class Balanced(HTMLParser):
         VOID = ("meta", "br", "link", "img", "hr")
 
@@ -104,7 +102,7 @@ def test_the_page_is_well_formed(page):
     assert parser.open == []
 
 
-def test_words_are_bold_text_is_escaped_and_equations_are_typeset_with_their_row():
+def test_text_is_bold_escaped_and_typeset():
     assert bold("bias <b> biased, bias", ["bias"]) == "<b>bias</b> &lt;b&gt; biased, <b>bias</b>"
     assert bold("a<i> (or <i>)", ["<i>"]) == "a&lt;i&gt; (or <b>&lt;i&gt;</b>)"
     assert typeset("F = k1 x^n + b x^(n+1), tau < 1\nwith mu") == (
@@ -130,7 +128,7 @@ def test_every_effect_can_be_written_out(result):
 @pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here (apt install chromium)")
 @pytest.mark.parametrize(("look", "is_paper"), [((), lambda p: p > 235), ((DARK,), lambda p: p < 60)])
-def test_a_browser_without_network_draws_the_plots(page, tmp_path, look, is_paper):
+def test_browser_draws_the_plots_without_network(page, tmp_path, look, is_paper):
     picture = tmp_path / "page.png"
     dumped = browse(page, tmp_path, *look, "--dump-dom")
     assert dumped.count('class="main-svg"') >= 8  # four figures of two layers each
@@ -192,7 +190,7 @@ class TestFigures:
         left = shown.data[-1]
         assert left.x[np.isfinite(left.y)].min() >= 0.3 * view.time_s[-1] - 1e-4
 
-    def test_measured_curves_over_the_state_are_coloured_by_speed(self, result):
+    def test_measured_curves_over_the_state_are_colored_by_speed(self, result):
         view = result_view(result)
         words = list(dict.fromkeys(view.speeds.values()))
         traces = [trace for trace in report.state_figure(view).data if trace.name.startswith("measured, ")]
@@ -208,7 +206,7 @@ class TestFigures:
         assert shown == dict(zip(names, (True, "legendonly", True), strict=True))
         assert "Force over displacement" in document(StudyView("f", (result_view(grown),)))
 
-    def test_both_maps_share_one_scale_and_one_figure_of_everything_is_made_for_a_notebook(self, result):
+    def test_both_maps_share_one_scale_and_a_notebook_gets_one_figure(self, result):
         first, last = report.map_figure(result_view(result)).data
         assert (first.zmin, first.zmax) == (last.zmin, last.zmax)
         assert np.nanstd(last.z) < 0.5 * np.nanstd(first.z)

@@ -56,7 +56,7 @@ def test_second_probe_decides_between_rivals(resolved):
     assert told == list(done.decisions)
 
 
-def test_all_sessions_hide_the_same_with_noise_of_their_own_and_each_decision_is_logged_beside(resolved):
+def test_sessions_share_hidden_effects_with_own_noise_and_log_decisions(resolved):
     done, _ = resolved
     logged = [json.loads(line) for line in (done.folder / DECISIONS).read_text().splitlines()]
     assert logged == json.loads(json.dumps(done.as_data()["decisions"]))
@@ -74,7 +74,7 @@ def test_nothing_is_overwritten(resolved):
     assert {path: path.read_bytes() for path in resolved[0].folder.glob("*.mcap")} == before
 
 
-def test_sessions_of_different_arms_are_no_one_measurement(resolved, tmp_path):
+def test_sessions_of_different_arms_are_no_single_measurement(resolved, tmp_path):
     for number, robot in enumerate(("follower", "leader")):
         job = ProbingJob(find_robot(robot), tmp_path / f"{number}.mcap", QUICK, seed=1, online=None)
         run_probing(job)
@@ -87,7 +87,7 @@ def probed(resolved):
     return Study(sorted(resolved[0].folder.glob("*.mcap"))[0], keep=False)
 
 
-def test_a_rehearsed_plan_moves_the_arm_as_the_simulated_one_moved(probed):
+def test_rehearsed_plan_moves_like_the_simulated_arm(probed):
     (candidate, ticks), *_ = feasible(probed)
     assert candidate.plan.speeds_m_s == QUICK.speeds_m_s
     measured = Session.open(probed.source.path).samples("tick")
@@ -147,11 +147,11 @@ def diagnosed(probed):
     return probed.diagnose("joint_1")
 
 
-def test_an_experiment_that_takes_longer_than_is_left_is_not_chosen(probed, diagnosed):
+def test_experiment_longer_than_the_remaining_time_is_not_chosen(probed, diagnosed):
     assert next_probe(probed, diagnosed.channels, longest_s=0.5) is None
 
 
-def test_a_diagnosis_proposes_the_plan_that_resolve_would_run(probed, diagnosed, tmp_path):
+def test_diagnosis_proposes_the_plan_that_resolve_would_run(probed, diagnosed, tmp_path):
     following = next_probe(probed, diagnosed.channels)
     assert set(following.proposal.separates) == {"deadband", "bias"}
     assert diagnosed.channels[0].next_experiment == following.proposal
@@ -160,7 +160,7 @@ def test_a_diagnosis_proposes_the_plan_that_resolve_would_run(probed, diagnosed,
     assert load_probing_plan(tmp_path / "next.yaml") == following.plan
 
 
-def test_a_saved_diagnosis_is_followed_as_it_states(probed, diagnosed, monkeypatch):
+def test_saved_diagnosis_is_followed_as_stated(probed, diagnosed, monkeypatch):
     """The page opens a study anew: it runs what the terminal printed, and plans nothing again."""
     monkeypatch.setattr(experiments, "simulate_plan", lambda _: pytest.fail("was planned again"))
     saved = [ChannelDiagnosis.model_validate_json(one.model_dump_json()) for one in diagnosed.channels]
@@ -200,7 +200,7 @@ def test_separation_is_withdrawn_with_further_data(tmp_path, diagnosed, monkeypa
 
 
 @pytest.mark.parametrize("named", [True, False])
-def test_only_what_has_names_is_called_inseparable(tmp_path, diagnosed, named, monkeypatch):
+def test_only_named_effects_are_called_inseparable(tmp_path, diagnosed, named, monkeypatch):
     (shown,) = diagnosed.channels
     left = shown.model_copy(update={"verdict": Verdict.UNEXPLAINED, "accepted": [], "complete": False})
     said = diagnosed if named else diagnosed.model_copy(update={"channels": [left]})

@@ -57,7 +57,7 @@ def test_differing_parameter_is_identified_with_its_interval(soft, stiff):
     assert sides(soft, stiff).difference_in_noise > 3.0
 
 
-def test_a_repetition_shows_no_difference_and_follows_as_far_as_noise_lets_it(soft, again):
+def test_repetition_shows_no_difference_and_agrees_within_noise(soft, again):
     found = sides(soft, again)
     assert not any(one.differs for one in found.differences)
     assert found.agreement_percent == pytest.approx(
@@ -90,7 +90,7 @@ def test_common_model_error_cancels_in_paired_differences(tmp_path):
     assert found["stiffness.k"].value == pytest.approx(5.0, abs=0.6)
 
 
-def test_the_paired_interval_is_that_of_white_noise_in_both(soft, again):
+def test_paired_interval_is_that_of_white_noise_in_both(soft, again):
     """Noise is all that differs: the errors are those of sqrt(2) times the noise, (X'X)^-1 its size."""
     pair = sides(soft, again)
     fitted = pair.first.compared.fitted
@@ -123,7 +123,7 @@ def test_errors_of_two_measurements_add_as_squares():
 
 
 @pytest.mark.parametrize(("first", "share"), [(10.0, "(+50 %)"), (0.1, ""), (-0.1, ""), (-10.0, "(+50 %)")])
-def test_a_difference_from_a_value_that_may_be_zero_has_no_percentage(first, share):
+def test_difference_from_a_value_near_zero_has_no_percentage(first, share):
     pair = [
         ParameterEstimate("bias.value", "N", value, 1.0, (value - 2.0, value + 2.0))
         for value in (first, first + 5.0)
@@ -141,7 +141,7 @@ def test_another_motion_is_not_paired(soft, again, tmp_path):
     assert all(one.paired_std_err is None for one in sides(soft, deeper).differences)
 
 
-def test_a_difference_that_no_effort_shows_is_none_and_no_noise_is_given_in_percent(tmp_path):
+def test_invisible_difference_is_none_and_noise_is_not_given_in_percent(tmp_path):
     first = write_presses(tmp_path / "first.csv")
     columns = press_columns(first)
     columns["force_N"] += 1e-4 * columns["displacement_m"]
@@ -155,7 +155,7 @@ def test_a_difference_that_no_effort_shows_is_none_and_no_noise_is_given_in_perc
     assert "B repeats A with a fit" not in said
 
 
-def test_the_model_of_another_object_fits_worse(soft, stiff):
+def test_model_of_another_object_fits_worse(soft, stiff):
     (own, of_other), (other_of, other_own) = sides(soft, stiff).fit_matrix
     assert min(own, other_own) > 98.0
     assert max(of_other, other_of) < 90.0
@@ -172,7 +172,7 @@ def test_residual_is_white_only_for_a_complete_model(soft, hardening):
     assert found.second.autocorrelation.outside > 0.5
 
 
-def test_two_models_of_one_measurement_have_no_interval_of_a_difference(hardening):
+def test_two_models_of_one_measurement_have_no_difference_interval(hardening):
     found = sides(hardening, hardening, first="kelvin_voigt", second="hunt_crossley")
     assert found.is_same_data
     assert np.isnan(found.agreement_percent)
@@ -188,7 +188,7 @@ def test_other_times_are_no_repetition(soft, tmp_path):
     assert sides(soft, three).fit_matrix[0][1] > 97.0
 
 
-def test_a_repetition_that_began_later_and_ended_earlier_is_laid_over_run_by_run(soft, again, tmp_path):
+def test_shifted_and_shortened_repetition_is_aligned_run_by_run(soft, again, tmp_path):
     table = press_columns(again)
     time_s, run_number = table["time_s"], table["run"]
     rows = time_s < 0.96 * np.array([time_s[run_number == run].max() for run in run_number])
@@ -201,7 +201,7 @@ def test_a_repetition_that_began_later_and_ended_earlier_is_laid_over_run_by_run
     np.testing.assert_allclose(later[known], whole[known], atol=1e-6)
 
 
-def test_a_difference_is_held_against_the_louder_of_both(soft, again, tmp_path):
+def test_difference_is_compared_with_the_noisier_of_both(soft, again, tmp_path):
     columns = press_columns(again)
     columns["force_N"] += np.random.default_rng(5).normal(0.0, 10 * NOISE_N, len(columns["force_N"]))
     loud = write_table(tmp_path / "loud.csv", **columns)
@@ -213,7 +213,7 @@ def test_a_difference_is_held_against_the_louder_of_both(soft, again, tmp_path):
         assert found.noise_levels == pytest.approx(change_n / (10 * NOISE_N), rel=0.15)
 
 
-def test_a_model_describes_its_own_measurement_by_runs_that_it_was_not_fitted_to(hardening):
+def test_model_describes_its_measurement_by_held_out_runs(hardening):
     side = sides(hardening, hardening, "kelvin_voigt", "hunt_crossley").first
     fitted = side.compared.fitted
     effort, left = fitted.data.effort[fitted.scored], fitted.residual[fitted.scored]
@@ -223,7 +223,7 @@ def test_a_model_describes_its_own_measurement_by_runs_that_it_was_not_fitted_to
     assert np.linalg.norm(in_sample) < np.linalg.norm(left)
 
 
-def test_few_samples_have_no_model_and_are_laid_over_all_the_same(tmp_path):
+def test_few_samples_have_no_model_and_are_overlaid(tmp_path):
     files = [
         write_presses(tmp_path / f"{n}.csv", speeds_m_s=(0.02,), force_of=law(400.0), seed=n) for n in (1, 2)
     ]
@@ -238,7 +238,7 @@ def test_few_samples_have_no_model_and_are_laid_over_all_the_same(tmp_path):
     assert "A has no model" in told.stdout
 
 
-def test_the_command_tells_and_writes_the_same(soft, stiff, tmp_path):
+def test_command_prints_and_writes_the_same(soft, stiff, tmp_path):
     result = done("compare", soft, stiff, "--out", tmp_path)
     told = " ".join(result.stdout.split())
     assert "stiffness.k differs: 39.9" in told
@@ -255,7 +255,7 @@ def test_the_command_tells_and_writes_the_same(soft, stiff, tmp_path):
     assert {"/contact/effort/A", "/contact/effort/B", "/contact/residual/B"} <= entities
 
 
-def test_the_command_that_leads_there_can_be_typed_again(hardening):
+def test_printed_command_can_be_repeated(hardening):
     result = run("compare", hardening, "--other-model", "hunt_crossley")
     words = next_commands(result)[0]
     assert words[-2:] == ["--out", "FOLDER"]
@@ -313,7 +313,7 @@ def test_incomparable_measurements_are_refused(arguments, words, soft, stiff, tm
     assert_refused(run("compare", *(files.get(one, one) for one in arguments)), *words)
 
 
-def test_a_file_that_is_there_is_not_replaced(soft, stiff, tmp_path):
+def test_existing_file_is_not_replaced(soft, stiff, tmp_path):
     (tmp_path / "report.html").write_text("precious")
     assert_refused(run("compare", soft, stiff, "--out", tmp_path), "report.html: exists already")
     assert [one.name for one in tmp_path.iterdir()] == ["report.html"]

@@ -77,7 +77,7 @@ def effort(model, q=(0.0, 0.0), v=(0.0, 0.0), a=(0.0, 0.0)):
         ('<position joint="elbow" kp="5"/>', '<motor joint="elbow" gear=""/>', "<motor> 'elbow' gear ''"),
     ],
 )
-def test_a_number_of_the_file_that_is_none_is_refused_with_its_place(old, new, said):
+def test_invalid_number_of_the_file_is_refused_with_its_place(old, new, said):
     arm = arm_of(frictionloss=0.1, gap=0.01, gear=1.2, sensor_delay_s=0.002)
     with pytest.raises(InputError, match=r"^mine\.xml: <") as refused:
         patch_mjcf(HAND_MADE.replace(old, new), "mine.xml", arm, LEVEL, by_name=True)
@@ -85,14 +85,14 @@ def test_a_number_of_the_file_that_is_none_is_refused_with_its_place(old, new, s
 
 
 @pytest.mark.parametrize("name", ["coulomb_and_viscous", "torque_gain"])
-def test_an_exported_joint_predicts_an_unseen_motion_as_well_as_the_fit_promised(name, tmp_path, monkeypatch):
+def test_exported_joint_predicts_an_unseen_motion_as_well_as_the_fit(name, tmp_path, monkeypatch):
     monkeypatch.setattr(simulator_round_trip, "SECONDS", 3.0)
     trip = round_trip(CASES[name], tmp_path, diagnose=False)
     assert trip.replayed < 1.05 * trip.promised < 1.2 * NOISE_NM < 0.2 * trip.nominal
     assert trip.motion < 0.01 * trip.nominal_motion  # under the same commands
 
 
-def test_springs_dampers_rotor_and_dry_friction_act_as_their_equations_say():
+def test_springs_dampers_rotor_and_dry_friction_follow_their_equations():
     spring = {"stiffness": 1.5, "preload": -0.6, "cubic": 2.0}
     plain = mujoco.MjModel.from_xml_string(HAND_MADE.replace('damping="0.7"', ""))
     model, _ = patched(arm_of(damping=0.3, damping_quadratic=0.08, armature=0.02, **spring))
@@ -107,7 +107,7 @@ def test_springs_dampers_rotor_and_dry_friction_act_as_their_equations_say():
         assert extra == pytest.approx(0.5 * np.sign(v), abs=1e-3)
 
 
-def test_a_payload_goes_to_the_tip_and_a_tilt_into_gravity():
+def test_payload_goes_to_the_tip_and_a_tilt_into_gravity():
     model, result = patched(arm_of({"payload_kg": 0.4, "tilt_rad": 0.1}))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -123,7 +123,7 @@ def test_a_payload_goes_to_the_tip_and_a_tilt_into_gravity():
     assert any("is negative" in line for line in result.left_out)
 
 
-def test_a_gap_lets_the_link_move_by_itself_and_no_further():
+def test_gap_lets_the_link_move_freely_within_it():
     # motors that hold still, while gravity pulls the link through the gap
     heavy = HAND_MADE.replace('name="shoulder"', 'name="shoulder" armature="1e6"')
     model, result = patched(arm_of(gap=0.02, damping=0.0, armature=1e6), heavy)
@@ -141,7 +141,7 @@ def test_a_gap_lets_the_link_move_by_itself_and_no_further():
     assert any("keyframes" in line for line in result.left_out)
 
 
-def test_a_torque_scale_goes_into_the_gear_and_a_late_reading_into_a_late_sensor():
+def test_torque_scale_goes_into_the_gear_and_a_delay_into_the_sensor():
     scaled = TargetArm("", (TargetJoint("joint_1", "", {"gear": TermValue(1.25, ())}, ()),), {}, ())
     model, result = patched(scaled, by_name=False)
     assert model.actuator_gear[0, 0] == pytest.approx(3.75)
@@ -177,12 +177,12 @@ def test_contradicting_settings_of_the_file_are_kept_and_reported():
         ("<mujoco>", "not readable"),
     ],
 )
-def test_a_file_that_cannot_be_patched_is_refused(text, words):
+def test_unpatchable_file_is_refused(text, words):
     with pytest.raises(InputError, match=words):
         patch_mjcf(text, "mine.xml", arm_of(damping=1.0), LEVEL, by_name=True)
 
 
-def test_a_urdf_gets_what_mujoco_reads_and_every_effect_of_the_table_is_in_the_library():
+def test_urdf_gets_mujoco_settings_and_every_table_effect_is_in_the_library():
     result = patch_urdf(URDF, "arm.urdf", arm_of({"payload_kg": 0.4}, friction=0.3, damping=0.2), LEVEL)
     before, after = (mujoco.MjModel.from_xml_string(text) for text in (URDF, result.text))
     assert (after.dof_damping[1], after.dof_frictionloss[1]) == (0.2, 0.3)
@@ -253,7 +253,7 @@ def test_bam_gets_its_stribeck_model_and_keeps_the_motor(swinging, tmp_path):
     assert any('"kt"' in line for line in said["left_out"])
 
 
-def test_a_mjcf_without_urdf_takes_joints_in_their_order(swinging, tmp_path):
+def test_mjcf_without_urdf_takes_joints_in_their_order(swinging, tmp_path):
     mine = saved(tmp_path / "mine.xml", HAND_MADE)
     text, said = exported(swinging, "mjcf", "--patch", mine)
     joint = ElementTree.fromstring(text).find(".//joint[@name='shoulder']")
@@ -270,7 +270,7 @@ for face in ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)):
 
 
 @pytest.mark.parametrize("compiler", ["", '<compiler meshdir="parts"/>', '<compiler assetdir="parts"/>'])
-def test_a_copy_in_another_folder_finds_the_meshes_of_the_original(swinging, tmp_path, compiler):
+def test_copy_in_another_folder_finds_the_original_meshes(swinging, tmp_path, compiler):
     mine, out = tmp_path / "mine", tmp_path / "deep" / "er"
     (mine / "parts").mkdir(parents=True)
     out.mkdir(parents=True)
@@ -294,7 +294,7 @@ def test_a_copy_in_another_folder_finds_the_meshes_of_the_original(swinging, tmp
         ('<mujoco><compiler meshdir="a" strippath="false"/></mujoco>', "parts/link.stl", "../../mine/a"),
     ],
 )
-def test_a_urdf_in_another_folder_names_the_meshes_of_the_original(compiler, written, meshdir):
+def test_urdf_in_another_folder_names_the_original_meshes(compiler, written, meshdir):
     names = ("parts/link.stl", "package://mine/link.stl", "/abs/link.stl")
     shapes = "".join(f'<visual><geometry><mesh filename="{name}"/></geometry></visual>' for name in names)
     text = URDF.replace("</link>", f"{shapes}</link>", 1).replace("</robot>", f"{compiler}</robot>")
@@ -332,7 +332,7 @@ def follow(text, seed):
     return goal, position
 
 
-def test_a_servo_without_torques_is_exported_with_its_gain_and_then_moves_as_recorded(tmp_path):
+def test_servo_without_torques_is_exported_with_its_gain_and_moves_as_recorded(tmp_path):
     hidden = SERVO.format(' damping="0.6" frictionloss="0.8" solreffriction="0.004 1"')
     nominal = SERVO.format("")
     runs = [np.stack(follow(hidden, seed))[:, 500::5] for seed in range(3)]
@@ -367,7 +367,7 @@ def test_a_servo_without_torques_is_exported_with_its_gain_and_then_moves_as_rec
     assert after < 4e-4 < 0.01 * before  # of the order of the noise
 
 
-def test_a_gain_of_a_servo_whose_torque_was_measured_is_refused(swinging, tmp_path):
+def test_servo_gain_is_refused_with_measured_torque(swinging, tmp_path):
     data, folder = swinging
     base = ("export", data, "--folder", folder / "study", "-o", tmp_path / "x.py", "--servo-gain", 2)
     assert_refused(run(*base, "--format", "isaaclab"), "the effort of joint_1 was measured")
@@ -375,7 +375,7 @@ def test_a_gain_of_a_servo_whose_torque_was_measured_is_refused(swinging, tmp_pa
 
 
 @pytest.mark.parametrize("form", ["bam", "feedforward"])
-def test_a_joint_without_a_revision_gets_its_base_model_with_a_warning(swinging, tmp_path, form):
+def test_joint_without_a_revision_gets_its_base_model_with_a_warning(swinging, tmp_path, form):
     data, folder = swinging
     out = tmp_path / ("out.yaml" if form == "feedforward" else "out")
     base = ("export", data, "--format", form, "-o", out, "--force")
@@ -385,7 +385,7 @@ def test_a_joint_without_a_revision_gets_its_base_model_with_a_warning(swinging,
     assert "no effect was added" not in run(*base, "--folder", folder / "study").stderr
 
 
-def test_a_joint_that_is_adequate_is_exported_without_advice_to_diagnose_it(tmp_path):
+def test_adequate_joint_is_exported_without_advice_to_diagnose(tmp_path):
     rng, t = np.random.default_rng(4), np.tile(np.arange(0.0, 4.0, 0.02), 4)
     run_number = np.repeat(np.arange(4), 200)
     rate = np.array([1.1, 1.7, 2.6, 3.5])[run_number]
@@ -402,7 +402,7 @@ def test_a_joint_that_is_adequate_is_exported_without_advice_to_diagnose_it(tmp_
     assert "--apply" not in said.stderr
 
 
-def test_what_makes_no_sense_is_refused_in_one_line(swinging, tmp_path):
+def test_invalid_export_is_refused_in_one_line(swinging, tmp_path):
     data, folder = swinging
     mine = saved(tmp_path / "mine.xml", HAND_MADE)
     base = ("export", data, "--folder", folder / "study")

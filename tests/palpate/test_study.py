@@ -20,7 +20,7 @@ def frame(tmp_path):
     return pa.table(press_columns(write_presses(tmp_path / "p.csv")))
 
 
-def test_the_examples_in_the_docstrings_run(few_effects, without_figures):
+def test_docstring_examples_run(few_effects, without_figures):
     flags = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
     result = doctest.testmod(palpate.study, optionflags=flags)
     assert result.attempted >= 12
@@ -28,7 +28,7 @@ def test_the_examples_in_the_docstrings_run(few_effects, without_figures):
 
 
 @pytest.mark.slow
-def test_a_notebook_from_the_frame_to_the_report(few_effects, frame, tmp_path, monkeypatch):
+def test_notebook_workflow_from_the_frame_to_the_report(few_effects, frame, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "p.csv").unlink()
     study = palpate.Study(frame, model="kelvin_voigt")
@@ -53,7 +53,7 @@ def test_a_notebook_from_the_frame_to_the_report(few_effects, frame, tmp_path, m
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out.html", "world.yaml"]
 
 
-def test_a_pandas_frame_is_read(frame):
+def test_pandas_frame_is_read(frame):
     pandas = pytest.importorskip("pandas")
     columns = {name: frame[name].to_numpy() for name in frame.column_names}
     assert Study(pandas.DataFrame(columns)).channels[0].sha256 == Study(frame).channels[0].sha256
@@ -80,7 +80,7 @@ def test_user_effect_is_given_as_object_or_file(frame, tmp_path):
     assert errors == {Study(frame).fit("contact", ["cubic_stiffness"]).rmse}
 
 
-def test_the_package_has_no_other_name(frame):
+def test_package_has_no_other_name(frame):
     assert palpate.Study is Study
     with pytest.raises(AttributeError, match="no attribute 'Studies'"):
         palpate.Studies  # noqa: B018
@@ -145,7 +145,7 @@ def test_each_result_prints_as_a_small_table(few_effects, study):
     assert "cubic_stiffness" in str(found)
 
 
-def test_held_out_runs_judge_what_the_others_were_fitted_to(tmp_path):
+def test_held_out_runs_judge_the_fit_to_the_others(tmp_path):
     file, effects = write_presses(tmp_path / "p.csv"), ["cubic_stiffness"]
     study = Study(file, held_out=[1, 3], keep=False)
     others = Study(file, keep=False)
@@ -164,7 +164,7 @@ def test_held_out_runs_judge_what_the_others_were_fitted_to(tmp_path):
     assert found.channel.runs.tolist() == [0, 2]
 
 
-def test_the_noise_is_that_of_the_runs_that_judge(frame):
+def test_noise_is_that_of_the_held_out_runs(frame):
     columns = {name: frame[name].to_numpy() for name in frame.column_names}
     more = np.where(columns["run"] == 3, np.random.default_rng(1).normal(0, 0.06, len(frame)), 0)
     noisy = {**columns, "force_N": columns["force_N"] + more}
@@ -174,7 +174,7 @@ def test_the_noise_is_that_of_the_runs_that_judge(frame):
         assert study.noise("contact").value == pytest.approx(noise_n, rel=0.1)
 
 
-def test_a_diagnosis_judges_the_fitted_runs_by_each_other(few_effects, frame):
+def test_diagnosis_judges_the_fitted_runs_by_each_other(few_effects, frame):
     columns = {name: frame[name].to_numpy() for name in frame.column_names}
     study = Study(
         {**columns, "force_N": np.where(columns["run"] == 3, 2, 1) * columns["force_N"]}, held_out=[3]
@@ -196,7 +196,7 @@ def test_revisions_with_other_runs_held_out_are_of_other_data(tmp_path):
 
 
 @pytest.mark.parametrize(("cubic", "side"), [(2e6, "below"), (-1.5e6, "above")])
-def test_a_curve_lies_below_or_above_its_straight_line_at_half_depth(tmp_path, cubic, side):
+def test_curve_lies_below_or_above_its_straight_line_at_half_depth(tmp_path, cubic, side):
     """A spring that hardens hangs below the line through its ends, one that softens bulges above it."""
     study = Study(write_presses(tmp_path / "press.csv", cubic=cubic), model="kelvin_voigt", keep=False)
     compared = study.compare()["contact"]
@@ -211,7 +211,7 @@ def test_a_curve_lies_below_or_above_its_straight_line_at_half_depth(tmp_path, c
     "content", [None, b"", b"a,b\n1,2\n", bytes(range(256))], ids=["missing", "empty", "text", "binary"]
 )
 @pytest.mark.parametrize("ending", ["csv", "mcap", "npz", "parquet", "xlsx", "db3", "xyz"])
-def test_an_error_shows_no_control_character_of_a_file_name(tmp_path, ending, content):
+def test_error_shows_no_control_character_of_a_file_name(tmp_path, ending, content):
     path = tmp_path / f"press\x1b[31m\n\x07\u202e.{ending}"
     if content is not None:
         path.write_bytes(content)

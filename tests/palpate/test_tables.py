@@ -46,7 +46,7 @@ def listed(kept, width):
 
 
 @pytest.mark.parametrize("width", [40, 60, 100])
-def test_a_table_that_is_too_wide_is_folded_and_not_cut(width):
+def test_wide_table_is_folded_and_not_cut(width):
     table = console.table("", "what is measured", "value", right=("value",))
     table.add_row("viscoelasticity of a long and soft thing", "-123456.7 ± 89.1")
     shown = printed(table, width)
@@ -60,7 +60,7 @@ def test_a_table_that_is_too_wide_is_folded_and_not_cut(width):
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])
-def test_the_table_of_revisions_breaks_no_word_in_a_narrow_terminal(width):
+def test_table_of_revisions_breaks_no_word_in_a_narrow_terminal(width):
     effects = ["force_deadband", "load_dependent_friction"]
     told = {"channel": "joint_1", "model": "rigid_body", "effort_unit": "N m", "noise_floor": 0.05}
     told |= {"created_utc": "2026-01-02T03:04:05", "parameters": {}}
@@ -84,7 +84,7 @@ def estimates_of(path, model):
 
 @pytest.mark.parametrize("width", [60, 80, 120])
 @pytest.mark.parametrize("model", ["kelvin_voigt", "hunt_crossley"])
-def test_the_table_of_estimates_breaks_no_word(hardening, model, width):
+def test_table_of_estimates_breaks_no_word(hardening, model, width):
     found = estimates_of(hardening, model)
     shown = printed(estimate_table(found, {}, width), width)
     assert {"preemptive_ransac", "robust", "±"} <= set(shown.split())
@@ -100,7 +100,7 @@ def differing(name, unit, *values):
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])
-def test_tables_of_parameters_break_no_word_and_no_name_of_an_effect(width):
+def test_tables_of_parameters_break_no_word_and_no_effect_name(width):
     one = ParameterView(LONG, "transition", 0.0123, 0.0113, 0.0133, "N m s^2/rad^2")
     long, short = differing(f"{LONG}.transition", one.unit, 1.0, 2.0), "contact_offset.offset"
     for made in (parameter_table([one], width), difference_table([long], width)):
@@ -133,7 +133,7 @@ def compared_and_diagnosed(hardening):
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])
-def test_the_table_of_stages_breaks_no_name_of_an_effect(added, width):
+def test_table_of_stages_breaks_no_effect_name(added, width):
     assert any(stage.number is not None for stage in added.stages)
     shown = printed(
         error_steps_table(replace(added, error_steps=(added.error_steps[0], (f"+ {LONG}", 0.1))), width),

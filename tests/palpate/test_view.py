@@ -95,7 +95,7 @@ def test_verdict_is_one_sentence(found, words, absent):
         (False, 361.9, "An unexplained error of 360 times the noise remains and depends on a."),
     ],
 )
-def test_an_established_effect_is_named_whether_the_model_is_complete_or_not(complete, times, words):
+def test_accepted_effect_is_named_for_complete_and_incomplete_models(complete, times, words):
     rest = SimpleNamespace(rmse=0.1 * times, times_floor=times, depends_on=["a"])
     known = dict(diagnosis("missing", after=0.18))
     known["accepted"] = [SimpleNamespace(form="exact", **ONE)]
@@ -115,7 +115,7 @@ def test_an_established_effect_is_named_whether_the_model_is_complete_or_not(com
         ((0.0871, 0.0870), "does not fall: from 0.0871 to 0.087 N."),
     ],
 )
-def test_the_last_step_is_credited_only_with_its_own_fall(errors, words):
+def test_last_step_is_credited_only_with_its_own_decrease(errors, words):
     added = ["first", "second"][: len(errors) - 1]
     told = describe_error_decrease("contact", errors, added, 0.01, "N")
     assert told.endswith(words)
@@ -142,7 +142,7 @@ def test_excluded_stretch_stays_a_gap():
     assert np.isfinite(values[rows[rows < 5000]]).all()
 
 
-def test_very_many_runs_are_represented_by_a_few_and_never_joined():
+def test_many_runs_are_represented_by_a_few_and_never_joined():
     run = np.repeat(np.arange(2000), 10)
     rows = rows_by_run(run)
     assert len(rows) == 60
@@ -162,7 +162,7 @@ def contact():
     return ChannelData("contact", ChannelKind.CONTACT, ticks["time_s"], depth, speed, acceleration, *about)
 
 
-def test_runs_are_named_by_their_speed_from_slow_to_fast_and_by_one_name_where_one_was_meant(contact):
+def test_runs_are_named_by_speed_from_slow_to_fast(contact):
     assert run_speeds(contact) == {2: "60 mm/s", 1: "90 mm/s", 0: "150 mm/s"}
     assert run_speeds(contact.select(contact.run == 0)) == {}
     unphased = replace(contact, phase=np.full(len(contact), -1))
@@ -176,13 +176,13 @@ def test_runs_are_named_by_their_speed_from_slow_to_fast_and_by_one_name_where_o
     assert min(float(word.split()[0]) for word in run_speeds(slow).values()) > 1.0
 
 
-def test_runs_that_each_begin_at_zero_are_shown_one_after_the_other(contact):
+def test_runs_that_each_begin_at_zero_are_shown_in_sequence(contact):
     starts = np.array([contact.time_s[contact.run == run][0] for run in contact.runs])
     again = replace(contact, time_s=contact.time_s - starts[contact.run])
     assert (np.diff(concatenated_times(again)) > 0.0).all()
 
 
-def test_a_residual_map_averages_what_is_judged_in_a_cell(contact):
+def test_residual_map_averages_scored_samples_in_a_cell(contact):
     judged = contact.position < 0.01
     view = channel_view(contact, (), None, scored=judged)
     used = view.engaged & view.scored
@@ -213,7 +213,7 @@ def test_excluded_samples_are_reported(contact):
         (float("nan"), None, ("12", "not determined")),
     ],
 )
-def test_a_parameter_is_shown_with_its_interval(std_err, interval, shown):
+def test_parameter_is_shown_with_its_interval(std_err, interval, shown):
     found = ParameterValue(value=12.346, std_err=std_err, unit="N/m")
     if interval is not None:  # an estimate has an interval of its own
         found = SimpleNamespace(value=12.346, interval=interval, unit="N/m", at_bound=False)
@@ -221,7 +221,7 @@ def test_a_parameter_is_shown_with_its_interval(std_err, interval, shown):
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])
-def test_a_diagnosis_fits_into_its_terminal_and_breaks_no_name(contact, width):
+def test_diagnosis_fits_the_terminal_and_breaks_no_name(contact, width):
     long = accepted("load_dependent_friction", 0.5, 0.2, "asymmetric_friction")
     ranking = [{"effect": "load_dependent_friction", "rmse_held_out": 0.2, "score": 0.6}]
     found = diagnosis("missing", long, after=0.2, ranking=ranking)
@@ -234,7 +234,7 @@ def test_a_diagnosis_fits_into_its_terminal_and_breaks_no_name(contact, width):
     assert any("these data cannot tell it from asymmetric_friction" in line for line in lines) or width == 60
 
 
-def test_colours_of_speeds_differ_and_run_from_slow_to_fast():
+def test_colors_of_speeds_differ_and_run_from_slow_to_fast():
     for count in range(2, len(palette.SPEEDS) + 1):
         colors = list(palette.speed_colors([str(i) for i in range(count)]).values())
         assert len(set(colors)) == count

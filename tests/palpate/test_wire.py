@@ -39,7 +39,7 @@ def estimates_of(path):
     # Of the two arms on CAN one is enough here: tests/contract compares what each of them serves.
     ["odrive_3dof", "dynamixel_3dof", pytest.param("cubemars_3dof", marks=pytest.mark.slow)],
 )
-def test_a_session_over_the_wire_tells_the_truth(tmp_path, name):
+def test_emulated_session_matches_the_truth(tmp_path, name):
     path = tmp_path / "wired.mcap"
     result = done("probe", "--robot", ROOT / f"robots/{name}.yaml", "--wire", "-o", path, "--seed", 3, *SHORT)
     assert "emulated devices: motors (" in result.stderr
@@ -64,7 +64,7 @@ def test_replaced_devices_must_be_valid(tmp_path, command):
 
 
 @pytest.mark.slow
-def test_an_arm_without_torque_mode_tells_a_stiffness(tmp_path):
+def test_arm_without_torque_mode_estimates_a_stiffness(tmp_path):
     """SO-101, as docs/tutorial/so101.md has it."""
     path = tmp_path / "so101.mcap"
     plan = ("--scenario", "soft", "--speed-mm-s", "20,10", "--force-limit-n", 3, "--online", "none")
@@ -97,20 +97,20 @@ def mixed(tmp_path):
     return saved(tmp_path / "mixed.yaml", text)
 
 
-def test_a_robot_is_simulated_as_a_whole_or_not_at_all(mixed):
+def test_robot_is_simulated_as_a_whole_or_not_at_all(mixed):
     assert not is_simulated(parse_robot_file(SERVOS.read_text(encoding="utf-8"), SERVOS))
     with pytest.raises(InputError, match=r"'world' is simulated \(pybullet\) and bus 'motors' \(dyn"):
         is_simulated(parse_robot_file(mixed.read_text(encoding="utf-8"), mixed))
 
 
 @pytest.mark.parametrize("options", [(), ("--wire",), ("--realtime",)])
-def test_real_servos_with_a_simulated_force_are_refused_before_anything_is_opened(mixed, tmp_path, options):
+def test_real_servos_with_a_simulated_force_are_refused_before_opening(mixed, tmp_path, options):
     out = tmp_path / "x.mcap"
     assert_refused(run("probe", "--robot", mixed, "-o", out, *options), "mixed.yaml", "'motors'", "is not")
     assert not out.exists()
 
 
-def test_the_doctor_and_the_calibration_refuse_them_too(mixed, tmp_path):
+def test_doctor_and_calibration_refuse_mixed_robots_too(mixed, tmp_path):
     said = run("doctor", "--robot", mixed)
     assert said.exit_code == 2
     assert "bus 'world' is simulated" in said.stderr
@@ -141,12 +141,12 @@ def test_invalid_result_is_reported(arm):
 
 
 @pytest.mark.parametrize("command", [("probe",), ("calibrate", "torque")], ids=" ".join)
-def test_the_arm_itself_refuses_it(arm, command, tmp_path):
+def test_emulated_calibration_is_refused_by_the_real_arm(arm, command, tmp_path):
     result = run(*command, "--robot", arm, "-o", tmp_path / "x.mcap", "--yes")
     assert_refused(result, "calibration.encoder", "'e.yaml'", "emulated devices", "palpate calibrate encoder")
 
 
-def test_the_emulated_devices_take_it_and_effects_can_be_hidden_behind_them(arm, tmp_path):
+def test_emulated_devices_accept_it_and_hide_effects(arm, tmp_path):
     path = tmp_path / "secret.mcap"
     wired = ("probe", "--robot", arm, "--wire", "-o", path, "--seed", 4, *SHORT)
     said = json.loads(done(*wired, "--hidden", "cubic_stiffness", "--json").stdout)
@@ -158,7 +158,7 @@ def test_the_emulated_devices_take_it_and_effects_can_be_hidden_behind_them(arm,
     assert effect.name == "cubic_stiffness"
 
 
-def test_so_does_the_doctor(arm):
+def test_doctor_accepts_it_with_emulated_devices(arm):
     assert run("doctor", "--robot", arm, "--wire").exit_code == 0
     result = run("doctor", "--robot", arm)
     assert result.exit_code == 2

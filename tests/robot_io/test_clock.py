@@ -36,7 +36,7 @@ def test_simulated_time_never_goes_back(past_s):
     assert clock.now_s() == 1.0
 
 
-def test_listeners_hear_of_every_advance_once_and_see_the_new_time():
+def test_listeners_get_every_advance_once_with_the_new_time():
     clock, heard = SimulatedClock(), []
     clock.subscribe(lambda time_s: heard.append((time_s, clock.now_s())))
     for time_s in (0.5, 0.5, 0.2, 0.75):
@@ -44,7 +44,7 @@ def test_listeners_hear_of_every_advance_once_and_see_the_new_time():
     assert heard == [(0.5, 0.5), (0.75, 0.75)]
 
 
-def test_simulated_time_keeps_step_with_a_real_clock_and_makes_up_for_nothing_before():
+def test_paced_clock_follows_a_real_clock_from_its_start():
     pace = WrittenClock()
     clock = SimulatedClock(pace)
     clock.sleep_until(0.25)
@@ -72,7 +72,7 @@ def test_stall_shifts_later_ticks_and_a_late_tick_does_not():
         assert pace.now_s() == pytest.approx(5.0 + clock.now_s())
 
 
-def test_the_monotonic_clock_waits_and_does_not_wait_for_the_past():
+def test_monotonic_clock_waits_only_for_the_future():
     clock = MonotonicClock()
     start_s = clock.now_s()
     clock.sleep_until(start_s + 0.01)

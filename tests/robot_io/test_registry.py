@@ -61,7 +61,7 @@ def test_registry_finds_members_of_several_packages_in_order(package):
     assert set(registry) == {"circle", "square"}
 
 
-def test_two_of_one_name_are_refused(package):
+def test_duplicate_names_are_refused(package):
     registry = Registry("shape", Shape, package("shapes_e", one="circle", two="circle"))
     with pytest.raises(InputError, match="two shapes are called 'circle'"):
         len(registry)

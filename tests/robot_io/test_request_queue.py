@@ -39,7 +39,7 @@ class RequestLine:
 
 @pytest.mark.parametrize("delay_ms", [0.0, 0.4, 1.4, 4.2, 30.0])
 @pytest.mark.parametrize("from_tick", [0, 50])
-def test_answers_that_are_or_become_late_are_as_old_as_their_requests(delay_ms, from_tick):
+def test_late_answers_are_as_old_as_their_requests(delay_ms, from_tick):
     line = RequestLine(200, lambda tick: 1e-3 * delay_ms if tick >= from_tick else 0.3e-3)
     assert all(dated_s == true_s for dated_s, true_s in line.dates)
     assert line.dates[-1][1] >= (198 - delay_ms) * TICK_S
@@ -69,7 +69,7 @@ def test_losses_never_date_an_answer_too_new(delay_s, jitter_s, lost):
 @example(3.44e-3, 5.379e-3, 57, -2)
 @example(1.022e-3, 3.72e-3, 53, -2)
 @example(0.2e-3, 1.7e-3, 30, 1)
-def test_a_loss_beside_a_change_of_the_delay_dates_no_answer_too_new(before_s, after_s, from_tick, beside):
+def test_loss_beside_a_delay_change_dates_no_answer_too_new(before_s, after_s, from_tick, beside):
     delays_s = before_s, after_s
     line = RequestLine(150, lambda tick: delays_s[tick >= from_tick], {from_tick + beside})
     assert all(dated_s <= true_s for dated_s, true_s in line.dates if dated_s is not None)

@@ -47,9 +47,7 @@ def steps(bus, step):
 
 
 class TestReading:
-    def test_every_bus_is_polled_once_a_tick_and_times_and_statuses_are_those_of_the_devices(
-        self, active, bus
-    ):
+    def test_buses_are_polled_once_a_tick_and_samples_keep_their_times(self, active, bus):
         before = bus.polls
         tick(active)
         assert bus.polls == before + 1
@@ -61,7 +59,7 @@ class TestReading:
         assert measurement.encoder_status is Status.OK
 
     @pytest.mark.parametrize("device", ["encoder", "torque", "force"])
-    def test_a_silent_device_is_stale_with_its_age_and_its_old_value(self, active, bus, device):
+    def test_silent_device_is_stale_with_its_age_and_its_old_value(self, active, bus, device):
         bus.plant.hand_force_n = 3.0
         active.write(Command(np.array([0.5, 0.2, 0.1])), 1.0)
         fresh = tick(active)
@@ -85,7 +83,7 @@ class TestReading:
         assert reading.status is Status.OK
         assert tick(active).force_status is Status.STALE
 
-    def test_the_older_of_position_and_velocity_counts(self, active, monkeypatch):
+    def test_older_of_position_and_velocity_counts(self, active, monkeypatch):
         velocity = active.encoder.read_velocity()
         monkeypatch.setattr(active.encoder, "read_velocity", lambda: velocity)
         measurement = tick(active)
@@ -93,12 +91,12 @@ class TestReading:
         assert measurement.encoder_status is Status.STALE
 
     @pytest.mark.parametrize("part", ["read_position", "read_velocity"])
-    def test_the_worse_of_position_and_velocity_counts(self, active, monkeypatch, part):
+    def test_worse_of_position_and_velocity_counts(self, active, monkeypatch, part):
         read = getattr(active.encoder, part)
         monkeypatch.setattr(active.encoder, part, lambda: read()._replace(status=Status.FAULT))
         assert tick(active).encoder_status is Status.FAULT
 
-    def test_a_tick_that_is_preempted_while_it_polls_has_good_samples(self, active, bus, monkeypatch):
+    def test_preempted_poll_still_has_good_samples(self, active, bus, monkeypatch):
         """On the machine's clock another program may take the processor for longer than the age limit."""
         poll = bus.poll
 
@@ -115,7 +113,7 @@ class TestReading:
         assert guard.tripped is None
 
     @pytest.mark.parametrize("device", ["encoder", "torque", "force"])
-    def test_a_sample_from_after_the_poll_is_a_fault_with_its_cause(self, active, monkeypatch, device):
+    def test_sample_from_after_the_poll_is_a_fault_with_its_cause(self, active, monkeypatch, device):
         part = getattr(active, device)
         name = {"encoder": "read_velocity", "torque": "read_torque", "force": "read_force"}[device]
         read = getattr(part, name)
@@ -142,7 +140,7 @@ class TestReading:
         assert measurement.encoder_at_s == measurement.force_at_s == -np.inf
         assert measurement.encoder_status is measurement.torque_status is Status.STALE
 
-    def test_a_deadline_missed_by_the_bus_makes_samples_stale(self, active, bus):
+    def test_deadline_missed_by_the_bus_makes_samples_stale(self, active, bus):
         last = tick(active)
         bus.faults.poll_takes_s = 5 * DT
         measurement = tick(active)
@@ -172,12 +170,12 @@ class TestReading:
         bus.readings["encoder"].value[:] = 77.0
         np.testing.assert_array_equal(measurement.joint_position_rad, kept)
 
-    def test_a_reading_of_the_wrong_shape_is_an_error(self, active, monkeypatch):
+    def test_reading_of_the_wrong_shape_is_an_error(self, active, monkeypatch):
         monkeypatch.setattr(active.encoder, "read_position", lambda: Reading(np.zeros(2), 1.0))
         with pytest.raises(DeviceError, match=r"encoder position has shape \(2,\), expected \(3,\)"):
             tick(active)
 
-    def test_it_needs_a_configured_robot(self, robot):
+    def test_reading_needs_a_configured_robot(self, robot):
         with pytest.raises(
             LifecycleError, match="read needs a robot that is configured or active, this is new"
         ):
@@ -191,13 +189,13 @@ class TestWriting:
         np.testing.assert_array_equal(bus.plant.torque_nm, sent.joint_torque_nm)
 
     @pytest.mark.parametrize("bad", [[1.0, 2.0], [np.nan, 0, 0], [0, np.inf, 0]])
-    def test_a_bad_command_is_not_sent(self, active, bus, bad):
+    def test_invalid_command_is_not_sent(self, active, bus, bad):
         active.write(Command(np.array([0.5, 0, 0])), 1.0)
         with pytest.raises(InputError, match="joint torque command"):
             active.write(Command(np.array(bad)), 1.0)
         np.testing.assert_array_equal(bus.plant.torque_nm, [0.5, 0, 0])
 
-    def test_a_bus_that_fails_is_named(self, active, bus):
+    def test_failing_bus_is_named(self, active, bus):
         bus.faults.unplugged = True
         with pytest.raises(DeviceError, match="mock: command not sent: bus 'world': mock bus: unplugged"):
             active.write(Command(np.zeros(3)), 1.0)
@@ -213,14 +211,14 @@ class TestWriting:
             pair.write(Command(np.zeros(3)), 1.0)
         np.testing.assert_array_equal(other.plant.torque_nm, np.ones(3))
 
-    def test_it_needs_an_active_robot(self, robot):
+    def test_writing_needs_an_active_robot(self, robot):
         robot.configure()
         with pytest.raises(LifecycleError, match="needs a robot that is active, this is configured"):
             robot.write(Command(np.zeros(3)), 1.0)
 
 
 class TestLife:
-    def test_the_torque_is_the_last_on_and_the_first_off(self, robot, bus):
+    def test_torque_is_the_last_on_and_the_first_off(self, robot, bus):
         robot.configure()
         robot.activate()
         robot.deactivate()
@@ -229,7 +227,7 @@ class TestLife:
         assert steps(bus, "deactivate")[:4] == steps(bus, "close") == DOWN
 
     @pytest.mark.parametrize("failing", UP)
-    def test_activating_half_way_deactivates_what_was_activated_and_what_failed(self, robot, bus, failing):
+    def test_failed_activation_deactivates_what_was_activated(self, robot, bus, failing):
         robot.configure()
         bus.faults.refuse.add((failing, "activate"))
         with pytest.raises(DeviceError, match=f"mock {failing} refuses to activate"):
@@ -241,7 +239,7 @@ class TestLife:
         robot.activate()
 
     @pytest.mark.parametrize("failing", UP)
-    def test_configuring_half_way_closes_what_was_opened(self, robot, bus, failing):
+    def test_failed_configuration_closes_what_was_opened(self, robot, bus, failing):
         bus.faults.refuse.add((failing, "configure"))
         with pytest.raises(DeviceError, match=f"configure failed: mock {failing} refuses"):
             robot.configure()
@@ -264,9 +262,7 @@ class TestLife:
         assert "drives: " in str(caught.value)
         assert "encoder: " in str(caught.value)
 
-    def test_a_robot_that_could_not_be_deactivated_takes_no_commands_and_can_be_tried_again(
-        self, active, bus
-    ):
+    def test_robot_that_could_not_be_deactivated_takes_no_commands_and_can_retry(self, active, bus):
         bus.faults.refuse.add(("torque", "deactivate"))
         with pytest.raises(DeviceError):
             active.deactivate()
@@ -276,14 +272,14 @@ class TestLife:
         active.deactivate()
         assert not bus.powered
 
-    def test_closing_releases_everything_even_if_the_torque_does_not_go_off(self, active, bus):
+    def test_closing_releases_everything_even_if_the_torque_stays_on(self, active, bus):
         bus.faults.refuse.add(("torque", "deactivate"))
         with pytest.raises(DeviceError):
             active.close()
         assert steps(bus, "close") == DOWN
         assert active.state is RobotState.CLOSED
 
-    def test_an_impatient_ctrl_c_does_not_leave_the_torque_on(self, active, bus, monkeypatch):
+    def test_second_ctrl_c_does_not_leave_the_torque_on(self, active, bus, monkeypatch):
         real, interrupts = active.torque.deactivate, [KeyboardInterrupt()]
 
         def deactivate():
@@ -297,7 +293,7 @@ class TestLife:
         assert steps(bus, "deactivate") == DOWN
         assert not bus.powered
 
-    def test_ctrl_c_while_activating_takes_everything_back(self, robot, bus, monkeypatch):
+    def test_ctrl_c_while_activating_reverts_everything(self, robot, bus, monkeypatch):
         def activate():
             raise KeyboardInterrupt
 
@@ -308,7 +304,7 @@ class TestLife:
         assert steps(bus, "deactivate") == DOWN
         assert robot.state is RobotState.CONFIGURED
 
-    def test_a_bug_in_one_driver_does_not_spare_the_others(self, active, bus, monkeypatch):
+    def test_bug_in_one_driver_does_not_spare_the_others(self, active, bus, monkeypatch):
         def deactivate():
             raise TypeError("a bug")
 
@@ -317,7 +313,7 @@ class TestLife:
             active.deactivate()
         assert steps(bus, "deactivate") == DOWN[1:]
 
-    def test_a_with_block_keeps_its_own_error_and_notes_a_failed_close(self, robot, bus):
+    def test_with_block_keeps_its_own_error_and_notes_a_failed_close(self, robot, bus):
         bus.faults.refuse.add(("encoder", "close"))
 
         def work():
@@ -328,7 +324,7 @@ class TestLife:
             work()
         assert "closing failed too: encoder: close failed" in caught.value.__notes__[0]
 
-    def test_a_with_block_reports_a_failed_close(self, robot, bus):
+    def test_with_block_reports_a_failed_close(self, robot, bus):
         bus.faults.refuse.add(("encoder", "close"))
         with pytest.raises(DeviceError, match="encoder: close failed"), robot:
             pass
@@ -366,7 +362,7 @@ class TestBuilding:
         with pytest.raises(InputError, match="the encoder has 2 joints, the drives have 3"):
             Robot(robot.encoder, robot.torque, robot.force, {"world": bus}, SimulatedClock(), "odd")
 
-    def test_the_drives_must_fit_the_robot_file(self, robot, monkeypatch):
+    def test_drives_must_fit_the_robot_file(self, robot, monkeypatch):
         monkeypatch.setattr(type(robot.encoder), "joint_count", 2)
         monkeypatch.setattr(type(robot.torque), "joint_count", 2)
         with pytest.raises(InputError, match="the drives have 2 joints, home_rad has 3"):

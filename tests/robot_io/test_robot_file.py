@@ -36,7 +36,7 @@ def test_info_matches_the_file(tmp_path):
     assert robot_file.text == ROBOT_YAML
 
 
-def test_driver_settings_are_passed_on_unread_and_the_file_cannot_be_changed():
+def test_driver_settings_are_passed_on_unread_and_the_file_is_immutable():
     robot_file = parse_robot_file(
         changed(force="{driver: mock_force, bus: world, gain: 2, unit: N}"), "m.yaml"
     )
@@ -83,7 +83,7 @@ def test_driver_settings_are_passed_on_unread_and_the_file_cannot_be_changed():
         ({"safe_state": "{damping_nms_rad: [1, 1, 1], stop_time_s: 60}"}, "safe_state.stop_time_s: input"),
     ],
 )
-def test_what_is_wrong_and_where(changes, message):
+def test_invalid_file_is_refused_with_its_place(changes, message):
     with pytest.raises(InputError) as caught:
         parse_robot_file(changed(**changes), "m.yaml")
     assert message in str(caught.value)
@@ -91,12 +91,12 @@ def test_what_is_wrong_and_where(changes, message):
     assert "more)" not in str(caught.value)
 
 
-def test_the_arm_may_rest_at_its_limits():
+def test_arm_may_rest_at_its_limits():
     robot_file = parse_robot_file(changed(home_rad="[-2.6, 2.6, 0]"), "m.yaml")
     assert robot_file.home_rad == (-2.6, 2.6, 0.0)
 
 
-def test_an_unknown_key_gets_a_hint_its_line_and_how_many_more_things_are_wrong():
+def test_unknown_key_gets_a_hint_its_line_and_the_number_of_further_errors():
     with pytest.raises(InputError) as caught:
         parse_robot_file(ROBOT_YAML.replace("force_n: 30", "force_N: 30"), "m.yaml")
     assert str(caught.value).startswith(
@@ -107,7 +107,7 @@ def test_an_unknown_key_gets_a_hint_its_line_and_how_many_more_things_are_wrong(
 
 
 @pytest.mark.parametrize("key", ["urdf", "dh"])
-def test_files_it_names_must_be_there(tmp_path, key):
+def test_named_files_must_exist(tmp_path, key):
     path = write_mock_files(tmp_path)
     text = re.sub("^urdf:.*$", "", ROBOT_YAML, flags=re.MULTILINE) if key == "urdf" else ROBOT_YAML
     path.write_text(text + f"\n{key}: absent.file\n")
@@ -187,7 +187,7 @@ def test_any_value_anywhere_gives_a_robot_or_an_input_error(place, value):
 
 
 @pytest.mark.parametrize("place", PLACES, ids=str)
-def test_a_missing_part_is_named(place):
+def test_missing_part_is_named(place):
     def drop(container, key):
         del container[key]
 
@@ -198,7 +198,7 @@ def test_a_missing_part_is_named(place):
 
 @settings(max_examples=100)
 @given(st.sampled_from(PLACES), st.text(max_size=12), VALUES)
-def test_an_extra_key_gives_a_robot_or_an_input_error(place, key, value):
+def test_extra_key_gives_a_robot_or_an_input_error(place, key, value):
     def add(container, _):
         if isinstance(container, dict):
             container[key] = value
@@ -209,5 +209,5 @@ def test_an_extra_key_gives_a_robot_or_an_input_error(place, key, value):
 
 
 @given(st.integers(0, len(ROBOT_YAML)), st.integers(0, 40), st.text(max_size=10))
-def test_a_damaged_text_gives_a_robot_or_an_input_error(start, length, inserted):
+def test_damaged_text_gives_a_robot_or_an_input_error(start, length, inserted):
     check(ROBOT_YAML[:start] + inserted + ROBOT_YAML[start + length :])

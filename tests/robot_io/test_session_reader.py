@@ -63,7 +63,7 @@ def whole(tmp_path_factory):
     return written(tmp_path_factory.mktemp("session") / "s.mcap").read_bytes()
 
 
-def test_a_session_written_at_once_is_read_back(tmp_path):
+def test_session_written_at_once_is_read_back(tmp_path):
     path = written(tmp_path / "new" / "s.mcap")
     session = Session.open(str(path))
     assert session.metadata == METADATA
@@ -103,7 +103,7 @@ def in_batches(monkeypatch):
 
 
 @pytest.mark.parametrize("count", [1001, 8000])
-def test_a_long_session_has_many_records_in_a_message_and_is_read_back(tmp_path, in_batches, count):
+def test_long_session_has_many_records_in_a_message_and_is_read_back(tmp_path, in_batches, count):
     path = written(tmp_path / "s.mcap", count)
     session = Session.open(path)
     assert (session.truncated, session.dropped, session.events) == (False, 0, EVENTS)
@@ -120,7 +120,7 @@ def test_a_long_session_has_many_records_in_a_message_and_is_read_back(tmp_path,
     assert mcap_file.scan(BytesIO(again.read_bytes())).metadata[HEADER_RECORD]["format_version"] == "1"
 
 
-def test_a_session_that_is_not_long_has_a_record_in_each_message(tmp_path, in_batches):
+def test_short_session_has_a_record_in_each_message(tmp_path, in_batches):
     with written(tmp_path / "s.mcap", 1000).open("rb") as file:
         assert make_reader(file).get_summary().statistics.message_count == 1000 + 2 + len(EVENTS)
 
@@ -137,7 +137,7 @@ def test_truncated_long_session_yields_all_earlier_records(tmp_path, in_batches,
 
 
 @pytest.mark.parametrize("stated", [{"slow": 40}, {"slow": 3}, {}])
-def test_a_message_of_many_records_that_is_lost_is_counted_record_by_record(tmp_path, in_batches, stated):
+def test_lost_message_of_many_records_is_counted_record_by_record(tmp_path, in_batches, stated):
     path, batch = tmp_path / "s.mcap", 16
     stream = replace(SLOW, batch=batch)
     rows = SLOW.records({"time_s": np.arange(40.0), "x": np.zeros(40)})
@@ -151,7 +151,7 @@ def test_a_message_of_many_records_that_is_lost_is_counted_record_by_record(tmp_
     assert session.dropped == 16
 
 
-def test_other_programs_can_read_it(tmp_path):
+def test_other_programs_can_read_the_file(tmp_path):
     with written(tmp_path / "s.mcap").open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         summary = reader.get_summary()
@@ -182,7 +182,7 @@ def test_truncated_file_yields_all_earlier_records(tmp_path, whole, data):
 
 
 @pytest.mark.parametrize("kept", [0, 1, 23])
-def test_a_file_cut_off_in_the_first_bytes_of_a_chunk_gives_the_chunks_before(tmp_path, whole, kept):
+def test_file_cut_in_a_chunk_header_gives_the_chunks_before(tmp_path, whole, kept):
     summary = make_reader(BytesIO(whole)).get_summary()
     third = sorted(index.chunk_start_offset for index in summary.chunk_indexes)[2]
     path = tmp_path / "s.mcap"
@@ -194,7 +194,7 @@ def test_a_file_cut_off_in_the_first_bytes_of_a_chunk_gives_the_chunks_before(tm
 
 @within_one_folder
 @given(st.data())
-def test_a_damaged_file_is_refused_or_not_changed_in_what_is_read(tmp_path, whole, data):
+def test_damaged_file_is_refused_or_read_unchanged(tmp_path, whole, data):
     place = data.draw(st.integers(0, len(whole) - 1))
     flipped = bytearray(whole)
     flipped[place] ^= data.draw(st.integers(1, 255))
@@ -211,7 +211,7 @@ def test_a_damaged_file_is_refused_or_not_changed_in_what_is_read(tmp_path, whol
     ("text", "damaged"),
     [(b"gain: 1.5", b"gain: 7.5"), (b"seed: 3", b"seed: 8"), (b"0.1.0", b"0.9.0"), (b"a\nb", b"a\nc")],
 )
-def test_a_damaged_text_of_a_finished_file_is_refused(tmp_path, whole, text, damaged):
+def test_damaged_text_of_a_finished_file_is_refused(tmp_path, whole, text, damaged):
     """It may be a calibration; no chunk covers it, only the checksum of the whole."""
     assert whole.count(text) == 1
     with pytest.raises(SessionError, match="the checksum of its data does not match"):
@@ -338,21 +338,21 @@ def test_damaged_chunk_of_a_truncated_session_is_skipped(tmp_path, flip, count):
         ({"header": {}, "messages": [("events", bytes(5_000_000))]}, "chunk of 5"),
     ],
 )
-def test_a_file_that_is_not_as_it_should_be_is_refused_in_one_line(tmp_path, arguments, word):
+def test_irregular_file_is_refused_in_one_line(tmp_path, arguments, word):
     path = foreign(tmp_path / "s.mcap", **arguments)
     with pytest.raises(SessionError, match=word):
         Session.open(path)
     assert opened(path) is None
 
 
-def test_more_data_than_there_is_memory_for_is_refused(tmp_path, monkeypatch):
+def test_more_data_than_memory_is_refused(tmp_path, monkeypatch):
     path = written(tmp_path / "s.mcap")
     monkeypatch.setattr(mcap_file, "MAX_DATA_BYTES", 100_000)
     with pytest.raises(SessionError, match="far more data than a session of its size"):
         Session.open(path)
 
 
-def test_a_session_that_is_small_only_while_it_is_packed_is_refused(tmp_path, monkeypatch):
+def test_session_that_expands_beyond_memory_is_refused(tmp_path, monkeypatch):
     path = foreign(tmp_path / "s.mcap", {}, [("events", bytes(4_000_000))] * 10)
     monkeypatch.setattr(atomic_write, "_ALLOWED_BYTES", 1_000_000)
     with pytest.raises(SessionError, match="far more data"):
@@ -396,7 +396,7 @@ def test_samples_are_read_only_and_can_be_selected(tmp_path):
     assert list(samples) == [column.name for column in TICK.columns]
 
 
-def test_unknown_names_say_what_there_is(tmp_path):
+def test_unknown_names_list_the_valid_ones(tmp_path):
     session = Session.open(written(tmp_path / "s.mcap"))
     with pytest.raises(UnknownNameError, match=r"'tock'\. Valid: tick, slow"):
         session.samples("tock")
@@ -416,7 +416,7 @@ def test_failed_write_leaves_no_file(tmp_path, monkeypatch):
     assert os.listdir(tmp_path) == []
 
 
-def test_writing_at_once_overwrites_nothing_and_heeds_the_umask(tmp_path):
+def test_writing_at_once_overwrites_nothing_and_respects_the_umask(tmp_path):
     path = written(tmp_path / "s.mcap")
     assert os.listdir(tmp_path) == ["s.mcap"]
     (tmp_path / "plain").touch()
@@ -436,14 +436,14 @@ def test_metadata_is_checked_before_anything_is_written(wrong):
         SessionMetadata(**wrong)
 
 
-def test_the_extra_metadata_cannot_take_the_place_of_the_header(tmp_path):
+def test_extra_metadata_cannot_replace_the_header(tmp_path):
     metadata = SessionMetadata(urdf="true", extra={"urdf": "false", "format_version": "9"})
     path = write_session(tmp_path / "s", [], metadata)
     assert Session.open(path).metadata == metadata
     assert EXTRA_RECORD.encode() in path.read_bytes()
 
 
-def test_a_growing_session_is_followed_without_reading_anything_twice(tmp_path, whole):
+def test_growing_session_is_followed_without_reading_twice(tmp_path, whole):
     path, seen = tmp_path / "s.mcap", []
     follower = SessionTail(path, "tick", last=10_000)
     for part in np.linspace(0, len(whole), 9).astype(int)[1:]:
@@ -463,7 +463,7 @@ def test_a_growing_session_is_followed_without_reading_anything_twice(tmp_path, 
     assert_ticks(short.read(), range(1400, 1500))
 
 
-def test_messages_in_chunks_of_any_order_are_read_in_the_order_of_logging(tmp_path):
+def test_chunks_of_any_order_are_read_in_the_order_of_logging(tmp_path):
     formed = WireFormat(SLOW).encode(SLOW.records({"time_s": np.arange(6.0), "x": np.zeros(6)}))
     with (tmp_path / "s.mcap").open("wb") as file:
         mcap = Writer(file, chunk_size=1, compression=CompressionType.LZ4)  # a chunk for each message
@@ -478,7 +478,7 @@ def test_messages_in_chunks_of_any_order_are_read_in_the_order_of_logging(tmp_pa
     assert session.dropped == 0
 
 
-def test_a_long_session_takes_little_more_memory_to_open_than_its_columns(tmp_path):
+def test_long_session_opens_with_little_more_memory_than_its_columns(tmp_path):
     """Neither the file nor its messages are held beside the columns."""
     count = 100_000
     stream = Stream("wide", (Column("time_s", "s"), Column("x", "m", 20)))
@@ -494,7 +494,7 @@ def test_a_long_session_takes_little_more_memory_to_open_than_its_columns(tmp_pa
     assert peak < 2.5 * values.nbytes  # with them, it would be four times as much
 
 
-def test_only_the_chosen_columns_are_left_and_as_they_were(tmp_path):
+def test_only_the_chosen_columns_are_kept_unchanged(tmp_path):
     path = write_session(tmp_path / "s", [(SLOW, {"time_s": [0.0, 1.0], "x": [2.0, 3.0]})], METADATA)
     session = Session.open(path)
     less = session.read_columns("slow", {"time_s", "unknown"})

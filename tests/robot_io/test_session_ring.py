@@ -57,7 +57,7 @@ def test_ring_buffer_counts_dropped_records(slots, steps):
         assert (ring.dropped, ring.offered, ring.full) == (dropped, offered, len(model) == slots)
 
 
-def test_a_record_of_the_wrong_form_leaves_no_trace():
+def test_record_of_the_wrong_form_leaves_no_trace():
     ring = ring_of(4)
     ring.push(record(0))
     for wrong in [(1,), (1, np.zeros(29)), ("x", np.zeros(30))]:
@@ -156,7 +156,7 @@ def flags(count, width=1):
     return (Column(f"flag_{i}", "1", width, "", "bool") for i in range(count))
 
 
-def test_a_record_has_the_columns_in_order_and_the_largest_streams_are_taken():
+def test_record_has_the_columns_in_order_and_the_largest_streams_fit():
     assert Stream("s", (TIME, *flags(1, 16_376))).dtype.itemsize == 16_384
     assert len(Stream("s" * 64, (TIME, *flags(999)), batch=16).columns) == 1000
     assert Column("x", "1", 16_384).shape == (16_384,)
@@ -204,7 +204,7 @@ def test_invalid_stream_is_refused_by_name(make, word):
         ({"time_s": [[0.0], [1.0]], "tip_m": np.zeros((2, 1, 3)), "count": [[1], [2]]}, "time_s"),
     ],
 )
-def test_columns_that_do_not_fit_are_refused_by_name(change, word):
+def test_mismatched_columns_are_refused_by_name(change, word):
     columns = {"time_s": [0.0, 1.0], "tip_m": np.zeros((2, 3)), "count": [1, 2]} | change
     with pytest.raises(InputError, match=word):
         PAIR.records({name: values for name, values in columns.items() if values is not None})
@@ -223,6 +223,6 @@ def test_streams_survive_their_description(one, two):
         '[{"name": 3, "columns": []}]',
     ],
 )  # fmt: skip
-def test_a_description_from_elsewhere_is_refused_in_one_way(text):
+def test_foreign_description_is_refused_in_one_way(text):
     with pytest.raises(SessionError):
         streams_from_json(text)

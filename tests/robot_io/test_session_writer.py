@@ -56,7 +56,7 @@ def stop(log):
 
 
 @linux_only
-def test_a_disk_that_hangs_holds_no_program_for_ever(tmp_path, monkeypatch):
+def test_hanging_disk_holds_no_program_for_ever(tmp_path, monkeypatch):
     monkeypatch.setattr(writer, "STALL_LIMIT_S", 1.5)
     monkeypatch.setattr(writer, "_KILL_LIMIT_S", 0.2)
     log = SessionWriter(tmp_path / "s.mcap", [TICK], METADATA, ring_slots=4, wait_for_room=True)
@@ -104,7 +104,7 @@ def test_logged_data_are_read_back(tmp_path):
     assert log.failure is None
 
 
-def test_a_stopped_writer_never_holds_up_the_loop_and_the_drops_are_seen(tmp_path):
+def test_stopped_writer_never_blocks_the_loop_and_drops_are_seen(tmp_path):
     path = tmp_path / "s.mcap"
     log = SessionWriter(path, [TICK], METADATA, ring_slots=100)
     log.append("tick", tick(0))
@@ -124,7 +124,7 @@ def test_a_stopped_writer_never_holds_up_the_loop_and_the_drops_are_seen(tmp_pat
     assert_ticks(session.samples("tick"), [*range(101), 500])
 
 
-def test_drops_at_the_very_end_are_counted_too(tmp_path):
+def test_final_drops_are_counted_too(tmp_path):
     path = tmp_path / "s.mcap"
     log = SessionWriter(path, [TICK], METADATA, ring_slots=10)
     stop(log)
@@ -136,7 +136,7 @@ def test_drops_at_the_very_end_are_counted_too(tmp_path):
     assert_ticks(session.samples("tick"), range(10))
 
 
-def test_all_that_the_ring_holds_at_the_end_reaches_the_file(tmp_path):
+def test_whole_ring_reaches_the_file_at_the_end(tmp_path):
     log = SessionWriter(tmp_path / "s.mcap", [TICK], METADATA)
     stop(log)
     append(log, range(3000))  # more than the writer takes at once
@@ -155,7 +155,7 @@ def test_simulated_time_waits_instead_of_dropping(tmp_path, slots):
     assert_ticks(session.samples("tick"), range(20))
 
 
-def test_a_stream_of_a_long_session_is_logged_record_by_record(tmp_path):
+def test_stream_of_a_long_session_is_logged_record_by_record(tmp_path):
     with SessionWriter(tmp_path / "s.mcap", [replace(SLOW, batch=50)], METADATA) as log:
         for number in range(130):
             log.append("slow", (float(number), 0.0))
@@ -170,7 +170,7 @@ def test_slow_stream_is_written_during_the_session(tmp_path):
         assert Session.open(tmp_path / "s.mcap").truncated
 
 
-def test_a_killed_writer_leaves_all_but_the_last_chunk(tmp_path):
+def test_killed_writer_leaves_all_but_the_last_chunk(tmp_path):
     path, count = tmp_path / "s.mcap", 8_000
     log = SessionWriter(path, [TICK], METADATA, wait_for_room=True)
     append(log, range(count))
@@ -227,7 +227,7 @@ def test_session_file_is_finished_for_any_program_end(tmp_path, end, code):
     assert not {name for name in left if "palpate" in name or name.startswith("psm_")}
 
 
-def test_ctrl_c_and_termination_leave_the_writer_at_work(tmp_path):
+def test_ctrl_c_and_termination_leave_the_writer_running(tmp_path):
     with SessionWriter(tmp_path / "s.mcap", [TICK], METADATA) as log:
         for number in (0, 1):
             log.append("tick", tick(number))
@@ -287,7 +287,7 @@ def test_missing_memory_is_reported_before_writing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_disk_that_hangs_at_the_end_does_not_hang_the_program(tmp_path, monkeypatch):
+def test_disk_that_hangs_at_the_end_does_not_hang_the_program(tmp_path, monkeypatch):
     monkeypatch.setattr(writer, "STALL_LIMIT_S", 0.2)
     log = SessionWriter(tmp_path / "s.mcap", [TICK], METADATA)
     log.append("tick", tick(0))
@@ -297,7 +297,7 @@ def test_a_disk_that_hangs_at_the_end_does_not_hang_the_program(tmp_path, monkey
     assert log._process.returncode == -signal.SIGKILL
 
 
-def test_a_writer_that_does_not_start_does_not_hang_the_program(tmp_path, monkeypatch):
+def test_writer_that_does_not_start_does_not_hang_the_program(tmp_path, monkeypatch):
     monkeypatch.setattr(writer, "START_LIMIT_S", 0.0)
     with pytest.raises(SessionError, match="cannot be written: the writer process ended with -9"):
         SessionWriter(tmp_path / "s.mcap", [TICK], METADATA)
@@ -311,7 +311,7 @@ def test_transferred_records_outlive_the_process(tmp_path):
         assert os.stat(file.fileno()).st_size == file.tell()
 
 
-def test_the_first_error_is_the_one_that_is_raised(tmp_path):
+def test_first_error_is_the_one_that_is_raised(tmp_path):
     def fail_in_session():
         with SessionWriter(tmp_path / "s", [TICK], METADATA) as log:
             log._process.kill()
@@ -322,7 +322,7 @@ def test_the_first_error_is_the_one_that_is_raised(tmp_path):
     assert "is not complete" in caught.value.__notes__[0]
 
 
-def test_mistakes_in_the_program_are_named(tmp_path):
+def test_programming_mistakes_are_named(tmp_path):
     with pytest.raises(InputError, match="tick appears twice"):
         SessionWriter(tmp_path / "s", [TICK, TICK], METADATA)
     with pytest.raises(InputError, match="'events'"):
@@ -342,7 +342,7 @@ def test_mistakes_in_the_program_are_named(tmp_path):
     assert len(Session.open(tmp_path / "s").samples("tick")) == 0
 
 
-def test_events_that_are_too_long_are_cut_and_say_so(tmp_path):
+def test_long_events_are_truncated_with_a_mark(tmp_path):
     with SessionWriter(tmp_path / "s", [SLOW], METADATA) as log:
         log.event(0.0, "k" * 100, "ü" * 5000, {"a": 1})
         log.event(0.0, "long", "short", {"a": "x" * 5000})
@@ -374,7 +374,7 @@ def test_both_sides_see_one_state_and_a_failure_as_far_as_it_fits():
     assert (theirs.rings["slow"].dropped, theirs.rings["events"].offered) == (1, 0)
 
 
-def test_an_event_that_just_fits_is_whole():
+def test_event_that_just_fits_is_whole():
     sizes = {n: len(encode_event(Event(0.0, "k", "x" * n))) for n in range(3950, 4050)}
     assert max(sizes.values()) == 4000
     whole = [n for n in sizes if decode_event(encode_event(Event(0.0, "k", "x" * n))).text == "x" * n]
@@ -383,7 +383,7 @@ def test_an_event_that_just_fits_is_whole():
 
 @linux_only
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="needs two cores to leave one")
-def test_the_writer_leaves_the_core_of_the_loop(tmp_path):
+def test_writer_leaves_the_core_of_the_loop(tmp_path):
     everywhere = os.sched_getaffinity(0)
     try:
         os.sched_setaffinity(0, {min(everywhere)})
@@ -437,7 +437,7 @@ def test_only_one_program_can_create_a_session(tmp_path):
         assert not words or any(reason in words[0] for reason in late)
 
 
-def test_a_session_that_is_being_written_is_locked_until_its_program_is_gone(tmp_path):
+def test_session_being_written_is_locked_until_its_program_ends(tmp_path):
     path = tmp_path / "s.mcap"
     with SessionWriter(path, [TICK], METADATA) as log:
         append(log, range(10))

@@ -28,7 +28,7 @@ def reference(name):
 
 
 @pytest.mark.parametrize("name", ARM_NAMES)
-def test_pybullet_and_the_arm_s_model_agree_on_inverse_dynamics(name):
+def test_pybullet_agrees_with_the_arm_model_on_inverse_dynamics(name):
     body = RigidBody.from_urdf(ARMS_DIR / name / f"{name}.urdf", "tip")
     world = make_world(shipped_arm(name))
     generator = np.random.default_rng(3)
@@ -38,7 +38,7 @@ def test_pybullet_and_the_arm_s_model_agree_on_inverse_dynamics(name):
         assert np.allclose(ours, body.inverse_dynamics(q, qd, qdd), rtol=0, atol=1e-9)
 
 
-def test_the_two_arms_differ_in_lengths_and_masses():
+def test_shipped_arms_differ_in_lengths_and_masses():
     follower, leader = (reference(name)[0] for name in ARM_NAMES)
     lengths = [
         [np.linalg.norm(m.jointPlacements[i].translation) for i in (1, 2, 3)] for m in (follower, leader)
@@ -49,7 +49,7 @@ def test_the_two_arms_differ_in_lengths_and_masses():
 
 
 @pytest.mark.parametrize("name", ARM_NAMES)
-def test_a_falling_arm_keeps_its_energy(name):
+def test_falling_arm_conserves_energy(name):
     model, data = reference(name)
     world = make_world(shipped_arm(name), scenario(surface_m=FAR_BELOW_M))
     world.place([0.3, -0.4, 0.2])
@@ -82,7 +82,7 @@ def test_static_torques_balance_gravity_and_contact_force(name):
     assert world.truth().tip_position_world_m[2] > 0.1805
 
 
-def test_a_tilted_uniaxial_sensor_sees_the_cosine():
+def test_tilted_uniaxial_sensor_measures_the_cosine():
     arm = shipped_arm("follower")
     quiet = {"noise_std_n": 0.0, "resolution_n": 0.0}
     tilt = 0.3
@@ -98,7 +98,7 @@ def test_a_tilted_uniaxial_sensor_sees_the_cosine():
     assert readings == pytest.approx([1.0, np.cos(tilt)], abs=1e-3)
 
 
-def test_a_scaled_arm_needs_scaled_torques_and_a_drive_gives_no_more_than_its_limit():
+def test_scaled_arm_needs_scaled_torques_and_drives_are_limited():
     arm = shipped_arm("leader")
     plain, heavy = make_world(arm), make_world(arm, scenario(mass_scale=1.5))
     motion = ([0.2, 0.3, 0.4], [1.0, -2.0, 0.5], [3.0, 2.0, -1.0])
@@ -109,7 +109,7 @@ def test_a_scaled_arm_needs_scaled_torques_and_a_drive_gives_no_more_than_its_li
     assert world.truth().drive_torque_nm.tolist() == [40.0, -40.0, 1.0]
 
 
-def test_the_pole_of_a_long_fall_is_not_the_engine_s_speed_limit():
+def test_long_fall_exceeds_the_engine_s_default_speed_limit():
     world = make_world(
         ArmDescription(SLIDER_URDF.format(mass_kg=1.0), "probe", (0, 0, -1), (9.9,)),
         scenario(KelvinVoigtLaw(stiffness_n_m=1.0, damping_n_s_m=0.0), surface_m=-50.0, gravity=3000.0),
@@ -130,7 +130,7 @@ def test_the_pole_of_a_long_fall_is_not_the_engine_s_speed_limit():
         ({"home_rad": (0.0, 0.0)}, r"shape \(2,\), expected \(1,\)"),
     ],
 )
-def test_a_robot_that_does_not_fit_is_refused_in_words(change, words, capfd):
+def test_unsuitable_robot_is_refused_in_words(change, words, capfd):
     parts = {
         "urdf_text": SLIDER_URDF.format(mass_kg=1.0),
         "tip_frame": "probe",

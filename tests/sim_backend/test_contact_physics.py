@@ -40,18 +40,18 @@ def worst_error(stiffness, damping, rate_hz):
 
 @pytest.mark.parametrize("stiffness", [100.0, 500.0, 10_000.0])
 @pytest.mark.parametrize("damping", [0.0, 20.0, 200.0])
-def test_a_mass_on_a_kelvin_voigt_object_follows_the_closed_form(stiffness, damping):
+def test_mass_on_a_kelvin_voigt_object_follows_the_closed_form(stiffness, damping):
     assert worst_error(stiffness, damping, 4000.0) < 3e-3
 
 
 @pytest.mark.parametrize("damping", [0.0, 20.0, 200.0])
-def test_contact_is_accurate_to_the_second_order_in_the_step(damping):
+def test_contact_is_second_order_accurate_in_the_step(damping):
     coarse, fine = worst_error(10_000.0, damping, 4000.0), worst_error(10_000.0, damping, 16_000.0)
     assert fine < coarse / 12
 
 
 @pytest.mark.parametrize("stiffness", [100.0, 10_000.0])
-def test_an_undamped_object_neither_gives_nor_takes_energy(stiffness):
+def test_undamped_object_conserves_energy(stiffness):
     law = KelvinVoigtLaw(stiffness_n_m=stiffness, damping_n_s_m=0.0, sticky=True)
     truths = simulated(law, (2 * MASS_KG * GRAVITY_M_S2 / stiffness, 0.0), 5.0)
     depth = column(truths, "depth_m")
@@ -59,7 +59,7 @@ def test_an_undamped_object_neither_gives_nor_takes_energy(stiffness):
     assert late == pytest.approx(early, rel=2e-3)
 
 
-def test_force_depth_and_rate_of_one_instant_belong_together():
+def test_force_depth_and_rate_belong_to_one_instant():
     stiffness, damping = 2000.0, 100.0
     law = KelvinVoigtLaw(stiffness_n_m=stiffness, damping_n_s_m=damping)
     world = make_world(slider(-0.02, MASS_KG), scenario(law))
@@ -72,7 +72,7 @@ def test_force_depth_and_rate_of_one_instant_belong_together():
     assert np.abs(unexplained[loaded][2:]).max() < 0.05
 
 
-def test_a_dry_object_never_pulls_and_a_sticky_one_does():
+def test_dry_object_never_pulls_and_a_sticky_one_does():
     parameters = {"stiffness_n_m": 300.0, "damping_n_s_m": 60.0}
     lowest = {}
     for sticky in (False, True):
@@ -94,7 +94,7 @@ def test_object_is_rendered_only_below_its_surface():
     assert np.allclose(depth[depth <= 0], fall_m[depth <= 0] - 0.05, atol=2e-4)
 
 
-def test_a_hunt_crossley_object_takes_a_touch_without_a_jump():
+def test_hunt_crossley_object_takes_a_touch_without_a_jump():
     law = HuntCrossleyLaw(stiffness=7000.0, damping=4000.0, exponent=1.5)
     touch = simulated(law, (-1e-4, 0.15), 0.01)
     force = column(touch, "force_n")
@@ -104,7 +104,7 @@ def test_a_hunt_crossley_object_takes_a_touch_without_a_jump():
 
 @pytest.mark.parametrize("stiffness", [100.0, 7100.0, 10_000.0])
 @pytest.mark.parametrize("damping", [0.0, 200.0])
-def test_a_drop_onto_the_object_returns_no_more_energy_than_it_brought(stiffness, damping):
+def test_drop_onto_the_object_returns_no_extra_energy(stiffness, damping):
     law = KelvinVoigtLaw(stiffness_n_m=stiffness, damping_n_s_m=damping)
     world = make_world(slider(0.02, MASS_KG), scenario(law))
     truths = watch(world, 2.0)

@@ -32,7 +32,7 @@ def holding_torque(robot):
 
 
 @pytest.mark.parametrize("name", ARM_NAMES)
-def test_a_shipped_arm_is_read_and_driven_tick_by_tick(name):
+def test_shipped_arm_is_read_and_driven_tick_by_tick(name):
     with build(name) as robot:
         robot.activate()
         home = robot.read(0.0)
@@ -51,7 +51,7 @@ def test_a_shipped_arm_is_read_and_driven_tick_by_tick(name):
         assert abs(measured.force_n) < 0.1
 
 
-def test_home_is_with_the_tool_down_above_every_shipped_object():
+def test_home_has_the_tool_down_above_every_shipped_object():
     for name in ARM_NAMES:
         with build(name) as robot:
             truth = world_of(robot).truth()
@@ -68,7 +68,7 @@ def test_sent_torque_has_drive_resolution_and_range():
         assert world_of(robot).truth().drive_torque_nm == pytest.approx(sent)
 
 
-def test_a_second_read_in_the_same_tick_is_stale_and_keeps_the_sample():
+def test_second_read_in_the_same_tick_is_stale_and_keeps_the_sample():
     with build() as robot:
         first, second = robot.read(0.0), robot.read(0.0)
     assert (first.force_status, second.force_status) == (Status.OK, Status.STALE)
@@ -76,7 +76,7 @@ def test_a_second_read_in_the_same_tick_is_stale_and_keeps_the_sample():
     assert second.force_at_s == first.force_at_s
 
 
-def test_the_arm_stands_on_its_rest_and_falls_when_it_is_switched_off_elsewhere():
+def test_arm_stands_on_its_rest_and_falls_when_switched_off_elsewhere():
     with build() as robot:
         world, clock = world_of(robot), robot.clock
         clock.sleep_until(0.2)
@@ -100,7 +100,7 @@ def test_the_arm_stands_on_its_rest_and_falls_when_it_is_switched_off_elsewhere(
             robot.torque.stage_torque(np.zeros(3))
 
 
-def test_the_object_under_a_robot_can_change_and_be_chosen():
+def test_object_under_a_robot_can_change_and_be_chosen():
     robot = build()
     robot.buses["world"].use_scenario(load_scenario("stiff"))
     with robot:
@@ -111,7 +111,7 @@ def test_the_object_under_a_robot_can_change_and_be_chosen():
             robot.buses["world"].use_scenario(load_scenario("soft"))
 
 
-def test_the_world_is_there_from_configure_to_close():
+def test_world_exists_from_configure_to_close():
     robot = build()
     with pytest.raises(LifecycleError, match="between configure and close"):
         world_of(robot)
@@ -169,12 +169,12 @@ def changed_robot_file(tmp_path, old, new):
         ("{driver: sim_force, bus: world}", "{driver: sim_force}", "bus whose driver is 'pybullet'"),
     ],
 )
-def test_a_wrong_setting_is_refused_before_anything_is_built(tmp_path, old, new, words):
+def test_wrong_setting_is_refused_before_anything_is_built(tmp_path, old, new, words):
     with pytest.raises(InputError, match=words):
         build(path=changed_robot_file(tmp_path, old, new))
 
 
-def test_a_urdf_that_does_not_fit_is_refused_with_both_files(tmp_path):
+def test_mismatched_urdf_is_refused_with_both_files(tmp_path):
     path = changed_robot_file(tmp_path, "tip_frame: tip", "tip_frame: nose")
     robot = build(path=path)
     with pytest.raises(InputError, match=r"follower.yaml with follower.urdf: .*no link 'nose'"):

@@ -73,7 +73,7 @@ def fall(entry, duration_s=0.1):
     return np.array(shown), truth
 
 
-def test_the_whole_vocabulary_is_there():
+def test_whole_vocabulary_is_registered():
     assert set(ALL) == VOCABULARY
 
 
@@ -111,7 +111,7 @@ class TestEveryEffect:
         assert np.array_equal(shown, expected)
         assert np.array_equal(at_end.joint_position_rad, truth.joint_position_rad)
 
-    def test_grows_with_its_strength_and_keeps_its_memory_to_one_world(self, name, engine):
+    def test_imperfection_grows_with_its_strength_and_keeps_its_memory_to_one_world(self, name, engine):
         calm, weak, strong = (fallen(engine, *what)[0] for what in ((None, 0.0), (name, 1.0), (name, 30.0)))
         assert np.abs(strong - calm).mean() > np.abs(weak - calm).mean()
         assert np.array_equal(fall(at_strength(name, 30.0))[0], strong)
@@ -170,7 +170,7 @@ def test_sealing_rejects_invalid_answers():
         ("[bias]", "hidden entry 1: a hidden effect is a mapping"),
     ],
 )
-def test_a_wrong_entry_is_refused_with_its_place_and_the_choices(hidden, words, tmp_path):
+def test_wrong_entry_is_refused_with_its_place_and_the_choices(hidden, words, tmp_path):
     path = tmp_path / "wrong.yaml"
     path.write_text(f"seed: 1\nhidden: {hidden}\n")
     with pytest.raises(InputError, match=words) as caught:
@@ -186,7 +186,7 @@ def test_effects_of_geometry_need_a_force_law(name):
     assert load_scenario("engine").with_hidden([friction]).hidden == (friction,)
 
 
-def test_equal_seeds_draw_the_same_and_different_ones_all_there_is():
+def test_equal_seeds_draw_the_same_and_different_ones_all_effects():
     drawn = [draw_hidden(seed)[0] for seed in range(600)]
     assert drawn == [draw_hidden(seed)[0] for seed in range(600)]
     shown = {n for n, kind in IMPERFECTIONS.items() if set(kind.shows_in) & set(SCALE.channels)}

@@ -17,7 +17,7 @@ RAMP = np.linspace(0.0, 0.02, 400)
 IN_AND_OUT = np.concatenate([RAMP, RAMP[::-1]])
 
 
-def test_a_cubic_spring_a_second_layer_and_hunt_crossley_act_as_their_equations_say():
+def test_elastic_laws_follow_their_equations():
     extra = press([hidden("cubic_stiffness", cubic_n_m3=3e5)], RAMP) - K * RAMP
     assert extra[-1] == pytest.approx(3e5 * 0.02**3)
     assert np.polyfit(np.log(RAMP[50:]), np.log(extra[50:]), 1)[0] == pytest.approx(3.0)
@@ -57,7 +57,7 @@ def test_two_branches_answer_a_vibration_with_their_complex_modulus():
     assert answer == pytest.approx(expected, rel=1e-3)
 
 
-def test_a_second_touch_finds_the_branches_still_relaxing():
+def test_second_touch_finds_the_branches_still_relaxing():
     entry = hidden("stress_relaxation", stiffness_n_m=1000.0, time_s=0.2)
     hold, away = np.full(2000, 0.01), np.full(80, -0.01)
     again = press([entry], np.concatenate([hold, away, hold]), rate_m_s=0.0)
@@ -68,14 +68,14 @@ def test_a_second_touch_finds_the_branches_still_relaxing():
     assert not again[2000:2080].any()
 
 
-def test_quadratic_damping_goes_with_the_square_of_the_speed_against_it():
+def test_quadratic_damping_opposes_the_squared_speed():
     entry = [hidden("quadratic_damping", damping_n_s2_m2=100.0)]
     force = [press(entry, [0.015], rate)[0] - K * 0.015 for rate in (0.1, 0.2, -0.2)]
     assert force == pytest.approx([1.0, 4.0, -4.0])
     assert press(entry, [-1e-3], 1.0)[0] == 0.0
 
 
-def test_a_sticky_surface_pulls_until_its_neck_tears_and_no_more_than_its_bond_bears():
+def test_sticky_surface_pulls_until_its_neck_tears_within_its_bond():
     height = np.array([2e-3, 0.5e-3, -1e-3, -2e-3, 0.0, 0.25e-3, 0.75e-3, 1.1e-3, 0.5e-3, -1e-3])
     force = press([hidden("adhesion", pull_off_n=2.0, neck_m=1e-3)], -height, 0.0)
     assert force == pytest.approx([0, 0, 0.5 - 2, 1.0 - 2, -2, -1.5, -0.5, 0, 0, 0.5 - 2])
@@ -84,7 +84,7 @@ def test_a_sticky_surface_pulls_until_its_neck_tears_and_no_more_than_its_bond_b
     assert torn_out == pytest.approx([-2.0, -2.0])
 
 
-def test_a_dented_surface_is_softer_at_first_and_recovers_in_its_time():
+def test_dented_surface_is_softer_at_first_and_recovers_in_its_time():
     force = press([hidden("plastic_set", share=0.2)], np.concatenate([IN_AND_OUT, IN_AND_OUT]))
     loading, unloading, again = force[:400], force[400:800], force[800:1200]
     assert loading == pytest.approx(0.8 * K * RAMP, abs=ROUNDING_N)
@@ -100,7 +100,7 @@ def test_a_dented_surface_is_softer_at_first_and_recovers_in_its_time():
     assert force == pytest.approx([7.5, 7.5, 0.0], abs=0.011)
 
 
-def test_dry_friction_is_a_loop_that_does_not_know_speed():
+def test_dry_friction_is_a_rate_independent_loop():
     entry = [hidden("dry_friction", friction_n=0.5, slip_m=1e-4)]
     depth = 0.01 + 0.005 * np.sin(np.linspace(0, 4 * np.pi, 2000))
     fast, slow = press(entry, depth), press(entry, np.repeat(depth, 5))
@@ -114,18 +114,18 @@ def test_dry_friction_is_a_loop_that_does_not_know_speed():
     assert np.trapezoid(extra[cycle], depth[cycle]) == pytest.approx(4 * 0.5 * 0.005, rel=0.05)
 
 
-def test_dry_friction_begins_anew_at_each_touch():
+def test_dry_friction_restarts_at_each_touch():
     entry = [hidden("dry_friction", friction_n=0.5, slip_m=1e-3)]
     force = press(entry, [0.01, -0.01, 1e-3], 0.0)
     assert force[2] == pytest.approx(K * 1e-3 + 0.5 * (1 - np.exp(-1.0)))
 
 
-def test_an_offset_surface_is_a_surface_elsewhere():
+def test_offset_moves_the_surface():
     entry = hidden("contact_offset", offset_m=0.004)
     assert press([entry], IN_AND_OUT - 0.01) == pytest.approx(press([], IN_AND_OUT - 0.006), abs=ROUNDING_N)
 
 
-def test_a_tool_and_an_object_in_series_share_the_depth_and_the_force():
+def test_tool_and_object_in_series_share_the_depth_and_the_force():
     force = press([hidden("tool_compliance", compliance_m_n=5e-4)], RAMP, 0.0)
     assert force == pytest.approx(RAMP / (5e-4 + 1 / K), abs=ROUNDING_N)
     law = HuntCrossleyLaw(stiffness=7000.0, damping=0.0, exponent=1.5)
@@ -134,7 +134,7 @@ def test_a_tool_and_an_object_in_series_share_the_depth_and_the_force():
     assert force == pytest.approx(expected, abs=ROUNDING_N)
 
 
-def test_a_tool_on_a_damped_object_follows_the_differential_equation():
+def test_tool_on_a_damped_object_follows_the_differential_equation():
     stiffness, damping, compliance = 500.0, 60.0, 2e-3
     t = steps(0.2)
     depth, rate = 0.01 * np.sin(10 * t), 0.1 * np.cos(10 * t)
@@ -163,7 +163,7 @@ def test_a_tool_on_a_damped_object_follows_the_differential_equation():
     ),
 )
 @example(1e-5, 1.0, 0.0078125, KelvinVoigtLaw(stiffness_n_m=500.0, damping_n_s_m=20.0))
-def test_tool_and_object_carry_the_same_force_whatever_the_law(depth, rate, compliance, law):
+def test_tool_and_object_carry_the_same_force_for_every_law(depth, rate, compliance, law):
     force = press([hidden("tool_compliance", compliance_m_n=compliance)], [depth], rate, law)[0]
     squeeze = compliance * force
     # Where a dashpot's force jumps, anything up to it is right; what is compared is known to 0.1 mN.
@@ -172,7 +172,7 @@ def test_tool_and_object_carry_the_same_force_whatever_the_law(depth, rate, comp
     assert at_the_surface or object_n == pytest.approx(force, abs=1e-4, rel=1e-4)
 
 
-def test_a_tool_feels_what_else_is_hidden_in_the_object():
+def test_tool_feels_other_hidden_effects_of_the_object():
     entries = [
         hidden("stress_relaxation", stiffness_n_m=500.0, time_s=0.05),
         hidden("tool_compliance", compliance_m_n=1e-3),
@@ -202,7 +202,7 @@ CONTACT = {
     st.lists(st.floats(-0.005, 0.02), min_size=2, max_size=5),
     st.sampled_from([{"stiffness_n_m": 500.0, "damping_n_s_m": d} for d in (0.0, 30.0)]),
 )
-def test_no_effect_gives_more_work_than_it_took(name, corners, law):
+def test_no_effect_returns_more_work_than_it_took(name, corners, law):
     corners = [-0.01, *corners, -0.01]
     depth = np.interp(np.linspace(0, len(corners) - 1, 400 * len(corners)), np.arange(len(corners)), corners)
     force = press([hidden(name, **CONTACT[name])], depth, law=CONTACT_LAWS["kelvin_voigt"](**law))
@@ -213,7 +213,7 @@ def test_no_effect_gives_more_work_than_it_took(name, corners, law):
 
 @pytest.mark.parametrize("damping", [0.0, 20.0])
 @pytest.mark.parametrize("name", sorted(CONTACT))
-def test_a_dropped_mass_comes_to_rest_or_bounces_no_higher(name, damping):
+def test_dropped_mass_comes_to_rest_or_bounces_no_higher(name, damping):
     law = KelvinVoigtLaw(stiffness_n_m=500.0, damping_n_s_m=damping)
     world = hidden_slider(hidden(name, **CONTACT[name]), height_m=0.02, law=law)
     heights = []

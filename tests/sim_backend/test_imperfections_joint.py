@@ -69,7 +69,7 @@ def test_stribeck_friction_breaks_away_and_decreases_with_speed():
     assert velocity[-1] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_asymmetric_friction_brakes_one_way_more_and_load_dependent_takes_a_share_of_the_load():
+def test_asymmetric_and_load_dependent_friction_follow_their_laws():
     world = hidden_slider(
         hidden("asymmetric_friction", joint=1, positive_nm=3.0, negative_nm=1.0), gravity=0.0
     )
@@ -85,7 +85,7 @@ def test_asymmetric_friction_brakes_one_way_more_and_load_dependent_takes_a_shar
 
 
 @pytest.mark.parametrize("name", sorted(FRICTIONS))
-def test_friction_of_any_strength_stops_a_joint_and_never_turns_it_round(name):
+def test_friction_of_any_strength_stops_a_joint_without_reversal(name):
     huge = dict.fromkeys(FRICTIONS[name], 90.0) | {"load_share": 0.9, "speed_rad_s": 0.01}
     parameters = {key: huge[key] for key in FRICTIONS[name]}
     world = World(shipped_arm("follower"), quiet_scenario(hidden(name, joint=3, **parameters)))
@@ -101,7 +101,7 @@ def test_friction_of_any_strength_stops_a_joint_and_never_turns_it_round(name):
 
 
 @pytest.mark.parametrize("name", sorted(FRICTIONS))
-def test_friction_in_a_falling_arm_takes_energy_and_gives_none(name):
+def test_friction_in_a_falling_arm_only_dissipates(name):
     arm = shipped_arm("follower")
     world = World(arm, quiet_scenario(hidden(name, joint=2, **FRICTIONS[name]), surface_m=-5.0))
     model = pinocchio.buildModelFromXML(arm.urdf_text)
@@ -122,7 +122,7 @@ def test_friction_in_a_falling_arm_takes_energy_and_gives_none(name):
 
 
 @pytest.mark.parametrize(("joint", "lever_from"), [(3, "tip"), (2, "wrist"), (1, "elbow")])
-def test_a_payload_weighs_at_its_lever_and_adds_its_inertia(joint, lever_from):
+def test_payload_weighs_at_its_lever_arm_and_adds_its_inertia(joint, lever_from):
     arm, mass = shipped_arm("follower"), 0.4
     plain = World(arm, quiet_scenario())
     loaded = World(arm, quiet_scenario(hidden("payload", joint=joint, mass_kg=mass)))
@@ -141,7 +141,7 @@ def test_a_payload_weighs_at_its_lever_and_adds_its_inertia(joint, lever_from):
         assert pull == pytest.approx(mass * jacobian.T @ jacobian @ axis, abs=5e-5 * mass)
 
 
-def test_two_payloads_hang_side_by_side():
+def test_two_payloads_add_up():
     arm, rest = shipped_arm("leader"), np.zeros(3)
     q = np.array([0.2, -0.6, -0.3])
     worlds = [
@@ -153,7 +153,7 @@ def test_two_payloads_hang_side_by_side():
 
 
 @pytest.mark.parametrize(("mass", "rotor"), [(1.0, 0.5), (1.0, 10.0), (0.05, 10.0)])
-def test_a_rotor_is_as_heavy_as_a_mass_for_its_own_joint(mass, rotor):
+def test_rotor_is_as_heavy_as_a_mass_for_its_own_joint(mass, rotor):
     world = hidden_slider(hidden("armature", joint=1, inertia_kg_m2=rotor), mass_kg=mass)
     world.set_torque([3.0])
     _, velocity = let_go(world, 0.2)
@@ -162,7 +162,7 @@ def test_a_rotor_is_as_heavy_as_a_mass_for_its_own_joint(mass, rotor):
 
 
 @pytest.mark.parametrize("inertia", [[0, 0, 0], [0.1, 0.2, 0.02]])
-def test_an_arm_with_rotors_moves_as_its_inertia_with_them_on_the_diagonal(inertia):
+def test_arm_with_rotors_moves_with_them_on_the_inertia_diagonal(inertia):
     arm, rate_hz = shipped_arm("follower"), 16_000.0  # the engine is of the first order in the step
     entries = [hidden("armature", joint=j + 1, inertia_kg_m2=J) for j, J in enumerate(inertia) if J]
     world = World(arm, quiet_scenario(*entries, surface_m=-5.0, rate_hz=rate_hz))
@@ -188,7 +188,7 @@ def test_an_arm_with_rotors_moves_as_its_inertia_with_them_on_the_diagonal(inert
     assert np.abs(expected[-1] - start[:3]).max() > 0.2
 
 
-def test_a_rotor_hundreds_of_times_the_wrist_s_inertia_keeps_its_energy():
+def test_rotor_much_heavier_than_the_wrist_conserves_energy():
     arm, rotor = shipped_arm("follower"), 1.0
     world = World(
         arm, quiet_scenario(hidden("armature", joint=3, inertia_kg_m2=rotor), gravity=0.0, surface_m=-5.0)
@@ -203,7 +203,7 @@ def test_a_rotor_hundreds_of_times_the_wrist_s_inertia_keeps_its_energy():
     assert np.ptp(energy) < 0.02 * energy[0]
 
 
-def test_a_rotor_much_heavier_than_its_mass_is_stable_on_a_stiff_and_damped_object():
+def test_heavy_rotor_is_stable_on_a_stiff_and_damped_object():
     law = KelvinVoigtLaw(stiffness_n_m=1e4, damping_n_s_m=200.0)
     rotor = hidden("armature", joint=1, inertia_kg_m2=10.0)
     world = hidden_slider(rotor, height_m=0.01, mass_kg=0.5, law=law)
@@ -223,14 +223,14 @@ def test_tilted_base_changes_the_gravity_direction(pitch, roll):
     assert world.inverse_dynamics(q, rest, rest) == pytest.approx(expected, abs=1e-5)
 
 
-def test_a_base_that_dips_forward_lets_the_arm_fall_forward():
+def test_base_that_dips_forward_lets_the_arm_fall_forward():
     world = World(shipped_arm("follower"), quiet_scenario(hidden("gravity_tilt", pitch_rad=0.3)))
     upright = np.array([np.pi / 2, 0.0, 0.0])
     holding = world.inverse_dynamics(upright, np.zeros(3), np.zeros(3))
     assert holding[0] > 1.0  # positive lifts, as the arm now leans towards +x
 
 
-def test_ripple_turns_into_speed_and_back():
+def test_ripple_is_converted_to_speed_and_back():
     entry = hidden("torque_ripple", joint=1, amplitude_nm=2.0, cycles=20.0, phase_rad=0.3)
     world = hidden_slider(entry, gravity=0.0, height_m=0.5)
     position, velocity = let_go(world, 1.0, speed=1.0)
@@ -241,7 +241,7 @@ def test_ripple_turns_into_speed_and_back():
     assert np.ptp(energy) < 2e-3
 
 
-def test_a_spring_at_a_joint_swings_it_about_its_rest():
+def test_joint_spring_oscillates_about_its_rest():
     world = hidden_slider(hidden("joint_spring", joint=1, stiffness_nm_rad=40.0, rest_rad=5.0), gravity=0.0)
     position, _ = let_go(world, 1.0, speed=0.5)
     omega, t = np.sqrt(40.0), steps(1.0)
@@ -265,7 +265,7 @@ def lead(world, force, times_s):
     return np.array(ahead)
 
 
-def test_play_is_crossed_when_the_torque_turns_and_shows_in_the_encoder_only():
+def test_play_is_crossed_on_torque_reversal_and_shows_in_the_encoder_only():
     world = hidden_slider(
         hidden("backlash", joint=1, gap_rad=2e-3, film_nms_rad=10.0), gravity=0.0, height_m=5.0
     )
@@ -277,7 +277,7 @@ def test_play_is_crossed_when_the_torque_turns_and_shows_in_the_encoder_only():
     assert world.truth().joint_velocity_rad_s[0] == pytest.approx(0.1 - 0.05)  # the link feels all of it
 
 
-def test_a_shaft_twists_by_the_torque_it_carries_in_its_time():
+def test_shaft_twists_by_the_carried_torque_in_its_time():
     entry = hidden("joint_elasticity", joint=1, compliance_rad_nm=1e-3, retardation_s=0.02)
     world = hidden_slider(entry, gravity=0.0)
     every_other = steps(0.1)[1::2]
@@ -287,7 +287,7 @@ def test_a_shaft_twists_by_the_torque_it_carries_in_its_time():
     assert lead(world, 4.0, [STEP_S * 2])[0] < 2e-4  # put elsewhere, it begins anew
 
 
-def test_effects_in_one_joint_leave_the_others_alone():
+def test_effects_in_one_joint_leave_the_others_unchanged():
     arm = shipped_arm("follower")
     world = World(arm, quiet_scenario(hidden("joint_elasticity", joint=2, compliance_rad_nm=1e-3)))
     world.set_torque([1.0, 2.0, 0.1])

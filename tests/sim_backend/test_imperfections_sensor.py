@@ -22,13 +22,13 @@ def through(signal, effect, **parameters):
     return np.array([transducer(time_s, value) for time_s, value in zip(T, signal, strict=False)])
 
 
-def test_a_bias_shifts_and_a_drift_grows_from_the_first_sample_on():
+def test_bias_shifts_and_a_drift_grows_from_the_first_sample_on():
     assert through(SWING, "bias", bias=-0.7) == pytest.approx(SWING - 0.7)
     transducer = hidden("drift", channel="contact", rate_1_s=0.5).transducer()
     assert [transducer(100.0 + t, 2.0) for t in (0.0, 1.0, 4.0)] == pytest.approx([2.0, 2.5, 4.0])
 
 
-def test_a_lag_follows_its_equation_and_a_ramp_by_rate_times_time():
+def test_lag_follows_its_equation_and_a_ramp_by_rate_times_time():
     def follow(time_s, output):
         return (np.interp(time_s, T, SWING) - output) / 0.02
 
@@ -38,12 +38,12 @@ def test_a_lag_follows_its_equation_and_a_ramp_by_rate_times_time():
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.0004, 0.001, 0.0123])
-def test_a_delay_shows_the_past_under_the_time_of_now(delay_s):
+def test_delay_shows_the_past_under_the_current_time(delay_s):
     expected = np.interp(T - delay_s, T, SWING)
     assert through(SWING, "delay", delay_s=delay_s) == pytest.approx(expected, abs=1e-12)
 
 
-def test_saturation_cuts_and_a_deadband_swallows_what_is_small():
+def test_saturation_clips_and_a_deadband_removes_small_values():
     shown = through(SWING, "saturation", limit=2.0)
     assert (shown.min(), shown.max()) == (-2.0, 2.0)
     assert np.array_equal(shown[np.abs(SWING) < 2], SWING[np.abs(SWING) < 2])
@@ -65,13 +65,13 @@ def test_hysteresis_reads_less_while_rising_and_more_while_falling():
 
 
 @given(signals, st.floats(0.0, 5.0))
-def test_hysteresis_is_never_further_off_than_its_half_width(signal, half_width):
+def test_hysteresis_never_exceeds_its_half_width(signal, half_width):
     shown = through(signal, "hysteresis", half_width=half_width)
     assert np.abs(shown - signal).max() <= half_width + 1e-12
 
 
 @given(signals, st.floats(1e-3, 5.0))
-def test_a_coarse_converter_shows_the_nearest_step(signal, step):
+def test_coarse_converter_shows_the_nearest_step(signal, step):
     shown = through(signal, "quantisation", step=step)
     assert np.abs(shown - signal).max() <= 0.5 * step + 1e-9
     assert shown / step == pytest.approx(np.round(shown / step), abs=1e-6)
@@ -109,7 +109,7 @@ def test_mechanical_faults_precede_noise_and_electrical_faults_follow():
     ("channel", "sensor", "index"),
     [("contact", "force", 0), ("joint_2", "torque", 1), ("encoder_3", "encoder", 2)],
 )
-def test_an_effect_reaches_its_own_channel_only(channel, sensor, index):
+def test_effect_reaches_its_own_channel_only(channel, sensor, index):
     arm = shipped_arm("follower")
     worlds = [
         World(arm, quiet_scenario(*entries)) for entries in ([], [hidden("bias", channel=channel, bias=0.25)])
@@ -124,7 +124,7 @@ def test_an_effect_reaches_its_own_channel_only(channel, sensor, index):
     assert np.array_equal(*(world.truth().joint_position_rad for world in worlds))
 
 
-def test_a_velocity_by_difference_inherits_what_is_wrong_with_the_encoder():
+def test_velocity_by_difference_inherits_encoder_effects():
     world = hidden_slider(hidden("lag", channel="encoder_1", time_s=0.1), gravity=0.0)
     let_go(world, 0.03, speed=1.0)
     measured = world.encoder.read(world.time_s).value[1]

@@ -21,19 +21,19 @@ LAWS = {
 }
 
 
-def test_the_scenarios_of_the_documentation_are_shipped():
+def test_documented_scenarios_are_shipped():
     assert shipped_scenarios() == SHIPPED
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_a_shipped_scenario_survives_being_written_and_read(name):
+def test_shipped_scenario_survives_a_round_trip(name):
     scenario = load_scenario(name)
     assert scenario.description
     assert parse_scenario(scenario.to_yaml(), "copy") == scenario
     assert load_scenario(scenario) is scenario
 
 
-def test_the_default_file_states_every_default_and_named_objects_are_what_they_are_called():
+def test_default_file_states_every_default_and_named_objects_match():
     default = load_scenario("default")
     assert default.model_copy(update={"description": ""}) == Scenario()
     stated = load_scenario("default").model_dump(exclude_unset=True)
@@ -74,7 +74,7 @@ def test_scenario_path_is_relative_to_the_robot_file(tmp_path):
         ("seed: 1.5", "seed: "),
     ],
 )
-def test_a_wrong_scenario_is_refused_with_its_place_and_the_choices(text, words, tmp_path):
+def test_wrong_scenario_is_refused_with_its_place_and_the_choices(text, words, tmp_path):
     path = tmp_path / "wrong.yaml"
     path.write_text(text)
     with pytest.raises(InputError, match=words) as caught:
@@ -83,7 +83,7 @@ def test_a_wrong_scenario_is_refused_with_its_place_and_the_choices(text, words,
     assert "\n" not in str(caught.value)
 
 
-def test_an_unknown_scenario_is_refused_with_the_shipped_ones():
+def test_unknown_scenario_is_refused_with_the_shipped_ones():
     with pytest.raises(InputError, match=r"no scenario 'defualt'.*default, engine, hunt_crossley"):
         load_scenario("defualt")
 
@@ -105,7 +105,7 @@ JSON_LIKE = st.recursive(
 
 
 @given(st.dictionaries(st.sampled_from([*Scenario.model_fields, "x"]), JSON_LIKE, max_size=4))
-def test_a_mapping_of_anything_makes_a_scenario_or_one_clear_line(mapping):
+def test_any_mapping_makes_a_scenario_or_one_clear_line(mapping):
     try:
         said = load_scenario(mapping).to_yaml()
     except InputError as error:
@@ -130,7 +130,7 @@ class TestEveryLaw:
         assert [law.force_n(depth, rate) for depth in (-0.01, 0.0) for rate in (-1.0, 1.0)] == [0.0] * 4
 
     @given(st.floats(1e-6, 0.1), st.floats(-1.0, 1.0), st.floats(1e-6, 0.1), st.floats(0.0, 1.0))
-    def test_pushes_more_the_deeper_and_the_faster_and_never_pulls(self, name, depth, rate, deeper, faster):
+    def test_law_pushes_more_the_deeper_and_faster_and_never_pulls(self, name, depth, rate, deeper, faster):
         law = parse_contact_law({"name": name, **LAWS[name]})
         force = law.force_n(depth, rate)
         assert force >= 0.0

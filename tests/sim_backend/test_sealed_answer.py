@@ -28,7 +28,7 @@ def test_sealed_answer_is_read_back_unchanged(tmp_path_factory, seeds, seed):
     assert [file.name for file in session.parent.iterdir()] == ["a.mcap.sealed"]
 
 
-def test_a_reader_of_the_file_learns_what_it_is_but_not_what_is_in_it(tmp_path):
+def test_sealed_file_tells_what_it_is_but_not_its_content(tmp_path):
     for name, kind in IMPERFECTIONS.items():
         channel = next((c for c in ("contact", "joint_1") if c in kind.shows_in), None)
         if channel is None:
@@ -42,7 +42,7 @@ def test_a_reader_of_the_file_learns_what_it_is_but_not_what_is_in_it(tmp_path):
         assert not [p.name for p in kind.parameters() if len(p.name) > 4 and p.name in body]
 
 
-def test_a_second_answer_does_not_replace_the_first(tmp_path):
+def test_second_answer_does_not_replace_the_first(tmp_path):
     session = tmp_path / "a.mcap"
     seal(session, SealedAnswer((), 1, MADE))
     with pytest.raises(InputError, match=r"a\.mcap\.sealed: exists already"):
@@ -50,11 +50,11 @@ def test_a_second_answer_does_not_replace_the_first(tmp_path):
     assert unseal(sealed_path(session)).seed == 1
 
 
-def test_sessions_that_differ_only_in_their_ending_have_answers_of_their_own():
+def test_sessions_with_different_endings_have_their_own_answers():
     assert len({sealed_path(f"ride{ending}") for ending in (".1.mcap", ".2.mcap", ".1.session", "")}) == 4
 
 
-def test_an_answer_that_does_not_fit_on_the_disk_is_not_left_half_written(tmp_path):
+def test_answer_that_does_not_fit_on_the_disk_is_not_left_half_written(tmp_path):
     limit, before = resource.RLIMIT_FSIZE, resource.getrlimit(resource.RLIMIT_FSIZE)
     handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(limit, (40, before[1]))
@@ -67,7 +67,7 @@ def test_an_answer_that_does_not_fit_on_the_disk_is_not_left_half_written(tmp_pa
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_is_not_there_is_one_clear_line(tmp_path):
+def test_missing_folder_is_one_clear_line(tmp_path):
     with pytest.raises(InputError, match=r"a\.mcap\.sealed: cannot be written"):
         seal(tmp_path / "no" / "a.mcap", SealedAnswer((), 1, MADE))
 
@@ -99,7 +99,7 @@ GOOD = {"hidden": [], "seed": 1, "made_utc": MADE}
         (packed(GOOD) + "A" * 1_100_000, "damaged.*larger than 1000000 bytes"),
     ],
 )
-def test_a_damaged_file_is_one_clear_line(content, words, tmp_path):
+def test_damaged_file_is_one_clear_line(content, words, tmp_path):
     path = tmp_path / "a.sealed"
     path.write_text(content)
     with pytest.raises(InputError, match=words) as caught:
@@ -108,7 +108,7 @@ def test_a_damaged_file_is_one_clear_line(content, words, tmp_path):
     assert "\n" not in str(caught.value)
 
 
-def test_no_file_is_one_clear_line(tmp_path):
+def test_missing_file_is_one_clear_line(tmp_path):
     with pytest.raises(InputError, match=r"a\.sealed: cannot be read"):
         unseal(tmp_path / "a.sealed")
 

@@ -34,12 +34,12 @@ def test_samples_come_at_the_sensor_s_own_rate(rate_hz):
     assert (late < step_s).all()
 
 
-def test_a_sampling_rate_above_the_physics_rate_samples_every_step():
+def test_sampling_rate_above_the_physics_rate_samples_every_step():
     world = resting(force={"rate_hz": 50_000.0})
     assert len(sample_each_step(world, world.force_sensor, 0.1)) == 400
 
 
-def test_a_late_sensor_shows_the_state_of_the_time_when_it_sampled():
+def test_late_sensor_shows_the_state_at_its_sample_time():
     delay_s = 0.004
     world = falling(encoder={"delay_s": delay_s, "counts_per_revolution": 1e9})
     fast = falling(encoder={"counts_per_revolution": 1e9})
@@ -62,7 +62,7 @@ def test_a_late_sensor_shows_the_state_of_the_time_when_it_sampled():
     step_s=st.sampled_from([1e-4, 2.5e-4, 1e-3]),
     reads=st.sets(st.integers(0, 299)),
 )
-def test_the_newest_sample_that_has_arrived_is_shown_whatever_rate_and_delay(rate_hz, delay_s, step_s, reads):
+def test_newest_arrived_sample_is_shown_for_any_rate_and_delay(rate_hz, delay_s, step_s, reads):
     """Against a sensor that never forgets: one without delay, read at each step."""
     late, prompt = (
         SimulatedForceSensor(
@@ -82,7 +82,7 @@ def test_the_newest_sample_that_has_arrived_is_shown_whatever_rate_and_delay(rat
             assert (sample and sample.sampled_at_s) == (max(arrived_s) if arrived_s else None)
 
 
-def test_a_sample_that_was_read_before_is_stale_and_keeps_its_time():
+def test_repeated_sample_is_stale_and_keeps_its_time():
     world = resting(force={"rate_hz": 500.0})
     statuses, times = [], []
     for tick in range(1, 7):
@@ -94,7 +94,7 @@ def test_a_sample_that_was_read_before_is_stale_and_keeps_its_time():
     assert times == pytest.approx([0.0, 0.002, 0.002, 0.004, 0.004, 0.006])
 
 
-def test_torque_is_sampled_in_the_middle_of_the_time_for_which_a_command_holds():
+def test_torque_is_sampled_in_the_middle_of_its_command():
     world = make_world(shipped_arm("follower"), scenario(surface_m=-5.0, torque={"noise_std_nm": 0.0}))
     for tick in range(20):
         world.set_torque([0.5 * tick, 0.0, 0.0])
@@ -114,7 +114,7 @@ def test_force_noise_is_white_with_the_stated_spread_around_the_truth():
 
 
 @pytest.mark.parametrize("resolution", [0.005, 0.1])
-def test_force_comes_in_steps_of_the_resolution(resolution):
+def test_force_has_steps_of_the_resolution(resolution):
     world = resting(force={"noise_std_n": 0.2, "resolution_n": resolution})
     values = np.array([s.value[0] for s in sample_each_step(world, world.force_sensor, 0.5)])
     steps = values / resolution
@@ -129,7 +129,7 @@ def test_saturated_force_sensor_is_reported():
     assert (sample.value, sample.status) == ([100.0], Status.SATURATED)
 
 
-def test_a_band_limited_sensor_answers_a_step_with_its_time_constant():
+def test_band_limited_sensor_answers_a_step_with_its_time_constant():
     world = resting(force={**QUIET_FORCE, "bandwidth_hz": 20.0, "rate_hz": 4000.0})
     world.object.move_surface(0.01)  # from 10 N to 15 N
     samples = sample_each_step(world, world.force_sensor, 0.1)
@@ -140,7 +140,7 @@ def test_a_band_limited_sensor_answers_a_step_with_its_time_constant():
     assert rise[-1] == pytest.approx(1.0, abs=1e-3)
 
 
-def test_encoders_count():
+def test_encoders_have_discrete_counts():
     world = falling(encoder={"counts_per_revolution": 4096.0})
     samples = sample_each_step(world, world.encoder, 0.2)
     counts = np.array([s.value[0] for s in samples]) / (2 * np.pi / 4096.0)
@@ -185,7 +185,7 @@ def all_readings(seed, **sensors):
     return np.array(rows)
 
 
-def test_seeds_repeat_the_noise_and_sensors_have_noise_of_their_own_over_one_truth():
+def test_seeds_repeat_the_noise_and_sensors_have_independent_noise():
     first, again, other = all_readings(7), all_readings(7), all_readings(8)
     assert np.array_equal(first, again)
     assert (first[:, :4] != other[:, :4]).mean() > 0.8

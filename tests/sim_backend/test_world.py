@@ -34,7 +34,7 @@ OWN_CONTACT = pytest.mark.parametrize(
         (b"\xff<robot/>", "not UTF-8 text"),
     ],
 )
-def test_a_urdf_that_cannot_be_read_is_named_with_its_robot_file(content, words, tmp_path):
+def test_unreadable_urdf_is_named_with_its_robot_file(content, words, tmp_path):
     robot_file = load_robot_file(ARMS_DIR / "follower" / "follower.yaml")
     (tmp_path / "broken.urdf").write_bytes(content)
     robot_file = robot_file.model_copy(update={"urdf": str(tmp_path / "broken.urdf")})
@@ -48,7 +48,7 @@ def settled_depth(world, duration_s=1.0):
     return world.truth().depth_m
 
 
-def test_an_object_can_change_while_it_is_touched():
+def test_object_can_change_while_it_is_touched():
     world = make_world(slider(-0.01), scenario(KelvinVoigtLaw(stiffness_n_m=500, damping_n_s_m=40)))
     assert settled_depth(world) == pytest.approx(WEIGHT_N / 500, rel=1e-3)
     world.object.set_law(KelvinVoigtLaw(stiffness_n_m=2000, damping_n_s_m=80))
@@ -63,7 +63,7 @@ def test_an_object_can_change_while_it_is_touched():
 
 @OWN_CONTACT
 @pytest.mark.parametrize("stiffness", [200.0, 500.0, 7000.0])
-def test_the_engine_s_contact_carries_a_weight_at_the_depth_of_its_spring(stiffness):
+def test_engine_contact_carries_a_weight_at_the_depth_of_its_spring(stiffness):
     damping = np.sqrt(stiffness)
     world = make_world(slider(0.002), scenario(EngineContact(stiffness_n_m=stiffness, damping_n_s_m=damping)))
     depth = settled_depth(world, 2.0)
@@ -72,7 +72,7 @@ def test_the_engine_s_contact_carries_a_weight_at_the_depth_of_its_spring(stiffn
 
 
 @OWN_CONTACT
-def test_the_engine_s_contact_pushes_the_arm_s_probe_at_the_tip_frame():
+def test_engine_contact_pushes_the_probe_at_the_tip_frame():
     arm = shipped_arm("follower")
     world = make_world(arm, scenario(EngineContact(stiffness_n_m=1000, damping_n_s_m=60)))
     tip_m = world.truth().tip_position_world_m
@@ -95,7 +95,7 @@ def test_law_and_engine_contact_replace_each_other():
 
 
 @pytest.mark.parametrize("engine", ["mujoco"], indirect=True)
-def test_an_engine_without_a_contact_of_its_own_refuses_the_law_and_keeps_the_other():
+def test_engine_without_contact_refuses_the_law_and_keeps_the_object():
     own, spring = (
         EngineContact(stiffness_n_m=500, damping_n_s_m=40),
         KelvinVoigtLaw(stiffness_n_m=500, damping_n_s_m=40),
@@ -148,13 +148,13 @@ def test_held_arm_rests_while_time_and_sensors_advance():
 
 
 @pytest.mark.parametrize("torque", [[np.nan, 0, 0], [1.0, 2.0], [np.inf, 0, 0]])
-def test_a_torque_that_means_nothing_is_refused(torque):
+def test_meaningless_torque_is_refused(torque):
     world = make_world(shipped_arm("leader"))
     with pytest.raises(InputError, match="joint torque"):
         world.set_torque(torque)
 
 
-def test_closing_twice_is_fine():
+def test_closing_twice_is_harmless():
     world = make_world(slider())
     world.close()
     world.close()
@@ -184,7 +184,7 @@ class ConstantOffset(SensorHook):
         return [entry + self.amount for entry in value]
 
 
-def test_a_contact_effect_acts_on_the_tip_once_a_step():
+def test_contact_effect_acts_on_the_tip_once_a_step():
     glue = Glue()
     world = make_world(slider(0.0005), scenario(gravity=0.0), HiddenEffects(contact=(glue,)))
     assert world.truth().force_n == -2.0
@@ -194,7 +194,7 @@ def test_a_contact_effect_acts_on_the_tip_once_a_step():
 
 
 @OWN_CONTACT
-def test_a_contact_effect_adds_to_the_engine_s_contact_too():
+def test_contact_effect_adds_to_the_engine_contact_too():
     class Doubled(ContactEffect):
         def contact_force_n(self, state, force_n):
             return 2 * force_n
@@ -204,7 +204,7 @@ def test_a_contact_effect_adds_to_the_engine_s_contact_too():
     assert settled_depth(world) == pytest.approx(WEIGHT_N / 1000, rel=0.02)
 
 
-def test_a_joint_effect_acts_on_the_links_and_the_drives_do_not_see_it():
+def test_joint_effect_acts_on_the_links_and_is_invisible_to_the_drives():
     world = make_world(
         slider(5.0), scenario(surface_m=-9.0, torque={"noise_std_nm": 0.0}), HiddenEffects(joint=(Drag(),))
     )

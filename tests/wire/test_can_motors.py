@@ -29,7 +29,7 @@ PUSH_NM = (3.0, -2.0, 1.0)
         pytest.param(ROBSTRIDE, (), 2 * 120 / 65535, 0.05, 2e-3, id="robstride"),
     ],
 )
-def test_torques_arrive_and_come_back_within_the_wire_s_steps(
+def test_torques_are_sent_and_read_within_the_wire_resolution(
     make_robot, path, changes, drive_nm, read_nm, read_rad
 ):
     arm = make_robot(path, changes).start()
@@ -48,7 +48,7 @@ def test_torques_arrive_and_come_back_within_the_wire_s_steps(
     [(CUBEMARS, [(1, 2), (2, 1), (3, 9)]), (DAMIAO, [(17, 0x12), (18, 0x11), (1, 0x11), (0, 0x13)])],
     ids=["cubemars", "damiao"],
 )
-def test_answers_under_another_motor_s_id_are_no_position(make_robot, path, frames):
+def test_answers_under_another_motor_id_are_no_position(make_robot, path, frames):
     """Each by the id of its frame, and the id inside."""
     arm = make_robot(path).start()
     before = arm.tick().joint_position_rad
@@ -61,7 +61,7 @@ ASKED = pytest.mark.parametrize("path", [CUBEMARS, DAMIAO, ROBSTRIDE, MOTEUS], i
 
 @pytest.mark.parametrize("path", [CUBEMARS, DAMIAO, ROBSTRIDE, MOTEUS, ODRIVE], ids=lambda path: path.stem)
 @pytest.mark.parametrize("late_ms", [0.0, 4.2])
-def test_frames_that_are_constantly_late_are_as_old_as_they_are(make_robot, path, late_ms):
+def test_constantly_late_frames_are_as_old_as_they_are(make_robot, path, late_ms):
     """CAN frames carry no time: those that came 4.2 ms late from the start on once passed as fresh."""
     arm = make_robot(path)
     if late_ms:
@@ -80,7 +80,7 @@ def age_ms(measurement):
 
 @ASKED
 @pytest.mark.parametrize(("late_ms", "torque_nm"), [(1.5, None), (4.2, (0.5, 0.3, 0.1))], ids=["off", "on"])
-def test_answers_that_become_late_in_a_run_are_as_old_as_their_requests(make_robot, path, late_ms, torque_nm):
+def test_answers_that_become_late_are_as_old_as_their_requests(make_robot, path, late_ms, torque_nm):
     """They were dated by a delay that was measured before the run: 4.2 ms passed for 0.4."""
     arm = make_robot(path)
     arm.robot.configure()
@@ -98,7 +98,7 @@ def test_answers_that_become_late_in_a_run_are_as_old_as_their_requests(make_rob
 
 
 @ASKED
-def test_a_frame_that_the_adapter_refuses_counts_as_no_lost_answer(make_robot, path, monkeypatch):
+def test_refused_frame_counts_as_no_lost_answer(make_robot, path, monkeypatch):
     arm = make_robot(path).start()
     arm.ticks(5, PUSH_NM)
     line = arm.robot.buses["motors"].line
@@ -119,7 +119,7 @@ def test_a_frame_that_the_adapter_refuses_counts_as_no_lost_answer(make_robot, p
 
 
 @ASKED
-def test_a_lost_answer_makes_later_ones_no_older(make_robot, path):
+def test_lost_answer_makes_later_ones_no_older(make_robot, path):
     arm = make_robot(path).start()
     for _ in range(5):
         arm.inject_fault("motors", FaultKind.DROP, device=2, times=1)
@@ -174,7 +174,7 @@ def test_duplicate_motor_id_during_a_run_is_a_fault(make_robot, path):
     assert "do two motors have this id" in arm.problem
 
 
-def test_damiao_motors_with_the_master_id_that_they_are_delivered_with_are_named(make_robot):
+def test_damiao_motors_with_the_factory_master_id_are_named(make_robot):
     arm = make_robot(DAMIAO)
     for motor in arm.motors:
         motor._host_id = 0
@@ -199,7 +199,7 @@ def test_restart_of_a_motor_is_reported(make_robot, path):
 @pytest.mark.parametrize(
     ("path", "error"), [(CUBEMARS, 5), (ROBSTRIDE, 1 << 3)], ids=["cubemars", "robstride"]
 )
-def test_an_encoder_fault_is_no_velocity_to_brake_against(make_robot, path, error):
+def test_encoder_fault_invalidates_the_velocity(make_robot, path, error):
     arm = make_robot(path).start()
     arm.motors[0].error = error
     assert arm.ticks(3).encoder_status is Status.FAULT

@@ -17,7 +17,7 @@ PLAN = ProbingPlan(speeds_m_s=(0.12, 0.06), hold_s=0.1, free_air_s=0.1)
 RUBBING_NM = (0.5, 0.3, 0.05)  # in gears of this size
 
 
-def test_joints_that_friction_holds_are_no_stuck_encoders(make_robot):
+def test_stiction_is_no_stuck_encoder(make_robot):
     arm = make_robot(
         DYNAMIXEL, hidden=[HiddenCoulombFriction(joint=j, coulomb_nm=f) for j, f in enumerate(RUBBING_NM, 1)]
     )

@@ -32,7 +32,7 @@ LONG, SHORT = 111e-6, 79e-6  # CAN frames with 8 and 4 bytes of data at 1 Mbit/s
         (SO101, 5, "answers, and holds|STS3215-12V, firmware 3.9, 12.0 V, 30 °C", "nau7802, 320", None),
     ],
 )
-def test_devices_that_are_well_say_what_they_are(make_robot, path, count, said, force, wire_s):
+def test_healthy_devices_describe_themselves(make_robot, path, count, said, force, wire_s):
     arm = make_robot(path)
     assert arm.robot.force.examine() == ()  # it has not been asked yet
     arm.robot.configure()
@@ -72,7 +72,7 @@ def put(address, value):
         ),
     ],
 )
-def test_a_dynamixel_that_is_not_well_is_named(spoil, level, said, refused):
+def test_unhealthy_dynamixel_is_named(spoil, level, said, refused):
     with dynamixel_setup() as setup:
         spoil(setup)
         with pytest.raises(DeviceError, match=refused) if refused else nullcontext():
@@ -149,7 +149,7 @@ def test_servos_with_other_ids_are_detected(bolted, subject, level, said, refuse
         (CUBEMARS, "load_code: 100", "load_code: 100, rate_hz: 999", "1000"),
     ],
 )
-def test_a_wrong_robot_file_is_refused(path, old, new, problem):
+def test_invalid_robot_file_is_refused(path, old, new, problem):
     text = path.read_text(encoding="utf-8")
     assert old in text
     with pytest.raises(InputError, match=problem):

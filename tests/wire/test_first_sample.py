@@ -101,7 +101,7 @@ def test_motor_without_commands_disables_its_torque(make_robot, robot, step_nm, 
     [(DAMIAO, "registers", 9), (ROBSTRIDE, "parameters", 0x7028)],
     ids=["damiao", "robstride"],
 )
-def test_a_timeout_that_motors_are_delivered_without_is_set(make_robot, robot, kept, number):
+def test_timeout_missing_from_the_factory_is_set(make_robot, robot, kept, number):
     arm = make_robot(robot)
     assert [node.timeout_s for node in arm.motors] == [None] * 3
     arm.start()

@@ -21,7 +21,7 @@ def test_write_returns_the_applied_torque(make_robot):
 
 
 @pytest.mark.parametrize("ask_with", ["exit", "enter"])
-def test_no_torque_before_it_is_activated_nor_after_its_timeout(make_robot, ask_with):
+def test_no_torque_before_activation_nor_after_the_timeout(make_robot, ask_with):
     arm = make_robot(CUBEMARS, [("driver: mit_bus", f"driver: mit_bus\n    ask_with: {ask_with}")])
     arm.robot.configure()
     measurement = arm.ticks(10, None)
@@ -78,7 +78,7 @@ def test_motor_that_ignores_queries_outside_motor_mode_is_switched_off(make_robo
     assert arm.ticks(5, PUSH_NM).torque_status is Status.OK
 
 
-def test_a_motor_s_error_is_named(make_robot):
+def test_motor_error_is_named(make_robot):
     arm = make_robot(CUBEMARS).start()
     arm.inject_fault("motors", FaultKind.ALERT, device=3, times=1)
     ticks = arm.ticks_until(lambda m: m.torque_status is Status.FAULT)
@@ -99,7 +99,7 @@ def test_short_frames_and_foreign_ids_are_counted_separately(make_robot):
     assert counts["foreign id"] >= 1
 
 
-def test_a_position_at_the_end_of_the_wire_s_range_is_marked(make_robot):
+def test_position_at_the_end_of_the_wire_range_is_saturated(make_robot):
     ranges = "ranges: {position_rad: 1.0, velocity_rad_s: 50, torque_nm: 25}"
     arm = make_robot(CUBEMARS, [("motor_id: 1, model: AK70-10", f"motor_id: 1, model: AK70-10, {ranges}")])
     arm.robot.configure()
@@ -107,7 +107,7 @@ def test_a_position_at_the_end_of_the_wire_s_range_is_marked(make_robot):
     assert arm.ticks(3, None).encoder_status is Status.SATURATED
 
 
-def test_a_motor_that_answers_late_is_examined_as_one_that_answers(make_robot):
+def test_late_motor_is_examined_as_present(make_robot):
     arm = make_robot(CUBEMARS)
     arm.inject_fault("motors", FaultKind.DELAY, delay_s=4.2e-3)
     arm.robot.configure()
@@ -137,7 +137,7 @@ def test_motor_state_is_the_reported_state(make_robot, stuck, problem):
         arm.robot.deactivate() if stuck else arm.robot.activate()
 
 
-def test_a_late_answer_about_a_register_is_no_position(make_robot):
+def test_late_register_answer_is_no_position(make_robot):
     arm = make_robot(DAMIAO).start()
     before = arm.tick().joint_position_rad
     bus = arm.robot.buses["motors"]
@@ -148,7 +148,7 @@ def test_a_late_answer_about_a_register_is_no_position(make_robot):
 @pytest.mark.parametrize(
     ("path", "error"), [(DAMIAO, "MOSFET over temperature"), (ROBSTRIDE, "over temperature: remove")]
 )
-def test_an_error_other_than_the_timeout_s_is_not_cleared_in_silence(make_robot, path, error):
+def test_error_other_than_the_timeout_is_not_cleared_silently(make_robot, path, error):
     arm = make_robot(path).start()
     arm.robot.deactivate()
     arm.inject_fault("motors", FaultKind.ALERT, device=3, times=1)
@@ -190,7 +190,7 @@ def test_faults_are_named_even_without_a_state_bit(make_robot):
         (STATE, 3 << 14 | 1, HOST),  # a mode that does not exist
     ],
 )
-def test_frames_that_are_no_state_of_a_motor_of_ours_are_no_position(make_robot, kind, middle, host):
+def test_frames_without_a_motor_state_are_no_position(make_robot, kind, middle, host):
     arm = make_robot(ROBSTRIDE).start()
     before = arm.tick().joint_position_rad
     bus = arm.robot.buses["motors"]
@@ -202,7 +202,7 @@ def test_frames_that_are_no_state_of_a_motor_of_ours_are_no_position(make_robot,
     np.testing.assert_allclose(bus._position_rad, before)
 
 
-def test_no_torque_and_no_mode_before_it_is_activated(make_robot):
+def test_no_torque_and_no_mode_before_activation(make_robot):
     arm = make_robot(MOTEUS)
     arm.robot.configure()
     assert arm.ticks(10, None).encoder_status is Status.OK
@@ -225,7 +225,7 @@ def test_fault_is_named_and_cleared_by_the_next_activation(make_robot):
     assert arm.ticks(5).torque_status is Status.OK
 
 
-def test_a_reference_that_is_lost_by_a_restart_is_missed_at_the_next_activation(make_robot):
+def test_lost_reference_is_detected_at_the_next_activation(make_robot):
     arm = make_robot(MOTEUS).start()
     arm.robot.deactivate()
     arm.motors[1].home = 0
@@ -234,7 +234,7 @@ def test_a_reference_that_is_lost_by_a_restart_is_missed_at_the_next_activation(
     assert [node.mode for node in arm.motors] == [0] * 3
 
 
-def test_a_position_that_is_lost_is_no_old_one(make_robot):
+def test_lost_position_is_a_fault(make_robot):
     arm = make_robot(MOTEUS).start()
     arm.motors[0].known = False
     assert arm.ticks(3).encoder_status is Status.FAULT
@@ -261,7 +261,7 @@ def test_torque_limitation_is_reported(make_robot):
 
 
 @pytest.mark.parametrize(("number", "fd"), [(0x100, False), (0x900, True), (0x101, True), (0x8100, True)])
-def test_answers_that_are_not_for_us_or_no_can_fd_are_no_position(make_robot, number, fd):
+def test_foreign_or_classic_can_answers_are_no_position(make_robot, number, fd):
     arm = make_robot(MOTEUS).start()
     before = arm.tick().joint_position_rad
     bus = arm.robot.buses["motors"]

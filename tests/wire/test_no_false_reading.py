@@ -80,7 +80,7 @@ def move(arm, bus, tick):
         world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
 
 
-def test_lines_that_nothing_pads_are_no_exception(make_robot, monkeypatch):
+def test_unpadded_lines_are_no_exception(make_robot, monkeypatch):
     """What is left of one that was cut is a number, and as long as others."""
     monkeypatch.setattr(EmulatedLoadstar, "width", 0)
     test_no_wrong_number_is_served_as_ok(make_robot, "loadstar", (), FaultKind.LOSE)

@@ -40,7 +40,7 @@ def test_settings_unreadable_over_can_are_printed_as_commands(make_robot, change
         assert command in unseen.text
 
 
-def test_torques_that_stop_name_their_joint(make_robot):
+def test_missing_torques_name_their_joint(make_robot):
     arm = make_robot().start()
     arm.motors[1]._torque = lambda: None
     assert arm.ticks_until(lambda m: bool(arm.problem), most=10) <= 7  # half of the age limit of 10 ms
@@ -48,7 +48,7 @@ def test_torques_that_stop_name_their_joint(make_robot):
     assert "node 0" not in arm.problem
 
 
-def test_a_velocity_limiter_that_cuts_torques_is_named(make_robot):
+def test_velocity_limiter_that_cuts_torques_is_named(make_robot):
     """As delivered: 2 rev/s and 1/6 N m s/rev leave 3 of 9 N m at a joint that stands."""
     arm = make_robot().start()
     arm.arm.plant.world.held = True
@@ -137,7 +137,7 @@ def test_all_reachable_axes_are_switched_off(make_robot):
     assert [node.state for node in arm.arm.wires["motors"]._nodes] == [8, 1, 1]
 
 
-def test_a_babbling_node_does_not_hold_up_the_loop(make_robot):
+def test_babbling_node_does_not_block_the_loop(make_robot):
     arm = make_robot().start()
     arm.intrude(*[(0x7F0, bytes(8))] * 5000)
     line = arm.robot.buses["motors"].line
@@ -157,7 +157,7 @@ def test_configure_switches_off_an_active_axis(make_robot):
     assert not arm.drive_torque_nm.any()
 
 
-def test_an_old_heartbeat_confirms_nothing(make_robot):
+def test_old_heartbeat_confirms_nothing(make_robot):
     """The last one said IDLE, but that was before it was told so."""
     arm = make_robot()
     arm.robot.configure()
@@ -166,7 +166,7 @@ def test_an_old_heartbeat_confirms_nothing(make_robot):
         arm.robot.deactivate()
 
 
-def test_flushing_does_not_say_an_old_command_again(make_robot):
+def test_flushing_does_not_repeat_an_old_command(make_robot):
     arm = make_robot().start()
     arm.tick(PUSH_NM)
     for _ in range(60):
@@ -185,7 +185,7 @@ def test_staged_command_is_cleared_by_power_off(make_robot):
     assert not arm.drive_torque_nm.any()
 
 
-def test_an_encoder_that_has_failed_is_no_velocity_to_brake_against(make_robot):
+def test_failed_encoder_invalidates_the_velocity(make_robot):
     arm = make_robot().start()
     arm.motors[1]._disarm(1 << 26)
     measurement = arm.ticks(12)
@@ -193,7 +193,7 @@ def test_an_encoder_that_has_failed_is_no_velocity_to_brake_against(make_robot):
     assert "SPINOUT_DETECTED" in arm.robot.bus_errors["motors"]
 
 
-def test_a_silent_axis_is_a_delay_and_no_failure_of_the_bus(make_robot):
+def test_silent_axis_is_a_delay_and_no_bus_failure(make_robot):
     arm = make_robot().start()
     arm.inject_fault("motors", FaultKind.DROP, device=2, for_s=0.01)
     assert 3 <= arm.ticks_until(lambda m: bool(arm.problem)) <= 4  # half of the age limit of 5 ms
@@ -203,7 +203,7 @@ def test_a_silent_axis_is_a_delay_and_no_failure_of_the_bus(make_robot):
     assert "motors" not in arm.robot.bus_errors
 
 
-def test_an_adapter_that_is_not_there_is_one_line(make_robot):
+def test_missing_adapter_is_one_line(make_robot):
     arm = make_robot()
     for interface in ("socketcan", "no_such_interface"):
         line = CanLine(CanLineSettings(interface=interface, channel="can9"), arm.clock)

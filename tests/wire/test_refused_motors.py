@@ -108,7 +108,7 @@ def test_motor_without_watchdog_or_control_mode_is_refused(make_robot, path, spo
 
 
 @pytest.mark.parametrize("path", [CUBEMARS, DAMIAO, ROBSTRIDE, MOTEUS, ODRIVE], ids=lambda path: path.stem)
-def test_a_motor_that_is_not_there_is_named(make_robot, path):
+def test_missing_motor_is_named(make_robot, path):
     arm = make_robot(path)
     arm.inject_fault("motors", FaultKind.DROP, device=2)
     said = r"joint 3 \(node 2\): no heartbeat" if path is ODRIVE else r"no answer in 0.05 s from joint 2"

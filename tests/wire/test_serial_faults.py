@@ -47,7 +47,7 @@ def press(arm, force_n):
     world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
 
 
-def test_after_a_stall_of_the_line_the_newest_reading_is_served(make_robot):
+def test_newest_reading_is_served_after_a_stall_of_the_line(make_robot):
     """A late reading holds back those behind it; all arrive together, and the force has risen meanwhile."""
     arm = make_robot(ODRIVE)
     wire = arm.arm.wires["load_cell"]
@@ -66,7 +66,7 @@ def test_after_a_stall_of_the_line_the_newest_reading_is_served(make_robot):
     assert 50 < served < 150  # two stalls of 50 readings
 
 
-def test_a_silent_sensor_keeps_its_value_and_its_time(sensor):
+def test_silent_sensor_keeps_its_value_and_its_time(sensor):
     before = sensor.tick(None)
     sensor.inject_fault("load_cell", FaultKind.DROP)
     after = sensor.ticks(30, None)
@@ -123,7 +123,7 @@ def terminal():
         os.close(end)
 
 
-def test_a_thread_reads_and_ends_with_a_word_when_the_port_goes(terminal):
+def test_thread_reads_and_reports_a_lost_port(terminal):
     master, slave, open_ends = terminal
     clock = MonotonicClock()
     reader = SerialReader(slave, loadstar_stream(1.0, 100.0), clock, 1e4)
@@ -149,7 +149,7 @@ def test_a_thread_reads_and_ends_with_a_word_when_the_port_goes(terminal):
     reader.stop()
 
 
-def test_a_defect_in_a_decoder_does_not_end_the_thread_unseen(terminal):
+def test_decoder_defect_ends_the_thread_with_a_report(terminal):
     master, slave, _ = terminal
 
     class Broken(ReadingStream):
@@ -176,7 +176,7 @@ def test_a_defect_in_a_decoder_does_not_end_the_thread_unseen(terminal):
         (ODRIVE, "0.002", {2, 3}),
     ],
 )
-def test_a_force_is_as_old_as_it_is(make_robot, path, delay_s, ages_ms):
+def test_force_age_includes_the_sensor_delay(make_robot, path, delay_s, ages_ms):
     arm = make_robot(path, [("delay_s: 0.0 ", f"delay_s: {delay_s} ")]).start()
     ticks = [arm.tick() for _ in range(20)]
     assert {round(1e3 * (one.time_s - one.force_at_s), 3) for one in ticks} == ages_ms
@@ -198,7 +198,7 @@ SILENT = {"receive": lambda data, now_s: b""}
         (CUBEMARS, [], {"receive": lambda data, now_s: STRANGER}, "no answer to HELLO"),
     ],
 )
-def test_a_sensor_that_cannot_be_asked_for_a_force_is_refused(make_robot, path, changes, spoil, problem):
+def test_unusable_sensor_is_refused(make_robot, path, changes, spoil, problem):
     arm = make_robot(path, changes)
     vars(arm.arm.wires["load_cell"]._sensor).update(spoil)
     with pytest.raises(DeviceError, match=problem):
@@ -212,7 +212,7 @@ def test_a_sensor_that_cannot_be_asked_for_a_force_is_refused(make_robot, path, 
         (MARK10, ("IPOL", "OPOL")),  # a gauge without commands for signs
     ],
 )
-def test_a_sensor_whose_sign_is_reversed_or_cannot_be_set_shows_a_press(make_robot, sensor, unknown):
+def test_reversed_or_unsigned_sensor_shows_a_press(make_robot, sensor, unknown):
     arm = make_robot(ODRIVE, [sensor])
     arm.arm.wires["load_cell"]._sensor.unknown = unknown
     arm.robot.configure()
@@ -221,7 +221,7 @@ def test_a_sensor_whose_sign_is_reversed_or_cannot_be_set_shows_a_press(make_rob
 
 
 @pytest.mark.parametrize("before", [b"  \r\n", b"x" * 300 + b"\r\n"], ids=["blanks", "too long"])
-def test_a_line_without_words_before_an_answer_is_no_answer(make_robot, before):
+def test_line_without_words_before_an_answer_is_no_answer(make_robot, before):
     arm = make_robot(ODRIVE, [MARK10])
     sensor = arm.arm.wires["load_cell"]._sensor
     obey, reading = sensor._execute, sensor.reading
@@ -232,7 +232,7 @@ def test_a_line_without_words_before_an_answer_is_no_answer(make_robot, before):
     assert found.text.startswith("M7-50, reads in lbF")
 
 
-def test_a_gauge_that_is_switched_to_another_unit_is_named(make_robot):
+def test_gauge_switched_to_another_unit_is_named(make_robot):
     arm = make_robot(ODRIVE, [MARK10])
     arm.robot.configure()
     arm.ticks(10, None)
@@ -241,7 +241,7 @@ def test_a_gauge_that_is_switched_to_another_unit_is_named(make_robot):
     assert "the gauge reads in N, but it read in lbF when it was configured" in arm.problem
 
 
-def test_a_lost_answer_is_asked_for_again_at_once(make_robot):
+def test_lost_answer_is_requested_again_at_once(make_robot):
     """The gauge was left alone for 0.35 s, and the arm stopped."""
     arm = make_robot(ODRIVE, [MARK10])
     arm.robot.configure()
@@ -256,7 +256,7 @@ def test_a_lost_answer_is_asked_for_again_at_once(make_robot):
 
 
 @pytest.mark.parametrize("late_ms", [4.2, 60.0, 130.0])
-def test_an_answer_is_as_old_as_its_question(make_robot, late_ms):
+def test_answer_is_as_old_as_its_request(make_robot, late_ms):
     """What comes later than the driver waits for belongs to no younger question."""
     arm = make_robot(ODRIVE, [MARK10])
     arm.robot.configure()

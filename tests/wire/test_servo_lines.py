@@ -71,7 +71,7 @@ def test_feetech_servos_missing_from_the_robot_file_are_detected(make_robot):
 
 @LINES
 @pytest.mark.parametrize(("celsius", "level"), [(70, Level.OK), (81, Level.WARN)])
-def test_a_servo_that_is_hotter_than_its_own_limit_is_a_warning(make_robot, path, celsius, level):
+def test_overheated_servo_is_a_warning(make_robot, path, celsius, level):
     """As delivered, 80 degrees for these Dynamixel servos and 70 for Feetech's."""
     arm = make_robot(path)
     arm.robot.configure()

@@ -78,7 +78,7 @@ def rows(folder):
         return list(csv.DictReader(file))
 
 
-def test_numbers_are_those_of_the_single_commands(specimens, out):
+def test_numbers_match_the_single_commands(specimens, out):
     row = next(row for row in rows(out) if row["measurement"] == "s1_soft.csv")
     study = Study(specimens / "s1_soft.csv", keep=False)
     comparison = study.compare()["contact"]
@@ -113,9 +113,7 @@ def test_group_difference_and_specimen_variation_are_estimated(out, specimens):
     assert "What is missing where" not in page
 
 
-def test_the_same_batch_repeats_nothing_wherever_the_files_lie_and_a_changed_file_alone_is_new(
-    specimens, tmp_path
-):
+def test_repeated_batch_computes_only_changed_files(specimens, tmp_path):
     copy, out = tmp_path / "copy", tmp_path / "out"
     copy.mkdir()
     for name in ("s0_soft.csv", "s0_hard.csv"):
@@ -144,7 +142,7 @@ def test_only_inapplicable_effects_are_omitted(specimens, tmp_path):
     assert "cubic_stiffness" not in row["warnings"]
 
 
-def test_a_file_that_cannot_be_read_is_a_row_with_its_reason(specimens, tmp_path):
+def test_unreadable_file_is_a_row_with_its_reason(specimens, tmp_path):
     out = tmp_path / "out"
     nameless = saved(tmp_path / "nameless.csv", "a,b\n1,2\n")
     bad = tmp_path / "bad"
@@ -183,7 +181,7 @@ def test_only_a_retry_computes_a_failed_row_again(specimens, tmp_path):
     assert again == kept.removeprefix("marked: ")
 
 
-def test_a_diagnosis_names_what_is_missing_and_an_added_effect_has_a_size_in_every_row(
+def test_diagnosis_names_the_effect_and_an_added_effect_has_a_size_in_every_row(
     few_effects, hardening, tmp_path
 ):
     plain = write_presses(tmp_path / "plain.csv", cubic=0.0)
@@ -210,7 +208,7 @@ def write_outlier(folder):
         yield write_presses(folder / f"r {number}.csv", speeds_m_s=(0.08, 0.06), force_of=law, seed=number)
 
 
-def test_the_page_links_outliers_to_their_own_reports_which_are_written_once(without_figures, tmp_path):
+def test_page_links_outliers_to_their_reports_which_are_written_once(without_figures, tmp_path):
     folder = tmp_path / "recordings"
     folder.mkdir()
     list(write_outlier(folder))
@@ -230,7 +228,7 @@ def test_the_page_links_outliers_to_their_own_reports_which_are_written_once(wit
     assert "palpate report" in page
 
 
-def test_the_report_of_a_part_of_a_file_is_a_command_that_selects_it(tmp_path):
+def test_report_of_a_part_of_a_file_selects_it(tmp_path):
     tables = []
     for number, press in enumerate(write_outlier(tmp_path)):
         with press.open() as file:
@@ -245,7 +243,7 @@ def test_the_report_of_a_part_of_a_file_is_a_command_that_selects_it(tmp_path):
     assert f"palpate report {tmp_path}/all.csv --where 'specimen=no 5'" in page
 
 
-def test_a_report_has_the_diagnosis_and_the_added_effects_of_its_batch(
+def test_report_has_the_diagnosis_and_added_effects_of_its_batch(
     few_effects, without_figures, hardening, tmp_path
 ):
     options = {"model": None, "diagnose": True, "add": ["bias", "backlash"], "urdf": None}
@@ -267,7 +265,7 @@ def test_terminal_reports_the_number_of_inadequate_measurements(hardening, tmp_p
 
 
 @pytest.mark.slow
-def test_a_suggested_model_is_the_one_that_fits_far_better(tmp_path):
+def test_suggested_model_is_the_one_that_fits_far_better(tmp_path):
     for number in range(3):
         law = lambda x, v: 3e4 * x**1.5 * (1 + 2.0 * v)  # noqa: E731
         write_presses(tmp_path / f"r{number}.csv", speeds_m_s=SPEEDS, force_of=law, seed=number)
@@ -335,7 +333,7 @@ def test_each_episode_of_a_lerobot_data_set_is_a_measurement(tmp_path):
     assert told == {str(episode): pytest.approx(torque, rel=0.01) for episode, torque in enumerate(torques)}
 
 
-def test_a_law_is_shared_where_the_recordings_agree_and_refused_where_they_do_not(tmp_path):
+def test_law_is_shared_only_where_recordings_agree(tmp_path):
     units = ("--unit", "position=deg", "--unit", "torque=Nm", "--share", "coulomb_friction", "--workers", 1)
     same = ("batch", write_lerobot(tmp_path / "same", (0.3,) * 3), "--model", "inertia", *units)
     same = (*same, "--add", "coulomb_friction", "--out", tmp_path / "out")
@@ -357,7 +355,7 @@ def test_a_law_is_shared_where_the_recordings_agree_and_refused_where_they_do_no
     assert not (tmp_path / "new").exists()
 
 
-def test_names_tell_files_of_one_name_apart_and_a_file_of_any_bytes_is_no_list(tmp_path):
+def test_equal_file_names_are_distinguished_and_binary_is_no_list(tmp_path):
     for folder in ("a", "b"):
         (tmp_path / folder).mkdir()
         write_presses(tmp_path / folder / "press.csv", speeds_m_s=(0.04, 0.08))
@@ -372,7 +370,7 @@ def test_names_tell_files_of_one_name_apart_and_a_file_of_any_bytes_is_no_list(t
 
 
 @pytest.mark.slow
-def test_sessions_and_a_damaged_one_are_measurements_as_well(probed, tmp_path):
+def test_sessions_and_a_damaged_one_are_measurements_too(probed, tmp_path):
     (tmp_path / "whole.mcap").write_bytes(probed[0].read_bytes())
     (tmp_path / "damaged.mcap").write_bytes(probed[0].read_bytes()[:200])
     result = palpate.batch(tmp_path, out=tmp_path / "out", workers=2)
@@ -384,7 +382,7 @@ def test_sessions_and_a_damaged_one_are_measurements_as_well(probed, tmp_path):
     assert "damaged.mcap" in result.errors["damaged.mcap"]
 
 
-def test_the_time_of_a_measurement_counts_once_whatever_its_channels(tmp_path):
+def test_time_of_a_measurement_counts_once_for_all_channels(tmp_path):
     cells = {
         "measurement": ["a", "a", "b"],
         "channel": ["joint_1", "joint_2", ""],
@@ -404,7 +402,7 @@ def test_copies_of_a_measurement_are_mentioned(specimens, tmp_path):
     assert "1 measurement has the same content as another (a.csv, b.csv); means and tests count both" in said
 
 
-def test_a_batch_that_is_stopped_before_the_first_result_continues(specimens, tmp_path, monkeypatch):
+def test_batch_stopped_before_the_first_result_continues(specimens, tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "_JOIN_S", 0.2)
     press, out = specimens / "s0_soft.csv", tmp_path / "out"
     lost = run("batch", press, "--out", out, "--scheduler", "tcp://127.0.0.1:9")
@@ -417,7 +415,7 @@ def test_a_batch_that_is_stopped_before_the_first_result_continues(specimens, tm
     assert rows(out) == [before]  # not replaced by an empty table
 
 
-def test_a_table_of_failures_alone_has_their_rows(tmp_path):
+def test_table_of_failures_has_their_rows(tmp_path):
     missing = BatchMeasurement("gone.csv", (str(tmp_path / "gone.csv"),))
     empty = ResultStore(tmp_path).table([])
     table = make_table([missing], [None], empty, {"gone.csv": "no such file"}, None)
@@ -478,7 +476,7 @@ def numbers(folder):
 
 
 @pytest.mark.slow
-def test_workers_of_a_scheduler_give_the_same_table(specimens, out, tmp_path, dask_on):  # noqa: F811
+def test_scheduler_workers_give_the_same_table(specimens, out, tmp_path, dask_on):  # noqa: F811
     _, address = dask_on()
     done("batch", f"{specimens}/s*.csv", "--out", tmp_path / "out", "--scheduler", address)
     there = {row["measurement"]: row["stiffness.k [N/m]"] for row in rows(out)}
@@ -517,7 +515,7 @@ def test_names_that_are_no_utf8_are_rows_too(tmp_path):
     assert told == {"good?.csv": False, "broken?.csv": True}
 
 
-def test_a_script_that_calls_a_batch_needs_no_guard(specimens, tmp_path):
+def test_script_that_calls_a_batch_needs_no_guard(specimens, tmp_path):
     file = next(specimens.glob("[!b]*.csv"))
     script = tmp_path / "script.py"
     script.write_text(

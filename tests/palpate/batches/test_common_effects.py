@@ -29,7 +29,7 @@ def linear_gains(rng, size, measurements=40, samples=100, candidates=20):
     return gains_table({f"candidate_{number}": own for number, own in enumerate(gains)})
 
 
-def test_an_effect_below_the_noise_is_named_by_forty_measurements_and_nothing_where_none_is():
+def test_weak_effect_is_named_by_forty_measurements_and_none_without_it():
     rng = np.random.default_rng(1)
     named = [best_effect("contact", linear_gains(rng, 0.0)) for _ in range(60)]
     assert sum(effect is not None for effect in named) <= 2
@@ -41,7 +41,7 @@ def test_an_effect_below_the_noise_is_named_by_forty_measurements_and_nothing_wh
     assert best_effect("contact", linear_gains(rng, 0.5, measurements=4)) is None
 
 
-def test_candidates_that_gain_the_same_are_confused_and_steps_go_on_until_nothing_gains():
+def test_equally_good_candidates_are_confused_and_steps_end_without_gain():
     rng = np.random.default_rng(3)
     strong = 0.2 + 0.02 * rng.standard_normal(20)
     first = {"a": strong, "b": strong - 1e-3 * rng.standard_normal(20), "c": strong - 0.1}

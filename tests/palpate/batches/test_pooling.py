@@ -19,7 +19,7 @@ def column(values, std_errs):
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.5, 3.0, 40.0])
-def test_mean_and_spread_are_those_of_statsmodels(spread):
+def test_mean_and_spread_match_statsmodels(spread):
     rng = np.random.default_rng(3)
     std_errs = rng.uniform(0.5, 4.0, 25)
     values = 100.0 + spread * rng.standard_normal(25) + std_errs * rng.standard_normal(25)
@@ -46,7 +46,7 @@ def test_interval_of_the_mean_has_its_nominal_coverage(number):
     assert number < 30 or 0.92 <= predicted / 600 <= 0.98  # of few it is somewhat too short
 
 
-def test_partial_pooling_is_nearer_to_the_truth_than_each_value_alone():
+def test_partial_pooling_is_nearer_to_the_truth_than_single_values():
     rng = np.random.default_rng(7)
     truth = 100.0 + 3.0 * rng.standard_normal(40)
     std_errs = rng.uniform(1.0, 12.0, 40)
@@ -64,7 +64,7 @@ def test_equal_values_and_a_single_one_have_no_spread(values):
     assert found.spread == pytest.approx(0.0, abs=1e-6)
 
 
-def test_the_test_of_two_groups_is_that_of_welch_where_values_are_exact():
+def test_two_group_test_equals_welch_for_exact_values():
     rng = np.random.default_rng(1)
     first, second = rng.normal(10, 1, 9), rng.normal(12, 3, 14)
     pooled = [
@@ -80,13 +80,13 @@ def test_the_test_of_two_groups_is_that_of_welch_where_values_are_exact():
     assert difference.interval == pytest.approx(tuple(reference.confidence_interval()), rel=1e-6)
 
 
-def test_corrected_p_values_are_those_of_statsmodels():
+def test_corrected_p_values_match_statsmodels():
     p_values = [0.04, 0.001, 0.5, 0.012, 0.012, 0.9]
     assert holm(p_values) == pytest.approx(multipletests(p_values, method="holm")[1])
     assert holm([]) == []
 
 
-def test_an_outlier_is_named_but_not_a_value_that_is_only_uncertain():
+def test_outlier_is_named_and_an_uncertain_value_is_not():
     values = np.array([99.0, 101.0, 100.0, 98.0, 102.0, 100.5, 160.0, 160.0])
     std_errs = np.array([0.5] * 7 + [50.0])
     (outlier,) = outliers(column(values, std_errs), ["all"] * 8)
@@ -94,7 +94,7 @@ def test_an_outlier_is_named_but_not_a_value_that_is_only_uncertain():
     assert outliers(column(values[5:], std_errs[5:]), ["all"] * 3) == []
 
 
-def test_a_shared_value_is_within_its_interval_and_estimates_that_differ_contradict_it():
+def test_shared_value_is_within_its_interval_unless_estimates_differ():
     rng = np.random.default_rng(11)
     held, refused, noticed = 0, 0, 0
     for _ in range(400):

@@ -33,7 +33,7 @@ def nights(rng, truth, scatter=0.03):
     return series(truth + noise, std_errs)
 
 
-def test_steps_are_dated_within_three_nights_also_two_of_them():
+def test_steps_are_dated_within_three_nights():
     rng = np.random.default_rng(1)
     dated = 0
     for _ in range(30):
@@ -48,14 +48,14 @@ def test_steps_are_dated_within_three_nights_also_two_of_them():
     assert abs(second.first - 60) <= 1
 
 
-def test_a_drift_is_no_step_and_its_size_is_known():
+def test_drift_is_no_step_and_its_size_is_known():
     (change,) = find_changes(nights(np.random.default_rng(2), np.linspace(1.0, 1.3, 80)), LEVEL / 10)
     assert change.kind == "drift"
     assert change.after - change.before == pytest.approx(0.3, abs=4 * change.std_err)
     assert change.std_err < 0.03
 
 
-def test_quiet_series_and_changes_within_the_standard_errors_do_not_change():
+def test_constant_series_and_changes_within_errors_do_not_change():
     rng = np.random.default_rng(4)
     false = [
         find_changes(series(1.0 + 0.05 * draw(60), np.zeros(60)), 0.01)
@@ -74,7 +74,7 @@ def stepping(seed=5):
 
 @pytest.mark.parametrize("place", [0, 1, 7, 24, 25, 38, 39])
 @pytest.mark.parametrize("away", [0.35, 39.0, -0.35])
-def test_one_far_value_is_isolated(place, away):
+def test_single_outlier_is_isolated(place, away):
     values = stepping()
     values[place] += away
     assert np.flatnonzero(is_isolated(values)).tolist() == [place]
@@ -132,13 +132,13 @@ def test_trend_command_reports_changes_and_its_exit_code(tmp_path):
 
 
 @pytest.mark.parametrize(("before", "share"), [(2.0, " (+50 %)"), (0.1, ""), (0.0, ""), (-0.1, "")])
-def test_a_change_from_a_value_that_may_be_zero_has_no_percentage(before, share):
+def test_change_from_a_value_near_zero_has_no_percentage(before, share):
     change = {"group": "all", "channel": "joint_1", "series": "bias.value", "unit": "N m", "kind": "step"}
     change |= {"first": "3", "last": "9", "before": before, "after": 1.5 * before, "std_err": 0.2}
     assert describe_change(change).endswith(f" N m{share} at 3")
 
 
-def test_a_failed_night_does_not_hide_a_step_and_is_stated(tmp_path):
+def test_failed_night_does_not_hide_a_step_and_is_stated(tmp_path):
     values = 0.2 + 0.04 * (np.arange(40) >= 25) + 0.003 * np.random.default_rng(6).standard_normal(40)
     values[10] = 19.0
     write_table(tmp_path / "nightly", values, DAYS, 0.001)
@@ -149,7 +149,7 @@ def test_a_failed_night_does_not_hide_a_step_and_is_stated(tmp_path):
     assert "1 isolated value left out" in run("trend", tmp_path / "nightly").stdout
 
 
-def test_ten_measurements_of_which_one_is_isolated_are_a_series(tmp_path):
+def test_ten_measurements_with_one_isolated_are_a_series(tmp_path):
     values = 0.2 + 0.003 * np.random.default_rng(6).standard_normal(10)
     values[4] = 19.0
     write_table(tmp_path / "nightly", values, DAYS[:10], 0.001)
@@ -189,7 +189,7 @@ def test_constant_parameter_is_reported_as_constant(tmp_path):
     assert (said["tested"], said["constant"]) == (1, ["left joint_1 coulomb_friction.torque"])
 
 
-def test_a_single_date_is_refused_and_a_constant_column_skipped_for_one_that_varies(tmp_path):
+def test_single_date_is_refused_and_a_constant_date_column_is_skipped(tmp_path):
     write_table(tmp_path / "nightly", 0.2 + 0.001 * np.arange(40), [DAYS[0]] * 40)
     assert_refused(run("trend", tmp_path / "nightly"), "all 40 measurements have 2026-01-01")
     write_table(tmp_path / "first", np.array([0.2]), [DAYS[0]])
@@ -215,7 +215,7 @@ def test_invalid_trend_tables_are_reported(tmp_path):
     assert_refused(run("trend", tmp_path / "table.csv"), "cannot be read")
 
 
-def test_a_cell_that_is_no_date_is_refused_among_dates_and_warned_of_if_none_is(tmp_path):
+def test_cell_without_a_date_is_refused_among_dates(tmp_path):
     for name, labels in (("one", ["2026-01-01"] * 11 + ["03.10.2026"]), ("all", ["03.10.2026"] * 12)):
         table = pa.table(
             {"measurement": [f"n{n}" for n in range(12)], "channel": ["axis"] * 12, "date": labels}
@@ -240,21 +240,21 @@ def test_a_cell_that_is_no_date_is_refused_among_dates_and_warned_of_if_none_is(
         ({"times_noise": ["1", "2"]}, "column 'times_noise' holds string"),
     ],
 )
-def test_a_table_whose_columns_hold_something_else_is_refused(tmp_path, change, why):
+def test_table_with_wrong_columns_is_refused(tmp_path, change, why):
     columns = {"measurement": ["a", "b"], "channel": ["contact"] * 2}
     parameter = {"stiffness.k [N/m]": [1.0, 2.0], "stiffness.k std_err [N/m]": [0.1, 0.1]}
     pq.write_table(pa.table(columns | parameter | change), tmp_path / "table.parquet")
     assert_refused(run("trend", tmp_path), why)
 
 
-def test_a_table_with_a_column_twice_or_that_is_a_pipe_is_refused(tmp_path):
+def test_table_with_a_repeated_column_or_a_pipe_is_refused(tmp_path):
     (tmp_path / "twice.csv").write_text("measurement,measurement,channel\na,b,contact\n")
     assert_refused(run("trend", tmp_path / "twice.csv"), "has the column 'measurement' twice")
     os.mkfifo(tmp_path / "pipe.csv")
     assert_refused(run("trend", tmp_path / "pipe.csv"), "no such regular file")
 
 
-def test_a_table_is_looked_at_again_only_when_it_is_new(tmp_path, monkeypatch):
+def test_table_is_read_again_only_when_new(tmp_path, monkeypatch):
     """The page that a look writes beside the table is nothing new."""
     folder, waits = tmp_path / "nightly", []
     write_table(folder, 1.0 + 0.01 * np.random.default_rng(7).standard_normal(20), DAYS[:20])
@@ -272,7 +272,7 @@ def test_a_table_is_looked_at_again_only_when_it_is_new(tmp_path, monkeypatch):
     assert waits == [5.0] * 4
 
 
-def test_without_dates_the_order_counts_and_numbers_are_taken_as_they_are():
+def test_without_dates_the_order_counts_and_numbers_are_used_as_given():
     table = pa.table({"measurement": ["b", "b", "a"], "channel": ["x", "y", "x"], "cycles": [100, 100, 2000]})
     times, labels, what = time_axis(table)
     assert (times.tolist(), labels, what) == ([1.0, 1.0, 2.0], ["b", "b", "a"], "count")
@@ -282,7 +282,7 @@ def test_without_dates_the_order_counts_and_numbers_are_taken_as_they_are():
 
 
 @pytest.mark.slow
-def test_a_folder_of_recordings_is_followed(tmp_path):
+def test_recordings_folder_is_followed(tmp_path):
     logs, out = tmp_path / "logs", tmp_path / "out"
     logs.mkdir()
 

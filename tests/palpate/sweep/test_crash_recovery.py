@@ -74,7 +74,7 @@ def test_killed_client_ends_its_workers_and_a_new_client_continues(tmp_path):
     check_all_done_and_only_running_repeated(tmp_path, finished, most_repeated=2)
 
 
-def test_a_killed_worker_costs_the_case_that_it_was_running(tmp_path):
+def test_killed_worker_loses_only_its_running_case(tmp_path):
     running = client(tmp_path)
     wait_for(lambda: landed(tmp_path) >= 3, "no case landed")
     finished = ResultStore(tmp_path / "results").finished()

@@ -21,7 +21,7 @@ def grid(tmp_path, **keys):
     return load_grid(saved(tmp_path / "mine.yaml", yaml.safe_dump(ONE | keys, sort_keys=False)))
 
 
-def test_every_combination_is_one_case_and_each_repeat_has_a_seed_of_its_own(tmp_path):
+def test_every_combination_is_one_case_and_each_repeat_has_its_own_seed(tmp_path):
     stiffness = {"from": 200, "to": 600, "step": 200}
     law = {"name": "kelvin_voigt", "stiffness_n_m": stiffness, "damping_n_s_m": [0, 20]}
     more = {"speeds_mm_s": [[90], [20, 10]], "noise_percent": [0, 5], "repeats": 3, "seed": 7}
@@ -44,7 +44,7 @@ def test_all_estimators_are_those_that_suit_the_model(tmp_path):
     assert {"double_stage_rls", "robust"} <= set(power.parameters["estimators"])
 
 
-def test_a_diagnosis_takes_the_place_of_the_estimators(tmp_path):
+def test_diagnosis_replaces_the_estimators(tmp_path):
     assert {case.task for case in grid(tmp_path, diagnose=True, hidden=["none", "random"]).cases()} == {
         DIAGNOSE
     }
@@ -102,7 +102,7 @@ def test_invalid_value_is_refused_with_its_place(tmp_path, keys, words):
 @pytest.mark.parametrize(
     ("path", "count"), [("docs/how-to/mine.yaml", 128), ("benchmarks/hundred_thousand.yaml", 100_000)]
 )
-def test_the_examples_are_as_large_as_they_say(path, count):
+def test_example_grids_have_their_stated_size(path, count):
     assert sum(1 for _ in load_grid(ROOT / path).cases()) == count
 
 
@@ -131,12 +131,12 @@ def test_equation_3_gives_table_1(cube):
     assert cube.stiffness_n_m == pytest.approx(cube.k_equation_3, rel=1e-4)
 
 
-def test_without_speeds_a_run_has_those_of_the_paper(tmp_path):
+def test_runs_without_speeds_use_those_of_the_paper(tmp_path):
     (tmp_path / "grid.yaml").write_text(yaml.safe_dump(ONE))
     assert load_grid(tmp_path / "grid.yaml").speeds_mm_s == ((150.0, 90.0, 60.0),)
 
 
-def test_the_best_estimator_of_the_grid_has_the_smallest_sum_of_worst_errors(monkeypatch):
+def test_best_estimator_has_the_smallest_sum_of_worst_errors(monkeypatch):
     monkeypatch.setattr(paper.figures, "grid_estimates", lambda rows: "")
     true = {TRUE + paper.K: 100.0, TRUE + paper.C: 10.0, "error": ""}
     case = {"law stiffness_n_m": 100.0, "law damping_n_s_m": 10.0, "seed": 0}
@@ -149,7 +149,7 @@ def test_the_best_estimator_of_the_grid_has_the_smallest_sum_of_worst_errors(mon
     assert table.rows[-1] == ("lsq (our best)", None, pytest.approx(2.0), None, pytest.approx(3.0))
 
 
-def test_the_torques_of_all_joints_are_compared(monkeypatch):
+def test_torques_of_all_joints_are_compared(monkeypatch):
     monkeypatch.setattr(paper.figures, "torques", lambda ticks: "")
     for joint in (1, 2, 3):
         row = {f"torque_{what}_{j}_nm": 1.0 for what in ("measured", "commanded") for j in (1, 2, 3)}
@@ -159,7 +159,7 @@ def test_the_torques_of_all_joints_are_compared(monkeypatch):
 
 
 @pytest.mark.parametrize("percent", [0.0, 2.5, -4.0])
-def test_the_cubes_errors_are_those_of_both_parameters(percent):
+def test_cube_errors_are_those_of_both_parameters(percent):
     share = 1.0 + 0.01 * percent
     rows = [
         {
@@ -180,12 +180,12 @@ def test_the_cubes_errors_are_those_of_both_parameters(percent):
     assert f"are within {abs(percent):.1f} % of the truth" in words
 
 
-def test_a_row_without_an_estimator_is_no_estimate():
+def test_row_without_an_estimator_is_no_estimate():
     row = {"estimator": "lsq", "error": ""}
     assert estimated([row, {"error": ""}, row | {"problem": "slow"}, row | {"error": "too few"}]) == [row]
 
 
-def test_a_range_of_endless_numbers_is_refused(tmp_path):
+def test_endless_range_is_refused(tmp_path):
     """Its length is beyond all numbers, which no whole number holds."""
     text = "objects: [{name: kelvin_voigt, stiffness_n_m: {from: 0, to: 1.0e+300, step: 1.0e-300}}]"
     with pytest.raises(InputError, match=r"inf numbers from 0 to 1e.300; at most 1000000"):

@@ -31,11 +31,11 @@ def test_address_depends_on_all_inputs(other):
     assert other.address != BASE.address
 
 
-def test_the_order_of_parameters_does_not_change_the_address():
+def test_parameter_order_does_not_change_the_address():
     assert Case(BASE.task, {"noise": [0.0, 0.1], "k": 500}, 1).address == BASE.address
 
 
-def test_a_change_of_the_works_code_changes_the_address(tmp_path, monkeypatch):
+def test_task_code_change_changes_the_address(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "little_work.py").write_text("def work(parameters, seed):\n    return [{}]\n")
     before = Case("little_work:work", {}).address
@@ -47,7 +47,7 @@ def test_a_change_of_the_works_code_changes_the_address(tmp_path, monkeypatch):
     sys.modules.pop("little_work", None)
 
 
-def test_a_change_of_the_physics_changes_the_address(tmp_path, monkeypatch):
+def test_physics_change_changes_the_address(tmp_path, monkeypatch):
     """Or results of the old contact law would be taken for those of the new one."""
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "little_physics").mkdir()
@@ -63,7 +63,7 @@ def test_a_change_of_the_physics_changes_the_address(tmp_path, monkeypatch):
     assert versions[0] == versions[1] != versions[2]
 
 
-def test_a_worker_with_other_code_gives_no_result(tmp_path):
+def test_worker_with_other_code_gives_no_result(tmp_path):
     """One that has joined a scheduler later; its own address of the case is another."""
     store = ResultStore(tmp_path)
     with pytest.raises(PalpateError, match="runs another version of palpate"):
@@ -71,12 +71,12 @@ def test_a_worker_with_other_code_gives_no_result(tmp_path):
     assert store.finished() == set()
 
 
-def test_work_that_is_not_there_is_refused():
+def test_missing_task_is_refused():
     with pytest.raises(InputError, match="Python does not find it"):
         _ = Case("no_such_work:at_all", {}).address
 
 
-def test_results_are_read_back_in_the_order_asked_for_whether_packed_or_not(tmp_path):
+def test_results_are_read_back_in_order_packed_or_not(tmp_path):
     store = ResultStore(tmp_path / "results")
     for name in "abc":
         store.write(name, [{"text": name, "number": index} for index in range(2)])
@@ -92,7 +92,7 @@ def test_results_are_read_back_in_the_order_asked_for_whether_packed_or_not(tmp_
     assert rows[0]["list"] == [1.0, 2.0]
 
 
-def test_a_pack_that_was_killed_before_it_removed_what_is_in_it_counts_each_result_once(tmp_path):
+def test_interrupted_pack_counts_each_result_once(tmp_path):
     store = ResultStore(tmp_path)
     store.write("a", [{"number": 1}])
     store.write("b", [{"number": 2}])
@@ -121,7 +121,7 @@ def write(path, **columns):
     pq.write_table(pa.table(columns), path)
 
 
-def test_a_file_under_another_cases_name_does_not_count_as_that_case(tmp_path):
+def test_file_under_another_case_name_does_not_count(tmp_path):
     store = ResultStore(tmp_path)
     store.write("a", [{"number": 1}])
     shutil.copy(tmp_path / "a.parquet", tmp_path / "b.parquet")
@@ -131,7 +131,7 @@ def test_a_file_under_another_cases_name_does_not_count_as_that_case(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.parquet", "b.parquet"]
 
 
-def test_two_files_that_disagree_about_a_case_are_refused(tmp_path):
+def test_contradictory_files_of_a_case_are_refused(tmp_path):
     store = ResultStore(tmp_path)
     result = {"number": 1.0, "part": float("nan"), "error": "", "seconds": 1.0}
     store.write("a", [result])
@@ -151,14 +151,14 @@ def test_two_files_that_disagree_about_a_case_are_refused(tmp_path):
         ({"address": ["a", None]}, "its column 'address' is not text"),
     ],
 )
-def test_a_file_that_does_not_say_whose_result_it_is_is_refused(name, columns, why, tmp_path):
+def test_file_without_its_case_is_refused(name, columns, why, tmp_path):
     write(tmp_path / name, **columns)
     for ask in (ResultStore(tmp_path).finished, lambda: ResultStore(tmp_path).rows("a")):
         with pytest.raises(InputError, match=f"{name}: {why}"):
             ask()
 
 
-def test_a_pipe_is_not_waited_for(tmp_path):
+def test_named_pipe_is_not_read(tmp_path):
     os.mkfifo(tmp_path / "a.parquet")
     with pytest.raises(InputError, match="not a regular file"):
         ResultStore(tmp_path).finished()
@@ -177,13 +177,13 @@ def test_failed_case_stores_its_error_and_is_not_repeated(tmp_path):
     assert run_cases([case], store).finished_before == 1
 
 
-def test_a_scheduler_that_is_not_there_is_bad_input(tmp_path, monkeypatch):
+def test_missing_scheduler_is_bad_input(tmp_path, monkeypatch):
     monkeypatch.setattr("palpate.sweep.runner._JOIN_S", 0.3)
     with pytest.raises(InputError, match="does not answer"):
         run_cases([BASE], ResultStore(tmp_path), Cluster("tcp://127.0.0.1:9"))
 
 
-def test_a_result_whose_columns_have_other_types_is_refused_by_name(tmp_path):
+def test_result_with_other_column_types_is_refused_by_name(tmp_path):
     store = ResultStore(tmp_path)
     store.write("a", [{"number": 1}])
     write(tmp_path / "b.parquet", address=["b"], number=[b"text"])
@@ -193,7 +193,7 @@ def test_a_result_whose_columns_have_other_types_is_refused_by_name(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.parquet", "b.parquet"]
 
 
-def test_no_flipped_bit_of_the_data_changes_a_result(tmp_path):
+def test_flipped_bit_never_changes_a_result(tmp_path):
     store, path, rows = ResultStore(tmp_path), tmp_path / "a.parquet", [{"number": 1.5, "name": "press"}]
     store.write("a", rows)
     whole = path.read_bytes()
@@ -204,7 +204,7 @@ def test_no_flipped_bit_of_the_data_changes_a_result(tmp_path):
             assert store.rows("a") == rows
 
 
-def test_errors_are_over_their_bounds_as_root_mean_squares_and_intervals_hold_the_truth_or_not():
+def test_errors_are_rms_over_bounds_and_intervals_are_checked():
     names = ("k", f"{TRUE}k", f"{BOUND}k", f"{LOW}k", f"{HIGH}k")
     rows = [
         dict(zip(names, values, strict=True))
@@ -223,7 +223,7 @@ def test_errors_are_over_their_bounds_as_root_mean_squares_and_intervals_hold_th
 
 
 @pytest.mark.parametrize("count", [1, 3])
-def test_two_files_with_more_and_fewer_rows_of_a_case_disagree(tmp_path, count):
+def test_files_with_more_and_fewer_rows_of_a_case_disagree(tmp_path, count):
     store = ResultStore(tmp_path)
     store.write("a", [{"x": 1.0}, {"x": 2.0}])
     store.write("b", [{"x": 0.0}])
@@ -241,12 +241,12 @@ def test_one_worker_does_many_cases(tmp_path):
     assert [row["square"] for row in rows] == [0, 4, 9]
 
 
-def test_a_parameter_that_json_cannot_hold_has_no_address():
+def test_parameter_without_json_form_has_no_address():
     with pytest.raises(ValueError, match="JSON compliant"):
         _ = Case(BASE.task, {"k": float("nan")}).address
 
 
-def test_a_table_of_errors_is_in_percent_and_the_best_has_the_smallest_worst_error():
+def test_error_table_is_in_percent_and_marks_the_smallest_worst_error():
     bounds = {f"{TRUE}k": 100.0, f"{BOUND}k": 1.0, f"{LOW}k": 90.0, f"{HIGH}k": 103.5, "error": ""}
     known = {"even": (103.0, 97.0, 103.0, 97.0), "spiky": (104.0, 100.0, 100.0, 100.0)}
     rows = [bounds | {"estimator": name, "k": k} for name in ("spiky", "even") for k in known[name]]

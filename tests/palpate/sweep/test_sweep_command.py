@@ -46,7 +46,7 @@ def table(path):
         return list(csv.DictReader(file))
 
 
-def test_a_part_of_a_sweep_has_a_page_with_figures_and_tables_already(done):
+def test_partial_sweep_has_a_page_with_figures_and_tables(done):
     out, said = done
     assert (said["cases"], said["finished"], said["finished_now"]) == (4, 3, 3)
     page = (out / "index.html").read_text()
@@ -63,7 +63,7 @@ def test_a_part_of_a_sweep_has_a_page_with_figures_and_tables_already(done):
     assert {row["true stiffness.k"] for row in rows} == {"500.0", "900.0"}
 
 
-def test_the_same_command_goes_on_and_repeats_nothing(done, mine):
+def test_same_command_continues_and_repeats_nothing(done, mine):
     out, _ = done
     said = as_json("sweep", mine, "--out", out, "--workers", 1)
     assert (said["finished"], said["finished_now"]) == (4, 1)
@@ -102,12 +102,12 @@ def test_interrupted_sweep_reports_its_progress(tmp_path, mine, monkeypatch):
     assert "1 of 4 cases are done and kept; the same command continues from there" in result.stderr
 
 
-def test_the_earlier_name_still_works(done, mine):
+def test_earlier_name_still_works(done, mine):
     out, _ = done
     assert as_json("study", mine, "--out", out, "--plan")["cases"] == 4
 
 
-def test_a_folder_with_other_files_is_left_alone(tmp_path, mine):
+def test_folder_with_other_files_is_left_alone(tmp_path, mine):
     (tmp_path / "thesis.txt").write_text("mine")
     assert_refused(run("sweep", mine, "--out", tmp_path), "holds other files")
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
@@ -137,7 +137,7 @@ def short(case: Case) -> Case:
     return replace(case, parameters=dict(case.parameters) | {"draws": min(case.parameters["draws"], 2)})
 
 
-def test_the_paper_comes_out_with_its_numbers_beside_ours(tmp_path, small_paper):
+def test_paper_is_reproduced_with_its_numbers_beside_ours(tmp_path, small_paper):
     result = run("sweep", "paper", "--out", tmp_path / "paper", "--workers", 1)
     assert result.exit_code == 0, result.stderr
     tables = tmp_path / "paper" / "tables"
@@ -159,7 +159,7 @@ def test_the_paper_comes_out_with_its_numbers_beside_ours(tmp_path, small_paper)
     assert {"fig3a_torque.png", "fig4d_noise.svg", "ransac_map.png", "hunt_crossley.svg"} <= made
 
 
-def test_the_words_on_the_cubes_tell_the_largest_difference_of_the_papers_methods():
+def test_cube_text_names_the_largest_difference_of_the_paper_s_methods():
     """Estimates off by known shares: only those of the paper's methods count, in both parameters."""
 
     def rows_of(cube, estimator, k_share, c_share):

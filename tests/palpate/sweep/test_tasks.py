@@ -27,7 +27,7 @@ PARAMETERS = {
 TIMINGS = {"read_s", "control_s", "guard_s", "write_s", "observer_s", "log_s", "lateness_s"}
 
 
-def test_ticks_in_memory_are_those_of_a_session(tmp_path, log_in_process):
+def test_ticks_in_memory_equal_those_of_a_session(tmp_path, log_in_process):
     plan, robot = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.02), find_robot("follower")
     kept = probe_in_memory(robot, Scenario(), plan)
     run_probing(ProbingJob(robot, tmp_path / "a.mcap", plan, scenario=Scenario(), online=None))
@@ -37,7 +37,7 @@ def test_ticks_in_memory_are_those_of_a_session(tmp_path, log_in_process):
         np.testing.assert_array_equal(kept[column], session[column], err_msg=column)
 
 
-def test_worlds_that_differ_in_anything_have_noise_of_their_own(monkeypatch):
+def test_different_worlds_have_their_own_noise(monkeypatch):
     """With one noise for all objects of a grid, their errors would be one and the same."""
     monkeypatch.setattr(probing, "probe_in_memory", lambda robot, scenario, plan: None)
     probing._probe.cache_clear()
@@ -50,7 +50,7 @@ def test_worlds_that_differ_in_anything_have_noise_of_their_own(monkeypatch):
     probing._probe.cache_clear()
 
 
-def test_every_estimator_has_a_row_near_the_truth_and_the_bound_is_of_its_error():
+def test_every_estimator_has_a_row_near_the_truth_with_its_bound():
     rows = probing.estimate(PARAMETERS, 1)
     names = [row["estimator"] for row in rows]
     assert names == ["lsq", "robust", "ransac (threshold 0.1)", "indirect_adaptive"]
@@ -62,7 +62,7 @@ def test_every_estimator_has_a_row_near_the_truth_and_the_bound_is_of_its_error(
     assert 0.5 < np.sqrt(np.mean(np.square(errors))) < 2.5  # of an estimator that is nearly efficient
 
 
-def test_the_bound_follows_the_noise_whose_draws_differ_and_repeat_for_equal_seeds():
+def test_bound_follows_the_noise_whose_draws_repeat_for_equal_seeds():
     calm, loud = (
         probing.estimate(PARAMETERS | {"noise_percent": percent, "estimators": ["lsq"]}, 1)[0]
         for percent in (5, 10)
@@ -82,7 +82,7 @@ def test_failing_estimator_states_its_reason_and_the_others_remain():
     assert kept["problem"] == ""
 
 
-def test_a_threshold_below_the_noise_costs_ransac_accuracy_and_outliers_cost_a_wide_one():
+def test_ransac_threshold_below_the_noise_loses_accuracy():
     def k_over_bound(threshold, outliers):
         settings = {"threshold": threshold, "subset": 5, "trials": 100}
         more = {"settings": settings, "outliers_percent": outliers, "draws": 10}
@@ -93,7 +93,7 @@ def test_a_threshold_below_the_noise_costs_ransac_accuracy_and_outliers_cost_a_w
     assert k_over_bound(0.1, 30) < 2.0 < k_over_bound(3.0, 30)
 
 
-def test_draws_in_which_ransac_finds_nothing_count_with_the_whole_gain_and_no_inliers(monkeypatch):
+def test_draws_without_ransac_result_count_with_the_whole_gain_and_no_inliers(monkeypatch):
     def estimated(failing):
         draws = iter(range(4))
         fit = Ransac.fit
@@ -117,13 +117,13 @@ def test_draws_in_which_ransac_finds_nothing_count_with_the_whole_gain_and_no_in
         assert every[name] > 20.0 * none[name]
 
 
-def test_a_run_that_touches_nothing_is_an_error():
+def test_run_without_contact_is_an_error():
     plan = PARAMETERS["plan"] | {"search_depth_m": 0.05}
     with pytest.raises(PalpateError, match="no touch"):
         probing.estimate(PARAMETERS | {"plan": plan}, 1)
 
 
-def test_the_peak_is_that_of_the_dashpot_where_it_alone_is_beyond_the_limit():
+def test_peak_is_that_of_the_dashpot_where_it_alone_exceeds_the_limit():
     stiff_dashpot = LAW | {"stiffness_n_m": 500.0, "damping_n_s_m": 100.0}
     (row,) = probing.estimate(PARAMETERS | {"law": stiff_dashpot, "estimators": ["lsq"]}, 1)
     fast, slow = row["peak_n"]
@@ -132,7 +132,7 @@ def test_the_peak_is_that_of_the_dashpot_where_it_alone_is_beyond_the_limit():
     assert row["over_limit_ms"][0] > 0 == row["over_limit_ms"][1]
 
 
-def test_another_engine_has_the_same_world_noise_and_ways_and_says_the_same_of_the_object():
+def test_another_engine_gives_the_same_object():
     pytest.importorskip("pybullet")
     quick = PARAMETERS | {"plan": PARAMETERS["plan"] | {"speeds_m_s": [0.15]}, "estimators": ["lsq"]}
     seed = probing.probe(quick, 1)[1].seed

@@ -43,7 +43,7 @@ def test_incomplete_operator_file_is_refused(text, tmp_path):
     assert_refused(run("teleop", "leader", "--operator", path), "operator.yaml")
 
 
-def test_an_arm_in_the_operators_hand_gets_no_power_without_permission(tmp_path, monkeypatch):
+def test_arm_in_the_operator_s_hand_gets_no_power_without_permission(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "operator.yaml"
     path.write_text(f"device: leader_arm\nrobot: {find_robot('follower').path}\n")
@@ -52,7 +52,7 @@ def test_an_arm_in_the_operators_hand_gets_no_power_without_permission(tmp_path,
 
 
 @pytest.mark.parametrize("options", [(), ("--json",)])
-def test_a_leader_that_hears_nothing_fails_whatever_it_prints(options, tmp_path, monkeypatch):
+def test_leader_without_a_peer_fails_whatever_it_prints(options, tmp_path, monkeypatch):
     silence = LeaderOutcome({}, 0, heard=False, lateness=None)
     monkeypatch.setattr("palpate.commands.teleop.run_leader", lambda *_: silence)
     result = run("teleop", "leader", "--operator", "mouse", "-o", tmp_path / "leader.mcap", *options)
@@ -60,7 +60,7 @@ def test_a_leader_that_hears_nothing_fails_whatever_it_prints(options, tmp_path,
     assert ('"heard": false' in result.output) is bool(options)
 
 
-def test_help_shows_all_three():
+def test_help_lists_all_three_commands():
     result = done("teleop")
     for name in ("leader", "follower", "demo"):
         assert name in result.output

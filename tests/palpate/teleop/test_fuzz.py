@@ -25,7 +25,7 @@ def test_damaged_and_unauthenticated_frames_have_no_effect(seed, seals):
     assert result.rendered == 0
 
 
-def test_frames_with_a_checksum_that_fits_crash_neither_side():
+def test_valid_checksum_frames_crash_neither_side():
     """Whoever makes these can as well send whole ones: that is what a key, plan and guard are for."""
     result = fuzz(FRAMES, 2, CHECKSUM, CHECKSUM)
     assert result.counts["refused as malformed"] > 1.5 * FRAMES

@@ -60,20 +60,20 @@ def test_late_touch_is_excluded_from_the_model_error(late_at):
 
 
 @pytest.mark.parametrize("late_at", [None, 300, 1500])
-def test_a_model_that_is_off_is_not_excused_by_a_late_tick_elsewhere(late_at):
+def test_wrong_model_is_not_excused_by_a_late_tick_elsewhere(late_at):
     felt = MergedSessions(Kept(haptic=haptic(0.5, late_at)), None).compare_rendered_to_real(REAL)
     assert felt.stalled.sum() == 0
     assert felt.settled().share == pytest.approx(felt.share, rel=0.01)
 
 
-def test_the_first_milliseconds_of_each_touch_are_left_out():
+def test_first_milliseconds_of_each_touch_are_left_out():
     time_s = np.concatenate([np.arange(100), 500 + np.arange(100)]) * TICK_S
     ones = np.ones(len(time_s))
     settled = ForceComparison(time_s, ones, ones, ones < 0.0).settled()
     assert len(settled.time_s) == len(time_s) - 2 * round(TOUCH_S / TICK_S)
 
 
-def test_times_of_a_clock_that_slips_are_put_on_the_leaders():
+def test_times_of_a_drifting_clock_are_mapped_to_the_leader_s():
     """A simulated follower's clock that runs at half speed for ten seconds."""
     leader_s = np.linspace(100.0, 110.0, 101)
     offset_s = -90.0 - 0.5 * (leader_s - 100.0)
@@ -93,12 +93,12 @@ def merged(kept: np.ndarray, late: int, follower_rate: float) -> MergedSessions:
     return MergedSessions(Kept(haptic=Kept(time_s=time_s, lateness_s=lateness_s), link=link), None)
 
 
-def test_a_machine_that_keeps_pace_is_not_called_slow():
+def test_machine_that_keeps_pace_is_not_called_slow():
     every_tick = np.ones(2000, bool)
     assert merged(every_tick, late=10, follower_rate=1.0).slowness() == []
 
 
-def test_a_machine_that_is_too_slow_is_called_so_with_its_figures():
+def test_slow_machine_is_reported_with_its_figures():
     kept = np.ones(2000, bool)
     kept[500:600] = False
     slow = merged(kept, late=60, follower_rate=0.9)

@@ -62,7 +62,7 @@ def test_first_session_estimate_is_the_object(scenario):
             )
 
 
-def test_better_law_that_cannot_be_rendered_is_not_offered():
+def test_law_that_cannot_be_rendered_is_not_offered():
     """Relaxation draws Hunt-Crossley's exponent below 1, where the simulator has no such law."""
     law = {"name": "kelvin_voigt", "stiffness_n_m": 2000.0, "damping_n_s_m": 20.0}
     relaxing = {"effect": "stress_relaxation", "stiffness_n_m": 1500.0, "time_s": 0.2}

@@ -74,7 +74,7 @@ def test_killed_leader_leaves_the_arm_safe_and_a_new_leader_connects(tmp_path, o
     assert np.abs(ticks["joint_position_rad"][-1] - ticks["joint_position_rad"][0]).max() < 0.01
 
 
-def test_a_killed_follower_leaves_the_operator_with_the_virtual_object_and_a_word(tmp_path):
+def test_killed_follower_leaves_the_virtual_object_and_a_message(tmp_path):
     port, session, plan = free_port(), tmp_path / "leader.mcap", tmp_path / "operator.yaml"
     plan.write_text(yaml.safe_dump(script(0.05)))
     with started("leader", "--port", str(port), "-o", str(session), "--operator", str(plan)) as process:
@@ -87,7 +87,7 @@ def test_a_killed_follower_leaves_the_operator_with_the_virtual_object_and_a_wor
     assert haptic["time_s"][-1] - haptic["time_s"][0] > 15.0
 
 
-def test_a_device_that_cannot_be_opened_is_one_line_and_leaves_no_session(tmp_path):
+def test_unavailable_device_is_one_line_and_leaves_no_session(tmp_path):
     operator, session = tmp_path / "operator.yaml", tmp_path / "leader.mcap"
     operator.write_text(f"device: gamepad\nport: {tmp_path / 'nothing'}\n")
     with started(
@@ -101,7 +101,7 @@ def test_a_device_that_cannot_be_opened_is_one_line_and_leaves_no_session(tmp_pa
     assert not session.exists()
 
 
-def test_a_killed_main_process_ends_the_haptic_one_with_its_session_closed(tmp_path):
+def test_killed_main_process_ends_the_haptic_one_with_its_session_closed(tmp_path):
     session, plan = tmp_path / "leader.mcap", tmp_path / "operator.yaml"
     plan.write_text(yaml.safe_dump(script(0.05)))
     with started(

@@ -77,7 +77,7 @@ def test_target_states_of_an_earlier_leader_are_ignored(led, line):
     assert queued.number not in last
 
 
-def test_estimates_of_a_follower_that_was_started_again_are_taken(led, line):
+def test_estimates_of_a_restarted_follower_are_taken(led, line):
     line.put(1, 0, estimate(revision=7))
     led._exchange()
     assert line.sent[-1].seen == (7,)
@@ -122,7 +122,7 @@ def test_possible_errors_are_reported_once(led, line):
     assert [text for _, text in led._notes[1:]] == ["a frame was refused: another key"]
 
 
-def test_an_estimate_that_was_lost_is_sent_again_though_newer_ones_of_other_places_arrived(followed, line):
+def test_lost_estimate_is_sent_again_though_newer_ones_arrived(followed, line):
     messaging, answers = followed
     line.put(1, 0, intent())
     for place in (0, 1, 2):
@@ -153,7 +153,7 @@ def test_new_leader_receives_the_earlier_object_estimates(followed, line):
     assert messaging.queue.states() == {}
 
 
-def test_the_arm_waits_for_what_is_being_estimated_at_every_moment(followed, line):
+def test_arm_waits_for_a_pending_estimate_at_every_moment(followed, line):
     """Whoever asks between two steps of the talking thread hears that something is still to come."""
     messaging, answers = followed
     asked, estimator = [], messaging._estimator
@@ -176,7 +176,7 @@ def test_the_arm_waits_for_what_is_being_estimated_at_every_moment(followed, lin
     assert messaging.settled()  # nobody is there to see it
 
 
-def test_a_later_verdict_replaces_one_whatever_it_is_called(followed, line):
+def test_later_verdict_replaces_an_earlier_one_by_any_name(followed, line):
     messaging, answers = followed
     for verdict in ("incomplete", "adequate", ""):
         answers.append(estimate(runs=6, verdict=verdict))

@@ -105,7 +105,7 @@ def port(begun):
     return begun[0]
 
 
-def test_a_page_of_another_name_that_points_here_is_refused(begun, port):
+def test_page_with_a_foreign_host_name_is_refused(begun, port):
     """DNS rebinding: the browser asks this machine, with the other site's name as host."""
     assert begun[1] == {host: status(port, host) for host in HOSTS} == HOSTS
 
@@ -123,7 +123,7 @@ def test_a_page_of_another_name_that_points_here_is_refused(begun, port):
         ({}, HTTPStatus.FORBIDDEN),
     ],
 )
-def test_no_other_page_opens_a_socket(port, headers, expected):
+def test_foreign_page_opens_no_socket(port, headers, expected):
     assert socket_status(port, **headers) == expected
 
 
@@ -137,7 +137,7 @@ def test_no_other_page_opens_a_socket(port, headers, expected):
         ({"Origin": "http://evil.example"}, HTTPStatus.FORBIDDEN),
     ],
 )
-def test_no_other_page_loads_anything(port, headers, expected):
+def test_foreign_page_loads_nothing(port, headers, expected):
     assert answer(port, **headers).status == expected
 
 
@@ -147,7 +147,7 @@ def policy_of(headers):
     return {name: values for name, *values in pairs}
 
 
-def test_the_page_runs_its_own_scripts_alone_and_is_framed_by_none(port):
+def test_page_runs_only_its_own_scripts_and_is_framed_by_none(port):
     reply = answer(port)
     page, policy = reply.read().decode(), policy_of(reply.headers)
     assert policy["frame-ancestors"] == policy["default-src"] == policy["base-uri"] == ["'none'"]

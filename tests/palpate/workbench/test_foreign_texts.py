@@ -145,7 +145,7 @@ def test_every_text_of_a_saved_revision_is_escaped(diagnosed, tmp_path):
         assert MARK in shown(state(), tmp_path)
 
 
-def test_names_of_files_and_columns(tmp_path):
+def test_names_of_files_and_columns_are_escaped(tmp_path):
     name = HOSTILE.replace("/", "_")
     data = write_presses(tmp_path / f"{name}.csv")
     column = HOSTILE.replace('"', '""')
@@ -157,7 +157,7 @@ def test_names_of_files_and_columns(tmp_path):
     assert MARK in shown(None, tmp_path)  # offered where nothing is open
 
 
-def test_every_text_of_a_session(probed, tmp_path):
+def test_every_text_of_a_session_is_escaped(probed, tmp_path):
     session = Session.open(probed[0])
     told = session.metadata
     texts = {"software_version": HOSTILE, "command_line": f"palpate probe --robot '{MARK}'", "seed": None}
@@ -171,7 +171,7 @@ def test_every_text_of_a_session(probed, tmp_path):
     shown(WorkbenchState(Study(file, keep=False), "theirs.mcap"), tmp_path)
 
 
-def test_a_file_that_is_refused(tmp_path):
+def test_text_of_a_refused_file_is_escaped(tmp_path):
     async def built():
         core.loop = asyncio.get_running_loop()
         with Client(page("")) as client:
@@ -181,7 +181,7 @@ def test_a_file_that_is_refused(tmp_path):
     assert [path for one in asyncio.run(built()) for path in keys_of(one)] == [("text",)]
 
 
-def test_the_page_sets_texts_by_key_alone():
+def test_page_sets_texts_by_key_alone():
     """What `props` and `classes` read as code are constants, and markup is sanitized by the browser."""
     folder = Path(palpate.__file__).parent / "workbench"
     for file in folder.glob("*.py"):

@@ -54,7 +54,7 @@ def received(viewer):
     return time_ns / 1e9, json.loads(data[13:])
 
 
-def test_a_client_gets_the_schema_and_each_tick_once(feed):
+def test_client_gets_the_schema_and_each_tick_once(feed):
     address = f"ws://127.0.0.1:{feed.port}"
     with client.connect(address, subprotocols=["foxglove.sdk.v1"], open_timeout=WAIT_S) as viewer:
         said = {}
@@ -117,7 +117,7 @@ class Subscribed:
         pass
 
 
-def test_two_pages_that_follow_one_session_send_each_tick_once(feed):
+def test_pages_that_follow_one_session_send_each_tick_once(feed):
     feed._channel.close()
     feed._channel, ticks, both = Subscribed(), pressing(50), Barrier(2)
 
@@ -141,7 +141,7 @@ def reached(port):
         return tried.connect_ex(("127.0.0.1", port))
 
 
-def test_the_feed_ends_with_the_page(feed):
+def test_feed_ends_with_the_page(feed):
     _end(AppState(Path(), None, feed=feed))
     until_s = time.monotonic() + WAIT_S
     # the listening socket closes in a thread of the server's: until then, a connection is made or reset

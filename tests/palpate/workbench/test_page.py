@@ -105,7 +105,7 @@ def press(tmp_path):
     return write_presses(tmp_path / "press.csv")
 
 
-def test_tick_error_falls_undo_keep_report(opened, press):
+def test_adding_lowers_the_error_and_undo_keep_and_report_work(opened, press):
     tab = opened(press)
     before = tab.error()
     tab.box("cubic_stiffness").click()
@@ -144,7 +144,7 @@ def test_gain_at_its_physical_bound_is_shown_next_to_the_error(opened, tmp_path)
     assert tab.page.query_selector(".error .fits") is None
 
 
-def test_the_keyboard_alone_suffices(opened, press):
+def test_keyboard_alone_suffices(opened, press):
     tab = opened(press)
     before, keys = tab.error(), tab.page.keyboard
     tab.box("cubic_stiffness")
@@ -162,7 +162,7 @@ def test_the_keyboard_alone_suffices(opened, press):
     assert tab.wait_for_other_error(before) == after
 
 
-def test_a_slider_shows_another_value_and_a_held_one_is_fitted_around(opened, press):
+def test_slider_shows_another_value_and_a_fixed_one_is_refitted_around(opened, press):
     tab = opened(press)
     before, page = tab.error(), tab.page
     page.focus('[aria-label="stiffness.k"] [tabindex="0"]')
@@ -189,7 +189,7 @@ def test_a_slider_shows_another_value_and_a_held_one_is_fitted_around(opened, pr
     assert float(page.get_attribute(slider, "aria-valuenow")) < pulled
 
 
-def test_every_view_follows_a_slider_and_undo_takes_it_back(opened, press):
+def test_every_view_follows_a_slider_and_undo_reverts_it(opened, press):
     tab = opened(press)
     page, before = tab.page, tab.error()
     tab.box("cubic_stiffness").click()
@@ -251,7 +251,7 @@ def test_bounds_need_two_numbers_and_are_shown_again(opened, press):
     assert [page.input_value(f".bounds input >> nth={n}") for n in (0, 1)] == ["50", "60"]
 
 
-def test_a_cursor_stays_on_the_curves_and_is_taken_away(opened, press):
+def test_cursor_stays_on_the_curves_and_is_removed(opened, press):
     tab = opened(press)
     page = tab.page
     tab.error()
@@ -277,7 +277,7 @@ def test_two_tabs_show_the_same_choice(opened, serve, press):
     assert second.box("cubic_stiffness").get_attribute("aria-checked") == "true"
 
 
-def test_a_diagnosis_outlives_a_reload_can_still_be_stopped_and_its_step_applied(opened, press):
+def test_diagnosis_survives_a_reload_can_be_stopped_and_applied(opened, press):
     tab = opened(press)
     before, page = tab.error(), tab.page
     page.click("button:has-text('Diagnose')")
@@ -318,7 +318,7 @@ def test_runs_are_held_out_by_choice(opened, press):
     assert tab.error() != before
 
 
-def test_a_narrow_window_has_no_sideways_scroll(opened, press):
+def test_narrow_window_has_no_sideways_scroll(opened, press):
     tab = opened(press, width=400)
     before = tab.error()
     tab.page.wait_for_function("() => document.documentElement.scrollWidth <= 400")
@@ -327,7 +327,7 @@ def test_a_narrow_window_has_no_sideways_scroll(opened, press):
 
 
 @pytest.mark.parametrize(("width", "height"), [(1280, 900), (1024, 768), (390, 844)])
-def test_the_error_stays_in_sight_and_nothing_overlaps(opened, press, width, height):
+def test_error_stays_visible_and_nothing_overlaps(opened, press, width, height):
     tab = opened(press, width=width, height=height)
     page = tab.page
     tab.error()
@@ -363,7 +363,7 @@ def choose_unit(page, column, unit):
     page.get_by_role("option", name=unit, exact=True).click()
 
 
-def test_a_dropped_file_is_shown_corrected_and_judged(opened, tmp_path, press):
+def test_dropped_file_is_shown_corrected_and_judged(opened, tmp_path, press):
     other = tmp_path / "odd" / "odd.csv"
     other.parent.mkdir()
     other.write_text(
@@ -383,7 +383,7 @@ def test_a_dropped_file_is_shown_corrected_and_judged(opened, tmp_path, press):
     page.wait_for_selector("text=the sensor is not saturated")
 
 
-def test_a_file_of_unknown_columns_is_put_right_in_the_page(opened, press):
+def test_file_of_unknown_columns_is_corrected_in_the_page(opened, press):
     press.write_text(press.read_text().replace("time_s,displacement_m,force_N,run", "t,depth,Fz,trial"))
     tab = opened(press)
     tab.page.wait_for_selector(".begin .bad")
@@ -393,7 +393,7 @@ def test_a_file_of_unknown_columns_is_put_right_in_the_page(opened, press):
     assert tab.error() > 0.0
 
 
-def test_data_that_is_refused_shows_why_and_its_raw_curves(opened, press):
+def test_refused_data_show_the_reason_and_raw_curves(opened, press):
     lines = press.read_text().splitlines()
     press.write_text("\n".join(lines[:61]))
     tab = opened(press)
@@ -402,7 +402,7 @@ def test_data_that_is_refused_shows_why_and_its_raw_curves(opened, press):
     tab.page.wait_for_selector(".js-plotly-plot .scatterlayer path")
 
 
-def test_the_gallery_simulates_on_the_own_motion(opened, press):
+def test_gallery_simulates_on_the_recorded_motion(opened, press):
     tab = opened(press)
     tab.box("stress_relaxation")
     page = tab.page
@@ -447,7 +447,7 @@ def test_files_next_to_a_recording_are_not_executed(opened, tmp_path, tmp_path_f
         tab.page.wait_for_selector(".file:has-text('workbench-1.mcap')")
 
 
-def test_texts_of_a_strangers_diagnosis_are_shown_and_run_nothing(opened, press):
+def test_texts_of_a_foreign_diagnosis_are_shown_and_run_nothing(opened, press):
     """A quote in a text would end the text of a property, and begin one that the browser evaluates."""
     folder = press.parent / "press-palpate"
     folder.mkdir()

@@ -45,7 +45,7 @@ def answered(capsys, typed, *, yes=True):
     return asyncio.run(answer())
 
 
-def test_the_number_that_the_terminal_shows_permits_it_and_is_another_each_time(capsys):
+def test_displayed_number_grants_permission_and_changes_each_time(capsys):
     given = [answered(capsys, lambda code: f" {code}\n") for _ in range(5)]
     assert all(permitted for permitted, _ in given)
     assert len({code for _, code in given}) > 1
@@ -55,11 +55,11 @@ def test_the_number_that_the_terminal_shows_permits_it_and_is_another_each_time(
     "typed",
     [lambda code: "", lambda code: None, lambda code: "yes", lambda code: f"{(int(code) + 1) % 10**6:06d}"],
 )
-def test_anything_else_does_not(capsys, typed):
+def test_other_answers_grant_nothing(capsys, typed):
     assert not answered(capsys, typed)[0]
 
 
-def test_neither_does_a_no_with_the_number(capsys):
+def test_declining_with_the_number_grants_nothing(capsys):
     assert not answered(capsys, lambda code: code, yes=False)[0]
 
 
@@ -77,7 +77,7 @@ def asked(early, host="127.0.0.1", path="/"):
     return connection
 
 
-def test_the_first_visitor_sees_what_was_measured(early):
+def test_first_visitor_sees_the_measurement(early):
     answer = asked(early).getresponse()
     assert answer.status == HTTPStatus.OK
     assert "<b>raw curves</b>" in answer.read().decode()
@@ -92,12 +92,12 @@ def test_late_requests_wait_for_the_main_server(early):
     assert later.getresponse().status == HTTPStatus.NO_CONTENT
 
 
-def test_a_page_of_another_name_that_points_here_is_refused(early):
+def test_page_with_a_foreign_host_name_is_refused(early):
     assert asked(early, "evil.example").getresponse().status == HTTPStatus.BAD_REQUEST
     assert asked(early).getresponse().status == HTTPStatus.OK
 
 
-def test_an_old_page_that_connects_again_leaves_the_answer_to_the_visitor(early):
+def test_reconnecting_page_leaves_the_answer_to_the_visitor(early):
     assert asked(early, path="/_nicegui_ws/socket.io").getresponse().status == HTTPStatus.SERVICE_UNAVAILABLE
     assert "<b>raw curves</b>" in asked(early).getresponse().read().decode()
 
@@ -111,7 +111,7 @@ def test_pending_requests_wait_for_the_server():
             one.close()
 
 
-def test_the_first_answer_runs_its_own_script_alone_and_is_framed_by_none(early):
+def test_first_answer_runs_only_its_own_script_and_is_framed_by_none(early):
     reply = asked(early).getresponse()
     script = re.search("<script>(.*)</script>", reply.read().decode())[1]
     policy = reply.headers["Content-Security-Policy"]
@@ -121,13 +121,13 @@ def test_the_first_answer_runs_its_own_script_alone_and_is_framed_by_none(early)
 
 
 @pytest.mark.parametrize("port", [-5, 99_999_999])
-def test_a_port_that_cannot_exist_is_refused(port):
+def test_invalid_port_is_refused(port):
     with pytest.raises(InputError, match=f"--port {port}: .*choose another port"):
         early_server(port)
 
 
 @pytest.mark.parametrize("is_open", [True, False])
-def test_no_arm_is_asked_to_move_after_the_page_was_closed(monkeypatch, tmp_path, is_open):
+def test_no_motion_is_requested_after_the_page_was_closed(monkeypatch, tmp_path, is_open):
     """The experiment is designed in the background; whoever pressed the button may be gone by then."""
     probed = []
 

@@ -48,7 +48,7 @@ def state(press):
     return WorkbenchState(Study(press, keep=False), "press.csv")
 
 
-def test_a_tick_is_the_fit_that_add_makes(state, press):
+def test_selection_is_the_fit_that_add_makes(state, press):
     shown = state.choose(state.toggled("cubic_stiffness"))
     change = Study(press, keep=False).add("cubic_stiffness")
     assert shown.fitted.rmse == change.result.stages[-1].rmse
@@ -81,7 +81,7 @@ def test_undo_and_redo_go_both_ways_and_a_new_choice_ends_redo(state):
     assert not state.can_redo
 
 
-def test_each_pull_of_a_slider_is_one_step_and_leaves_the_effects(state):
+def test_each_slider_move_is_one_step_and_leaves_the_effects(state):
     fitted = state.choose(state.toggled("cubic_stiffness")).fitted
     for value in (410.0, 420.0, 430.0):
         state.move_slider("stiffness.k", value)
@@ -97,7 +97,7 @@ def test_each_pull_of_a_slider_is_one_step_and_leaves_the_effects(state):
     assert state.choose(state.with_held("damping.c", 3.0)).choice.slider_values == {}
 
 
-def test_another_use_of_runs_can_be_undone(state):
+def test_run_selection_can_be_undone(state):
     state.choose(state.toggled("cubic_stiffness"))
     less = state.with_runs((1,), ())
     held = less.with_runs((1,), (2,))
@@ -120,7 +120,7 @@ def test_fixed_parameter_is_removed_with_its_effect(state):
     assert state.toggled("cubic_stiffness").held == {}
 
 
-def test_a_parameter_is_held_or_bounded_or_free(state):
+def test_parameter_is_fixed_bounded_or_free(state):
     state.choice = state.with_bounds("stiffness.k", (100.0, 200.0))
     assert state.choice.bounds == {"stiffness.k": (100.0, 200.0)}
     assert state.with_held("stiffness.k", None).bounds == {}
@@ -131,12 +131,12 @@ def test_a_parameter_is_held_or_bounded_or_free(state):
     assert (bounded.held, bounded.bounds) == ({}, {"stiffness.k": (100.0, 200.0)})
 
 
-def test_a_run_that_is_left_out_is_not_held_out_as_well(state):
+def test_excluded_run_is_not_held_out_as_well(state):
     used = state.with_runs([1], [1, 2])
     assert (used.out, used.study.held_out) == ((1,), (2,))
 
 
-def test_a_choice_that_cannot_be_fitted_changes_nothing(state):
+def test_infeasible_choice_changes_nothing(state):
     before = state.choice
     with pytest.raises(InputError):
         state.choose(state.toggled("no_such_effect"))
@@ -146,7 +146,7 @@ def test_a_choice_that_cannot_be_fitted_changes_nothing(state):
             state.with_bounds("stiffness.k", bounds)
 
 
-def test_the_python_line_does_what_the_page_shows(state, press):
+def test_python_line_reproduces_the_page(state, press):
     state.choose(state.toggled("cubic_stiffness"))
     shown = state.choose(state.with_held("stiffness.k", 300.0))
     said = eval(state.python(), {"study": Study(press, keep=False)})
@@ -158,7 +158,7 @@ def test_the_python_line_does_what_the_page_shows(state, press):
     )
 
 
-def test_runs_that_are_taken_out_are_neither_fitted_nor_judged(state):
+def test_excluded_runs_are_neither_fitted_nor_judged(state):
     whole = state.choose(state.toggled("cubic_stiffness")).fitted
     less = state.with_runs((1,), ())
     shown = less.show()
@@ -174,7 +174,7 @@ def test_runs_that_are_taken_out_are_neither_fitted_nor_judged(state):
         state.with_runs(state.channel.data.runs.tolist(), ())
 
 
-def test_runs_that_are_held_out_are_in_the_commands(state):
+def test_held_out_runs_are_in_the_commands(state):
     state.choose(state.toggled("cubic_stiffness"))
     held = state.with_runs((0,), (2,))
     fitted = held.show().fitted
@@ -208,7 +208,7 @@ def test_averaged_recording_offers_no_command_for_its_runs(press, monkeypatch):
     assert not state.with_runs((), (2,)).command()
 
 
-def test_runs_are_used_otherwise_with_the_model_that_was_chosen(press):
+def test_model_is_kept_when_run_selection_changes(press):
     state = WorkbenchState(Study(press, model="hunt_crossley", keep=False), "press.csv").with_runs((0,), (2,))
     assert state.channel.model.name == "hunt_crossley"
     told = eval(
@@ -219,7 +219,7 @@ def test_runs_are_used_otherwise_with_the_model_that_was_chosen(press):
     assert told.fit("contact").rmse == state.show().fitted.rmse
 
 
-def test_effects_that_do_the_same_stand_together(state):
+def test_equivalent_effects_are_listed_together(state):
     study, channel = state.study, state.channel
     names = ("cubic_stiffness", "power_law_stiffness", "delay")
     found = groups([evidence_of(study, channel, (), name) for name in names])
@@ -227,7 +227,7 @@ def test_effects_that_do_the_same_stand_together(state):
     assert [one.effect for one in found[1]] == ["delay"]
 
 
-def test_a_fit_made_ahead_is_the_same_to_the_last_digit(state, press):
+def test_prefetched_fit_is_identical(state, press):
     state = state.with_runs((), (2,))
 
     async def ahead():
@@ -266,7 +266,7 @@ def test_columns_are_guessed(tmp_path, header, expected):
     assert all(one.unit in ("", *units_of(one.quantity)) for one in found)
 
 
-def test_a_unit_that_the_file_does_not_state_is_asked_for(press, tmp_path):
+def test_missing_unit_is_asked_for(press, tmp_path):
     plain = tmp_path / "plain.csv"
     plain.write_text("clock,z,load,run\n" + press.read_text().partition("\n")[2])
     options = options_of(suggest_columns(read_table(plain)))
@@ -274,7 +274,7 @@ def test_a_unit_that_the_file_does_not_state_is_asked_for(press, tmp_path):
         Study(plain, columns=options.columns, units=options.units, keep=False)
 
 
-def test_a_corrected_quantity_keeps_the_unit_that_the_file_states(tmp_path):
+def test_corrected_quantity_keeps_the_unit_of_the_file(tmp_path):
     """Of "Crosshead [mm]" a position was made, then a displacement in m."""
     path = tmp_path / "press.csv"
     path.write_text("Time [s],Crosshead [mm],Load [N]\n" + "".join(f"{n / 10},{n},{n}\n" for n in range(9)))
@@ -329,7 +329,7 @@ def test_curves_are_short_and_keep_their_peaks(press):
 
 
 @pytest.mark.parametrize("kind", list(ChannelKind))
-def test_every_effect_that_applies_to_a_plain_motion_is_seen_in_its_picture(kind):
+def test_every_applicable_effect_is_visible_in_its_picture(kind):
     data, model, base = simple_motion(kind)
     names = {one.name for one in model.effects}
     for effect in (one() for name, one in EFFECTS.items() if name not in names):
@@ -338,14 +338,14 @@ def test_every_effect_that_applies_to_a_plain_motion_is_seen_in_its_picture(kind
             assert np.ptp(drawn - data.effort) > 0.0, effect.name
 
 
-def test_a_form_that_needs_an_arm_is_not_drawn_on_a_plain_motion():
+def test_form_that_needs_an_arm_is_not_drawn_on_a_plain_motion():
     swing, _, _ = simple_motion(ChannelKind.REVOLUTE)
     signals = dict.fromkeys(("tilt_effort_per_rad", "weight_effort", "payload_effort_per_kg"), swing.effort)
     of_arm = EFFECTS["gravity_tilt"]().suited_to(replace(swing, context={**swing.context, **signals}))
     assert EffectExample.on_simple_motion(of_arm, ChannelKind.REVOLUTE) is None
 
 
-def test_a_probing_that_the_server_leaves_is_brought_to_its_end(tmp_path):
+def test_probing_is_finished_when_the_server_leaves(tmp_path):
     path = tmp_path / "left.mcap"
 
     async def left():
@@ -368,7 +368,7 @@ def test_two_tabs_do_not_write_to_one_file(tmp_path, monkeypatch):
     assert [_unused_path(home, "probe", ".mcap").name for _ in range(2)] == ["probe-1.mcap", "probe-2.mcap"]
 
 
-def test_two_measurements_become_one_with_the_runs_of_both(press, tmp_path):
+def test_two_measurements_are_merged_with_the_runs_of_both(press, tmp_path):
     other = write_presses(tmp_path / "more.csv", seed=9, speeds_m_s=(0.05, 0.06))
     both = joined(open_source(press), open_source(other)).channels[0]
     assert len(both.runs) == 6
@@ -379,7 +379,7 @@ def test_two_measurements_become_one_with_the_runs_of_both(press, tmp_path):
         joined(open_source(press), open_source(swing))
 
 
-def test_model_effects_and_runs_held_out_stay_when_data_changes(press, tmp_path):
+def test_model_effects_and_held_out_runs_survive_a_data_change(press, tmp_path):
     own = write_own_effect(tmp_path)
     study = Study(press, "hunt_crossley", effects=[own], held_out=[2], keep=False)
     state = WorkbenchState(study, "press.csv")
@@ -406,13 +406,13 @@ def test_named_effect_is_not_listed_as_its_own_alternative():
     [({"delay"}, "You said delay: right"), ({"drift"}, "drift: wrong"), ({"lag"}, "cannot tell them apart"),
      ({"delay", "drift"}, "partly right"), (set(), "You said nothing: wrong")],
 )  # fmt: skip
-def test_the_riddle_is_scored_against_the_diagnosis(guessed, said):
+def test_riddle_is_scored_against_the_diagnosis(guessed, said):
     named = frozenset({"lag"})
     score = RiddleScore(frozenset({"delay"}), frozenset(guessed), named, named | {"delay"})
     assert said in score.in_words()
 
 
-def test_an_effect_s_parameters_move_its_curves_over_time_and_over_position(state):
+def test_effect_parameters_move_its_curves_over_time_and_position(state):
     simulated = _Simulated(state, EFFECTS["bias"]())
     figure = simulated.figure()
     before = [trace["y"] for trace in figure["data"]]
@@ -425,7 +425,7 @@ def test_an_effect_s_parameters_move_its_curves_over_time_and_over_position(stat
 
 
 @pytest.mark.parametrize("is_named", [True, False])
-def test_a_report_is_written_where_the_study_keeps_its_results(tmp_path, monkeypatch, is_named):
+def test_report_is_written_where_the_study_keeps_its_results(tmp_path, monkeypatch, is_named):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(page_module, "ui", SimpleNamespace(notify=lambda *_, **__: None))
     written = []

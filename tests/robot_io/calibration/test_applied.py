@@ -36,7 +36,7 @@ def readings(robot_file, calibrations, command_nm=(0.2, 0.3, 0.4)):
         return measurement, sent.joint_torque_nm, mock_bus(robot).staged_nm
 
 
-def test_every_reading_and_command_is_corrected_once(tmp_path):
+def test_readings_and_commands_are_corrected_once(tmp_path):
     robot_file = robot_with(tmp_path, *KINDS)
     raw, _, _ = readings(robot_file, Calibrations())
     seen, sent, told = readings(robot_file, load_calibrations(robot_file, NOW))
@@ -62,7 +62,7 @@ def test_measured_torque_is_that_of_the_joint(tmp_path):
     np.testing.assert_allclose(seen.joint_torque_nm, gain * raw.joint_torque_nm + offset, atol=1e-9)
 
 
-def test_a_robot_file_is_never_built_without_what_it_names(tmp_path):
+def test_robot_file_is_never_built_without_its_calibrations(tmp_path):
     robot_file = robot_with(tmp_path, "force")
     (tmp_path / "force.yaml").unlink()
     with pytest.raises(InputError, match=r"mock\.yaml line \d+, .*force: .*force\.yaml: cannot be"):
@@ -80,7 +80,7 @@ def test_a_robot_file_is_never_built_without_what_it_names(tmp_path):
         ("torque", {"urdf_sha256": "1" * 64}, ("another URDF", "palpate calibrate torque")),
     ],
 )
-def test_a_foreign_calibration_is_refused(tmp_path, kind, change, words):
+def test_foreign_calibration_is_refused(tmp_path, kind, change, words):
     if "reading_unit" in change:
         units = {"zero": "count", "scale": "N/count", "curvature": "N/count^2"}
         values = {name: VALUES[kind][name] | {"unit": unit} for name, unit in units.items()}
@@ -94,7 +94,7 @@ def test_a_foreign_calibration_is_refused(tmp_path, kind, change, words):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_one_of_emulated_devices_is_for_emulated_devices_alone(tmp_path, kind):
+def test_emulated_calibration_is_for_emulated_devices_alone(tmp_path, kind):
     robot_file = robot_with(tmp_path, kind, source="emulated")
     with pytest.raises(InputError, match=rf"made with emulated devices .* palpate calibrate {kind}"):
         load_calibrations(robot_file, NOW)
@@ -112,7 +112,7 @@ def test_calibration_without_reading_unit_is_not_applied(tmp_path):
     assert parse_calibrations("force:\n" + "".join(f"  {line}\n" for line in text.splitlines())).force
 
 
-def test_a_changed_setting_of_the_device_makes_it_foreign(tmp_path):
+def test_changed_device_setting_makes_a_calibration_foreign(tmp_path):
     robot_file = robot_with(tmp_path, "force")
     text = robot_file.path.read_text()
     changed = text.replace("driver: mock_force", "driver: mock_force, capacity_n: 50")
@@ -142,7 +142,7 @@ def test_calibration_that_would_mislead_the_guard_is_refused(tmp_path, kind, val
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_the_strongest_curvature_that_is_taken_still_shows_the_guard_its_limit(tmp_path, sign):
+def test_strongest_accepted_curvature_still_shows_the_guard_its_limit(tmp_path, sign):
     values = VALUES["force"] | {"curvature": quantity(sign * 0.004, "N/N^2")}
     robot_file = robot_with(tmp_path, "force", values=values)
     limit_n = robot_file.limits.force_n
@@ -162,7 +162,7 @@ def test_the_strongest_curvature_that_is_taken_still_shows_the_guard_its_limit(t
     assert beyond[np.argmax(beyond) :].all()  # once past the limit it stays past it
 
 
-def test_it_does_not_hide_who_the_sensor_is(tmp_path):
+def test_calibration_does_not_hide_the_sensor_identity(tmp_path):
     calibration = load_calibrations(robot_with(tmp_path, "force"), NOW).force
 
     class Silent(ForceSensor):
@@ -193,7 +193,7 @@ def test_commanded_torque_never_exceeds_the_limit(tmp_path):
     np.testing.assert_allclose(sent, gain * told + offset, atol=1e-9)  # and what was sent is said
 
 
-def test_it_expires_and_one_of_another_kind_and_for_other_joints_is_refused(tmp_path):
+def test_expired_or_mismatched_calibration_is_refused(tmp_path):
     robot_file = robot_with(tmp_path, "force")
     assert load_calibrations(robot_file, END - timedelta(seconds=1)).force is not None
     with pytest.raises(InputError, match="expired on 2027-11-20; make a new one: palpate calibrate force"):
@@ -210,7 +210,7 @@ def test_it_expires_and_one_of_another_kind_and_for_other_joints_is_refused(tmp_
         load_calibrations(robot_file, NOW)
 
 
-def test_an_unknown_key_is_refused():
+def test_unknown_key_is_refused():
     with pytest.raises(InputError, match=r"calibration\.forse: is not known; did you mean 'force'"):
         parse_robot_file(ROBOT_YAML + "\ncalibration: {forse: a.yaml}\n", "mock.yaml")
 
@@ -231,7 +231,7 @@ def test_one_kind_can_be_left_out(tmp_path):
 
 
 @pytest.mark.parametrize(("pitch", "roll"), [(0.1, 0.0), (0.0, -0.2), (-0.3, 0.25)])
-def test_gravity_is_turned_back_by_the_base(pitch, roll):
+def test_gravity_is_rotated_by_the_base(pitch, roll):
     about_y = np.array(
         [[math.cos(pitch), 0, math.sin(pitch)], [0, 1, 0], [-math.sin(pitch), 0, math.cos(pitch)]]
     )
@@ -240,7 +240,7 @@ def test_gravity_is_turned_back_by_the_base(pitch, roll):
     np.testing.assert_allclose(gravity_base_m_s2(pitch, roll), expected, atol=1e-12)
 
 
-def test_a_tilted_base_changes_what_the_arm_weighs(tmp_path):
+def test_tilted_base_changes_the_arm_s_weight(tmp_path):
     robot_file = robot_with(tmp_path, "gravity")
     level = RigidBody.of_robot(robot_file, Calibrations())
     tilted = RigidBody.of_robot(robot_file, load_calibrations(robot_file, NOW))

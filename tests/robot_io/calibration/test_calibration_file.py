@@ -72,7 +72,7 @@ def test_invalid_setting_is_named(robot, kind, change, words):
         ("gravity", lambda d: d["values"].clear(), "values: {}"),
     ],
 )
-def test_the_line_is_that_of_the_key_that_is_wrong(robot, kind, change, line):
+def test_error_line_is_that_of_the_wrong_key(robot, kind, change, line):
     text = changed(robot, kind, change)
     with pytest.raises(InputError) as caught:
         parse_calibration(text, "c.yaml")
@@ -87,7 +87,7 @@ def test_missing_columns_and_invalid_units_are_reported(robot):
         parse_calibration(changed(robot, "force", lambda d: d.update(reading_unit="N m?")), "c.yaml")
 
 
-def test_a_file_that_is_too_large_or_not_plain_is_refused(robot, tmp_path):
+def test_oversized_or_irregular_file_is_refused(robot, tmp_path):
     text = calibration_of("force", robot).to_yaml()
     path = tmp_path / "c.yaml"
     path.write_text(text + "#" * 70_000)

@@ -38,7 +38,7 @@ def send(bus, stamp=0.0, data=b"\x01", **details):
     bus.send(can.Message(arbitration_id=0x21, data=data, is_extended_id=False, timestamp=stamp, **details))
 
 
-def test_a_robot_s_time_stamp_is_the_time_of_the_sample(ends):
+def test_robot_time_stamp_is_the_sample_time(ends):
     line, other, clock = ends("robot")
     clock.sleep_until(1.0)
     send(other, 0.4)
@@ -55,7 +55,7 @@ def test_implausible_time_stamps_are_replaced(ends, stamp, believed):
     assert line.drain(2.0)[0][1] == believed
 
 
-def test_without_a_time_stamp_a_frame_is_as_old_as_it_can_be(ends):
+def test_frame_without_a_time_stamp_has_its_largest_age(ends):
     line, other, clock = ends("none")
     clock.sleep_until(1.0)
     assert line.drain(1.0) == []
@@ -81,7 +81,7 @@ def test_queued_samples_keep_their_age(ends, timestamps):
     assert line.drain(2.6)[0][1] == (2.55 if timestamps == "robot" else 2.503)
 
 
-def test_a_node_that_babbles_does_not_hold_up_a_drain_that_is_late(ends):
+def test_babbling_node_does_not_block_a_late_drain(ends):
     line, other, clock = ends("robot")
     for tick in range(250):
         send(other, 1e-3 * tick)
@@ -90,7 +90,7 @@ def test_a_node_that_babbles_does_not_hold_up_a_drain_that_is_late(ends):
 
 
 @pytest.mark.parametrize("jump_s", [0.0, 3600.0, -3600.0])
-def test_a_jump_of_the_wall_clock_is_bounded_by_what_the_line_knows(ends, monkeypatch, jump_s):
+def test_wall_clock_jump_is_bounded_by_the_polls(ends, monkeypatch, jump_s):
     line, other, clock = ends("wall")
     wall_s = 1.7e9
     monkeypatch.setattr(time, "time", lambda: wall_s)
@@ -122,7 +122,7 @@ def test_bus_off_lasts_until_the_adapter_restarts(ends):
     assert line.counts["error frame"] == 3
 
 
-def test_an_ordinary_error_frame_is_only_counted(ends):
+def test_ordinary_error_frame_is_only_counted(ends):
     line, other, _ = ends("robot")
     send(other, is_error_frame=True)
     send(other, is_fd=True)
@@ -140,7 +140,7 @@ def test_closed_line_raises_an_error(ends):
             call()
 
 
-def test_a_serial_port_has_one_owner_and_what_is_none_needs_no_lock(tmp_path):
+def test_serial_port_has_one_owner_and_other_channels_need_no_lock(tmp_path):
     master, slave = os.openpty()
     port, plain = os.ttyname(slave), tmp_path / "file"
     plain.touch()

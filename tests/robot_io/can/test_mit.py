@@ -55,13 +55,13 @@ def test_full_range_of_each_model(maker, model):
         *((1, 2048, False), (65534, 2048, False), (32768, 1, False), (32768, 4094, False)),
     ],
 )
-def test_the_end_of_a_range_is_known_on_either_side(position, velocity, at_end):
+def test_end_of_a_range_is_known_on_either_side(position, velocity, at_end):
     data = bitstruct.pack("u8u16u12u12", 3, position, velocity, 0)
     assert mit.decode_state(CanFrame(0, data), AK80_9).at_range_end == at_end
 
 
 @given(st.integers(0, 65535), st.integers(0, 4095), st.integers(0, 4095), st.integers(0, 255))
-def test_a_state_against_a_bit_packer(position, velocity, torque, error):
+def test_state_matches_a_bit_packer(position, velocity, torque, error):
     data = bitstruct.pack("u8u16u12u12u8u8", 3, position, velocity, torque, 25, error)
     state = mit.decode_state(CanFrame(0, data), AK80_9)
     assert state.motor_id == 3
@@ -86,12 +86,12 @@ def test_zero_torque_is_half_a_step_off_zero():
 
 
 @pytest.mark.parametrize("length", [0, 5, 7])
-def test_a_wrong_length_is_refused(length):
+def test_wrong_length_is_refused(length):
     with pytest.raises(ProtocolError, match="expected 6 or 8"):
         mit.decode_state(CanFrame(0, bytes(length)), AK80_9)
 
 
-def test_no_number_is_refused():
+def test_nonfinite_torque_is_refused():
     with pytest.raises(InputError):
         mit.encode_torque(1, float("nan"), AK80_9)
 

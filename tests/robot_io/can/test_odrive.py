@@ -40,7 +40,7 @@ def test_ids_and_a_heartbeat_of_the_manual():
     assert not beat.trajectory_done
 
 
-def test_heartbeat_of_0_5_against_the_dbc():
+def test_heartbeat_of_0_5_matches_the_dbc():
     frame = by_dbc(
         Firmware.V0_5,
         "Heartbeat",
@@ -57,7 +57,7 @@ def test_heartbeat_of_0_5_against_the_dbc():
     assert beat.trajectory_done
 
 
-def test_heartbeat_of_0_6_against_the_dbc():
+def test_heartbeat_of_0_6_matches_the_dbc():
     frame = by_dbc(
         Firmware.V0_6,
         "Heartbeat",
@@ -72,26 +72,26 @@ def test_heartbeat_of_0_6_against_the_dbc():
     assert (beat.procedure_result, beat.trajectory_done, beat.component_errors) == (3, True, ())
 
 
-def test_the_generations_read_the_same_bytes_differently():
+def test_firmware_versions_read_the_same_bytes_differently():
     frame = CanFrame(0x21, bytes((0, 0, 0, 0, 1, 1, 0, 0)))
     assert odrive.decode_heartbeat(frame, Firmware.V0_5).component_errors == ("motor",)
     assert odrive.decode_heartbeat(frame, Firmware.V0_6).procedure_result == 1
 
 
 @pytest.mark.parametrize(("place", "part"), [(5, "motor"), (6, "encoder"), (7, "controller")])
-def test_each_part_has_an_error_flag_of_its_own(place, part):
+def test_each_part_has_its_own_error_flag(place, part):
     data = bytearray(8)
     data[place] = 1
     beat = odrive.decode_heartbeat(CanFrame(0x21, bytes(data)), Firmware.V0_5)
     assert (beat.component_errors, beat.trajectory_done) == ((part,), False)
 
 
-def test_an_error_bit_without_a_name_is_shown_as_a_number():
+def test_unnamed_error_bit_is_shown_as_a_number():
     assert axis_error_names(0x80, Firmware.V0_6) == ("unknown bit 0x00000080",)
 
 
 @given(FLOATS, FLOATS)
-def test_measurements_against_the_dbc(first, second):
+def test_measurements_match_the_dbc(first, second):
     cases = (
         (Firmware.V0_6, "Encoder_Estimates", ("Pos_Estimate", "Vel_Estimate")),
         (Firmware.V0_5, "Iq", ("Iq_Setpoint", "Iq_Measured")),
@@ -104,14 +104,14 @@ def test_measurements_against_the_dbc(first, second):
 
 
 @given(FLOATS)
-def test_a_torque_command_against_the_dbc(torque_nm):
+def test_torque_command_matches_the_dbc(torque_nm):
     frame = odrive.encode_input_torque(NODE, torque_nm)
     message = DBC[Firmware.V0_6].get_message_by_frame_id(frame.can_id)
     assert message.name == "Set_Input_Torque"
     assert message.decode(frame.data) == {"Input_Torque": torque_nm}
 
 
-def test_other_commands_against_the_dbc():
+def test_other_commands_match_the_dbc():
     database = DBC[Firmware.V0_6]
     state = odrive.encode_axis_state(NODE, AxisState.CLOSED_LOOP_CONTROL)
     assert database.decode_message(state.can_id, state.data) == {"Axis_Requested_State": 8}
@@ -148,12 +148,12 @@ def test_other_commands_against_the_dbc():
         odrive.decode_version,
     ],
 )
-def test_a_wrong_length_is_refused(decode, length):
+def test_wrong_length_is_refused(decode, length):
     with pytest.raises(ProtocolError, match=f"{length} bytes, expected 8"):
         decode(CanFrame(0x21, bytes(length)))
 
 
-def test_meaningless_settings_are_refused():
+def test_invalid_values_are_refused():
     with pytest.raises(ProtocolError, match="state 5 "):
         odrive.decode_heartbeat(CanFrame(0x21, bytes((0, 0, 0, 0, 5, 0, 0, 0))), Firmware.V0_6)
     with pytest.raises(ProtocolError, match="finite"):

@@ -56,7 +56,7 @@ def test_torque_is_encoded_in_the_id_with_zero_gains(torque_nm):
 
 
 @given(*(st.integers(0, 65535) for _ in range(3)), st.integers(0, 2), st.integers(0, 63))
-def test_a_state_against_a_bit_packer(position, velocity, torque, mode, faults):
+def test_state_matches_a_bit_packer(position, velocity, torque, mode, faults):
     can_id = int.from_bytes(bitstruct.pack("p3u5u2u6u8u8", 2, mode, faults, 9, 0xFD), "big")
     frame = CanFrame(can_id, bitstruct.pack("u16u16u16u16", position, velocity, torque, 251), extended=True)
     assert FRAMES.sender(frame) == 9
@@ -67,7 +67,7 @@ def test_a_state_against_a_bit_packer(position, velocity, torque, mode, faults):
     assert state.torque_nm == pytest.approx(-60 + 120 * torque / 65535)
 
 
-def test_faults_have_the_manual_s_names_and_an_unread_parameter_is_no_zero():
+def test_faults_have_manual_names_and_an_unread_parameter_is_no_zero():
     """Recorded from an RS03 in huggingface/lerobot#4070: index 1003, which it does not know."""
     frame = CanFrame(0x110115FD, bytes(8), extended=True)
     with pytest.raises(ProtocolError, match="110115FD"):
@@ -110,7 +110,7 @@ def test_answers_decode_like_the_vendor_library():
 
 
 @pytest.mark.parametrize("place", [0, 1, 3, 4, 17, 18, 19])
-def test_an_answer_of_another_form_is_refused(place):
+def test_answer_of_another_form_is_refused(place):
     other = bytearray(ANSWER)
     other[place] ^= 1
     for data in (bytes(other), ANSWER[:-1], ANSWER + b"\x50"):
@@ -127,12 +127,12 @@ def test_nonfinite_values_are_ignored(values):
 @pytest.mark.parametrize(
     ("mode", "fault", "error"), [(0, 0, 0), (10, 99, 0), (11, 0, 11), (1, 38, 38), (1, 0, 1), (4, 0, 0)]
 )
-def test_a_fault_counts_in_the_mode_of_faults(mode, fault, error):
+def test_fault_counts_only_in_fault_mode(mode, fault, error):
     data = ANSWER[:2] + bytes((mode,)) + ANSWER[3:-1] + bytes((fault,))
     assert moteus.decode_state(CanFrame(0x300, data, fd=True)).error == error
 
 
 @pytest.mark.parametrize("torque_nm", [float("nan"), float("inf")])
-def test_no_number_is_refused(torque_nm):
+def test_nonfinite_torque_is_refused(torque_nm):
     with pytest.raises(InputError):
         moteus.encode_torque(0, 1, torque_nm, 0.1)

@@ -95,7 +95,7 @@ def test_encoded_message_is_decodable(can_id, data, is_extended):
 @pytest.mark.parametrize(
     "damage", [b"\x80", b"\x00\xff", b"t0212AAB", b"T00zz", b"t9991FF", b"t0219" + bytes(9), b"x" * 99]
 )
-def test_damage_costs_one_line_and_no_more(adapter, damage):
+def test_damage_loses_only_one_line(adapter, damage):
     """One byte 0x80 once deafened the line for good; what came after a damaged line looked newer."""
     adapter.clock.sleep_until(1.0)
     adapter.says(b"t0211AA\r" + damage + b"\rz\r\rt0211BB\r\a")
@@ -103,7 +103,7 @@ def test_damage_costs_one_line_and_no_more(adapter, damage):
     assert adapter.line.counts["damaged"] == 1
 
 
-def test_any_portions_give_the_same_frames(adapter):
+def test_frames_are_parsed_from_any_chunks(adapter):
     found = []
     for byte in b"t0211AA\rt0211BB\r":
         adapter.says(bytes((byte,)))
@@ -120,7 +120,7 @@ def test_buffered_samples_have_their_largest_possible_age(adapter):
     assert adapter.line.drain(0.55)[0][1] == 0.55
 
 
-def test_an_empty_poll_does_not_wait():
+def test_empty_poll_does_not_wait():
     adapter = Adapter(MonotonicClock())
     adapter.line.open()
     try:
@@ -133,7 +133,7 @@ def test_an_empty_poll_does_not_wait():
         adapter.close()
 
 
-def test_a_frame_is_sent_whole_or_called_unsent(adapter):
+def test_frame_is_sent_whole_or_reported_unsent(adapter):
     """The output is blocked: what was torn is ended before the next frame."""
     adapter.line.send(CanFrame(0x123, b"\x01\xff"), 0.0)
     assert os.read(adapter.master, 100) == b"t123201FF\r"
@@ -173,7 +173,7 @@ def test_bit_rates_of_the_manual(adapter, bitrate, code):
     assert os.read(adapter.master, 100) == b"C\r"  # off the bus
 
 
-def test_an_adapter_has_one_owner_and_takes_what_slcan_has(adapter):
+def test_adapter_has_one_owner_and_checks_its_settings(adapter):
     with pytest.raises(DeviceError, match="another program has it"):
         adapter.another().open()
     adapter.line.close()
@@ -189,7 +189,7 @@ def test_an_adapter_has_one_owner_and_takes_what_slcan_has(adapter):
     again.close()
 
 
-def test_an_unplugged_adapter_is_a_failure():
+def test_unplugged_adapter_is_a_failure():
     adapter = Adapter(SimulatedClock())
     adapter.line.open()
     os.close(adapter.master)
@@ -198,7 +198,7 @@ def test_an_unplugged_adapter_is_a_failure():
     os.close(adapter._slave)
 
 
-def test_a_port_that_takes_no_commands_can_be_opened_again(adapter, monkeypatch):
+def test_port_that_takes_no_commands_can_be_opened_again(adapter, monkeypatch):
     adapter.line.close()
 
     def blocked(_port, data):

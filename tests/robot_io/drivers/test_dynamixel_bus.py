@@ -55,7 +55,7 @@ def test_configuring_powers_nothing():
             setup.torque.stage_torque(np.zeros(3))
 
 
-def test_older_firmware_is_read_the_plain_way():
+def test_older_firmware_uses_the_plain_read():
     with dynamixel_setup(bolted={3: {"firmware": 44}}) as setup:
         setup.start()
         assert np.isfinite(setup.tick().position_rad).all()
@@ -72,7 +72,7 @@ def test_stale_goal_is_not_followed_after_activation():
 
 
 @pytest.mark.parametrize("level", [0, 1])
-def test_a_servo_that_answers_little_but_pings_is_made_to_answer(level):
+def test_silent_servo_is_set_to_answer(level):
     with dynamixel_setup() as setup:
         for servo in setup.line.servos.values():
             servo.memory.put(table.STATUS_RETURN_LEVEL, level)
@@ -92,7 +92,7 @@ def test_a_servo_that_answers_little_but_pings_is_made_to_answer(level):
         ({"return_delay_s": 0.001}, "return_delay_s"),
     ],
 )
-def test_settings_that_cannot_work_are_refused(settings, problem):
+def test_invalid_settings_are_refused(settings, problem):
     own = {"port": "none", "servos": [{"id": 1, "model": "XM430-W350"}]} | settings
     context = DriverContext(SimulatedClock(), load_robot_file(ROBOT_FILE), section=("buses", "motors"))
     with pytest.raises(InputError, match=problem):
@@ -102,7 +102,7 @@ def test_settings_that_cannot_work_are_refused(settings, problem):
 # Reading and commanding
 
 
-def test_positions_are_the_arms_whatever_the_mounting():
+def test_positions_are_the_arm_s_for_any_mounting():
     servos = [
         {"id": 1, "model": "XM540-W270", "zero_rad": 0.3},
         {"id": 2, "model": "XM540-W270", "zero_rad": -2.0, "reversed": True},
@@ -115,7 +115,7 @@ def test_positions_are_the_arms_whatever_the_mounting():
 
 
 @BOTH
-def test_negative_values_are_negative(way):
+def test_negative_values_are_signed(way):
     """Minus one in a current beside minus three in a velocity is what byte stuffing is for."""
     with dynamixel_setup(**way) as setup:
         setup.start()
@@ -134,7 +134,7 @@ def test_negative_values_are_negative(way):
         assert (sample.position_rad[0] - np.pi + step_rad + np.pi) % (2 * np.pi) == pytest.approx(np.pi)
 
 
-def test_a_calibrated_torque_constant_is_used():
+def test_calibrated_torque_constant_is_used():
     constant = {1: {"torque_constant_nm_a": 2.0}}
     with dynamixel_setup(bolted=constant) as setup:  # the servo is weaker than its data sheet says
         setup.start()
@@ -154,7 +154,7 @@ def test_configured_current_limit_is_preserved():
         assert setup.exerted_nm()[2] == pytest.approx(sent[2])
 
 
-def test_samples_carry_the_time_of_the_question_and_are_worth_the_bus_time(active):
+def test_samples_carry_the_request_time_and_cost_the_bus_time(active):
     before_s = active.clock.now_s() + TICK_S
     sample = active.read()
     assert sample.sampled_at_s == pytest.approx(before_s)
@@ -165,7 +165,7 @@ def test_samples_carry_the_time_of_the_question_and_are_worth_the_bus_time(activ
 
 
 @pytest.mark.parametrize("kind", ["drop", "corrupt", "delay", "wrong_id"])
-def test_a_bad_answer_costs_the_tick_and_no_more(active, kind):
+def test_bad_answer_costs_one_tick(active, kind):
     for servo_id in (1, 2, 3):
         good = active.tick()
         active.befall(kind=kind, device=servo_id, times=1, delay_s=0.01 if kind == "delay" else 0.0)
@@ -179,7 +179,7 @@ def test_a_bad_answer_costs_the_tick_and_no_more(active, kind):
         assert active.tick().sampled_at_s > good.sampled_at_s
 
 
-def test_answers_out_of_order_are_sorted_by_id_or_refused(active):
+def test_unordered_answers_are_sorted_by_id_or_refused(active):
     home = active.tick((0.0, 0.0, 0.0)).position_rad
     active.befall(kind="reorder", device=1, times=1)
     try:
@@ -192,7 +192,7 @@ def test_answers_out_of_order_are_sorted_by_id_or_refused(active):
 # Faults of the servos: named, and nothing that they show is believed
 
 
-def test_a_hardware_error_that_does_not_switch_off_is_a_fault_of_the_drives_alone(fast):
+def test_nonfatal_hardware_error_is_a_fault_of_the_drives_alone(fast):
     fast.line.servos[3].memory.put(table.SHUTDOWN, 0)
     fast.befall(kind="alert", device=3, times=1)
     with pytest.raises(DeviceError, match=r"servo 3.*overload"):
@@ -202,7 +202,7 @@ def test_a_hardware_error_that_does_not_switch_off_is_a_fault_of_the_drives_alon
     assert fast.encoder.read_position().sampled_at_s == fast.bus.sample.sampled_at_s
 
 
-def test_a_hardware_error_keeps_the_torque_off_until_a_reboot(fast):
+def test_hardware_error_keeps_the_torque_off_until_a_reboot(fast):
     fast.befall(kind="alert", device=2, times=1)
     with pytest.raises(DeviceError):
         fast.tick()
@@ -212,7 +212,7 @@ def test_a_hardware_error_keeps_the_torque_off_until_a_reboot(fast):
         fast.torque.activate()
 
 
-def test_a_servo_that_stays_off_without_a_word_is_named_with_its_error():
+def test_servo_that_stays_off_silently_is_named_with_its_error():
     """Some firmware takes the write, says that all is well but for the alert bit, and stays off."""
     with dynamixel_setup() as setup:
         servo = setup.line.servos[2]
@@ -245,7 +245,7 @@ def test_servos_without_commands_disable_torque_until_reactivated(active):
     assert (active.exerted_nm() != 0).all()
 
 
-def test_switching_off_gets_through_a_bad_line(active):
+def test_switching_off_works_on_a_bad_line(active):
     active.befall(kind="corrupt", probability=0.3)
     active.torque.deactivate()
     assert not any(servo.memory.get(table.TORQUE_ENABLE) for servo in active.line.servos.values())
@@ -260,7 +260,7 @@ def test_unconfirmed_switch_off_is_an_error_with_consequences(active):
 
 
 @BOTH
-def test_a_port_that_failed_can_be_used_again(way, tmp_path):
+def test_failed_port_can_be_used_again(way, tmp_path):
     with dynamixel_setup(link=tmp_path / "port", **way) as setup:
         setup.start()
         setup.tick()
@@ -279,7 +279,7 @@ def test_a_port_that_failed_can_be_used_again(way, tmp_path):
         assert np.isfinite(setup.tick().position_rad).all()
 
 
-def test_a_port_has_one_owner(active):
+def test_port_has_one_owner(active):
     with (
         dynamixel_setup(port=active.line.path) as other,
         pytest.raises(DeviceError, match="cannot be opened"),

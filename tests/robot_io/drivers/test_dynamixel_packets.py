@@ -70,16 +70,16 @@ FAST_JA40 = "ff ff fd 00 fe 11 00 55 00 01 d0 07 00 00 0c 83 00 02 09 00 00 00 1
 
 
 @pytest.mark.parametrize(("made", "published"), REQUESTS.values(), ids=REQUESTS)
-def test_requests_are_as_published(made, published):
+def test_requests_match_published_examples(made, published):
     assert made == packet(published)
 
 
 @pytest.mark.parametrize(("published", "servo_id", "data"), ANSWERS.values(), ids=ANSWERS)
-def test_published_answers_are_understood(published, servo_id, data):
+def test_published_answers_are_decoded(published, servo_id, data):
     assert decode_status(packet(published)) == DynamixelStatus(servo_id, 0, packet(data))
 
 
-def test_the_published_fast_answers_are_understood():
+def test_published_fast_answers_are_decoded():
     values = {
         part.servo_id: int.from_bytes(part.data, "little")
         for part in FastReply((3, 7, 4), 4).decode(packet(FAST))
@@ -90,16 +90,16 @@ def test_the_published_fast_answers_are_understood():
 
 
 @given(st.binary(max_size=80))
-def test_the_checksum_is_the_sdks(data):
+def test_checksum_matches_the_sdk(data):
     assert crc16(data) == Protocol2PacketHandler().updateCRC(0, data, len(data))
 
 
 @given(st.binary(max_size=40), st.binary(max_size=40))
-def test_the_checksum_can_be_continued(first, second):
+def test_checksum_can_be_continued(first, second):
     assert crc16(second, crc16(first)) == crc16(first + second)
 
 
-def test_the_sdk_destuffs_a_first_pattern_likewise():
+def test_sdk_destuffs_a_first_pattern_likewise():
     sent = dynamixel.status(1, 0, packet("ff ff fd 07"))
     theirs = Protocol2PacketHandler().removeStuffing(list(sent))
     assert bytes(theirs[9:13]) == decode_status(sent).data == packet("ff ff fd 07")
@@ -115,7 +115,7 @@ def test_all_servo_packets_are_decoded(servo_id, error, data):
 
 @example(servo_id=1, code=3, parameters=packet("ff ff fd fd 00 ff ff fd"))
 @given(IDS | st.just(BROADCAST_ID), st.integers(0, 252), TRICKY)
-def test_all_requests_are_understood_by_the_emulated_servo(servo_id, code, parameters):
+def test_emulated_servo_decodes_all_requests(servo_id, code, parameters):
     sent = protocol.DIALECT.encode_packet(servo_id, code, parameters)
     assert b"\xff\xff\xfd" not in sent[7:-2].replace(b"\xff\xff\xfd\xfd", b"")
     (understood,) = dynamixel.DynamixelParser().take(sent)
@@ -156,14 +156,14 @@ def test_answer_is_found_after_a_damaged_length_or_echo():
 
 
 @pytest.mark.parametrize("place", range(3))
-def test_a_damaged_part_of_a_fast_answer_is_named(place):
+def test_damaged_part_of_a_fast_answer_is_named(place):
     damaged = bytearray(dynamixel.fast_status([(servo_id, 0, b"abcd") for servo_id in (5, 6, 7)], 3))
     damaged[8 + 8 * place + 3] ^= 1
     with pytest.raises(ProtocolError, match=rf"servo {5 + place}'s part"):
         FastReply((5, 6, 7), 4).decode(bytes(damaged))
 
 
-def test_answers_of_others_and_short_ones_are_no_part_of_a_fast_answer():
+def test_foreign_and_short_answers_are_no_part_of_a_fast_answer():
     reply = FastReply((1, 2), 2)
     swapped = dynamixel.fast_status([(2, 0, b"ab"), (1, 0, b"cd")], 2)
     with pytest.raises(ProtocolError, match="servo 2 answered in place of servo 1"):
@@ -187,7 +187,7 @@ def test_packet_length_field_matches_its_length(count):
     assert int.from_bytes(packet[5:7], "little") == len(packet) - 7 == 1 + count + 2
 
 
-def test_requests_that_no_servo_could_understand_are_not_made():
+def test_invalid_requests_are_refused():
     with pytest.raises(ProtocolError, match="253"):
         protocol.DIALECT.encode_packet(253, 1)
     with pytest.raises(ProtocolError, match="exceeds the limit"):

@@ -34,7 +34,7 @@ def hold(arm):
     return lambda: engine.__dict__.pop("step")
 
 
-def test_activating_sets_the_plain_law_and_loses_nothing_that_was_saved(arm):
+def test_activation_sets_the_proportional_law_and_keeps_saved_values(arm):
     arm.start()
     for servo in servos(arm).values():
         told = [servo.get(place, 1) for place in (P_GAIN, 22, 23, 26, 27, 33, LEVEL)]
@@ -45,7 +45,7 @@ def test_activating_sets_the_plain_law_and_loses_nothing_that_was_saved(arm):
 
 
 @pytest.mark.parametrize(("address", "beside"), [(9, 100), (11, -100)], ids=["lowest", "highest"])
-def test_limits_that_a_calibration_left_make_no_torque(arm, address, beside):
+def test_calibrated_position_limits_make_no_torque(arm, address, beside):
     """LeRobot writes the ends of each joint's range; a servo beyond one would be driven back into it."""
     servo = servos(arm)[4]
     arm.robot.configure()
@@ -56,7 +56,7 @@ def test_limits_that_a_calibration_left_make_no_torque(arm, address, beside):
     np.testing.assert_allclose(arm.drive_torque_nm, 0.0, atol=0.01)
 
 
-def test_an_emulated_servo_is_free_again_once_nothing_is_planned(arm):
+def test_emulated_fault_ends_with_its_plan(arm):
     arm.start().inject_fault("motors", FaultKind.STUCK, device=2)
     arm.ticks(2)
     assert servos(arm)[2].stuck
@@ -65,7 +65,7 @@ def test_an_emulated_servo_is_free_again_once_nothing_is_planned(arm):
     assert not servos(arm)[2].stuck
 
 
-def test_those_that_hold_stay_where_they_are(arm):
+def test_holding_servos_stay_where_they_are(arm):
     arm.start()
     arm.ticks(20, (0.5, 0.3, 0.1))
     assert [servos(arm)[one].get(GOAL) for one in (1, 5)] == [2048, 2048]
@@ -73,7 +73,7 @@ def test_those_that_hold_stay_where_they_are(arm):
     assert not any(servo.get(TORQUE_ON, 1) for servo in servos(arm).values())
 
 
-def test_a_torque_is_a_goal_beside_the_joint(arm):
+def test_torque_is_a_goal_beside_the_joint(arm):
     """What the motors exert is what was commanded, as well as their makers keep what they state."""
     arm.start()
     hold(arm)
@@ -103,7 +103,7 @@ def test_goals_stay_within_the_count_range_and_clipping_is_reported(arm, count, 
     assert abs(sent_nm[1]) == pytest.approx(2 * abs(torque_per_count_nm))
 
 
-def test_the_load_of_a_turning_motor_is_no_torque(arm):
+def test_load_of_a_turning_motor_is_no_torque(arm):
     """Its duty cycle holds what the speed takes; that is taken off."""
     arm.start()
     arm.ticks(50, (0.9, 0.4, 0.1))
@@ -135,14 +135,14 @@ def test_no_torque_before_the_first_reading(arm):
         arm.robot.torque.stage_torque(np.zeros(3))
 
 
-def test_a_torque_that_is_no_number_is_refused(arm):
+def test_nonfinite_torque_is_refused(arm):
     arm.start()
     with pytest.raises(InputError, match="not a number"):
         arm.robot.torque.stage_torque(np.array((0.1, np.nan, 0.1)))
 
 
 @pytest.mark.parametrize(("found", "refused"), [(85, False), (-85, True)])
-def test_a_servo_that_was_calibrated_anew_is_refused(make_robot, found, refused):
+def test_recalibrated_servo_is_refused(make_robot, found, refused):
     """Its positions mean other angles than the robot file says."""
     stated = "- {id: 3, model: STS3215-12V,"
     arm = make_robot(SO101, [(stated, f"{stated} homing_offset: 85,")])
@@ -152,7 +152,7 @@ def test_a_servo_that_was_calibrated_anew_is_refused(make_robot, found, refused)
         arm.robot.configure()
 
 
-def test_a_servo_that_answers_nothing_but_reading_is_made_to_answer(arm):
+def test_read_only_servo_is_set_to_answer(arm):
     for servo in servos(arm).values():
         servo.put(LEVEL, 0, 1)
     arm.start()
@@ -160,7 +160,7 @@ def test_a_servo_that_answers_nothing_but_reading_is_made_to_answer(arm):
 
 
 @pytest.mark.parametrize("echoes", [False, True])
-def test_a_servo_with_a_voltage_error_is_there(arm, echoes):
+def test_servo_with_a_voltage_error_is_present(arm, echoes):
     arm.arm.wires["motors"].echoes = echoes
     servos(arm)[3].error = 1
     arm.robot.configure()
@@ -168,7 +168,7 @@ def test_a_servo_with_a_voltage_error_is_there(arm, echoes):
     assert "servo 3 (joint 2): error: input voltage" in arm.problem
 
 
-def test_an_adapter_that_hears_itself_disturbs_nothing(arm):
+def test_echoing_adapter_disturbs_nothing(arm):
     arm.arm.wires["motors"].echoes = True
     arm.start()
     assert arm.ticks(10, (0.2, 0.1, 0.0)).encoder_status is Status.OK
@@ -188,7 +188,7 @@ def test_impossible_servo_value_is_a_damaged_answer(arm, place, value, problem):
     assert problem in arm.problem
 
 
-def test_a_restart_between_two_readings_shows(arm):
+def test_restart_between_two_readings_is_detected(arm):
     """At stall its torque limit would be 1000, which is what a servo sets when it restarts."""
     arm.robot.configure()
     arm.tick(None)
@@ -198,7 +198,7 @@ def test_a_restart_between_two_readings_shows(arm):
 
 
 @pytest.mark.parametrize("counts_s", [7000, -7000, 32767])
-def test_a_speed_that_no_servo_has_is_a_fault(arm, counts_s):
+def test_impossible_speed_is_a_fault(arm, counts_s):
     """Twice the no-load speed of 4.7 rad/s are 6150 counts/s."""
     arm.start()
     servo = servos(arm)[3]
@@ -209,7 +209,7 @@ def test_a_speed_that_no_servo_has_is_a_fault(arm, counts_s):
     )
 
 
-def test_a_jump_that_no_joint_can_make_is_a_damaged_answer(arm):
+def test_impossible_jump_is_a_damaged_answer(arm):
     arm.start()
     servo = servos(arm)[2]
     arm.tick()
@@ -230,14 +230,14 @@ def test_a_jump_that_no_joint_can_make_is_a_damaged_answer(arm):
     ],
     ids=["off", "overloaded", "other goal", "other limit"],
 )
-def test_a_servo_that_holds_is_watched_as_the_joints_are(arm, break_servo, problem):
+def test_holding_servo_is_monitored_like_the_joints(arm, break_servo, problem):
     arm.start()
     break_servo(servos(arm)[1])
     arm.ticks(2)
     assert re.search(problem, arm.problem)
 
 
-def test_each_servo_has_the_torque_limit_of_what_it_drives(make_robot):
+def test_each_servo_has_the_torque_limit_of_its_load(make_robot):
     """Torque, and what its speed takes beside it; those that hold stand still."""
     arm = make_robot(SO101, [("velocity_rad_s: [3.0, 3.0, 3.0]", "velocity_rad_s: [3.0, 1.0, 0.5]")])
     arm.robot.configure()
@@ -248,7 +248,7 @@ def test_each_servo_has_the_torque_limit_of_what_it_drives(make_robot):
         assert servos(arm)[servo_id].get(LIMIT) == pytest.approx(1000 * share, abs=1)
 
 
-def test_answers_that_are_constantly_late_are_as_old_as_their_requests(arm):
+def test_constantly_late_answers_are_as_old_as_their_requests(arm):
     arm.start()
     arm.inject_fault("motors", FaultKind.DELAY, delay_s=0.009)
     seen = 0
@@ -262,7 +262,7 @@ def test_answers_that_are_constantly_late_are_as_old_as_their_requests(arm):
     assert seen
 
 
-def test_a_goal_of_an_old_sample_is_beside_where_the_joint_is_now(arm):
+def test_goal_of_an_old_sample_is_relative_to_the_current_joint(arm):
     """Thrown at 3 rad/s and coasting, the arm turns by 0.03 rad while a sample gets 9 ms old: 0.2 N m."""
     arm.start()
     arm.inject_fault("motors", FaultKind.DELAY, delay_s=0.009)
@@ -283,7 +283,7 @@ CALIBRATION = {
 }
 
 
-def test_a_calibration_of_lerobot_s_becomes_lines_of_a_robot_file(tmp_path, capsys):
+def test_lerobot_calibration_becomes_lines_of_a_robot_file(tmp_path, capsys):
     path = tmp_path / "follower.json"
     path.write_text(json.dumps(CALIBRATION), encoding="utf-8")
     motors = read_calibration(path)
@@ -308,7 +308,7 @@ def test_a_calibration_of_lerobot_s_becomes_lines_of_a_robot_file(tmp_path, caps
         (json.dumps({"a": CALIBRATION["elbow_flex"] | {"range_max": 5000}}), "a.range_max"),
     ],
 )
-def test_another_file_is_one_line(tmp_path, capsys, text, problem):
+def test_invalid_calibration_file_is_one_line(tmp_path, capsys, text, problem):
     path = tmp_path / "other.json"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=problem):

@@ -30,7 +30,7 @@ def test_examples_of_the_manual(packet, bytes_of_the_manual):
     assert packet == bytes.fromhex(bytes_of_the_manual)
 
 
-def test_an_answer_of_the_manual():
+def test_answer_of_the_manual():
     """Position 1304 of servo 1."""
     packet = decode_status(bytes.fromhex("FF FF 01 04 00 18 05 DD"))
     assert packet == ServoAnswer(1, 0, b"\x18\x05")
@@ -48,7 +48,7 @@ def test_an_answer_of_the_manual():
         (tables.PRESENT_LOAD, 1024, 0),
     ],
 )
-def test_signs_are_a_bit_beside_the_magnitude(register, number, value):
+def test_sign_is_a_bit_beside_the_magnitude(register, number, value):
     data = number.to_bytes(2, "little")
     assert register.decode(data) == value
     if value:
@@ -59,7 +59,7 @@ def test_signs_are_a_bit_beside_the_magnitude(register, number, value):
     ("register", "value"),
     [(tables.HOMING_OFFSET, 2048), (tables.GOAL_POSITION, -32768), (tables.P_GAIN, 256)],
 )
-def test_what_does_not_fit_is_refused(register, value):
+def test_value_that_does_not_fit_is_refused(register, value):
     with pytest.raises(ProtocolError, match="does not fit"):
         register.encode(value)
 
@@ -76,7 +76,7 @@ def test_answers_are_parsed_from_any_chunks(answers, draw):
 
 
 @given(IDS, st.integers(0, 70), st.integers(1, 40))
-def test_an_echo_on_the_one_wire_is_no_answer(servo_id, address, size):
+def test_echo_is_no_answer(servo_id, address, size):
     """It differs from an answer in nothing but that it is what was sent."""
     request = protocol.DIALECT.read(servo_id, address, size)
     assert isinstance(decode_status(request), ServoAnswer)
@@ -96,7 +96,7 @@ def test_echo_is_sent_once():
 
 
 @pytest.mark.parametrize("servo_id", [-1, 0xFD, 0xFF])
-def test_requests_that_no_servo_could_understand_are_not_made(servo_id):
+def test_invalid_requests_are_refused(servo_id):
     with pytest.raises(ProtocolError, match="not a servo id"):
         protocol.DIALECT.ping(servo_id)
     with pytest.raises(ProtocolError, match="equal numbers"):

@@ -100,7 +100,7 @@ def test_repeated_answer_is_no_new_feedback(fast):
             reader.read(clock.now_s() + 5e-4)
 
 
-def test_a_servo_that_refuses_to_be_read_is_named():
+def test_servo_that_refuses_to_be_read_is_named():
     clock = SimulatedClock()
     line = LateLine(clock, 2e-4, damaged=False)
     reader = feedback_reader(line, clock, (1, 2), 224, fast=False)

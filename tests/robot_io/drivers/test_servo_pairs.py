@@ -50,7 +50,7 @@ def hold(arm):
     arm.arm.plant.world._engine.step = lambda: None
 
 
-def test_each_exerts_half_and_both_are_one_joint(make, family):
+def test_each_servo_exerts_half_and_both_are_one_joint(make, family):
     arm = make(family).start()
     hold(arm)
     wanted_nm = np.array([1.0, -0.4, 0.1])
@@ -62,7 +62,7 @@ def test_each_exerts_half_and_both_are_one_joint(make, family):
     assert measurement.joint_velocity_rad_s.shape == (3,)
 
 
-def test_a_difference_within_the_tolerance_is_shared_and_makes_no_fight(make, family):
+def test_difference_within_the_tolerance_is_shared_without_a_fight(make, family):
     arm = make(family).start()
     hold(arm)
     before_rad = arm.ticks(2).joint_position_rad[0]
@@ -78,7 +78,7 @@ def test_a_difference_within_the_tolerance_is_shared_and_makes_no_fight(make, fa
     assert np.abs([shaft.torque_nm for shaft in shafts(arm)]).max() < 0.02
 
 
-def test_a_second_that_has_restarted_is_named(make, family):
+def test_restarted_second_servo_is_named(make, family):
     arm = make(family).start()
     second = FAMILIES[family][2]
     arm.inject_fault("motors", FaultKind.REBOOT, device=second, times=1, delay_s=0.001)
@@ -88,7 +88,7 @@ def test_a_second_that_has_restarted_is_named(make, family):
 
 @pytest.mark.parametrize("kind", [FaultKind.LIMP, FaultKind.REVERSED])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_dynamixel_that_pulls_otherwise_is_named_while_positions_stay_sound(make, kind, sign):
+def test_opposing_dynamixel_is_named_while_positions_stay_valid(make, kind, sign):
     arm = make("dynamixel").start()
     torque_nm = (2.0 * sign, 0.0, 0.0)
     arm.ticks(5, torque_nm)
@@ -102,7 +102,7 @@ def test_a_dynamixel_that_pulls_otherwise_is_named_while_positions_stay_sound(ma
     assert (measurement.encoder_status, measurement.torque_status) == (Status.OK, Status.FAULT)
 
 
-def test_a_feetech_that_heeds_no_goals_is_named(make):
+def test_feetech_that_ignores_goals_is_named(make):
     """The two are then springs about different goals."""
     arm = make("feetech").start()
     arm.inject_fault("motors", FaultKind.DEAF, device=7)
@@ -110,7 +110,7 @@ def test_a_feetech_that_heeds_no_goals_is_named(make):
     assert "servos 2 and 7 (joint 1) exert " in arm.problem
 
 
-def test_torques_that_are_small_beside_the_limit_are_no_fight(make):
+def test_torques_small_beside_the_limit_are_no_fight(make):
     """3 % of the joint's 8 N m between them, and half of the larger."""
     arm = make("dynamixel").start()
     arm.inject_fault("motors", FaultKind.LIMP, device=4)
@@ -118,7 +118,7 @@ def test_torques_that_are_small_beside_the_limit_are_no_fight(make):
     arm.ticks_until(lambda _: arm.problem, 20, (1.05, 0.0, 0.0))
 
 
-def test_two_dynamixels_exert_what_the_weaker_may(make):
+def test_two_dynamixels_are_limited_by_the_weaker(make):
     arm = make("dynamixel")
     servos(arm)[4].memory.put(table.CURRENT_LIMIT, 100)
     arm.start()
@@ -129,7 +129,7 @@ def test_two_dynamixels_exert_what_the_weaker_may(make):
     assert [shaft.torque_nm for shaft in shafts(arm)] == pytest.approx([100 * DYNAMIXEL_STEP_NM] * 2)
 
 
-def test_the_torque_limit_of_each_feetech_is_for_its_half(make):
+def test_torque_limit_of_each_feetech_is_for_its_half(make):
     slow = ("velocity_rad_s: [3.0, 3.0, 3.0]", "velocity_rad_s: [1.0, 1.0, 1.0]")
     arm = make("feetech", slow).start()
     stall_nm, no_load_rad_s = 30 * 0.0980665, pi / 3 / 0.222
@@ -159,7 +159,7 @@ def test_another_homing_offset_is_refused(make, place):
 
 
 @pytest.mark.parametrize("turns", [-1, 0, 1])
-def test_the_second_is_in_the_turn_of_the_first(make, turns):
+def test_second_servo_is_in_the_turn_of_the_first(make, turns):
     """Whichever turn its zero is stated in, and at the edge of where the first one's is chosen."""
     zero = ("zero_rad: 3.1}", f"zero_rad: {3.1 + 2 * pi * turns:.6f}}}")
     measurement = make("dynamixel", zero).start().tick()
@@ -186,7 +186,7 @@ def test_doctor_reports_the_zero_that_aligns_both_servos(make, family):
     assert said_rad == pytest.approx(zero_rad - 0.1, abs=0.003)
 
 
-def test_the_wrong_sense_is_refused_as_soon_as_the_arm_is_read():
+def test_wrong_direction_is_refused_at_the_first_reading():
     servos = [
         {"id": 1, "model": "XM540-W270", "second": {"id": 4, "reversed": True}},
         {"id": 2, "model": "XM540-W270", "reversed": True},
@@ -200,7 +200,7 @@ def test_the_wrong_sense_is_refused_as_soon_as_the_arm_is_read():
         assert setup.bus.sample is None
 
 
-def test_the_second_has_the_torque_constant_of_the_first_and_its_change_ends_a_calibration():
+def test_second_servo_shares_the_torque_constant_and_counts_in_the_identity():
     given = ONE | {"torque_constant_nm_a": 2.0, "reversed": True, "zero_rad": 1.0, "homing_offset": 5}
     (servo,) = validate(DynamixelSettings, {"port": "p", "servos": [given | {"second": {"id": 4}}]}).servos
     assert servo.second.torque_constant_nm_a == 2.0
@@ -225,7 +225,7 @@ def pair_on_the_middle_joint():
     return ServoPairs(settings, parse_robot_file(DYNAMIXEL.read_text(encoding="utf-8"), DYNAMIXEL).limits)
 
 
-def test_a_stated_torque_constant_takes_the_place_of_the_models():
+def test_stated_torque_constant_replaces_the_model_s():
     """2.69 mA a count, in either direction; a maker's constant is of a motor without its gears' losses."""
     stated = ONE | {"id": 2, "torque_constant_nm_a": 2.0, "reversed": True}
     settings = validate(DynamixelSettings, {"port": "p", "servos": [ONE, stated]})
@@ -242,14 +242,14 @@ def test_a_stated_torque_constant_takes_the_place_of_the_models():
         ([2.0, 0.0, 2.0, 2.0], True),
     ],
 )
-def test_the_torques_that_are_compared_are_those_of_the_pair(torque_nm, named):
+def test_compared_torques_are_those_of_the_pair(torque_nm, named):
     pairs = pair_on_the_middle_joint()
     said = [pairs.torque_difference(np.array(torque_nm), 1e-3 * k) for k in range(20)][-1]
     assert (said is not None) is named
     assert not named or said.startswith("servos 2 and 4 (joint 2) exert ")
 
 
-def test_a_second_across_the_edge_of_the_first_ones_turn_stays_beside_it():
+def test_second_servo_across_the_turn_edge_stays_beside_the_first():
     """The two stand 0.01 rad apart, half a turn from the middle of the range, one on either side of it."""
     servos = [ONE | {"second": {"id": 4}}]
     settings = validate(DynamixelSettings, {"port": "p", "servos": servos})
@@ -267,7 +267,7 @@ def test_a_second_across_the_edge_of_the_first_ones_turn_stays_beside_it():
     ("largest_nm", "may_nm"),
     [([5.0, 1.0, 7.0, 3.0], [5.0, 1.0, 7.0, 1.0]), ([5.0, 3.0, 7.0, 1.0], [5.0, 1.0, 7.0, 1.0])],
 )
-def test_both_of_a_pair_may_what_the_weaker_can(largest_nm, may_nm):
+def test_pair_limit_is_that_of_the_weaker(largest_nm, may_nm):
     assert pair_on_the_middle_joint().limit_to_weaker(largest_nm) == may_nm
 
 

@@ -75,7 +75,7 @@ EDGES = [  # first and last that is taken, just beyond them, and the value that 
 
 
 @pytest.mark.parametrize(("model", "key", "taken", "refused", "default"), EDGES, ids=str)
-def test_a_number_that_no_device_can_have_is_refused(model, key, taken, refused, default):
+def test_impossible_number_is_refused(model, key, taken, refused, default):
     field = model.model_fields[key]
     adapter = TypeAdapter(field.rebuild_annotation())
     assert [adapter.validate_python(value) for value in taken] == list(taken)
@@ -88,7 +88,7 @@ def test_a_number_that_no_device_can_have_is_refused(model, key, taken, refused,
 @pytest.mark.parametrize(
     ("model", "key"), [(model, key) for model, key, taken, *_ in EDGES if type(taken[0]) is int]
 )
-def test_a_whole_number_is_written_as_one(model, key):
+def test_integer_setting_rejects_other_types(model, key):
     adapter = TypeAdapter(model.model_fields[key].rebuild_annotation())
     for value in (True, "100", 100.5):
         with pytest.raises(ValidationError):

@@ -48,7 +48,7 @@ def test_register_addresses_match_the_manual(tables, text):
 
 
 @pytest.mark.parametrize("name", dynamixel.MODELS)
-def test_a_dynamixel_is_what_its_emulator_is(name):
+def test_dynamixel_matches_its_emulator(name):
     ours, theirs = dynamixel.MODELS[name], MODELS[name]
     assert (ours.number, ours.current_step_a, ours.largest_current, ours.indirect_data) == (
         *(theirs.number, theirs.current_unit_a, theirs.current_limit, theirs.indirect_data),
@@ -69,7 +69,7 @@ def test_dynamixel_numbers_have_documented_units():
 
 
 @pytest.mark.parametrize("name", feetech.MODELS)
-def test_a_feetech_servo_is_what_its_emulator_is(name):
+def test_feetech_servo_matches_its_emulator(name):
     ours = feetech.MODELS[name]
     assert (ours.voltage_v, ours.stall_torque_nm, ours.no_load_rad_s) == pytest.approx(
         emulated_sts.MODELS[name]
@@ -90,13 +90,13 @@ AXIS_ERROR_BITS = {
 
 
 @pytest.mark.parametrize("firmware", Firmware)
-def test_an_odrive_s_error_bits_are_those_of_its_firmware(firmware):
+def test_odrive_error_bits_match_its_firmware(firmware):
     entries = (entry.split() for entry in AXIS_ERROR_BITS[firmware].split(","))
     assert {1 << int(bit): name for bit, name in entries} == AXIS_ERRORS[firmware]
     assert AXIS_ERRORS[firmware][WATCHDOG_EXPIRED[firmware]] == "WATCHDOG_TIMER_EXPIRED"
 
 
-def test_an_odrive_s_states_are_numbered_as_in_its_manual():
+def test_odrive_states_match_its_manual():
     names = (
         "UNDEFINED IDLE STARTUP_SEQUENCE FULL_CALIBRATION_SEQUENCE MOTOR_CALIBRATION (none) "
         "ENCODER_INDEX_SEARCH ENCODER_OFFSET_CALIBRATION CLOSED_LOOP_CONTROL LOCKIN_SPIN ENCODER_DIR_FIND "
@@ -123,7 +123,7 @@ def test_an_odrive_s_states_are_numbered_as_in_its_manual():
         ),
     ],
 )
-def test_an_mit_motor_s_errors_are_numbered_as_in_its_manual(maker, first, names, encoder, timeout):
+def test_mit_motor_errors_match_its_manual(maker, first, names, encoder, timeout):
     dialect = DIALECTS[maker]
     assert dialect.errors == dict(enumerate(names.split(", "), first))
     assert encoder == (dialect.encoder_fault and dialect.error_names(dialect.encoder_fault))
@@ -143,5 +143,5 @@ def test_an_mit_motor_s_errors_are_numbered_as_in_its_manual(maker, first, names
         ),
     ],
 )
-def test_a_servo_s_errors_are_the_bits_of_its_manual(names_of, bits):
+def test_servo_error_bits_match_its_manual(names_of, bits):
     assert {bit: names_of(1 << bit) for bit in range(8) if "unknown" not in names_of(1 << bit)} == bits

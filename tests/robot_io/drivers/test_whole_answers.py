@@ -36,7 +36,7 @@ def recorded(arm):
 
 
 @pytest.mark.parametrize("robot_file", [DYNAMIXEL, SO101], ids=["dynamixel", "feetech"])
-def test_all_at_once_is_one_by_one_and_a_damaged_answer_is_not_decoded_at_once(make_robot, robot_file):
+def test_batch_decoding_equals_single_decoding_and_rejects_damage(make_robot, robot_file):
     _, answers = recorded(make_robot(robot_file))
     assert len(answers) >= TICKS
     assert [feedback for _, _, feedback, _ in answers] == [expected for *_, expected in answers]
@@ -53,7 +53,7 @@ def test_all_at_once_is_one_by_one_and_a_damaged_answer_is_not_decoded_at_once(m
     assert reader._decode_whole(longer, data) is None
 
 
-def test_a_valid_answer_that_is_not_plausible_takes_the_way_of_single_packets(make_robot):
+def test_implausible_valid_answer_is_decoded_by_single_packets(make_robot):
     reader, answers = recorded(make_robot(SO101))
     request, data, _, _ = answers[-1]
     width = AROUND + request.size
@@ -72,7 +72,7 @@ def test_a_valid_answer_that_is_not_plausible_takes_the_way_of_single_packets(ma
 
 
 @pytest.mark.parametrize("robot_file", [DYNAMIXEL, SO101], ids=["dynamixel", "feetech"])
-def test_an_answer_in_two_pieces_is_the_whole_answer(make_robot, robot_file):
+def test_answer_in_two_pieces_is_the_whole_answer(make_robot, robot_file):
     arm = make_robot(robot_file)
     arm.start()
     reader = arm.robot.buses["motors"]._reader

@@ -46,7 +46,7 @@ c:
         ("a: " + "[" * 50 + "]" * 50, 1, "nested deeper"),
     ],
 )
-def test_what_is_refused_and_where(text, line, what):
+def test_invalid_yaml_is_refused_with_its_place(text, line, what):
     with pytest.raises(InputError, match=what) as caught:
         parse_yaml(text, "f.yaml")
     assert str(caught.value).startswith(f"f.yaml line {line}: ")
@@ -55,12 +55,12 @@ def test_what_is_refused_and_where(text, line, what):
 @pytest.mark.parametrize(
     ("text", "said"), [("[1, 2]", r"begins with '\[1, 2\]'"), ("word", "'word'"), ("3", "'3'")]
 )
-def test_the_top_must_be_keys(text, said):
+def test_top_must_be_keys(text, said):
     with pytest.raises(InputError, match=f"{said}, expected 'key: value' lines"):
         parse_yaml(text, "f.yaml")
 
 
-def test_files_that_cannot_be_read(tmp_path):
+def test_unreadable_files_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"absent\.yaml: cannot be read \(No such file"):
         load_yaml(tmp_path / "absent.yaml")
     with pytest.raises(InputError, match="cannot be read"):
@@ -75,7 +75,7 @@ def test_files_that_cannot_be_read(tmp_path):
         load_yaml(saved(tmp_path / "latin.yaml", b"a: caf\xe9"))
 
 
-def test_the_size_is_bounded_before_anything_is_parsed(tmp_path):
+def test_size_is_bounded_before_parsing(tmp_path):
     with pytest.raises(InputError, match="larger than 999 bytes"):
         load_yaml(saved(tmp_path / "big.yaml", b"[" * 1000), max_bytes=999)
     with pytest.raises(InputError, match="larger than 999 bytes"):
@@ -95,7 +95,7 @@ def test_any_text_is_a_document_or_an_input_error_on_one_line(text):
     assert "\n" not in message
 
 
-def test_a_message_cannot_command_the_terminal():
+def test_message_cannot_control_the_terminal():
     with pytest.raises(InputError) as caught:
         parse_yaml('"\\e[2Jx\\ny": 1\n"\\e[2Jx\\ny": 2', "f.yaml")
     assert str(caught.value).isprintable()

@@ -57,7 +57,7 @@ def limited(guard, command, measurement, dt_s=DT):
 
 
 @pytest.mark.parametrize(("joints", "damped"), [(3, (2.0, 1.0)), (2, (2.0, 1.0, 0.5)), (3, (2.0, 1.0, 0.5))])
-def test_limits_and_safe_state_of_another_number_of_joints_are_refused(joints, damped):
+def test_limits_and_safe_state_of_another_joint_count_are_refused(joints, damped):
     safe_state = SafeState(damping_nms_rad=damped, stop_time_s=0.05)
     with pytest.raises(
         InputError, match=f"{joints} joints, but its limits have 2 and its safe state {len(damped)}"
@@ -117,7 +117,7 @@ def test_each_violation_trips_with_its_cause(guard, changes, cause):
     ],
     ids=str,
 )
-def test_user_permissions_are_reported(guard, changes, reference, remedy):
+def test_each_trip_has_its_remedy(guard, changes, reference, remedy):
     guard.watch(measured(1.0, **changes), None if reference is None else np.array(reference))
     assert bool(remedy) == bool(guard.tripped.remedy)
     assert remedy in guard.tripped.remedy
@@ -148,20 +148,20 @@ def test_time_must_not_go_backwards(guard):
     ("reference", "trips"),
     [([0.1, -0.2], False), ([0.11, 0], True), ([0, -0.21], True), ([0, nan], True), (None, False)],
 )
-def test_tracking(guard, reference, trips):
+def test_tracking_error_trips_beyond_its_limit(guard, reference, trips):
     guard.watch(measured(), None if reference is None else np.array(reference))
     assert bool(guard.tripped) == trips
     assert not trips or "from its reference" in guard.tripped.cause
 
 
-def test_the_reference_may_come_later_in_the_tick(guard):
+def test_reference_may_come_later_in_the_tick(guard):
     measurement = measured()
     guard.watch(measurement)
     guard.watch(measurement, np.array([0.5, 0.0]))
     assert guard.tripped.tick == 0
 
 
-def test_the_first_cause_stays(guard):
+def test_first_cause_stays(guard):
     guard.watch(measured(0.0))
     guard.watch(measured(0.001, force_n=25.0))
     trip = guard.tripped
@@ -173,13 +173,13 @@ def test_the_first_cause_stays(guard):
         trip.cause = "other"
 
 
-def test_a_trip_from_outside(guard):
+def test_external_trip_is_recorded(guard):
     guard.watch(measured(0.5))
     trip = guard.trip("Ctrl-C")
     assert (trip.cause, trip.time_s, trip.tick) == ("Ctrl-C", 0.5, 0)
 
 
-def test_devices_whose_samples_are_too_old_are_named_without_a_trip(guard):
+def test_old_samples_name_their_devices_without_a_trip(guard):
     never = {"encoder_at_s": -inf, "torque_at_s": -inf, "force_at_s": -inf}
     said = guard.too_old(measured(1.0, **never))
     assert said == ("encoder: no sample yet", "force sensor: no sample yet", "drives: no sample yet")
@@ -189,7 +189,7 @@ def test_devices_whose_samples_are_too_old_are_named_without_a_trip(guard):
 
 
 @pytest.mark.parametrize(("encoder_age_s", "longest_s"), [(0.005, 0.1), (0.5, 0.5)])
-def test_command_is_ignored_without_power_or_with_stale_motion(encoder_age_s, longest_s):
+def test_longest_hold_up_is_the_encoder_age_or_a_tenth_of_a_second(encoder_age_s, longest_s):
     limits = LIMITS.model_copy(update={"encoder_age_s": encoder_age_s})
     assert Guard(limits, SAFE_STATE, 2).longest_hold_up_s == longest_s
 
@@ -210,7 +210,7 @@ class TestLimiting:
             ((1, 1), {"force_n": 99.0}, DT, [0.0, 0.0], (0, 0), "99 N"),  # nobody has watched it yet
         ],
     )
-    def test_a_command_is_sent_as_far_as_it_may_be(self, guard, command, changes, dt_s, sent, clips, cause):
+    def test_command_is_limited_to_what_is_allowed(self, guard, command, changes, dt_s, sent, clips, cause):
         assert limited(guard, torque(*command), measured(**changes), dt_s) == sent
         assert (guard.torque_clips, guard.rate_clips) == clips
         assert cause in guard.tripped.cause if cause else guard.tripped is None
@@ -222,20 +222,20 @@ class TestLimiting:
         assert guard.torque_clips == 2
         assert guard.tripped is None
 
-    def test_the_rate_is_clipped_from_what_was_sent(self, guard):
+    def test_rate_is_clipped_from_the_last_command(self, guard):
         sent = [limited(guard, torque(9.0, -9.0), measured(0.001 * tick))[0] for tick in range(12)]
         np.testing.assert_allclose(sent, [1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 9])
         assert guard.rate_clips == 9  # joint 2 goes half as fast and arrives at its limit, -5, in the tenth
 
     @pytest.mark.parametrize(("pause_s", "sent_nm"), [(0.1, 9.0), (0.101, 1.0), (1.0, 1.0)])
-    def test_after_a_pause_the_rate_starts_from_the_measured_torque_again(self, guard, pause_s, sent_nm):
+    def test_rate_restarts_from_the_measured_torque_after_a_pause(self, guard, pause_s, sent_nm):
         """An arm that was deactivated for a while carries nothing of what was sent before."""
         for tick in range(-8, 1):
             limited(guard, torque(9, 0), measured(0.001 * tick))
         assert limited(guard, torque(9, 0), measured(pause_s)) == [sent_nm, 0.0]
 
     @pytest.mark.parametrize("bad", [nan, inf, -inf])
-    def test_a_command_that_is_not_finite_trips_and_is_not_sent(self, guard, bad):
+    def test_nonfinite_command_trips_and_is_not_sent(self, guard, bad):
         limited(guard, torque(1, 1), measured(0.0))
         assert limited(guard, torque(0, bad), measured(0.001, joint_velocity_rad_s=[1.0, 0.0])) == [-2.0, 0.0]
         assert f"the controller's torque for joint 2 is {bad}" in guard.tripped.cause
@@ -252,7 +252,7 @@ class TestLimiting:
         st.lists(st.tuples(st.floats(-100, 100), st.floats(-100, 100)), min_size=1, max_size=30),
         st.floats(0, 0.01),
     )
-    def test_no_command_gets_past_the_limits(self, wanted, dt_s):
+    def test_no_command_exceeds_the_limits(self, wanted, dt_s):
         guard, before = Guard(LIMITS, SAFE_STATE, 2), np.zeros(2)
         for tick, pair in enumerate(wanted):
             sent = np.array(limited(guard, torque(*pair), measured(1e-3 * tick), dt_s))
@@ -287,13 +287,13 @@ class TestStop:
         guard.trip("test")
         assert self.stopping(guard, 0.001, [2.0, 0.0], dt_s=1e-6) == [-4.0, 0.0]
 
-    def test_braking_keeps_to_the_torque_limit(self):
+    def test_braking_respects_the_torque_limit(self):
         guard = Guard(LIMITS, SafeState(damping_nms_rad=(100.0, 0.0), stop_time_s=0.05), 2)
         guard.watch(measured(0.0))
         guard.trip("test")
         assert self.stopping(guard, 0.001, [2.0, 2.0]) == [-10.0, 0.0]
 
-    def test_the_torque_goes_off_in_time_and_stays_off(self, tripped):
+    def test_torque_is_off_in_time_and_stays_off(self, tripped):
         sent = [self.stopping(tripped, 0.001 * tick, [1.0, 1.0]) for tick in range(1, 61)]
         braked = [any(command) for command in sent]
         assert braked[:49] == [True] * 49
@@ -313,7 +313,7 @@ class TestStop:
         ],
         ids=str,
     )
-    def test_without_a_velocity_to_trust_the_torque_is_zero(self, tripped, unknown):
+    def test_torque_is_zero_without_a_trusted_velocity(self, tripped, unknown):
         velocity = unknown.get("velocity", [1.0, 1.0])
         changes = {key: value for key, value in unknown.items() if key != "velocity"}
         assert self.stopping(tripped, 0.001, velocity, **changes) == [0.0, 0.0]
@@ -340,7 +340,7 @@ class TestStop:
         assert self.stopping(tripped, time_s, [1.0, 1.0], dt_s=dt_s) == [0.0, 0.0]
         assert tripped.finished
 
-    def test_tripped_before_anything_was_measured_it_never_gives_torque(self, guard):
+    def test_trip_before_the_first_measurement_gives_no_torque(self, guard):
         guard.trip("no")
         assert self.stopping(guard, 0.0, [1.0, 1.0]) == [0.0, 0.0]
         assert guard.finished
@@ -367,11 +367,11 @@ class TestWeight:
         ]
         return np.array(sent), guard
 
-    def test_it_is_held_up_while_braking(self):
+    def test_arm_is_held_up_while_braking(self):
         sent, _ = self.stop(velocity=lambda tick: [1.0, -0.5], ticks=49)
         assert sent == pytest.approx(np.tile([4.0 - 2.0, -1.0 + 0.5], (49, 1)))
 
-    def test_carried_by_something_it_is_let_down_within_the_time(self):
+    def test_supported_arm_is_lowered_within_the_time(self):
         sent, guard = self.stop()
         share = sent[:, 0] / 4.0
         assert (np.diff(share) <= 1e-12).all()
@@ -381,7 +381,7 @@ class TestWeight:
         assert share[-20:] == pytest.approx(0.0)
         assert guard.finished
 
-    def test_in_the_air_it_sinks_at_the_set_speed(self):
+    def test_free_arm_sinks_at_the_set_speed(self):
         """A mass of 1 kg m^2 on the first joint that weighs 4 N m and is damped with 2 N m s/rad."""
         speed, speeds = 0.0, []
         guard = Guard(
@@ -397,7 +397,7 @@ class TestWeight:
         assert min(speeds) > -0.75
         assert speeds[-500:] == pytest.approx([-0.5] * 500, abs=0.01)
 
-    def test_in_the_last_quarter_of_the_time_what_is_left_fades_wherever_the_arm_is(self):
+    def test_support_fades_in_the_last_quarter_of_the_time(self):
         """It sinks at the set speed, and would be held up for ever."""
         weight = np.array([4.0, -1.0])
         velocity = -0.5 * weight / np.linalg.norm(weight)
@@ -407,14 +407,14 @@ class TestWeight:
         assert share == pytest.approx(np.tile(fades[:, None], 2), abs=1e-6)
         assert guard.finished
 
-    def test_it_is_held_up_to_the_end_of_braking(self):
+    def test_arm_is_held_up_to_the_end_of_braking(self):
         guard = Guard(LIMITS, self.SAFE, 2, lambda _: np.array([4.0, -1.0]))
         guard.watch(measured(0.0))
         guard.trip("test")
         held = [limited(guard, torque(0, 0), measured(0.025 * k), 0.025)[0] for k in (1, 2, 3)]
         assert held == pytest.approx([4.0, 4.0, 4.0 * (1.0 - 0.025 / 0.2)])
 
-    def test_an_arm_heavier_than_its_model_is_held_with_more_within_the_torque_limit(self):
+    def test_arm_heavier_than_its_model_gets_more_support_within_the_torque_limit(self):
         sent, _ = self.stop(velocity=lambda tick: [-2.0, 0.0], ticks=200)
         assert sent[-1][0] == pytest.approx(1.25 * 4.0 + 2.0 * 2.0)
         sent, _ = self.stop(weight=(99.0, -99.0), ticks=40)
@@ -430,13 +430,13 @@ class TestWeight:
             lambda position: 1 / 0,
         ],
     )
-    def test_with_a_model_that_fails_it_is_braked_all_the_same_for_as_long(self, model):
+    def test_failing_gravity_model_still_brakes_for_as_long(self, model):
         sent, guard = self.stop(weight=model, velocity=lambda tick: [1.0, -0.5])
         assert sent[:448] == pytest.approx(np.tile([-2.0, 0.5], (448, 1)))
         assert not sent[-5:].any()
         assert guard.finished
 
-    def test_a_model_that_has_failed_once_is_not_asked_again(self):
+    def test_failed_gravity_model_is_not_called_again(self):
         calls = []
         self.stop(weight=lambda position: calls.append(1) or np.array([nan, nan]))
         assert len(calls) == 1
@@ -457,7 +457,7 @@ class TestWeight:
         assert not asked
         assert guard.finished
 
-    def test_the_next_stop_starts_with_full_support(self):
+    def test_next_stop_starts_with_full_support(self):
         _, guard = self.stop()
         guard.rearm(measured(1.0))
         guard.trip("again")
@@ -479,19 +479,19 @@ class TestRearm:
         assert guard.finished
         return guard
 
-    def test_it_is_refused_while_the_cause_persists(self, stopped):
+    def test_rearm_is_refused_while_the_cause_persists(self, stopped):
         with pytest.raises(SafetyTripError, match="not re-armed: the contact force is 25 N"):
             stopped.rearm(measured(1.0, force_n=25.0))
         assert stopped.tripped
         assert limited(stopped, torque(5, 5), measured(1.001)) == [0.0, 0.0]
 
     @pytest.mark.parametrize(("changes", "cause"), WRONG[:-1], ids=[cause for _, cause in WRONG[:-1]])
-    def test_it_is_refused_while_anything_else_is_wrong(self, stopped, changes, cause):
+    def test_rearm_is_refused_for_any_other_violation(self, stopped, changes, cause):
         with pytest.raises(SafetyTripError, match=rf"not re-armed: .*{cause}"):
             stopped.rearm(measured(1.0, **changes))
         assert "25 N" in stopped.tripped.cause
 
-    def test_it_is_refused_while_the_arm_is_being_stopped(self, guard):
+    def test_rearm_is_refused_during_the_stop(self, guard):
         guard.watch(measured(0.0))
         guard.trip("Ctrl-C")
         with pytest.raises(SafetyTripError, match=r"still being stopped \(Ctrl-C\)"):
@@ -499,7 +499,7 @@ class TestRearm:
         guard.rearm(measured(0.05))  # nobody went on commanding; the time is over all the same
         assert guard.tripped is None
 
-    def test_it_starts_from_the_measured_state_and_not_with_an_old_measurement(self, stopped):
+    def test_rearm_starts_from_the_measured_state_and_refuses_an_old_one(self, stopped):
         with pytest.raises(SafetyTripError, match="time went from"):
             stopped.rearm(measured(0.03))
         stopped.rearm(measured(1.0, joint_torque_nm=[2.0, 0.0]))
@@ -507,7 +507,7 @@ class TestRearm:
         assert not stopped.finished
         assert limited(stopped, torque(9, 0), measured(1.001, joint_torque_nm=[2.0, 0.0])) == [3.0, 0.0]
 
-    def test_it_trips_again(self, stopped):
+    def test_rearmed_guard_trips_again(self, stopped):
         stopped.rearm(measured(1.0))
         stopped.watch(measured(1.001, force_n=30.0))
         assert "30 N" in stopped.tripped.cause
@@ -515,7 +515,7 @@ class TestRearm:
         assert limited(stopped, torque(9, 0), measured(1.002, joint_velocity_rad_s=[1.0, 0.0])) == [-2.0, 0.0]
 
 
-def test_a_runaway_is_caught_and_brought_to_rest():
+def test_runaway_is_caught_and_brought_to_rest():
     """A whole arm, thrown against its limits."""
     robot_file, clock = mock_robot_file(), SimulatedClock()
     robot = build_mock_robot(clock)
@@ -556,7 +556,7 @@ def in_steps(position_rad):
 
 
 @pytest.mark.parametrize("seen", [in_steps, float], ids=["12 bits", "fine"])
-def test_an_encoder_that_freezes_is_named_before_the_joint_is_far_off(guard, seen):
+def test_frozen_encoder_is_named_before_the_joint_is_far_off(guard, seen):
     def reading(k):
         return seen(SPEED * min(k, 100))
 
@@ -573,7 +573,7 @@ def test_an_encoder_that_freezes_is_named_before_the_joint_is_far_off(guard, see
     assert frozen.joint_torque_nm.tolist() == [0.0, -1.0]
 
 
-def test_the_second_joints_encoder_is_judged_by_its_own_drive():
+def test_second_joint_encoder_is_judged_by_its_own_drive():
     """Half of its torque limit of 5 N m makes it stuck, whatever the first joint's drive does."""
 
     def watch(first_nm, second_nm):
@@ -591,7 +591,7 @@ def test_the_second_joints_encoder_is_judged_by_its_own_drive():
     assert watch(0.0, 400.0).cause.startswith("encoder of joint 2: stuck at 0.0")
 
 
-def test_an_encoder_that_has_never_shown_a_step_may_be_a_coarse_one(guard):
+def test_encoder_without_a_step_may_be_a_coarse_one(guard):
     """Nobody knows its steps: a sound one is expected to show a twentieth of the tracking limit."""
     tick = watch_many(guard, 300, lambda k: 0.0, lambda k: SPEED * k / 4, lambda k: 6.0 if k > 5 else 0.0)
     assert guard.tripped.cause.startswith("encoder of joint 1: stuck at 0 rad")
@@ -624,7 +624,7 @@ class TestStoppedInItsMotion:
         ("limits", "force_n", "ticks"),
         [({}, 0.4, (0, 22)), ({"stuck_encoder_s": 0.03}, 0.0, (30, 32))],  # so small a force is not felt
     )
-    def test_the_limit_is_the_robot_files(self, limits, force_n, ticks):
+    def test_limit_is_that_of_the_robot_file(self, limits, force_n, ticks):
         guard = Guard(LIMITS.model_copy(update=limits), SAFE_STATE, 2)
         took, _ = self.named(guard, lambda k: SPEED * k, 100, force_n=lambda k: 0.0 if k <= 100 else force_n)
         assert ticks[0] <= took <= ticks[1]
@@ -642,7 +642,7 @@ class TestStoppedInItsMotion:
         assert 0.03 < behind_rad < 0.04
 
     @pytest.mark.parametrize("slip_rad", [0.007, 0.01])
-    def test_a_joint_that_slips_and_sticks_had_not_followed(self, guard, slip_rad):
+    def test_slipping_and_sticking_joint_is_no_stuck_encoder(self, guard, slip_rad):
         """A slip in one tick, while the reference creeps on."""
 
         def reference(k):
@@ -670,7 +670,7 @@ class TestStoppedInItsMotion:
         assert 0.03 < abs(reference(tick) - reading(tick)) < 0.04
 
 
-def test_a_suspect_encoder_is_named_by_whatever_stops_the_arm(guard):
+def test_suspect_encoder_is_named_by_whatever_stops_the_arm(guard):
     """The joint is so light that its drive answers with next to nothing."""
     tick = watch_many(guard, 400, lambda k: SPEED * min(k, 100), lambda k: SPEED * k, lambda k: 0.0)
     assert tick == 301  # the tracking limit of 0.1 rad
@@ -680,13 +680,13 @@ def test_a_suspect_encoder_is_named_by_whatever_stops_the_arm(guard):
 
 
 @pytest.mark.parametrize(("ticks", "suspect"), [(115, False), (124, True)])
-def test_a_fine_encoder_is_suspect_once_a_hundredth_of_the_tracking_limit_is_not_shown(guard, ticks, suspect):
+def test_fine_encoder_is_suspect_beyond_a_hundredth_of_the_tracking_limit(guard, ticks, suspect):
     slow = 0.05e-3  # rad per tick: 1 mrad in 20 ms
     assert watch_many(guard, ticks, lambda k: slow * min(k, 100), lambda k: slow * k, lambda k: 0.0) is None
     assert ("encoder of joint 1" in guard.trip("stopped on request").cause) is suspect
 
 
-def test_a_suspicion_lets_no_weight_fall():
+def test_suspect_encoder_keeps_the_gravity_support():
     """Friction makes sound encoders suspect: the stop holds the arm up, and brakes what moves again."""
     guard = Guard(LIMITS, SAFE_STATE, 2, lambda _position_rad: np.array([4.0, -1.0]))
     assert watch_many(guard, 150, lambda k: SPEED * min(k, 100), lambda k: SPEED * k, lambda k: 0.0) is None
@@ -701,13 +701,13 @@ def test_a_suspicion_lets_no_weight_fall():
     assert stopping(152, SPEED * 101) == [2.0, -2.0]
 
 
-def test_an_encoder_that_moves_again_is_not_suspected_any_more(guard):
+def test_moving_encoder_is_no_longer_suspect(guard):
     assert watch_many(guard, 150, lambda k: SPEED * min(k, 100), lambda k: SPEED * k, lambda k: 0.0) is None
     assert watch_many(guard, 10, lambda k: SPEED * k, lambda k: SPEED * k, lambda k: 0.0, first=150) is None
     assert guard.trip("stopped on request").cause == "stopped on request"
 
 
-def test_a_suspicion_does_not_outlive_the_stop(guard):
+def test_suspicion_ends_with_the_stop(guard):
     assert watch_many(guard, 150, lambda k: SPEED * min(k, 100), lambda k: SPEED * k, lambda k: 0.0) is None
     assert "encoder of joint 1" in guard.trip("stopped on request").cause
     guard.rearm(measured(0.3, joint_position_rad=[0.05, 0.0]))
@@ -718,7 +718,7 @@ def test_constant_reading_of_a_resting_joint_is_no_fault(guard):
     assert watch_many(guard, 500, lambda k: 0.3, lambda k: 0.3, lambda k: 5.0 * math.sin(k)) is None
 
 
-def test_a_joint_that_friction_holds_while_its_reference_creeps_is_no_stuck_encoder(guard):
+def test_stiction_with_a_creeping_reference_is_no_stuck_encoder(guard):
     """Up to 8 mrad behind, at 30 N m/rad; it then breaks loose and is held again."""
 
     def reading(k):
@@ -730,7 +730,7 @@ def test_a_joint_that_friction_holds_while_its_reference_creeps_is_no_stuck_enco
     assert watch_many(guard, 5000, reading, lambda k: 25e-6 * k, torque_nm) is None
 
 
-def test_a_joint_that_turns_round_against_the_friction_of_its_gears_is_no_stuck_encoder(guard):
+def test_reversal_against_gear_friction_is_no_stuck_encoder(guard):
     """A fifth of the torque limit, as in an arm with strong gears that is made gentle by its limits."""
 
     def swing(k):
@@ -748,7 +748,7 @@ def test_a_joint_that_turns_round_against_the_friction_of_its_gears_is_no_stuck_
     assert watch_many(guard, 6000, reading, swing, torque_nm) is None
 
 
-def test_a_slow_coarse_encoder_is_not_stuck(guard):
+def test_slow_coarse_encoder_is_not_stuck(guard):
     """A fifth of the samples are new, and of those most show no new step."""
 
     def reading(k):
@@ -757,7 +757,7 @@ def test_a_slow_coarse_encoder_is_not_stuck(guard):
     assert watch_many(guard, 5000, reading, lambda k: 50e-6 * k, lambda k: 0.9) is None
 
 
-def test_few_samples_of_an_encoder_prove_nothing():
+def test_few_encoder_samples_prove_nothing():
     """The fifth equal one comes 20 ms after the first, however short the limit is."""
     guard = Guard(LIMITS.model_copy(update={"stuck_encoder_s": 0.01}), SAFE_STATE, 2)
 
@@ -775,13 +775,13 @@ def test_few_samples_of_an_encoder_prove_nothing():
     assert "encoder of joint 1: stuck" in guard.tripped.cause
 
 
-def test_readings_that_freeze_for_some_ticks_are_no_reason(guard):
+def test_briefly_frozen_readings_are_no_fault(guard):
     fast = 3e-3
     trip = watch_many(guard, 300, lambda k: fast * (k - k % 15), lambda k: fast * k, lambda k: 0.5 * (k % 15))
     assert trip is None
 
 
-def test_old_samples_are_old_and_not_stuck(guard):
+def test_old_samples_are_not_stuck(guard):
     """The age limit, not this check, says how long a sample may be acted on."""
     for k in range(1, 6):
         old = measured(k * DT, encoder_at_s=DT, joint_torque_nm=[2.0 * k, 0])

@@ -13,7 +13,7 @@ FAULT_TIMES = ("unresponsive_drive_s", "stuck_encoder_s", "stuck_force_s")
 
 
 @pytest.mark.parametrize("key", FAULT_TIMES)
-def test_a_limit_that_may_be_left_out_is_documented_with_its_value(key):
+def test_optional_limit_is_documented_with_its_default(key):
     (value,) = re.findall(rf"^\| `{key}` \| ([\d.]+) \|", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
     assert Limits.model_fields[key].default == float(value)
 
@@ -30,7 +30,7 @@ SAFE_STATE = {"damping_nms_rad": (1.0,), "stop_time_s": 1.0}
 
 
 @pytest.mark.parametrize(("key", "edge"), EDGES)
-def test_a_limit_beyond_any_arm_is_refused(key, edge):
+def test_limit_beyond_any_arm_is_refused(key, edge):
     model, values = (Limits, LIMITS) if key in LIMITS else (SafeState, SAFE_STATE)
     as_there = (lambda value: (value,)) if isinstance(values.get(key), tuple) else float
     assert getattr(model(**values | {key: as_there(edge)}), key) == as_there(edge)
@@ -39,12 +39,12 @@ def test_a_limit_beyond_any_arm_is_refused(key, edge):
 
 
 @pytest.mark.parametrize(("model", "key"), [(Limits, "torque_nm"), (SafeState, "damping_nms_rad")])
-def test_an_arm_has_a_joint(model, key):
+def test_arm_needs_a_joint(model, key):
     with pytest.raises(ValidationError, match="at least 1 item"):
         model(**(LIMITS if model is Limits else SAFE_STATE) | {key: ()})
 
 
-def test_an_arm_is_lowered_as_documented_and_positions_need_room():
+def test_lowering_is_as_documented_and_positions_need_room():
     with pytest.raises(ValidationError, match="not below"):
         Limits(**LIMITS | {"position_min_rad": (1.0,)})
     (lower_time_s,) = re.findall(r"`lower_time_s` \((\d+) s by default\)", PAGE.read_text(encoding="utf-8"))

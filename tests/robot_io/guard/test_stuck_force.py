@@ -48,7 +48,7 @@ def frozen(forces_n, at):
 
 @pytest.mark.parametrize("every", [1, 2], ids=["1 kHz", "500 Hz"])
 @pytest.mark.parametrize(("at", "held_n"), [(300, 0.0), (2000, 0.0), (300, 5.0), (300, -5.0)])
-def test_a_sensor_that_freezes_is_named_within_its_limit(every, at, held_n):
+def test_frozen_sensor_is_named_within_its_limit(every, at, held_n):
     forces_n = held_n + frozen(noise(4000, every=every), at)
     tick, said = ticks_until_named(StuckForce(LIMIT_S), forces_n, every=every)
     assert at < tick <= at + 22
@@ -91,7 +91,7 @@ def held(air_n, held_n, *, air_std, hold_std, step, seed=0):
 
 
 @pytest.mark.parametrize("share", [0.05, 0.2, 0.3, 0.5, 0.7, 1.0])
-def test_a_coarse_sensor_that_alternates_on_an_edge_may_be_still_in_the_middle_of_a_step(share):
+def test_coarse_sensor_that_alternates_on_an_edge_may_rest_within_a_step(share):
     forces_n = held(0.05, 5.0, air_std=share * 0.1, hold_std=share * 0.1, step=0.1)
     assert ticks_until_named(StuckForce(LIMIT_S), forces_n) is None
 
@@ -109,7 +109,7 @@ def test_resting_sensor_is_not_reported_as_stuck():
     assert ticks_until_named(StuckForce(LIMIT_S), forces_n, speeds_rad_s=trembles) is None
 
 
-def test_a_zero_held_on_purpose_and_a_blow_that_rings_accuse_no_coarse_sensor():
+def test_deliberate_zero_and_a_ringing_blow_are_no_fault():
     """Indicators do: in a first short stretch of free air, and in a longer one after the press."""
     pressed = np.concatenate([np.linspace(0, 5, 300), np.full(500, 5.0), np.linspace(5, 0, 300)])
     forces_n = np.concatenate([np.zeros(300), pressed + noise(1100, step=0.01), np.zeros(6000)])
@@ -121,7 +121,7 @@ def test_a_zero_held_on_purpose_and_a_blow_that_rings_accuse_no_coarse_sensor():
     assert ticks_until_named(StuckForce(LIMIT_S), forces_n) is None
 
 
-def test_the_limit_is_the_robot_file_s_and_longer_for_a_sensor_that_repeats_itself():
+def test_limit_is_the_robot_file_s_and_longer_for_a_repeating_sensor():
     tick, _ = ticks_until_named(StuckForce(0.1), frozen(noise(4000), 2000))
     assert 2100 <= tick <= 2102
     forces_n = np.concatenate([noise(500), np.full(16, 1.0), noise(500, seed=1), np.full(200, 2.0)])

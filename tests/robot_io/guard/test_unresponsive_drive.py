@@ -179,7 +179,7 @@ def test_missing_share_is_limited_as_documented(limit_nm, sent, shown, then_sent
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize("at", [75, 150, 700, 2300])
 @pytest.mark.parametrize("wear", ["good", "zero a little off", "late", "follows slowly"])
-def test_a_drive_that_restarts_is_named_in_time(wear, at, side):
+def test_restarted_drive_is_named_in_time(wear, at, side):
     drive = HealthyDrive(**WEAR[wear])
     off = HealthyDrive(bias=WEAR[wear].get("bias", 0.0), noise=0.01)
     tick, said = ticks_until_named(
@@ -272,7 +272,7 @@ def test_drive_with_one_sided_torque_deadband_is_not_reported(side):
 
 @pytest.mark.parametrize("phase", range(0, 100, 20))
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_reading_may_be_late_when_the_command_jumps(phase, side):
+def test_late_reading_after_a_command_jump_is_no_fault(phase, side):
     drive = HealthyDrive(late=90, noise=0.01)
     sent = lambda k: side * (1.0 if k < 300 + phase else 6.0)  # noqa: E731
     assert ticks_until_named(UnresponsiveDrives(LIMITS), drive.show, sent, count=600) is None
@@ -300,7 +300,7 @@ def test_repeated_torque_samples_report_no_drive_fault(show):
         check.sent(k * DT, [3.0, 0.0])
 
 
-def test_without_commands_nothing_is_expected_and_after_a_pause_it_begins_anew():
+def test_without_commands_nothing_is_expected():
     """The drive's own watchdog has let go meanwhile, and it takes some time to come back."""
     check, shows = UnresponsiveDrives(LIMITS), deaf(500, until=531)
     assert ticks_until_named(check, shows, lambda k: 3.0, count=300) is None
@@ -322,13 +322,13 @@ class TestInTheGuard:
     def guard(self):
         return Guard(LIMITS, SafeState(damping_nms_rad=(1.0, 1.0), stop_time_s=0.05), 2)
 
-    def test_it_stops_the_arm(self):
+    def test_unresponsive_drive_stops_the_arm(self):
         guard = self.guard()
         self.run(guard, 0, 400, lambda k: k < 300)
         assert "joint 1: its drive exerts" in guard.tripped.cause
         assert 0.3 < guard.tripped.time_s <= 0.312
 
-    def test_rearmed_it_begins_anew(self):
+    def test_monitor_restarts_when_rearmed(self):
         guard = self.guard()
         self.run(guard, 0, 500, lambda k: k < 300)
         assert guard.finished
@@ -338,7 +338,7 @@ class TestInTheGuard:
         self.run(guard, 801, 100, lambda k: False)
         assert guard.tripped
 
-    def test_rearmed_at_once_it_begins_anew_as_well(self):
+    def test_monitor_restarts_when_rearmed_at_once(self):
         guard = self.guard()
         self.run(guard, 0, 300, lambda k: True)
         guard.trip("Ctrl-C")

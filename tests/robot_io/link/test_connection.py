@@ -38,7 +38,7 @@ def any_heard(pairs, wait_s: float) -> bool:
     return False
 
 
-def test_both_ends_hear_each_other_also_after_one_was_started_again():
+def test_both_ends_hear_each_other_also_after_a_restart():
     settings, clock = LinkSettings(port=free_port()), MonotonicClock()
     with LinkConnection("leader", settings, clock) as leader:
         for _ in range(2):
@@ -49,7 +49,7 @@ def test_both_ends_hear_each_other_also_after_one_was_started_again():
                 assert heard(leader, follower, intent(target()))
 
 
-def test_a_second_follower_is_refused_in_one_line():
+def test_second_follower_is_refused_in_one_line():
     settings, clock = LinkSettings(port=free_port()), MonotonicClock()
     with (
         LinkConnection("follower", settings, clock),
@@ -89,7 +89,7 @@ def test_zenoh_error_is_one_line(config, words, tmp_path):
 @pytest.mark.parametrize(
     "values", [{"seed": -1}, {"delay_s": nan}, {"jitter_s": -1.0}, {"loss": nan}, {"loss": 1.0}]
 )
-def test_a_network_that_cannot_be_is_refused(values):
+def test_impossible_network_is_refused(values):
     with pytest.raises(InputError):
         Impairment(**values)
 
@@ -101,7 +101,7 @@ def write_key(path, key=b"sixteen bytes at least"):
 
 
 @pytest.mark.parametrize("mode", [0o640, 0o604, 0o620, 0o666])
-def test_a_key_that_others_can_read_is_refused(mode, tmp_path):
+def test_key_that_others_can_read_is_refused(mode, tmp_path):
     key = write_key(tmp_path / "pair.key")
     load_seal(key, "topic")
     key.chmod(mode)
@@ -129,7 +129,7 @@ def test_a_key_that_others_can_read_is_refused(mode, tmp_path):
         ({"scouting": {"multicast": {"enabled": True}}}, "scouting.multicast.enabled"),
     ],
 )
-def test_a_follower_without_key_or_certificates_stays_on_this_machine(config, open_to, tmp_path):
+def test_follower_without_key_or_certificates_stays_on_this_machine(config, open_to, tmp_path):
     path, port = tmp_path / "link.json5", free_port()
     path.write_text(json.dumps(config).replace("{port}", str(port)))
     with pytest.raises(InputError, match="Give --key FILE on both sides") as refused:
@@ -188,7 +188,7 @@ def test_peer_with_another_key_is_ignored_and_reported(tmp_path):
         assert heard(leader, follower, intent(target()))
 
 
-def test_the_advice_names_what_both_sides_must_share_and_what_udp_costs(tmp_path):
+def test_advice_names_shared_settings_and_the_cost_of_udp(tmp_path):
     path = tmp_path / "udp.json5"
     path.write_text('{listen: {endpoints: ["udp/127.0.0.1:0"]}, scouting: {multicast: {enabled: false}}}')
     with LinkConnection("follower", LinkSettings(config=path), MonotonicClock()) as line:
@@ -214,7 +214,7 @@ def test_network_emulator_delays_and_drops_as_configured():
     ("settings", "words"),
     [({"port": 80}, "port 80"), ({"name": "a/b"}, "link name"), ({"name": ""}, "link name")],
 )
-def test_settings_that_make_no_line(settings, words):
+def test_invalid_line_settings_are_refused(settings, words):
     with pytest.raises(InputError, match=words):
         LinkSettings(**settings)
 
@@ -264,7 +264,7 @@ def secured(folder, way: str, side: str, port: int):
     return saved(folder / f"{way}-{side}.json5", json.dumps(config))
 
 
-def test_a_peer_without_our_certificate_is_refused_and_other_keys_are_denied(tmp_path):
+def test_peer_without_our_certificate_is_refused_and_other_keys_are_denied(tmp_path):
     certificates(tmp_path)
     port, other_port, clock = free_port(), free_port(), MonotonicClock()
     with ExitStack() as stack:

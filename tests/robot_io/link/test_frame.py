@@ -35,7 +35,7 @@ def test_message_arrives_unchanged(message):
     assert frame.heard_sent_s != frame.heard_sent_s
 
 
-def test_a_frame_is_a_protobuf_message_as_others_read_it():
+def test_frame_is_a_protobuf_message_for_other_readers():
     """Google's own parser, with the message type written down by hand."""
     described = descriptor_pb2.FileDescriptorProto(name="frame.proto", syntax="proto3")
     message, kind = described.message_type.add(name="Frame"), descriptor_pb2.FieldDescriptorProto
@@ -80,13 +80,13 @@ def test_connection_with_another_key_is_refused(made, read, words):
         decode(framed(MESSAGES[0], seal=made), read)
 
 
-def test_the_mark_is_the_one_of_rfc_4231():
+def test_signature_matches_rfc_4231():
     """Its second test case."""
     assert key_seal(b"Jefe").of(b"what do ya want for nothing?").hex() == "5bdcc146bf60754e6a042426089575c7"
 
 
 @pytest.mark.parametrize("size", [None, 0, 15, 4097])
-def test_a_file_that_is_no_key_is_refused(size, tmp_path):
+def test_invalid_key_file_is_refused(size, tmp_path):
     path = tmp_path / "pair.key"
     if size is not None:
         path.touch(0o600)
@@ -95,7 +95,7 @@ def test_a_file_that_is_no_key_is_refused(size, tmp_path):
         load_seal(path, "palpate/arm/leader")
 
 
-def test_a_mark_holds_for_one_pair_and_one_direction(tmp_path):
+def test_signature_holds_for_one_pair_and_one_direction(tmp_path):
     path = tmp_path / "pair.key"
     path.touch(0o600)
     path.write_bytes(b"k" * 32)
@@ -135,7 +135,7 @@ def test_invalid_frame_is_refused(data):
         lambda: ContactModel("kelvin_voigt", ("stiffness_n_m",), ()),
     ],
 )
-def test_messages_that_make_no_sense_cannot_be_made(make):
+def test_invalid_messages_cannot_be_made(make):
     with pytest.raises(InputError):
         make()
 

@@ -16,12 +16,12 @@ VALUES = st.lists(st.floats(width=32, allow_nan=False, allow_infinity=False), mi
 ONES = [1.0, -2.0, 3.0, 4.0, 5.0, 6.0]
 
 
-def test_the_crc_is_that_of_x25():
+def test_crc_is_that_of_x25():
     assert crc16(b"123456789") == 0x906E  # the check value of CRC-16/X-25
 
 
 @given(st.integers(0, 65_535), VALUES, st.integers(0, 2**32 - 1))
-def test_a_frame_is_what_the_sensor_sent(status, values, time_us):
+def test_frame_is_decoded_as_sent(status, values, time_us):
     found = decode_frame(bota_frame(status, values, time_us))
     assert found == (status, tuple(values), time_us, 31.5)
 
@@ -40,7 +40,7 @@ def fed(*frames, axis="y"):
 
 
 @pytest.mark.parametrize(("axis", "force_n"), [("x", 1.0), ("y", -2.0), ("z", 3.0)])
-def test_the_axis_is_the_one_that_was_chosen(axis, force_n):
+def test_chosen_axis_is_read(axis, force_n):
     assert fed(bota_frame(0, ONES, 1250), axis=axis)[1] == [force_n]
 
 
@@ -75,7 +75,7 @@ def test_stopped_time_is_accepted_after_the_next_sample(times_us, taken):
     assert not stream.fault_text
 
 
-def test_the_sensors_time_begins_anew_after_71_minutes_and_a_restart_is_named():
+def test_clock_wraps_after_71_minutes_and_a_restart_is_named():
     stream = BotaStream("y", 100.0)
     times_us = (2**32 - 2250, 2**32 - 1000, 250)
     assert stream.feed(b"".join(bota_frame(0, ONES, time_us) for time_us in times_us)) == [-2.0, -2.0]
@@ -94,7 +94,7 @@ def test_the_sensors_time_begins_anew_after_71_minutes_and_a_restart_is_named():
         (1 << 9, [], "the sensor says 'unknown bits 0x200'"),
     ],
 )
-def test_a_status_is_an_end_of_range_an_error_or_a_sample_less(status, forces, said):
+def test_status_is_saturation_an_error_or_a_lost_sample(status, forces, said):
     stream, found = fed(bota_frame(status, ONES, 1250))
     assert (found, stream.fault_text) == (forces, said)
     assert stream.feed(bota_frame(0, ONES, 2500)) == [-2.0]
@@ -108,7 +108,7 @@ def test_sensor_that_keeps_skipping_is_reported():
     assert not stream.fault_text
 
 
-def test_one_frame_alone_is_no_force():
+def test_single_frame_is_no_force():
     """One in 65 536 of the places in another device's bytes that look like a frame has the CRC of one."""
     noise = b"\x55\xaa\x55" * 100
     stream = BotaStream("y", 100.0)
@@ -124,7 +124,7 @@ def sensor(arm):
     return arm.arm.wires["load_cell"]._sensor
 
 
-def test_servo_is_configured_according_to_the_robot_file(arm):
+def test_sensor_is_configured_according_to_the_robot_file(arm):
     heard, receive = [], sensor(arm).receive
     sensor(arm).receive = lambda data, now_s: heard.append(data) or receive(data, now_s)
     arm.robot.configure()
@@ -134,20 +134,20 @@ def test_servo_is_configured_according_to_the_robot_file(arm):
 
 
 @pytest.mark.parametrize("refused", ["C", "c", "f", "R"])
-def test_a_command_that_is_not_done_is_named(arm, refused):
+def test_refused_command_is_named(arm, refused):
     sensor(arm).refused = refused
     with pytest.raises(DeviceError, match=f"the sensor refuses '{refused}.*', code 1"):
         arm.robot.configure()
 
 
 @pytest.mark.parametrize(("starts_s", "said"), [(3.0, None), (5.0, "no answer to 'C'; check port")])
-def test_a_sensor_that_still_starts_is_waited_for(arm, starts_s, said):
+def test_starting_sensor_is_waited_for(arm, starts_s, said):
     sensor(arm).starts_until_s = arm.clock.now_s() + starts_s
     with pytest.raises(DeviceError, match=said) if said else nullcontext():
         arm.robot.configure()
 
 
-def test_a_line_that_is_too_slow_is_refused(make_robot):
+def test_line_that_is_too_slow_is_refused(make_robot):
     slow = (*BOTA[:1], ("baud_rate: 230400", "baud_rate: 115200"))
     with pytest.raises(DeviceError, match="a line of 115200 bit/s cannot carry"):
         make_robot(ODRIVE, slow).robot.configure()

@@ -18,19 +18,19 @@ TELEGRAMS = st.builds(
 )
 
 
-def test_a_telegram_summed_by_hand():
+def test_telegram_matches_a_sum_by_hand():
     """HELLO to 1 from 255: sums 40 41 40 40; weighted 40 81 C1, and 101 with its carry is 02, sent twice."""
     data = lorenz.encode_telegram(Telegram(LorenzCommand.HELLO, 1, 0xFF))
     assert data.hex() == "024001ff00" + "40" + "0202"
 
 
 @pytest.mark.parametrize("rate_hz", [20, 25, 50, 100, 200, 250, 500, 1000, 1250, 2500])
-def test_a_rate_code_is_the_time_between_samples_in_steps_of_200_us(rate_hz):
+def test_rate_code_is_the_sample_time_in_steps_of_200_us(rate_hz):
     (telegram,) = TelegramReader().feed(lorenz.encode_start_stream(1, rate_hz))
     assert telegram.parameters[1] * 200e-6 == pytest.approx(1 / rate_hz)
 
 
-def test_the_stream_is_asked_for_with_its_rate_code():
+def test_stream_request_has_its_rate_code():
     (telegram,) = TelegramReader().feed(lorenz.encode_start_stream(1, 1000))
     assert telegram == Telegram(0x5A, 1, 0xFF, bytes((3, 5, 0, 0, ord("A"))))
     with pytest.raises(InputError, match="valid are 20"):
@@ -38,7 +38,7 @@ def test_the_stream_is_asked_for_with_its_rate_code():
 
 
 @given(st.lists(TELEGRAMS, max_size=5), st.data())
-def test_round_trip_in_any_portions(telegrams, data):
+def test_telegrams_are_parsed_from_any_chunks(telegrams, data):
     rest, reader, found = b"".join(map(lorenz.encode_telegram, telegrams)), TelegramReader(), []
     while rest:
         cut = data.draw(st.integers(1, len(rest)))
@@ -48,7 +48,7 @@ def test_round_trip_in_any_portions(telegrams, data):
     assert reader.rejected == 0
 
 
-def test_a_telegram_that_lost_its_end_does_not_take_the_next_with_it():
+def test_truncated_telegram_does_not_take_the_next_with_it():
     first, second = (lorenz.encode_telegram(Telegram(command, 1, 255, b"abc")) for command in (0x41, 0x42))
     reader = TelegramReader()
     assert [telegram.command for telegram in reader.feed(first[:6] + second)] == [0x42]
@@ -56,7 +56,7 @@ def test_a_telegram_that_lost_its_end_does_not_take_the_next_with_it():
 
 
 @pytest.mark.parametrize("data", ["020201ff00020209", "42020201ff00020209", "020201ff02020202010718"])
-def test_a_command_that_is_not_doubled_is_no_telegram(data):
+def test_command_that_is_not_doubled_is_no_telegram(data):
     """Found by the fuzzer: the byte 02 right after STX belongs to a pair, or begins a telegram itself."""
     assert TelegramReader().feed(bytes.fromhex(data)) == []
 
@@ -70,7 +70,7 @@ def header_block(dimension=3, load=100):
     return bytes((128,)) + bytes(block) + checks
 
 
-def test_the_sensor_header():
+def test_sensor_header_is_decoded_and_its_damage_refused():
     header = lorenz.decode_header_block(header_block())
     assert (header.dimension_code, header.load_code, header.serial_number) == (3, 100, 77)
     for place in range(33):
@@ -94,7 +94,7 @@ def is_part_of(found, values):
 
 
 @given(st.integers(0, 255), st.lists(st.integers(-32768, 32767), min_size=10, max_size=300))
-def test_the_stream_from_its_start(first_counter, values):
+def test_stream_is_decoded_from_its_start(first_counter, values):
     assume_row = samples(values, first_counter)
     stream = LorenzStream(2.0)
     found = [sample for byte in assume_row for sample in stream.feed(bytes((byte,)))]
@@ -114,7 +114,7 @@ COURSES = {
 
 @pytest.mark.parametrize("damage", ["lost", "flipped counter"])
 @pytest.mark.parametrize("course", COURSES)
-def test_a_damaged_byte_costs_samples_and_gives_no_wrong_one(course, damage):
+def test_damaged_byte_loses_samples_and_gives_no_wrong_one(course, damage):
     """Two of its bytes and the next counter once were a sample, such as 65 N without a touch.
 
     Fifteen samples in turn are struck, and first counters are fifteen apart: every counter is struck once.
@@ -132,7 +132,7 @@ def test_a_damaged_byte_costs_samples_and_gives_no_wrong_one(course, damage):
                 assert stream.rejected == 1
 
 
-def test_a_sample_counts_once_the_next_counter_has_come():
+def test_sample_counts_once_the_next_counter_has_come():
     stream, data = LorenzStream(1.0), samples([500, 550, 600, 650, 700, 750, 800])
     assert stream.feed(data[:-3])[-1] == 700.0
     assert stream.feed(data[-3:-2]) == [750.0]
@@ -156,7 +156,7 @@ def test_noise_and_ramps_beside_the_counter_are_served(deviation):
     assert longest_gap([*[100] * 40, *ramp], first_counter=100 - 40 - 1) <= 2
 
 
-def test_a_ramp_is_not_taken_for_the_counter():
+def test_ramp_is_not_taken_for_the_counter():
     """A force that grows by one count a sample counts on too."""
     values = np.arange(200)
     data = samples(values, first_counter=100)[1:]  # joined in the middle of a sample

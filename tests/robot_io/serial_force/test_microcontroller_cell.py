@@ -51,7 +51,7 @@ int main(int n, char** values) {
 """
 
 
-def test_the_firmware_and_the_driver_understand_each_other(tmp_path):
+def test_firmware_and_driver_understand_each_other(tmp_path):
     if shutil.which("g++") is None:
         pytest.skip("no g++ to compile the firmware")
     (tmp_path / "Arduino.h").write_text(ARDUINO, encoding="utf-8")
@@ -79,17 +79,17 @@ def stream(*texts):
     return made, made.feed(b"\n" + b"".join(map(cell_line, texts)))
 
 
-def test_a_force_is_counts_above_zero():
+def test_force_is_counts_above_zero():
     assert stream("7 30", "8 -10")[1] == [10.0, -10.0]
 
 
 @pytest.mark.parametrize("counters", [(7, 7), (7, 6), (7, 7 - 127), (255, 255)])
-def test_a_counter_that_does_not_go_on_is_an_old_sample(counters):
+def test_repeated_counter_is_an_old_sample(counters):
     made, samples = stream(*(f"{counter % 256} 30" for counter in counters))
     assert (len(samples), made.rejected) == (1, 1)
 
 
-def test_a_cell_that_has_restarted_counts_anew():
+def test_restarted_cell_is_accepted_after_four_samples():
     made, samples = stream("200 30", *(f"{counter} 30" for counter in range(90, 98)))
     assert (len(samples), made.rejected) == (5, 4)
 
@@ -100,7 +100,7 @@ def test_lost_samples_are_just_lost(counters):
     assert (len(samples), made.rejected) == (2, 0)
 
 
-def test_a_converter_at_its_end_is_saturated():
+def test_converter_at_its_end_is_saturated():
     assert stream("1 8388607", "2 -8388608", "3 8388606")[1][:2] == [4194298.5, -4194309.0]
     made = CellStream(1e-6, 0.0, 100.0, 320.0)
     assert made.feed(b"\n" + cell_line("1 8388607") + cell_line("2 -8388608")) == [100.0, -100.0]
@@ -142,7 +142,7 @@ def test_firmware_fault_is_reported_until_the_next_sample(arm, word):
     assert not arm.problem
 
 
-def test_a_damaged_line_costs_itself_alone(arm):
+def test_damaged_line_costs_itself_alone(arm):
     """Where lines have checksums the next one is believed at once, however far it is from the last."""
     arm.robot.configure()
     arm.ticks(20, None)
@@ -157,7 +157,7 @@ def test_a_damaged_line_costs_itself_alone(arm):
 
 
 @pytest.mark.parametrize("end_n", [1e6, -1e6], ids=["push", "pull"])
-def test_either_end_of_the_range_is_its_end(arm, end_n):
+def test_either_end_of_the_range_is_saturated(arm, end_n):
     arm.robot.configure()
     sensor = arm.arm.wires["load_cell"]._sensor
     reading = sensor.reading

@@ -22,13 +22,13 @@ COUNTS = st.lists(st.integers(-(2**31), 2**31 - 1), min_size=6, max_size=6)
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1), COUNTS)
-def test_a_record_is_what_the_sensor_sent(sequence, measurement, status, counts):
+def test_record_is_decoded_as_sent(sequence, measurement, status, counts):
     found = decode_record(record(sequence, measurement, status, counts))
     assert found == (sequence, measurement, status, tuple(counts))
 
 
 @pytest.mark.parametrize("size", [0, 35, 37, 72])
-def test_a_datagram_of_another_size_is_none(size):
+def test_datagram_of_another_size_is_refused(size):
     with pytest.raises(ProtocolError):
         decode_record(bytes(size))
 
@@ -44,7 +44,7 @@ def fed(*records, axis="z"):
 
 
 @pytest.mark.parametrize(("axis", "force_n"), [("x", 1.0), ("y", -2.0), ("z", 3.0)])
-def test_the_axis_is_the_one_that_was_chosen(axis, force_n):
+def test_chosen_axis_is_read(axis, force_n):
     counts = [1_000_000, -2_000_000, 3_000_000, 7, 8, 9]
     assert fed((1, 7, 0, counts), axis=axis)[1] == [force_n]
 
@@ -61,7 +61,7 @@ def test_the_axis_is_the_one_that_was_chosen(axis, force_n):
         ([(1, 7), (1 + 2**31, 14)], 1),  # so far ahead that it is behind
     ],
 )
-def test_only_what_is_new_is_taken(pairs, taken):
+def test_only_new_records_are_taken(pairs, taken):
     stream, forces = fed(*((*pair, 0, [0] * 6) for pair in pairs))
     assert len(forces) == taken
     assert stream.rejected == len(pairs) - taken
@@ -85,7 +85,7 @@ def test_only_what_is_new_is_taken(pairs, taken):
         (0x80000400, "unknown bits 0x400 (status 0x80000400)", []),
     ],
 )
-def test_a_status_is_an_error_or_nothing(status, said, forces):
+def test_status_is_an_error_or_nothing(status, said, forces):
     stream, found = fed((1, 7, status, [0, 0, 1_000_000, 0, 0, 0]))
     assert found == forces
     assert stream.fault_text == (f"the sensor says '{said}'" if said else "")
@@ -100,12 +100,12 @@ def test_counts_at_their_end_are_no_force(counts):
     assert stream.fault_text == "the sensor says 'counts at the end of their range'"
 
 
-def test_a_sensor_that_counts_anew_is_named():
+def test_restarted_counter_is_named():
     stream, _ = fed((1000, 7000, 0, [0] * 6), *((k, 7 * k, 0, [0] * 6) for k in range(1, 60)))
     assert "restarted its counter" in stream.fault_text
 
 
-def test_a_sensor_that_counts_anew_is_named_before_its_samples_are_too_old(make_robot):
+def test_restarted_counter_is_named_before_its_samples_are_too_old(make_robot):
     """It was named after 50 records, and the arm stopped by the age of its sample after 10 ms."""
     arm = make_robot(ODRIVE, NET_FT)
     arm.robot.configure()
@@ -115,7 +115,7 @@ def test_a_sensor_that_counts_anew_is_named_before_its_samples_are_too_old(make_
     assert "restarted its counter" in arm.problem
 
 
-def test_old_records_of_a_network_that_repeats_itself_are_no_restart():
+def test_repeated_old_records_are_no_restart():
     sequence = (*range(1, 200), *range(150, 171), 200, 10, 11, 201)
     stream, forces = fed(*((number, 7 * number, 0, [0] * 6) for number in sequence))
     assert not stream.fault_text
@@ -132,7 +132,7 @@ def test_fifty_old_records_in_a_row_are_a_restart(old, is_named):
 PAGE = EmulatedNetFt(2, 100.0, 1e6, "N").page()
 
 
-def test_a_page_is_read():
+def test_configuration_page_is_read():
     assert parse_configuration(PAGE) == ("Ethernet F/T", 1e6, "N", 1000, True)
 
 
@@ -175,7 +175,7 @@ def sensor(arm):
         ({"page": lambda: b"no"}, "is not a configuration of a Net F/T"),
     ],
 )
-def test_a_sensor_that_is_set_up_otherwise_is_refused(arm, spoil, said):
+def test_sensor_that_is_set_up_otherwise_is_refused(arm, spoil, said):
     vars(sensor(arm)).update(spoil)
     with pytest.raises(DeviceError, match=said):
         arm.robot.configure()
@@ -194,7 +194,7 @@ def test_missing_peer_is_reported(arm):
         arm.robot.configure()
 
 
-def test_another_port_than_the_sensors_is_named(arm):
+def test_wrong_port_is_named(arm):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as nobody:
         nobody.bind(("127.0.0.1", 0))
         port = nobody.getsockname()[1]
@@ -202,7 +202,7 @@ def test_another_port_than_the_sensors_is_named(arm):
         configure_with(arm, r"rdt_port: \d+", f"rdt_port: {port}")
 
 
-def test_a_web_server_of_something_else_is_named(arm):
+def test_other_web_server_is_named(arm):
     sensor(arm).page = lambda: b""  # which the emulated server answers with 404
     with pytest.raises(DeviceError, match="answers '404 Not Found': is that a Net F/T"):
         arm.robot.configure()
@@ -221,12 +221,12 @@ def test_invalid_host_is_named(arm, host):
 
 
 @pytest.mark.parametrize("counts", ["1.0e-320", "1.0e+300"])
-def test_a_scale_beyond_reason_is_another_one(arm, counts):
+def test_unreasonable_scale_is_another_configuration(arm, counts):
     with pytest.raises(DeviceError, match="another configuration is active"):
         configure_with(arm, "counts_per_force: 1000000", f"counts_per_force: {counts}")
 
 
-def test_the_first_request_may_be_lost_and_the_stream_is_ended(arm):
+def test_first_request_may_be_lost_and_the_stream_is_ended(arm):
     heard, receive = [], sensor(arm).receive
     sensor(arm).receive = lambda data, now_s: (
         heard.append(data) or (b"" if len(heard) < 3 else receive(data, now_s))
@@ -240,7 +240,7 @@ def test_the_first_request_may_be_lost_and_the_stream_is_ended(arm):
     assert not sensor(arm)._timer.running
 
 
-def test_a_sensor_that_repeats_its_measurement_goes_silent_and_is_named(arm):
+def test_sensor_that_repeats_its_measurement_is_silent_and_named(arm):
     arm.robot.configure()
     arm.ticks(10, None)
     sensor(arm).measures = False

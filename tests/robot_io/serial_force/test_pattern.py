@@ -39,12 +39,12 @@ def forces_n(pattern, line, **settings):
         (r"(?P<value>-?\d+)", "250", {"unit": "N", "scale": -0.01}, -2.5),
     ],
 )
-def test_value_and_unit(pattern, line, settings, force_n):
+def test_value_and_unit_are_parsed(pattern, line, settings, force_n):
     assert forces_n(pattern, line, **settings) == pytest.approx([force_n])
 
 
 @pytest.mark.parametrize("line", ["12.5", "12.5 N extra", "abc", "1.2.3 N", "5 psi", ". N"])
-def test_what_does_not_fit_is_refused(line):
+def test_line_that_does_not_fit_is_refused(line):
     assert forces_n(MARK_10, line) == []
     assert forces_n(r"(?P<value>\d+)", "5") == []  # without any unit nothing is guessed
 
@@ -69,7 +69,7 @@ def test_bad_lines_are_counted_and_left_out():
         (".*" * 12 + r"(?P<value>1)x", "takes [0-9]+ ms"),
     ],
 )
-def test_a_pattern_that_cannot_work_is_refused(pattern, problem):
+def test_unusable_pattern_is_refused(pattern, problem):
     with pytest.raises(InputError, match=problem):
         compile_pattern(pattern)
 
@@ -106,12 +106,12 @@ def test_answers_of_the_manual():
 @pytest.mark.parametrize(
     ("unit", "newtons"), [("N", 1), ("kN", 1e3), ("mN", 1e-3), ("oz", POUND_N / 16), ("gf", 9.80665e-3)]
 )
-def test_units(unit, newtons):
+def test_units_are_converted_to_newtons(unit, newtons):
     assert newtons_per(unit) == pytest.approx(newtons)
 
 
 @given(st.lists(st.floats(-150, 150), max_size=20), st.data())
-def test_any_portions_give_the_same_readings(values, data):
+def test_readings_are_parsed_from_any_chunks(values, data):
     text = "\r\n" + "".join(f"{value:12.4f}\r\n" for value in values)
     stream, samples, rest = loadstar_stream(1.0, 100.0), [], text.encode()
     while rest:
@@ -154,12 +154,12 @@ def test_invalid_mark10_line_is_refused(line):
 
 
 @pytest.mark.parametrize("unit", ["lbFin", "Nm", "COF", "MN"])
-def test_a_unit_that_is_none_of_force_is_named(unit):
+def test_unit_that_is_no_force_is_named(unit):
     with pytest.raises(ProtocolError, match=f"unit '{unit}' is not a known unit of force"):
         gauge_stream(unit, 100.0)
 
 
-def test_another_unit_is_no_reading_and_named_once_it_is_no_damage():
+def test_another_unit_is_no_reading_and_is_named_when_repeated():
     stream = gauge_stream("N", 100.0)
     assert stream.feed(b"1.00 N\r\n1.00 n\r\n1.00 M\r\n") == [1.0]
     assert (stream.rejected, stream.fault_text) == (2, "")

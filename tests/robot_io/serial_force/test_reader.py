@@ -63,7 +63,7 @@ def test_repeated_slips_increase_the_number_of_suspect_samples(line):
     assert line.send(b"3.0") == (3.0, 0)
 
 
-def test_long_after_it_is_forgotten(line):
+def test_old_damage_is_forgotten(line):
     line.send(b"1.0", 5)
     for _ in range(4):
         line.send(b"?")
@@ -107,7 +107,7 @@ def test_samples_read_late_are_dated_by_the_previous_poll(line, pause_ms, age_ms
     assert line.send(b"1.1") == (1.1, age_ms)
 
 
-def test_the_first_reading_needs_another_beside_it(line):
+def test_first_reading_needs_another_beside_it(line):
     """A line that lost its first digits is a number; the very first one was once believed."""
     assert line.send(b"2.3") is None
     assert line.send(b"512.3") is None
@@ -141,7 +141,7 @@ PROTOCOLS = {
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 @pytest.mark.parametrize("damage", ["lost", "flipped"])
-def test_one_damaged_byte_never_gives_a_wrong_force(protocol, damage):
+def test_damaged_byte_never_gives_a_wrong_force(protocol, damage):
     """Each byte of the last 30 readings in turn; "0.65" without its point was once taken for 65 N."""
     make, frames = PROTOCOLS[protocol]
     before, ends = len(b"".join(frames[:-40])), np.cumsum([len(frame) for frame in frames])
@@ -173,13 +173,13 @@ def test_one_damaged_byte_never_gives_a_wrong_force(protocol, damage):
     assert accepted > 5 * (ends[-10] - before)  # it goes on after the damage
 
 
-def test_a_fast_push_is_followed(line):
+def test_fast_push_is_followed(line):
     """0 to 300 N in three readings on a sensor of 1000 N: late by one reading, once."""
     line.send(b"0.0", 5)
     assert [line.send(b"%.1f" % f)[0] for f in (100.0, 200.0, 300.0, 300.1)] == [0.0, 200.0, 300.0, 300.1]
 
 
-def test_a_single_peak_is_left_out_and_counted(line):
+def test_single_peak_is_left_out_and_counted(line):
     line.send(b"1.0", 5)
     assert line.send(b"70.0") == (1.0, 1)
     assert line.send(b"1.1") == (1.1, 0)
@@ -207,12 +207,12 @@ def test_late_samples_are_dated_after_a_punctual_one(late_s):
 
 
 @pytest.mark.parametrize("clock", [0.9991, 1.0, 1.0009])
-def test_a_clock_that_is_a_little_off_makes_nothing_late(clock):
+def test_slightly_wrong_clock_makes_nothing_late(clock):
     assert max(dated([0.0] * 20_000, clock)) < 2e-6
 
 
 @pytest.mark.parametrize("clock", [0.91, 0.95, 0.998, 1.0015, 1.05, 1.09])
-def test_a_rate_that_is_off_is_followed_and_what_becomes_late_shows_all_the_same(clock):
+def test_wrong_rate_is_followed_and_later_delays_are_detected(clock):
     late_s = [0.0] * 4_000 + [0.012] * 2_000
     ages_s = dated([late + 1e-4 * (k % 7) for k, late in enumerate(late_s)], clock, rate_error=0.1)
     assert max(ages_s[3_000:4_000]) < 1e-3
@@ -233,7 +233,7 @@ def test_silence_and_late_polling_do_not_delay_later_samples():
 
 @pytest.mark.parametrize("changes", [NET_FT, BOTA, (CELL,)], ids=["net_ft", "bota", "cell"])
 @pytest.mark.parametrize("late_s", [0.002, 0.008, 0.012])
-def test_a_stream_that_has_become_late_is_not_served_as_fresh(make_robot, changes, late_s):
+def test_late_stream_is_not_served_as_fresh(make_robot, changes, late_s):
     arm = make_robot(ODRIVE, changes)
     arm.robot.configure()
 

@@ -74,7 +74,7 @@ def test_axis_follows_torque_only_in_closed_loop_control_within_its_limit(plant)
     assert plant.world.truth().drive_torque_nm[0] == pytest.approx(18.0)
 
 
-def test_an_unfed_axis_disarms_itself_and_does_not_arm_before_its_error_is_cleared(plant):
+def test_axis_without_commands_disarms_and_rearms_only_after_clearing(plant):
     node = odrive(plant, watchdog_s=0.05)
     arm(node)
     node.receive(frame(0x2E, struct.pack("<f", -1.0)), 0.01)
@@ -106,7 +106,7 @@ def test_only_0_6_answers_get_version_and_a_motor_each_frame_with_its_state(plan
     assert motor.receive(frame(3, b"\xff" * 7), 0.01) == []
 
 
-def test_a_motor_exerts_its_feed_forward_torque_and_its_gains_once_it_is_on(plant):
+def test_enabled_motor_exerts_its_feedforward_torque_and_gains(plant):
     motor = EmulatedMitMotor(3, 0, plant, limits=(12.5, 50.0, 25.0), timeout_s=0.1)
     push = bitstruct.pack("u16u12u12u12u12", 32768, 2048, 0, 0, 3000)
     motor.receive(frame(3, push), 0.01)
@@ -138,7 +138,7 @@ def test_emulated_load_cell_follows_its_manual():
     assert not sensor.due(0.006)
 
 
-def test_a_lorenz_sensor_answers_hello_and_streams_until_three_stx():
+def test_lorenz_sensor_answers_hello_and_streams_until_three_stx():
     sensor = EmulatedLorenz(100.0, counts_at_nominal=20000.0)
     hello = bytes.fromhex("024001ff00400202")  # summed by hand, see the codec's test
     answer = sensor.receive(hello, 0.0)
@@ -159,7 +159,7 @@ def test_a_lorenz_sensor_answers_hello_and_streams_until_three_stx():
     assert not sensor.due(0.002)
 
 
-def test_a_gauge_writes_by_itself_and_rests_after_a_restart():
+def test_gauge_streams_unasked_and_stops_after_a_restart():
     gauge = EmulatedGauge(100.0)
     assert gauge.due(1.0)
     assert gauge.reading(-2.5) == b"-2.500 N\r\n"

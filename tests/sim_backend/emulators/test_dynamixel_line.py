@@ -96,7 +96,7 @@ def status(servo_id, *body):
     return dynamixel.status(servo_id, body[0], bytes(body[1:]))
 
 
-def test_its_packets_are_as_published():
+def test_packets_match_published_ones():
     """ROBOTIS e-manual, "DYNAMIXEL Protocol 2.0", examples of Ping, Read and Fast Sync Read."""
     assert (
         dynamixel.status(1, 0, bytes.fromhex("06 04 26")).hex(" ")
@@ -118,7 +118,7 @@ def test_published_requests_are_understood():
     assert understood.parameters == request[8:-2]
 
 
-def test_a_ping_is_answered_with_model_and_firmware_and_a_damaged_request_with_a_crc_error(client):
+def test_ping_is_answered_and_a_damaged_request_gets_a_crc_error(client):
     assert client.say("ff ff fd 00 02 03 00 01") == status(2, 0, 0xFC, 0x03, 46)  # 1020
     everybody = client.say("ff ff fd 00 fe 03 00 01")
     assert everybody == b"".join(status(servo_id, 0, 0xFC, 0x03, 46) for servo_id in (1, 2, 3))
@@ -144,7 +144,7 @@ def test_forbidden_write_is_refused(client, address, data, error):
     assert client.write(1, address, *data) == error
 
 
-def test_eeprom_is_locked_while_the_torque_is_on_and_unknown_requests_are_errors(client):
+def test_eeprom_is_locked_while_torque_is_on_and_unknown_requests_are_errors(client):
     assert client.write(1, 11, 0) == 0
     assert client.write(1, 64, 1) == 0
     assert client.write(1, 11, 3) == 7
@@ -154,7 +154,7 @@ def test_eeprom_is_locked_while_the_torque_is_on_and_unknown_requests_are_errors
     assert client.read(1, 250, 10) == (7, b"")
 
 
-def test_only_current_control_with_torque_exerts_something(client):
+def test_only_current_control_with_torque_exerts_torque(client):
     constant_nm = 0.00269 * 4.1 / 2.3
     client.write(1, 102, 100, 0)
     assert client.plant.torque_nm[0] == 0
@@ -168,7 +168,7 @@ def test_only_current_control_with_torque_exerts_something(client):
     assert client.plant.torque_nm[0] == pytest.approx(-100 * constant_nm)
 
 
-def test_the_bus_watchdog_counts_in_20_ms_and_takes_goals_only_after_it_is_cleared(client):
+def test_bus_watchdog_counts_in_20_ms_and_takes_goals_only_after_clearing(client):
     client.write(1, 11, 0)
     client.write(1, 64, 1)
     client.write(1, 98, 2)
@@ -194,7 +194,7 @@ def test_reading_others_feeds_the_watchdog_too(client):
     assert client.plant.torque_nm[0] > 0
 
 
-def test_after_power_up_the_position_is_within_one_turn(client):
+def test_position_after_power_up_is_within_one_turn(client):
     client.plant.states[0] = JointState(pi + 3 * 2 * pi + 0.1, 0.0, 0.0)
     _, data = client.read(1, 132, 4)
     assert int.from_bytes(data, "little", signed=True) == round(0.1 * 4096 / (2 * pi))
@@ -203,7 +203,7 @@ def test_after_power_up_the_position_is_within_one_turn(client):
     assert int.from_bytes(data, "little", signed=True) == -round(0.1 * 4096 / (2 * pi))
 
 
-def test_a_reboot_forgets_ram_and_keeps_eeprom(client):
+def test_reboot_clears_ram_and_keeps_eeprom(client):
     client.write(1, 9, 5)
     client.write(1, 98, 7)
     assert client.say("ff ff fd 00 01 03 00 08") == status(1, 0)
@@ -244,7 +244,7 @@ def test_every_model_has_its_own_number_and_limits(model):
     client.close()
 
 
-def test_bytes_take_their_time_on_the_line(client):
+def test_bytes_take_time_on_the_line(client):
     answer = client.say("ff ff fd 00 fe 09 00 82 46 00 01 00 01 02", wait_s=1e-6)
     assert answer == b""
     request, reply, delay_s = 16, 12, 250 * 2e-6
@@ -273,7 +273,7 @@ def sdk(monkeypatch):
     emulator.close()
 
 
-def test_the_sdk_finds_and_sets_up_the_servos(sdk):
+def test_sdk_finds_and_configures_the_servos(sdk):
     port, packets, _ = sdk
     assert packets.ping(port, 2) == (1020, COMM_SUCCESS, 0)
     assert packets.write1ByteTxRx(port, 1, 9, 0) == (COMM_SUCCESS, 0)
@@ -282,7 +282,7 @@ def test_the_sdk_finds_and_sets_up_the_servos(sdk):
 
 
 @pytest.mark.parametrize("way", ["txRxPacket", "fastSyncRead"])
-def test_the_sdk_reads_and_writes_in_groups(sdk, way):
+def test_sdk_reads_and_writes_in_groups(sdk, way):
     port, packets, plant = sdk
     for servo_id in (1, 2, 3):
         packets.write1ByteTxRx(port, servo_id, 11, 0)

@@ -11,7 +11,7 @@ def hits(faults, kind=FaultKind.DROP, device=1, times_s=range(10)):
     return [time_s for time_s in times_s if faults.trigger(kind, device, time_s)]
 
 
-def test_a_fault_strikes_in_its_window_its_device_and_as_often_as_it_may():
+def test_fault_is_limited_to_its_window_device_and_count():
     assert hits(Faults()) == []
     faults = Faults([Fault(kind=FaultKind.DROP, from_s=2, for_s=3)], start_s=1)
     assert hits(faults) == [3, 4, 5]
@@ -55,6 +55,6 @@ def test_one_bit_is_flipped_and_none_before_the_first_byte():
         ({"kind": "drop", "for_s": -1}, "for_s"),
     ],
 )
-def test_a_fault_that_makes_no_sense_is_refused(data, what):
+def test_invalid_fault_is_refused(data, what):
     with pytest.raises(InputError, match=what):
         validate(Fault, data)

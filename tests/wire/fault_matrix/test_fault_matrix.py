@@ -76,7 +76,7 @@ def test_fault_has_the_outcome_in_the_fault_matrix(row: Row, tmp_path):
         assert seen.last_tick_s >= row.at_s - 2 * rig.tick_s  # nor the tick of the fault
 
 
-def test_rows_that_take_longer_have_a_reason_none_is_there_twice_and_the_document_is_up_to_date():
+def test_slow_rows_have_a_reason_and_the_document_is_up_to_date():
     slow = [row.label for row in ROWS if row.ticks is not None and row.ticks > row.prompt_ticks]
     deaf = [row.label for row in ROWS if row.ticks is None and row.off_ms is not None]
     assert {*slow, *deaf} <= {row.label for row in ROWS if row.because}
