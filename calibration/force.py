@@ -15,14 +15,14 @@ uncertainty. VIM 2.39, 4.16, 4.21; VDI/VDE 2638; JCGM 100:2008, 4.3 and F.2.
 """
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import t
 
-from palpate.calibration.standstill import StationaryRobot, UncertainValue, few_sample_factor
+from palpate.calibration.standstill import UncertainValue, few_sample_factor
 from palpate.estimation.data.table import Table, read_table
 from palpate.estimation.signals.blocks import blocks
 from palpate.robot_io.errors import InputError
@@ -176,41 +176,8 @@ def _column(table: Table, role: str, columns: Mapping[str, str]) -> str:
 EVENT = "reference_force"
 
 
-def record_weighing(
-    stationary: StationaryRobot,
-    forces_n: Sequence[float],
-    apply: Callable[[int, float], None],
-    *,
-    settle_s: float,
-    measure_s: float,
-    progress: Callable[[float], None] | None = None,
-) -> None:
-    """Read the sensor under one force after the other; the records of each are numbered as a run.
-
-    Args:
-        stationary: the robot, without power.
-        forces_n: forces to apply, positive in compression [N].
-        apply: called with index and force [N]; returns when the force is there.
-        settle_s: time before each measurement [s].
-        measure_s: length of each measurement [s].
-        progress: called with the share that is done.
-
-    Raises:
-        SafetyTripError: a sample is missing, old or beyond a limit.
-        KeyboardInterrupt: the user stopped it.
-    """
-    for number, force_n in enumerate(forces_n):
-        apply(number, force_n)
-        stationary.settle(settle_s)
-        text = f"{force_n:.4f} N on the sensor"
-        stationary.log.event(stationary.clock.now_s(), EVENT, text, {"run": number, "force_n": force_n})
-        stationary.record(measure_s, number)
-        if progress:
-            progress((number + 1) / len(forces_n))
-
-
 def read_weighing(session: Session) -> Plateaus:
-    """Read the plateaus of a session that `record_weighing` logged.
+    """Read the plateaus of a session of a weighing.
 
     Raises:
         InputError: the session holds no reference forces.

@@ -8,8 +8,12 @@ from typing import Annotated, NamedTuple
 import typer
 from plotly.graph_objects import Figure
 
-from palpate.calibration.arm_fit import ArmFit
-from palpate.calibration.force import STANDARD_GRAVITY_M_S2, fit_force, read_reference_file, read_weighing
+from palpate.calibration.force import (
+    STANDARD_GRAVITY_M_S2,
+    fit_force,
+    read_reference_file,
+    read_weighing,
+)
 from palpate.common import console
 from palpate.common.console import AT_REST, command_group, display_path
 from palpate.common.files import atomic_write_all, different_files, existing_file, output_file
@@ -29,7 +33,7 @@ from palpate.runs.options import (
     Permission,
     ask_for_pose,
     ask_for_power,
-    forces_of,
+    numbers,
     pose_of,
     stops_of,
     without_question,
@@ -38,6 +42,8 @@ from palpate.runs.session import ArmSession
 
 CALIBRATIONS = Path("calibrations")
 PERCENT = 0.01
+# Simulated weights, as shares of the force limit.
+SHARES = (0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.55, 0.4, 0.25, 0.1, 0.0)
 
 group = command_group(
     """Calibrate force sensor, encoders, drives and base.
@@ -87,16 +93,27 @@ def force(
     With --from, reads a table (CSV, Parquet, NPZ) with one row per sample. It needs a column for the reading
     and a column for the reference.
     """
+    robot_file = options.robot_file
 
     def record(job: runs.CalibrationJob) -> None:
-        forces_n = forces_of(weights_kg, job.robot_file, gravity_m_s2, simulated=job.simulated)
+        if weights_kg is not None:
+            masses_kg = numbers("--weights-kg", weights_kg)
+            if min(masses_kg) < 0:
+                raise InputError(f"--weights-kg {weights_kg!r}: masses must not be negative")
+            forces_n = [mass_kg * gravity_m_s2 for mass_kg in masses_kg]
+        elif job.simulated:
+            forces_n = [share * job.robot_file.limits.force_n for share in SHARES]
+        else:
+            raise InputError(
+                "--weights-kg: give the masses in their order on the sensor, such as 0,0.5,1,2,1,0.5,0"
+            )
         place = runs.put_simulated_weight if job.simulated else ask_for_weight(gravity_m_s2)
         with weighing_progress(len(forces_n), live=job.simulated) as progress:
             runs.run_weighing(job, forces_n, place, progress=progress)
 
     def analyze(raw: Path) -> _CalibrationResult:
         if raw.suffix == ".mcap":
-            plateaus, unit = read_weighing(fits.open_recorded(raw, "force", options.robot_file)), "N"
+            plateaus, unit = read_weighing(fits.open_recorded(raw, "force", robot_file)), "N"
         else:
             columns = parse_pairs(column or (), "--column")
             file = existing_file(raw, "data")
@@ -113,7 +130,9 @@ def force(
                 f"plateau {fit.suspect + 1} ({force_n:.4g} N) is {off_n:+.2g} N off, unlike the others: "
                 "was it the right weight?"
             )
-        calibration = fits.force_calibration(fit, unit, _stamp(options, raw))
+        calibration = fits.make_calibration(
+            "force", fit, robot_file, raw, options.valid_days, reading_unit=unit
+        )
         return _CalibrationResult(calibration, force_figure(fit, unit), tuple(remarks))
 
     _calibrate("force", options, record, analyze)
@@ -161,7 +180,9 @@ def encoder(
     def analyze(raw: Path) -> _CalibrationResult:
         recorded = fits.open_recorded(raw, "encoder", robot_file)
         fit = fits.encoder_fit_of(recorded, robot_file.joint_count, pose_rad, known_mrad / 1e3)
-        return _CalibrationResult(fits.encoder_calibration(fit, _stamp(options, raw)), encoder_figure(fit))
+        return _CalibrationResult(
+            fits.make_calibration("encoder", fit, robot_file, raw, options.valid_days), encoder_figure(fit)
+        )
 
     held = None if pose_rad is None else (lambda: ask_for_pose(pose_rad, yes=options.yes))
     _calibrate("encoder", options, record, analyze, held or _motion_permission("encoder", options))
@@ -174,7 +195,7 @@ def torque(options: MotionOptions) -> None:
 
     Friction is estimated and reported, but not compensated. The URDF's masses are assumed to be exact.
     """
-    _move_in_free_air("torque", options, fits.torque_calibration)
+    _move_in_free_air("torque", options)
 
 
 @group.command()
@@ -185,7 +206,7 @@ def gravity(options: MotionOptions) -> None:
     An arm that moves in one plane shows only the tilt in that plane. The URDF's masses are assumed to be
     exact.
     """
-    _move_in_free_air("gravity", options, fits.gravity_calibration)
+    _move_in_free_air("gravity", options)
 
 
 class _CalibrationResult(NamedTuple):
@@ -196,13 +217,7 @@ class _CalibrationResult(NamedTuple):
     remarks: tuple[str, ...] = ()
 
 
-def _stamp(options: CalibrateOptions, raw: Path) -> fits.CalibrationStamp:
-    return fits.CalibrationStamp.of(options.robot_file, raw, options.valid_days)
-
-
-def _move_in_free_air(
-    kind: str, options: MotionOptions, make: Callable[[ArmFit, fits.CalibrationStamp], Calibration]
-) -> None:
+def _move_in_free_air(kind: str, options: MotionOptions) -> None:
     robot_file = options.robot_file
 
     def record(job: runs.CalibrationJob) -> None:
@@ -212,7 +227,9 @@ def _move_in_free_air(
     def analyze(raw: Path) -> _CalibrationResult:
         session = fits.open_recorded(raw, kind, robot_file)
         fit = fits.arm_fit_of(session, robot_file.urdf_path, robot_file.tip_frame)
-        return _CalibrationResult(make(fit, _stamp(options, raw)), arm_figure(fit))
+        return _CalibrationResult(
+            fits.make_calibration(kind, fit, robot_file, raw, options.valid_days), arm_figure(fit)
+        )
 
     _calibrate(kind, options, record, analyze, _motion_permission(kind, options))
 

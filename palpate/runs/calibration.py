@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import partial
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from palpate.calibration.arm_motion import (
     travel_speed_rad_s,
 )
 from palpate.calibration.encoder import PUSH_SHARE, StopSettings, StopTask, plan_stops, widen_limits_for_stops
-from palpate.calibration.force import check_references, record_weighing
+from palpate.calibration.force import EVENT, check_references
 from palpate.calibration.standstill import StationaryRobot
 from palpate.control.laws.gains import gains_of
 from palpate.control.loop.result import Outcome
@@ -205,8 +204,14 @@ def run_weighing(
     with calibration_setup(job) as arm:
         stationary = _stationary(arm)
         stationary.await_samples()
-        put = partial(place, arm)
-        record_weighing(stationary, forces_n, put, settle_s=settle_s, measure_s=measure_s, progress=progress)
+        for number, force_n in enumerate(forces_n):
+            place(arm, number, force_n)
+            stationary.settle(settle_s)
+            text = f"{force_n:.4f} N on the sensor"
+            arm.log.event(arm.clock.now_s(), EVENT, text, {"run": number, "force_n": force_n})
+            stationary.record(measure_s, number)
+            if progress:
+                progress((number + 1) / len(forces_n))
 
 
 def put_simulated_weight(arm: ArmSession, number: int, force_n: float) -> None:

@@ -2,7 +2,6 @@
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from importlib.metadata import version
 from pathlib import Path
@@ -26,12 +25,8 @@ from palpate.robot_io.calibration.applied import (
     urdf_sha256,
 )
 from palpate.robot_io.calibration.file import (
+    CALIBRATIONS,
     Calibration,
-    EncoderCalibration,
-    ForceCalibration,
-    GravityCalibration,
-    RawData,
-    TorqueCalibration,
 )
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import validate
@@ -79,61 +74,6 @@ def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
     return session
 
 
-@dataclass(frozen=True)
-class CalibrationStamp:
-    """Origin of a calibration, which every calibration file states."""
-
-    robot_file: RobotFile  # robot file of the calibrated robot
-    raw: Path  # session or data file of the fit
-    now_utc: datetime  # date of the calibration
-    valid_days: float  # validity of the calibration [days]
-    source: str | None = "measured"  # or simulated, or emulated
-    made_with: tuple[str, ...] = ()  # calibrations applied during the recording
-
-    @classmethod
-    def of(cls, robot_file: RobotFile, raw: Path, valid_days: float) -> "CalibrationStamp":
-        """Read the origin from a session; a data file states none and counts as measured now.
-
-        Args:
-            robot_file: robot file of the robot to calibrate.
-            raw: session or data file.
-            valid_days: validity of the calibration [days].
-        """
-        if raw.suffix != ".mcap":
-            return cls(robot_file, raw, datetime.now(UTC), valid_days)
-        metadata = Session.open(raw).metadata
-        recorded = metadata.extra.get(SOURCE)
-        known = {EMULATED: "emulated", "measured": "measured", "simulated": "simulated"}
-        source = known.get(recorded or "")
-        names = [line.rstrip(":") for line in metadata.calibration.splitlines() if line[:1].strip()]
-        made_utc = datetime.fromisoformat(metadata.created_utc)
-        return cls(robot_file, raw, made_utc, valid_days, source, tuple(names))
-
-    def content(self, kind: str) -> dict[str, object]:
-        """Return all fields except the values; raise `InputError` if the raw data or URDF cannot be read.
-
-        Args:
-            kind: kind of the calibration.
-        """
-        with self.raw.open("rb") as file:
-            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
-        content: dict[str, object] = {
-            "palpate_calibration": 1,
-            "kind": kind,
-            "robot": self.robot_file.name,
-            "device": device_identity(self.robot_file, kind),
-            "source": self.source,
-            "made_utc": self.now_utc.isoformat(timespec="seconds"),
-            "valid_until_utc": (self.now_utc + timedelta(days=self.valid_days)).isoformat(timespec="seconds"),
-            "software_version": version("palpate"),
-            "raw_data": RawData(file=self.raw.name, sha256=sha256).model_dump(),
-            "made_with": self.made_with,
-        }
-        if kind in ("torque", "gravity"):
-            content["urdf_sha256"] = urdf_sha256(self.robot_file)
-        return content
-
-
 def arm_fit_of(session: Session, urdf: str | Path, tip_frame: str) -> ArmFit:
     """Fit gains, offsets, friction and tilt to a session of `run_motion`.
 
@@ -167,85 +107,96 @@ def encoder_fit_of(
         raise InputError(f"{error}; if the arm was held in a pose, give it with --pose") from error
 
 
-def force_calibration(fit: ForceFit, reading_unit: str, stamp: CalibrationStamp) -> ForceCalibration:
-    """Make the content of a force calibration.
+def make_calibration(
+    kind: str,
+    fit: ArmFit | EncoderFit | ForceFit,
+    robot_file: RobotFile,
+    raw: Path,
+    valid_days: float,
+    *,
+    reading_unit: str = "N",
+) -> Calibration:
+    """Make the content of a calibration file; friction is reported, not applied.
+
+    A session states its origin; a data file states none and counts as measured now. A tilt that does not
+    affect the arm's torques is left out.
 
     Args:
-        fit: scale, zero and curvature.
-        reading_unit: unit of the sensor's readings.
-        stamp: origin of the calibration.
-    """
-    values = {"zero": _entry(fit.zero, reading_unit), "scale": _entry(fit.scale, f"N/{reading_unit}")}
-    if fit.curvature:
-        values["curvature"] = _entry(fit.curvature, f"N/{reading_unit}^2")
-    findings = {
-        "hysteresis": _entry(fit.hysteresis_n, "N"),
-        "nonlinearity": _entry(fit.nonlinearity, "1"),
-        "residual_rms": _entry(UncertainValue(fit.rms_n, 0.0), "N"),
-        "range": _entry(UncertainValue(list(fit.range_n), [0.0, 0.0]), "N"),
-    }
-    content = stamp.content("force") | {"reading_unit": reading_unit, "values": values, "findings": findings}
-    return validate(ForceCalibration, content)
-
-
-def encoder_calibration(fit: EncoderFit, stamp: CalibrationStamp) -> EncoderCalibration:
-    """Make the content of an encoder calibration.
-
-    Args:
-        fit: the joints' zeros.
-        stamp: origin of the calibration.
-    """
-    values = {"offset": _entry(UncertainValue(fit.offset_rad, fit.std_rad), "rad")}
-    findings = {"repeatability": _exact(fit.repeatability_rad, "rad")}
-    return validate(EncoderCalibration, stamp.content("encoder") | {"values": values, "findings": findings})
-
-
-def torque_calibration(fit: ArmFit, stamp: CalibrationStamp) -> TorqueCalibration:
-    """Make the content of a torque calibration; friction is reported, not applied.
-
-    Args:
-        fit: gains and offsets of the drives.
-        stamp: origin of the calibration.
-    """
-    values = {
-        "gain": _entry(fit.gain, "1"),
-        "offset": _entry(fit.offset_nm, "N m"),
-        "command_offset": _entry(fit.command_offset_nm, "N m"),
-    }
-    findings = {
-        "coulomb_friction": _entry(fit.coulomb_nm, "N m"),
-        "viscous_friction": _entry(fit.viscous_nms_rad, "N m s/rad"),
-        "residual_rms": _exact(_rms(fit.residual_nm), "N m"),
-    }
-    return validate(TorqueCalibration, stamp.content("torque") | {"values": values, "findings": findings})
-
-
-def gravity_calibration(fit: ArmFit, stamp: CalibrationStamp) -> GravityCalibration:
-    """Make the content of a gravity calibration, without angles that do not affect the arm's torques.
-
-    Args:
-        fit: tilt of the base.
-        stamp: origin of the calibration.
+        kind: kind of the calibration.
+        fit: result of the kind's fit.
+        robot_file: robot file of the calibrated robot.
+        raw: session or data file of the fit.
+        valid_days: validity of the calibration [days].
+        reading_unit: unit of the force sensor's readings.
 
     Raises:
-        InputError: no tilt affects the arm's torques.
+        InputError: the raw data or URDF cannot be read, or no tilt affects the arm's torques.
     """
+    with raw.open("rb") as file:
+        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+    made_utc, source, made_with = datetime.now(UTC), "measured", []
+    if raw.suffix == ".mcap":
+        metadata = Session.open(raw).metadata
+        made_utc, made_by = datetime.fromisoformat(metadata.created_utc), metadata.extra.get(SOURCE)
+        source = "emulated" if made_by == EMULATED else made_by
+        made_with = [line.rstrip(":") for line in metadata.calibration.splitlines() if line[:1].strip()]
+    values, findings = _results(kind, fit, reading_unit)
+    content: dict[str, object] = {
+        "palpate_calibration": 1,
+        "kind": kind,
+        "robot": robot_file.name,
+        "device": device_identity(robot_file, kind),
+        "source": source if source in ("measured", "simulated", "emulated") else None,
+        "made_utc": made_utc.isoformat(timespec="seconds"),
+        "valid_until_utc": (made_utc + timedelta(days=valid_days)).isoformat(timespec="seconds"),
+        "software_version": version("palpate"),
+        "raw_data": {"file": raw.name, "sha256": sha256},
+        "made_with": tuple(made_with),
+        "values": values,
+        "findings": findings,
+    }
+    if kind == "force":
+        content["reading_unit"] = reading_unit
+    if kind in ("torque", "gravity"):
+        content["urdf_sha256"] = urdf_sha256(robot_file)
+    return validate(CALIBRATIONS[kind], content)
+
+
+def _results(
+    kind: str, fit: ArmFit | EncoderFit | ForceFit, reading_unit: str
+) -> tuple[dict[str, object], dict[str, object]]:
+    """Return the values and the findings of a fit."""
+    if isinstance(fit, ForceFit):
+        values = {"zero": _entry(fit.zero, reading_unit), "scale": _entry(fit.scale, f"N/{reading_unit}")}
+        if fit.curvature:
+            values["curvature"] = _entry(fit.curvature, f"N/{reading_unit}^2")
+        return values, {
+            "hysteresis": _entry(fit.hysteresis_n, "N"),
+            "nonlinearity": _entry(fit.nonlinearity, "1"),
+            "residual_rms": _entry(UncertainValue(fit.rms_n, 0.0), "N"),
+            "range": _entry(UncertainValue(list(fit.range_n), [0.0, 0.0]), "N"),
+        }
+    if isinstance(fit, EncoderFit):
+        values = {"offset": _entry(UncertainValue(fit.offset_rad, fit.std_rad), "rad")}
+        return values, {"repeatability": _exact(fit.repeatability_rad, "rad")}
+    rms_nm = _exact(np.sqrt(np.nanmean(fit.residual_nm**2, axis=0)), "N m")
+    coulomb = _entry(fit.coulomb_nm, "N m")
+    if kind == "torque":
+        values = {
+            "gain": _entry(fit.gain, "1"),
+            "offset": _entry(fit.offset_nm, "N m"),
+            "command_offset": _entry(fit.command_offset_nm, "N m"),
+        }
+        viscous = _entry(fit.viscous_nms_rad, "N m s/rad")
+        return values, {"coulomb_friction": coulomb, "viscous_friction": viscous, "residual_rms": rms_nm}
     tilt = zip(("pitch", "roll"), fit.tilt_rad.value.tolist(), fit.tilt_rad.std_err.tolist(), strict=True)
     values = {
         name: _entry(UncertainValue(angle, std), "rad") for name, angle, std in tilt if np.isfinite(angle)
     }
     if not values:
         raise InputError("no joint of this arm carries weight: the tilt of its base cannot be measured")
-    findings = {
-        "torque_gain": _entry(fit.gain, "1"),
-        "coulomb_friction": _entry(fit.coulomb_nm, "N m"),
-        "residual_rms": _exact(_rms(fit.residual_nm), "N m"),
-    }
-    return validate(GravityCalibration, stamp.content("gravity") | {"values": values, "findings": findings})
-
-
-def _rms(residual: FloatArray) -> FloatArray:
-    return np.asarray(np.sqrt(np.nanmean(residual**2, axis=0)))
+    gain = _entry(fit.gain, "1")
+    return values, {"torque_gain": gain, "coulomb_friction": coulomb, "residual_rms": rms_nm}
 
 
 def _exact(values: FloatArray, unit: str) -> dict[str, object]:

@@ -28,8 +28,6 @@ from palpate.sim_backend.scenario import MOST_SEED, load_scenario, shipped_scena
 
 SESSIONS = Path("sessions")
 YEAR_DAYS = 365.0
-# Simulated weights, as shares of the force limit.
-SHARES = (0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.55, 0.4, 0.25, 0.1, 0.0)
 BEYOND_STOPS_RAD = 0.1  # an arm may be held against its stops, whose real positions differ from the URDF
 _ROBOT = f"Robot file, or a shipped arm: {', '.join(shipped_robots())}."
 _SCENARIO = f"Simulated world: a file, or one of {', '.join(shipped_scenarios())}."
@@ -235,32 +233,6 @@ def pose_of(pose: str | None, robot_file: RobotFile) -> list[float] | None:
                 f"not to {angle:g}"
             )
     return angles
-
-
-def forces_of(
-    weights_kg: str | None, robot_file: RobotFile, gravity_m_s2: float, *, simulated: bool
-) -> list[float]:
-    """Return the forces to apply, in order [N].
-
-    Args:
-        weights_kg: masses as typed [kg]; None if not stated.
-        robot_file: robot file of the arm.
-        gravity_m_s2: gravitational acceleration [m/s^2].
-        simulated: whether forces may be chosen automatically.
-
-    Raises:
-        InputError: no forces are stated and they cannot be chosen, or a force is negative.
-    """
-    if weights_kg is not None:
-        masses_kg = numbers("--weights-kg", weights_kg)
-        if min(masses_kg) < 0:
-            raise InputError(f"--weights-kg {weights_kg!r}: masses must not be negative")
-        return [mass_kg * gravity_m_s2 for mass_kg in masses_kg]
-    if not simulated:
-        raise InputError(
-            "--weights-kg: give the masses in their order on the sensor, such as 0,0.5,1,2,1,0.5,0"
-        )
-    return [share * robot_file.limits.force_n for share in SHARES]
 
 
 COUNTDOWN_S = 3

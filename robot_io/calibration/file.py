@@ -4,7 +4,6 @@ Everything under `values` is applied; `findings` are for people and are never ap
 """
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Annotated, Literal
 
 import yaml
@@ -18,9 +17,7 @@ from palpate.robot_io.files.file_model import (
     Number,
     YamlDocument,
     input_error,
-    load_yaml,
     matching,
-    parse_yaml,
     problem_at,
     validate,
 )
@@ -105,7 +102,7 @@ class Calibration(FileModel):
         return None
 
     def to_yaml(self) -> str:
-        """Return the file's text, which `parse_calibration` reads."""
+        """Return the file's text, which `calibration_from` reads."""
         data = self.model_dump(mode="json", exclude_none=True)
         data["findings"] = data.pop("findings")  # last, after the applied values
         text: str = yaml.safe_dump(data, sort_keys=False, width=110, allow_unicode=True)
@@ -247,35 +244,13 @@ class GravityCalibration(Calibration):
         return self
 
 
-_MODELS: Mapping[str, type[Calibration]] = {
+CALIBRATIONS: Mapping[str, type[Calibration]] = {
     "force": ForceCalibration,
     "encoder": EncoderCalibration,
     "torque": TorqueCalibration,
     "gravity": GravityCalibration,
 }
-CALIBRATION_KINDS = tuple(_MODELS)
-
-
-def load_calibration(path: str | Path) -> Calibration:
-    """Read and check a calibration file.
-
-    Raises:
-        InputError: the first problem, with file, line, key and valid values.
-    """
-    return calibration_from(load_yaml(path, MAX_BYTES))
-
-
-def parse_calibration(text: str, origin: str) -> Calibration:
-    """Read a calibration from its text.
-
-    Args:
-        text: YAML.
-        origin: name of the text in errors.
-
-    Raises:
-        InputError: as for `load_calibration`.
-    """
-    return calibration_from(parse_yaml(text, origin, MAX_BYTES))
+CALIBRATION_KINDS = tuple(CALIBRATIONS)
 
 
 def calibration_from(document: YamlDocument, kind: str | None = None) -> Calibration:
@@ -286,16 +261,16 @@ def calibration_from(document: YamlDocument, kind: str | None = None) -> Calibra
         kind: key of the calibration; None for the whole document.
 
     Raises:
-        InputError: as for `load_calibration`.
+        InputError: the first problem, with file, line, key and valid values.
     """
     at = () if kind is None else (kind,)
     data = document.data if kind is None else document.data.get(kind)
     stated = data.get("kind") if isinstance(data, Mapping) else None
     if stated is None and isinstance(data, Mapping):
         raise InputError(
-            f"{document.origin}: is not a calibration, 'kind' is missing. Valid: {', '.join(_MODELS)}"
+            f"{document.origin}: is not a calibration, 'kind' is missing. Valid: {', '.join(CALIBRATIONS)}"
         )
-    model = _MODELS.get(stated) if isinstance(stated, str) else None
+    model = CALIBRATIONS.get(stated) if isinstance(stated, str) else None
     if model is None:
-        raise input_error(document, (*at, "kind"), f"Valid: {', '.join(_MODELS)}", stated)
+        raise input_error(document, (*at, "kind"), f"Valid: {', '.join(CALIBRATIONS)}", stated)
     return validate(model, data, document, at)

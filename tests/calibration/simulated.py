@@ -3,10 +3,14 @@
 from datetime import UTC, datetime
 from pathlib import Path
 
+from palpate.calibration.arm_fit import ArmFit
+from palpate.calibration.encoder import EncoderFit
+from palpate.calibration.force import ForceFit
+from palpate.robot_io.calibration.file import Calibration
 from palpate.robot_io.robot_file import RobotFile
 from palpate.robot_io.session import Session
 from palpate.runs.calibration import CalibrationJob
-from palpate.runs.calibration_file import CalibrationStamp
+from palpate.runs.calibration_file import make_calibration
 from palpate.runs.robots import find_robot
 from palpate.sim_backend.scenario import load_scenario
 
@@ -26,8 +30,8 @@ def opened(job: CalibrationJob) -> Session:
     return Session.open(job.session)
 
 
-def stamp(job: CalibrationJob) -> CalibrationStamp:
-    return CalibrationStamp.of(job.robot_file, job.session, 365.0)
+def made(job: CalibrationJob, fit: ArmFit | EncoderFit | ForceFit) -> Calibration:
+    return make_calibration(job.kind, fit, job.robot_file, job.session, 365.0)
 
 
 def in_joints(effect: str, **parameters) -> list[dict]:

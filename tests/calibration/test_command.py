@@ -3,10 +3,10 @@ import shutil
 
 import pytest
 
-from palpate.robot_io.calibration.file import load_calibration
 from palpate.robot_io.session import Session
 from palpate.runs.robots import find_robot
 from tests.palpate.cli import assert_refused, done, run
+from tests.robot_io.calibration.parts import load_calibration
 
 pytestmark = pytest.mark.usefixtures("log_in_process")
 KG = (0, 1, 2, 3, 2, 1, 0)

@@ -16,7 +16,6 @@ from palpate.estimation.study.estimates import estimate_with
 from palpate.estimation.study.sessions import arm_of
 from palpate.estimation.study.source import open_source
 from palpate.robot_io.calibration.applied import load_calibrations
-from palpate.robot_io.calibration.file import parse_calibration
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.robot_io.robot_file import load_robot_file, parse_robot_file
 from palpate.robot_io.session import Session
@@ -25,7 +24,8 @@ from palpate.runs import calibration_file as fits
 from palpate.runs.calibration_file import open_recorded
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.sim_backend.scenario import load_scenario
-from tests.calibration.simulated import FOLLOWER, in_joints, job_in, opened, stamp
+from tests.calibration.simulated import FOLLOWER, in_joints, job_in, made, opened
+from tests.robot_io.calibration.parts import parse_calibration
 
 pytestmark = pytest.mark.slow
 
@@ -101,14 +101,14 @@ class TestDrives:
 
     def test_base_tilt_is_estimated_within_its_uncertainty(self, excited):
         job, hidden, fit = excited
-        calibration = fits.gravity_calibration(fit, stamp(job))
+        calibration = fits.make_calibration("gravity", fit, FOLLOWER, job.session, 365.0)
         pitch = calibration.values.pitch
         assert abs(pitch.value - hidden["pitch"]) < 4 * pitch.std_err < 2e-3
         assert calibration.values.roll is None  # the joints' axes are all across
 
     def test_calibration_file_states_its_origin_and_the_arm_returns_home(self, excited):
         job, _, fit = excited
-        calibration = fits.torque_calibration(fit, stamp(job))
+        calibration = made(job, fit)
         again = parse_calibration(calibration.to_yaml(), "torque.yaml")
         assert again == calibration
         assert again.raw_data.file == job.session.name
@@ -192,8 +192,8 @@ def test_calibration_improves_the_estimates_of_a_probing_run(tmp_path):
     runs.run_pose(encoder_job)
     zeros = fits.encoder_fit_of(opened(encoder_job), 3, plain.home_rad, 1e-3)
     arm = tmp_path / "arm"
-    write_text(arm / "force.yaml", fits.force_calibration(force_fit, "N", stamp(force_job)).to_yaml())
-    write_text(arm / "encoder.yaml", fits.encoder_calibration(zeros, stamp(encoder_job)).to_yaml())
+    write_text(arm / "force.yaml", made(force_job, force_fit).to_yaml())
+    write_text(arm / "encoder.yaml", made(encoder_job, zeros).to_yaml())
     named = arm / "calibrated.yaml"
     named.write_text(plain.text + "\ncalibration: {force: force.yaml, encoder: encoder.yaml}\n")
     calibrated = load_robot_file(named)
@@ -211,7 +211,7 @@ def test_calibration_improves_the_estimates_of_a_probing_run(tmp_path):
 def test_estimation_takes_the_tilt_from_the_session(tmp_path, excited):
     job, hidden, fit = excited
     shutil.copytree(FOLLOWER.path.parent, tmp_path / "arm")
-    calibration = fits.gravity_calibration(fit, stamp(job))
+    calibration = fits.make_calibration("gravity", fit, FOLLOWER, job.session, 365.0)
     write_text(tmp_path / "arm" / "gravity.yaml", calibration.to_yaml())
     path = tmp_path / "arm" / "tilted.yaml"
     path.write_text(FOLLOWER.text + "\ncalibration: {gravity: gravity.yaml}\n")

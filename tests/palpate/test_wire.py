@@ -8,7 +8,6 @@ import pytest
 from palpate.common.console import FIRST_PROBE
 from palpate.estimation.data.channels import session_channels
 from palpate.estimation.study.estimates import estimate_with
-from palpate.robot_io.calibration.file import load_calibration
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.robot_file import parse_robot_file
 from palpate.robot_io.session import Session
@@ -18,6 +17,7 @@ from palpate.sim_backend.hidden import sealed_path
 from tests.files import saved
 from tests.palpate.cli import ROOT, assert_refused, done, run
 from tests.palpate.sessions import QUICK
+from tests.robot_io.calibration.parts import load_calibration
 
 pytestmark = pytest.mark.usefixtures("log_in_process")
 SHORT = ("--experiment", QUICK, "--online", "none")

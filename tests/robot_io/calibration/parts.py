@@ -5,11 +5,15 @@ from pathlib import Path
 
 from palpate.robot_io.calibration.applied import device_identity, urdf_sha256
 from palpate.robot_io.calibration.file import (
+    MAX_BYTES,
+    Calibration,
     EncoderCalibration,
     ForceCalibration,
     GravityCalibration,
     TorqueCalibration,
+    calibration_from,
 )
+from palpate.robot_io.files.file_model import load_yaml, parse_yaml
 from palpate.robot_io.robot_file import RobotFile, load_robot_file
 from tests.mock_robot import write_mock_files
 
@@ -78,3 +82,11 @@ def robot_with(folder: Path, *kinds: str, **changes) -> RobotFile:
         lines = "".join(f"  {kind}: {kind}.yaml\n" for kind in kinds)
         path.write_text(path.read_text() + "\ncalibration:\n" + lines)
     return load_robot_file(path)
+
+
+def load_calibration(path: Path) -> Calibration:
+    return calibration_from(load_yaml(path, MAX_BYTES))
+
+
+def parse_calibration(text: str, origin: str) -> Calibration:
+    return calibration_from(parse_yaml(text, origin, MAX_BYTES))

@@ -1,11 +1,10 @@
 import pytest
 import yaml
 
-from palpate.robot_io.calibration.file import load_calibration, parse_calibration
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.robot_file import load_robot_file
 from tests.mock_robot import write_mock_files
-from tests.robot_io.calibration.parts import KINDS, calibration_of
+from tests.robot_io.calibration.parts import KINDS, calibration_of, load_calibration, parse_calibration
 
 
 @pytest.fixture
