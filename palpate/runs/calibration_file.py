@@ -134,7 +134,8 @@ def make_calibration(
     """
     with raw.open("rb") as file:
         sha256 = hashlib.file_digest(file, "sha256").hexdigest()
-    made_utc, source, made_with = datetime.now(UTC), "measured", []
+    made_utc, made_with = datetime.now(UTC), list[str]()
+    source: str | None = "measured"
     if raw.suffix == ".mcap":
         metadata = Session.open(raw).metadata
         made_utc, made_by = datetime.fromisoformat(metadata.created_utc), metadata.extra.get(SOURCE)
@@ -164,7 +165,7 @@ def make_calibration(
 
 def _results(
     kind: str, fit: ArmFit | EncoderFit | ForceFit, reading_unit: str
-) -> tuple[dict[str, object], dict[str, object]]:
+) -> tuple[dict[str, dict[str, object]], dict[str, dict[str, object]]]:
     """Return the values and the findings of a fit."""
     if isinstance(fit, ForceFit):
         values = {"zero": _entry(fit.zero, reading_unit), "scale": _entry(fit.scale, f"N/{reading_unit}")}

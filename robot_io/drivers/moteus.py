@@ -133,26 +133,6 @@ class MoteusState:
         return TIMEOUT if self.mode == TIMEOUT else 0
 
 
-def encode_stop(host_id: int, motor_id: int) -> CanFrame:
-    """Make the frame that stops a controller and clears its faults.
-
-    Args:
-        host_id: CAN id of the sender.
-        motor_id: CAN id of the controller.
-    """
-    return _frame(host_id, motor_id, _STOP)
-
-
-def encode_query(host_id: int, motor_id: int) -> CanFrame:
-    """Make the frame that requests the state and changes nothing.
-
-    Args:
-        host_id: CAN id of the sender.
-        motor_id: CAN id of the controller.
-    """
-    return _frame(host_id, motor_id, _ASK)
-
-
 def encode_torque(host_id: int, motor_id: int, torque_nm: float, watchdog_s: float) -> CanFrame:
     """Command a torque at the output that holds for a time.
 
@@ -211,8 +191,8 @@ class MoteusBus(PolledMotorBus[MoteusState]):
         super().__init__(validated, validated.motors, context, ids, validated.watchdog_s)
         self._settings, self._motors = validated, validated.motors
         self._observed_states: list[MoteusState | None] = [None] * len(ids)
-        self._state_request_frames = [encode_query(validated.host_id, motor_id) for motor_id in ids]
-        self._stops = [encode_stop(validated.host_id, motor_id) for motor_id in ids]
+        self._state_request_frames = [_frame(validated.host_id, motor_id, _ASK) for motor_id in ids]
+        self._stops = [_frame(validated.host_id, motor_id, _STOP) for motor_id in ids]
 
     def configure(self) -> None:
         """Open the adapter and receive a state of every controller, without changing modes.

@@ -87,18 +87,6 @@ def decode_record(datagram: bytes) -> RdtRecord:
     return RdtRecord(sequence, measurement, status, tuple(counts))
 
 
-def status_problem(status: int) -> str:
-    """Return the names of the errors in a status, or an empty string.
-
-    Args:
-        status: bits of a record.
-    """
-    errors = status & ~_NO_ERROR
-    if errors or status == 1 << 31:
-        return f"{bit_names(errors, _STATUS) if errors else 'error'} (status {status:#010x})"
-    return ""
-
-
 class NetFtStream(ReadingStream):
     """Forces of one axis ("x", "y" or "z") from datagrams, `rate_hz` of them a second [Hz].
 
@@ -134,8 +122,10 @@ class NetFtStream(ReadingStream):
             return []
         self._old = 0
         self.sensor_clock.advance(steps * self._period_s)
-        counts, problem = record.counts[self._axis], status_problem(record.status)
-        if not problem and abs(counts) >= _LARGEST_COUNTS:
+        counts, errors, problem = record.counts[self._axis], record.status & ~_NO_ERROR, ""
+        if errors or record.status == 1 << 31:
+            problem = f"{bit_names(errors, _STATUS) if errors else 'error'} (status {record.status:#010x})"
+        elif abs(counts) >= _LARGEST_COUNTS:
             problem = "counts at the end of their range"
         self._last, self.fault_text = record, f"the sensor says '{problem}'" if problem else ""
         return [] if problem else [counts * self._scale]

@@ -196,11 +196,13 @@ class OdriveBus(MotorBus):
         return _LOST_HEARTBEATS * self._settings.heartbeat_s
 
     def _state_frames(self, state: AxisState) -> list[CanFrame]:
-        return [odrive.encode_axis_state(axis.node_id, state) for axis in self._axes]
+        return [
+            odrive.encode_command(axis.node_id, OdriveCommand.SET_AXIS_STATE, state) for axis in self._axes
+        ]
 
     def _request_all(self, *messages: OdriveCommand) -> None:
         """Request messages from every axis."""
-        frames = [odrive.encode_request(axis.node_id, each) for axis in self._axes for each in messages]
+        frames = [odrive.encode_command(axis.node_id, each) for axis in self._axes for each in messages]
         self._send_all(frames)
 
     def _all_answered(self) -> bool:
@@ -265,18 +267,24 @@ class OdriveBus(MotorBus):
         """Clear errors and go to closed-loop torque control at zero torque."""
         nodes = [axis.node_id for axis in self._axes]
         armed_s = self._clock.now_s()
-        self._send_all([odrive.encode_clear_errors(node) for node in nodes])
+        self._send_all([odrive.encode_command(node, OdriveCommand.CLEAR_ERRORS, 0) for node in nodes])
         self._send_all(
             [
-                odrive.encode_limits(
-                    axis.node_id, _SPARE_SPEED * self._fastest_rev_s(joint), axis.current_limit_a
+                odrive.encode_command(
+                    axis.node_id,
+                    OdriveCommand.SET_LIMITS,
+                    _SPARE_SPEED * self._fastest_rev_s(joint),
+                    axis.current_limit_a,
                 )
                 for joint, axis in enumerate(self._axes)
                 if axis.current_limit_a is not None
             ]
         )
         zero_torque = [odrive.encode_input_torque(node, 0.0) for node in nodes]
-        self._send_all([odrive.encode_controller_mode(node) for node in nodes])
+        mode = odrive.TORQUE_CONTROL, odrive.PASSTHROUGH
+        self._send_all(
+            [odrive.encode_command(node, OdriveCommand.SET_CONTROLLER_MODE, *mode) for node in nodes]
+        )
         self._send_all(zero_torque)
         self._send_all(self._state_frames(AxisState.CLOSED_LOOP_CONTROL))
 

@@ -144,6 +144,12 @@ _FLOAT = struct.Struct("<f")
 _TWO_FLOATS = struct.Struct("<ff")
 _WORD = struct.Struct("<I")
 _TWO_WORDS = struct.Struct("<II")
+_LAYOUTS = {
+    OdriveCommand.SET_AXIS_STATE: _WORD,
+    OdriveCommand.SET_CONTROLLER_MODE: _TWO_WORDS,
+    OdriveCommand.SET_LIMITS: _TWO_FLOATS,
+    OdriveCommand.CLEAR_ERRORS: struct.Struct("<B"),
+}
 _COMMAND_MASK = (1 << COMMAND_BITS) - 1
 
 
@@ -248,34 +254,20 @@ def decode_version(frame: CanFrame) -> tuple[int, int, int]:
     return frame.data[4], frame.data[5], frame.data[6]
 
 
-def encode_request(node_id: int, command: OdriveCommand) -> CanFrame:
-    """Request a message from an axis, by a remote frame.
+def encode_command(node_id: int, command: OdriveCommand, *values: float) -> CanFrame:
+    """Make the frame of a command, or the remote frame that requests a message.
 
     Args:
         node_id: node id of the axis, 0 to 63.
-        command: message to request.
+        command: command, or message to request.
+        values: values of the command. `SET_AXIS_STATE` takes the state, `SET_CONTROLLER_MODE` control and
+            input mode. `SET_LIMITS` takes the velocity [rev/s] above which the axis fails, and the current
+            [A]; the axis loses both at its next start, and CANSimple cannot read them. `CLEAR_ERRORS` takes
+            0, so that the identify light stays as it is.
     """
-    return CanFrame(odrive_id(node_id, command), remote=True)
-
-
-def encode_axis_state(node_id: int, state: AxisState) -> CanFrame:
-    """Request a change of an axis' state.
-
-    Args:
-        node_id: node id of the axis, 0 to 63.
-        state: state to enter.
-    """
-    return CanFrame(odrive_id(node_id, OdriveCommand.SET_AXIS_STATE), _WORD.pack(state))
-
-
-def encode_controller_mode(node_id: int) -> CanFrame:
-    """Select torque control with input mode "passthrough".
-
-    Args:
-        node_id: node id of the axis, 0 to 63.
-    """
-    data = _TWO_WORDS.pack(TORQUE_CONTROL, PASSTHROUGH)
-    return CanFrame(odrive_id(node_id, OdriveCommand.SET_CONTROLLER_MODE), data)
+    layout = _LAYOUTS.get(command)
+    data = b"" if layout is None else layout.pack(*values)
+    return CanFrame(odrive_id(node_id, command), data, remote=layout is None)
 
 
 def encode_input_torque(node_id: int, torque_nm: float) -> CanFrame:
@@ -295,25 +287,3 @@ def encode_input_torque(node_id: int, torque_nm: float) -> CanFrame:
     if not isfinite(torque_nm):
         raise InputError(f"torque {torque_nm} N m is not finite")
     return CanFrame(odrive_id(node_id, OdriveCommand.SET_INPUT_TORQUE), data)
-
-
-def encode_limits(node_id: int, velocity_rev_s: float, current_a: float) -> CanFrame:
-    """Set a motor's velocity limit [rev/s], above which the axis fails, and its current limit [A].
-
-    The axis loses both at its next start; CANSimple cannot read them.
-
-    Args:
-        node_id: node id of the axis.
-        velocity_rev_s: largest speed [rev/s].
-        current_a: largest current [A].
-    """
-    return CanFrame(odrive_id(node_id, OdriveCommand.SET_LIMITS), _TWO_FLOATS.pack(velocity_rev_s, current_a))
-
-
-def encode_clear_errors(node_id: int) -> CanFrame:
-    """Clear an axis's errors; its identify light stays as it is.
-
-    Args:
-        node_id: node id of the axis, 0 to 63.
-    """
-    return CanFrame(odrive_id(node_id, OdriveCommand.CLEAR_ERRORS), b"\x00")

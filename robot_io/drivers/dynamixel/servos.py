@@ -174,7 +174,8 @@ class DynamixelAccess(RegisterAccess):
         Raises:
             DeviceError: as for `read`.
         """
-        if trouble := tables.drive_mode_problem(self.read(servo.id, tables.DRIVE_MODE)):
+        drive_mode = self.read(servo.id, tables.DRIVE_MODE)
+        for trouble in [text for bit, text in tables.DRIVE_MODE_PROBLEMS.items() if drive_mode & bit][:1]:
             yield f"drive mode: {trouble}", "set its drive mode to 0"
         secondary = self.read(servo.id, tables.SECONDARY_ID)
         if secondary < tables.NO_SECONDARY_ID:
@@ -256,10 +257,11 @@ class DynamixelLine(ServoLine):
         block = [register.address + byte for register in _FEEDBACK_REGISTERS for byte in range(register.size)]
         mapped = (*[tables.TORQUE_ENABLE.address] * PADDING, *block)
         addresses = b"".join(address.to_bytes(2, "little") for address in mapped)
+        delay = round(self._settings.return_delay_s / tables.RETURN_DELAY_STEP_S)
         for servo_id in self.ids:
             write = self.registers.write_and_verify
             write(servo_id, tables.TORQUE_ENABLE, 0)
-            write(servo_id, tables.RETURN_DELAY_TIME, self._settings.return_delay, is_stored=True)
+            write(servo_id, tables.RETURN_DELAY_TIME, delay, is_stored=True)
             what = "mapping its feedback to indirect data"
             self.registers.write_bytes(servo_id, tables.INDIRECT_ADDRESS, addresses, what)
             write(servo_id, tables.BUS_WATCHDOG, 0)  # clears a watchdog that has fired

@@ -57,7 +57,7 @@ LARGEST_HOMING_OFFSET: Final = 1_044_479
 LARGEST_RETURN_DELAY: Final = 254
 LARGEST_WATCHDOG: Final = 127
 
-_DRIVE_MODE_PROBLEMS = {
+DRIVE_MODE_PROBLEMS = {
     0x01: "reversed, for which the robot file has 'reversed: true'",
     0x02: "a slave of another servo",
     0x08: "switches its torque on by itself when it gets a goal",
@@ -69,15 +69,6 @@ _HARDWARE_ERRORS = {
     0x10: "electrical shock",
     0x20: "overload",
 }
-
-
-def drive_mode_problem(value: int) -> str | None:
-    """Return why a servo with this drive mode cannot be used, or None.
-
-    Args:
-        value: content of the register.
-    """
-    return next((trouble for bit, trouble in _DRIVE_MODE_PROBLEMS.items() if value & bit), None)
 
 
 def hardware_error_names(value: int) -> str:
@@ -162,11 +153,6 @@ class DynamixelSettings(ServoBusSettings[ServoSettings]):
     # Silence after which a servo switches its torque off, in steps of 20 ms [s].
     watchdog_s: Annotated[Positive, Field(ge=WATCHDOG_STEP_S, le=LARGEST_WATCHDOG * WATCHDOG_STEP_S)] = 0.06
     fast_sync_read: bool = True  # used if the firmware of all servos has it
-
-    @property
-    def return_delay(self) -> int:
-        """Value in the servo's unit."""
-        return round(self.return_delay_s / RETURN_DELAY_STEP_S)
 
     @property
     def watchdog(self) -> int:

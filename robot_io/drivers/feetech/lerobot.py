@@ -42,18 +42,6 @@ class LerobotMotor(FileModel):
         middle_rad = 0.5 * (self.range_min + self.range_max) * POSITION_STEP_RAD
         return middle_rad if self.drive_mode else -middle_rad
 
-    def robot_file_entry(self, model: str) -> str:
-        """Write the servo's line in `servos` of a robot file.
-
-        Args:
-            model: model of the servo, by its maker's name.
-        """
-        turned = ", reversed: true" if self.drive_mode else ""
-        return (
-            f"{{id: {self.id}, model: {model}{turned}, zero_rad: {self.zero_rad:.5f}, "
-            f"homing_offset: {self.homing_offset}}}"
-        )
-
 
 class LerobotCalibration(RootModel[Annotated[dict[str, LerobotMotor], Field(min_length=1)]]):
     """The whole file: joints by LeRobot's names."""
@@ -100,7 +88,11 @@ def main(arguments: list[str]) -> int:
         print(error, file=sys.stderr)
         return 2
     for name, motor in motors.items():
-        print(f"      - {motor.robot_file_entry('STS3215-12V')}   # {name}")
+        turned = ", reversed: true" if motor.drive_mode else ""
+        print(
+            f"      - {{id: {motor.id}, model: STS3215-12V{turned}, zero_rad: {motor.zero_rad:.5f}, "
+            f"homing_offset: {motor.homing_offset}}}   # {name}"
+        )
     print(
         "Next: copy the lines of the moving joints into 'servos' of your robot file, in order from the base."
     )

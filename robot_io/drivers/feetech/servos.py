@@ -102,8 +102,11 @@ class FeetechLine(ServoLine):
             raise DeviceError(
                 f"servo {servo_id} is a {tables.model_name(number)}, but the robot file states {servo.model}"
             )
-        if trouble := tables.phase_problem(read(servo_id, tables.PHASE)):
-            raise DeviceError(f"servo {servo_id} {trouble}")
+        phase = read(servo_id, tables.PHASE)
+        for bit, needed, trouble in tables.PHASE_BITS:
+            if phase >> bit & 1 != needed:
+                state = "set" if needed else "clear"
+                raise DeviceError(f"servo {servo_id} {trouble}: {state} bit {bit} of its phase (18)")
         firmware = read(servo_id, tables.FIRMWARE)
         limits_v = (read(servo_id, tables.MIN_VOLTAGE), read(servo_id, tables.MAX_VOLTAGE))
         return ServoIdentity(

@@ -62,7 +62,7 @@ RESTARTED_LIMIT: Final = 1000  # torque limit after a restart, as delivered: wha
 LARGEST_LIMIT: Final = 999  # that is set
 
 # Bits of the phase, required value, and effect of the other value.
-_PHASE_BITS = (
+PHASE_BITS = (
     (2, 1, "shows speeds in steps of 50 counts/s"),
     (3, 1, "stands still at a goal speed of 0, which should mean no limit"),
     (4, 0, "counts over several turns"),
@@ -72,18 +72,6 @@ COUNTS_PER_REVOLUTION: Final = 4096
 POSITION_STEP_RAD: Final = 2.0 * pi / COUNTS_PER_REVOLUTION
 DUTY_PER_LOAD: Final = 1e-3
 DUTY_PER_RAD: Final = 0.166  # times the P coefficient
-
-
-def phase_problem(value: int) -> str | None:
-    """Return why a servo with this phase cannot be used, or None.
-
-    Args:
-        value: content of the register.
-    """
-    for bit, needed, trouble in _PHASE_BITS:
-        if value >> bit & 1 != needed:
-            return f"{trouble}: {'set' if needed else 'clear'} bit {bit} of its phase (18)"
-    return None
 
 
 @dataclass(frozen=True, slots=True)

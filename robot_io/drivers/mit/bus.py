@@ -8,7 +8,13 @@ from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.drivers.can.line import CanFrame
 from palpate.robot_io.drivers.can.motors import ANSWER_S, PolledMotorBus
 from palpate.robot_io.drivers.joint_bus import BusEncoder, BusTorque
-from palpate.robot_io.drivers.mit.protocol import TIMEOUT_STEP_S, MitState, MotorCommand, MotorRegister
+from palpate.robot_io.drivers.mit.protocol import (
+    TIMEOUT_STEP_S,
+    MitRanges,
+    MitState,
+    MotorCommand,
+    MotorRegister,
+)
 from palpate.robot_io.drivers.mit.settings import MitBusSettings
 from palpate.robot_io.errors import DeviceError, ProtocolError
 from palpate.robot_io.examination import Finding, fail, ok
@@ -31,7 +37,12 @@ class MitBus(PolledMotorBus[MitState]):
         self._settings = validated
         self._motors = validated.motors
         self._dialect = validated.dialect
-        self._ranges = [validated.wire_ranges(motor) for motor in validated.motors]
+        self._ranges = [
+            MitRanges(own.position_rad, own.velocity_rad_s, own.torque_nm)
+            if (own := motor.ranges) is not None
+            else validated.dialect.models[motor.model]
+            for motor in validated.motors
+        ]
         answer_ids = {motor.motor_id: validated.answer_ids(motor) for motor in validated.motors}
         self._frames = validated.dialect.frames(validated.host, answer_ids)
         self._alarms = [0] * len(validated.motors)  # errors reported without a request

@@ -258,13 +258,6 @@ class MitBusSettings(CanLineSettings):
         """CAN id to which the motors answer."""
         return self.dialect.host_id if self.host_id is None else self.host_id
 
-    def wire_ranges(self, motor: MitMotor) -> MitRanges:
-        """Return the ranges of the numbers in a motor's frames."""
-        changed = motor.ranges
-        if changed is None:
-            return self.dialect.models[motor.model]
-        return MitRanges(changed.position_rad, changed.velocity_rad_s, changed.torque_nm)
-
     def answer_ids(self, motor: MitMotor) -> tuple[int, ...]:
         """Return the arbitration ids under which a motor's answers are accepted."""
         if self.dialect.has_answer_ids:

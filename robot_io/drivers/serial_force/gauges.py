@@ -157,16 +157,6 @@ def parse_model(answer: str) -> str:
     raise ProtocolError(f"model '{answer[:40]}' is not a {' or '.join(MODELS)}")
 
 
-def parse_unit(answer: str) -> float:
-    """Return the newtons in one unit of the readings.
-
-    Raises:
-        ProtocolError: not a unit of force.
-    """
-    words = answer.split()
-    return newtons_per(words[-1] if words else "")
-
-
 def parse_number(text: str) -> float:
     """Parse a decimal number in the interface's format.
 
@@ -219,8 +209,8 @@ class Loadstar(SerialForceSensor, Examinable):
             raise self._error("no DI-100 or DI-1000 answers; check port and baud rate")
         try:
             model = parse_model(self._ask(ASK_MODEL))
-            unit = self._ask(ASK_UNITS)
-            newtons_per_unit = parse_unit(unit)
+            unit = (self._ask(ASK_UNITS).split() or [""])[-1]
+            newtons_per_unit = newtons_per(unit)
             capacity_n = parse_number(self._ask(ASK_CAPACITY).split()[0]) * newtons_per_unit
         except ProtocolError as error:
             raise self._error(str(error)) from error
@@ -229,7 +219,7 @@ class Loadstar(SerialForceSensor, Examinable):
                 f"the interface is set for a load cell of {capacity_n:.4g} N, "
                 f"but the robot file states {self._settings.capacity_n:.4g} N"
             )
-        self._identified = f"{model}, counts in {unit.split()[-1]}, load cell of {capacity_n:.4g} N"
+        self._identified = f"{model}, counts in {unit}, load cell of {capacity_n:.4g} N"
         if self._settings.tare:
             self._ask(TARE, may_be_yes=True)
         self._bus.listen(loadstar_stream(newtons_per_unit, capacity_n), self._settings.capacity_n)

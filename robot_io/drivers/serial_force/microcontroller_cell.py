@@ -71,18 +71,6 @@ def parse_sample(line: bytes) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-def parse_fault(line: bytes) -> str:
-    """Return the error that a line reports, such as "fault converter", or an empty string.
-
-    Args:
-        line: received line.
-    """
-    with suppress(ProtocolError):
-        text = verified_text(line)
-        return text if text.startswith("fault ") else ""
-    return ""
-
-
 class CellStream(ReadingStream):
     """Forces from lines; a line whose counter repeats or goes back is old, and is ignored.
 
@@ -110,7 +98,10 @@ class CellStream(ReadingStream):
             try:
                 counter, counts = parse_sample(line)
             except ProtocolError:
-                if fault := parse_fault(line):
+                fault = ""
+                with suppress(ProtocolError):
+                    fault = verified_text(line)
+                if fault.startswith("fault "):
                     self.fault_text = f"the cell says '{fault}'"
                     self.sensor_clock.restart()  # the cell's counter does not advance during a fault
                 else:

@@ -113,11 +113,13 @@ def test_torque_command_matches_the_dbc(torque_nm):
 
 def test_other_commands_match_the_dbc():
     database = DBC[Firmware.V0_6]
-    state = odrive.encode_axis_state(NODE, AxisState.CLOSED_LOOP_CONTROL)
+    state = odrive.encode_command(NODE, OdriveCommand.SET_AXIS_STATE, AxisState.CLOSED_LOOP_CONTROL)
     assert database.decode_message(state.can_id, state.data) == {"Axis_Requested_State": 8}
-    mode = odrive.encode_controller_mode(NODE)
+    mode = odrive.encode_command(
+        NODE, OdriveCommand.SET_CONTROLLER_MODE, odrive.TORQUE_CONTROL, odrive.PASSTHROUGH
+    )
     assert database.decode_message(mode.can_id, mode.data) == {"Control_Mode": 1, "Input_Mode": 1}
-    limits = odrive.encode_limits(NODE, 12.5, 40.0)
+    limits = odrive.encode_command(NODE, OdriveCommand.SET_LIMITS, 12.5, 40.0)
     assert database.decode_message(limits.can_id, limits.data) == {
         "Velocity_Limit": 12.5,
         "Current_Limit": 40,
@@ -135,7 +137,7 @@ def test_other_commands_match_the_dbc():
         Fw_Version_Unreleased=0,
     )
     assert odrive.decode_version(version) == (0, 6, 10)
-    assert odrive.encode_request(NODE, OdriveCommand.GET_VERSION) == CanFrame(0x20, b"", remote=True)
+    assert odrive.encode_command(NODE, OdriveCommand.GET_VERSION) == CanFrame(0x20, b"", remote=True)
 
 
 @pytest.mark.parametrize("length", [0, 4, 7])

@@ -90,8 +90,8 @@ ANSWER = bytes.fromhex("21000a2f010000803e0000c0bf0000004020040c02301f00")
     ("frame", "data"),
     [  # Controller(id=3) with int8 position and gains, int16 watchdog: make_position, make_stop, make_query
         (moteus.encode_torque(0, 3, 1.5, 0.1), "01000a0120800d220000c03f0223000005276400012b00" + QUESTION),
-        (moteus.encode_stop(0, 3), "010000" + QUESTION),
-        (moteus.encode_query(0, 3), QUESTION),
+        (moteus._frame(0, 3, moteus._STOP), "010000" + QUESTION),
+        (moteus._frame(0, 3, moteus._ASK), QUESTION),
     ],
 )
 def test_encoding_matches_the_vendor_library(frame, data):

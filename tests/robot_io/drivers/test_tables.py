@@ -62,8 +62,7 @@ def test_dynamixel_matches_its_emulator(name):
 
 
 def test_dynamixel_numbers_have_documented_units():
-    assert dynamixel.drive_mode_problem(0) is dynamixel.drive_mode_problem(0x04) is None  # profile by time
-    assert all(dynamixel.drive_mode_problem(bit) for bit in (0x01, 0x02, 0x08))
+    assert list(dynamixel.DRIVE_MODE_PROBLEMS) == [0x01, 0x02, 0x08]  # 0x04 is a profile by time
     assert pytest.approx(0.0239808, rel=1e-5) == dynamixel.VELOCITY_STEP_RAD_S  # 0.229 rpm
     assert pytest.approx(0.00153398, rel=1e-5) == dynamixel.POSITION_STEP_RAD  # 0.088 degrees
 

@@ -94,11 +94,11 @@ def test_invalid_reading_is_refused(text):
 def test_answers_of_the_manual():
     assert gauges.parse_model("FCM DI-1000") == "DI-1000"
     assert gauges.parse_model("FCM DI-100") == "DI-100"
-    assert gauges.parse_unit("lbf") == pytest.approx(POUND_N)
-    assert gauges.parse_unit("UNITS kgf") == pytest.approx(9.80665)
+    assert newtons_per("lbf") == pytest.approx(POUND_N)
+    assert newtons_per("kgf") == pytest.approx(9.80665)
     for unit in ("lbf-ft", "in", "psi", "", "UNITS", "MN"):
         with pytest.raises(ProtocolError, match="not a known unit"):
-            gauges.parse_unit(unit)
+            newtons_per(unit)
     with pytest.raises(ProtocolError, match="iLoad"):
         gauges.parse_model("iLoad Pro")
 
