@@ -153,7 +153,7 @@ def read_workbook(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 def read_matlab(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     """Read vectors and columns of matrices of a MATLAB file (up to version 7.2): `x`, `x.0`, `x.1` ...
 
-    A field of a structure is named after both, `s.x`; in an array of structures, `s.0.x`, `s.1.x` ...
+    A field of a structure is named after both, `s.x`; in an array of them or a cell, `s.0.x`, `s.1.x` ...
     An array of three dimensions holds repeated readings; the mean over its last dimension is taken.
     """
     del options
@@ -178,6 +178,9 @@ def _columns_of(arrays: Mapping[str, Any]) -> Columns:
         elif value.dtype.names:
             for i, item in enumerate(value.ravel()):
                 columns |= _columns_of({f"{name}.{i}.{key}": item[key] for key in value.dtype.names})
+        elif value.dtype == object:
+            for i, item in enumerate(value.ravel()):
+                columns |= _columns_of({f"{name}.{i}": item})
         elif value.dtype.kind in "fiu" and value.ndim in (2, 3) and value.size > 1:
             matrix = value.mean(axis=2) if value.ndim == 3 else value
             upright = np.asarray(matrix if matrix.shape[0] >= matrix.shape[1] else matrix.T, dtype=np.float64)
@@ -275,6 +278,18 @@ def read_trials(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     return trials
 
 
+def read_zip(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
+    """Read text tables that are packed in one archive, sorted by name.
+
+    Args:
+        content: bytes of the archive.
+        options: `members`: pattern of the names of the tables; the others as in `read_text`.
+    """
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        names = sorted(fnmatch.filter(archive.namelist(), options["members"]))
+        return [table for name in names for table in read_text(archive.read(name), options)]
+
+
 def read_json(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     """Read numbers of a list of records, or series of a list of graphs.
 
@@ -302,6 +317,7 @@ READERS: dict[str, Reader] = {
     "matlab": read_matlab,
     "numpy": read_numpy,
     "jpk": read_jpk,
+    "zip": read_zip,
 }
 
 

@@ -5,6 +5,7 @@ import gzip
 import hashlib
 import json
 import subprocess
+import zipfile
 from functools import cache
 
 import numpy as np
@@ -123,6 +124,25 @@ def test_vectors_and_columns_of_a_numpy_archive_are_read(tmp_path):
     np.savez(tmp_path / "a.npz", time=np.arange(4.0), q=np.arange(12.0).reshape(4, 3), name="x")
     columns = {"time_s": "time", "position_rad": "q.2"}
     assert converted(tmp_path, columns, format="numpy", files=["a.npz"])["position_rad"] == [2, 5, 8, 11]
+
+
+def test_tables_of_an_archive_that_match_are_runs_sorted_by_name(tmp_path):
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        for name, force in (("soil/2.TXT", 5), ("soil/1.TXT", 3), ("notes.TXT", 9)):
+            archive.writestr(name, f"Plate: 4 cm\nF,x\n0,0\n{force},1\n")
+    read = {"format": "zip", "files": ["a.zip"], "members": "soil/*.TXT", "delimiter": ",", "skip": 2}
+    table = converted(tmp_path, {"time_s": {"step": 0.1}, "force_N": "F", "x_m": "x"}, **read)
+    assert (table["run"], table["force_N"]) == ([0, 0, 1, 1], [0, 3, 0, 5])
+
+
+def test_items_of_a_matlab_cell_are_named_by_their_number(tmp_path):
+    cell = np.empty((1, 2), dtype=object)
+    cell[0, 0], cell[0, 1] = ({"t": np.arange(3.0), "q": factor * np.arange(3.0)} for factor in (1, 2))
+    savemat(tmp_path / "a.mat", {"train": cell})
+    chain = {"t": ["train.0.t", "train.1.t"], "q": ["train.0.q", "train.1.q"]}
+    read = {"format": "matlab", "files": ["a.mat"], "chain": chain, "restarts": "t"}
+    table = converted(tmp_path, {"time_s": "t", "position_rad": "q"}, **read)
+    assert (table["run"], table["position_rad"]) == ([0, 0, 0, 1, 1, 1], [0, 1, 2, 0, 2, 4])
 
 
 def test_log_of_records_has_a_column_for_each_number():
