@@ -1,14 +1,201 @@
-"""Messaging of both sides over a line: forwards fresh messages, and detects silence and new peers."""
+"""Messaging of both sides over a line: forwards fresh messages, and detects silence and new peers.
 
+Only one sender is the peer at a time. Frames of another sender are foreign until the peer has been silent;
+then the new sender becomes the peer, and `restarts` counts it.
+
+The offset between the two clocks follows from messages in both directions. Let t0 be the own time stamp that
+the peer answers, t1 its arrival there, t2 the peer's time stamp and t3 the arrival here (t1 and t2 on the
+peer's clock):
+
+    round trip = (t3 - t0) - (t2 - t1),    offset = peer - own = ((t1 - t0) + (t2 - t3)) / 2 +- round trip / 2
+
+(RFC 5905, section 8). The exchange with the shortest round trip of the last seconds has the smallest error.
+"""
+
+from collections import Counter, deque
 from collections.abc import Callable
-from math import nan
+from dataclasses import dataclass
+from enum import StrEnum
+from math import inf, isfinite, nan
+from typing import NamedTuple
 
-from palpate.control.teleop.peer import Arrival, Peer, PeerLimits
 from palpate.robot_io.clock import Clock
+from palpate.robot_io.errors import InputError
 from palpate.robot_io.link.connection import LinkConnection
-from palpate.robot_io.link.frame import FrameError
+from palpate.robot_io.link.frame import Frame, FrameError
 from palpate.robot_io.link.messages import Message
 from palpate.robot_io.session import Column, Stream
+
+_WINDOW_S = 2.0
+_MAX_EXCHANGES = 512
+
+
+class Offset(NamedTuple):
+    """Offset of the peer's clock from the own clock."""
+
+    offset_s: float  # peer minus own [s]
+    round_trip_s: float  # round trip of its exchange; the offset's uncertainty is half of it [s]
+    at_s: float  # end of that exchange, on the own clock [s]
+
+
+class ClockOffset:
+    """Keeps the exchange with the shortest round trip of the last seconds."""
+
+    def __init__(self) -> None:
+        # Sorted by age, each with a shorter round trip than all younger ones; the first is the best.
+        self._exchanges: deque[Offset] = deque()
+
+    @property
+    def best(self) -> Offset | None:
+        """Exchange with the shortest round trip of the last seconds; None before the first."""
+        return self._exchanges[0] if self._exchanges else None
+
+    def update(self, t0_s: float, t1_s: float, t2_s: float, t3_s: float) -> None:
+        """Add one exchange; time stamps that are not finite or contradict each other are ignored.
+
+        Args:
+            t0_s: own time stamp that the peer answers, own clock [s].
+            t1_s: arrival of that message at the peer, peer's clock [s].
+            t2_s: stamp of the answer, peer's clock [s].
+            t3_s: arrival of the answer, own clock [s].
+        """
+        round_trip_s = (t3_s - t0_s) - (t2_s - t1_s)
+        if not (isfinite(round_trip_s) and round_trip_s >= 0.0 and t3_s >= t0_s):
+            return
+        exchanges = self._exchanges
+        while exchanges and exchanges[-1].round_trip_s >= round_trip_s:
+            exchanges.pop()
+        exchanges.append(Offset(0.5 * ((t1_s - t0_s) + (t2_s - t3_s)), round_trip_s, t3_s))
+        while exchanges[0].at_s < t3_s - _WINDOW_S or len(exchanges) > _MAX_EXCHANGES:
+            exchanges.popleft()
+
+
+_WINDOW = 64  # number of recent sequence numbers that are tracked individually
+
+
+class Arrival(StrEnum):
+    """Class of a frame; only a fresh one counts."""
+
+    FRESH = "fresh"
+    LATE = "late"  # in transit for too long to be used
+    REPEATED = "repeated"  # arrived before
+    REORDERED = "reordered"  # older than the newest
+    FOREIGN = "foreign"  # from another sender than the peer
+
+    __hash__ = str.__hash__  # faster than an Enum's: every frame is counted
+
+
+@dataclass(frozen=True, slots=True)
+class PeerLimits:
+    """Limits on the age of frames and on silence."""
+
+    late_s: float = 3.0  # longest transit time of a used frame [s]
+    silent_s: float = 1.0  # time without a fresh frame after which the peer is silent [s]
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.silent_s <= 60.0 and 0.0 < self.late_s <= 60.0):
+            raise InputError(
+                f"late_s {self.late_s}, silent_s {self.silent_s}: each must be above 0 and at most 60 s"
+            )
+
+
+class Peer:
+    """Classifies frames by their time stamps, without I/O; times are on the own clock [s].
+
+    Args:
+        limits: limits on age and silence.
+
+    Attributes:
+        counts: frames by class.
+        lost: gaps in the sequence so far; frames that arrive late are subtracted again.
+        restarts: number of times that a new sender has replaced the peer.
+    """
+
+    def __init__(self, limits: PeerLimits) -> None:
+        self._limits = limits
+        self.counts: Counter[Arrival] = Counter(dict.fromkeys(Arrival, 0))
+        self.lost = 0
+        self.restarts = 0
+        self._clocks = ClockOffset()
+        self._sender: int | None = None
+        self._newest, self._seen = -1, 0
+        # Smallest arrival minus time stamp: the clocks' offset plus the shortest transit time.
+        self._min_lag_s = inf
+        self._fresh_at_s = self._sent_s = nan
+
+    @property
+    def offset(self) -> Offset | None:
+        """Offset of the peer's clock; None before the first exchange."""
+        return self._clocks.best
+
+    def silent(self, now_s: float) -> bool:
+        """Return whether no fresh frame has arrived for `silent_s`, or ever.
+
+        Args:
+            now_s: own clock [s].
+        """
+        return not now_s - self._fresh_at_s <= self._limits.silent_s  # true for NaN as well
+
+    def age_s(self, now_s: float) -> float:
+        """Compute the age of the newest fresh frame's content.
+
+        Args:
+            now_s: own clock [s].
+
+        Returns:
+            Age [s]; NaN before the first frame, or if the offset is unknown.
+        """
+        return self.since_s(self._sent_s, now_s)
+
+    def since_s(self, peer_s: float, now_s: float) -> float:
+        """Compute the time elapsed since a time of the peer's clock.
+
+        Args:
+            peer_s: peer's clock [s].
+            now_s: own clock [s].
+
+        Returns:
+            Time since then [s]; NaN before the offset is known.
+        """
+        return nan if self.offset is None else now_s - (peer_s - self.offset.offset_s)
+
+    def classify(self, frame: Frame, arrived_s: float) -> Arrival:
+        """Classify a frame, and count it.
+
+        Args:
+            frame: received frame.
+            arrived_s: arrival time, own clock [s].
+        """
+        arrival = self._classify(frame, arrived_s)
+        self.counts[arrival] += 1
+        if arrival is Arrival.FRESH:
+            self._fresh_at_s, self._sent_s = arrived_s, frame.sent_s
+        return arrival
+
+    def _classify(self, frame: Frame, arrived_s: float) -> Arrival:
+        if frame.sender != self._sender:
+            if not self.silent(arrived_s):
+                return Arrival.FOREIGN
+            self.restarts += self._sender is not None
+            self._sender, self._newest, self._seen = frame.sender, -1, 0
+            self._clocks, self._min_lag_s = ClockOffset(), inf
+        behind = self._newest - frame.sequence
+        if behind >= 0:
+            if behind >= _WINDOW or self._seen >> behind & 1:
+                return Arrival.REPEATED
+            self._seen |= 1 << behind
+            self.lost -= 1
+            return Arrival.REORDERED
+        self.lost += -behind - 1 if self._newest >= 0 else 0
+        self._seen = (self._seen << min(-behind, _WINDOW) | 1) & ((1 << _WINDOW) - 1)
+        self._newest = frame.sequence
+        self._clocks.update(frame.heard_sent_s, frame.heard_at_s, frame.sent_s, arrived_s)
+        # Before the offset is known, the transit time is compared with that of the fastest frame.
+        transit_s, best = arrived_s - frame.sent_s, self._clocks.best
+        self._min_lag_s = min(self._min_lag_s, transit_s)
+        transit_s += -self._min_lag_s if best is None else best.offset_s
+        return Arrival.LATE if transit_s > self._limits.late_s else Arrival.FRESH
+
 
 STREAM_NAME = "link"
 LINK_STREAM = Stream(
@@ -24,20 +211,6 @@ LINK_STREAM = Stream(
         Column("lost", "1", 1, "frames that never came, so far", "int64"),
     ),
 )
-
-
-def link_record(peer: Peer, malformed: int, now_s: float) -> tuple[object, ...]:
-    """Make one record of `LINK_STREAM`.
-
-    Args:
-        peer: state of the other side.
-        malformed: number of malformed frames so far.
-        now_s: time on the clock of this side [s].
-    """
-    offset = peer.offset
-    clocks = (nan, nan) if offset is None else (offset.offset_s, offset.round_trip_s)
-    counts = (peer.counts[kind] for kind in Arrival)
-    return (now_s, *clocks, peer.age_s(now_s), peer.silent(now_s), *counts, malformed, peer.lost)
 
 
 _RESUBSCRIBE_S = 3.0  # silence after which the subscription is repeated
@@ -139,4 +312,8 @@ class Messaging:
         Returns:
             A value for each column.
         """
-        return link_record(self.peer, self._line.malformed, now_s)
+        peer = self.peer
+        clocks = (nan, nan) if peer.offset is None else (peer.offset.offset_s, peer.offset.round_trip_s)
+        counts = (peer.counts[kind] for kind in Arrival)
+        silent = peer.silent(now_s)
+        return (now_s, *clocks, peer.age_s(now_s), silent, *counts, self._line.malformed, peer.lost)

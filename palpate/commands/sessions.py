@@ -2,21 +2,30 @@
 
 import filecmp
 import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
+from numpy.typing import NDArray
 
 from palpate.common import console
 from palpate.common.console import as_command, count, display_path, shell_path, significant
 from palpate.common.files import existing_file, open_session, output_session
 from palpate.common.options import JsonOption
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.channels import session_channels
+from palpate.estimation.data.tick_channels import join_ticks
 from palpate.estimation.effects import EFFECTS
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.session import write_session
-from palpate.runs.hidden_effects import open_answer, was_sealed
-from palpate.sim_backend.hidden import SealedAnswer
-from palpate.workflows.merge import merge_notes, merged_metadata, merged_streams
+from palpate.robot_io.session import Session, SessionMetadata, Stream, write_session
+from palpate.robot_io.session.event import NOT_WHOLE, RUN_LABELS
+from palpate.runs.hidden_effects import SEAL, open_answer
+from palpate.runs.session import SOURCE
+from palpate.sim_backend.hidden import SealedAnswer, sealed_path
 
 
 def merge_command(
@@ -66,9 +75,9 @@ def reveal_command(
 ) -> None:
     """Reveal which effects were hidden in a session, where, and how strong they are."""
     sealed = open_session(session)
-    answer = (
-        open_answer(sealed) if was_sealed(sealed) else SealedAnswer((), None, sealed.metadata.created_utc)
-    )
+    answer = SealedAnswer((), None, sealed.metadata.created_utc)
+    if SEAL in sealed.metadata.extra or sealed_path(sealed.path).exists():
+        answer = open_answer(sealed)
     known = [entry.name for entry in answer.hidden if entry.name in EFFECTS]
     steps = [(f"palpate effects {name}", "what this effect is") for name in known[:1]]
     if answer.hidden:
@@ -107,3 +116,144 @@ def reveal_command(
         ],
     }
     console.present(content, show, steps, as_json=as_json)
+
+
+RUN = "run"
+_TO_MILLI = 1e3
+_BEGUN = 0.05  # share of the force reached in every run, above which the object counts as touched
+_APART, _SPREADS = 0.05, 3.0  # share of the deepest indentation, and multiple of the spread between runs
+Merged = tuple[Stream, Mapping[str, NDArray[np.generic]]]
+
+
+def merged_streams(sessions: Sequence[Session]) -> list[Merged]:
+    """Concatenate each stream that all sessions have.
+
+    Clocks are not changed. If one clock continues through all sessions, the memory of the object carries
+    over.
+
+    Args:
+        sessions: the sessions, in order.
+
+    Raises:
+        InputError: they are not of one arm, or not of the same streams.
+    """
+    first = sessions[0]
+    for session in sessions[1:]:  # refuse sessions of other arms, or with other streams or columns
+        if session.metadata.urdf != first.metadata.urdf:
+            if session.metadata.urdf and first.metadata.urdf:
+                raise InputError(
+                    f"{session.path}: was recorded with another arm than {first.path} (their URDFs differ)"
+                )
+            with_arm, without = ("", " not") if first.metadata.urdf else (" not", "")
+            raise InputError(
+                f"{session.path}: was{without} recorded with an arm, but {first.path} was{with_arm}; "
+                "merge only sessions of the same kind"
+            )
+        if set(session.stream_names) != set(first.stream_names):
+            names = [", ".join(each.stream_names) or "none" for each in (session, first)]
+            raise InputError(f"{session.path}: has streams {names[0]}, but {first.path} has {names[1]}")
+        for name in first.stream_names:
+            streams = [each.samples(name).stream for each in (session, first)]
+            forms = [{(c.name, c.width, c.unit) for c in stream.columns} for stream in streams]
+            if forms[0] != forms[1]:
+                differing = ", ".join(sorted({column for column, *_ in forms[0] ^ forms[1]}))
+                raise InputError(
+                    f"{session.path}: stream '{name}' and that in {first.path} differ in columns {differing}"
+                )
+    merged = list[Merged]()
+    for name in sessions[0].stream_names:
+        parts = [session.samples(name) for session in sessions]
+        if RUN in parts[0]:
+            parts = [join_ticks(parts)]
+        columns = {column: np.concatenate([part[column] for part in parts]) for column in parts[0]}
+        merged.append((parts[0].stream, columns))
+    return merged
+
+
+def merged_metadata(sessions: Sequence[Session], command_line: str) -> SessionMetadata:
+    """Return the first session's metadata without the fields that differ between the sessions.
+
+    Args:
+        sessions: the sessions, in order.
+        command_line: command line of this program.
+    """
+    first, files = sessions[0].metadata, ", ".join(session.path.name for session in sessions)
+    every = [session.metadata for session in sessions]
+    shared = {
+        key: text for key, text in first.extra.items() if all(item.extra.get(key) == text for item in every)
+    }
+    for key in (SEAL, RUN_LABELS):  # valid for one session and its run numbers only
+        shared.pop(key, None)
+    if lacking := [session.path.name for session in sessions if _is_incomplete(session)]:
+        shared[NOT_WHOLE] = ", ".join(lacking)
+    return replace(
+        first,
+        scenario=first.scenario if all(item.scenario == first.scenario for item in every) else "",
+        seed=first.seed if all(item.seed == first.seed for item in every) else None,
+        command_line=command_line,
+        software_version=version("palpate"),
+        extra=shared | {SOURCE: f"merged from {files}"},
+    )
+
+
+def _is_incomplete(session: Session) -> bool:
+    is_cut = session.truncated or session.unclosed or session.dropped
+    return bool(is_cut) or NOT_WHOLE in session.metadata.extra
+
+
+def merge_notes(sessions: Sequence[Session]) -> list[str]:
+    """Name incomplete sessions, and contacts that begin at another depth than in the first session.
+
+    The merged session marks neither. It is judged as presses onto one surface: nothing is shifted.
+
+    Args:
+        sessions: the merged sessions, in order.
+
+    Returns:
+        One sentence for each.
+    """
+    notes = [
+        f"{session.path.name}: is incomplete (palpate info says why); the part that exists was merged"
+        for session in sessions
+        if _is_incomplete(session)
+    ]
+    try:
+        first, *others = (
+            {
+                item.name: item
+                for item in session_channels(session, tared=True)
+                if item.kind is ChannelKind.CONTACT
+            }
+            for session in sessions
+        )
+    except InputError:  # a session without a channel is not compared
+        return notes
+    return notes + [
+        f"{session.path.name}: {name} begins about {_TO_MILLI * abs(deeper_m):.2g} mm "
+        f"{'deeper' if deeper_m > 0.0 else 'higher'} than in {sessions[0].path.name}, but a merged "
+        "session has only one surface. Measure displacements from the surface, or compare the two "
+        "sessions (palpate compare A B)"
+        for session, contacts in zip(sessions[1:], others, strict=True)
+        for name in sorted(first.keys() & contacts.keys())
+        if (deeper_m := _depth_difference(first[name], contacts[name]))
+    ]
+
+
+def _depth_difference(first: ChannelData, second: ChannelData) -> float:
+    """Return how much deeper the second contact begins [m]; 0 if single runs differ by about as much."""
+    force_n = _BEGUN * min(
+        data.effort[data.run == run].max() for data in (first, second) for run in data.runs
+    )
+    begins = []  # position along the press direction where each run first exceeds that force [m]
+    for contact in (first, second):
+        surface_m = 0.0 if contact.surface is None else contact.surface.position_m
+        depths = []
+        for run in contact.runs:
+            rows = np.flatnonzero(contact.run == run)
+            up = contact.effort[rows[: int(np.argmax(contact.effort[rows])) + 1]]
+            depths.append(contact.position[rows[np.flatnonzero(up <= force_n).max(initial=0)]])
+        begins.append(np.array(depths) + surface_m)
+    a, b = begins
+    deepest = max(float(data.position.max()) for data in (first, second))
+    deeper = float(np.median(b) - np.median(a))
+    return deeper if abs(deeper) > max(_APART * deepest, _SPREADS * max(np.ptp(a), np.ptp(b))) else 0.0

@@ -7,6 +7,7 @@ from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import typer
 
 from palpate.common import console
@@ -21,6 +22,10 @@ if TYPE_CHECKING:
     from palpate.workbench.state import WorkbenchState
 
 _MODEL = "kelvin_voigt"  # of a riddle
+_HIDDEN = (  # one of these is hidden in it
+    *("adhesion", "cubic_stiffness", "delay", "dry_friction", "layered_stiffness", "plastic_set"),
+    *("quadratic_damping", "stress_relaxation"),
+)
 
 
 @may_take_data
@@ -83,10 +88,17 @@ def workbench_command(
     if riddle:
 
         def probe_object() -> "WorkbenchState":
-            from palpate.runs.options import SESSIONS  # noqa: PLC0415, with the simulator
-            from palpate.workbench.diagnosis import create_riddle  # noqa: PLC0415, with the simulator
+            # imported only for a riddle, which needs the simulator
+            from palpate.runs.options import SESSIONS  # noqa: PLC0415
+            from palpate.runs.robots import DEFAULT_SCENARIO  # noqa: PLC0415
+            from palpate.sim_backend.scenario import load_scenario  # noqa: PLC0415
+            from palpate.workflows.demo import HIDDEN_PLAN, drawn_seed, hide_one, probe_demo  # noqa: PLC0415
 
-            return _state(data, create_riddle(output_folder(SESSIONS)), ImportOptions(), model or _MODEL)
+            drawn = drawn_seed()
+            world = hide_one(load_scenario(DEFAULT_SCENARIO), np.random.default_rng(drawn), _HIDDEN)
+            session = output_folder(SESSIONS) / f"riddle-{drawn}.mcap"
+            probe_demo(session, world, drawn, plan=HIDDEN_PLAN, command_line="palpate workbench --riddle")
+            return _state(data, session, ImportOptions(), model or _MODEL)
 
         home.read(probe_object, "probing an object")
     elif file is not None and home.state is None:

@@ -57,21 +57,6 @@ class UndecidedModels:
         return np.zeros((len(self.names),) * 2)
 
 
-def find_undecided_models(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> list[UndecidedModels]:
-    """Collect the open questions: each channel's accepted effects with their indistinguishable alternatives.
-
-    Args:
-        study: study with all measurements so far.
-        diagnoses: diagnoses of its channels.
-    """
-    return [
-        UndecidedModels(channel, tuple(models), RivalModels.of(list(models.values())))
-        for diagnosis in diagnoses
-        for channel in [study.channel(diagnosis.channel)]
-        for models in rivals_of(study, channel, diagnosis)
-    ]
-
-
 def next_probe(
     study: ModelStudy,
     diagnoses: Sequence[ChannelDiagnosis],
@@ -103,7 +88,13 @@ def next_probe(
     stated = _stated_probe(study, diagnoses) if longest_s >= LONGEST_S else None
     if stated is not None and stated.plan not in ran:
         return stated
-    open_questions = find_undecided_models(study, diagnoses)
+    # Each channel's accepted effects with their indistinguishable alternatives.
+    open_questions = [
+        UndecidedModels(channel, tuple(models), RivalModels.of(list(models.values())))
+        for diagnosis in diagnoses
+        for channel in [study.channel(diagnosis.channel)]
+        for models in rivals_of(study, channel, diagnosis)
+    ]
     if not open_questions:
         return _remedy(study, diagnoses, longest_s, progress)
     offered = feasible(study, progress, processes=processes)

@@ -24,12 +24,19 @@ from palpate.estimation.study import ChannelResult, ModelStudy
 from palpate.estimation.study.patterns import ErrorPart
 from palpate.render.diagnosis import (
     budget_view,
-    comparison_verdict,
     describe_error_decrease,
     diagnosis_verdict,
     unphysical_remarks,
 )
-from palpate.render.view import AxisLabels, ChannelView, ParameterView, StageView, StudyView, VerdictView
+from palpate.render.view import (
+    NOISE,
+    AxisLabels,
+    ChannelView,
+    ParameterView,
+    StageView,
+    StudyView,
+    VerdictView,
+)
 from palpate.robot_io.extras import missing_package
 from palpate.robot_io.types import BoolArray, FloatArray
 
@@ -198,15 +205,15 @@ def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosi
     fall = (describe_error_decrease(view.name, errors, changes, view.noise_level, unit),) if changes else ()
     wrong = unphysical_remarks(view.stages[-1].unphysical) if view.stages else ()
     if diagnosis is None:
-        verdict = comparison_verdict(
-            view.name,
-            " ".join(labels),
-            with_unit(errors[-1], unit),
-            view.times_noise(errors[-1]),
-            view.noise_text,
-            possible=not wrong,
+        model, times = " ".join(labels), view.times_noise(errors[-1])
+        fits = times < NOISE and not wrong  # a model with impossible parameters never fits
+        far = "" if times < NOISE else f"; the error is {times:.1f} times the noise"
+        text = (
+            f"{model} {'fits' if fits else 'does not fit'} {view.name}: {with_unit(errors[-1], unit)} in "
+            f"held-out runs, noise {view.noise_text}{far}."
         )
-        return replace(verdict, remarks=(*wrong, *fall, *(words if verdict.word == "misses" else ())))
+        remarks = (*wrong, *fall, *(() if fits else words))
+        return VerdictView("fits" if fits else "misses", text, remarks, (view.name, model))
     verdict = diagnosis_verdict(diagnosis)
     as_found = changes == [entry.effect for entry in diagnosis.accepted]
     since = tuple(f"Added since: {sentence}" for sentence in fall if not as_found)

@@ -115,28 +115,6 @@ def _with_period(reason: str) -> str:
     return reason if reason.endswith(("?", ".")) else f"{reason}."
 
 
-def comparison_verdict(
-    channel: str, model: str, error: str, times: float, noise: str, *, possible: bool = True
-) -> VerdictView:
-    """Judge whether a model fits by its held-out error relative to the noise.
-
-    A model with impossible parameters never fits, however small its error.
-
-    Args:
-        channel: name of the channel.
-        model: name of the model.
-        error: held-out error with its unit, as text.
-        times: ratio of error to noise.
-        noise: noise level with its unit, as text.
-        possible: whether all parameters are physical.
-    """
-    word = "fits" if times < NOISE and possible else "misses"
-    errors = f"{error} in held-out runs, noise {noise}"
-    far = "" if times < NOISE else f"; the error is {times:.1f} times the noise"
-    text = f"{model} {'fits' if word == 'fits' else 'does not fit'} {channel}: {errors}{far}."
-    return VerdictView(word, text, (), (channel, model))
-
-
 def unphysical_remarks(unphysical: Sequence[str]) -> tuple[str, ...]:
     """Report physically impossible parameters in one sentence; empty if there are none.
 

@@ -8,9 +8,9 @@ from palpate.common.files import existing_file
 from palpate.common.options import user_effect_files
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import FileModel, load_yaml, validate
-from palpate.robot_io.session import Session, SessionMetadata
+from palpate.robot_io.session import Session
 from palpate.sim_backend.contact_laws.standard import EngineContact, HuntCrossleyLaw, KelvinVoigtLaw
-from palpate.sim_backend.hidden import SealedAnswer, draw_hidden, seal, sealed_path, unseal
+from palpate.sim_backend.hidden import SealedAnswer, draw_hidden, sealed_path, unseal
 from palpate.sim_backend.imperfection import IMPERFECTIONS
 from palpate.sim_backend.scenario import Hidden, Scenario, parse_scenario
 
@@ -46,31 +46,6 @@ def hide(scenario: Scenario, what: str) -> Scenario:
     return scenario.with_hidden(validate(HiddenFile, document.data, document).hidden)
 
 
-def seal_hidden(
-    session: Path, scenario: Scenario, what: str | None, metadata: SessionMetadata
-) -> Path | None:
-    """Write a session's hidden effects to a sealed file beside it; return None if nothing is hidden.
-
-    Args:
-        session: file of the session.
-        scenario: simulated world of the session.
-        what: the user's choice of effects, as for `hide`; None if the scenario contains them.
-        metadata: metadata of the session, with the mark that binds the answer to it.
-
-    Raises:
-        InputError: the sealed file already exists or cannot be written.
-    """
-    if not scenario.hidden:
-        return None
-    drawn = what is not None and not Path(what).suffix
-    return seal(session, SealedAnswer(scenario.hidden, scenario.seed if drawn else None, *_mark(metadata)))
-
-
-def was_sealed(session: Session) -> bool:
-    """Return whether a session has hidden effects, or a sealed answer beside it."""
-    return SEAL in session.metadata.extra or sealed_path(session.path).exists()
-
-
 def open_answer(session: Session) -> SealedAnswer:
     """Open a session's sealed answer.
 
@@ -82,13 +57,9 @@ def open_answer(session: Session) -> SealedAnswer:
     """
     path = existing_file(sealed_path(session.path), "sealed answer")
     answer = unseal(path)
-    if (answer.made_utc, answer.mark) != _mark(session.metadata):
+    if (answer.made_utc, answer.mark) != (session.metadata.created_utc, session.metadata.extra.get(SEAL, "")):
         raise InputError(f"sealed answer {path}: belongs to another session, made at {answer.made_utc}")
     return answer
-
-
-def _mark(metadata: SessionMetadata) -> tuple[str, str]:
-    return metadata.created_utc, metadata.extra.get(SEAL, "")
 
 
 def hidden_names() -> list[str]:

@@ -26,11 +26,12 @@ from palpate.robot_io.guard import Guard, Limits
 from palpate.robot_io.robot import Robot, build_robot
 from palpate.robot_io.robot_file import RobotFile
 from palpate.robot_io.session import SessionMetadata, SessionWriter, Stream
-from palpate.runs.hidden_effects import SEAL, hide, seal_hidden
+from palpate.runs.hidden_effects import SEAL, hide
 from palpate.runs.options import Permission, without_question
 from palpate.runs.robots import DEFAULT_SCENARIO, EMULATED, emulate, is_simulated
 from palpate.sim_backend.drivers import SimulatedBus
 from palpate.sim_backend.engines import EngineName, installed_engines
+from palpate.sim_backend.hidden import SealedAnswer, seal
 from palpate.sim_backend.scenario import Scenario, load_scenario
 from palpate.sim_backend.world import World
 
@@ -240,9 +241,11 @@ def begun_session(
     kept = [tick_stream(joint_count), *streams]
     with SessionWriter(job.session, kept, metadata, wait_for_room=waits) as log:
         try:
-            if scenario is not None:
-                drawn_in = scenario.with_seed(scenario.seed - job.again)
-                sealed = seal_hidden(job.session, drawn_in, job.hidden, metadata)
+            if scenario is not None and scenario.hidden:
+                drawn = job.hidden is not None and not Path(job.hidden).suffix
+                seed = scenario.seed - job.again if drawn else None
+                answer = SealedAnswer(scenario.hidden, seed, metadata.created_utc, mark[SEAL])
+                sealed = seal(job.session, answer)
             yield log, sealed
         except InputError:
             log.close()

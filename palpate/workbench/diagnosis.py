@@ -5,9 +5,7 @@ from base64 import b64encode
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
-import numpy as np
 from nicegui import ui
 
 from palpate.common.console import json_text
@@ -17,8 +15,6 @@ from palpate.render.diagnosis import budget_svg, budget_view, diagnosis_verdict
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import open_answer
-from palpate.runs.robots import DEFAULT_SCENARIO
-from palpate.sim_backend.scenario import load_scenario
 from palpate.workbench import elements
 from palpate.workbench.elements import heading, set_props
 from palpate.workbench.processes import DiagnosisProcess
@@ -160,34 +156,6 @@ class DiagnosisCard:
                 following = ui.label(f"Next: {diagnosis.next_experiment.instruction}").classes("q-mt-sm")
                 set_props(following, title=f"To {diagnosis.next_experiment.purpose}.")
             self._more()
-
-
-HIDDEN = (
-    *("adhesion", "cubic_stiffness", "delay", "dry_friction", "layered_stiffness", "plastic_set"),
-    *("quadratic_damping", "stress_relaxation"),
-)
-
-
-def create_riddle(folder: Path) -> Path:
-    """Probe an object with one of `HIDDEN` hidden; the answer is sealed beside the session.
-
-    Args:
-        folder: folder of the session.
-
-    Returns:
-        Path of the session file.
-
-    Raises:
-        PalpateError: the session cannot be written.
-    """
-    # imported only for a riddle, which needs the simulator
-    from palpate.workflows.demo import HIDDEN_PLAN, drawn_seed, hide_one, probe_demo  # noqa: PLC0415
-
-    drawn = drawn_seed()
-    world = hide_one(load_scenario(DEFAULT_SCENARIO), np.random.default_rng(drawn), HIDDEN)
-    session = folder / f"riddle-{drawn}.mcap"
-    probe_demo(session, world, drawn, plan=HIDDEN_PLAN, command_line="palpate workbench --riddle")
-    return session
 
 
 @dataclass(frozen=True)

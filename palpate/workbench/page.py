@@ -9,6 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from nicegui import events, ui
 
 from palpate.common.files import derived_folder, output_folder
@@ -234,9 +235,10 @@ class Page:
             self._center.show_map()
 
     def _draw_slider_values(self, shown: DisplayedFit) -> None:
-        self._center.preview(shown.fitted.predict(shown.values))
-        unit = axes_of(shown.fitted.data.kind).effort_unit
-        self._error.preview(shown.error_at(shown.values), unit, shown.noise)
+        predicted, scored = shown.fitted.predict(shown.values), shown.base.scored
+        self._center.preview(predicted)
+        error = float(np.sqrt(np.mean((shown.fitted.data.effort - predicted)[scored] ** 2)))
+        self._error.preview(error, axes_of(shown.fitted.data.kind).effort_unit, shown.noise)
 
     def _header(self, refused: str | None) -> None:
         study, choice = self.state.study, self.state.choice

@@ -77,19 +77,6 @@ class DisplayedFit:
         """Compute what is slow and cached: intervals, impossible gains, and the flexible regression."""
         _ = self.fitted.parameters, self.fitted.unphysical, self.fitted.smooth_law_error
 
-    def error_at(self, values: Mapping[str, float]) -> float:
-        """Return the root mean square error at other parameters, on the scored samples.
-
-        Args:
-            values: values by "effect.parameter".
-
-        Returns:
-            The error in the effort's unit.
-        """
-        scored = self.base.scored
-        left = self.fitted.data.effort[scored] - self.fitted.predict(values)[scored]
-        return float(np.sqrt(np.mean(left**2)))
-
 
 class WorkbenchState:
     """One study on the page, with undo and redo.

@@ -8,8 +8,7 @@ import pytest
 
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.teleop.force_mismatch import MismatchMonitor
-from palpate.control.teleop.messaging import Messaging
-from palpate.control.teleop.peer import Arrival, ClockOffset, Peer, PeerLimits
+from palpate.control.teleop.messaging import Arrival, ClockOffset, Messaging, Peer, PeerLimits
 from palpate.control.teleop.virtual_object import VirtualArm
 from palpate.robot_io.clock import SimulatedClock
 from palpate.robot_io.errors import InputError

@@ -5,8 +5,7 @@ from collections import Counter, deque
 from dataclasses import dataclass, field
 
 from palpate.control.teleop.follower_task import TargetQueue
-from palpate.control.teleop.messaging import Messaging
-from palpate.control.teleop.peer import Arrival
+from palpate.control.teleop.messaging import Arrival, Messaging
 from palpate.robot_io.clock import SimulatedClock
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.link.frame import CHECKSUM, Frame, FrameCode, FrameError, LastReceived, decode, encode

@@ -5,7 +5,7 @@ from multiprocessing import get_context
 from multiprocessing.context import SpawnProcess
 
 from palpate.control.loop.task import Phase
-from palpate.control.teleop.peer import Arrival, Peer, PeerLimits
+from palpate.control.teleop.messaging import Arrival, Peer, PeerLimits
 from palpate.robot_io.clock import MonotonicClock
 from palpate.robot_io.link.connection import LinkConnection, LinkSettings
 from palpate.robot_io.link.messages import ObjectEstimate, Report
