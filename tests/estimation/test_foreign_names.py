@@ -9,11 +9,9 @@ from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.units import dimension_of, normalize_unit
 from palpate.robot_io.errors import InputError
-from tests.estimation.laboratories import presses
-from tests.estimation.test_foreign_tables import by_the_advice
+from tests.estimation.press_tables import FORCE_N, WAY_M, by_the_advice, check_press, rows
 
-TIME_S, WAY_M, FORCE_N = (signal[:600] for signal in presses())
-ROWS = [f"{t:.4f},{1e3 * x:.6f},{f:.6f}" for t, x, f in zip(TIME_S, WAY_M, FORCE_N, strict=True)]
+ROWS = rows().splitlines()
 
 
 def write(folder, head, rows=ROWS, encoding="utf-8"):
@@ -23,20 +21,14 @@ def write(folder, head, rows=ROWS, encoding="utf-8"):
     return path
 
 
-def check_press(imported):
-    """The contact has the displacement and the force of the press, up to the digits that are written."""
-    (channel,) = imported.channels
-    assert channel.name == "contact"
-    np.testing.assert_allclose(channel.effort, FORCE_N, atol=1e-6)
-    np.testing.assert_allclose(np.ptp(channel.position), np.ptp(WAY_M), atol=2e-9)
-
-
 @pytest.mark.parametrize(
     "names",
     [
         ("Prüfzeit", "Eindringtiefe", "Prüfkraft"),
         ("Temps", "Déplacement", "Charge"),
         ("Temps", "Allongement des mors", "Force"),
+        ("Temps", "Deplacement", "Force"),  # without accents, and with one that stands apart
+        ("Temps", "De\u0301placement", "Force"),
         ("Tiempo", "Desplazamiento", "Fuerza"),
         ("Tempo", "Spostamento", "Forza"),
         ("Tempo", "Deslocamento", "Força"),
@@ -70,12 +62,6 @@ def test_options_accept_the_words_of_columns(tmp_path):
         import_file(path, ImportOptions(columns={"nonsense": "b"}))
 
 
-def test_accents_may_be_left_out_or_decomposed(tmp_path):
-    rows = [f"{row},{place % 7}" for place, row in enumerate(ROWS)]
-    for word in ("Deplacement", "De\u0301placement"):
-        check_press(import_file(write(tmp_path, [f"Temps (s),{word} (mm),Force (N),b0 (mm)"], rows)))
-
-
 def test_known_word_asks_for_its_unit_alone(tmp_path):
     path = write(tmp_path, ["时间,位移,力"])
     with pytest.raises(InputError, match="--unit displacement=mm --unit force=N"):
@@ -101,26 +87,6 @@ def test_known_word_identifies_the_encoding(tmp_path, head, encoding):
     assert all(name in imported.read for name in head.split(","))
 
 
-@pytest.mark.parametrize(
-    "head", ["时间（s）,位移（mm）,力（N）", "Time:s,Extension:mm,Load:N", "Time|s,Extension|mm,Load|N"]
-)
-def test_units_are_found_behind_other_marks(tmp_path, head):
-    check_press(import_file(write(tmp_path, [head])))
-
-
-@pytest.mark.parametrize(
-    "above",
-    [
-        ["Time unit,s", "Displacement unit,mm", "Force unit,N"],
-        ["Force units: N", "displacement units: mm"],
-        ["# Units: s mm N"],
-        ["Units,s,mm,N", "Operator,somebody"],
-    ],
-)
-def test_lines_above_the_names_state_units(tmp_path, above):
-    check_press(import_file(write(tmp_path, [*above, "", "Time,Displacement,Force"])))
-
-
 def test_unit_above_the_names_is_not_that_of_another_column(tmp_path):
     path = write(tmp_path, ["Load unit,kN", "Stiffness unit,N", "Time,Displacement,Force"])
     with pytest.raises(InputError, match="'Displacement', 'Force' state no units"):
@@ -128,7 +94,6 @@ def test_unit_above_the_names_is_not_that_of_another_column(tmp_path):
 
 
 def test_column_names_are_found_despite_remarks(tmp_path):
-    check_press(import_file(write(tmp_path, ["Time (s),Travel (mm),Load (N)", ",,Channel 2"])))
     head = ["# units: m N", "# columns: height vDeflection"]
     head += [f"# settings.segment.{number}.value: {number}" for number in range(300)]
     rows = [f"{x:.9f} {f:.6f}" for x, f in zip(WAY_M, FORCE_N, strict=True)]
@@ -162,15 +127,6 @@ def test_several_specimens_in_a_file_are_noted(tmp_path):
     (note,) = [note for note in import_file(path).notes if "specimens" in note]
     assert "'specimen' names 3 specimens" in note
     assert "--where specimen=S1" in note
-
-
-@pytest.mark.parametrize(("join", "above"), [(", ", []), ("; ", ["booting v2", "tare"]), ("\t", ["ready"])])
-def test_serial_log_of_labeled_numbers_is_a_table(tmp_path, join, above):
-    rows = [
-        join.join([f"Time: {1e3 * t:.1f} ms", f"Travel = {1e3 * x:.6f} mm", f"Force: {f:.6f}N"])
-        for t, x, f in zip(TIME_S, WAY_M, FORCE_N, strict=True)
-    ]
-    check_press(import_file(write(tmp_path, above, [*rows[:300], "sensor: reset", *rows[300:]])))
 
 
 def test_changing_labels_make_no_table(tmp_path):
@@ -214,9 +170,3 @@ def test_long_cell_is_skipped_and_a_long_first_line_is_refused(tmp_path):
     path = write(tmp_path, ["Time (s),Travel (mm),Load (N)," + "B" * 2**20])
     with pytest.raises(InputError, match="first line is longer than 1 MiB"):
         import_file(path)
-
-
-@pytest.mark.parametrize("names", ["Time, s;Extension, mm;Load, N", "время, с;перемещение, мм;сила, Н"])
-def test_comma_before_a_unit_separates_no_cells(tmp_path, names):
-    rows = [row.replace(",", ";").replace(".", ",") for row in ROWS]
-    check_press(import_file(write(tmp_path, [names], rows)))

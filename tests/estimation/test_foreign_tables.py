@@ -1,8 +1,5 @@
 """Tables as people leave them: marks in numbers, columns that say the same, clocks of cycles, odd rows."""
 
-import shlex
-from itertools import pairwise
-
 import numpy as np
 import openpyxl
 import pyarrow as pa
@@ -15,14 +12,12 @@ from palpate.estimation.channel import ChannelKind
 from palpate.estimation.data.column_names import guess_column, split_unit
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.import_file import import_file
-from palpate.estimation.data.import_options import ImportOptions, parse_pairs
+from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.presses import press_phases
 from palpate.estimation.data.table import read_table
 from palpate.robot_io.errors import InputError
-from tests.estimation.laboratories import presses
+from tests.estimation.press_tables import FORCE_N, HEADER, TIME_S, WAY_M, by_the_advice, rows
 from tests.files import saved, write_csv
-
-TIME_S, WAY_M, FORCE_N = (signal[:600] for signal in presses())
 
 
 def lines(*columns, delimiter=",", form="{:.6f}"):
@@ -60,21 +55,6 @@ def test_blanks_separate_thousands(tmp_path, mark, quote):
 
 SWING_RAD = 0.8 + 0.4 * np.sin(6.0 * TIME_S)
 TORQUE_NM = 3.0 * np.sin(6.0 * TIME_S)
-
-
-def by_the_advice(path):
-    """What is read with the options that a refusal says, word for word."""
-    with pytest.raises(InputError) as caught:
-        import_file(path)
-    text = str(caught.value)
-    assert "\n" not in text
-    said = list(pairwise(shlex.split(text[text.index("--") :])))
-    columns, units = (
-        parse_pairs([value for at, value in said if at == option], option)
-        for option in ("--column", "--unit")
-    )
-    context = tuple(value for at, value in said if at == "--context")
-    return import_file(path, ImportOptions(columns=columns, units=units, context=context))
 
 
 def test_equal_columns_in_two_units_are_read_once(tmp_path):
@@ -160,24 +140,6 @@ def test_longest_sheet_with_a_measurement_is_read(tmp_path):
     np.testing.assert_allclose(channel.effort, FORCE_N)
 
 
-@pytest.mark.parametrize(
-    "header",
-    [
-        "TimeSec,PositionMm,ForceN",
-        "Time.s,Position.mm,Force.N",
-        "time..s.,position..mm.,force..N.",
-        "force.N.",
-    ],
-)
-def test_units_joined_to_names_are_read(tmp_path, header):
-    header = "time.s.,position.mm.,force.N." if header == "force.N." else header
-    text = header + "\n" + lines(TIME_S, 1e3 * WAY_M, FORCE_N)
-    channel = only_channel(tmp_path, text)
-    np.testing.assert_allclose(channel.time_s, TIME_S, atol=1e-6)
-    np.testing.assert_allclose(channel.position, WAY_M, atol=1e-8)
-    np.testing.assert_allclose(channel.effort, FORCE_N, atol=1e-6)
-
-
 @pytest.mark.parametrize("rate_hz", [20.0, 100.0, 1000.0])
 @pytest.mark.parametrize("noise_m", [0.0, 1e-5])
 def test_sine_has_no_hold_and_a_hold_is_kept(rate_hz, noise_m):
@@ -197,49 +159,20 @@ def test_sine_has_no_hold_and_a_hold_is_kept(rate_hz, noise_m):
     assert held(1.0 - np.cos(np.pi * late_s)) > 0.04 - 2.0 / len(time_s)  # of 0.05 before the sine begins
 
 
-CELLS = [f"{t:.4f},{1e3 * x:.6f},{f:.6f}\n" for t, x, f in zip(TIME_S, WAY_M, FORCE_N, strict=True)]
-HEADER = "Time [s],Extension [mm],Load [N]\n"
-UNEVEN = {
-    "a line of words": HEADER + "".join(CELLS[:300]) + "--- paused by operator\n" + "".join(CELLS[300:]),
-    "words in the table's columns": HEADER
-    + "".join(CELLS[:300])
-    + "pause\nnote,see log\n"
-    + "".join(CELLS[300:]),
-    "rows shorter than the header": HEADER.replace("\n", ",Remark,Operator\n")
-    + "".join(cells.replace("\n", ",ok,AB\n") if at % 3 == 0 else cells for at, cells in enumerate(CELLS)),
-    "counted rows": HEADER + "".join(f"{at},{cells}" for at, cells in enumerate(CELLS, 1)),
-    "named rows": HEADER + "".join(f"row{at},{cells}" for at, cells in enumerate(CELLS)),
-    "as R writes it": '"Time.s." "Extension.mm." "Load.N."\n'
-    + "".join(f'"{at}" {cells}'.replace(",", " ") for at, cells in enumerate(CELLS, 1)),
-    "settings between names and numbers": (
-        "Name,Time,Extension,Load\nUnit,s,mm,N\nRange,100,10,500\nFilter,1,2,2\n"
-        + "".join(f"{at},{cells}" for at, cells in enumerate(CELLS, 1))
-    ),
-    "numbers above the names": "Rate,100,Hz\nSpecimen,5,3,7\nArea,12.5,mm\n" + HEADER + "".join(CELLS),
-}
-
-
-@pytest.mark.parametrize("layout", UNEVEN)
-def test_rows_of_another_length_or_kind_do_not_spoil_a_table(tmp_path, layout):
-    channel = only_channel(tmp_path, UNEVEN[layout])
-    assert len(channel) == len(TIME_S)
-    np.testing.assert_allclose(channel.time_s, TIME_S, atol=1e-4)
-    np.testing.assert_allclose(channel.position, WAY_M, atol=1e-8)
-    np.testing.assert_allclose(channel.effort, FORCE_N, atol=1e-6)
-
-
 def test_omitted_lines_are_reported_and_rows_keep_their_numbers(tmp_path):
-    path = saved(tmp_path / "table.csv", UNEVEN["a line of words"].replace(CELLS[400], "1,2,oops\n"))
+    cells = rows().splitlines(keepends=True)
+    text = HEADER + "".join([*cells[:300], "--- paused by operator\n", *cells[300:]])
+    path = saved(tmp_path / "table.csv", text.replace(cells[400], "1,2,oops\n"))
     with pytest.raises(InputError, match=r"line 403, column 'Load .N.': 'oops'"):
         import_file(path)
-    path.write_text(UNEVEN["a line of words"])
+    path.write_text(text)
     assert "1 line of text among the rows left out; the first is line 302" in import_file(path).read
 
 
 def test_unordered_times_name_the_column_that_orders_them(tmp_path):
     path = tmp_path / "sorted.csv"
-    rows = [f"{cells.strip()},{'up' if at < 300 else 'down'}\n" for at, cells in enumerate(CELLS)]
-    path.write_text(HEADER.replace("\n", ",level\n") + "".join(rows[300:] + rows[:300]))
+    cells = [f"{line},{'up' if at < 300 else 'down'}\n" for at, line in enumerate(rows().splitlines())]
+    path.write_text(HEADER.replace("\n", ",level\n") + "".join(cells[300:] + cells[:300]))
     assert len(by_the_advice(path).channels[0].runs) == 2
 
 
@@ -341,14 +274,6 @@ def test_unnamed_columns_are_called_by_their_places(tmp_path, delimiter):
     columns = {"time": "column 1", "displacement": "column 2", "force": "column 3"}
     options = ImportOptions(columns=columns, units={"time": "s", "displacement": "mm", "force": "N"})
     (channel,) = import_file(path, options).channels
-    np.testing.assert_allclose(channel.position, WAY_M, atol=1e-8)
-
-
-def test_bracketed_units_are_separated_by_blanks(tmp_path):
-    path = tmp_path / "bands.txt"
-    rows = lines(TIME_S, 1e3 * WAY_M, FORCE_N, delimiter=" ")
-    path.write_text("Raw Data\nTime Displacement Force\n(s) (mm) (N)\n" + rows)
-    (channel,) = import_file(path).channels
     np.testing.assert_allclose(channel.position, WAY_M, atol=1e-8)
 
 

@@ -9,67 +9,96 @@ from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import read_table
 from palpate.robot_io.errors import InputError
-from tests.estimation.laboratories import presses
+from tests.estimation.press_tables import FORCE_N, HEADER, TIME_S, WAY_M, check_press, rows
 from tests.files import saved
-
-TIME_S, WAY_M, FORCE_N = (signal[:600] for signal in presses())
-
-
-def rows(delimiter=",", decimal=".", *, before="", behind=""):
-    """One press in s, mm and N, as lines."""
-    cells = np.column_stack([TIME_S, 1e3 * WAY_M, FORCE_N])
-    texts = (delimiter.join(f"{value:.6f}" for value in row) for row in cells)
-    return "".join(before + text.replace(".", decimal) + behind + "\n" for text in texts)
-
 
 RESULTS = "Results 1,,,\n,Gauge length,Maximum force,Note\n,(mm),(N),\n1,9.5,31.2,\n2,9.7,30.5,\n,,,\n"
 NAMES = "Time,Displacement,Force\n"
-FILES = {
-    "results above, headers numbered": (
-        RESULTS + "".join(f"{n},{NAMES},(s),(mm),(N)\n" + rows(before=",") for n in (1, 2)),
-        2,
+LINES = rows().splitlines(keepends=True)
+COUNTED = "".join(f"{at},{line}" for at, line in enumerate(LINES, 1))
+PRESS = list(zip(TIME_S, 1e3 * WAY_M, FORCE_N, strict=True))
+
+
+def labeled(join, *above):
+    """A serial log of labeled numbers that is interrupted by a message."""
+    form = join.join(["Time: {:.1f} ms", "Travel = {:.6f} mm", "Force: {:.6f}N"])
+    said = [form.format(1e3 * t, x, f) for t, x, f in PRESS]
+    return "\n".join([*above, *said[:300], "sensor: reset", *said[300:], ""])
+
+
+LAYOUTS = {
+    "results above, headers numbered": RESULTS
+    + "".join(f"{n},{NAMES},(s),(mm),(N)\n" + rows(before=",") for n in (1, 2)),
+    "units of products": "Way\tForce\tTorque\tTime\nmm\tN\tkN·mm\tsec\n"
+    + "".join(f"{x:.6f}\t{f:.6f}\t0\t{t:.6f}\n" for t, x, f in PRESS),
+    "units above names": "(s),(mm),(N)\n" + NAMES + rows(),
+    "units alone": "s;mm;N\n" + rows(";", ","),
+    "units in brackets between blanks": "Raw Data\nTime Displacement Force\n(s) (mm) (N)\n" + rows(" "),
+    "quoted": '"Time","Extension","Load"\n"(s)","(mm)","(N)"\n\n' + rows(),
+    "names over two lines": '"Time\n[s]","Way\r\n(mm)","Force\n[N]"\n' + rows(),
+    "dashes below names": "Time [s]  Way [mm]  Force [N]\n--------  --------  ---------\n" + rows("  "),
+    "a channel below a name": "Time (s),Travel (mm),Load (N)\n,,Channel 2\n" + rows(),
+    "trailing columns": "Time [s];Weg [mm];Kraft [N];;\n" + rows(";", ",", behind=";;"),
+    "slashes": "Zeit / s\tWeg / mm\tKraft / N\n" + rows("\t", ","),
+    "statistics below": "Time_s,Travel_mm,Force_N\n" + rows() + "Mean,1,2\nDeviation,3,4\n",
+    "Zwick": '"Prüfzeit";"Standardweg";"Standardkraft"\n"s";"mm";"N"\n' + rows(";", ","),
+    "metadata between tests": "".join(
+        f"Specimen {n}\nOperator,AB\n\n{NAMES}sec,mm,N\n{rows()}\n" for n in (1, 2, 3)
     ),
-    "units of products": ("Way\tForce\tTorque\tTime\nmm\tN\tkN·mm\tsec\n", 0),
-    "units above names": ("(s),(mm),(N)\n" + NAMES + rows(), 1),
-    "units alone": ("s;mm;N\n" + rows(";", ","), 1),
-    "quoted": ('"Time","Extension","Load"\n"(s)","(mm)","(N)"\n\n' + rows(), 1),
-    "names over two lines": ('"Time\n[s]","Way\r\n(mm)","Force\n[N]"\n' + rows(), 1),
-    "dashes below names": ("Time [s]  Way [mm]  Force [N]\n--------  --------  ---------\n" + rows("  "), 1),
-    "trailing columns": ("Time [s];Weg [mm];Kraft [N];;\n" + rows(";", ",", behind=";;"), 1),
-    "slashes": ("Zeit / s\tWeg / mm\tKraft / N\n" + rows("\t", ","), 1),
-    "statistics below": ("Time_s,Travel_mm,Force_N\n" + rows() + "Mean,1,2\nDeviation,3,4\n", 1),
-    "Zwick": ('"Prüfzeit";"Standardweg";"Standardkraft"\n"s";"mm";"N"\n' + rows(";", ","), 1),
-    "metadata between tests": (
-        "".join(f"Specimen {n}\nOperator,AB\n\n{NAMES}sec,mm,N\n{rows()}\n" for n in (1, 2, 3)),
-        3,
+    "quoted decimal commas": '"Zeit (s)","Weg (mm)","Kraft (N)"\n"'
+    + rows('","', ",", behind='"').replace("\n", '\n"')[:-1],
+    "a column twice": "Time [s],Travel [mm],Load [N],E [GPa],E [GPa]\n" + rows(behind=",1,2"),
+    "a long preamble": "Remark: none\n" * 700 + HEADER + rows(),
+    "a line of words": HEADER + "".join([*LINES[:300], "--- paused by operator\n", *LINES[300:]]),
+    "words in the table's columns": HEADER + "".join([*LINES[:300], "pause\nnote,see log\n", *LINES[300:]]),
+    "rows shorter than the header": HEADER.replace("\n", ",Remark,Operator\n")
+    + "".join(line.replace("\n", ",ok,AB\n") if at % 3 == 0 else line for at, line in enumerate(LINES)),
+    "counted rows": HEADER + COUNTED,
+    "named rows": HEADER + "".join(f"row{at},{line}" for at, line in enumerate(LINES)),
+    "as R writes it": '"Time.s." "Extension.mm." "Load.N."\n'
+    + "".join(f'"{at}" {line}'.replace(",", " ") for at, line in enumerate(LINES, 1)),
+    "settings between names and numbers": (
+        "Name,Time,Extension,Load\nUnit,s,mm,N\nRange,100,10,500\nFilter,1,2,2\n" + COUNTED
     ),
-    "quoted decimal commas": (
-        '"Zeit (s)","Weg (mm)","Kraft (N)"\n"' + rows('","', ",", behind='"').replace("\n", '\n"')[:-1],
-        1,
-    ),
-    "a column twice": ("Time [s],Travel [mm],Load [N],E [GPa],E [GPa]\n" + rows(behind=",1,2"), 1),
-    "a long preamble": ("Remark: none\n" * 700 + "Time [s],Travel [mm],Load [N]\n" + rows(), 1),
+    "numbers above the names": "Rate,100,Hz\nSpecimen,5,3,7\nArea,12.5,mm\n" + HEADER + rows(),
+    "serial log": labeled(", "),
+    "serial log below words": labeled("; ", "booting v2", "tare"),
+    "serial log with tabs": labeled("\t", "ready"),
+    **{
+        names: names + "\n" + rows()
+        for names in (
+            *("TimeSec,PositionMm,ForceN", "Time.s,Position.mm,Force.N", "time.s.,position.mm.,force.N."),
+            *("time..s.,position..mm.,force..N.", "Time:s,Extension:mm,Load:N", "Time|s,Extension|mm,Load|N"),
+            "时间（s）,位移（mm）,力（N）",
+        )
+    },
+    **{
+        names: names + "\n" + rows(";", ",")  # a comma before a unit separates no cells
+        for names in ("Time, s;Extension, mm;Load, N", "время, с;перемещение, мм;сила, Н")
+    },
+    **{
+        above: f"{above}\n\n{NAMES}{rows()}"
+        for above in (
+            "Time unit,s\nDisplacement unit,mm\nForce unit,N",
+            "Force units: N\ndisplacement units: mm",
+            "# Units: s mm N",
+            "Units,s,mm,N\nOperator,somebody",
+        )
+    },
 }
-FILES["units of products"] = (
-    FILES["units of products"][0]
-    + "".join(
-        f"{1e3 * x:.6f}\t{f:.6f}\t0\t{t:.6f}\n" for t, x, f in zip(TIME_S, WAY_M, FORCE_N, strict=True)
-    ),
-    1,
-)
+TESTS = {"results above, headers numbered": 2, "metadata between tests": 3}
+ENCODINGS = ("utf-8-sig", "utf-16", "cp1252")
 
 
-@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "cp1252"])
-@pytest.mark.parametrize("layout", FILES)
-def test_longest_table_is_read_by_the_names_above_it(tmp_path, layout, encoding):
-    text, tests = FILES[layout]
-    (channel,) = import_file(saved(tmp_path / "press.txt", text.encode(encoding))).channels
-    assert channel.name == "contact"
-    assert len(channel) == tests * len(TIME_S)
-    np.testing.assert_allclose(channel.position[: len(TIME_S)], WAY_M, atol=1e-8)
-    np.testing.assert_allclose(channel.effort[: len(TIME_S)], FORCE_N, atol=1e-5)
-    if tests > 1:
-        assert len(channel.runs) == tests
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_press_is_read_from_any_layout(tmp_path, layout, encoding):
+    data = LAYOUTS[layout].encode(encoding, "ignore")
+    if data.decode(encoding) != LAYOUTS[layout]:
+        data = LAYOUTS[layout].encode()  # the encoding lacks its letters
+    imported, tests = import_file(saved(tmp_path / "press.txt", data)), TESTS.get(layout, 1)
+    check_press(imported, tests)
+    np.testing.assert_allclose(np.diff(imported.channels[0].time_s[:600]), np.diff(TIME_S), atol=3e-4)
 
 
 @pytest.mark.parametrize("name", ["press", "press.prn", "press.xls", "press.v2"])

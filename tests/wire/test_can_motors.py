@@ -187,20 +187,19 @@ def test_damiao_motors_with_the_factory_master_id_are_named(make_robot):
     assert "set the master id" in foreign.remedy
 
 
-@pytest.mark.parametrize("path", [DAMIAO, ROBSTRIDE, MOTEUS], ids=lambda path: path.stem)
-def test_restart_of_a_motor_is_reported(make_robot, path):
-    arm = make_robot(path).start()
-    arm.ticks(5, PUSH_NM)
-    arm.inject_fault("motors", FaultKind.REBOOT, device=1, times=1, delay_s=0.001)
-    assert arm.ticks_until(lambda m: bool(arm.robot.bus_errors), torque_nm=PUSH_NM) <= 4
-    assert "joint 1 (motor 1): has left motor mode; has it restarted?" in arm.problem
-
-
 @pytest.mark.parametrize(
-    ("path", "error"), [(CUBEMARS, 5), (ROBSTRIDE, 1 << 3)], ids=["cubemars", "robstride"]
+    ("path", "fail", "said"),
+    [
+        (CUBEMARS, lambda motor: setattr(motor, "error", 5), "encoder fault"),
+        (ROBSTRIDE, lambda motor: setattr(motor, "error", 1 << 3), "encoder fault"),
+        (ODRIVE, lambda motor: motor._disarm(1 << 26), "SPINOUT_DETECTED"),
+    ],
+    ids=["cubemars", "robstride", "odrive"],
 )
-def test_encoder_fault_invalidates_the_velocity(make_robot, path, error):
+def test_encoder_fault_invalidates_the_velocity(make_robot, path, fail, said):
     arm = make_robot(path).start()
-    arm.motors[0].error = error
-    assert arm.ticks(3).encoder_status is Status.FAULT
-    assert "encoder fault" in arm.problem
+    fail(arm.motors[0])
+    arm.ticks_until(
+        lambda measurement: measurement.encoder_status is Status.FAULT, 12 if path is ODRIVE else 3
+    )
+    assert said in arm.robot.bus_errors["motors"]

@@ -11,6 +11,8 @@ from palpate.sim_backend.emulators import FaultKind
 from tests.wire.parts import CUBEMARS, DAMIAO, MOTEUS, ROBSTRIDE
 
 PUSH_NM = (3.0, -2.0, 1.0)
+TIMEOUT = 9  # a register of a Damiao motor
+STATE, CONTROL, ANSWER, HOST = 2, 1, 17, 0xFD  # kinds of Robstride frames, and who is addressed
 
 
 def test_write_returns_the_applied_torque(make_robot):
@@ -78,17 +80,6 @@ def test_motor_that_ignores_queries_outside_motor_mode_is_switched_off(make_robo
     assert arm.ticks(5, PUSH_NM).torque_status is Status.OK
 
 
-def test_motor_error_is_named(make_robot):
-    arm = make_robot(CUBEMARS).start()
-    arm.inject_fault("motors", FaultKind.ALERT, device=3, times=1)
-    ticks = arm.ticks_until(lambda m: m.torque_status is Status.FAULT)
-    assert ticks <= 3
-    assert "joint 3 (motor 3): MOSFET over temperature" in arm.problem
-    arm.robot.deactivate()
-    with pytest.raises(DeviceError, match="MOSFET"):
-        arm.robot.activate()
-
-
 def test_short_frames_and_foreign_ids_are_counted_separately(make_robot):
     arm = make_robot(CUBEMARS).start()
     counts = arm.robot.buses["motors"].line.counts
@@ -118,9 +109,6 @@ def test_late_motor_is_examined_as_present(make_robot):
     assert not [one.text for one in findings if "does not answer" in one.text]
 
 
-TIMEOUT = 9  # a register
-
-
 @pytest.mark.parametrize(("stuck", "problem"), [(True, "torque off"), (False, "motor mode")])
 def test_motor_state_is_the_reported_state(make_robot, stuck, problem):
     """An answer alone is no confirmation."""
@@ -137,16 +125,48 @@ def test_motor_state_is_the_reported_state(make_robot, stuck, problem):
         arm.robot.deactivate() if stuck else arm.robot.activate()
 
 
-def test_late_register_answer_is_no_position(make_robot):
-    arm = make_robot(DAMIAO).start()
+@pytest.mark.parametrize(
+    ("path", "frame"),
+    [
+        (
+            DAMIAO,
+            CanFrame(17, bytes((1, 0, 0x33, TIMEOUT, 0xD0, 0x07, 0, 0))),
+        ),  # a late answer about a register
+        *(
+            (ROBSTRIDE, CanFrame(kind << 24 | middle << 8 | host, bytes(8), extended))
+            for extended in (True, False)
+            for kind, middle, host in (
+                (STATE, 2 << 14 | 9, HOST),  # of a motor that is not there
+                (STATE, 2 << 14 | 1, 0x01),  # to another host
+                (CONTROL, 1, HOST),
+                (24, 2 << 14 | 1, HOST),  # a report by itself
+                (ANSWER, 1, HOST),
+                (STATE, 3 << 14 | 1, HOST),  # a mode that does not exist
+            )
+        ),
+        *(  # a classic CAN frame, and CAN FD answers that are not for us
+            (MOTEUS, CanFrame(number, bytes(24), extended=True, fd=fd))
+            for number, fd in ((0x100, False), (0x900, True), (0x101, True), (0x8100, True))
+        ),
+    ],
+)
+def test_frame_without_a_motor_state_is_no_position(make_robot, path, frame):
+    arm = make_robot(path).start()
     before = arm.tick().joint_position_rad
     bus = arm.robot.buses["motors"]
-    bus._store_frame(CanFrame(17, bytes((1, 0, 0x33, TIMEOUT, 0xD0, 0x07, 0, 0))), arm.clock.now_s())
+    bus.line.drain = lambda _: [(frame, 9.0)]
+    bus._drain(0.0)
     np.testing.assert_allclose(bus._position_rad, before)
+    assert path is not MOTEUS or bus.line.counts["foreign id"] == 1
 
 
 @pytest.mark.parametrize(
-    ("path", "error"), [(DAMIAO, "MOSFET over temperature"), (ROBSTRIDE, "over temperature: remove")]
+    ("path", "error"),
+    [
+        (CUBEMARS, "MOSFET over temperature"),
+        (DAMIAO, "MOSFET over temperature"),
+        (ROBSTRIDE, "over temperature: remove"),
+    ],
 )
 def test_error_other_than_the_timeout_is_not_cleared_silently(make_robot, path, error):
     arm = make_robot(path).start()
@@ -156,10 +176,7 @@ def test_error_other_than_the_timeout_is_not_cleared_silently(make_robot, path, 
     for _ in range(2):
         with pytest.raises(DeviceError, match=rf"joint 3 \(motor 3\): {error}"):
             arm.robot.activate()
-    assert path is ROBSTRIDE or arm.motors[2].error == 11
-
-
-STATE, CONTROL, ANSWER, HOST = 2, 1, 17, 0xFD
+    assert path is not DAMIAO or arm.motors[2].error == 11
 
 
 def test_another_host_is_answered(make_robot):
@@ -177,29 +194,6 @@ def test_faults_are_named_even_without_a_state_bit(make_robot):
         arm.robot.activate()
     arm.robot.activate()  # which the motor takes, and says no more of it
     assert arm.ticks(3).torque_status is Status.OK
-
-
-@pytest.mark.parametrize(
-    ("kind", "middle", "host"),
-    [
-        (STATE, 2 << 14 | 9, HOST),  # of a motor that is not there
-        (STATE, 2 << 14 | 1, 0x01),  # to another host
-        (CONTROL, 1, HOST),
-        (24, 2 << 14 | 1, HOST),  # a report by itself
-        (ANSWER, 1, HOST),
-        (STATE, 3 << 14 | 1, HOST),  # a mode that does not exist
-    ],
-)
-def test_frames_without_a_motor_state_are_no_position(make_robot, kind, middle, host):
-    arm = make_robot(ROBSTRIDE).start()
-    before = arm.tick().joint_position_rad
-    bus = arm.robot.buses["motors"]
-    for extended in (True, False):
-        bus.line.drain = lambda _, one=extended: [
-            (CanFrame(kind << 24 | middle << 8 | host, bytes(8), one), 9.0)
-        ]
-        bus._drain(0.0)
-    np.testing.assert_allclose(bus._position_rad, before)
 
 
 def test_no_torque_and_no_mode_before_activation(make_robot):
@@ -258,17 +252,6 @@ def test_torque_limitation_is_reported(make_robot):
     arm.motors[2]._max_torque_nm = 0.25
     arm.ticks(4, PUSH_NM)
     assert "joint 3 (motor 3): its torque is limited by servo.max_current_A" in arm.problem
-
-
-@pytest.mark.parametrize(("number", "fd"), [(0x100, False), (0x900, True), (0x101, True), (0x8100, True)])
-def test_foreign_or_classic_can_answers_are_no_position(make_robot, number, fd):
-    arm = make_robot(MOTEUS).start()
-    before = arm.tick().joint_position_rad
-    bus = arm.robot.buses["motors"]
-    bus.line.drain = lambda _: [(CanFrame(number, bytes(24), extended=True, fd=fd), 9.0)]
-    bus._drain(0.0)
-    np.testing.assert_allclose(bus._position_rad, before)
-    assert bus.line.counts["foreign id"] == 1
 
 
 def test_classic_can_frames_are_distinguished_from_can_fd(make_robot):

@@ -185,14 +185,6 @@ def test_staged_command_is_cleared_by_power_off(make_robot):
     assert not arm.drive_torque_nm.any()
 
 
-def test_failed_encoder_invalidates_the_velocity(make_robot):
-    arm = make_robot().start()
-    arm.motors[1]._disarm(1 << 26)
-    measurement = arm.ticks(12)
-    assert measurement.encoder_status is Status.FAULT
-    assert "SPINOUT_DETECTED" in arm.robot.bus_errors["motors"]
-
-
 def test_silent_axis_is_a_delay_and_no_bus_failure(make_robot):
     arm = make_robot().start()
     arm.inject_fault("motors", FaultKind.DROP, device=2, for_s=0.01)

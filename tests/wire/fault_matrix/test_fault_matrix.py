@@ -21,6 +21,7 @@ SOON = {  # each way in which a driver of each kind can be told; `make test-all`
         "damiao, reboot, back at once",
         "robstride, program killed",
         "robstride, alert",
+        "robstride, reboot, back at once",
         "moteus, program killed",
         "moteus, reboot, back at once",
         "feetech, reboot, back at once",
