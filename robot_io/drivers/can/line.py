@@ -17,9 +17,8 @@ import re
 import stat
 import time
 from collections import Counter, deque
-from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -169,8 +168,7 @@ SLCAN = "slcan"
 _MOST_FRAMES = 1000  # most frames per poll, so that a babbling node does not delay the loop
 
 
-@dataclass(frozen=True, slots=True)
-class CanFrame:
+class CanFrame(NamedTuple):
     """One CAN frame."""
 
     can_id: int  # arbitration id, 11 bits, or 29 when `extended`

@@ -65,6 +65,7 @@ class MotorBus(JointBus, Examinable):
         check_one_per_joint(context, len(mountings), "motors")
         self._clock = context.clock
         self._mountings = tuple(mountings)
+        self._ratios = [mounting.signed_ratio for mounting in mountings]  # computed once: used in each tick
         self._limits = context.robot_file.limits
         self.line = CanLine(line, context.clock)
         n = len(mountings)
@@ -128,20 +129,20 @@ class MotorBus(JointBus, Examinable):
 
     def _encode_torque(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
         """Return the frame for a joint torque [N m], and the joint torque that will act."""
-        ratio = self._mountings[joint].signed_ratio
+        ratio = self._ratios[joint]
         frame, shaft_nm = self._encode_shaft(joint, torque_nm / ratio)
         return frame, shaft_nm * ratio
 
     def _store_motion(self, joint: int, shaft_rad: float, shaft_rad_s: float, at_s: float) -> None:
         """Store angle and speed of a motor's shaft at a time as those of its joint."""
-        mounting = self._mountings[joint]
-        self._position_rad[joint] = mounting.joint_angle_rad(shaft_rad)
-        self._velocity_rad_s[joint] = shaft_rad_s / mounting.signed_ratio
+        ratio = self._ratios[joint]
+        self._position_rad[joint] = self._mountings[joint].zero_rad + shaft_rad / ratio
+        self._velocity_rad_s[joint] = shaft_rad_s / ratio
         self._motion_at_s[joint] = at_s
 
     def _store_torque(self, joint: int, shaft_nm: float, at_s: float) -> None:
         """Store the torque of a motor's shaft at a time as that of its joint."""
-        self._torque_nm[joint] = shaft_nm * self._mountings[joint].signed_ratio
+        self._torque_nm[joint] = shaft_nm * self._ratios[joint]
         self._torque_at_s[joint] = at_s
 
     def examine(self) -> tuple[Finding, ...]:
