@@ -8,20 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from palpate.calibration.arm_motion import (
-    ACCELERATION_RAD_S2,
-    MARGIN_M,
-    SHARE,
-    FreeMotion,
-    cap_speed,
-    check_lift_path,
-    highest_posture,
-    joint_range,
-    lowest_m,
-    overloaded_joint,
-    straight_path,
-    travel_speed_rad_s,
-)
+from palpate.calibration import arm_motion
 from palpate.calibration.standstill import few_sample_factor
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.laws.gains import TrackingGains
@@ -74,17 +61,18 @@ def plan_stops(
         InputError: a joint has no stop that can be reached without touching the ground.
     """
     floor_m = float(body.heights_m(start_rad)[1:].min())
-    low, high = joint_range(limits, _LIMIT_MARGIN_RAD)
-    up = highest_posture(body, low, high)
-    check_lift_path(body, start_rad, up, limits)
+    low, high = arm_motion.joint_range(limits, _LIMIT_MARGIN_RAD)
+    up = arm_motion.highest_posture(body, low, high)
+    arm_motion.check_lift_path(body, start_rad, up, limits)
     approaches = []
     for joint in range(body.joint_count):
         ways = _candidates(body, up, joint, bounds=(low, high), stops_rad=stops_rad, reach_rad=reach_rad)
         at_rest = np.zeros(body.joint_count)
         candidates = (
-            (lowest_m(body, way), approach)
+            (arm_motion.lowest_m(body, way), approach)
             for way, approach in ways
-            if overloaded_joint(body, (JointMotion(q, at_rest, at_rest) for q in way), limits) is None
+            if arm_motion.overloaded_joint(body, (JointMotion(q, at_rest, at_rest) for q in way), limits)
+            is None
         )
         lowest, approach = max(candidates, key=lambda candidate: candidate[0], default=(None, None))
         if lowest is None or approach is None:
@@ -92,7 +80,7 @@ def plan_stops(
                 f"joint {joint + 1}: its stops are not stated, or limits.torque_nm hardly carries the "
                 f"arm there: state the stops, or raise the limit; {_ALTERNATIVE}"
             )
-        if lowest < floor_m - MARGIN_M:
+        if lowest < floor_m - arm_motion.MARGIN_M:
             raise InputError(
                 f"joint {joint + 1}: on the way to its stops the arm would come {floor_m - lowest:.2g} m "
                 f"closer to the ground than its present position: start that much higher; {_ALTERNATIVE}"
@@ -140,7 +128,9 @@ def _candidates(
             posture[joint] = np.clip(stops[joint] - side * _NEAR_RAD, low[joint], high[joint])
             end = posture.copy()
             end[joint] = stops[joint] + side * reach_rad
-            way = np.concatenate([straight_path(up, posture), straight_path(posture, end)])
+            way = np.concatenate(
+                [arm_motion.straight_path(up, posture), arm_motion.straight_path(posture, end)]
+            )
             yield way, StopApproach(joint, float(stops[joint]), side, posture)
 
 
@@ -172,9 +162,9 @@ class StopSettings:
         """Choose settings that stay well below the guard's limits of torque, speed and tracking."""
         return cls(
             push_nm=PUSH_SHARE * np.array(limits.torque_nm),
-            lead_rad=np.minimum(_LEAD_RAD, SHARE * np.array(limits.tracking_rad)),
-            travel_rad_s=travel_speed_rad_s(limits),
-            speed_rad_s=float(cap_speed(_PRESS_RAD_S, limits).min()),
+            lead_rad=np.minimum(_LEAD_RAD, arm_motion.SHARE * np.array(limits.tracking_rad)),
+            travel_rad_s=arm_motion.travel_speed_rad_s(limits),
+            speed_rad_s=float(arm_motion.cap_speed(_PRESS_RAD_S, limits).min()),
         )
 
 
@@ -201,7 +191,7 @@ class StopTask:
         approaches: Sequence[StopApproach],
         settings: StopSettings,
     ) -> None:
-        self._free, self._body = FreeMotion(body, gains), body
+        self._free, self._body = arm_motion.FreeMotion(body, gains), body
         self._up_rad, self._approaches, self._settings = up_rad, tuple(approaches), settings
         self._touches = len(approaches) * settings.touches
 
@@ -232,7 +222,9 @@ class StopTask:
 
     def _move_along(self, postures: Sequence[FloatArray]) -> None:
         speed_rad_s = self._settings.travel_rad_s
-        self._moves = [JointMove(a, b, speed_rad_s, ACCELERATION_RAD_S2) for a, b in pairwise(postures)]
+        self._moves = [
+            JointMove(a, b, speed_rad_s, arm_motion.ACCELERATION_RAD_S2) for a, b in pairwise(postures)
+        ]
         self._move_s = 0.0
 
     def _move(self, measurement: Measurement, dt_s: float) -> TaskOutput:

@@ -9,18 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.common import console
+from palpate.common import console, options
 from palpate.common.console import count, display_path, plus_minus, safe, significant
-from palpate.common.options import (
-    AddOption,
-    JsonOption,
-    PatternOption,
-    SchedulerOption,
-    WorkersOption,
-    effect_names,
-    model_names,
-    with_options,
-)
 from palpate.render.view import NOISE
 from palpate.robot_io.errors import InputError
 from palpate.workflows.data_options import StudyOptions
@@ -46,7 +36,7 @@ class BatchArguments(StudyOptions):
     ]
 
 
-@with_options(BatchArguments, "data")
+@options.with_options(BatchArguments, "data")
 def batch_command(
     data: BatchArguments,
     *,
@@ -58,7 +48,7 @@ def batch_command(
         typer.Option(
             help="Base model, or 'suggest' to choose the one that fits a few measurements best; default: the "
             "usual one of each channel.",
-            autocompletion=model_names,
+            autocompletion=options.model_names,
         ),
     ] = None,
     diagnose: Annotated[
@@ -71,8 +61,8 @@ def batch_command(
             help="Combine the evidence of all measurements, to detect effects too small for one of them.",
         ),
     ] = False,
-    add: AddOption = None,
-    pattern: PatternOption = None,
+    add: options.AddOption = None,
+    pattern: options.PatternOption = None,
     metadata: Annotated[
         Path | None,
         typer.Option(
@@ -100,18 +90,18 @@ def batch_command(
         typer.Option(
             help="Effect whose parameters are the same in all channels of a group; may be repeated.",
             metavar="EFFECT",
-            autocompletion=effect_names,
+            autocompletion=options.effect_names,
         ),
     ] = None,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
     retry: Annotated[
         bool, typer.Option("--retry", help="Retry measurements that could not be evaluated.")
     ] = False,
     reports: Annotated[
         int, typer.Option(help="Number of outliers for which to write a report; the page links to it.", min=0)
     ] = 3,
-    as_json: JsonOption = False,
+    as_json: options.JsonOption = False,
 ) -> None:
     """Estimate and compare many measurements, and write a table and a web page.
 

@@ -5,16 +5,8 @@ from typing import Annotated
 
 import typer
 
-from palpate.common import console
+from palpate.common import console, files
 from palpate.common.console import display_path, shell_path
-from palpate.common.files import (
-    different_files,
-    open_session,
-    output_file,
-    output_folder,
-    refuse_link,
-    spare_files,
-)
 from palpate.control.loop.tick_record import STREAM_NAME as TICK
 from palpate.control.teleop.messaging import STREAM_NAME as LINK
 from palpate.render.inspection import PLOTS, RECORDING, inspect_session
@@ -48,21 +40,21 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
     Without a display, the recording is written to the file of --save, or to a file in the session's folder,
     which is overwritten. Rerun opens this file on any machine.
     """
-    opened, merged = open_session(session), None
+    opened, merged = files.open_session(session), None
     if other is not None:
         from palpate.teleop.merged_sessions import merge_sessions  # noqa: PLC0415, for two sides alone
 
-        merged = merge_sessions(opened, open_session(other))
+        merged = merge_sessions(opened, files.open_session(other))
     elif LINK in opened.stream_names and TICK not in opened.stream_names:
         raise InputError(f"{session}: is a leader's session: give its follower's session as well")
     for output in (save, screenshot):
         if output is not None:
-            output_file(output, force=force, keep=[session, *filter(None, [other])])
-    different_files(save, screenshot, plots and plots / PLOTS)
+            files.output_file(output, force=force, keep=[session, *filter(None, [other])])
+    files.different_files(save, screenshot, plots and plots / PLOTS)
     if plots is not None:
-        spare_files(plots, [PLOTS], force=force, keep=[session])
-        output_folder(plots)
-    recording = save or output_folder(refuse_link(opened.derived_dir)) / (
+        files.spare_files(plots, [PLOTS], force=force, keep=[session])
+        files.output_folder(plots)
+    recording = save or files.output_folder(files.refuse_link(opened.derived_dir)) / (
         RECORDING if merged is None else BOTH
     )
     if merged is None:

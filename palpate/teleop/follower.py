@@ -29,18 +29,8 @@ from palpate.control.teleop.follower_task import FollowerTask, SilenceAction, Ta
 from palpate.control.teleop.messaging import LINK_STREAM, Messaging
 from palpate.robot_io.calibration.applied import load_calibrations
 from palpate.robot_io.clock import Clock
+from palpate.robot_io.link import messages
 from palpate.robot_io.link.connection import LinkConnection, LinkSettings
-from palpate.robot_io.link.messages import (
-    MOST_TARGETS,
-    MOST_TEXT,
-    Intent,
-    Message,
-    ObjectEstimate,
-    Report,
-    Target,
-    TargetState,
-    short_number,
-)
 from palpate.robot_io.session import RecordArray, Samples, SessionWriter, Stream
 from palpate.robot_io.types import Measurement
 from palpate.runs.probing import PLAN
@@ -89,12 +79,12 @@ class FollowerMessaging(threading.Thread):
         self._samples: deque[tuple[Stream, RecordArray, int, bool]] = deque()
         self._is_idle = True  # whether no estimate was pending at the thread's last check
         self._estimator = ObjectEstimator(diagnose=diagnose)
-        self._newest: dict[int, ObjectEstimate] = {}  # newest estimate by target
+        self._newest: dict[int, messages.ObjectEstimate] = {}  # newest estimate by target
         self._seen: tuple[int, ...] = ()  # revisions that the leader has received
         self._resend_s, self._settling_since_s, self._newest_s = 0.0, math.nan, -math.inf
 
-        def take(message: Message, _sent_s: float) -> None:
-            if isinstance(message, Intent):
+        def take(message: messages.Message, _sent_s: float) -> None:
+            if isinstance(message, messages.Intent):
                 self.queue.take(message)
                 self._seen = message.seen
 
@@ -148,7 +138,7 @@ class FollowerMessaging(threading.Thread):
         self.close()
         with suppress(Exception):  # errors no longer matter
             for _ in range(_END_REPORTS):
-                self.link.send(replace(self._report(), remark=cause[:MOST_TEXT], ended=True))
+                self.link.send(replace(self._report(), remark=cause[: messages.MOST_TEXT], ended=True))
                 time.sleep(_MESSAGE_PERIOD_S)
 
     def close(self) -> None:
@@ -197,18 +187,18 @@ class FollowerMessaging(threading.Thread):
             self._newest[answer.target] = replace(answer, revision=self.estimates)
             self.estimates += 1
             self._newest_s = self._clock.now_s()
-            text = f"target {short_number(answer.target)}: {summarize_estimate(answer)}"
+            text = f"target {messages.short_number(answer.target)}: {summarize_estimate(answer)}"
             self.notes.append((ESTIMATE, text, {"target": answer.target, "verdict": answer.verdict}))
             self._say(text)
-            if len(self._newest) > MOST_TARGETS:
+            if len(self._newest) > messages.MOST_TARGETS:
                 del self._newest[next(iter(self._newest))]
 
-    def _unseen(self) -> list[ObjectEstimate]:
+    def _unseen(self) -> list[messages.ObjectEstimate]:
         return [made for made in list(self._newest.values()) if made.revision not in self._seen]
 
-    def _report(self) -> Report:
+    def _report(self) -> messages.Report:
         arm, states = self.arm_state, self.queue.states()
-        return Report(
+        return messages.Report(
             phase=int(arm.phase),
             target=self.queue.current,
             tip_world_m=arm.tip_world_m,
@@ -217,12 +207,12 @@ class FollowerMessaging(threading.Thread):
             force_n=arm.force_n,
             targets=tuple(states),
             states=tuple(int(state) for state in states.values()),
-            remark=self.queue.remark[:MOST_TEXT],
+            remark=self.queue.remark[: messages.MOST_TEXT],
             ended=False,
         )
 
 
-def _rank(estimate: ObjectEstimate) -> tuple[int, bool]:
+def _rank(estimate: messages.ObjectEstimate) -> tuple[int, bool]:
     """Rank an estimate by its number of runs, then by whether it was diagnosed."""
     return estimate.runs, bool(estimate.verdict)
 
@@ -307,7 +297,7 @@ class FollowerOutcome:
     """Result of a follower's run."""
 
     loop: LoopResult
-    states: dict[int, TargetState]  # final state of each target, by number
+    states: dict[int, messages.TargetState]  # final state of each target, by number
     estimates: int  # number of estimates
     messaging_error: str  # why the link failed; empty if it did not
 
@@ -327,7 +317,7 @@ def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
     calibrations = load_calibrations(robot_file, emulated=job.wired)
     body = RigidBody.of_robot(robot_file, calibrations)
 
-    def probing(target: Target) -> ProbingTask:
+    def probing(target: messages.Target) -> ProbingTask:
         return ProbingTask.from_robot_file(robot_file, plan_for(target, job.plan), calibrations, body)
 
     with ExitStack() as stack:
@@ -347,5 +337,5 @@ def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
         say("waiting for a leader; Ctrl-C brings the arm to rest")
         result = arm.run(task, observer.observe)
         messaging.report_end(result.cause)
-    states = {short_number(number): state for number, state in messaging.queue.states().items()}
+    states = {messages.short_number(number): state for number, state in messaging.queue.states().items()}
     return FollowerOutcome(result, states, messaging.estimates, messaging.error)

@@ -17,18 +17,8 @@ from palpate.control.loop.timing import SectionTiming
 from palpate.control.teleop.messaging import Messaging
 from palpate.robot_io.clock import Clock, MonotonicClock
 from palpate.robot_io.errors import InputError, PalpateError
+from palpate.robot_io.link import messages
 from palpate.robot_io.link.connection import LinkConnection, LinkSettings
-from palpate.robot_io.link.messages import (
-    MOST_TARGETS,
-    Intent,
-    Message,
-    ObjectEstimate,
-    Report,
-    Target,
-    TargetState,
-    short_number,
-    target_number,
-)
 from palpate.robot_io.robot_file import RobotFile
 from palpate.robot_io.session import SessionMetadata
 from palpate.runs.session import SOURCE
@@ -125,9 +115,9 @@ class _Leader:
 
         self._messaging = Messaging(line, clock, take=self._handle_message, on_new_peer=drop_follower)
         self._sender = line.sender
-        self._targets: dict[int, Target] = {}
+        self._targets: dict[int, messages.Target] = {}
         self._cancelled: list[int] = []
-        self._states: dict[int, TargetState] = {}
+        self._states: dict[int, messages.TargetState] = {}
         self._remark = ""
         self._read = 0
         self._notes: list[tuple[str, str]] = []
@@ -188,7 +178,7 @@ class _Leader:
 
     def outcome(self) -> LeaderOutcome:
         """Return the result of the run."""
-        states = {short_number(number): state.name.lower() for number, state in self._states.items()}
+        states = {messages.short_number(number): state.name.lower() for number, state in self._states.items()}
         heard = self._messaging.peer.offset is not None
         return LeaderOutcome(states, self._target_states.received, heard, self._lateness)
 
@@ -221,12 +211,12 @@ class _Leader:
         ]
         for target in waiting:
             self._cancelled.append(target.number)
-            self._note("target", f"target {short_number(target.number)} canceled")
+            self._note("target", f"target {messages.short_number(target.number)} canceled")
         if not waiting:
-            number = target_number(self._sender, len(self._targets))
-            self._targets[number] = Target(number, place, DOWN)
+            number = messages.target_number(self._sender, len(self._targets))
+            self._targets[number] = messages.Target(number, place, DOWN)
             place_mm = ", ".join(f"{1e3 * value:.0f}" for value in place)
-            self._note("target", f"target {short_number(number)} chosen at ({place_mm}) mm")
+            self._note("target", f"target {messages.short_number(number)} chosen at ({place_mm}) mm")
 
     def _exchange(self) -> None:
         """Exchange messages with the follower: reports in, targets out."""
@@ -235,11 +225,13 @@ class _Leader:
             self._note("link", "the follower responds" if is_heard else "the follower is silent")
         if problem := self._messaging.problem():
             self._note("link", problem)
-        queued, cancelled = self._queued()[:MOST_TARGETS], self._cancelled[-MOST_TARGETS:]
-        self._messaging.send(Intent(tuple(queued), tuple(cancelled), self._target_states.seen, self._ending))
+        queued, cancelled = self._queued()[: messages.MOST_TARGETS], self._cancelled[-messages.MOST_TARGETS :]
+        self._messaging.send(
+            messages.Intent(tuple(queued), tuple(cancelled), self._target_states.seen, self._ending)
+        )
 
-    def _handle_message(self, message: Message, sent_s: float) -> None:
-        if isinstance(message, ObjectEstimate):
+    def _handle_message(self, message: messages.Message, sent_s: float) -> None:
+        if isinstance(message, messages.ObjectEstimate):
             try:
                 is_new = self._target_states.take(message)
             except InputError as error:
@@ -247,11 +239,11 @@ class _Leader:
                 return
             if is_new:
                 why = f" ({message.words})" if message.words else ""
-                target = short_number(message.target)
+                target = messages.short_number(message.target)
                 self._note("estimate", f"target {target}: {summarize_estimate(message)}{why}")
-        elif isinstance(message, Report):
+        elif isinstance(message, messages.Report):
             # A follower may report targets of the previous leader until it receives this leader's messages.
-            states = zip(message.targets, map(TargetState, message.states), strict=True)
+            states = zip(message.targets, map(messages.TargetState, message.states), strict=True)
             self._states.update((number, state) for number, state in states if number in self._targets)
             if message.remark and message.remark != self._remark:
                 self._note("follower", message.remark)
@@ -263,12 +255,12 @@ class _Leader:
                 self.end()
                 self._over = True
 
-    def _queued(self) -> list[Target]:
+    def _queued(self) -> list[messages.Target]:
         """Return targets that are neither finished by the follower nor canceled."""
         return [
             target
             for target in self._targets.values()
-            if not self._states.get(target.number, TargetState.QUEUED).is_over
+            if not self._states.get(target.number, messages.TargetState.QUEUED).is_over
             and target.number not in self._cancelled
         ]
 

@@ -9,14 +9,7 @@ from numpy.random import Generator
 
 from palpate.robot_io.files.file_model import NotNegative, Number, Positive
 from palpate.robot_io.types import FloatArray
-from palpate.sim_backend.hooks import (
-    AddedTorque,
-    HiddenEffects,
-    JointEffect,
-    JointFriction,
-    JointStepState,
-    SensorHook,
-)
+from palpate.sim_backend import hooks
 from palpate.sim_backend.imperfection import JointImperfection, Values, parameter
 from palpate.sim_backend.noise_scale import CONTACT, LOADED, NoiseScale, channel_of
 
@@ -24,8 +17,8 @@ from palpate.sim_backend.noise_scale import CONTACT, LOADED, NoiseScale, channel
 class _FrictionImperfection(JointImperfection, ABC):
     """A resistance against the motion of one joint; at rest it balances any smaller torque."""
 
-    def _effects(self, index: int, joint_count: int) -> HiddenEffects:
-        return HiddenEffects(friction=(JointFriction(index, self._resistance_nm),))
+    def _effects(self, index: int, joint_count: int) -> hooks.HiddenEffects:
+        return hooks.HiddenEffects(friction=(hooks.JointFriction(index, self._resistance_nm),))
 
     @abstractmethod
     def _resistance_nm(self, speed_rad_s: float, transmitted_nm: float) -> float:
@@ -101,10 +94,10 @@ class HiddenAsymmetricFriction(_FrictionImperfection):
     positive_nm: NotNegative = parameter("N m", 0.0, 2.0, le=100.0)  # f+ [N m]
     negative_nm: NotNegative = parameter("N m", 0.0, 2.0, le=100.0)  # f- [N m]
 
-    def _effects(self, index: int, joint_count: int) -> HiddenEffects:
+    def _effects(self, index: int, joint_count: int) -> hooks.HiddenEffects:
         constant_nm = -0.5 * (self.positive_nm - self.negative_nm)
-        constant = AddedTorque(index, lambda _position, _drive: constant_nm)
-        return super()._effects(index, joint_count) + HiddenEffects(joint=(constant,))
+        constant = hooks.AddedTorque(index, lambda _position, _drive: constant_nm)
+        return super()._effects(index, joint_count) + hooks.HiddenEffects(joint=(constant,))
 
     def _resistance_nm(self, speed_rad_s: float, transmitted_nm: float) -> float:
         return 0.5 * (self.positive_nm + self.negative_nm)
@@ -171,8 +164,8 @@ class HiddenLoadDependentFriction(_FrictionImperfection):
 class _TorqueImperfection(JointImperfection, ABC):
     """A torque added to that of one drive."""
 
-    def _effects(self, index: int, joint_count: int) -> HiddenEffects:
-        return HiddenEffects(joint=(AddedTorque(index, self._torque_nm),))
+    def _effects(self, index: int, joint_count: int) -> hooks.HiddenEffects:
+        return hooks.HiddenEffects(joint=(hooks.AddedTorque(index, self._torque_nm),))
 
     @abstractmethod
     def _torque_nm(self, position_rad: float, drive_nm: float) -> float:
@@ -266,9 +259,9 @@ class _TransmissionImperfection(JointImperfection, ABC):
         """See `Imperfection.channels`; the tip is not where the encoders say."""
         return (channel_of(self.joint), CONTACT)
 
-    def _effects(self, index: int, joint_count: int) -> HiddenEffects:
+    def _effects(self, index: int, joint_count: int) -> hooks.HiddenEffects:
         offset = _LinkOffset(index, self._next_offset_rad)
-        return HiddenEffects(joint=(offset,), encoder=(offset,))
+        return hooks.HiddenEffects(joint=(offset,), encoder=(offset,))
 
     @abstractmethod
     def _next_offset_rad(self, offset_rad: float, step_s: float, torque_nm: float) -> float:
@@ -281,7 +274,7 @@ class _TransmissionImperfection(JointImperfection, ABC):
         """
 
 
-class _LinkOffset(JointEffect, SensorHook):
+class _LinkOffset(hooks.JointEffect, hooks.SensorHook):
     def __init__(self, index: int, next_offset_rad: Callable[[float, float, float], float]) -> None:
         self._index = index
         self._next_offset_rad = next_offset_rad
@@ -290,7 +283,7 @@ class _LinkOffset(JointEffect, SensorHook):
     def restart(self) -> None:
         self._offset_rad = 0.0
 
-    def joint_torque_nm(self, state: JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
+    def joint_torque_nm(self, state: hooks.JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
         """Move the encoder ahead of the link for this step; the torque passes through unchanged.
 
         Args:
@@ -378,11 +371,11 @@ class HiddenArmature(JointImperfection):
     shows_in = LOADED  # the last joint's controller becomes unstable before it shows
     inertia_kg_m2: NotNegative = parameter("kg m^2", 0.001, 0.5, le=10.0)  # J [kg m^2]
 
-    def _effects(self, index: int, joint_count: int) -> HiddenEffects:
+    def _effects(self, index: int, joint_count: int) -> hooks.HiddenEffects:
         inertia_kg_m2 = np.zeros(joint_count)
         inertia_kg_m2[index] = self.inertia_kg_m2
         rotors = (Rotors(inertia_kg_m2.tolist()),) if self.inertia_kg_m2 else ()
-        return HiddenEffects(joint=rotors)
+        return hooks.HiddenEffects(joint=rotors)
 
     @classmethod
     def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
@@ -392,7 +385,7 @@ class HiddenArmature(JointImperfection):
         return {"inertia_kg_m2": min(inertia_kg_m2, 6.0 * joint.inertia_kg_m2)}
 
 
-class Rotors(JointEffect):
+class Rotors(hooks.JointEffect):
     """Solves (M + J) a = tau + r for the step, J diagonal, where the engine solves M a = tau - J a + r.
 
     The torque r of weight, contact and friction follows from the equation at the last step's motion;
@@ -409,7 +402,7 @@ class Rotors(JointEffect):
         self._last: tuple[FloatArray, FloatArray] | None = None
         self._refresh_s = -inf
 
-    def joint_torque_nm(self, state: JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
+    def joint_torque_nm(self, state: hooks.JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
         """Subtract J a, the torques that accelerate the rotors, with a as in the class.
 
         Args:
