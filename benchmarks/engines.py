@@ -25,7 +25,7 @@ from palpate.sim_backend.imperfection import IMPERFECTIONS, describe_imperfectio
 from palpate.sim_backend.noise_scale import CONTACT
 from palpate.sim_backend.scenario import Scenario
 from palpate.sweep import Case, Cluster, ResultStore, run_cases
-from palpate.sweep.grid import DIAGNOSE, shipped_grid
+from palpate.sweep.grid import DIAGNOSE, SHIPPED, load_grid
 from palpate.sweep.tasks.probing import NOTHING
 
 ENGINES = ("pybullet", "mujoco")
@@ -76,7 +76,7 @@ def run_in_both_engines(cases: Sequence[Case], options: Namespace) -> Iterator[t
 
 def compare_grid(options: Namespace) -> None:
     """Print the largest difference of k and c between the engines, for each estimator."""
-    cases = list(shipped_grid("paper_clean").cases())[:: options.every]
+    cases = list(load_grid(SHIPPED / "paper_clean.yaml").cases())[:: options.every]
     apart: dict[tuple[str, str], list[float]] = {}
     for rows in run_in_both_engines(cases, options):
         for bullet, mujoco in zip(*rows, strict=True):

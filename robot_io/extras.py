@@ -1,7 +1,6 @@
 """Packages that only a part of palpate needs: imported on first use, and installed with an extra."""
 
 from importlib import import_module
-from importlib.util import find_spec
 from types import ModuleType
 from typing import Any
 
@@ -30,19 +29,6 @@ def missing_package(module: str | None) -> str | None:
     """
     package, extra = EXTRAS.get((module or "").partition(".")[0], ("", ""))
     return f"the package {package} is not installed: pip install 'palpate[{extra}]'" if extra else None
-
-
-def require(module: str) -> None:
-    """Check that a module of an extra can be imported, without importing it.
-
-    Args:
-        module: name of the module, as Python imports it.
-
-    Raises:
-        ModuleNotFoundError: it is missing; the message states the command that installs it.
-    """
-    if find_spec(module) is None:
-        raise ModuleNotFoundError(missing_package(module), name=module)
 
 
 class LazyModule(ModuleType):

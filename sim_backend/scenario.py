@@ -8,7 +8,7 @@ import yaml
 from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
 
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.files.file_model import FileModel, Number, load_yaml, parse_yaml, validate
+from palpate.robot_io.files.file_model import FileModel, Number, validate
 from palpate.sim_backend.contact_laws import ObjectLaw, describe_contact_law, parse_contact_law
 from palpate.sim_backend.contact_laws.standard import EngineContact, KelvinVoigtLaw
 from palpate.sim_backend.engines import EngineName, default_engine
@@ -140,19 +140,4 @@ def load_scenario(source: object, base_dir: str | Path = ".") -> Scenario:
     if not path.is_file():
         shipped = ", ".join(shipped_scenarios())
         raise InputError(f"no scenario '{source}': no such file ({path}). Shipped scenarios: {shipped}")
-    document = load_yaml(path)
-    return validate(Scenario, document.data, document)
-
-
-def parse_scenario(text: str, origin: str) -> Scenario:
-    """Make a scenario from its text, for instance the copy in a session.
-
-    Args:
-        text: YAML.
-        origin: name of the text in errors.
-
-    Raises:
-        InputError: as for `load_scenario`.
-    """
-    document = parse_yaml(text, origin)
-    return validate(Scenario, document.data, document)
+    return Scenario.load(path)

@@ -16,7 +16,6 @@ section 2.8.2.
       - {name: joint_2, type: revolute, a_m: 0.25, theta_rad: 0.0, d_m: 0.0, alpha_rad: 0.0}
 """
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
@@ -25,7 +24,7 @@ from pydantic import Field, model_validator
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.extras import LazyModule
-from palpate.robot_io.files.file_model import FileModel, Number, YamlDocument, load_yaml, matching, validate
+from palpate.robot_io.files.file_model import FileModel, Number, matching
 from palpate.robot_io.robot_file import RobotFile
 from palpate.robot_io.types import FloatArray, frozen_array
 
@@ -118,19 +117,6 @@ class DhTable(FileModel):
         return np.asarray(frame.homogeneous)
 
 
-def load_dh_table(source: str | Path | YamlDocument) -> DhTable:
-    """Read a DH table from YAML.
-
-    Args:
-        source: file, or a document that was read already.
-
-    Raises:
-        InputError: the file is invalid; the error names file, line, key and valid values.
-    """
-    document = source if isinstance(source, YamlDocument) else load_yaml(source)
-    return validate(DhTable, document.data, document)
-
-
 def check_dh_table(robot_file: RobotFile, body: RigidBody) -> None:
     """Compare the tip positions of a robot file's DH table and its URDF; do nothing without a table.
 
@@ -140,7 +126,7 @@ def check_dh_table(robot_file: RobotFile, body: RigidBody) -> None:
     if robot_file.dh is None:
         return
     path = robot_file.resolve(robot_file.dh)
-    table = load_dh_table(path)
+    table = DhTable.load(path)
     if table.joint_count != body.joint_count:
         raise InputError(f"{path}: has {table.joint_count} joints, the URDF has {body.joint_count}")
     low, high = robot_file.limits.position_min_rad, robot_file.limits.position_max_rad

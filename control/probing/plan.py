@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Literal
 
 import yaml
@@ -11,7 +10,7 @@ from pydantic import Field, field_validator, model_validator
 
 from palpate.control.paths.excitation import Excitation
 from palpate.control.paths.trajectory import blend_distance_m
-from palpate.robot_io.files.file_model import FileModel, NotNegative, Number, Positive, load_yaml, validate
+from palpate.robot_io.files.file_model import FileModel, NotNegative, Number, Positive
 
 Speed = Annotated[Positive, Field(le=1.0)]
 JointSpeed = Annotated[float, Field(ge=0.05, le=20.0)]
@@ -111,16 +110,6 @@ class ProbingPlan(FileModel):
                     run += 1
 
     def to_yaml(self) -> str:
-        """Write the whole plan, defaults included, in the form that `load_probing_plan` reads."""
+        """Write the whole plan, defaults included, in the form that `load` reads."""
         text: str = yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False)
         return text
-
-
-def load_probing_plan(path: str | Path) -> ProbingPlan:
-    """Read a plan from a YAML file.
-
-    Raises:
-        InputError: the file is invalid; the error names file, line, key and valid values.
-    """
-    document = load_yaml(path)
-    return validate(ProbingPlan, document.data, document)

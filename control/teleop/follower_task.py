@@ -15,7 +15,6 @@ from palpate.control.laws.gains import Gains
 from palpate.control.laws.hybrid import HybridController
 from palpate.control.loop.task import NO_RUN, Phase, TaskEvent, TaskOutput, make_output
 from palpate.control.paths.trajectory import JointMotion
-from palpate.control.probing.plan import ProbingPlan
 from palpate.control.probing.task import ProbingTask
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.link.messages import MOST_TARGETS, Intent, Target, TargetState, short_number
@@ -125,20 +124,6 @@ class SilenceAction(StrEnum):
 
     FINISH = "finish"
     RETREAT = "retreat"
-
-
-def plan_for(target: Target, plan: ProbingPlan) -> ProbingPlan:
-    """Copy the follower's plan with a target's place and direction.
-
-    Args:
-        target: place and direction.
-        plan: all other settings.
-
-    Returns:
-        The plan for the target.
-    """
-    place = {"targets_world_m": (target.position_world_m,), "press_direction_world": target.direction_world}
-    return plan.model_copy(update=place)
 
 
 class FollowerTask:

@@ -8,6 +8,7 @@ from typing import Annotated, NamedTuple
 import typer
 from plotly.graph_objects import Figure
 
+from palpate.calibration.arm_fit import GravityBodies, fit_arm, motion_of
 from palpate.calibration.force import (
     STANDARD_GRAVITY_M_S2,
     fit_force,
@@ -18,6 +19,7 @@ from palpate.common import console
 from palpate.common.console import AT_REST, command_group, display_path
 from palpate.common.files import atomic_write_all, different_files, existing_file, output_file
 from palpate.common.options import with_options
+from palpate.control.loop.tick_record import STREAM_NAME
 from palpate.estimation.data.import_options import parse_pairs
 from palpate.render.calibration import arm_figure, encoder_figure, force_figure, print_calibration
 from palpate.render.progress import motion_progress, weighing_progress
@@ -226,7 +228,8 @@ def _move_in_free_air(kind: str, options: MotionOptions) -> None:
 
     def analyze(raw: Path) -> _CalibrationResult:
         session = fits.open_recorded(raw, kind, robot_file)
-        fit = fits.arm_fit_of(session, robot_file.urdf_path, robot_file.tip_frame)
+        bodies = GravityBodies.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
+        fit = fit_arm(motion_of(session.samples(STREAM_NAME)), bodies)
         return _CalibrationResult(
             fits.make_calibration(kind, fit, robot_file, raw, options.valid_days), arm_figure(fit)
         )

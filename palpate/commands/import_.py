@@ -73,7 +73,21 @@ def import_command(
         if out is not None:
             raise InputError("--look stores nothing: leave out --out")
         if as_json:
-            console.print_json({"files": [preview_data(file, options.options) for file in tables]})
+            facts = []
+            for file in tables:
+                table = read_table(file, options.options.table)
+                imported = import_table(table, options.options)
+                facts.append(
+                    {
+                        "file": str(file),
+                        "rows": len(table),
+                        "written": table.notes,
+                        "columns": {name: imported.roles.get(name) for name in table.names},
+                        "channels": channel_facts(imported),
+                        "notes": [*imported.notes, *plausibility_warnings(imported)],
+                    }
+                )
+            console.print_json({"files": facts})
             return
         roles = None
         for file in tables:
@@ -122,25 +136,6 @@ _VALUES = 3  # number of values shown of each column
 _MOST_COLUMNS = 60
 _MOST_RUNS = 30
 _PAUSE = 10.0  # multiple of the usual time step above which a gap is a pause
-
-
-def preview_data(path: Path, options: ImportOptions) -> dict[str, Any]:
-    """Return what an import would read from a file, as plain data. InputError: it cannot be read.
-
-    Args:
-        path: the file.
-        options: options for reading the file.
-    """
-    table = read_table(path, options.table)
-    imported = import_table(table, options)
-    return {
-        "file": str(path),
-        "rows": len(table),
-        "written": table.notes,
-        "columns": {name: imported.roles.get(name) for name in table.names},
-        "channels": channel_facts(imported),
-        "notes": [*imported.notes, *plausibility_warnings(imported)],
-    }
 
 
 def channel_facts(imported: ImportedData) -> list[dict[str, Any]]:

@@ -2,6 +2,8 @@
 
 import sys
 from dataclasses import asdict
+from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
 
@@ -21,6 +23,7 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.link.connection import Impairment, LinkSettings
 from palpate.robot_io.link.frame import load_seal
 from palpate.robot_io.robot_file import load_robot_file
+from palpate.robot_io.session import SessionMetadata
 from palpate.runs.options import (
     SESSIONS,
     RunOptions,
@@ -31,12 +34,12 @@ from palpate.runs.options import (
     time_stamp,
 )
 from palpate.runs.robots import find_robot, robot_names
-from palpate.runs.session import raise_for_end
+from palpate.runs.session import SOURCE, raise_for_end
 from palpate.sim_backend.scenario import load_scenario, shipped_scenarios
 from palpate.teleop.demo import run_demo
 from palpate.teleop.follower import FollowerJob, run_follower
 from palpate.teleop.haptics import HapticJob
-from palpate.teleop.leader import leader_metadata, run_leader
+from palpate.teleop.leader import run_leader
 
 MILLI, PERCENT = 1e-3, 0.01
 # Starts well above the target: an operator who has felt nothing yet may place it too low.
@@ -211,7 +214,15 @@ def leader(  # noqa: PLR0917, one parameter an option
     device = build_operator(operator, MonotonicClock())  # checks the file before anything starts
     scene, robot_file = load_scenario(scenario), find_robot(robot)
     session = output_session(out or SESSIONS / f"{time_stamp()}-leader.mcap")
-    metadata = leader_metadata(robot_file, scene, command_line)
+    metadata = SessionMetadata(
+        robot_file=robot_file.text,
+        urdf=robot_file.urdf_path.read_text(encoding="utf-8"),
+        scenario=scene.public_yaml(),
+        software_version=version("palpate"),
+        created_utc=datetime.now(UTC).isoformat(timespec="seconds"),
+        command_line=command_line,
+        extra={SOURCE: "leader"},
+    )
     haptics = HapticJob(robot, operator, scene, session, metadata, largest_jump_n=jump_n)
     line = _line(name, port, link, key, bad_network)
     if isinstance(device, LeaderArm):

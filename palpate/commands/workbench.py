@@ -3,6 +3,7 @@
 import webbrowser
 from contextlib import suppress
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Annotated
@@ -14,7 +15,7 @@ from palpate.common import console
 from palpate.common.files import existing_data, existing_file, output_folder
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.robot_io.errors import InputError, PalpateError
-from palpate.robot_io.extras import require
+from palpate.robot_io.extras import missing_package
 from palpate.workbench.startup import LOOPBACK, AppState, early_server, raw_curves
 from palpate.workflows.data_options import DataArguments, ModelOption, may_take_data
 
@@ -70,7 +71,8 @@ def workbench_command(
     home.open = lambda path, options: _state(data, path, options, model)
     if file is not None and data.held_out:
         home.state = _state(data, file, data.options, model)  # refuses runs that do not exist
-    require("nicegui")  # before an address is printed
+    if find_spec("nicegui") is None:  # before an address is printed
+        raise ModuleNotFoundError(missing_package("nicegui"), name="nicegui")
     early = early_server(port)
     if foxglove is not None:
         from palpate.workbench.live import FoxgloveFeed  # noqa: PLC0415, rarely wanted

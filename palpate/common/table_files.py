@@ -30,25 +30,18 @@ def write_table(table: pa.Table, path: Path) -> None:
     with atomic_write(path) as unfinished, unfinished.open("wb") as file:  # Arrow takes no name but UTF-8
         if path.suffix == ".parquet":
             pa.parquet.write_table(table, file)
-        else:
-            pa.csv.write_csv(harmless_table(table), file)
-
-
-def harmless_table(table: pa.Table) -> pa.Table:
-    """Replace control characters in text by blanks, and put an apostrophe before what would be a formula.
-
-    Args:
-        table: columns of any types; text may come from files or their names.
-    """
-    for place, column in enumerate(table.columns):
-        kind = column.type.value_type if pa.types.is_dictionary(column.type) else column.type
-        if pa.types.is_string(kind) or pa.types.is_large_string(kind):
-            text = _harmless(column.cast(pa.string()))
-            table = table.set_column(place, table.column_names[place], text)
-    return table.rename_columns(_harmless(pa.array(table.column_names, pa.string())).to_pylist())
+            return
+        for place, column in enumerate(table.columns):
+            kind = column.type.value_type if pa.types.is_dictionary(column.type) else column.type
+            if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+                text = _harmless(column.cast(pa.string()))
+                table = table.set_column(place, table.column_names[place], text)
+        names = _harmless(pa.array(table.column_names, pa.string())).to_pylist()
+        pa.csv.write_csv(table.rename_columns(names), file)
 
 
 def _harmless(text: pa.Array | pa.ChunkedArray) -> pa.Array | pa.ChunkedArray:
+    """Replace control characters by blanks, and put an apostrophe before what would be a formula."""
     line = pc.replace_substring_regex(text, _CONTROLS, " ")
     is_number = pc.match_substring_regex(line, _NUMBER)
     is_formula = pc.and_not(pc.match_substring_regex(line, _FORMULA), is_number)

@@ -12,14 +12,13 @@ import numpy as np
 import pyarrow as pa
 
 from palpate.control.loop.task import Phase
-from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.channels import COLUMNS
 from palpate.estimation.data.file_columns import is_session
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.study.source import open_source
 from palpate.render import palette
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.session import Column, Samples, Session, Stream
+from palpate.robot_io.session import Column, Session, Stream
 
 EVENTS = "events"
 _CHANNEL = re.compile(r"contact(_\d+)?|joint_\d+")
@@ -32,6 +31,9 @@ _EFFORTS = {"force_n": "force_N", "torque_nm": "torque_Nm"}  # names that `palpa
 
 def recorded_table(path: Path, options: ImportOptions, name: str) -> pa.Table:
     """Return a session's stream or events, or a channel of any data, as a table.
+
+    A wide column of a stream becomes several, numbered from 1; fields keep their units. A channel has the
+    names and units that `palpate import` takes, and no rows before run 0.
 
     Args:
         path: session, folder of sessions, or data file.
@@ -46,7 +48,15 @@ def recorded_table(path: Path, options: ImportOptions, name: str) -> pa.Table:
     is_channel = _CHANNEL.fullmatch(name) is not None  # an imported session has a stream of the same name
     if session is not None and name in streams and not is_channel:
         if name != EVENTS:
-            return stream_table(session.samples(name))
+            fields, arrays = list[pa.Field](), list[pa.Array]()
+            samples = session.samples(name)
+            for column in samples.stream.columns:
+                vector, about = samples.vector(column.name), {"unit": column.unit, "doc": column.doc}
+                for number in range(vector.shape[1]):
+                    label = column.name if column.width == 1 else f"{column.name}_{number + 1}"
+                    arrays.append(pa.array(np.ascontiguousarray(vector[:, number])))
+                    fields.append(pa.field(label, arrays[-1].type, metadata=about))
+            return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
         rows = [{**vars(event), "data": json.dumps(event.data)} for event in session.events]
         return pa.Table.from_pylist(rows, _EVENT_COLUMNS)
     try:
@@ -58,37 +68,12 @@ def recorded_table(path: Path, options: ImportOptions, name: str) -> pa.Table:
     if name not in channels:
         available = ", ".join([*streams, *(channel for channel in channels if channel not in streams)])
         raise InputError(f"{path}: has no stream or channel '{name}'. There are: {available}")
-    return channel_table(channels[name])
-
-
-def stream_table(samples: Samples) -> pa.Table:
-    """Return all columns of a stream; a wide one becomes several, numbered from 1. Fields keep their units.
-
-    Args:
-        samples: samples of the stream.
-    """
-    fields, arrays = list[pa.Field](), list[pa.Array]()
-    for column in samples.stream.columns:
-        values, about = samples.vector(column.name), {"unit": column.unit, "doc": column.doc}
-        for number in range(values.shape[1]):
-            name = column.name if column.width == 1 else f"{column.name}_{number + 1}"
-            arrays.append(pa.array(np.ascontiguousarray(values[:, number])))
-            fields.append(pa.field(name, arrays[-1].type, metadata=about))
-    return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
-
-
-def channel_table(channel: ChannelData) -> pa.Table:
-    """A channel of n samples with the names and units that `palpate import` takes; no rows before run 0.
-
-    Args:
-        channel: n samples.
-    """
+    channel = channels[name]
     motion = (channel.position, channel.velocity, channel.acceleration, channel.effort)
-    columns = {"time_s": channel.time_s, "run": channel.run}
-    names = (_EFFORTS.get(name, name) for name in COLUMNS[channel.kind])
-    columns |= dict(zip(names, motion, strict=True))
-    columns |= {name: channel.context[name] for name in sorted(channel.recorded)}
-    table = pa.table({name: pa.array(values) for name, values in columns.items()})
+    names = (_EFFORTS.get(own, own) for own in COLUMNS[channel.kind])
+    columns = {"time_s": channel.time_s, "run": channel.run} | dict(zip(names, motion, strict=True))
+    columns |= {own: channel.context[own] for own in sorted(channel.recorded)}
+    table = pa.table({own: pa.array(values) for own, values in columns.items()})
     known = {int(phase): phase.name.lower() for phase in Phase}
     if np.isin(channel.phase, list(known)).all():
         table = table.append_column("phase", pa.array([known[phase] for phase in channel.phase.tolist()]))

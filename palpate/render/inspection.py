@@ -9,15 +9,17 @@ from pathlib import Path
 import numpy as np
 
 from palpate.common.console import count
+from palpate.control.loop.tick_record import STREAM_NAME
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.channels import session_channels
+from palpate.estimation.data.tick_channels import checked_ticks
 from palpate.estimation.estimate import with_unit
 from palpate.estimation.study.channels import CONTACT_MODEL
 from palpate.estimation.study.estimates import PREFERRED, ChannelEstimates, estimate_with
 from palpate.render.build import channel_view
 from palpate.render.estimates import estimates_view, markdown_summary
 from palpate.render.recording.revisions import record_rerun
-from palpate.render.recording.scene import Columns, Scene, tick_columns
+from palpate.render.recording.scene import VECTORS, Columns, Scene
 from palpate.render.recording.session import record_session
 from palpate.render.report import write_report
 from palpate.render.view import ChannelView, StudyView, VerdictView
@@ -86,7 +88,10 @@ def inspect_session(session: Session, estimates: ChannelEstimates | None = None)
         with suppress(InputError):  # too few contact samples for an estimate
             estimates = estimate_with(contact, CONTACT_MODEL, PREFERRED)
     truth = true_parameters(session)
-    ticks = tick_columns(session)
+    ticks: Columns | None = None  # of an arm's session, with two dimensions for vectors of a single joint too
+    if STREAM_NAME in session.stream_names and len(session.samples(STREAM_NAME)) >= 2:
+        samples = checked_ticks(session)
+        ticks = {name: samples.vector(name) if name in VECTORS else samples[name] for name in samples}
     if ticks is None and not channels:
         raise InputError(f"{session.path}: holds nothing that can be shown")
     metadata, facts = session.metadata, dict[str, str]()

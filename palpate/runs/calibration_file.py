@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from palpate.calibration.arm_fit import ArmFit, GravityBodies, fit_arm, motion_of
+from palpate.calibration.arm_fit import ArmFit
 from palpate.calibration.encoder import EncoderFit, fit_pose, fit_stops
 from palpate.calibration.force import ForceFit
 from palpate.calibration.standstill import UncertainValue
@@ -72,20 +72,6 @@ def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
     if STREAM_NAME in session.stream_names:
         checked_ticks(session)
     return session
-
-
-def arm_fit_of(session: Session, urdf: str | Path, tip_frame: str) -> ArmFit:
-    """Fit gains, offsets, friction and tilt to a session of `run_motion`.
-
-    Args:
-        session: session of the motion.
-        urdf: file with the arm's masses.
-        tip_frame: frame of the tip in the URDF.
-
-    Raises:
-        InputError: the session is of another kind, or does not determine a joint's gain.
-    """
-    return fit_arm(motion_of(session.samples(STREAM_NAME)), GravityBodies.from_urdf(urdf, tip_frame))
 
 
 def encoder_fit_of(

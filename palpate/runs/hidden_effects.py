@@ -7,12 +7,12 @@ from palpate.common.console import as_command
 from palpate.common.files import existing_file
 from palpate.common.options import user_effect_files
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.files.file_model import FileModel, load_yaml, validate
+from palpate.robot_io.files.file_model import FileModel, parse_yaml
 from palpate.robot_io.session import Session
 from palpate.sim_backend.contact_laws.standard import EngineContact, HuntCrossleyLaw, KelvinVoigtLaw
 from palpate.sim_backend.hidden import SealedAnswer, draw_hidden, sealed_path, unseal
 from palpate.sim_backend.imperfection import IMPERFECTIONS
-from palpate.sim_backend.scenario import Hidden, Scenario, parse_scenario
+from palpate.sim_backend.scenario import Hidden, Scenario
 
 RANDOM = "random"
 SEALED = "(sealed)"  # replaces hidden effects in a stored command line
@@ -42,8 +42,7 @@ def hide(scenario: Scenario, what: str) -> Scenario:
         return scenario.with_hidden(draw_hidden(scenario.seed, effect=effect, scenario=scenario))
     if not Path(what).suffix:
         raise InputError(f"hidden '{what}': {IMPERFECTIONS.unknown(what)}; or {RANDOM}, or a YAML file")
-    document = load_yaml(existing_file(Path(what), "hidden"))
-    return scenario.with_hidden(validate(HiddenFile, document.data, document).hidden)
+    return scenario.with_hidden(HiddenFile.load(existing_file(Path(what), "hidden")).hidden)
 
 
 def open_answer(session: Session) -> SealedAnswer:
@@ -98,7 +97,7 @@ def scenario_of(session: Session) -> Scenario | None:
         InputError: the session's copy of the scenario is not valid.
     """
     text = session.metadata.scenario
-    return parse_scenario(text, f"{session.path}, its scenario") if text else None
+    return Scenario.load(parse_yaml(text, f"{session.path}, its scenario")) if text else None
 
 
 def true_parameters(session: Session) -> dict[str, float]:

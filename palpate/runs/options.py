@@ -17,7 +17,7 @@ from palpate.common.console import as_shell_word, count, safe
 from palpate.common.files import existing_file, output_session
 from palpate.common.options import JsonOption, scenario_names
 from palpate.control.arm.rigid_body import RigidBody
-from palpate.control.probing.plan import ProbingPlan, load_probing_plan
+from palpate.control.probing.plan import ProbingPlan
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.robot_file import RobotFile
 from palpate.robot_io.types import FloatArray
@@ -125,7 +125,7 @@ def probing_plan(experiment: Path | None, usual: ProbingPlan | None = None) -> P
     """
     if experiment is None:
         return usual or ProbingPlan()
-    return load_probing_plan(existing_file(experiment, "experiment"))
+    return ProbingPlan.load(existing_file(experiment, "experiment"))
 
 
 @dataclass(frozen=True, kw_only=True)

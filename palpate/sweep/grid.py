@@ -16,7 +16,7 @@ from pydantic_core import PydanticCustomError
 from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.models import MODELS
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.files.file_model import FileModel, NotNegative, Number, Positive, load_yaml, validate
+from palpate.robot_io.files.file_model import FileModel, NotNegative, Number, Positive, validate
 from palpate.runs.probing import check_duration
 from palpate.runs.robots import find_robot
 from palpate.sim_backend.contact_laws.standard import HuntCrossleyLaw
@@ -169,19 +169,9 @@ def load_grid(path: Path) -> GridFile:
     Args:
         path: YAML file.
     """
-    document = load_yaml(path)
-    grid = validate(GridFile, document.data, document)
+    grid = GridFile.load(path)
     lists = (grid.laws(), grid.speeds_mm_s, grid.noise_std_n, grid.noise_percent, grid.hidden)
     count = grid.repeats * math.prod(map(len, lists))  # Python's int does not overflow
     if count > MOST_CASES:
-        raise InputError(f"{document.origin}: {count} cases; at most {MOST_CASES}")
+        raise InputError(f"{path}: {count} cases; at most {MOST_CASES}")
     return grid
-
-
-def shipped_grid(name: str) -> GridFile:
-    """Read a grid that comes with palpate.
-
-    Args:
-        name: name of the file, without its ending.
-    """
-    return load_grid(SHIPPED / f"{name}.yaml")

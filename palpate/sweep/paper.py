@@ -15,7 +15,7 @@ from palpate.control.loop.task import Phase
 from palpate.sweep import figures
 from palpate.sweep.case import Case, Row
 from palpate.sweep.figures import C, K
-from palpate.sweep.grid import shipped_grid
+from palpate.sweep.grid import SHIPPED, load_grid
 from palpate.sweep.report import ReportSection, write_page
 from palpate.sweep.rows import BOUND, TRUE, SweepTable, column, error_table, errors_of, estimated, grouped
 
@@ -383,7 +383,7 @@ def paper_cases() -> dict[str, list[Case]]:
     parts: dict[str, list[Case]] = {}
     for name in names:  # with RANSAC's threshold as in the paper
         parts[name] = []
-        for case in shipped_grid(f"paper_{name}").cases():
+        for case in load_grid(SHIPPED / f"paper_{name}.yaml").cases():
             specs = [
                 _PAPER_RANSAC if estimator == "ransac" else estimator
                 for estimator in case.parameters["estimators"]

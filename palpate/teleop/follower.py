@@ -25,7 +25,7 @@ from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates
 from palpate.control.probing.plan import ProbingPlan
 from palpate.control.probing.sites import check_against_guard
 from palpate.control.probing.task import ProbingTask
-from palpate.control.teleop.follower_task import FollowerTask, SilenceAction, TargetQueue, plan_for
+from palpate.control.teleop.follower_task import FollowerTask, SilenceAction, TargetQueue
 from palpate.control.teleop.messaging import LINK_STREAM, Messaging
 from palpate.robot_io.calibration.applied import load_calibrations
 from palpate.robot_io.clock import Clock
@@ -318,7 +318,9 @@ def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
     body = RigidBody.of_robot(robot_file, calibrations)
 
     def probing(target: messages.Target) -> ProbingTask:
-        return ProbingTask.from_robot_file(robot_file, plan_for(target, job.plan), calibrations, body)
+        place = {"targets_world_m": (target.position_world_m,)}
+        plan = job.plan.model_copy(update=place | {"press_direction_world": target.direction_world})
+        return ProbingTask.from_robot_file(robot_file, plan, calibrations, body)
 
     with ExitStack() as stack:
         extra = {PLAN: job.plan.to_yaml()}

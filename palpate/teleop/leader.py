@@ -6,8 +6,6 @@ neither a slow network nor a slow terminal affects the felt force.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import UTC, datetime
-from importlib.metadata import version
 from math import dist, nan
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -19,9 +17,6 @@ from palpate.robot_io.clock import Clock, MonotonicClock
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.robot_io.link import messages
 from palpate.robot_io.link.connection import LinkConnection, LinkSettings
-from palpate.robot_io.robot_file import RobotFile
-from palpate.robot_io.session import SessionMetadata
-from palpate.runs.session import SOURCE
 from palpate.sim_backend.scenario import Scenario
 from palpate.teleop.haptics import HapticCommands, HapticJob, HapticReport, run_haptics
 from palpate.teleop.virtual_object import DOWN, TargetStates, summarize_estimate
@@ -42,25 +37,6 @@ class LeaderOutcome:
     estimates: int  # number of received estimates
     heard: bool  # whether the follower answered
     lateness: SectionTiming | None  # lateness of the haptic loop
-
-
-def leader_metadata(robot_file: RobotFile, scene: Scenario, command_line: str) -> SessionMetadata:
-    """Make the metadata of a leader's session.
-
-    Args:
-        robot_file: robot file of the virtual arm.
-        scene: virtual object before the first estimate.
-        command_line: command line as it was typed.
-    """
-    return SessionMetadata(
-        robot_file=robot_file.text,
-        urdf=robot_file.urdf_path.read_text(encoding="utf-8"),
-        scenario=scene.public_yaml(),
-        software_version=version("palpate"),
-        created_utc=datetime.now(UTC).isoformat(timespec="seconds"),
-        command_line=command_line,
-        extra={SOURCE: "leader"},
-    )
 
 
 def run_leader(haptics: HapticJob, link: LinkSettings, say: Say, show: Say) -> LeaderOutcome:

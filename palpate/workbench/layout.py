@@ -83,7 +83,12 @@ async def lay_out_page(home: AppState) -> None:
 def _choose(home: AppState) -> FileDrop:
     drop = FileDrop(lambda path, options: _show(home, path, options))
     drop.build()
-    files = [file for file in home.folder.iterdir() if is_data(file)] if home.folder.is_dir() else []
+    endings = (".csv", ".tsv", ".xlsx", ".parquet", ".npz")
+    files = [
+        file
+        for file in (home.folder.iterdir() if home.folder.is_dir() else ())
+        if file.is_file() and (file.name.lower().removesuffix(".gz").endswith(endings) or is_session(file))
+    ]
     for file in sorted(files, key=lambda file: -file.stat().st_mtime)[:12]:
         ui.button(file.name, on_click=partial(drop.begin, file)).props("flat dense no-caps")
     if sum(map(is_session, files)) > 1:
@@ -97,16 +102,6 @@ def _choose(home: AppState) -> FileDrop:
         "outline no-caps dense icon=precision_manufacturing"
     ).mark("probe")
     return drop
-
-
-def is_data(file: Path) -> bool:
-    """Return whether to offer a file of a folder.
-
-    Args:
-        file: file in the folder of sessions.
-    """
-    is_table = file.name.lower().removesuffix(".gz").endswith((".csv", ".tsv", ".xlsx", ".parquet", ".npz"))
-    return file.is_file() and (is_table or is_session(file))
 
 
 async def _show(home: AppState, path: Path, options: ImportOptions) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, cast
+from typing import Annotated, Any, Self, TypeVar, cast
 
 import yaml
 from pydantic import (
@@ -283,6 +283,19 @@ class FileModel(BaseModel):
     """Base of everything that is read from a file: frozen; an unknown key is an error with a hint."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @classmethod
+    def load(cls, source: "str | Path | YamlDocument") -> Self:
+        """Read a file of this kind.
+
+        Args:
+            source: path of a YAML file, or a document that was read already.
+
+        Raises:
+            InputError: the file is invalid; the error names file, line, key and valid values.
+        """
+        document = source if isinstance(source, YamlDocument) else load_yaml(source)
+        return validate(cls, document.data, document)
 
     @model_validator(mode="before")
     @classmethod

@@ -98,25 +98,6 @@ def _joints_to_root(link: str, parents: dict[str, str]) -> int:
     return depth
 
 
-def remove_file_references(robot: Element) -> Element:
-    """Remove meshes and textures, so that drawing opens no file and asks no server.
-
-    Args:
-        robot: root of the URDF; it is changed.
-
-    Returns:
-        The same element.
-    """
-    for link in robot.iter("link"):
-        for shape in (*link.findall("visual"), *link.findall("collision")):
-            if shape.find(".//mesh") is not None:
-                link.remove(shape)
-    for parent in list(robot.iter()):
-        for named in [child for child in parent if child.get("filename") is not None]:
-            parent.remove(named)
-    return robot
-
-
 class _BoundedTreeBuilder(ElementTree.TreeBuilder):
     """Refuses documents that are deeper or longer than a URDF, before they take memory."""
 

@@ -194,24 +194,6 @@ class _EmulatorBus(VirtualBus):
 _numbers = count()
 
 
-def open_virtual_bus(*, in_lock_step: bool) -> tuple[can.BusABC, dict[str, Any]]:
-    """Open the devices' end of a new virtual bus.
-
-    In lockstep, frames carry the time of the simulated clock, otherwise of the wall clock as on an adapter.
-
-    Args:
-        in_lock_step: whether the clock is a simulated one.
-
-    Returns:
-        The opened end, and the driver's settings for the other.
-    """
-    channel = f"palpate-{os.getpid()}-{next(_numbers)}"
-    options: dict[str, Any] = {"preserve_timestamps": in_lock_step}
-    bus = (_EmulatorBus if in_lock_step else VirtualBus)(channel=channel, **options)
-    timestamps = "robot" if in_lock_step else "wall"
-    return bus, {"interface": "virtual", "channel": channel, "options": options, "timestamps": timestamps}
-
-
 def make_can_wire(
     request: WireRequest, motors: Sequence[Any], make: Callable[[int, Any], EmulatedMotor]
 ) -> tuple[EmulatedWire, dict[str, Any]]:
@@ -226,5 +208,10 @@ def make_can_wire(
         Wire and settings.
     """
     nodes = [make(joint, motor) for joint, motor in enumerate(motors)]
-    bus, reach = open_virtual_bus(in_lock_step=request.in_lock_step)
+    channel = f"palpate-{os.getpid()}-{next(_numbers)}"
+    options: dict[str, Any] = {"preserve_timestamps": request.in_lock_step}
+    bus = (_EmulatorBus if request.in_lock_step else VirtualBus)(channel=channel, **options)
+    # In lockstep, frames carry the time of the simulated clock, otherwise of the wall clock as on an adapter.
+    timestamps = "robot" if request.in_lock_step else "wall"
+    reach = {"interface": "virtual", "channel": channel, "options": options, "timestamps": timestamps}
     return CanWire(bus, nodes, request.faults), reach

@@ -9,6 +9,7 @@ checksums, configuration blocks of 32 bytes, stream mode 3.
 import itertools
 import math
 import struct
+from binascii import crc_hqx
 from collections.abc import Callable
 from typing import Annotated, Any
 
@@ -250,23 +251,6 @@ class EmulatedMark10(SerialSensor):
 _RAIL = 0x7FFFFF  # of a 24 bit converter
 
 
-def cell_crc(data: bytes) -> int:
-    """Compute the CRC-16 of x^16 + x^12 + x^5 + 1, most significant bit first, FFFF at the start.
-
-    Args:
-        data: bytes that it covers.
-
-    Returns:
-        The remainder, from 0 to FFFF.
-    """
-    remainder = 0xFFFF
-    for byte in data:
-        for place in range(7, -1, -1):
-            top = remainder >> 15 ^ byte >> place & 1
-            remainder = (remainder << 1 & 0xFFFF) ^ (0x1021 if top else 0)
-    return remainder
-
-
 def cell_line(text: str) -> bytes:
     """Make a line of the firmware.
 
@@ -276,7 +260,7 @@ def cell_line(text: str) -> bytes:
     Returns:
         The line, with checksum and end.
     """
-    return text.encode() + f"*{cell_crc(text.encode()):04X}\n".encode()
+    return text.encode() + f"*{crc_hqx(text.encode(), 0xFFFF):04X}\n".encode()
 
 
 class EmulatedCell(SerialSensor):

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
+from palpate.calibration.arm_fit import GravityBodies, fit_arm, motion_of
 from palpate.calibration.arm_motion import ExcitationSettings
 from palpate.calibration.encoder import StopSettings
 from palpate.calibration.force import fit_force, read_weighing
@@ -83,7 +84,8 @@ def excited(tmp_path_factory):
     ]
     job = job_in(tmp_path_factory.mktemp("excited"), "torque", effects)
     runs.run_motion(job, SHORT)
-    return job, hidden, fits.arm_fit_of(opened(job), FOLLOWER.urdf_path, FOLLOWER.tip_frame)
+    bodies = GravityBodies.from_urdf(FOLLOWER.urdf_path, FOLLOWER.tip_frame)
+    return job, hidden, fit_arm(motion_of(opened(job).samples("tick")), bodies)
 
 
 class TestDrives:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.control.arm.dh import DhRow, DhTable, check_dh_table, load_dh_table
+from palpate.control.arm.dh import DhRow, DhTable, check_dh_table
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import parse_yaml
@@ -52,7 +52,7 @@ def assert_same_tip(table: DhTable, body: RigidBody, position: np.ndarray) -> No
 
 @pytest.mark.parametrize("path", TABLES, ids=lambda path: path.name)
 def test_shipped_table_describes_the_shipped_urdf(path):
-    table = load_dh_table(path)
+    table = DhTable.load(path)
     body = RigidBody.from_urdf(path.with_name(path.name.replace(".dh.yaml", ".urdf")), "tip")
     for position in np.random.default_rng(1).uniform(-2.5, 2.5, (20, 3)):
         assert_same_tip(table, body, position)
@@ -100,7 +100,7 @@ def test_masses_arrive_in_the_dynamics():
 )
 def test_invalid_table_is_one_clear_line(text, message):
     with pytest.raises(InputError, match=message) as caught:
-        load_dh_table(parse_yaml(text, "arm.yaml"))
+        DhTable.load(parse_yaml(text, "arm.yaml"))
     assert "\n" not in str(caught.value)
 
 

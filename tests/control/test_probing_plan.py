@@ -7,7 +7,7 @@ from palpate.control.laws.gains import Gains, TouchGains
 from palpate.control.loop.result import Outcome
 from palpate.control.loop.task import Phase
 from palpate.control.paths.excitation import Excitation
-from palpate.control.probing.plan import ProbingPlan, load_probing_plan
+from palpate.control.probing.plan import ProbingPlan
 from palpate.control.probing.task import ProbingTask
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.robot_file import load_robot_file
@@ -48,13 +48,13 @@ def test_every_target_gets_every_repeat_of_every_speed_and_a_unit_direction():
 )
 def test_invalid_plan_is_one_clear_line(text, message, tmp_path):
     with pytest.raises(InputError, match=message) as caught:
-        load_probing_plan(saved(tmp_path / "plan.yaml", text + "\n"))
+        ProbingPlan.load(saved(tmp_path / "plan.yaml", text + "\n"))
     assert "\n" not in str(caught.value)
 
 
 def test_plan_is_read_from_its_file(tmp_path):
     path = saved(tmp_path / "plan.yaml", "speeds_m_s: [0.05]\nexcitation: {shape: chirp}\n")
-    plan = load_probing_plan(path)
+    plan = ProbingPlan.load(path)
     assert plan.speeds_m_s == (0.05,)
     assert plan.excitation.shape == "chirp"
     assert plan.force_limit_n == 10.0

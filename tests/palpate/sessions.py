@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 
 from palpate.control.loop.tick_record import tick_stream
-from palpate.control.probing.plan import load_probing_plan
+from palpate.control.probing.plan import ProbingPlan
 from palpate.robot_io.session import Event, Session, SessionMetadata, write_session
 from tests.palpate import synthetic
 
 QUICK = Path(__file__).with_name("quick.yaml")
-QUICK_RUN = load_probing_plan(QUICK)
+QUICK_RUN = ProbingPlan.load(QUICK)
 EVENTS = (
     Event(0.333, "touch", "touched the object", {"run": 0}),
     Event(1.0, "note", "[bold]not markup\x1b[2J"),

@@ -6,7 +6,6 @@ import pytest
 from palpate.control.loop.tick_record import tick_stream
 from palpate.estimation.data.channels import session_channels
 from palpate.estimation.data.tick_channels import checked_ticks
-from palpate.render.recording.scene import tick_columns
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import Column, Session, SessionMetadata, Stream, write_session
 from palpate.robot_io.types import Status
@@ -14,7 +13,7 @@ from tests.palpate import synthetic
 from tests.palpate.cli import assert_refused, run
 from tests.palpate.sessions import synthetic_session
 
-READERS = (checked_ticks, session_channels, tick_columns)
+READERS = (checked_ticks, session_channels)
 
 
 def session_of(path, columns, data):

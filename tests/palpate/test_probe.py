@@ -15,11 +15,12 @@ import pytest
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.loop.task import Phase
 from palpate.estimation.data.channels import session_channels
+from palpate.robot_io.files.file_model import parse_yaml
 from palpate.robot_io.robot_file import parse_robot_file
 from palpate.robot_io.session import Session
 from palpate.runs.probing import PLAN, ProbingJob, Watcher, run_probing
 from palpate.runs.robots import find_robot
-from palpate.sim_backend.scenario import MOST_SEED, Scenario, parse_scenario
+from palpate.sim_backend.scenario import MOST_SEED, Scenario
 from tests.mock_robot import write_mock_files
 from tests.palpate.cli import ROOT, assert_refused, done, run
 from tests.palpate.sessions import QUICK, QUICK_RUN
@@ -33,7 +34,7 @@ def test_probe_reports_its_end_and_the_session_is_self_contained(probed):
     session = Session.open(probed[0])
     metadata = session.metadata
     assert parse_robot_file(metadata.robot_file, "session").name == "follower"
-    assert parse_scenario(metadata.scenario, "session").seed == metadata.seed == 5
+    assert Scenario.load(parse_yaml(metadata.scenario, "session")).seed == metadata.seed == 5
     assert "<robot" in metadata.urdf
     assert "speeds_m_s" in metadata.extra[PLAN]
     assert metadata.created_utc.endswith("+00:00")
@@ -215,7 +216,7 @@ def test_infeasible_plan_is_refused_and_leaves_nothing(tmp_path, plan, words):
 
 def test_largest_seed_is_read_back():
     scenario = Scenario().with_seed(MOST_SEED)
-    assert parse_scenario(scenario.to_yaml(), "session").seed == MOST_SEED
+    assert Scenario.load(parse_yaml(scenario.to_yaml(), "session")).seed == MOST_SEED
 
 
 def test_demo_without_contact_is_reported(tmp_path, log_in_process):

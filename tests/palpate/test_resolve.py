@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from palpate.control.probing.plan import ProbingPlan, load_probing_plan
+from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.design.next_experiment import NextExperiment, NextProbe
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.planning import experiments
@@ -157,7 +157,7 @@ def test_diagnosis_proposes_the_plan_that_resolve_would_run(probed, diagnosed, t
     assert diagnosed.channels[0].next_experiment == following.proposal
     assert probed.next_probe(diagnosed.channels).plan == following.plan
     (tmp_path / "next.yaml").write_text(plan_text(following.proposal, following.plan))
-    assert load_probing_plan(tmp_path / "next.yaml") == following.plan
+    assert ProbingPlan.load(tmp_path / "next.yaml") == following.plan
 
 
 def test_saved_diagnosis_is_followed_as_stated(probed, diagnosed, monkeypatch):

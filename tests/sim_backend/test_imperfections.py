@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import parse_yaml
 from palpate.sim_backend import engines
 from palpate.sim_backend.contact_laws import CONTACT_LAWS
 from palpate.sim_backend.hidden import STRONGEST, WEAKEST, draw_hidden, hidden_effects, noise_scale
@@ -22,7 +23,7 @@ from palpate.sim_backend.imperfection import (
     parse_imperfection,
 )
 from palpate.sim_backend.noise_scale import CONTACT, channel_of, joint_of
-from palpate.sim_backend.scenario import Scenario, load_scenario, parse_scenario
+from palpate.sim_backend.scenario import Scenario, load_scenario
 from palpate.sim_backend.world import World
 from tests.sim_backend.hidden_parts import ALL
 from tests.sim_backend.parts import shipped_arm
@@ -102,7 +103,7 @@ class TestEveryEffect:
         entry = at_strength(name, 10.0)
         assert parse_imperfection(describe_imperfection(entry)) == entry
         world = Scenario().with_hidden([entry])
-        assert parse_scenario(world.to_yaml(), "copy") == world
+        assert Scenario.load(parse_yaml(world.to_yaml(), "copy")) == world
 
     @EVERY_ENGINE
     def test_zero_strength_changes_nothing(self, name, engine):
@@ -150,7 +151,7 @@ def test_sealing_rejects_invalid_answers():
     public = world.public_yaml()
     assert "hidden" not in public
     assert not [name for name in VOCABULARY - {*CONTACT_LAWS} if re.search(rf"\b{name}\b", public)]
-    assert parse_scenario(public, "public") == Scenario(seed=7)
+    assert Scenario.load(parse_yaml(public, "public")) == Scenario(seed=7)
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.files.file_model import FileModel
+from palpate.robot_io.files.file_model import FileModel, parse_yaml
 from palpate.sim_backend.contact_laws import CONTACT_LAWS, describe_contact_law, parse_contact_law
-from palpate.sim_backend.scenario import Scenario, load_scenario, parse_scenario, shipped_scenarios
+from palpate.sim_backend.scenario import Scenario, load_scenario, shipped_scenarios
 
 SHIPPED = ["default", "engine", "hunt_crossley", "paper", "soft", "stiff"]
 LAWS = {
@@ -29,7 +29,7 @@ def test_documented_scenarios_are_shipped():
 def test_shipped_scenario_survives_a_round_trip(name):
     scenario = load_scenario(name)
     assert scenario.description
-    assert parse_scenario(scenario.to_yaml(), "copy") == scenario
+    assert Scenario.load(parse_yaml(scenario.to_yaml(), "copy")) == scenario
     assert load_scenario(scenario) is scenario
 
 

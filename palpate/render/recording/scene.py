@@ -14,19 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.control.loop.task import IN_CONTACT, Phase
-from palpate.control.loop.tick_record import STREAM_NAME
-from palpate.estimation.data.tick_channels import checked_ticks
 from palpate.estimation.estimate import Estimate, ParameterEstimate
 from palpate.render.recording.file import BACKGROUND, time_column
 from palpate.render.recording.rerun_modules import rr, rrb, urdf_reader
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.files.urdf_text import parse_urdf, remove_file_references
-from palpate.robot_io.session import Event, Session
+from palpate.robot_io.files.urdf_text import parse_urdf
+from palpate.robot_io.session import Event
 from palpate.robot_io.types import FloatArray, IntArray
 
 Columns = Mapping[str, NDArray[Any]]
 PICTURES_HZ = 60.0  # rate of 3D poses; the curves keep every tick
-_VECTORS = (  # with a single joint, a session returns them as scalars
+VECTORS = (  # with a single joint, a session returns them as scalars
     *("joint_position_rad", "joint_velocity_rad_s", "reference_position_rad", "reference_velocity_rad_s"),
     *("torque_measured_nm", "torque_commanded_nm", "torque_sent_nm"),
 )
@@ -119,23 +117,6 @@ def picture_rows(time_s: FloatArray) -> IntArray:
     """
     grid = np.arange(time_s[0], time_s[-1], 1.0 / PICTURES_HZ)
     return np.unique(np.append(np.searchsorted(time_s, grid), len(time_s) - 1))
-
-
-def tick_columns(session: Session) -> Columns | None:
-    """Return the columns of the "tick" stream; None if the session was imported, rather than made by an arm.
-
-    Vector columns keep two dimensions for a single joint.
-
-    Args:
-        session: session of an arm, or imported session.
-
-    Raises:
-        InputError: a column is missing or invalid.
-    """
-    if STREAM_NAME not in session.stream_names or len(session.samples(STREAM_NAME)) < 2:
-        return None
-    samples = checked_ticks(session)
-    return {name: samples.vector(name) if name in _VECTORS else samples[name] for name in samples}
 
 
 _TOP, _SIDE = (226, 168, 124), (168, 116, 84)
@@ -288,10 +269,17 @@ def load_urdf(text: str, entity: str = _ARM, frame_prefix: str = "") -> urdf_rea
         ValueError: the URDF cannot be used.
         RuntimeError: the URDF cannot be used.
     """
-    drawn = tostring(remove_file_references(parse_urdf(text)), encoding="unicode")
+    robot = parse_urdf(text)
+    for link in robot.iter("link"):
+        for shape in (*link.findall("visual"), *link.findall("collision")):
+            if shape.find(".//mesh") is not None:
+                link.remove(shape)
+    for parent in list(robot.iter()):
+        for named in [child for child in parent if child.get("filename") is not None]:
+            parent.remove(named)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "arm.urdf"
-        path.write_text(drawn, encoding="utf-8")
+        path.write_text(tostring(robot, encoding="unicode"), encoding="utf-8")
         return urdf_reader.UrdfTree.from_file_path(
             path, entity_path_prefix=entity, frame_prefix=frame_prefix or None
         )

@@ -147,25 +147,6 @@ class TelegramReader:
         return len(self._content) >= _HEADER and len(self._content) == _HEADER + self._content[3] + 2
 
 
-def encode_start_stream(address: int, rate_hz: int) -> bytes:
-    """Encode the request for an endless stream of channel A.
-
-    Args:
-        address: address of the sensor.
-        rate_hz: sample rate [Hz].
-
-    Returns:
-        The bytes of the telegram.
-
-    Raises:
-        InputError: the sensor has no such rate.
-    """
-    if rate_hz not in SAMPLE_RATE_CODES:
-        raise InputError(f"rate_hz {rate_hz}: valid are {', '.join(map(str, SAMPLE_RATE_CODES))}")
-    parameters = bytes((STREAM_MODE, SAMPLE_RATE_CODES[rate_hz], 0, 0, ord("A")))
-    return encode_telegram(Telegram(LorenzCommand.SPECIAL_MODE, address, HOST, parameters))
-
-
 def decode_header_block(parameters: Sequence[int]) -> SensorHeader:
     """Decode the block "rotor header" from the answer to READ_CONFIG.
 
@@ -334,9 +315,10 @@ class Lorenz(SerialForceSensor, Examinable):
         self._identified = (
             f"serial number {header.serial_number}, {settings.nominal_n:.4g} N, {settings.rate_hz} samples/s"
         )
-        self._command(
-            encode_start_stream(settings.address, settings.rate_hz), LorenzCommand.ACK, "the stream"
-        )
+        # The request for an endless stream of channel A.
+        parameters = bytes((STREAM_MODE, SAMPLE_RATE_CODES[settings.rate_hz], 0, 0, ord("A")))
+        request = Telegram(LorenzCommand.SPECIAL_MODE, settings.address, HOST, parameters)
+        self._command(encode_telegram(request), LorenzCommand.ACK, "the stream")
         stream = LorenzStream(settings.nominal_n / settings.counts_at_nominal, settings.rate_hz)
         self._bus.listen(stream, settings.nominal_n)
 

@@ -7,7 +7,7 @@ from palpate.control.laws.gains import Gains
 from palpate.control.loop.task import Phase, TaskOutput
 from palpate.control.probing.plan import ProbingPlan
 from palpate.control.probing.task import ProbingTask
-from palpate.control.teleop.follower_task import FollowerTask, SilenceAction, TargetQueue, plan_for
+from palpate.control.teleop.follower_task import FollowerTask, SilenceAction, TargetQueue
 from palpate.robot_io.link.messages import Target, TargetState, short_number, target_number
 from tests.control.probing_runs import TICK_S, WIDE, plant_above
 from tests.control.reference_plant import TOOL_AXIS_TIP, ReferencePlant, test_arm
@@ -27,7 +27,8 @@ class FollowerRig:
         body = test_arm()
 
         def probing(wanted: Target) -> ProbingTask:
-            plan = plan_for(wanted, PLAN)
+            place = {"targets_world_m": (wanted.position_world_m,)}
+            plan = PLAN.model_copy(update=place | {"press_direction_world": wanted.direction_world})
             return ProbingTask(body, TOOL_AXIS_TIP, Gains(), plan, position_limits_rad=WIDE)
 
         self.task = FollowerTask(body, TOOL_AXIS_TIP, Gains(), self.queue, probing, on_silence=on_silence)

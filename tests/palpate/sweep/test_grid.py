@@ -7,7 +7,7 @@ import yaml
 from palpate.estimation.estimators.ransac import Ransac
 from palpate.robot_io.errors import InputError
 from palpate.sweep import figures, paper
-from palpate.sweep.grid import DIAGNOSE, load_grid, shipped_grid
+from palpate.sweep.grid import DIAGNOSE, SHIPPED, load_grid
 from palpate.sweep.paper import CUBES, paper_cases
 from palpate.sweep.rows import TRUE, estimated
 from palpate.sweep.tasks.probing import make_estimator
@@ -123,7 +123,7 @@ def test_paper_cases_match_the_paper():
     assert make_estimator(ransac[0]) == ("ransac", Ransac(threshold=0.01))
     law = {"name": "kelvin_voigt", "stiffness_n_m": 500, "damping_n_s_m": 100}
     assert cases["ticks"][0].parameters["law"] == law
-    assert shipped_grid("paper_cubes").speeds_mm_s == ((50, 20, 10),)
+    assert load_grid(SHIPPED / "paper_cubes.yaml").speeds_mm_s == ((50, 20, 10),)
 
 
 @pytest.mark.parametrize("cube", CUBES, ids=lambda cube: cube.name)

@@ -14,7 +14,7 @@ from palpate.control.loop.task import TaskOutput
 from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates
 from palpate.control.probing.plan import ProbingPlan
 from palpate.control.probing.task import ProbingTask
-from palpate.control.teleop.follower_task import FollowerTask, TargetQueue, plan_for
+from palpate.control.teleop.follower_task import FollowerTask, TargetQueue
 from palpate.robot_io.calibration.applied import load_calibrations
 from palpate.robot_io.link.messages import Intent, Target, TargetState
 from palpate.robot_io.types import Measurement
@@ -65,7 +65,9 @@ def drive(targets: Iterable[Target], folder: Path) -> Driven:
     driven = Driven(queue.counts)
 
     def probing(target: Target) -> ProbingTask:
-        return ProbingTask.from_robot_file(robot_file, plan_for(target, _PLAN), calibrations, body)
+        place = {"targets_world_m": (target.position_world_m,)}
+        plan = _PLAN.model_copy(update=place | {"press_direction_world": target.direction_world})
+        return ProbingTask.from_robot_file(robot_file, plan, calibrations, body)
 
     def observe(measurement: Measurement, _output: TaskOutput) -> Estimates:
         queue.fill()
