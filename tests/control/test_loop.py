@@ -258,7 +258,7 @@ def test_same_arm_and_guard_run_again():
     ],
     ids=str,
 )
-def test_single_write_failure_is_reported(trouble, words):
+def test_result_line_states_each_problem(trouble, words):
     good = LoopResult(Outcome.STOPPED, "on request", ticks=5)
     assert (good.is_clean, good.one_line()) == (True, "stopped: on request; 5 ticks")
     assert (good.skipped, good.log_failures, good.duration_s, good.wall_s) == (0, 0, 0.0, 0.0)

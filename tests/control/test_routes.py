@@ -70,7 +70,7 @@ def test_tip_swings_up_and_back_at_both_speeds_before_every_run():
         assert record.force_n[begin:end].max() == 0.0
 
 
-def test_unused_options_change_nothing():
+def test_swing_does_not_change_the_runs():
     records = [probed(swing_m) for swing_m in (0.0, SWING_M)]
     torques = [record.torque_nm[record.run == 0] for record in records]
     plain_s, swung_s = (record.time_s[-1] for record in records)

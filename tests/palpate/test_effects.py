@@ -160,7 +160,7 @@ def test_columns_without_possible_fit_are_refused(said, monkeypatch):
         Study([DATA], effects=[spoilt()])
 
 
-def test_effect_without_influence_is_abandoned(tmp_path, monkeypatch):
+def test_effect_that_never_returns_is_abandoned(tmp_path, monkeypatch):
     monkeypatch.setattr(user_effects, "LIMIT_S", 0.2)
     file = tmp_path / "waits.py"
     file.write_text(
@@ -208,7 +208,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("words", WRONG)
-def test_failed_plan_simulation_is_one_line(words):
+def test_failing_effect_is_reported_in_one_line(words):
     found = type("Wrong", (Power,), {"goes_wrong": staticmethod(WRONG[words])})
     effect, before = guarded(found()), GUARDED_DATA.effort.copy()
     try_effect(effect, GUARDED_DATA)

@@ -91,7 +91,7 @@ def test_guard_stop_is_raised_and_persists(tmp_path):
     assert Session.open(tmp_path / "arm.mcap").samples("tick")["guard_tripped"][-1]
 
 
-def test_dead_program_stops_the_arm_and_start_reports_unsupported_jobs(tmp_path):
+def test_dead_program_returns_the_arm_and_an_invalid_job_is_refused(tmp_path):
     arm = FollowingArm(job(tmp_path))
     home = arm.start().joint_position_rad
     arm_near(home + 0.05, arm)

@@ -117,7 +117,7 @@ def study(tmp_path_factory):
         (lambda s: s.report(3), "report 3: give a path"),
     ],
 )
-def test_wrong_type_gives_one_line(study, call, said):
+def test_invalid_arguments_are_refused(study, call, said):
     with pytest.raises(InputError, match=said):
         call(study)
 

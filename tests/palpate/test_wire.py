@@ -136,7 +136,7 @@ def arm(tmp_path_factory):
     return path
 
 
-def test_invalid_result_is_reported(arm):
+def test_emulated_calibration_states_its_source(arm):
     assert load_calibration(arm.parent / "e.yaml").source == "emulated"
 
 
@@ -165,7 +165,7 @@ def test_doctor_accepts_it_with_emulated_devices(arm):
     assert "emulated devices" in result.stderr
 
 
-def test_simulated_robot_is_reported(tmp_path):
+def test_simulated_calibration_states_its_source(tmp_path):
     options = ("--pose", "home", "-o", tmp_path / "e.yaml", "--session", tmp_path / "e.mcap")
     assert run("calibrate", "encoder", *options).exit_code == 0
     assert load_calibration(tmp_path / "e.yaml").source == "simulated"

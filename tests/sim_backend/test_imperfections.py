@@ -139,7 +139,7 @@ class TestEveryEffect:
             hidden_effects([entry], 3)
 
 
-def test_sealing_rejects_invalid_answers():
+def test_all_effects_act_together_and_stay_out_of_the_public_scenario():
     effects = hidden_effects(Scenario().hidden, 3)
     assert not any(vars(effects).values())
     entries = [at_strength(name, 5.0) for name in ALL if name != "plastic_set"]

@@ -119,7 +119,7 @@ def test_every_law_has_an_example_here():
 
 @pytest.mark.parametrize("name", sorted(LAWS))
 class TestEveryLaw:
-    def test_imperfection_is_documented_and_round_trips(self, name):
+    def test_law_is_documented_and_round_trips(self, name):
         law_type = CONTACT_LAWS[name]
         assert issubclass(law_type, FileModel)
         source = inspect.getsource(law_type)

@@ -156,7 +156,7 @@ def test_repeated_lost_and_invalid_intents_change_nothing():
     assert queue.done
 
 
-def test_probe_is_cached_after_eviction():
+def test_finished_targets_are_evicted_and_numbering_continues():
     queue = TargetQueue()
     queue.linked = True
     for number in range(200):

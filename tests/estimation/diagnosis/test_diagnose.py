@@ -93,9 +93,9 @@ def with_a_gap(q, v, a, gap=0.12, runs=5):
     """A link that rests while the motor crosses the gap, with 0.3 of the inertia and 0.8 of the friction."""
     link = np.empty((runs, len(q) // runs))
     for number, angles in enumerate(q.reshape(runs, -1)):
-        sequential_test = angles[0]
+        angle = angles[0]
         for i, motor in enumerate(angles):
-            sequential_test = link[number, i] = min(max(sequential_test, motor - gap / 2), motor + gap / 2)
+            angle = link[number, i] = min(max(angle, motor - gap / 2), motor + gap / 2)
     rests = (np.diff(link, axis=1, prepend=np.nan) == 0.0).ravel()
     return WEIGHT * (np.sin(link.ravel()) - np.sin(q)) - rests * (0.7 * INERTIA * a + 0.2 * DAMPING * v)
 

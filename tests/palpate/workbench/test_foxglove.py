@@ -131,7 +131,7 @@ def test_pages_that_follow_one_session_send_each_tick_once(feed):
     assert len(feed._channel.times_ns) == 50
 
 
-def test_live_figure_is_made_only_for_viewers(feed):
+def test_feed_without_a_session_sends_nothing(feed):
     feed.send(Path("a.mcap"), None)
 
 

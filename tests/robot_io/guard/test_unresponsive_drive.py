@@ -233,7 +233,7 @@ def test_unresponsive_drive_is_named_once_certain(case):
 
 
 @pytest.mark.parametrize("sent_nm", [-4.5, 0.95])
-def test_emulator_reports_sent_and_exerted_torque(sent_nm):
+def test_report_states_sent_and_exerted_torque(sent_nm):
     waves = lambda k: sent_nm * (1.1 if k % 90 < 45 else 1.0)  # noqa: E731
     _, said = ticks_until_named(UnresponsiveDrives(LIMITS), deaf(300, noise=1e-4), waves)
     assert f"0.00 N m where {sent_nm:.2f} N m was sent" in said
@@ -255,7 +255,7 @@ def test_detection_time_is_exact_to_the_tick(deaf_from, sent_from, named_at):
     assert tick == named_at
 
 
-def test_emulator_resumes_after_a_command_gap():
+def test_detection_needs_five_samples_after_a_pause():
     check, shows = UnresponsiveDrives(LIMITS), deaf(0)
     assert ticks_until_named(check, shows, lambda k: 4.0, first=-300, count=301) is None
     tick, _ = ticks_until_named(check, shows, lambda k: 4.0, first=100)

@@ -27,7 +27,7 @@ def test_fault_is_limited_to_its_window_device_and_count():
     assert hits(faults) == []
 
 
-def test_p_value_is_repeatable_and_calibrated():
+def test_fault_probability_is_repeatable_and_calibrated():
     def misfortunes(seed):
         return hits(Faults([Fault(kind=FaultKind.DROP, probability=0.3)], seed=seed), times_s=range(2000))
 
