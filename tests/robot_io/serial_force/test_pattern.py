@@ -74,9 +74,6 @@ def test_unusable_pattern_is_refused(pattern, problem):
         compile_pattern(pattern)
 
 
-POUND_N = 4.4482216152605  # NIST SP 811, lbf
-
-
 @pytest.mark.parametrize(
     ("text", "value"), [("3.04", 3.04), ("-0.000456", -0.000456), ("      3.0400", 3.04)]
 )
@@ -94,7 +91,7 @@ def test_invalid_reading_is_refused(text):
 def test_answers_of_the_manual():
     assert gauges.parse_model("FCM DI-1000") == "DI-1000"
     assert gauges.parse_model("FCM DI-100") == "DI-100"
-    assert newtons_per("lbf") == pytest.approx(POUND_N)
+    assert newtons_per("lbf") == pytest.approx(LBF_N)
     assert newtons_per("kgf") == pytest.approx(9.80665)
     for unit in ("lbf-ft", "in", "psi", "", "UNITS", "MN"):
         with pytest.raises(ProtocolError, match="not a known unit"):
@@ -104,7 +101,7 @@ def test_answers_of_the_manual():
 
 
 @pytest.mark.parametrize(
-    ("unit", "newtons"), [("N", 1), ("kN", 1e3), ("mN", 1e-3), ("oz", POUND_N / 16), ("gf", 9.80665e-3)]
+    ("unit", "newtons"), [("N", 1), ("kN", 1e3), ("mN", 1e-3), ("oz", LBF_N / 16), ("gf", 9.80665e-3)]
 )
 def test_units_are_converted_to_newtons(unit, newtons):
     assert newtons_per(unit) == pytest.approx(newtons)
@@ -143,7 +140,7 @@ def test_readings_of_mark10_s_manual():
     """Series 4 and 5 user's guides: tension, compression."""
     assert parse_reading("-18.78 lbF") == ("-18.78", "lbF")
     stream = gauge_stream("lbF", 1000.0)
-    assert stream.feed(b"-18.78 lbF\r\n4.285 lbF\r\n") == pytest.approx([-18.78 * POUND_N, 4.285 * POUND_N])
+    assert stream.feed(b"-18.78 lbF\r\n4.285 lbF\r\n") == pytest.approx([-18.78 * LBF_N, 4.285 * LBF_N])
     assert gauge_stream("mN", 10.0).feed(b"500 mN\r\n") == pytest.approx([0.5])
 
 

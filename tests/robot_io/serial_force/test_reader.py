@@ -117,7 +117,7 @@ def test_first_reading_needs_another_beside_it(line):
 
 CAPACITY_N = 100.0
 # Through zero; at most 0.75 N in a reading.
-FORCES_N = [40.0 + 45.0 * math.sin(k / 60.0) for k in range(200, 300)]
+FORCES_N = [40.0 + 45.0 * math.sin(k / 60.0) for k in range(240, 300)]
 
 
 def lorenz_frames():
