@@ -188,6 +188,7 @@ def test_bad_input_is_refused_with_help_also_as_json(arguments, words):
     plain, result = run(*arguments), run(*arguments, "--json")
     assert_refused(plain, *words)
     assert plain.stdout == ""
+    assert plain.stderr.rstrip("\n").isprintable()
     (line,) = result.stdout.splitlines()
     told = json.loads(line)
     assert all(word in told["error"] for word in words)

@@ -61,7 +61,6 @@ def test_table_shows_truth_error_and_interval_of_chosen_estimators(probed):
         assert words in shown
     (channel,) = estimate_json(probed[0])["channels"]
     assert [estimate["estimator"] for estimate in channel["estimates"]] == ["lsq", "robust", "ransac"]
-    assert_refused(run("estimate", probed[0], "--all", "--estimator", "lsq"), "--all", "--estimator lsq")
     data = estimate_json(probed[0], "--where", "run=1", "--estimator", "lsq,robust")
     (channel,) = data["channels"]
     assert channel["runs"] == 1
@@ -96,7 +95,7 @@ def test_adequate_model_passes_the_residual_checks(probed, tmp_path):
         assert estimate_json(file, "--estimator", "lsq")["channels"][0]["misfit"]["times"] < 1.5
 
 
-def test_wrong_force_sign_is_reported(tmp_path):
+def test_negative_force_is_turned_and_reported(tmp_path):
     file = contact_csv(tmp_path / "mine.csv", force_scale=-1.0)
     kept = run("estimate", file, "--estimator", "lsq", "--unit", "force=1N", "--unit", "displacement=1m")
     assert "the sign of effort or motion is reversed" in " ".join(kept.stdout.split())
@@ -151,6 +150,9 @@ def test_imported_session_gives_the_estimates_of_its_file(tmp_path):
         (("--estimator", ""), ("estimator",)),
         (("--model", "magic"), ("magic", "kelvin_voigt")),
         (("--where", "run=9"), ("--where run=9", "0, 1, 2")),
+        (("--column", "force_N=load"), ("--column", "data files")),  # a session has its columns
+        (("--fresh-runs",), ("--fresh-runs", "data files")),
+        (("--all", "--estimator", "lsq"), ("--all", "--estimator lsq")),
     ],
 )
 def test_bad_options_are_refused(probed, options, words):
@@ -311,10 +313,6 @@ def test_invalid_session_file_is_no_data_file(tmp_path, content):
     (tmp_path / "x.mcap").write_bytes(content)
     for command in ("estimate", "info"):
         assert_refused(run(command, tmp_path / "x.mcap"), "not a palpate session")
-
-
-def test_options_of_data_files_are_refused_for_a_session(probed):
-    assert_refused(run("estimate", probed[0], "--column", "force_N=load"), "--column", "data files")
 
 
 def test_model_for_another_channel_is_refused_in_words(probed, tmp_path):

@@ -40,11 +40,6 @@ def test_meaningless_options_of_estimate_are_refused(options, words, hardening, 
     assert_refused(run("estimate", hardening, *(places.get(each, each) for each in options)), *words)
 
 
-def test_data_file_option_is_refused_for_a_session(tmp_path):
-    synthetic_session(tmp_path / "x.mcap")
-    assert_refused(run("estimate", tmp_path / "x.mcap", "--fresh-runs"), "--fresh-runs", "data files")
-
-
 def test_runs_of_a_session_are_chosen_like_those_of_its_data_file(hardening, tmp_path):
     assert run("import", hardening, "-o", tmp_path / "x.mcap").exit_code == 0
     few, all_runs = open_source(tmp_path / "x.mcap", WHERE), open_source(tmp_path / "x.mcap")

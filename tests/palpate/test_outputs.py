@@ -255,12 +255,6 @@ def test_next_commands_can_be_pasted(tmp_path):
     assert f"info {as_shell_word(str(file))}" in said.getvalue()
 
 
-def test_names_with_markup_are_escaped_in_errors():
-    result = run("info", "no\x1b[2J\nsuch.mcap")
-    assert_refused(result, "no such file")
-    assert result.stderr.rstrip("\n").isprintable()
-
-
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
 @pytest.mark.parametrize("options", [(), ("--json",)])
 def test_unwritable_output_is_one_plain_line(options, probed):

@@ -140,6 +140,22 @@ class EmulatedRobot:
         return self.arm.wires["motors"]._nodes
 
     @property
+    def servos(self) -> dict:
+        """The emulated servos on a serial line, by id."""
+        return self.arm.wires["motors"].servos
+
+    @property
+    def sensor(self):
+        """The emulated force sensor."""
+        return self.arm.wires["load_cell"]._sensor
+
+    def hold(self):
+        """Let the arm stand, whatever drives it, until the function that this returns is called."""
+        engine = self.arm.plant.world._engine
+        engine.step = lambda: None
+        return lambda: engine.__dict__.pop("step")
+
+    @property
     def drive_torque_nm(self) -> np.ndarray:
         """What the drives really exert."""
         return self.arm.plant.world.truth().drive_torque_nm

@@ -89,7 +89,7 @@ AT_ACTIVATING = [
 @pytest.mark.parametrize(("path", "changes", "spoil", "problem"), AT_CONFIGURING)
 def test_device_that_differs_from_the_robot_file_is_refused(make_robot, path, changes, spoil, problem):
     arm = make_robot(path, changes)
-    spoil(arm.arm.wires["motors"].servos[3] if path is SO101 else arm.motors[1])
+    spoil(arm.servos[3] if path is SO101 else arm.motors[1])
     with pytest.raises(DeviceError, match=problem):
         arm.robot.configure()
 

@@ -96,7 +96,7 @@ def test_another_sensor_than_stated_is_refused(make_robot, path, old, new, probl
 def test_zeroing_is_confirmed_or_refused(make_robot, answer, refused):
     """Interfaces differ in how they say yes; a no was once taken for a yes, and a plain yes for silence."""
     arm = make_robot(ODRIVE, [("capacity_n: 100.0}", "capacity_n: 100.0, tare: true}")])
-    sensor = arm.arm.wires["load_cell"]._sensor
+    sensor = arm.sensor
     receive = sensor.receive
     sensor.receive = lambda data, now_s: (
         f"{answer}\r\n".encode() if data == b"CT0\r" else receive(data, now_s)
@@ -200,7 +200,7 @@ SILENT = {"receive": lambda data, now_s: b""}
 )
 def test_unusable_sensor_is_refused(make_robot, path, changes, spoil, problem):
     arm = make_robot(path, changes)
-    vars(arm.arm.wires["load_cell"]._sensor).update(spoil)
+    vars(arm.sensor).update(spoil)
     with pytest.raises(DeviceError, match=problem):
         arm.robot.configure()
 
@@ -214,7 +214,7 @@ def test_unusable_sensor_is_refused(make_robot, path, changes, spoil, problem):
 )
 def test_reversed_or_unsigned_sensor_shows_a_press(make_robot, sensor, unknown):
     arm = make_robot(ODRIVE, [sensor])
-    arm.arm.wires["load_cell"]._sensor.unknown = unknown
+    arm.sensor.unknown = unknown
     arm.robot.configure()
     press(arm, 5.0)
     assert arm.ticks(10, None).force_n == pytest.approx(5.0, abs=0.1)
@@ -223,7 +223,7 @@ def test_reversed_or_unsigned_sensor_shows_a_press(make_robot, sensor, unknown):
 @pytest.mark.parametrize("before", [b"  \r\n", b"x" * 300 + b"\r\n"], ids=["blanks", "too long"])
 def test_line_without_words_before_an_answer_is_no_answer(make_robot, before):
     arm = make_robot(ODRIVE, [MARK10])
-    sensor = arm.arm.wires["load_cell"]._sensor
+    sensor = arm.sensor
     obey, reading = sensor._execute, sensor.reading
     sensor._execute = lambda command, now_s: before * (command == "RM") + obey(command, now_s)
     sensor.reading = lambda force_n: before + reading(force_n)
@@ -236,7 +236,7 @@ def test_gauge_switched_to_another_unit_is_named(make_robot):
     arm = make_robot(ODRIVE, [MARK10])
     arm.robot.configure()
     arm.ticks(10, None)
-    arm.arm.wires["load_cell"]._sensor.unit = "N"
+    arm.sensor.unit = "N"
     arm.ticks(20, None)
     assert "the gauge reads in N, but it read in lbF when it was configured" in arm.problem
 

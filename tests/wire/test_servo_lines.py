@@ -75,7 +75,7 @@ def test_overheated_servo_is_a_warning(make_robot, path, celsius, level):
     """As delivered, 80 degrees for these Dynamixel servos and 70 for Feetech's."""
     arm = make_robot(path)
     arm.robot.configure()
-    servo = arm.arm.wires["motors"].servos[3]
+    servo = arm.servos[3]
     if path is DYNAMIXEL:
         servo.memory.put(146, celsius)
     else:

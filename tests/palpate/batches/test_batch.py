@@ -424,13 +424,22 @@ def test_table_of_failures_has_their_rows(tmp_path):
     ]
 
 
-def test_invalid_settings_are_refused_before_the_first_measurement(specimens, tmp_path):
-    press, out = specimens / "s0_soft.csv", tmp_path / "out"
-    assert_refused(run("batch", press, "--out", out, "--group", "animal"), "--group animal: no such field")
-    assert_refused(
-        run("batch", press, "--out", out, "--pool"), "--pool: 1 measurement given; at least 5 are needed"
-    )
-    assert not out.exists()
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--group", "animal"), "--group animal: no such field"),
+        (("--pool",), "--pool: 1 measurement given; at least 5 are needed"),
+        (("--model", "kelvin"), "kelvin_voigt"),
+        (("--add", "cubic"), "cubic_stiffness"),
+    ],
+)
+def test_invalid_settings_are_refused_before_the_first_measurement(specimens, tmp_path, options, words):
+    assert_refused(run("batch", specimens / "s0_soft.csv", "--out", tmp_path / "out", *options), words)
+    assert not (tmp_path / "out").exists()
+
+
+def test_folder_with_other_files_is_refused(specimens):
+    assert_refused(run("batch", specimens / "s0_soft.csv", "--out", specimens), "holds other files")
 
 
 @pytest.mark.parametrize(
@@ -448,13 +457,6 @@ def test_incompatible_data_are_refused_in_one_line(specimens, options, words):
     with pytest.raises(InputError, match=r"^[^\n]*$") as refused:
         find_measurements(options.pop("places", [f"{specimens}/s*.csv"]), **options)
     assert words in str(refused.value)
-
-
-def test_bad_options_are_refused(specimens, tmp_path):
-    one = specimens / "s0_soft.csv"
-    assert_refused(run("batch", one, "--out", tmp_path, "--model", "kelvin"), "kelvin_voigt")
-    assert_refused(run("batch", one, "--out", tmp_path / "a", "--add", "cubic"), "cubic_stiffness")
-    assert_refused(run("batch", one, "--out", specimens), "holds other files")
 
 
 def process(specimens, out):

@@ -23,20 +23,9 @@ def arm(make_robot):
     return make_robot(SO101)
 
 
-def servos(arm):
-    return arm.arm.wires["motors"].servos
-
-
-def hold(arm):
-    """From now on the arm stands, whatever drives it, until the function that this returns is called."""
-    engine = arm.arm.plant.world._engine
-    engine.step = lambda: None
-    return lambda: engine.__dict__.pop("step")
-
-
 def test_activation_sets_the_proportional_law_and_keeps_saved_values(arm):
     arm.start()
-    for servo in servos(arm).values():
+    for servo in arm.servos.values():
         told = [servo.get(place, 1) for place in (P_GAIN, 22, 23, 26, 27, 33, LEVEL)]
         assert told == [16, 0, 0, 0, 0, 0, 1]
         assert servo.get(TORQUE_ON, 1) == 1
@@ -47,9 +36,9 @@ def test_activation_sets_the_proportional_law_and_keeps_saved_values(arm):
 @pytest.mark.parametrize(("address", "beside"), [(9, 100), (11, -100)], ids=["lowest", "highest"])
 def test_calibrated_position_limits_make_no_torque(arm, address, beside):
     """LeRobot writes the ends of each joint's range; a servo beyond one would be driven back into it."""
-    servo = servos(arm)[4]
+    servo = arm.servos[4]
     arm.robot.configure()
-    hold(arm)
+    arm.hold()
     servo.put(address, servo.get(56) + beside)
     arm.robot.activate()
     arm.ticks(5)
@@ -59,26 +48,26 @@ def test_calibrated_position_limits_make_no_torque(arm, address, beside):
 def test_emulated_fault_ends_with_its_plan(arm):
     arm.start().inject_fault("motors", FaultKind.STUCK, device=2)
     arm.ticks(2)
-    assert servos(arm)[2].stuck
+    assert arm.servos[2].stuck
     arm.faults["motors"].clear()
     arm.ticks(2)
-    assert not servos(arm)[2].stuck
+    assert not arm.servos[2].stuck
 
 
 def test_holding_servos_stay_where_they_are(arm):
     arm.start()
     arm.ticks(20, (0.5, 0.3, 0.1))
-    assert [servos(arm)[one].get(GOAL) for one in (1, 5)] == [2048, 2048]
+    assert [arm.servos[one].get(GOAL) for one in (1, 5)] == [2048, 2048]
     arm.robot.deactivate()
-    assert not any(servo.get(TORQUE_ON, 1) for servo in servos(arm).values())
+    assert not any(servo.get(TORQUE_ON, 1) for servo in arm.servos.values())
 
 
 def test_torque_is_a_goal_beside_the_joint(arm):
     """What the motors exert is what was commanded, as well as their makers keep what they state."""
     arm.start()
-    hold(arm)
+    arm.hold()
     draw = np.random.default_rng(3)
-    for servo in servos(arm).values():
+    for servo in arm.servos.values():
         servo.stall_nm *= draw.uniform(0.9, 1.1)
         servo.no_load_rad_s *= draw.uniform(0.9, 1.1)
         servo.duty_per_rad *= draw.uniform(0.9, 1.1)
@@ -91,7 +80,7 @@ def test_torque_is_a_goal_beside_the_joint(arm):
 @pytest.mark.parametrize(("count", "sign"), [(2, -1.0), (4093, 1.0)], ids=["lowest", "highest"])
 def test_goals_stay_within_the_count_range_and_clipping_is_reported(arm, count, sign):
     arm.start()
-    hold(arm)
+    arm.hold()
     arm.ticks(2)
     motors = arm.robot.buses["motors"]
     servo_states = motors.sample.servo_states.copy()
@@ -117,7 +106,7 @@ def test_load_of_a_turning_motor_is_no_torque(arm):
 def test_joints_stay_near_their_position_without_commands(arm):
     """There is no watchdog: the program may die, and the arm stands."""
     arm.start()
-    let_go = hold(arm)
+    let_go = arm.hold()
     before_rad = arm.ticks(5, (0.45, 0.15, 0.0)).joint_position_rad
     let_go()
     arm.clock.sleep_until(arm.clock.now_s() + 2.0)
@@ -146,14 +135,14 @@ def test_recalibrated_servo_is_refused(make_robot, found, refused):
     """Its positions mean other angles than the robot file says."""
     stated = "- {id: 3, model: STS3215-12V,"
     arm = make_robot(SO101, [(stated, f"{stated} homing_offset: 85,")])
-    servos(arm)[3].put(OFFSET, abs(found) | (0x800 if found < 0 else 0))
+    arm.servos[3].put(OFFSET, abs(found) | (0x800 if found < 0 else 0))
     said = "homing offset of -85, but the robot file states 85"
     with pytest.raises(DeviceError, match=said) if refused else nullcontext():
         arm.robot.configure()
 
 
 def test_read_only_servo_is_set_to_answer(arm):
-    for servo in servos(arm).values():
+    for servo in arm.servos.values():
         servo.put(LEVEL, 0, 1)
     arm.start()
     assert arm.tick().encoder_status is Status.OK
@@ -162,7 +151,7 @@ def test_read_only_servo_is_set_to_answer(arm):
 @pytest.mark.parametrize("echoes", [False, True])
 def test_servo_with_a_voltage_error_is_present(arm, echoes):
     arm.arm.wires["motors"].echoes = echoes
-    servos(arm)[3].error = 1
+    arm.servos[3].error = 1
     arm.robot.configure()
     arm.tick(None)
     assert "servo 3 (joint 2): error: input voltage" in arm.problem
@@ -183,7 +172,7 @@ def test_impossible_servo_value_is_a_damaged_answer(arm, place, value, problem):
     arm.start()
     arm.tick()
     arm.tick(None)
-    servos(arm)[2].put(place, value)
+    arm.servos[2].put(place, value)
     assert arm.tick(None).encoder_status is Status.STALE
     assert problem in arm.problem
 
@@ -192,7 +181,7 @@ def test_restart_between_two_readings_is_detected(arm):
     """At stall its torque limit would be 1000, which is what a servo sets when it restarts."""
     arm.robot.configure()
     arm.tick(None)
-    servos(arm)[2].reboot(arm.clock.now_s(), 0.0)
+    arm.servos[2].reboot(arm.clock.now_s(), 0.0)
     assert arm.tick(None).encoder_status is Status.FAULT
     assert "servo 2: torque limit is 1000 in place of 999: it has restarted" in arm.problem
 
@@ -201,7 +190,7 @@ def test_restart_between_two_readings_is_detected(arm):
 def test_impossible_speed_is_a_fault(arm, counts_s):
     """Twice the no-load speed of 4.7 rad/s are 6150 counts/s."""
     arm.start()
-    servo = servos(arm)[3]
+    servo = arm.servos[3]
     servo._sample_position = lambda: servo.put(58, abs(counts_s) | (0x8000 if counts_s < 0 else 0))
     assert arm.ticks(2, None).encoder_status is Status.FAULT
     assert re.search(
@@ -211,7 +200,7 @@ def test_impossible_speed_is_a_fault(arm, counts_s):
 
 def test_impossible_jump_is_a_damaged_answer(arm):
     arm.start()
-    servo = servos(arm)[2]
+    servo = arm.servos[2]
     arm.tick()
     read = servo.read
     servo.read = lambda address, size: read(address, size)[:-10] + b"\x34\x02" + read(address, size)[-8:]
@@ -232,7 +221,7 @@ def test_impossible_jump_is_a_damaged_answer(arm):
 )
 def test_holding_servo_is_monitored_like_the_joints(arm, break_servo, problem):
     arm.start()
-    break_servo(servos(arm)[1])
+    break_servo(arm.servos[1])
     arm.ticks(2)
     assert re.search(problem, arm.problem)
 
@@ -245,7 +234,7 @@ def test_each_servo_has_the_torque_limit_of_its_load(make_robot):
     assert at_stall == [True, *4 * [False]]
     duty = {2: 1.0, 3: 2.0 / STALL_NM + 1.0 / NO_LOAD_RAD_S, 4: 1.2 / STALL_NM + 0.5 / NO_LOAD_RAD_S}
     for servo_id, share in (duty | dict.fromkeys((1, 5), 2.0 / STALL_NM)).items():
-        assert servos(arm)[servo_id].get(LIMIT) == pytest.approx(1000 * share, abs=1)
+        assert arm.servos[servo_id].get(LIMIT) == pytest.approx(1000 * share, abs=1)
 
 
 def test_constantly_late_answers_are_as_old_as_their_requests(arm):

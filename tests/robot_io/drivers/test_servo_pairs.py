@@ -35,24 +35,15 @@ def make(make_robot):
     return lambda family, *changes: make_robot(FAMILIES[family][0], (FAMILIES[family][1], *changes))
 
 
-def servos(arm):
-    return arm.arm.wires["motors"].servos
-
-
 def shafts(arm):
     """Of the two on the first joint."""
-    shaft = min(servos(arm).values(), key=lambda servo: servo.id if servo.shaft else 99).shaft
+    shaft = min(arm.servos.values(), key=lambda servo: servo.id if servo.shaft else 99).shaft
     return shaft, shaft.beside
-
-
-def hold(arm):
-    """From now on the arm stands, whatever drives it."""
-    arm.arm.plant.world._engine.step = lambda: None
 
 
 def test_each_servo_exerts_half_and_both_are_one_joint(make, family):
     arm = make(family).start()
-    hold(arm)
+    arm.hold()
     wanted_nm = np.array([1.0, -0.4, 0.1])
     measurement = arm.ticks(3, wanted_nm)
     np.testing.assert_allclose(measurement.joint_torque_nm, wanted_nm, atol=0.03)
@@ -64,11 +55,11 @@ def test_each_servo_exerts_half_and_both_are_one_joint(make, family):
 
 def test_difference_within_the_tolerance_is_shared_without_a_fight(make, family):
     arm = make(family).start()
-    hold(arm)
+    arm.hold()
     before_rad = arm.ticks(2).joint_position_rad[0]
     arm.ticks(5, (0.0, 0.0, 0.0))
     _, second = shafts(arm)
-    for servo in servos(arm).values():
+    for servo in arm.servos.values():
         if servo.shaft is second:
             servo.shaft.slipped_rad, step_rad = 0.03, 2 * pi / 4096
     arm.arm.wires["motors"]._apply_faults = lambda *_: None  # which would set the horn right
@@ -120,7 +111,7 @@ def test_torques_small_beside_the_limit_are_no_fight(make):
 
 def test_two_dynamixels_are_limited_by_the_weaker(make):
     arm = make("dynamixel")
-    servos(arm)[4].memory.put(table.CURRENT_LIMIT, 100)
+    arm.servos[4].memory.put(table.CURRENT_LIMIT, 100)
     arm.start()
     arm.robot.torque.stage_torque(np.full(3, 100.0))
     sent = arm.robot.torque.stage_torque(np.full(3, 100.0))
@@ -133,7 +124,7 @@ def test_torque_limit_of_each_feetech_is_for_its_half(make):
     slow = ("velocity_rad_s: [3.0, 3.0, 3.0]", "velocity_rad_s: [1.0, 1.0, 1.0]")
     arm = make("feetech", slow).start()
     stall_nm, no_load_rad_s = 30 * 0.0980665, pi / 3 / 0.222
-    limits = {servo_id: servo.get(LIMIT) for servo_id, servo in servos(arm).items()}
+    limits = {servo_id: servo.get(LIMIT) for servo_id, servo in arm.servos.items()}
     half = 1000 * (1.0 / stall_nm + 1.0 / no_load_rad_s)
     assert limits[2] == limits[7] == np.ceil(half)
     assert limits[3] == np.ceil(half + 1000 / stall_nm)
@@ -149,7 +140,7 @@ def test_another_homing_offset_is_refused(make, place):
     arm = make("dynamixel", stated)
     arm.robot.configure()  # as they are bolted on
     arm.robot.deactivate()
-    servos(arm)[place].memory.put(table.HOMING_OFFSET, 512)
+    arm.servos[place].memory.put(table.HOMING_OFFSET, 512)
     with pytest.raises(DeviceError, match=f"servo {place}: has a homing offset of 512, but the robot"):
         arm.robot.buses["motors"].configure()
     findings = {one.subject: one for one in arm.robot.buses["motors"].examine() if one.level is Level.FAIL}
@@ -173,7 +164,7 @@ def test_doctor_reports_the_zero_that_aligns_both_servos(make, family):
     motors, number = arm.robot.buses["motors"], FAMILIES[family][2]
     found = {one.subject: one for one in motors.examine()}
     assert {one.level for one in found.values()} == {Level.OK}
-    first = min(servos(arm)) if family == "dynamixel" else 2
+    first = min(arm.servos) if family == "dynamixel" else 2
     pair = f"servos {first} and {number} (joint 1)"
     assert {f"servo {first} (joint 1)", f"servo {number} (joint 1, second)", pair} <= set(found)
     arm.inject_fault("motors", FaultKind.SLIPPED, device=number)

@@ -120,13 +120,9 @@ def arm(make_robot):
     return make_robot(ODRIVE, BOTA)
 
 
-def sensor(arm):
-    return arm.arm.wires["load_cell"]._sensor
-
-
 def test_sensor_is_configured_according_to_the_robot_file(arm):
-    heard, receive = [], sensor(arm).receive
-    sensor(arm).receive = lambda data, now_s: heard.append(data) or receive(data, now_s)
+    heard, receive = [], arm.sensor.receive
+    arm.sensor.receive = lambda data, now_s: heard.append(data) or receive(data, now_s)
     arm.robot.configure()
     assert heard == [b"C", b"c,0,1,0,4", b"f,64,0,0,1", b"R"]
     times_s = {arm.tick(None).force_at_s for _ in range(80)}
@@ -135,14 +131,14 @@ def test_sensor_is_configured_according_to_the_robot_file(arm):
 
 @pytest.mark.parametrize("refused", ["C", "c", "f", "R"])
 def test_refused_command_is_named(arm, refused):
-    sensor(arm).refused = refused
+    arm.sensor.refused = refused
     with pytest.raises(DeviceError, match=f"the sensor refuses '{refused}.*', code 1"):
         arm.robot.configure()
 
 
 @pytest.mark.parametrize(("starts_s", "said"), [(3.0, None), (5.0, "no answer to 'C'; check port")])
 def test_starting_sensor_is_waited_for(arm, starts_s, said):
-    sensor(arm).starts_until_s = arm.clock.now_s() + starts_s
+    arm.sensor.starts_until_s = arm.clock.now_s() + starts_s
     with pytest.raises(DeviceError, match=said) if said else nullcontext():
         arm.robot.configure()
 

@@ -122,7 +122,7 @@ def arm(make_robot):
 )
 def test_another_cell_than_stated_is_refused(arm, old, new, problem):
     if not old:
-        arm.arm.wires["load_cell"]._sensor.receive = lambda data, now_s: new
+        arm.sensor.receive = lambda data, now_s: new
     text = arm.arm.robot_file.text
     stated = parse_robot_file(text.replace(old, new) if old else text, ODRIVE)
     with pytest.raises(DeviceError, match=problem):
@@ -133,7 +133,7 @@ def test_another_cell_than_stated_is_refused(arm, old, new, problem):
 def test_firmware_fault_is_reported_until_the_next_sample(arm, word):
     arm.robot.configure()
     arm.ticks(20, None)
-    sensor = arm.arm.wires["load_cell"]._sensor
+    sensor = arm.sensor
     sensor.reading = lambda force_n: cell_line(f"fault {word}")
     assert arm.ticks(5, None).force_status is Status.FAULT
     assert f"the cell says 'fault {word}'" in arm.problem
@@ -146,7 +146,7 @@ def test_damaged_line_costs_itself_alone(arm):
     """Where lines have checksums the next one is believed at once, however far it is from the last."""
     arm.robot.configure()
     arm.ticks(20, None)
-    sensor = arm.arm.wires["load_cell"]._sensor
+    sensor = arm.sensor
     reading = sensor.reading
     sensor.reading = lambda force_n: b"#" + reading(50.0)
     arm.ticks(4, None)
@@ -159,7 +159,7 @@ def test_damaged_line_costs_itself_alone(arm):
 @pytest.mark.parametrize("end_n", [1e6, -1e6], ids=["push", "pull"])
 def test_either_end_of_the_range_is_saturated(arm, end_n):
     arm.robot.configure()
-    sensor = arm.arm.wires["load_cell"]._sensor
+    sensor = arm.sensor
     reading = sensor.reading
     sensor.reading = lambda force_n: reading(end_n)
     measurement = arm.ticks(20, None)

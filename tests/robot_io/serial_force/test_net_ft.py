@@ -110,7 +110,7 @@ def test_restarted_counter_is_named_before_its_samples_are_too_old(make_robot):
     arm = make_robot(ODRIVE, NET_FT)
     arm.robot.configure()
     arm.ticks(100, None)
-    arm.arm.wires["load_cell"]._sensor._sequence = 0
+    arm.sensor._sequence = 0
     arm.ticks(5, None)
     assert "restarted its counter" in arm.problem
 
@@ -161,10 +161,6 @@ def arm(make_robot):
     return make_robot(ODRIVE, NET_FT)
 
 
-def sensor(arm):
-    return arm.arm.wires["load_cell"]._sensor
-
-
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
@@ -176,7 +172,7 @@ def sensor(arm):
     ],
 )
 def test_sensor_that_is_set_up_otherwise_is_refused(arm, spoil, said):
-    vars(sensor(arm)).update(spoil)
+    vars(arm.sensor).update(spoil)
     with pytest.raises(DeviceError, match=said):
         arm.robot.configure()
 
@@ -203,7 +199,7 @@ def test_wrong_port_is_named(arm):
 
 
 def test_other_web_server_is_named(arm):
-    sensor(arm).page = lambda: b""  # which the emulated server answers with 404
+    arm.sensor.page = lambda: b""  # which the emulated server answers with 404
     with pytest.raises(DeviceError, match="answers '404 Not Found': is that a Net F/T"):
         arm.robot.configure()
 
@@ -227,8 +223,8 @@ def test_unreasonable_scale_is_another_configuration(arm, counts):
 
 
 def test_first_request_may_be_lost_and_the_stream_is_ended(arm):
-    heard, receive = [], sensor(arm).receive
-    sensor(arm).receive = lambda data, now_s: (
+    heard, receive = [], arm.sensor.receive
+    arm.sensor.receive = lambda data, now_s: (
         heard.append(data) or (b"" if len(heard) < 3 else receive(data, now_s))
     )
     arm.robot.configure()
@@ -237,13 +233,13 @@ def test_first_request_may_be_lost_and_the_stream_is_ended(arm):
     arm.robot.close()
     arm.clock.sleep_until(arm.clock.now_s() + 0.01)
     assert heard[-1] == net_ft.STOP
-    assert not sensor(arm)._timer.running
+    assert not arm.sensor._timer.running
 
 
 def test_sensor_that_repeats_its_measurement_is_silent_and_named(arm):
     arm.robot.configure()
     arm.ticks(10, None)
-    sensor(arm).measures = False
+    arm.sensor.measures = False
     before = arm.tick(None)
     after = arm.ticks(20, None)
     assert after.force_at_s <= before.force_at_s + 1.3e-3
