@@ -50,7 +50,7 @@ _MIN_WAVES = 3  # least number of waves within a narrower range; fewer resemble 
 # Forces of the object, which can only push. Friction may act on the sides of the tool, and adhesion pulls.
 _OBJECT_KINDS = (Kind.ELASTIC_SHAPE, Kind.RATE_DEPENDENCE, Kind.TIME_MEMORY, Kind.CONTACT_GEOMETRY)
 COLLINEAR = 1e-9  # ridge of the base model's columns, which are not shrunk, relative to their mean square
-_GRAVITY_RANGE = 0.3  # [rad]; over a narrower range gravity resembles a constant and a spring
+GRAVITY_RANGE = 0.3  # [rad]; over a narrower range gravity resembles a constant and a spring
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ def flexible_laws(
             run_columns = periodic_columns(position, residual, is_angle=is_angle, run=run)
             laws.append(_law((Kind.PERIODIC, Kind.RUN_DIFFERENCES), run_columns))
         load = [hats(blocked.reduce(data.context["load"]))] if "load" in data.context else []
-        if is_angle and np.ptp(position) > _GRAVITY_RANGE:
+        if is_angle and np.ptp(position) > GRAVITY_RANGE:
             load += [np.sin(position), np.cos(position)]
         laws.append(_law(Kind.GRAVITY_LOAD, *load))
     recorded = [blocked.reduce(data.context[name]) for name in sorted(data.recorded)]

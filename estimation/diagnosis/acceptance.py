@@ -13,6 +13,7 @@ from statistics import NormalDist
 import numpy as np
 
 from palpate.estimation.budget import BudgetEntry
+from palpate.estimation.budget.laws import GRAVITY_RANGE
 from palpate.estimation.data.derivatives import grid_step
 from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.diagnosis.bootstrap import encoder_step_error, improvement_test
@@ -180,8 +181,9 @@ def accept_forms(
             if search.is_sensible(alternative)
         ]
         if not better:
-            is_significant = improvement_test(search.start, fit, measurement, search.rng).is_significant
-            return (fit, tests) if is_significant else (search.start, [])
+            if not improvement_test(search.start, fit, measurement, search.rng).is_significant:
+                break
+            return _with_weight(search, partial, fit, measurement) or (fit, tests)
         fit = min(better, key=lambda alternative: alternative.solution.held_out)
     return search.start, []
 
@@ -470,8 +472,43 @@ def _physical_alternatives(search: Search, fit: FitResult, name: str) -> Iterato
                 yield alternative
 
 
+def _with_weight(
+    search: Search, partial: PartiallyLinear, fit: FitResult, measurement: MeasurementModel
+) -> tuple[FitResult, list[FormTest]] | None:
+    """Replace a spring or a bias of a joint by its weight if the accepted effects then explain as much.
+
+    Returns:
+        The model and its form tests as in `accept_forms`; None if the weight is not accepted.
+    """
+    base = search.start.solution.held_out
+    for name in search.added_effects(fit):
+        for candidate in _alternatives(search, fit, name, np.inf)[1]:
+            if not _is_likelier(search, candidate.effect, fit.solution.model.effect(name)):
+                continue
+            end, tests = accept_forms(search, partial, search.with_candidate(candidate), measurement)
+            explains_as_much = base - end.solution.held_out >= AS_MUCH * (base - fit.solution.held_out)
+            if candidate.effect.name in search.added_effects(end) and explains_as_much:
+                return end, tests
+    return None
+
+
+def _is_likelier(search: Search, candidate: Effect, effect: Effect) -> bool:
+    """Return whether a candidate is the weight of a joint, and likelier than a spring or a fault of a sensor.
+
+    Gravity acts on a joint unless its axis is vertical, but springs and sensor faults are rare. This holds if
+    the base model has no weight and the joint turns enough to tell a weight from a constant.
+    """
+    has_weight = any(effect.kind is Kind.GRAVITY_LOAD for effect in search.model.effects)
+    return (
+        candidate.kind is Kind.GRAVITY_LOAD
+        and effect.kind in SENSOR_KINDS | {Kind.ELASTIC_SHAPE}
+        and not has_weight
+        and search.data.range_of_motion > GRAVITY_RANGE
+    )
+
+
 def _alternatives(
-    search: Search, fit: FitResult, name: str, max_count: int | None = None
+    search: Search, fit: FitResult, name: str, max_count: float | None = None
 ) -> tuple[float, list[Candidate]]:
     """Return alternatives with at most `max_count` determined parameters, and the error of an equivalent one.
 
@@ -502,7 +539,7 @@ def most_parsimonious(
 
     Of indistinguishable laws the simplest is preferred if the model remains complete (W. H. Jefferys, J. O.
     Berger, American Scientist 80 (1992)). An effect of the object or the drive is preferred to a sensor
-    effect.
+    effect, and the weight of a joint to a spring.
 
     Args:
         search: the search that led to the model.
@@ -529,9 +566,14 @@ def most_parsimonious(
                 fit = min(simpler, key=lambda model: (search.size(model), model.solution.held_out))
                 continue
         candidates = list(_rivals(search, fit, name, measurement, max_count))
-        physical = [candidate for candidate in candidates if candidate.effect.kind in _PHYSICAL_KINDS]
-        if effect.kind in SENSOR_KINDS and physical:
-            better = [search.with_candidate(candidate) for candidate in physical]
+        likelier = [
+            candidate
+            for candidate in candidates
+            if _is_likelier(search, candidate.effect, effect)
+            or (effect.kind in SENSOR_KINDS and candidate.effect.kind in _PHYSICAL_KINDS)
+        ]
+        if likelier:
+            better = [search.with_candidate(candidate) for candidate in likelier]
         else:
             rivals = map(search.with_candidate, candidates)
             better = [rival for rival in rivals if search.is_better(rival, fit)]
@@ -545,19 +587,17 @@ def _rivals(
 ) -> Iterator[Candidate]:
     """Yield candidates with at most `max_count` parameters that may replace an effect without rejection.
 
-    A law that describes the same curve with an additional term is not a rival, since the data set that term
-    to zero.
+    A likelier effect, see `_is_likelier`, may have more parameters. A law that describes the same curve with
+    an additional term is not a rival, since the data set that term to zero.
     """
-    without = search.without(fit, name)
+    effect, without = fit.solution.model.effect(name), search.without(fit, name)
     half = 0.5 * (without.solution.held_out + fit.solution.held_out)
     alternatives = [
         candidate for candidate in search.alternatives(fit, name) if candidate.effect.name != name
     ]
     for candidate in alternatives[:_MAX_RIVALS]:
-        if (
-            not _has_at_most(max_count, candidate, fit)
-            or candidate.error_with_adapted_inner(fit.problem) > NEAR * half
-        ):
+        is_tried = _is_likelier(search, candidate.effect, effect) or _has_at_most(max_count, candidate, fit)
+        if not is_tried or candidate.error_with_adapted_inner(fit.problem) > NEAR * half:
             continue
         rival = search.with_candidate(candidate)
         if not search.is_sensible(rival):

@@ -12,6 +12,7 @@ from palpate.estimation.effect import AdditiveEffect, Errors, Inner, MotionEffec
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import number_stretches
 from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
+from palpate.estimation.signals.motion import never_returns
 from palpate.estimation.signals.runwise import shifted_motion
 from palpate.robot_io.types import FloatArray
 
@@ -149,10 +150,11 @@ class LayeredStiffness(AdditiveEffect):
     ) -> bool:
         """See `Effect.is_misnamed`: the data do not show that both layers push.
 
-        Without the upper layer it is a gap or a dead band, without the lower one a saturated sensor. The
-        upper layer is also invisible if the sensor's dead band hides nearly all of its force: the object then
-        seems to begin at the kink, like a deeper surface. The check applies only if linear and cubic springs
-        are the only other elastic effects.
+        Without the upper layer it is a gap or a dead band. Without the lower one it is a saturated sensor, or
+        a specimen that yields, which is likelier if the motion never returns. The upper layer is also
+        invisible if the sensor's dead band hides nearly all of its force: the object then seems to begin at
+        the kink, like a deeper surface. The check applies only if linear and cubic springs are the only other
+        elastic effects.
         """
         if "stiffness.k" not in parameters or _OTHER_SPRINGS & parameters.keys():
             return False
@@ -161,15 +163,14 @@ class LayeredStiffness(AdditiveEffect):
         upper = k * kink + k3 * kink**3
         lower = (k + k2) * (deepest - kink) + k3 * (deepest**3 - kink**3)
         visible = upper - parameters.get("deadband.width", 0.0)
-        if min(visible, lower) < noise or visible < _SHOWN * upper:
+        may_yield = never_returns(data.position, data.run)
+        if visible < max(noise, _SHOWN * upper) or (lower < noise and not may_yield):
             return True
         if k3 != 0.0:
             return False  # with a cubic term, no single slope describes a layer
         known = errors()
-        return not (
-            _has_positive_slope(k, known["stiffness.k"])
-            and _has_positive_slope(k + k2, known[f"{self.name}.k2"])
-        )
+        is_stiff = may_yield or _has_positive_slope(k + k2, known[f"{self.name}.k2"])
+        return not (is_stiff and _has_positive_slope(k, known["stiffness.k"]))
 
 
 def _has_positive_slope(slope: float, std_err: float) -> bool:

@@ -279,3 +279,39 @@ def test_weight_and_spring_are_both_reported_over_a_short_way():
     (entry,) = told.accepted
     assert {entry.effect, *entry.confused_with} == {"joint_spring", "weight"}
     assert set(told.next_experiment.separates) == {"joint_spring", "weight"}
+
+
+def slow_swings(torque_of_angle, scale):
+    """Swings of a rotor over part of a turn, beside dry friction, which the library lacks."""
+    wide = swings(3)
+    q, v, a = scale * wide.position, scale * wide.velocity, scale * wide.acceleration
+    noise = np.random.default_rng(5).normal(0.0, 0.02, len(q))
+    torque = 0.05 * a + 0.15 * v + torque_of_angle(q) + 0.3 * np.tanh(v / 0.02) + noise
+    return replace(wide, position=q, velocity=v, acceleration=a, effort=torque)
+
+
+@pytest.mark.parametrize("torque_of_angle", [lambda q: 2.0 * np.sin(q), lambda q: 1.95 * q])
+def test_weight_is_likelier_than_a_spring_over_a_short_way(torque_of_angle):
+    told = decide(slow_swings(torque_of_angle, 0.7), ROTOR, "joint_spring", "weight", "bias")
+    (entry,) = told.accepted
+    assert (entry.effect, entry.confused_with) == ("weight", ["joint_spring"])
+    assert set(told.next_experiment.separates) == {"joint_spring", "weight"}
+
+
+@pytest.mark.parametrize("name", ["weight", "joint_spring"])
+def test_wide_motion_distinguishes_weight_and_spring(name):
+    law = {"weight": lambda q: 2.0 * np.sin(q), "joint_spring": lambda q: 2.0 * q}[name]
+    (entry,) = decide(slow_swings(law, 2.5), ROTOR, "joint_spring", "weight", "bias").accepted
+    assert entry.effect == name
+
+
+@pytest.mark.parametrize("returns", [False, True])
+def test_constant_force_is_yielding_in_a_pull_and_saturation_after_a_return(returns):
+    pull = np.linspace(0.0, 4e-3, 300) ** 1.2 / 4e-3**0.2
+    x = np.tile(np.concatenate([pull, pull[::-1]]) if returns else pull, 3)
+    run, time_s = np.repeat(np.arange(3), len(x) // 3), 0.01 * np.arange(len(x))
+    v = np.concatenate([np.gradient(x[run == number], 0.01) for number in range(3)])
+    force = np.minimum(2e4 * x, 30.0) + np.random.default_rng(2).normal(0.0, 0.2, len(x))
+    told = decide(channel(force, x, v, time_s, run=run), PRESS, "saturation", "layered_stiffness")
+    (entry,) = told.accepted
+    assert entry.effect == ("saturation" if returns else "layered_stiffness")
