@@ -17,10 +17,10 @@ from rich.progress import track
 from rich.table import Table
 
 from palpate.calibration.arm_fit import GravityBodies, fit_arm, motion_of
+from palpate.calibration.encoder import fit_encoder
 from palpate.calibration.force import fit_force, read_weighing
 from palpate.robot_io.session import Session
 from palpate.runs import calibration as runs
-from palpate.runs import calibration_file as fits
 from palpate.runs.calibration import CalibrationJob
 from palpate.runs.robots import find_robot
 from palpate.sim_backend.scenario import load_scenario
@@ -62,7 +62,7 @@ def encoder(rng: np.random.Generator, seed: int, folder: Path) -> Found:
     hidden += _joints("coulomb_friction", coulomb_nm=rng.uniform(0.02, 0.3, 3) * [1, 1, 0.1])
     job = _job("encoder", hidden, seed, folder)
     runs.run_stops(job)
-    fit = fits.encoder_fit_of(Session.open(job.session), 3, None, STOP_STD_RAD)
+    fit = fit_encoder(Session.open(job.session), 3, None, STOP_STD_RAD)
     for j in range(3):
         yield "encoder zero", "rad", fit.offset_rad[j], fit.std_rad[j], -zeros[j]
 

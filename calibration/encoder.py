@@ -16,7 +16,7 @@ from palpate.control.loop.task import NO_RUN, Phase, TaskEvent, TaskOutput
 from palpate.control.paths.trajectory import JointMotion, JointMove
 from palpate.robot_io.errors import InputError, SafetyTripError
 from palpate.robot_io.guard import Limits
-from palpate.robot_io.session import Samples, Session
+from palpate.robot_io.session import Session
 from palpate.robot_io.types import FloatArray, Measurement, Status, clip
 
 _NEAR_RAD = 0.12  # distance to the stop at which the approach begins
@@ -339,72 +339,59 @@ class EncoderFit:
     repeatability_rad: FloatArray  # standard deviation of the touches, shape (n,); 0 for a pose [rad]
 
 
-def fit_stops(session: Session, joint_count: int, stop_std_rad: float) -> EncoderFit:
-    """Fit zeros to touches of hard stops, as `StopTask` logs them.
+def fit_encoder(
+    session: Session, joint_count: int, pose_rad: Sequence[float] | None, known_std_rad: float
+) -> EncoderFit:
+    """Fit zeros to touches of hard stops, as `StopTask` logs them, or to a pose in which the arm was held.
 
     Args:
-        session: session with the touches.
+        session: session of the stops or of the pose.
         joint_count: number of joints n.
-        stop_std_rad: standard uncertainty of the stops' positions [rad].
+        pose_rad: pose in which the arm was held, shape (n,) [rad]; None if stops were touched.
+        known_std_rad: standard uncertainty of stops or pose [rad].
 
     Raises:
-        InputError: a joint's stop was not touched at least twice.
+        InputError: a joint's stop was not touched at least twice, the session has no samples of the pose, or
+            the arm moved in it.
     """
-    ticks = _valid_samples(session.samples("tick"))
-    position = ticks.vector("joint_position_rad")
+    ticks = session.samples("tick")
+    valid = ticks.select(ticks["encoder_status"] == Status.OK)
+    position = valid.vector("joint_position_rad")
+    changes = np.abs(np.diff(ticks.vector("joint_position_rad"), axis=0)).ravel()
+    # The encoders' resolution is the smallest change between ticks [rad]; 0 without a change.
+    resolution = float(np.min(changes[changes > _ROUNDING_RAD], initial=np.inf))
+    resolution = resolution if np.isfinite(resolution) else 0.0
+    rounding_rad = resolution / _UNIFORM
+    if pose_rad is not None:
+        if not len(position):
+            raise InputError(f"{session.path}: holds no fresh encoder samples")
+        range_rad = np.ptp(position, axis=0)
+        if np.any(range_rad > max(10 * resolution, 2e-3)):
+            joint = int(np.argmax(range_rad))
+            raise InputError(
+                f"joint {joint + 1} moved by {range_rad[joint]:.2g} rad: the arm must stand still in the pose"
+            )
+        means = position.mean(axis=0)
+        half_ranges = 0.5 * range_rad / np.sqrt(3.0)
+        std = np.sqrt(half_ranges**2 + rounding_rad**2 + known_std_rad**2)
+        return EncoderFit(np.array(pose_rad) - means, std, tuple(means[:, None]), np.zeros(len(means)))
     shown: list[list[float]] = [[] for _ in range(joint_count)]
     nominal_rad = np.full(joint_count, np.nan)
     for event in session.events:
         if event.kind == EVENT and event.data:
             joint = int(event.data["joint"])
             nominal_rad[joint] = float(event.data["stop_rad"])
-            shown[joint].append(float(position[ticks["run"] == event.data["run"], joint].mean()))
+            shown[joint].append(float(position[valid["run"] == event.data["run"], joint].mean()))
     missing = [joint + 1 for joint, touches in enumerate(shown) if len(touches) < 2]
     if missing:
-        raise InputError(f"{session.path}: joint {missing[0]} was not held against its stop at least twice")
+        raise InputError(
+            f"{session.path}: joint {missing[0]} was not held against its stop at least twice; if the arm "
+            "was held in a pose, give it with --pose"
+        )
     means = np.array([np.mean(touches) for touches in shown])
     scatter = np.array([np.std(touches, ddof=1) for touches in shown])
     scatter[scatter < _ROUNDING_RAD] = 0.0
     counts = np.array([len(touches) for touches in shown])
     errors = np.array([few_sample_factor(count - 1) for count in counts]) * scatter / np.sqrt(counts)
-    resolution = _resolution(session.samples("tick"))
-    std = np.sqrt(errors**2 + (resolution / _UNIFORM) ** 2 + stop_std_rad**2)
+    std = np.sqrt(errors**2 + rounding_rad**2 + known_std_rad**2)
     return EncoderFit(nominal_rad - means, std, tuple(np.array(t) for t in shown), scatter)
-
-
-def fit_pose(session: Session, pose_rad: FloatArray, pose_std_rad: float) -> EncoderFit:
-    """Fit zeros to a pose in which the arm was held.
-
-    Args:
-        session: session in which the arm is at rest.
-        pose_rad: known pose, shape (n,) [rad].
-        pose_std_rad: standard uncertainty of each joint [rad].
-
-    Raises:
-        InputError: the session has no samples, or the arm moved.
-    """
-    position = _valid_samples(session.samples("tick")).vector("joint_position_rad")
-    if not len(position):
-        raise InputError(f"{session.path}: holds no fresh encoder samples")
-    resolution = _resolution(session.samples("tick"))
-    range_rad = np.ptp(position, axis=0)
-    if np.any(range_rad > max(10 * resolution, 2e-3)):
-        joint = int(np.argmax(range_rad))
-        raise InputError(
-            f"joint {joint + 1} moved by {range_rad[joint]:.2g} rad: the arm must stand still in the pose"
-        )
-    means = position.mean(axis=0)
-    half_ranges = 0.5 * range_rad / np.sqrt(3.0)
-    std = np.sqrt(half_ranges**2 + (resolution / _UNIFORM) ** 2 + pose_std_rad**2)
-    return EncoderFit(pose_rad - means, std, tuple(means[:, None]), np.zeros(len(means)))
-
-
-def _valid_samples(ticks: Samples) -> Samples:
-    return ticks.select(ticks["encoder_status"] == Status.OK)
-
-
-def _resolution(ticks: Samples) -> float:
-    """Return the encoders' resolution, the smallest change between ticks [rad]; 0 without a change."""
-    changes = np.abs(np.diff(ticks.vector("joint_position_rad"), axis=0)).ravel()
-    changes = changes[changes > 1e-12]
-    return float(changes.min()) if len(changes) else 0.0

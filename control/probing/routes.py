@@ -110,22 +110,45 @@ class Routes:
             best = min(best, route, key=lambda candidate: candidate.clearance_deficit_m)
         return best
 
-    def check(self, start: RouteEnd, sites: Sequence[ProbingSite]) -> None:
-        """Check the routes from the start to all sites in order and back.
+    def check(
+        self,
+        start: RouteEnd,
+        sites: Sequence[ProbingSite],
+        body: RigidBody,
+        torque_limits_nm: FloatArray | None,
+    ) -> None:
+        """Check the routes from the start to all sites in order and back, and the plan's swings.
 
         Args:
             start: present place of the arm.
             sites: sites of the plan, in order.
+            body: model of the arm.
+            torque_limits_nm: largest torques, shape (3,) [N m]; None for any.
 
         Raises:
-            InputError: the tip comes too near to an expected object.
+            InputError: the tip comes too near to an expected object, or the arm has not enough room or torque
+                for a swing; the error names a remedy.
         """
-        place, where = start, ""
+        place, where, near_rad, plan = start, "", start.position_rad, self._plan
         for number, site in enumerate(sites, 1):
             place, previous = RouteEnd(site.joint_position_rad(place.position_rad), site), place
             where = f"target {number}"
             self.find(previous, place).refuse_if_low(f"to {where}")
         self.find(place, start).refuse_if_low(f"back from {where}")
+        if not plan.free_air_swing_m:
+            return
+        for number, site in enumerate(sites, 1):
+            what = f"free_air_swing_m {plan.free_air_swing_m:g} m: at target {number}"
+            if site.lift_room_m < plan.free_air_swing_m - _ROUNDING_M:
+                raise InputError(
+                    f"{what} the arm can be lifted by only {1e3 * site.lift_room_m:.0f} mm within its joint "
+                    f"limits; at most {site.lift_room_m:.3g} m"
+                )
+            low, up = self._lift_path(site, near_rad)
+            up.refuse_if_low(f"up from target {number}")
+            near_rad = low.position_rad
+            if torque_limits_nm is not None:
+                _check_torques(what, up.points_rad, plan, body, torque_limits_nm)
 
     def swings_at(self, site: ProbingSite, near_rad: FloatArray) -> list[Swing]:
         """List all swings before a run at a site.
@@ -144,40 +167,6 @@ class Routes:
             return []
         halves = ((low, up.points_rad), (RouteEnd(up.points_rad[-1], site), up.points_rad[::-1]))
         return [Swing(*half, speed) for speed in self._plan.free_air_swing_speeds_rad_s for half in halves]
-
-    def check_swings(
-        self,
-        sites: Sequence[ProbingSite],
-        near_rad: FloatArray,
-        body: RigidBody,
-        torque_limits_nm: FloatArray | None,
-    ) -> None:
-        """Check that the arm has room and torque for the plan's swings, and that they clear the object.
-
-        Args:
-            sites: sites of the plan.
-            near_rad: present joint positions, shape (3,) [rad].
-            body: model of the arm.
-            torque_limits_nm: largest torques, shape (3,) [N m]; None for any.
-
-        Raises:
-            InputError: a swing is not possible; the error names a remedy.
-        """
-        plan = self._plan
-        if not plan.free_air_swing_m:
-            return
-        for number, site in enumerate(sites, 1):
-            what = f"free_air_swing_m {plan.free_air_swing_m:g} m: at target {number}"
-            if site.lift_room_m < plan.free_air_swing_m - _ROUNDING_M:
-                raise InputError(
-                    f"{what} the arm can be lifted by only {1e3 * site.lift_room_m:.0f} mm within its joint "
-                    f"limits; at most {site.lift_room_m:.3g} m"
-                )
-            low, up = self._lift_path(site, near_rad)
-            up.refuse_if_low(f"up from target {number}")
-            near_rad = low.position_rad
-            if torque_limits_nm is not None:
-                _check_torques(what, up.points_rad, plan, body, torque_limits_nm)
 
     def _lift_path(self, site: ProbingSite, near_rad: FloatArray) -> tuple[RouteEnd, Route]:
         low = RouteEnd(site.joint_position_rad(near_rad), site)

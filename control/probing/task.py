@@ -149,8 +149,7 @@ class ProbingTask:
         if self._velocity_limits_rad_s is not None:
             check_tip_speeds(self._sites, self._plan, position_rad, self._velocity_limits_rad_s)
         self._routes = Routes(self._arm, self._plan)
-        self._routes.check(self._start, self._sites)
-        self._routes.check_swings(self._sites, position_rad, self._body, self._torque_limits_nm)
+        self._routes.check(self._start, self._sites, self._body, self._torque_limits_nm)
         self._control.start(measurement)
         self._disturbance.restart()
         self._specs = deque(self._plan.runs())

@@ -4,7 +4,7 @@ import csv
 import glob
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import file_digest, sha256
 from pathlib import Path
@@ -36,56 +36,6 @@ class BatchMeasurement:
     files: tuple[str, ...]  # sessions, data files, or folders of them; at least one; a Path takes more memory
     fields: Mapping[str, str] = field(default_factory=dict)  # such as specimen, day, arm, treatment
     where: Mapping[str, str] = field(default_factory=dict)  # rows of the file, by column
-
-
-@dataclass(frozen=True)
-class MetadataTable:
-    """Table of further fields; a column `file`, or fields that files already have, assign lines to files."""
-
-    path: Path
-    keys: Sequence[str]  # columns by which a line is found
-    lines: Mapping[tuple[str, ...], Mapping[str, str]]  # by the texts in these columns
-
-    @classmethod
-    def read(cls, path: Path, fields: Iterable[Mapping[str, str]]) -> "MetadataTable":
-        """Read a table.
-
-        Args:
-            path: a CSV file.
-            fields: fields of each file.
-
-        Raises:
-            InputError: no column tells the files apart, or two lines are of the same file.
-        """
-        lines = _lines(path)
-        known = {name for each in fields for name in each}
-        keys = [FILE] if lines and FILE in lines[0] else sorted(known.intersection(lines[0] if lines else ()))
-        if not keys:
-            columns = ", ".join(lines[0] if lines else ())
-            raise InputError(
-                f"{path}: has columns {columns}; one must be '{FILE}', or a field ({', '.join(known)})"
-            )
-        by_key: dict[tuple[str, ...], dict[str, str]] = {}
-        for number, line in enumerate(lines, 2):
-            key = tuple(line[name] for name in keys)
-            if key in by_key:
-                raise InputError(f"{path}: line {number}: {', '.join(key)} appears twice")
-            by_key[key] = line
-        return cls(path, keys, by_key)
-
-    def fields_of(self, file: Path, fields: Mapping[str, str]) -> dict[str, str]:
-        """Look up the further fields of a file. InputError: no line describes this file.
-
-        Args:
-            file: named by its path, its name, or its name without the ending.
-            fields: fields that the file already has.
-        """
-        own = [(name,) for name in (str(file), file.name, file.stem)]
-        places = own if self.keys == [FILE] else [tuple(fields.get(name, "") for name in self.keys)]
-        for place in places:
-            if place in self.lines:
-                return {name: cell for name, cell in self.lines[place].items() if name != FILE}
-        raise InputError(f"{self.path}: has no row for {file}")
 
 
 @dataclass(frozen=True)
@@ -155,9 +105,7 @@ def find_measurements(
                 raise InputError(f"--pattern '{pattern}': does not fit the file name {text}")
             listed[file] |= match.groupdict()
     if metadata is not None:
-        table = MetadataTable.read(existing_file(Path(metadata), "metadata table"), listed.values())
-        for file in listed:
-            listed[file] |= table.fields_of(file, listed[file])
+        _add_fields(existing_file(Path(metadata), "metadata table"), listed)
     if join is not None and split is not None:
         raise InputError(f"--join {join} and --split {split}: give only one of them")
     if join is not None:
@@ -250,6 +198,31 @@ def _lines(path: Path) -> list[dict[str, str]]:
             raise InputError(f"{path}: line {number}: its column '{FILE}' is empty")
         lines.append({name: cell.strip() for name, cell in line.items()})
     return lines
+
+
+def _add_fields(path: Path, listed: Mapping[Path, dict[str, str]]) -> None:
+    """Add further fields of a table; a column `file`, or fields that files already have, assign its lines."""
+    lines = _lines(path)
+    columns = list(lines[0]) if lines else []
+    known = {name for fields in listed.values() for name in fields}
+    keys = [FILE] if FILE in columns else sorted(known.intersection(columns))
+    if not keys:
+        raise InputError(
+            f"{path}: has columns {', '.join(columns)}; one must be '{FILE}', or a field ({', '.join(known)})"
+        )
+    by_key: dict[tuple[str, ...], dict[str, str]] = {}
+    for number, line in enumerate(lines, 2):
+        key = tuple(line[name] for name in keys)
+        if key in by_key:
+            raise InputError(f"{path}: line {number}: {', '.join(key)} appears twice")
+        by_key[key] = line
+    for file, fields in listed.items():
+        own = [(name,) for name in (str(file), file.name, file.stem)]
+        places = own if keys == [FILE] else [tuple(fields.get(name, "") for name in keys)]
+        found = next((by_key[place] for place in places if place in by_key), None)
+        if found is None:
+            raise InputError(f"{path}: has no row for {file}")
+        fields |= {name: cell for name, cell in found.items() if name != FILE}
 
 
 def _joined(listed: Mapping[Path, dict[str, str]], join: str) -> list[BatchMeasurement]:

@@ -9,6 +9,7 @@ import typer
 from plotly.graph_objects import Figure
 
 from palpate.calibration.arm_fit import GravityBodies, fit_arm, motion_of
+from palpate.calibration.encoder import fit_encoder
 from palpate.calibration.force import (
     STANDARD_GRAVITY_M_S2,
     fit_force,
@@ -181,7 +182,7 @@ def encoder(
 
     def analyze(raw: Path) -> _CalibrationResult:
         recorded = fits.open_recorded(raw, "encoder", robot_file)
-        fit = fits.encoder_fit_of(recorded, robot_file.joint_count, pose_rad, known_mrad / 1e3)
+        fit = fit_encoder(recorded, robot_file.joint_count, pose_rad, known_mrad / 1e3)
         return _CalibrationResult(
             fits.make_calibration("encoder", fit, robot_file, raw, options.valid_days), encoder_figure(fit)
         )

@@ -12,7 +12,7 @@ from palpate.common.console import display_path, json_text, safe, shell_path
 from palpate.common.files import atomic_write_all, folder_to_fill, folder_to_read, output_folder, spare_files
 from palpate.common.options import JsonOption, model_names
 from palpate.estimation.estimate import with_unit
-from palpate.estimation.study import ChannelResult, Comparison
+from palpate.estimation.study import ChannelResult
 from palpate.estimation.study.channels import ALL_CHANNELS
 from palpate.estimation.study.model_suggestions import far_better_model
 from palpate.estimation.study.paired_comparison import Extended, compare_pairs
@@ -218,7 +218,25 @@ def compare_command(
             failures = dict(base.failures)
     compared = [result.shown for result in results if result.shown is not None]
     models = "+".join(dict.fromkeys(result.channel.model.name for result in results))
-    channels = list(map(comparison_data, compared))
+    channels = [  # the keys are stable
+        {
+            "channel": comparison.channel,
+            "model": comparison.model,
+            "effort_unit": comparison.effort_unit,
+            "rmse": comparison.rmse,
+            "noise_floor": comparison.noise.value,
+            "noise_source": comparison.noise.source,
+            "noise_at_most": comparison.noise.is_bound,
+            "lack_of_fit": comparison.lack_of_fit,
+            "parameters": {name: parameter.value for name, parameter in comparison.parameters.items()},
+            "parts": {by: list(map(vars, parts)) for by, parts in comparison.parts.items()},
+            "words": list(comparison.words),
+            "patterns": list(map(vars, comparison.patterns)),
+            "kinds": list(map(vars, comparison.kinds)),
+            "not_judged": comparison.exclusion_note,
+        }
+        for comparison in compared
+    ]
     content = {"file": str(data.file), "model": models, "channels": channels, "failures": failures}
 
     def show() -> None:
@@ -282,30 +300,6 @@ def _compare_pair(
         files = dict.fromkeys(pair.files)
         each = [(f"palpate compare {shell_path(file)}", "where its base model fails") for file in files]
         console.next_steps(*steps, *each)
-
-
-def comparison_data(comparison: Comparison) -> dict[str, Any]:
-    """The comparison as plain data; the keys are stable.
-
-    Args:
-        comparison: comparison of one channel.
-    """
-    return {
-        "channel": comparison.channel,
-        "model": comparison.model,
-        "effort_unit": comparison.effort_unit,
-        "rmse": comparison.rmse,
-        "noise_floor": comparison.noise.value,
-        "noise_source": comparison.noise.source,
-        "noise_at_most": comparison.noise.is_bound,
-        "lack_of_fit": comparison.lack_of_fit,
-        "parameters": {name: parameter.value for name, parameter in comparison.parameters.items()},
-        "parts": {by: list(map(vars, parts)) for by, parts in comparison.parts.items()},
-        "words": list(comparison.words),
-        "patterns": list(map(vars, comparison.patterns)),
-        "kinds": list(map(vars, comparison.kinds)),
-        "not_judged": comparison.exclusion_note,
-    }
 
 
 def _next_steps(  # noqa: PLR0917, what was typed

@@ -151,7 +151,16 @@ def export_command(
     if len(given) > 1:
         raise InputError(f"{' and '.join(given)}: one file is written; choose one of them")
     if layout is not None:
-        made = export_layout(data, layout, out, force=force)
+        session = open_session(data.file)
+        path = out or derived_folder(data.file) / f"{layout}{LAYOUT_ENDINGS[layout]}"
+        text = layout_of(session, layout)
+        write_text(output_file(path, force=force or out is None, keep=[data.file]), text)
+        advice = f"open {display_path(data.file)} in {PROGRAMS[layout]}, and then this layout"
+        streams = [session.samples(name).stream for name in session.stream_names]
+        if long := [each for each in streams if each.batch > 1]:
+            advice += f"; it shows every {long[0].batch}th sample (palpate inspect draws the peaks of all)"
+        content = {"layout": str(path), "program": str(layout)}
+        made = _Export(content, [f"layout  [bold]{display_path(path)}[/bold]"], advice=advice)
     elif stream is not None:
         made = export_table(data, stream, out, force=force)
     else:
@@ -179,30 +188,6 @@ def export_command(
             console.stderr().print(made.advice, soft_wrap=True)
 
     console.present({"file": str(data.file), **made.content}, show, made.steps, as_json=as_json)
-
-
-def export_layout(data: DataArguments, program: PlotProgram, out: Path | None, *, force: bool) -> _Export:
-    """Write a viewer's layout.
-
-    Args:
-        data: a session.
-        program: the viewer.
-        out: file to write; None for one in the session's folder of results.
-        force: whether an existing file is replaced.
-
-    Raises:
-        InputError: it is not a session, or the file cannot be written.
-    """
-    session = open_session(data.file)
-    path = out or derived_folder(data.file) / f"{program}{LAYOUT_ENDINGS[program]}"
-    text = layout_of(session, program)
-    write_text(output_file(path, force=force or out is None, keep=[data.file]), text)
-    advice = f"open {display_path(data.file)} in {PROGRAMS[program]}, and then this layout"
-    long = [stream for name in session.stream_names if (stream := session.samples(name).stream).batch > 1]
-    if long:
-        advice += f"; it shows every {long[0].batch}th sample (palpate inspect draws the peaks of all)"
-    content = {"layout": str(path), "program": str(program)}
-    return _Export(content, [f"layout  [bold]{display_path(path)}[/bold]"], advice=advice)
 
 
 def export_table(data: DataArguments, name: str, out: Path | None, *, force: bool) -> _Export:

@@ -21,7 +21,7 @@ from palpate.estimation.data.channels import session_channels
 from palpate.estimation.data.tick_channels import join_ticks
 from palpate.estimation.effects import EFFECTS
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.session import Session, SessionMetadata, Stream, write_session
+from palpate.robot_io.session import Session, Stream, write_session
 from palpate.robot_io.session.event import NOT_WHOLE, RUN_LABELS
 from palpate.runs.hidden_effects import SEAL, open_answer
 from palpate.runs.session import SOURCE
@@ -48,7 +48,23 @@ def merge_command(
     file = output_session(out, keep=sessions)
     opened = [open_session(path) for path in sessions]
     streams = merged_streams(opened)
-    metadata = merged_metadata(opened, as_command(sys.argv[1:]))
+    every = [session.metadata for session in opened]
+    first, named = every[0], ", ".join(session.path.name for session in opened)
+    shared = {
+        key: text for key, text in first.extra.items() if all(item.extra.get(key) == text for item in every)
+    }
+    for key in (SEAL, RUN_LABELS):  # valid for one session and its run numbers only
+        shared.pop(key, None)
+    if lacking := [session.path.name for session in opened if _is_incomplete(session)]:
+        shared[NOT_WHOLE] = ", ".join(lacking)
+    metadata = replace(
+        first,
+        scenario=first.scenario if all(item.scenario == first.scenario for item in every) else "",
+        seed=first.seed if all(item.seed == first.seed for item in every) else None,
+        command_line=as_command(sys.argv[1:]),
+        software_version=version("palpate"),
+        extra=shared | {SOURCE: f"merged from {named}"},
+    )
     write_session(file, streams, metadata, [event for session in opened for event in session.events])
     samples = {stream.name: len(columns["time_s"]) for stream, columns in streams}
     console.print_read_notes("", merge_notes(opened))
@@ -168,32 +184,6 @@ def merged_streams(sessions: Sequence[Session]) -> list[Merged]:
         columns = {column: np.concatenate([part[column] for part in parts]) for column in parts[0]}
         merged.append((parts[0].stream, columns))
     return merged
-
-
-def merged_metadata(sessions: Sequence[Session], command_line: str) -> SessionMetadata:
-    """Return the first session's metadata without the fields that differ between the sessions.
-
-    Args:
-        sessions: the sessions, in order.
-        command_line: command line of this program.
-    """
-    first, files = sessions[0].metadata, ", ".join(session.path.name for session in sessions)
-    every = [session.metadata for session in sessions]
-    shared = {
-        key: text for key, text in first.extra.items() if all(item.extra.get(key) == text for item in every)
-    }
-    for key in (SEAL, RUN_LABELS):  # valid for one session and its run numbers only
-        shared.pop(key, None)
-    if lacking := [session.path.name for session in sessions if _is_incomplete(session)]:
-        shared[NOT_WHOLE] = ", ".join(lacking)
-    return replace(
-        first,
-        scenario=first.scenario if all(item.scenario == first.scenario for item in every) else "",
-        seed=first.seed if all(item.seed == first.seed for item in every) else None,
-        command_line=command_line,
-        software_version=version("palpate"),
-        extra=shared | {SOURCE: f"merged from {files}"},
-    )
 
 
 def _is_incomplete(session: Session) -> bool:

@@ -1,7 +1,6 @@
 """Check recorded sessions and make calibration files from them."""
 
 import hashlib
-from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from importlib.metadata import version
 from pathlib import Path
@@ -10,7 +9,7 @@ import numpy as np
 import yaml
 
 from palpate.calibration.arm_fit import ArmFit
-from palpate.calibration.encoder import EncoderFit, fit_pose, fit_stops
+from palpate.calibration.encoder import EncoderFit
 from palpate.calibration.force import ForceFit
 from palpate.calibration.standstill import UncertainValue
 from palpate.common import console
@@ -72,25 +71,6 @@ def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
     if STREAM_NAME in session.stream_names:
         checked_ticks(session)
     return session
-
-
-def encoder_fit_of(
-    session: Session, joint_count: int, pose_rad: Sequence[float] | None, known_std_rad: float
-) -> EncoderFit:
-    """Fit encoder zeros to a session of `run_stops` or `run_pose`; raise `InputError` for another session.
-
-    Args:
-        session: session of the stops or of the pose.
-        joint_count: number of joints of the arm.
-        pose_rad: pose in which the arm was held, shape (n,) [rad]; None if stops were touched.
-        known_std_rad: standard uncertainty of stops or pose [rad].
-    """
-    if pose_rad is not None:
-        return fit_pose(session, np.array(pose_rad, dtype=np.float64), known_std_rad)
-    try:
-        return fit_stops(session, joint_count, known_std_rad)
-    except InputError as error:
-        raise InputError(f"{error}; if the arm was held in a pose, give it with --pose") from error
 
 
 def make_calibration(

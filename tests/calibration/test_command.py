@@ -161,7 +161,7 @@ def test_refusal_keeps_existing_empty_folders(tmp_path):
     ("kind", "options", "step"),
     [
         ("force", ("--weights-kg", "0,1,2,3,2,1,0"), "palpate.commands.calibrate.fit_force"),
-        ("encoder", ("--pose", "home"), "palpate.runs.calibration_file.encoder_fit_of"),
+        ("encoder", ("--pose", "home"), "palpate.commands.calibrate.fit_encoder"),
         ("torque", (), "palpate.runs.calibration.run_motion"),
     ],
 )

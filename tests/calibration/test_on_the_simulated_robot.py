@@ -9,7 +9,7 @@ import pytest
 
 from palpate.calibration.arm_fit import GravityBodies, fit_arm, motion_of
 from palpate.calibration.arm_motion import ExcitationSettings
-from palpate.calibration.encoder import StopSettings
+from palpate.calibration.encoder import StopSettings, fit_encoder
 from palpate.calibration.force import fit_force, read_weighing
 from palpate.common.files import write_text
 from palpate.control.probing.plan import ProbingPlan
@@ -143,7 +143,7 @@ def test_zeros_are_estimated_at_the_hard_stops_under_tight_limits(tmp_path, monk
     scenario = load_scenario({"seed": 1, "hidden": wrong, "physics": {"rate_hz": 1000.0}})  # for 76 s
     job = replace(job_in(tmp_path, "encoder", wrong, robot=careful), scenario=scenario)
     runs.run_stops(job)
-    fit = fits.encoder_fit_of(opened(job), 3, None, 1e-4)
+    fit = fit_encoder(opened(job), 3, None, 1e-4)
     np.testing.assert_allclose(fit.offset_rad, -np.array(ZEROS_RAD), atol=2e-4)
     ticks = opened(job).samples("tick")
     assert np.abs(ticks["torque_sent_nm"]).max() < 0.5 * max(FOLLOWER.limits.torque_nm)
@@ -160,7 +160,7 @@ def test_hard_stop_at_another_angle_stops_the_arm(tmp_path):
 def test_zeros_are_estimated_in_a_known_pose_without_power(tmp_path):
     job = job_in(tmp_path, "encoder", WRONG_ZEROS)
     runs.run_pose(job)
-    fit = fits.encoder_fit_of(opened(job), 3, FOLLOWER.home_rad, 1e-3)
+    fit = fit_encoder(opened(job), 3, FOLLOWER.home_rad, 1e-3)
     np.testing.assert_allclose(fit.offset_rad, -np.array(ZEROS_RAD), atol=1e-4)
     np.testing.assert_allclose(fit.std_rad, 1e-3, rtol=0.1)
     assert not opened(job).samples("tick")["torque_sent_nm"].any()
@@ -192,7 +192,7 @@ def test_calibration_improves_the_estimates_of_a_probing_run(tmp_path):
     force_job, force_fit = weighed(tmp_path, hidden, 1, plain)
     encoder_job = job_in(tmp_path, "encoder", hidden, 1, plain)
     runs.run_pose(encoder_job)
-    zeros = fits.encoder_fit_of(opened(encoder_job), 3, plain.home_rad, 1e-3)
+    zeros = fit_encoder(opened(encoder_job), 3, plain.home_rad, 1e-3)
     arm = tmp_path / "arm"
     write_text(arm / "force.yaml", made(force_job, force_fit).to_yaml())
     write_text(arm / "encoder.yaml", made(encoder_job, zeros).to_yaml())
