@@ -47,7 +47,7 @@ def draw_simulated(folder: Path) -> None:
     """The default object as the demo shows it."""
     session = folder / "demo.mcap"
     probe_demo(session, load_scenario("default"), seed=1)
-    capture_screenshot(show_demo(session).recording, PICTURES / "rerun.png", MOMENT_S, SCREEN)
+    capture_screenshot(show_demo(session)[2], PICTURES / "rerun.png", MOMENT_S, SCREEN)
 
 
 def draw_hidden(folder: Path) -> None:

@@ -90,7 +90,10 @@ class World:
         self.held = False
         self._build_plant(arm)
         settings, step_s = scenario.sensors, self._step_s
-        noise = {sensor: self._noise_of(sensor) for sensor in ("encoder", "torque", "force")}
+        noise = {  # a random stream for each sensor
+            sensor: np.random.default_rng([scenario.seed, crc32(sensor.encode())])
+            for sensor in ("encoder", "torque", "force")
+        }
         self.encoder = SimulatedEncoder(settings.encoder, noise["encoder"], start_s, step_s, effects.encoder)
         self.torque_sensor = SimulatedTorqueSensor(settings.torque, noise["torque"], start_s, effects.torque)
         self.force_sensor = SimulatedForceSensor(
@@ -125,13 +128,6 @@ class World:
             self.close()
             raise
         self._contact = TipContact(self._engine, self.object, self._step_s, self._effects)
-
-    def _noise_of(self, sensor: str) -> np.random.Generator:
-        """Make a random stream for each sensor.
-
-        The settings of one sensor then do not change the noise of others.
-        """
-        return np.random.default_rng([self.scenario.seed, crc32(sensor.encode())])
 
     @property
     def joint_count(self) -> int:

@@ -21,7 +21,6 @@ from palpate.sim_backend.scenario import MOST_SEED, load_scenario, shipped_scena
 from palpate.workflows.demo import (
     HIDDEN_PLAN,
     PLAN,
-    DemoResult,
     HiddenDemo,
     drawn_seed,
     hide_one,
@@ -75,15 +74,15 @@ def demo_command(
     with probing_progress(PLAN, live=True) as watcher:
         probe_demo(session, world, seed, watcher, command_line=again)
     with talk.status("estimating, recording and plotting"):
-        demo = show_demo(session)
+        study, estimates, recording, plots = show_demo(session)
+    truth = study.truth_of(estimates.channel)
     if not as_json:
         out_ = console.stdout()
-        print_estimates(out_, demo.estimates, demo.study.truth_of(demo.estimates.channel))
+        print_estimates(out_, estimates, truth)
         out_.print()
-        recording = {} if demo.recording is None else {"recording": demo.recording}
-        print_files(out_, {"session": demo.session, **recording})
-        for number, plot in enumerate(demo.plots):
-            print_files(out_, {"" if number else "plots": plot})
+        recorded = {} if recording is None else {"recording": recording}
+        print_files(out_, {"session": session, **recorded})
+        print_files(out_, {"plots": plots})
     hidden = None
     if second is not None:
         talk.print("\n[bold]Now the object has a hidden effect that the model lacks.[/bold]")
@@ -94,12 +93,20 @@ def demo_command(
         with diagnosis_progress(["contact"]) as progress:
             hidden = solve(second, progress)
     if as_json:
-        console.print_json({"again": again, **_as_data(demo, hidden)})
+        content = {
+            "again": again,
+            "session": str(session),
+            "recording": None if recording is None else str(recording),
+            "plots": [str(plots)],
+            "result": as_data(estimates, truth),
+            "hidden": None if hidden is None else _hidden_data(hidden),
+        }
+        console.print_json(content)
         return
     if hidden is not None:
         _print_hidden(hidden)
-    viewer = "" if demo.recording else "pip install 'palpate[view]' && "
-    inspect = console.format_command(f"palpate inspect {shell_path(demo.session)}")
+    viewer = "" if recording else "pip install 'palpate[view]' && "
+    inspect = console.format_command(f"palpate inspect {shell_path(session)}")
     steps = [
         (f"{viewer}{inspect}", "see arm, forces and estimates in Rerun"),
         (
@@ -116,23 +123,14 @@ def demo_command(
     console.next_steps(*steps, (again, "the same demo again"))
 
 
-def _as_data(demo: DemoResult, hidden: HiddenDemo | None) -> dict[str, Any]:
-    of_hidden: dict[str, Any] | None = None
-    if hidden is not None:
-        diagnosis = hidden.result.diagnosis
-        of_hidden = {
-            "session": str(hidden.session),
-            "files": {what: str(path) for what, path in hidden.files.items()},
-            "diagnosis": diagnosis.model_dump(mode="json") if diagnosis is not None else None,
-            "answer": [{"effect": entry.name, **entry.model_dump()} for entry in hidden.answer.hidden],
-            "found": hidden.found,
-        }
+def _hidden_data(hidden: HiddenDemo) -> dict[str, Any]:
+    diagnosis = hidden.result.diagnosis
     return {
-        "session": str(demo.session),
-        "recording": None if demo.recording is None else str(demo.recording),
-        "plots": [str(plot) for plot in demo.plots],
-        "result": as_data(demo.estimates, demo.study.truth_of(demo.estimates.channel)),
-        "hidden": of_hidden,
+        "session": str(hidden.session),
+        "files": {what: str(path) for what, path in hidden.files.items()},
+        "diagnosis": diagnosis.model_dump(mode="json") if diagnosis is not None else None,
+        "answer": [{"effect": entry.name, **entry.model_dump()} for entry in hidden.answer.hidden],
+        "found": hidden.found,
     }
 
 

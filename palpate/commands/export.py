@@ -162,7 +162,22 @@ def export_command(
         content = {"layout": str(path), "program": str(layout)}
         made = _Export(content, [f"layout  [bold]{display_path(path)}[/bold]"], advice=advice)
     elif stream is not None:
-        made = export_table(data, stream, out, force=force)
+        existing_data(data.file)
+        path = out or derived_folder(data.file) / f"{stream}.csv"
+        if path.suffix not in ENDINGS:
+            raise InputError(f"output {path}: a table is written as {' or '.join(ENDINGS)}")
+        table = recorded_table(data.file, data.options, stream)
+        write_table(table, output_file(path, force=force or out is None, keep=[data.file]))
+        columns = table.column_names
+        size = f"{count(table.num_rows, 'row')}, {count(table.num_columns, 'column')}"
+        steps = []
+        if "displacement_m" in columns or any("torque_Nm" in column for column in columns):
+            steps.append((f"palpate import {shell_path(path)}", "import it as a measurement"))
+        made = _Export(
+            {"stream": stream, "table": str(path), "columns": columns},
+            [f"table  [bold]{display_path(path)}[/bold]: {size}"],
+            steps,
+        )
     else:
         place = folder_to_read(data.file, folder)
         study = data.study(None, place)
@@ -188,34 +203,6 @@ def export_command(
             console.stderr().print(made.advice, soft_wrap=True)
 
     console.present({"file": str(data.file), **made.content}, show, made.steps, as_json=as_json)
-
-
-def export_table(data: DataArguments, name: str, out: Path | None, *, force: bool) -> _Export:
-    """Write a stream or channel as a table.
-
-    Args:
-        data: session or data file.
-        name: name of the stream or channel.
-        out: file to write; None for one in the folder of results.
-        force: whether an existing file is replaced.
-
-    Raises:
-        InputError: there is no such stream or channel, or the file cannot be written.
-    """
-    existing_data(data.file)
-    path = out or derived_folder(data.file) / f"{name}.csv"
-    if path.suffix not in ENDINGS:
-        raise InputError(f"output {path}: a table is written as {' or '.join(ENDINGS)}")
-    table = recorded_table(data.file, data.options, name)
-    write_table(table, output_file(path, force=force or out is None, keep=[data.file]))
-    columns = table.column_names
-    size = f"{count(table.num_rows, 'row')}, {count(table.num_columns, 'column')}"
-    is_measurement = "displacement_m" in columns or any("torque_Nm" in column for column in columns)
-    return _Export(
-        {"stream": name, "table": str(path), "columns": columns},
-        [f"table  [bold]{display_path(path)}[/bold]: {size}"],
-        [(f"palpate import {shell_path(path)}", "import it as a measurement")] if is_measurement else [],
-    )
 
 
 def export_scenario(

@@ -5,7 +5,7 @@ write can be rendered. Values are checked like those of a scenario file.
 """
 
 from collections.abc import Mapping, Sequence
-from math import dist, inf, isfinite, nan
+from math import dist, inf, isfinite
 from typing import Any
 
 import numpy as np
@@ -124,22 +124,6 @@ def summarize_estimate(estimate: ObjectEstimate) -> str:
     return f"{', '.join(parameters)}; {estimate.rmse_n:.3g} N left, {count(estimate.runs, 'run')}{verdict}"
 
 
-def summarize_trust(estimate: ObjectEstimate | None, age_s: float, away_m: float) -> str:
-    """Describe the reliability of the virtual object.
-
-    Args:
-        estimate: the rendered estimate; None for the scene's guess.
-        age_s: age of the underlying measurement [s]; NaN if unknown.
-        away_m: distance from the measured place, across the press direction [m]; NaN if unknown.
-    """
-    if estimate is None:
-        return "virtual object: a guess, nothing was probed yet"
-    age = f", {age_s:.0f} s old" if isfinite(age_s) else ""
-    away = f", {1e3 * away_m:.0f} mm away" if isfinite(away_m) else ""
-    verdict = "" if estimate.verdict else "; not diagnosed"
-    return f"target {short_number(estimate.target)}{away}{age}: {summarize_estimate(estimate)}{verdict}"
-
-
 DOWN = (0.0, 0.0, -1.0)  # the virtual object is pressed downwards only
 
 
@@ -230,10 +214,16 @@ class TargetStates:
 
         Args:
             tip_world_m: tip position of the virtual arm, shape (3,) [m].
-            age_s: age of the measurement [s].
+            age_s: age of the underlying measurement [s]; NaN if unknown.
         """
-        away_m = nan if self.rendered is None else _distance_m(self.rendered, tip_world_m)
-        return summarize_trust(self.rendered, age_s, away_m)
+        estimate = self.rendered
+        if estimate is None:
+            return "virtual object: a guess, nothing was probed yet"
+        age = f", {age_s:.0f} s old" if isfinite(age_s) else ""
+        away_m = _distance_m(estimate, tip_world_m)  # from the measured place, across the press direction
+        away = f", {1e3 * away_m:.0f} mm away" if isfinite(away_m) else ""
+        verdict = "" if estimate.verdict else "; not diagnosed"
+        return f"target {short_number(estimate.target)}{away}{age}: {summarize_estimate(estimate)}{verdict}"
 
 
 def _distance_m(estimate: ObjectEstimate, tip_world_m: tuple[float, ...]) -> float:

@@ -33,17 +33,6 @@ _SEEDS = 1_000_000  # small enough to be typed
 
 
 @dataclass(frozen=True)
-class DemoResult:
-    """Results of the first part of the demo: a probed object and its estimates."""
-
-    session: Path  # the session file
-    study: Study  # the session with channels and truth
-    estimates: ChannelEstimates  # estimates of the probed place, by every estimator
-    recording: Path | None  # for Rerun; None where its package is not installed
-    plots: tuple[Path, ...]  # pages of figures
-
-
-@dataclass(frozen=True)
 class HiddenDemo:
     """Results of the second part of the demo: the diagnosis of a hidden effect."""
 
@@ -87,11 +76,15 @@ def probe_demo(
     run_probing(job, watcher).raise_for_failure()
 
 
-def show_demo(session: Path) -> DemoResult:
+def show_demo(session: Path) -> tuple[Study, ChannelEstimates, Path | None, Path]:
     """Estimate, and write recording and plots into the session's folder.
 
     Args:
         session: file of the first part.
+
+    Returns:
+        The session's study, estimates of the probed place by every estimator, the recording (None where
+        Rerun is not installed), and the page of figures.
 
     Raises:
         InputError: something cannot be written.
@@ -104,7 +97,7 @@ def show_demo(session: Path) -> DemoResult:
     recording = folder / RECORDING if find_spec("rerun") else None
     if recording is not None:
         inspection.record(recording)
-    return DemoResult(session, study, estimates, recording, (inspection.plot(folder),))
+    return study, estimates, recording, inspection.plot(folder)
 
 
 def drawn_seed() -> int:

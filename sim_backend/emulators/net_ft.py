@@ -169,7 +169,7 @@ class NetFtWires(WireMaker):
         settings = validate(_NetFtSettings, request.force.settings)
         newtons_per(settings.unit)  # refused before the wire exists
         sensor = EmulatedNetFt(
-            settings.axis_index, settings.capacity_n, settings.counts_per_force, settings.unit
+            "xyz".index(settings.axis), settings.capacity_n, settings.counts_per_force, settings.unit
         )
         settings.signed(sensor)
         line = EmulatedNetFtLine(sensor, request.plant, request.faults)

@@ -431,11 +431,6 @@ class AxisSettings(_RangeSettings):
 
     axis: Annotated[str, Field(pattern="^[xyz]$")]
 
-    @property
-    def axis_index(self) -> int:
-        """Index of the axis, from 0."""
-        return "xyz".index(self.axis)
-
 
 class _CellSettings(SensorSettings):
     newtons_per_count: Positive
@@ -453,7 +448,7 @@ class _LorenzSettings(SensorSettings):
 
 # By driver: settings in the robot file, and the emulated sensor.
 _SENSORS: dict[str, tuple[type[SensorSettings], Callable[[Any], SerialSensor]]] = {
-    "bota": (AxisSettings, lambda settings: EmulatedBota(settings.axis_index, settings.capacity_n)),
+    "bota": (AxisSettings, lambda settings: EmulatedBota("xyz".index(settings.axis), settings.capacity_n)),
     "force_lines": (_RangeSettings, lambda settings: EmulatedGauge(settings.capacity_n)),
     "loadstar": (_RangeSettings, lambda settings: EmulatedLoadstar(settings.capacity_n)),
     "lorenz": (

@@ -92,9 +92,11 @@ def test_demo_without_a_seed_prints_the_command_to_repeat_it(tmp_path, monkeypat
     jobs = []
     done = SimpleNamespace(raise_for_failure=lambda: None)
     monkeypatch.setattr(demo_runs, "run_probing", lambda job, watcher: jobs.append(job) or done)
-    monkeypatch.setattr(demo, "show_demo", lambda session: None)
+    study = SimpleNamespace(truth_of=lambda channel: {})
+    shown = (study, SimpleNamespace(channel=None), None, "plots.html")
+    monkeypatch.setattr(demo, "show_demo", lambda session: shown)
     monkeypatch.setattr(demo, "solve", lambda session, progress: None)
-    monkeypatch.setattr(demo, "_as_data", lambda demo, hidden: {})
+    monkeypatch.setattr(demo, "as_data", lambda estimates, truth: {})
     again = json.loads(run("demo", "--json", "-o", tmp_path / "a.mcap").stdout)["again"]
     assert run(*again.split()[1:], "--json", "-o", tmp_path / "a.mcap").exit_code == 0
     plain, hidden, *repeated = [(job.scenario, job.seed, job.command_line) for job in jobs]

@@ -11,10 +11,10 @@ from palpate.robot_io.session import Samples
 from palpate.sim_backend.scenario import load_scenario
 from palpate.teleop.estimating import diagnose_object, estimate_object
 from palpate.teleop.virtual_object import (
+    TargetStates,
     estimate_data,
     force_law,
     summarize_estimate,
-    summarize_trust,
     terms_in,
     terms_of,
 )
@@ -111,8 +111,11 @@ def test_laws_that_cannot_be_rendered_are_refused(terms, words):
 
 
 def test_trust_summary_states_age_and_distance_of_the_estimate():
-    assert "a guess" in summarize_trust(None, float("nan"), float("nan"))
-    told = summarize_trust(estimate(verdict=""), 4.4, 0.012)
+    states = TargetStates(load_scenario("default"))
+    assert "a guess" in states.summary((0.0, 0.0, 0.0), float("nan"))
+    states.rendered = estimate(verdict="")
+    x, y, z = states.rendered.surface_world_m
+    told = states.summary((x + 0.012, y, z), 4.4)
     assert told.startswith("target 0, 12 mm away, 4 s old: k 500.0 ± 1.0 N/m")
     assert told.endswith("not diagnosed")
     assert summarize_estimate(estimate()).endswith("3 runs; adequate")
