@@ -1,4 +1,4 @@
-"""What takes long to make is made by one of the processes that run the tests, and read by all."""
+"""Build expensive test data once, in one of the processes that run the tests."""
 
 import fcntl
 import os

@@ -1,4 +1,4 @@
-"""A small library of effects and a short error budget, for tests of what is around a diagnosis.
+"""A small effect library and a short error budget, for tests around a diagnosis.
 
 The search and the budget have tests of their own.
 """

@@ -1,4 +1,4 @@
-"""Files that tests make: of text or bytes, and tables with named columns as programs write them."""
+"""Files for tests: text or bytes, and tables with named columns."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""A session that is written at its end, by this process: for tests of what is measured, not of the log."""
+"""A session written at its end by this process, for tests of measurements rather than of the log."""
 
 from pathlib import Path
 from types import TracebackType

@@ -1,4 +1,4 @@
-"""Revisions as they are kept, of a contact's base model unless a test says otherwise."""
+"""Revisions of a contact's base model unless a test states otherwise."""
 
 from palpate.estimation.study import Revision
 

@@ -1,4 +1,4 @@
-"""The house: imports run one way, and the simulator's physics never meets the estimator's hypotheses."""
+"""Imports run in one direction, and simulator and estimator are independent."""
 
 import ast
 from functools import cache

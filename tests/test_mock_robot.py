@@ -1,4 +1,4 @@
-"""The mock arm moves as its URDF says, so that what a controller does on it means something."""
+"""The mock arm moves as its URDF states."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The probing session of the face's tests, and how it is written."""
+"""The probing session that the calibration tests share."""
 
 from tests.palpate.conftest import log_in_process, probed
 

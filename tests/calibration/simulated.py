@@ -1,4 +1,4 @@
-"""Calibrations of the shipped follower in simulated worlds that hide something."""
+"""Calibrations of the shipped follower in simulated worlds with hidden effects."""
 
 from datetime import UTC, datetime
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The fit recovers what synthetic drives, written down here, were given; the simulator has its own tests."""
+"""Arm fit: drive parameters of synthetic drives are recovered."""
 
 from dataclasses import replace
 from pathlib import Path

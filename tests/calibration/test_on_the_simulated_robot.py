@@ -1,4 +1,4 @@
-"""Each procedure finds what the simulator hides, through loop, guard and session file."""
+"""Calibration procedures on the simulated arm, through loop, guard and session file."""
 
 import shutil
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Calibration's motions: hard stops, a robot without power, free air, and the pace under low limits."""
+"""Calibration motions: hard stops, an unpowered robot, free air, and the pace under low limits."""
 
 import io
 from dataclasses import replace

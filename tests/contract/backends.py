@@ -1,4 +1,4 @@
-"""The backends that keep the contract. A new one adds itself to `BACKENDS`; every test here runs on it."""
+"""Backends that the contract tests run on; a new one is added to `BACKENDS`."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""A test setup for each operator device: something that moves it, presses its button and takes it away."""
+"""A test setup for each operator device, which moves it, presses its button and unplugs it."""
 
 import atexit
 import ctypes

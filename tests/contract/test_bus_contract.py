@@ -1,4 +1,4 @@
-"""What every bus and driver keeps, and what those that can be examined say."""
+"""Contract of every bus and driver, and of devices that can be examined."""
 
 import inspect
 import re

@@ -1,4 +1,4 @@
-"""What every joint encoder keeps."""
+"""Contract of every joint encoder."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What every force sensor keeps."""
+"""Contract of every force sensor."""
 
 import pytest
 

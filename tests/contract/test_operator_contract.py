@@ -1,4 +1,4 @@
-"""What every operator device does, whatever it is."""
+"""Contract of every operator device."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What every reading of every device keeps, whatever it measures."""
+"""Contract of every device reading."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What every robot keeps, whatever it is made of."""
+"""Contract of every robot."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What all torque-controlled drives keep."""
+"""Contract of all torque-controlled drives."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What the loop's tests put around it: the mock arm with hooks for trouble, a log in memory, a task."""
+"""Parts for loop tests: the mock arm with fault hooks, a log in memory, a task."""
 
 from collections.abc import Callable
 

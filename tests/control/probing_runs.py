@@ -1,4 +1,4 @@
-"""Runs the probing task on the reference plant and keeps what happened."""
+"""Run the probing task on the reference plant and record the result."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""A plant of the tests' own: Pinocchio's forward dynamics and a Kelvin-Voigt object, in short steps.
+"""An independent plant: Pinocchio's forward dynamics and a Kelvin-Voigt object, in short steps.
 
 It shares no code with the simulator, so that a controller that works on both did not learn one by heart.
 """

@@ -1,4 +1,4 @@
-"""The shipped arms in their simulated world, with all that a probing needs, for tests of whole runs."""
+"""The shipped arms in their simulated world, for tests of whole probing runs."""
 
 from pathlib import Path
 

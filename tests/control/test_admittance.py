@@ -1,4 +1,4 @@
-"""The force law on a one-dimensional object, from the softest to the stiffest."""
+"""Admittance control on a one-dimensional object, from the softest to the stiffest."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Computed torque on the reference plant: it tracks, and errors die out as designed."""
+"""Computed torque on the reference plant: tracking and error dynamics."""
 
 import numpy as np
 import pytest

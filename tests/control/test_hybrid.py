@@ -1,4 +1,4 @@
-"""The hybrid controller: the switch's hysteresis and debounce, and no bumps in either direction."""
+"""Hybrid controller: hysteresis, debounce and bumpless switching."""
 
 import numpy as np
 import pytest

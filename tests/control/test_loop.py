@@ -1,4 +1,4 @@
-"""The loop on simulated time: ends, records, and that nothing but a clean command ever goes out."""
+"""Control loop on simulated time: ends, records, and commands that are sent."""
 
 import time
 from itertools import count

@@ -1,4 +1,4 @@
-"""Whatever fails, the arm is braked, its torque goes off within the stop time, and the cause is kept."""
+"""Control loop failures: the arm is braked, torque goes off in time, and the cause is reported."""
 
 import os
 import signal

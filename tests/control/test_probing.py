@@ -1,4 +1,4 @@
-"""The probing task on the reference plant: every phase, every corner object, everything that can go wrong."""
+"""Probing task on the reference plant: phases, corner objects and failures."""
 
 from functools import cache
 

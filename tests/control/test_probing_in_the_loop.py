@@ -1,4 +1,4 @@
-"""The probing task in the real loop, on the mock robot (interfaces only) and on both simulated arms."""
+"""Probing task in the real loop, on the mock robot and on both simulated arms."""
 
 from contextlib import closing
 

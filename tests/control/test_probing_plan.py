@@ -1,4 +1,4 @@
-"""Probing plans: order of the runs, and what is refused, by the plan itself, by the guard, or in free air."""
+"""Probing plans: order of runs, and refusals by the plan, the guard, or in free air."""
 
 import numpy as np
 import pytest

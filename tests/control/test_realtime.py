@@ -1,4 +1,4 @@
-"""Real-time help is put back as it was, and refusals are words, not errors."""
+"""Real-time settings: restored afterwards, and refusals reported without an error."""
 
 import ctypes
 import gc

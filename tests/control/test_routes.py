@@ -1,4 +1,4 @@
-"""In free air the arm stays above what it presses on: between targets, and when it swings before a run."""
+"""Routes in free air: clearance between targets, and swings before a run."""
 
 from functools import cache
 

@@ -1,4 +1,4 @@
-"""What a stop does to an arm that weighs something, on both simulated arms."""
+"""Safe stop of an arm with weight, on both simulated arms."""
 
 from contextlib import closing
 from dataclasses import dataclass

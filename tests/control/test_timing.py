@@ -1,4 +1,4 @@
-"""Histogram percentiles against numpy's, and the grid of ticks against exact fractions."""
+"""Histogram percentiles against numpy, and the tick grid against exact fractions."""
 
 import math
 import tracemalloc

@@ -1,4 +1,4 @@
-"""Free-air motions: continuous to acceleration, within limits, and they arrive."""
+"""Free-air motions: continuous acceleration, limits and arrival."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Models fitted to a channel as a study fits them, where a test has made the model itself."""
+"""Models fitted to a channel as a study fits them, for a given model."""
 
 import numpy as np
 

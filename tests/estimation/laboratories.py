@@ -1,4 +1,4 @@
-"""Files as machines and people write them, of presses whose truth is known: 800 N/m and 4 N s/m."""
+"""Files as machines and people write them, of presses with known truth: 800 N/m and 4 N s/m."""
 
 from collections.abc import Callable
 from functools import cache

@@ -1,4 +1,4 @@
-"""A little probing simulator of its own: a pushed mass that meets a spring and damper; no robot in it."""
+"""A small independent probing simulator: a pushed mass that meets a spring and damper."""
 
 from dataclasses import dataclass
 from functools import cache

@@ -1,4 +1,4 @@
-"""Fits a model to a channel without the project's own fit, to see whether an effect finds a known truth."""
+"""Fit a model to a channel without the project's own fit, to check that an effect recovers the truth."""
 
 import numpy as np
 from scipy.optimize import least_squares

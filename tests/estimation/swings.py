@@ -1,4 +1,4 @@
-"""Joints that swing, made from formulas, and what a coarse or noisy reader makes of their motion."""
+"""Swinging joints made from formulas, and their motion read coarsely or noisily."""
 
 from dataclasses import replace
 from functools import partial

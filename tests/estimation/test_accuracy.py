@@ -1,4 +1,4 @@
-"""The presses that accuracy is measured on, and what is measured."""
+"""The presses of the accuracy measurements, and their bounds."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What a channel checks, and what is remembered of its arrays."""
+"""Channel checks, and results cached by array."""
 
 from dataclasses import replace
 

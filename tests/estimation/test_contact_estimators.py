@@ -1,4 +1,4 @@
-"""One form for all estimators of contact laws, and what each of them is for."""
+"""Contact law estimators: one form for all, and the purpose of each."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""One form for all effects: whatever is registered must pass this."""
+"""One form for all registered effects."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""One form for all estimators: whatever is registered must pass this."""
+"""One form for all registered estimators."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tables as people leave them: marks in numbers, columns that say the same, clocks of cycles, odd rows."""
+"""Tables by people: number marks, equal columns, cycle clocks, odd rows."""
 
 import numpy as np
 import openpyxl

@@ -1,4 +1,4 @@
-"""Whether runs met an object that remembered the run before."""
+"""Whether a run began with a relaxed object."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""How a file is taken: what is noticed and named, cut into runs, given phases, or asked about in one line."""
+"""Import of laboratory files: notes, runs, phases, and questions in one line."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""Real measurements, which are no part of the project: see docs for where they come from."""
+"""Measured data that are no part of the project; the docs state their sources."""
 
 import os
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Parameters within their bounds that make an effect another thing than its name says."""
+"""Parameters within their bounds that contradict the name of their effect."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Which way a displacement and its force count, and elements that pull as well as push."""
+"""Signs of displacement and force, and elements that pull as well as push."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""What differs from run to run is told by each run's first part, and is nothing where runs do not differ."""
+"""Run variation: a run's first part estimates its own value; equal runs have none."""
 
 import numpy as np
 import pytest

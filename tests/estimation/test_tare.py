@@ -1,4 +1,4 @@
-"""A force sensor whose zero is off: what is taken off, and what its error does to the intervals."""
+"""A force sensor with an offset: its tare, and the tare error in intervals."""
 
 from dataclasses import replace
 

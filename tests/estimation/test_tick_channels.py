@@ -1,4 +1,4 @@
-"""Channels out of ticks that a little simulator of its own made."""
+"""Channels from ticks of a small simulator."""
 
 from dataclasses import replace
 from functools import cache

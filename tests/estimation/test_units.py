@@ -1,4 +1,4 @@
-"""Units in names: prefixes by their letters, products, and what stands for an effort."""
+"""Units in names: prefixes, products, and substitutes for an effort."""
 
 import numpy as np
 import pytest

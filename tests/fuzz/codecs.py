@@ -1,4 +1,4 @@
-"""Random and damaged frames for every codec, and judges that share no code with it.
+"""Random and damaged frames for every codec, and independent checks of what it accepts.
 
 A codec may refuse bytes with `ProtocolError` and nothing else. What it accepts is encoded again by the
 emulator of the device, or read bit by bit as the manual says: that must be what came.

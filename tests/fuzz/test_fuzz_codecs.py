@@ -1,4 +1,4 @@
-"""Every codec refuses damaged frames, and each judge notices a broken codec.
+"""Every codec refuses damaged frames, and each check detects a faulty codec.
 
 More inputs: PALPATE_FUZZ_INPUTS=1000000 pytest tests/fuzz/test_fuzz_codecs.py
 """

@@ -1,4 +1,4 @@
-"""`palpate add` and `palpate revisions`: stages that can be gone back to."""
+"""`palpate add` and `palpate revisions`: saved, continued and reverted stages."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A parameter at the end of its search, or beyond what is physical, is marked wherever it is shown."""
+"""Parameters at a search end or beyond a physical bound are marked wherever shown."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The error budget in every view: its sentence, bars, picture, and what cannot be told apart."""
+"""Error budget in every view: sentence, bars, picture, and indistinguishable kinds."""
 
 import io
 import re

@@ -1,4 +1,4 @@
-"""`palpate compare`: where does the model fail?"""
+"""`palpate compare`: where the model fails."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""Commands on damaged and hostile files end by themselves, refuse in one line, and read no wrong number."""
+"""Commands on damaged and hostile files end, refuse in one line, and read no wrong number."""
 
 import csv
 import math

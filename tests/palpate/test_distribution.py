@@ -1,4 +1,4 @@
-"""What a wheel holds, and what runs where none of the extras is installed."""
+"""Contents of the wheel, and operation without optional packages."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""What the documents tell readers to type into Python works as it stands there."""
+"""Python examples, links and generated pages of the documentation."""
 
 import os
 import re

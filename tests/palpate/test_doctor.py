@@ -1,4 +1,4 @@
-"""The doctor finds what is broken, and survives it."""
+"""`palpate doctor` on this machine: findings and remedies."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""The doctor at an arm: what is wired wrongly is found and named, and nothing is left powered."""
+"""`palpate doctor` on an arm: wiring faults are named, and nothing stays powered."""
 
 import itertools
 import json

@@ -1,4 +1,4 @@
-"""`palpate effects`: the vocabulary in words, as equations, and drawn."""
+"""`palpate effects`: effects in words, as equations, and plotted."""
 
 import io
 import time

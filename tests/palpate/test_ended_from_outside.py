@@ -1,4 +1,4 @@
-"""What is left when a program or one of its processes is ended from outside; workers leave Ctrl-C to it."""
+"""Programs and processes ended from outside: what remains, and Ctrl-C in workers."""
 
 import signal
 import subprocess

@@ -1,4 +1,4 @@
-"""`palpate export`: the improved model as a world, layouts for viewers, and what was recorded as a table."""
+"""`palpate export`: the improved model as a world, viewer layouts, and tables."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""`palpate export --format feedforward`: what was found of joints moves them better than feedback alone."""
+"""`palpate export --format feedforward`: identified joint effects improve tracking."""
 
 import ctypes
 import runpy

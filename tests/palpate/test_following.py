@@ -1,4 +1,4 @@
-"""An arm that follows the goals of another program: limits of its motion, its guard, and how it ends."""
+"""An arm that follows another program's goals: motion limits, guard, and end."""
 
 import shutil
 from dataclasses import replace

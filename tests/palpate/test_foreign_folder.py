@@ -1,4 +1,4 @@
-"""A command that is run in somebody else's folder executes none of the Python files that lie there."""
+"""Commands in a foreign folder execute none of its Python files."""
 
 import os
 import shutil

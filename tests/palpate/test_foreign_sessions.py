@@ -1,4 +1,4 @@
-"""A session is a stranger's file: what is missing, misshapen or no number in it is told in one line."""
+"""Foreign sessions: missing, malformed and nonfinite data are reported in one line."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""`palpate probe --hidden` and `palpate reveal`: what is hidden acts, is sealed, and can be opened."""
+"""`palpate probe --hidden` and `palpate reveal`: hidden effects act, are sealed, and are revealed."""
 
 import json
 import shlex

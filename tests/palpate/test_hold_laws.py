@@ -1,4 +1,4 @@
-"""Adaptive force control on the simulated arm: the law goes by what is estimated while the arm presses."""
+"""Adaptive force control on the simulated arm, with an online estimate."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""`palpate import`, and files of many laboratories read without an option: diagnosed, their truth found."""
+"""`palpate import`, and laboratory files that are read and diagnosed without options."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""What `palpate info` says about a session."""
+"""`palpate info`: facts of a session."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""`palpate inspect` and `palpate demo`: what is written, and what is refused."""
+"""`palpate inspect` and `palpate demo`: outputs and refusals."""
 
 import json
 import os

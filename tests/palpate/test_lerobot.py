@@ -1,4 +1,4 @@
-"""The plugins for LeRobot, on its real package where that is installed, else on what they use of it."""
+"""LeRobot plugins, on the real package where installed, else on the used parts of it."""
 
 import importlib.metadata as metadata
 import importlib.util

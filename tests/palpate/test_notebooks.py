@@ -1,4 +1,4 @@
-"""The notebooks run, show what they promise, and find what is hidden in their data."""
+"""Notebooks: they run, show their results, and find hidden effects."""
 
 import ast
 import json

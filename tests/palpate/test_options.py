@@ -1,4 +1,4 @@
-"""Options that say nothing useful are refused, and errors name the place in the words of the caller."""
+"""Meaningless options are refused, and errors use the caller's words."""
 
 import ast
 import os

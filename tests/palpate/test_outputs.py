@@ -1,4 +1,4 @@
-"""What is there is not replaced unasked, what is read never; and names can be used as they are said."""
+"""Outputs never replace files unasked or inputs at all, and any file name works."""
 
 import io
 import json

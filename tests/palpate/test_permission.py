@@ -1,4 +1,4 @@
-"""A real arm gets no power before somebody has said so; a simulated one needs nobody."""
+"""A real arm gets power only with permission; a simulated one needs none."""
 
 import io
 

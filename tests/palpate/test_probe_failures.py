@@ -1,4 +1,4 @@
-"""`palpate probe` when the torque cannot be switched off, or nothing is stored any longer."""
+"""`palpate probe` when the torque stays on or nothing is stored."""
 
 import json
 import resource

@@ -1,4 +1,4 @@
-"""The Rerun recordings of a session, and of a model that grows."""
+"""Rerun recordings of a session and of a model's revisions."""
 
 import numpy as np
 import pytest

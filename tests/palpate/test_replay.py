@@ -1,4 +1,4 @@
-"""`palpate replay`: the motion of a session once more, in simulation or with an arm."""
+"""`palpate replay`: a session's motion repeated in simulation or with an arm."""
 
 import json
 

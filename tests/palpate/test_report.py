@@ -1,4 +1,4 @@
-"""The HTML report: whole, offline, harmless, and drawn by a real browser, in the light and in the dark."""
+"""HTML report: complete, offline, escaped, and drawn by a browser in light and dark."""
 
 import re
 import shutil

@@ -1,4 +1,4 @@
-"""`palpate resolve`: the arm runs the experiment that separates what is left, and the study takes it in."""
+"""`palpate resolve`: the arm runs the separating experiment, and the study uses it."""
 
 import json
 from collections import OrderedDict

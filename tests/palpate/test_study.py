@@ -1,4 +1,4 @@
-"""`palpate.Study`, as one types it into a notebook."""
+"""`palpate.Study` as used in a notebook."""
 
 import doctest
 

@@ -1,4 +1,4 @@
-"""Tables in narrow terminals, and text in CSV files that neither a spreadsheet nor a terminal runs."""
+"""Tables in narrow terminals, and harmless text in CSV files."""
 
 import io
 import sys

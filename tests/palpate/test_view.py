@@ -1,4 +1,4 @@
-"""The view model: diagnosis, curves that keep their peaks, maps of the residual, words for speeds."""
+"""View model: verdict, thinned curves, residual maps, names of speeds."""
 
 import io
 from dataclasses import replace

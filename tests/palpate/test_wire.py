@@ -1,4 +1,4 @@
-"""Real drivers on emulated devices: whole runs and calibrations, as a user starts them."""
+"""Real drivers on emulated devices: whole runs and calibrations by commands."""
 
 import json
 import re

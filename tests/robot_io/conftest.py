@@ -1,4 +1,4 @@
-"""Robots on emulated wires, as the tests of the wire have them."""
+"""Robots on emulated wires, as in tests/wire."""
 
 from tests.wire.conftest import few_ids, make_robot
 

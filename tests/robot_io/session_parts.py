@@ -1,4 +1,4 @@
-"""What the session's tests share: streams, data with a known answer, and strategies that make them up."""
+"""Parts for session tests: streams, data with a known content, and strategies."""
 
 import numpy as np
 from hypothesis import strategies as st

@@ -1,4 +1,4 @@
-"""Clocks go forward; what C code prints is captured in memory."""
+"""Clocks that never go back; output of C code is captured in memory."""
 
 import subprocess
 import sys

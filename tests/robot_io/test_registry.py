@@ -1,4 +1,4 @@
-"""A registry finds what lies in a folder, and helps who asks for something else."""
+"""Registry: members of packages, and hints for unknown names."""
 
 import sys
 from abc import ABC, abstractmethod

@@ -1,4 +1,4 @@
-"""Answers that do not say what they answer: each is dated by its request, whatever is late or lost."""
+"""Answers without request ids are dated by their requests despite delays and losses."""
 
 import pytest
 from hypothesis import example, given

@@ -1,4 +1,4 @@
-"""A robot: honest samples, commands as sent, and a way back from every failure."""
+"""Robot: valid samples, commands as sent, and recovery from every failure."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The robot file: whatever is wrong, the user hears where, what, and what would be right."""
+"""Robot file: errors with place, value and remedy."""
 
 import copy
 import re

@@ -1,4 +1,4 @@
-"""Tests of physics run in each engine; those of sensors, forces at the tip, files and drivers in one."""
+"""Physics tests run in each engine; sensors, tip forces, files and drivers in one."""
 
 import weakref
 

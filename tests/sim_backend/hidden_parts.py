@@ -1,4 +1,4 @@
-"""Worlds with one hidden effect: moved by hand, or moving by themselves."""
+"""Worlds with one hidden effect, moved by hand or by themselves."""
 
 import numpy as np
 

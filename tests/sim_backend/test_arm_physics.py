@@ -1,4 +1,4 @@
-"""PyBullet's arm against Pinocchio's: the same masses, no hidden losses, forces where they should be."""
+"""PyBullet's arm against Pinocchio's: equal masses, no hidden losses, correct forces."""
 
 import numpy as np
 import pinocchio as pin

@@ -1,4 +1,4 @@
-"""A mass on an object moves as the closed-form solution says, and gets no energy from the integrator."""
+"""A mass on an object follows the closed-form solution without gaining energy."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The simulated robot behind robot_io's interfaces: the shipped robot files, its clock, its lifecycle."""
+"""Simulated robot behind robot_io's interfaces: robot files, clock, lifecycle."""
 
 import shutil
 

@@ -1,4 +1,4 @@
-"""Every hidden effect has one form, is silent at strength zero, stable at its extremes, and drawn by seed."""
+"""Hidden effects: one form, silent at strength zero, stable at extremes, drawn by seed."""
 
 import inspect
 import re

@@ -1,4 +1,4 @@
-"""Each effect at the contact does what its physics says, to a tip that is led by hand or falls."""
+"""Hidden contact effects follow their physics at a guided or falling tip."""
 
 import numpy as np
 import pytest

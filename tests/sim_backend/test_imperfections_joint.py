@@ -1,4 +1,4 @@
-"""Each effect in a joint, its drive or the arm's masses does what its physics says, without a controller."""
+"""Hidden joint, drive and mass effects follow their physics without a controller."""
 
 import numpy as np
 import pinocchio

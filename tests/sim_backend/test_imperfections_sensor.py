@@ -1,4 +1,4 @@
-"""Each effect in a sensor does to a signal what it says, in whichever channel, and to no other channel."""
+"""Hidden sensor effects act on their own channel alone."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Scenario files say what they mean, and what is wrong with them; every contact law keeps the same form."""
+"""Scenario files: content, errors, and one form for every contact law."""
 
 import inspect
 import math

@@ -1,4 +1,4 @@
-"""What was hidden comes back from the sealed file as it was, and cannot be read by accident."""
+"""Sealed answers: a round trip, and no accidental disclosure."""
 
 import base64
 import json

@@ -1,4 +1,4 @@
-"""Sensors sample when they say, arrive when they should, and are as noisy and coarse as the scenario says."""
+"""Sensors: sampling times, delays, noise and resolution of the scenario."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The world as a whole: objects that change, the engine's contact, worlds side by side, hidden effects."""
+"""Simulated world: changing objects, engine contact, independent worlds, hidden effects."""
 
 import gc
 

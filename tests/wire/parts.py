@@ -1,4 +1,4 @@
-"""Robots on emulated wires, in lock-step, with faults at hand."""
+"""Robots on emulated wires in lock-step, with fault injection."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What every driver of motors on a CAN bus makes of its bytes, and of answers that are not its own."""
+"""CAN motor drivers: conversions, and foreign, late and lost answers."""
 
 import numpy as np
 import pytest

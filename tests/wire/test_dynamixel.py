@@ -1,4 +1,4 @@
-"""A whole probing run through the Dynamixel drivers byte by byte, with encoders of twelve bits."""
+"""A whole probing run through the Dynamixel drivers, with 12-bit encoders."""
 
 import pytest
 

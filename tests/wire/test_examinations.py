@@ -1,4 +1,4 @@
-"""What devices say of themselves, and robot files that state what they cannot be."""
+"""Self-descriptions of devices, and impossible settings of robot files."""
 
 import re
 from contextlib import nullcontext

@@ -1,4 +1,4 @@
-"""Devices wait for a first sample, and let go once nothing commands them."""
+"""First samples of devices, and torque off without commands."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Bytes are lost and flipped at random places: no wrong number is served as OK, by any driver."""
+"""Random byte losses and flips: no driver serves a wrong number as OK."""
 
 from bisect import bisect_left
 

@@ -1,4 +1,4 @@
-"""What goes wrong with ODrive axes, and what the robot makes of it."""
+"""Faults of ODrive axes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Motors that are not as the robot file says, or would go on by themselves: refused, and without torque."""
+"""Motors that differ from the robot file or lack a watchdog are refused without torque."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What goes wrong with force sensors on a serial line, and what the robot makes of it."""
+"""Faults of force sensors on a serial line."""
 
 import os
 import threading

@@ -1,4 +1,4 @@
-"""Lines of servos that are not put together as the robot file says: ids, baud rate, heat."""
+"""Servo lines that contradict the robot file: ids, baud rate, temperature."""
 
 import pytest
 

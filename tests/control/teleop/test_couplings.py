@@ -1,4 +1,4 @@
-"""Couplings between leader and follower: what they feel like without delay, and whether they make energy."""
+"""Couplings between leader and follower: transparency without delay, and passivity."""
 
 from math import inf, nan
 

@@ -1,4 +1,4 @@
-"""The follower's queue and task on a plant of their own: what is asked for is probed, nothing else moves."""
+"""Follower queue and task on their own plant: only requested targets are probed."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What a side of the link believes: whom it hears, where model and measurement part, how the arm follows."""
+"""Link state: peer, clock offset, disagreement between model and measurement, and leader motion."""
 
 from math import nan
 from types import SimpleNamespace

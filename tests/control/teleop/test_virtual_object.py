@@ -1,4 +1,4 @@
-"""What the operator feels of the virtual object: its law, and no energy or jump from changing it."""
+"""Virtual object: its rendered law, and no energy or jump from an update."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""An arm of seven joints that stand as those of Franka's arms do, and motion and noise for it."""
+"""A seven-joint arm with the kinematics of Franka's arms, and motion and noise for it."""
 
 from functools import cache
 

@@ -1,4 +1,4 @@
-"""Joint channels of one arm: one set of base parameters, fitted to the torques of all joints together."""
+"""Joint channels of one arm: one set of base parameters, fitted to all joint torques."""
 
 from dataclasses import replace
 from functools import reduce

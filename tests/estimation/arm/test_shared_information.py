@@ -1,4 +1,4 @@
-"""What joints tell each other: fitted one by one, they must find what all of them find together."""
+"""Information shared between joints: separate fits equal the joint fit."""
 
 import numpy as np
 import pytest

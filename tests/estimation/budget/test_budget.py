@@ -1,4 +1,4 @@
-"""Shares of an error by kind, against games whose values are known and against sums over all orders."""
+"""Error shares by kind, against games with known values and sums over all orders."""
 
 from itertools import permutations
 

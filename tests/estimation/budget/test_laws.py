@@ -1,4 +1,4 @@
-"""The flexible law of each kind takes what an effect of that kind does, and others take little of it."""
+"""The flexible law of each kind explains effects of its kind, and little of others."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What is rejected or reported, each with its figure and remedy, and what only looks like it."""
+"""Data quality: rejections and warnings with figure and remedy, and harmless anomalies."""
 
 from dataclasses import replace
 from functools import partial

@@ -1,4 +1,4 @@
-"""Effort and motion on two clocks, and rows that were lost from between the others."""
+"""Effort and motion on two clocks, and lost rows."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Which motion would tell rivals apart: against refitted rivals, and against cases that are known."""
+"""Experiment design for discrimination, against refitted rivals and known cases."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Which effects of a model stand by their names: needed, no part of another, and no stand-in for a law."""
+"""Acceptance criteria: an effect is needed, no part of another, and no stand-in for a law."""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""Draws from a fitted model look like the data where the model is right, and not where it is wrong."""
+"""Bootstrap tests: samples match the data for a true model only."""
 
 from dataclasses import replace
 from itertools import islice

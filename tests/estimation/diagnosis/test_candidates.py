@@ -1,4 +1,4 @@
-"""Which effects are tried, in which forms, places and order, and whether what was found makes sense."""
+"""Candidate effects: forms, places and order, and plausibility of the result."""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""How a channel is judged from its gate to its answer, with what decides replaced by what a test says."""
+"""Diagnosis of one channel from data quality to verdict, with mocked decisions."""
 
 from dataclasses import replace
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""Forms of effects beside flexible laws of the other kinds: which is named, and how well it is known."""
+"""Forms of effects beside flexible laws of other kinds: which is named, and with what certainty."""
 
 from dataclasses import replace
 

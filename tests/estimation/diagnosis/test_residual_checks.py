@@ -1,4 +1,4 @@
-"""What speaks against a model that leaves nothing to a smooth law, and what is only noise."""
+"""Residual checks: objections to a model whose residual is unexplained, and plain noise."""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""Which effects the search tries in earnest, and which of laws that are alike bears the name."""
+"""Model search: which effects are tried, and which of equivalent laws is named."""
 
 from dataclasses import replace
 from types import SimpleNamespace

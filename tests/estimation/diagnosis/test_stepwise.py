@@ -1,4 +1,4 @@
-"""The steps of a search in made-up worlds: what each set of effects would leave is known."""
+"""Stepwise search in constructed worlds, where the residual of each effect set is known."""
 
 from types import SimpleNamespace
 

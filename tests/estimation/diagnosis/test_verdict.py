@@ -1,4 +1,4 @@
-"""What is said of a search: the verdict, each effect with its evidence, what is left, what to record next."""
+"""Verdict of a search: effects with their evidence, remaining error, and next experiment."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Which blocks a fit works on, and which of them count."""
+"""Blocks of a fit, and which of them are scored."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""One linear fit and its search against numpy and scipy, and the intervals against how estimates scatter."""
+"""Linear fit and inner search against numpy and scipy, and intervals against the scatter."""
 
 from dataclasses import replace
 

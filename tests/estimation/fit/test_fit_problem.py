@@ -1,4 +1,4 @@
-"""One model at given inner parameters, against numpy and scipy: held, weighed, coloured, cut off, bent."""
+"""Fit at given inner parameters, against numpy and scipy: fixed, weighted, colored, bounded, nonlinear."""
 
 from dataclasses import replace
 

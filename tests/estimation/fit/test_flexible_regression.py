@@ -1,4 +1,4 @@
-"""What a law without a name can draw, by the signal that it is a law of; and what it leaves of noise."""
+"""Flexible regression: what each signal's basis represents, and its share of noise."""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""Where a search along one inner parameter looks next."""
+"""Next trial of a search along one inner parameter."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""Intervals against the textbook's, and what an acceleration is worth by the positions behind it."""
+"""Intervals against textbook formulas, and acceleration noise judged by positions."""
 
 from dataclasses import replace
 

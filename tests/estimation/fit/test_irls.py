@@ -1,4 +1,4 @@
-"""Weights that stand outliers, against their own derivatives and scipy's minimum of the same cost."""
+"""Robust weights, against their derivatives and scipy's minimum of the same loss."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Long recordings as means over blocks: what is kept, how far it goes, and what is said."""
+"""Long recordings: block averages, thinning, and what is reported."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Readings drawn again: as noisy, on the same grid, and derived by the same window as the channel's own."""
+"""Simulated readings: noise, encoder grid and differentiation window of the channel."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Noise of a channel, what the best of many candidates takes from it, and what is said of what is left."""
+"""Measurement noise, permutation tests, and what is reported of the residual."""
 
 import json
 from dataclasses import replace

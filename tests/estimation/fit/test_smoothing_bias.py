@@ -1,4 +1,4 @@
-"""Smoothing bias of derived motion: its kernels, its size, and what it leaves of laws and noise."""
+"""Smoothing bias of derived motion: kernels, size, and effect on laws and noise."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Parameters held, bounded and tried, and a model beside the measurement."""
+"""Parameters that are fixed, bounded or evaluated, and a model beside the measurement."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A long session: its ticks leave the memory once its channels are shortened, and come back when needed."""
+"""Long sessions: ticks leave the memory after shortening and are read again when needed."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What a comparison says of an error: where it is, and which kinds of effects explain it."""
+"""Error patterns of a comparison: where the error is, and which kinds explain it."""
 
 import numpy as np
 import pytest

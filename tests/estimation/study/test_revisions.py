@@ -1,4 +1,4 @@
-"""Revisions in their folder: several programs may write there, and anybody may put things there."""
+"""Revisions in their folder: concurrent writers, and invalid files."""
 
 import json
 import os

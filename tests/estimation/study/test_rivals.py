@@ -1,4 +1,4 @@
-"""What is left to ask, and which of the laws that nothing sets apart is stated."""
+"""Indistinguishable laws: remaining questions, and which law is stated."""
 
 from dataclasses import replace
 

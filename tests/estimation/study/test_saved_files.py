@@ -1,4 +1,4 @@
-"""Files that palpate wrote and reads again: what anybody has put there since is refused."""
+"""Saved files: a round trip, and refusal of foreign content."""
 
 import json
 

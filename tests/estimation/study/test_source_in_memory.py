@@ -1,4 +1,4 @@
-"""What a study refuses of measurements in memory."""
+"""Measurements in memory that a study refuses."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""One study: each number is computed once, whatever asks for it, and known by the data's own hash."""
+"""Study: each number is computed once, and data are identified by their hash."""
 
 import json
 from collections.abc import Callable

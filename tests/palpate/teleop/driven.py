@@ -1,4 +1,4 @@
-"""What a follower's simulated arm does with targets that nobody asked for."""
+"""Response of a follower's simulated arm to arbitrary targets."""
 
 from collections import Counter
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""Mutated frames into everything of both sides that what comes over the line can reach."""
+"""Mutated frames for everything on both sides that the line can reach."""
 
 import random
 from collections import Counter, deque

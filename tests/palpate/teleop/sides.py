@@ -1,4 +1,4 @@
-"""One side of a teleoperation that says the same again and again, here or in a process that can be killed."""
+"""One side of a teleoperation that repeats its messages, here or in a process."""
 
 import time
 from multiprocessing import get_context

@@ -1,4 +1,4 @@
-"""`palpate teleop` says in one line what is wrong, before anything moves."""
+"""`palpate teleop`: invalid input is refused in one line before anything moves."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Mutated frames into both sides: none that was damaged is taken, and none crashes anything."""
+"""Mutated frames to both sides: damaged ones are refused, and none crashes a side."""
 
 import os
 

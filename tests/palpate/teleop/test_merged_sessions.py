@@ -1,4 +1,4 @@
-"""What a pair of sessions says of the felt force, and where it is the machine that was late."""
+"""Merged sessions: error of the rendered force, and delays of the machine."""
 
 import numpy as np
 import pytest

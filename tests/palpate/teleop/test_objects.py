@@ -1,4 +1,4 @@
-"""An object's way: measured, estimated, sent, felt."""
+"""Objects in teleoperation: measured, estimated, sent and rendered."""
 
 import numpy as np
 import pytest

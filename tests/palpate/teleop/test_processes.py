@@ -1,4 +1,4 @@
-"""Leader and follower as real processes, and what becomes of one when the other is killed."""
+"""Leader and follower as processes, and each when the other is killed."""
 
 import signal
 import subprocess

@@ -1,4 +1,4 @@
-"""One side is started again while the other goes on: numbers begin anew, and nothing old is mixed in."""
+"""Restart of one side: numbers begin anew, and old messages are ignored."""
 
 from types import SimpleNamespace
 

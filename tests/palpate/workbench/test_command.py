@@ -1,4 +1,4 @@
-"""The command: bad input gives one line, and it listens on this machine alone."""
+"""`palpate workbench`: refusals in one line, and local access only."""
 
 import re
 import socket

@@ -1,4 +1,4 @@
-"""Texts of files that others wrote are shown on the page, and never become code or markup."""
+"""Texts of foreign files are shown on the page and never become code or markup."""
 
 import ast
 import asyncio

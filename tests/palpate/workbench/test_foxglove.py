@@ -1,4 +1,4 @@
-"""What a client of Foxglove's WebSocket protocol receives while a probing goes on."""
+"""Data that a Foxglove WebSocket client receives during a probing."""
 
 import errno
 import json

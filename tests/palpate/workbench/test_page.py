@@ -1,4 +1,4 @@
-"""The page in a real browser without a window: a user's way through it, by mouse and by keyboard."""
+"""Workbench page in a headless browser: a user's workflow by mouse and keyboard."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""The page: what answers before it is ready, and its question before a real arm gets power."""
+"""Workbench page before it is ready, and its permission question for a real arm."""
 
 import asyncio
 import re

@@ -1,4 +1,4 @@
-"""What the page stands on, without a browser: choices, evidence, columns, gates, riddles, live curves."""
+"""Workbench state without a browser: choices, evidence, columns, checks, riddles, curves."""
 
 import asyncio
 import math

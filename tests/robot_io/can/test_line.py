@@ -1,4 +1,4 @@
-"""The adapter: when frames are taken to have arrived, and what an adapter's own failures look like."""
+"""CAN adapter: arrival times of frames, and adapter failures."""
 
 import os
 import time

@@ -1,4 +1,4 @@
-"""A serial adapter: what it says, how old that is, what damage costs, and how long a poll takes."""
+"""Serial CAN adapter: frames, their age, damage, and the duration of a poll."""
 
 import fcntl
 import os

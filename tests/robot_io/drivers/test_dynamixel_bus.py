@@ -1,4 +1,4 @@
-"""The Dynamixel driver against emulated servos: what it sets up, reads, sends, refuses and notices."""
+"""Dynamixel driver against emulated servos: setup, readings, commands, refusals and faults."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The Dynamixel codec against the e-manual's published vectors, the SDK where it is right, and damage."""
+"""Dynamixel codec against published vectors, the SDK where it is right, and damage."""
 
 import pytest
 from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler

@@ -1,4 +1,4 @@
-"""Feetech servos: what is set, what is refused, and what a torque becomes without a torque mode."""
+"""Feetech servos: settings, refusals, and torque without a torque mode."""
 
 import json
 import re

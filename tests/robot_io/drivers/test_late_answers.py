@@ -1,4 +1,4 @@
-"""However late a line is, and whatever it damages: no answer is dated later than its request."""
+"""Delayed and damaged answers: none is dated later than its request."""
 
 import random
 import struct

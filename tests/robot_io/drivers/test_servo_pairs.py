@@ -1,4 +1,4 @@
-"""Two servos on a joint: their torques add, both must stand and pull alike, and each keeps its own limits."""
+"""Two servos on a joint: torques add, both must agree, and each keeps its own limits."""
 
 import re
 from math import pi

@@ -1,4 +1,4 @@
-"""What a robot file may say of devices: numbers that they can have, and what they are where it says none."""
+"""Device settings of a robot file: bounds and defaults."""
 
 from math import pi
 

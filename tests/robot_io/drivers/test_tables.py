@@ -1,4 +1,4 @@
-"""What drivers know by heart, written down once more from the manuals, and held against the emulators."""
+"""Driver constants against the manuals and the emulators."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Answers that come whole and undamaged are decoded at once; the result is that of one packet at a time."""
+"""Whole undamaged answers are decoded at once, with the result of packet-wise decoding."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""YAML from strangers: says where it is wrong, and cannot do harm."""
+"""Untrusted YAML: errors with their place, and no harm."""
 
 import os
 

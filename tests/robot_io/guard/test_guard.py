@@ -1,4 +1,4 @@
-"""The guard: what it stops, what it lets through, how it comes to rest, and what it takes to start again."""
+"""Guard: trips, limits, safe stop and rearming."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""Limits are some that an arm can have, and what may be left out is documented as it is."""
+"""Limits: plausible values, and documented defaults."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A force sensor that freezes is named in time; one that repeats itself by nature is not."""
+"""Detection of a frozen force sensor, without false alarms for repeating ones."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A drive that does not obey is named in time; one that shows its torque badly is not."""
+"""Detection of an unresponsive drive, without false alarms for inaccurate torque readings."""
 
 import math
 from collections import deque

@@ -1,4 +1,4 @@
-"""The line itself: both ends on the loopback, a restart, a bad network, a stranger without certificate."""
+"""Connection: loopback, restart, bad network, and peers without a certificate."""
 
 import json
 import subprocess

@@ -1,4 +1,4 @@
-"""Frames: what is sent arrives as it was, and what was damaged or makes no sense does not arrive at all."""
+"""Frames: unchanged on arrival, and refused if damaged or meaningless."""
 
 from math import inf, nan
 

@@ -1,4 +1,4 @@
-"""Bota sensors: frames against the emulator's, what damage and times make of them, and what is refused."""
+"""Bota sensors: frames against the emulator, damage, time stamps and refusals."""
 
 from contextlib import nullcontext
 

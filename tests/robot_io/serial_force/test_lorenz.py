@@ -1,4 +1,4 @@
-"""Lorenz telegrams and the stream that has nothing but a counter."""
+"""Lorenz telegrams, and the stream that has only a counter."""
 
 import numpy as np
 import pytest

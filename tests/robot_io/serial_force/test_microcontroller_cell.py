@@ -1,4 +1,4 @@
-"""A load cell on a microcontroller: its lines against the firmware itself, and what damage makes of them."""
+"""A load cell on a microcontroller: lines against its firmware, and damage."""
 
 import shutil
 import subprocess

@@ -1,4 +1,4 @@
-"""ATI Net F/T: records against the emulator's; what is old, damaged or out of range; its configuration."""
+"""ATI Net F/T: records against the emulator, damage, range and configuration."""
 
 import re
 import socket

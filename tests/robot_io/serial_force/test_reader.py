@@ -1,4 +1,4 @@
-"""Damaged data: readings after it are discarded, and a lost byte never gives a wrong force."""
+"""Serial reader: readings after damage are discarded, and a lost byte gives no wrong force."""
 
 import math
 import os

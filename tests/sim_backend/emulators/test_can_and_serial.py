@@ -1,4 +1,4 @@
-"""The emulated motors and sensors against the manuals: cantools with our DBC, a bit packer, bytes by hand."""
+"""Emulated motors and sensors against manuals, cantools with our DBC, and a bit packer."""
 
 import struct
 from pathlib import Path

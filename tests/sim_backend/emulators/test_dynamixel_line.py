@@ -1,4 +1,4 @@
-"""The emulated Dynamixel servos against the e-manual: its published packets, and its words on what servos do.
+"""Emulated Dynamixel servos against the e-manual.
 
 The last tests let the vendor's SDK be the client, over the pseudo terminal and in real time.
 """

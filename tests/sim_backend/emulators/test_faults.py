@@ -1,4 +1,4 @@
-"""Faults strike whom, when and as often as they are planned to."""
+"""Faults occur at the planned device, time and count."""
 
 import pytest
 

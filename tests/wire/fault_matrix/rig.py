@@ -1,4 +1,4 @@
-"""Lets one row of the fault matrix happen: a probing run in lock-step, the fault, and what comes of it."""
+"""Run one row of the fault matrix: a probing run in lock-step, the fault, and its outcome."""
 
 import math
 import resource

@@ -1,4 +1,4 @@
-"""The fault matrix as data: what goes wrong with which devices, and what must come of it.
+"""The fault matrix as data: faults of devices, and their required outcomes.
 
 The tests hold every row against what happens; `docs/make_fault_matrix.py` writes the same rows down.
 """

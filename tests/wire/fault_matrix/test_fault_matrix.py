@@ -1,4 +1,4 @@
-"""Every fault of the matrix happens: what the arm does, how soon, what is read, what the session holds."""
+"""Outcome of every fault in the matrix: motion, time, message and session."""
 
 import sys
 from contextlib import suppress
