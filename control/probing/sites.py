@@ -1,6 +1,5 @@
 """Sites of a probing plan: one press line per target, checked against the arm before it moves."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,8 +60,10 @@ def probing_sites(
     tip_position_world_m: FloatArray,
     position_rad: FloatArray,
     limits_rad: JointLimits,
+    *,
+    velocity_limits_rad_s: FloatArray | None = None,
 ) -> list[ProbingSite]:
-    """Compute the sites of a plan, with the elbow on its present side.
+    """Compute the sites of a plan, with the elbow on its present side, and check the speeds on press lines.
 
     Args:
         arm: geometry of the arm.
@@ -70,12 +71,14 @@ def probing_sites(
         tip_position_world_m: present tip position, shape (3,) [m].
         position_rad: present joint positions, shape (3,) [rad].
         limits_rad: lowest and highest joint positions, shape (3,) each [rad].
+        velocity_limits_rad_s: the guard's velocity limits, shape (3,) [rad/s]; None for any.
 
     Returns:
         One site per target.
 
     Raises:
-        InputError: an approach start or the search distance after it is out of reach.
+        InputError: an approach start or the search distance after it is out of reach, or the guard would trip
+            on a press line; the error then names the largest valid speed.
     """
     direction = frozen_array(plan.press_direction_world)
     starts = [frozen_array(target) - plan.approach_clearance_m * direction for target in plan.targets_world_m]
@@ -107,6 +110,24 @@ def probing_sites(
             )
         site = ProbingSite(line, search_m, deepest_m, max(lifted_m, -clearance_m), lifted_m)
         sites.append(site)
+    if velocity_limits_rad_s is None:
+        return sites
+    tip_speeds_m_s = {"speeds_m_s": max(plan.speeds_m_s), "travel_speed_m_s": plan.travel_speed_m_s}
+    name, speed_m_s = max(tip_speeds_m_s.items(), key=lambda item: item[1])
+    for number, site in enumerate(sites, 1):
+        near_rad = position_rad
+        for travel_m in np.linspace(0.0, site.deepest_travel_m, _STEPS):
+            motion = site.line.joint_motion(LineState(float(travel_m), speed_m_s), near_rad)
+            near_rad = motion.position_rad
+            share = np.abs(motion.velocity_rad_s) * _SPEED_MARGIN / velocity_limits_rad_s
+            joint = int(share.argmax())
+            if share[joint] > 1.0:
+                raise InputError(
+                    f"{name} {speed_m_s:g} m/s: at target {number} joint {joint + 1} would move at "
+                    f"{abs(motion.velocity_rad_s[joint]):.3g} rad/s, the guard trips at "
+                    f"{velocity_limits_rad_s[joint]:g} rad/s (limits.velocity_rad_s); "
+                    f"at most {speed_m_s / share[joint]:.2g} m/s"
+                )
     return sites
 
 
@@ -134,35 +155,3 @@ def check_against_guard(plan: ProbingPlan, robot_file: RobotFile) -> None:
                 f"{name} {speed_rad_s:g}: the guard of '{robot_file.name}' trips at "
                 f"{trips_rad_s:g} rad/s (limits.velocity_rad_s); at most {max_speed_rad_s:.3g} rad/s"
             )
-
-
-def check_tip_speeds(
-    sites: Iterable[ProbingSite], plan: ProbingPlan, near_rad: FloatArray, velocity_limits_rad_s: FloatArray
-) -> None:
-    """Check that no joint on a press line exceeds the guard's velocity limit.
-
-    Args:
-        sites: sites of the plan.
-        plan: plan with the tip speeds.
-        near_rad: present joint positions, shape (n,) [rad].
-        velocity_limits_rad_s: the guard's limits, shape (n,) [rad/s].
-
-    Raises:
-        InputError: the guard would trip; the error names the largest valid speed.
-    """
-    speeds_m_s = {"speeds_m_s": max(plan.speeds_m_s), "travel_speed_m_s": plan.travel_speed_m_s}
-    name, speed_m_s = max(speeds_m_s.items(), key=lambda item: item[1])
-    for number, site in enumerate(sites, 1):
-        position_rad = near_rad
-        for travel_m in np.linspace(0.0, site.deepest_travel_m, _STEPS):
-            motion = site.line.joint_motion(LineState(float(travel_m), speed_m_s), position_rad)
-            position_rad = motion.position_rad
-            share = np.abs(motion.velocity_rad_s) * _SPEED_MARGIN / velocity_limits_rad_s
-            joint = int(share.argmax())
-            if share[joint] > 1.0:
-                raise InputError(
-                    f"{name} {speed_m_s:g} m/s: at target {number} joint {joint + 1} would move at "
-                    f"{abs(motion.velocity_rad_s[joint]):.3g} rad/s, the guard trips at "
-                    f"{velocity_limits_rad_s[joint]:g} rad/s (limits.velocity_rad_s); "
-                    f"at most {speed_m_s / share[joint]:.2g} m/s"
-                )

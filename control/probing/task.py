@@ -24,7 +24,7 @@ from palpate.control.paths.trajectory import JointBrake, JointPath
 from palpate.control.probing.plan import ProbingPlan
 from palpate.control.probing.routes import Route, RouteEnd, Routes, Swing
 from palpate.control.probing.run import ProbingRun
-from palpate.control.probing.sites import check_against_guard, check_tip_speeds, probing_sites
+from palpate.control.probing.sites import check_against_guard, probing_sites
 from palpate.robot_io.calibration.applied import Calibrations
 from palpate.robot_io.errors import InputError, SafetyTripError
 from palpate.robot_io.robot_file import RobotFile
@@ -145,9 +145,10 @@ class ProbingTask:
         position_rad = measurement.joint_position_rad
         self._start = self._place = RouteEnd(position_rad.copy())
         tip, _ = self._body.tip_pose(position_rad)
-        self._sites = probing_sites(self._arm, self._plan, tip, position_rad, self._limits_rad)
-        if self._velocity_limits_rad_s is not None:
-            check_tip_speeds(self._sites, self._plan, position_rad, self._velocity_limits_rad_s)
+        most_rad_s = self._velocity_limits_rad_s
+        self._sites = probing_sites(
+            self._arm, self._plan, tip, position_rad, self._limits_rad, velocity_limits_rad_s=most_rad_s
+        )
         self._routes = Routes(self._arm, self._plan)
         self._routes.check(self._start, self._sites, self._body, self._torque_limits_nm)
         self._control.start(measurement)

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
+import numpy as np
 import typer
 from plotly.graph_objects import Figure
 
@@ -20,6 +21,7 @@ from palpate.common import console
 from palpate.common.console import AT_REST, command_group, display_path
 from palpate.common.files import atomic_write_all, different_files, existing_file, output_file
 from palpate.common.options import with_options
+from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.loop.tick_record import STREAM_NAME
 from palpate.estimation.data.import_options import parse_pairs
 from palpate.render.calibration import arm_figure, encoder_figure, force_figure, print_calibration
@@ -36,15 +38,15 @@ from palpate.runs.options import (
     Permission,
     ask_for_pose,
     ask_for_power,
+    joint_angles,
     numbers,
-    pose_of,
-    stops_of,
     without_question,
 )
 from palpate.runs.session import ArmSession
 
 CALIBRATIONS = Path("calibrations")
 PERCENT = 0.01
+BEYOND_STOPS_RAD = 0.1  # an arm may be held against its stops, whose real positions differ from the URDF
 # Simulated weights, as shares of the force limit.
 SHARES = (0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.55, 0.4, 0.25, 0.1, 0.0)
 
@@ -171,7 +173,29 @@ def encoder(
         raise InputError(
             "--from: that session already holds its stops; leave out --lower-stops, --upper-stops"
         )
-    pose_rad, stops = pose_of(pose, robot_file), stops_of(lower_stops, upper_stops, robot_file)
+    pose_rad = None
+    if pose is not None:
+        pose_rad = joint_angles("--pose", pose, robot_file)
+        body = RigidBody.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
+        ranges = zip(pose_rad, *body.position_limits_rad, strict=True)
+        for joint, (angle, low, high) in enumerate(ranges, 1):
+            if not low - BEYOND_STOPS_RAD <= angle <= high + BEYOND_STOPS_RAD:
+                raise InputError(
+                    f"--pose {pose!r}: joint {joint} moves from {low:g} to {high:g} rad in the URDF, "
+                    f"not to {angle:g}"
+                )
+    stops = None  # lower and upper ones, NaN where not stated
+    if stops_stated:
+        none = [np.nan] * robot_file.joint_count
+        lower = none if lower_stops is None else joint_angles("--lower-stops", lower_stops, robot_file)
+        upper = none if upper_stops is None else joint_angles("--upper-stops", upper_stops, robot_file)
+        for joint, (low, high) in enumerate(zip(lower, upper, strict=True), 1):
+            if low >= high:
+                raise InputError(
+                    f"--lower-stops {lower_stops!r}: {low:g} rad of joint {joint} is not below its upper "
+                    f"stop, {high:g} rad"
+                )
+        stops = np.array(lower), np.array(upper)
 
     def record(job: runs.CalibrationJob) -> None:
         if pose_rad is not None:

@@ -13,7 +13,7 @@ from palpate.control.laws.gains import gains_of
 from palpate.control.loop.loop import READ_SHARE
 from palpate.doctor.limits import examine_limits
 from palpate.doctor.machine import can_interface, serial_port
-from palpate.doctor.signs import ArmOperator, EmulatedOperator, count_down, examine_powered, examine_signs
+from palpate.doctor.signs import ArmOperator, EmulatedOperator, examine_powered, examine_signs
 from palpate.robot_io.calibration.applied import find_large_zero_shift, load_calibrations
 from palpate.robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from palpate.robot_io.driver import DriverCatalog
@@ -81,8 +81,7 @@ def examine_arm(check: ArmCheck) -> Iterator[Finding]:
             yield from examine_devices(robot, robot_file, closed)
 
         def powered(robot: Robot) -> Iterator[Finding]:
-            objections = list(count_down(robot, hand))
-            yield from objections or examine_powered(robot, robot_file, body)
+            return examine_powered(robot, robot_file, body, hand)
 
         stages: list[Callable[[], Iterator[Finding]]] = [
             unpowered,

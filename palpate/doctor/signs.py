@@ -207,28 +207,6 @@ def _force_finding(pressed_n: float) -> Finding:
     return graded(subject, value, (_FAIL, pressed_n < 0, remedy))
 
 
-def count_down(robot: Robot, hand: ArmOperator) -> Iterator[Finding]:
-    """Count down before power; a movement or force during the countdown is a failure.
-
-    Args:
-        robot: configured robot, without power.
-        hand: announces the countdown.
-    """
-    if not _wait_until(robot, hand, is_still):
-        yield RESTLESS
-        return
-    before = _read_for(robot, 0.1)
-    for left_s in range(_COUNT_S, 0, -1):
-        hand.count(left_s)
-        now = _read_for(robot, 1.0)
-        spread_n = float(np.std([m.force_n for m in now]))
-        touched = max(abs(_force_n(now) - _force_n(before)), spread_n) > _TOUCHED_N
-        if touched or not is_still(now) or not is_still([*before, *now]):
-            value = "somebody touches the arm, or it moves: it is not powered"
-            yield fail("hands away", value, "let the arm rest without anyone touching it, and start again")
-            return
-
-
 def is_still(measurements: list[Measurement]) -> bool:
     """Return whether no joint moved in the valid samples; False without any valid sample.
 
@@ -322,18 +300,36 @@ class NudgeTask:
         return self._free.output(measurement, motion, torque_nm, Phase.MOVE, done=done)
 
 
-def examine_powered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
-    """Move a configured robot a little and check its signs; the torque is always off at the end.
+def examine_powered(
+    robot: Robot, robot_file: RobotFile, body: RigidBody, hand: ArmOperator
+) -> Iterator[Finding]:
+    """Count down, move a configured robot a little and check its signs; the torque is off at the end.
+
+    A movement or force during the countdown is a failure, and the arm gets no power.
 
     Args:
-        robot: configured robot.
+        robot: configured robot, without power.
         robot_file: robot file of this robot.
         body: rigid-body model of the arm.
+        hand: announces the countdown.
 
     Raises:
         DeviceError: a device failed before the first tick.
         KeyboardInterrupt: the user stopped the check; the arm is at rest.
     """
+    if not _wait_until(robot, hand, is_still):
+        yield RESTLESS
+        return
+    before = _read_for(robot, 0.1)
+    for left_s in range(_COUNT_S, 0, -1):
+        hand.count(left_s)
+        now = _read_for(robot, 1.0)
+        spread_n = float(np.std([m.force_n for m in now]))
+        touched = max(abs(_force_n(now) - _force_n(before)), spread_n) > _TOUCHED_N
+        if touched or not is_still(now) or not is_still([*before, *now]):
+            value = "somebody touches the arm, or it moves: it is not powered"
+            yield fail("hands away", value, "let the arm rest without anyone touching it, and start again")
+            return
     limits = reduced_limits(robot_file.limits, body)
     guard = Guard(limits, robot_file.safe_state, robot_file.joint_count, body.gravity)
     measured: list[Measurement] = []

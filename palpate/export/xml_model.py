@@ -55,24 +55,6 @@ def rebase_mjcf(root: Element, place: str, folder: str) -> None:
         last.set(key, _moved(directory, folder))
 
 
-def rebase_urdf(root: Element, folder: str) -> None:
-    """Let the relative paths of meshes and textures in a URDF lead back to the original's folder.
-
-    Args:
-        root: element <robot>, which is changed.
-        folder: path from the folder of the copy to that of the original; "." if they are the same.
-    """
-    compilers = [each for each in root.findall("mujoco/compiler") if each.get("meshdir")]
-    for each in compilers:  # MuJoCo's own extension of the format
-        each.set("meshdir", _moved(each.get("meshdir", ""), folder))
-    if any(each.get("strippath") == "false" for each in compilers):
-        return  # paths of meshes start at this directory
-    for each in root.iter():
-        name = each.get("filename", "")
-        if each.tag in {"mesh", "texture"} and name and "://" not in name:
-            each.set("filename", _moved(name, folder))
-
-
 def _moved(path: str, folder: str) -> str:
     return path if isabs(path) or folder == "." else normpath(join(folder, path))
 
@@ -170,7 +152,16 @@ def patch_urdf(
         InputError: the file cannot be read, is no URDF, or lacks a joint.
     """
     root = _parsed(text, place, "robot")
-    rebase_urdf(root, folder)
+    # Relative paths of meshes and textures lead back to the original's folder.
+    compilers = [each for each in root.findall("mujoco/compiler") if each.get("meshdir")]
+    for each in compilers:  # MuJoCo's own extension of the format
+        each.set("meshdir", _moved(each.get("meshdir", ""), folder))
+    for each in root.iter():
+        name = each.get("filename", "")
+        if any(compiler.get("strippath") == "false" for compiler in compilers):
+            break  # paths of meshes start at this directory
+        if each.tag in {"mesh", "texture"} and name and "://" not in name:
+            each.set("filename", _moved(name, folder))
     used, left_out = list[str](), list[str]()
     joints = {element.get("name", ""): element for element in root.findall("joint")}
     for joint in arm.joints:

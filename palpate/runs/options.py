@@ -9,18 +9,15 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 
 from palpate.common import console
 from palpate.common.console import as_shell_word, count, safe
 from palpate.common.files import existing_file, output_session
 from palpate.common.options import JsonOption, scenario_names
-from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.probing.plan import ProbingPlan
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.robot_file import RobotFile
-from palpate.robot_io.types import FloatArray
 from palpate.runs.hidden_effects import command_line, hidden_names
 from palpate.runs.robots import DEFAULT, find_robot, importable, robot_names, shipped_robots
 from palpate.sim_backend.engines import EngineName
@@ -28,7 +25,6 @@ from palpate.sim_backend.scenario import MOST_SEED, load_scenario, shipped_scena
 
 SESSIONS = Path("sessions")
 YEAR_DAYS = 365.0
-BEYOND_STOPS_RAD = 0.1  # an arm may be held against its stops, whose real positions differ from the URDF
 _ROBOT = f"Robot file, or a shipped arm: {', '.join(shipped_robots())}."
 _SCENARIO = f"Simulated world: a file, or one of {', '.join(shipped_scenarios())}."
 ENGINE = "Physics engine of the simulated world; default: the scenario's, otherwise PyBullet if installed."
@@ -182,56 +178,6 @@ def joint_angles(option: str, text: str, robot_file: RobotFile) -> list[float]:
         raise InputError(
             f"{option} {text!r}: {len(angles)} angles, the robot has {robot_file.joint_count} joints"
         )
-    return angles
-
-
-def stops_of(
-    lower: str | None, upper: str | None, robot_file: RobotFile
-) -> tuple[FloatArray, FloatArray] | None:
-    """Parse lower and upper stops, (n,) each [rad], NaN if not stated; None for the URDF's.
-
-    Args:
-        lower: angles as typed; None if not stated.
-        upper: upper stops as typed; None if not stated.
-        robot_file: robot file of the arm.
-
-    Raises:
-        InputError: a text is not a list of angles, or a lower stop is not below its upper stop.
-    """
-    if lower is None and upper is None:
-        return None
-    none = [np.nan] * robot_file.joint_count
-    low_rad = none if lower is None else joint_angles("--lower-stops", lower, robot_file)
-    high_rad = none if upper is None else joint_angles("--upper-stops", upper, robot_file)
-    for joint, (low, high) in enumerate(zip(low_rad, high_rad, strict=True), 1):
-        if low >= high:
-            raise InputError(
-                f"--lower-stops {lower!r}: {low:g} rad of joint {joint} is not below its upper stop, "
-                f"{high:g} rad"
-            )
-    return np.array(low_rad), np.array(high_rad)
-
-
-def pose_of(pose: str | None, robot_file: RobotFile) -> list[float] | None:
-    """Parse the stated pose, (n,) [rad]; None if not stated.
-
-    Args:
-        pose: angles as typed; None if not stated.
-        robot_file: robot file of the arm.
-
-    Raises:
-        InputError: the text is not a list of angles, or the pose is outside the joints' ranges.
-    """
-    if pose is None:
-        return None
-    angles = joint_angles("--pose", pose, robot_file)
-    lower_rad, upper_rad = RigidBody.from_urdf(robot_file.urdf_path, robot_file.tip_frame).position_limits_rad
-    for joint, (angle, low, high) in enumerate(zip(angles, lower_rad, upper_rad, strict=True), 1):
-        if not low - BEYOND_STOPS_RAD <= angle <= high + BEYOND_STOPS_RAD:
-            raise InputError(
-                f"--pose {pose!r}: joint {joint} moves from {low:g} to {high:g} rad in the URDF, "
-                f"not to {angle:g}"
-            )
     return angles
 
 
