@@ -164,6 +164,19 @@ def test_other_programs_can_read_the_file(tmp_path):
         assert times == [n * 10**6 for n in range(1000, 1500)]
 
 
+def test_time_that_mcap_cannot_hold_is_zero_there(tmp_path):
+    times_s = np.array((np.nan, -1.0, 1.5))
+    path = tmp_path / "s.mcap"
+    with path.open("wb") as file:
+        mcap = McapFile(file, [SLOW], METADATA)
+        rows = SLOW.records({"time_s": times_s, "x": np.zeros(3)})
+        mcap.write_records("slow", np.arange(3, dtype=np.uint64), rows)
+        mcap.finish({"slow": 3})
+    with path.open("rb") as file:
+        assert [message.log_time for *_, message in make_reader(file).iter_messages()] == [0, 0, 15 * 10**8]
+    np.testing.assert_array_equal(Session.open(path).samples("slow")["time_s"], times_s)
+
+
 @within_one_folder
 @given(st.data())
 def test_truncated_file_yields_all_earlier_records(tmp_path, whole, data):

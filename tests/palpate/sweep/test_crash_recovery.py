@@ -88,6 +88,7 @@ def test_case_that_crashes_its_worker_is_reported_and_others_finish(tmp_path):
     cases = [Case("tests.palpate.sweep.slow_work:fatal", {"what": "all"}, seed) for seed in range(3)]
     report = run_cases(cases, ResultStore(tmp_path), Cluster(workers=2))
     assert report.failures == ("case {'what': 'all'}: ended its worker 4 times",)
+    assert report.finished_now == 2
     assert [row["seed"] for row in ResultStore(tmp_path).rows([case.address for case in cases])] == [0, 2]
 
 

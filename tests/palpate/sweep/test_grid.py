@@ -35,6 +35,17 @@ def test_every_combination_is_one_case_and_each_repeat_has_its_own_seed(tmp_path
     assert {tuple(case.parameters["plan"]["speeds_m_s"]) for case in cases} == {(0.09,), (0.02, 0.01)}
 
 
+def test_range_includes_its_end_in_spite_of_rounding(tmp_path):
+    law = ONE["objects"][0] | {"damping_n_s_m": {"from": 0, "to": 0.3, "step": 0.1}}
+    cases = grid(tmp_path, objects=[law], repeats=1).cases()
+    assert [case.parameters["law"]["damping_n_s_m"] for case in cases] == [0.0, 0.1, 0.2, 0.3]
+
+
+def test_only_noisy_runs_are_drawn_repeatedly(tmp_path):
+    cases = grid(tmp_path, noise_percent=[0, 5], draws=4, repeats=1).cases()
+    assert {case.parameters["noise_percent"]: case.parameters["draws"] for case in cases} == {0: 1, 5: 4}
+
+
 def test_all_estimators_are_those_that_suit_the_model(tmp_path):
     hunt_crossley = [{"name": "hunt_crossley", "stiffness": 2000, "damping": 500, "exponent": 1.5}]
     (linear, *_), (power, *_) = (grid(tmp_path, **keys).cases() for keys in ({}, {"objects": hunt_crossley}))

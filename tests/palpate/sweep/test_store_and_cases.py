@@ -215,8 +215,9 @@ def test_errors_are_rms_over_bounds_and_intervals_are_checked():
             (100.0, 100.0, 1.0, None, None),  # states none
         )
     ]
-    errors = errors_of([*rows, {"k": 2.0, f"{TRUE}k": 0.0}, {"k": None, f"{TRUE}k": 5.0}], "k")
-    assert errors.relative == pytest.approx([0.03, -0.04, 0.05, 0.0])
+    others = ({"k": 2.0, f"{TRUE}k": 0.0}, {"k": None, f"{TRUE}k": 5.0}, {"k": -5.5, f"{TRUE}k": -5.0})
+    errors = errors_of([*rows, *others], "k")
+    assert errors.relative == pytest.approx([0.03, -0.04, 0.05, 0.0, 0.1])
     assert errors.at_zero.tolist() == [2.0]
     assert errors.over_bound == pytest.approx((50.0 / 4.0) ** 0.5)
     assert errors.covered == pytest.approx(1.0 / 3.0)
@@ -231,6 +232,15 @@ def test_files_with_more_and_fewer_rows_of_a_case_disagree(tmp_path, count):
     store.write("a", [{"x": float(number)} for number in range(1, 1 + count)])
     with pytest.raises(InputError, match="another file has a different result for case a"):
         store.rows(["a"])
+
+
+def test_repeated_result_may_have_taken_another_time(tmp_path):
+    store = ResultStore(tmp_path)
+    for seconds in (1.0, 2.0):
+        store.write("a", [{"x": 1.0, "seconds": seconds}])
+        store.write("b", [{"x": 0.0, "seconds": seconds}])
+        store.pack()
+    assert [row["x"] for row in store.rows(["a", "b"])] == [1.0, 0.0]
 
 
 def test_one_worker_does_many_cases(tmp_path):
@@ -251,7 +261,9 @@ def test_error_table_is_in_percent_and_marks_the_smallest_worst_error():
     known = {"even": (103.0, 97.0, 103.0, 97.0), "spiky": (104.0, 100.0, 100.0, 100.0)}
     rows = [bounds | {"estimator": name, "k": k} for name in ("spiky", "even") for k in known[name]]
     rows[0][f"{LOW}k"] = 102.0  # of four intervals one misses the truth
+    rows.insert(0, {f"{TRUE}k": 100.0, "error": "", "estimator": "silent"})  # estimates other parameters
     table = error_table("errors", "Errors", rows, best_first=True)
-    even, spiky = table.rows
+    even, spiky, silent = table.rows
+    assert silent[:3] == ("silent", None, None)
     assert even == ("even", pytest.approx(3.0), pytest.approx(3.0), pytest.approx(3.0), 100.0, 0)
     assert spiky == ("spiky", pytest.approx(4.0), pytest.approx(1.0), pytest.approx(2.0), 75.0, 0)

@@ -32,7 +32,7 @@ from palpate.workbench.live import run_command
 from palpate.workbench.plots import MOST_POINTS, DrawnMotion, picked, time_figure
 from palpate.workbench.processes import FitPrefetcher
 from palpate.workbench.startup import AppState
-from palpate.workbench.state import WorkbenchState, evidence_of, groups
+from palpate.workbench.state import EffectEvidence, WorkbenchState, evidence_of, groups
 from palpate.workflows.data_options import DataArguments
 from tests.palpate.presses import write_own_effect, write_presses
 from tests.palpate.sessions import QUICK
@@ -118,6 +118,8 @@ def test_fixed_parameter_is_removed_with_its_effect(state):
     state.choose(state.toggled("cubic_stiffness"))
     state.choose(state.with_held("cubic_stiffness.k3", 1e6))
     assert state.toggled("cubic_stiffness").held == {}
+    state.choice = state.with_bounds("cubic_stiffness.k3", (0.0, 2e6))
+    assert state.toggled("cubic_stiffness").bounds == {}
 
 
 def test_parameter_is_fixed_bounded_or_free(state):
@@ -156,6 +158,12 @@ def test_python_line_reproduces_the_page(state, press):
     assert state.command() == (
         "palpate add press.csv cubic_stiffness --fresh --model kelvin_voigt --channel contact"
     )
+
+
+def test_no_command_bounds_a_parameter(state):
+    state.choice = state.with_bounds("stiffness.k", (100.0, 1000.0))
+    assert state.command() == ""
+    assert "bounds={'stiffness.k': (100.0, 1000.0)}" in state.python()
 
 
 def test_excluded_runs_are_neither_fitted_nor_judged(state):
@@ -225,6 +233,13 @@ def test_equivalent_effects_are_listed_together(state):
     found = groups([evidence_of(study, channel, (), name) for name in names])
     assert {one.effect for one in found[0]} == {"cubic_stiffness", "power_law_stiffness"}
     assert [one.effect for one in found[1]] == ["delay"]
+
+
+def test_effect_without_influence_is_not_equivalent_to_another():
+    """Its change of the residuals is parallel by chance, or nearly zero."""
+    one = np.array([1.0, 0.0])
+    evidence = [EffectEvidence(name, falls, one) for name, falls in (("a", 0.01), ("b", 0.5), ("c", 0.4))]
+    assert [[each.effect for each in group] for group in groups(evidence)] == [["b", "c"], ["a"]]
 
 
 def test_prefetched_fit_is_identical(state, press):

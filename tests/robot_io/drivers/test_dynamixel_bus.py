@@ -286,3 +286,14 @@ def test_port_has_one_owner(active):
     ):
         other.bus.configure()
     assert active.tick() is not None
+
+
+def test_velocity_by_difference_follows_after_a_reading_without_a_sample():
+    with dynamixel_setup(encoder={"velocity": "difference", "bandwidth_hz": 1000.0}) as setup:
+        assert setup.encoder.read_velocity().status is Status.STALE  # as after a first poll that timed out
+        setup.start()
+        for _ in range(5):
+            sample = setup.read()
+            velocity = setup.encoder.read_velocity()
+        assert velocity.status is Status.OK
+        np.testing.assert_allclose(velocity.value, sample.velocity_rad_s, atol=1.6)  # one count in 1 ms

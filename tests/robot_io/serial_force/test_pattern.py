@@ -191,6 +191,14 @@ def used_poll():
     return poll
 
 
+def test_answer_may_take_as_long_as_one_of_the_last():
+    poll = Poll(b"?", b"!")
+    for asked_s, delay_s in ((0.0, 5e-3), (0.01, 1e-3)):
+        assert poll.to_send(asked_s) == b"?"
+        assert poll.answered(asked_s + delay_s) == asked_s
+    assert [poll.to_send(time_s) for time_s in (0.02, 0.025, 0.0265)] == [b"?", b"", b"!?"]
+
+
 def test_request_after_a_lost_answer_has_a_marker():
     poll = used_poll()
     assert [poll.to_send(2.0 + 1e-3 * tick) for tick in range(1, 6)] == [b"", b"", b"!?", b"", b""]
