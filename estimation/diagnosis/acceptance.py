@@ -493,16 +493,15 @@ def _with_weight(
 
 
 def _is_likelier(search: Search, candidate: Effect, effect: Effect) -> bool:
-    """Return whether a candidate is the weight of a joint, and likelier than a spring or a fault of a sensor.
+    """Return whether a candidate is the weight of a joint, and likelier than an effect that resembles it.
 
-    Gravity acts on a joint unless its axis is vertical, but springs and sensor faults are rare. This holds if
-    the base model has no weight and the joint turns enough to tell a weight from a constant.
+    Gravity acts on a joint unless its axis is vertical, but springs and biases are rare. This holds if the
+    base model has no weight and the joint turns enough to tell a weight from a constant.
     """
-    has_weight = any(effect.kind is Kind.GRAVITY_LOAD for effect in search.model.effects)
     return (
         candidate.kind is Kind.GRAVITY_LOAD
-        and effect.kind in SENSOR_KINDS | {Kind.ELASTIC_SHAPE}
-        and not has_weight
+        and effect.name in candidate.confused_with
+        and all(effect.kind is not Kind.GRAVITY_LOAD for effect in search.model.effects)
         and search.data.range_of_motion > GRAVITY_RANGE
     )
 

@@ -52,6 +52,7 @@ from palpate.estimation.workers import end_workers, prepare_worker, single_threa
 _FEW_LEVELS = 12  # distinct readings; with more, rounding errors average out
 _OFFSET = "bias"  # name of the effect that is a constant
 _MAX_SEARCHES = 3  # searches for a model that can be reached by adding its effects one by one
+_MAX_VARIANCE_LEFT = 0.8  # largest share of the effort's variance left by an adequate model, noise unknown
 _MAX_LEFT = 0.5  # largest share of the squared error left by a constant that explains most of it
 
 
@@ -375,8 +376,8 @@ class _Completeness:
             return False
         if measurement_noise(self._search.start).is_bound:
             effort = fit.problem.blocked.effort[fit.problem.used]
-            # The model predicts no better than a constant, and the noise may be smaller.
-            if fit.held_out_mean_square >= np.var(effort):
+            # The model explains little, and the noise may be smaller than its error.
+            if fit.held_out_mean_square >= _MAX_VARIANCE_LEFT * np.var(effort):
                 return False
         if fit.rmse <= (1.0 + SMALL) * fit.floor():
             return True

@@ -419,6 +419,14 @@ def _reason(
         left = f"the residual is {rounded(last / noise, 2)} times the noise, and depends on {signals}"
     if evidence.residual_finding:
         left = evidence.residual_finding.reason
+    elif not evidence.signals and evidence.noise.is_bound:
+        problem = evidence.end.problem
+        variance = float(np.var(problem.blocked.effort[problem.used]))
+        percent = 100.0 * max(1.0 - evidence.end.held_out_mean_square / variance, 0.0)
+        left = (
+            f"the model explains {percent:.0f} % of the variance of the effort, and only an upper bound of "
+            "the noise is known"
+        )
     if verdict is Verdict.MISSING:
         decrease = error_decrease(accepted, evidence.stages[0].rmse, last, unit)
         if evidence.leaves_only_noise:

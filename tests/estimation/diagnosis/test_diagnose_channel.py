@@ -300,6 +300,16 @@ def test_error_is_compared_with_a_constant_on_the_same_means():
     assert _Completeness(search).is_complete(fit)
 
 
+def test_model_that_explains_little_beside_slow_noise_is_not_adequate():
+    data = swings(1)
+    noise = lfilter([1.0], [1.0, -0.98], np.random.default_rng(0).normal(0.0, 0.1, len(data)))
+    told = diagnose_channel(
+        replace(data, effort=0.2 * data.effort + noise), SWING, (), np.random.default_rng(0)
+    )
+    assert told.verdict is Verdict.UNEXPLAINED
+    assert "% of the variance of the effort, and only an upper bound of the noise is known" in told.reason
+
+
 @pytest.mark.parametrize(("step", "kept"), [(0.5, True), (0.1, False)])
 def test_sensor_fault_keeps_its_name_if_its_law_adds_only_encoder_steps(step, kept, monkeypatch):
     """The law adds a mean square of 0.04."""
