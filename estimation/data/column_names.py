@@ -17,7 +17,7 @@ TIME, DISPLACEMENT, FORCE, POSITION = ("time", 0), ("displacement", 0), ("force"
 QUANTITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "time": ("time",),
-        "displacement": ("length",),
+        "displacement": ("length", "strain"),
         "position": ("angle", "length"),
         "velocity": ("length_rate", "angle_rate"),
         "acceleration": ("length_rate_2", "angle_rate_2"),
@@ -26,16 +26,17 @@ QUANTITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "goal": ("angle",),
     }
 )
-"""Dimensions that each quantity may have; see `EFFORT_PROXIES`."""
+"""Dimensions that each quantity may have; see `PROXIES`."""
 
-EFFORT_PROXIES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
+PROXIES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
     {
         "current": ("N m", "torque constant", "0.5Nm/A"),
         "voltage": ("N", "sensor's constant", "20N/V"),
         "pressure": ("N", "area", "5e-4N/Pa"),
+        "strain": ("m", "gauge length", "0.05m/strain"),
     }
 )
-"""Dimensions that may represent an effort: unit of the effort, name of the constant, and example of it."""
+"""Dimensions that may represent an effort or a displacement: its unit, the constant, and an example of it."""
 
 JOINT_QUANTITIES = frozenset({"position", "velocity", "acceleration", "torque", "force", "goal"})
 
@@ -159,7 +160,7 @@ def _joined_unit(name: str) -> tuple[str, str] | None:
         for written in (stuck[2], stuck[2][0].lower() + stuck[2][1:]):
             dimension = dimension_of(unit := normalize_unit(written))
             fits = any(dimension in QUANTITIES[quantity] for quantity in known)
-            if fits and dimension not in EFFORT_PROXIES:
+            if fits and dimension not in PROXIES:
                 return stuck[1], unit
     return None
 
@@ -212,6 +213,8 @@ _NOT_MEASURED = frozenset(
         *("sollwert", "sollweg", "sollkraft", "consigne", "cible", "objetivo", "zadana", "zadane"),
     ]
 )
+# Columns of a tension test, which are used only if there is no displacement and no force.
+_TENSION_TEST = {"strain": ("displacement", "strain"), "stress": ("force", "")}  # quantity and default unit
 # Words for the goal of a position servo, which is used only if there is no effort.
 _GOAL = frozenset(
     "goal target desired des cmd command commanded set setpoint soll reference ref action".split()  # noqa: SIM905
@@ -258,7 +261,7 @@ class RoleGuess:
     @property
     def fit(self) -> tuple[bool, int, bool]:
         """Sort key for columns of one quantity: units that represent an effort come last."""
-        return dimension_of(self.unit) not in EFFORT_PROXIES, self.rank, bool(self.unit)
+        return dimension_of(self.unit) not in PROXIES, self.rank, bool(self.unit)
 
 
 def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[RoleGuess]:
@@ -306,6 +309,7 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
     missing = {"time"} - {guess.quantity for guess in guesses}
     if not keys_of_channels({guess.key for guess in guesses if guess.quantity}):
         missing |= {"displacement", "force"} - {guess.quantity for guess in guesses}
+        guesses = [_guess_tension_test(guess) if guess.quantity == "" else guess for guess in guesses]
     paired = []
     for guess in guesses:
         if guess in named and guess.joint_name in number:
@@ -319,6 +323,17 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
         else:
             paired.append(guess)
     return paired
+
+
+def _guess_tension_test(guess: RoleGuess) -> RoleGuess:
+    """Read a strain as a displacement and a stress as a force; the guess is unchanged for other columns."""
+    stem, unit = split_unit(guess.column)
+    words = re.findall(r"[^\W\d_]+", plain(stem))
+    word = next((word for word in _TENSION_TEST if words[-1:] == [word]), None)
+    if word is None:
+        return guess
+    quantity, usual_unit = _TENSION_TEST[word]
+    return RoleGuess(guess.column, quantity, None, unit or usual_unit, _BY_WORD, "by its name")
 
 
 def is_unnamed(name: str) -> bool:
@@ -414,8 +429,8 @@ def _match_words(whole: str, words: Sequence[str], unit: str) -> tuple[str, int]
     for quantity, known in _KNOWN:
         if _fits(quantity, unit) and not known.isdisjoint(long):
             return quantity, _BY_WORD
-    is_effort = dimension not in {"voltage", "pressure"}  # these alone may belong to any quantity
-    by_unit = next((quantity for quantity in QUANTITIES if is_effort and _fits(quantity, unit)), "")
+    is_specific = dimension not in {"voltage", "pressure", "strain"}  # these may belong to any quantity
+    by_unit = next((quantity for quantity in QUANTITIES if is_specific and _fits(quantity, unit)), "")
     by_pair = next((quantity for quantity in _MOTION_OR_TORQUE if words[-1] in WORDS[quantity]), "")
     return (by_unit, _BY_UNIT) if by_unit else (by_pair, _BY_PAIR)
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from palpate.estimation.data.column_names import (
     DISPLACEMENT,
-    EFFORT_PROXIES,
     POSITION,
+    PROXIES,
     QUANTITIES,
     Key,
     Role,
@@ -135,8 +135,8 @@ class ColumnUnits:
             raise InputError(f"{place}: '{unit}' is not a unit of {role.quantity}. Valid: {valid}")
         if not 0.0 < abs(scale) < math.inf:
             raise InputError(f"{place}: unit '{user_unit}' cannot be converted")
-        if dimension in EFFORT_PROXIES:
-            effort, constant, example = EFFORT_PROXIES[dimension]
+        if dimension in PROXIES:
+            effort, constant, example = PROXIES[dimension]
             note = (
                 f"column '{column}' is a {dimension} that stands for the {role.quantity}: "
                 f"1 {si_unit(dimension)} counts as 1 {effort}; give the {constant}, as in "
@@ -234,7 +234,7 @@ class ColumnUnits:
             return likely_time_unit(step, span if step > 0.0 else np.inf)
         quantity = "displacement" if linear and role.quantity == "position" else role.quantity
         largest, usual = _MAX_RANGE.get(quantity, (np.inf, ""))
-        si = si_unit(QUANTITIES[quantity][0])
+        si = "MPa" if "stress" in column.lower() else si_unit(QUANTITIES[quantity][0])
         if holds_counts(column):
             return _COUNT_OF_ENCODER if usual == "deg" else f"0.001{usual or si}"
         return usual if span > largest else si

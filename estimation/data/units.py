@@ -62,6 +62,7 @@ SI: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "current": _with_prefixes("A", "m"),
         "voltage": _with_prefixes("V", "mu"),
         "pressure": _PRESSURE,
+        "strain": {"strain": 1.0, "%": 0.01},
     }
 )
 """Factor to SI of each unit, by dimension."""
@@ -108,6 +109,7 @@ _SPELLINGS = {  # other spellings of units, in lower case
     "lbfin": "lbin inlbf inlb",
     "lbfft": "lbft ftlbf ftlb",
     "psi": "psig lbf_in2",
+    "%": "percent pct prozent",
 }
 _SPELT = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings.split()} | {
     f"{prefix_name}{name}{plural}": prefix + unit
@@ -226,7 +228,7 @@ def scaled_unit(unit: str, own: str) -> tuple[float, str]:
     """Split a unit into the number before it and the unit, and resolve units such as Nm/A.
 
     Examples: "-1N" for a sensor of opposite sign, "0.5Nm/A" for a current in mA, "20N/V" for a voltage,
-    "5e-4N/Pa" for a pressure.
+    "5e-4N/Pa" for a pressure, "0.05m/strain" for a strain.
 
     Args:
         unit: normalized unit stated by the user.
@@ -241,7 +243,7 @@ def scaled_unit(unit: str, own: str) -> tuple[float, str]:
     scale, base_unit = float(match[1]), normalize_unit(match[2])
     whole, _, below = base_unit.rpartition("_")
     dimension, factor = _FACTORS.get(normalize_unit(below), ("", 1.0))
-    if whole and dimension in {"current", "voltage", "pressure"}:
+    if whole and dimension in {"current", "voltage", "pressure", "strain"}:
         read = own or normalize_unit(below)
         if dimension_of(read) == dimension:
             return scale * factor_to_si(read, dimension, read) / factor, normalize_unit(whole)

@@ -123,6 +123,32 @@ def test_effort_without_a_constant_is_used_with_a_note(column, factor, words):
     np.testing.assert_allclose(beside.channels[0].effort, FORCE)
 
 
+@pytest.mark.parametrize(
+    ("strain", "stress", "length_m", "force_n"),
+    [
+        ("strain [mm/mm]", "stress [Pa]", 1.0, 1.0),
+        ("Engineering Strain (%)", "Engineering Stress (kPa)", 0.01, 1e3),
+    ],
+)
+def test_strain_and_stress_are_used_if_there_is_no_displacement_and_force(strain, stress, length_m, force_n):
+    tension = {strain: X, stress: FORCE}
+    (pull,) = imported(**tension).channels
+    np.testing.assert_allclose(pull.position, X * length_m)
+    np.testing.assert_allclose(pull.effort, FORCE * force_n)
+    specimen = ImportOptions(units={"displacement": "0.05m/strain", "force": "1e-4N/Pa"})
+    (pull,) = imported(specimen, **tension).channels
+    np.testing.assert_allclose(pull.position, X * length_m * 0.05)
+    np.testing.assert_allclose(pull.effort, FORCE * force_n * 1e-4)
+    (pull,) = imported(**tension, extension_m=0.5 * X, load_N=2.0 * FORCE).channels
+    np.testing.assert_allclose(pull.position, 0.5 * X)
+    np.testing.assert_allclose(pull.effort, 2.0 * FORCE)
+
+
+def test_unit_of_a_stress_is_asked_for():
+    with pytest.raises(InputError, match="'stress' states no unit; give it, as in --unit force=MPa"):
+        imported(strain=X, stress=FORCE)
+
+
 def test_missing_or_unknown_unit_is_asked_for():
     with pytest.raises(InputError, match=r"'cycles' is not a known unit of time; use --unit time=s"):
         imported(**{"Time (cycles)": T, "Travel (mm)": 1e3 * X, "Load (N)": FORCE})
