@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -26,80 +26,6 @@ from palpate.workflows.data_options import DataArguments, FolderOption, ForceOpt
 
 RESULT, RECORDING = "comparison.json", "sides.rrd"
 PAIR_FILES = {"result": RESULT, "report": REPORT, "recording": RECORDING}  # of two measurements
-
-
-class ComparedPair:
-    """Comparison of two studies, channel by channel.
-
-    Args:
-        data: first measurement, and options for reading both.
-        path: file of the second measurement; None for the file of the first.
-        models: base models of both; None for the usual ones.
-        channel: name of the only channel to compare; None for all that both have.
-        revisions: numbers of the revisions of both, whose models are compared instead of base models; without
-            a revision of the second, the models of the first are fitted to it as well.
-        folder: folder of the revisions of the first, and of another model of it; None for the usual one.
-
-    Raises:
-        InputError: one of them cannot be used, or they have nothing in common.
-    """
-
-    def __init__(
-        self,
-        data: DataArguments,
-        path: Path | None,
-        models: tuple[str | None, str | None],
-        channel: str | None,
-        *,
-        revisions: tuple[Sequence[int], Sequence[int]] = ((), ()),
-        folder: Path | None = None,
-    ) -> None:
-        files = (data.file, path or data.file)
-        first = data.study(models[0], folder)
-        second = replace(data, file=files[1]).study(models[1] or models[0], None if path else folder, first)
-        saved_revisions = chosen_revisions(first, revisions[0])
-        grown = (
-            _extended(first, saved_revisions),
-            _extended(second, chosen_revisions(second, revisions[1]) or saved_revisions),
-        )
-        self.files = files
-        self.names = _names(first, second, grown)
-        sides = compare_pairs(first, second, self.names, grown)
-        self.sides = [pair for pair in sides if channel in {None, ALL_CHANNELS, pair.channel}]
-        if not self.sides:
-            shared = ", ".join(pair.channel for pair in sides)
-            raise InputError(f"--channel {channel}: not in both measurements. Both have: {shared}")
-        if all(side.is_same_data and side.first.model == side.second.model for side in self.sides):
-            raise InputError(
-                f"{files[1]}: is the same measurement as {files[0]}, with the same model: name another file, "
-                "or another model of it with --other-model or --other-revision; palpate batch FILE --split "
-                "COLUMN compares the specimens of one file"
-            )
-        self._studies = (first, second)
-
-    def view(self, commands: Sequence[str] = ()) -> PairView:
-        """Build the view that terminal, report and recording share.
-
-        Args:
-            commands: commands that show the same comparison again.
-        """
-        first, second = self._studies
-        channels = []
-        for sides in self.sides:
-            a, b = sides.first, sides.second
-            results = (
-                first.result(a.channel, a.effects, reason=a.reason),
-                second.result(b.channel, b.effects, reason=b.reason),
-            )
-            channels.append(ChannelPairView(sides, (result_view(results[0]), result_view(results[1]))))
-        return PairView(self.names, tuple(channels), tuple(commands))
-
-    def as_data(self) -> dict[str, Any]:
-        """The comparison as plain data; the keys are stable."""
-        return {
-            "files": [str(file) for file in self.files],
-            "channels": [as_data(side) for side in self.sides],
-        }
 
 
 def chosen_revisions(study: Study, numbers: Sequence[int]) -> list[Revision]:
@@ -195,15 +121,11 @@ def compare_command(
     named = {"--model": model, "--other-model": other_model, "--channel": channel}
     if (revision or other_revision) and (given := [name for name, value in named.items() if value]):
         raise InputError(f"--revision sets channel and model: leave out {given[0]}")
-    read = folder_to_read(data.file, folder)
     if other is not None or other_model is not None or other_revision:
-        revisions = {"revision": revision, "other-revision": other_revision}
-        numbers = revision or (), other_revision or ()
-        pair = ComparedPair(data, other, (model, other_model), channel, revisions=numbers, folder=read)
-        typed_too = {name: [str(item) for item in given or ()] for name, given in revisions.items()}
-        _compare_pair(data, pair, {**typed_too, "folder": folder}, out, as_json=as_json, force=force)
+        both, revisions = (model, other_model), (revision or [], other_revision or [])
+        _compare_pair(data, other, both, channel, revisions, folder, out, as_json=as_json, force=force)
         return
-    study = data.study(model, read)
+    study = data.study(model, folder_to_read(data.file, folder))
     saved_revisions = chosen_revisions(study, revision or ())
     target = None
     if out is not None:
@@ -263,26 +185,66 @@ def compare_command(
         console.next_steps(*first, zoom)
 
 
-def _compare_pair(
+def _compare_pair(  # noqa: PLR0917, what was typed
     data: DataArguments,
-    pair: ComparedPair,
-    given: dict[str, list[str] | Path | None],
+    other: Path | None,
+    models: tuple[str | None, str | None],
+    channel: str | None,
+    revisions: tuple[list[int], list[int]],
+    folder: Path | None,
     out: Path | None,
     *,
     as_json: bool,
     force: bool,
 ) -> None:
-    """Print both sides, and write files if requested; `given` holds the options that selected them."""
+    """Compare two studies, channel by channel; print both sides, and write files if requested.
+
+    Without another file, models of one file are compared. Models of revisions replace base models; without a
+    revision of the second study, the models of the first are fitted to it as well.
+    """
+    files, read = (data.file, other or data.file), folder_to_read(data.file, folder)
+    first = data.study(models[0], read)
+    second = replace(data, file=files[1]).study(models[1] or models[0], None if other else read, first)
+    saved_revisions = chosen_revisions(first, revisions[0])
+    grown = (
+        _extended(first, saved_revisions),
+        _extended(second, chosen_revisions(second, revisions[1]) or saved_revisions),
+    )
+    names = _names(first, second, grown)
+    shared = compare_pairs(first, second, names, grown)
+    pairs = [pair for pair in shared if channel in {None, ALL_CHANNELS, pair.channel}]
+    if not pairs:
+        available = ", ".join(pair.channel for pair in shared)
+        raise InputError(f"--channel {channel}: not in both measurements. Both have: {available}")
+    if all(pair.is_same_data and pair.first.model == pair.second.model for pair in pairs):
+        raise InputError(
+            f"{files[1]}: is the same measurement as {files[0]}, with the same model: name another file, "
+            "or another model of it with --other-model or --other-revision; palpate batch FILE --split "
+            "COLUMN compares the specimens of one file"
+        )
     if out is not None:
-        spare_files(out, PAIR_FILES.values(), force=force, keep=pair.files)
-    same = pair.files[0] == pair.files[1]
-    first, second = pair.sides[0].first, pair.sides[0].second
+        spare_files(out, PAIR_FILES.values(), force=force, keep=files)
+    same = files[0] == files[1]
+    numbers, other_numbers = ([str(number) for number in own] for own in revisions)
+    given: dict[str, list[str] | Path | None]
+    given = {"revision": numbers, "other-revision": other_numbers, "folder": folder}
     if same and not any(given.values()):
-        given |= {"model": [first.channel.model.name], "other-model": [second.channel.model.name]}
-    beside = "" if same else f" {shell_path(pair.files[1])}"
+        a, b = pairs[0].first, pairs[0].second
+        given |= {"model": [a.channel.model.name], "other-model": [b.channel.model.name]}
+    beside = "" if same else f" {shell_path(files[1])}"
     file = shell_path(data.file)
     again = f"palpate compare {file}{beside}{data.command_text(**given).removeprefix(file)}"
-    view, content = pair.view([again]), pair.as_data()
+    channels = []
+    for pair in pairs:
+        a, b = pair.first, pair.second
+        results = (
+            first.result(a.channel, a.effects, reason=a.reason),
+            second.result(b.channel, b.effects, reason=b.reason),
+        )
+        channels.append(ChannelPairView(pair, (result_view(results[0]), result_view(results[1]))))
+    view = PairView(names, tuple(channels), (again,))
+    # The keys are stable.
+    content = {"files": [str(file) for file in files], "channels": [as_data(pair) for pair in pairs]}
     console.present(content, lambda: print_pair(console.stdout(), view), as_json=as_json)
     if out is not None:
         with console.stderr().status("report and recording"):
@@ -297,8 +259,10 @@ def _compare_pair(
             print_files(console.stdout(), written)
     if not as_json:
         steps = [] if out is not None else [(f"{again} --out FOLDER", "curves, residuals, and a recording")]
-        files = dict.fromkeys(pair.files)
-        each = [(f"palpate compare {shell_path(file)}", "where its base model fails") for file in files]
+        each = [
+            (f"palpate compare {shell_path(file)}", "where its base model fails")
+            for file in dict.fromkeys(files)
+        ]
         console.next_steps(*steps, *each)
 
 

@@ -135,14 +135,12 @@ def _stated_probe(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> N
         item.next_experiment for item in diagnoses if item.next_experiment and item.next_experiment.probe
     ]
     session = study.source.session
-    setup = _SimulationSetup.of(study, session) if proposals and session is not None else None
-    if setup is None:
+    rehearsal = _rehearsal(study, session) if proposals and session is not None else None
+    if rehearsal is None:
         return None
-    proposal = proposals[0]
-    single = setup.candidates()
-    paired = (
-        plan for pair in combinations(single, 2) if (plan := combine_plans(*pair, setup.before)) is not None
-    )
+    proposal, (before, trial) = proposals[0], rehearsal
+    single = _candidates(before, trial)
+    paired = (plan for pair in combinations(single, 2) if (plan := combine_plans(*pair, before)) is not None)
     for candidate in chain(single, paired):
         if candidate.settings == proposal.probe:
             channels = tuple(item.channel for item in diagnoses if item.next_experiment == proposal)
@@ -252,14 +250,15 @@ def feasible(
         InputError: see `next_probe`.
     """
     session = study.source.session
-    setup = _SimulationSetup.of(study, session) if session is not None and study.source.probed else None
-    if setup is None:
+    rehearsal = _rehearsal(study, session) if session is not None and study.source.probed else None
+    if rehearsal is None:
         return
+    before, trial = rehearsal
     if pairs is None:
-        considered = setup.candidates()
+        considered = _candidates(before, trial)
     else:
-        considered = [plan for pair in pairs if (plan := combine_plans(*pair, setup.before))][:PAIRED]
-    simulations = [setup.simulation(plan.plan) for plan in considered]
+        considered = [plan for pair in pairs if (plan := combine_plans(*pair, before))][:PAIRED]
+    simulations = [replace(trial, plan_json=each.plan.model_dump_json()) for each in considered]
     for number, (candidate, ticks) in enumerate(
         zip(considered, simulate_plans(simulations, processes), strict=True)
     ):
@@ -286,61 +285,40 @@ def _motion(
     return channel_of(planned, question.channel.model.name, study.source.arm).data
 
 
-@dataclass(frozen=True)
-class _SimulationSetup:
-    """Arm, object and start pose of a session, for rehearsals.
+def _rehearsal(study: ModelStudy, session: Session) -> tuple[ProbingPlan, PlanSimulation] | None:
+    """Return a session's plan and its rehearsal; None if nothing was touched: the object is unknown.
 
     Figures are rounded, because a motion hardly depends on them. The cached motion of a plan then stays valid
     if further probes change the estimates slightly.
     """
+    contact = next((channel for channel in study.channels if channel.kind is ChannelKind.CONTACT), None)
+    if contact is None or contact.data.surface is None or not session.metadata.robot_file:
+        return None
+    metadata, before = session.metadata, _plan_of(session)
+    # stiffness [N/m] and damping [N s/m] of the base model, or the secant if the model has none
+    data, damping = contact.data, 0.0
+    stiffness = float(np.max(data.effort)) / max(float(np.max(data.position)), 1e-9)
+    with suppress(InputError):  # it cannot be judged
+        parameters = study.fit(contact).parameters
+        if spring := parameters.get("stiffness.k"):
+            stiffness = spring.value
+        if damper := parameters.get("damping.c"):
+            damping = max(damper.value, 0.0)
+    surface_m, normal = round(contact.data.surface.position_m, 3), before.press_direction_world
+    known = KnownObject(_rounded(stiffness), _rounded(damping), surface_m, normal)
+    arm = ArmText(metadata.robot_file, metadata.urdf, study.source.arm.gravity_m_s2, str(session.path))
+    start_rad = session.samples(STREAM_NAME).vector("joint_position_rad")[0]
+    start = tuple(np.round(start_rad, 3).tolist())
+    return before, PlanSimulation(arm, before.model_dump_json(), known, start)
 
-    before: ProbingPlan
-    arm: ArmText
-    known: KnownObject
-    start_rad: tuple[float, ...]
 
-    @classmethod
-    def of(cls, study: ModelStudy, session: Session) -> "_SimulationSetup | None":
-        """Collect arm, object and start pose; None if nothing was touched, because the object is unknown.
-
-        Args:
-            study: study with all measurements so far.
-            session: first session of the study.
-        """
-        contact = next((channel for channel in study.channels if channel.kind is ChannelKind.CONTACT), None)
-        if contact is None or contact.data.surface is None or not session.metadata.robot_file:
-            return None
-        metadata, before = session.metadata, _plan_of(session)
-        # stiffness [N/m] and damping [N s/m] of the base model, or the secant if the model has none
-        data, damping = contact.data, 0.0
-        stiffness = float(np.max(data.effort)) / max(float(np.max(data.position)), 1e-9)
-        with suppress(InputError):  # it cannot be judged
-            parameters = study.fit(contact).parameters
-            if spring := parameters.get("stiffness.k"):
-                stiffness = spring.value
-            if damper := parameters.get("damping.c"):
-                damping = max(damper.value, 0.0)
-        surface_m, normal = round(contact.data.surface.position_m, 3), before.press_direction_world
-        known = KnownObject(_rounded(stiffness), _rounded(damping), surface_m, normal)
-        arm = ArmText(metadata.robot_file, metadata.urdf, study.source.arm.gravity_m_s2, str(session.path))
-        start_rad = session.samples(STREAM_NAME).vector("joint_position_rad")[0]
-        return cls(before, arm, known, tuple(np.round(start_rad, 3).tolist()))
-
-    def candidates(self) -> list[CandidatePlan]:
-        """Return all experiments with a valid plan at or near the place that was touched first."""
-        push = np.array(self.before.press_direction_world)
-        tip_m, _ = self.arm.body.tip_pose(np.array(self.start_rad))
-        before_m = np.array(self.before.targets_world_m[0]) if self.before.targets_world_m else tip_m
-        place_m = before_m + (self.known.surface_m - before_m @ push) * push
-        return candidates(self.before, self.arm.robot_file, place_m)
-
-    def simulation(self, plan: ProbingPlan) -> PlanSimulation:
-        """Return the rehearsal of a plan.
-
-        Args:
-            plan: plan to rehearse.
-        """
-        return PlanSimulation(self.arm, plan.model_dump_json(), self.known, self.start_rad)
+def _candidates(before: ProbingPlan, trial: PlanSimulation) -> list[CandidatePlan]:
+    """Return all experiments with a valid plan at or near the place that was touched first."""
+    push = np.array(before.press_direction_world)
+    tip_m, _ = trial.arm.body.tip_pose(np.array(trial.start_rad))
+    before_m = np.array(before.targets_world_m[0]) if before.targets_world_m else tip_m
+    place_m = before_m + (trial.known.surface_m - before_m @ push) * push
+    return candidates(before, trial.arm.robot_file, place_m)
 
 
 def _rounded(positive: float) -> float:

@@ -1,7 +1,7 @@
 """Figures of a sweep for print, one or two columns wide."""
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial, wraps
+from functools import wraps
 from operator import itemgetter
 from typing import Any, ParamSpec
 
@@ -58,36 +58,27 @@ _KNOWN = {
 }
 
 
-class Drawing:
-    """Figure with its file name, drawn on demand in the common style."""
+def save(figure: Figure, path: str) -> None:
+    """Write a figure, as PNG or SVG by the path's extension; raise `OSError` if it cannot be written.
 
-    def __init__(self, name: str, draw: Callable[[], Figure]) -> None:
-        self.name = name
-        self._draw = draw
-
-    def figure(self) -> Figure:
-        """Draw the figure."""
-        with mpl.rc_context(_STYLE):
-            return self._draw()
-
-    def save(self, figure: Figure, path: str) -> None:
-        """Write the figure, as PNG or SVG by the path's extension; raise `OSError` if it cannot be written.
-
-        Args:
-            figure: figure to write.
-            path: ends in .png or .svg.
-        """
-        with mpl.rc_context(_STYLE):
-            figure.savefig(path, metadata={"Date": None} if path.endswith("svg") else None)
+    Args:
+        figure: figure to write.
+        path: ends in .png or .svg.
+    """
+    with mpl.rc_context(_STYLE):
+        figure.savefig(path, metadata={"Date": None} if path.endswith("svg") else None)
 
 
-def _drawing(name: str) -> Callable[[Callable[P, Figure]], Callable[P, Drawing]]:
-    """Return a decorator that makes a function return a `Drawing` of this name instead of a figure."""
+def _drawing(name: str) -> Callable[[Callable[P, Figure]], Callable[P, Figure]]:
+    """Return a decorator that draws in the common style; the figure's label is its file's name."""
 
-    def decorate(draw: Callable[P, Figure]) -> Callable[P, Drawing]:
+    def decorate(draw: Callable[P, Figure]) -> Callable[P, Figure]:
         @wraps(draw)
-        def make(*args: P.args, **kwargs: P.kwargs) -> Drawing:
-            return Drawing(name, partial(draw, *args, **kwargs))
+        def make(*args: P.args, **kwargs: P.kwargs) -> Figure:
+            with mpl.rc_context(_STYLE):
+                figure = draw(*args, **kwargs)
+            figure.set_label(name)
+            return figure
 
         return make
 

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
+from matplotlib.figure import Figure
 
 from palpate.common.files import atomic_write, output_folder, write_text
 from palpate.render.report import rendered
 from palpate.sweep import figures
 from palpate.sweep.case import Row
-from palpate.sweep.figures import Drawing
 from palpate.sweep.grid import GridFile
 from palpate.sweep.rows import SweepTable, error_table, grouped
 
@@ -29,7 +29,7 @@ class ReportSection:
     """Section of the page."""
 
     title: str  # heading
-    drawing: Drawing | None  # figure, or None
+    drawing: Figure | None  # figure, whose label is the name of its files, or None
     words: tuple[str, ...] = ()  # paragraphs
     tables: tuple[SweepTable, ...] = ()  # tables shown on the page and written as CSV
     more: tuple[SweepTable, ...] = ()  # tables written as CSV only
@@ -52,11 +52,11 @@ def write_page(
     pictures = {}
     for section in sections:
         if section.drawing is not None:
-            drawing, figure = section.drawing, section.drawing.figure()
+            figure, name = section.drawing, str(section.drawing.get_label())
             for ending in ("svg", "png"):
-                with atomic_write(folder / FIGURES / f"{drawing.name}.{ending}") as path:
-                    drawing.save(figure, str(path))
-            data = base64.b64encode((folder / FIGURES / f"{drawing.name}.png").read_bytes()).decode()
+                with atomic_write(folder / FIGURES / f"{name}.{ending}") as path:
+                    figures.save(figure, str(path))
+            data = base64.b64encode((folder / FIGURES / f"{name}.png").read_bytes()).decode()
             url = Markup("data:image/png;base64," + data)  # noqa: S704, digits and letters
             pictures[section.title] = url, round(_PIXELS_PER_INCH * figure.get_figwidth())
         for table in (*section.tables, *section.more):

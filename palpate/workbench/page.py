@@ -20,7 +20,7 @@ from palpate.robot_io.errors import InputError, PalpateError
 from palpate.workbench import elements
 from palpate.workbench.effects import EffectList
 from palpate.workbench.elements import errors_as_warnings, heading, set_props
-from palpate.workbench.parameters import EquivalentCommands, ErrorCard, Parameters
+from palpate.workbench.parameters import ErrorCard, Parameters
 from palpate.workbench.plots import PlotPanel, UseRuns
 from palpate.workbench.state import DisplayedFit, ModelSelection, WorkbenchState
 
@@ -89,15 +89,17 @@ class Page:
                 self._center = PlotPanel(self.state, use_runs)
                 self._center.build()
             with ui.element("div").classes("right"):
-                self._lines = EquivalentCommands(self.state)
                 self._parameters = Parameters(self.state, self.choose, self.move_slider)
                 if not refused:
                     self._error.build()
                     self._parameters.build()
                     data_checks(self.state)
-                self._lines.build()
+                with ui.element("section").classes("card same"):
+                    heading("Equivalent commands", elements.SAME)
+                    self._command = ui.label().classes("code").mark("command")
+                    self._python = ui.label().classes("code").mark("python")
                 self._revisions = ui.element("section").classes("card")
-        self._lines.show()
+        self._show_commands()
         self._list_revisions()
         ui.keyboard(self._key, ignore=["input", "textarea"])
 
@@ -170,7 +172,7 @@ class Page:
                 self._shown = shown
                 self._error.show(shown)
                 self._center.show(shown)
-                self._lines.show()
+                self._show_commands()
                 self._enable_steps()
                 if shown.choice.slider_values:
                     self._draw_slider_values(shown)
@@ -233,6 +235,10 @@ class Page:
             await asyncio.sleep(_NEXT_S)
         if shown is self._shown:
             self._center.show_map()
+
+    def _show_commands(self) -> None:
+        self._command.set_text(self.state.command() or "only in Python:")
+        self._python.set_text(self.state.python())
 
     def _draw_slider_values(self, shown: DisplayedFit) -> None:
         predicted, scored = shown.fitted.predict(shown.values), shown.base.scored

@@ -260,22 +260,3 @@ class Parameters:
                 ui.button("free", on_click=free).props("dense flat no-caps")
         dialog.on("hide", dialog.delete)
         dialog.open()
-
-
-class EquivalentCommands:
-    """The equivalent command and Python line."""
-
-    def __init__(self, state: WorkbenchState) -> None:
-        self._state = state
-
-    def build(self) -> None:
-        """Create the elements."""
-        with ui.element("section").classes("card same"):
-            heading("Equivalent commands", elements.SAME)
-            self._command = ui.label().classes("code").mark("command")
-            self._python = ui.label().classes("code").mark("python")
-
-    def show(self) -> None:
-        """Show the current lines."""
-        self._command.set_text(self._state.command() or "only in Python:")
-        self._python.set_text(self._state.python())

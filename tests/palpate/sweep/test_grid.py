@@ -208,7 +208,7 @@ def test_errors_are_drawn_in_percent():
         {"estimator": "lsq", "error": "", TRUE + paper.K: 200.0, paper.K: 200.0 * (1.0 + share)}
         for share in (-0.04, 0.02, 0.01)
     ]
-    axes = figures.error_spread(rows).figure().axes[0]
+    axes = figures.error_spread(rows).axes[0]
     drawn, middle = axes.get_lines()
     np.testing.assert_allclose(drawn.get_xdata(), [4.0, 2.0, 1.0])
     np.testing.assert_allclose(middle.get_xdata(), 2.0)
