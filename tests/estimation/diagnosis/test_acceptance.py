@@ -12,6 +12,7 @@ from palpate.estimation.diagnosis.acceptance import (
     accept_effects,
     accept_forms,
     acceptance_criteria,
+    as_good_effects,
     effects_by_importance,
     indistinguishable_models,
     models_by_importance,
@@ -21,7 +22,7 @@ from palpate.estimation.diagnosis.forms import analyze_kinds, form_tests
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.kinds import Kind
 from tests.estimation.searches import SWING, measured, reached, searched
-from tests.estimation.swings import swings
+from tests.estimation.swings import one_way_turns, swings
 
 SPRING, RUB, BIAS, SQUARE = "joint_spring", "coulomb_friction", "bias", "quadratic_friction"
 
@@ -43,6 +44,7 @@ LAWS = {
     "a friction": rubbing(0.3),
     "a friction and what nobody knows": lambda q, v, a: rubbing(0.5)(q, v, a) + strange(q, v, a),
     "a large friction and a small zero": lambda q, v, a: rubbing(2.0)(q, v, a) + 0.015,
+    "a large spring and a friction above the noise": lambda q, v, a: 60.0 * q + rubbing(0.1)(q, v, a),
 }
 
 
@@ -66,6 +68,7 @@ def searches():
         ("a spring and a friction", (), set()),
         ("a friction", (RUB, BIAS), {RUB}),  # what is not there is needless
         ("a large friction and a small zero", (RUB, BIAS), {RUB}),  # less than a twentieth of all
+        ("a large spring and a friction above the noise", (SPRING, RUB), {SPRING, RUB}),  # also less
     ],
 )
 def test_complete_model_keeps_its_needed_effects(searches, law, found, kept):
@@ -235,11 +238,22 @@ def test_effect_that_removes_more_than_remains_is_not_negligible(searches):
     assert not module._has_zero_size(whole, half, RUB)
 
 
-def test_sensor_fault_needs_a_size_even_if_it_removes_most_error(searches):
-    search, _ = searches("a friction")
-    end = reached(search, RUB, BIAS)
+@pytest.mark.parametrize("fault", [BIAS, "drift"])
+def test_sensor_fault_needs_a_size_even_if_it_removes_most_error(fault):
+    search = searched(swings(1, LAWS["a friction"]), RUB, fault)
+    end = reached(search, RUB, fault)
     large = SimpleNamespace(flexible=SimpleNamespace(before=1e9 * end.flexible.before))
-    assert module._has_zero_size(large, end, BIAS)
+    assert module._has_zero_size(large, end, fault)
+
+
+def test_friction_that_never_reverses_is_as_good_as_a_bias(monkeypatch):
+    search = searched(one_way_turns(lambda q, v: 0.5), RUB, BIAS)
+    end = reached(search, RUB)
+    assert set(as_good_effects(search, end, RUB)) == {BIAS}
+    both = searched(swings(1, LAWS["a friction"]), RUB, BIAS)
+    assert as_good_effects(both, reached(both, RUB), RUB) == {}
+    monkeypatch.setattr(type(search), "is_sensible", lambda *_: False)  # such as a negative damping
+    assert as_good_effects(search, end, RUB) == {}
 
 
 def test_whole_effect_is_reported_even_with_a_rival_of_its_part():

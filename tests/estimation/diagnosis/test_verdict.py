@@ -22,6 +22,7 @@ from palpate.estimation.diagnosis.result import Verdict
 from palpate.estimation.diagnosis.verdict import (
     Evidence,
     _describe_concentration,
+    _describe_encoder_steps,
     decide_verdict,
     effect_without_gain,
     insufficient_diagnosis,
@@ -129,6 +130,32 @@ def test_residual_far_above_noise_is_not_called_noise(swung, ratio, effort_nm, l
     assert (diagnosis.rest.unexplained > 0.0) == (ratio > 1.5 and effort_nm is not None)
 
 
+def test_no_form_is_exact_while_the_model_is_incomplete(known):
+    """The remaining error is small, but follows a signal."""
+    assert known(complete=True)[0].accepted[0].form is Form.EXACT
+    assert {effect.form for effect in known(complete=False)[0].accepted} == {Form.APPROXIMATE}
+
+
+@pytest.mark.parametrize(
+    ("share", "half_step", "said"),
+    [
+        (0.5, 0.1, " or rounding of the encoders: 0.05 N, where half a step makes up to 0.1 N"),
+        (0.5, 0.01, ""),
+        (0.0, 0.1, ""),
+    ],
+)
+def test_rounding_is_named_where_it_may_cause_what_is_explainable(monkeypatch, share, half_step, said):
+    monkeypatch.setattr(verdict, "encoder_step_error", lambda end, measurement: half_step)
+    end = SimpleNamespace(
+        explainable_share=lambda: share,
+        flexible=SimpleNamespace(explained=100 * 0.05**2),
+        problem=SimpleNamespace(used=np.ones(100, np.bool_)),
+    )
+    data = SimpleNamespace(kind=ChannelKind.CONTACT)
+    evidence = SimpleNamespace(end=end, measurement=None, search=SimpleNamespace(data=data))
+    assert _describe_encoder_steps(evidence) == said
+
+
 def test_noise_bound_does_not_turn_a_smooth_residual_into_noise(swung):
     search, _, measurement = swung
     evidence = Evidence(search, measurement, reached(search, "joint_spring"), True, None)  # lacks a friction
@@ -205,14 +232,14 @@ def test_residual_finding_states_the_error_and_noise_is_model_independent(swung,
 
 def test_single_candidates_are_ranked_by_remaining_error():
     """Screened on blocks of ten samples, of which a sketch is made; the error is that of single samples."""
-    data = swings(1, lambda q, v, a: 0.1 * np.tanh(v / 0.02), rate_hz=1000.0)
-    frictions = (f"{name}_friction" for name in ("viscous", "coulomb", "dry", "asymmetric"))
-    search = searched(data, "bias", *frictions)
+    data = swings(1, lambda q, v, a: 0.1 * np.tanh(v / 0.02) + 2.0 * q, rate_hz=1000.0)
+    search = searched(data, "bias", "asymmetric_friction", "coulomb_friction", "joint_spring")
     assert search.coarse is not None
     found = decide_verdict(Evidence(search, measured(search), search.start, True, None))
     names, errors = zip(*((one.effect, one.rmse_held_out) for one in found.ranking), strict=True)
-    assert "coulomb_friction" in names
+    assert names[0] == "joint_spring"
     assert "bias" not in names  # hardly lowers the error
+    assert len(errors) > 1
     assert list(errors) == sorted(errors)
     for one in found.ranking:
         assert one.rmse_held_out == pytest.approx(reached(search, one.effect).rmse, rel=1e-3)
