@@ -179,16 +179,6 @@ class KnownObject:
     surface_m: float  # position of the surface along its normal, in world coordinates [m]
     normal_world: tuple[float, float, float]  # unit vector into the object
 
-    def force_n(self, along_m: float, speed_m_s: float) -> float:
-        """Normal force [N] on a tip at a position and velocity along the normal; never negative.
-
-        Args:
-            along_m: place along the normal [m].
-            speed_m_s: speed along the normal, positive into the object [m/s].
-        """
-        depth_m = along_m - self.surface_m
-        return max(self.stiffness_n_m * depth_m + self.damping_n_s_m * speed_m_s, 0.0) if depth_m > 0 else 0.0
-
 
 @dataclass(frozen=True)
 class PlanSimulation:
@@ -264,7 +254,9 @@ def simulate_plan(simulation: PlanSimulation) -> Samples:
     while output is None or not output.done:
         tip = body.tip_motion(position, velocity)
         along_m, speed_m_s = float(tip.position_world_m @ normal), float(tip.velocity_world_m_s @ normal)
-        pushed_n = known.force_n(along_m, speed_m_s)
+        depth_m, pushed_n = along_m - known.surface_m, 0.0
+        if depth_m > 0.0:
+            pushed_n = max(known.stiffness_n_m * depth_m + known.damping_n_s_m * speed_m_s, 0.0)
         force_n = pushed_n * float(push @ normal)
         measured = Measurement(time_s, position, velocity, torque, force_n, time_s, time_s, time_s)
         if force_n > limits.force_n:  # refuse what the guard would trip on, or what takes too long

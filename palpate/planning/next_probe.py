@@ -156,18 +156,6 @@ class _Planned:
     experiment: Experiment  # with predicted or, after refits, expected scores
     motions: tuple[ChannelData | None, ...]
 
-    @classmethod
-    def of(
-        cls, candidate: CandidatePlan, ticks: Samples, study: ModelStudy, left: Sequence[UndecidedModels]
-    ) -> "_Planned":
-        is_new_location = candidate.is_new_location
-        motions = tuple(_motion(question, study, ticks, is_new_location=is_new_location) for question in left)
-        leads = tuple(
-            question.rivals.predicted_leads(motion) if motion is not None else question.no_leads
-            for question, motion in zip(left, motions, strict=True)
-        )
-        return cls(candidate, Experiment(candidate.words, float(ticks["time_s"][-1]), leads), motions)
-
     def expected(self, left: Sequence[UndecidedModels]) -> "_Planned":
         """Return the experiment with the scores that are expected once all models are refitted.
 
@@ -195,11 +183,18 @@ def _planned(
     longest_s: float,
 ) -> list["_Planned"]:
     """Plan experiments that are short enough and were not run yet, the most promising first."""
-    planned = [
-        _Planned.of(offer, ticks, study, left)
-        for offer, ticks in offered
-        if offer.plan not in ran and ticks["time_s"][-1] <= longest_s
-    ]
+    planned = []
+    for offer, ticks in offered:
+        duration_s = float(ticks["time_s"][-1])
+        if offer.plan in ran or duration_s > longest_s:
+            continue
+        is_new = offer.is_new_location
+        motions = tuple(_motion(question, study, ticks, is_new_location=is_new) for question in left)
+        leads = tuple(
+            question.rivals.predicted_leads(motion) if motion is not None else question.no_leads
+            for question, motion in zip(left, motions, strict=True)
+        )
+        planned.append(_Planned(offer, Experiment(offer.words, duration_s, leads), motions))
     return sorted(planned, key=lambda offer: offer.experiment.separation, reverse=True)
 
 

@@ -58,14 +58,6 @@ class TeleopDemo:
             "teleoperation. End other programs and repeat the demo."
         )
 
-    def verdict_summary(self) -> str:
-        """Describe the diagnosis of each target, as far as it finished in time."""
-        verdicts = self.merged.verdicts()
-        texts = [
-            f"target {number} {verdict or 'none before the end'}" for number, verdict in verdicts.items()
-        ]
-        return f"verdicts of the diagnosis: {', '.join(texts) or 'nothing was probed before the end'}"
-
     def force_summary(self) -> str:
         """Describe the difference between felt and real force."""
         if not len(self.rendered.real_n):

@@ -71,54 +71,6 @@ class ProbeDecision:
     next: str  # description of the next step; empty after the last
     sentence: str  # all this in one sentence
 
-    @classmethod
-    def of(  # noqa: PLR0917
-        cls,
-        number: int,
-        session: Path,
-        seconds: float,
-        diagnoses: Sequence[ChannelDiagnosis],
-        end: StopReason | None,
-        following: NextProbe | None,
-    ) -> "ProbeDecision":
-        """Describe the result of a probe.
-
-        Args:
-            number: number of the probe, from 1.
-            session: session file of the probe.
-            seconds: duration of the probe on the robot's clock [s].
-            diagnoses: diagnoses of all probes so far, one for each channel.
-            end: reason why it was the last; None if another follows.
-            following: the next probe; None after the last.
-        """
-        explanations = []
-        for item in diagnoses:
-            if item.verdict is Verdict.INSUFFICIENT:
-                explanations.append(f"{item.channel} cannot be judged ({item.reason})")
-            elif item.verdict is not Verdict.ADEQUATE:
-                names = " and ".join(" or ".join([e.effect, *e.confused_with]) for e in item.accepted)
-                signals = ", ".join(item.depends_on) or "no signal"
-                rest = "" if item.complete else f"something that depends on {signals}"
-                explanations.append(f"{item.channel} shows {' and '.join(filter(None, (names, rest)))}")
-        what = "; ".join(explanations) or "nothing is missing"
-        if following is not None:
-            then = f"next, to {following.proposal.purpose}: {following.reason}"
-        else:
-            then = _ENDS[end or StopReason.SEPARATED]
-        return cls(
-            number,
-            session.name,
-            seconds,
-            {
-                item.channel: [[e.effect, *e.confused_with] for e in item.accepted]
-                for item in diagnoses
-                if item.accepted
-            },
-            end,
-            following.proposal.instruction if following else "",
-            f"after {count(number, 'probe')}: {what}; {then}",
-        )
-
 
 @dataclass(frozen=True)
 class ProbeBudget:
@@ -213,7 +165,22 @@ def resolve(  # noqa: PLR0917
                     end = StopReason.SIMPLEST
                 diagnosis = diagnosis.model_copy(update={"channels": judged})
         write_text(output_folder(folder / "study") / RESULT, json_text(study.diagnosis_data(diagnosis)))
-        decision = ProbeDecision.of(number + 1, ran.session, outcome.loop.duration_s, judged, end, following)
+        then = _ENDS[end or StopReason.SEPARATED]
+        if following is not None:
+            then = f"next, to {following.proposal.purpose}: {following.reason}"
+        decision = ProbeDecision(
+            probe=number + 1,
+            session=ran.session.name,
+            seconds=outcome.loop.duration_s,
+            left={
+                item.channel: [[e.effect, *e.confused_with] for e in item.accepted]
+                for item in judged
+                if item.accepted
+            },
+            end=end,
+            next=following.proposal.instruction if following else "",
+            sentence=f"after {count(number + 1, 'probe')}: {_explanations(judged)}; {then}",
+        )
         decisions.append(decision)
         with (folder / DECISIONS).open("a", encoding="utf-8") as log:
             log.write(json.dumps(asdict(decision)) + "\n")
@@ -221,6 +188,19 @@ def resolve(  # noqa: PLR0917
         if following is None:
             return ResolveResult(folder, tuple(decisions), tuple(judged))
         job = replace(job, plan=following.plan)
+
+
+def _explanations(diagnoses: Sequence[ChannelDiagnosis]) -> str:
+    explanations = []
+    for item in diagnoses:
+        if item.verdict is Verdict.INSUFFICIENT:
+            explanations.append(f"{item.channel} cannot be judged ({item.reason})")
+        elif item.verdict is not Verdict.ADEQUATE:
+            names = " and ".join(" or ".join([e.effect, *e.confused_with]) for e in item.accepted)
+            signals = ", ".join(item.depends_on) or "no signal"
+            rest = "" if item.complete else f"something that depends on {signals}"
+            explanations.append(f"{item.channel} shows {' and '.join(filter(None, (names, rest)))}")
+    return "; ".join(explanations) or "nothing is missing"
 
 
 def _decide(
