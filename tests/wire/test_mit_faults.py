@@ -132,9 +132,9 @@ def test_motor_state_is_the_reported_state(make_robot, stuck, problem):
             DAMIAO,
             CanFrame(17, bytes((1, 0, 0x33, TIMEOUT, 0xD0, 0x07, 0, 0))),
         ),  # a late answer about a register
+        (ROBSTRIDE, CanFrame(STATE << 24 | 2 << 22 | 1 << 8 | HOST, bytes(8), extended=False)),
         *(
-            (ROBSTRIDE, CanFrame(kind << 24 | middle << 8 | host, bytes(8), extended))
-            for extended in (True, False)
+            (ROBSTRIDE, CanFrame(kind << 24 | middle << 8 | host, bytes(8), extended=True))
             for kind, middle, host in (
                 (STATE, 2 << 14 | 9, HOST),  # of a motor that is not there
                 (STATE, 2 << 14 | 1, 0x01),  # to another host
