@@ -8,7 +8,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.fit.blocks import PIECES, block_length
 from palpate.estimation.signals.motion import has_constant_speed, has_constant_velocity, never_returns
 
-MIN_SAMPLES = 100
+MIN_SAMPLES = 60
 SINGLE_RUN = "only one run"  # start of the reason if only the division into runs is missing
 _MAX_BLOCKS = 300_000  # 25 minutes of blocks of 5 ms; limits the memory
 _MIN_SHARED = 0.1  # share of a run's depths that another run must reach for a prediction

@@ -483,7 +483,7 @@ def _with_weight(
     base = search.start.solution.held_out
     for name in search.added_effects(fit):
         for candidate in _alternatives(search, fit, name, np.inf)[1]:
-            if not _is_likelier(search, candidate.effect, fit.solution.model.effect(name)):
+            if not _is_missing_weight(search, candidate.effect, fit.solution.model.effect(name)):
                 continue
             end, tests = accept_forms(search, partial, search.with_candidate(candidate), measurement)
             explains_as_much = base - end.solution.held_out >= AS_MUCH * (base - fit.solution.held_out)
@@ -492,11 +492,11 @@ def _with_weight(
     return None
 
 
-def _is_likelier(search: Search, candidate: Effect, effect: Effect) -> bool:
-    """Return whether a candidate is the weight of a joint, and likelier than an effect that resembles it.
+def _is_missing_weight(search: Search, candidate: Effect, effect: Effect) -> bool:
+    """Return whether a candidate is a joint's weight, which the base model lacks and the effect resembles.
 
-    Gravity acts on a joint unless its axis is vertical, but springs and biases are rare. This holds if the
-    base model has no weight and the joint turns enough to tell a weight from a constant.
+    The weight is likelier than the effect: gravity acts on a joint unless its axis is vertical, but springs
+    and biases are rare. The joint must turn enough to tell a weight from a constant.
     """
     return (
         candidate.kind is Kind.GRAVITY_LOAD
@@ -566,16 +566,13 @@ def most_parsimonious(
                 continue
         candidates = list(_rivals(search, fit, name, measurement, max_count))
         likelier = [
-            candidate
+            search.with_candidate(candidate)
             for candidate in candidates
-            if _is_likelier(search, candidate.effect, effect)
+            if _is_missing_weight(search, candidate.effect, effect)
             or (effect.kind in SENSOR_KINDS and candidate.effect.kind in _PHYSICAL_KINDS)
         ]
-        if likelier:
-            better = [search.with_candidate(candidate) for candidate in likelier]
-        else:
-            rivals = map(search.with_candidate, candidates)
-            better = [rival for rival in rivals if search.is_better(rival, fit)]
+        rivals = map(search.with_candidate, candidates)
+        better = likelier or [rival for rival in rivals if search.is_better(rival, fit)]
         better = [rival for rival in better if is_complete(rival) >= is_complete(fit)]
         fit = min(better, key=lambda model: (search.size(model), model.solution.held_out), default=fit)
     return fit
@@ -586,8 +583,8 @@ def _rivals(
 ) -> Iterator[Candidate]:
     """Yield candidates with at most `max_count` parameters that may replace an effect without rejection.
 
-    A likelier effect, see `_is_likelier`, may have more parameters. A law that describes the same curve with
-    an additional term is not a rival, since the data set that term to zero.
+    A missing weight may have more parameters. A law that describes the same curve with an additional term is
+    not a rival, since the data set that term to zero.
     """
     effect, without = fit.solution.model.effect(name), search.without(fit, name)
     half = 0.5 * (without.solution.held_out + fit.solution.held_out)
@@ -595,7 +592,9 @@ def _rivals(
         candidate for candidate in search.alternatives(fit, name) if candidate.effect.name != name
     ]
     for candidate in alternatives[:_MAX_RIVALS]:
-        is_tried = _is_likelier(search, candidate.effect, effect) or _has_at_most(max_count, candidate, fit)
+        is_tried = _is_missing_weight(search, candidate.effect, effect) or _has_at_most(
+            max_count, candidate, fit
+        )
         if not is_tried or candidate.error_with_adapted_inner(fit.problem) > NEAR * half:
             continue
         rival = search.with_candidate(candidate)

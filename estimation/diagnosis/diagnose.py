@@ -52,6 +52,7 @@ from palpate.estimation.workers import end_workers, prepare_worker, single_threa
 _FEW_LEVELS = 12  # distinct readings; with more, rounding errors average out
 _OFFSET = "bias"  # name of the effect that is a constant
 _MAX_SEARCHES = 3  # searches for a model that can be reached by adding its effects one by one
+_MIN_ADEQUATE = 100  # samples below which a model is not called adequate
 _MAX_VARIANCE_LEFT = 0.8  # largest share of the effort's variance left by an adequate model, noise unknown
 _MAX_LEFT = 0.5  # largest share of the squared error left by a constant that explains most of it
 
@@ -170,6 +171,9 @@ def diagnose_channel(
     may_be_rounding = "quantisation" not in names if names else not evidence.complete
     if may_be_rounding and (reason := _too_few_levels(search.start)):
         return insufficient_diagnosis(data, reason)
+    if evidence.complete and not names and len(data) < _MIN_ADEQUATE:
+        reason = f"only {len(data)} samples show no missing effect, and would show only a large one"
+        return insufficient_diagnosis(data, f"{reason}; record at least {_MIN_ADEQUATE}")
     return decide_verdict(evidence)
 
 

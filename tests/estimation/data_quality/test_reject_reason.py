@@ -107,7 +107,7 @@ REJECTED = {
     "2 different readings": lambda: replace(swinging(), effort=np.sign(swinging().effort)),
     "runs with --where run=N,N": very_long,
     "take shorter recordings": lambda: replace(very_long(), run=np.zeros(len(very_long()), np.int64)),
-    "record at least 100": lambda: DATA.select(COUNT[:50]),
+    "record at least 60": lambda: DATA.select(COUNT[:59]),
     "only 0 samples": lambda: DATA.select(COUNT[:0]),
     "was rectified; record it with its sign": lambda: replace(swinging(), effort=np.abs(swinging().effort)),
     "was the sign cut off": lambda: replace(swinging(), effort=np.maximum(swinging().effort, 0.0)),

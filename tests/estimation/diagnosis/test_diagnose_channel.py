@@ -18,6 +18,7 @@ from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.measurement_noise import measurement_noise
 from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model
+from tests.estimation.contact_data import channel
 from tests.estimation.searches import PRESS, SWING, searched
 from tests.estimation.study.joints import joints
 from tests.estimation.swings import NOISE_NM, swings
@@ -298,6 +299,23 @@ def test_error_is_compared_with_a_constant_on_the_same_means():
     assert measurement_noise(fit).is_bound
     assert np.sqrt(fit.held_out_mean_square) < np.std(effort) < fit.rmse
     assert _Completeness(search).is_complete(fit)
+
+
+@pytest.mark.parametrize(
+    ("curvature", "verdict", "words"),
+    [(0.0, Verdict.INSUFFICIENT, "only 90 samples show no missing effect"), (6e4, Verdict.MISSING, "")],
+)
+def test_short_recording_can_show_a_large_effect_but_not_an_adequate_model(curvature, verdict, words):
+    run, time_s = np.repeat(np.arange(3), 30), np.tile(0.1 * np.arange(30), 3)
+    x = 4e-3 * np.sin(np.pi * time_s / 2.9) - 3e-4
+    v = 4e-3 * np.pi / 2.9 * np.cos(np.pi * time_s / 2.9)
+    force = np.where(x > 0.0, 400.0 * x + curvature * x**2, 0.0)
+    force += np.random.default_rng(3).normal(0.0, 0.02, 90)
+    effects = (EFFECTS["cubic_stiffness"](), EFFECTS["bias"]())
+    data = channel(force, x, v, time_s + 9.0 * run, run=run)
+    told = diagnose_channel(data, PRESS, effects, np.random.default_rng(0))
+    assert told.verdict is verdict
+    assert words in told.reason
 
 
 def test_model_that_explains_little_beside_slow_noise_is_not_adequate():
