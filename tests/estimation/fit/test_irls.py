@@ -90,6 +90,8 @@ def test_noise_is_that_of_most_samples_or_of_all_without_inliers():
     flat = lambda values: (np.full(400, values[0]), np.ones((400, 1)))  # noqa: E731
     some = np.where(np.arange(400) < 320, 0.1 * rng.normal(size=400), 30.0 + rng.normal(size=400))
     assert irls(flat, some, np.zeros(1)).level.floor == pytest.approx(0.1, rel=0.15)
+    few = np.where(np.arange(400) < 16, 1e-3 * rng.normal(size=400), 30.0 + rng.normal(size=400))
+    assert irls(flat, few, np.zeros(1)).level.floor > 0.01  # one in 25 samples does not tell the noise
     far = irls(flat, rng.normal(size=400) + 1e3, np.zeros(1))
     assert np.isfinite(far.values).all()
     assert (far.sigma > 0.0).all()
