@@ -151,6 +151,13 @@ def test_lost_message_of_many_records_is_counted_record_by_record(tmp_path, in_b
     assert session.dropped == 16
 
 
+def test_file_larger_than_any_session_is_refused(tmp_path, monkeypatch):
+    path = written(tmp_path / "s.mcap")
+    monkeypatch.setattr("palpate.robot_io.session.reader.MAX_FILE_BYTES", path.stat().st_size - 1)
+    with pytest.raises(SessionError, match="more than the limit of"):
+        Session.open(path)
+
+
 def test_other_programs_can_read_the_file(tmp_path):
     with written(tmp_path / "s.mcap").open("rb") as file:
         reader = make_reader(file, validate_crcs=True)

@@ -158,6 +158,26 @@ def test_file_without_its_case_is_refused(name, columns, why, tmp_path):
             ask()
 
 
+def test_file_with_a_column_twice_is_refused(tmp_path):
+    table = pa.Table.from_arrays([["a"], [1.0], [2.0]], ["address", "x", "x"])
+    pq.write_table(table, tmp_path / "a.parquet")
+    with pytest.raises(InputError, match=r"a\.parquet: has no column 'address', or a column twice"):
+        ResultStore(tmp_path).rows(["a"])
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_dropped_results_are_gone_and_others_stay(tmp_path, packed):
+    store = ResultStore(tmp_path)
+    for name in "abc":
+        store.write(name, [{"x": 1.0}])
+    if packed:
+        store.pack()
+    store.drop(["a", "b"])
+    assert store.finished() == {"c"}
+    store.drop(["c"])
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_named_pipe_is_not_read(tmp_path):
     os.mkfifo(tmp_path / "a.parquet")
     with pytest.raises(InputError, match="not a regular file"):
@@ -175,6 +195,10 @@ def test_failed_case_stores_its_error_and_is_not_repeated(tmp_path):
     assert row["error"].startswith("ValueError: no luck")
     assert row["seed"] == 3
     assert run_cases([case], store).finished_before == 1
+    other = Case(case.task, case.parameters, 4)
+    assert (
+        run_cases([other], store, Cluster(workers=1)).finished_before == 0
+    )  # the stored one is not asked for
 
 
 def test_missing_scheduler_is_bad_input(tmp_path, monkeypatch):

@@ -65,6 +65,8 @@ def test_preview_is_close_to_the_fit_and_skipped_for_a_known_fit(state):
     assert not fitted.is_rough
     assert first.fitted.rmse == pytest.approx(fitted.fitted.rmse, rel=0.2)
     assert state.preview(choice) is None
+    held = replace(state.toggled("delay"), held={"stiffness.k": 300.0})
+    assert state.preview(held) is None  # a preview holds no parameter
     with pytest.raises(InputError, match="more than once"):
         state.preview(choice.with_effects(["cubic_stiffness"] * 2))
 
@@ -95,6 +97,19 @@ def test_each_slider_move_is_one_step_and_leaves_the_effects(state):
     assert state.choice.effects == ("cubic_stiffness",)
     assert state.redo().choice.slider_values == {"stiffness.k": 430.0}
     assert state.choose(state.with_held("damping.c", 3.0)).choice.slider_values == {}
+
+
+def test_slider_that_moves_again_after_undo_is_a_step_of_its_own(state):
+    state.move_slider("stiffness.k", 300.0)
+    state.undo()
+    state.move_slider("stiffness.k", 400.0)
+    assert state.undo().choice.slider_values == {}
+
+
+def test_new_run_selection_ends_redo(state):
+    state.choose(state.toggled("cubic_stiffness"))
+    state.undo()
+    assert state.with_runs((1,), ()).with_runs((), ()).can_redo is False
 
 
 def test_run_selection_can_be_undone(state):
@@ -146,6 +161,22 @@ def test_infeasible_choice_changes_nothing(state):
     for bounds in ((2.0, 1.0), (math.nan, 1.0), (1.0, math.inf)):
         with pytest.raises(InputError, match="below"):
             state.with_bounds("stiffness.k", bounds)
+
+
+@pytest.mark.parametrize(("has_user_effects", "effects"), [(False, ("cubic_stiffness",)), (True, ())])
+def test_page_begins_with_the_newest_revision_unless_it_has_effects_of_its_user(
+    press, monkeypatch, has_user_effects, effects
+):
+    newest = SimpleNamespace(effects=["cubic_stiffness"], user_effects=has_user_effects)
+    monkeypatch.setattr(Study, "latest", lambda *_: newest)
+    assert WorkbenchState(Study(press, keep=False)).choice.effects == effects
+
+
+def test_revision_of_another_base_model_is_refused(state, press, monkeypatch):
+    revision = Study(press, keep=False, model="hunt_crossley").add("cubic_stiffness").revisions[-1]
+    with pytest.raises(InputError, match="starts from hunt_crossley: open the page with --model"):
+        state.to_revision(revision)
+    assert state.choice.effects == ()
 
 
 def test_python_line_reproduces_the_page(state, press):
