@@ -292,7 +292,15 @@ class Study(ModelStudy):
         if servo_gain_nm_rad is None:
             _refuse_goal_error(fitted)
         else:
-            fitted = _as_torques(fitted, servo_gain_nm_rad)
+            if not (isfinite(servo_gain_nm_rad) and servo_gain_nm_rad > 0.0):
+                raise InputError(f"--servo-gain {servo_gain_nm_rad:g} N m/rad: must be above 0")
+            for joint in fitted:
+                if joint.kind is not ChannelKind.SERVO:
+                    raise InputError(
+                        f"--servo-gain {servo_gain_nm_rad:g}: the effort of {joint.name} was measured; omit "
+                        "this option"
+                    )
+            fitted = [replace(joint, servo_gain_nm_rad=servo_gain_nm_rad) for joint in fitted]
         source = self.source.name
         return write_simulator(
             fitted, target, place, self.source.arm, patch=base, failures=failures, source=source
@@ -479,18 +487,6 @@ def _refuse_goal_error(joints: "Sequence[FittedJoint | StudyChannel]") -> None:
                 "[N m/rad] with --servo-gain (mjcf, urdf, isaaclab, bam), or multiply goal minus position by "
                 "it and add the product as a column torque_Nm (torque_1_Nm, ... if positions are numbered)"
             )
-
-
-def _as_torques(joints: "Sequence[FittedJoint]", gain_nm_rad: float) -> list["FittedJoint"]:
-    """Return position servos with their parameters in N m, and refuse other joints."""
-    if not (isfinite(gain_nm_rad) and gain_nm_rad > 0.0):
-        raise InputError(f"--servo-gain {gain_nm_rad:g} N m/rad: must be above 0")
-    for joint in joints:
-        if joint.kind is not ChannelKind.SERVO:
-            raise InputError(
-                f"--servo-gain {gain_nm_rad:g}: the effort of {joint.name} was measured; omit this option"
-            )
-    return [replace(joint, servo_gain_nm_rad=gain_nm_rad) for joint in joints]
 
 
 def _path(path: Any, what: str) -> Path:  # noqa: ANN401, whatever a user gives

@@ -30,7 +30,6 @@ from palpate.robot_io.errors import InputError
 from palpate.workflows.data_options import DataArguments, FolderOption, ModelOption, takes_data
 
 if TYPE_CHECKING:
-    from palpate.estimation.study import StudyChannel
     from palpate.study import Study
 
 SCENARIO, FEEDFORWARD = "scenario.yaml", "feedforward.yaml"
@@ -303,7 +302,13 @@ def export_joints(  # noqa: PLR0917, what was typed
         for item in study.channels
         if item.kind is not ChannelKind.CONTACT and item.name not in chosen and study.newest(item) is None
     ]
-    adequate = [item.name for item in plain if _is_adequate(study, item)]
+    from palpate.estimation.diagnosis import Verdict  # noqa: PLC0415, slow to import
+
+    adequate = list[str]()
+    for item in plain:
+        with suppress(InputError):  # a damaged diagnosis, which the export does not need
+            known = study.known_diagnosis(item)
+            adequate += [item.name] * (known is not None and known.verdict is Verdict.ADEQUATE)
     undiagnosed = [item.name for item in plain if item.name not in adequate]
     if undiagnosed:
         console.warn(f"no effect was added to {', '.join(undiagnosed)}: the base model is exported", _ADD)
@@ -311,14 +316,6 @@ def export_joints(  # noqa: PLR0917, what was typed
         console.warn(f"the diagnosis finds {', '.join(adequate)} adequate: the base model is exported")
     lines = [f"{what:<10} [bold]{display_path(file)}[/bold]" for what, file in files]
     return _Export(content | {"used": used, "left_out": left_out}, lines)
-
-
-def _is_adequate(study: "Study", channel: "StudyChannel") -> bool:
-    from palpate.estimation.diagnosis import Verdict  # noqa: PLC0415, slow to import
-
-    with suppress(InputError):  # a damaged diagnosis, which the export does not need
-        return (known := study.known_diagnosis(channel)) is not None and known.verdict is Verdict.ADEQUATE
-    return False
 
 
 @takes_data

@@ -45,7 +45,17 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
     else:
         remedy = "raise torque_nm, or narrow the position limits"
         yield graded("torque limits", value, (_WARN, (worst_nm >= limit_nm).any(), remedy))
-    yield _brake(robot_file, body, poses_rad)
+    # With too much gain for its delay, the brake shakes the arm (see `SafeState`).
+    effective = [1.0 / np.diag(np.linalg.inv(body.mass_matrix(pose))) for pose in poses_rad]
+    most = np.min(effective, axis=0) / ((1 + _AGE_TICKS) * tick_s)
+    damping = np.array(robot_file.safe_state.damping_nms_rad)
+    shakes = "lower safe_state.damping_nms_rad, otherwise braking shakes the arm"
+    yield graded(
+        "braking",
+        f"damping {_listed(damping)} N m s/rad, stable up to {_listed(most)}",
+        (_WARN, (damping > most).any(), shakes),
+        (_WARN, (damping == 0).any(), "a joint without damping is not braked in a stop: give it some"),
+    )
     ages_s = {name: getattr(limits, f"{name}_age_s") for name in ("encoder", "torque", "force")}
     lost = f"a single lost sample stops the arm: allow {2e3 * tick_s:g} ms or more"
     yield graded(
@@ -80,7 +90,19 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
         (_FAIL, widest_rad > _NO_TRACKING_RAD, remedy),
         (_WARN, widest_rad > _WIDE_TRACKING_RAD, remedy),
     )
-    yield from (_fault_duration(name, limits, tick_s) for name in _LATCHES)
+    for name in _LATCHES:  # how long a faulty device is tolerated; within less than a tick it answers once
+        limit_s, usual_s = float(getattr(limits, name)), float(Limits.model_fields[name].default)
+        value, too_short = f"{1e3 * limit_s:g} ms", limit_s < tick_s * (1.0 - 1e-9)
+        if too_short:
+            value += f", less than a tick of {1e3 * tick_s:g} ms, too short to detect anything"
+        late = f"the guard would come too late: lower it to {usual_s:g} s, or leave it out"
+        yield graded(
+            name,
+            value,
+            (_FAIL, too_short, f"raise it to several ticks: {max(usual_s, 5 * tick_s):g} s"),
+            (_FAIL, limit_s > _NO_LATCH_S, late),
+            (_WARN, limit_s > _LONG_LATCH_S, f"a fault would act for too long: {usual_s:g} s is usual"),
+        )
 
 
 def random_poses_rad(limits: Limits) -> FloatArray:
@@ -91,20 +113,6 @@ def random_poses_rad(limits: Limits) -> FloatArray:
     """
     low, high = np.array(limits.position_min_rad), np.array(limits.position_max_rad)
     return np.random.default_rng(0).uniform(low, high, (POSES, len(low)))
-
-
-def _brake(robot_file: RobotFile, body: RigidBody, poses_rad: FloatArray) -> Finding:
-    """Check the brake's gain: with too much gain for its delay it shakes the arm (see `SafeState`)."""
-    lag_s = (1 + _AGE_TICKS) / robot_file.control_rate_hz
-    effective = [1.0 / np.diag(np.linalg.inv(body.mass_matrix(pose))) for pose in poses_rad]
-    most = np.min(effective, axis=0) / lag_s
-    damping = np.array(robot_file.safe_state.damping_nms_rad)
-    return graded(
-        "braking",
-        f"damping {_listed(damping)} N m s/rad, stable up to {_listed(most)}",
-        (_WARN, (damping > most).any(), "lower safe_state.damping_nms_rad, otherwise braking shakes the arm"),
-        (_WARN, (damping == 0).any(), "a joint without damping is not braked in a stop: give it some"),
-    )
 
 
 def _force(robot_file: RobotFile) -> Finding:
@@ -148,23 +156,6 @@ def _position(limits: Limits, body: RigidBody) -> Finding:
     )
     remedy = "the joint could hit its stop: narrow position_min_rad and position_max_rad"
     return fail("position limits", value, remedy)
-
-
-def _fault_duration(name: str, limits: Limits, tick_s: float) -> Finding:
-    """Check how long a faulty device is tolerated; within less than a tick it answers at most once."""
-    limit_s, usual_s = float(getattr(limits, name)), float(Limits.model_fields[name].default)
-    value = f"{1e3 * limit_s:g} ms"
-    too_short = limit_s < tick_s * (1.0 - 1e-9)
-    if too_short:
-        value += f", less than a tick of {1e3 * tick_s:g} ms, too short to detect anything"
-    late = f"the guard would come too late: lower it to {usual_s:g} s, or leave it out"
-    return graded(
-        name,
-        value,
-        (_FAIL, too_short, f"raise it to several ticks: {max(usual_s, 5 * tick_s):g} s"),
-        (_FAIL, limit_s > _NO_LATCH_S, late),
-        (_WARN, limit_s > _LONG_LATCH_S, f"a fault would act for too long: {usual_s:g} s is usual"),
-    )
 
 
 def _exceeds_any(limits: FloatArray, most: FloatArray) -> bool:

@@ -10,7 +10,6 @@ import yaml
 
 from palpate.common.files import write_text
 from palpate.estimation.channel import ChannelKind
-from palpate.estimation.effect import Parameter
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate import ParameterEstimate, rounded, with_unit
 from palpate.estimation.fit.fit_result import FitResult
@@ -97,20 +96,15 @@ class FittedJoint:
         }
         for name, parameter in self.fit.parameters.items():
             effect, _, own = name.partition(".")
-            gain = self.servo_gain_nm_rad
-            in_file = parameter if gain is None else _as_torque(parameter, units[name], gain)
-            effects.setdefault(effect, {})[own] = in_file
+            if (gain := self.servo_gain_nm_rad) is not None:  # from units of the goal error to N m and kg m^2
+                stated = units[name]
+                parameter = replace(parameter, unit=stated.unit_of(ChannelKind.REVOLUTE))  # noqa: PLW2901
+                if "{effort}" in stated.unit or "{inertia}" in stated.unit:
+                    low, high = (gain * end for end in parameter.interval)
+                    value, std_err = gain * parameter.value, gain * parameter.std_err
+                    parameter = replace(parameter, value=value, std_err=std_err, interval=(low, high))  # noqa: PLW2901
+            effects.setdefault(effect, {})[own] = parameter
         return effects
-
-
-def _as_torque(fitted: ParameterEstimate, parameter: Parameter, gain_nm_rad: float) -> ParameterEstimate:
-    """Convert a parameter in units of the goal error to N m and kg m^2."""
-    unit = parameter.unit_of(ChannelKind.REVOLUTE)
-    if "{effort}" not in parameter.unit and "{inertia}" not in parameter.unit:
-        return replace(fitted, unit=unit)
-    low, high = (gain_nm_rad * end for end in fitted.interval)
-    value, std_err = gain_nm_rad * fitted.value, gain_nm_rad * fitted.std_err
-    return replace(fitted, unit=unit, value=value, std_err=std_err, interval=(low, high))
 
 
 @dataclass(frozen=True)

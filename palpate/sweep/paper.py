@@ -89,7 +89,14 @@ def transition_section(ticks: Sequence[Row]) -> ReportSection:
     Args:
         ticks: rows of one probing.
     """
-    calm, hard = (_torque_at_touch_nm(ticks, run) for run in (1, 0))
+    torques = []  # of joint 1: before the touch, minimum within 5 ms after it, and next maximum
+    for run in (1, 0):
+        own = [row for row in ticks if row["run"] == run]
+        touch = next(i for i, row in enumerate(own) if row["phase"] == Phase.LOADING)
+        torque = column(own, "torque_commanded_1_nm")[touch - 3 : touch + 20]
+        lowest = int(np.argmin(torque[:8]))
+        torques.append((float(torque[0]), float(torque[lowest]), float(torque[lowest:].max())))
+    calm, hard = torques
     words = (
         "Reference position and speed are continuous when free motion changes to contact, so the change of "
         "controller causes no peak. The peak comes from the object: the damper force c·v begins when the tip "
@@ -102,15 +109,6 @@ def transition_section(ticks: Sequence[Row]) -> ReportSection:
     return ReportSection(
         "Figure 3b: torque through the transition to contact", figures.transition(ticks), words
     )
-
-
-def _torque_at_touch_nm(ticks: Sequence[Row], run: int) -> tuple[float, float, float]:
-    """Return joint 1's torque before the touch, its minimum within 5 ms after, and its next maximum."""
-    own = [row for row in ticks if row["run"] == run]
-    touch = next(i for i, row in enumerate(own) if row["phase"] == Phase.LOADING)
-    torque = column(own, "torque_commanded_1_nm")[touch - 3 : touch + 20]
-    lowest = int(np.argmin(torque[:8]))
-    return float(torque[0]), float(torque[lowest]), float(torque[lowest:].max())
 
 
 def force_section(ticks: Sequence[Row], grid: Sequence[Row]) -> ReportSection:

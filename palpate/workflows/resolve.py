@@ -165,6 +165,16 @@ def resolve(  # noqa: PLR0917
                     end = StopReason.SIMPLEST
                 diagnosis = diagnosis.model_copy(update={"channels": judged})
         write_text(output_folder(folder / "study") / RESULT, json_text(study.diagnosis_data(diagnosis)))
+        explanations = []
+        for item in judged:
+            if item.verdict is Verdict.INSUFFICIENT:
+                explanations.append(f"{item.channel} cannot be judged ({item.reason})")
+            elif item.verdict is not Verdict.ADEQUATE:
+                names = " and ".join(" or ".join([e.effect, *e.confused_with]) for e in item.accepted)
+                signals = ", ".join(item.depends_on) or "no signal"
+                rest = "" if item.complete else f"something that depends on {signals}"
+                explanations.append(f"{item.channel} shows {' and '.join(filter(None, (names, rest)))}")
+        what = "; ".join(explanations) or "nothing is missing"
         then = _ENDS[end or StopReason.SEPARATED]
         if following is not None:
             then = f"next, to {following.proposal.purpose}: {following.reason}"
@@ -179,7 +189,7 @@ def resolve(  # noqa: PLR0917
             },
             end=end,
             next=following.proposal.instruction if following else "",
-            sentence=f"after {count(number + 1, 'probe')}: {_explanations(judged)}; {then}",
+            sentence=f"after {count(number + 1, 'probe')}: {what}; {then}",
         )
         decisions.append(decision)
         with (folder / DECISIONS).open("a", encoding="utf-8") as log:
@@ -188,19 +198,6 @@ def resolve(  # noqa: PLR0917
         if following is None:
             return ResolveResult(folder, tuple(decisions), tuple(judged))
         job = replace(job, plan=following.plan)
-
-
-def _explanations(diagnoses: Sequence[ChannelDiagnosis]) -> str:
-    explanations = []
-    for item in diagnoses:
-        if item.verdict is Verdict.INSUFFICIENT:
-            explanations.append(f"{item.channel} cannot be judged ({item.reason})")
-        elif item.verdict is not Verdict.ADEQUATE:
-            names = " and ".join(" or ".join([e.effect, *e.confused_with]) for e in item.accepted)
-            signals = ", ".join(item.depends_on) or "no signal"
-            rest = "" if item.complete else f"something that depends on {signals}"
-            explanations.append(f"{item.channel} shows {' and '.join(filter(None, (names, rest)))}")
-    return "; ".join(explanations) or "nothing is missing"
 
 
 def _decide(

@@ -30,7 +30,13 @@ def measure(files: Sequence[Path], parameters: Mapping[str, Any]) -> list[Row]:
     """
     options, study = parameters["options"], _study_of(files, parameters)
     if options.get("suggest"):
-        return [_suggestion(study, channel) for channel in study.channels]
+        suggested = []  # base models that fit far better than the usual one
+        for channel in study.channels:
+            better = None
+            with suppress(InputError):
+                better = far_better_model(study, channel, study.comparison(channel))
+            suggested.append({"channel": channel.name, "suggested": better[0] if better else ""})
+        return suggested
     if "screen" in options:
         return _gains(study, options["screen"])
     diagnosed: dict[str, ChannelDiagnosis] = {}
@@ -135,15 +141,6 @@ def _gains(study: Study, screen: Mapping[str, Any]) -> list[Row]:
             row = {"channel": channel.name, "candidate": candidate.effect.name}
             rows.append(row | {"gain": gain if candidate.possible else min(gain, 0.0)})
     return rows or [{"channel": ""}]
-
-
-def _suggestion(study: Study, channel: StudyChannel) -> Row:
-    """Name the base model that fits far better than the usual one; empty if there is none."""
-    try:
-        better = far_better_model(study, channel, study.comparison(channel))
-    except InputError:
-        better = None
-    return {"channel": channel.name, "suggested": better[0] if better else ""}
 
 
 def write_measurement_report(files: Sequence[Path], parameters: Mapping[str, Any], path: Path) -> None:

@@ -55,7 +55,23 @@ def record_session(scene: Scene, path: Path) -> None:
         log_moving_arm(recording, scene.name, scene.urdf, scene.time_s[rows], position_rad)
         log_object(recording, scene)
         _log_signals(recording, scene)
-        _log_estimates(recording, scene)
+        # Log online estimates as curves, and offline estimates with intervals and the truth as levels.
+        ends = scene.time_s[[0, -1]]
+        for entity, (name, column, _) in _PARAMETERS.items():
+            online = {"online": (scene.ticks[column], palette.MEASURED, 4.0)}
+            send_lines(recording, f"{entity}/online", scene.time_s, online)
+            estimate = scene.estimate_of(name)
+            if estimate is not None:
+                low, high = estimate.interval
+                lines = {
+                    "afterwards": (np.full(2, estimate.value), palette.NOISE, 2.0),
+                    "95 % from": (np.full(2, low), palette.BAND, 1.0),
+                    "95 % to": (np.full(2, high), palette.BAND, 1.0),
+                }
+                send_lines(recording, f"{entity}/afterwards", ends, lines)
+            if name in scene.truth:
+                truth = {"truth": (np.full(2, scene.truth[name]), palette.TRUTH, 1.0)}
+                send_lines(recording, f"{entity}/truth", ends, truth)
         if scene.summary:
             recording.log(_SUMMARY, markdown(scene.summary), static=True)
         levels = dict.fromkeys(_TROUBLE, rr.TextLogLevel.WARN) | {"trip": rr.TextLogLevel.ERROR}
@@ -146,26 +162,6 @@ def _log_signals(recording: rr.RecordingStream, scene: Scene) -> None:
     if "lateness_s" in scene.ticks:
         late = {"lateness": (_TO_MICRO * scene.ticks["lateness_s"], palette.TRUTH, 1.0)}
         send_lines(recording, f"{_TIMING}/lateness", scene.time_s, late)
-
-
-def _log_estimates(recording: rr.RecordingStream, scene: Scene) -> None:
-    """Log online estimates as curves, and offline estimates with intervals and the truth as levels."""
-    ends = scene.time_s[[0, -1]]
-    for entity, (name, column, _) in _PARAMETERS.items():
-        online = {"online": (scene.ticks[column], palette.MEASURED, 4.0)}
-        send_lines(recording, f"{entity}/online", scene.time_s, online)
-        estimate = scene.estimate_of(name)
-        if estimate is not None:
-            low, high = estimate.interval
-            lines = {
-                "afterwards": (np.full(2, estimate.value), palette.NOISE, 2.0),
-                "95 % from": (np.full(2, low), palette.BAND, 1.0),
-                "95 % to": (np.full(2, high), palette.BAND, 1.0),
-            }
-            send_lines(recording, f"{entity}/afterwards", ends, lines)
-        if name in scene.truth:
-            truth = {"truth": (np.full(2, scene.truth[name]), palette.TRUTH, 1.0)}
-            send_lines(recording, f"{entity}/truth", ends, truth)
 
 
 def _blueprint(scene: Scene) -> rrb.Blueprint:
