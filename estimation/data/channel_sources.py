@@ -16,18 +16,31 @@ from palpate.estimation.data.column_names import (
     TIME,
     Key,
     guess_columns,
+    is_angle,
     quantity_in,
     unit_in_name,
+    words_of,
 )
 from palpate.estimation.data.column_units import ColumnUnits
 from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.join_columns import completing_file
+from palpate.estimation.data.table import Table
 from palpate.estimation.data.text_dialect import NAMELESS
 from palpate.estimation.data.units import dimension_of
+from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.errors import InputError
 
 # Quantities of columns that cannot be an effort.
 _NO_EFFORT = {"time", "position", "velocity", "acceleration", "run", "phase", "goal", "none"}
+# Words for numbers of rows, which are neither a motion nor an effort.
+_COUNTERS = frozenset("index idx sample samples counter number no id row step".split())  # noqa: SIM905
+# Words for the command of a drive, which may stand for its torque or force.
+_DRIVE = frozenset("u pwm duty voltage volt volts input dac pct percent".split())  # noqa: SIM905
+_MIN_CLOCK_STEP = 1e-5  # least step of a clock [s]; that of a spreadsheet's day number is smaller
+_SAME_CLOCK = 1.0 - 1e-6  # least correlation of two columns that hold the same clock
+_MIN_COLUMNS = 3  # least number of columns of which one may be a clock
+_MIN_CHANGING = 0.2  # least share of steps in which a coarse clock changes
 _RISING = 0.9  # least share of steps by which a clock increases, which may restart in each run
 _SHOWN_CELLS = 12  # cells of a row that an error message shows
 
@@ -87,6 +100,17 @@ def channel_sources(columns: ColumnAssignment) -> list[ChannelSource]:
     if NAMELESS in table.notes:
         cells = list_first([table.labels(name)[0][0] for name in table.names], _SHOWN_CELLS)
         first_row = f" (the file names none; its first row is {cells})"
+    if (path := completing_file(table)) is not None:
+        files = f"{shlex.quote(str(table.path))} {shlex.quote(str(path))}"
+        raise InputError(
+            f"{table.path}: holds only a part of a measurement ({table.listed_names}); {path.name} has the same "
+            f"number of rows and completes it; give both, as in palpate import {files}"
+        )
+    if len(table.names) == 1:
+        raise InputError(
+            f"{table.path}: holds only one column, '{table.names[0]}'; a measurement needs at least three: "
+            "time, motion and effort; if other files hold them, give all these files"
+        )
     reason = f"no channel can be made of columns {table.listed_names}{first_row}"
     raise InputError(f"{table.path}: {reason}; {_suggest_columns(columns)}")
 
@@ -158,28 +182,41 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         for name in table.names
         if table.varies(name)
     )
+    numbers = [n for n in table.names if table.varies(n) and _COUNTERS.isdisjoint(words_of(n))]
+    free = [name for name in numbers if name not in columns.used and quantity_by_name[name] not in _NO_EFFORT]
+    angle = next((n for n in numbers if quantity_by_name[n] == "position" and is_angle(n)), None)
     if not has_effort and NAMELESS not in table.notes:
+        missing = f"by names and units, no column seems to hold a force or torque; {needed}"
+        if drive := next((name for name in free if _is_drive(name)), ""):
+            moving = [n for q in ("position", "velocity") for n in numbers if quantity_by_name[n] == q]
+            motion = quantity_by_name[moving[0]] if moving else "position"
+            is_linear = bool(moving) and (dimension_of(unit_in_name(moving[0])) or "").startswith("length")
+            effort, unit = ("force", "N") if is_linear else ("torque", "Nm")
+            return (
+                f"{missing}; if '{drive}' is the command of a drive, it can stand for one: "
+                f"--column {motion}={shlex.quote(moving[0]) if moving else 'COLUMN'} "
+                f"--column {effort}={shlex.quote(drive)} --unit {effort}=1{unit}"
+            )
+        column = shlex.quote(free[0]) if len(free) == 1 else "COLUMN"
         return (
-            f"by names and units, no column seems to hold a force or torque; {needed}; if a column holds "
-            "one, add --column force_N=COLUMN or --column torque_Nm=COLUMN"
+            f"{missing}; if a column holds one, add --column force_N={column} or --column torque_Nm={column}"
         )
     joints = [g.joint for g in guesses.values() if g.quantity == "position" and g.joint is not None]
     torque = columns.assigned.get(("torque", 0))
     if torque is not None and joints:
         return f"{needed}; state the joint, as in --column torque_{joints[0]}={shlex.quote(torque.column)}"
-    numbers = [name for name in table.names if table.varies(name)]
-    free = [name for name in numbers if name not in columns.used and quantity_by_name[name] not in _NO_EFFORT]
-    angle = next((name for name in numbers if quantity_by_name[name] == "position"), None)
-    if angle is not None and free and dimension_of(unit_in_name(angle)) == "angle":
-        effort = next((name for name in free if quantity_by_name[name] in EFFORTS), free[0])
-        return f"{needed}; name the columns, as in --column torque={shlex.quote(effort)} --unit torque=1Nm"
-    options = []
+    if angle is not None and (others := [name for name in free if name != angle]):
+        effort = next((n for n in others if quantity_by_name[n] in EFFORTS), others[0])
+        position = f"--column position={shlex.quote(angle)} --unit position=deg"
+        options = [] if unit_in_name(angle) else [position]
+        options.append(f"--column torque={shlex.quote(effort)} --unit torque=1Nm")
+        return f"{needed}; name the columns, as in {' '.join(options)}"
+    options = list[str]()
     if TIME not in columns:
-        rising = (name for name in free if np.mean(np.diff(table.numbers(name)) > 0.0) > _RISING)
-        clock = next((name for name in numbers if quantity_by_name[name] == "time"), "")
-        clock = clock or (next(rising, "") if NAMELESS in table.notes and len(free) > 2 else "")
-        options += [f"--column time={shlex.quote(clock)}"] if clock else []
-        free = [name for name in free if name != clock]
+        named_clock = next((name for name in numbers if quantity_by_name[name] == "time"), "")
+        clocks = [named_clock] if named_clock else _clocks(table, free)
+        options += [f"--column time={shlex.quote(clocks[0])}"] if clocks else []
+        free = [name for name in free if name not in clocks]
     # Of columns with uninformative names, the smoothest one is suggested as the displacement.
     free.sort(key=lambda name: np.abs(np.diff(table.numbers(name))).sum() / np.ptp(table.numbers(name)))
     for quantity, unit, last in (("displacement", "mm", 0), ("force", "N", -1)):
@@ -196,3 +233,29 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         options.append(f"--column {quantity}={shlex.quote(column)}")
         options += [] if fitting else [f"--unit {quantity}={unit}"]
     return f"{needed}; name the columns, as in {' '.join(options)}"
+
+
+def _is_drive(name: str) -> bool:
+    """Return whether a column may hold the command of a drive, such as a voltage or a duty cycle."""
+    return dimension_of(unit_in_name(name)) == "voltage" or not _DRIVE.isdisjoint(words_of(name))
+
+
+def _clocks(table: Table, free: list[str]) -> list[str]:
+    """Return the columns without names that rise as a clock does, the likeliest first; copies follow it."""
+    if NAMELESS not in table.notes or len(table.names) < _MIN_COLUMNS or not free:
+        return []
+    steps = {name: np.diff(table.numbers(name)) for name in free}
+    rising = [name for name in free if np.mean(steps[name] > 0.0) > _RISING]
+    first = free[0]
+    if first not in rising and (steps[first] >= 0.0).all() and np.mean(steps[first] > 0.0) > _MIN_CHANGING:
+        rising.insert(0, first)
+    if not rising:
+        return []
+    clock = next((name for name in rising if np.median(steps[name]) >= _MIN_CLOCK_STEP), rising[0])
+    times = table.numbers(clock)
+    copies = [
+        name
+        for name in rising
+        if name != clock and correlation_coefficient(times, table.numbers(name)) > _SAME_CLOCK
+    ]
+    return [clock, *copies]

@@ -48,6 +48,7 @@ _RUN_AFTER_UNIT = re.compile(  # as in "Force (N) Run #1"
 )
 _DOTTED_UNIT = re.compile(r"(.*\w)\.{1,2}([^\W\d_][\w.]*)\.")  # brackets as R writes them: "force..N."
 _JOINED_UNIT = re.compile(r"([A-Za-z]*[a-z])(?:\.|(?=[A-Z]))([A-Za-z]+)")  # "ForceN", "Load.N"
+_CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _UNIT_AFTER_SIGN = re.compile(r"\s*(?:/|,|:|\||\bin\b)\s*([^\s/,:|]+)\s*$")
 
 
@@ -191,6 +192,16 @@ def unit_in_name(name: str) -> str:
     return split_unit(name)[1]
 
 
+def is_angle(name: str) -> bool:
+    """Return whether a column holds an angle, by the unit in its name or else by a word.
+
+    Args:
+        name: name of a column.
+    """
+    unit = unit_in_name(name)
+    return dimension_of(unit) == "angle" or (not unit and not _ANGLES.isdisjoint(words_of(name)))
+
+
 def si_unit(dimension: str) -> str:
     """Return the SI unit of a dimension, as it is spelled in column names.
 
@@ -201,9 +212,10 @@ def si_unit(dimension: str) -> str:
 
 
 _COUNTS = frozenset(["counts", "count", "ticks", "raw", "adc", "lsb"])  # numbers without a known unit
+_ANGLES = frozenset("angle angles theta winkel angulo angolo encoder encoders enc".split())  # noqa: SIM905
 _ENCODER = frozenset(["encoder", "encoders", "enc"])
 _UNINFORMATIVE = frozenset(
-    ["actual", "measured", "feedback", "present", "ist", "joint", "joints", "state", "states", "j"]
+    "actual act measured feedback present ist joint joints state states j value values".split()  # noqa: SIM905
 )
 _NOT_MEASURED = frozenset(
     [
@@ -232,10 +244,11 @@ _REPEATED_NAME = re.compile(r"(.+) \((\d+)\)")  # a repeated name
 _UNNAMED = re.compile(r"column \d+")
 _MOTION_OR_TORQUE = ("position", "velocity", "torque")  # quantities that a file may have for each joint
 _RADIANS = {"position": "rad", "velocity": "rad_s"}
-_INTERFACES = (  # names whose units are specified: ROS (REP 103), RTDE, libfranka, Arduino
+_INTERFACES = (  # names whose units are specified: ROS (REP 103), RTDE, libfranka, Arduino, rpm
     (re.compile(r"joint_states\W"), _RADIANS | {"torque": "Nm"}),
     (re.compile(r"^actual_(q|qd|current)_\d$"), _RADIANS | {"torque": "A"}),
     (re.compile(r"^(q|dq|tau_J)\[\d\]$"), _RADIANS | {"torque": "Nm"}),
+    (re.compile(r"^(.*[_ .])?rpm([_ .]?\d)?$", re.IGNORECASE), {"velocity": "rpm"}),
     (re.compile(r"^millis(\(\))?$"), {"time": "ms"}),
     (re.compile(r"^micros(\(\))?$"), {"time": "us"}),
 )
@@ -260,8 +273,9 @@ class RoleGuess:
 
     @property
     def fit(self) -> tuple[bool, int, bool]:
-        """Sort key for columns of one quantity: units that represent an effort come last."""
-        return dimension_of(self.unit) not in PROXIES, self.rank, bool(self.unit)
+        """Sort key for columns of one quantity: those that represent an effort come last."""
+        is_current = not self.unit and not CURRENT.isdisjoint(words_of(self.column))
+        return dimension_of(self.unit) not in PROXIES and not is_current, self.rank, bool(self.unit)
 
 
 def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[RoleGuess]:
@@ -275,9 +289,12 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
     units = {name: normalize_unit(name.strip("[]() ")) for name in names if not is_unnamed(name)}
     units_only = sum(map(bool, map(dimension_of, units.values()))) >= max(2.0, 0.6 * len(units))
 
-    def guess_alone(name: str) -> RoleGuess:
+    def is_repeated(name: str) -> bool:
         repeated = _REPEATED_NAME.fullmatch(name)
-        if repeated and repeated[1] in names:
+        return repeated is not None and repeated[1] in names
+
+    def guess_alone(name: str) -> RoleGuess:
+        if is_repeated(name):
             return RoleGuess(name, "")
         if name in clocks:
             return replace(guess_column(f"{split_unit(name)[0]} [s]"), column=name)
@@ -322,14 +339,22 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
             )
         else:
             paired.append(guess)
+    if keys_of_channels({guess.key for guess in paired if guess.quantity}):
+        return paired
+    # Otherwise any word of a name is used, such as "Pos" in "motorPosRaw" and "force" in "ForceArray b".
+    known = {guess.quantity for guess in paired}
+    for place, guess in enumerate(paired):
+        by_word = guess_column(guess.column, anywhere=True)
+        if not guess.quantity and by_word.quantity not in known and not is_repeated(guess.column):
+            paired[place] = by_word
     return paired
 
 
 def _guess_tension_test(guess: RoleGuess) -> RoleGuess:
     """Read a strain as a displacement and a stress as a force; the guess is unchanged for other columns."""
     stem, unit = split_unit(guess.column)
-    words = re.findall(r"[^\W\d_]+", plain(stem))
-    word = next((word for word in _TENSION_TEST if words[-1:] == [word]), None)
+    words = words_of(stem)
+    word = next((word for word in _TENSION_TEST if {word} == _NOT_MEASURED.intersection(words)), None)
     if word is None:
         return guess
     quantity, usual_unit = _TENSION_TEST[word]
@@ -367,6 +392,15 @@ def keys_of_channels(available: Collection[Key]) -> list[Key]:
     return [TIME, *keys] if keys else []
 
 
+def words_of(name: str) -> list[str]:
+    """Return the words of a name in the spelling of `WORDS`: "Motor_torque 2" and "motorTorque" have two.
+
+    Args:
+        name: name of a column.
+    """
+    return re.findall(r"[^\W\d_]+", plain(_CAMEL.sub(" ", without_accents(name))))
+
+
 def quantity_in(name: str, *, last: bool = False) -> str:
     """Return the quantity that a word in a name means, regardless of the unit; "none" for unmeasured signals.
 
@@ -374,7 +408,7 @@ def quantity_in(name: str, *, last: bool = False) -> str:
         name: name of a column.
         last: consider only the last word, which must have at least three letters, as in "log:timestamp".
     """
-    words = re.findall(r"[^\W\d_]+", plain(name))
+    words = words_of(name)
     if _NOT_MEASURED & set(words):
         return "none"
     words = words[-1:] if last else words
@@ -382,15 +416,20 @@ def quantity_in(name: str, *, last: bool = False) -> str:
     return next((quantity for quantity, known in _KNOWN if known & long), "")
 
 
-def guess_column(name: str) -> RoleGuess:
-    """Guess the quantity of a column from its name alone."""
+def guess_column(name: str, *, anywhere: bool = False) -> RoleGuess:
+    """Guess the quantity of a column from its name alone.
+
+    Args:
+        name: name of the column.
+        anywhere: without a unit, use a word anywhere in the name, not only the last one.
+    """
     if (match := _NAME.fullmatch(name.strip())) and (role := parse_role(name)):
         rank, joint = OWN_NAME if role.unit else _BY_NAME, int(match[2]) if match[2] else None
         return RoleGuess(name, role.quantity, joint, role.unit, rank, "by its name")
     if plain(name.strip()) in WORDS[RUN]:
         return RoleGuess(name, RUN, why="by its name")
     stem, unit = split_unit(name)
-    stem = _ARTICLE.sub(r"\1 ", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", without_accents(stem)))
+    stem = _ARTICLE.sub(r"\1 ", _CAMEL.sub(" ", without_accents(stem)))
     words = re.findall(r"[^\W\d_]+|\d+", stem)
     numbers = [int(word) for word in words if word.isdecimal() and len(word) < 4]
     letters = [plain(word) for word in words if not word.isdecimal()]
@@ -404,7 +443,7 @@ def guess_column(name: str) -> RoleGuess:
     letters = [word for word in letters if word not in _UNINFORMATIVE | _COUNTS]
     if not WORDS["torque"].isdisjoint(letters):
         unit = read_as(unit, QUANTITIES["torque"])
-    quantity, rank = _match_words("".join(letters), letters, unit) if letters else ("", 0)
+    quantity, rank = _match_words("".join(letters), letters, unit, anywhere=anywhere) if letters else ("", 0)
     rank = min(rank, _BY_WORD) if is_count else rank
     if not quantity:
         return RoleGuess(name, "")
@@ -418,7 +457,7 @@ def guess_column(name: str) -> RoleGuess:
     return RoleGuess(name, quantity, joint, unit or specified, rank, why, joint_name)
 
 
-def _match_words(whole: str, words: Sequence[str], unit: str) -> tuple[str, int]:
+def _match_words(whole: str, words: Sequence[str], unit: str, *, anywhere: bool) -> tuple[str, int]:
     """Return quantity and rank: by the whole name, by a word with a matching unit, or by the unit."""
     dimension = dimension_of(unit)
     long = [word for word in words if len(word) > 2]
@@ -432,6 +471,8 @@ def _match_words(whole: str, words: Sequence[str], unit: str) -> tuple[str, int]
     is_specific = dimension not in {"voltage", "pressure", "strain"}  # these may belong to any quantity
     by_unit = next((quantity for quantity in QUANTITIES if is_specific and _fits(quantity, unit)), "")
     by_pair = next((quantity for quantity in _MOTION_OR_TORQUE if words[-1] in WORDS[quantity]), "")
+    if anywhere and not by_pair and dimension is None:
+        by_pair = next((quantity for quantity, known in _KNOWN if not known.isdisjoint(long)), "")
     return (by_unit, _BY_UNIT) if by_unit else (by_pair, _BY_PAIR)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from palpate.estimation.data.column_names import (
     DISPLACEMENT,
+    FORCE,
     POSITION,
     PROXIES,
     QUANTITIES,
@@ -16,13 +17,16 @@ from palpate.estimation.data.column_names import (
     Role,
     guess_column,
     holds_counts,
+    is_angle,
     role_of_option,
     si_unit,
     split_unit,
     unit_in_name,
     unknown_unit,
+    words_of,
 )
 from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.quantity_words import CURRENT
 from palpate.estimation.data.table import Table
 from palpate.estimation.data.table_layout import clocks_of
 from palpate.estimation.data.units import (
@@ -44,6 +48,8 @@ _MAX_RANGE = {  # largest plausible range in SI, and the likely unit of a larger
     "position": (4.0 * np.pi, "deg"),
     "goal": (4.0 * np.pi, "deg"),
 }
+_LARGE_UNITS = tuple(unit for _, unit in _MAX_RANGE.values())
+_MAX_CURRENT_A = 200.0  # largest plausible range of a current in A; a larger one is in mA
 _COUNT_OF_ENCODER = "0.00153rad"  # one of 4096 counts per turn, an example
 
 
@@ -98,7 +104,9 @@ class ColumnUnits:
         """Return the unit from --unit, the column's name or the role, in this order; empty if unknown."""
         named_unit = read_as(self._named_unit(column), QUANTITIES[role.quantity])
         fits = dimension_of(named_unit) in QUANTITIES[role.quantity]
-        return self._user_unit(role, column) or (named_unit if fits else "") or role.unit
+        guess = guess_column(column)  # knows names whose unit is specified, such as "rpm" and "millis"
+        specified = guess.unit if guess.quantity == role.quantity else ""
+        return self._user_unit(role, column) or (named_unit if fits else "") or role.unit or specified
 
     def is_scaled_by_user(self, role: Role, column: str) -> bool:
         """Return whether --unit has a number before the unit, which also fixes the sign."""
@@ -167,14 +175,29 @@ class ColumnUnits:
             columns = ", ".join(f"'{column}'" for column, _ in missing)
             unknown = next(filter(None, (unknown_unit(column) for column, _ in missing)), "")
             known = f" that is known ('{unknown}' is not)" if unknown else ""
-            options = " ".join(dict.fromkeys(unit for _, unit in missing))
+            by_quantity = {option.partition("=")[0]: option for _, option in missing}
+            by_quantity |= {o.partition("=")[0]: o for _, o in missing if o.endswith(_LARGE_UNITS)}
+            options = " ".join(by_quantity.values())
             options += ", the value of one count" * any(holds_counts(column) for column, _ in missing)
             if len(missing) == 1:
                 problem = f"column {columns} states no unit{known}; give it, as in {options}"
             else:
                 unit = known.replace("is", "are", 1) if known else ""
                 problem = f"columns {columns} state no units{unit}; give them, as in {options}"
-            raise InputError(f"{self.table.path}: {problem}")
+            raise InputError(f"{self.table.path}: {problem}{self._joint_instead(chosen)}")
+
+    def _joint_instead(self, chosen: Chosen) -> str:
+        """Return the options for a joint, if a position and a force without units may also belong to one."""
+        if {POSITION, FORCE} <= set(chosen) and not any(
+            self.unit_of(*chosen[key]) for key in (POSITION, FORCE)
+        ):
+            position, force = (shlex.quote(chosen[key][1]) for key in (POSITION, FORCE))
+            unit = self._likely_unit(*chosen[POSITION])
+            return (
+                f"; if they belong to a revolute joint, add --column position={position} --column "
+                f"torque={force} --unit position={unit} --unit torque=Nm"
+            )
+        return ""
 
     def check_force_of_angle(self, chosen: Chosen) -> None:
         """Check that no joint has an angle and a force if there is no other channel.
@@ -232,8 +255,11 @@ class ColumnUnits:
         if role.quantity == "time":
             step = float(np.median(np.diff(values))) if len(values) > 1 else 0.0
             return likely_time_unit(step, span if step > 0.0 else np.inf)
-        quantity = "displacement" if linear and role.quantity == "position" else role.quantity
+        is_length = linear and role.quantity == "position" and not is_angle(column)
+        quantity = "displacement" if is_length else role.quantity
         largest, usual = _MAX_RANGE.get(quantity, (np.inf, ""))
+        if quantity == "torque" and not CURRENT.isdisjoint(words_of(column)):
+            return "A" if span < _MAX_CURRENT_A else "mA"
         si = "MPa" if "stress" in column.lower() else si_unit(QUANTITIES[quantity][0])
         if holds_counts(column):
             return _COUNT_OF_ENCODER if usual == "deg" else f"0.001{usual or si}"

@@ -1,20 +1,18 @@
 """Import several data files, each with one or more runs, as one measurement."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from palpate.estimation.channel import ChannelData
-from palpate.estimation.data.arrow import pa
-from palpate.estimation.data.column_names import is_unnamed
 from palpate.estimation.data.file_columns import is_bag, natural_key
 from palpate.estimation.data.import_file import ImportedData, import_table, with_arm
 from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.join_columns import joined_columns
 from palpate.estimation.data.table import ENDINGS, Table, read_table
 from palpate.robot_io.errors import InputError
 
@@ -67,21 +65,10 @@ def import_files(
     if twice := [path for number, path in enumerate(paths) if places[number] in places[:number]]:
         raise InputError(f"{twice[0]}: is given twice; its runs would count as repeated measurements")
     parts = []
-    for number, path in enumerate(paths):
+    for number, table in enumerate(read_tables(paths, options)):
         which = f"file {number + 1} of {len(paths)}" if len(paths) > 1 else "the file"
-        progress(f"reading {which}", number / len(paths))
-        table = read_table(path, options.table)
-        progress("deriving the motion", (number + 0.5) / len(paths))
-        try:
-            parts.append(import_table(table, options))
-        except InputError:
-            beside = None
-            if not parts and len(paths) > 1:
-                with suppress(InputError):  # the first file's fault is the one to report
-                    beside = joined_columns(table, (read_table(more) for more in paths[1:]))
-            if beside is None:
-                raise
-            return import_table(beside, options)
+        progress(f"deriving the motion of {which}", (number + 0.5) / len(paths))
+        parts.append(import_table(table, options))
     if len(parts) == 1:
         return parts[0]
     channels = []
@@ -112,27 +99,28 @@ def import_files(
     )
 
 
-def joined_columns(first: Table, further: Iterable[Table]) -> Table | None:
-    """Join tables side by side; None if they differ in their rows, or in a column that both have.
-
-    A column without a name is named after its file, such as `tau_3` for the third column of tau.csv.
+def read_tables(paths: Sequence[Path], options: ImportOptions) -> Iterator[Table]:
+    """Yield the table of each file, or one table if the first file makes no channel and all have its rows.
 
     Args:
-        first: table of the first file.
-        further: tables of the other files, read as long as they fit.
+        paths: paths of the files, at least one.
+        options: options for reading each file.
+
+    Raises:
+        InputError: a file cannot be read.
     """
-    columns, files = dict[str, Any](), list[str]()
-    for table in chain([first], further):
-        if len(table) != len(first) or table.decimal != first.decimal:
-            return None
-        stem = table.path.name.split(".")[0]
-        for number, name in enumerate(table.names, 1):
-            column, called = table.columns.column(name), f"{stem}_{number}" if is_unnamed(name) else name
-            if not columns.setdefault(called, column).equals(column):
-                return None
-        files.append(table.path.name)
-    word = f"{len(files)} files with the same rows are joined side by side: {', '.join(files)}"
-    return replace(first, path=first.path.parent, columns=pa.table(columns), notes=(word, *first.notes))
+    first = read_table(paths[0], options.table)
+    if len(paths) > 1:
+        try:
+            import_table(first, options)
+        except InputError:
+            with suppress(InputError):  # the first file's fault is the one to report
+                if beside := joined_columns(first, (read_table(more) for more in paths[1:])):
+                    yield beside
+                    return
+    yield first
+    for path in paths[1:]:
+        yield read_table(path, options.table)
 
 
 def joined_channels(parts: Sequence[ChannelData]) -> ChannelData:

@@ -45,8 +45,8 @@ _BY_QUANTITY = {
         시간
     """,
     "displacement": """
-        x z d depth disp displacement indentation deformation stroke extension compression travel distance
-        crosshead traverse deflection elongation
+        x z d depth disp displ displacement indentation deformation stroke extension compression travel
+        distance crosshead traverse deflection elongation
         weg standardweg traversenweg hub kolbenweg verformung verschiebung eindringtiefe längenänderung
         déplacement allongement enfoncement course
         desplazamiento extensión alargamiento carrera
@@ -74,7 +74,7 @@ _BY_QUANTITY = {
         하중
     """,
     "torque": """
-        iq tau torque torques effort efforts current currents
+        iq tau tor trq torque torques effort efforts cur current currents
         moment drehmoment strom motorstrom
         couple courant
         corriente
@@ -84,7 +84,7 @@ _BY_QUANTITY = {
         トルク 電流
     """,
     "position": """
-        q angle angles theta pos position positions encoder encoders enc
+        q ang angle angles theta pos position positions encoder encoders enc
         winkel
         posición ángulo
         posizione angolo posição
@@ -94,7 +94,7 @@ _BY_QUANTITY = {
         位置 角度
     """,
     "velocity": """
-        v vel dq qd velocity speed omega
+        v vel dq qd velocity speed omega rpm
         geschwindigkeit
         vitesse
         velocidad
@@ -113,7 +113,7 @@ WORDS: Mapping[str, frozenset[str]] = MappingProxyType(
 """Words for each quantity, spelled as by `plain`; words of three or more letters may be part of a name."""
 
 CURRENT = frozenset(
-    map(plain, "current currents i iq strom motorstrom courant corriente corrente 电流 電流".split())  # noqa: SIM905
+    map(plain, "cur current currents i iq strom motorstrom courant corriente corrente 电流 電流".split())  # noqa: SIM905
 )
 """Words for a motor's current, which may represent a torque."""
 

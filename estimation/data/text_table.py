@@ -20,7 +20,7 @@ from palpate.estimation.data.quantity_words import FOREIGN_WORDS
 from palpate.estimation.data.table_layout import matching_places, with_run
 from palpate.estimation.data.text_dialect import (
     BLANKS,
-    DELIMITERS,
+    NAMELESS,
     TableBlock,
     TextDialect,
     TextTable,
@@ -28,6 +28,7 @@ from palpate.estimation.data.text_dialect import (
     is_footer,
     is_number,
     line_cells,
+    numbered_names,
     preamble_notes,
     same_columns,
 )
@@ -37,6 +38,8 @@ from palpate.robot_io.types import IntArray
 _MAX_LINE_BYTES = 2**20 - 1  # bytes; the reader uses blocks of 1 MiB, each of which must contain a line end
 _MAX_COLUMNS = 20_000  # limits computing time, since each name is compared with all words for a quantity
 _SHOWN = 60  # characters of a rejected line that an error message shows
+_MIN_NUMBERS = 3  # least number of rows of a file with one column
+_ALIKE = 100  # first lines that decide on the decimal mark of a file with one column
 _SYSTEMATIC = 0.25  # least share of short rows that are intentional; fewer are damaged rows
 
 
@@ -53,6 +56,8 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     content, encoding = _read_text(path)
     content = _labels_as_header(content)
     dialect = find_dialect(content)
+    if dialect is None and (column := _only_column(content)) is not None:
+        return column
     if dialect is None:  # names may have quoted line breaks, as spreadsheets write them
         content = _NAMES_IN_QUOTES.sub(_one_line, content[:_LOOKED_AT]) + content[_LOOKED_AT:]
         dialect = find_dialect(content) or _raise_no_table(content, path)
@@ -281,19 +286,29 @@ def number_of(text: object) -> float:
         return math.nan
 
 
+def _only_column(content: bytes) -> FileColumns | None:
+    """Read lines with one number each, perhaps below a name; None for other text.
+
+    Such a column is a part of a measurement, whose other columns are in further files.
+    """
+    lines = [line.strip() for line in content.decode(errors="replace").splitlines()]
+    filled = [number for number, line in enumerate(lines) if line]
+    decimal = "," if any("," in lines[n] for n in filled[1:_ALIKE]) else "."
+    header = [] if is_number(lines[filled[0]], decimal) else [lines[filled.pop(0)]]
+    if len(filled) < _MIN_NUMBERS or not all(is_number(lines[number], decimal) for number in filled):
+        return None
+    name = header[0].strip('"') if header else numbered_names(1)[0]
+    column = pa.table({name: pa.array([lines[number] for number in filled])})
+    notes = () if header else (NAMELESS,)
+    return FileColumns(column, decimal, notes, rows=1 + np.array(filled), row_word="line")
+
+
 def _raise_no_table(content: bytes, path: Path) -> TextDialect:
     """Raise the error that explains why no table was found."""
     line, *rest = content.lstrip().splitlines()
     header = line.decode(errors="replace")
     if not any(rest):
         raise InputError(f"{path}: no rows of data")
-    cells = header.split(max(DELIMITERS, key=header.count))
-    below = (line.decode(errors="replace") for line in rest if line.strip())
-    if len(cells) == 1 and not any(math.isnan(number_of(cell)) for cell in below):
-        raise InputError(
-            f"{path}: holds only one column, {_excerpt(header)}; a measurement needs at least three: "
-            "time, motion and effort"
-        )
     first = next((line.decode(errors="replace") for line in rest if line.strip()), "")
     remedy = "write the names in one line, and numbers below each of them"
     if with_unit := _WITH_UNIT.search(first):

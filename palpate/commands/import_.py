@@ -19,9 +19,9 @@ from palpate.control.loop.task import Phase
 from palpate.estimation.data.channels import import_extra, import_streams
 from palpate.estimation.data.file_columns import is_session, list_first
 from palpate.estimation.data.import_file import ImportedData, import_table
-from palpate.estimation.data.import_files import data_files, import_files
+from palpate.estimation.data.import_files import data_files, import_files, read_tables
 from palpate.estimation.data.import_options import ImportOptions
-from palpate.estimation.data.table import Table, read_table
+from palpate.estimation.data.table import Table
 from palpate.estimation.data_quality import quality_warnings
 from palpate.estimation.signals.runwise import sample_time
 from palpate.render.palette import phase
@@ -74,12 +74,11 @@ def import_command(
             raise InputError("--look stores nothing: leave out --out")
         if as_json:
             facts = []
-            for file in tables:
-                table = read_table(file, options.options.table)
+            for table in read_tables(tables, options.options):
                 imported = import_table(table, options.options)
                 facts.append(
                     {
-                        "file": str(file),
+                        "file": str(table.path),
                         "rows": len(table),
                         "written": table.notes,
                         "columns": {name: imported.roles.get(name) for name in table.names},
@@ -90,8 +89,8 @@ def import_command(
             console.print_json({"files": facts})
             return
         roles = None
-        for file in tables:
-            roles = print_preview(file, options.options, roles)
+        for table in read_tables(tables, options.options):
+            roles = print_preview(table, options.options, roles)
         words = [*map(shell_path, files[:-1]), shell_options(files[-1], **options.given)]
         console.next_steps((" ".join(["palpate import", *words]), "store it as a session"))
         return
@@ -157,23 +156,21 @@ def channel_facts(imported: ImportedData) -> list[dict[str, Any]]:
 
 
 def print_preview(
-    path: Path, options: ImportOptions, like: Mapping[str, str] | None = None
+    table: Table, options: ImportOptions, like: Mapping[str, str] | None = None
 ) -> Mapping[str, str]:
     """Print what an import would read from a file; return the role of each column.
 
     Args:
-        path: the file.
+        table: the table of the file.
         options: options for reading the file.
         like: roles of the columns in the previous file; if they are equal, they are not printed again.
 
     Raises:
         InputError: it cannot be read; its columns are shown first if they could be read.
     """
-    table, out = read_table(path, options.table), console.stdout()
-    ways = "; ".join(table.notes)
-    out.print(
-        f"[bold]{display_path(path)}[/bold]: {count(len(table), 'row')}{'; ' + safe(ways) if ways else ''}"
-    )
+    out = console.stdout()
+    facts = "; ".join([count(len(table), "row"), *map(safe, table.notes)])
+    out.print(f"[bold]{display_path(table.path)}[/bold]: {facts}")
     try:
         imported = import_table(table, options)
     except InputError:
