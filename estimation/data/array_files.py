@@ -14,12 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.estimation.data.arrow import pa, pc
-from palpate.estimation.data.column_names import parse_role, split_unit
+from palpate.estimation.data.column_names import TIME, guess_columns, parse_role, split_unit
 from palpate.estimation.data.file_columns import FileColumns, check_size
+from palpate.estimation.data.table_layout import with_run
 from palpate.robot_io.errors import InputError
 
 _MAX_COMPRESSION = 50  # assumed compression ratio of a MATLAB file whose variables cannot be listed
 _MIN_CELL_BYTES = 4  # assumed least number of bytes per value
+_MIN_COLUMNS = 3  # least number of columns of a run: time, motion and effort
 _BATCH_ROWS = 256
 
 
@@ -92,7 +94,7 @@ def read_mat(path: Path) -> FileColumns:
     """Read the vectors of a MATLAB file and of its structs; only those of the most frequent length are kept.
 
     A matrix is split along its longer side into columns "name 1", "name 2" and so on. Cells with rows of
-    equal length are treated as a matrix.
+    equal length are treated as a matrix. Several structs with a clock and the same columns are runs.
 
     Args:
         path: path of the file.
@@ -112,6 +114,11 @@ def read_mat(path: Path) -> FileColumns:
         raise InputError(
             f"{path}: is a MATLAB file of version 7.3, which is not supported; save it with save(..., '-v7')"
         ) from error
+    if runs := _struct_runs(content):
+        (first, _), *_ = runs
+        note = f"{len(runs)} structs with the same fields, read as runs: {first} ..."
+        parts = [with_run(arrow_table(columns, path), label) for label, columns in runs]
+        return FileColumns(pa.concat_tables(parts, promote_options="permissive"), notes=(note,))
     vectors: dict[str, NDArray[Any]] = {}
     pending = [item for item in content.items() if isinstance(item[0], str) and not item[0].startswith("__")]
     while pending:
@@ -124,12 +131,7 @@ def read_mat(path: Path) -> FileColumns:
             cells = value.tolist() if value.ndim == 1 and value.dtype == object else []
             shapes = [*{np.shape(cell) for cell in cells}]
             array = np.array(cells) if len(shapes) == 1 and len(shapes[0]) == 1 else value
-            if array.dtype.kind not in "biuf":
-                continue
-            if array.ndim == 1 and len(array) > 1:
-                vectors[name] = array
-            elif array.ndim == 2 and array.shape[0] != array.shape[1]:
-                vectors |= matrix_columns(name, array if array.shape[0] > array.shape[1] else array.T)
+            vectors |= _vectors(name, array)
     if not vectors:
         raise InputError(
             f"{path}: holds no vectors; a measurement needs at least three: time, motion and effort"
@@ -137,6 +139,39 @@ def read_mat(path: Path) -> FileColumns:
     lengths = [len(vector) for vector in vectors.values()]
     length = max(lengths, key=lambda each: (lengths.count(each), each))
     return FileColumns(arrow_table({n: v for n, v in vectors.items() if len(v) == length}, path))
+
+
+def _vectors(name: str, array: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Return a vector, or the columns of a matrix along its longer side, by name; empty for other arrays."""
+    if array.dtype.kind in "biuf" and array.ndim == 1 and len(array) > 1:
+        return {name: array}
+    if array.dtype.kind in "biuf" and array.ndim == 2 and array.shape[0] != array.shape[1]:
+        return matrix_columns(name, array if array.shape[0] > array.shape[1] else array.T)
+    return {}
+
+
+def _struct_runs(content: Mapping[str, Any]) -> list[tuple[str, dict[str, NDArray[Any]]]]:
+    """Return the structs of a MATLAB file that are runs, with their labels; empty for fewer than two.
+
+    Runs have a clock, at least two other columns, and the same columns. They are cells, or fields of structs.
+    """
+    groups: dict[tuple[str, ...], list[tuple[str, dict[str, NDArray[Any]]]]] = {}
+    pending = [(str(name), value) for name, value in content.items() if not str(name).startswith("__")]
+    while pending:
+        label, value = pending.pop(0)
+        if isinstance(value, Mapping):
+            arrays = [(str(key), part) for key, part in value.items() if isinstance(part, np.ndarray)]
+            vectors = {name: v for key, part in arrays for name, v in _vectors(key, part).items()}
+            lengths = {len(vector) for vector in vectors.values()}
+            clocks = [guess for guess in guess_columns(list(vectors)) if guess.key == TIME]
+            if len(lengths) == 1 and clocks and len(vectors) >= _MIN_COLUMNS:
+                groups.setdefault(tuple(vectors), []).append((label, vectors))
+            pending += [(f"{label}.{key}", part) for key, part in value.items()]
+        elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
+            parts = value if isinstance(value, list) else value.ravel().tolist()
+            pending += [(f"{label} {number}", part) for number, part in enumerate(parts, 1)]
+    runs = max(groups.values(), key=len, default=[])
+    return runs if len(runs) > 1 else []
 
 
 def matrix_columns(name: str, matrix: NDArray[Any]) -> dict[str, NDArray[Any]]:

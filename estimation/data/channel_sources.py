@@ -37,6 +37,7 @@ _NO_EFFORT = {"time", "position", "velocity", "acceleration", "run", "phase", "g
 _COUNTERS = frozenset("index idx sample samples counter number no id row step".split())  # noqa: SIM905
 # Words for the command of a drive, which may stand for its torque or force.
 _DRIVE = frozenset("u pwm duty voltage volt volts input dac pct percent".split())  # noqa: SIM905
+_OUTPUT = frozenset({"y", "out", "output"})  # words for the output of a drive
 _MIN_CLOCK_STEP = 1e-5  # least step of a clock [s]; that of a spreadsheet's day number is smaller
 _SAME_CLOCK = 1.0 - 1e-6  # least correlation of two columns that hold the same clock
 _MIN_COLUMNS = 3  # least number of columns of which one may be a clock
@@ -103,8 +104,8 @@ def channel_sources(columns: ColumnAssignment) -> list[ChannelSource]:
     if (path := completing_file(table)) is not None:
         files = f"{shlex.quote(str(table.path))} {shlex.quote(str(path))}"
         raise InputError(
-            f"{table.path}: holds only a part of a measurement ({table.listed_names}); {path.name} has the same "
-            f"number of rows and completes it; give both, as in palpate import {files}"
+            f"{table.path}: holds only a part of a measurement ({table.listed_names}); {path.name} has "
+            f"the same number of rows and completes it; give both, as in palpate import {files}"
         )
     if len(table.names) == 1:
         raise InputError(
@@ -185,11 +186,15 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
     numbers = [n for n in table.names if table.varies(n) and _COUNTERS.isdisjoint(words_of(n))]
     free = [name for name in numbers if name not in columns.used and quantity_by_name[name] not in _NO_EFFORT]
     angle = next((n for n in numbers if quantity_by_name[n] == "position" and is_angle(n)), None)
-    if not has_effort and NAMELESS not in table.notes:
+    # The columns of a matrix in a MATLAB file, "data 1" ..., have no names either.
+    stems = {name.rstrip("0123456789") for name in table.names}
+    is_nameless = NAMELESS in table.notes or (len(stems) == 1 and not any(quantity_by_name.values()))
+    if not has_effort and not is_nameless:
         missing = f"by names and units, no column seems to hold a force or torque; {needed}"
         if drive := next((name for name in free if _is_drive(name)), ""):
             moving = [n for q in ("position", "velocity") for n in numbers if quantity_by_name[n] == q]
             motion = quantity_by_name[moving[0]] if moving else "position"
+            moving += [name for name in free if not _OUTPUT.isdisjoint(words_of(name))]
             is_linear = bool(moving) and (dimension_of(unit_in_name(moving[0])) or "").startswith("length")
             effort, unit = ("force", "N") if is_linear else ("torque", "Nm")
             return (
@@ -214,7 +219,7 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
     options = list[str]()
     if TIME not in columns:
         named_clock = next((name for name in numbers if quantity_by_name[name] == "time"), "")
-        clocks = [named_clock] if named_clock else _clocks(table, free)
+        clocks = [named_clock] if named_clock else _clocks(table, free) if is_nameless else []
         options += [f"--column time={shlex.quote(clocks[0])}"] if clocks else []
         free = [name for name in free if name not in clocks]
     # Of columns with uninformative names, the smoothest one is suggested as the displacement.
@@ -242,7 +247,7 @@ def _is_drive(name: str) -> bool:
 
 def _clocks(table: Table, free: list[str]) -> list[str]:
     """Return the columns without names that rise as a clock does, the likeliest first; copies follow it."""
-    if NAMELESS not in table.notes or len(table.names) < _MIN_COLUMNS or not free:
+    if len(table.names) < _MIN_COLUMNS or not free:
         return []
     steps = {name: np.diff(table.numbers(name)) for name in free}
     rising = [name for name in free if np.mean(steps[name] > 0.0) > _RISING]

@@ -341,13 +341,17 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
             paired.append(guess)
     if keys_of_channels({guess.key for guess in paired if guess.quantity}):
         return paired
-    # Otherwise any word of a name is used, such as "Pos" in "motorPosRaw" and "force" in "ForceArray b".
+    # Otherwise any word of a name is used, such as "Pos" in "motorPosRaw" and "force" in "ForceArray b",
+    # unless the names belong to different joints.
     known = {guess.quantity for guess in paired}
-    for place, guess in enumerate(paired):
-        by_word = guess_column(guess.column, anywhere=True)
-        if not guess.quantity and by_word.quantity not in known and not is_repeated(guess.column):
-            paired[place] = by_word
-    return paired
+    by_word = [guess_column(name, anywhere=True) for name in names]
+    of_joints = [set(g.joint_name) for g in by_word if g.quantity in _MOTION_OR_TORQUE and g.joint_name]
+    if of_joints and not set.intersection(*of_joints):
+        return paired
+    return [
+        guess if guess.quantity or other.quantity in known or is_repeated(guess.column) else other
+        for guess, other in zip(paired, by_word, strict=True)
+    ]
 
 
 def _guess_tension_test(guess: RoleGuess) -> RoleGuess:

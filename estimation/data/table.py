@@ -1,4 +1,4 @@
-"""Read a file of measurements as named columns: text, Excel, Parquet, NPZ, MATLAB, JSON or ROS 2."""
+"""Read a file of measurements as named columns: text, Excel, Parquet, NPZ, MATLAB, JSON, ZIP or ROS 2."""
 
 from __future__ import annotations
 
@@ -234,11 +234,11 @@ def read_table(path: str | os.PathLike[str], selected: str = "") -> Table:
     if read is None and _is_text(place):
         read = read_text_table
     if read is None:
-        known = ", ".join((*ENDINGS, *_JSON))
+        known = ", ".join((*ENDINGS, *_NOT_IN_FOLDERS))
         raise InputError(
             f"{place}: unknown kind of file. Valid: {known}; a text file may be compressed, such as .csv.gz"
         )
-    several = read in {read_text_table, _read_excel}
+    several = read in {read_text_table, _read_excel, _read_zip}
     if selected and not several:
         raise InputError(f"--table {selected}: {place} holds one table only")
     try:
@@ -341,6 +341,12 @@ def _with_decimal_points(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArr
     return pc.if_else(grouped, pc.replace_substring(trimmed, mark, ""), trimmed)
 
 
+def _read_zip(path: Path, selected: str) -> FileColumns:
+    from palpate.estimation.data.zip_table import read_zip_table  # noqa: PLC0415, seldom needed
+
+    return read_zip_table(path, selected, read_table, [e for e in ENDINGS if e not in BAGS])
+
+
 _ros_bag = LazyModule("palpate.estimation.data.ros_bag")
 _JSON = (".json", ".jsonl")
 _READERS: tuple[tuple[tuple[str, ...], Callable[..., FileColumns]], ...] = (
@@ -349,8 +355,10 @@ _READERS: tuple[tuple[tuple[str, ...], Callable[..., FileColumns]], ...] = (
     ((".parquet", ".pq"), read_parquet),
     ((".npz",), read_npz),
     ((".mat",), read_mat),
+    ((".zip",), _read_zip),
     (BAGS, lambda path: _ros_bag.read_ros_table(path)),  # noqa: PLW0108, imported when it is used
     (_JSON, read_json),
 )
-# Endings of data files in a folder; JSON files there are descriptions.
-ENDINGS = tuple(ending for endings, _ in _READERS for ending in endings if ending not in _JSON)
+_NOT_IN_FOLDERS = (*_JSON, ".zip")  # files in a folder that describe it, or repeat its files
+ENDINGS = tuple(ending for endings, _ in _READERS for ending in endings if ending not in _NOT_IN_FOLDERS)
+"""Endings of data files in a folder."""

@@ -1,5 +1,7 @@
 """Files that hold a part of a measurement, and names in which a word tells the quantity."""
 
+import zipfile
+
 import numpy as np
 import pytest
 from scipy.io import savemat
@@ -9,8 +11,9 @@ from palpate.estimation.data.column_names import guess_columns
 from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_files import import_files
 from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.table import read_table
 from palpate.robot_io.errors import InputError
-from tests.estimation.press_tables import FORCE_N, TIME_S, WAY_M
+from tests.estimation.press_tables import FORCE_N, HEADER, TIME_S, WAY_M
 from tests.files import saved
 
 
@@ -106,3 +109,73 @@ def test_each_quantity_is_given_one_unit(tmp_path):
     header = "time,q1,q2,tau1,tau2\n"
     message = refusal(saved(tmp_path / "joints.csv", header + lines(TIME_S, small, large, small, small)))
     assert message.endswith("--unit position=deg --unit torque=Nm")
+
+
+def test_structs_in_cells_are_runs(tmp_path):
+    cells = np.empty((1, 3), dtype=object)
+    for number in range(3):
+        length = 200 + number
+        time = np.arange(length) / 100.0
+        cells[0, number] = {"t": time, "q": np.sin(time), "tau": np.cos(time) + number}
+    savemat(tmp_path / "runs.mat", {"train": cells, "rate": 100.0})
+    units = {"position": "rad", "torque": "Nm"}
+    imported = import_file(tmp_path / "runs.mat", ImportOptions(units=units))
+    (channel,) = imported.channels
+    assert [int(np.sum(channel.run == run)) for run in channel.runs] == [200, 201, 202]
+    assert "3 structs with the same fields, read as runs" in imported.read
+    assert imported.run_labels[2] == "train 3"
+
+
+def test_structs_without_a_clock_are_no_runs(tmp_path):
+    force, way = {"a": FORCE_N, "b": FORCE_N, "c": FORCE_N}, {"a": WAY_M, "b": WAY_M, "c": WAY_M}
+    savemat(tmp_path / "vectors.mat", {"force": force, "way": way})
+    assert "run" not in read_table(tmp_path / "vectors.mat").names
+
+
+def archive(path, files):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as zipped:
+        for name, text in files.items():
+            zipped.writestr(name, text)
+    return path
+
+
+def test_the_tables_of_an_archive_are_runs(tmp_path):
+    text = HEADER + lines(TIME_S, 1e3 * WAY_M, FORCE_N)
+    files = {
+        "a/press 10.csv": text,
+        "a/press 2.csv": text,
+        "../notes.txt": "by hand\n",
+        "__MACOSX/p.csv": "x",
+    }
+    imported = import_file(archive(tmp_path / "all.zip", files))
+    (channel,) = imported.channels
+    assert channel.kind is ChannelKind.CONTACT
+    assert list(imported.run_labels.values()) == ["press 2.csv", "press 10.csv"]
+    assert "2 files of the archive, read as runs" in imported.read
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["all.zip"]
+    (one,) = import_file(tmp_path / "all.zip", ImportOptions(where={"run": "press 2.csv"})).channels
+    assert len(one.time_s) == len(TIME_S)
+
+
+def test_files_of_one_name_in_two_folders_of_an_archive_are_two_runs(tmp_path):
+    text = HEADER + lines(TIME_S, 1e3 * WAY_M, FORCE_N)
+    imported = import_file(archive(tmp_path / "all.zip", {"a/1.csv": text, "b/1.csv": text}))
+    assert list(imported.run_labels.values()) == ["a/1.csv", "b/1.csv"]
+
+
+def test_a_compression_bomb_is_refused_before_it_is_unpacked(tmp_path):
+    path = archive(tmp_path / "bomb.zip", {"a.csv": "0" * (300 * 2**20)})
+    with pytest.raises(InputError, match="the limit"):
+        read_table(path)
+
+
+def test_an_archive_without_a_table_is_refused_with_the_fault(tmp_path):
+    with pytest.raises(InputError, match=r"words\.txt"):
+        read_table(archive(tmp_path / "words.zip", {"words.txt": "only words\nhere\n"}))
+    with pytest.raises(InputError, match="holds no data file"):
+        read_table(archive(tmp_path / "empty.zip", {"photo.jpg": "x"}))
+
+
+def test_words_of_different_joints_are_no_joint(tmp_path):
+    table = "t,shoulderPosRaw,elbowTorqueRaw\n" + lines(TIME_S, np.sin(TIME_S), np.cos(TIME_S))
+    assert "no channel can be made" in refusal(saved(tmp_path / "arm.csv", table))
