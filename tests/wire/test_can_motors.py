@@ -119,6 +119,16 @@ def test_refused_frame_counts_as_no_lost_answer(make_robot, path, monkeypatch):
 
 
 @ASKED
+def test_doubled_answer_is_as_good_as_one(make_robot, path):
+    arm = make_robot(path).start()
+    arm.ticks(5)
+    for _ in range(5):
+        arm.inject_fault("motors", FaultKind.DUPLICATE, device=2, times=1)
+        assert max(age_ms(arm.tick()) for _ in range(10)) < 1.1
+    assert not arm.problem
+
+
+@ASKED
 def test_lost_answer_makes_later_ones_no_older(make_robot, path):
     arm = make_robot(path).start()
     for _ in range(5):

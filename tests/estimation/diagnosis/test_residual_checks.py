@@ -29,7 +29,8 @@ from palpate.estimation.fit.run_heterogeneity import RunHeterogeneity, run_heter
 from palpate.estimation.models import MODELS
 from tests.estimation.presses import NOISE_N, colored_noise, kelvin_voigt, session
 from tests.estimation.presses import channel as press_channel
-from tests.estimation.swings import swings
+from tests.estimation.searches import SWING
+from tests.estimation.swings import NOISE_NM, swings
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
 
@@ -467,3 +468,13 @@ def test_oscillation_also_in_free_air_is_noise_unless_it_dominates(air, share, n
     end = fit_model(session(7), MODEL, {})
     monkeypatch.setattr(type(end), "rmse", 1.0 + SMALL)
     assert (residual_checks._oscillation(end) is not None) is named
+
+
+@pytest.mark.parametrize(("ripple", "runs", "is_found"), [(10.0, 4, True), (0.9, 4, False), (10.0, 1, False)])
+def test_ripple_with_a_phase_in_each_run_must_explain_much(ripple, runs, is_found):
+    """In a single run, its phase differs from no other."""
+    quiet = swings(2, lambda q, v, a: 0.0 * q, runs=runs)
+    waves = ripple * NOISE_NM * np.sin(15.0 * quiet.position + 2.0 * quiet.run)
+    end = fit_model(replace(quiet, effort=quiet.effort + waves), SWING, {})
+    left = residual_checks._error_with_own_waves(end)
+    assert left == (pytest.approx(NOISE_NM, rel=0.2) if is_found else None)

@@ -239,6 +239,19 @@ def test_signals_are_selected_stepwise_where_another_would_mislead(weights, take
     assert _select_signals(equations, owner, alone, _fit_ridge(equations, owner, ())).signals == taken
 
 
+def test_signals_that_explain_only_together_are_selected():
+    """Their difference is the target, which is small beside what they share."""
+    rng = np.random.default_rng(1)
+    shared, target = rng.normal(size=(3, 500)), 0.01 * rng.normal(size=(3, 500))
+    equations = gram_matrices(np.stack([shared + target, shared, target], axis=2))
+    owner = np.arange(2)
+    none, *alone = (_fit_ridge(equations, owner, signals) for signals in ((), (0,), (1,)))
+    assert min(fit.energy for fit in alone) > 0.99 * none.energy
+    together = _select_signals(equations, owner, alone, none)
+    assert together.signals == (0, 1)
+    assert together.energy < 0.1 * none.energy
+
+
 RNG = np.random.default_rng(9)
 FLEXIBLE = RNG.normal(size=(COUNT, 4)) + COLUMNS[:, :1]  # not orthogonal to what is fitted
 PER_RUN = np.column_stack([np.ones(COUNT), RNG.normal(size=COUNT) + COLUMNS[:, 0]])
