@@ -22,6 +22,7 @@ from palpate.robot_io.errors import InputError
 _MAX_COMPRESSION = 50  # assumed compression ratio of a MATLAB file whose variables cannot be listed
 _MIN_CELL_BYTES = 4  # assumed least number of bytes per value
 _MIN_COLUMNS = 3  # least number of columns of a run: time, motion and effort
+_MAX_LABEL = 60  # characters of a signal's label that are used
 _BATCH_ROWS = 256
 
 
@@ -123,7 +124,9 @@ def read_mat(path: Path) -> FileColumns:
     pending = [item for item in content.items() if isinstance(item[0], str) and not item[0].startswith("__")]
     while pending:
         name, value = pending.pop(0)
-        if isinstance(value, Mapping):
+        if isinstance(value, Mapping) and {"time", "signals"} <= set(value):
+            pending += _scope_signals(value)
+        elif isinstance(value, Mapping):
             pending += [
                 (str(key) if str(key) not in vectors else f"{name}.{key}", v) for key, v in value.items()
             ]
@@ -148,6 +151,17 @@ def _vectors(name: str, array: NDArray[Any]) -> dict[str, NDArray[Any]]:
     if array.dtype.kind in "biuf" and array.ndim == 2 and array.shape[0] != array.shape[1]:
         return matrix_columns(name, array if array.shape[0] > array.shape[1] else array.T)
     return {}
+
+
+def _scope_signals(scope: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    """Return time and signals of a "structure with time" of Simulink, named by the labels of the signals."""
+    signals = scope["signals"] if isinstance(scope["signals"], list | np.ndarray) else [scope["signals"]]
+    named = [("time", scope["time"])]
+    for number, signal in enumerate(filter(lambda part: isinstance(part, Mapping), signals), 1):
+        label = signal.get("label", "")
+        name = " ".join(label.split())[:_MAX_LABEL] if isinstance(label, str) else ""
+        named.append((name or f"signal {number}", signal.get("values")))
+    return named
 
 
 def _struct_runs(content: Mapping[str, Any]) -> list[tuple[str, dict[str, NDArray[Any]]]]:

@@ -48,6 +48,7 @@ _MAX_RANGE = {  # largest plausible range in SI, and the likely unit of a larger
     "position": (4.0 * np.pi, "deg"),
     "goal": (4.0 * np.pi, "deg"),
 }
+_MAX_STRAIN = 2.0  # largest range of a strain without a unit that is read as a ratio
 _LARGE_UNITS = tuple(unit for _, unit in _MAX_RANGE.values())
 _MAX_CURRENT_A = 200.0  # largest plausible range of a current in A; a larger one is in mA
 _COUNT_OF_ENCODER = "0.00153rad"  # one of 4096 counts per turn, an example
@@ -106,7 +107,12 @@ class ColumnUnits:
         fits = dimension_of(named_unit) in QUANTITIES[role.quantity]
         guess = guess_column(column)  # knows names whose unit is specified, such as "rpm" and "millis"
         specified = guess.unit if guess.quantity == role.quantity else ""
-        return self._user_unit(role, column) or (named_unit if fits else "") or role.unit or specified
+        usual = "" if role.unit == "strain" and self._is_percent(column) else role.unit
+        return self._user_unit(role, column) or (named_unit if fits else "") or usual or specified
+
+    def _is_percent(self, column: str) -> bool:
+        """Return whether a strain may be in percent, because its range is too large for most materials."""
+        return self.table.varies(column) and float(np.ptp(self.table.numbers(column))) > _MAX_STRAIN
 
     def is_scaled_by_user(self, role: Role, column: str) -> bool:
         """Return whether --unit has a number before the unit, which also fixes the sign."""
@@ -256,6 +262,8 @@ class ColumnUnits:
             step = float(np.median(np.diff(values))) if len(values) > 1 else 0.0
             return likely_time_unit(step, span if step > 0.0 else np.inf)
         is_length = linear and role.quantity == "position" and not is_angle(column)
+        if role.unit == "strain":
+            return "%"
         quantity = "displacement" if is_length else role.quantity
         largest, usual = _MAX_RANGE.get(quantity, (np.inf, ""))
         if quantity == "torque" and not CURRENT.isdisjoint(words_of(column)):

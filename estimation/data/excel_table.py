@@ -37,7 +37,7 @@ _MAX_CELLS = 30_000_000  # cells of a sheet including empty ones, since the read
 _CELL = re.compile(r"([A-Z]{1,3})(\d{1,7})")
 _BELOW = 8  # rows below a row of words that are examined
 _MAX_SHEETS = 200
-_BEGINNINGS = (b"PK", bytes.fromhex("D0CF11E0A1B11AE1"))  # of .xlsx, a ZIP archive, and of .xls, [MS-CFB] 2.2
+_BEGINNINGS = (b"PK", bytes.fromhex("D0CF11E0A1B11AE1"))  # of .xlsx, .ods (ZIP), and .xls, [MS-CFB] 2.2
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class _SheetTable:
 
 
 def read_excel_table(path: Path, selected: str) -> FileColumns:
-    """Read the table of a workbook (.xlsx, .xlsm, .xls); sheets with the same columns are its runs.
+    """Read the table of a workbook (.xlsx, .xlsm, .xls, .ods); sheets with the same columns are its runs.
 
     Args:
         path: path of the workbook.
@@ -134,16 +134,27 @@ def _column(path: Path, name: str, cells: list[Any], decimal: str) -> pa.Array:
 
 
 def _extent(sheet: bytes) -> tuple[int, int]:
-    """Return the largest row and column number in a sheet's XML; 0 for other XML."""
-    last = [0, 0]
+    """Return the largest row and column number of a cell in a sheet's XML; 0 for other XML.
+
+    A cell of an OpenDocument sheet states no place, but how often it and its row are repeated.
+    """
+    last, here = [0, 0], [0, 0]
 
     def begin(name: str, attributes: dict[str, str]) -> None:
-        place = _CELL.fullmatch(attributes.get("r", "")) if name.rpartition(":")[2] == "c" else None
-        if place:
+        tag = name.rpartition(":")[2]
+        if tag == "c" and (place := _CELL.fullmatch(attributes.get("r", ""))):
             column = 0
             for letter in place[1]:
                 column = 26 * column + ord(letter) - ord("A") + 1
             last[:] = max(last[0], int(place[2])), max(last[1], column)
+        elif tag == "table":
+            here[:] = 0, 0
+        elif tag == "table-row":
+            here[:] = here[0] + int(attributes.get("table:number-rows-repeated", "1")), 0
+        elif tag in {"table-cell", "covered-table-cell"}:
+            here[1] += int(attributes.get("table:number-columns-repeated", "1"))
+            if "office:value-type" in attributes:
+                last[:] = max(last[0], here[0]), max(last[1], here[1])
 
     parser = expat.ParserCreate()
     parser.StartElementHandler = begin

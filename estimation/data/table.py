@@ -351,7 +351,7 @@ _ros_bag = LazyModule("palpate.estimation.data.ros_bag")
 _JSON = (".json", ".jsonl")
 _READERS: tuple[tuple[tuple[str, ...], Callable[..., FileColumns]], ...] = (
     ((".csv", ".tsv", ".txt", ".dat", ".asc", ".lvm", ".log", ".tra"), read_text_table),
-    ((".xlsx", ".xlsm", ".xls"), _read_excel),
+    ((".xlsx", ".xlsm", ".xls", ".ods"), _read_excel),
     ((".parquet", ".pq"), read_parquet),
     ((".npz",), read_npz),
     ((".mat",), read_mat),

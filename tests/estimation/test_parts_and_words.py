@@ -179,3 +179,69 @@ def test_an_archive_without_a_table_is_refused_with_the_fault(tmp_path):
 def test_words_of_different_joints_are_no_joint(tmp_path):
     table = "t,shoulderPosRaw,elbowTorqueRaw\n" + lines(TIME_S, np.sin(TIME_S), np.cos(TIME_S))
     assert "no channel can be made" in refusal(saved(tmp_path / "arm.csv", table))
+
+
+_ODS_HEAD = (
+    '<office:document-content xmlns:office="urn:oasis:names:tc:opendocument:xmlns:office:1.0" '
+    'xmlns:table="urn:oasis:names:tc:opendocument:xmlns:table:1.0" '
+    'xmlns:text="urn:oasis:names:tc:opendocument:xmlns:text:1.0"><office:body><office:spreadsheet>'
+    '<table:table table:name="Press">'
+)
+_ODS_TAIL = "</table:table></office:spreadsheet></office:body></office:document-content>"
+
+
+def sheet_file(path, rows):
+    manifest = '<m:manifest xmlns:m="urn:oasis:names:tc:opendocument:xmlns:manifest:1.0"></m:manifest>'
+    kind = "application/vnd.oasis.opendocument.spreadsheet"
+    files = {"mimetype": kind, "META-INF/manifest.xml": manifest}
+    return archive(path, files | {"content.xml": _ODS_HEAD + rows + _ODS_TAIL})
+
+
+def sheet_row(*cells, of_row="", of_cell=""):
+    written = ""
+    for cell in cells:
+        kind = "string" if isinstance(cell, str) else "float"
+        value = "" if isinstance(cell, str) else f'office:value="{cell!r}"'
+        text = f"<text:p>{cell}</text:p>"
+        written += f'<table:table-cell {of_cell} office:value-type="{kind}" {value}>{text}</table:table-cell>'
+    return f"<table:table-row {of_row}>{written}</table:table-row>"
+
+
+def test_a_sheet_of_an_open_document_is_read(tmp_path):
+    numbers = np.column_stack([TIME_S, 1e3 * WAY_M, FORCE_N]).tolist()
+    rows = sheet_row(*HEADER.strip().split(",")) + "".join(sheet_row(*row) for row in numbers)
+    empty = '<table:table-row table:number-rows-repeated="1048000"><table:table-cell/></table:table-row>'
+    (channel,) = import_file(sheet_file(tmp_path / "press.ods", rows + empty)).channels
+    assert np.allclose(channel.effort, FORCE_N)
+
+
+def test_cells_of_an_open_document_that_repeat_beyond_the_limit_are_refused(tmp_path):
+    repeated = {"of_row": 'table:number-rows-repeated="1000000"'}
+    rows = sheet_row(1.0, of_cell='table:number-columns-repeated="10000"', **repeated)
+    with pytest.raises(InputError, match="too many to read"):
+        read_table(sheet_file(tmp_path / "bomb.ods", rows))
+
+
+def test_a_mark_below_the_header_is_no_table(tmp_path):
+    table = "Routine\n\n" + HEADER + "eoh\n" + lines(TIME_S, 1e3 * WAY_M, FORCE_N)
+    (channel,) = import_file(saved(tmp_path / "marked.csv", table)).channels
+    assert np.allclose(channel.effort, FORCE_N, atol=1e-6)
+
+
+def test_signals_of_a_scope_have_the_names_of_their_labels(tmp_path):
+    time = np.arange(300) / 100.0
+    signals = np.empty(2, dtype=object)
+    signals[0] = {"values": np.sin(time), "label": "position (rad)", "dimensions": 1.0}
+    signals[1] = {"values": np.cos(time), "label": "torque (Nm)", "dimensions": 1.0}
+    savemat(tmp_path / "scope.mat", {"scope": {"time": time, "signals": signals}, "J": 0.1})
+    (channel,) = import_file(tmp_path / "scope.mat").channels
+    assert channel.kind is ChannelKind.REVOLUTE
+    assert np.allclose(channel.effort, np.cos(time))
+
+
+def test_a_strain_that_may_be_in_percent_is_asked_for(tmp_path):
+    header = "time_s,Strain,Stress [MPa]\n"
+    percent = saved(tmp_path / "percent.csv", header + lines(TIME_S, 3e3 * WAY_M, FORCE_N))
+    assert refusal(percent).endswith("'Strain' states no unit; give it, as in --unit displacement=%")
+    ratio = import_file(saved(tmp_path / "ratio.csv", header + lines(TIME_S, 30.0 * WAY_M, FORCE_N)))
+    assert ratio.channels[0].kind is ChannelKind.CONTACT
