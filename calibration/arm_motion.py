@@ -147,7 +147,7 @@ def check_lift_path(body: RigidBody, start_rad: FloatArray, up_rad: FloatArray, 
     joint = overloaded_joint(body, motions, limits)
     if joint is not None:
         raise InputError(
-            f"joint {joint + 1}: its limits.torque_nm, {limits.torque_nm[joint]:g} N m, hardly carries the "
+            f"joint {joint + 1}: its limits.torque_nm, {limits.torque_nm[joint]:g} N m, cannot carry the "
             "arm on its way up: raise it, or correct the URDF's masses"
         )
 

@@ -77,8 +77,8 @@ def plan_stops(
         lowest, approach = max(candidates, key=lambda candidate: candidate[0], default=(None, None))
         if lowest is None or approach is None:
             raise InputError(
-                f"joint {joint + 1}: its stops are not stated, or limits.torque_nm hardly carries the "
-                f"arm there: state the stops, or raise the limit; {_ALTERNATIVE}"
+                f"joint {joint + 1}: its stops are not stated, or limits.torque_nm is too small to "
+                f"carry the arm there: state the stops, or raise the limit; {_ALTERNATIVE}"
             )
         if lowest < floor_m - arm_motion.MARGIN_M:
             raise InputError(

@@ -168,7 +168,7 @@ def _column(table: Table, role: str, columns: Mapping[str, str]) -> str:
         example = (free or [*table.names])[0]
         raise InputError(
             f"{table.path}: which column is the {role}? Use --column {role}={example}. "
-            f"There are: {table.listed_names}"
+            f"Available: {table.listed_names}"
         )
     return candidates[0]
 
@@ -288,8 +288,8 @@ def check_references(reference_n: Sequence[float] | FloatArray) -> None:
     levels = _levels(reference_n)
     if levels < _MIN_LEVELS or len(reference_n) < 4 + _MIN_SPARE:
         raise InputError(
-            f"{len(reference_n)} plateaus at {levels} different forces: at least {4 + _MIN_SPARE} at "
-            f"{_MIN_LEVELS} are needed, such as 0, 1, 2, 3, 2, 1, 0 kg"
+            f"{len(reference_n)} plateaus at {levels} different forces; at least {4 + _MIN_SPARE} plateaus "
+            f"at {_MIN_LEVELS} forces are needed, such as 0, 1, 2, 3, 2, 1, 0 kg"
         )
 
 

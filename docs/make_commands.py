@@ -47,9 +47,12 @@ def section(name: str, command: Any, level: int) -> Iterator[str]:  # noqa: ANN4
 
 
 def _prose(text: str) -> str:
-    """Help without the marks of the terminal's markup, as Markdown."""
+    """Help without the marks of the terminal's markup, as Markdown; indented lines are code."""
     plain = re.sub(r"\[/?bold\]", "", text).replace("\\[", "[")
-    return plain.replace("<", "&lt;").replace("*", "\\*")
+    parts = re.split(r"\n((?:  .+(?:\n|$))+)", plain)  # prose and code in turn
+    prose = [part.replace("<", "&lt;").replace("*", "\\*") for part in parts[::2]]
+    code = ["\n\n```\n" + re.sub("(?m)^  ", "", part).rstrip() + "\n```\n" for part in parts[1::2]]
+    return "".join(first + second for first, second in zip(prose, [*code, ""], strict=True)).rstrip()
 
 
 def _cell(text: str) -> str:

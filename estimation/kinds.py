@@ -35,8 +35,9 @@ class Kind(StrEnum):
     OTHER = "other", "other effects", "other effects"
 
 
-# These kinds cannot be told from a law of the position in a single pass at one speed, where the effort and
-# the sensor's reading are functions of the position. They need a reversal, a hold or a second speed.
+# In a single pass at one speed, these kinds cannot be distinguished from a law of the position, where the
+# effort and the sensor's reading are functions of the position. They need a reversal, a hold or a second
+# speed.
 UNSEEN_IN_ONE_PASS = frozenset(
     {
         Kind.RATE_DEPENDENCE,

@@ -51,7 +51,7 @@ def free_air_problem(force_n: float, touch_n: float, force_limit_n: float, gains
     if not abs(force_n) <= limit_n:
         return (
             f"the force in free air is {force_n:.3g} N; with {limit}, at most {limit_n:.3g} N is "
-            "allowed: is the tool touched? If not, tare the force sensor, or allow more "
+            "allowed: does the tool touch something? If not, tare the force sensor, or allow more "
             "(gains.touch.bias_share in the robot file)"
         )
     limit_n = gains.limit_share * force_limit_n

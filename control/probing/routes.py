@@ -52,8 +52,8 @@ class Route(NamedTuple):
             where: part of the route for messages, such as "to target 2".
         """
         return (
-            f"on the way {where} the tip would come {1e3 * self.clearance_deficit_m:.1f} mm too near to the "
-            "object and cannot be lifted more: give targets nearer to each other, or more "
+            f"on the way {where} the tip would come {1e3 * self.clearance_deficit_m:.1f} mm too close to the "
+            "object and cannot be lifted further: move the targets closer together, or increase "
             "approach_clearance_m and retract_m"
         )
 

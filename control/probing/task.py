@@ -236,7 +236,7 @@ class ProbingTask:
         if route.clearance_deficit_m <= 0.0:
             self._swings.extend(self._routes.swings_at(site, place.position_rad))
             if self._plan.free_air_swing_m and not self._swings:
-                text = f"no swing before target {target + 1}: the tip would come too near to the object"
+                text = f"no swing before target {target + 1}: the tip would come too close to the object"
                 self._events.append(TaskEvent("no_swing", text))
             return route
         text = route.problem(f"to target {target + 1}")

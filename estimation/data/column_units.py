@@ -139,8 +139,8 @@ class ColumnUnits:
                 )
             unit = self._likely_unit(role, column)
             note = (
-                f"column '{column}' states no unit: its steps are read as {unit}; if that is wrong, "
-                f"add --unit time={'ms' if unit == 's' else 's'}"
+                f"column '{column}' states no unit and is read in {unit}, from its sample step; if that is "
+                f"wrong, add --unit time={'ms' if unit == 's' else 's'}"
             )
         scale, unit = scaled_unit(unit, named_unit)
         dimension = dimension_of(unit)
@@ -152,8 +152,8 @@ class ColumnUnits:
         if dimension in PROXIES:
             effort, constant, example = PROXIES[dimension]
             note = (
-                f"column '{column}' is a {dimension} that stands for the {role.quantity}: "
-                f"1 {si_unit(dimension)} counts as 1 {effort}; give the {constant}, as in "
+                f"column '{column}' is a {dimension} used as the {role.quantity}, "
+                f"with 1 {si_unit(dimension)} as 1 {effort}; give the {constant}, as in "
                 f"--unit {role.numbered}={example}"
             )
         elif not user_unit:

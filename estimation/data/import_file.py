@@ -178,7 +178,7 @@ def chosen_texts(name: str, given: str, texts: Collection[str], place: str) -> l
     parts = [text] if text in texts else [part.strip() for part in text.split(",")]
     if not set(parts) <= set(texts):
         examples = list_first([text or "empty cells" for text in sorted(texts)], 8)
-        raise InputError(f"--where {name}={text}: {place} has no such row. There are: {examples}")
+        raise InputError(f"--where {name}={text}: {place} has no such row. Available: {examples}")
     return parts
 
 
@@ -198,8 +198,8 @@ def _note_time(columns: ColumnAssignment, rows: ImportedRows) -> Iterator[str]:
         if steps_s[longest] > np.sum(steps_s) - steps_s[longest]:
             row = columns.table.row_name(rows.order[part.start + longest + 1])
             yield (
-                f"'{time.column}' jumps by {steps_s[longest]:.4g} s to {row}, more than the rest of the run "
-                "lasts; if samples are missing, select one part with --where"
+                f"'{time.column}' jumps by {steps_s[longest]:.4g} s to {row}, which is longer than the rest "
+                "of the run; if samples are missing, select one part with --where"
             )
             return
 

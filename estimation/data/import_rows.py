@@ -24,8 +24,8 @@ _CYCLE_RANGE = 0.3  # least share of the position's range that a cycle covers
 _CYCLE_SHARE = 0.8  # least share of the stretches between clock restarts that must be cycles
 _MIN_ROWS = 5  # least number of samples in a run; with fewer the acceleration is meaningless
 _REPEATED_NOTE = (  # note with the number of rows and the column
-    "repeats its times: {0} rows get times spaced evenly up to the next one; if it is not the time of each "
-    "row, leave it out with --context {1}"
+    "repeats times: {0} rows are spaced evenly up to the next time; if this column is not the time of each "
+    "row, add --context {1} to read it as another signal"
 )
 _LATE_NOTE = "stamps {0} rows late, in bursts after gaps: their times are spaced evenly over gap and burst"
 
@@ -66,8 +66,8 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
     time_s = _times(columns)[order]
     if TIME not in columns:
         notes.append(
-            "no column holds a time: rows count as 1 s apart, so speeds, damping, inertia and relaxation "
-            "times are not in seconds; if a column does, add --column time=COLUMN"
+            "no time column: rows are assumed to be 1 s apart, so speeds, damping, inertia and relaxation "
+            "times are not in seconds; if a column holds the time, add --column time=COLUMN"
         )
     is_repeated = np.abs(np.diff(time_s, prepend=-np.inf)) < MIN_INCREASE_S
     is_repeated[1:] &= np.diff(run[order]) == 0
@@ -271,8 +271,8 @@ def _check_times(columns: ColumnAssignment, rows: ImportedRows) -> None:
         raise InputError(f"{table.path}: column '{name}' decreases throughout; reverse the order of the rows")
     if np.ptp(rows.time_s) == 0.0:
         raise InputError(
-            f"{table.path}: column '{name}' has the same time in all rows; leave it out with "
-            f"--context {shlex.quote(name)}, or name another column, --column time=COLUMN"
+            f"{table.path}: column '{name}' has the same time in all rows; name the time column with "
+            f"--column time=COLUMN, or add --context {shlex.quote(name)} to read this one as another signal"
         )
     before, after = rows.order[late[0]], rows.order[late[0] + 1]
     in_run = f" of run '{rows.labels[int(rows.run[late[0]])]}'" if len(rows.labels) > 1 else ""
@@ -286,7 +286,7 @@ def _check_times(columns: ColumnAssignment, rows: ImportedRows) -> None:
                 break
     number = shlex.quote(in_order or columns.run_candidate or "COLUMN")
     sort = "" if in_order else "sort the rows, or "
-    remedy = f"{sort}say with --column {RUN}={number} where a new run begins"
+    remedy = f"{sort}name the column that numbers the runs: --column {RUN}={number}"
     raise InputError(
         f"{table.place(after, name)}: {rows.time_s[late[0] + 1]:.9g} s does not come after "
         f"{rows.time_s[late[0]]:.9g} s in {table.row_name(before)}{in_run}; times must increase within "

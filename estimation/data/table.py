@@ -211,7 +211,7 @@ class Table:
             close = get_close_matches(name, self.names, n=1)
             hint = f"; did you mean '{close[0]}'?" if close else ""
             raise UnknownNameError(
-                f"{self.path}: no column '{name}'{hint or '.'} There are: {self.listed_names}"
+                f"{self.path}: no column '{name}'{hint or '.'} Available: {self.listed_names}"
             ) from None
 
 
@@ -315,7 +315,7 @@ def _remedy(excerpt: str, *, whole: bool) -> str:
     if excerpt.count(",") == 1 and not np.isnan(number_of(excerpt.replace(",", "."))):
         return "write numbers with a decimal point, not a comma"
     if whole and re.fullmatch(r"[+-]?[\d.,]+ ?[^\d\s]{1,6}", excerpt.strip()):
-        return "write the unit in the name of the column, and numbers alone below it"
+        return "write the unit in the column name, and only numbers below it"
     if whole:
         return "that column holds no numbers at all; name another one with --column"
     return "remove such rows, or choose others with --where"

@@ -491,7 +491,7 @@ def same_columns(blocks: Sequence[TableBlock], selected: str, place: Path) -> tu
     titled = [block for block in blocks if selected in ("", block.title)]
     if not titled:
         titles = ", ".join(dict.fromkeys(block.title for block in blocks))
-        raise InputError(f"--table {selected}: {place} has no such table. There are: {titles}")
+        raise InputError(f"--table {selected}: {place} has no such table. Available: {titles}")
     longest = max(titled, key=lambda block: (_is_measurement(block.names), block.rows))
     chosen = [n for n, block in enumerate(blocks) if sorted(block.names) == sorted(longest.names)]
     omitted = [block for number, block in enumerate(blocks) if number not in chosen]

@@ -29,7 +29,7 @@ def wrong_size(data: ChannelData) -> str | None:
 
 
 def no_shared_depth(data: ChannelData) -> str | None:
-    """Report that no two runs of a contact have similar depths, so that none can be held out; else None."""
+    """Report that no two runs of a contact have similar depths, so none can be held out; else None."""
     if data.kind is not ChannelKind.CONTACT or len(data.runs) == 1:
         return None
     depths = [data.position[data.engaged & (data.run == run)] for run in data.runs]
@@ -40,7 +40,7 @@ def no_shared_depth(data: ChannelData) -> str | None:
     shared = (before[1] - after[0] for before, after in pairwise(ranges))
     if ranges and all(depth <= min(pair) for depth, pair in zip(shared, pairwise(spans), strict=True)):
         return (
-            f"no two of {len(ranges)} runs have similar depths, so that none can be predicted from the "
+            f"no two of {len(ranges)} runs have similar depths, so none can be predicted from the "
             "others; press repeatedly to the same depth"
         )
     return None
@@ -54,9 +54,11 @@ def never_repeated(data: ChannelData) -> str | None:
         if has_constant_velocity(data.time_s, data.position, data.run):
             return (
                 "all runs go one way at one speed: relaxation, friction, damping and the range of the sensor "
-                "cannot be told from the shape of the elastic law; hold, return, or add runs at another speed"
+                "cannot be distinguished from the elastic law; hold, return, or add runs at another speed"
             )
-        return "no run returns: friction cannot be told from the elastic shape; record a run that returns"
+        return (
+            "no run returns: friction cannot be distinguished from elastic shape; record a run that returns"
+        )
     travel = sum(np.ptp(part) for part in np.array_split(data.position, PIECES))
     if travel >= _MIN_TRAVEL * np.ptp(data.position):
         return None
@@ -72,6 +74,6 @@ def single_speed(data: ChannelData) -> str | None:
     if not has_one_speed or never_returns(data.position, data.run):
         return None
     return (
-        "all motion is at one speed: dependence on the rate cannot be told from friction and damping; add "
+        "all motion is at one speed: dependence on the rate cannot be distinguished from friction; add "
         "runs at another speed"
     )

@@ -61,7 +61,7 @@ def mistaken_units(data: ChannelData) -> str | None:
         if slope > 0.0 and not least < slope < _MAX_SLOPE_N_M:
             return (
                 f"force over depth is {slope:.3g} N/m, outside {least:g} to {_MAX_SLOPE_N_M:g} N/m; "
-                "if a unit is different, give it, such as --unit force=mN or --unit displacement=mm"
+                "if a unit is wrong, correct it, such as --unit force=mN or --unit displacement=mm"
             )
     fast = float(np.quantile(np.abs(data.velocity), 0.9))
     if data.kind.is_angle and fast > _MAX_SPEED_RAD_S:

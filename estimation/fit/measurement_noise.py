@@ -64,13 +64,13 @@ class MeasurementNoise:
         return self.effort is None
 
     def describe(self, unit: str) -> str:
-        """Return the noise in words, such as "0.031 N: upper bound, from repeated runs".
+        """Return the noise in words, such as "at most 0.031 N, from repeated runs".
 
         Args:
             unit: unit of the effort.
         """
         size = with_unit(self.value, unit)
-        return f"{size}{': upper bound' if self.is_bound else ''}, from {self.source.value}"
+        return f"{'at most ' if self.is_bound else ''}{size}, from {self.source.value}"
 
 
 def measurement_noise(base: FitResult) -> MeasurementNoise:

@@ -170,11 +170,11 @@ def assess_parameters(
         notes.append(f"{_join_names(names, important)}: known only roughly; {advice}")
     if (minor := spans_zero & ~is_relevant).any():
         notes.append(
-            f"{_join_names(names, minor)}: not significantly different from zero, of little influence on "
+            f"{_join_names(names, minor)}: not significantly different from zero, with little influence on "
             "this effort"
         )
     if (minor := rough & ~is_relevant).any():
-        notes.append(f"{_join_names(names, minor)}: known only roughly, of little influence on this effort")
+        notes.append(f"{_join_names(names, minor)}: known only roughly, with little influence on this effort")
     if notes:
         return Assessment(Identifiability.WEAK, "; ".join(notes), determined)
     return Assessment(Identifiability.GOOD, "the data determine every parameter", determined)

@@ -101,7 +101,7 @@ class Comparisons(TableDisplay):
             raise InputError(self.failures[channel])
         by_name = {channel.channel: channel for channel in self.channels}
         if channel not in by_name:
-            raise UnknownNameError(f"no channel '{channel}' is compared. There are: {', '.join(by_name)}")
+            raise UnknownNameError(f"no channel '{channel}' is compared. Available: {', '.join(by_name)}")
         return by_name[channel]
 
     def _table(self) -> DisplayTable:

@@ -130,7 +130,7 @@ def only_runs(channel: ChannelData, runs: Sequence[int], source: DataSource) -> 
     if missing := sorted(set(runs).difference(recorded)):
         listed = ", ".join(map(str, recorded[:20]))
         raise InputError(
-            f"runs {runs!r}: channel '{channel.name}' has no run {missing[0]}. There are: {listed}"
+            f"runs {runs!r}: channel '{channel.name}' has no run {missing[0]}. Available: {listed}"
         )
     return channel.of_runs(np.array(source.runs_of(channel, runs)))
 

@@ -123,7 +123,7 @@ class StudyFits(TableDisplay):
         """
         chosen = tuple(channel for channel in self.channels if name in {None, ALL_CHANNELS, channel.name})
         if not chosen:
-            raise InputError(f"--channel {name}: no such channel. There are: {_listed(self.channels)}")
+            raise InputError(f"--channel {name}: no such channel. Available: {_listed(self.channels)}")
         return chosen
 
     def with_model(self, name: str, model: str) -> StudyChannel:
@@ -138,7 +138,7 @@ class StudyFits(TableDisplay):
         """
         data = next((channel for channel in self.source.channels if channel.name == name), None)
         if data is None:
-            raise InputError(f"no channel '{name}'. There are: {_listed(self.source.channels)}")
+            raise InputError(f"no channel '{name}'. Available: {_listed(self.source.channels)}")
         return self._channel(data, model)
 
     def refusal(self, channel: StudyChannel) -> str:
@@ -238,7 +238,7 @@ class StudyFits(TableDisplay):
             settings = [*held.items(), *((name, value) for name, pair in bounds.items() for value in pair)]
             for name, value in settings:
                 if name not in free.values:
-                    raise InputError(f"no parameter '{name}'. There are: {', '.join(free.values)}")
+                    raise InputError(f"no parameter '{name}'. Available: {', '.join(free.values)}")
                 if not math.isfinite(value):
                     raise InputError(f"{name}={value}: give a finite number")
             fixed = dict(held)

@@ -116,7 +116,7 @@ class Revisions:
                 ", ".join(str(n) for n in known)
                 or "none yet; leave out the start to begin with the base model"
             )
-            raise InputError(f"no revision {number} in {self._folder or 'memory'}. There are: {listed}")
+            raise InputError(f"no revision {number} in {self._folder or 'memory'}. Available: {listed}")
         return known[number]
 
     def save(self, make: Callable[[int], Revision]) -> Revision:

@@ -150,7 +150,7 @@ def limit_length(source: DataSource, held_out: Sequence[int] = ()) -> DataSource
         raise InputError(f"held_out={held_out!r}: give a list of run numbers, such as [2, 5]")
     if unknown := sorted(set(held_out).difference(source.runs)):
         named = ", ".join(map(str, source.runs))
-        raise InputError(f"runs to hold out: there is no run {unknown[0]}. There are: {named}")
+        raise InputError(f"runs to hold out: there is no run {unknown[0]}. Available: {named}")
     short = [shortened(channel, source.runs_of(channel, held_out)) for channel in source.channels]
     notes = {channel.name: words for channel, words, _ in short if words}
     if notes and source.session is not None:

@@ -246,7 +246,7 @@ class ModelStudy(StudyFits):
         if self.held_out:
             data = replace(self.source, channels=tuple(data)).without(self.held_out).channels
         if not data:
-            raise InputError(f"no channel '{channel}' to estimate. There are: {', '.join(models)}")
+            raise InputError(f"no channel '{channel}' to estimate. Available: {', '.join(models)}")
         if runs is not None:
             data = [only_runs(channel_data, runs, self.source) for channel_data in data]
         estimates = []
@@ -286,7 +286,7 @@ class ModelStudy(StudyFits):
             else:
                 parent = self._revisions.get(start)
                 if fresh:
-                    raise InputError(f"leave out --fresh or --from {start}: they are two different starts")
+                    raise InputError(f"--fresh and --from {start}: give only one of them")
                 given = {"--model": self.model, "--channel": channel}
                 if extra := [option for option, value in given.items() if value]:
                     raise InputError(

@@ -231,7 +231,7 @@ def _joined(listed: Mapping[Path, dict[str, str]], join: str) -> list[BatchMeasu
     for file, fields in listed.items():
         if not fields.get(join):
             available = ", ".join(fields) or "none; give --pattern or --metadata"
-            raise InputError(f"--join {join}: {file} has no such field. There are: {available}")
+            raise InputError(f"--join {join}: {file} has no such field. Available: {available}")
         groups.setdefault(fields[join], []).append(file)
     return [
         BatchMeasurement(
@@ -263,7 +263,7 @@ def _parts(
     if texts is None and split is None:
         return whole
     if texts is None:
-        raise InputError(f"--split {split}: {file} has no such column. There are: {table.listed_names}")
+        raise InputError(f"--split {split}: {file} has no such column. Available: {table.listed_names}")
     return [
         BatchMeasurement(f"{name} {column}={text}", (str(file),), {**fields, column: text}, {column: text})
         for text in texts

@@ -70,7 +70,7 @@ def field_names(measurements: Sequence[BatchMeasurement], group: str | None) -> 
     if taken := set(fields).intersection((*FIRST, *NUMBERS, *LAST)):
         raise InputError(f"field '{min(taken)}': the table has a column of this name; rename the field")
     if group is not None and group not in fields:
-        raise InputError(f"--group {group}: no such field. There are: {', '.join(fields) or 'none'}")
+        raise InputError(f"--group {group}: no such field. Available: {', '.join(fields) or 'none'}")
     return fields
 
 

@@ -81,7 +81,7 @@ def time_axis(table: pa.Table, field: str | None = None) -> tuple[FloatArray, li
     measurement = texts(table, "measurement")
     for name in names:
         if name not in table.column_names:
-            raise InputError(f"--date {name}: no such column. There are: {', '.join(table.column_names)}")
+            raise InputError(f"--date {name}: no such column. Available: {', '.join(table.column_names)}")
         labels = texts(table, name)
         unread = [len(labels)]  # first row that each reader cannot read
         for read, what in ((_days, "date"), (_number, name)):

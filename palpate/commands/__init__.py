@@ -3,7 +3,7 @@
 import importlib
 import re
 from collections.abc import Mapping
-from inspect import getdoc
+from inspect import cleandoc
 from typing import Annotated, Any
 
 import typer
@@ -113,10 +113,18 @@ def load_command(name: str) -> Any:  # noqa: ANN401, typer's own command
     """
     module = importlib.import_module(f"palpate.commands.{COMMANDS[name][0]}")
     if hasattr(module, "group"):
-        return get_command(module.group)
-    command = getattr(module, f"{name}_command")
-    single = typer.Typer(rich_markup_mode="rich", add_completion=False)
-    # one line a paragraph, which the terminal wraps
-    about = "\n\n".join(" ".join(text.split()) for text in (getdoc(command) or "").split("\n\n"))
-    single.command(name=name, help=about, context_settings={"help_option_names": ["-h", "--help"]})(command)
-    return get_command(single)
+        loaded = get_command(module.group)
+        for command in getattr(loaded, "commands", {}).values():
+            command.help = _join_lines(command.help)
+    else:
+        single = typer.Typer(rich_markup_mode="rich", add_completion=False)
+        settings = {"help_option_names": ["-h", "--help"]}
+        single.command(name=name, context_settings=settings)(getattr(module, f"{name}_command"))
+        loaded = get_command(single)
+    loaded.help = _join_lines(loaded.help)
+    return loaded
+
+
+def _join_lines(text: str | None) -> str:
+    """Join the lines of each paragraph, so that the terminal wraps it; indented lines stay as they are."""
+    return re.sub(r"(?<=\S)\n(?=\S)", " ", cleandoc(text or ""))

@@ -109,11 +109,10 @@ def batch_command(
     several. With --diagnose, finds missing effects too. A file that cannot be read becomes a row with the
     reason; exit code 2 if no file can be read. After an interruption, the same command continues.
 
-    Examples: palpate batch recordings --out result
-
-    palpate batch 'data/*.csv' --pattern '{specimen}_{day}.csv' --group day --diagnose --out result
-
-    palpate batch spots.csv --split run --out result
+    Examples:
+      palpate batch recordings --out result
+      palpate batch 'data/*.csv' --pattern '{specimen}_{day}.csv' --group day --diagnose --out result
+      palpate batch spots.csv --split run --out result
     """
     from palpate.batches.run import batch  # noqa: PLC0415, its libraries take a second
     from palpate.render.progress import sweep_progress  # noqa: PLC0415, as above

@@ -181,8 +181,8 @@ def encoder(
         for joint, (angle, low, high) in enumerate(ranges, 1):
             if not low - BEYOND_STOPS_RAD <= angle <= high + BEYOND_STOPS_RAD:
                 raise InputError(
-                    f"--pose {pose!r}: joint {joint} moves from {low:g} to {high:g} rad in the URDF, "
-                    f"not to {angle:g}"
+                    f"--pose {pose!r}: {angle:g} rad is outside the URDF's limits of joint {joint}, "
+                    f"{low:g} to {high:g} rad"
                 )
     stops = None  # lower and upper ones, NaN where not stated
     if stops_stated:
@@ -264,7 +264,7 @@ def _move_in_free_air(kind: str, options: MotionOptions) -> None:
 
 def _motion_permission(kind: str, options: MotionOptions) -> Permission:
     robot_file = options.robot_file
-    motion = f"'{robot_file.name}' is going to move: {runs.describe_motion(kind, robot_file.limits)}."
+    motion = f"'{robot_file.name}' will move: {runs.describe_motion(kind, robot_file.limits)}."
     return lambda: ask_for_power(motion, yes=options.yes)
 
 

@@ -115,8 +115,10 @@ def compare_command(
     With OTHER, compares two measurements: how well each model describes the other measurement (fit in %), how
     parameters differ, and the residuals of each model.
 
-    Examples: palpate compare a.mcap; palpate compare before.csv after.csv --out comparison; palpate compare
-    a.mcap --model kelvin_voigt --other-model hunt_crossley
+    Examples:
+      palpate compare a.mcap
+      palpate compare before.csv after.csv --out comparison
+      palpate compare a.mcap --model kelvin_voigt --other-model hunt_crossley
     """
     named = {"--model": model, "--other-model": other_model, "--channel": channel}
     if (revision or other_revision) and (given := [name for name, value in named.items() if value]):

@@ -144,6 +144,6 @@ def _print_hidden(hidden: HiddenDemo) -> None:
         + ")"
         for entry in hidden.answer.hidden
     )
-    mark = "[bold green]found[/bold green]" if hidden.found else "[bold yellow]not found[/bold yellow]"
-    out.print(f"{mark}  the sealed answer was: {answer}\n")
+    mark = "[bold green]CORRECT[/bold green]" if hidden.found else "[bold yellow]NOT FOUND[/bold yellow]"
+    out.print(f"{mark}  the hidden effect was {answer}\n")
     print_files(out, {"session": hidden.session, **hidden.files})

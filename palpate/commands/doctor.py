@@ -157,7 +157,7 @@ def _next_steps(
     if is_simulated(check.robot_file):
         return [(f"palpate probe {arm}{own}", "a first probe")]
     if not check.move or unpowered:
-        return [(f"{again} --move", "signs of joints and force, by hand and by power")]
+        return [(f"{again} --move", "signs of joints and force, by hand and under power")]
     first = "then a first probe, slow and soft, onto something soft"
     return [
         ("palpate calibrate --help", "calibrate zeros, force sensor, drives and base before the first touch"),

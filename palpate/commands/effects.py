@@ -33,7 +33,10 @@ def effects_command(
 ) -> None:
     """List the effects that a model may lack, or show one effect with its equation and a drawing.
 
-    Examples: palpate effects; palpate effects backlash; palpate effects cubic_stiffness --on press.csv
+    Examples:
+      palpate effects
+      palpate effects backlash
+      palpate effects cubic_stiffness --on press.csv
     """
     if name is None:
         if on is not None:

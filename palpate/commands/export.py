@@ -136,9 +136,11 @@ def export_command(
     With --stream, writes recorded data as CSV or Parquet: a stream of a session, its events, or a channel in
     the form that palpate import reads.
 
-    Examples: palpate export stiff.mcap; palpate export swing.csv --format feedforward -o arm.yaml;
-    palpate export arm.csv --urdf arm.urdf --format mjcf --patch arm.xml -o better.xml;
-    palpate export stiff.mcap --stream tick -o ticks.parquet
+    Examples:
+      palpate export stiff.mcap
+      palpate export swing.csv --format feedforward -o arm.yaml
+      palpate export arm.csv --urdf arm.urdf --format mjcf --patch arm.xml -o better.xml
+      palpate export stiff.mcap --stream tick -o ticks.parquet
     """
     given = [
         name
@@ -334,7 +336,8 @@ def report_command(
 ) -> None:
     """Write measurement, models and saved diagnosis to one self-contained HTML page.
 
-    Example: palpate report press.csv -o press.html
+    Example:
+      palpate report press.csv -o press.html
     """
     path = output_file(out, force=force or is_own_page(out), keep=[data.file], endings=(".html", ".htm"))
     study = data.study(model, folder_to_read(data.file, folder))

@@ -57,7 +57,9 @@ def import_command(
     A contact needs time, displacement (positive into the object) and force (positive in compression); a joint
     needs time, position and torque. Common column names and units are recognized and reported.
 
-    Examples: palpate import press.csv --look; palpate import 1.xlsx 2.xlsx -o both.mcap
+    Examples:
+      palpate import press.csv --look
+      palpate import 1.xlsx 2.xlsx -o both.mcap
     """
     tables: list[Path] = []
     for path in files:

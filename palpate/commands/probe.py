@@ -168,15 +168,17 @@ def replay_command(
     arm gets power only after a confirmation (or --yes) and a countdown. The guard stops the arm at its
     limits; the force is not controlled.
 
-    Example: palpate export real.mcap -o twin.yaml; palpate replay real.mcap --scenario twin.yaml
-    -o twin.mcap; palpate compare real.mcap twin.mcap
+    Example: compare a recording with its simulated twin:
+      palpate export real.mcap -o twin.yaml
+      palpate replay real.mcap --scenario twin.yaml -o twin.mcap
+      palpate compare real.mcap twin.mcap
     """
     recorded = open_session(session)
     references, robot_file = references_of(recorded), options.robot_file
     file = options.session_file(out, "replay", keep=[session])
     runs = len(np.unique(references.run[references.run >= 0]))
     motion = (
-        f"'{robot_file.name}' is going to move: it repeats {count(runs, 'run')} of {session.name}, "
+        f"'{robot_file.name}' will move: it repeats {count(runs, 'run')} of {session.name}, "
         f"{duration(references.duration_s)}; its guard stops it beyond {robot_file.limits.force_n:g} N."
     )
     job = ReplayJob(
@@ -235,7 +237,6 @@ def resolve_command(
 
     Examples:
       palpate resolve --hidden random --seed 7
-
       palpate resolve --robot my_arm.yaml --probes 3 --seconds 120
     """
     from palpate.workflows.resolve import DECISIONS, ProbeBudget, resolve  # noqa: PLC0415, the study takes a second
@@ -247,7 +248,7 @@ def resolve_command(
     if len(plan.targets_world_m) > 1:  # nearby places share one channel
         names += [f"contact_{number}" for number in range(1, len(plan.targets_world_m) + 1)]
     if channel is not None and channel not in names:
-        raise InputError(f"--channel {channel}: there are {', '.join(names)}")
+        raise InputError(f"--channel {channel}: no such channel. Available: {', '.join(names)}")
     folder = out or SESSIONS / options.stamped_name("resolve")
     asked = [plan]
     job = ProbingJob(

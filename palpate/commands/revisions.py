@@ -101,7 +101,8 @@ def remove_command(
 ) -> None:
     """Remove an added effect from the newest model, refit, and save the result as a revision.
 
-    Example: palpate remove press.csv bias
+    Example:
+      palpate remove press.csv bias
     """
     study = data.study(model, folder_to_read(data.file, folder))
     change = study.remove(effect_name, channel)

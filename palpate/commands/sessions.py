@@ -35,10 +35,11 @@ def merge_command(
 ) -> None:
     """Merge several sessions into one measurement; runs are renumbered.
 
-    Example: palpate merge monday.mcap tuesday.mcap -o both.mcap
+    Example:
+      palpate merge monday.mcap tuesday.mcap -o both.mcap
     """
     if len(sessions) < 2:
-        raise InputError(f"{sessions[0]}: is one session; name two or more")
+        raise InputError(f"{sessions[0]}: only one session; give two or more")
     places = [existing_file(path, "session").resolve() for path in sessions]
     if twice := [str(path) for n, path in enumerate(sessions) if places[n] in places[:n]]:
         raise InputError(f"{twice[0]}: is given twice; its runs would count as repeated measurements")

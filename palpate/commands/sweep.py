@@ -47,13 +47,11 @@ def sweep_command(
 
     After an interruption, the same command continues; no finished case is repeated.
 
-    Examples: palpate sweep paper --out paper
-
-    palpate sweep mine.yaml --workers 2
-
-    palpate sweep mine.yaml --plan
-
-    palpate sweep mine.yaml --scheduler tcp://10.0.0.5:8786 --out /shared/mine
+    Examples:
+      palpate sweep paper --out paper
+      palpate sweep mine.yaml --workers 2
+      palpate sweep mine.yaml --plan
+      palpate sweep mine.yaml --scheduler tcp://10.0.0.5:8786 --out /shared/mine
     """
     from palpate.sweep import (  # noqa: PLC0415, its libraries take a second
         RESULTS,

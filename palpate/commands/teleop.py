@@ -70,7 +70,7 @@ KeyOption = Annotated[
     Path | None,
     typer.Option(
         "--key",
-        help="Secret key file, the same on both sides; messages made with another key are refused.",
+        help="Secret key file, the same on both sides; messages signed with another key are refused.",
         metavar="FILE",
     ),
 ]
@@ -108,6 +108,7 @@ def follower(
     its guard stops the arm at the limits, whatever the messages say. A real arm gets power only after a
     confirmation (or --yes) and a countdown.
 
+    Examples:
       palpate teleop follower --scenario stiff -o follower.mcap
       palpate teleop follower --robot my_arm.yaml --experiment gentle.yaml --link router.json5
     """
@@ -115,7 +116,7 @@ def follower(
     plan = probing_plan(experiment, PLAN)
     speeds = ", ".join(f"{speed / MILLI:g}" for speed in plan.speeds_m_s)
     motion = (
-        f"'{robot_file.name}' is going to move to wherever a leader asks: each place is probed at {speeds} "
+        f"'{robot_file.name}' will move to every place that a leader chooses, and probe it at {speeds} "
         f"mm/s, pressing with {plan.force_limit_n:g} N; its guard stops it beyond "
         f"{robot_file.limits.force_n:g} N."
     )
@@ -207,6 +208,7 @@ def leader(  # noqa: PLR0917, one parameter an option
     Every estimate from the follower updates the virtual object, and its uncertainty is shown. An arm used
     as device (leader_arm) gets power only after a confirmation (or --yes) and a countdown.
 
+    Examples:
       palpate teleop leader --operator gamepad -o leader.mcap
       palpate teleop leader --operator touch.yaml --link router.json5
     """
@@ -229,7 +231,7 @@ def leader(  # noqa: PLR0917, one parameter an option
         arm = load_robot_file(device.settings.robot)
         torques = ", ".join(f"{torque:g}" for torque in arm.limits.torque_nm)
         ask_for_power(
-            f"'{arm.name}' is going to carry its own weight and to push the hand that holds it, "
+            f"'{arm.name}' will carry its own weight and push the hand that holds it, "
             f"with at most {torques} N m in its joints.",
             yes=yes,
         )
@@ -282,6 +284,7 @@ def demo(
     line states the difference between the felt and the real force. Another line follows if the machine
     was too slow.
 
+    Examples:
       palpate teleop demo --out teleop-demo
       palpate teleop demo --out far --scenario hunt_crossley --bad-network 500,20,10
     """

@@ -68,11 +68,10 @@ def trend_command(
     effect in the error. If nothing changes, the probability of a false alarm in a whole table is 1 %.
     Writes trend.html beside the table.
 
-    Examples: palpate batch logs --pattern '{arm}_{date}.csv' --group arm --out nightly
-
-    palpate trend nightly --exit-code
-
-    palpate trend logs --out nightly --pattern '{date}.csv' --add coulomb_friction --follow
+    Examples:
+      palpate batch logs --pattern '{arm}_{date}.csv' --group arm --out nightly
+      palpate trend nightly --exit-code
+      palpate trend logs --out nightly --pattern '{date}.csv' --add coulomb_friction --follow
     """
     options = {"model": model, "pattern": pattern, "group": group, "add": add or []}
     if out is None and (given := [name for name, value in options.items() if value]):
@@ -129,7 +128,7 @@ def _update(  # noqa: PLR0917, what was typed
     if unknown := set(names) - set(available):
         raise InputError(
             f"--parameter {min(unknown)}: no such series of at least {LEAST} measurements. "
-            f"There are: {', '.join(available) or 'none'}"
+            f"Available: {', '.join(available) or 'none'}"
         )
     chosen = [series for series in known if not names or series.name in names]
     varying = [series for series in chosen if not series.is_constant]

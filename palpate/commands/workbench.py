@@ -53,7 +53,10 @@ def workbench_command(
     FILE may also be a folder of sessions. Without FILE, drop a file on the page, or probe from the page.
     No data leave this machine. Ctrl-C ends the server.
 
-    Examples: palpate workbench press.csv; palpate workbench sessions --no-browser; palpate workbench --riddle
+    Examples:
+      palpate workbench press.csv
+      palpate workbench sessions --no-browser
+      palpate workbench --riddle
     """
     if riddle and data.file != Path():
         raise InputError("--riddle probes an object of its own: leave out the file")

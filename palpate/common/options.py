@@ -43,7 +43,9 @@ SchedulerOption = Annotated[
     str | None, typer.Option(help="Run on the workers of this dask scheduler.", metavar="ADDRESS")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
-SessionOutOption = Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")]
+SessionOutOption = Annotated[
+    Path | None, typer.Option("--out", "-o", help="Session file to write; default: a new one in sessions/.")
+]
 _KEYWORD, _NONE = Parameter.KEYWORD_ONLY, Parameter.empty
 
 

@@ -133,7 +133,7 @@ def load_user_effect(text: str) -> Effect:
             key for key, value in classes if issubclass(value, Effect) and value.__module__ == module.__name__
         ]
         names = ", ".join(own)
-        raise InputError(f"--effect {text}: no effect is called '{name}' there. There are: {names or 'none'}")
+        raise InputError(f"--effect {text}: no effect is called '{name}' there. Available: {names or 'none'}")
     with user_code(f"--effect {text}", own_file=file_of(member)):
         attribute, wrong = next(_flaws(member), ("", ""))
     if wrong:

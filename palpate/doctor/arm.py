@@ -47,7 +47,7 @@ class ArmCheck:
 
 
 def examine_arm(check: ArmCheck) -> Iterator[Finding]:
-    """Check limits, ports, devices and rates, then signs by hand and by power; stop after a failed stage.
+    """Check limits, ports, devices and rates, then signs by hand and under power; stop after a failed stage.
 
     The torque stays off until `may_power` returns True, and it is off at the end.
 

@@ -62,7 +62,7 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
         "age limits",
         ", ".join(f"{device} {1e3 * age_s:g} ms" for device, age_s in ages_s.items()),
         (_WARN, min(ages_s.values()) < 2 * tick_s, lost),
-        (_WARN, max(ages_s.values()) > 50 * tick_s, "the arm would act on old samples: allow less"),
+        (_WARN, max(ages_s.values()) > 50 * tick_s, "the arm would act on old samples: lower the limit"),
     )
     for name, bus in robot_file.buses.items():
         watchdog_s = bus.settings.get("watchdog_s")

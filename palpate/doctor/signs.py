@@ -327,7 +327,7 @@ def examine_powered(
         spread_n = float(np.std([m.force_n for m in now]))
         touched = max(abs(_force_n(now) - _force_n(before)), spread_n) > _TOUCHED_N
         if touched or not is_still(now) or not is_still([*before, *now]):
-            value = "somebody touches the arm, or it moves: it is not powered"
+            value = "the arm moves or is touched, so it gets no power"
             yield fail("hands away", value, "let the arm rest without anyone touching it, and start again")
             return
     limits = reduced_limits(robot_file.limits, body)

@@ -144,7 +144,7 @@ def write_simulator(
     texts: dict[Path, str]
     if target is SimulatorFormat.BAM:
         if patch is None:
-            line = 'BAM needs "actuator", "kt" and "R" of the motor: name a parameter file of it with --patch'
+            line = 'BAM needs "actuator", "kt" and "R" of the motor: give its parameter file with --patch'
             arm = replace(arm, left_out=(*arm.left_out, line))
         several = len(arm.joints) > 1
         texts = {

@@ -67,7 +67,7 @@ def recorded_table(path: Path, options: ImportOptions, name: str) -> pa.Table:
         channels = {}  # a session of streams alone
     if name not in channels:
         available = ", ".join([*streams, *(channel for channel in channels if channel not in streams)])
-        raise InputError(f"{path}: has no stream or channel '{name}'. There are: {available}")
+        raise InputError(f"{path}: has no stream or channel '{name}'. Available: {available}")
     channel = channels[name]
     motion = (channel.position, channel.velocity, channel.acceleration, channel.effort)
     names = (_EFFORTS.get(own, own) for own in COLUMNS[channel.kind])

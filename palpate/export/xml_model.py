@@ -343,7 +343,7 @@ class _Mjcf:
         )
         if not any(self._numbers(element, "armature", self.value(element, "armature", "0"))):
             line = (
-                "the rotor of its motor is not known: without an armature the contact at the gap's ends "
+                "the inertia of the rotor is unknown; without an armature the contact at the gap's ends "
                 "is soft"
             )
             self.left_out.append(f"{joint.channel}: {line}")
@@ -427,7 +427,7 @@ def _polynomial(*coefficients: float) -> str:
 
 
 def _too_light(mass_kg: float) -> str:
-    return f"'payload' {mass_kg:.5g} kg is negative: subtract it from the last body by hand"
+    return f"'payload' {mass_kg:.5g} kg is negative: subtract it from the mass of the last body by hand"
 
 
 def _parsed(text: str, place: str, tag: str) -> Element:

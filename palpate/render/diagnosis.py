@@ -92,7 +92,7 @@ def _error_sentence(diagnosis: ChannelDiagnosis) -> str:
     noise = ""
     if diagnosis.noise_floor is not None and diagnosis.floor is not None:
         size, source = with_unit(diagnosis.noise_floor, unit), diagnosis.floor.source.value
-        noise = f" (noise {size}{': upper bound' if diagnosis.floor.at_most else ''}, from {source})"
+        noise = f" (noise {'at most ' if diagnosis.floor.at_most else ''}{size}, from {source})"
     if not diagnosis.accepted:
         return f"The error in held-out runs is {with_unit(after.rmse, unit)}{noise}."
     added = "it" if len(diagnosis.accepted) == 1 else "them"

@@ -224,7 +224,7 @@ async def _ask_permission(force_n: float, arguments: list[str]) -> bool:
         f"the page asks to power the arm: {safe(command)}\nto allow that, type {code} there"
     )
     with ui.dialog().props("persistent") as dialog, ui.card():
-        ui.label(f"The arm is going to move, and to press with {force_n:g} N.").classes("text-bold")
+        ui.label(f"The arm will move and press with {force_n:g} N.").classes("text-bold")
         ui.label(
             "Keep clear of the arm and of the space below it, and hold its power switch in your hand. "
             "Power the arm now?"

@@ -117,7 +117,7 @@ class StudyOptions(ReadOptions):
         Path | None, typer.Option(help="URDF of the arm, for models that need one.", metavar="FILE")
     ] = None
     tip_frame: Annotated[
-        str | None, typer.Option(help="Tip frame in this URDF.", show_default="tip, or its last link")
+        str | None, typer.Option(help="Tip frame in this URDF; default: tip, otherwise the last link.")
     ] = None
 
 

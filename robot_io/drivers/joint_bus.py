@@ -116,11 +116,11 @@ class RequestQueue:
     """Requests to one device without an answer so far; an answer belongs to the oldest of them.
 
     After a lost answer, all later answers would get the time of a request that is one too old. A lost answer
-    cannot be told from a longer delay as long as the requests are evenly spaced. So if an answer takes longer
-    than usual while further requests are open, one request is omitted (`omit_next`). The answers show the
-    same gap, and only one assignment of answers to requests then gives all of them the same delay. If none
-    does, because the delay has changed meanwhile, an answer still belongs to the oldest request: its time may
-    be too old, but not too new.
+    cannot be distinguished from a longer delay as long as the requests are evenly spaced. So if an answer
+    takes longer than usual while further requests are open, one request is omitted (`omit_next`). The answers
+    show the same gap, and only one assignment of answers to requests then gives all of them the same delay.
+    If none does, because the delay has changed meanwhile, an answer still belongs to the oldest request: its
+    time may be too old, but not too new.
 
     Args:
         margin_s: Variation of the delays [s]; less than the time between two requests.

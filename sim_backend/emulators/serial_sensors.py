@@ -494,7 +494,7 @@ def _sensor(request: WireRequest) -> SerialSensor:
     if request.force.driver not in _SENSORS:
         raise InputError(
             f"no sensor is emulated for the driver '{request.force.driver}'. Emulated: "
-            f"{', '.join(_SENSORS)}; name one of them to try the rest of the arm, or do without --wire"
+            f"{', '.join(_SENSORS)}; name one of them to try the rest of the arm, or omit --wire"
         )
     model, make = _SENSORS[request.force.driver]
     settings = validate(model, request.force.settings)

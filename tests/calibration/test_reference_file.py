@@ -29,7 +29,7 @@ def test_masses_become_weights_and_names_give_units(tmp_path):
 @pytest.mark.parametrize(
     ("header", "columns", "words"),
     [
-        ("counts,reference_N", {}, ("--column reading=counts", "There are: counts, reference_N")),
+        ("counts,reference_N", {}, ("--column reading=counts", "Available: counts, reference_N")),
         ("reading_counts,reference_apples", {}, ("reference_apples", "kg")),
         ("reading_pears,reference_N", {}, ("--reading-unit",)),
         ("reading_counts,reference_N", {"weight": "x"}, ("--column weight", "reading, reference, settled")),

@@ -186,7 +186,7 @@ def test_weak_arm_gets_a_motion_within_its_torque():
     ("limits", "words"),
     [
         ({"velocity_rad_s": (6.0, 0.15, 6.0)}, r"velocity_rad_s of joint 2 is 0\.15 rad/s.* needs 0\.2"),
-        ({"torque_nm": (5.0, 37.0, 18.0)}, r"joint 1: its limits\.torque_nm, 5 N m, hardly carries the arm"),
+        ({"torque_nm": (5.0, 37.0, 18.0)}, r"joint 1: its limits\.torque_nm, 5 N m, cannot carry the arm"),
         ({"position_max_rad": (3.05, 2.75, -2.6)}, r"joint 3: .* are 0\.25 rad apart"),
     ],
 )

@@ -187,7 +187,7 @@ def test_time_that_is_not_of_the_rows_may_be_left_out(tmp_path):
     done = np.repeat(np.arange(60.0), 10)
     path = table_file(tmp_path, "completion_time_s,depth_m,force_N\n", done, WAY_M, FORCE_N, form="{:.8f}")
     (note,) = (note for note in import_file(path).notes if "repeats its times" in note)
-    assert note.endswith("leave it out with --context completion_time_s")
+    assert note.endswith("add --context completion_time_s to read it as another signal")
     options = ImportOptions(context=("completion_time_s",))
     (channel,) = import_file(path, options).channels
     np.testing.assert_allclose(channel.position, WAY_M, atol=1e-7)
@@ -235,7 +235,7 @@ def test_tearing_strip_is_pulled_though_its_force_then_falls(tmp_path):
 def test_time_without_a_unit_is_no_shorter_than_a_press(tmp_path, step, count, unit):
     time, way = step * np.arange(count), np.linspace(0.0, 1.0, count)
     path = table_file(tmp_path, "Time,Travel [mm],Load [N]\n", time, way, 3.0 * way + 0.1 * way**2)
-    assert f"its steps are read as {unit};" in import_file(path).notes[0]
+    assert f"is read in {unit}, from its sample step;" in import_file(path).notes[0]
 
 
 @pytest.mark.parametrize("runs", [1, 2])

@@ -339,7 +339,7 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         ({"time_s": BACK}, {}, "line 32, column 'time_s': 0.1 s does not come after 0.29 s in line 31"),
         ({"time_s": BACK}, {}, "--column run=COLUMN"),
         ({"time_s": BACK, "run": ["one"] + ["two"] * 49}, {}, "of run 'two'"),
-        ({"time_s": np.zeros(50)}, {}, "has the same time in all rows; leave it out with --context time_s"),
+        ({"time_s": np.zeros(50)}, {}, "has the same time in all rows; name the time column with --column"),
         ({"force_N": None}, {}, "a contact needs time_s, displacement_m, force_N"),
         ({"force_N": None}, {}, "--column force_N=COLUMN"),
         ({"force_N": None, "F [N]": forces(at_7="inf")}, {}, "line 9, column 'F [N]': 'inf' is not a finite"),
@@ -347,7 +347,7 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         ({"force_N": None, "F [N]": [1e300] * 50}, {}, "line 2, column 'F [N]': '1e+300' is too large"),
         ({}, {"columns": {"force_N": "load"}}, "has only time_s, displacement_m, force_N"),
         ({}, {"where": {"specimn": "P1"}}, "no column 'specimn'"),
-        ({"specimen": ["P1"] * 50}, {"where": {"specimen": "P2"}}, "no such row. There are: P1"),
+        ({"specimen": ["P1"] * 50}, {"where": {"specimen": "P2"}}, "no such row. Available: P1"),
         ({"force_N": None, "force": F}, {}, "'force' states no unit; give it, as in --unit force=N"),
         (
             {"displacement_m": None, "force_N": None, "force": F, "depth": X},
@@ -619,7 +619,7 @@ def test_slow_press_without_time_uses_row_numbers_and_notes_it(contact):
     channel = only(imported)
     assert (np.diff(channel.time_s) == 1.0).all()
     assert channel.effort == pytest.approx(F)
-    assert any("no column holds a time: rows count as 1 s apart" in note for note in imported.notes)
+    assert any("no time column: rows are assumed to be 1 s apart" in note for note in imported.notes)
 
 
 def test_displacement_words_are_ignored_where_another_column_holds_it(contact):

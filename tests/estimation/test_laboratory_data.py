@@ -190,7 +190,7 @@ def test_current_is_used_as_torque_without_a_constant(press, units, factor):
     np.testing.assert_allclose(channel.effort, factor * current)
     np.testing.assert_allclose(channel.position, np.radians(np.sin(T)))
     unknown = "torque" not in units
-    assert any("1 A counts as 1 N m" in note for note in imported.notes) is unknown
+    assert any("1 A as 1 N m" in note for note in imported.notes) is unknown
 
 
 def test_torque_is_preferred_to_current_and_no_column_is_used_twice(press):
@@ -431,7 +431,7 @@ def test_clock_beside_the_time_and_invalid_dates_leave_columns_unchanged(press):
 def test_time_unit_is_inferred_from_the_sample_step(press, scale, unit):
     imported = import_file(press(**{TIME: None, "__time": 1.7e9 * (scale == 1.0) + scale * presses()[0]}))
     assert np.ptp(imported.channels[0].time_s) == pytest.approx(np.ptp(presses()[0]), rel=1e-6)
-    assert f"'__time' states no unit: its steps are read as {unit}" in imported.notes[0]
+    assert f"'__time' states no unit and is read in {unit}, from its sample step" in imported.notes[0]
 
 
 def test_tests_side_by_side_are_called_by_their_headings(tmp_path):

@@ -209,7 +209,7 @@ def test_other_tables_are_named_with_the_option_that_selects_them(tmp_path):
     columns = {"displacement_mm": "Heat [K]"}
     with pytest.raises(InputError, match="has 2 rows, at least 5"):
         import_file(path, ImportOptions(table=line, columns=columns))
-    with pytest.raises(InputError, match=f"no such table. There are: 1, {line}"):
+    with pytest.raises(InputError, match=f"no such table. Available: 1, {line}"):
         import_file(path, ImportOptions(table="2"))
 
 

@@ -72,7 +72,7 @@ def test_number_that_is_another_run_s_name_is_refused(tmp_path):
     for name, numbers in (("0", [0]), ("01", [1])):
         (channel, *_) = open_source(tmp_path / "x.mcap", ImportOptions(where={"run": name})).channels
         assert channel.runs.tolist() == numbers
-    with pytest.raises(InputError, match=r"run=1: .* There are: 0, 01"):
+    with pytest.raises(InputError, match=r"run=1: .* Available: 0, 01"):
         open_source(tmp_path / "x.mcap", ImportOptions(where={"run": "1"}))
 
 

@@ -100,7 +100,7 @@ def test_noise_floor_does_not_depend_on_earlier_revisions(hardening, grown, tmp_
         (("--model", "magic"), ("magic", "kelvin_voigt")),
         (("--model", "pendulum"), ("pendulum", "contact")),
         (("--channel", "joint_9"), ("joint_9", "contact")),
-        (("--revision", 9), ("no revision 9", "There are: 0, 1")),
+        (("--revision", 9), ("no revision 9", "Available: 0, 1")),
         (("--revision", 0, "--revision", 1), ("several revisions of channel 'contact'",)),
         (("--revision", 1, "--model", "hunt_crossley"), ("leave out --model",)),
     ],

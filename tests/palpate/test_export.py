@@ -290,7 +290,7 @@ def test_parquet_keeps_units_and_events_are_a_table_with_their_text(session, tmp
 def test_session_without_channels_exports_streams_and_events(tmp_path):
     path = write_session(tmp_path / "x.mcap", [], SessionMetadata(), [Event(0.5, "start", "it begins", None)])
     assert exported(path, "events", tmp_path / "e.csv")["time_s"].to_pylist() == [0.5]
-    assert_refused(run("export", path, "--stream", "tick", "-o", tmp_path / "t.csv"), "There are: events")
+    assert_refused(run("export", path, "--stream", "tick", "-o", tmp_path / "t.csv"), "Available: events")
 
 
 def test_channel_is_imported_again_unchanged(probed, tmp_path):

@@ -111,7 +111,7 @@ def test_demo_finds_its_hidden_effect_and_reports_it(tmp_path):
         assert words in result.stdout
     assert "palpate inspect" in result.stderr
     _, _, second = result.stdout.partition("MISSING  contact")
-    assert second.index("noise level") < second.index("found  the sealed answer was")
+    assert second.index("noise level") < second.index("CORRECT  the hidden effect was")
     assert "not found" not in second
     folder = tmp_path / "d-hidden"
     found = json.loads((folder / "diagnosis.json").read_text())["channels"][0]

@@ -46,7 +46,7 @@ def test_runs_of_a_session_are_chosen_like_those_of_its_data_file(hardening, tmp
     assert few.channels[0].runs.tolist() == few.tared(["contact"])[0].runs.tolist() == [0, 2]
     assert len(open_source(hardening, WHERE).channels[0]) == len(few.channels[0]) < len(all_runs.channels[0])
     refused = run("diagnose", tmp_path / "x.mcap", "--where", "run=0,77")
-    assert_refused(refused, "--where run=0,77", "There are: 0, 1")
+    assert_refused(refused, "--where run=0,77", "Available: 0, 1")
 
 
 @pytest.mark.parametrize("command", ["export", "revisions"])

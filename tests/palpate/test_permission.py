@@ -69,13 +69,13 @@ def test_confirmation_question_describes_the_motion(tmp_path, monkeypatch):
 def test_declined_confirmation_stops(monkeypatch, capsys):
     types(monkeypatch, "n\n")
     with pytest.raises(InputError, match="nothing has moved"):
-        ask_for_power("'it' is going to move", yes=False, pause=pytest.fail)
+        ask_for_power("'it' will move", yes=False, pause=pytest.fail)
     types(monkeypatch, "\n")
     with pytest.raises(InputError, match="nothing has moved"):
-        ask_for_power("'it' is going to move", yes=False, pause=pytest.fail)
+        ask_for_power("'it' will move", yes=False, pause=pytest.fail)
     said = capsys.readouterr()
     assert said.out == ""
-    for words in ("'it' is going to move", "Keep clear", "[y/N]"):
+    for words in ("'it' will move", "Keep clear", "[y/N]"):
         assert words in said.err
 
 
@@ -83,7 +83,7 @@ def test_declined_confirmation_stops(monkeypatch, capsys):
 def test_confirmation_starts_a_countdown(monkeypatch, capsys, yes):
     types(monkeypatch, "" if yes else "y\n")
     pauses = []
-    ask_for_power("'it' is going to move", yes=yes, pause=pauses.append)
+    ask_for_power("'it' will move", yes=yes, pause=pauses.append)
     assert sum(pauses) == 3.0
     assert "power in 3 s" in capsys.readouterr().err
 

@@ -114,7 +114,7 @@ class PlausibilityFilter:
         if not changed:
             return
         name, value, expected = changed[0]
-        problem = f"servo {servo_id}: {name} is {value} in place of {expected}"
+        problem = f"servo {servo_id}: {name} is {value} instead of {expected}"
         restarted = ("torque limit", tables.RESTARTED_LIMIT, 0)
         if len(changed) == 1 and (name, value, torque_on) == restarted:
             raise DeviceError(f"{problem}: it has restarted")
@@ -136,7 +136,7 @@ class PlausibilityFilter:
             for k, servo_id in enumerate(self._settings):
                 sent, goal = [goals[k] for goals in self._goals], feedback.goal[k]
                 if feedback.torque_on[k] and sent and goal not in sent:
-                    return f"servo {servo_id}: goal position is {goal} in place of {sent[0]}"
+                    return f"servo {servo_id}: goal position is {goal} instead of {sent[0]}"
                 if abs(steps[k]) > largest_step:
                     return f"servo {servo_id} jumped from {self._last_positions[k]} to {feedback.position[k]}"
         self._last_s, self._last_positions = now_s, feedback.position

@@ -98,7 +98,7 @@ class FeedbackReader(Generic[FeedbackType]):
         """
         now_s = self._clock.now_s()
         if now_s >= deadline_s:
-            raise DeviceTimeoutError("no time left to ask the servos")
+            raise DeviceTimeoutError("no time left in this tick to read the servos")
         newest = None
         received = self._port.read_all()
         if received:  # unexpected or late: the next request must differ from it

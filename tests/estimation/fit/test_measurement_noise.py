@@ -140,7 +140,7 @@ def test_slow_noise_is_bounded_by_repeated_runs():
     found = noise_of(data, SWING)
     assert found.is_bound
     assert found.value == pytest.approx(5 * NOISE_NM, rel=0.3)
-    assert "N m: upper bound, from " in found.describe("N m")
+    assert found.describe("N m").startswith("at most ")
 
 
 def test_added_effect_does_not_change_the_noise():

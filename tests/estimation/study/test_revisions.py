@@ -35,7 +35,7 @@ def test_revisions_without_a_folder_stay_in_memory(tmp_path, monkeypatch):
     assert [kept.save(revision).number for _ in range(2)] == [0, 1]
     assert kept.get(1) == revision(1)
     assert not list(tmp_path.iterdir())
-    with pytest.raises(InputError, match=r"no revision 7 in memory\. There are: 0, 1"):
+    with pytest.raises(InputError, match=r"no revision 7 in memory\. Available: 0, 1"):
         kept.get(7)
 
 

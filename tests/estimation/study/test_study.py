@@ -114,7 +114,7 @@ def test_effect_is_added_to_a_suitable_or_requested_channel(arm):
     assert study.add("bias").result.channel.name == "contact"
     change = study.add("coulomb_friction", channel="joint_2")
     assert change.result.stages[1].rmse < 0.2 * change.result.stages[0].rmse
-    with pytest.raises(InputError, match=r"no such channel. There are: contact, joint_1, joint_2"):
+    with pytest.raises(InputError, match=r"no such channel. Available: contact, joint_1, joint_2"):
         study.add("bias", channel="joint_9")
 
 
@@ -147,7 +147,7 @@ def test_adding_continues_the_newest_revision_and_removing_reverts():
         (["stiffness"], {}, "more than once"),
         (["bias", "bias"], {}, "more than once"),
         (["bias"], {"start": 3}, "no revision 3"),
-        (["bias"], {"start": 0, "fresh": True}, "leave out --fresh"),
+        (["bias"], {"start": 0, "fresh": True}, "--fresh and --from 0: give only one"),
         (["bias"], {"start": 1}, "revision 1 has bias already"),
     ],
 )

@@ -349,7 +349,7 @@ def test_law_is_shared_only_where_recordings_agree(tmp_path):
     assert "coulomb_friction.force in 3 estimates is not shared" in " ".join(said.split())
     assert "contradicted" in (tmp_path / "no" / "index.html").read_text()
     refused = run("batch", unlike, *options, "--share", "backlash", "--out", tmp_path / "no")
-    assert_refused(refused, "--share backlash", "There are:", "coulomb_friction")
+    assert_refused(refused, "--share backlash", "Available:", "coulomb_friction")
     refused = run("batch", unlike, *options, "--share", "relaxation", "--out", tmp_path / "new")
     assert_refused(refused, "relaxation", "stress_relaxation")
     assert not (tmp_path / "new").exists()
@@ -449,8 +449,8 @@ def test_folder_with_other_files_is_refused(specimens):
         ({"places": ["x/*.csv"]}, "no file has such a name"),
         ({"pattern": "{a}_{a}.csv"}, "use each field once"),
         ({"pattern": "{a}-{b}.csv"}, "does not fit the file name s0"),
-        ({"join": "animal"}, "no such field. There are: none"),
-        ({"split": "animal"}, "no such column. There are: time_s"),
+        ({"join": "animal"}, "no such field. Available: none"),
+        ({"split": "animal"}, "no such column. Available: time_s"),
     ],
 )
 def test_incompatible_data_are_refused_in_one_line(specimens, options, words):

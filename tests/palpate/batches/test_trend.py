@@ -207,7 +207,7 @@ def test_invalid_trend_tables_are_reported(tmp_path):
     assert_refused(run("trend", tmp_path / "few", "--date", "channel"), "--date channel: give dates")
     assert_refused(run("trend", tmp_path / "few", "--date", "night"), "no such column")
     assert_refused(
-        run("trend", tmp_path / "few", "--parameter", "mass"), "--parameter mass", "There are: none"
+        run("trend", tmp_path / "few", "--parameter", "mass"), "--parameter mass", "Available: none"
     )
     (tmp_path / "table.csv").write_text("a,b\n1,2\n")
     assert_refused(run("trend", tmp_path / "table.csv"), "lacks the columns")

@@ -69,7 +69,7 @@ def socket_status(port, **headers):
         (["there.csv", "--urdf", "no.urdf"], "URDF no.urdf: no such file"),
         (["there.csv", "--effect", "no.py:Mine"], "effect no.py: no such file"),
         (["there.csv", "--held-out", "x"], "--held-out x: give run numbers"),
-        (["there.csv", "--held-out", "7"], "there is no run 7. There are: 0, 1, 2, 3"),
+        (["there.csv", "--held-out", "7"], "there is no run 7. Available: 0, 1, 2, 3"),
         (["there.csv", "--model", "kelvin"], "no model is called 'kelvin'; did you mean 'kelvin_voigt'?"),
     ],
 )

@@ -165,7 +165,7 @@ def test_echoing_adapter_disturbs_nothing(arm):
 
 @pytest.mark.parametrize(
     ("place", "value", "problem"),
-    [(LIMIT, 300, "torque limit is 300 in place of"), (GOAL, 77, "goal position is 77 in place of 18")],
+    [(LIMIT, 300, "torque limit is 300 instead of"), (GOAL, 77, "goal position is 77 instead of 18")],
 )
 def test_impossible_servo_value_is_a_damaged_answer(arm, place, value, problem):
     """Eight bits of checksum let one damaged answer in 256 pass."""
@@ -183,7 +183,7 @@ def test_restart_between_two_readings_is_detected(arm):
     arm.tick(None)
     arm.servos[2].reboot(arm.clock.now_s(), 0.0)
     assert arm.tick(None).encoder_status is Status.FAULT
-    assert "servo 2: torque limit is 1000 in place of 999: it has restarted" in arm.problem
+    assert "servo 2: torque limit is 1000 instead of 999: it has restarted" in arm.problem
 
 
 @pytest.mark.parametrize("counts_s", [7000, -7000, 32767])
@@ -214,7 +214,7 @@ def test_impossible_jump_is_a_damaged_answer(arm):
     [
         (lambda servo: servo.put(TORQUE_ON, 0, 1), r"servo 1 \(holds\): has switched its torque off"),
         (lambda servo: servo.fail(), r"servo 1 \(holds\): error: overload"),
-        (lambda servo: servo.put(GOAL, 1000), r"servo 1: goal position is 1000 in place of 2048"),
+        (lambda servo: servo.put(GOAL, 1000), r"servo 1: goal position is 1000 instead of 2048"),
         (lambda servo: servo.put(LIMIT, 900), r"servo 1: torque limit is 900"),
     ],
     ids=["off", "overloaded", "other goal", "other limit"],
