@@ -268,7 +268,7 @@ def _row(
             f'<circle cx="{share:.1f}" cy="{y + 10:.1f}" r="4.5" fill="{part.color}"/>',
         ]
     closest = ", closest" if part.form == "unknown" and part.effects else ""
-    form = f"form {part.form}{closest}" if part.form else ""
+    form = f"{part.form} form{closest}" if part.form else ""
     words = ": ".join(filter(None, [form, ", ".join(part.effects)]))
     x, room = (20, width - 20) if is_narrow else (right + 16, width - right - 16)
     most = int(room / _CHARACTER)

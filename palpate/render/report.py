@@ -97,14 +97,15 @@ def figure(channel: ChannelView | StudyView) -> go.Figure:
     _draw_time(made, channel, (2, 1))
     _draw_residuals(made, channel, (3, 1))
     made = styled(made, 800)
-    return made.update_layout(margin_t=64, legend_y=1.06)  # above the titles of the first row
+    return made.update_layout(margin_t=96, legend_y=1.06)  # above the titles of the first row
 
 
 def error_steps_figure(channel: ChannelView) -> go.Figure:
     """Draw the held-out error stage by stage, down to the noise level."""
     made = make_subplots(1, 1)
     _draw_error_steps(made, channel)
-    return styled(made, 96 + _BAR_PX * (len(channel.error_steps) + 1))
+    made = styled(made, 96 + _BAR_PX * (len(channel.error_steps) + 1))
+    return made.update_layout(margin_t=40)  # there is no legend
 
 
 def time_figure(channel: ChannelView) -> go.Figure:
@@ -116,11 +117,11 @@ def time_figure(channel: ChannelView) -> go.Figure:
     if not channel.stages:
         made = make_subplots(1, 1)
         _draw_time(made, channel, (1, 1))
-        return styled(made, 340)
+        return styled(made, 360)
     made = make_subplots(2, 1, shared_xaxes=True, row_heights=[0.6, 0.4], vertical_spacing=0.06)
     _draw_time(made, channel, (1, 1))
     _draw_residuals(made, channel, (2, 1))
-    return styled(made, 520)
+    return styled(made, 540)
 
 
 def position_figure(channel: ChannelView) -> go.Figure:
@@ -131,7 +132,7 @@ def position_figure(channel: ChannelView) -> go.Figure:
     """
     made = make_subplots(1, 1)
     _draw_state(made, channel, (1, 1), channel.position, channel.axes.position)
-    return styled(made, 400)
+    return styled(made, 424)
 
 
 def state_figure(channel: ChannelView) -> go.Figure:
@@ -140,7 +141,7 @@ def state_figure(channel: ChannelView) -> go.Figure:
     _draw_state(made, channel, (1, 1), channel.position, channel.axes.position)
     _draw_state(made, channel, (1, 2), channel.velocity, channel.axes.velocity, named=False)
     made.update_yaxes(title_text="", row=1, col=2)
-    return styled(made, 400)
+    return styled(made, 424)
 
 
 def map_figure(channel: ChannelView) -> go.Figure:
@@ -178,14 +179,14 @@ def map_figure(channel: ChannelView) -> go.Figure:
         made.update_xaxes(title_text=axes.position, row=1, col=column)
     made.update_yaxes(title_text=axes.velocity, row=1, col=1)
     made.update_annotations(yshift=6)
-    styled(made, 360).update_xaxes(showgrid=False, zeroline=False)
+    styled(made, 384).update_xaxes(showgrid=False, zeroline=False)
     return made.update_yaxes(showgrid=False, zeroline=False)
 
 
 def _draw_error_steps(made: go.Figure, channel: ChannelView) -> None:
     labels = [_escaped(label) for label, _ in channel.error_steps]
     errors = np.array([error for _, error in channel.error_steps])
-    unit, reach = channel.axes.effort_unit, 1.22 * float(errors.max())
+    unit, reach = channel.axes.effort_unit, 1.35 * float(errors.max())  # space for the labels
     taken = np.maximum(np.concatenate([[0.0], errors[:-1] - errors[1:]]), 0.0)
     before = np.concatenate([errors[:1], errors[:-1]])
     words = [
@@ -337,7 +338,7 @@ def styled(made: go.Figure, height: int) -> go.Figure:
         paper_bgcolor="rgba(0,0,0,0)",
         plot_bgcolor="rgba(0,0,0,0)",
         height=height,
-        margin={"l": 64, "r": 16, "t": 40, "b": 48},
+        margin={"l": 64, "r": 16, "t": 64, "b": 48},  # the buttons are above the legend
         font={"family": palette.FONT, "size": 12.5},
         modebar={"bgcolor": "rgba(0,0,0,0)", "color": _ZERO, "activecolor": palette.MEASURED},
         legend={"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom", "bgcolor": "rgba(0,0,0,0)"},
