@@ -104,6 +104,18 @@ def table(title: str, *columns: str, right: Iterable[str] = ()) -> Table:
     return made
 
 
+def labeled(*lines: tuple[str, str]) -> Table:
+    """Set texts beside their labels, with the second and later lines of a text below its first.
+
+    Args:
+        lines: pairs of a label and a text from any source; see `safe`.
+    """
+    made = Table.grid(padding=(0, 2, 0, 0))
+    for label, text in lines:
+        made.add_row(f"[dim]{label}[/dim]", safe(text))
+    return made
+
+
 def natural_width(made: Table) -> int:
     """Return the width of a table in terminal columns if no cell is folded."""
     wide = Console(width=_UNBOUNDED)

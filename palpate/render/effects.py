@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.padding import Padding
 from rich.text import Text
 
-from palpate.common.console import safe, table
+from palpate.common.console import labeled, safe, table
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.effect import AdditiveEffect, Effect, SensorEffect
 from palpate.estimation.effects import EFFECTS
@@ -244,8 +244,7 @@ def print_effect(console: Console, effect: Effect, example: EffectExample | None
     }
     if effect.needs:
         lines["needs"] = ", ".join(effect.needs)
-    for what, words in lines.items():
-        console.print(Padding(Text.from_markup(f"[dim]{what}[/dim]  {safe(words)}"), (0, 0, 0, 2)))
+    console.print(Padding(labeled(*lines.items()), (0, 0, 0, 2)))
     if example is not None and "utf" in console.encoding:
         console.print()
         for line in draw_example(example, console.width):

@@ -16,6 +16,7 @@ from palpate.common.console import (
     display_path,
     first_that_fits,
     format_p_value,
+    labeled,
     natural_width,
     safe,
     significant,
@@ -66,14 +67,13 @@ def print_diagnosis(console: Console, view: StudyView) -> None:
         if channel.accepted:
             parts.append(error_steps_table(channel, width))
         for entry in channel.accepted:
-            rivals = (
-                f"\n  [yellow]these data cannot tell it from {safe(', '.join(entry.confused_with))}[/yellow]"
-            )
             form = " (approximate form)" if entry.form is Form.APPROXIMATE else ""
-            text = f"[bold]{safe(entry.effect)}[/bold]{form}: {safe(entry.physics)}\n"
-            text += f"  [dim]signature[/dim] {safe(entry.signature)}\n"
-            text += f"  [dim]equation[/dim] {safe(entry.equation)}{rivals if entry.confused_with else ''}"
-            parts.append(Text.from_markup(text))
+            text = f"[bold]{safe(entry.effect)}[/bold]{form}: {safe(entry.physics)}"
+            lines = labeled(("signature", entry.signature), ("equation", entry.equation))
+            parts += [Text.from_markup(text), Padding(lines, (0, 0, 0, 2))]
+            if entry.confused_with:
+                rivals = f"these data cannot tell it from {', '.join(entry.confused_with)}"
+                parts.append(Padding(Text(safe_text(rivals), style="yellow"), (0, 0, 0, 2)))
         if channel.parameters and (channel.accepted or channel.verdict.word != "unexplained"):
             parts.append(parameter_table(channel.parameters, width))
         if channel.ranking:
@@ -109,17 +109,17 @@ def _budget_table(budget: BudgetView, bars: int, *, is_beside: bool) -> Table:
 
     Args:
         budget: shares of the error.
-        bars: width of the bars [characters].
+        bars: width of the terminal that the bars suit [characters]; 0 for no bars.
         is_beside: whether the effects are beside the form, rather than below it.
     """
     last = ("effects",) if is_beside else ()
-    made = table("", "", "", "share", _RANGE, "form", *last, right=("share", _RANGE))
+    made = table("", "", *[""] * bool(bars), "share", _RANGE, "form", *last, right=("share", _RANGE))
     for part in budget.parts:
         share = f"{_BOUNDS[part.bound]}{percent(part.share, bound=part.bound)}"
         effects = ",\n".join(map(safe, part.effects_text.split(", ")))  # so that no name is broken
         form = part.form if is_beside or not effects else f"{part.form}\n[dim]{effects}[/dim]"
-        bar = _bar(part.share, part.color, bars)
-        made.add_row(safe(part.word), bar, share, part.range_text, form, *[effects] * len(last))
+        bar = [_bar(part.share, part.color, bars)] * bool(bars)
+        made.add_row(safe(part.word), *bar, share, part.range_text, form, *[effects] * len(last))
     if bars < _NARROW:
         made.columns[0].max_width = _FOLDED
     return made
