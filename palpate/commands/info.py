@@ -47,7 +47,7 @@ def info_command(
         "seed": "none" if data["seed"] is None else str(data["seed"]),
         "calibrated": ", ".join(data["calibrations"]) or "nothing",
         "duration": duration(data["duration_s"]),
-        "whole": f"[yellow]no:[/yellow] {'; '.join(lacking)}" if lacking else "yes",
+        "complete": f"[yellow]no:[/yellow] {'; '.join(lacking)}" if lacking else "yes",
     }
     known = {*facts, RUN_LABELS, NOT_WHOLE}  # labels of runs are in --json only
     further = ((key, value) for key, value in data["extra"].items() if key not in known and len(value) < 100)

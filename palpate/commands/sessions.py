@@ -110,6 +110,7 @@ def reveal_command(
         table = console.table(
             f"Hidden in {display_path(session)}", "effect", "shows in", "parameters", "physics"
         )
+        table.columns[0].no_wrap = True
         for entry in answer.hidden:
             values = (
                 f"{name} = {significant(value)} {unit}" for name, (value, unit) in entry.values().items()

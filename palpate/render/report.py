@@ -88,7 +88,7 @@ def figure(channel: ChannelView | StudyView) -> go.Figure:
     if isinstance(channel, StudyView):
         channel = channel.channels[0]
     specs = [[{}, {}], [{"colspan": 2}, None], [{"colspan": 2}, None]]
-    titles = ("Error in held-out runs", "Over the state", "Over time", "")
+    titles = ("Error in held-out runs", "Over position", "Over time", "")
     made = make_subplots(
         3, 2, specs=specs, subplot_titles=titles, row_heights=[0.36, 0.36, 0.28], vertical_spacing=0.14
     )

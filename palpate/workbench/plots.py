@@ -351,10 +351,10 @@ class PlotPanel:
                     self._at[name] = cursor.props("dense outlined").classes("cursor")
                 self._reading = ui.html("").classes("reading").mark("reading")
         with ui.element("section").classes("card"):
-            heading("Over the state", elements.STATE)
+            heading("Over position and velocity", elements.STATE)
             self._state_plot = Plot(state_figure(self._motion, None))
         with ui.element("section").classes("card") as self._map_card:
-            heading("Residual over the state", elements.MAP)
+            heading("Residual over position and velocity", elements.MAP)
             self._map: Plot | None = None
 
     def show(self, shown: DisplayedFit) -> None:

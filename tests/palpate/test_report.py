@@ -213,4 +213,4 @@ class TestFigures:
         shown = report.figure(StudyView("f", (result_view(result),)))
         assert {trace.type for trace in shown.data} == {"bar", "scatter"}
         titles = [note.text for note in shown.layout.annotations]
-        assert {"Error in held-out runs", "Over the state", "Over time"} <= set(titles)
+        assert {"Error in held-out runs", "Over position", "Over time"} <= set(titles)

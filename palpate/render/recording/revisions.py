@@ -297,7 +297,7 @@ def _growth_tab(channel: ChannelView) -> rrb.Horizontal:
     curves = rrb.Vertical(
         _view(f"{name}/effort", "Measured (blue), revision 0 (gray), this revision (orange)", _WIDE),
         rrb.Horizontal(
-            _view(f"{name}/loop", "Over the state"),
+            _view(f"{name}/loop", "Over position"),
             _view(f"{name}/residual", "Residual: revision 0 (gray), this revision (orange)"),
         ),
     )
