@@ -133,7 +133,7 @@ def read_reference_file(
     """
     unknown = [role for role in columns if role not in _ROLES]
     if unknown:
-        raise InputError(f"--column {unknown[0]}: valid are {', '.join(_ROLES)}")
+        raise InputError(f"--column {unknown[0]}: no such role. Valid: {', '.join(_ROLES)}")
     table = read_table(path)
     reading = _column(table, "reading", columns)
     reference = _column(table, "reference", columns)

@@ -115,7 +115,7 @@ class NoiseScale:
         """
         joint = joint_of(channel)
         if joint > len(self.joints):
-            raise InputError(f"channel '{channel}': valid are {', '.join(self.channels)}")
+            raise InputError(f"channel '{channel}': no such channel. Valid: {', '.join(self.channels)}")
         return self.joints[joint - 1]
 
     def depth_left(self, strength: float, share: float) -> float:

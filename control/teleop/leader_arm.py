@@ -70,7 +70,7 @@ def build_operator(operator: str, clock: Clock) -> OperatorDevice:
             raise InputError(f"operator '{operator}': {error}; {how}") from error
     valid = ", ".join(OPERATOR_DEVICES)
     if not Path(operator).is_file():
-        raise InputError(f"operator '{operator}': no such file, and the devices are {valid}")
+        raise InputError(f"operator '{operator}': no such device or file. Devices: {valid}")
     document = load_yaml(operator)
     settings = document.data
     name = settings.get(_DEVICE) if isinstance(settings, dict) else None

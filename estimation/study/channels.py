@@ -205,7 +205,7 @@ def suited_names(name: str, effects: Sequence[Effect], channels: Sequence[Channe
     suggestions = [name for name in names if name in closest or words & set(name.split("_"))]
     hint = f"Did you mean {' or '.join(suggestions)}? " if suggestions else ""
     where = " and ".join(f"a {kind.value}" for kind in sorted(kinds))
-    return f"{hint}In {where} there are: {', '.join(names)}"
+    return f"{hint}Effects of {where}: {', '.join(names)}"
 
 
 def data_sha256(data: ChannelData, arm: Arm) -> str:

@@ -474,10 +474,12 @@ class ModelStudy(StudyFits):
                 fitting_channels.append(base)
         names = " and ".join(effect.name for effect in effects)
         if not fitting_channels:
-            listed = ", ".join(f"{base.name} ({base.kind})" for base in current)
+            listed = ", ".join(
+                base.name if base.name == base.kind else f"{base.name} ({base.kind})" for base in current
+            )
             known = suited_names(effects[0].name, self.effects, [base.data for base in current])
             raise InputError(
-                f"{names} {'do' if len(effects) > 1 else 'does'} not apply to any channel: {listed}. {known}"
+                f"{names} {'do' if len(effects) > 1 else 'does'} not apply to any channel ({listed}). {known}"
             )
         contacts = [base for base in fitting_channels if base.kind is ChannelKind.CONTACT]
         if len(fitting_channels) > 1 and len(contacts) != 1:

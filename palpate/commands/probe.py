@@ -95,7 +95,9 @@ def probe_command(
         message = f"--{key.replace('_', '-')}: {problem}" if is_option else f"probing plan: {error}"
         raise InputError(message) from error
     if online not in (NO_ESTIMATOR, *online_estimators()):
-        raise InputError(f"--online {online}: valid are {', '.join(online_estimators())}, {NO_ESTIMATOR}")
+        raise InputError(
+            f"--online {online}: no such estimator. Valid: {', '.join(online_estimators())}, {NO_ESTIMATOR}"
+        )
     job = ProbingJob(
         robot_file,
         options.session_file(out),

@@ -104,8 +104,8 @@ def reveal_command(
 
     def show() -> None:
         if not answer.hidden:
-            remark = "nothing was hidden with palpate probe --hidden"
-            console.say(f"no hidden effects are stored with {display_path(session)}: {remark}")
+            name = display_path(session)
+            console.say(f"{name} has no hidden effects; only palpate probe --hidden hides some")
             return
         table = console.table(
             f"Hidden in {display_path(session)}", "effect", "shows in", "parameters", "physics"

@@ -146,7 +146,7 @@ def _cases(what: str) -> tuple[Mapping[str, Sequence[Any]], Any, str]:
     from palpate.sweep.grid import load_grid  # noqa: PLC0415, as above
 
     if not Path(what).suffix and not Path(what).exists():
-        raise InputError(f"sweep '{what}': valid are {PAPER}, or a YAML file with a grid")
+        raise InputError(f"sweep '{what}': no such grid. Valid: {PAPER}, or a YAML file with a grid")
     path = existing_file(Path(what), "sweep")
     grid = load_grid(path)
     return {"grid": list(grid.cases())}, grid, path.stem

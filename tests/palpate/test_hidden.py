@@ -116,7 +116,7 @@ def test_session_without_hidden_effects_has_no_sealed_answer(probed):
     assert not sealed_path(probed[0]).exists()
     assert probed[1]["sealed"] is None
     told = done("reveal", probed[0])
-    assert "no hidden effects are stored with" in told.stdout
+    assert "has no hidden effects" in told.stdout
     assert ["probe", "--hidden", "random", "-o", "secret.mcap"] in next_commands(told)
     assert as_json("reveal", probed[0])["hidden"] == []
 

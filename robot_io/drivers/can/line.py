@@ -103,7 +103,7 @@ class SlcanBus:
                 f"channel {channel}: after @, give a baud rate such as 3000000 instead of '{baud_rate}'"
             )
         if bitrate is not None and bitrate not in _SPEEDS:
-            raise ValueError(f"bitrate {bitrate}: valid are {', '.join(map(str, _SPEEDS))}")
+            raise ValueError(f"bitrate {bitrate}: not supported. Valid: {', '.join(map(str, _SPEEDS))}")
         self._port = SerialPort(path, int(baud_rate or _USUAL_BAUD_RATE), clock)
         self._unfinished, self._lines = b"", deque[bytes]()  # received line without its end; whole lines
         self._port.open()

@@ -267,7 +267,7 @@ class LorenzSettings(SerialForceSettings):
     @classmethod
     def _check_rate(cls, rate_hz: int) -> int:
         if rate_hz not in SAMPLE_RATE_CODES:
-            raise ValueError(f"valid are {', '.join(map(str, SAMPLE_RATE_CODES))}")
+            raise ValueError(f"not supported. Valid: {', '.join(map(str, SAMPLE_RATE_CODES))}")
         return rate_hz
 
     @property

@@ -143,7 +143,7 @@ def test_adding_continues_the_newest_revision_and_removing_reverts():
     ("effects", "how", "words"),
     [
         (["magic"], {}, "magic"),
-        (["coulomb_friction"], {}, "does not apply to any channel: contact"),
+        (["coulomb_friction"], {}, r"does not apply to any channel \(contact\)"),
         (["stiffness"], {}, "more than once"),
         (["bias", "bias"], {}, "more than once"),
         (["bias"], {"start": 3}, "no revision 3"),

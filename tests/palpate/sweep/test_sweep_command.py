@@ -84,7 +84,7 @@ def test_remaining_sweep_time_follows_the_measured_cost(done, mine):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"), [(("papr",), "valid are paper"), (("nothing.yaml",), "no such file")]
+    ("arguments", "words"), [(("papr",), "Valid: paper"), (("nothing.yaml",), "no such file")]
 )
 def test_bad_input_is_refused_in_one_line(tmp_path, monkeypatch, arguments, words):
     monkeypatch.chdir(tmp_path)

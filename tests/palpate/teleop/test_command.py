@@ -10,7 +10,7 @@ from tests.palpate.cli import assert_refused, done, run
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("leader", "--operator", "nosuch"), "the devices are"),
+        (("leader", "--operator", "nosuch"), "no such device or file"),
         (("leader", "--operator", "mouse", "--link", "nosuch.json5"), "nosuch.json5"),
         (("leader", "--operator", "mouse", "--robot", "nosuch"), "no such robot file"),
         (("leader", "--operator", "mouse", "--scenario", "nosuch"), "no scenario"),
