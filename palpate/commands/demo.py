@@ -52,7 +52,8 @@ def demo_command(
 ) -> None:
     """Probe a simulated object and estimate its stiffness, then find a hidden effect in another object.
 
-    Writes two session files, each with a folder of recordings, plots and a report. Takes less than a minute.
+    Writes two session files, NAME.mcap and NAME-hidden.mcap, each with a folder of results. Takes less
+    than a minute.
     """
     world = load_scenario(scenario)
     if engine is not None:

@@ -55,11 +55,18 @@ def probe_command(
     *,
     experiment: Annotated[Path | None, typer.Option(help="Probing plan (YAML) to start from.")] = None,
     speed_mm_s: Annotated[
-        str | None, typer.Option(help="Approach speeds, such as 150,90,60.", metavar="MM/S,...")
+        str | None,
+        typer.Option(help="Approach speeds, such as 150,90,60; default: the plan's.", metavar="MM/S,..."),
     ] = None,
-    force_limit_n: Annotated[float | None, typer.Option(help="Load up to this force.", metavar="N")] = None,
-    hold_s: Annotated[float | None, typer.Option(help="Duration of the hold.", metavar="S")] = None,
-    repeats: Annotated[int | None, typer.Option(help="Number of repetitions of all speeds.")] = None,
+    force_limit_n: Annotated[
+        float | None, typer.Option(help="Load up to this force; default: the plan's.", metavar="N")
+    ] = None,
+    hold_s: Annotated[
+        float | None, typer.Option(help="Duration of the hold; default: the plan's.", metavar="S")
+    ] = None,
+    repeats: Annotated[
+        int | None, typer.Option(help="Number of repetitions of all speeds; default: the plan's.")
+    ] = None,
     out: SessionOutOption = None,
     online: Annotated[
         str, typer.Option(help=f"Estimator to run while probing:  {', '.join(online_estimators())}, or none.")

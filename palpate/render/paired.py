@@ -107,13 +107,13 @@ def _words(sides: PairedComparison) -> Iterator[str]:
     elif np.isfinite(sides.agreement_percent):
         yield f"B repeats A with a fit of {sides.agreement_percent:.1f} %."
     if sides.is_same_data:
-        texts = [f"{letter}'s model {_describe_fit(side, side)}" for letter, side in pair]
-        yield f"{' and '.join(texts)} of the measurement."
+        texts = [f"{letter}'s model has {_describe_fit(side, side)}" for letter, side in pair]
+        yield f"{'; '.join(texts)}."
     elif sides.first.compared is not None and sides.second.compared is not None:
         for (letter, side), (other_letter, data) in (pair, pair[::-1]):
             yield (
-                f"{letter}'s model {_describe_fit(side, data)} of {other_letter} "
-                f"({_describe_fit(side, side)} of {letter})."
+                f"{letter}'s model has {_describe_fit(side, data)} on {other_letter}, and "
+                f"{_describe_fit(side, side)} on {letter}."
             )
     for letter, side in pair:
         if side.compared is not None and side.compared.lack_of_fit > FAR:
@@ -143,9 +143,11 @@ def _is_only_noise(model: ComparedModel, measured: ComparedModel) -> bool:
 
 def _describe_fit(model: ComparedModel, measured: ComparedModel) -> str:
     if _is_only_noise(model, measured):
-        return "leaves only noise"
+        return "only noise left"
     fit = model.fit_of(measured)
-    return "says nothing" if np.isnan(fit) else f"describes {fit:.1f} %"
+    if np.isnan(fit):
+        return "no fit"
+    return f"a fit of {fit:.1f} %" + (" (worse than a constant)" if fit < 0.0 else "")
 
 
 def _compare_parameters(sides: PairedComparison) -> Iterator[str]:
