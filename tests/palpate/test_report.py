@@ -158,12 +158,12 @@ def test_unwritable_folder_stays_empty(result, tmp_path):
 
 def test_channel_without_diagnosis_is_reported(tmp_path):
     press = write_presses(tmp_path / "one.csv", speeds_m_s=(0.02,))
-    press.write_text("\n".join(press.read_text().splitlines()[:61]) + "\n")
+    press.write_text("\n".join(press.read_text().splitlines()[:51]) + "\n")
     one = Study(press, keep=False)
     (found,) = one.diagnose().channels
     told = document(StudyView("one", (result_view(one.result(one.channel(), (), found)),)))
     assert "INSUFFICIENT" in told
-    assert "only 60 samples" in told
+    assert "only 50 samples" in told
 
 
 class TestFigures:
