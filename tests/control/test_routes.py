@@ -233,7 +233,7 @@ def test_targets_without_room_to_lift_the_tip_are_refused():
     task = ProbingTask.from_robot_file(setup.robot_file, plan)
     task = ProbingTask(setup.body, axis, task._gains, plan, position_limits_rad=limits)
     at, still = setup.places[0].position_rad, np.zeros(3)
-    with pytest.raises(InputError, match=r"on the way to target 2 the tip would come .* mm too near"):
+    with pytest.raises(InputError, match=r"on the way to target 2 the tip would come .* mm too close"):
         task.start(Measurement(0.0, at, still, still, 0.0, 0.0, 0.0, 0.0))
 
 
@@ -283,6 +283,6 @@ def test_target_that_became_unreachable_is_skipped(monkeypatch):
     record = run_probing(plant, task)
     assert [event.kind for _, event in record.events][-2:] == ["no_way", "probing_done"]
     (failure,) = task.failures
-    assert "on the way to target 2 the tip would come 4.0 mm too near" in failure
+    assert "on the way to target 2 the tip would come 4.0 mm too close" in failure
     assert record.event("probing_done").data["runs"] == 2
     assert np.abs(record.position_rad[-1] - record.position_rad[0]).max() < 1e-3

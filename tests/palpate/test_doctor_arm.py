@@ -194,7 +194,7 @@ def signs_by(hand, monkeypatch, **options):
     [
         (LazyHand, "sign of the force", "too small to judge"),
         (LastingHand, "hands away", "remain after the press"),
-        (ReturningHand, "hands away", "somebody touches"),  # while the seconds are counted
+        (ReturningHand, "hands away", "moves or is touched"),  # while the seconds are counted
     ],
 )
 def test_arm_is_not_powered_if_instructions_are_not_followed(hand, subject, words, monkeypatch, plants):

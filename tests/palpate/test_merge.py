@@ -103,8 +103,8 @@ def test_truncated_session_is_named(imported, tmp_path):
     both, again = tmp_path / "both.mcap", tmp_path / "again.mcap"
     merged([both, imported[0]], again)
     for file, lacking in ((both, "cut.mcap"), (again, "both.mcap"), (imported[0], "")):
-        whole = re.search(r"whole +(.*)", run("info", file).stdout)[1]
-        assert whole == (f"no: merged from incomplete sessions: {lacking}" if lacking else "yes")
+        complete = re.search(r"complete +(.*)", run("info", file).stdout)[1]
+        assert complete == (f"no: merged from incomplete sessions: {lacking}" if lacking else "yes")
 
 
 @pytest.mark.parametrize(
