@@ -209,8 +209,9 @@ def _draw_error_steps(made: go.Figure, channel: ChannelView) -> None:
         x=channel.noise_level,
         line={"color": palette.NOISE, "width": 1.5, "dash": "dot"},
         annotation={
-            "text": f" noise level {with_unit(channel.noise_level, unit)}",
+            "text": f"noise level {with_unit(channel.noise_level, unit)}",
             "font_color": palette.NOISE,
+            "xshift": 4 if left else -4,
         },
         annotation_position="bottom right" if left else "bottom left",
         row=1,

@@ -243,9 +243,7 @@ def test_joints_are_identified_by_interface_names(tmp_path, names, effort):
         columns[torque] = (1e3 if in_degrees else 1.0) * TORQUE[:, joint]
     imported = import_table(table_of(pa.table(columns), tmp_path))
     assert_are_the_joints(imported.channels)
-    assert any("current that stands for the torque" in note for note in imported.notes) == (
-        effort == "current"
-    )
+    assert any("current used as the torque" in note for note in imported.notes) == (effort == "current")
 
 
 @pytest.mark.parametrize("name", ["acceleration_1_rad_s2", "acc [rad/s^2]", "Beschleunigung [rad/s²]"])
