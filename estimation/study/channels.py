@@ -203,6 +203,7 @@ def suited_names(name: str, effects: Sequence[Effect], channels: Sequence[Channe
     closest = get_close_matches(name, [effect.name for effect in effects], n=1)
     words = {word for text in (name, *closest) for word in text.split("_")}
     suggestions = [name for name in names if name in closest or words & set(name.split("_"))]
+    suggestions.sort(key=lambda suggestion: suggestion not in closest)  # the most similar name first
     hint = f"Did you mean {' or '.join(suggestions)}? " if suggestions else ""
     where = " and ".join(f"a {kind.value}" for kind in sorted(kinds))
     return f"{hint}Effects of {where}: {', '.join(names)}"

@@ -108,6 +108,7 @@ def study(tmp_path_factory):
         (lambda s: s.add(["bias"]), r"add\(\['bias'\]\): give names"),
         (lambda s: s.add("coulomb"), r"no effect is called 'coulomb'\. Did you mean .*dry_friction"),
         (lambda s: s.add("coulomb_friction"), r"not apply to any channel \(.*\)\. Did .*dry_friction"),
+        (lambda s: s.add("stress_relaxtion"), r"Did you mean stress_relaxation or "),
         (lambda s: s.add("gremlin"), r"no effect is called 'gremlin'\. Effects of a contact: adhesion, "),
         (lambda s: s.compare()["nope"], "no channel 'nope' is compared. Available: contact"),
         (lambda s: s.remove("cubic_stiffness"), "'cubic_stiffness': is not in the newest models. They have"),
