@@ -237,7 +237,8 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         free.remove(column)
         options.append(f"--column {quantity}={shlex.quote(column)}")
         options += [] if fitting else [f"--unit {quantity}={unit}"]
-    return f"{needed}; name the columns, as in {' '.join(options)}"
+    doubt = "which column holds what is not known; " * is_nameless
+    return f"{needed}; {doubt}name the columns, as in {' '.join(options)}"
 
 
 def _is_drive(name: str) -> bool:

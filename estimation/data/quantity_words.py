@@ -60,7 +60,7 @@ _BY_QUANTITY = {
         변위
     """,
     "force": """
-        f fz fn force load forcez
+        f fz fn force load loadcell forcez
         kraft standardkraft prüfkraft normalkraft last
         charge
         fuerza carga

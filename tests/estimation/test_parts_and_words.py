@@ -245,3 +245,20 @@ def test_a_strain_that_may_be_in_percent_is_asked_for(tmp_path):
     assert refusal(percent).endswith("'Strain' states no unit; give it, as in --unit displacement=%")
     ratio = import_file(saved(tmp_path / "ratio.csv", header + lines(TIME_S, 30.0 * WAY_M, FORCE_N)))
     assert ratio.channels[0].kind is ChannelKind.CONTACT
+
+
+def test_nanoseconds_are_added_to_whole_seconds(tmp_path):
+    since = 1.7e9 + np.round(TIME_S * 1e9) * 1e-9
+    whole = np.floor(since)
+    nanoseconds = np.round((since - whole) * 1e9)
+    header = "stamp.sec,stamp.nanosec,displacement [mm],force [N]\n"
+    path = saved(tmp_path / "ros.csv", header + lines(whole, nanoseconds, 1e3 * WAY_M, FORCE_N))
+    (channel,) = import_file(path).channels
+    assert np.allclose(np.diff(channel.time_s), np.diff(TIME_S), atol=1e-6)
+
+
+def test_seconds_without_whole_seconds_beside_nanoseconds_are_unchanged(tmp_path):
+    header = "time [s],nsec,displacement [mm],force [N]\n"
+    path = saved(tmp_path / "own.csv", header + lines(TIME_S, 1e9 * TIME_S, 1e3 * WAY_M, FORCE_N))
+    (channel,) = import_file(path).channels
+    assert np.allclose(channel.time_s, TIME_S, atol=1e-6)
