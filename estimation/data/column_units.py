@@ -48,6 +48,7 @@ _MAX_RANGE = {  # largest plausible range in SI, and the likely unit of a larger
     "position": (4.0 * np.pi, "deg"),
     "goal": (4.0 * np.pi, "deg"),
 }
+_WITHOUT_UNIT = {"-", "1"}  # text in brackets that states a ratio, as in "Strain (-)"
 _MAX_STRAIN = 2.0  # largest range of a strain without a unit that is read as a ratio
 _LARGE_UNITS = tuple(unit for _, unit in _MAX_RANGE.values())
 _MAX_CURRENT_A = 200.0  # largest plausible range of a current in A; a larger one is in mA
@@ -112,6 +113,8 @@ class ColumnUnits:
 
     def _is_percent(self, column: str) -> bool:
         """Return whether a strain may be in percent, because its range is too large for most materials."""
+        if unknown_unit(column) in _WITHOUT_UNIT:
+            return False
         return self.table.varies(column) and float(np.ptp(self.table.numbers(column))) > _MAX_STRAIN
 
     def is_scaled_by_user(self, role: Role, column: str) -> bool:

@@ -61,6 +61,7 @@ def test_an_effort_in_another_matlab_file_is_named(tmp_path):
         (["time values", "angle values", "torque values"], ["time", "position", "torque"]),
         (["Neo_Avg_Strain_L", "Neo_Avg_Stress_L"], ["displacement", "force"]),
         (["PositionArrayb", "ForceArrayb"], ["position", "force"]),
+        (["theta 1", "theta 2", "tau_raw 1", "tau_raw 2"], ["position", "position", "torque", "torque"]),
         (["Trial_Elapsed_s", "Middle_Angle", "Middle_Force_N"], ["time", "position", "force"]),
     ],
 )
@@ -245,6 +246,9 @@ def test_a_strain_that_may_be_in_percent_is_asked_for(tmp_path):
     assert refusal(percent).endswith("'Strain' states no unit; give it, as in --unit displacement=%")
     ratio = import_file(saved(tmp_path / "ratio.csv", header + lines(TIME_S, 30.0 * WAY_M, FORCE_N)))
     assert ratio.channels[0].kind is ChannelKind.CONTACT
+    header = "time_s,Strain (-),Stress [MPa]\n"
+    stated = import_file(saved(tmp_path / "stated.csv", header + lines(TIME_S, 3e3 * WAY_M, FORCE_N)))
+    assert stated.channels[0].kind is ChannelKind.CONTACT
 
 
 def test_nanoseconds_are_added_to_whole_seconds(tmp_path):
