@@ -1,7 +1,7 @@
 """Decide which channels the columns of a data file form, or explain why they form none."""
 
 import shlex
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +40,7 @@ _DRIVE = frozenset("u pwm duty voltage volt volts input dac pct percent".split()
 _OUTPUT = frozenset({"y", "out", "output"})  # words for the output of a drive
 _MIN_CLOCK_STEP = 1e-5  # least step of a clock [s]; that of a spreadsheet's day number is smaller
 _SAME_CLOCK = 1.0 - 1e-6  # least correlation of two columns that hold the same clock
+_MAX_GUESSED = 4  # most columns without names among which motion and effort are guessed
 _MIN_COLUMNS = 3  # least number of columns of which one may be a clock
 _MIN_CHANGING = 0.2  # least share of steps in which a coarse clock changes
 _RISING = 0.9  # least share of steps by which a clock increases, which may restart in each run
@@ -190,22 +191,8 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
     stems = {name.rstrip("0123456789") for name in table.names}
     is_nameless = NAMELESS in table.notes or (len(stems) == 1 and not any(quantity_by_name.values()))
     if not has_effort and not is_nameless:
-        missing = f"by names and units, no column seems to hold a force or torque; {needed}"
-        if drive := next((name for name in free if _is_drive(name)), ""):
-            moving = [n for q in ("position", "velocity") for n in numbers if quantity_by_name[n] == q]
-            motion = quantity_by_name[moving[0]] if moving else "position"
-            moving += [name for name in free if not _OUTPUT.isdisjoint(words_of(name))]
-            is_linear = bool(moving) and (dimension_of(unit_in_name(moving[0])) or "").startswith("length")
-            effort, unit = ("force", "N") if is_linear else ("torque", "Nm")
-            return (
-                f"{missing}; if '{drive}' is the command of a drive, it can stand for one: "
-                f"--column {motion}={shlex.quote(moving[0]) if moving else 'COLUMN'} "
-                f"--column {effort}={shlex.quote(drive)} --unit {effort}=1{unit}"
-            )
-        column = shlex.quote(free[0]) if len(free) == 1 else "COLUMN"
-        return (
-            f"{missing}; if a column holds one, add --column force_N={column} or --column torque_Nm={column}"
-        )
+        missing = "by names and units, no column seems to hold a force or torque"
+        return f"{missing}; {needed}; {_suggest_effort(numbers, free, quantity_by_name)}"
     joints = [g.joint for g in guesses.values() if g.quantity == "position" and g.joint is not None]
     torque = columns.assigned.get(("torque", 0))
     if torque is not None and joints:
@@ -222,13 +209,16 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         clocks = [named_clock] if named_clock else _clocks(table, free) if is_nameless else []
         options += [f"--column time={shlex.quote(clocks[0])}"] if clocks else []
         free = [name for name in free if name not in clocks]
+    if is_nameless and len(free) > _MAX_GUESSED:
+        free = []
     # Of columns with uninformative names, the smoothest one is suggested as the displacement.
     free.sort(key=lambda name: np.abs(np.diff(table.numbers(name))).sum() / np.ptp(table.numbers(name)))
     for quantity, unit, last in (("displacement", "mm", 0), ("force", "N", -1)):
         if (quantity, 0) in columns:
             continue
         if not free:
-            options = ["--column displacement_mm=COLUMN --column force_N=COLUMN"]
+            options = [option for option in options if option.startswith("--column time")]
+            options.append("--column displacement_mm=COLUMN --column force_N=COLUMN")
             break
         fitting = [name for name in free if dimension_of(unit_in_name(name)) in QUANTITIES[quantity]]
         named = [name for name in free if quantity_by_name[name] == quantity]
@@ -239,6 +229,29 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         options += [] if fitting else [f"--unit {quantity}={unit}"]
     doubt = "which column holds what is not known; " * is_nameless
     return f"{needed}; {doubt}name the columns, as in {' '.join(options)}"
+
+
+def _suggest_effort(numbers: Sequence[str], free: Sequence[str], quantity_by_name: Mapping[str, str]) -> str:
+    """Suggest an effort if no column names one: the command of a drive, or any column.
+
+    Args:
+        numbers: names of the columns that vary.
+        free: those that may hold an effort.
+        quantity_by_name: quantity of each column according to its name; empty for none.
+    """
+    if drive := next((name for name in free if _is_drive(name)), ""):
+        moving = [n for q in ("position", "velocity") for n in numbers if quantity_by_name[n] == q]
+        motion = quantity_by_name[moving[0]] if moving else "position"
+        moving += [name for name in free if name != drive and not _OUTPUT.isdisjoint(words_of(name))]
+        is_linear = bool(moving) and (dimension_of(unit_in_name(moving[0])) or "").startswith("length")
+        effort, unit = ("force", "N") if is_linear else ("torque", "Nm")
+        return (
+            f"if '{drive}' is the command of a drive, it can stand for one: "
+            f"--column {motion}={shlex.quote(moving[0]) if moving else 'COLUMN'} "
+            f"--column {effort}={shlex.quote(drive)} --unit {effort}=1{unit}"
+        )
+    column = shlex.quote(free[0]) if len(free) == 1 else "COLUMN"
+    return f"if a column holds one, add --column force_N={column} or --column torque_Nm={column}"
 
 
 def _is_drive(name: str) -> bool:

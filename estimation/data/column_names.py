@@ -345,8 +345,12 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
     # unless the names belong to different joints.
     known = {guess.quantity for guess in paired}
     by_word = [guess_column(name, anywhere=True) for name in names]
-    named = [g.joint_name for g in by_word if g.quantity in _MOTION_OR_TORQUE]
-    of_joints = [words for words in ({w for w in name if not w.isdecimal()} for name in named) if words]
+    of_joints = [
+        words
+        for guess in by_word
+        if guess.quantity in _MOTION_OR_TORQUE
+        and (words := {word for word in guess.joint_name if not word.isdecimal()})
+    ]
     if of_joints and not set.intersection(*of_joints):
         return paired
     return [

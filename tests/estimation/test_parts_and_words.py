@@ -266,3 +266,11 @@ def test_seconds_without_whole_seconds_beside_nanoseconds_are_unchanged(tmp_path
     path = saved(tmp_path / "own.csv", header + lines(TIME_S, 1e9 * TIME_S, 1e3 * WAY_M, FORCE_N))
     (channel,) = import_file(path).channels
     assert np.allclose(channel.time_s, TIME_S, atol=1e-6)
+
+
+def test_of_many_columns_without_names_only_the_time_is_suggested(tmp_path):
+    table = lines(TIME_S, WAY_M, FORCE_N, np.cos(TIME_S), np.sin(TIME_S), np.sin(2.0 * TIME_S))
+    message = refusal(saved(tmp_path / "wide.csv", table))
+    assert message.endswith(
+        "--column time='column 1' --column displacement_mm=COLUMN --column force_N=COLUMN"
+    )
