@@ -344,7 +344,11 @@ def _with_decimal_points(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArr
 def _read_zip(path: Path, selected: str) -> FileColumns:
     from palpate.estimation.data.zip_table import read_zip_table  # noqa: PLC0415, seldom needed
 
-    return read_zip_table(path, selected, read_table, [e for e in ENDINGS if e not in BAGS])
+    def read(file: Path) -> FileColumns:
+        table = read_table(file)
+        return FileColumns(table.columns, table.decimal, table.notes)
+
+    return read_zip_table(path, selected, read, [ending for ending in ENDINGS if ending not in BAGS])
 
 
 _ros_bag = LazyModule("palpate.estimation.data.ros_bag")

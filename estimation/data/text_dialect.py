@@ -113,7 +113,8 @@ def _header_rows(
             for column, cell in enumerate(rows[place])
         ]
         filled = sum(map(bool, map(str.strip, row)))
-        is_remark = filled < 2  # such as the channel of one column, or a mark where the header ends
+        # Such as the channel of one column, or a word that marks the end of the header.
+        is_remark = filled < 2 and (not row[0].strip() or row[0].strip().isalpha())
         is_setting = (  # such as "Range,10,50,100"
             len(_strip_empty(row)) <= len(_strip_empty(body[0]))
             and is_number(body[0][0], decimal)

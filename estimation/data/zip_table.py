@@ -6,7 +6,6 @@ import tempfile
 import zipfile
 from collections.abc import Callable, Sequence
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING
 
 from palpate.estimation.data.arrow import pa
 from palpate.estimation.data.file_columns import FileColumns, check_size, list_first, natural_key
@@ -14,14 +13,11 @@ from palpate.estimation.data.table_layout import with_run
 from palpate.estimation.data.text_dialect import TableBlock, same_columns
 from palpate.robot_io.errors import InputError
 
-if TYPE_CHECKING:
-    from palpate.estimation.data.table import Table
-
 _MAX_MEMBERS = 2000
 
 
 def read_zip_table(
-    path: Path, selected: str, read: Callable[[Path], Table], endings: Sequence[str]
+    path: Path, selected: str, read: Callable[[Path], FileColumns], endings: Sequence[str]
 ) -> FileColumns:
     """Read the longest table of a ZIP archive; other files with its columns are further runs.
 
@@ -42,7 +38,7 @@ def read_zip_table(
             raise InputError(f"{path}: holds {len(members)} files; at most {_MAX_MEMBERS} are read")
         check_size(path, sum(entry.file_size for entry in members))
         members.sort(key=lambda entry: natural_key(Path(entry.filename)))
-        tables, faults = dict[str, "Table"](), list[str]()
+        tables, faults = dict[str, FileColumns](), list[str]()
         for number, entry in enumerate(members):
             name = PurePosixPath(entry.filename)
             unpacked = Path(folder) / f"{number}{name.suffix.lower()}"
@@ -54,7 +50,10 @@ def read_zip_table(
                 faults.append(str(error).replace(str(unpacked), entry.filename))
     if not tables:
         raise InputError(faults[0] if faults else f"{path}: holds no data file; valid: {', '.join(endings)}")
-    blocks = [TableBlock(name, table.names, len(table)) for name, table in tables.items()]
+    blocks = [
+        TableBlock(name, tuple(table.columns.column_names), table.columns.num_rows)
+        for name, table in tables.items()
+    ]
     chosen, notes = same_columns(blocks, selected, path)
     used = [table for number, table in enumerate(tables.values()) if number in chosen]
     first = used[0]
@@ -62,7 +61,7 @@ def read_zip_table(
     if len(decimals) > 1:
         raise InputError(f"{path}: some files use decimal points and others commas; select one with --table")
     labels = [blocks[number].title for number in chosen]
-    parts = [table.columns.select(first.names) for table in used]
+    parts = [table.columns.select(first.columns.column_names) for table in used]
     if len(parts) > 1:
         names = [PurePosixPath(label).name for label in labels]
         names = names if len(set(names)) == len(names) else labels
