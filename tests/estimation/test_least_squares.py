@@ -167,8 +167,8 @@ def test_errors_have_the_parameters_units():
     [
         ((500.0, 20.0), 0.02, Identifiability.GOOD, "yes yes", "determine every parameter"),
         ((500.0, 0.0), 0.0, Identifiability.GOOD, "yes yes", "determine every parameter"),
-        ((500.0, 0.01), 0.02, Identifiability.WEAK, "yes no", "^c: not significantly .*, of little"),
-        ((500.0, 0.08), 0.02, Identifiability.WEAK, "yes roughly", "^c: known only roughly, of little"),
+        ((500.0, 0.01), 0.02, Identifiability.WEAK, "yes no", "^c: not significantly .*, with little"),
+        ((500.0, 0.08), 0.02, Identifiability.WEAK, "yes roughly", "^c: known only roughly, with little"),
         ((500.0, 12.0), 3.0, Identifiability.WEAK, "yes roughly", "^c: known only roughly; excite it more"),
         ((500.0, 4.0), 3.0, Identifiability.WEAK, "yes no", "^c: known only roughly; excite it more"),
         ((500.0, 20.0), 2000.0, Identifiability.NONE, "no no", "cannot be determined"),

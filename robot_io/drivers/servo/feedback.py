@@ -210,7 +210,8 @@ class FeedbackReader(Generic[FeedbackType]):
                     yield request, [answers[servo_id] for servo_id in ids]
 
     def _describe_silence(self, request: FeedbackRequest) -> str:
-        """Name the servos that did not answer."""
+        """Name the servos that did not answer; none if all answered, but too late for a further request."""
         silent = ", ".join(str(servo_id) for servo_id in self._ids if servo_id not in request.answers)
+        subject = f"servo {silent}" if silent else "the servos"
         damaged = f" ({self._packets.rejected} damaged answers)" if self._packets.rejected else ""
-        return f"servo {silent} did not answer in time{damaged}"
+        return f"{subject} did not answer in time{damaged}"

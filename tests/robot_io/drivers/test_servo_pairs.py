@@ -73,8 +73,16 @@ def test_restarted_second_servo_is_named(make, family):
     arm = make(family).start()
     second = FAMILIES[family][2]
     arm.inject_fault("motors", FaultKind.REBOOT, device=second, times=1, delay_s=0.001)
-    said = rf"servo {second} \(joint 1, second\): has lost|servo {second}: torque limit is 1000 in place"
+    said = rf"servo {second} \(joint 1, second\): has lost|servo {second}: torque limit is 1000 instead"
     arm.ticks_until(lambda _: re.search(said, arm.problem), most=4)
+
+
+def test_fault_names_a_servo_or_all(make):
+    arm = make("feetech").start()
+    arm.inject_fault("motors", FaultKind.REBOOT, device=FAMILIES["feetech"][2], times=1, delay_s=0.001)
+    problems = [(arm.tick(), arm.problem)[1] for _ in range(14)]  # later requests find no free length
+    assert "the servos did not answer in time" in problems
+    assert not any("servo  " in problem for problem in problems)
 
 
 @pytest.mark.parametrize("kind", [FaultKind.LIMP, FaultKind.REVERSED])
