@@ -120,7 +120,7 @@ class LayeredStiffness(AdditiveEffect):
 
     name = "layered_stiffness"
     kind = Kind.ELASTIC_SHAPE
-    physics = "Below a certain depth a second, stiffer (or softer) layer begins to carry load."
+    physics = "Below a certain depth a stiffer or softer layer carries load too, or the specimen yields."
     equation = "F = k2 max(x - d, 0)"
     source = (
         "piecewise-linear (bilinear) contact stiffness; S. Timoshenko, Vibration Problems in "

@@ -230,7 +230,9 @@ def _compare_pair(  # noqa: PLR0917, what was typed
     numbers, other_numbers = ([str(number) for number in own] for own in revisions)
     given: dict[str, list[str] | Path | None]
     given = {"revision": numbers, "other-revision": other_numbers, "folder": folder}
-    if same and not any(given.values()):
+    is_of_base_models = same and not any(given.values())
+    given["channel"] = None if channel is None else [channel]
+    if is_of_base_models:
         a, b = pairs[0].first, pairs[0].second
         given |= {"model": [a.channel.model.name], "other-model": [b.channel.model.name]}
     beside = "" if same else f" {shell_path(files[1])}"

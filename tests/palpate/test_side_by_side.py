@@ -239,7 +239,7 @@ def test_few_samples_have_no_model_and_are_overlaid(tmp_path):
 
 
 def test_command_prints_and_writes_the_same(soft, stiff, tmp_path):
-    result = done("compare", soft, stiff, "--out", tmp_path)
+    result = done("compare", soft, stiff, "--channel", "contact", "--out", tmp_path)
     told = " ".join(result.stdout.split())
     assert "stiffness.k differs: 39.9" in told
     kept = json.loads((tmp_path / "comparison.json").read_text())
@@ -249,6 +249,7 @@ def test_command_prints_and_writes_the_same(soft, stiff, tmp_path):
     assert difference["interval"][0] < 40.0 < difference["interval"][1]
     assert difference["differs"] is True
     report = (tmp_path / "report.html").read_text()
+    assert "--channel contact" in report  # the command that makes the report again
     assert "soft.csv and stiff.csv" in report
     assert all(title in report for title in ("Force over displacement", "Autocorrelation", "B as measured"))
     entities = {chunk.entity_path for chunk in RrdReader(tmp_path / "sides.rrd").stream().to_chunks()}
