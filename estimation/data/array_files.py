@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import zipfile
+from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -121,9 +122,10 @@ def read_mat(path: Path) -> FileColumns:
         parts = [with_run(arrow_table(columns, path), label) for label, columns in runs]
         return FileColumns(pa.concat_tables(parts, promote_options="permissive"), notes=(note,))
     vectors: dict[str, NDArray[Any]] = {}
-    pending = [item for item in content.items() if isinstance(item[0], str) and not item[0].startswith("__")]
+    items = (item for item in content.items() if isinstance(item[0], str) and not item[0].startswith("__"))
+    pending = deque[tuple[str, Any]](items)
     while pending:
-        name, value = pending.pop(0)
+        name, value = pending.popleft()
         if isinstance(value, Mapping) and {"time", "signals"} <= set(value):
             pending += _scope_signals(value)
         elif isinstance(value, Mapping):
@@ -170,9 +172,10 @@ def _struct_runs(content: Mapping[str, Any]) -> list[tuple[str, dict[str, NDArra
     Runs have a clock, at least two other columns, and the same columns. They are cells, or fields of structs.
     """
     groups: dict[tuple[str, ...], list[tuple[str, dict[str, NDArray[Any]]]]] = {}
-    pending = [(str(name), value) for name, value in content.items() if not str(name).startswith("__")]
+    items = ((str(name), value) for name, value in content.items() if not str(name).startswith("__"))
+    pending = deque[tuple[str, Any]](items)
     while pending:
-        label, value = pending.pop(0)
+        label, value = pending.popleft()
         if isinstance(value, Mapping):
             arrays = [(str(key), part) for key, part in value.items() if isinstance(part, np.ndarray)]
             vectors = {name: v for key, part in arrays for name, v in _vectors(key, part).items()}

@@ -40,8 +40,9 @@ def read_zip_table(
         members.sort(key=lambda entry: natural_key(Path(entry.filename)))
         tables, faults = dict[str, FileColumns](), list[str]()
         for number, entry in enumerate(members):
-            name = PurePosixPath(entry.filename)
-            unpacked = Path(folder) / f"{number}{name.suffix.lower()}"
+            name = entry.filename.lower()
+            ending = PurePosixPath(name.removesuffix(".gz")).suffix + ".gz" * name.endswith(".gz")
+            unpacked = Path(folder) / f"{number}{ending}"
             # `read` returns at most the stated size, and raises BadZipFile if the content differs from it.
             unpacked.write_bytes(archive.read(entry))
             try:

@@ -1,5 +1,6 @@
 """Files that hold a part of a measurement, and names in which a word tells the quantity."""
 
+import gzip
 import zipfile
 
 import numpy as np
@@ -156,6 +157,12 @@ def test_the_tables_of_an_archive_are_runs(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["all.zip"]
     (one,) = import_file(tmp_path / "all.zip", ImportOptions(where={"run": "press 2.csv"})).channels
     assert len(one.time_s) == len(TIME_S)
+
+
+def test_compressed_file_in_an_archive_is_read(tmp_path):
+    text = HEADER + lines(TIME_S, 1e3 * WAY_M, FORCE_N)
+    path = archive(tmp_path / "all.zip", {"press.CSV.gz": gzip.compress(text.encode())})
+    np.testing.assert_allclose(import_file(path).channels[0].effort, FORCE_N, atol=1e-6)
 
 
 def test_files_of_one_name_in_two_folders_of_an_archive_are_two_runs(tmp_path):
