@@ -155,8 +155,8 @@ class ColumnUnits:
         if dimension in PROXIES:
             effort, constant, example = PROXIES[dimension]
             note = (
-                f"column '{column}' is a {dimension} used as the {role.quantity}, "
-                f"with 1 {si_unit(dimension)} as 1 {effort}; give the {constant}, as in "
+                f"column '{column}' is a {dimension} used as the {role.quantity}: "
+                f"1 {si_unit(dimension)} counts as 1 {effort}; give the {constant}, as in "
                 f"--unit {role.numbered}={example}"
             )
         elif not user_unit:

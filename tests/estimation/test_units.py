@@ -111,8 +111,8 @@ def test_voltage_or_pressure_is_converted_to_force_by_a_constant(column, unit, n
 @pytest.mark.parametrize(
     ("column", "factor", "words"),
     [
-        ("Load [kPa]", 1e3, "is a pressure used as the force, with 1 Pa as 1 N; give the area, as"),
-        ("Load [mV]", 1e-3, "is a voltage used as the force, with 1 V as 1 N; give the sensor's"),
+        ("Load [kPa]", 1e3, "is a pressure used as the force: 1 Pa counts as 1 N; give the area, as"),
+        ("Load [mV]", 1e-3, "is a voltage used as the force: 1 V counts as 1 N; give the sensor's"),
     ],
 )
 def test_effort_without_a_constant_is_used_with_a_note(column, factor, words):
