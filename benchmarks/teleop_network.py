@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 from harness import PALPATE, arguments
-from teleop_simulation import DelayLine, LinkFaults
+from teleop_link import DelayLine, LinkFaults
 
 from palpate.robot_io.session import Session
 from palpate.sim_backend.scenario import load_scenario

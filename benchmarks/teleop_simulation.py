@@ -1,19 +1,18 @@
 """Couplings between a leader and a follower on one simulated axis.
 
 A hand holds the leader's device, the follower's arm meets an object, and a link in one process delays,
-jitters and loses packets each way. Nothing here shares code with what renders forces (control/teleop).
+jitters and loses packets each way. Nothing here shares code with what renders forces.
 Positions are positive into the object, whose surface is at 0.
 """
 
-import heapq
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, TypeVar
 
 import numpy as np
 
-from palpate.control.teleop.couplings import Coupling, DevicePort, Packet
+from benchmarks.teleop_couplings import Coupling, DevicePort, Packet
+from benchmarks.teleop_link import DelayLine, LinkFaults
 
 DT_S = 1e-3
 SUBSTEP_S = 0.25e-3
@@ -23,8 +22,6 @@ WALL_M = 0.25  # neither device goes further
 START_M = -0.02
 FORCE_NOISE_N = 0.02
 ENCODER_STEP_M = 5e-6
-T = TypeVar("T")
-_ROUNDING_S = 1e-9
 
 
 @dataclass(frozen=True)
@@ -91,47 +88,6 @@ def presses(
         return -clear_m + way_m * share, way_m * rate
 
     return plan
-
-
-@dataclass(frozen=True)
-class LinkFaults:
-    """What the link does to packets, each way."""
-
-    delay_s: float = 0.0
-    jitter_s: float = 0.0  # largest additional delay, uniformly distributed; packets may overtake each other
-    loss: float = 0.0  # share of packets that never come, independently
-
-    def __str__(self) -> str:
-        return f"{1e3 * self.delay_s:.0f} ms + {1e3 * self.jitter_s:.0f} ms, {100 * self.loss:.0f} %"
-
-
-class DelayLine(Generic[T]):
-    """One direction of the link, for packets of any kind."""
-
-    def __init__(self, faults: LinkFaults, rng: np.random.Generator) -> None:
-        self._faults, self._rng = faults, rng
-        self._under_way: list[tuple[float, int, T]] = []
-        self._number = -1
-
-    def send(self, packet: T, time_s: float) -> None:
-        """Put a packet on the way at `time_s` [s]."""
-        self._number += 1
-        late, lost = self._rng.random(2)
-        if lost >= self._faults.loss:
-            arrives_s = time_s + self._faults.delay_s + late * self._faults.jitter_s
-            heapq.heappush(self._under_way, (arrives_s, self._number, packet))
-
-    @property
-    def next_s(self) -> float:
-        """When the next packet arrives [s]; infinity while none is under way."""
-        return self._under_way[0][0] if self._under_way else math.inf
-
-    def arrived(self, time_s: float) -> list[tuple[int, T]]:
-        """Packets that have arrived by `time_s` [s] since the last call, each with its number."""
-        arrived = []
-        while self.next_s <= time_s + _ROUNDING_S:
-            arrived.append(heapq.heappop(self._under_way)[1:])
-        return arrived
 
 
 class SimulatedLink:

@@ -1,1 +1,1 @@
-"""Teleoperation: the virtual object that the operator feels, and couplings between leader and follower."""
+"""Teleoperation: the virtual object that the operator feels, messaging, and the follower's task."""

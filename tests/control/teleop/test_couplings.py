@@ -7,17 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.teleop_simulation import (
-    DelayLine,
-    HandArm,
-    LinkFaults,
-    SimulatedLink,
-    SpringDamper,
-    presses,
-    returned_energy_j,
-    run,
-)
-from palpate.control.teleop.couplings import (
+from benchmarks.teleop_couplings import (
+    COUPLINGS,
     DIRECT,
     FOUR_CHANNEL,
     RESERVE_J,
@@ -27,8 +18,18 @@ from palpate.control.teleop.couplings import (
     LatestPacketChannel,
     PlayoutBuffer,
     PositionTracking,
+    ProbingMotion,
+    model_mediated,
 )
-from palpate.control.teleop.model_mediated import COUPLINGS, ProbingMotion, model_mediated
+from benchmarks.teleop_link import DelayLine, LinkFaults
+from benchmarks.teleop_simulation import (
+    HandArm,
+    SimulatedLink,
+    SpringDamper,
+    presses,
+    returned_energy_j,
+    run,
+)
 from palpate.robot_io.errors import InputError
 
 DT_S = 1e-3
