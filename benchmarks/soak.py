@@ -12,7 +12,6 @@ at once; Ctrl-C ends with a summary of the time so far.
 import gc
 import sys
 import time
-from bisect import bisect_left
 from collections import Counter, deque
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -54,37 +53,40 @@ class TruthLog:
 
     def __init__(self, arm: WiredArm) -> None:
         self._plant = arm.plant
-        self._times_s: deque[float] = deque(maxlen=400)
-        self._values: deque[np.ndarray] = deque(maxlen=400)
+        # Times [s], joint positions [rad] and force [N], newest first.
+        self._states: deque[tuple[float, list[float]]] = deque(maxlen=400)
         self.wrong: list[str] = []
         self.checked = 0
 
     def check(self, measurement: Measurement, output: TaskOutput) -> Estimates:
         """Note what is true now, and hold what is served as OK against what was; estimates nothing."""
         truth = self._plant.world.truth()
-        self._times_s.append(truth.time_s)
-        self._values.append(np.append(truth.joint_position_rad, self._plant.force[0]))
-        if len(self._times_s) < 3 or truth.time_s - self._times_s[0] < SETTLED_S:
+        self._states.appendleft((truth.time_s, [*truth.joint_position_rad.tolist(), self._plant.force[0]]))
+        if len(self._states) < 3 or truth.time_s - self._states[-1][0] < SETTLED_S:
             return NO_ESTIMATE
         if measurement.encoder_status is Status.OK:
             true = self._at(measurement.encoder_at_s)[:-1]
-            self._compare("position", measurement.joint_position_rad, true, TOLERANCE_RAD)
+            self._compare("position", measurement.joint_position_rad.tolist(), true, TOLERANCE_RAD)
         if measurement.force_status is Status.OK:
-            self._compare("force", measurement.force_n, self._at(measurement.force_at_s)[-1], TOLERANCE_N)
+            true = self._at(measurement.force_at_s)[-1:]
+            self._compare("force", [measurement.force_n], true, TOLERANCE_N)
         return NO_ESTIMATE
 
-    def _at(self, time_s: float) -> np.ndarray:
-        times_s = list(self._times_s)
-        later = bisect_left(times_s, time_s)
-        near = slice(max(later - 2, 0), later + 2)
-        columns = np.transpose(list(self._values)[near])
-        return np.array([np.interp(time_s, times_s[near], column) for column in columns])
+    def _at(self, time_s: float) -> list[float]:
+        """Interpolate the true state, whose last item is the force; constant outside the known times."""
+        later_s, later = self._states[0]
+        for earlier_s, earlier in self._states:
+            if earlier_s <= time_s:
+                share = (time_s - earlier_s) / (later_s - earlier_s) if later_s > earlier_s else 0.0
+                return [a + min(share, 1.0) * (b - a) for a, b in zip(earlier, later, strict=True)]
+            later_s, later = earlier_s, earlier
+        return later
 
-    def _compare(self, name: str, served: object, true: object, tolerance: float) -> None:
+    def _compare(self, name: str, served: list[float], true: list[float], tolerance: float) -> None:
         self.checked += 1
-        off = float(np.max(np.abs(np.asarray(served) - np.asarray(true))))
+        off = max(abs(value - known) for value, known in zip(served, true, strict=True))
         if not off < tolerance:
-            self.wrong.append(f"{name} at {self._times_s[-1]:.3f} s is off by {off:.3g}")
+            self.wrong.append(f"{name} at {self._states[0][0]:.3f} s is off by {off:.3g}")
 
 
 @dataclass

@@ -1,6 +1,7 @@
 """Faults of an emulated wire, and their effect on the frames between a device and its host."""
 
 from abc import abstractmethod
+from collections import Counter, defaultdict
 from collections.abc import Iterable
 from enum import StrEnum
 from math import inf
@@ -58,9 +59,10 @@ class Faults:
     """
 
     def __init__(self, faults: Iterable[Fault] = (), *, seed: int = 0, start_s: float = 0.0) -> None:
-        self._planned = tuple(faults)
-        self._occurrences: dict[int, int] = {}  # number of occurrences by index in the plan
+        self._planned: defaultdict[FaultKind, list[Fault]] = defaultdict(list)
+        self._occurrences: Counter[tuple[FaultKind, int]] = Counter()  # by kind and index in its list
         self._start_s = start_s
+        self.add(*faults)
         self.generator = np.random.default_rng(seed)
 
     @property
@@ -70,12 +72,13 @@ class Faults:
 
     def add(self, *faults: Fault) -> None:
         """Plan further faults, even while the emulator runs."""
-        self._planned = (*self._planned, *faults)
+        for fault in faults:
+            self._planned[fault.kind].append(fault)
 
     def clear(self) -> None:
         """Remove all faults."""
-        self._planned = ()
-        self._occurrences = {}
+        self._planned.clear()
+        self._occurrences.clear()
 
     def trigger(self, kind: FaultKind, device: str | int, now_s: float) -> Fault | None:
         """Draw whether a fault of this kind occurs in a device now; each call is one opportunity.
@@ -85,17 +88,14 @@ class Faults:
             device: name or number of the device in its emulator.
             now_s: emulator's clock [s].
         """
-        elapsed_s = now_s - self._start_s
-        for index, fault in enumerate(self._planned):
-            count = self._occurrences.get(index, 0)
+        for index, fault in enumerate(self._planned.get(kind, ())):
             if (
-                fault.kind is kind
-                and fault.device in (None, device)
-                and 0.0 <= elapsed_s - fault.from_s < (fault.for_s or inf)
-                and count < (fault.times or inf)
+                fault.device in (None, device)
+                and 0.0 <= now_s - self._start_s - fault.from_s < (fault.for_s or inf)
+                and self._occurrences[kind, index] < (fault.times or inf)
                 and (fault.probability == 1.0 or self.generator.random() < fault.probability)
             ):
-                self._occurrences[index] = count + 1
+                self._occurrences[kind, index] += 1
                 return fault
         return None
 

@@ -5,8 +5,8 @@ import termios
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from math import inf
+from typing import NamedTuple
 
 from palpate.robot_io.clock import Clock, SimulatedClock
 from palpate.robot_io.robot_file import RobotFile
@@ -18,8 +18,7 @@ from palpate.sim_backend.world import world_of
 _REST_SHARE = 0.04  # share of a joint's torque limit below which the arm stays on its rest
 
 
-@dataclass(frozen=True, slots=True)
-class JointState:
+class JointState(NamedTuple):
     """Readings of a joint by its motor's own sensors."""
 
     position_rad: float  # joint angle [rad]
@@ -69,7 +68,7 @@ class Plant:
         world = self.world
         world.advance_to(time_s)
         motion, torque = world.encoder.read(time_s), world.torque_sensor.read(time_s)
-        if motion is not None and torque is not None:
+        if motion and torque and not motion.status == torque.status == Status.STALE:
             n = world.joint_count
             self._joints = [
                 JointState(motion.value[i], motion.value[n + i], torque.value[i]) for i in range(n)
@@ -129,9 +128,9 @@ class Shaft:
         state = self._plant.joint(self._joint)
         if self.beside:
             off_nm = 0.5 * (state.torque_nm - self._total_torque_nm)
-            state = replace(state, torque_nm=self.torque_nm + off_nm)
+            state = state._replace(torque_nm=self.torque_nm + off_nm)
         if self.slipped_rad:
-            state = replace(state, position_rad=state.position_rad + self.slipped_rad)
+            state = state._replace(position_rad=state.position_rad + self.slipped_rad)
         return state
 
 
@@ -169,6 +168,9 @@ class EmulatedWire(ABC):
         """Return the time of the next due data on the wire [s]."""
         return inf
 
+    def flush(self) -> None:  # noqa: B027, most wires pass on their data at once
+        """Pass collected data on to the driver, which reads after each advance of a simulated clock."""
+
 
 class HardwareEmulator:
     """Advances a plant and its wires in steps of half a millisecond.
@@ -198,6 +200,8 @@ class HardwareEmulator:
             for wire in self._wires:
                 wire.receive(self._now_s)
             self._step_towards(time_s)
+        for wire in self._wires:
+            wire.flush()
 
     def _step_towards(self, time_s: float) -> None:
         self._now_s = min(self._now_s + STEP_S, time_s)

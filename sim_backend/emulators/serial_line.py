@@ -1,11 +1,7 @@
 """A serial line as a pseudo terminal, with an emulated force sensor at its end."""
 
 import errno
-import fcntl
 import os
-import sys
-import termios
-import time
 import tty
 from abc import ABC, abstractmethod
 from math import inf
@@ -13,8 +9,6 @@ from math import inf
 from palpate.sim_backend.emulators.faults import Device, FaultKind, Faults, FrameWire
 from palpate.sim_backend.emulators.hardware import Plant, baud_rate_matches
 
-_HAND_ON_S = 0.02  # a full buffer never takes more
-_MOST_READABLE = 4095  # bytes that Linux buffers for a reader; further bytes wait until it reads
 _RANGE_N = 1e3  # reading of a saturated sensor without its own range
 
 
@@ -171,8 +165,8 @@ class SensorWire(FrameWire[bytes]):
 class PtyLine(SensorWire):
     """A pseudo terminal, `path` for the driver, and its sensor; see `SensorWire`.
 
-    In lockstep, the driver receives sent bytes before time advances. A sensor without a baud rate
-    understands any [bit/s].
+    In lockstep, all bytes of an advance are written at its end, because the kernel may hand on two writes at
+    different times. A sensor without a baud rate understands any [bit/s].
     """
 
     def __init__(
@@ -186,6 +180,7 @@ class PtyLine(SensorWire):
     ) -> None:
         super().__init__(sensor, plant, faults)
         self._in_lock_step, self._baud_rate = in_lock_step, baud_rate
+        self._unsent = b""
         self._master: int | None
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
@@ -214,22 +209,16 @@ class PtyLine(SensorWire):
             os.close(master)
 
     def _put(self, frame: bytes, now_s: float) -> None:
-        if self._master is None or not frame:
+        self._unsent += frame
+        if not self._in_lock_step:
+            self.flush()
+
+    def flush(self) -> None:
+        unsent, self._unsent = self._unsent, b""
+        if self._master is None or not unsent:
             return
-        waiting = self._readable()
         try:
-            os.write(self._master, frame)
+            os.write(self._master, unsent)
         except OSError as error:
             if error.errno not in (errno.EAGAIN, errno.EIO):  # the host reads too slowly, or not at all
                 raise
-            return
-        if self._in_lock_step:
-            # The kernel hands bytes on when it finds the time.
-            count = min(waiting + len(frame), _MOST_READABLE)
-            give_up_s = time.monotonic() + _HAND_ON_S
-            while self._readable() < count and time.monotonic() < give_up_s:
-                time.sleep(0)
-
-    def _readable(self) -> int:
-        """Return the number of bytes that the driver could read."""
-        return int.from_bytes(fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4)), sys.byteorder)

@@ -8,6 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite, pi
+from operator import attrgetter
 from typing import Annotated, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 from pydantic import Field, field_validator, model_validator
@@ -285,8 +286,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         due = [frame for frame in self._outgoing if frame.due_s <= now_s]
         if due and self._master >= 0:
             self._outgoing = [frame for frame in self._outgoing if frame.due_s > now_s]
-            for frame in sorted(due, key=lambda frame: frame.due_s):
-                os.write(self._master, frame.data)
+            os.write(self._master, b"".join(frame.data for frame in sorted(due, key=attrgetter("due_s"))))
 
     def close(self) -> None:
         """See `EmulatedWire.close`; the driver sees an unplugged cable."""
