@@ -238,7 +238,7 @@ class MoteusBus(PolledMotorBus[MoteusState]):
         return self.joint_count * (arbitration_s + data_bits / _DATA_BITRATE)
 
     def power_on(self) -> None:
-        self._unasked = [0] * self.joint_count
+        self._unrequested = [0] * self.joint_count
         self._arm()
         self._refuse_duplicate_ids()
         self._refuse_unreferenced()  # it may have restarted since it was configured

@@ -129,6 +129,15 @@ def test_doubled_answer_is_as_good_as_one(make_robot, path):
 
 
 @ASKED
+def test_doubled_answer_before_activation_is_no_second_motor(make_robot, path):
+    arm = make_robot(path)
+    arm.robot.configure()
+    arm.inject_fault("motors", FaultKind.DUPLICATE, device=2, times=1)
+    arm.ticks(5, None)
+    arm.robot.activate()
+
+
+@ASKED
 def test_lost_answer_makes_later_ones_no_older(make_robot, path):
     arm = make_robot(path).start()
     for _ in range(5):
