@@ -18,7 +18,7 @@ from palpate.robot_io.drivers.can.line import CanFrame
 from palpate.robot_io.drivers.dynamixel import protocol as dynamixel
 from palpate.robot_io.drivers.feetech import protocol as feetech
 from palpate.robot_io.drivers.mit import protocol as mit
-from palpate.robot_io.drivers.mit.protocol import RobstrideFrames
+from palpate.robot_io.drivers.mit.protocol import DamiaoFrames, MitFrames, RobstrideFrames
 from palpate.robot_io.drivers.mit.settings import DIALECTS, Maker
 from palpate.robot_io.drivers.net_ft import NetFtStream
 from palpate.robot_io.drivers.serial_force.bota import FRAME_SIZE, BotaStream
@@ -182,6 +182,7 @@ def is_wrong_fast_reply(data: bytes, _seen: bytes, accepted) -> bool:
 
 # Motors on CAN, whose adapter checks the frame: an accepted state, packed again, gives the same bits.
 
+_MIT, _DAMIAO = MitFrames(0, {}), DamiaoFrames(0, {})
 _RANGES = DIALECTS[Maker.CUBEMARS].models["AK70-10"]
 _MIT_FIELDS = (
     (12.5, 16),
@@ -431,11 +432,9 @@ CODECS: dict[str, Codec] = {
         feetech.decode_status,
         lambda: feetech.FeetechStatusReader(largest=64),
     ),
-    "mit": Codec(mit_frame, single(lambda data: mit.decode_state(CanFrame(0, data), _RANGES)), is_wrong_mit),
+    "mit": Codec(mit_frame, single(lambda data: _MIT.state(CanFrame(0, data), _RANGES)), is_wrong_mit),
     "mit_damiao": Codec(
-        mit_frame,
-        single(lambda data: mit.decode_state(CanFrame(0, data), _RANGES, status_beside_id=True)),
-        is_wrong_damiao,
+        mit_frame, single(lambda data: _DAMIAO.state(CanFrame(0, data), _RANGES)), is_wrong_damiao
     ),
     "mit_robstride": Codec(robstride_frame, robstride_decoder, is_wrong_robstride),
     "moteus": Codec(

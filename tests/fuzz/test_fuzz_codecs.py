@@ -115,13 +115,13 @@ def test_fuzzer_detects_a_stream_that_ignores_its_counters(monkeypatch):
 
 
 def test_fuzzer_detects_swapped_fields(monkeypatch):
-    whole = mit.decode_state
+    whole = mit.MitFrames.state
 
-    def swap(frame, ranges):
-        state = whole(frame, ranges)
+    def swap(frames, frame, ranges):
+        state = whole(frames, frame, ranges)
         return replace(state, velocity_rad_s=2.0 * state.torque_nm, torque_nm=0.5 * state.velocity_rad_s)
 
-    monkeypatch.setattr(mit, "decode_state", swap)
+    monkeypatch.setattr(mit.MitFrames, "state", swap)
     assert is_found_out("mit")
 
 

@@ -62,61 +62,6 @@ class MitState:
     enabled: bool | None
 
 
-def encode_torque(motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[CanFrame, float]:
-    """Make the frame for a torque at the output shaft, clipped to the range.
-
-    Zero lies halfway between two numbers, because 4095 is odd; it is encoded as plus half a step.
-
-    Args:
-        motor_id: id of the receiver.
-        torque_nm: torque at the output shaft [N m].
-        ranges: ranges of the motor's model.
-
-    Returns:
-        The frame, and the torque after rounding [N m].
-
-    Raises:
-        InputError: the torque is not a number.
-    """
-    bits = to_bits(torque_nm, -ranges.torque_nm, ranges.torque_nm, _MAX_12)
-    frame = CanFrame(motor_id, (_ONLY_TORQUE | bits).to_bytes(8, "big"))
-    return frame, from_bits(bits, ranges.torque_nm, _MAX_12)
-
-
-def decode_state(frame: CanFrame, ranges: MitRanges, *, status_beside_id: bool = False) -> MitState:
-    """Parse a state: id 8 bits, position 16, velocity 12, torque 12, and then temperature and error.
-
-    With `status_beside_id`, the id is the lower four bits of the first byte, and the upper four are a status:
-    0 is off, 1 is on, larger is an error. The last two bytes are then temperatures.
-
-    Args:
-        frame: the received frame.
-        ranges: ranges of the motor's model.
-        status_beside_id: whether the first byte holds a status too.
-
-    Raises:
-        ProtocolError: wrong length.
-    """
-    expect_length(frame, "motor state", *((8,) if status_beside_id else (6, 8)))
-    data = frame.data
-    position = data[1] << 8 | data[2]
-    velocity = data[3] << 4 | data[4] >> 4
-    torque = (data[4] & 0xF) << 8 | data[5]
-    motor_id, error, enabled = data[0], data[7] if len(data) == 8 else 0, None
-    if status_beside_id:
-        motor_id, status = data[0] & 0xF, data[0] >> 4
-        error, enabled = (status if status > 1 else 0), status == 1
-    return MitState(
-        motor_id=motor_id,
-        position_rad=from_bits(position, ranges.position_rad, MAX_16),
-        velocity_rad_s=from_bits(velocity, ranges.velocity_rad_s, _MAX_12),
-        torque_nm=from_bits(torque, ranges.torque_nm, _MAX_12),
-        at_range_end=position in (0, MAX_16) or velocity in (0, _MAX_12),
-        error=error,
-        enabled=enabled,
-    )
-
-
 def to_bits(value: float, low: float, high: float, largest: int) -> int:
     """Return the integer from 0 to `largest` that encodes a value.
 
@@ -201,7 +146,9 @@ class MitFrames:
         return CanFrame(motor_id, self._COMMANDS[order])
 
     def torque(self, motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[CanFrame, float]:
-        """Make the frame for a torque at the output shaft.
+        """Make the frame for a torque at the output shaft, clipped to the range.
+
+        Zero lies halfway between two numbers, because their count is even; it is encoded as plus half a step.
 
         Args:
             motor_id: id of the receiver.
@@ -210,8 +157,13 @@ class MitFrames:
 
         Returns:
             The frame, and the torque after rounding [N m].
+
+        Raises:
+            InputError: the torque is not a number.
         """
-        return encode_torque(motor_id, torque_nm, ranges)
+        bits = to_bits(torque_nm, -ranges.torque_nm, ranges.torque_nm, _MAX_12)
+        frame = CanFrame(motor_id, (_ONLY_TORQUE | bits).to_bytes(8, "big"))
+        return frame, from_bits(bits, ranges.torque_nm, _MAX_12)
 
     def answering_motor(self, frame: CanFrame) -> int | None:
         """Return the id of the motor that will answer a frame with its state; None if none will.
@@ -233,7 +185,10 @@ class MitFrames:
         return motor_id if frame.can_id in self._answer_ids.get(motor_id, ()) else None
 
     def state(self, frame: CanFrame, ranges: MitRanges) -> MitState:
-        """Parse the answer of a motor.
+        """Parse the answer of a motor: id 8 bits, position 16, velocity 12, torque 12; temperature and error.
+
+        With `_STATUS_BESIDE_ID`, the id is the lower four bits of the first byte, and the upper four are a
+        status: 0 is off, 1 is on, larger is an error. The last two bytes are then temperatures.
 
         Args:
             frame: the received frame.
@@ -242,7 +197,24 @@ class MitFrames:
         Raises:
             ProtocolError: the frame is not a state.
         """
-        return decode_state(frame, ranges, status_beside_id=self._STATUS_BESIDE_ID)
+        expect_length(frame, "motor state", *((8,) if self._STATUS_BESIDE_ID else (6, 8)))
+        data = frame.data
+        position = data[1] << 8 | data[2]
+        velocity = data[3] << 4 | data[4] >> 4
+        torque = (data[4] & 0xF) << 8 | data[5]
+        motor_id, error, enabled = data[0], data[7] if len(data) == 8 else 0, None
+        if self._STATUS_BESIDE_ID:
+            motor_id, status = data[0] & 0xF, data[0] >> 4
+            error, enabled = (status if status > 1 else 0), status == 1
+        return MitState(
+            motor_id=motor_id,
+            position_rad=from_bits(position, ranges.position_rad, MAX_16),
+            velocity_rad_s=from_bits(velocity, ranges.velocity_rad_s, _MAX_12),
+            torque_nm=from_bits(torque, ranges.torque_nm, _MAX_12),
+            at_range_end=position in (0, MAX_16) or velocity in (0, _MAX_12),
+            error=error,
+            enabled=enabled,
+        )
 
     def is_about_register(self, frame: CanFrame, motor_id: int) -> bool:
         """Check whether an answer is about a register instead of a state.

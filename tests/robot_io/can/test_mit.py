@@ -7,11 +7,12 @@ from hypothesis import strategies as st
 
 from palpate.robot_io.drivers.can.line import CanFrame
 from palpate.robot_io.drivers.mit import protocol as mit
-from palpate.robot_io.drivers.mit.protocol import DamiaoFrames
+from palpate.robot_io.drivers.mit.protocol import DamiaoFrames, MitFrames
 from palpate.robot_io.drivers.mit.settings import DIALECTS, Maker
 from palpate.robot_io.errors import InputError, ProtocolError
 from palpate.sim_backend.emulators.mit import CUBEMARS_LIMITS, DAMIAO_LIMITS, ROBSTRIDE_LIMITS
 
+FRAMES, DAMIAO = MitFrames(0, {}), DamiaoFrames(0, {})
 AK80_9 = DIALECTS[Maker.CUBEMARS].models["AK80-9"]
 
 
@@ -41,10 +42,10 @@ def test_every_model_has_the_ranges_of_its_emulator():
 )
 def test_full_range_of_each_model(maker, model):
     models, ranges = DIALECTS[maker].models, RANGES[maker][model]
-    state = mit.decode_state(CanFrame(0, bytes.fromhex("01ffffffffff1900")), models[model])
+    state = FRAMES.state(CanFrame(0, bytes.fromhex("01ffffffffff1900")), models[model])
     assert (state.position_rad, state.velocity_rad_s, state.torque_nm) == ranges
     assert state.at_range_end
-    lowest = mit.decode_state(CanFrame(0, bytes.fromhex("010000000000")), models[model])
+    lowest = FRAMES.state(CanFrame(0, bytes.fromhex("010000000000")), models[model])
     assert (lowest.position_rad, lowest.velocity_rad_s, lowest.torque_nm) == tuple(-end for end in ranges)
 
 
@@ -57,13 +58,13 @@ def test_full_range_of_each_model(maker, model):
 )
 def test_end_of_a_range_is_known_on_either_side(position, velocity, at_end):
     data = bitstruct.pack("u8u16u12u12", 3, position, velocity, 0)
-    assert mit.decode_state(CanFrame(0, data), AK80_9).at_range_end == at_end
+    assert FRAMES.state(CanFrame(0, data), AK80_9).at_range_end == at_end
 
 
 @given(st.integers(0, 65535), st.integers(0, 4095), st.integers(0, 4095), st.integers(0, 255))
 def test_state_matches_a_bit_packer(position, velocity, torque, error):
     data = bitstruct.pack("u8u16u12u12u8u8", 3, position, velocity, torque, 25, error)
-    state = mit.decode_state(CanFrame(0, data), AK80_9)
+    state = FRAMES.state(CanFrame(0, data), AK80_9)
     assert state.motor_id == 3
     assert state.error == error
     assert state.position_rad == pytest.approx(-12.5 + 25 * position / 65535)
@@ -73,7 +74,7 @@ def test_state_matches_a_bit_packer(position, velocity, torque, error):
 
 @given(st.floats(-30, 30))
 def test_encoded_torque_matches_the_motor_resolution(torque_nm):
-    frame, sent_nm = mit.encode_torque(7, torque_nm, AK80_9)
+    frame, sent_nm = FRAMES.torque(7, torque_nm, AK80_9)
     position, velocity, stiffness, damping, torque = bitstruct.unpack("u16u12u12u12u12", frame.data)
     assert (frame.can_id, stiffness, damping) == (7, 0, 0)
     assert (abs(position - 65535 / 2), abs(velocity - 4095 / 2)) == (0.5, 0.5)  # zero, but for rounding
@@ -82,18 +83,18 @@ def test_encoded_torque_matches_the_motor_resolution(torque_nm):
 
 
 def test_zero_torque_is_half_a_step_off_zero():
-    assert abs(mit.encode_torque(7, 0.0, AK80_9)[1]) == pytest.approx(18 / 4095)
+    assert abs(FRAMES.torque(7, 0.0, AK80_9)[1]) == pytest.approx(18 / 4095)
 
 
 @pytest.mark.parametrize("length", [0, 5, 7])
 def test_wrong_length_is_refused(length):
     with pytest.raises(ProtocolError, match="expected 6 or 8"):
-        mit.decode_state(CanFrame(0, bytes(length)), AK80_9)
+        FRAMES.state(CanFrame(0, bytes(length)), AK80_9)
 
 
 def test_nonfinite_torque_is_refused():
     with pytest.raises(InputError):
-        mit.encode_torque(1, float("nan"), AK80_9)
+        FRAMES.torque(1, float("nan"), AK80_9)
 
 
 DM4310 = DIALECTS[Maker.DAMIAO].models["DM-J4310"]
@@ -106,15 +107,15 @@ DM4310 = DIALECTS[Maker.DAMIAO].models["DM-J4310"]
 def test_damiao_status_is_in_the_bits_above_the_id(first, motor_id, error, enabled):
     """Where others have an error there is a temperature."""
     frame = CanFrame(0x11, bytes((first, 0x80, 0, 0x80, 8, 0, 40, 35)))
-    state = mit.decode_state(frame, DM4310, status_beside_id=True)
+    state = DAMIAO.state(frame, DM4310)
     assert (state.motor_id, state.error, state.enabled) == (motor_id, error, enabled)
     assert state.position_rad == pytest.approx(0.0, abs=1e-3)
     with pytest.raises(ProtocolError):
-        mit.decode_state(CanFrame(0x11, bytes(6)), DM4310, status_beside_id=True)
+        DAMIAO.state(CanFrame(0x11, bytes(6)), DM4310)
 
 
 def test_registers_of_the_manual():
-    frames = DamiaoFrames(0, {})
+    frames = DAMIAO
     assert frames.read_register(1, mit.CONTROL_MODE).data.hex(" ") == "01 00 33 0a 00 00 00 00"
     written = frames.write_register(0x0102, mit.TORQUE_RANGE, 10.0)
     assert (written.can_id, written.data.hex(" ")) == (0x7FF, "02 01 55 17 00 00 20 41")
