@@ -10,7 +10,7 @@ from typing import Any
 import can
 from can.interfaces.virtual import VirtualBus
 
-from palpate.robot_io.files.file_model import FileModel, Number, Positive
+from palpate.robot_io.drivers.can.motors import MotorMounting
 from palpate.sim_backend.emulators.faults import Device, Fault, FaultKind, Faults, FrameWire
 from palpate.sim_backend.emulators.hardware import EmulatedWire, JointState, Plant
 from palpate.sim_backend.emulators.wiring import WireRequest
@@ -19,20 +19,14 @@ _BUS_OFF_ERROR_FRAME = 0x040  # linux/can/error.h: CAN_ERR_BUSOFF
 _STRANGER = 0x7E5  # an id that none of the nodes has
 
 
-class MotorMountingSettings(FileModel, extra="ignore"):
-    """Settings in a robot file that any motor has for its joint."""
+def mounting_of(motor: MotorMounting) -> dict[str, float]:
+    """Return the keyword arguments of an emulated motor that a robot file states.
 
-    gear_ratio: Positive = 1.0
-    reversed: bool = False
-    zero_rad: Number = 0.0
-
-    @property
-    def mounting(self) -> dict[str, float]:
-        """Keyword arguments of an emulated motor."""
-        return {
-            "gear_ratio": -self.gear_ratio if self.reversed else self.gear_ratio,
-            "zero_rad": self.zero_rad,
-        }
+    Args:
+        motor: its settings in the robot file.
+    """
+    ratio = -motor.gear_ratio if motor.reversed else motor.gear_ratio
+    return {"gear_ratio": ratio, "zero_rad": motor.zero_rad}
 
 
 class EmulatedMotor(ABC):

@@ -7,7 +7,7 @@ and transmission, Fast Sync Read) and "CRC Calculation"; it shares no code with 
 from collections.abc import Sequence
 from typing import Any
 
-from palpate.robot_io.files.file_model import FileModel, validate
+from palpate.robot_io.files.file_model import FileModel
 from palpate.sim_backend.emulators.dynamixel_servo import GOALS, DynamixelMounting, EmulatedServo, Error
 from palpate.sim_backend.emulators.faults import FaultKind, Faults
 from palpate.sim_backend.emulators.hardware import EmulatedWire, Plant
@@ -230,7 +230,7 @@ class DynamixelWires(WireMaker):
     name = "dynamixel_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
-        settings = validate(_DynamixelSettings, request.section.settings)
+        settings = request.settings_as(_DynamixelSettings)
         line = EmulatedDynamixelLine(
             settings.servos,
             request.plant,

@@ -10,7 +10,7 @@ from collections.abc import Collection, Sequence
 from math import isfinite, pi
 from typing import Any, ClassVar
 
-from palpate.robot_io.files.file_model import FileModel, validate
+from palpate.robot_io.files.file_model import FileModel
 from palpate.sim_backend.emulators.faults import Faults
 from palpate.sim_backend.emulators.hardware import EmulatedWire, Plant, Shaft
 from palpate.sim_backend.emulators.servo_wire import (
@@ -331,7 +331,7 @@ class FeetechWires(WireMaker):
     name = "feetech_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
-        settings = validate(_FeetechSettings, request.section.settings)
+        settings = request.settings_as(_FeetechSettings)
         line = EmulatedFeetechLine(
             settings.servos,
             request.plant,

@@ -24,9 +24,8 @@ from typing import Any
 
 import can
 
-from palpate.robot_io.errors import InputError
-from palpate.robot_io.files.file_model import FileModel, Positive, validate
-from palpate.sim_backend.emulators.can_line import EmulatedMotor, MotorMountingSettings, make_can_wire
+from palpate.robot_io.drivers.mit.settings import Maker, MitBusSettings, MitMotor
+from palpate.sim_backend.emulators.can_line import EmulatedMotor, make_can_wire, mounting_of
 from palpate.sim_backend.emulators.hardware import EmulatedWire, Plant
 from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
@@ -334,34 +333,7 @@ class EmulatedRobstride(EmulatedMitMotor):
         return can.Message(arbitration_id=number, is_extended_id=True, data=data)
 
 
-class _Ranges(FileModel):
-    position_rad: Positive
-    velocity_rad_s: Positive
-    torque_nm: Positive
-
-
-class _MitMotor(MotorMountingSettings):
-    motor_id: int
-    model: str
-    ranges: _Ranges | None = None
-    answer_id: int | None = None
-
-    @property
-    def limits(self) -> Limits:
-        if self.ranges is not None:
-            return (self.ranges.position_rad, self.ranges.velocity_rad_s, self.ranges.torque_nm)
-        known = CUBEMARS_LIMITS | DAMIAO_LIMITS | ROBSTRIDE_LIMITS
-        if self.model not in known:
-            raise InputError(f"no emulated motor is a '{self.model}'. Valid: {', '.join(known)}")
-        return known[self.model]
-
-
-class _MitSettings(FileModel, extra="ignore"):
-    motors: tuple[_MitMotor, ...]
-    maker: str = "cubemars"
-    host_id: int | None = None
-    watchdog_s: Positive = 0.1
-    ask_with: str = "exit"
+_LIMITS = CUBEMARS_LIMITS | DAMIAO_LIMITS | ROBSTRIDE_LIMITS
 
 
 class MitWires(WireMaker):
@@ -370,14 +342,16 @@ class MitWires(WireMaker):
     name = "mit_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
-        settings = validate(_MitSettings, request.section.settings)
+        settings = request.settings_as(MitBusSettings)
 
-        def node(joint: int, motor: _MitMotor) -> EmulatedMitMotor:
+        def node(joint: int, motor: MitMotor) -> EmulatedMitMotor:
             place: tuple[int, int, Plant] = (motor.motor_id, joint, request.plant)
-            mounting: dict[str, Any] = {"limits": motor.limits, **motor.mounting}
-            if settings.maker == "damiao":
+            own = motor.ranges
+            limits = (own.position_rad, own.velocity_rad_s, own.torque_nm) if own else _LIMITS[motor.model]
+            mounting: dict[str, Any] = {"limits": limits, **mounting_of(motor)}
+            if settings.maker is Maker.DAMIAO:
                 return EmulatedDamiao(*place, **mounting, host_id=motor.answer_id or motor.motor_id + 16)
-            if settings.maker == "robstride":
+            if settings.maker is Maker.ROBSTRIDE:
                 host_id = ROBSTRIDE_HOST if settings.host_id is None else settings.host_id
                 return EmulatedRobstride(*place, **mounting, host_id=host_id)
             mounting |= {"timeout_s": settings.watchdog_s, "deaf_when_off": settings.ask_with == "enter"}

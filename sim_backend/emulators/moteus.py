@@ -12,8 +12,8 @@ from typing import Any
 
 import can
 
-from palpate.robot_io.files.file_model import FileModel, Positive, validate
-from palpate.sim_backend.emulators.can_line import EmulatedMotor, MotorMountingSettings, make_can_wire
+from palpate.robot_io.drivers.moteus import MoteusBusSettings, MoteusMotor
+from palpate.sim_backend.emulators.can_line import EmulatedMotor, make_can_wire, mounting_of
 from palpate.sim_backend.emulators.hardware import EmulatedWire, Plant
 from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
@@ -142,23 +142,14 @@ class EmulatedMoteus(EmulatedMotor):
         self.mode, self.fault = STOPPED, 0
 
 
-class _MoteusMotor(MotorMountingSettings):
-    motor_id: int
-    max_torque_nm: Positive
-
-
-class _MoteusSettings(FileModel, extra="ignore"):
-    motors: tuple[_MoteusMotor, ...]
-
-
 class MoteusWires(WireMaker):
     """Controllers configured as in the robot file."""
 
     name = "moteus_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
-        def node(joint: int, motor: _MoteusMotor) -> EmulatedMoteus:
+        def node(joint: int, motor: MoteusMotor) -> EmulatedMoteus:
             limit_nm, plant = motor.max_torque_nm, request.plant
-            return EmulatedMoteus(motor.motor_id, joint, plant, max_torque_nm=limit_nm, **motor.mounting)
+            return EmulatedMoteus(motor.motor_id, joint, plant, max_torque_nm=limit_nm, **mounting_of(motor))
 
-        return make_can_wire(request, validate(_MoteusSettings, request.section.settings).motors, node)
+        return make_can_wire(request, request.settings_as(MoteusBusSettings).motors, node)

@@ -6,12 +6,11 @@ import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
-from palpate.robot_io.errors import InputError
-from palpate.robot_io.files.file_model import Positive, validate
+from palpate.robot_io.drivers.net_ft import NetFtSettings
 from palpate.sim_backend.emulators.faults import Faults
 from palpate.sim_backend.emulators.hardware import EmulatedWire, Plant
 from palpate.sim_backend.emulators.serial_line import SensorWire, SerialSensor, StreamTimer
-from palpate.sim_backend.emulators.serial_sensors import AxisSettings, newtons_per
+from palpate.sim_backend.emulators.serial_sensors import NEWTONS, check_unit
 from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
 _END = 0x7FFFFFFF
@@ -72,7 +71,7 @@ class EmulatedNetFt(SerialSensor):
             status |= BROKEN_GAGE | ANY_ERROR
         else:
             status |= SENSING_RANGE | ANY_ERROR if abs(force_n) >= self.range_n else 0
-            value = round(force_n / newtons_per(self.unit) * self.counts_per_force)
+            value = round(force_n / NEWTONS[self.unit] * self.counts_per_force)
             counts[self._axis] = min(max(value, -_END), _END)
         return record(self._sequence, self._measurement, status, counts)
 
@@ -153,11 +152,6 @@ def _pages(sensor: EmulatedNetFt) -> type[BaseHTTPRequestHandler]:
     return ConfigurationHandler
 
 
-class _NetFtSettings(AxisSettings):
-    counts_per_force: Positive
-    unit: str = "N"
-
-
 class NetFtWires(WireMaker):
     """The sensor that the robot file names, on this machine's own network."""
 
@@ -165,12 +159,12 @@ class NetFtWires(WireMaker):
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
         if request.force is None or request.force.driver != "net_ft":
-            raise InputError("a net_ft_line is emulated with a force sensor of the driver 'net_ft' only")
-        settings = validate(_NetFtSettings, request.force.settings)
-        newtons_per(settings.unit)  # refused before the wire exists
+            raise request.refusal("a net_ft_line is emulated with a force sensor of the driver 'net_ft' only")
+        settings = request.force_settings_as(NetFtSettings)
+        check_unit(settings.unit, request)
         sensor = EmulatedNetFt(
             "xyz".index(settings.axis), settings.capacity_n, settings.counts_per_force, settings.unit
         )
-        settings.signed(sensor)
+        sensor.sign = -1.0 if settings.reversed else 1.0
         line = EmulatedNetFtLine(sensor, request.plant, request.faults)
         return line, {"host": "127.0.0.1", "rdt_port": line.rdt_port, "http_port": line.http_port}

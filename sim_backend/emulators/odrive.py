@@ -10,8 +10,8 @@ from typing import Any
 
 import can
 
-from palpate.robot_io.files.file_model import FileModel, Positive, validate
-from palpate.sim_backend.emulators.can_line import EmulatedMotor, MotorMountingSettings, make_can_wire
+from palpate.robot_io.drivers.odrive import OdriveAxis, OdriveBusSettings
+from palpate.sim_backend.emulators.can_line import EmulatedMotor, make_can_wire, mounting_of
 from palpate.sim_backend.emulators.hardware import EmulatedWire, Plant
 from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
@@ -163,38 +163,25 @@ class EmulatedOdrive(EmulatedMotor):
         return can.Message(arbitration_id=self.number << 5 | command, is_extended_id=False, data=data)
 
 
-class _Axis(MotorMountingSettings):
-    node_id: int
-    max_torque_nm: Positive
-    torque_constant_nm_a: Positive = 1.0
-
-
-class _OdriveSettings(FileModel, extra="ignore"):
-    firmware: str
-    axes: tuple[_Axis, ...]
-    heartbeat_s: Positive = 0.1
-    watchdog_s: Positive = 0.1
-
-
 class OdriveWires(WireMaker):
     """ODrive axes configured as in the robot file."""
 
     name = "odrive_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
-        settings = validate(_OdriveSettings, request.section.settings)
+        settings = request.settings_as(OdriveBusSettings)
 
-        def node(joint: int, axis: _Axis) -> EmulatedOdrive:
+        def node(joint: int, axis: OdriveAxis) -> EmulatedOdrive:
             return EmulatedOdrive(
                 axis.node_id,
                 joint,
                 request.plant,
                 firmware=settings.firmware,
                 max_torque_nm=axis.max_torque_nm,
-                torque_constant_nm_a=axis.torque_constant_nm_a,
+                torque_constant_nm_a=axis.torque_constant_nm_a or 1.0,
                 heartbeat_s=settings.heartbeat_s,
                 watchdog_s=settings.watchdog_s,
-                **axis.mounting,
+                **mounting_of(axis),
             )
 
         return make_can_wire(request, settings.axes, node)

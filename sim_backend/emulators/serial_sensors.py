@@ -11,12 +11,13 @@ import math
 import struct
 from binascii import crc_hqx
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Any
 
-from pydantic import Field
-
-from palpate.robot_io.errors import InputError
-from palpate.robot_io.files.file_model import FileModel, Number, Positive, validate
+from palpate.robot_io.drivers.serial_force.bota import BotaSettings
+from palpate.robot_io.drivers.serial_force.gauges import ForceLinesSettings, LoadstarSettings, Mark10Settings
+from palpate.robot_io.drivers.serial_force.line import SerialForceSettings, SerialLineSettings
+from palpate.robot_io.drivers.serial_force.lorenz import LorenzSettings
+from palpate.robot_io.drivers.serial_force.microcontroller_cell import MicrocontrollerCellSettings
 from palpate.sim_backend.emulators.hardware import EmulatedWire
 from palpate.sim_backend.emulators.serial_line import PtyLine, SerialSensor, StreamTimer
 from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
@@ -387,89 +388,43 @@ class EmulatedBota(SerialSensor):
         self._run(now_s)
 
 
-_NEWTONS = {"N": 1.0, "kN": 1e3, "lbf": LBF_N, "klbf": 4448.2216152605, "kgf": 9.80665}
+NEWTONS = {"N": 1.0, "kN": 1e3, "lbf": LBF_N, "klbf": 4448.2216152605, "kgf": 9.80665}
 
 
-def newtons_per(unit: str) -> float:
-    """Return the newtons in one unit.
+def check_unit(unit: str, request: WireRequest) -> None:
+    """Check that emulated sensors can count in a unit.
 
     Args:
         unit: such as "lbf".
+        request: the bus of the sensor.
 
     Raises:
-        InputError: no emulated sensor counts in it.
+        InputError: they cannot.
     """
-    if unit not in _NEWTONS:
-        raise InputError(f"no emulated sensor reads in '{unit}'. Valid: {', '.join(_NEWTONS)}")
-    return _NEWTONS[unit]
-
-
-class SensorSettings(FileModel, extra="ignore"):
-    """Settings in a robot file that any force sensor has."""
-
-    reversed: bool = False
-
-    def signed(self, sensor: SerialSensor) -> SerialSensor:
-        """Give a sensor the sign with which it is mounted.
-
-        Args:
-            sensor: sensor to mount.
-
-        Returns:
-            The same sensor.
-        """
-        sensor.sign = -1.0 if self.reversed else 1.0
-        return sensor
-
-
-class _RangeSettings(SensorSettings):
-    capacity_n: Positive
-
-
-class AxisSettings(_RangeSettings):
-    """Settings in a robot file of one axis of a multi-axis sensor."""
-
-    axis: Annotated[str, Field(pattern="^[xyz]$")]
-
-
-class _CellSettings(SensorSettings):
-    newtons_per_count: Positive
-    zero_counts: Number = 0.0
-    rate_hz: Annotated[int, Field(ge=1)]
-
-
-class _LorenzSettings(SensorSettings):
-    nominal_load: Positive
-    unit: str
-    counts_at_nominal: Positive
-    dimension_code: int
-    load_code: int
+    if unit not in NEWTONS:
+        raise request.refusal(f"no emulated sensor reads in '{unit}'. Valid: {', '.join(NEWTONS)}")
 
 
 # By driver: settings in the robot file, and the emulated sensor.
-_SENSORS: dict[str, tuple[type[SensorSettings], Callable[[Any], SerialSensor]]] = {
-    "bota": (AxisSettings, lambda settings: EmulatedBota("xyz".index(settings.axis), settings.capacity_n)),
-    "force_lines": (_RangeSettings, lambda settings: EmulatedGauge(settings.capacity_n)),
-    "loadstar": (_RangeSettings, lambda settings: EmulatedLoadstar(settings.capacity_n)),
+_SENSORS: dict[str, tuple[type[SerialForceSettings], Callable[[Any], SerialSensor]]] = {
+    "bota": (BotaSettings, lambda settings: EmulatedBota("xyz".index(settings.axis), settings.capacity_n)),
+    "force_lines": (ForceLinesSettings, lambda settings: EmulatedGauge(settings.capacity_n)),
+    "loadstar": (LoadstarSettings, lambda settings: EmulatedLoadstar(settings.capacity_n)),
     "lorenz": (
-        _LorenzSettings,
+        LorenzSettings,
         lambda settings: EmulatedLorenz(
-            settings.nominal_load * newtons_per(settings.unit),
+            settings.nominal_load * NEWTONS[settings.unit],
             settings.counts_at_nominal,
             settings.dimension_code,
             settings.load_code,
         ),
     ),
-    "mark10": (_RangeSettings, lambda settings: EmulatedMark10(settings.capacity_n)),
+    "mark10": (Mark10Settings, lambda settings: EmulatedMark10(settings.capacity_n)),
     "microcontroller_cell": (
-        _CellSettings,
+        MicrocontrollerCellSettings,
         lambda settings: EmulatedCell(settings.newtons_per_count, settings.zero_counts, settings.rate_hz),
     ),
 }
-
-
-class _LineSettings(FileModel, extra="ignore"):
-    baud_rate: int | None = None
 
 
 class SerialWires(WireMaker):
@@ -478,24 +433,24 @@ class SerialWires(WireMaker):
     name = "serial_line"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
+        if request.force is None:
+            raise request.refusal("a serial_line without a force sensor cannot be emulated")
+        if request.force.driver not in _SENSORS:
+            raise request.refusal(
+                f"no sensor is emulated for the driver '{request.force.driver}'. Emulated: "
+                f"{', '.join(_SENSORS)}; name one of them to try the rest of the arm, or omit --wire"
+            )
+        model, make = _SENSORS[request.force.driver]
+        settings = request.force_settings_as(model)
+        if isinstance(settings, LorenzSettings):
+            check_unit(settings.unit, request)
+        sensor = make(settings)
+        sensor.sign = -1.0 if settings.reversed else 1.0
         line = PtyLine(
-            _sensor(request),
+            sensor,
             request.plant,
             request.faults,
             in_lock_step=request.in_lock_step,
-            baud_rate=validate(_LineSettings, request.section.settings).baud_rate,
+            baud_rate=request.settings_as(SerialLineSettings).baud_rate,
         )
         return line, {"port": line.path}
-
-
-def _sensor(request: WireRequest) -> SerialSensor:
-    if request.force is None:
-        raise InputError("a serial_line without a force sensor cannot be emulated")
-    if request.force.driver not in _SENSORS:
-        raise InputError(
-            f"no sensor is emulated for the driver '{request.force.driver}'. Emulated: "
-            f"{', '.join(_SENSORS)}; name one of them to try the rest of the arm, or omit --wire"
-        )
-    model, make = _SENSORS[request.force.driver]
-    settings = validate(model, request.force.settings)
-    return settings.signed(make(settings))

@@ -9,9 +9,11 @@ from typing import Any, ClassVar
 import yaml
 
 from palpate.robot_io.clock import Clock, SimulatedClock
+from palpate.robot_io.driver import SettingsModel
 from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import validate
 from palpate.robot_io.registry import Registry
-from palpate.robot_io.robot_file import BusSection, DeviceSection, RobotFile, parse_robot_file
+from palpate.robot_io.robot_file import DeviceSection, RobotFile, parse_robot_file
 from palpate.sim_backend.emulators.faults import Faults
 from palpate.sim_backend.emulators.hardware import EmulatedWire, HardwareEmulator, Plant
 from palpate.sim_backend.hooks import NO_EFFECTS, HiddenEffects
@@ -20,14 +22,47 @@ from palpate.sim_backend.scenario import Scenario
 
 @dataclass(frozen=True)
 class WireRequest:
-    """The bus that an emulated wire replaces."""
+    """The bus that an emulated wire replaces.
 
-    section: BusSection  # the bus in the robot file
-    force: DeviceSection | None  # the force sensor in the robot file if it is on this bus, else None
-    plant: Plant  # the arm
+    An emulator reads settings by the driver's model, but draws no conclusion from them by the driver's code.
+    """
+
+    robot_file: RobotFile  # the arm
+    bus: str  # name of the bus
+    plant: Plant  # the world with the arm
     faults: Faults  # what goes wrong on this wire
     start_s: float  # time on the emulator's clock [s]
     in_lock_step: bool  # whether the clock is a simulated one
+
+    def settings_as(self, model: type[SettingsModel]) -> SettingsModel:
+        """Validate the settings of the bus.
+
+        Args:
+            model: the driver's model.
+
+        Raises:
+            InputError: a setting is invalid.
+        """
+        section = self.robot_file.buses[self.bus]
+        return validate(model, section.settings, self.robot_file.document, ("buses", self.bus))
+
+    def force_settings_as(self, model: type[SettingsModel]) -> SettingsModel:
+        """Validate the settings of the force sensor; see `settings_as`."""
+        return validate(model, self.robot_file.force.settings, self.robot_file.document, ("force",))
+
+    @property
+    def force(self) -> DeviceSection | None:
+        """The force sensor in the robot file; None if it is not on this bus."""
+        force = self.robot_file.force
+        return force if force.bus == self.bus else None
+
+    def refusal(self, problem: str) -> InputError:
+        """Make the error for a bus that cannot be emulated.
+
+        Args:
+            problem: description.
+        """
+        return InputError(f"{self.robot_file.path}, bus '{self.bus}': {problem}")
 
 
 class WireMaker(ABC):
@@ -94,18 +129,10 @@ def wire_up(
     wires: dict[str, EmulatedWire] = {}
     try:
         for bus, section in robot_file.buses.items():
-            request = WireRequest(
-                section,
-                robot_file.force if robot_file.force.bus == bus else None,
-                plant,
-                (faults or {}).get(bus) or Faults(start_s=start_s),
-                start_s,
-                isinstance(clock, SimulatedClock),
-            )
-            try:
-                wires[bus], reach = WIRE_MAKERS[section.driver]().make(request)
-            except InputError as error:
-                raise InputError(f"{robot_file.path}, bus '{bus}': {error}") from error
+            wire_faults = (faults or {}).get(bus) or Faults(start_s=start_s)
+            in_lock_step = isinstance(clock, SimulatedClock)
+            request = WireRequest(robot_file, bus, plant, wire_faults, start_s, in_lock_step)
+            wires[bus], reach = WIRE_MAKERS[section.driver]().make(request)
             data["buses"][bus].update(reach)  # type: ignore[index]
         text = "# Wired to emulated devices.\n" + yaml.safe_dump(data, sort_keys=False)
         wired_file = parse_robot_file(text, robot_file.path)
