@@ -75,27 +75,32 @@ def parse_xml(text: str, *, comments: bool = False) -> Element:
         raise ValueError(str(error)) from error
 
 
+def joints_to_root(robot: Element, link: str) -> list[Element]:
+    """List the joints from a link to the root of the tree, that of the link itself first.
+
+    Args:
+        robot: root of a URDF from `parse_urdf`.
+        link: name of the link.
+    """
+    by_child = {linked_name(joint, "child"): joint for joint in robot.findall("joint")}
+    joints: list[Element] = []
+    while link in by_child:
+        joints.append(by_child[link])
+        link = linked_name(joints[-1], "parent")
+    return joints
+
+
 def last_link(robot: Element) -> str:
     """Find the link at the end of the longest chain of joints; of several, the one named last.
 
     Args:
-        robot: root of the URDF.
+        robot: root of a URDF from `parse_urdf`.
 
     Returns:
         Name of the link.
     """
-    parents = {
-        _linked_name(joint, "child"): _linked_name(joint, "parent") for joint in robot.findall("joint")
-    }
     names = [link.get("name", "") for link in robot.findall("link")]
-    return max(reversed(names), key=lambda name: _joints_to_root(name, parents), default="")
-
-
-def _joints_to_root(link: str, parents: dict[str, str]) -> int:
-    depth = 0
-    while link in parents:
-        link, depth = parents[link], depth + 1
-    return depth
+    return max(reversed(names), key=lambda name: len(joints_to_root(robot, name)), default="")
 
 
 class _BoundedTreeBuilder(ElementTree.TreeBuilder):
@@ -123,7 +128,7 @@ def _check_tree(robot: Element) -> None:
         raise ValueError(f"{len(links)} links, at most {MOST_LINKS}")
     parents: dict[str, str] = {}
     for joint in robot.findall("joint"):
-        child, parent = (_linked_name(joint, role) for role in ("child", "parent"))
+        child, parent = (linked_name(joint, role) for role in ("child", "parent"))
         if child in parents:
             raise ValueError(f"link '{child}' has two parent joints")
         parents[child] = parent
@@ -137,7 +142,13 @@ def _check_tree(robot: Element) -> None:
             raise ValueError(f"link '{link}' is its own ancestor: its joints form a loop")
 
 
-def _linked_name(joint: Element, role: str) -> str:
+def linked_name(joint: Element, role: str) -> str:
+    """Return the name of a joint's link; raise `ValueError` if it has none.
+
+    Args:
+        joint: joint of a URDF.
+        role: "parent" or "child".
+    """
     element = joint.find(role)
     if element is None or not element.get("link"):
         raise ValueError(f"joint '{joint.get('name')}' has no <{role}>")

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.files.urdf_text import parse_urdf
+from palpate.robot_io.files.urdf_text import joints_to_root, linked_name, parse_urdf
 from palpate.robot_io.types import FloatArray
 from palpate.sim_backend.contact_laws.standard import EngineContact
 
@@ -78,24 +78,17 @@ def _reduce(robot: ET.Element, tip_frame: str, mass_scale: float, behind_tip_m: 
 
 def _in_last_moving_link(robot: ET.Element, link: str, point: FloatArray) -> tuple[str, FloatArray]:
     """Return the nearest ancestor of `link` that is moved by a joint, and `point` (3,) [m] in its frame."""
-    parent_joints = {_name(joint, "child"): joint for joint in robot.findall("joint")}
-    while link in parent_joints and parent_joints[link].get("type") == "fixed":
-        joint = parent_joints[link]
+    for joint in joints_to_root(robot, link):
+        if joint.get("type") != "fixed":
+            break
         origin = joint.find("origin")
         if origin is not None:
             xyz, rpy = (
                 [float(number) for number in origin.get(key, "0 0 0").split()] for key in ("xyz", "rpy")
             )
             point = scipy.spatial.transform.Rotation.from_euler("xyz", rpy).apply(point) + xyz
-        link = _name(joint, "parent")
+        link = linked_name(joint, "parent")
     return link, point
-
-
-def _name(joint: ET.Element, role: str) -> str:
-    element = joint.find(role)
-    if element is None:
-        raise InputError(f"URDF: joint '{joint.get('name')}' has no <{role}>")
-    return element.get("link", "")
 
 
 Joints = Sequence[float]  # one value per joint, shape (n,)

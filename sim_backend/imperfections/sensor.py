@@ -10,6 +10,7 @@ from numpy.random import Generator
 
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import NotNegative, Number, Positive
+from palpate.robot_io.files.urdf_text import joints_to_root, linked_name, parse_urdf
 from palpate.sim_backend.hooks import HiddenEffects, PlantEffect, Transducer
 from palpate.sim_backend.imperfection import (
     Imperfection,
@@ -274,12 +275,12 @@ class _PointMass(PlantEffect):
             tip_frame: link at the contact point.
 
         Raises:
-            InputError: not XML.
+            InputError: not a URDF.
         """
         try:
-            robot = ET.fromstring(urdf_text)  # noqa: S314 - expat refuses entity bombs; nothing external is read
-        except ET.ParseError as error:
-            raise InputError(f"URDF: not XML ({error})") from error
+            robot = parse_urdf(urdf_text)
+        except ValueError as error:
+            raise InputError(f"URDF: {error}") from error
         carrier, xyz = _far_end(robot, tip_frame, self.index)
         name = f"hidden_payload_{len(robot.findall('link'))}"
         inertial = ET.SubElement(ET.SubElement(robot, "link", name=name), "inertial")
@@ -295,20 +296,11 @@ class _PointMass(PlantEffect):
 
 def _far_end(robot: ET.Element, tip_frame: str, index: int) -> tuple[str, str]:
     """The link behind the movable joint `index` of the chain to the tip, and the place of its far end."""
-    by_child = {
-        child.get("link", ""): joint for joint in robot.iter("joint") for child in joint.iter("child")
-    }
-    movable: list[ET.Element] = []
-    link = tip_frame
-    while link in by_child:
-        joint = by_child.pop(link)
-        if joint.get("type") != "fixed":
-            movable.insert(0, joint)
-        link = next((parent.get("link", "") for parent in joint.iter("parent")), "")
+    movable = [joint for joint in joints_to_root(robot, tip_frame)[::-1] if joint.get("type") != "fixed"]
     if index + 1 >= len(movable):
         return tip_frame, "0 0 0"
-    parent, origin = movable[index + 1].find("parent"), movable[index + 1].find("origin")
-    carrier = tip_frame if parent is None else parent.get("link", "")
+    origin = movable[index + 1].find("origin")
+    carrier = linked_name(movable[index + 1], "parent")
     return carrier, "0 0 0" if origin is None else origin.get("xyz", "0 0 0")
 
 
