@@ -21,7 +21,7 @@ from harness import arguments
 from palpate.control.probing.plan import ProbingPlan
 from palpate.render.progress import sweep_progress
 from palpate.sim_backend.hidden import draw_hidden, noise_scale
-from palpate.sim_backend.imperfection import IMPERFECTIONS, describe_imperfection
+from palpate.sim_backend.imperfection import IMPERFECTIONS
 from palpate.sim_backend.noise_scale import CONTACT
 from palpate.sim_backend.scenario import Scenario
 from palpate.sweep import Case, Cluster, ResultStore, run_cases
@@ -54,7 +54,7 @@ def diagnosis_case(effect: str, seed: int) -> Case:
         "plan": {"speeds_m_s": list(ProbingPlan().speeds_m_s)},
         "noise_std_n": world.sensors.force.noise_std_n,
         "noise_percent": 0,
-        "hidden": [describe_imperfection(entry) for entry in hidden],
+        "hidden": [entry.describe() for entry in hidden],
         "model": "kelvin_voigt",
     }
     return Case(DIAGNOSE, parameters | ({"channels": judged} if judged else {}), seed)

@@ -254,12 +254,11 @@ class StopTask:
             self._reference_rad = self._reference_rad + speed * dt_s
         motion = JointMotion(self._reference_rad.copy(), speed, np.zeros_like(speed))
         torque_nm = self._pushing_torque_nm(measurement, motion, dt_s)
-        position_rad = float(measurement.joint_position_rad[self._approach.joint])
-        pushed = lead_rad >= 0.9 * self._settings.lead_rad[self._approach.joint]
-        if pushed and abs(position_rad - self._still_rad) < _STILL_RAD:
+        pushed = lead_rad >= 0.9 * settings.lead_rad[joint]
+        if pushed and abs(position - self._still_rad) < _STILL_RAD:
             self._still_s += dt_s
         else:
-            self._still_s, self._still_rad = 0.0, position_rad
+            self._still_s, self._still_rad = 0.0, position
         at_stop = self._still_s >= _STILL_S
         self._held_s += dt_s if at_stop else 0.0
         phase, run = (Phase.HOLD, self._touch) if at_stop else (Phase.APPROACH, NO_RUN)
@@ -271,16 +270,16 @@ class StopTask:
             stop = {"run": self._touch, "joint": joint, "stop_rad": approach.stop_rad, "shown_rad": position}
             events = (TaskEvent(EVENT, text, stop),)
             # Back off, and continue with the next touch, the next stop, or the return.
-            finished, here_rad = self._approach, self._reference_rad.copy()
-            here_rad[finished.joint] = measurement.joint_position_rad[finished.joint]
+            here_rad = self._reference_rad.copy()
+            here_rad[joint] = position
             back_rad = here_rad.copy()
-            back_rad[finished.joint] -= finished.side * _BACK_RAD
+            back_rad[joint] -= approach.side * _BACK_RAD
             self._touch += 1
             self._pressing = False
             self._free.reset()
             if self._touch >= self._touches:
                 self._move_along([here_rad, back_rad, self._up_rad, self._start_rad])
-            elif self._approach is finished:
+            elif self._approach is approach:
                 self._move_along([here_rad, back_rad])
             else:
                 self._move_along([here_rad, back_rad, self._up_rad, self._approach.posture_rad])

@@ -69,6 +69,8 @@ class ComplianceObject:
         surface_height_m: world height of the undeformed surface [m].
 
     Attributes:
+        law: the present contact law; see `set_law`.
+        surface_height_m: world height of the undeformed surface; see `move_surface` [m].
         is_engine_contact: whether the engine itself exerts the force.
 
     Raises:
@@ -77,18 +79,8 @@ class ComplianceObject:
 
     def __init__(self, engine: Engine, law: ObjectLaw, surface_height_m: float) -> None:
         self._engine = engine
-        self._surface_height_m = surface_height_m
+        self.surface_height_m = surface_height_m
         self.set_law(law)
-
-    @property
-    def law(self) -> ObjectLaw:
-        """The present contact law."""
-        return self._law
-
-    @property
-    def surface_height_m(self) -> float:
-        """World height of the undeformed surface [m]."""
-        return self._surface_height_m
 
     def set_law(self, law: ObjectLaw) -> None:
         """Change the law from the next physics step on.
@@ -99,8 +91,8 @@ class ComplianceObject:
         Raises:
             InputError: the engine has no such contact.
         """
-        self._update_engine_surface(law, self._surface_height_m)
-        self._law = law
+        self._update_engine_surface(law, self.surface_height_m)
+        self.law = law
         # Evaluated once instead of at each step, because it is slow.
         self.is_engine_contact = isinstance(law, EngineContact)
 
@@ -110,8 +102,8 @@ class ComplianceObject:
         Args:
             height_m: world height of the undeformed surface [m].
         """
-        self._update_engine_surface(self._law, height_m)
-        self._surface_height_m = height_m
+        self._update_engine_surface(self.law, height_m)
+        self.surface_height_m = height_m
 
     def _update_engine_surface(self, law: ObjectLaw, height_m: float) -> None:
         self._engine.set_surface(law if isinstance(law, EngineContact) else None, height_m)

@@ -6,20 +6,17 @@ import json
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import hypot, sqrt
 from pathlib import Path
 from zlib import crc32
 
 import numpy as np
 
 from palpate.robot_io.errors import InputError
+from palpate.sim_backend.contact_laws import ObjectLaw
 from palpate.sim_backend.contact_laws.standard import EngineContact
 from palpate.sim_backend.hooks import HiddenEffects
-from palpate.sim_backend.imperfection import (
-    IMPERFECTIONS,
-    Imperfection,
-    describe_imperfection,
-    parse_imperfection,
-)
+from palpate.sim_backend.imperfection import IMPERFECTIONS, Imperfection, parse_imperfection
 from palpate.sim_backend.noise_scale import CONTACT, NoiseScale
 from palpate.sim_backend.scenario import Scenario
 
@@ -46,7 +43,29 @@ def noise_scale(scenario: Scenario) -> NoiseScale:
     Args:
         scenario: the world.
     """
-    return NoiseScale.of(scenario.object.law, scenario.sensors)
+    force, torque = scenario.sensors.force, scenario.sensors.torque
+    return NoiseScale(
+        contact_noise_n=_floor(force.noise_std_n, force.resolution_n),
+        joint_noise_nm=_floor(torque.noise_std_nm, torque.resolution_nm),
+        depth_m=_depth_m(scenario.object.law, 10.0),
+    )
+
+
+def _floor(noise: float, resolution: float) -> float:
+    """Standard deviation of noise and rounding together; never zero, so that strengths stay finite."""
+    return max(hypot(noise, resolution / sqrt(12.0)), 1e-9)
+
+
+def _depth_m(law: ObjectLaw, force_n: float) -> float:
+    """Depth at which a law holds a force at rest, by bisection [m]."""
+    low_m, high_m = 0.0, 1.0
+    for _ in range(60):
+        middle_m = 0.5 * (low_m + high_m)
+        if law.force_n(middle_m, 0.0) < force_n:
+            low_m = middle_m
+        else:
+            high_m = middle_m
+    return high_m
 
 
 def draw_hidden(
@@ -135,7 +154,7 @@ def seal(session: str | Path, answer: SealedAnswer) -> Path:
     """
     path = sealed_path(session)
     data = {
-        "hidden": [describe_imperfection(entry) for entry in answer.hidden],
+        "hidden": [entry.describe() for entry in answer.hidden],
         "seed": answer.seed,
         "made_utc": answer.made_utc,
         "mark": answer.mark,

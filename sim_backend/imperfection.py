@@ -104,6 +104,10 @@ class Imperfection(FileModel, ABC):
         """Return value and unit of each parameter."""
         return {about.name: (getattr(self, about.name), about.unit) for about in self.parameters()}
 
+    def describe(self) -> dict[str, object]:
+        """Return what `parse_imperfection` reads: name, place and parameters."""
+        return {"effect": self.name, **self.model_dump()}
+
     @classmethod
     def parameters(cls) -> tuple[ImperfectionParameter, ...]:
         """Return the parameters that set the effect's size, without those that set its place."""
@@ -210,15 +214,3 @@ def parse_imperfection(value: object) -> Imperfection:
         value: a mapping, or a hidden effect.
     """
     return member(value, IMPERFECTIONS, "effect")
-
-
-def describe_imperfection(imperfection: Imperfection) -> dict[str, object]:
-    """Convert a hidden effect to what `parse_imperfection` reads.
-
-    Args:
-        imperfection: the effect.
-
-    Returns:
-        Its name, place and parameters.
-    """
-    return {"effect": imperfection.name, **imperfection.model_dump()}

@@ -1,11 +1,8 @@
 """Noise floors, and typical depth, speed and force of a probing run: they scale hidden effects."""
 
 from dataclasses import dataclass
-from math import hypot, sqrt
 
 from palpate.robot_io.errors import InputError
-from palpate.sim_backend.contact_laws import ObjectLaw
-from palpate.sim_backend.sensors import ArmSensorSettings
 
 CONTACT = "contact"
 _JOINT = "joint_"
@@ -74,7 +71,7 @@ FOLLOWER_JOINTS = (
 
 @dataclass(frozen=True, slots=True)
 class NoiseScale:
-    """Noise floors, and the motion of a probing run."""
+    """Noise floors, and the motion of a probing run of the shipped follower up to 10 N."""
 
     contact_noise_n: float  # of a force sample [N]
     joint_noise_nm: float  # of a torque sample [N m]
@@ -83,21 +80,6 @@ class NoiseScale:
     speed_m_s: float = 0.046  # of the tip in contact, root mean square [m/s]
     session_s: float = 8.6  # how long the whole probing takes [s]
     joints: tuple[JointScale, ...] = FOLLOWER_JOINTS  # of each joint
-
-    @classmethod
-    def of(cls, law: ObjectLaw, sensors: ArmSensorSettings) -> "NoiseScale":
-        """Compute the scale of the shipped follower that probes an object up to 10 N.
-
-        Args:
-            law: contact law of the object.
-            sensors: settings of the sensors.
-        """
-        force, torque = sensors.force, sensors.torque
-        return cls(
-            contact_noise_n=_floor(force.noise_std_n, force.resolution_n),
-            joint_noise_nm=_floor(torque.noise_std_nm, torque.resolution_nm),
-            depth_m=_depth_m(law, 10.0),
-        )
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -165,20 +147,3 @@ class NoiseScale:
         if channel == CONTACT:  # the other half is indistinguishable from damping
             return 0.5 * self.force_n / self.depth_m * self.speed_m_s
         return self.joint(channel).load_rate_nm_s
-
-
-def _floor(noise: float, resolution: float) -> float:
-    """Standard deviation of noise and rounding together; never zero, so that strengths stay finite."""
-    return max(hypot(noise, resolution / sqrt(12.0)), 1e-9)
-
-
-def _depth_m(law: ObjectLaw, force_n: float) -> float:
-    """Depth at which a law holds a force at rest, by bisection [m]."""
-    low_m, high_m = 0.0, 1.0
-    for _ in range(60):
-        middle_m = 0.5 * (low_m + high_m)
-        if law.force_n(middle_m, 0.0) < force_n:
-            low_m = middle_m
-        else:
-            high_m = middle_m
-    return high_m

@@ -9,17 +9,17 @@ from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
 
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import FileModel, Number, validate
-from palpate.sim_backend.contact_laws import ObjectLaw, describe_contact_law, parse_contact_law
+from palpate.sim_backend.contact_laws import ObjectLaw, parse_contact_law
 from palpate.sim_backend.contact_laws.standard import EngineContact, KelvinVoigtLaw
 from palpate.sim_backend.engines import EngineName, default_engine
-from palpate.sim_backend.imperfection import Imperfection, describe_imperfection, parse_imperfection
+from palpate.sim_backend.imperfection import Imperfection, parse_imperfection
 from palpate.sim_backend.sensors import ArmSensorSettings
 
 SHIPPED_DIR = Path(__file__).parent / "scenarios"
 MOST_SEED = 10**18 - 1  # the longest whole number that the YAML reader takes
 
-Law = Annotated[ObjectLaw, BeforeValidator(parse_contact_law), PlainSerializer(describe_contact_law)]
-Hidden = Annotated[Imperfection, BeforeValidator(parse_imperfection), PlainSerializer(describe_imperfection)]
+Law = Annotated[ObjectLaw, BeforeValidator(parse_contact_law), PlainSerializer(ObjectLaw.describe)]
+Hidden = Annotated[Imperfection, BeforeValidator(parse_imperfection), PlainSerializer(Imperfection.describe)]
 
 
 class ObjectSettings(FileModel):

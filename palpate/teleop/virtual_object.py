@@ -17,10 +17,10 @@ from palpate.control.teleop.virtual_object import ForceLaw
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.link.messages import MOST_TARGETS, ContactModel, ObjectEstimate, Report, short_number
 from palpate.sim_backend.contact import ObjectResponse
-from palpate.sim_backend.contact_laws import describe_contact_law, parse_contact_law
+from palpate.sim_backend.contact_laws import parse_contact_law
 from palpate.sim_backend.hidden import hidden_effects
 from palpate.sim_backend.hooks import ContactState
-from palpate.sim_backend.imperfection import Imperfection, describe_imperfection, parse_imperfection
+from palpate.sim_backend.imperfection import Imperfection, parse_imperfection
 from palpate.sim_backend.scenario import Scenario
 
 _ONE_JOINT = 1  # contact effects use no joints
@@ -32,8 +32,8 @@ def terms_of(scenario: Scenario) -> tuple[ContactModel, ...]:
     Args:
         scenario: a simulated world.
     """
-    law = describe_contact_law(scenario.object.law)
-    hidden = [describe_imperfection(entry) for entry in scenario.hidden if _is_rendered(entry)]
+    law = scenario.object.law.describe()
+    hidden = [entry.describe() for entry in scenario.hidden if _is_rendered(entry)]
     return (_term(law, "name"), *(_term(entry, "effect") for entry in hidden))
 
 

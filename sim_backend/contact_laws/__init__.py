@@ -42,6 +42,10 @@ class ObjectLaw(FileModel, ABC):
         """Whether the object may pull while the tip is below its surface."""
         return False
 
+    def describe(self) -> dict[str, object]:
+        """Return what `parse_contact_law` reads: name and parameters."""
+        return {"name": self.name, **self.model_dump()}
+
 
 CONTACT_LAWS: Registry[ObjectLaw] = Registry("contact law", ObjectLaw, "palpate.sim_backend.contact_laws")  # type: ignore[type-abstract]
 
@@ -53,12 +57,3 @@ def parse_contact_law(value: object) -> ObjectLaw:
         value: a mapping, or a law.
     """
     return member(value, CONTACT_LAWS, "name")
-
-
-def describe_contact_law(law: ObjectLaw) -> dict[str, object]:
-    """Convert a law to what `parse_contact_law` reads.
-
-    Args:
-        law: the law.
-    """
-    return {"name": law.name, **law.model_dump()}

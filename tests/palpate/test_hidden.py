@@ -14,7 +14,7 @@ from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import find_robot
 from palpate.runs.session import ArmJob, begun_session
 from palpate.sim_backend.hidden import SealedAnswer, draw_hidden, noise_scale, seal, sealed_path, unseal
-from palpate.sim_backend.imperfection import IMPERFECTIONS, describe_imperfection, parse_imperfection
+from palpate.sim_backend.imperfection import IMPERFECTIONS, parse_imperfection
 from palpate.sim_backend.scenario import Scenario, load_scenario
 from palpate.study import Study
 from tests.few_effects import try_few_effects
@@ -43,7 +43,7 @@ def test_drawn_hidden_effect_is_revealed_on_request(mystery):
     assert revealed["seed"] == 8
     assert (entry["effect"], entry["channels"]) == (drawn.name, list(drawn.channels))
     values = {name: about["value"] for name, about in entry["parameters"].items()}
-    assert values.items() <= describe_imperfection(drawn).items()
+    assert values.items() <= drawn.describe().items()
     assert all(about["unit"] for about in entry["parameters"].values())
     told = run("reveal", mystery)
     assert drawn.name in told.stdout
@@ -84,7 +84,7 @@ def test_effects_of_a_file_act_and_are_not_named_in_the_session(tmp_path, monkey
     assert shlex.split(line)[:6] == ["palpate", "probe", "--hidden", "(sealed)", "-o", str(path)]
     assert command_line(["probe", "--hidden=bias"], "bias").endswith(" probe '--hidden=(sealed)'")
     answer = unseal(sealed_path(path))
-    assert [describe_imperfection(found) for found in answer.hidden] == [entry]
+    assert [found.describe() for found in answer.hidden] == [entry]
     assert answer.seed is None
     ticks = Session.open(path).samples("tick")
     depth = 0.05 - ticks["tip_position_world_m"][:, 2]

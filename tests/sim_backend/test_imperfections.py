@@ -19,7 +19,6 @@ from palpate.sim_backend.imperfection import (
     IMPERFECTIONS,
     ContactImperfection,
     SensorImperfection,
-    describe_imperfection,
     parse_imperfection,
 )
 from palpate.sim_backend.noise_scale import CONTACT, channel_of, joint_of
@@ -101,7 +100,7 @@ class TestEveryEffect:
             values = {parameter.name: getattr(parameter, bound) for parameter in kind.parameters()}
             assert kind(**place, **values).effects(3)
         entry = at_strength(name, 10.0)
-        assert parse_imperfection(describe_imperfection(entry)) == entry
+        assert parse_imperfection(entry.describe()) == entry
         world = Scenario().with_hidden([entry])
         assert Scenario.load(parse_yaml(world.to_yaml(), "copy")) == world
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import FileModel, parse_yaml
-from palpate.sim_backend.contact_laws import CONTACT_LAWS, describe_contact_law, parse_contact_law
+from palpate.sim_backend.contact_laws import CONTACT_LAWS, parse_contact_law
 from palpate.sim_backend.scenario import Scenario, load_scenario, shipped_scenarios
 
 SHIPPED = ["default", "engine", "hunt_crossley", "paper", "soft", "stiff"]
@@ -125,7 +125,7 @@ class TestEveryLaw:
         source = inspect.getsource(law_type)
         assert all(re.search(rf"    {field}: .*#", source) for field in law_type.model_fields)
         law = parse_contact_law({"name": name, **LAWS[name]})
-        assert parse_contact_law(describe_contact_law(law)) == law
+        assert parse_contact_law(law.describe()) == law
         law = parse_contact_law({"name": name, **LAWS[name]})
         assert [law.force_n(depth, rate) for depth in (-0.01, 0.0) for rate in (-1.0, 1.0)] == [0.0] * 4
 

@@ -297,11 +297,10 @@ class Lorenz(SerialForceSensor, Examinable):
         self._bus.write(STOP_STREAM)
         # Ask up to twice: the end of a stream may have damaged the first telegram after it.
         try:
-            self._ask(LorenzCommand.HELLO, b"", LorenzCommand.HELLO)
+            self._ask(LorenzCommand.HELLO)
         except DeviceError:
-            self._ask(LorenzCommand.HELLO, b"", LorenzCommand.HELLO)
-        block = bytes((ROTOR_HEADER_BLOCK,))
-        answer = self._ask(LorenzCommand.READ_CONFIG, block, LorenzCommand.READ_CONFIG)
+            self._ask(LorenzCommand.HELLO)
+        answer = self._ask(LorenzCommand.READ_CONFIG, bytes((ROTOR_HEADER_BLOCK,)))
         try:
             header = decode_header_block(answer.parameters)
         except ProtocolError as error:
@@ -317,16 +316,15 @@ class Lorenz(SerialForceSensor, Examinable):
         )
         # The request for an endless stream of channel A.
         parameters = bytes((STREAM_MODE, SAMPLE_RATE_CODES[settings.rate_hz], 0, 0, ord("A")))
-        request = Telegram(LorenzCommand.SPECIAL_MODE, settings.address, HOST, parameters)
-        self._command(encode_telegram(request), LorenzCommand.ACK, "the stream")
+        self._ask(LorenzCommand.SPECIAL_MODE, parameters)
         stream = LorenzStream(settings.nominal_n / settings.counts_at_nominal, settings.rate_hz)
         self._bus.listen(stream, settings.nominal_n)
 
-    def _ask(self, command: LorenzCommand, parameters: bytes, expected: LorenzCommand) -> Telegram:
+    def _ask(self, command: LorenzCommand, parameters: bytes = b"") -> Telegram:
+        """Return the answer to a command; raise `DeviceError` if it is missing or a refusal."""
+        is_stream = command is LorenzCommand.SPECIAL_MODE
+        expected, what = (LorenzCommand.ACK, "the stream") if is_stream else (command, command.name)
         data = encode_telegram(Telegram(command, self._settings.address, HOST, parameters))
-        return self._command(data, expected, command.name)
-
-    def _command(self, data: bytes, expected: LorenzCommand, what: str) -> Telegram:
         reader = TelegramReader()
 
         def answer(received: bytes) -> Telegram | None:
