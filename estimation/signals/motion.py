@@ -12,18 +12,20 @@ _MOVING_SHARE = 0.3  # speed relative to the largest one below which the motion 
 
 
 def is_monotonic(position: FloatArray, run: IntArray) -> bool:
-    """Return whether the position is monotonic in each run.
+    """Return whether the position is monotonic in each run, or returns in only one run of several.
 
-    Time is then a function of the position, so that a drift looks like a law of the position.
+    Time is then a function of the position, so that a drift looks like a law of the position. Of several
+    runs, at least two must return: what is found in one run must be confirmed by another.
 
     Args:
         position: position, shape (n,).
         run: run number of each sample, shape (n,).
     """
-    return all(
-        min(_retreat(position[rows]), _retreat(-position[rows])) < _MIN_RETURN * np.ptp(position[rows])
+    returns = [
+        min(_retreat(position[rows]), _retreat(-position[rows])) >= _MIN_RETURN * np.ptp(position[rows])
         for rows in rows_of_runs(run)
-    )
+    ]
+    return bool(np.count_nonzero(returns) < min(2, len(returns)))
 
 
 def never_returns(position: FloatArray, run: IntArray) -> bool:

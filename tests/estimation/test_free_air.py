@@ -162,3 +162,11 @@ def test_two_sided_element_has_no_adhesion():
     touching = np.ones(len(data), dtype=np.bool_)
     assert EFFECTS["adhesion"]().applies_to(data)
     assert not EFFECTS["adhesion"]().applies_to(replace(data, touching=touching))
+
+
+@pytest.mark.parametrize(("returning", "runs", "monotonic"), [(1, 1, False), (1, 2, True), (2, 30, False)])
+def test_motion_returns_only_if_a_second_run_confirms_it(returning, runs, monotonic):
+    there = np.linspace(0.0, 1.0, 50)
+    back = 1.0 - np.abs(np.linspace(-1.0, 1.0, 50))
+    position = np.concatenate([back] * returning + [there] * (runs - returning))
+    assert is_monotonic(position, np.repeat(np.arange(runs), 50)) is monotonic
