@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data_quality import usable
 from palpate.estimation.design.discrimination import SMALL
@@ -13,6 +11,7 @@ from palpate.estimation.fit.blocks import LOAD, LUMPED
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from palpate.estimation.fit.fit_result import FitResult, fit_model
 from palpate.estimation.kinds import Kind
+from palpate.estimation.model import Model
 from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.workers import single_threaded
 from palpate.robot_io.types import BoolArray, FloatArray
@@ -29,8 +28,8 @@ def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitRes
     exceeds that of the model without the effect. It is also repeated from other start values of an earlier
     effect whose inner parameters lie at the end of their range, since that effect may have imitated the
     added one, and from start values of both factors if a memory and an elastic shape meet. The fit with the
-    lowest held-out error is returned; a fit with an unphysical gain must have a clearly lower error than a
-    fit without one.
+    lowest held-out error is returned, after the other forms of its effects were tried; a fit with an
+    unphysical gain must have a clearly lower error than a fit without one.
 
     Args:
         data: the channel, with the runs to fit to.
@@ -61,9 +60,28 @@ def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitRes
         pairs = [_product(parent.training_fit, effect, partner) for partner in parent.model.effects]
         products = [pair.search.best for pair in pairs if pair is not None]
         fits += [fit_model(data, product.model, product.parameters, good, cache) for product in products]
-        errors = [fit.solution.held_out * (1.0 + SMALL * (not fit.solution.is_physical)) ** 2 for fit in fits]
-        best = fits[int(np.argmin(errors))]
-        return replace(best, validation=parent.validation)
+        best = min(fits, key=_error)
+        parameters = best.solution.parameters
+        others = [fit_model(data, model, parameters, good, cache) for model in _in_other_forms(best.model)]
+        return replace(min([best, *others], key=_error), validation=parent.validation)
+
+
+def _error(fit: FitResult) -> float:
+    """Return the held-out squared error of a fit, enlarged for an unphysical gain."""
+    return fit.solution.held_out * (1.0 + SMALL * (not fit.solution.is_physical)) ** 2
+
+
+def _in_other_forms(model: Model) -> list[Model]:
+    """List the models that have another form of one of the effects.
+
+    The form is first chosen while the other effects are held at the parameters that they had without it.
+    """
+    return [
+        model.without(effect.name).with_effect(form)
+        for effect in model.effects
+        for form in effect.forms()
+        if form.form != effect.form
+    ]
 
 
 def _at_ends(fit: FitResult) -> list[str]:
