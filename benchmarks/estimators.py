@@ -20,9 +20,8 @@ from presses import Noise, Press
 from scipy.optimize import least_squares
 from sklearn.linear_model import HuberRegressor, LinearRegression, RANSACRegressor, TheilSenRegressor
 
-from palpate.estimation.contact_estimator import ContactLaw, OnlineContactLaw
 from palpate.estimation.contact_estimators import CONTACT_ESTIMATORS
-from palpate.estimation.estimator import OnlineEstimator
+from palpate.estimation.estimator import ContactLaw, OnlineContactLaw, OnlineEstimator
 from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.estimators.recursive import Sprls
 from palpate.robot_io.errors import InputError

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.estimation.contact_estimator import ContactLaw
+from palpate.estimation.estimator import ContactLaw
 from palpate.estimation.model import Regression
 from palpate.estimation.statistics.uncertainty import cramer_rao
 from palpate.robot_io.types import FloatArray

@@ -37,7 +37,7 @@ from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.design.next_experiment import NextExperiment, NextProbe
 from palpate.estimation.diagnosis import ChannelDiagnosis
-from palpate.estimation.study.undecided_models import is_undecided
+from palpate.estimation.study.other_models import is_undecided
 from palpate.planning.next_probe import feasible
 from palpate.robot_io.errors import PalpateError
 from palpate.runs.probing import ProbingJob, run_probing

@@ -251,7 +251,7 @@ class _Solver:
         values[: self.delay : 4] = 1.0
         for _ in range(_MAX_STEPS):
             columns, residual, w, _ = self._linearized(values)
-            step = solve(columns, residual, w).gains
+            step = solve(columns, residual, w)
             values = values + step
             if np.abs(step).max() < _CONVERGED:
                 break

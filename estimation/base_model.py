@@ -13,17 +13,37 @@ LEVEL_GRAVITY_M_S2 = (0.0, 0.0, -9.81)  # gravitational acceleration in the axes
 
 
 @dataclass(frozen=True)
+class Arm:
+    """The arm that made the measurement."""
+
+    urdf: str = ""  # text of its URDF, empty if unknown
+    tip_frame: str = ""  # name of the tip's frame in the URDF
+    origin: str = "URDF text"  # where the URDF comes from, for error messages
+    # Gravitational acceleration in the axes of the base, shape (3,) [m/s^2].
+    gravity_m_s2: tuple[float, float, float] = LEVEL_GRAVITY_M_S2
+    # Rotor inertia that the drives add to each of the n joints, shape (n,) or empty [kg m^2].
+    rotor_inertia_kg_m2: tuple[float, ...] = ()
+    notes: tuple[str, ...] = ()  # notes on the arm for the user
+
+    def context_of(self, channel: ChannelData) -> "ModelContext":
+        """Return the information that a base model may need about a channel besides its data.
+
+        Args:
+            channel: channel of a contact, or "joint_N" with N counted from 1.
+        """
+        joint = re.fullmatch(r"joint_(\d+)", channel.name)
+        return ModelContext(int(joint[1]) - 1 if joint else None, self, channel.surface is not None)
+
+
+NO_ARM = Arm()
+
+
+@dataclass(frozen=True)
 class ModelContext:
     """Information that a base model may need besides the data."""
 
     joint: int | None = None  # index of the channel's joint, from 0; None for a contact
-    urdf: str = ""  # text of the arm's URDF; empty if there is none
-    tip_frame: str = ""  # name of the tip's frame in that URDF
-    urdf_origin: str = "URDF text"  # where that text comes from, for error messages
-    # Gravitational acceleration in the axes of the root link, shape (3,) [m/s^2].
-    gravity_m_s2: tuple[float, float, float] = LEVEL_GRAVITY_M_S2
-    # Rotor inertia that the drives add to each of the n joints, shape (n,) or empty [kg m^2].
-    rotor_inertia_kg_m2: tuple[float, ...] = ()
+    arm: Arm = NO_ARM  # the arm to which the joint belongs
     # Whether the contact's surface was estimated from the data and therefore has an error.
     surface_found: bool = False
 
@@ -58,37 +78,3 @@ class BaseModel:
             InputError: the channel or the context lacks something that the model needs.
         """
         return data
-
-
-@dataclass(frozen=True)
-class Arm:
-    """The arm that made the measurement."""
-
-    urdf: str = ""  # text of its URDF, empty if unknown
-    tip_frame: str = ""  # name of the tip's frame in the URDF
-    origin: str = "URDF text"  # where the URDF comes from, for error messages
-    # Gravitational acceleration in the axes of the base, shape (3,) [m/s^2].
-    gravity_m_s2: tuple[float, float, float] = LEVEL_GRAVITY_M_S2
-    # Rotor inertia that the drives add to each of the n joints, shape (n,) or empty [kg m^2].
-    rotor_inertia_kg_m2: tuple[float, ...] = ()
-    notes: tuple[str, ...] = ()  # notes on the arm for the user
-
-    def context_of(self, channel: ChannelData) -> ModelContext:
-        """Return the information that a base model may need about a channel besides its data.
-
-        Args:
-            channel: channel of a contact, or "joint_N" with N counted from 1.
-        """
-        joint = re.fullmatch(r"joint_(\d+)", channel.name)
-        return ModelContext(
-            joint=int(joint[1]) - 1 if joint else None,
-            urdf=self.urdf,
-            tip_frame=self.tip_frame,
-            urdf_origin=self.origin,
-            gravity_m_s2=self.gravity_m_s2,
-            rotor_inertia_kg_m2=self.rotor_inertia_kg_m2,
-            surface_found=channel.surface is not None,
-        )
-
-
-NO_ARM = Arm()

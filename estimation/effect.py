@@ -20,7 +20,8 @@ from palpate.estimation.data.derivatives import least_path
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.types import FloatArray
 
-Errors = Callable[[], Mapping[str, float]]
+Parameters = Mapping[str, float]  # values of all parameters by "effect.parameter"
+Errors = Callable[[], Parameters]
 Inner = Mapping[str, float]  # values of inner (nonlinear) parameters by name
 
 
@@ -146,9 +147,7 @@ class Effect(ABC):
         """
         return columns[:, [p.name not in self.essential for p in self.gains]]
 
-    def is_misnamed(
-        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
-    ) -> bool:
+    def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
         """Return whether the effect imitates another effect at these parameters.
 
         A model with such an effect may fit well without being evidence for the effect.

@@ -6,20 +6,21 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
+from palpate.estimation.assessment import assemble
 from palpate.estimation.channel import MIN_STEPS, ChannelData, ChannelKind
 from palpate.estimation.data.contact import contact_rows
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.units import SMALLEST
-from palpate.estimation.effect import Parameter
+from palpate.estimation.effect import Parameter, Parameters
 from palpate.estimation.effects.contact_geometry import ContactOffset
 from palpate.estimation.estimate import Determined, Estimate, Identifiability, ParameterEstimate, with_unit
 from palpate.estimation.estimator import Estimator
 from palpate.estimation.fit.fit_problem import Solution
 from palpate.estimation.fit.samples import SampleFit, fit_samples, slopes_of
-from palpate.estimation.model import Model, Parameters
+from palpate.estimation.model import Model, Regression
 from palpate.estimation.signals.blocks import blocks, number_pieces
 from palpate.estimation.statistics.least_squares import solve
-from palpate.estimation.statistics.uncertainty import Covariance, assemble, common_error_covariance
+from palpate.estimation.statistics.uncertainty import Covariance, common_error_covariance
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray
 
@@ -145,7 +146,7 @@ def _combine(searched: SampleFit, data: ChannelData, rows: BoolArray, estimate: 
     values = np.array(list(searched.parameters.values()))
     values[:gain_count] = [parameter.value for parameter in estimate.parameters]
     columns, slopes = searched.jacobian[:, :gain_count], searched.jacobian[:, gain_count:]
-    gain_slopes = -np.array([solve(columns, slope).gains for slope in slopes.T]).reshape(-1, gain_count).T
+    gain_slopes = -np.array([solve(columns, slope) for slope in slopes.T]).reshape(-1, gain_count).T
     matrix = searched.covariance.matrix.copy()
     inner_covariance = np.nan_to_num(searched.unbounded.matrix[gain_count:, gain_count:])
     matrix[:gain_count, :gain_count] = estimate.covariance + gain_slopes @ inner_covariance @ gain_slopes.T
@@ -166,15 +167,13 @@ def _combine(searched: SampleFit, data: ChannelData, rows: BoolArray, estimate: 
         rounding[~free] = 0.0
         values -= rounding.mean(axis=1)
         matrix += rounding @ rounding.T / rounding.shape[1]
+    names, units = tuple(searched.parameters), searched.model.units(data)
     return assemble(
         estimate.estimator,
-        tuple(searched.parameters),
-        searched.model.units(data),
+        Regression(searched.jacobian, data.effort[rows], names, units),
         values,
-        jacobian=searched.jacobian,
-        effort=data.effort[rows],
+        Covariance(matrix, searched.covariance.degrees_of_freedom),
         residuals=estimate.residuals,
-        covariance=Covariance(matrix, searched.covariance.degrees_of_freedom),
         gain_count=gain_count,
         inliers=estimate.inliers,
         history=estimate.history,
@@ -270,7 +269,7 @@ def rounding_errors(model: Model, data: ChannelData, rows: BoolArray, parameters
         half = motion.half_windows[0]
         rounded = replace(data, position=position, velocity=motion.velocity, effort=effort)
         residual = effort - model.predict(rounded, parameters)
-        errors.append(solve(slopes_of(model, rounded, parameters)[rows], residual[rows]).gains)
+        errors.append(solve(slopes_of(model, rounded, parameters)[rows], residual[rows]))
     return np.column_stack(errors)
 
 

@@ -1,15 +1,15 @@
-"""Interface of estimators, which solve a linear problem for parameters and their uncertainty."""
+"""Interfaces of estimators: of linear problems, and of contact laws from depth, speed and force."""
 
 from abc import ABC, abstractmethod
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from palpate.estimation.estimate import Estimate
 from palpate.estimation.fit.irls import Loss
 from palpate.estimation.model import Regression
-from palpate.estimation.statistics.uncertainty import Covariance, assemble
-from palpate.robot_io.types import BoolArray, FloatArray
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray
 
 
 class Estimator(ABC):
@@ -30,31 +30,6 @@ class Estimator(ABC):
         Raises:
             InputError: the method cannot use these samples.
         """
-
-    def _estimate(
-        self,
-        regression: Regression,
-        gains: FloatArray,
-        covariance: Covariance,
-        *,
-        inliers: BoolArray | None = None,
-        history: FloatArray | None = None,
-        details: dict[str, float] | None = None,
-    ) -> Estimate:
-        """Assemble the estimate with its diagnostics; see `assemble`."""
-        return assemble(
-            self.name,
-            regression.names,
-            regression.units,
-            gains,
-            jacobian=regression.columns,
-            effort=regression.effort,
-            residuals=regression.effort - regression.columns @ gains,
-            covariance=covariance,
-            inliers=inliers,
-            history=history,
-            details=details,
-        )
 
 
 class OnlineEstimator(Estimator):
@@ -79,3 +54,120 @@ class OnlineEstimator(Estimator):
         Returns:
             The updated gains, shape (p,); the estimator never writes to this array again.
         """
+
+
+_MIN_DEPTH_M = 1e-9  # smallest depth whose powers do not underflow
+
+
+class ContactLaw(NamedTuple):
+    """Contact law F = k d^n + b d^m v with depth d = x - surface.
+
+    Kelvin-Voigt has n = 1 and m = 0; Hunt-Crossley has m = n.
+    """
+
+    stiffness: float  # k [N/m^n], positive
+    damping: float  # b [N s/m^(m+1)]
+    exponent: float = 1.0  # n
+    damping_exponent: float = 0.0  # m
+    surface_m: float = 0.0  # coordinate x of the surface [m]
+
+    def compliance(self, depth_m: float) -> tuple[float, float]:
+        """Return stiffness [N/m] and damping [N s/m] at a depth at rest.
+
+        Args:
+            depth_m: indentation at rest, positive into the object [m].
+        """
+        indentation_m = max(depth_m - self.surface_m, _MIN_DEPTH_M)
+        stiffness = self.stiffness * self.exponent * indentation_m ** (self.exponent - 1.0)
+        return stiffness, self.damping * indentation_m**self.damping_exponent
+
+
+def check_samples(name: str, *columns: FloatArray) -> None:
+    """Check that samples are finite and equal in number.
+
+    Args:
+        name: name of the method, for the error message.
+        columns: samples of equal shape (n,).
+
+    Raises:
+        InputError: a sample is not finite, or the numbers of samples differ.
+    """
+    if len({len(column) for column in columns}) > 1:
+        raise InputError(
+            f"{name}: {', '.join(str(len(column)) for column in columns)} samples; the numbers must be equal"
+        )
+    if not all(np.isfinite(column).all() for column in columns):
+        raise InputError(f"{name}: some samples are not finite; leave them out")
+
+
+class ContactEstimator(ABC):
+    """Method that estimates a contact law.
+
+    Its law may be nonlinear in the parameters. `Estimator` is the interface of methods that solve any linear
+    problem.
+    """
+
+    name: ClassVar[str]  # as on the command line
+    model: ClassVar[str] = "hunt_crossley"  # name of the base model whose law it estimates
+
+    @abstractmethod
+    def fit(
+        self, depth_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray, *, rng: np.random.Generator
+    ) -> ContactLaw:
+        """Fit the law to samples in contact, in order of time.
+
+        Args:
+            depth_m: indentation, positive into the object, shape (n,) [m].
+            speed_m_s: rate of indentation, shape (n,) [m/s].
+            force_n: force, positive in compression, shape (n,) [N].
+            rng: random generator for methods that draw samples.
+
+        Raises:
+            InputError: the method cannot use these samples.
+        """
+
+
+class OnlineContactLaw(ContactEstimator):
+    """Estimator that takes one sample at a time."""
+
+    @abstractmethod
+    def start(self) -> None:
+        """Reset to the state before any sample."""
+
+    @abstractmethod
+    def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
+        """Update the law by one sample in contact.
+
+        Args:
+            depth_m: distance of the tip beyond the position of the first contact [m].
+            speed_m_s: speed, positive into the object [m/s].
+            force_n: force, positive in compression [N].
+
+        Returns:
+            The updated law; None before the first estimate.
+        """
+
+    def fit(
+        self, depth_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray, *, rng: np.random.Generator
+    ) -> ContactLaw:
+        """See `ContactEstimator.fit`; the last law is the estimate."""
+        return self.follow(depth_m, speed_m_s, force_n)[-1]
+
+    def follow(self, depth_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray) -> list[ContactLaw]:
+        """Reset, process all samples, and return the law after each sample once there is an estimate.
+
+        Args:
+            depth_m: indentation, positive into the object, shape (n,) [m].
+            speed_m_s: rate of indentation, shape (n,) [m/s].
+            force_n: force, positive in compression, shape (n,) [N].
+
+        Raises:
+            InputError: no sample gives a law, or a sample is not finite.
+        """
+        check_samples(self.name, depth_m, speed_m_s, force_n)
+        self.start()
+        samples = zip(depth_m.tolist(), speed_m_s.tolist(), force_n.tolist(), strict=True)
+        laws = [law for sample in samples if (law := self.update(*sample)) is not None]
+        if not laws:
+            raise InputError(f"{self.name}: none of {len(depth_m)} samples is in contact")
+        return laws

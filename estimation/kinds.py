@@ -99,8 +99,5 @@ def separating_experiment(first: Kind, second: Kind) -> str:
         first: kind of one effect.
         second: kind of the effect that may be confused with it.
     """
-    known = _SEPARATING.get(frozenset({first, second}))
-    return (
-        known
-        or "repeat the motion with other speeds, ranges and holds, so that the two act at different times"
-    )
+    general = "repeat the motion with other speeds, ranges and holds, so that the two act at different times"
+    return _SEPARATING.get(frozenset({first, second}), general)

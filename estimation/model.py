@@ -14,13 +14,13 @@ from palpate.estimation.effect import (
     MemoryEffect,
     MotionEffect,
     Parameter,
+    Parameters,
     SensorEffect,
 )
 from palpate.estimation.signals.cache_by_array import IdentityKey
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-Parameters = Mapping[str, float]  # "effect.parameter" -> value
 Columns = Callable[[AdditiveEffect, ChannelData, Inner], FloatArray]
 Parts = tuple[FloatArray, FloatArray]  # columns (n, p) and known effort (n,), before any sensor
 
@@ -90,27 +90,17 @@ class Model:
                 "an effect of the base model or of an earlier revision is not added again"
             )
 
-    def with_effect(self, effect: Effect) -> "Model":
+    def with_effect(self, effect: Effect, *, first: bool = False) -> "Model":
         """Return the model with an effect appended.
 
         Args:
             effect: effect in the form that suits the channel.
+            first: whether to prepend it, such as a sensor's fault before its filter.
 
         Raises:
             InputError: the model already has this effect.
         """
-        return Model(self.name, (*self.effects, effect), self.held)
-
-    def with_effect_first(self, effect: Effect) -> "Model":
-        """Return the model with an effect prepended, such as a sensor's fault before its filter.
-
-        Args:
-            effect: effect in the form that suits the channel.
-
-        Raises:
-            InputError: the model already has this effect.
-        """
-        return Model(self.name, (effect, *self.effects), self.held)
+        return Model(self.name, (effect, *self.effects) if first else (*self.effects, effect), self.held)
 
     def effect(self, name: str) -> Effect:
         """Return the effect with this name.

@@ -9,9 +9,8 @@ from palpate.control.laws.gains import TouchGains
 from palpate.control.laws.touch import RunningMean, release_force_n, touch_force_n
 from palpate.control.loop.task import TaskOutput
 from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates
-from palpate.estimation.contact_estimator import ContactLaw, OnlineContactLaw
 from palpate.estimation.data.derivatives import even_coefficients
-from palpate.estimation.estimator import OnlineEstimator
+from palpate.estimation.estimator import ContactLaw, OnlineContactLaw, OnlineEstimator
 from palpate.robot_io.types import Measurement, Status
 
 _GAIN_COUNT = 3

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from scipy.signal import butter, filtfilt, savgol_filter
 
-from palpate.estimation.base_model import ModelContext
+from palpate.estimation.base_model import Arm, ModelContext
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.import_file import import_file
@@ -80,6 +80,6 @@ def tx40(folder: Path) -> tuple[list[ChannelData], list[Model]]:
         channels = import_file(path).channels
     base = MODELS["rigid_body_fitted"]()
     urdf = (folder / "tx40.urdf").read_text()
-    contexts = [ModelContext(joint=i, urdf=urdf, tip_frame="tool0") for i in range(TX40_JOINTS)]
+    contexts = [ModelContext(i, Arm(urdf, "tool0")) for i in range(TX40_JOINTS)]
     pairs = list(zip(channels, contexts, strict=True))
     return [base.prepare(one, context) for one, context in pairs], [base.build(c) for c in contexts]

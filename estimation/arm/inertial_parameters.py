@@ -56,11 +56,6 @@ class BaseParameters:
         """Names such as "link2_Izz", in the order of `columns`."""
         return tuple(inertial_name(int(i)) for i in self.columns)
 
-    @property
-    def units(self) -> tuple[str, ...]:
-        """SI units in the order of `columns`."""
-        return tuple(inertial_unit(int(i)) for i in self.columns)
-
 
 def inertial_name(column: int) -> str:
     """Return the name of the parameter of a regressor column, such as "link2_Izz".

@@ -13,7 +13,7 @@ import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.fit.blocks import BlockedData
-from palpate.estimation.fit.smooth_features import hats, reversal_memory
+from palpate.estimation.fit.flexible_regression import hats, reversal_memory
 from palpate.estimation.kinds import UNSEEN_IN_ONE_PASS, Kind
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.exponential_memory import low_pass, relax

@@ -1,6 +1,6 @@
 """Estimators of contact laws; add a class in this folder to register a new one."""
 
-from palpate.estimation.contact_estimator import ContactEstimator
+from palpate.estimation.estimator import ContactEstimator
 from palpate.robot_io.registry import Registry
 
 CONTACT_ESTIMATORS: Registry[ContactEstimator] = Registry(

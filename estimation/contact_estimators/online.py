@@ -4,8 +4,13 @@ import math
 
 import numpy as np
 
-from palpate.estimation.contact_estimator import ContactEstimator, ContactLaw, OnlineContactLaw, check_samples
-from palpate.estimation.estimator import OnlineEstimator
+from palpate.estimation.estimator import (
+    ContactEstimator,
+    ContactLaw,
+    OnlineContactLaw,
+    OnlineEstimator,
+    check_samples,
+)
 from palpate.estimation.estimators.recursive import Ewrls, Sprls
 from palpate.estimation.fit.irls import IrlsResult, irls
 from palpate.robot_io.errors import InputError

@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.estimation.data.arrow import pa, pc
 from palpate.estimation.data.column_names import TIME, guess_columns, parse_role, split_unit
-from palpate.estimation.data.file_columns import FileColumns, check_size
+from palpate.estimation.data.file_columns import FileColumns, check_size, pa, pc
 from palpate.estimation.data.table_layout import with_run
 from palpate.robot_io.errors import InputError
 

@@ -9,7 +9,6 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.estimation.data.arrow import pa
 from palpate.estimation.data.choose_columns import (
     EFFORTS,
     choose_columns,
@@ -34,6 +33,7 @@ from palpate.estimation.data.column_names import (
     unit_in_name,
 )
 from palpate.estimation.data.column_units import AssignedColumn, Chosen, ColumnUnits
+from palpate.estimation.data.file_columns import pa
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.presses import MIN_RUN_ROWS, press_sides
 from palpate.estimation.data.table import Table

@@ -239,7 +239,8 @@ def _suggest_effort(numbers: Sequence[str], free: Sequence[str], quantity_by_nam
         free: those that may hold an effort.
         quantity_by_name: quantity of each column according to its name; empty for none.
     """
-    if drive := next((name for name in free if _is_drive(name)), ""):
+    voltages = [name for name in free if dimension_of(unit_in_name(name)) == "voltage"]
+    if drive := next((n for n in free if n in voltages or not _DRIVE.isdisjoint(words_of(n))), ""):
         moving = [n for q in ("position", "velocity") for n in numbers if quantity_by_name[n] == q]
         motion = quantity_by_name[moving[0]] if moving else "position"
         moving += [name for name in free if name != drive and not _OUTPUT.isdisjoint(words_of(name))]
@@ -252,11 +253,6 @@ def _suggest_effort(numbers: Sequence[str], free: Sequence[str], quantity_by_nam
         )
     column = shlex.quote(free[0]) if len(free) == 1 else "COLUMN"
     return f"if a column holds one, add --column force_N={column} or --column torque_Nm={column}"
-
-
-def _is_drive(name: str) -> bool:
-    """Return whether a column may hold the command of a drive, such as a voltage or a duty cycle."""
-    return dimension_of(unit_in_name(name)) == "voltage" or not _DRIVE.isdisjoint(words_of(name))
 
 
 def _clocks(table: Table, free: list[str]) -> list[str]:

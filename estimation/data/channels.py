@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -95,26 +96,16 @@ def _imported_channel(name: str, samples: Samples) -> ChannelData:
     late = np.diff(samples["time_s"]) < MIN_INCREASE_S  # the same limit as in the import
     if (late & (np.diff(samples["run"]) == 0)).any():
         raise InputError(f"stream '{name}', column 'time_s': times must increase within a run")
-    position, velocity, acceleration, effort = (samples[column] for column in COLUMNS[kinds[0]])
     context = {
         column.removeprefix(_CONTEXT): samples[column] for column in samples if column.startswith(_CONTEXT)
     }
     if _TOUCHING in samples:
         _check(name, samples, (_TOUCHING,))
-    return ChannelData(
-        name,
-        kinds[0],
-        samples["time_s"],
-        position,
-        velocity,
-        acceleration,
-        effort,
-        samples["run"],
-        samples["phase"].astype(np.int64),
-        context,
-        recorded=frozenset(context),
-        touching=samples[_TOUCHING] != 0 if _TOUCHING in samples else None,
-    )
+    position, velocity, acceleration, effort = (samples[column] for column in COLUMNS[kinds[0]])
+    motion, phase = (samples["time_s"], position, velocity, acceleration), samples["phase"].astype(np.int64)
+    touching = samples[_TOUCHING] != 0 if _TOUCHING in samples else None
+    data = ChannelData(name, kinds[0], *motion, effort, samples["run"], phase, context, touching=touching)
+    return replace(data, recorded=frozenset(context))
 
 
 def _check(name: str, samples: Samples, columns: tuple[str, ...]) -> None:

@@ -1,6 +1,6 @@
 """Find the samples of each run in contact, and estimate the position of the surface."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,15 +29,6 @@ class Contact:
     baseline_n: float  # mean force in free air [N]
     baseline_std_err_n: float  # its standard error, valid for autocorrelated noise [N]
     noise_n: float  # standard deviation of the force in free air [N]
-
-    def reindexed(self, kept: BoolArray) -> "Contact":
-        """Return the contact with indices relative to the kept samples, which must include its own.
-
-        Args:
-            kept: mask of all samples, shape (n,).
-        """
-        number = np.cumsum(kept) - 1
-        return replace(self, rows=number[self.rows], free=number[self.free])
 
 
 def find_contacts(force_n: FloatArray, run: IntArray, phase: IntArray) -> tuple[Contact, ...]:
@@ -148,7 +139,7 @@ def find_surface(  # noqa: PLR0917
     if np.ptp(tip_m) < MIN_STEPS * bounds.step_m:
         return bounds.uniform_surface()
     columns = np.column_stack([tip_m - bounds.first_m, speed_m_s, np.ones(len(tip_m))])
-    stiffness, _, offset_n = gains = solve(columns, force_n).gains
+    stiffness, _, offset_n = gains = solve(columns, force_n)
     if stiffness <= 0.0:
         return Surface(bounds.first_m, float("nan"), bounds.highest_m, bounds.deepest_m)
     residuals = force_n - columns @ gains

@@ -23,7 +23,7 @@ import numpy as np
 import scipy
 
 from palpate.estimation.channel import ChannelData
-from palpate.estimation.signals.blocks import blocks
+from palpate.estimation.signals.blocks import blocks, since_start
 from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -79,7 +79,7 @@ def differentiate(
     if rounding is None:
         rounding = rounding_variance(time_s, position, piece, grid_step(position))
     pieces = list(blocks(piece))
-    measured, position = position, _relative_to_start(position, pieces)
+    measured, position = position, since_start(position, piece)
     if half_window is not None:
         halves = half_window, half_window
     else:
@@ -203,21 +203,13 @@ def position_error(
     error = np.zeros(len(position))
     if not pieces:
         return error, HALF_WINDOWS[0]
-    moved = _relative_to_start(position, pieces)
+    moved = since_start(position, run)  # so that the velocity at rest is exactly zero
     half = _pilot_window(_fit_windows(time_s, moved, pieces, rounding)).half
     chosen = np.concatenate([np.arange(rows.start, rows.stop) for rows in pieces])
     fits = local_fits(time_s, moved, pieces, [np.arange(rows.stop - rows.start) for rows in pieces], half)
     free = np.sqrt(np.maximum(1.0 - fits.variance[:, 0], 1e-2))
     error[chosen] = (moved[chosen] - fits.fitted[:, 0]) / free
     return error, half
-
-
-def _relative_to_start(position: FloatArray, pieces: list[slice]) -> FloatArray:
-    """Subtract each piece's first position, so that the velocity at rest is exactly zero; shape (n,)."""
-    moved = np.empty(len(position))
-    for rows in pieces:
-        moved[rows] = position[rows] - position[rows.start]
-    return moved
 
 
 @dataclass(frozen=True)

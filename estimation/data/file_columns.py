@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+from palpate.robot_io.extras import LazyModule
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+    import pyarrow.csv as pa_csv
+else:
+    pa, pc, pa_csv = map(LazyModule, ("pyarrow", "pyarrow.compute", "pyarrow.csv"))
+
+
 import os
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from palpate.estimation.data.arrow import pa
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.atomic_write import max_unpacked_bytes
 from palpate.robot_io.types import IntArray
+
+__all__ = ["pa", "pa_csv", "pc"]
+
 
 BAGS = (".mcap", ".db3")  # endings of ROS 2 recordings
 MAX_BYTES = 2**30  # size limit, ten hours at 1 kHz, to protect the memory

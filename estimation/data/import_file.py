@@ -376,9 +376,5 @@ def with_arm(channels: Sequence[ChannelData]) -> tuple[ChannelData, ...]:
         return tuple(channels)
     motions = ((joint.position, joint.velocity, joint.acceleration) for joint in joints)
     arm = dict(zip(ARM_MOTION, map(np.column_stack, zip(*motions, strict=True)), strict=True))
-    return tuple(
-        channel
-        if channel.kind is ChannelKind.CONTACT
-        else replace(channel, context={**channel.context, **arm})
-        for channel in channels
-    )
+    with_motion = {joint.name: replace(joint, context={**joint.context, **arm}) for joint in joints}
+    return tuple(with_motion.get(channel.name, channel) for channel in channels)

@@ -11,7 +11,7 @@ from palpate.estimation.data.column_names import DISPLACEMENT, FORCE, RUN, TIME,
 from palpate.estimation.data.presses import MAX_RUNS, MIN_RUN_ROWS, cut_into, cut_presses, number_recordings
 from palpate.estimation.data.table import Table
 from palpate.estimation.data.units import MIN_INCREASE_S
-from palpate.estimation.signals.blocks import blocks, time_in_run
+from palpate.estimation.signals.blocks import blocks, since_start
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray, IntArray
 
@@ -98,7 +98,7 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
             f"{table.path}: run '{labels[int(runs[np.argmin(counts)])]}' {needed}; leave it out with "
             f"--where, or check the column '{columns.run}', which names the runs"
         )
-    return replace(rows, time_s=time_in_run(time_s, run)) if fresh else rows
+    return replace(rows, time_s=since_start(time_s, run)) if fresh else rows
 
 
 def _numbered_runs(table: Table, column: str) -> tuple[IntArray, dict[int, str]]:

@@ -1,4 +1,4 @@
-"""Join files side by side that hold different columns of the same rows."""
+"""Join tables of several files side by side."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from palpate.estimation.data.arrow import pa
 from palpate.estimation.data.column_names import guess_columns, is_unnamed, keys_of_channels
-from palpate.estimation.data.file_columns import natural_key
+from palpate.estimation.data.file_columns import natural_key, pa
 from palpate.estimation.data.table import Table, read_table
 from palpate.robot_io.errors import InputError
 

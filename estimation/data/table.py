@@ -4,22 +4,39 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Sequence
+import tempfile
+import zipfile
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 
 from palpate.estimation.data.array_files import read_mat, read_npz, read_parquet
-from palpate.estimation.data.arrow import pa, pc
-from palpate.estimation.data.file_columns import BAGS, FileColumns, is_bag
+from palpate.estimation.data.file_columns import (
+    BAGS,
+    FileColumns,
+    check_size,
+    is_bag,
+    list_first,
+    natural_key,
+    pa,
+    pc,
+)
 from palpate.estimation.data.json_table import read_json
-from palpate.estimation.data.table_layout import find_tests, is_filled, is_text, stack_tests, with_seconds
-from palpate.estimation.data.text_dialect import MIN_UNMARKED, thousands_ambiguity
+from palpate.estimation.data.table_layout import (
+    find_tests,
+    is_filled,
+    is_text,
+    stack_tests,
+    with_run,
+    with_seconds,
+)
+from palpate.estimation.data.text_dialect import MIN_UNMARKED, TableBlock, same_columns, thousands_ambiguity
 from palpate.estimation.data.text_table import as_utf8, number_of, read_text_table
 from palpate.estimation.data.units import describe_fault, invalid_rows
 from palpate.robot_io.errors import InputError, UnknownNameError
@@ -30,6 +47,7 @@ _SHOWN = 60  # characters of a value in an error message
 _MAX_LABEL_LENGTH = 1000  # characters of the name of a run or a phase
 _MAX_NAMES = 20  # names that an error message lists
 _HEAD_BYTES = 1 << 14
+_MAX_MEMBERS = 2000  # files of an archive
 _LOOKED_AT = 100  # first filled rows that decide whether a column contains numbers
 _GROUPED = {  # numbers with thousands separators, by the separator
     ",": r"^[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?$",
@@ -242,9 +260,7 @@ def read_table(path: str | os.PathLike[str], selected: str = "") -> Table:
     if selected and not several:
         raise InputError(f"--table {selected}: {place} holds one table only")
     try:
-        columns = read(place, selected) if several else read(place)
-        table = table_of(columns.columns, place, columns.titles, columns.decimal, columns.rows)
-        return replace(table, notes=(*columns.notes, *table.notes), row_word=columns.row_word)
+        return table_of(read(place, selected) if several else read(place), place)
     except InputError:
         raise
     except Exception as error:  # libraries may raise almost any exception for a broken file
@@ -252,34 +268,29 @@ def read_table(path: str | os.PathLike[str], selected: str = "") -> Table:
         raise InputError(f"{place}: cannot be read: {reason}") from error
 
 
-def table_of(
-    cells: pa.Table, place: Path, titles: Sequence[str] = (), decimal: str = ".", rows: IntArray | None = None
-) -> Table:
-    """Build a table from Arrow columns: clock times become seconds, tests side by side become runs.
+def table_of(file: FileColumns, path: Path) -> Table:
+    """Build a table from the columns of a file: clock times become seconds, tests side by side become runs.
 
     Args:
-        cells: columns by name.
-        place: source of the columns, for error messages.
-        titles: text above each column's name.
-        decimal: decimal mark of numbers that are text.
-        rows: number of each row in the file, shape (n,); None to count from 1.
+        file: columns of the file.
+        path: path of the file, for error messages.
 
     Raises:
         InputError: the table has no rows.
     """
-    columns = cells.rename_columns([" ".join(name.split()) for name in cells.column_names])
+    columns = file.columns.rename_columns([" ".join(name.split()) for name in file.columns.column_names])
     used = [  # omit columns that have neither a name nor a value
         place
         for place, name in enumerate(columns.column_names)
         if name != f"column {place + 1}" or is_filled(columns.column(place)).any()
     ]
     columns = columns.select(used)
-    names, notes = columns.column_names, list[str]()
-    rows = np.arange(1, columns.num_rows + 1) if rows is None else rows
+    names, notes = columns.column_names, [*file.notes]
+    rows = np.arange(1, columns.num_rows + 1) if file.rows is None else file.rows
     if tests := find_tests(names):
-        columns, places = stack_tests(columns, tests, titles, decimal)
-        rows = rows[places]
-        names, notes = columns.column_names, [f"{len(tests)} tests side by side, read as runs"]
+        columns, places = stack_tests(columns, tests, file.titles, file.decimal)
+        names, rows = columns.column_names, rows[places]
+        notes.append(f"{len(tests)} tests side by side, read as runs")
     unique: list[str] = []  # unique names: the second "GPa" becomes "GPa (2)"
     for name in names:
         number = unique.count(name) and 2
@@ -288,9 +299,9 @@ def table_of(
         unique.append(f"{name} ({number})" if number else name)
     columns = columns.rename_columns(unique)
     if columns.num_rows == 0:
-        raise InputError(f"{place}: no rows of data")
-    columns, clocks = with_seconds(columns, decimal)
-    return Table(place, columns, rows, decimal, (*notes, *clocks))
+        raise InputError(f"{path}: no rows of data")
+    columns, clocks = with_seconds(columns, file.decimal)
+    return Table(path, columns, rows, file.decimal, (*notes, *clocks), file.row_word)
 
 
 def _is_text(path: Path) -> bool:
@@ -342,13 +353,63 @@ def _with_decimal_points(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArr
 
 
 def _read_zip(path: Path, selected: str) -> FileColumns:
-    from palpate.estimation.data.zip_table import read_zip_table  # noqa: PLC0415, seldom needed
+    """Read the longest table of a ZIP archive; other files with its columns are further runs.
 
-    def read(file: Path) -> FileColumns:
-        table = read_table(file)
-        return FileColumns(table.columns, table.decimal, table.notes)
+    Each file is unpacked under a name of its own, never under its path in the archive.
 
-    return read_zip_table(path, selected, read, [ending for ending in ENDINGS if ending not in BAGS])
+    Args:
+        path: path of the archive.
+        selected: path in the archive of a file with the columns to read; empty for the longest table.
+
+    Raises:
+        InputError: the archive is too large, is encrypted, or holds no table.
+    """
+    with zipfile.ZipFile(path) as archive, tempfile.TemporaryDirectory() as folder:
+        members = [entry for entry in archive.infolist() if _is_data(entry.filename)]
+        if len(members) > _MAX_MEMBERS:
+            raise InputError(f"{path}: holds {len(members)} files; at most {_MAX_MEMBERS} are read")
+        check_size(path, sum(entry.file_size for entry in members))
+        members.sort(key=lambda entry: natural_key(Path(entry.filename)))
+        tables, faults = dict[str, Table](), list[str]()
+        for number, entry in enumerate(members):
+            name = entry.filename.lower()
+            ending = PurePosixPath(name.removesuffix(".gz")).suffix + ".gz" * name.endswith(".gz")
+            unpacked = Path(folder) / f"{number}{ending}"
+            # `archive.read` returns at most the stated size, and raises BadZipFile for another content.
+            unpacked.write_bytes(archive.read(entry))
+            try:
+                tables[entry.filename] = read_table(unpacked)
+            except InputError as error:
+                faults.append(str(error).replace(str(unpacked), entry.filename))
+    if not tables:
+        raise InputError(
+            faults[0] if faults else f"{path}: holds no data file; valid: {', '.join(_UNPACKED)}"
+        )
+    blocks = [TableBlock(name, table.names, len(table)) for name, table in tables.items()]
+    chosen, notes = same_columns(blocks, selected, path)
+    used = [table for number, table in enumerate(tables.values()) if number in chosen]
+    first = used[0]
+    decimals = {table.decimal for table in used}
+    if len(decimals) > 1:
+        raise InputError(f"{path}: some files use decimal points and others commas; select one with --table")
+    labels = [blocks[number].title for number in chosen]
+    parts = [table.columns.select(first.names) for table in used]
+    if len(parts) > 1:
+        names = [PurePosixPath(label).name for label in labels]
+        names = names if len(set(names)) == len(names) else labels
+        parts = [with_run(part, name) for part, name in zip(parts, names, strict=True)]
+        notes.insert(0, f"{len(parts)} files of the archive, read as runs: {list_first(labels, 3)}")
+    else:
+        notes.insert(0, f"file '{labels[0]}' of the archive")
+    notes += [f"{len(faults)} files not read, the first: {faults[0]}"] if faults else []
+    columns = pa.concat_tables(parts, promote_options="permissive")
+    return FileColumns(columns, first.decimal, (*notes, *first.notes))
+
+
+def _is_data(name: str) -> bool:
+    """Return whether a file in an archive is a data file, and neither hidden nor made by macOS."""
+    place = PurePosixPath(name.lower().removesuffix(".gz"))
+    return place.suffix in _UNPACKED and not any(part.startswith((".", "__")) for part in place.parts)
 
 
 _ros_bag = LazyModule("palpate.estimation.data.ros_bag")
@@ -366,3 +427,4 @@ _READERS: tuple[tuple[tuple[str, ...], Callable[..., FileColumns]], ...] = (
 _NOT_IN_FOLDERS = (*_JSON, ".zip")  # files in a folder that describe it, or repeat its files
 ENDINGS = tuple(ending for endings, _ in _READERS for ending in endings if ending not in _NOT_IN_FOLDERS)
 """Endings of data files in a folder."""
+_UNPACKED = tuple(ending for ending in ENDINGS if ending not in BAGS)  # files that are read from an archive

@@ -9,8 +9,8 @@ from datetime import date
 
 import numpy as np
 
-from palpate.estimation.data.arrow import pa, pc
 from palpate.estimation.data.column_names import RUN, guess_columns, split_unit, without_run
+from palpate.estimation.data.file_columns import pa, pc
 from palpate.estimation.data.text_dialect import MISSING
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 

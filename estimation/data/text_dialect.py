@@ -232,10 +232,8 @@ def _units_in(row: Sequence[str], width: int) -> list[str]:
     """Return the units in a row that contains only units, at least two of them known; else none."""
     units = [cell.strip().strip(_BRACKETS).strip() for cell in row[:width]]
     units = [unit if any(char.isalnum() or char in "%°" for char in unit) else "" for unit in units]
-    known, filled = (
-        sum(dimension_of(normalize_unit(unit)) is not None for unit in units),
-        sum(map(bool, units)),
-    )
+    known = sum(dimension_of(normalize_unit(unit)) is not None for unit in units)
+    filled = sum(map(bool, units))
     bracketed = all(not cell.strip() or cell.strip()[0] in _BRACKETS for cell in row[:width])
     like_units = 2 * known >= filled and all(not unit or _LIKE_A_UNIT.fullmatch(unit) for unit in units)
     return units if known >= 2 and (bracketed or like_units) else []

@@ -13,9 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.estimation.data.arrow import pa, pa_csv, pc
 from palpate.estimation.data.column_names import TIME, guess_columns
-from palpate.estimation.data.file_columns import FileColumns, check_size, most_bytes
+from palpate.estimation.data.file_columns import FileColumns, check_size, most_bytes, pa, pa_csv, pc
 from palpate.estimation.data.quantity_words import FOREIGN_WORDS
 from palpate.estimation.data.table_layout import matching_places, with_run
 from palpate.estimation.data.text_dialect import (
@@ -182,7 +181,8 @@ def _parse_rows(
     """
     rows, delimiter = pa.py_buffer(content).slice(table.start, end - table.start), dialect.delimiter
     if delimiter == BLANKS:
-        rows, delimiter = pa.py_buffer(_blanks_as_tabs(content[table.start : end])), "\t"
+        tabbed = re.sub(rb"[ \t]+", b"\t", content[table.start : end])  # one tab for each stretch of blanks
+        rows, delimiter = pa.py_buffer(re.sub(rb"(?m)^\t|\t(?=\r?$)", b"", tabbed)), "\t"
     try:
         part = _parse(rows, table.names, delimiter)
     except pa.ArrowInvalid as error:
@@ -205,11 +205,6 @@ def _parse_rows(
     lines = _line_numbers(content, table.start, end, len(part))
     _check_quotes(part, lines, dialect.delimiter, place)
     return part, lines, []
-
-
-def _blanks_as_tabs(content: bytes) -> bytes:
-    """Replace each stretch of blanks between cells by one tab."""
-    return re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", re.sub(rb"[ \t]+", b"\t", content))
 
 
 def _check_quotes(part: pa.Table, lines: IntArray, delimiter: str, place: str) -> None:
@@ -315,12 +310,8 @@ def _raise_no_table(content: bytes, path: Path) -> TextDialect:
         remedy = f"write a unit in the name of its column, not behind numbers as in {with_unit[0]!r}"
     raise InputError(
         f"{path}: no line with the names of columns is followed by rows of numbers; it begins with "
-        f"{_excerpt(header)}; {remedy}"
+        f"{' '.join(header.split())[:_SHOWN]!r}; {remedy}"
     )
-
-
-def _excerpt(header: str) -> str:
-    return repr(" ".join(header.split())[:_SHOWN])
 
 
 def _parse(

@@ -1,6 +1,7 @@
 """Create channels from the checked tick records of a probing session."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -301,7 +302,8 @@ def _interpolate_per_clock(
 
 def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tared: bool) -> ChannelData:
     rows = np.isin(ticks["run"], [contact.run for contact in contacts])
-    contacts = [contact.reindexed(rows) for contact in contacts]
+    place = np.cumsum(rows) - 1  # of each sample among the chosen ones
+    contacts = [replace(each, rows=place[each.rows], free=place[each.free]) for each in contacts]
     touching = np.concatenate([contact.rows for contact in contacts])
     chosen = ticks.select(rows)
     time_s, run = chosen["force_at_s"], chosen["run"].astype(np.int64)
@@ -322,16 +324,12 @@ def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tare
     surface = find_surface(
         along_m[touching], speed_m_s[touching], above_n[touching], run[touching], tare, bounds
     )
+    motion = along_m - surface.position_m, speed_m_s, acceleration_m_s2
+    samples = time_s, *motion, above_n if tared else chosen["force_n"], run, chosen["phase"].astype(np.int64)
     return ChannelData(
         name,
         ChannelKind.CONTACT,
-        time_s,
-        along_m - surface.position_m,
-        speed_m_s,
-        acceleration_m_s2,
-        above_n if tared else chosen["force_n"],
-        run,
-        chosen["phase"].astype(np.int64),
+        *samples,
         surface=surface,
         tare=tare if tared else None,
         position_step=step_m,

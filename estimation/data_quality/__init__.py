@@ -7,6 +7,6 @@ from palpate.estimation.data_quality.checks import (
     reject_reason,
     usable,
 )
-from palpate.estimation.data_quality.extent import SINGLE_RUN
+from palpate.estimation.data_quality.sampling import SINGLE_RUN
 
 __all__ = ["SINGLE_RUN", "checklist", "contaminated", "quality_warnings", "reject_reason", "usable"]

@@ -10,36 +10,7 @@ import numpy as np
 import scipy
 
 from palpate.estimation.channel import ChannelData
-from palpate.estimation.data_quality.extent import (
-    MIN_SAMPLES,
-    never_repeated,
-    no_shared_depth,
-    single_speed,
-    wrong_size,
-)
-from palpate.estimation.data_quality.motion_and_effort import (
-    angle_in_degrees,
-    at_rest,
-    late_touch,
-    misaligned,
-    mistaken_times,
-    mistaken_units,
-    no_contact,
-    unrelated,
-)
-from palpate.estimation.data_quality.readings import (
-    at_lower_end,
-    copied,
-    copied_runs,
-    folded,
-    folded_in_contact,
-    rectified,
-    saturated,
-    stuck_in_air,
-    too_coarse,
-    unchanging,
-)
-from palpate.estimation.data_quality.timing import lost_rows, time_offset
+from palpate.estimation.data_quality import motion_and_effort, readings, sampling
 from palpate.estimation.fit.blocks import block_average, block_length
 from palpate.estimation.fit.normal_equations import ORDER, ArNoise
 from palpate.estimation.model import Model
@@ -70,7 +41,12 @@ def usable(data: ChannelData) -> BoolArray:
     good = ~_glitches(data.effort, data.run)
     if np.mean(~good) > _MAX_GLITCHES:
         good = np.ones(len(data), dtype=np.bool_)
-    return good & ~np.isin(data.run, list(copied_runs(data))) & ~at_lower_end(data) & ~folded_in_contact(data)
+    return (
+        good
+        & ~np.isin(data.run, list(readings.copied_runs(data)))
+        & ~readings.at_lower_end(data)
+        & ~readings.folded_in_contact(data)
+    )
 
 
 def reject_reason(data: ChannelData) -> str | None:
@@ -153,16 +129,16 @@ def checklist(data: ChannelData, model: Model | None = None) -> dict[str, str]:
 
 def _warnings(data: ChannelData, model: Model | None) -> Iterator[tuple[str, str]]:
     """Yield the kind of check and the text of each warning."""
-    if len(data) < MIN_SAMPLES or _corrupted(data) or unchanging(data):
+    if len(data) < sampling.MIN_SAMPLES or _corrupted(data) or readings.unchanging(data):
         return
-    if copies := copied_runs(data):
-        yield "enough", copied(copies)
+    if copies := readings.copied_runs(data):
+        yield "enough", readings.copied(copies)
     yield from _warn_of_outliers(data)
-    for kind, warning in (("readings", folded(data)), ("saturation", stuck_in_air(data))):
+    for kind, warning in (("readings", readings.folded(data)), ("saturation", readings.stuck_in_air(data))):
         if warning:
             yield kind, warning
     good = data.select(usable(data))
-    if len(good) < MIN_SAMPLES:
+    if len(good) < sampling.MIN_SAMPLES:
         return
     results = [(kind, check(good)) for kind, check in _IMPLAUSIBLE]
     results += [(kind, check(good, model)) for kind, check in _IMPLAUSIBLE_WITH_MODEL]
@@ -184,7 +160,7 @@ def _glitches(signal: FloatArray, run: IntArray) -> BoolArray:
 
 def _corrupted(data: ChannelData) -> str | None:
     """Reject outliers that a fit cannot exclude: in the position, too many, or too large."""
-    if len(data) < MIN_SAMPLES:
+    if len(data) < sampling.MIN_SAMPLES:
         return None
     for name, signal in (("position", data.position), ("effort", data.effort)):
         distance, extent = _distance_from_median(signal, data.run)
@@ -252,28 +228,28 @@ def _check_blocks(data: ChannelData, good: BoolArray) -> str | None:
 
 _Check = Callable[[ChannelData], str | None]  # returns the reason or warning; None if the data pass
 _REJECTED: tuple[tuple[str, _Check], ...] = (  # kind and check, in the order used by `reject_reason`
-    ("enough", wrong_size),
-    ("excitation", unchanging),
-    ("excitation", at_rest),
-    ("enough", no_shared_depth),
-    ("units", mistaken_times),
-    ("excitation", no_contact),
-    ("readings", too_coarse),
-    ("readings", rectified),
+    ("enough", sampling.wrong_size),
+    ("excitation", readings.unchanging),
+    ("excitation", motion_and_effort.at_rest),
+    ("enough", sampling.no_shared_depth),
+    ("units", motion_and_effort.mistaken_times),
+    ("excitation", motion_and_effort.no_contact),
+    ("readings", readings.too_coarse),
+    ("readings", readings.rectified),
 )
 _IMPLAUSIBLE: tuple[tuple[str, _Check], ...] = (
-    ("enough", never_repeated),
-    ("units", mistaken_units),
-    ("sync", misaligned),
-    ("sync", lost_rows),
-    ("excitation", single_speed),
-    ("excitation", unrelated),
-    ("excitation", late_touch),
+    ("enough", sampling.never_repeated),
+    ("units", motion_and_effort.mistaken_units),
+    ("sync", motion_and_effort.misaligned),
+    ("sync", sampling.lost_rows),
+    ("excitation", sampling.single_speed),
+    ("excitation", motion_and_effort.unrelated),
+    ("excitation", motion_and_effort.late_touch),
 )
 _IMPLAUSIBLE_WITH_MODEL: tuple[tuple[str, Callable[[ChannelData, Model | None], str | None]], ...] = (
-    ("saturation", saturated),
-    ("units", angle_in_degrees),
-    ("sync", time_offset),
+    ("saturation", readings.saturated),
+    ("units", motion_and_effort.angle_in_degrees),
+    ("sync", sampling.time_offset),
 )
 
 

@@ -231,7 +231,7 @@ def _share_explained(data: ChannelData) -> float:
     if np.ptp(pressed.effort) == 0.0:
         return 0.0
     motion = np.column_stack([pressed.position, pressed.velocity, np.ones(len(pressed))])
-    residual = pressed.effort - motion @ solve(motion, pressed.effort).gains
+    residual = pressed.effort - motion @ solve(motion, pressed.effort)
     return 1.0 - float(np.var(residual) / np.var(pressed.effort))
 
 
@@ -275,8 +275,8 @@ def _mean_squared_residual(data: ChannelData, law: list[FloatArray]) -> float:
     """Return the mean squared residual of a law (columns) together with friction, drift and inertia."""
     v, zero, drift = data.velocity, np.ones(len(data)), data.time_s - data.time_s[0]
     columns = np.column_stack([zero, drift, v, np.sign(v), v * np.abs(v), *law, data.acceleration])
-    gains = solve(columns, data.effort).gains
+    gains = solve(columns, data.effort)
     if gains[-1] < 0.0:  # a swing's acceleration correlates with its angle, but inertia is not negative
         columns = columns[:, :-1]
-        gains = solve(columns, data.effort).gains
+        gains = solve(columns, data.effort)
     return float(np.mean((data.effort - columns @ gains) ** 2))

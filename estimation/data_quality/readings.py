@@ -229,7 +229,7 @@ def rectified(data: ChannelData) -> str | None:
             law = [np.sin(q), v, np.sign(v), data.acceleration, *springs, np.ones(len(q))]
             columns = np.column_stack(law)[~is_zero]
             without_constant, with_constant = (
-                float(np.sum((target - regressors @ solve(regressors, target).gains) ** 2))
+                float(np.sum((target - regressors @ solve(regressors, target)) ** 2))
                 for regressors in (columns[:, :-1], columns)
             )
             if without_constant <= _MIN_GAIN * with_constant:

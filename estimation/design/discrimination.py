@@ -235,10 +235,8 @@ def choose_experiment(candidates: Sequence[Experiment]) -> ExperimentChoice | No
         number for number in useful if candidates[number].separation >= EQUIVALENT * best_separation
     ]
     index = max(equivalent, key=lambda number: (candidates[number].evidence, -candidates[number].duration_s))
-    chosen, advantage = (
-        candidates[index],
-        "with the most evidence" if candidates[index].evidence else "shortest",
-    )
+    chosen = candidates[index]
+    advantage = "with the most evidence" if chosen.evidence else "shortest"
     shared_rank = f"{advantage} of {len(equivalent)} nearly equally informative experiments"
     rank = "most informative experiment" if len(equivalent) == 1 else shared_rank
     reason = (

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data_quality import SINGLE_RUN
-from palpate.estimation.design import Experiment, RivalModels, choose_experiment
+from palpate.estimation.design.discrimination import Experiment, RivalModels, choose_experiment
 from palpate.estimation.effect import Effect
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.kinds import Kind, separating_experiment

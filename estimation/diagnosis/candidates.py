@@ -250,7 +250,7 @@ def extended_models(model: Model, effect: Effect) -> list[Model]:
     """
     after = [model.with_effect(form) for form in effect.forms()]
     if isinstance(effect, SensorEffect) and any(isinstance(e, SensorEffect) for e in model.effects):
-        return [*after, *(model.with_effect_first(form) for form in effect.forms())]
+        return [*after, *(model.with_effect(form, first=True) for form in effect.forms())]
     return after
 
 

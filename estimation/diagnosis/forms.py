@@ -30,8 +30,8 @@ from palpate.estimation.effects.run_differences import RunVariation
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.inner_search import optimize_inner
+from palpate.estimation.fit.measurement_noise import run_heterogeneity
 from palpate.estimation.fit.normal_equations import held_out_sse, nuisance_of
-from palpate.estimation.fit.run_heterogeneity import run_heterogeneity
 from palpate.estimation.fit.smoothing_bias import fit_smoothing_bias
 from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model

@@ -11,7 +11,7 @@ from palpate.estimation.diagnosis.result import ParameterValue
 from palpate.estimation.diagnosis.search import Search
 from palpate.estimation.effects.run_differences import RunGain, RunOffset, RunVariation
 from palpate.estimation.fit.fit_result import FitResult
-from palpate.estimation.fit.run_heterogeneity import run_heterogeneity
+from palpate.estimation.fit.measurement_noise import run_heterogeneity
 
 
 def add_run_variation(search: Search, fit: FitResult) -> FitResult:

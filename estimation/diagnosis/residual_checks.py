@@ -21,12 +21,13 @@ from palpate.estimation.fit.fit_problem import held_out_residual, rmse
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import MeasurementModel
 from palpate.estimation.fit.measurement_noise import (
+    RunHeterogeneity,
     fast_noise,
     free_air_noise,
     rows_before_contact,
+    run_heterogeneity,
     size_of_differences,
 )
-from palpate.estimation.fit.run_heterogeneity import RunHeterogeneity, run_heterogeneity
 from palpate.estimation.signals.blocks import block_index, number_stretches, rows_of_runs
 from palpate.estimation.signals.periodicity import strongest_frequency
 from palpate.estimation.signals.runwise import sample_time

@@ -55,7 +55,7 @@ from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import MeasurementModel
 from palpate.estimation.fit.measurement_noise import MeasurementNoise, free_air_noise, measurement_noise
 from palpate.estimation.kinds import Kind, separating_experiment
-from palpate.estimation.statistics.correlation import misfit
+from palpate.estimation.statistics.correlation import noise_between_samples
 
 _MOST_RANKED = 3  # most candidates that are added alone to the base model
 # If the share of a kind without an accepted effect exceeds this multiple of the error left by the accepted
@@ -179,7 +179,8 @@ class Evidence:
         if not self.noise.is_bound:
             return self.noise.value
         last = self.stages[-1]  # a bound may contain more than noise
-        return misfit(np.where(last.scored, last.residual, 0.0), last.data.run, last.scored).noise
+        residual = np.where(last.scored, last.residual, 0.0)
+        return noise_between_samples(residual, last.data.run, last.scored)
 
     def _is_resolved(self, effect: str) -> bool:
         """Return whether the noise is so small that it hides only small deviations from the effect's law.

@@ -1,6 +1,5 @@
 """Elastic shape: springs in parallel with the object, and springs in series with it."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -8,7 +7,15 @@ import numpy as np
 
 from palpate.estimation.channel import JOINTS, ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import Motion, differentiate
-from palpate.estimation.effect import AdditiveEffect, Errors, Inner, MotionEffect, Parameter, start_grid
+from palpate.estimation.effect import (
+    AdditiveEffect,
+    Errors,
+    Inner,
+    MotionEffect,
+    Parameter,
+    Parameters,
+    start_grid,
+)
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import number_stretches
 from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
@@ -104,9 +111,7 @@ class PowerLawStiffness(AdditiveEffect):
         "contact_offset": "find the surface by a slow touch: an offset bends the curve near the surface only",
     }
 
-    def is_misnamed(
-        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
-    ) -> bool:
+    def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
         """See `Effect.is_misnamed`: with an exponent near 1 it is a linear spring."""
         return abs(parameters[f"{self.name}.n"] - 1.0) < _STRAIGHT
 
@@ -145,9 +150,7 @@ class LayeredStiffness(AdditiveEffect):
         """See `Effect.starts`: fractions of the deepest indentation."""
         return start_grid(depth=np.linspace(0.1, 0.85, 11) * data.deepest)
 
-    def is_misnamed(
-        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
-    ) -> bool:
+    def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
         """See `Effect.is_misnamed`: the data do not show that both layers push.
 
         Without the upper layer it is a gap or a dead band. Without the lower one it is a saturated sensor, or

@@ -1,12 +1,11 @@
 """Dry friction as a function of the present motion."""
 
-from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
 
 from palpate.estimation.channel import JOINTS, ChannelData
-from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, start_grid
+from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, Parameters, start_grid
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.types import FloatArray
 
@@ -216,9 +215,7 @@ class StribeckFriction(AdditiveEffect):
         speed = np.geomspace(0.04, 1.2, 6) * data.rms_speed
         return start_grid(speed=speed, transition=np.array((0.003, 0.01, 0.03)) * data.rms_speed)
 
-    def is_misnamed(
-        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
-    ) -> bool:
+    def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
         """See `Effect.is_misnamed`: friction never rises visibly, since the rise lies within the transition.
 
         The law is then Coulomb friction with a different shape of the transition.

@@ -1,11 +1,9 @@
 """Inertia of a joint, its rotor and a coupled neighbor."""
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from palpate.estimation.channel import JOINTS, ChannelData, ChannelKind
-from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, start_grid
+from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, Parameters, start_grid
 from palpate.estimation.effects.friction import TRANSITION
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.types import FloatArray
@@ -119,9 +117,7 @@ class JointCoupling(AdditiveEffect):
         a = data.acceleration + inner["ratio"] * data.context["joint_acceleration"][:, self._neighbor]
         return np.column_stack([a, v, np.tanh(v / inner["transition"])])
 
-    def is_misnamed(
-        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
-    ) -> bool:
+    def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
         """See `Effect.is_misnamed`: if the neighbor hardly turns this motor, the effect is plain friction."""
         turned = parameters[f"{self.name}.ratio"] * data.context["joint_velocity"][:, self._neighbor]
         return float(np.mean(turned**2)) < _FELT**2 * float(np.mean(data.velocity**2))

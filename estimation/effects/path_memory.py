@@ -1,12 +1,19 @@
 """Dry friction and backlash that depend on the past path."""
 
-from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
 
 from palpate.estimation.channel import JOINTS, ChannelData, ChannelKind
-from palpate.estimation.effect import AdditiveEffect, Errors, Inner, MotionEffect, Parameter, start_grid
+from palpate.estimation.effect import (
+    AdditiveEffect,
+    Errors,
+    Inner,
+    MotionEffect,
+    Parameter,
+    Parameters,
+    start_grid,
+)
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import number_stretches
 from palpate.estimation.signals.runwise import (
@@ -52,9 +59,7 @@ class PreslidingFriction(AdditiveEffect):
         way = smooth_jitter(data.position, data.time_s, data.run)
         return direction(way, data.run, inner["presliding"])[:, None]
 
-    def is_misnamed(
-        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
-    ) -> bool:
+    def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
         """See `Effect.is_misnamed`: with too short a path, the effect is Coulomb friction."""
         (path,) = self.inner
         built, plain = (

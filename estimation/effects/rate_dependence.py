@@ -1,11 +1,9 @@
 """Rate dependence: viscous forces of contacts and joints."""
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from palpate.estimation.channel import JOINTS, ChannelData, ChannelKind
-from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter
+from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, Parameters
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.types import FloatArray
 
@@ -131,9 +129,7 @@ class HuntCrossley(AdditiveEffect):
         power = np.maximum(data.position, 0.0) ** inner["n"]
         return np.column_stack([power, power * data.velocity])
 
-    def is_misnamed(
-        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
-    ) -> bool:
+    def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
         """See `Effect.is_misnamed`: only the damper, not the spring, shows a visible power of the depth."""
         k, b, n = (parameters[f"{self.name}.{p.name}"] for p in (*self.gains, *self.inner))
         depth = np.maximum(data.position, 0.0)

@@ -1,11 +1,17 @@
 """Sensor dynamics and drift: delay, lag and a drifting zero."""
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, SensorEffect, start_grid
+from palpate.estimation.effect import (
+    AdditiveEffect,
+    Errors,
+    Inner,
+    Parameter,
+    Parameters,
+    SensorEffect,
+    start_grid,
+)
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.exponential_memory import low_pass
 from palpate.estimation.signals.free_air import zero_in_free_air
@@ -39,9 +45,7 @@ class Delay(SensorEffect):
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         return shift(effort, data.time_s, data.run, inner["time"])
 
-    def is_misnamed(
-        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
-    ) -> bool:
+    def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
         """See `Effect.is_misnamed`: the effort precedes the motion by more than a sample."""
         return parameters[f"{self.name}.time"] < -sample_time(data.time_s, data.run)
 
@@ -109,9 +113,7 @@ class Drift(AdditiveEffect):
         """See `Effect.applies_to`: the motion must return, else time and position are equivalent."""
         return super().applies_to(data) and not is_monotonic(data.position, data.run)
 
-    def is_misnamed(
-        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
-    ) -> bool:
+    def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
         """See `Effect.is_misnamed`: readings in free air do not drift at the fitted rate."""
         zero = zero_in_free_air(data)
         if zero is None or zero.rate is None:

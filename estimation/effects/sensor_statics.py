@@ -1,12 +1,18 @@
 """Sensor statics: zero, gain, range, dead band, hysteresis and quantization."""
 
-from collections.abc import Mapping
-
 import numpy as np
 import scipy
 
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, SensorEffect, start_grid
+from palpate.estimation.effect import (
+    AdditiveEffect,
+    Errors,
+    Inner,
+    Parameter,
+    Parameters,
+    SensorEffect,
+    start_grid,
+)
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import block_index
 from palpate.estimation.signals.free_air import zero_in_free_air
@@ -45,9 +51,7 @@ class Bias(AdditiveEffect):
         is_contact = data.kind is ChannelKind.CONTACT
         return super().applies_to(data) and not (is_contact and zero_in_free_air(data) is None)
 
-    def is_misnamed(
-        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
-    ) -> bool:
+    def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
         """See `Effect.is_misnamed`: readings in free air do not have the fitted offset."""
         zero = zero_in_free_air(data)
         if zero is None:
@@ -215,9 +219,7 @@ class Saturation(SensorEffect):
         """See `SensorEffect.slope`: zero beyond the limit."""
         return np.where(np.abs(effort) < inner["limit"], 1.0, 0.0)[:, None] * columns
 
-    def is_misnamed(
-        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
-    ) -> bool:
+    def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
         """See `Effect.is_misnamed`: readings exceed the limit by more than noise, or follow a curve."""
         above = np.abs(data.effort) - parameters[f"{self.name}.limit"]
         beyond = above > 0.0

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from palpate.estimation.assessment import assemble
 from palpate.estimation.estimate import Estimate
 from palpate.estimation.estimator import Estimator
 from palpate.estimation.fit.irls import IrlsResult, Loss, absolute_loss_weights, irls
@@ -21,10 +22,10 @@ class Lsq(Estimator):
     name = "lsq"
 
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
-        gains = solve(regression.columns, regression.effort).gains
+        gains = solve(regression.columns, regression.effort)
         residuals = regression.effort - regression.columns @ gains
         covariance = sandwich(regression.columns, residuals, np.ones(len(residuals)), regression.run)
-        return self._estimate(regression, gains, covariance)
+        return assemble(self.name, regression, gains, covariance)
 
 
 _ROUNDS = 5  # the weights depend only weakly on the gains and have converged by then
@@ -44,7 +45,7 @@ class Weighted(Estimator):
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
         weights = np.ones(len(regression.effort))
         for _ in range(_ROUNDS):
-            gains = solve(regression.columns, regression.effort, weights).gains
+            gains = solve(regression.columns, regression.effort, weights)
             predicted = regression.columns @ gains
             residuals = regression.effort - predicted
             noise = fit_noise_level(residuals, predicted)
@@ -52,7 +53,7 @@ class Weighted(Estimator):
         squared = weights**2
         covariance = sandwich(regression.columns, squared * residuals, squared, regression.run)
         details = {"noise_floor": noise.floor, "noise_share": noise.share}
-        return self._estimate(regression, gains, covariance, details=details)
+        return assemble(self.name, regression, gains, covariance, details=details)
 
 
 _SUBSETS = 150  # random subsets; for 4 gains and 40 % outliers, none is clean with probability 1e-9
@@ -82,7 +83,7 @@ class Robust(Estimator):
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
         # Choose the gains of the subset with the smallest median absolute residual, shape (p,).
         columns, effort = regression.columns, regression.effort
-        candidates = solve_subsets(columns, effort, columns.shape[1], _SUBSETS, rng).gains
+        candidates = solve_subsets(columns, effort, columns.shape[1], _SUBSETS, rng)
         rows = rng.permutation(len(effort))[:_RANKING_SAMPLES]
         distance = np.abs(candidates @ columns[rows].T - effort[rows])
         middle = distance.shape[1] // 2
@@ -93,7 +94,7 @@ class Robust(Estimator):
             # Gains (p,) that nearly minimize the sum of absolute residuals, and their constant noise level.
             residual_weights = np.ones(len(regression.effort))
             for _ in range(_LAD_ROUNDS):
-                gains = solve(regression.columns, regression.effort, np.sqrt(residual_weights)).gains
+                gains = solve(regression.columns, regression.effort, np.sqrt(residual_weights))
                 residual = regression.effort - regression.columns @ gains
                 residual_weights = absolute_loss_weights(residual)
             least_absolute = gains, NoiseLevel(max(robust_sigma(residual), float(np.finfo(float).tiny)), 0.0)
@@ -101,7 +102,9 @@ class Robust(Estimator):
         (psi, slope), sigma = result.influence, result.sigma
         covariance = sandwich(regression.columns, psi / sigma, slope / sigma**2, regression.run)
         details = {"noise_floor": result.level.floor, "noise_share": result.level.share}
-        return self._estimate(regression, result.values, covariance, inliers=result.inside, details=details)
+        return assemble(
+            self.name, regression, result.values, covariance, inliers=result.inside, details=details
+        )
 
 
 def _irls(regression: Regression, start: FloatArray, level: NoiseLevel | None = None) -> IrlsResult:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from palpate.estimation.assessment import assemble
 from palpate.estimation.estimate import Estimate
 from palpate.estimation.estimator import Estimator
 from palpate.estimation.estimators.recursive import INITIAL_VARIANCE, Rls
@@ -65,10 +66,9 @@ class Ransac(Estimator):
 
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
         size = max(self.subset, regression.columns.shape[1])
-        subsets = solve_subsets(regression.columns, regression.effort, size, self.trials, rng)
-        threshold = self.threshold or self._noise_threshold(regression, subsets.gains, rng)
+        candidates = solve_subsets(regression.columns, regression.effort, size, self.trials, rng)
+        threshold = self.threshold or self._noise_threshold(regression, candidates, rng)
         # Count the inliers of each candidate, shape (trials,).
-        candidates = subsets.gains
         design = np.column_stack([regression.columns, regression.effort]).T.copy()
         signed = np.column_stack([candidates, -np.ones(len(candidates))])
         block = max(1, _BLOCK // design.shape[1])
@@ -77,17 +77,17 @@ class Ransac(Estimator):
             distance = signed[first : first + block] @ design
             np.abs(distance, out=distance)
             counts[first : first + block] = np.count_nonzero(distance < threshold, axis=1)
-        gains, inliers = self._refine(regression, subsets.gains[int(np.argmax(counts))], threshold)
+        gains, inliers = self._refine(regression, candidates[int(np.argmax(counts))], threshold)
         residuals = regression.effort - regression.columns @ gains
-        best_subsets = subsets.gains[counts >= counts.max() - np.sqrt(counts.max())]
+        best_subsets = candidates[counts >= counts.max() - np.sqrt(counts.max())]
         details = {
             "threshold": threshold,
             "trials": float(self.trials),
-            "skipped_subsets": float(subsets.skipped),
+            "skipped_subsets": float(self.trials - len(candidates)),
             "inlier_share": float(np.mean(inliers)),
         }
         covariance = _covariance(regression, residuals, best_subsets - gains, threshold)
-        return self._estimate(regression, gains, covariance, inliers=inliers, details=details)
+        return assemble(self.name, regression, gains, covariance, inliers=inliers, details=details)
 
     def _noise_threshold(
         self, regression: Regression, candidates: FloatArray, rng: np.random.Generator
@@ -117,7 +117,7 @@ class Ransac(Estimator):
                     f"{threshold:g}; raise the threshold to about the noise, or use 'robust'"
                 )
             fitted = regression.select(inliers)
-            gains = solve(fitted.columns, fitted.effort).gains
+            gains = solve(fitted.columns, fitted.effort)
             before, inliers = inliers, _inliers(regression, gains, threshold)
             if np.array_equal(before, inliers):
                 break

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from palpate.estimation.assessment import assemble
 from palpate.estimation.estimate import Estimate
 from palpate.estimation.estimator import OnlineEstimator
 from palpate.estimation.model import Regression
@@ -82,7 +83,7 @@ class RecursiveEstimator(OnlineEstimator):
                 break
         summed = sum_covariance(sensitivities * residuals[:, None], regression.run)
         covariance = Covariance(summed.matrix, max(1.0, summed.effective_count - gain_count))
-        return self._estimate(regression, gains, covariance, history=history)
+        return assemble(self.name, regression, gains, covariance, history=history)
 
 
 class Rls(RecursiveEstimator):

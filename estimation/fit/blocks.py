@@ -9,8 +9,8 @@ import scipy
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import reading_error
-from palpate.estimation.effect import AdditiveEffect, Inner
-from palpate.estimation.model import Model, Parameters, own_parameters
+from palpate.estimation.effect import AdditiveEffect, Inner, Parameters
+from palpate.estimation.model import Model, own_parameters
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.cache_by_array import FitCache, IdentityKey
 from palpate.estimation.signals.runwise import sample_time

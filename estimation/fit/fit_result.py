@@ -158,11 +158,6 @@ class FitResult(TableDisplay):
         return rmse(self.residual)
 
     @property
-    def mean_square(self) -> float:
-        """Mean squared residual of the fit on trusted blocks."""
-        return self.solution.sse / max(int(self.problem.blocked.trusted.sum()), 1)
-
-    @property
     def held_out_mean_square(self) -> float:
         """Mean squared held-out residual on the blocks in use."""
         return self.solution.held_out / max(int(self.problem.used.sum()), 1)
@@ -326,21 +321,13 @@ def final_solution(fit: FitResult) -> tuple[FitProblem, Solution]:
     ordinary, whitened = (float(np.sum(solved.residual[used] ** 2)) for solved in (fit.solution, solution))
     if whitened > _NOISE_RATIO**2 * ordinary:
         return fit.problem, fit.solution
-    return problem, _correct_smoothing_bias(problem, solution, fit.filters)
-
-
-def _correct_smoothing_bias(
-    problem: FitProblem, solution: Solution, filters: DifferentiationFilter
-) -> Solution:
-    """Correct a joint's gains for the smoothing bias of its motion.
-
-    Without the correction, the flattened peaks of the acceleration bias the mass, and the mass biases the
-    weight.
-    """
+    filters = fit.filters
     if problem.blocked.data.kind is ChannelKind.CONTACT or filters == ((), ()):
-        return solution
+        return problem, solution
+    # Correct a joint's gains for the smoothing bias of its motion: otherwise the flattened peaks of the
+    # acceleration bias the mass, and the mass biases the weight.
     _, fitted = fit_smoothing_bias(problem, solution, filters)
     if fitted is None or fitted.held_out.sum() > _MIN_IMPROVEMENT * solution.held_out:
-        return solution
+        return problem, solution
     gains = dict(zip(solution.model.gains, fitted.gains.tolist(), strict=False))
-    return replace(solution, parameters={**solution.parameters, **gains})
+    return problem, replace(solution, parameters={**solution.parameters, **gains})

@@ -4,19 +4,23 @@ It estimates how much of a model's error any function of the signals can explain
 The smoothing bias of derived motion counts as noise, see `smoothing_bias`.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.fit.blocks import BlockedData
 from palpate.estimation.fit.fit_problem import FitProblem, Solution
 from palpate.estimation.fit.normal_equations import (
     NormalEquations,
     held_out_gains,
     held_out_sse,
 )
-from palpate.estimation.fit.smooth_features import smooth_features
 from palpate.estimation.fit.smoothing_bias import DifferentiationFilter, fit_smoothing_bias
+from palpate.estimation.signals.blocks import since_start
+from palpate.estimation.signals.exponential_memory import low_pass, relax
+from palpate.estimation.signals.runwise import derivative, play, running_max, sample_time, shift
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _RIDGES = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1)
@@ -157,3 +161,149 @@ def _select_signals(
         best = best_extended
     all_signals = _fit_ridge(equations, owner, tuple(range(len(alone))))
     return min(best, all_signals, key=lambda fit: fit.energy)
+
+
+_KNOTS = 9  # number of knots at quantiles of the samples
+_EVEN_KNOTS = 13  # number of knots at even distances over the range
+_WAVES = 24
+_SHARPNESS = (0.004, 0.02)  # widths of the change of direction, relative to the rms speed
+_MEMORIES_S = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
+_LAGS = (1.0, 3.0, 10.0, 30.0)  # time constants of the effort's memory, in blocks
+_TURNS = (0.001, 0.003, 0.01, 0.04, 0.15)  # path lengths of reversal memory, relative to the range
+_CONTEXT = frozenset({"joint_position", "joint_velocity", "load"})
+
+
+def smooth_features(blocked: BlockedData, efforts: Sequence[FloatArray]) -> dict[str, FloatArray]:
+    """Return smooth features (m, k) by signal.
+
+    Args:
+        blocked: the channel on its blocks.
+        efforts: predicted effort on blocks, shape (m,), optionally followed by that before sensor effects.
+    """
+    data, run, effort = blocked.data, blocked.run, efforts[0]
+    x, time_s = blocked.reduce(data.position), blocked.reduce(data.time_s)
+    v, a = (blocked.reduce(s * data.engaged) for s in (data.velocity, data.acceleration))
+    sharp, turn = (np.tanh(v / (share * _rms(v))) for share in _SHARPNESS)
+    coarse_x, coarse_e = hats(x, even=0), hats(effort, even=0)
+    # A trend, and products of velocity, effort and direction (m,) with time and with dissipated work.
+    work = np.cumsum(np.abs(effort * v))
+    clocks = (time_s, since_start(time_s, run), work, since_start(work, run))
+    clocks = tuple((clock - clock[0]) / (float(np.ptp(clock)) or 1.0) for clock in clocks)
+    fading = [clock * signal for clock in clocks for signal in (v, effort, turn)]
+    features = {
+        "offset": np.ones((len(x), 1)),
+        "time": np.column_stack([clocks[0], clocks[0] ** 2, clocks[1], *fading]),
+        "position": blocked.cache.get_or_compute("position", lambda: _position(blocked)),
+        "velocity": np.column_stack([curves(v), *(w[:, None] * coarse_x for w in (v, v**2))]),
+        "direction": np.column_stack([sharp, turn, turn[:, None] * coarse_x, turn[:, None] * coarse_e]),
+        "acceleration": np.column_stack([hats(a), a[:, None] * coarse_x]),
+        "past motion": blocked.cache.get_or_compute("past motion", lambda: _past(blocked)),
+        "effort": np.hstack([part for e in efforts for part in (curves(e), _past_effort(e, time_s, run))]),
+    }
+    for name in sorted(_CONTEXT & data.context.keys()):
+        columns = blocked.reduce(data.context[name]).reshape(len(x), -1)
+        features[name.replace("_", " ")] = np.hstack([hats(column) for column in columns.T])
+    for name in sorted(data.recorded):
+        # Effort that a recorded signal may add, and factors by which it may scale other signals.
+        signal = blocked.reduce(data.context[name])
+        unit = (signal - signal.mean()) / (float(np.std(signal)) or 1.0)
+        features[f"recorded {name}" if name in features else name] = np.column_stack(
+            [hats(unit), *(unit * factor for factor in (x, v, effort))]
+        )
+    if "load" in features:
+        load = np.abs(blocked.reduce(data.context["load"]))
+        features["load"] = np.column_stack([features["load"], sharp * load])
+    return features
+
+
+def _position(blocked: BlockedData) -> FloatArray:
+    """Return features of the position, of its running maximum, and waves over a joint's range."""
+    x = blocked.reduce(blocked.data.position)
+    touching = blocked.reduce(blocked.data.engaged.astype(np.float64))
+    columns = [curves(x), touching[:, None], hats(running_max(x, blocked.run))]
+    if blocked.data.kind is not ChannelKind.CONTACT:
+        span = float(np.ptp(x)) or 1.0
+        angle = 2.0 * np.pi * (x / span)[:, None] * np.arange(1, _WAVES + 1)
+        columns += [np.sin(angle), np.cos(angle)]
+    return np.hstack(columns)
+
+
+def _past(blocked: BlockedData) -> FloatArray:
+    """Return features of the past motion: memory that decays over time or until a reversal."""
+    data, run = blocked.data, blocked.run
+    signals = (data.position, data.time_s, data.engaged.astype(np.float64))
+    x, time_s, touching = map(blocked.reduce, signals)
+    pressed, a = (blocked.reduce(s * data.engaged) for s in (data.position, data.acceleration))
+    if blocked.data.kind is ChannelKind.CONTACT:
+        fading = [relax(pressed, time_s, run, tau) for tau in _MEMORIES_S]
+    else:
+        fading = [pressed - low_pass(pressed, time_s, run, tau) for tau in _MEMORIES_S]
+    turns = [reversal_memory(pressed, run, share) for share in _TURNS]
+    squared = [f * np.abs(f) for f in fading]
+    bent_back = [np.abs(turn) * signal for turn in turns for signal in (pressed, a)]
+    past = np.column_stack([*fading, *squared, *turns, *bent_back])
+    past *= touching[:, None]
+    if blocked.data.kind is not ChannelKind.CONTACT:
+        return past
+    # Effort that persists outside the object after contact.
+    touched = running_max((x > 0.0).astype(np.float64), run) * (x <= 0.0)
+    reaches = np.max(x, initial=1e-9) * np.array([0.02, 0.06, 0.2])
+    return np.hstack([past, touched[:, None] * np.exp(np.minimum(x, 0.0)[:, None] / reaches)])
+
+
+def _past_effort(effort: FloatArray, time_s: FloatArray, run: IntArray) -> FloatArray:
+    """Return features of the past effort, as of a sensor with delay, lag or hysteresis."""
+    slope, step = derivative(effort, time_s, run), sample_time(time_s, run)
+    late = [effort - low_pass(effort, time_s, run, lag * step) for lag in _LAGS]
+    late += [effort - shift(effort, time_s, run, lag * step) for lag in _LAGS[:-1]]
+    turns = [reversal_memory(effort, run, share) for share in _TURNS]
+    return np.column_stack([slope, *late, np.tanh(slope / (0.1 * _rms(slope))), *turns])
+
+
+def reversal_memory(signal: FloatArray, run: IntArray, share: float) -> FloatArray:
+    """Return the signal minus its play operator, which follows the direction of motion after a path.
+
+    Args:
+        signal: signal, shape (n,).
+        run: run number of each sample, shape (n,).
+        share: half width of the play, relative to the signal's range.
+
+    Returns:
+        Shape (n,), in the unit of the signal.
+    """
+    return signal - play(signal, run, share * float(np.ptp(signal)))
+
+
+def curves(signal: FloatArray) -> FloatArray:
+    """Return piecewise linear columns and powers, which extrapolate to runs with a wider range.
+
+    Args:
+        signal: signal, shape (n,).
+    """
+    unit = signal / _rms(signal)
+    return np.column_stack([hats(signal), unit, unit * np.abs(unit), unit**3])
+
+
+def hats(signal: FloatArray, even: int = _EVEN_KNOTS) -> FloatArray:
+    """Return hat functions of a signal without the one nearest to zero, so that no constant is included.
+
+    Knots are at quantiles, plus `even` knots at even distances over the range. Nearly coinciding knots are
+    merged.
+
+    Args:
+        signal: signal, shape (n,).
+        even: number of knots at even distances.
+    """
+    low, high = float(signal.min()), float(signal.max())
+    quantiles = np.quantile(signal, np.linspace(0.0, 1.0, _KNOTS))
+    knots = np.sort(np.concatenate([quantiles, np.linspace(low, high, even)]))
+    knots = knots[np.append(True, np.diff(knots) > 0.02 * (high - low))] if even else np.unique(knots)
+    if len(knots) < 3:
+        return signal[:, None]
+    place = np.interp(signal, knots, np.arange(len(knots)))
+    hats = np.maximum(1.0 - np.abs(place[:, None] - np.arange(len(knots))), 0.0)
+    return np.delete(hats, int(np.argmin(np.abs(knots))), axis=1)
+
+
+def _rms(signal: FloatArray) -> float:
+    return float(np.sqrt(np.mean(signal**2))) or 1.0

@@ -101,7 +101,7 @@ def irls(
         sigma = level.sigma(predicted)
         for _ in range(_STEPS):
             weights = np.clip(1.0 - ((effort - predicted) / (CUT * sigma)) ** 2, 0.0, None) / sigma
-            step = solve(slopes, effort - predicted, weights).gains
+            step = solve(slopes, effort - predicted, weights)
             has_converged = float(np.abs(weights * (slopes @ step)).max()) * np.sqrt(len(effort)) < _CONVERGED
             values = values + step
             predicted, slopes = evaluate(values)

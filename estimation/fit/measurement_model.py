@@ -7,7 +7,7 @@ D. V. Hinkley, Bootstrap Methods and their Application (1997), ch. 4).
 """
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 import scipy
@@ -49,8 +49,8 @@ class MeasurementModel:
     # Half windows of the filters of velocity and acceleration; None for a measured or noise-free signal.
     filters: tuple[int | None, int | None]
     is_of_velocity: bool  # whether the acceleration was derived from the velocity, not from positions
-    exact: tuple[FloatArray, FloatArray]  # velocity and acceleration of the smooth motion, shape (n,) each
-    bent: tuple[FloatArray, FloatArray]  # the same after the filters, with their smoothing bias
+    exact: tuple[FloatArray, ...]  # velocity and acceleration of the smooth motion, shape (n,) each
+    bent: tuple[FloatArray, ...]  # the same after the filters, with their smoothing bias
 
     @property
     def smoothed_motion(self) -> ChannelData:
@@ -136,14 +136,9 @@ def _identify(data: ChannelData) -> MeasurementModel:
     filters = velocity, acceleration
     is_staircase = step == 0.0 < rounding
     halves, orders = (half, velocity_half), (1, 1 if is_of_velocity else 2)
-    exact = (
-        _invert_filter(data, data.velocity - velocity_error, filters[0], orders[0]),
-        _invert_filter(data, data.acceleration, filters[1], orders[1]),
-    )
-    filtered = (
-        _apply_filter(data, exact[0], filters[0], orders[0]),
-        _apply_filter(data, exact[1], filters[1], orders[1]),
-    )
+    derivatives = data.velocity - velocity_error, data.acceleration
+    exact = tuple(map(partial(_invert_filter, data), derivatives, filters, orders))
+    filtered = tuple(map(partial(_apply_filter, data), exact, filters, orders))
     settings = halves, step, is_staircase, filters, is_of_velocity
     return MeasurementModel(data, error, velocity_error, *settings, exact, filtered)
 

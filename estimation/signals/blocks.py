@@ -135,14 +135,14 @@ def number_stretches(mask: BoolArray, number: IntArray) -> IntArray:
     return np.concatenate([[0], np.cumsum(changes)])[: len(mask)]
 
 
-def time_in_run(time_s: FloatArray, run: IntArray) -> FloatArray:
-    """Return the time since the start of each sample's run [s], shape (n,).
+def since_start(signal: FloatArray, run: IntArray) -> FloatArray:
+    """Return a signal, such as the time, minus its first value in each sample's run, shape (n,).
 
     Args:
-        time_s: times [s], shape (n,).
-        run: run of each sample, shape (n,).
+        signal: times or another signal, shape (n,).
+        run: run of each sample, in one block for each run, shape (n,).
     """
-    elapsed_s = time_s.copy()
+    changed = signal.copy()
     for rows in blocks(run):
-        elapsed_s[rows] -= time_s[rows.start]
-    return elapsed_s
+        changed[rows] -= signal[rows.start]
+    return changed

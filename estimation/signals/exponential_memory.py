@@ -31,20 +31,17 @@ def relax(signal: FloatArray, time_s: FloatArray, run: IntArray, tau_s: float) -
     return fading_memory(signal, time_s, run, np.array([1.0 / tau_s]), np.ones(1))
 
 
-def low_pass(
-    signal: FloatArray, time_s: FloatArray, run: IntArray, tau_s: float, *, from_rest: bool = False
-) -> FloatArray:
-    """Apply a first-order lag, exact for a signal that is linear between samples.
+def low_pass(signal: FloatArray, time_s: FloatArray, run: IntArray, tau_s: float) -> FloatArray:
+    """Apply a first-order lag to each run from its first sample, exact for signals linear between samples.
 
     Args:
         signal: signal, shape (n,) or (n, k).
         time_s: times, shape (n,) [s].
         run: run number of each sample, shape (n,).
         tau_s: time constant [s].
-        from_rest: whether each run starts from zero; False to start from its first sample.
     """
     starts, piece = block_index(run)
-    deviation = signal if from_rest else signal - signal[starts][piece]
+    deviation = signal - signal[starts][piece]
     rate = np.array([1.0 / max(tau_s, 1e-300)])
     return signal - fading_memory(deviation, time_s, run, rate, np.ones(1), independent_runs=True)
 

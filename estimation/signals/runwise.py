@@ -3,9 +3,8 @@
 from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from itertools import permutations
-from math import perm
 
 import numpy as np
 import scipy
@@ -212,7 +211,7 @@ def smooth_jitter(position: FloatArray, time_s: FloatArray, run: IntArray) -> Fl
     position = np.array(position, dtype=np.float64)
     if not 3 < window <= len(position):
         return position
-    return _apply_local_fit(_local_fit(window, 3, 0), position, run, position)
+    return _apply_local_fit(_local_fit(window, 0), position, run, position)
 
 
 def _apply_local_fit(weights: FloatArray, signal: FloatArray, run: IntArray, short: FloatArray) -> FloatArray:
@@ -226,37 +225,25 @@ def _apply_local_fit(weights: FloatArray, signal: FloatArray, run: IntArray, sho
     """
     result, window = short.copy(), len(weights)
     half = window // 2
-    if len(signal) < window:
-        return result
-    result[half : len(signal) - half] = np.convolve(signal, weights[half, ::-1], mode="valid")
     for rows in blocks(run):
-        values, fitted = signal[rows], result[rows]
-        if len(values) < window:
-            fitted[:] = short[rows]
-        else:
-            fitted[:half], fitted[-half:] = (
-                weights[:half] @ values[:window],
-                weights[-half:] @ values[-window:],
-            )
+        values = signal[rows]
+        if len(values) >= window:
+            middle = np.correlate(values, weights[half])
+            ends = weights[:half] @ values[:window], weights[-half:] @ values[-window:]
+            result[rows] = np.concatenate([ends[0], middle, ends[1]])
     return result
 
 
 @cache
-def _local_fit(window: int, degree: int, order: int) -> FloatArray:
-    """Return the matrix (window, window) that maps a window to a derivative of its polynomial fit.
+def _local_fit(window: int, order: int) -> FloatArray:
+    """Return the matrix (window, window) that maps a window to a derivative of its cubic fit.
 
     Args:
         window: odd number of evenly spaced samples.
-        degree: degree of the polynomial.
         order: order of the derivative by the index of the sample, 0 for the fit itself.
     """
-    half = window // 2
-    place = np.linspace(-1.0, 1.0, window)
-    power = np.arange(degree + 1)
-    fitted = np.linalg.pinv(place[:, None] ** power.astype(np.float64))
-    factors = np.array([float(perm(int(k), order)) for k in power]) / half**order
-    derived: FloatArray = factors * place[:, None] ** np.maximum(power - order, 0.0)
-    return derived @ fitted
+    coefficients = partial(scipy.signal.savgol_coeffs, window, 3, deriv=order, use="dot")
+    return np.array([coefficients(pos=place) for place in range(window)])
 
 
 def direction(
@@ -297,19 +284,18 @@ def running_max(signal: FloatArray, run: IntArray) -> FloatArray:
     return apply_per_run(np.maximum.accumulate, signal, run)
 
 
-def derivative(signal: FloatArray, time_s: FloatArray, run: IntArray, order: int = 1) -> FloatArray:
+def derivative(signal: FloatArray, time_s: FloatArray, run: IntArray) -> FloatArray:
     """Differentiate a signal without phase error by fits to five samples; the result is 0 in shorter runs.
 
     Args:
         signal: signal at a constant sampling rate, shape (n,).
         time_s: times, shape (n,) [s].
         run: run number of each sample, shape (n,).
-        order: order of the derivative, 1 or 2.
 
     Returns:
-        Derivative, shape (n,) [unit of the signal / s^order].
+        Derivative, shape (n,) [unit of the signal / s].
     """
-    weights = _local_fit(_WINDOW, 3 if order == 1 else 4, order) / sample_time(time_s, run) ** order
+    weights = _local_fit(_WINDOW, 1) / sample_time(time_s, run)
     return _apply_local_fit(weights, signal, run, np.zeros(len(signal)))
 
 

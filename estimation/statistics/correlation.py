@@ -119,37 +119,23 @@ def correlation_coefficient(x: FloatArray, y: FloatArray) -> float:
     return float(np.corrcoef(x, y)[0, 1])
 
 
-@dataclass(frozen=True)
-class Misfit:
-    """Size of a model's residual, compared with its noise."""
+def noise_between_samples(residuals: FloatArray, run: IntArray, inliers: BoolArray) -> float:
+    """Estimate the noise of residuals, which changes from sample to sample, unlike the error of most models.
 
-    noise: float  # standard deviation of the part that changes from sample to sample [effort]
-    times: float  # ratio of the residual's size to this noise; about 1 for a complete model
-
-
-def misfit(residuals: FloatArray, run: IntArray, inliers: BoolArray | None = None) -> Misfit:
-    """Compare the residuals with their noise.
-
-    Noise changes from sample to sample, but the error of a model usually does not. The noise is estimated
-    from differences of neighboring inliers, sigma = rms(difference) / sqrt(2) (J. von Neumann, Annals of
-    Mathematical Statistics 12, 1941), and the size from all samples. A model error that changes as fast as
-    the samples is not detected.
+    It is estimated from differences of neighboring inliers, sigma = rms(difference) / sqrt(2) (J. von
+    Neumann, Annals of Mathematical Statistics 12, 1941). A model error that changes as fast as the samples
+    counts as noise.
 
     Args:
         residuals: effort minus prediction, in order of time within each run, shape (n,).
         run: run of each sample, shape (n,).
-        inliers: mask of the samples kept by a robust method, shape (n,); None for all.
+        inliers: mask of the samples to use, shape (n,).
 
     Returns:
-        Noise and ratio; both are NaN without two neighboring inliers, and the ratio is NaN for zero noise.
+        Standard deviation of the noise [effort]; NaN without two neighboring inliers.
     """
-    pairs = run[1:] == run[:-1]
-    if inliers is not None:
-        pairs &= inliers[1:] & inliers[:-1]
-    if not pairs.any():
-        return Misfit(float("nan"), float("nan"))
-    noise = float(np.sqrt(np.mean(np.diff(residuals)[pairs] ** 2) / 2))
-    return Misfit(noise, residual_scale(residuals) / noise if noise > 0 else float("nan"))
+    pairs = (run[1:] == run[:-1]) & inliers[1:] & inliers[:-1]
+    return float(np.sqrt(np.mean(np.diff(residuals)[pairs] ** 2) / 2)) if pairs.any() else float("nan")
 
 
 def residual_scale(residuals: FloatArray) -> float:

@@ -1,7 +1,5 @@
 """Linear least squares that is fast for many samples and few gains, and invariant to the columns' units."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import scipy
 
@@ -16,15 +14,7 @@ _MAX_EXCHANGES = 20  # largest number of exchanges per gain
 _MIN_RATIO = 1e-12  # least ratio of the smallest to the largest eigenvalue of a subset's scaled X'X
 
 
-@dataclass(frozen=True)
-class LinearSolution:
-    """Gains that minimize the sum of squared weighted residuals."""
-
-    gains: FloatArray  # shape (p,); of minimum norm for scaled columns if these do not determine it
-    condition_number: float  # condition number of the weighted columns, each scaled to unit length
-
-
-def solve(columns: FloatArray, effort: FloatArray, weights: FloatArray | None = None) -> LinearSolution:
+def solve(columns: FloatArray, effort: FloatArray, weights: FloatArray | None = None) -> FloatArray:
     """Minimize |weights * (effort - columns @ gains)|.
 
     Args:
@@ -32,6 +22,8 @@ def solve(columns: FloatArray, effort: FloatArray, weights: FloatArray | None = 
         effort: effort to explain, shape (n,).
         weights: factor of each residual (1 / sigma), shape (n,); None for equal weights.
 
+    Returns:
+        Gains, shape (p,); of minimum norm for columns of unit length if these do not determine them.
     """
     if weights is not None:
         columns, effort = columns * weights[:, None], effort * weights
@@ -39,12 +31,9 @@ def solve(columns: FloatArray, effort: FloatArray, weights: FloatArray | None = 
     lengths[lengths == 0.0] = 1.0
     scaled = columns / lengths
     gram = scaled.T @ scaled
-    condition = condition_of_gram(gram)
-    if condition < _SAFE_CONDITION:
-        gains = np.linalg.solve(gram, scaled.T @ effort)
-    else:
-        gains = np.linalg.lstsq(scaled, effort, rcond=None)[0]
-    return LinearSolution(gains / lengths, condition)
+    if condition_of_gram(gram) < _SAFE_CONDITION:
+        return np.asarray(np.linalg.solve(gram, scaled.T @ effort) / lengths)
+    return np.asarray(np.linalg.lstsq(scaled, effort, rcond=None)[0] / lengths)
 
 
 def condition_of_gram(gram: FloatArray) -> float:
@@ -127,17 +116,9 @@ def solve_within_bounds(
     return np.clip(solution, lower, upper)
 
 
-@dataclass(frozen=True)
-class SubsetSolutions:
-    """Least-squares solutions of random subsets that are not degenerate."""
-
-    gains: FloatArray  # gains of each subset, shape (trials - skipped, p)
-    skipped: int  # number of degenerate subsets, which have no solution
-
-
 def solve_subsets(
     columns: FloatArray, effort: FloatArray, size: int, trials: int, rng: np.random.Generator
-) -> SubsetSolutions:
+) -> FloatArray:
     """Solve random subsets of samples by least squares.
 
     Args:
@@ -146,6 +127,9 @@ def solve_subsets(
         size: number of samples in a subset, at least p and at most n.
         trials: number of subsets.
         rng: random generator for the subsets.
+
+    Returns:
+        Gains of each subset that is not degenerate, shape (k, p), k at most `trials`.
 
     Raises:
         InputError: the size is out of range, or all subsets are degenerate.
@@ -169,8 +153,7 @@ def solve_subsets(
             "enough"
         )
     moment = np.einsum("tsi,ts->ti", subset, effort[drawn])
-    scaled_gains = np.linalg.solve(gram[is_regular], moment[is_regular][..., None])[..., 0]
-    return SubsetSolutions(scaled_gains / lengths, int(np.count_nonzero(~is_regular)))
+    return np.asarray(np.linalg.solve(gram[is_regular], moment[is_regular][..., None])[..., 0] / lengths)
 
 
 def _draw_subsets(sample_count: int, size: int, trials: int, rng: np.random.Generator) -> IntArray:

@@ -2,9 +2,8 @@
 
 from palpate.estimation.base_model import Arm
 from palpate.estimation.study.channels import StudyChannel
-from palpate.estimation.study.comparison import Comparison
+from palpate.estimation.study.comparison import Comparison, ErrorPart
 from palpate.estimation.study.estimates import ChannelEstimates
-from palpate.estimation.study.patterns import ErrorPart
 from palpate.estimation.study.results import ChannelResult, ModelStage, RevisionChange, StudyDiagnosis
 from palpate.estimation.study.revisions import Revision, Revisions
 from palpate.estimation.study.study import ModelStudy

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from threading import RLock
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from palpate.estimation.diagnosis.candidates import effect_library
 from palpate.estimation.diagnosis.extension import PackedFit, fit_extended
 from palpate.estimation.effect import Effect
 from palpate.estimation.estimate import TableDisplay
-from palpate.estimation.fit.fit_problem import NOT_HELD
+from palpate.estimation.fit.fit_problem import NO_BOUNDS, NOT_HELD
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_noise import MeasurementNoise, measurement_noise
 from palpate.estimation.shared_gains import with_shared_gains
@@ -40,7 +39,6 @@ from palpate.estimation.workers import release_freed_memory
 from palpate.robot_io.errors import InputError
 
 _FitKey = tuple[ChannelKey, tuple[str, ...]]  # a channel with its base model, and the added effects
-NO_BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType({})
 _MAX_FITS = 90  # size of the cache; the least recently used fits are dropped and computed again
 
 

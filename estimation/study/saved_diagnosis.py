@@ -1,7 +1,7 @@
 """Save a diagnosis, and read it again for the same data and base models."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from hashlib import sha256
 from math import isfinite
 from pathlib import Path
@@ -10,12 +10,11 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from palpate.estimation.diagnosis import ChannelDiagnosis, Diagnosis
-from palpate.estimation.study.channels import StudyChannel
 from palpate.robot_io.errors import InputError
 
 RESULT = "diagnosis.json"
 _TOLERANCE = 1e-3  # difference up to which two fits agree, relative to the value or its standard error
-_IDENTITY = "judged"  # key of the data and base models to which the file refers
+IDENTITY = "judged"  # key of the data and base models to which the file refers
 
 
 class _Identity(BaseModel):
@@ -29,17 +28,6 @@ class _SavedDiagnosis(Diagnosis):
     """A file with a saved diagnosis."""
 
     judged: dict[str, _Identity]
-
-
-def diagnosis_data(diagnosis: Diagnosis, channels: Sequence[StudyChannel]) -> dict[str, Any]:
-    """Return a diagnosis as plain data; the keys are stable.
-
-    Args:
-        diagnosis: the diagnosis.
-        channels: the diagnosed channels.
-    """
-    identities = {c.name: {"model": c.model.name, "data_sha256": c.sha256} for c in channels}
-    return with_checksum(diagnosis.model_dump(mode="json") | {_IDENTITY: identities})
 
 
 def read_saved_diagnoses(folder: Path | None) -> dict[tuple[str, str, str], ChannelDiagnosis]:

@@ -17,9 +17,8 @@ from palpate.control.loop.task import Phase
 from palpate.estimation.base_model import NO_ARM, Arm
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.array_files import arrow_table
-from palpate.estimation.data.arrow import pa
 from palpate.estimation.data.column_names import RUN
-from palpate.estimation.data.file_columns import is_session
+from palpate.estimation.data.file_columns import FileColumns, is_session, pa
 from palpate.estimation.data.import_file import ImportedData, import_file, import_table
 from palpate.estimation.data.import_files import data_files, import_files, joined_channels
 from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
@@ -205,7 +204,7 @@ def _source_of(data: Any, options: ImportOptions) -> DataSource:  # noqa: ANN401
             for channel in data:
                 _check_channel(channel)
             return DataSource(IN_MEMORY, tuple(data))
-    imported = import_table(table_of(_as_arrow(data), Path(IN_MEMORY)), options)
+    imported = import_table(table_of(FileColumns(_as_arrow(data)), Path(IN_MEMORY)), options)
     return _source_of_import(IN_MEMORY, imported)
 
 

@@ -41,10 +41,11 @@ from palpate.estimation.study.results import (
 )
 from palpate.estimation.study.revisions import Revision, Revisions, SavedParameter
 from palpate.estimation.study.saved_diagnosis import (
+    IDENTITY,
     RESULT,
-    diagnosis_data,
     differs_from_fit,
     read_saved_diagnoses,
+    with_checksum,
 )
 from palpate.estimation.workers import release_freed_memory
 from palpate.robot_io.errors import InputError
@@ -192,7 +193,8 @@ class ModelStudy(StudyFits):
         Args:
             diagnosis: diagnosis of channels of this study.
         """
-        return diagnosis_data(diagnosis, self.channels)
+        identities = {c.name: {"model": c.model.name, "data_sha256": c.sha256} for c in self.channels}
+        return with_checksum(diagnosis.model_dump(mode="json") | {IDENTITY: identities})
 
     def known_diagnosis(self, channel: StudyChannel) -> ChannelDiagnosis | None:
         """Return the computed or saved diagnosis of these data and base model; None if there is none.

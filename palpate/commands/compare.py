@@ -14,7 +14,7 @@ from palpate.common.options import JsonOption, model_names
 from palpate.estimation.estimate import with_unit
 from palpate.estimation.study import ChannelResult
 from palpate.estimation.study.channels import ALL_CHANNELS
-from palpate.estimation.study.model_suggestions import far_better_model
+from palpate.estimation.study.other_models import far_better_model
 from palpate.estimation.study.paired_comparison import Extended, compare_pairs
 from palpate.estimation.study.revisions import Revision, user_effects_of
 from palpate.render.build import NAMES, REPORT, result_view, view_of, write_outcome

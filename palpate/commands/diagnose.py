@@ -17,7 +17,7 @@ from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.study import StudyDiagnosis
 from palpate.estimation.study.channels import ALL_CHANNELS
 from palpate.estimation.study.estimates import ALL, DEFAULT_ESTIMATORS
-from palpate.estimation.study.model_suggestions import better_explanation, suggests_fresh_runs
+from palpate.estimation.study.other_models import better_explanation, suggests_fresh_runs
 from palpate.estimation.study.saved_diagnosis import RESULT
 from palpate.render.build import NAMES, view_of, write_outcome
 from palpate.render.estimates import as_data, calibration_remark, print_estimates

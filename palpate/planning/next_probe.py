@@ -14,14 +14,19 @@ from palpate.control.loop.tick_record import STREAM_NAME
 from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.tick_channels import DIRECTION, contact_channels, joint_channels
-from palpate.estimation.design import Experiment, RivalModels, choose_experiment
-from palpate.estimation.design.discrimination import EQUIVALENT, SMALL
+from palpate.estimation.design.discrimination import (
+    EQUIVALENT,
+    SMALL,
+    Experiment,
+    RivalModels,
+    choose_experiment,
+)
 from palpate.estimation.design.next_experiment import FEW_READINGS, LONGEST_S, NextExperiment, NextProbe
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.study import ModelStudy, StudyChannel
 from palpate.estimation.study.channels import channel_of
 from palpate.estimation.study.fitting import Progress
-from palpate.estimation.study.undecided_models import rivals_of
+from palpate.estimation.study.other_models import rivals_of
 from palpate.planning.experiments import (
     ArmText,
     CandidatePlan,

@@ -19,9 +19,9 @@ from palpate.estimation.effect import AdditiveEffect, MemoryEffect, MotionEffect
 from palpate.estimation.estimate import ParameterEstimate, with_unit
 from palpate.estimation.fit.measurement_noise import MeasurementNoise
 from palpate.estimation.model import Model
-from palpate.estimation.signals.blocks import block_index, blocks, time_in_run
+from palpate.estimation.signals.blocks import block_index, blocks, since_start
 from palpate.estimation.study import ChannelResult, ModelStudy
-from palpate.estimation.study.patterns import ErrorPart
+from palpate.estimation.study.comparison import ErrorPart
 from palpate.render.diagnosis import (
     budget_view,
     describe_error_decrease,
@@ -143,7 +143,7 @@ def concatenated_times(data: ChannelData) -> FloatArray:
     Args:
         data: the channel, n samples.
     """
-    own_s, (first, run) = time_in_run(data.time_s, data.run), block_index(data.run)
+    own_s, (first, run) = since_start(data.time_s, data.run), block_index(data.run)
     lengths_s = np.maximum.reduceat(own_s, first)
     steps_s = lengths_s + (_GAP * np.mean(lengths_s) if len(first) else 0.0)
     return own_s + (np.cumsum(steps_s) - steps_s)[run]

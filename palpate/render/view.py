@@ -11,7 +11,7 @@ import numpy as np
 from palpate.estimation.design.next_experiment import NextExperiment
 from palpate.estimation.diagnosis.result import AcceptedEffect, RankedEffect
 from palpate.estimation.effect import Effect
-from palpate.estimation.study.patterns import ErrorPart
+from palpate.estimation.study.comparison import ErrorPart
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 RANGE = "alone or added last"  # header of `BudgetPart.range_text`

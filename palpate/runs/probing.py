@@ -17,9 +17,8 @@ from palpate.control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, Estimates
 from palpate.control.probing.plan import ProbingPlan
 from palpate.control.probing.replay import ReferenceTrajectory, ReplayTask
 from palpate.control.probing.task import ProbingTask
-from palpate.estimation.contact_estimator import OnlineContactLaw
 from palpate.estimation.contact_estimators import CONTACT_ESTIMATORS
-from palpate.estimation.estimator import OnlineEstimator
+from palpate.estimation.estimator import OnlineContactLaw, OnlineEstimator
 from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.online import OnlineContactEstimator
 from palpate.robot_io.calibration.applied import load_calibrations

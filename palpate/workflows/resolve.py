@@ -14,8 +14,8 @@ from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.design.next_experiment import LONGEST_S, NextProbe
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.study.fitting import Progress
+from palpate.estimation.study.other_models import is_undecided, keep_simplest_rivals
 from palpate.estimation.study.saved_diagnosis import RESULT
-from palpate.estimation.study.undecided_models import is_undecided, keep_simplest_rivals
 from palpate.robot_io.errors import InputError
 from palpate.runs.probing import NOBODY, ProbingJob, Watcher, run_probing
 from palpate.study import Study

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from benchmarks.presses import Noise, Press
-from palpate.estimation.contact_estimator import ContactLaw
 from palpate.estimation.contact_estimators import CONTACT_ESTIMATORS
+from palpate.estimation.estimator import ContactLaw
 from palpate.estimation.estimators.batch import Lsq
 from tests.estimation.contact_data import channel, estimated
 

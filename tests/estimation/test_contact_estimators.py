@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from palpate.estimation.contact_estimator import ContactEstimator, ContactLaw, OnlineContactLaw
 from palpate.estimation.contact_estimators import CONTACT_ESTIMATORS
+from palpate.estimation.estimator import ContactEstimator, ContactLaw, OnlineContactLaw
 from palpate.estimation.models import MODELS
 from palpate.estimation.online import OnlineContactEstimator
 from palpate.robot_io.errors import InputError

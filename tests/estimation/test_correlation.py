@@ -1,4 +1,4 @@
-"""Residual analysis: correlation beside definitions and statsmodels, periodic components, and misfit."""
+"""Residual analysis: correlation beside definitions and statsmodels, periodic components, and noise."""
 
 import tracemalloc
 
@@ -13,7 +13,8 @@ from palpate.estimation.statistics.correlation import (
     autocorrelation,
     cross_correlation,
     fit_percent,
-    misfit,
+    noise_between_samples,
+    residual_scale,
 )
 
 N, LAGS = 4000, 30
@@ -140,29 +141,26 @@ def white(sigma=0.02, seed=0):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_noise_alone_is_no_misfit(seed):
-    found = misfit(white(seed=seed), RUN, ALL)
-    assert found.noise == pytest.approx(0.02, rel=0.1)
-    assert found.times == pytest.approx(1.0, rel=0.1)
+def test_white_noise_has_the_size_of_its_residual(seed):
+    residuals = white(seed=seed)
+    assert noise_between_samples(residuals, RUN, ALL) == pytest.approx(0.02, rel=0.1)
+    assert residual_scale(residuals) == pytest.approx(0.02, rel=0.1)
 
 
-def test_misfit_includes_slow_residuals_and_outliers():
+def test_noise_excludes_slow_residuals_and_outliers_but_the_scale_includes_them():
     slow = 0.2 * np.sin(np.arange(3000) / 100)
-    found = misfit(white() + slow, RUN, ALL)
-    assert found.noise == pytest.approx(0.02, rel=0.1)
-    assert found.times == pytest.approx(0.2 * np.sin(0.45 * np.pi) / 1.645 / 0.02, rel=0.1)
+    assert noise_between_samples(white() + slow, RUN, ALL) == pytest.approx(0.02, rel=0.1)
+    assert residual_scale(white() + slow) == pytest.approx(0.2 * np.sin(0.45 * np.pi) / 1.645, rel=0.1)
     left = white()
     left[400:1000] += 0.5 + np.linspace(0, 1, 600) ** 2
-    inliers = np.abs(left) < 0.1
-    assert misfit(left, RUN, inliers).times > 10
+    assert residual_scale(left) > 10 * noise_between_samples(left, RUN, np.abs(left) < 0.1)
 
 
-def test_kinks_and_steps_between_runs_are_no_misfit():
+def test_kinks_and_steps_between_runs_do_not_count_as_noise():
     left = white()
     left[::50] += 1.0
-    found = misfit(left, RUN, np.abs(left) < 0.1)
-    assert (found.noise, found.times) == pytest.approx((0.02, 1.0), rel=0.1)
+    assert noise_between_samples(left, RUN, np.abs(left) < 0.1) == pytest.approx(0.02, rel=0.1)
+    assert residual_scale(left) == pytest.approx(0.02, rel=0.1)
     left = white(sigma=1e-3) + RUN
-    assert misfit(left, RUN, ALL).noise == pytest.approx(1e-3, rel=0.1)
-    assert np.isnan(misfit(np.zeros(10), np.zeros(10, dtype=int), ALL[:10]).times)
-    assert np.isnan(misfit(white()[:10], np.arange(10), ALL[:10]).times)
+    assert noise_between_samples(left, RUN, ALL) == pytest.approx(1e-3, rel=0.1)
+    assert np.isnan(noise_between_samples(white()[:10], np.arange(10), ALL[:10]))

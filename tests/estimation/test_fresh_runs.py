@@ -1,5 +1,6 @@
 """Whether a run began with a relaxed object."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,11 +8,13 @@ import pyarrow as pa
 import pytest
 
 from palpate.estimation.base_model import ModelContext
+from palpate.estimation.data.file_columns import FileColumns
 from palpate.estimation.data.import_file import import_table
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import table_of
 from palpate.estimation.models import MODELS
-from palpate.estimation.study.model_suggestions import prefers_fresh_runs, with_clock_per_run
+from palpate.estimation.signals.blocks import since_start
+from palpate.estimation.study.other_models import prefers_fresh_runs
 from tests.estimation.presses import RATE_HZ, kelvin_voigt, maxwell, session
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
@@ -39,14 +42,14 @@ def test_data_decide_whether_the_object_remembered(afresh):
 
     data = session(61, law)
     assert prefers_fresh_runs(data, MODEL) == afresh
-    assert not prefers_fresh_runs(with_clock_per_run(data), MODEL)
+    assert not prefers_fresh_runs(replace(data, time_s=since_start(data.time_s, data.run)), MODEL)
 
 
 def test_fresh_runs_keep_spread_times_and_need_relaxation():
     t = np.arange(400) * 0.01
     x, f = 0.004 * (1.0 - np.cos(3.0 * t)), 2.0 * (1.0 - np.cos(3.0 * t))
     coarse_s = 5.0 + 0.02 * np.repeat(np.arange(200), 2)  # a clock that advances with every second row
-    table = pa.table({"time_s": coarse_s, "displacement_m": x, "force_N": f})
-    (channel,) = import_table(table_of(table, Path("press")), ImportOptions(fresh=True, runs=1)).channels
+    columns = FileColumns(pa.table({"time_s": coarse_s, "displacement_m": x, "force_N": f}))
+    (channel,) = import_table(table_of(columns, Path("press")), ImportOptions(fresh=True, runs=1)).channels
     assert channel.time_s == pytest.approx(t, abs=1e-6)
     assert not prefers_fresh_runs(session(62), MODEL)

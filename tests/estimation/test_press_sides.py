@@ -9,6 +9,7 @@ from palpate.estimation.base_model import ModelContext
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.data.channels import import_streams
 from palpate.estimation.data.choose_columns import is_pressed
+from palpate.estimation.data.file_columns import FileColumns
 from palpate.estimation.data.import_file import import_table
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.presses import cut_presses, press_sides
@@ -35,7 +36,7 @@ PUSH = kelvin_voigt(PRESS_X, PRESS_V) + np.random.default_rng(1).normal(0.0, 0.0
 
 
 def imported(options=None, **columns):
-    return import_table(table_of(pa.table(columns), "press"), options or ImportOptions())
+    return import_table(table_of(FileColumns(pa.table(columns)), "press"), options or ImportOptions())
 
 
 def element(force, options=None, **changed):

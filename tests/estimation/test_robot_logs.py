@@ -12,7 +12,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.writer import Writer
 
-from palpate.estimation.data.file_columns import is_session
+from palpate.estimation.data.file_columns import FileColumns, is_session
 from palpate.estimation.data.import_file import import_file, import_table
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import table_of
@@ -241,7 +241,7 @@ def test_joints_are_identified_by_interface_names(tmp_path, names, effort):
         position, torque = names.format(called, called).split()
         columns[position] = np.degrees(Q[:, joint]) if in_degrees else Q[:, joint]
         columns[torque] = (1e3 if in_degrees else 1.0) * TORQUE[:, joint]
-    imported = import_table(table_of(pa.table(columns), tmp_path))
+    imported = import_table(table_of(FileColumns(pa.table(columns)), tmp_path))
     assert_are_the_joints(imported.channels)
     assert any("current used as the torque" in note for note in imported.notes) == (effort == "current")
 
@@ -249,14 +249,14 @@ def test_joints_are_identified_by_interface_names(tmp_path, names, effort):
 @pytest.mark.parametrize("name", ["acceleration_1_rad_s2", "acc [rad/s^2]", "Beschleunigung [rad/s²]"])
 def test_accelerations_may_accompany_named_columns(tmp_path, name):
     columns = {"time_s": T, "position_1_rad": Q[:, 0], "tau1 [Nm]": TORQUE[:, 0], name: -25.0 * Q[:, 0]}
-    (found,) = import_table(table_of(pa.table(columns), tmp_path)).channels
+    (found,) = import_table(table_of(FileColumns(pa.table(columns)), tmp_path)).channels
     assert (found.acceleration == pytest.approx(-25.0 * Q[:, 0])) is name.startswith("acceleration")
 
 
 def test_word_without_its_partner_is_no_joint(tmp_path):
     columns = {"time_s": T, "shoulder position": T, "elbow effort": T}
     with pytest.raises(InputError, match="no channel can be made of columns"):
-        import_table(table_of(pa.table(columns), tmp_path))
+        import_table(table_of(FileColumns(pa.table(columns)), tmp_path))
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import pytest
 from palpate import sim_backend
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.file_columns import FileColumns
 from palpate.estimation.data.import_file import import_table
 from palpate.estimation.data.table import table_of
 from palpate.estimation.diagnosis import Verdict, diagnose
@@ -85,7 +86,7 @@ def channel_of(torque_of, tmp_path):
     position[MOVES] = 0.3 * (1.0 - np.cos(np.linspace(0.0, 2.0 * np.pi, 400)))
     torque[MOVES] = torque_of(position[MOVES])
     columns = {"time_s": np.arange(N) / 1000.0, "position_rad": position, "torque_Nm": torque}
-    return import_table(table_of(pa.table(columns), tmp_path)).channels[0]
+    return import_table(table_of(FileColumns(pa.table(columns)), tmp_path)).channels[0]
 
 
 @pytest.mark.parametrize("model", ["inertia", "pendulum", "spring_mass_damper"])
@@ -112,7 +113,7 @@ def test_badly_scaled_columns_keep_recursive_estimates_real(tmp_path):
     )  # accelerations of 1e12 beside positions of 1
     x = rng.normal(size=60)
     columns = {"time_s": time_s, "position_rad": x, "torque_Nm": 300.0 * x + 0.01 * rng.normal(size=60)}
-    channel = import_table(table_of(pa.table(columns), tmp_path)).channels[0]
+    channel = import_table(table_of(FileColumns(pa.table(columns)), tmp_path)).channels[0]
     assert estimate_with(channel, "spring_mass_damper", ["cusum_rls"]).estimates
 
 

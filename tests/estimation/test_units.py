@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.estimation.data.column_names import guess_column, split_unit
+from palpate.estimation.data.file_columns import FileColumns
 from palpate.estimation.data.import_file import import_table
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import table_of
@@ -75,7 +76,7 @@ def factor_of(name):
 
 
 def imported(options=None, **columns):
-    return import_table(table_of(pa.table(columns), "press"), options or ImportOptions())
+    return import_table(table_of(FileColumns(pa.table(columns)), "press"), options or ImportOptions())
 
 
 def test_units_become_si_and_nm_depends_on_its_partner():

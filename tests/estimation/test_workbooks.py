@@ -7,6 +7,7 @@ import openpyxl
 import pyarrow as pa
 import pytest
 
+from palpate.estimation.data.file_columns import FileColumns
 from palpate.estimation.data.import_file import import_file, import_table
 from palpate.estimation.data.table import read_table, table_of
 from palpate.robot_io.errors import InputError
@@ -55,7 +56,7 @@ def test_tests_of_a_frame_may_differ_in_length_and_number_type(tmp_path, gap):
     short = [pa.array(one, from_pandas=gap is None) for one in filled]
     whole = [pa.array(np.arange(12)), pa.array(T), pa.array(2.0 * T)]
     names = [f"{name.split()[0]} {n} {name.split()[1]}" for n in "12" for name in NAMES]
-    table = table_of(pa.table([*whole, *short], names=names), tmp_path)
+    table = table_of(FileColumns(pa.table([*whole, *short], names=names)), tmp_path)
     assert len(table) == 20
     np.testing.assert_array_equal(table.numbers("Time [s]"), np.r_[np.arange(12), T[:8]])
     assert len(import_table(table).channels[0].runs) == 2
@@ -69,9 +70,8 @@ def test_times_of_a_frame_are_seconds(tmp_path, kind):
     times = pa.array(
         stamps if pa.types.is_timestamp(kind) else [f"{one:%Y-%m-%d %H:%M:%S.%f}" for one in stamps]
     )
-    table = table_of(
-        pa.table([times.cast(kind), pa.array(T), pa.array(T)], names=["Time", *NAMES[1:]]), tmp_path
-    )
+    columns = pa.table([times.cast(kind), pa.array(T), pa.array(T)], names=["Time", *NAMES[1:]])
+    table = table_of(FileColumns(columns), tmp_path)
     np.testing.assert_allclose(table.numbers("Time") - 86399.0, 0.25 * np.arange(12), atol=1e-6)
 
 

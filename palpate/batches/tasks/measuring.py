@@ -12,7 +12,7 @@ from palpate.estimation.diagnosis.candidates import applicable_effects, screen_e
 from palpate.estimation.diagnosis.result import ParameterValue
 from palpate.estimation.estimate import ParameterEstimate
 from palpate.estimation.study import StudyChannel
-from palpate.estimation.study.model_suggestions import far_better_model
+from palpate.estimation.study.other_models import far_better_model
 from palpate.robot_io.errors import InputError
 from palpate.study import Study, arm_from_urdf
 from palpate.sweep.case import Row

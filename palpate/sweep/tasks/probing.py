@@ -13,12 +13,11 @@ from palpate.control.loop.task import Phase
 from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.base_model import ModelContext
 from palpate.estimation.channel import ChannelData
-from palpate.estimation.contact_estimator import ContactEstimator
 from palpate.estimation.contact_estimators import CONTACT_ESTIMATORS
 from palpate.estimation.data.tick_channels import contact_channels, joint_channels
 from palpate.estimation.effects.contact_geometry import ContactOffset
 from palpate.estimation.estimate_channel import estimate_channel, fitting_rows
-from palpate.estimation.estimator import Estimator
+from palpate.estimation.estimator import ContactEstimator, Estimator
 from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.estimators.ransac import Ransac
 from palpate.estimation.fit.samples import fit_samples, slopes_of

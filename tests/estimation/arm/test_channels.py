@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from palpate.estimation.arm.inertial_parameters import base_parameters
-from palpate.estimation.base_model import ModelContext
+from palpate.estimation.base_model import Arm, ModelContext
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data_quality import usable
 from palpate.estimation.effects import EFFECTS
@@ -43,12 +43,12 @@ def arm_channels(bodies, *, seed=0, noise=0.05, coulomb=COULOMB, moving=range(JO
 
 def fitted_models():
     base, urdf = MODELS["rigid_body_fitted"](), panda_urdf()
-    return [base.build(ModelContext(j, urdf, TIP)) for j in range(JOINTS)]
+    return [base.build(ModelContext(j, Arm(urdf, TIP))) for j in range(JOINTS)]
 
 
 def prepared(channels):
     base, urdf = MODELS["rigid_body_fitted"](), panda_urdf()
-    return [base.prepare(c, ModelContext(j, urdf, TIP)) for j, c in enumerate(channels)]
+    return [base.prepare(c, ModelContext(j, Arm(urdf, TIP))) for j, c in enumerate(channels)]
 
 
 def fits(channels, models):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.control.arm.rigid_body import RigidBody
-from palpate.estimation.base_model import ModelContext
+from palpate.estimation.base_model import Arm, ModelContext
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.diagnosis import Verdict, diagnose
 from palpate.estimation.effects import EFFECTS
@@ -53,7 +53,7 @@ def arm(seed, extra=lambda body, q, v, a: 0.0, runs=4, count=900):
 
 def answer(channels, model, joint, *names):
     """The diagnosis of a joint, in which the effects of these names are tried, or all."""
-    context, base = ModelContext(joint, URDF, TIP), MODELS[model]()
+    context, base = ModelContext(joint, Arm(URDF, TIP)), MODELS[model]()
     data, effects = base.prepare(channels[joint], context), [EFFECTS[name]() for name in names] or None
     return diagnose(data, base.build(context), effects, rng=np.random.default_rng(0)).channels[0]
 
@@ -86,7 +86,7 @@ def test_payload_signal_agrees_with_the_potential_energy_at_rest():
     body = RigidBody.from_urdf(URDF, TIP)
     expected = weight(body, channels[0].context["joint_position"], None, None) / 0.4
     for joint in range(3):
-        ready = MODELS["rigid_body"]().prepare(still[joint], ModelContext(joint, URDF, TIP))
+        ready = MODELS["rigid_body"]().prepare(still[joint], ModelContext(joint, Arm(URDF, TIP)))
         assert ready.context["payload_effort_per_kg"] == pytest.approx(expected[:, joint], abs=1e-5)
 
 
@@ -108,7 +108,7 @@ def test_friction_is_identified_with_fitted_arm_parameters():
 
 def test_fitted_base_parameters_predict_the_arm():
     channels = arm(3)
-    base, context = MODELS["rigid_body_fitted"](), ModelContext(2, URDF, TIP)
+    base, context = MODELS["rigid_body_fitted"](), ModelContext(2, Arm(URDF, TIP))
     model, ready = base.build(context), base.prepare(channels[2], context)
     columns = np.hstack([effect.columns(ready, {}) for effect in model.effects])
     assert np.linalg.matrix_rank(columns) == columns.shape[1]
@@ -116,7 +116,7 @@ def test_fitted_base_parameters_predict_the_arm():
     assert np.std(ready.effort - columns @ gains) == pytest.approx(0.02, rel=0.1)
 
 
-@pytest.mark.parametrize("context", [ModelContext(), ModelContext(0), ModelContext(7, URDF, TIP)])
+@pytest.mark.parametrize("context", [ModelContext(), ModelContext(0), ModelContext(7, Arm(URDF, TIP))])
 def test_rigid_body_names_missing_inputs(context):
     with pytest.raises(InputError, match=r"URDF|arm has 3"):
         MODELS["rigid_body"]().build(context)

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from palpate.estimation.arm.consistent_fit import (
+from palpate.estimation.arm.inertial_parameters import base_parameters
+from palpate.estimation.channel import Information
+from palpate.estimation.shared_gains import (
     JointNormalEquations,
     arrange_products,
     information_of_others,
@@ -11,8 +13,6 @@ from palpate.estimation.arm.consistent_fit import (
     training_sums,
     urdf_information,
 )
-from palpate.estimation.arm.inertial_parameters import base_parameters
-from palpate.estimation.channel import Information
 from tests.estimation.arm.panda import JOINTS, colored_noise, minimum, motion, other_bodies, panda, regressor
 
 FOLDS = 4

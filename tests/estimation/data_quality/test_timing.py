@@ -8,7 +8,7 @@ import pytest
 from palpate.estimation.base_model import ModelContext
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data_quality import checklist, contaminated, quality_warnings
-from palpate.estimation.data_quality.timing import lost_rows, time_offset
+from palpate.estimation.data_quality.sampling import lost_rows, time_offset
 from palpate.estimation.models import MODELS
 from palpate.estimation.signals.blocks import number_pieces
 from palpate.estimation.signals.runwise import shift

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.estimation.base_model import ModelContext
-from palpate.estimation.design import Experiment, RivalModels, choose_experiment
+from palpate.estimation.design.discrimination import Experiment, RivalModels, choose_experiment
 from palpate.estimation.design.next_experiment import candidate_motions
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import fit_model

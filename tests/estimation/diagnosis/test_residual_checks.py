@@ -23,9 +23,8 @@ from palpate.estimation.fit.blocks import BlockedData
 from palpate.estimation.fit.fit_problem import FitProblem, solve_gains
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.fit.measurement_model import identify_measurement_model
-from palpate.estimation.fit.measurement_noise import free_air_noise
+from palpate.estimation.fit.measurement_noise import RunHeterogeneity, free_air_noise, run_heterogeneity
 from palpate.estimation.fit.normal_equations import WHITE
-from palpate.estimation.fit.run_heterogeneity import RunHeterogeneity, run_heterogeneity
 from palpate.estimation.models import MODELS
 from tests.estimation.presses import NOISE_N, colored_noise, kelvin_voigt, session
 from tests.estimation.presses import channel as press_channel

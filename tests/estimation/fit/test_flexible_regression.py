@@ -11,12 +11,14 @@ from palpate.estimation.fit.blocks import block_average
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.fit.flexible_regression import (
     _fit_ridge,
+    _past_effort,
     _select_signals,
     fit_flexible,
+    hats,
     model_features,
+    smooth_features,
 )
 from palpate.estimation.fit.normal_equations import gram_matrices, nuisance_of
-from palpate.estimation.fit.smooth_features import _past_effort, hats, smooth_features
 from palpate.estimation.model import Model
 from palpate.estimation.signals.exponential_memory import low_pass
 from palpate.estimation.signals.runwise import derivative, play, shift
@@ -139,7 +141,7 @@ def test_law_of_a_signal_is_represented_by_its_columns(swung, name):
 PRESS_LAWS = {
     "creep": (
         "past motion",
-        lambda o: low_pass(np.maximum(o.x, 0), o.t, o.run, 0.3, from_rest=True) * (o.x > 0),
+        lambda o: low_pass(np.maximum(o.x, 0), o.t, o.run, 0.3) * (o.x > 0),
     ),
     "a film that sticks": (
         "past motion",

@@ -5,7 +5,7 @@ import pytest
 
 from palpate.estimation.kinds import Kind
 from palpate.estimation.study import ErrorPart, ModelStudy
-from palpate.estimation.study.patterns import patterns
+from palpate.estimation.study.comparison import patterns
 from tests.palpate.presses import press_rows
 
 SPEEDS = (0.02, 0.04, 0.08, 0.03)

@@ -10,7 +10,7 @@ from palpate.estimation.diagnosis import ChannelDiagnosis
 from palpate.estimation.diagnosis.candidates import effect_library
 from palpate.estimation.diagnosis.result import AcceptedEffect
 from palpate.estimation.study import ModelStudy
-from palpate.estimation.study.undecided_models import keep_simplest_rivals, rival_effects
+from palpate.estimation.study.other_models import keep_simplest_rivals, rival_effects
 from tests.estimation.study.joints import joints
 
 

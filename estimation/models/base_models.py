@@ -1,19 +1,60 @@
-"""Base models of joints: a single joint, or a joint in an arm whose URDF is known."""
+"""Base models of contacts, spring-mass-damper systems and joints, also in an arm whose URDF is known."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from palpate.estimation.arm.inertial_parameters import base_parameters
 from palpate.estimation.base_model import BaseModel, ModelContext
 from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.effects.elastic_shape import Stiffness
 from palpate.estimation.effects.gravity_load import KnownRigidBody, Pendulum, RigidBodyFitted
 from palpate.estimation.effects.inertia import Inertia
-from palpate.estimation.effects.rate_dependence import ViscousFriction
+from palpate.estimation.effects.rate_dependence import Damping, HuntCrossley, ViscousFriction
 from palpate.estimation.model import Model
 from palpate.estimation.signals.arm_signals import with_rigid_body
+from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.errors import InputError
 
 if TYPE_CHECKING:
     from palpate.control.arm.rigid_body import RigidBody
+
+
+class KelvinVoigt(BaseModel):
+    """F = k x + c v while x > 0."""
+
+    name = "kelvin_voigt"
+    channels = frozenset({ChannelKind.CONTACT})
+    effects = (Stiffness, Damping)
+
+
+class HuntCrossleyModel(BaseModel):
+    """F = k x^n + b x^n v while x > 0."""
+
+    name = "hunt_crossley"
+    channels = frozenset({ChannelKind.CONTACT})
+    effects = (HuntCrossley,)
+
+
+_MIN_CORRELATION = 0.5  # least correlation of force and displacement outside the object of an attached spring
+
+
+class SpringMassDamper(BaseModel):
+    """F = m a + c v + k x; the force can also pull, as with a spring that is attached at both ends."""
+
+    name = "spring_mass_damper"
+    channels = frozenset(ChannelKind)
+    effects = (Inertia, Damping, Stiffness)
+
+    def prepare(self, data: ChannelData, context: ModelContext) -> ChannelData:
+        """Mark all samples as in contact if the force outside the object follows the position."""
+        is_outside = data.position < 0.0
+        x, force = data.position[is_outside], data.effort[is_outside]
+        is_contact = data.kind is ChannelKind.CONTACT
+        if is_contact and len(x) >= 3 and correlation_coefficient(x, force) > _MIN_CORRELATION:
+            return replace(data, touching=np.ones(len(data), dtype=np.bool_))
+        return data
 
 
 class InertiaModel(BaseModel):
@@ -56,16 +97,13 @@ def arm_of(context: ModelContext, model: str) -> tuple["RigidBody", int]:
     Raises:
         InputError: the context has no URDF or no joint, or the arm does not have this joint.
     """
-    if not context.urdf or context.joint is None:
+    arm = context.arm
+    if not arm.urdf or context.joint is None:
         raise InputError(f"model '{model}' needs a joint channel and the arm's URDF (--urdf FILE)")
     from palpate.control.arm.rigid_body import RigidBody  # noqa: PLC0415, needs Pinocchio
 
     body = RigidBody.from_urdf(
-        context.urdf,
-        context.tip_frame,
-        context.gravity_m_s2,
-        context.rotor_inertia_kg_m2,
-        origin=context.urdf_origin,
+        arm.urdf, arm.tip_frame, arm.gravity_m_s2, arm.rotor_inertia_kg_m2, origin=arm.origin
     )
     if not 0 <= context.joint < body.joint_count:
         raise InputError(f"model '{model}': joint {context.joint + 1}, but the arm has {body.joint_count}")
