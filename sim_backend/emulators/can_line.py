@@ -47,15 +47,15 @@ class EmulatedMotor(ABC):
     @property
     def shaft(self) -> JointState:
         """Angle, speed and torque of its shaft as they are."""
-        return self._at_shaft(self._plant.joint(self._joint))
+        return self._at_shaft(self._plant.joints[self._joint])
 
     @property
     def measured(self) -> JointState:
         """Angle, speed and torque as measured by the motor."""
-        return self._at_shaft(self._stuck or self._plant.joint(self._joint))
+        return self._at_shaft(self._stuck or self._plant.joints[self._joint])
 
     def _at_shaft(self, motion: JointState) -> JointState:
-        torque_nm = self._plant.joint(self._joint).torque_nm  # which no encoder measures
+        torque_nm = self._plant.joints[self._joint].torque_nm  # which no encoder measures
         ratio = self._gear_ratio
         angle_rad = (motion.position_rad - self._zero_rad) * ratio
         return JointState(angle_rad, motion.velocity_rad_s * ratio, torque_nm / ratio)
@@ -94,7 +94,7 @@ class EmulatedMotor(ABC):
         if fault.kind is FaultKind.ALERT:
             self._fail()
         elif fault.kind is FaultKind.STUCK:
-            self._stuck = self._stuck or self._plant.joint(self._joint)
+            self._stuck = self._stuck or self._plant.joints[self._joint]
         elif fault.kind is FaultKind.REBOOT:
             self._start_up()
             self._silent_until_s = now_s + fault.delay_s

@@ -1,13 +1,13 @@
 """Dynamixel servos of the X series on a pseudo terminal, with the simulated arm behind them.
 
 Written from the ROBOTIS e-manual, "DYNAMIXEL Protocol 2.0" (packet structure, processing order of reception
-and transmission, Fast Sync Read) and "CRC Calculation"; it shares no code with the driver.
+and transmission, Fast Sync Read) and "CRC Calculation"; it shares no code with the driver but its settings.
 """
 
 from collections.abc import Sequence
 from typing import Any
 
-from palpate.robot_io.files.file_model import FileModel
+from palpate.robot_io.drivers.dynamixel.tables import DynamixelSettings
 from palpate.sim_backend.emulators.dynamixel_servo import GOALS, DynamixelMounting, EmulatedServo, Error
 from palpate.sim_backend.emulators.faults import FaultKind, Faults
 from palpate.sim_backend.emulators.hardware import EmulatedWire, Plant
@@ -219,9 +219,8 @@ def _word(data: bytes) -> int:
     return data[0] + 256 * data[1]
 
 
-class _DynamixelSettings(FileModel, extra="ignore"):
+class _DynamixelSettings(DynamixelSettings):
     servos: tuple[DynamixelMounting, ...]
-    baud_rate: int = 4_000_000
 
 
 class DynamixelWires(WireMaker):

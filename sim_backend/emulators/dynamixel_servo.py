@@ -3,15 +3,14 @@
 From the ROBOTIS e-manual, "Control Table" of the models below.
 """
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 from math import floor, pi
-from typing import ClassVar
 
-from palpate.robot_io.files.file_model import Positive
+from palpate.robot_io.drivers.dynamixel.tables import ServoSettings
 from palpate.sim_backend.emulators.hardware import Shaft
-from palpate.sim_backend.emulators.servo_wire import EmulatedMounting, LineServo
+from palpate.sim_backend.emulators.servo_wire import LineServo
 
 EEPROM_END = 64  # below, values outlive a reboot
 
@@ -223,14 +222,9 @@ class Memory:
         return self._bytes[at] + 256 * self._bytes[at + 1]
 
 
-class DynamixelMounting(EmulatedMounting):
-    """One servo as it is bolted to the arm."""
+class DynamixelMounting(ServoSettings):
+    """One servo as it is bolted to the arm, which may differ from the robot file."""
 
-    emulated: ClassVar[Collection[str]] = MODELS
-
-    homing_offset: int | None = None  # written by a calibration
-    # Of this servo; None for the value in its model's data sheet [N m/A].
-    torque_constant_nm_a: Positive | None = None
     firmware: int = 46  # version
 
 
@@ -326,7 +320,7 @@ class EmulatedServo(LineServo):
         """See `LineServo.watch`: checks the bus watchdog."""
         limit = self.memory.get(BUS_WATCHDOG)
         on = self.memory.get(TORQUE_ENABLE)
-        if on and limit > 0 and now_s - self._heard_s > limit * WATCHDOG_UNIT_S:
+        if on and limit > 0 and now_s - self.heard_s > limit * WATCHDOG_UNIT_S:
             self.memory.put(BUS_WATCHDOG, -1)
             self.memory.put(GOAL_CURRENT, 0)
             self._exert()

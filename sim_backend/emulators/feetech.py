@@ -1,20 +1,19 @@
 """Feetech servos of the STS series on a pseudo terminal, with the simulated arm behind them.
 
 Written from Feetech's protocol manual and memory table of the SMS/STS series and the data sheet of STS3215;
-it shares no code with the driver. How the duty cycle follows from the position error is Rhoban's measurement
-(BAM). Goal speeds are understood as "any" or "stop" only. What its D coefficient does is not known, and left
-out. Values below address 40 outlive a restart if they were written while the lock was 0.
+it shares no code with the driver but its settings. How the duty cycle follows from the position error is
+Rhoban's measurement (BAM). Goal speeds are understood as "any" or "stop" only. What its D coefficient does is
+not known, and left out. Values below address 40 outlive a restart if they were written while the lock was 0.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from math import isfinite, pi
-from typing import Any, ClassVar
+from typing import Any
 
-from palpate.robot_io.files.file_model import FileModel
+from palpate.robot_io.drivers.feetech.tables import FeetechServo, FeetechSettings
 from palpate.sim_backend.emulators.faults import Faults
 from palpate.sim_backend.emulators.hardware import EmulatedWire, Plant, Shaft
 from palpate.sim_backend.emulators.servo_wire import (
-    EmulatedMounting,
     InstructionParser,
     LineServo,
     ServoInstruction,
@@ -106,14 +105,6 @@ _TABLE = (
 _READ_ONLY = {0, 1, 3, 4, *range(56, 71)}
 
 
-class FeetechMounting(EmulatedMounting):
-    """One servo as it is bolted to the arm."""
-
-    emulated: ClassVar[Collection[str]] = MODELS
-
-    homing_offset: int | None = None  # what its calibration has written into it
-
-
 class EmulatedSts(LineServo):
     """A servo that turns one joint of a plant, or only holds its position.
 
@@ -124,7 +115,7 @@ class EmulatedSts(LineServo):
         duty_per_rad: duty cycle for a position error and a P coefficient of 1 [1/rad].
     """
 
-    def __init__(self, mounting: FeetechMounting, shaft: Shaft | None, now_s: float) -> None:
+    def __init__(self, mounting: FeetechServo, shaft: Shaft | None, now_s: float) -> None:
         super().__init__(mounting, shaft, now_s)
         self._voltage_v, self.stall_nm, self.no_load_rad_s = MODELS[mounting.model]
         self.duty_per_rad = 0.166
@@ -277,7 +268,7 @@ class EmulatedFeetechLine(ServoWire[EmulatedSts]):
 
     def __init__(
         self,
-        mountings: Sequence[FeetechMounting],
+        mountings: Sequence[FeetechServo],
         plant: Plant,
         faults: Faults | None = None,
         *,
@@ -285,7 +276,7 @@ class EmulatedFeetechLine(ServoWire[EmulatedSts]):
         baud_rate: int | None = 1_000_000,
         start_s: float = 0.0,
     ) -> None:
-        holding = [(FeetechMounting(id=servo_id, model=mountings[0].model), None) for servo_id in hold]
+        holding = [(FeetechServo(id=servo_id, model=mountings[0].model), None) for servo_id in hold]
         placed = (*place_on_shafts(mountings, plant), *holding)
         servos = [EmulatedSts(mounting, shaft, start_s) for mounting, shaft in placed]
         super().__init__(servos, FeetechParser(), faults, baud_rate, start_s)
@@ -319,19 +310,13 @@ class EmulatedFeetechLine(ServoWire[EmulatedSts]):
                     servo.write(address, parameters[start + 1 : start + 1 + size])
 
 
-class _FeetechSettings(FileModel, extra="ignore"):
-    servos: tuple[FeetechMounting, ...]
-    hold: tuple[int, ...] = ()
-    baud_rate: int = 1_000_000
-
-
 class FeetechWires(WireMaker):
     """Servos configured as in the robot file, on a pseudo terminal."""
 
     name = "feetech_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
-        settings = request.settings_as(_FeetechSettings)
+        settings = request.settings_as(FeetechSettings)
         line = EmulatedFeetechLine(
             settings.servos,
             request.plant,

@@ -41,7 +41,8 @@ class Plant:
         self.world.held = True
         self._torque_nm = [0.0] * self.world.joint_count
         self._rest_nm = [_REST_SHARE * limit for limit in robot_file.limits.torque_nm]
-        self._joints = [JointState(angle, 0.0, 0.0) for angle in robot_file.home_rad]
+        # Newest sample of each joint.
+        self.joints = [JointState(angle, 0.0, 0.0) for angle in robot_file.home_rad]
         # Newest force, positive in compression [N], with its status; None before the first.
         self.force: tuple[float, Status] | None = None
 
@@ -70,23 +71,12 @@ class Plant:
         motion, torque = world.encoder.read(time_s), world.torque_sensor.read(time_s)
         if motion and torque and not motion.status == torque.status == Status.STALE:
             n = world.joint_count
-            self._joints = [
+            self.joints = [
                 JointState(motion.value[i], motion.value[n + i], torque.value[i]) for i in range(n)
             ]
         force = world.force_sensor.read(time_s)
         if force is not None:
             self.force = (force.value[0], force.status)
-
-    def joint(self, joint: int) -> JointState:
-        """Return the newest sample of a joint.
-
-        Args:
-            joint: index of the joint, from 0.
-
-        Returns:
-            Its position, velocity and torque.
-        """
-        return self._joints[joint]
 
     def close(self) -> None:
         """Close the world. Can be called repeatedly."""
@@ -125,7 +115,7 @@ class Shaft:
 
     def state(self) -> JointState:
         """Return the newest sample; both motors share the error of the torque reading."""
-        state = self._plant.joint(self._joint)
+        state = self._plant.joints[self._joint]
         if self.beside:
             off_nm = 0.5 * (state.torque_nm - self._total_torque_nm)
             state = state._replace(torque_nm=self.torque_nm + off_nm)

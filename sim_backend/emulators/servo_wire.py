@@ -5,15 +5,13 @@ import os
 import pty
 import tty
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import inf, isfinite, pi
+from math import inf, isfinite
 from operator import attrgetter
-from typing import Annotated, ClassVar, Generic, NamedTuple, Self, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
-from pydantic import Field, field_validator, model_validator
-
-from palpate.robot_io.files.file_model import FileModel, Number
+from palpate.robot_io.drivers.servo.joints import ServoMounting
 from palpate.sim_backend.emulators.faults import Fault, FaultKind, Faults
 from palpate.sim_backend.emulators.hardware import EmulatedWire, JointState, Plant, Shaft, baud_rate_matches
 
@@ -23,33 +21,7 @@ _SLIP_RAD = 0.1  # slip angle of a horn
 _HELD = JointState(0.0, 0.0, 0.0)  # state of a servo that turns nothing
 
 
-class EmulatedMounting(FileModel, extra="ignore"):
-    """One servo as mounted on the arm, which may differ from the robot file."""
-
-    emulated: ClassVar[Collection[str]]  # models
-
-    id: Annotated[int, Field(ge=0, le=252)]  # its id
-    model: str  # by its maker's name
-    reversed: bool = False  # whether a positive count turns the joint backwards
-    zero_rad: Number = pi  # joint angle where the servo shows position 0, whole turns aside [rad]
-    second: Self | None = None  # the other servo of a joint with two; default: the same model
-
-    @model_validator(mode="before")
-    @classmethod
-    def _fill_second_servo(cls, data: object) -> object:
-        if isinstance(data, dict) and isinstance(data.get("second"), dict):
-            return data | {"second": {"model": data.get("model")} | data["second"]}
-        return data
-
-    @field_validator("model")
-    @classmethod
-    def _check_model(cls, name: str) -> str:
-        if name not in cls.emulated:
-            raise ValueError(f"no such model is emulated. Valid: {', '.join(cls.emulated)}")
-        return name
-
-
-MountingType = TypeVar("MountingType", bound=EmulatedMounting)
+MountingType = TypeVar("MountingType", bound=ServoMounting)
 
 
 def place_on_shafts(mountings: Sequence[MountingType], plant: Plant) -> list[tuple[MountingType, Shaft]]:
@@ -79,12 +51,13 @@ class LineServo(ABC):
     Attributes:
         stuck: whether its position sensor has frozen.
         deaf: whether it heeds no goals.
+        heard_s: time of the last instruction on the line, to any servo; it feeds the watchdog [s].
     """
 
-    def __init__(self, mounting: EmulatedMounting, shaft: Shaft | None, now_s: float) -> None:
+    def __init__(self, mounting: ServoMounting, shaft: Shaft | None, now_s: float) -> None:
         self.id, self.shaft = mounting.id, shaft
         self._zero_rad, self._direction = mounting.zero_rad, -1 if mounting.reversed else 1
-        self.awake_s = self._heard_s = now_s
+        self.awake_s = self.heard_s = now_s
         self.stuck = self.deaf = False
         self._frozen: JointState | None = None
 
@@ -103,14 +76,6 @@ class LineServo(ABC):
         speed_rad_s = 0.0 if self.stuck else seen.velocity_rad_s
         angle_rad = self._direction * (seen.position_rad - self._zero_rad)
         return JointState(angle_rad, self._direction * speed_rad_s, state.torque_nm)
-
-    def receive(self, now_s: float) -> None:
-        """Receive any instruction on the line, which feeds the watchdog.
-
-        Args:
-            now_s: emulator's clock [s].
-        """
-        self._heard_s = now_s
 
     @property
     @abstractmethod
@@ -274,7 +239,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         for instruction in self._receiver.take(data):
             awake = {servo_id: servo for servo_id, servo in self.servos.items() if now_s >= servo.awake_s}
             for servo in awake.values():
-                servo.receive(now_s)
+                servo.heard_s = now_s
             self._free_s = now_s + self._byte_s * instruction.wire_bytes
             if instruction.target in awake:
                 if answer := self._execute(instruction, awake[instruction.target], now_s):

@@ -54,7 +54,7 @@ def test_axis_messages_match_the_dbc_file(plant, firmware):
         )
     assert told["Heartbeat"]["Axis_State"] == 1
     assert told["Heartbeat"]["Axis_Error"] == 0
-    home_rad = plant.joint(0).position_rad
+    home_rad = plant.joints[0].position_rad
     assert told["Encoder_Estimates"]["Pos_Estimate"] == pytest.approx(
         -9 * (home_rad - 0.1) / 6.283185307, abs=1e-4
     )
@@ -99,7 +99,7 @@ def test_only_0_6_answers_get_version_and_a_motor_each_frame_with_its_state(plan
     (answer,) = motor.receive(frame(3, b"\xff" * 7 + b"\xfc"), 0.01)
     number, position, velocity, torque, _, error = bitstruct.unpack("u8u16u12u12u8u8", bytes(answer.data))
     assert (answer.arbitration_id, number, error) == (0, 3, 0)
-    assert -12.5 + 25 * position / 65535 == pytest.approx(plant.joint(0).position_rad, abs=4e-4)
+    assert -12.5 + 25 * position / 65535 == pytest.approx(plant.joints[0].position_rad, abs=4e-4)
     assert -50 + 100 * velocity / 4095 == pytest.approx(0.0, abs=0.03)
     assert -25 + 50 * torque / 4095 == pytest.approx(0.0, abs=0.05)
     assert motor.receive(frame(4, b"\xff" * 8), 0.01) == []
@@ -118,7 +118,7 @@ def test_enabled_motor_exerts_its_feedforward_torque_and_gains(plant):
     spring = bitstruct.pack("u16u12u12u12u12", 32768, 2048, 82, 0, 2048)  # 10 N m/rad towards zero
     motor.receive(frame(3, spring), 0.011)
     assert plant.world.truth().drive_torque_nm[0] == pytest.approx(
-        -10.0 * plant.joint(0).position_rad, rel=0.02
+        -10.0 * plant.joints[0].position_rad, rel=0.02
     )
     motor.send_unrequested(0.12)
     assert not plant.world.truth().drive_torque_nm.any()

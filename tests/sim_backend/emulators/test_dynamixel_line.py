@@ -24,11 +24,8 @@ class Joints:
     """A plant of joints that stand where they are put."""
 
     def __init__(self, *angles_rad):
-        self.states = [JointState(angle, 0.0, 0.0) for angle in angles_rad]
+        self.joints = [JointState(angle, 0.0, 0.0) for angle in angles_rad]
         self.torque_nm = [0.0] * len(angles_rad)
-
-    def joint(self, joint):
-        return self.states[joint]
 
     def set_torque(self, joint, torque_nm):
         self.torque_nm[joint] = torque_nm
@@ -195,10 +192,10 @@ def test_reading_others_feeds_the_watchdog_too(client):
 
 
 def test_position_after_power_up_is_within_one_turn(client):
-    client.plant.states[0] = JointState(pi + 3 * 2 * pi + 0.1, 0.0, 0.0)
+    client.plant.joints[0] = JointState(pi + 3 * 2 * pi + 0.1, 0.0, 0.0)
     _, data = client.read(1, 132, 4)
     assert int.from_bytes(data, "little", signed=True) == round(0.1 * 4096 / (2 * pi))
-    client.plant.states[0] = JointState(pi + 3 * 2 * pi - 0.1, 0.0, 0.0)
+    client.plant.joints[0] = JointState(pi + 3 * 2 * pi - 0.1, 0.0, 0.0)
     _, data = client.read(1, 132, 4)
     assert int.from_bytes(data, "little", signed=True) == -round(0.1 * 4096 / (2 * pi))
 
