@@ -20,7 +20,6 @@ import struct
 import termios
 import threading
 from contextlib import suppress
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -35,49 +34,6 @@ from palpate.robot_io.types import FloatArray
 _MOST_BYTES = 65_536  # in one reading
 
 
-class RecordFile:
-    """An open device file, such as /dev/input/js0.
-
-    Args:
-        path: path of the file.
-        size: size of a record [bytes].
-
-    Raises:
-        DeviceError: it cannot be opened.
-    """
-
-    def __init__(self, path: str | Path, size: int) -> None:
-        self.path, self._size = path, size
-        self._unfinished = b""
-        try:
-            self.file = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
-        except OSError as error:
-            raise DeviceError(f"{path}: cannot be opened ({error.strerror})") from error
-
-    def read(self) -> list[bytes]:
-        """Return all records received since the last call.
-
-        Raises:
-            DeviceError: the device has disappeared.
-        """
-        try:
-            received = os.read(self.file, _MOST_BYTES)
-        except BlockingIOError:
-            return []
-        except OSError as error:
-            raise DeviceError(f"{self.path}: the device has disappeared ({error.strerror})") from error
-        if not received:
-            raise DeviceError(f"{self.path}: the device has disappeared (end of file)")
-        received = self._unfinished + received
-        end = len(received) - len(received) % self._size
-        self._unfinished = received[end:]
-        return [received[start : start + self._size] for start in range(0, end, self._size)]
-
-    def close(self) -> None:
-        """Close it."""
-        os.close(self.file)
-
-
 class RecordSettings(HandSettings):
     """Initial position of the hand."""
 
@@ -85,24 +41,40 @@ class RecordSettings(HandSettings):
 
 
 class RecordHand(ModeledHand):
-    """A modeled hand whose goal is moved by a device file."""
+    """A modeled hand whose goal is moved by the records of a device file, such as /dev/input/js0."""
 
     settings: RecordSettings
-    _file: RecordFile | None = None
+    _file = -1  # file descriptor
 
-    def _open_file(self, path: str, size: int) -> RecordFile:
+    def _open_file(self, path: str, size: int) -> None:
+        """Open a device file with records of `size` bytes; raise `DeviceError` if it cannot be opened."""
         self._goal_m, self._select = np.array(self.settings.start_world_m), False
-        self._file = RecordFile(path, size)
-        return self._file
+        self._path, self._size, self._unfinished = path, size, b""
+        try:
+            self._file = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
+        except OSError as error:
+            raise DeviceError(f"{path}: cannot be opened ({error.strerror})") from error
 
     def _records(self) -> list[bytes]:
-        return self._file.read() if self._file else []
+        """Return all records received since the last call; raise `DeviceError` if the device is gone."""
+        try:
+            received = os.read(self._file, _MOST_BYTES)
+        except BlockingIOError:
+            return []
+        except OSError as error:
+            raise DeviceError(f"{self._path}: the device has disappeared ({error.strerror})") from error
+        if not received:
+            raise DeviceError(f"{self._path}: the device has disappeared (end of file)")
+        received = self._unfinished + received
+        end = len(received) - len(received) % self._size
+        self._unfinished = received[end:]
+        return [received[start : start + self._size] for start in range(0, end, self._size)]
 
     def _release(self) -> None:
         super()._release()
-        if self._file is not None:
-            self._file.close()
-            self._file = None
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
 
 
 # Direction of each key, world axes.
@@ -127,13 +99,13 @@ class Keyboard(RecordHand):
     settings: KeyboardSettings
 
     def _open(self) -> None:
-        file = self._open_file(self.settings.terminal, 1).file
+        self._open_file(self.settings.terminal, 1)
         try:
-            self._before = termios.tcgetattr(file)
-            modes = termios.tcgetattr(file)
+            self._before = termios.tcgetattr(self._file)
+            modes = termios.tcgetattr(self._file)
             modes[3] &= ~(termios.ICANON | termios.ECHO)  # Ctrl-C stays a signal
             modes[6][termios.VMIN], modes[6][termios.VTIME] = 1, 0
-            termios.tcsetattr(file, termios.TCSANOW, modes)
+            termios.tcsetattr(self._file, termios.TCSANOW, modes)
         except termios.error as error:
             super()._release()
             raise DeviceError(f"{self.settings.terminal}: is not a terminal") from error
@@ -145,9 +117,9 @@ class Keyboard(RecordHand):
         return self._goal_m, np.zeros(3), self._select
 
     def _release(self) -> None:
-        if self._file is not None:
+        if self._file >= 0:
             with suppress(termios.error):  # the terminal is gone
-                termios.tcsetattr(self._file.file, termios.TCSANOW, self._before)
+                termios.tcsetattr(self._file, termios.TCSANOW, self._before)
         super()._release()
 
 
@@ -252,11 +224,7 @@ class TouchSettings(FileModel):
 
     device: str | None = None  # name in the vendor's setup program; None for the default device
     library: str = "libHD.so"  # file of OpenHaptics
-    origin_world_m: tuple[Number, Number, Number] = (
-        0.4,
-        0.0,
-        0.15,
-    )  # world position of the device's origin [m]
+    origin_world_m: tuple[Number, Number, Number] = (0.4, 0.0, 0.15)  # place of the device's origin [m]
     scale: Positive = 1.0  # world meters for each meter of the stylus
     watchdog_s: Positive = 0.02  # time without a new force after which none is rendered [s]
     oldest_s: Positive = 0.1  # longest time without a sample, after which the device has disappeared [s]

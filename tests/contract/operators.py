@@ -117,7 +117,7 @@ class KeyboardSetup(OperatorSetup):
 
     def type(self, keys):
         os.write(self.master, keys)
-        select.select([self.device._file.file], [], [], 60.0)  # until they are through the kernel
+        select.select([self.device._file], [], [], 60.0)  # until they are through the kernel
         self.wait(0.02)
 
     def move(self):
