@@ -33,8 +33,6 @@ class ObjectResponse:
         Returns:
             Force on the tip along the surface normal [N].
         """
-        if not self._memories:
-            return law.force_n(state.depth_m, state.rate_m_s) if by_engine_n is None else by_engine_n
         answer_n: Callable[[ContactState], float] = partial(self._object_n, law, by_engine_n)
         for tool in self._tools:
             answer_n = partial(tool.contact_force_n, surface_n=answer_n)
@@ -138,7 +136,7 @@ class TipContact:
         self._engine = engine
         self._object = target
         self._step_s = step_s
-        self._response = ObjectResponse(effects)
+        self._response = ObjectResponse(effects) if effects.contact or effects.tool else None
         self._last_speed_m_s: float | None = None
 
     def update(self, time_s: float) -> None:
@@ -153,8 +151,13 @@ class TipContact:
         self.rate_m_s = speed if last_speed is None else 1.5 * speed - 0.5 * last_speed
         self.depth_m = self._object.surface_height_m - self.tip_position_m[2]
         by_engine_n = self._engine.surface_force_n() if self._object.is_engine_contact else None
-        state = ContactState(time_s, self._step_s, self.depth_m, self.rate_m_s)
-        self.force_n = self._response.force_n(self._object.law, state, by_engine_n)
+        if self._response is not None:
+            state = ContactState(time_s, self._step_s, self.depth_m, self.rate_m_s)
+            self.force_n = self._response.force_n(self._object.law, state, by_engine_n)
+        elif by_engine_n is None:
+            self.force_n = self._object.law.force_n(self.depth_m, self.rate_m_s)
+        else:
+            self.force_n = by_engine_n
         self.push_n = self.force_n - (by_engine_n or 0.0)
 
     def restart(self) -> None:

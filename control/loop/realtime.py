@@ -59,7 +59,11 @@ def realtime(priority: int = 80) -> Iterator[RealtimeReport]:
             _locked_memory,
         ),
         ("awake processor", "it may fall into a deep sleep that takes 100 us to leave", _awake_processor),
-        ("frozen garbage", "a full garbage collection may delay a tick", _frozen_garbage),
+        (
+            "frozen garbage",
+            "a full garbage collection may delay a tick",
+            lambda: frozen_garbage(collect=True),
+        ),
     )
     granted, refused = [], []
     with ExitStack() as stack:
@@ -128,12 +132,17 @@ def _awake_processor() -> Iterator[None]:
 
 
 @contextmanager
-def _frozen_garbage() -> Iterator[None]:
-    """Collect garbage once, then exclude all existing objects from later collections, to keep these short."""
+def frozen_garbage(*, collect: bool) -> Iterator[None]:
+    """Exclude all existing objects from garbage collections in the context, to keep these short.
+
+    Args:
+        collect: whether to collect garbage before, which takes up to 0.1 s.
+    """
     if gc.get_freeze_count():  # an existing freeze is kept
         yield
         return
-    gc.collect()
+    if collect:
+        gc.collect()
     gc.freeze()
     try:
         yield

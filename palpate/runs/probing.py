@@ -11,6 +11,7 @@ from palpate.common.console import count
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.laws.gains import gains_of
 from palpate.control.loop.loop import run_loop
+from palpate.control.loop.realtime import frozen_garbage
 from palpate.control.loop.result import LoopResult
 from palpate.control.loop.task import NO_RUN, Phase, TaskOutput
 from palpate.control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, Estimates, tick_stream
@@ -313,7 +314,7 @@ def probe_in_memory(robot_file: RobotFile, scenario: Scenario, plan: ProbingPlan
     for bus in robot.buses.values():
         if isinstance(bus, SimulatedBus):
             bus.use_scenario(scenario)
-    with robot:
+    with robot, frozen_garbage(collect=False):
         run_loop(robot, guard, task, clock, log, rate_hz=robot_file.control_rate_hz).raise_for_trip()
     if task.failures:
         raise PalpateError(f"while probing: {task.failures[0]}")

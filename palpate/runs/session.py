@@ -2,7 +2,7 @@
 
 import secrets
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import KW_ONLY, dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -13,7 +13,7 @@ from palpate.common.console import as_shell_word
 from palpate.control.arm.dh import check_dh_table
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.loop.loop import run_loop
-from palpate.control.loop.realtime import realtime
+from palpate.control.loop.realtime import frozen_garbage, realtime
 from palpate.control.loop.result import LoopResult, Outcome
 from palpate.control.loop.task import Task
 from palpate.control.loop.tick_record import Observer, tick_stream
@@ -117,7 +117,7 @@ class ArmSession:
         """
         robot, guard, stop = self.robot, self.guard(limits), self.unlogged
         rate_hz = self.job.robot_file.control_rate_hz
-        with realtime() if self.world is None else nullcontext():
+        with realtime() if self.world is None else frozen_garbage(collect=False):
             result = run_loop(
                 robot, guard, task, self.clock, self.log, rate_hz=rate_hz, observer=observer, stop=stop
             )

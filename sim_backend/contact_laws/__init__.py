@@ -34,7 +34,9 @@ class ObjectLaw(FileModel, ABC):
             depth_m: of the tip below the undeformed surface [m]; zero or less is no contact.
             rate_m_s: of the depth, positive while pressing in [m/s].
         """
-        force_n = self.material_force_n(depth_m, rate_m_s) if depth_m > 0.0 else 0.0
+        if not depth_m > 0.0:
+            return 0.0
+        force_n = self.material_force_n(depth_m, rate_m_s)
         return force_n if force_n > 0.0 or self.can_pull else 0.0
 
     @property
