@@ -86,11 +86,11 @@ class FeetechBus(ServoBus[FeetechFeedback]):
 
     def _counts(self, feedback: FeetechFeedback) -> Sequence[Sequence[float]]:
         """See `ServoBus._counts`; the duty cycle includes what the speed takes, which is no torque."""
-        count = len(self._ids)  # servos that hold come last
-        speeds = feedback.speed[:count]
-        servos = zip(feedback.load[:count], speeds, self._drag_loads, feedback.torque_on[:count], strict=True)
-        torques = [(load - speed * drag) * torque_on for load, speed, drag, torque_on in servos]
-        return feedback.position[:count], speeds, torques
+        # Servos that hold come last, and have no drag.
+        servos = zip(self._drag_loads, feedback.load, feedback.speed, feedback.torque_on, strict=False)
+        torques = [(load - speed * drag) * torque_on for drag, load, speed, torque_on in servos]
+        count = len(torques)
+        return feedback.position[:count], feedback.speed[:count], torques
 
     def _is_healthy(self, feedback: FeetechFeedback) -> bool:
         return (
@@ -125,9 +125,12 @@ class FeetechBus(ServoBus[FeetechFeedback]):
             drag_nms_rad, stall_nm, torque_per_count_nm, step_rad = law
             expected_count = (angle_rad + ahead_s * speed_rad_s - zero_rad) / step_rad
             drag_nm = drag_nms_rad * speed_rad_s
-            motor_nm = clip(wanted_nm + drag_nm, -stall_nm, stall_nm)
+            motor_nm = wanted_nm + drag_nm
+            if not -stall_nm <= motor_nm <= stall_nm:
+                motor_nm = clip(motor_nm, -stall_nm, stall_nm)
             goal = round(expected_count + motor_nm / torque_per_count_nm)
-            goal = 0 if goal < 0 else min(goal, highest)
+            if not 0 <= goal <= highest:
+                goal = 0 if goal < 0 else highest
             counts.append(goal)
             sent_nm.append((goal - expected_count) * torque_per_count_nm - drag_nm)
         self._plausibility.sent(counts)

@@ -152,8 +152,8 @@ class _WholeAnswer:
     """
 
     def __init__(self, size: int, settings: Mapping[int, Settings]) -> None:
-        self._width, padding = protocol.AROUND + size, size - FEEDBACK_SIZE
-        self._starts = range(0, self._width * len(settings), self._width)
+        padding = size - FEEDBACK_SIZE
+        self._packets = struct.Struct(f"{protocol.AROUND + size}s" * len(settings))
         # Known bits: header, id and length; acceleration; goal's time and speed with the torque limit; lock;
         # the sign of the position. Then the values: the fields of `FeetechFeedback`.
         known = struct.Struct(f"<4s{2 + padding}xB2x6s5xBH9x")
@@ -182,13 +182,11 @@ class _WholeAnswer:
             Feedback; None if the bytes are not just the answers of all servos, undamaged, with the settings
             that were sent, and with positive positions.
         """
-        width = self._width
-        if len(data) != width * len(self._starts):
+        if len(data) != self._packets.size:
             return None
         if int.from_bytes(data, "little") & self._mask != self._expected:
             return None
-        sums = [protocol.byte_sum(data[start : start + width]) & 0xFF for start in self._starts]
-        if sums.count(protocol.WHOLE_SUM) < len(sums):
+        if not protocol.are_intact(self._packets.unpack(data)):
             return None
         return _make_feedback(zip(*self._values.iter_unpack(data), strict=True))
 

@@ -6,7 +6,9 @@ place of the instruction, so that the echo of an instruction looks like an answe
 little-endian. Source: Feetech, "Magnetic encoder smart servo communication protocol" (SMS/STS series).
 """
 
+from collections.abc import Iterable
 from functools import lru_cache
+from itertools import repeat
 from typing import Final
 from zlib import adler32
 
@@ -46,6 +48,18 @@ def byte_sum(data: bytes, start: int = 0) -> int:
         start: Sum of earlier bytes, of the 256.
     """
     return adler32(data, start) & 0xFFFF
+
+
+def are_intact(packets: Iterable[bytes]) -> bool:
+    """Check the checksums of packets of at most 256 bytes.
+
+    Args:
+        packets: Whole packets and nothing else.
+
+    Returns:
+        Whether all are right.
+    """
+    return {total & 0xFF for total in map(adler32, packets, repeat(0))} == {WHOLE_SUM}
 
 
 def error_names(value: int) -> str:

@@ -369,7 +369,9 @@ class ServoJoints:
         Returns:
             Positions [rad], velocities [rad/s] and torques [N m] along the joint axes, shape (3, m).
         """
-        motion: FloatArray = np.array(counts, dtype=np.float64) * self.steps + self._offsets
+        motion: FloatArray = np.array(counts, dtype=np.float64)
+        motion *= self.steps
+        motion += self._offsets
         return motion
 
 
