@@ -62,9 +62,20 @@ def test_options_accept_the_words_of_columns(tmp_path):
         import_file(path, ImportOptions(columns={"nonsense": "b"}))
 
 
-def test_known_word_asks_for_its_unit_alone(tmp_path):
-    path = write(tmp_path, ["时间,位移,力"])
-    with pytest.raises(InputError, match="--unit displacement=mm --unit force=N"):
+SPACED = [row.replace(",", " ") for row in ROWS]
+
+
+@pytest.mark.parametrize(
+    ("head", "rows", "advice"),
+    [
+        ("时间,位移,力", ROWS, "--unit displacement=mm --unit force=N"),  # known words: the units alone
+        ("# results of the first day of tests", SPACED, "the file names none"),
+        ("# kept for the record by all", SPACED, "the file names none"),
+    ],
+)
+def test_advice_completes_known_words_and_ignores_sentences(tmp_path, head, rows, advice):
+    path = write(tmp_path, [head], rows)
+    with pytest.raises(InputError, match=advice):
         import_file(path)
     check_press(by_the_advice(path))
 
@@ -98,14 +109,6 @@ def test_column_names_are_found_despite_remarks(tmp_path):
     head += [f"# settings.segment.{number}.value: {number}" for number in range(300)]
     rows = [f"{x:.9f} {f:.6f}" for x, f in zip(WAY_M, FORCE_N, strict=True)]
     check_press(import_file(write(tmp_path, head, rows)))
-
-
-@pytest.mark.parametrize("sentence", ["# results of the first day of tests", "# kept for the record by all"])
-def test_sentence_above_numbers_names_no_columns(tmp_path, sentence):
-    path = write(tmp_path, [sentence], [row.replace(",", " ") for row in ROWS])
-    with pytest.raises(InputError, match="the file names none"):
-        import_file(path)
-    check_press(by_the_advice(path))
 
 
 def test_without_names_the_smoother_column_is_advised_as_displacement(tmp_path):

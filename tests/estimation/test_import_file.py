@@ -415,11 +415,21 @@ def test_displacement_unit_may_be_given_by_either_name(contact):
         np.testing.assert_allclose(channel.position, 0.001 * depth)
 
 
-@pytest.mark.parametrize("mark", ["", "-", "nan", "#N/A", " n/a "])
-def test_rows_without_a_value_are_left_out_and_counted(contact, mark):
-    imported = import_file(contact(force_N=forces(at_16=mark, at_30=mark)))
-    np.testing.assert_array_equal(imported.channels[0].effort, np.delete(F, [16, 30]))
-    assert "2 of 50 rows left out: no value in 'force_N', the first in line 18" in imported.notes
+@pytest.mark.parametrize(
+    ("changed", "omitted", "reason"),
+    [
+        *(
+            ({"force_N": forces(at_16=mark, at_30=mark)}, [16, 30], "no value in 'force_N'")
+            for mark in ("", "-", "nan", "#N/A", " n/a ")
+        ),
+        ({"time_s": np.where(np.arange(50) == 20, T[19], T)}, [20], "they repeat the previous time"),
+    ],
+)
+def test_rows_without_a_value_or_a_new_time_are_left_out_and_counted(contact, changed, omitted, reason):
+    imported = import_file(contact(**changed))
+    np.testing.assert_array_equal(imported.channels[0].effort, np.delete(F, omitted))
+    note = f"{len(omitted)} of 50 rows left out: {reason}, the first in line {omitted[0] + 2}"
+    assert note in imported.notes
 
 
 def swung(sign, friction=0.3, early=0, inertia=0.02):
@@ -466,12 +476,6 @@ def test_joint_with_a_clear_sign_decides_for_the_others(tmp_path):
     kept = import_file(file, ImportOptions(units={"torque": "1Nm"}))
     for channel, joint in zip(kept.channels, (first, second), strict=True):
         np.testing.assert_allclose(channel.effort, joint["torque_Nm"])
-
-
-def test_rows_that_repeat_a_time_are_left_out_and_counted(contact):
-    imported = import_file(contact(time_s=np.where(np.arange(50) == 20, T[19], T)))
-    np.testing.assert_array_equal(imported.channels[0].effort, np.delete(F, 20))
-    assert "1 of 50 rows left out: they repeat the previous time, the first in line 22" in imported.notes
 
 
 def test_rows_that_a_logger_wrote_twice_are_left_out_and_counted(contact):

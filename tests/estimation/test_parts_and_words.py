@@ -100,17 +100,17 @@ def test_a_second_clock_without_a_name_is_not_suggested_as_a_motion(tmp_path):
     assert "--column force='column 4'" in message
 
 
-def test_a_position_and_a_load_without_units_may_be_a_joint(tmp_path):
-    table = "time,position,load\n" + lines(TIME_S, np.sin(TIME_S), np.cos(TIME_S))
-    message = refusal(saved(tmp_path / "servo.csv", table))
-    assert "--column torque=load --unit position=rad --unit torque=Nm" in message
-
-
-def test_each_quantity_is_given_one_unit(tmp_path):
-    small, large = np.sin(TIME_S), 90.0 * np.sin(TIME_S)
-    header = "time,q1,q2,tau1,tau2\n"
-    message = refusal(saved(tmp_path / "joints.csv", header + lines(TIME_S, small, large, small, small)))
-    assert message.endswith("--unit position=deg --unit torque=Nm")
+@pytest.mark.parametrize(
+    ("names", "sizes", "said"),
+    [
+        ("position,load", (1.0, 1.0), "--column torque=load --unit position=rad --unit torque=Nm"),
+        ("q1,q2,tau1,tau2", (1.0, 90.0, 1.0, 1.0), "--unit position=deg --unit torque=Nm"),  # one for both
+        ("shoulderPosRaw,elbowTorqueRaw", (1.0, 1.0), "no channel can be made"),  # of different joints
+    ],
+)
+def test_columns_without_units_may_be_joints(tmp_path, names, sizes, said):
+    table = f"time,{names}\n" + lines(TIME_S, *(size * np.sin(TIME_S) for size in sizes))
+    assert said in refusal(saved(tmp_path / "joints.csv", table))
 
 
 def test_structs_in_cells_are_runs(tmp_path):
@@ -182,11 +182,6 @@ def test_an_archive_without_a_table_is_refused_with_the_fault(tmp_path):
         read_table(archive(tmp_path / "words.zip", {"words.txt": "only words\nhere\n"}))
     with pytest.raises(InputError, match="holds no data file"):
         read_table(archive(tmp_path / "empty.zip", {"photo.jpg": "x"}))
-
-
-def test_words_of_different_joints_are_no_joint(tmp_path):
-    table = "t,shoulderPosRaw,elbowTorqueRaw\n" + lines(TIME_S, np.sin(TIME_S), np.cos(TIME_S))
-    assert "no channel can be made" in refusal(saved(tmp_path / "arm.csv", table))
 
 
 _ODS_HEAD = (

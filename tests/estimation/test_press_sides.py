@@ -184,19 +184,15 @@ def test_ambiguous_position_is_asked_about():
         imported(options, time_s=PRESS_T, run=PRESS_RUN, force_N=weight, position=PRESS_X)
 
 
-@pytest.mark.parametrize("zero", [-0.3, 0.0, 0.3])
-def test_push_towards_smaller_readings_is_turned_for_any_zero(zero):
+@pytest.mark.parametrize(
+    ("zero", "direction"), [(-0.3, -1.0), (0.0, -1.0), (0.3, -1.0), (-0.3, 1.0), (0.3, 1.0)]
+)
+def test_direction_of_a_push_is_found_for_any_zero(zero, direction):
     """A testing machine moves down, where its reading falls, and counts compression negative."""
-    sides = press_sides(zero - PRESS_X, -PUSH)
-    assert (sides.displacement, sides.force) == (-1.0, -1.0)
+    sides = press_sides(zero + direction * PRESS_X, -PUSH)
+    assert (sides.displacement, sides.force) == (direction, -1.0)
     if zero:
-        assert sides.zero_m == pytest.approx(-zero, abs=2e-4)
-
-
-@pytest.mark.parametrize("zero", [-0.3, 0.3])
-def test_push_towards_larger_readings_keeps_its_direction_for_any_zero(zero):
-    sides = press_sides(zero + PRESS_X, -PUSH)
-    assert (sides.displacement, sides.force) == (1.0, -1.0)
+        assert sides.zero_m == pytest.approx(direction * zero, abs=2e-4)
 
 
 def test_sign_of_a_softening_force_is_oriented():

@@ -185,37 +185,33 @@ class Nameless(AdditiveEffect):
 """
 
 
-@pytest.mark.parametrize(
-    ("body", "words"),
-    [
-        ("def columns(self, data, inner): return np.ones(3)", ("odd", "shape")),
-        ("def known(self, data): return np.zeros(len(data))", ("odd", "known() takes 2 positional")),
-        ("def known(self, data, inner): return np.zeros(3)", ("odd", "known returns an array of shape (3,)")),
-        ("def columns(self, data, inner): return 1j * data.position[:, None]", ("complex128", "real number")),
-        ("def columns(self, data, inner): return 'hello'", ("odd", "real numbers")),
-        ("def columns(self, data, inner): data.position[:] = 0.0", ("odd", "read-only", "mine.py")),
-        ("def is_misnamed(self, data, parameters): return 1", ("is_misnamed() takes 3 positional",)),
-        ("def suited_to(self, data): return None", ("suited_to", "same name")),
-        (f"inner = {TIME % (0, 1)}; starts = lambda self, data: ({{}},)", ("starts returns", "t")),
-        (f"inner = {TIME % (1, 0)}", ("'t'", "ascending")),
-        ("def simpler(self, columns): raise KeyError('a')", ("odd", "KeyError")),
-        ("name = 'bias'", ("'bias' is taken", "another name")),
-        ("name = 7", ("mine.py:Odd", "its name is 7", "lower-case letters")),
-        ("name = ''", ("mine.py:Odd", "its name is ''")),
-        (r"name = '[red]x\x1b[2J'", ("mine.py:Odd", r"its name is '[red]x\x1b[2J'")),
-        ("gains = 5", ("mine.py:Odd", "its gains are 5", "tuple of Parameter")),
-        ("gains = (Parameter('a', 'N', '0', 1.0, (0.1, 1.0)),)", ("mine.py", "TypeError")),
-        ("physics = None", ("mine.py:Odd", "physics is None")),
-    ],
-)
-def test_invalid_effect_class_is_refused_in_one_line(hardening, tmp_path, body, words):
-    file = saved(tmp_path / "mine.py", f"{OWN_EFFECT}\nclass Odd(Waves):\n    name = 'odd'\n    {body}\n")
-    assert_refused(run("diagnose", hardening, "--effect", f"{file}:Odd"), *words)
+INVALID_BODIES = [
+    ("def columns(self, data, inner): return np.ones(3)", ("odd", "shape")),
+    ("def known(self, data): return np.zeros(len(data))", ("odd", "known() takes 2 positional")),
+    ("def known(self, data, inner): return np.zeros(3)", ("odd", "known returns an array of shape (3,)")),
+    ("def columns(self, data, inner): return 1j * data.position[:, None]", ("complex128", "real number")),
+    ("def columns(self, data, inner): return 'hello'", ("odd", "real numbers")),
+    ("def columns(self, data, inner): data.position[:] = 0.0", ("odd", "read-only", "mine.py")),
+    ("def is_misnamed(self, data, parameters): return 1", ("is_misnamed() takes 3 positional",)),
+    ("def suited_to(self, data): return None", ("suited_to", "same name")),
+    (f"inner = {TIME % (0, 1)}; starts = lambda self, data: ({{}},)", ("starts returns", "t")),
+    (f"inner = {TIME % (1, 0)}", ("'t'", "ascending")),
+    ("def simpler(self, columns): raise KeyError('a')", ("odd", "KeyError")),
+    ("name = 'bias'", ("'bias' is taken", "another name")),
+    ("name = 7", ("mine.py:Odd", "its name is 7", "lower-case letters")),
+    ("name = ''", ("mine.py:Odd", "its name is ''")),
+    (r"name = '[red]x\x1b[2J'", ("mine.py:Odd", r"its name is '[red]x\x1b[2J'")),
+    ("gains = 5", ("mine.py:Odd", "its gains are 5", "tuple of Parameter")),
+    ("gains = (Parameter('a', 'N', '0', 1.0, (0.1, 1.0)),)", ("mine.py", "TypeError")),
+    ("physics = None", ("mine.py:Odd", "physics is None")),
+]
+ODD = f"{OWN_EFFECT}\nclass Odd(Waves):\n    name = 'odd'\n    "
 
 
 @pytest.mark.parametrize(
     ("text", "code", "words"),
     [
+        *(("FILE:Odd", f"{ODD}{body}\n", words) for body, words in INVALID_BODIES),
         ("none.py:X", "", ("none.py", "no such file")),
         ("FILE", OWN_EFFECT, ("FILE.py:Class",)),
         ("FILE:Missing", OWN_EFFECT, ("Missing", "Waves")),
@@ -229,7 +225,7 @@ def test_invalid_effect_class_is_refused_in_one_line(hardening, tmp_path, body, 
         ),
     ],
 )
-def test_invalid_effect_file_is_refused_in_one_line(hardening, tmp_path, text, code, words):
+def test_invalid_effect_is_refused_in_one_line(hardening, tmp_path, text, code, words):
     file = saved(tmp_path / "mine.py", code)
     assert_refused(run("diagnose", hardening, "--effect", text.replace("FILE", str(file))), *words)
 

@@ -59,6 +59,7 @@ def run_in(folder: Path, program: Path, *arguments) -> subprocess.CompletedProce
         ("probe", "--out", "new.mcap", "--experiment", QUICK),
         ("doctor", "--wire", "--robot", str(ROOT / "robots" / "dynamixel_3dof.yaml")),
         ("sweep", "grid.yaml", "--workers", "1", "--out", "swept"),
+        pytest.param(("diagnose", "press.csv"), marks=pytest.mark.slow),
     ],
 )
 def test_no_planted_file_runs(planted, installed, arguments):
@@ -71,12 +72,6 @@ def test_no_planted_file_runs_in_the_leaders_haptic_process(planted, installed):
     done = run_in(planted, installed, "teleop", "leader", *port)
     assert done.returncode == 1, done.stderr  # no follower was heard
     assert "palpate teleop follower --help" in done.stderr
-
-
-@pytest.mark.slow
-def test_no_planted_file_runs_in_a_diagnosis(planted, installed):
-    done = run_in(planted, installed, "diagnose", "press.csv")
-    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.slow

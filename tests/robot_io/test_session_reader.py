@@ -151,10 +151,17 @@ def test_lost_message_of_many_records_is_counted_record_by_record(tmp_path, in_b
     assert session.dropped == 16
 
 
-def test_file_larger_than_any_session_is_refused(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("limit", "value", "said"),
+    [
+        ("reader.MAX_FILE_BYTES", 1000, "more than the limit of"),
+        ("mcap_file.MAX_DATA_BYTES", 100_000, "far more data than a session of its size"),
+    ],
+)
+def test_more_data_than_any_session_or_memory_is_refused(tmp_path, monkeypatch, limit, value, said):
     path = written(tmp_path / "s.mcap")
-    monkeypatch.setattr("palpate.robot_io.session.reader.MAX_FILE_BYTES", path.stat().st_size - 1)
-    with pytest.raises(SessionError, match="more than the limit of"):
+    monkeypatch.setattr(f"palpate.robot_io.session.{limit}", value)
+    with pytest.raises(SessionError, match=said):
         Session.open(path)
 
 
@@ -363,13 +370,6 @@ def test_irregular_file_is_refused_in_one_line(tmp_path, arguments, word):
     with pytest.raises(SessionError, match=word):
         Session.open(path)
     assert opened(path) is None
-
-
-def test_more_data_than_memory_is_refused(tmp_path, monkeypatch):
-    path = written(tmp_path / "s.mcap")
-    monkeypatch.setattr(mcap_file, "MAX_DATA_BYTES", 100_000)
-    with pytest.raises(SessionError, match="far more data than a session of its size"):
-        Session.open(path)
 
 
 def test_session_that_expands_beyond_memory_is_refused(tmp_path, monkeypatch):

@@ -438,36 +438,27 @@ def test_runs_of_one_law_disagree_by_chance_like_the_samples(drawn, no_chance, m
 
 
 @pytest.mark.parametrize(
-    ("share", "times", "told"),
-    [(0.36, 40.0, True), (0.2, 40.0, True), (0.199, 40.0, False), (0.36, 39.9, False), (None, None, False)],
+    ("air", "share", "times", "told"),
+    [
+        *((None, share, 40.0, told) for share, told in ((0.36, True), (0.2, True), (0.199, False))),
+        (None, 0.36, 39.9, False),
+        (None, None, None, False),
+        (0.99, 0.5, 100.0, True),
+        (1.0, 0.5, 100.0, False),  # as much in free air: noise
+        (2.0, 0.88, 100.0, False),
+        (2.0, 0.89, 100.0, True),  # the error is three times what is left beside it
+    ],
 )
-def test_dominant_oscillation_is_named(share, times, told, monkeypatch):
+def test_dominant_oscillation_is_named_unless_it_is_noise(air, share, times, told, monkeypatch):
     found = share and (7.0, share, times)
     monkeypatch.setattr(residual_checks, "strongest_frequency", lambda *_: found)
-    monkeypatch.setattr(residual_checks, "free_air_noise", lambda _: None)
+    monkeypatch.setattr(residual_checks, "free_air_noise", lambda _: air)
     end = fit_model(session(7), MODEL, {})
+    monkeypatch.setattr(type(end), "rmse", 1.0 + SMALL)
     swung = residual_checks._oscillation(end)
     assert (swung is not None) is told
     if told:
         assert f"7 Hz with {share**0.5 * end.rmse:.3g} N" in swung.reason
-
-
-@pytest.mark.parametrize(
-    ("air", "share", "named"),
-    [
-        (None, 0.5, True),
-        (0.99, 0.5, True),
-        (1.0, 0.5, False),
-        (2.0, 0.88, False),
-        (2.0, 0.89, True),  # the error is three times what is left beside it
-    ],
-)
-def test_oscillation_also_in_free_air_is_noise_unless_it_dominates(air, share, named, monkeypatch):
-    monkeypatch.setattr(residual_checks, "strongest_frequency", lambda *_: (50.0, share, 100.0))
-    monkeypatch.setattr(residual_checks, "free_air_noise", lambda _: air)
-    end = fit_model(session(7), MODEL, {})
-    monkeypatch.setattr(type(end), "rmse", 1.0 + SMALL)
-    assert (residual_checks._oscillation(end) is not None) is named
 
 
 @pytest.mark.parametrize(("ripple", "runs", "is_found"), [(10.0, 4, True), (0.9, 4, False), (10.0, 1, False)])

@@ -149,23 +149,15 @@ MISLED = {"": 100, "a": 50, "b": 55, "bc": 10}
         ({**MISLED, "abc": 9.9}, set(), "abc", "bc"),  # what is needless in the forms is dropped
         ({"": 100, "a": 50, "b": 60}, set(), "b", "a"),  # the forms leave more
         ({"": 100}, set(), "", ""),
+        # The best pair is tried if single effects leave more than half.
+        ({"": 100, "a": 101, "b": 99, "ab": 20}, set(), "", "ab"),  # neither effect helps without the other
+        ({"": 100, "a": 60, "b": 99, "c": 98, "bc": 20}, set(), "", "bc"),
+        ({"": 100, "a": 49, "b": 99, "c": 98, "bc": 20}, set(), "", "a"),
+        ({"": 100, "a": 101, "b": 99, "ab": 97}, set(), "", ""),
     ],
 )
-def test_forms_of_all_kinds_are_tried_where_single_effects_leave_error(left, complete, forms, found):
+def test_forms_and_pairs_are_tried_where_single_effects_leave_error(left, complete, forms, found):
     assert came_to(sought(SearchedModels(left), lambda one: came_to(one) in complete, forms=forms)) == found
-
-
-@pytest.mark.parametrize(
-    ("left", "found"),
-    [
-        ({"": 100, "a": 101, "b": 99, "ab": 20}, "ab"),  # neither effect helps without the other
-        ({"": 100, "a": 60, "b": 99, "c": 98, "bc": 20}, "bc"),
-        ({"": 100, "a": 49, "b": 99, "c": 98, "bc": 20}, "a"),  # a single effect explains more than half
-        ({"": 100, "a": 101, "b": 99, "ab": 97}, ""),
-    ],
-)
-def test_best_pair_is_tried_if_single_effects_leave_more_than_half(left, found):
-    assert came_to(sought(SearchedModels(left), lambda model: False)) == found
 
 
 @pytest.mark.parametrize(

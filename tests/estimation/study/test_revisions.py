@@ -53,48 +53,34 @@ def test_named_pipe_is_not_read(tmp_path):
         Revisions(tmp_path).all()
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"effects": ["bias"], "added": ""}, "its effects are bias"),
-        ({"effects": ["bias"], "removed": "bias"}, "its effects are bias"),
-    ],
-)
-def test_invalid_value_is_refused_with_a_reason(changes, words, tmp_path):
-    (tmp_path / "revisions").mkdir()
-    (tmp_path / "revisions" / "0001.json").write_text(
-        json.dumps(with_checksum(revision(**{"number": 1} | changes).model_dump(mode="json")))
-    )
-    with pytest.raises(InputError, match=f"0001.json: is damaged: {words}"):
-        Revisions(tmp_path).all()
-
-
 STIFFNESS = {"std_err": None, "unit": "N/m"}
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "said"),
+    ("changes", "said"),
     [
-        ("number", 7, "its number is 7"),
-        ("added", "magic", "it added 'magic'"),
-        ("number", -1, "number"),
-        ("number", 10**9, "number"),
-        ("parent", 7, "parent is 7"),
-        ("rmse", -1.0, "rmse"),
-        ("rmse", 1e300, "rmse"),
-        ("rmse", "NaN", "rmse"),
-        ("noise_floor", -1.0, "noise_floor"),
-        ("model", "spring", "no model is called 'spring'"),
-        ("effects", ["cubic_stiffness", "cubic_stiffness"], "its effects are"),
-        ("parameters", {}, r"damping\.c is missing"),
-        ("parameters", {"stiffness.k": STIFFNESS | {"value": 1e300}}, r"parameters\.stiffness\.k\.value"),
-        ("parameters", {"stiffness.k": STIFFNESS | {"value": 1.0, "std_err": -2.0}}, "std_err"),
+        ({"effects": ["bias"]}, "its effects are bias"),
+        ({"effects": ["bias"], "removed": "bias"}, "its effects are bias"),
+        ({"number": 7}, "its number is 7"),
+        ({"added": "magic"}, "it added 'magic'"),
+        ({"number": -1}, "number"),
+        ({"number": 10**9}, "number"),
+        ({"parent": 7}, "parent is 7"),
+        ({"rmse": -1.0}, "rmse"),
+        ({"rmse": 1e300}, "rmse"),
+        ({"rmse": "NaN"}, "rmse"),
+        ({"noise_floor": -1.0}, "noise_floor"),
+        ({"model": "spring"}, "no model is called 'spring'"),
+        ({"effects": ["cubic_stiffness", "cubic_stiffness"]}, "its effects are"),
+        ({"parameters": {}}, r"damping\.c is missing"),
+        ({"parameters": {"stiffness.k": STIFFNESS | {"value": 1e300}}}, r"parameters\.stiffness\.k\.value"),
+        ({"parameters": {"stiffness.k": STIFFNESS | {"value": 1.0, "std_err": -2.0}}}, "std_err"),
     ],
 )
-def test_edited_revision_with_invalid_values_is_refused(key, value, said, tmp_path):
+def test_edited_revision_with_invalid_values_is_refused(changes, said, tmp_path):
     kept = Revisions(tmp_path).save(revision)
     file = tmp_path / "revisions" / "0000.json"
-    file.write_text(json.dumps(with_checksum(kept.model_dump(mode="json") | {key: value})))
+    file.write_text(json.dumps(with_checksum(kept.model_dump(mode="json") | changes)))
     with pytest.raises(InputError, match=rf"0000\.json: is damaged: .*{said}"):
         Revisions(tmp_path).all()
 

@@ -22,25 +22,17 @@ def study():
 
 
 @pytest.mark.parametrize(
-    ("named", "others"),
+    ("named", "others", "kept"),
     [
-        ("coulomb_friction", ["presliding_friction"]),  # as many parameters, and it depends on less
-        ("presliding_friction", ["coulomb_friction"]),
-        ("bouc_wen_hysteresis", ["presliding_friction", "coulomb_friction"]),
+        ("coulomb_friction", ["presliding_friction"], []),  # as many parameters, and it depends on less
+        ("presliding_friction", ["coulomb_friction"], []),
+        ("bouc_wen_hysteresis", ["presliding_friction", "coulomb_friction"], []),
+        ("coulomb_friction", ["joint_spring"], ["joint_spring"]),  # another function
     ],
 )
-def test_simplest_nested_law_is_stated(study, named, others):
-    found = keep_simplest_rivals(study, study.channel("joint_1"), _diagnosis(named, others))
-    assert [(one.effect, one.confused_with) for one in found.accepted] == [("coulomb_friction", [])]
-
-
-def test_law_with_another_function_is_kept(study):
-    found = keep_simplest_rivals(
-        study, study.channel("joint_1"), _diagnosis("coulomb_friction", ["joint_spring"])
-    )
-    assert [(one.effect, one.confused_with) for one in found.accepted] == [
-        ("coulomb_friction", ["joint_spring"])
-    ]
+def test_simplest_nested_law_is_stated(study, named, others, kept):
+    found = keep_simplest_rivals(study, study.channel("joint_1"), _diagnosis_of((named, others)))
+    assert [(one.effect, one.confused_with) for one in found.accepted] == [("coulomb_friction", kept)]
 
 
 TWO_GROUPS = (
@@ -67,10 +59,6 @@ def test_simplest_effect_of_each_group_is_stated(study):
         ("coulomb_friction", ["asymmetric_friction"]),
         ("bias", ["asymmetric_friction"]),
     ]
-
-
-def _diagnosis(named, others):
-    return _diagnosis_of((named, others))
 
 
 def _diagnosis_of(*groups):

@@ -34,6 +34,7 @@ N = len(T)
         (["much"] * N, "holds no numbers at all; name another one with --column"),
         (T.astype("datetime64[s]"), "column 'force_N' holds clock times, expected force"),
         ([f"00:00:{t:05.2f}" for t in T], "column 'force_N' holds clock times, expected force"),
+        ([*T.tolist()[:-1], [1.0, 2.0]], "column 'force_N' holds values of type float, list"),
     ],
 )
 def test_nonnumeric_column_is_named(force, said):
@@ -70,12 +71,6 @@ def test_invalid_channels_are_refused(change, said):
 def test_held_out_runs_are_a_list_of_numbers(held_out):
     with pytest.raises(InputError, match=re.escape(f"held_out={held_out!r}: give a list of run numbers")):
         limit_length(open_source(COLUMNS), held_out)
-
-
-def test_cells_with_several_values_are_refused():
-    force = [*COLUMNS["force_N"].tolist()[:-1], [1.0, 2.0]]
-    with pytest.raises(InputError, match="column 'force_N' holds values of type float, list"):
-        open_source({**COLUMNS, "force_N": force})
 
 
 def test_masked_readings_are_left_out():

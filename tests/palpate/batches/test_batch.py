@@ -490,7 +490,7 @@ def test_scheduler_workers_give_the_same_table(specimens, out, tmp_path, dask_on
 def test_interrupted_batch_continues_to_the_same_table(tmp_path, number):
     folder = write_specimens(tmp_path / "recordings", 8)
     whole, out = tmp_path / "whole", tmp_path / "out"
-    _, errors = process(folder, whole).communicate(timeout=300)
+    process(folder, whole).communicate(timeout=300)
     running = process(folder, out)
     wait_for_results(out, 4)
     os.kill(running.pid, number)

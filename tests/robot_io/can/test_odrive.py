@@ -40,36 +40,26 @@ def test_ids_and_a_heartbeat_of_the_manual():
     assert not beat.trajectory_done
 
 
-def test_heartbeat_of_0_5_matches_the_dbc():
-    frame = by_dbc(
-        Firmware.V0_5,
-        "Heartbeat",
-        Axis_Error=0x840,
-        Axis_State=1,
-        Motor_Error_Flag=1,
-        Encoder_Error_Flag=0,
-        Controller_Error_Flag=1,
-        Trajectory_Done_Flag=1,
-    )
-    beat = odrive.decode_heartbeat(frame, Firmware.V0_5)
-    assert axis_error_names(beat.axis_error, Firmware.V0_5) == ("MOTOR_FAILED", "WATCHDOG_TIMER_EXPIRED")
-    assert beat.component_errors == ("motor", "controller")
-    assert beat.trajectory_done
-
-
-def test_heartbeat_of_0_6_matches_the_dbc():
-    frame = by_dbc(
-        Firmware.V0_6,
-        "Heartbeat",
-        Axis_Error=0x01000000,
-        Axis_State=8,
-        Procedure_Result=3,
-        Trajectory_Done_Flag=1,
-    )
-    beat = odrive.decode_heartbeat(frame, Firmware.V0_6)
-    assert axis_error_names(beat.axis_error, Firmware.V0_6) == ("WATCHDOG_TIMER_EXPIRED",)
-    assert beat.state is AxisState.CLOSED_LOOP_CONTROL
-    assert (beat.procedure_result, beat.trajectory_done, beat.component_errors) == (3, True, ())
+@pytest.mark.parametrize(
+    ("firmware", "error", "state", "more", "names", "parts", "procedure"),
+    [
+        (
+            *(Firmware.V0_5, 0x840, AxisState.IDLE),
+            {"Motor_Error_Flag": 1, "Encoder_Error_Flag": 0, "Controller_Error_Flag": 1},
+            *(("MOTOR_FAILED", "WATCHDOG_TIMER_EXPIRED"), ("motor", "controller"), 0),
+        ),
+        (
+            *(Firmware.V0_6, 0x01000000, AxisState.CLOSED_LOOP_CONTROL, {"Procedure_Result": 3}),
+            *(("WATCHDOG_TIMER_EXPIRED",), (), 3),
+        ),
+    ],
+)
+def test_heartbeat_matches_the_dbc(firmware, error, state, more, names, parts, procedure):
+    signals = {"Axis_Error": error, "Axis_State": int(state), "Trajectory_Done_Flag": 1} | more
+    beat = odrive.decode_heartbeat(by_dbc(firmware, "Heartbeat", **signals), firmware)
+    assert axis_error_names(beat.axis_error, firmware) == names
+    assert beat.state is state
+    assert (beat.procedure_result, beat.trajectory_done, beat.component_errors) == (procedure, True, parts)
 
 
 def test_firmware_versions_read_the_same_bytes_differently():

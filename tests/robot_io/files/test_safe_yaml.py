@@ -44,12 +44,14 @@ c:
         ('"\\ud800": 1', 1, "half of a surrogate pair"),
         ('a: 1\nb: ["x\\udfffy"]', 2, "half of a surrogate pair"),
         ("a: " + "[" * 50 + "]" * 50, 1, "nested deeper"),
+        ('"\\e[2Jx\\ny": 1\n"\\e[2Jx\\ny": 2', 2, "appears twice"),  # a message cannot control the terminal
     ],
 )
 def test_invalid_yaml_is_refused_with_its_place(text, line, what):
     with pytest.raises(InputError, match=what) as caught:
         parse_yaml(text, "f.yaml")
     assert str(caught.value).startswith(f"f.yaml line {line}: ")
+    assert str(caught.value).isprintable()
 
 
 @pytest.mark.parametrize(
@@ -93,9 +95,3 @@ def test_any_text_is_a_document_or_an_input_error_on_one_line(text):
         return
     assert message.startswith("f.yaml")
     assert "\n" not in message
-
-
-def test_message_cannot_control_the_terminal():
-    with pytest.raises(InputError) as caught:
-        parse_yaml('"\\e[2Jx\\ny": 1\n"\\e[2Jx\\ny": 2', "f.yaml")
-    assert str(caught.value).isprintable()

@@ -112,11 +112,19 @@ def test_drive_with_inaccurate_torque_reading_is_not_reported(wear, seed, every)
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize(
-    "wear", [{"bias": -3.5}, {"drift": -2.0}, {"bias": 3.5}, {"drift": 2.0}, {"gain": 0.52}], ids=str
+    ("wear", "before_nm", "from_tick", "count"),
+    [
+        # A constant offset is learned first.
+        *((wear, 5.0, 0, 3000) for wear in ({"bias": -3.5}, {"drift": -2.0}, {"bias": 3.5})),
+        *((wear, 5.0, 0, 3000) for wear in ({"drift": 2.0}, {"gain": 0.52})),
+        *(({"late": 90}, 1.0, 300 + phase, 600) for phase in range(0, 100, 20)),  # a reading after a jump
+    ],
+    ids=str,
 )
-def test_constant_torque_offset_is_learned_first(wear, side):
-    drive = HealthyDrive(noise=0.01, **wear)
-    assert ticks_until_named(UnresponsiveDrives(LIMITS), drive.show, lambda k: side * 5.0, count=3000) is None
+def test_constant_offset_and_late_reading_are_not_reported(wear, before_nm, from_tick, count, side):
+    drive, after_nm = HealthyDrive(noise=0.01, **wear), 6.0 if from_tick else before_nm
+    sent = lambda k: side * (before_nm if k < from_tick else after_nm)  # noqa: E731
+    assert ticks_until_named(UnresponsiveDrives(LIMITS), drive.show, sent, count=count) is None
 
 
 SMALL_NM = 4.0  # limit of a small drive
@@ -268,14 +276,6 @@ def test_drive_with_one_sided_torque_deadband_is_not_reported(side):
     shows = lambda k, sent: drive.show(k, sent if side * sent > 0.0 else 0.0)  # noqa: E731
     turns = lambda k: 2.0 if k % 1000 < 500 else -2.0  # noqa: E731
     assert ticks_until_named(UnresponsiveDrives(LIMITS), shows, turns) is None
-
-
-@pytest.mark.parametrize("phase", range(0, 100, 20))
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_late_reading_after_a_command_jump_is_no_fault(phase, side):
-    drive = HealthyDrive(late=90, noise=0.01)
-    sent = lambda k: side * (1.0 if k < 300 + phase else 6.0)  # noqa: E731
-    assert ticks_until_named(UnresponsiveDrives(LIMITS), drive.show, sent, count=600) is None
 
 
 def test_single_bad_samples_do_not_add_up():

@@ -83,21 +83,17 @@ def test_force_is_counts_above_zero():
     assert stream("7 30", "8 -10")[1] == [10.0, -10.0]
 
 
-@pytest.mark.parametrize("counters", [(7, 7), (7, 6), (7, 7 - 127), (255, 255)])
-def test_repeated_counter_is_an_old_sample(counters):
+@pytest.mark.parametrize(
+    ("counters", "accepted", "rejected"),
+    [
+        *((old, 1, 1) for old in ((7, 7), (7, 6), (7, 7 - 127), (255, 255))),
+        *((lost, 2, 0) for lost in ((7, 9), (255, 0), (250, 20))),  # some between them
+        ((200, *range(90, 98)), 5, 4),  # the cell was restarted
+    ],
+)
+def test_only_samples_with_a_later_counter_are_accepted(counters, accepted, rejected):
     made, samples = stream(*(f"{counter % 256} 30" for counter in counters))
-    assert (len(samples), made.rejected) == (1, 1)
-
-
-def test_restarted_cell_is_accepted_after_four_samples():
-    made, samples = stream("200 30", *(f"{counter} 30" for counter in range(90, 98)))
-    assert (len(samples), made.rejected) == (5, 4)
-
-
-@pytest.mark.parametrize("counters", [(7, 9), (255, 0), (250, 20)])
-def test_lost_samples_are_just_lost(counters):
-    made, samples = stream(*(f"{counter} 30" for counter in counters))
-    assert (len(samples), made.rejected) == (2, 0)
+    assert (len(samples), made.rejected) == (accepted, rejected)
 
 
 def test_converter_at_its_end_is_saturated():
