@@ -68,20 +68,32 @@ def test_equal_columns_in_two_units_are_read_once(tmp_path):
     np.testing.assert_allclose(by_the_advice(path).channels[0].position, SWING_RAD, atol=1e-6)
 
 
-def test_force_on_a_revolute_joint_asks_for_its_lever_arm(tmp_path):
-    path = table_file(tmp_path, "time,angle_deg,force_feedback\n", TIME_S, np.degrees(SWING_RAD), TORQUE_NM)
-    (channel,) = by_the_advice(path).channels
-    assert channel.kind is ChannelKind.REVOLUTE
-    np.testing.assert_allclose(channel.effort, 0.1 * TORQUE_NM, atol=1e-6)
-
-
-def test_ambiguous_columns_without_unit_are_asked_for(tmp_path):
-    names = "log:timestamp,a:output_position,a:motor_position,a:joint_position,a:motor_current,torque\n"
-    columns = (TIME_S, SWING_RAD, 9.0 * SWING_RAD, 0.0 * TIME_S, TORQUE_NM, 5.0 * TORQUE_NM)
-    (channel,) = by_the_advice(table_file(tmp_path, names, *columns)).channels
+@pytest.mark.parametrize(
+    ("names", "columns", "kind", "position", "effort"),
+    [
+        (  # it asks for the force's lever arm
+            *("angle_deg,force_feedback", (np.degrees(SWING_RAD), TORQUE_NM)),
+            *(ChannelKind.REVOLUTE, SWING_RAD, 0.1 * TORQUE_NM),
+        ),
+        (
+            "a:output_position,a:motor_position,a:joint_position,a:motor_current,torque",
+            (SWING_RAD, 9.0 * SWING_RAD, 0.0 * TIME_S, TORQUE_NM, 5.0 * TORQUE_NM),
+            *(ChannelKind.REVOLUTE, SWING_RAD, 5.0 * TORQUE_NM),
+        ),
+        (
+            *("level,pump_V,constant", (1e3 * WAY_M, FORCE_N, 0.0 * TIME_S)),
+            *(ChannelKind.CONTACT, WAY_M, FORCE_N),
+        ),
+    ],
+)
+def test_missing_ambiguous_and_unitless_columns_are_asked_for(
+    tmp_path, names, columns, kind, position, effort
+):
+    (channel,) = by_the_advice(table_file(tmp_path, f"log:timestamp,{names}\n", TIME_S, *columns)).channels
+    assert channel.kind is kind
     np.testing.assert_allclose(channel.time_s, TIME_S, atol=1e-6)
-    np.testing.assert_allclose(channel.position, SWING_RAD, atol=1e-6)
-    np.testing.assert_allclose(channel.effort, 5.0 * TORQUE_NM, atol=1e-5)
+    np.testing.assert_allclose(channel.position, position, atol=1e-6 * np.ptp(position))
+    np.testing.assert_allclose(channel.effort, effort, atol=1e-6)
 
 
 def test_cycle_clock_gives_runs_and_no_time(tmp_path):
@@ -174,13 +186,6 @@ def test_unordered_times_name_the_column_that_orders_them(tmp_path):
     cells = [f"{line},{'up' if at < 300 else 'down'}\n" for at, line in enumerate(rows().splitlines())]
     path.write_text(HEADER.replace("\n", ",level\n") + "".join(cells[300:] + cells[:300]))
     assert len(by_the_advice(path).channels[0].runs) == 2
-
-
-def test_missing_columns_are_requested_by_name(tmp_path):
-    path = table_file(tmp_path, "time_s,level,pump_V,constant\n", TIME_S, 1e3 * WAY_M, FORCE_N, 0.0 * TIME_S)
-    (channel,) = by_the_advice(path).channels
-    np.testing.assert_allclose(channel.position, WAY_M, atol=1e-8)
-    np.testing.assert_allclose(channel.effort, FORCE_N, atol=1e-6)
 
 
 def test_time_that_is_not_of_the_rows_may_be_left_out(tmp_path):

@@ -52,25 +52,16 @@ def test_force_just_before_a_contact_is_not_free_air():
     assert free_air_noise(replace(quiet, effort=effort)) == pytest.approx(NOISE_N, rel=0.1)
 
 
-def test_noise_that_grows_with_force_is_estimated_from_the_whole_recording():
-    quiet = session(4)
-    growing = 0.1 * np.abs(quiet.effort) * np.random.default_rng(3).normal(size=len(quiet))
-    data = replace(quiet, effort=quiet.effort + growing)
-    found = noise_of(data)
-    everywhere = np.sqrt(NOISE_N**2 + np.mean(growing**2))
-    assert found.source is NoiseSource.NEIGHBORS
-    assert everywhere > 1.5 * NOISE_N
-    assert found.value == pytest.approx(everywhere, rel=0.2)
-
-
-def test_slow_error_at_the_object_is_no_force_proportional_noise():
-    """Neighboring readings share it, so they tell the growing noise alone; a flexible law leaves both."""
+@pytest.mark.parametrize("slow_times", [0.0, 8.0])
+def test_noise_that_grows_with_force_is_estimated_from_the_whole_recording(slow_times):
+    """Neighboring readings share a slow error at the object, so that they tell the growing noise alone."""
     quiet = session(4)
     growing = 0.1 * np.abs(quiet.effort) * np.random.default_rng(3).normal(size=len(quiet))
     everywhere = np.sqrt(NOISE_N**2 + np.mean(growing**2))
-    slow = np.where(quiet.engaged, slow_noise(len(quiet), 8.0 * everywhere), 0.0)
+    slow = np.where(quiet.engaged, slow_noise(len(quiet), slow_times * everywhere), 0.0)
     found = noise_of(replace(quiet, effort=quiet.effort + growing + slow))
     assert found.source is NoiseSource.NEIGHBORS
+    assert everywhere > 1.5 * NOISE_N
     assert found.value == pytest.approx(everywhere, rel=0.2)
 
 

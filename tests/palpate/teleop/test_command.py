@@ -35,19 +35,21 @@ def test_bad_input_is_one_line(arguments, words, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "text", ["device: nosuch", "path: []", "device: scripted", "- scripted", "device: [mouse]"]
+    ("text", "words"),
+    [
+        *((text, ["operator.yaml"]) for text in ("device: nosuch", "path: []", "device: scripted")),
+        *((text, ["operator.yaml"]) for text in ("- scripted", "device: [mouse]")),
+        (  # an arm in the operator's hand gets no power without permission
+            f"device: leader_arm\nrobot: {find_robot('follower').path}\n",
+            ["which a person must confirm", "--yes"],
+        ),
+    ],
 )
-def test_incomplete_operator_file_is_refused(text, tmp_path):
-    path = tmp_path / "operator.yaml"
-    path.write_text(text)
-    assert_refused(run("teleop", "leader", "--operator", path), "operator.yaml")
-
-
-def test_arm_in_the_operator_s_hand_gets_no_power_without_permission(tmp_path, monkeypatch):
+def test_incomplete_or_unconfirmed_operator_is_refused(text, words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "operator.yaml"
-    path.write_text(f"device: leader_arm\nrobot: {find_robot('follower').path}\n")
-    assert_refused(run("teleop", "leader", "--operator", path), "which a person must confirm", "--yes")
+    path.write_text(text)
+    assert_refused(run("teleop", "leader", "--operator", path), *words)
     assert not list(tmp_path.glob("**/*.mcap"))
 
 
