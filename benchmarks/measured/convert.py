@@ -54,7 +54,7 @@ def load_recipe(name: str) -> dict[str, Any]:
     Raises:
         FileNotFoundError: there is no such recipe.
     """
-    recipe: dict[str, Any] = yaml.safe_load((RECIPES / f"{name}.yaml").read_text("utf-8"))
+    recipe: dict[str, Any] = yaml.load((RECIPES / f"{name}.yaml").read_text("utf-8"), yaml.CSafeLoader)
     return recipe
 
 

@@ -52,19 +52,22 @@ def few_effects(monkeypatch):
     try_few_effects(monkeypatch)
 
 
-@pytest.fixture
-def one_process(monkeypatch):
-    """Batches and sweeps work in this process."""
+def run_here(run_case, todo, folder, workers):
+    """Work on cases in this process."""
+    for address, case in todo.items():
+        try:
+            run_case(case, address, folder)
+            yield ""
+        except Exception as error:  # as a worker tells it
+            yield f"{case.label}: {describe_error(error)}"
 
-    def run_here(run_case, todo, folder, workers):
-        for address, case in todo.items():
-            try:
-                run_case(case, address, folder)
-                yield ""
-            except Exception as error:  # as a worker tells it
-                yield f"{case.label}: {describe_error(error)}"
 
-    monkeypatch.setattr(runner, "run_in_processes", run_here)
+@pytest.fixture(scope="module")
+def one_process():
+    """Batches and sweeps of a module work in this process."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(runner, "run_in_processes", run_here)
+        yield
 
 
 @pytest.fixture

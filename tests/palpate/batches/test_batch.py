@@ -33,6 +33,7 @@ from tests.palpate.cli import ROOT, as_json, assert_refused, done, run
 from tests.palpate.presses import write_presses
 from tests.palpate.sweep.test_crash_recovery import dask_on  # noqa: F401, a fixture
 
+pytestmark = pytest.mark.usefixtures("one_process")
 SPEEDS = (0.04, 0.08, 0.06)
 
 
@@ -58,14 +59,9 @@ def specimens(tmp_path_factory):
     return folder
 
 
-@pytest.fixture(autouse=True)
-def no_worker_processes(out, one_process):
-    """Batches that are started here after `out`, which real workers filled, work in this process."""
-
-
 @pytest.fixture(scope="module")
-def out(specimens):
-    """The folder of a batch of them by two workers, without the broken one's group."""
+def out(specimens, one_process):
+    """The folder of a batch of them, without the broken one's group."""
     folder = specimens.parent / "out"
     pattern = ("--pattern", "{specimen}_{treatment}.csv", "--group", "treatment")
     assert_refused(run("batch", specimens, *pattern, "--out", folder), "broken.csv", "--pattern")
