@@ -25,6 +25,10 @@ Columns = Callable[[AdditiveEffect, ChannelData, Inner], FloatArray]
 Parts = tuple[FloatArray, FloatArray]  # columns (n, p) and known effort (n,), before any sensor
 
 
+def _columns(effect: AdditiveEffect, data: ChannelData, inner: Inner) -> FloatArray:
+    return effect.columns(data, inner)
+
+
 @dataclass(frozen=True)
 class Regression:
     """effort = columns @ gains + noise."""
@@ -198,7 +202,20 @@ class Model:
             data: the channel; its effort is used only by effects that need it (tool compliance).
             parameters: a value for every gain and inner parameter.
         """
-        return self.linearize(data, parameters)[1]
+        return self.predict_from(self.parts(data, parameters), data, parameters)
+
+    def predict_from(self, parts: Parts, data: ChannelData, parameters: Parameters) -> FloatArray:
+        """Return the predicted effort, shape (n,), for known columns.
+
+        Args:
+            parts: result of `parts` for the same data and inner parameters.
+            data: the channel; its effort is used only by effects that need it.
+            parameters: a value for every gain and inner parameter.
+        """
+        _, effort = self._object_effort(parts, parameters, self.lift_off_rows(data, parameters, parts))
+        for sensor in self.sensors:
+            effort = sensor.sense(effort, data, own_parameters(sensor, parameters))
+        return effort
 
     def inner_slopes(self, data: ChannelData, parameters: Parameters, step: float) -> list[FloatArray]:
         """Compute the derivative of the prediction by each inner parameter at fixed gains, each (n,).
@@ -209,13 +226,18 @@ class Model:
             step: step of the difference quotient, relative to the value (logarithmic parameters) or to the
                 typical range (others).
         """
-        slopes = []
+        if not self.inner:
+            return []
+        slopes, parts = [], self.parts(data, parameters)
         for name, parameter in self.inner.items():
             value, (low, high) = parameters[name], parameter.typical
             half_step = step * (abs(value) if parameter.log and value else high - low)
             upper, lower = min(value + half_step, parameter.upper), max(value - half_step, parameter.lower)
-            above, below = (self.predict(data, {**parameters, name: end}) for end in (upper, lower))
-            slopes.append((above - below) / (upper - lower))
+            efforts = []
+            for changed in ({**parameters, name: upper}, {**parameters, name: lower}):
+                after = self.parts_after(self.effect(name.partition(".")[0]), data, changed, parts)
+                efforts.append(self.predict_from(after, data, changed))
+            slopes.append((efforts[0] - efforts[1]) / (upper - lower))
         return slopes
 
     def lift_off_rows(self, data: ChannelData, parameters: Parameters, parts: Parts) -> IntArray:
@@ -256,18 +278,21 @@ class Model:
         Returns:
             Derivatives of the effort by each gain, shape (n, p), and the effort, shape (n,).
         """
-        slopes, known = parts = parts or self.parts(data, parameters)
-        lift_off_rows = (
-            self.lift_off_rows(data, parameters, parts) if lift_off_rows is None else lift_off_rows
-        )
+        parts = parts or self.parts(data, parameters)
+        rows = self.lift_off_rows(data, parameters, parts) if lift_off_rows is None else lift_off_rows
+        slopes, effort = self._object_effort(parts, parameters, rows)
+        for sensor in self.sensors:
+            slopes, effort = sensor.follow(effort, slopes, data, own_parameters(sensor, parameters))
+        return slopes, effort
+
+    def _object_effort(self, parts: Parts, parameters: Parameters, lift_off_rows: IntArray) -> Parts:
+        """Return the derivatives by the gains (n, p) and the effort (n,) before any sensor effect."""
+        slopes, known = parts
         if len(lift_off_rows):
             slopes = slopes.copy("K")
             for column in np.flatnonzero(self.one_sided):
                 slopes[lift_off_rows, column] = 0.0
-        effort: FloatArray = known + slopes @ np.array([parameters[name] for name in self.gains])
-        for sensor in self.sensors:
-            slopes, effort = sensor.follow(effort, slopes, data, own_parameters(sensor, parameters))
-        return slopes, effort
+        return slopes, known + slopes @ np.array([parameters[name] for name in self.gains])
 
     @cached_property
     def coupled_effects(self) -> list[Effect]:
@@ -304,12 +329,7 @@ class Model:
                 )
         return data
 
-    def parts(
-        self,
-        data: ChannelData,
-        parameters: Parameters,
-        columns_of: Columns = lambda effect, data, inner: effect.columns(data, inner),
-    ) -> Parts:
+    def parts(self, data: ChannelData, parameters: Parameters, columns_of: Columns = _columns) -> Parts:
         """Return the columns and the known effort before any sensor effect.
 
         Args:
@@ -328,6 +348,33 @@ class Model:
             blocks.append(self.relaxed_columns(effect, columns_of(effect, data, inner), data, parameters).T)
             known = known + effect.known(data, inner)
         return np.concatenate(blocks).T, known  # contiguous columns: later steps work column by column
+
+    def parts_after(
+        self,
+        effect: Effect,
+        data: ChannelData,
+        parameters: Parameters,
+        parts: Parts,
+        columns_of: Columns = _columns,
+    ) -> Parts:
+        """Return `parts` after a change of one effect's inner parameters; other columns are kept if possible.
+
+        Args:
+            effect: effect of the model whose parameters changed.
+            data: the channel with the measured motion.
+            parameters: a value for every inner parameter, after the change.
+            parts: result of `parts` before the change.
+            columns_of: function that computes an effect's columns, or looks them up.
+        """
+        if isinstance(effect, SensorEffect):
+            return parts
+        if not isinstance(effect, AdditiveEffect) or type(effect).known is not AdditiveEffect.known:
+            return self.parts(data, parameters, columns_of)
+        moved, columns = self.moved(data, parameters), parts[0].copy("K")
+        own = columns_of(effect, moved, own_parameters(effect, parameters))
+        is_own = [gain.startswith(f"{effect.name}.") for gain in self.gains]
+        columns[:, is_own] = self.relaxed_columns(effect, own, moved, parameters)
+        return columns, parts[1]
 
     def relaxed_columns(
         self, effect: AdditiveEffect, columns: FloatArray, data: ChannelData, parameters: Parameters

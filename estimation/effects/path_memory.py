@@ -16,6 +16,7 @@ from palpate.estimation.effect import (
 )
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import number_stretches
+from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
 from palpate.estimation.signals.runwise import (
     bouc_wen,
     derivative,
@@ -24,7 +25,7 @@ from palpate.estimation.signals.runwise import (
     shifted_motion,
     smooth_jitter,
 )
-from palpate.robot_io.types import FloatArray
+from palpate.robot_io.types import FloatArray, IntArray
 
 _PLAIN = 1e-3  # least relative squared difference from Coulomb friction, else the path is too short
 
@@ -103,6 +104,12 @@ class LoadDependentPresliding(PreslidingFriction):
         return super().columns(data, inner) * np.abs(data.context["load"])[:, None]
 
 
+@cache_by_channel_arrays("position", "run", "touching")
+def _touches(data: ChannelData) -> IntArray:
+    """Number the contacts of a channel and the gaps between them, or the runs of a joint, shape (n,)."""
+    return number_stretches(data.engaged, data.run)
+
+
 class DryFriction(AdditiveEffect):
     """F = f s; the state s tends to the direction of motion over a short path and is constant at rest.
 
@@ -138,11 +145,10 @@ class DryFriction(AdditiveEffect):
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         if inner["presliding"] > self.inner[0].lower:
-            touch = number_stretches(data.engaged, data.run)
             way = smooth_jitter(data.position, data.time_s, data.run)
             # The channel's velocity is smoothed too strongly and shows small reversals late or not at all.
             velocity = derivative(way, data.time_s, data.run)
-            s = direction(way, touch, inner["presliding"], np.tanh(velocity / inner["transition"]))
+            s = direction(way, _touches(data), inner["presliding"], np.tanh(velocity / inner["transition"]))
         else:
             s = np.tanh(data.velocity / inner["transition"])
         return np.where(data.engaged, s, 0.0)[:, None]
@@ -209,11 +215,8 @@ class BoucWenHysteresis(AdditiveEffect):
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         way = smooth_jitter(data.position, data.time_s, data.run)
-        touch, pressed = number_stretches(data.engaged, data.run), np.flatnonzero(data.engaged)
-        column = np.zeros((len(data), 1))
-        shape = inner["path"], inner["sharpness"], inner["unloading"]
-        column[pressed, 0] = bouc_wen(way[pressed], touch[pressed], *shape)
-        return column
+        states = bouc_wen(way, _touches(data), inner["path"], inner["sharpness"], inner["unloading"])
+        return np.where(data.engaged, states, 0.0)[:, None]
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: paths from a hundredth to half of the range of motion."""

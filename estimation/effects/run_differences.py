@@ -10,6 +10,7 @@ from palpate.estimation.effect import Inner, Parameter, SensorEffect, start_grid
 from palpate.estimation.effects.torque_ripple import TorqueRipple
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import block_index
+from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _TELLING = 0.25  # share of a run's samples, from its start, that determine the run's own value
@@ -228,11 +229,17 @@ class RunGain(RunVariation):
         return columns * times, effort * times[:, 0]
 
     def first_part(self, data: ChannelData) -> BoolArray:
-        starts, piece = block_index(data.run)
-        total = np.cumsum(data.effort**2)
-        before = np.concatenate([[0.0], total])[starts]
-        whole = np.append(before[1:], total[-1:]) - before
-        return np.asarray(total - before[piece] <= _TELLING_EFFORT * whole[piece])
+        return _first_effort(data)
+
+
+@cache_by_channel_arrays("effort", "run")
+def _first_effort(data: ChannelData) -> BoolArray:
+    """Return the mask (n,) of the samples in which a run's first squared effort accumulates."""
+    starts, piece = block_index(data.run)
+    total = np.cumsum(data.effort**2)
+    before = np.concatenate([[0.0], total])[starts]
+    whole = np.append(before[1:], total[-1:]) - before
+    return np.asarray(total - before[piece] <= _TELLING_EFFORT * whole[piece])
 
 
 class RunRipple(RunVariation):

@@ -77,7 +77,7 @@ class BlockedData:
         """
         block = self.rows.shape[1]
         if block == 1:
-            return signal[self.rows[:, 0]]
+            return signal.T.take(self.rows[:, 0], axis=-1).T
         sums = [self._sums @ column for column in np.atleast_2d(signal.T)]
         return np.asarray(np.reshape(sums, (*signal.shape[1:], len(self))).T / block)
 

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind, Information
-from palpate.estimation.effect import AdditiveEffect, Effect, Inner, SensorEffect
+from palpate.estimation.effect import Effect, Inner
 from palpate.estimation.fit.blocks import BlockedData
 from palpate.estimation.fit.normal_equations import (
     WHITE,
@@ -87,28 +87,28 @@ class FitProblem:
             held: fixed gains, by name.
             bounds: bounds of gains, by name.
         """
-        count = columns.shape[1]
-        gains, free = np.zeros(count), np.ones(count, dtype=np.bool_)
-        gains[: len(names)] = [held.get(name, 0.0) for name in names]
-        free[: len(names)] = [name not in held for name in names]
-        remaining = target if not held else target - columns @ gains
-        equations = self.normal_equations(columns[:, free], remaining, [n for n in names if n not in held])
+        fixed, extra = [name in held for name in names], columns.shape[1] - len(names)
+        gains = np.array([held.get(name, 0.0) for name in names] + [0.0] * extra)
+        free = ~np.array(fixed + [False] * extra, dtype=np.bool_)
+        if any(fixed):
+            target, columns = target - columns @ gains, columns[:, free]
+        free_names = [name for name in names if name not in held]
+        equations = self.normal_equations(columns, target, free_names)
         fit = solve_normal_equations(equations, dof=len(self._by_fold[0]))
-        limits = np.tile(_NO_BOUND, (count, 1))
-        limits[: len(names)] = np.reshape([bounds.get(name, _NO_BOUND) for name in names], (-1, 2))
-        lower, upper = limits[free].T
-        if np.any((fit.gains < lower) | (fit.gains > upper)):
+        limits = [bounds.get(name, _NO_BOUND) for name in free_names] + [_NO_BOUND] * extra
+        if not all(low <= gain <= high for gain, (low, high) in zip(fit.gains.tolist(), limits, strict=True)):
+            lower, upper = np.array(limits).T
             scale = np.maximum(fit.scale, _NO_SCALE)
             unit = fit.gains / scale
             with np.errstate(over="ignore"):  # the scaled bound of a tiny column may overflow to infinity
                 low, high = lower / scale, upper / scale
             bounded = solve_within_bounds(fit.system, fit.system @ unit, low, high)
             is_low, is_high = bounded == low, bounded == high
-            at_bound, fixed = is_low | is_high, np.where(is_low, lower, np.where(is_high, upper, 0.0))
-            fit = solve_normal_equations(equations.with_fixed(at_bound, fixed), dof=len(self._by_fold[0]))
+            at_bound, at_value = is_low | is_high, np.where(is_low, lower, np.where(is_high, upper, 0.0))
+            fit = solve_normal_equations(equations.with_fixed(at_bound, at_value), dof=fit.dof)
             indices = np.flatnonzero(free)[at_bound]
-            gains[indices], free[indices] = fixed[at_bound], False
-        return fit if free.all() else fit.with_fixed_gains(gains, np.flatnonzero(free).tolist())
+            gains[indices], free[indices] = at_value[at_bound], False
+        return fit if free.all() else fit.with_fixed_gains(gains, np.flatnonzero(free))
 
     def normal_equations(
         self, columns: FloatArray, target: FloatArray, names: Sequence[str] = ()
@@ -122,10 +122,12 @@ class FitProblem:
         """
         order, folds = self._by_fold
         if self.noise_model is WHITE and self.weights is None and self.nuisance is None:
-            equations = gram_matrices(_with_target(columns, target, order[rows]) for rows in folds)
+            white = np.empty((columns.shape[1] + 1, len(order)))
+            columns.T.take(order, axis=1, out=white[:-1], mode="clip")
+            target.take(order, out=white[-1], mode="clip")
         else:
             white = self._white(np.concatenate([columns.T, target[None]]).T).T.take(order, axis=1)
-            equations = gram_matrices(white[:, rows].T for rows in folds)
+        equations = gram_matrices(white[:, rows].T for rows in folds)
         shared = self.blocked.data.shared  # prior information on gains from other channels
         if shared is None or self.noise_model is not WHITE or not set(shared.names) <= set(names):
             return equations
@@ -135,14 +137,6 @@ class FitProblem:
         matrix[:, np.array(indices)[:, None], indices] = shared.information.matrix
         vector[:, indices] = shared.information.vector
         return NormalEquations(equations.products, Information(matrix, vector))
-
-
-def _with_target(columns: FloatArray, target: FloatArray, rows: IntArray) -> FloatArray:
-    """Return rows of columns (m, q) and target (m,), shape (rows, q + 1)."""
-    chosen = np.empty((columns.shape[1] + 1, len(rows)))
-    columns.T.take(rows, axis=1, out=chosen[:-1], mode="clip")
-    target.take(rows, out=chosen[-1], mode="clip")
-    return chosen.T
 
 
 @dataclass(frozen=True)
@@ -323,17 +317,17 @@ def residual_slopes(problem: FitProblem, solution: Solution, ahead: Mapping[str,
     gains = np.array([parameters[name] for name in model.gains])
     changes = []
     if is_linear_on_blocks(data, model):
+        residual = solution.residual
         for name, value in ahead.items():
             columns, target = _on_blocks(problem, model, {**parameters, name: value})
-            changes.append(target - columns @ gains - solution.residual)
+            changes.append(target - columns @ gains - residual)
     else:
         parts = model.parts(data, parameters, problem.blocked.at_full_rate)
-        effort = model.linearize(data, parameters, parts)[1]
-        sensor_parameters = {f"{sensor.name}.{p.name}" for sensor in model.sensors for p in sensor.inner}
+        effort = model.predict_from(parts, data, parameters)
         for name, value in ahead.items():
-            changed = {**parameters, name: value}
-            before = parts if name in sensor_parameters else None  # parts before the sensors do not change
-            changes.append(problem.blocked.reduce(effort - model.linearize(data, changed, before)[1]))
+            effect, changed = model.effect(name.partition(".")[0]), {**parameters, name: value}
+            after = model.parts_after(effect, data, changed, parts, problem.blocked.at_full_rate)
+            changes.append(problem.blocked.reduce(effort - model.predict_from(after, data, changed)))
     change = problem.whiten(np.stack(changes, axis=1))
     fit = solution.linear_fit
     unit = problem.whiten(solution.columns) * fit.scale
@@ -355,28 +349,22 @@ def linearize_inner(
 
     Args:
         blocked: the channel on blocks.
-        model: the model; the effect must be its last one, unless it is a sensor effect.
+        model: the model.
         effect: the effect whose inner parameters vary.
         parameters: inner parameters of the other effects; missing ones are zero.
 
     Returns:
         A function that returns the parts, or None if there is no faster evaluation.
     """
-    data, inner_values = blocked.data, {name: parameters.get(name, 0.0) for name in model.inner}
-    is_last = model.effects[-1] is effect
+    data, known = blocked.data, list[Parts]()
     if is_linear_on_blocks(data, model):
         return lambda inner: None
-    if isinstance(effect, SensorEffect):  # the parts before the sensor do not depend on it
-        before = model.parts(data, inner_values, blocked.at_full_rate)
-        return lambda inner: before
-    if not isinstance(effect, AdditiveEffect) or not is_last:
-        return lambda inner: None
-    moved = model.moved(data, inner_values)
-    columns, effort = model.without(effect.name).parts(data, inner_values, blocked.at_full_rate)
 
     def parts(inner: Inner) -> Parts:
-        values = inner_values | {f"{effect.name}.{n}": v for n, v in inner.items()}
-        own_columns = model.relaxed_columns(effect, blocked.at_full_rate(effect, moved, inner), moved, values)
-        return np.concatenate([columns.T, own_columns.T]).T, effort + effect.known(moved, inner)
+        values = {name: parameters.get(name, 0.0) for name in model.inner}
+        values |= {f"{effect.name}.{name}": value for name, value in inner.items()}
+        if not known:
+            known.append(model.parts(data, values, blocked.at_full_rate))
+        return model.parts_after(effect, data, values, known[0], blocked.at_full_rate)
 
     return parts

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -24,7 +25,7 @@ _MAX_REPEATS = 4  # largest number of joint fits while the error still falls
 _REPEAT_RATIO = 0.9  # ratio of squared errors below which the joint fit is repeated
 _EVALUATIONS = 40
 _SSE_TOLERANCE = 1e-5
-_STEP_TOLERANCE = 1e-4  # smallest step, relative to the distance from the start
+_STEP_TOLERANCE = 1e-3  # smallest step, relative to the distance from the start
 _CONVERGED_RATIO = 1.0001  # largest ratio to the predicted squared error at which a step has converged
 _CHANGES = (-0.3, -0.1, 0.1, 0.3)  # tried changes of inner parameters, relative to their values
 _STEP = 2e-3  # step of a finite difference
@@ -48,7 +49,7 @@ class GridSearch:
         """The solution with the lowest squared error."""
         return min(self.solutions, key=lambda solution: solution.sse)
 
-    @property
+    @cached_property
     def held_out(self) -> FloatArray:
         """Squared whitened residuals of each fold, with inner parameters chosen on the other folds."""
         train = np.array([solution.linear_fit.train for solution in self.solutions])
@@ -277,13 +278,14 @@ def _optimize_once(problem: FitProblem, solution: Solution, tolerance: float, st
     def values(numbers: FloatArray) -> dict[str, float]:
         return {name: scale.value(x) for (name, scale), x in zip(scales.items(), numbers, strict=True)}
 
-    last: list[tuple[bytes, Solution]] = []
+    last, best = [(b"", solution)], [solution]
 
     def solve_at(numbers: FloatArray) -> Solution:
-        if not last or last[0][0] != numbers.tobytes():
-            changed = {**solution.parameters, **values(numbers)}
+        if last[0][0] != numbers.tobytes():
+            changed = {**best[0].parameters, **values(numbers)}  # these gains need the fewest steps
             solved = solve_gains(problem, solution.model, changed, max_ratio=_CONVERGED_RATIO)
             last[:] = [(numbers.tobytes(), solved)]
+            best[:] = [min(best[0], solved, key=lambda each: each.sse)]
         return last[0][1]
 
     unit = float(np.sqrt(np.mean(problem.whiten(solution.target) ** 2))) or 1.0  # for a relative tolerance

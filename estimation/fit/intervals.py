@@ -118,13 +118,10 @@ def _reading_errors(problem: FitProblem, solution: Solution, measurement: Measur
             load_cache=FitCache(),
         )
         simulated = FitProblem(blocked, problem.noise_model)
-        refitted = replace(
-            solution, columns=blocked.reduce(solution.model.linearize(blocked.data, solution.parameters)[0])
-        )
+        columns, effort = solution.model.linearize(blocked.data, solution.parameters)
+        refitted = replace(solution, columns=blocked.reduce(columns))
         slopes = simulated.whiten(_free_slopes(simulated, refitted))
-        residual = simulated.whiten(
-            blocked.reduce(expected - solution.model.predict(blocked.data, solution.parameters))
-        )
+        residual = simulated.whiten(blocked.reduce(expected - effort))
         compensations.append(_compensation(slopes, residual))
     return np.asarray(np.sqrt(np.mean(np.square(compensations), axis=0)))
 

@@ -1,13 +1,14 @@
 """Normal equations by cross-validation fold, their solution, and autoregressive noise."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy
 
 from palpate.estimation.channel import Information
-from palpate.estimation.signals.blocks import rows_of_runs
+from palpate.estimation.signals.blocks import block_index, rows_of_runs
 from palpate.estimation.statistics.least_squares import solve_definite
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -50,20 +51,34 @@ class NormalEquations:
         )
         return NormalEquations(shift.T @ self.products @ shift, prior).only(~columns)
 
-    def training(self, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the linear systems for all folds, then leaving out each fold, with scaled columns.
+    def total(self, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the linear system for all folds, with scaled columns.
 
         Args:
             scale: factor of each column, shape (q,).
 
         Returns:
-            Matrices (1 + folds, q, q) and right-hand sides (1 + folds, q).
+            Matrix (q, q) and right-hand side (q,).
         """
-        total = self.products.sum(axis=0)
-        sums = np.concatenate([total[None], total - self.products])
-        system, target = sums[:, :-1, :-1], sums[:, :-1, -1]
+        return self._systems(self.products.sum(axis=0), scale, 0)
+
+    def training(self, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the linear systems that leave out each fold, with scaled columns.
+
+        Args:
+            scale: factor of each column, shape (q,).
+
+        Returns:
+            Matrices (folds, q, q) and right-hand sides (folds, q).
+        """
+        return self._systems(self.products.sum(axis=0) - self.products, scale, slice(1, None))
+
+    def _systems(
+        self, sums: FloatArray, scale: FloatArray, prior: int | slice
+    ) -> tuple[FloatArray, FloatArray]:
+        system, target = sums[..., :-1, :-1], sums[..., :-1, -1]
         if self.prior is not None:
-            system, target = system + self.prior.matrix, target + self.prior.vector
+            system, target = system + self.prior.matrix[prior], target + self.prior.vector[prior]
         return system * scale[:, None] * scale, target * scale
 
 
@@ -78,16 +93,40 @@ def gram_matrices(parts: Iterable[FloatArray]) -> NormalEquations:
 
 @dataclass(frozen=True)
 class LinearFit:
-    """Linear least-squares fit with cross-validation."""
+    """Linear least-squares fit, with cross-validation on first use."""
 
     gains: FloatArray  # gains fitted to all folds, shape (q,)
-    fold_gains: FloatArray  # gains fitted without each fold, shape (folds, q)
     sse: FloatArray  # sum of squared residuals of the fit to all folds, by fold, shape (folds,)
-    train: FloatArray  # for each fold, sum of squared residuals of the fit without it, in the other folds
-    held_out: FloatArray  # for each fold, sum of squared residuals of the fit without it, in this fold
     system: FloatArray  # Gram matrix for columns of unit length, shape (q, q)
-    scale: FloatArray  # factors that scale the columns to unit length, shape (q,)
+    scale: FloatArray  # factors that scale the columns to unit length, zero for fixed gains, shape (q,)
     dof: int  # number of samples in the fit; 0 if unknown
+    equations: NormalEquations  # of the free gains
+    free: IntArray  # indices of the free gains
+
+    @cached_property
+    def fold_gains(self) -> FloatArray:
+        """Gains fitted without each fold, shape (folds, q)."""
+        gains = np.repeat(self.gains[None], len(self.sse), axis=0)
+        gains[:, self.free] = self._unit_gains * self.scale[self.free]
+        return gains
+
+    @cached_property
+    def train(self) -> FloatArray:
+        """For each fold, sum of squared residuals of the fit without it, in the other folds."""
+        scaled, _ = _scaled(self.equations)
+        return _sse(scaled.sum(axis=0) - scaled, self._unit_gains)
+
+    @cached_property
+    def held_out(self) -> FloatArray:
+        """For each fold, sum of squared residuals of the fit without it, in this fold."""
+        return _sse(_scaled(self.equations)[0], self._unit_gains)
+
+    @cached_property
+    def _unit_gains(self) -> FloatArray:
+        """Free gains of columns of unit length, fitted without each fold, shape (folds, free)."""
+        system, target = self.equations.training(self.scale[self.free])
+        system += _RIDGE * np.eye(len(self.free))
+        return np.asarray(np.linalg.solve(system, target[..., None])[..., 0])
 
     @property
     def standard_errors(self) -> FloatArray:
@@ -98,35 +137,31 @@ class LinearFit:
         variance = np.diag(np.linalg.inv(self.system)) * self.sse.sum() / dof
         return np.asarray(np.sqrt(variance) * self.scale)
 
-    def with_fixed_gains(self, gains: FloatArray, free: Sequence[int]) -> "LinearFit":
+    def with_fixed_gains(self, gains: FloatArray, free: IntArray) -> "LinearFit":
         """Return the fit with fixed gains inserted.
 
         Args:
             gains: values of all gains, shape (q,); those of free gains are replaced.
             free: indices of the fitted gains.
         """
-        whole = np.repeat(gains[None], len(self.fold_gains) + 1, axis=0)
-        whole[:, free] = np.concatenate([self.gains[None], self.fold_gains])
-        system, scale = np.eye(len(gains)), np.zeros(len(gains))
-        system[np.ix_(free, free)], scale[free] = self.system, self.scale
-        return replace(self, gains=whole[0], fold_gains=whole[1:], system=system, scale=scale)
+        whole, system, scale = gains.copy(), np.eye(len(gains)), np.zeros(len(gains))
+        whole[free], system[np.ix_(free, free)], scale[free] = self.gains, self.system, self.scale
+        return replace(self, gains=whole, system=system, scale=scale, free=free)
 
 
 def solve_normal_equations(equations: NormalEquations, dof: int = 0) -> LinearFit:
-    """Fit the gains to all folds, and without each fold.
+    """Fit the gains to all folds.
 
     Args:
         equations: normal equations by fold.
         dof: number of samples, for standard errors; 0 if they are not needed.
     """
     scaled, scale = _scaled(equations)
-    training = scaled.sum(axis=0) - scaled
-    system, target = equations.training(scale)
+    system, target = equations.total(scale)
     system = system + _RIDGE * np.eye(len(scale))
-    gains = np.linalg.solve(system, target[..., None])[..., 0]
-    used = np.concatenate([np.repeat(gains[:1], len(scaled), axis=0), gains[1:], gains[1:]])
-    sse, held_out, train = _sse(np.concatenate([scaled, scaled, training]), used).reshape(3, -1)
-    return LinearFit(gains[0] * scale, gains[1:] * scale, sse, train, held_out, system[0], scale, dof)
+    gains = np.asarray(np.linalg.solve(system, target))
+    sse = _sse(scaled, gains)
+    return LinearFit(gains * scale, sse, system, scale, dof, equations, np.arange(len(scale)))
 
 
 def held_out_sse(equations: NormalEquations, ridges: FloatArray) -> FloatArray:
@@ -138,7 +173,7 @@ def held_out_sse(equations: NormalEquations, ridges: FloatArray) -> FloatArray:
     """
     scaled, scale = _scaled(equations)
     system, target = equations.training(scale)
-    return _sse(scaled, np.array([_shrunken(system[1:], target[1:], ridge) for ridge in ridges]))
+    return _sse(scaled, np.array([_shrunken(system, target, ridge) for ridge in ridges]))
 
 
 def held_out_gains(equations: NormalEquations, ridge: FloatArray) -> FloatArray:
@@ -150,7 +185,7 @@ def held_out_gains(equations: NormalEquations, ridge: FloatArray) -> FloatArray:
     """
     _, scale = _scaled(equations)
     system, target = equations.training(scale)
-    return _shrunken(system[1:], target[1:], ridge) * scale
+    return _shrunken(system, target, ridge) * scale
 
 
 def _shrunken(systems: FloatArray, targets: FloatArray, ridge: FloatArray) -> FloatArray:
@@ -279,11 +314,11 @@ def nuisance_of(columns: FloatArray, by_run: FloatArray, run: IntArray, used: Bo
 def _without_runs(blocks: FloatArray, by_run: FloatArray, run: IntArray) -> FloatArray:
     if by_run.shape[1] == 0:
         return blocks
-    residual = blocks.astype(np.float64, copy=True)
-    for rows in rows_of_runs(run):
-        run_basis = by_run[rows]
-        residual[rows] -= run_basis @ (run_basis.T @ residual[rows])
-    return residual
+    starts, number = block_index(run)
+    residual = np.array(blocks.T, dtype=np.float64)
+    for column in by_run.T:
+        residual -= np.add.reduceat(blocks.T * column, starts, axis=-1)[..., number] * column
+    return residual.T
 
 
 def _orthonormal(columns: FloatArray, *, drop: bool = False) -> FloatArray:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from palpate.robot_io.types import FloatArray, IntArray
 
 COUNT = 199
+_DEPENDENT = 1e-12  # squared share of a column outside the span of others below which it is in it
 
 
 def null_improvements(
@@ -43,11 +44,19 @@ def null_improvements(
         For each surrogate, the largest share of its error that a candidate explains, shape (COUNT,).
     """
     surrogates = surrogate_residuals(noise, run, rng).astype(np.float32, order="C")
-    explained = _explained(surrogates, base)
+    basis = _orthonormal(base)
+    explained, count = _explained(surrogates, basis), base.shape[1]
     residual = np.sum(surrogates**2, axis=0) - explained
     best = np.zeros(surrogates.shape[1])
     for columns in candidates:
-        best = np.maximum(best, (_explained(surrogates, columns) - explained) / residual)
+        if np.array_equal(columns[:, :count], base):  # only what the candidate adds (Frisch and Waugh)
+            added = columns[:, count:]
+            left = added - basis @ (basis.T @ added)
+            is_new = np.sum(left**2, axis=0) > _DEPENDENT * np.sum(added**2, axis=0)
+            gain = _explained(surrogates, _orthonormal(left[:, is_new]))
+        else:
+            gain = _explained(surrogates, _orthonormal(columns)) - explained
+        best = np.maximum(best, gain / residual)
         if np.sum(best >= observed) > most:
             break
     return best
@@ -70,14 +79,18 @@ def surrogate_residuals(noise: FloatArray, run: IntArray, rng: np.random.Generat
     return surrogates.T
 
 
-def _explained(noise: NDArray[np.float32], columns: FloatArray) -> FloatArray:
-    """Return the sum of squares of each surrogate (w, s) within the span of columns (w, q), shape (s,)."""
+def _orthonormal(columns: FloatArray) -> FloatArray:
+    """Return an orthonormal basis of the span of columns (w, q)."""
     if columns.shape[1] == 0:
-        return np.zeros(noise.shape[1])
+        return columns
     lengths = np.sqrt(np.sum(columns**2, axis=0))
     unit = columns / np.where(lengths > 0.0, lengths, 1.0)
     squares, directions = np.linalg.eigh(unit.T @ unit)  # far faster than a singular value decomposition
-    independent = squares > 1e-12 * max(squares[-1], 1e-300)
-    basis = (unit @ (directions[:, independent] / np.sqrt(squares[independent]))).astype(np.float32)
-    energy: FloatArray = np.sum((basis.T @ noise) ** 2, axis=0)
+    independent = squares > _DEPENDENT * max(squares[-1], 1e-300)
+    return np.asarray(unit @ (directions[:, independent] / np.sqrt(squares[independent])))
+
+
+def _explained(noise: NDArray[np.float32], basis: FloatArray) -> FloatArray:
+    """Return the sum of squares of each surrogate (w, s) within the span of a basis (w, q), shape (s,)."""
+    energy: FloatArray = np.sum((basis.T.astype(np.float32) @ noise) ** 2, axis=0)
     return energy

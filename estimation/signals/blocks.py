@@ -131,8 +131,7 @@ def number_stretches(mask: BoolArray, number: IntArray) -> IntArray:
     Returns:
         Number of each sample's block, from 0, shape (n,).
     """
-    changes = (np.diff(mask) != 0) | (np.diff(number) != 0)
-    return np.concatenate([[0], np.cumsum(changes)])[: len(mask)]
+    return block_index(2 * block_index(number)[1] + mask)[1]
 
 
 def since_start(signal: FloatArray, run: IntArray) -> FloatArray:

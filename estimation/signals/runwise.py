@@ -208,10 +208,11 @@ def smooth_jitter(position: FloatArray, time_s: FloatArray, run: IntArray) -> Fl
         run: run number of each sample, shape (n,).
     """
     window = 2 * int(0.5 * _JITTER_WINDOW_S / sample_time(time_s, run)) + 1
-    position = np.array(position, dtype=np.float64)
-    if not 3 < window <= len(position):
-        return position
-    return _apply_local_fit(_local_fit(window, 0), position, run, position)
+    smoothed = np.array(position, dtype=np.float64)
+    if 3 < window <= len(position):
+        smoothed = _apply_local_fit(_local_fit(window, 0), smoothed, run, smoothed)
+    smoothed.setflags(write=False)  # the result is cached, and others are cached by it
+    return smoothed
 
 
 def _apply_local_fit(weights: FloatArray, signal: FloatArray, run: IntArray, short: FloatArray) -> FloatArray:
@@ -321,22 +322,12 @@ def bouc_wen(
     Returns:
         State in [-1, 1], shape (n,).
     """
-    first, number = block_index(run)
-    steps = np.diff(position, prepend=position[:1]) / path
-    steps[first] = 0.0
-    if not len(steps):
-        return steps
-    sign = np.where(steps >= 0.0, 1.0, -1.0)
-    starts, piece = block_index(2 * number + (sign > 0.0))
-    way = np.cumsum(np.abs(steps))
-    way -= np.concatenate([[0.0], way[starts[1:] - 1]])[piece]
-    tables = _bouc_wen_tables(sharpness, unloading)
-    lengths = way[np.append(starts[1:], len(steps)) - 1]
-    is_new_run = np.append(True, np.diff(run[starts]) != 0)
+    strokes, tables = _divide_strokes(position, run), _bouc_wen_tables(sharpness, unloading)
     from_zero = float(np.interp(0.0, tables.states, tables.paths))
-    initial, reached = np.empty(len(starts)), 0.0
+    initial, reached = np.empty(len(strokes.length)), 0.0
     points, turned = tables.reached, tables.turned
-    for i, (length, is_new) in enumerate(zip(lengths.tolist(), is_new_run.tolist(), strict=True)):
+    lengths = (strokes.length / path).tolist()
+    for i, (length, is_new) in enumerate(zip(lengths, strokes.is_new_run, strict=True)):
         upper = bisect_right(points, reached)  # faster than calling `np.interp` for a scalar
         if is_new:
             initial[i] = from_zero
@@ -346,7 +337,33 @@ def bouc_wen(
             share = (reached - points[upper - 1]) / (points[upper] - points[upper - 1])
             initial[i] = turned[upper - 1] + share * (turned[upper] - turned[upper - 1])
         reached = initial[i] + length
-    return np.asarray(sign * np.interp(initial[piece] + way, tables.paths, tables.states))
+    states = np.interp(initial[strokes.number] + strokes.way / path, tables.paths, tables.states)
+    return np.asarray(strokes.sign * states)
+
+
+@dataclass(frozen=True)
+class _Strokes:
+    """Motion between reversals."""
+
+    sign: FloatArray  # direction of motion at each sample, 1 or -1, shape (n,)
+    number: IntArray  # stroke of each sample, shape (n,)
+    way: FloatArray  # path since the start of the stroke, in the unit of position, shape (n,)
+    length: FloatArray  # path of each stroke
+    is_new_run: list[bool]  # whether a stroke is the first of its run
+
+
+@cache_by_array
+def _divide_strokes(position: FloatArray, run: IntArray) -> _Strokes:
+    first, number = block_index(run)
+    steps = np.diff(position, prepend=position[:1])
+    steps[first] = 0.0
+    sign = np.where(steps >= 0.0, 1.0, -1.0)
+    starts, stroke = block_index(2 * number + (sign > 0.0))
+    way = np.cumsum(np.abs(steps))
+    ends = way[np.append(starts[1:], len(steps)) - 1] if len(steps) else way
+    way -= np.concatenate([[0.0], ends])[stroke]
+    is_new_run = np.append(True, np.diff(run[starts]) != 0)[: len(starts)]
+    return _Strokes(sign, stroke, way, np.diff(ends, prepend=0.0), is_new_run.tolist())
 
 
 @dataclass(frozen=True)
