@@ -9,8 +9,8 @@ from typing import Any
 
 from palpate.robot_io.drivers.dynamixel.tables import DynamixelSettings
 from palpate.sim_backend.emulators.dynamixel_servo import GOALS, DynamixelMounting, EmulatedServo, Error
-from palpate.sim_backend.emulators.faults import FaultKind, Faults
-from palpate.sim_backend.emulators.hardware import EmulatedWire, Plant
+from palpate.sim_backend.emulators.faults import FaultKind
+from palpate.sim_backend.emulators.hardware import EmulatedWire
 from palpate.sim_backend.emulators.servo_wire import (
     BROADCAST,
     REBOOT_S,
@@ -19,7 +19,6 @@ from palpate.sim_backend.emulators.servo_wire import (
     ServoInstruction,
     ServoReply,
     ServoWire,
-    place_on_shafts,
 )
 from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
@@ -128,26 +127,11 @@ _SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A
 
 
 class EmulatedDynamixelLine(ServoWire[EmulatedServo]):
-    """Servos of one line, see `ServoWire`.
+    """Servos of one line, see `ServoWire`."""
 
-    Each turns the joint at its place in the list, with its second one.
-    """
-
+    parser = DynamixelParser
+    _servo = staticmethod(EmulatedServo)
     _status = staticmethod(status)
-
-    def __init__(
-        self,
-        mountings: Sequence[DynamixelMounting],
-        plant: Plant,
-        faults: Faults | None = None,
-        *,
-        baud_rate: int | None = 4_000_000,
-        start_s: float = 0.0,
-    ) -> None:
-        servos = [
-            EmulatedServo(mounting, shaft, start_s) for mounting, shaft in place_on_shafts(mountings, plant)
-        ]
-        super().__init__(servos, DynamixelParser(), faults, baud_rate, start_s)
 
     def _execute(
         self, instruction: ServoInstruction, servo: EmulatedServo, now_s: float
@@ -230,11 +214,8 @@ class DynamixelWires(WireMaker):
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
         settings = request.settings_as(_DynamixelSettings)
+        baud_rate, start_s = settings.baud_rate, request.start_s
         line = EmulatedDynamixelLine(
-            settings.servos,
-            request.plant,
-            request.faults,
-            baud_rate=settings.baud_rate,
-            start_s=request.start_s,
+            settings.servos, request.plant, request.faults, baud_rate=baud_rate, start_s=start_s
         )
         return line, {"port": line.path}

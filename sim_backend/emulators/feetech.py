@@ -6,20 +6,17 @@ Rhoban's measurement (BAM). Goal speeds are understood as "any" or "stop" only. 
 not known, and left out. Values below address 40 outlive a restart if they were written while the lock was 0.
 """
 
-from collections.abc import Sequence
 from math import isfinite, pi
 from typing import Any
 
 from palpate.robot_io.drivers.feetech.tables import FeetechServo, FeetechSettings
-from palpate.sim_backend.emulators.faults import Faults
-from palpate.sim_backend.emulators.hardware import EmulatedWire, Plant, Shaft
+from palpate.sim_backend.emulators.hardware import EmulatedWire, Shaft
 from palpate.sim_backend.emulators.servo_wire import (
     InstructionParser,
     LineServo,
     ServoInstruction,
     ServoReply,
     ServoWire,
-    place_on_shafts,
 )
 from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
@@ -258,28 +255,11 @@ _PING, _READ, _WRITE, _SYNC_READ, _SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
 
 
 class EmulatedFeetechLine(ServoWire[EmulatedSts]):
-    """Servos of one line, see `ServoWire`.
+    """Servos of one line, see `ServoWire`."""
 
-    Each turns the joint at its place in the list, with its second servo; those with the ids in `hold` turn
-    nothing.
-    """
-
+    parser = FeetechParser
+    _servo = staticmethod(EmulatedSts)
     _status = staticmethod(status)
-
-    def __init__(
-        self,
-        mountings: Sequence[FeetechServo],
-        plant: Plant,
-        faults: Faults | None = None,
-        *,
-        hold: Sequence[int] = (),
-        baud_rate: int | None = 1_000_000,
-        start_s: float = 0.0,
-    ) -> None:
-        holding = [(FeetechServo(id=servo_id, model=mountings[0].model), None) for servo_id in hold]
-        placed = (*place_on_shafts(mountings, plant), *holding)
-        servos = [EmulatedSts(mounting, shaft, start_s) for mounting, shaft in placed]
-        super().__init__(servos, FeetechParser(), faults, baud_rate, start_s)
 
     def _execute(self, instruction: ServoInstruction, servo: EmulatedSts, now_s: float) -> ServoReply | None:
         code, parameters = instruction.code, instruction.parameters
@@ -321,7 +301,7 @@ class FeetechWires(WireMaker):
             settings.servos,
             request.plant,
             request.faults,
-            hold=settings.hold,
+            hold=[FeetechServo(id=servo_id, model=settings.servos[0].model) for servo_id in settings.hold],
             baud_rate=settings.baud_rate,
             start_s=request.start_s,
         )

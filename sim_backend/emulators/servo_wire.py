@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite
 from operator import attrgetter
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 from palpate.robot_io.drivers.servo.joints import ServoMounting
 from palpate.sim_backend.emulators.faults import Fault, FaultKind, Faults
@@ -19,30 +19,6 @@ BROADCAST = 0xFE
 REBOOT_S = 0.3  # default duration of a servo's absence
 _SLIP_RAD = 0.1  # slip angle of a horn
 _HELD = JointState(0.0, 0.0, 0.0)  # state of a servo that turns nothing
-
-
-MountingType = TypeVar("MountingType", bound=ServoMounting)
-
-
-def place_on_shafts(mountings: Sequence[MountingType], plant: Plant) -> list[tuple[MountingType, Shaft]]:
-    """List all servos of an arm, one or two per joint, from base to tip.
-
-    Args:
-        mountings: mountings of the joints, from base to tip.
-        plant: the arm.
-
-    Returns:
-        Each with the shaft on which it sits.
-    """
-    placed = []
-    for joint, mounting in enumerate(mountings):
-        shaft = Shaft(plant, joint)
-        placed.append((mounting, shaft))
-        if mounting.second:
-            shaft.beside = Shaft(plant, joint)
-            shaft.beside.beside = shaft
-            placed.append((mounting.second, shaft.beside))
-    return placed
 
 
 class LineServo(ABC):
@@ -165,9 +141,10 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
     """Servos on one line.
 
     Args:
-        servos: all servos of the line.
-        receiver: parser of the received bytes.
+        mountings: servo of each joint, from base to tip, with its second one.
+        plant: the arm.
         faults: faults of the line and its servos, which are named by their ids; None for none so far.
+        hold: servos that turn nothing.
         baud_rate: determines the time on the wire [bit/s]; with None, bytes take no time.
         start_s: time from which the servos have power, emulator's clock [s].
 
@@ -179,16 +156,31 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
     """
 
     echoes = False
+    parser: ClassVar[type[InstructionParser]]
 
     def __init__(
         self,
-        servos: Iterable[ServoType],
-        receiver: InstructionParser,
-        faults: Faults | None,
+        mountings: Sequence[ServoMounting],
+        plant: Plant,
+        faults: Faults | None = None,
+        *,
+        hold: Sequence[ServoMounting] = (),
         baud_rate: int | None,
-        start_s: float,
+        start_s: float = 0.0,
     ) -> None:
-        self.servos, self._receiver = {servo.id: servo for servo in servos}, receiver
+        placed: list[tuple[ServoMounting, Shaft | None]] = []
+        for joint, mounting in enumerate(mountings):
+            shaft = Shaft(plant, joint)
+            placed.append((mounting, shaft))
+            if mounting.second:
+                shaft.beside = Shaft(plant, joint)
+                shaft.beside.beside = shaft
+                placed.append((mounting.second, shaft.beside))
+        placed += [(mounting, None) for mounting in hold]
+        self.servos: dict[int, ServoType] = {
+            mounting.id: self._servo(mounting, shaft, start_s) for mounting, shaft in placed
+        }
+        self._receiver = self.parser()
         self._master, slave = pty.openpty()
         tty.setraw(slave)
         self.path = os.ttyname(slave)
@@ -201,6 +193,11 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         self._in_use = False  # whether the driver has opened the port
         self._had_faults = False  # whether faults were planned in the last step
         self._free_s = start_s  # when the line is free again
+
+    @staticmethod
+    @abstractmethod
+    def _servo(mounting: Any, shaft: Any, now_s: float) -> Any:  # noqa: ANN401, of each maker
+        """Make a servo on a shaft, or on None, that gets power now."""
 
     @abstractmethod
     def _execute(self, instruction: ServoInstruction, servo: ServoType, now_s: float) -> ServoReply | None:

@@ -43,7 +43,7 @@ class Client:
     def __init__(self, ids=(1, 2, 3), faults=None, model="XM430-W350"):
         self.plant = Joints(*[0.1 * servo_id for servo_id in ids])
         mountings = [DynamixelMounting(id=servo_id, model=model) for servo_id in ids]
-        self.line = EmulatedDynamixelLine(mountings, self.plant, faults)
+        self.line = EmulatedDynamixelLine(mountings, self.plant, faults, baud_rate=4_000_000)
         self.port = serial.Serial(self.line.path, 4_000_000, timeout=0)
         self.now_s = 0.0
 
