@@ -311,14 +311,13 @@ class OdriveBus(MotorBus):
         return " ".join((beat.state.name, *names, *components))
 
     def _joint_of(self, frame: CanFrame) -> int | None:
-        node, _ = odrive.split_odrive_id(frame.can_id)
-        return None if frame.extended else self._joint_by_node.get(node)
+        return None if frame.extended else self._joint_by_node.get(frame.can_id >> odrive.COMMAND_BITS)
 
     def _store_frame(self, frame: CanFrame, at_s: float) -> bool:
         joint = self._joint_of(frame)
         if joint is None or frame.remote:
             return False
-        node, command = odrive.split_odrive_id(frame.can_id)
+        node, command = divmod(frame.can_id, 1 << odrive.COMMAND_BITS)
         match command:
             case OdriveCommand.ENCODER_ESTIMATES:
                 position_rev, velocity_rev_s = odrive.decode_two_floats(frame, "encoder estimates")

@@ -150,7 +150,6 @@ _LAYOUTS = {
     OdriveCommand.SET_LIMITS: _TWO_FLOATS,
     OdriveCommand.CLEAR_ERRORS: struct.Struct("<B"),
 }
-_COMMAND_MASK = (1 << COMMAND_BITS) - 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,18 +176,6 @@ def odrive_id(node_id: int, command: OdriveCommand) -> int:
     if not 0 <= node_id <= MAX_NODE_ID:
         raise InputError(f"node id {node_id} is not from 0 to {MAX_NODE_ID}")
     return node_id << COMMAND_BITS | command
-
-
-def split_odrive_id(can_id: int) -> tuple[int, int]:
-    """Split an arbitration id.
-
-    Args:
-        can_id: arbitration id, 11 bits.
-
-    Returns:
-        Node id and command number.
-    """
-    return can_id >> COMMAND_BITS, can_id & _COMMAND_MASK
 
 
 def decode_heartbeat(frame: CanFrame, firmware: Firmware) -> Heartbeat:

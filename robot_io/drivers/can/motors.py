@@ -43,14 +43,6 @@ class MotorMounting(FileModel):
         """Shaft turns for one turn of the joint, negative if reversed."""
         return -self.gear_ratio if self.reversed else self.gear_ratio
 
-    def joint_angle_rad(self, shaft_rad: float) -> float:
-        """Convert an angle of the motor's shaft to one of the joint [rad].
-
-        Args:
-            shaft_rad: angle of the motor's shaft [rad].
-        """
-        return self.zero_rad + shaft_rad / self.signed_ratio
-
 
 class MotorBus(JointBus, Examinable):
     """Motors on one CAN bus, one per joint from base to tip.

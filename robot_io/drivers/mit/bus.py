@@ -144,7 +144,8 @@ class MitBus(PolledMotorBus[MitState]):
             if self._dialect.position_register:
                 # Its position must agree with its states, on the same turn.
                 register = self._dialect.position_register
-                reported_rad = self._motors[joint].joint_angle_rad(self._register(joint, register))
+                shaft_rad = self._register(joint, register)
+                reported_rad = self._motors[joint].zero_rad + shaft_rad / self._ratios[joint]
                 stated_rad = self._position_rad[joint]
                 if not abs(reported_rad - stated_rad) <= _SAME_POSITION_RAD:
                     problem = (

@@ -62,13 +62,12 @@ class MitState:
     enabled: bool | None
 
 
-def to_bits(value: float, low: float, high: float, largest: int) -> int:
-    """Return the integer from 0 to `largest` that encodes a value.
+def to_bits(value: float, half_range: float, largest: int) -> int:
+    """Return the integer from 0 to `largest` that encodes a value from -half_range to half_range.
 
     Args:
         value: value to encode; values beyond the range are clipped.
-        low: value that 0 encodes, in the unit of `value`.
-        high: value that `largest` encodes, in the unit of `value`.
+        half_range: end of the range, in the unit of `value`.
         largest: largest integer, 2^n - 1.
 
     Raises:
@@ -76,7 +75,7 @@ def to_bits(value: float, low: float, high: float, largest: int) -> int:
     """
     if isnan(value):
         raise InputError("a motor command is not a number")
-    return round((min(max(value, low), high) - low) / (high - low) * largest)
+    return round((min(max(value, -half_range), half_range) + half_range) / (2.0 * half_range) * largest)
 
 
 def from_bits(bits: int, half_range: float, largest: int) -> float:
@@ -161,7 +160,7 @@ class MitFrames:
         Raises:
             InputError: the torque is not a number.
         """
-        bits = to_bits(torque_nm, -ranges.torque_nm, ranges.torque_nm, _MAX_12)
+        bits = to_bits(torque_nm, ranges.torque_nm, _MAX_12)
         frame = CanFrame(motor_id, (_ONLY_TORQUE | bits).to_bytes(8, "big"))
         return frame, from_bits(bits, ranges.torque_nm, _MAX_12)
 
@@ -317,7 +316,7 @@ class RobstrideFrames(MitFrames):
         return self._frame(kind, self.host_id, motor_id, data)
 
     def torque(self, motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[CanFrame, float]:
-        bits = to_bits(torque_nm, -ranges.torque_nm, ranges.torque_nm, MAX_16)
+        bits = to_bits(torque_nm, ranges.torque_nm, MAX_16)
         return (
             self._frame(_CONTROL, bits, motor_id, _ONLY_TORQUE_DATA),
             from_bits(bits, ranges.torque_nm, MAX_16),

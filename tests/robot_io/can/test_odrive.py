@@ -27,7 +27,7 @@ def by_dbc(firmware: Firmware, name: str, **signals) -> CanFrame:
 
 def test_ids_and_a_heartbeat_of_the_manual():
     """ODrive documentation, "CAN Frame": axis 1 and command 0x0C make 0x2C."""
-    assert odrive.split_odrive_id(0x2C) == (1, 0x0C)
+    assert odrive.odrive_id(1, 0x0C) == 0x2C
     assert odrive.odrive_id(1, OdriveCommand.SET_INPUT_TORQUE) == 0x2E
     assert odrive.odrive_id(63, OdriveCommand.TORQUES) == 0x7FC
     with pytest.raises(InputError, match="64"):
