@@ -21,7 +21,7 @@ from palpate.robot_io.errors import InputError, SafetyTripError
 from palpate.robot_io.guard import Limits
 from palpate.robot_io.types import Command, FloatArray, Measurement
 
-MARGIN_M = 0.01
+MARGIN_M = 0.01  # a motion may go this far below its start, where the arm has been already
 _STEP_RAD = 0.05
 SHARE = 0.5  # of a limit; the rest is for noise, friction and the controller's corrections
 _TORQUE_SHARE = 0.8  # share of the torque limit, mostly for the known weight
@@ -50,20 +50,6 @@ def straight_path(start_rad: FloatArray, end_rad: FloatArray) -> FloatArray:
     """
     count = max(2, int(np.abs(end_rad - start_rad).max() / _STEP_RAD) + 1)
     return np.linspace(start_rad, end_rad, count)
-
-
-def is_clear(body: RigidBody, postures_rad: Iterable[FloatArray], floor_m: float) -> bool:
-    """Return whether no part comes nearer to the floor than the margin.
-
-    Args:
-        body: model of the arm.
-        postures_rad: joint positions, shape (n,) each [rad].
-        floor_m: height of the floor, which the arm has reached already [m].
-
-    Returns:
-        True if all postures are clear.
-    """
-    return lowest_m(body, postures_rad) >= floor_m - MARGIN_M
 
 
 def cap_speed(speed_rad_s: float, limits: Limits) -> FloatArray:
@@ -139,8 +125,8 @@ def check_lift_path(body: RigidBody, start_rad: FloatArray, up_rad: FloatArray, 
     Raises:
         InputError: the way comes nearer to the ground, or needs too much torque.
     """
-    floor_m = float(body.heights_m(start_rad)[1:].min())
-    if not is_clear(body, straight_path(start_rad, up_rad), floor_m):
+    floor_m = lowest_m(body, [start_rad]) - MARGIN_M
+    if not lowest_m(body, straight_path(start_rad, up_rad)) >= floor_m:
         raise InputError("the way up from the present pose leads below this pose: raise the arm by hand")
     move = JointMove(start_rad, up_rad, travel_speed_rad_s(limits), ACCELERATION_RAD_S2)
     motions = (move.at(time_s) for time_s in np.linspace(0.0, move.duration_s, _MOVE_POSTURES))
@@ -285,7 +271,7 @@ def choose_path(
     Raises:
         InputError: no motion is clear of the ground and inside the limits, or all are too slow.
     """
-    floor_m = float(body.heights_m(start_rad)[1:].min())
+    floor_m = lowest_m(body, [start_rad]) - MARGIN_M
     low, high = joint_range(limits, _LIMIT_MARGIN_RAD)
     speed = cap_speed(settings.speed_rad_s, limits)
     joint = int(speed.argmin())
@@ -306,7 +292,8 @@ def choose_path(
         for path in _shrunk_paths(center, shape, settings, (low, high), speed):
             motion = path.sample(times)
             each = (JointMotion(*row) for row in zip(*motion, strict=True))
-            if is_clear(body, motion.position_rad, floor_m) and overloaded_joint(body, each, limits) is None:
+            is_clear = lowest_m(body, motion.position_rad) >= floor_m
+            if is_clear and overloaded_joint(body, each, limits) is None:
                 columns = design_matrix(bodies, *motion)
                 norms = np.linalg.norm(columns, axis=0)
                 sign, size = np.linalg.slogdet(columns[:, norms > 0].T @ columns[:, norms > 0])

@@ -60,7 +60,7 @@ def plan_stops(
     Raises:
         InputError: a joint has no stop that can be reached without touching the ground.
     """
-    floor_m = float(body.heights_m(start_rad)[1:].min())
+    floor_m = arm_motion.lowest_m(body, [start_rad])
     low, high = arm_motion.joint_range(limits, _LIMIT_MARGIN_RAD)
     up = arm_motion.highest_posture(body, low, high)
     arm_motion.check_lift_path(body, start_rad, up, limits)

@@ -181,36 +181,6 @@ def _value(text: str, name: str, default: str | None = None) -> str:
     return match[1] if match else str(default)
 
 
-def read_configuration(host: str, port: int) -> NetFtConfiguration:
-    """Read the configuration of a sensor.
-
-    Args:
-        host: name or address of the sensor.
-        port: port of its web server.
-
-    Raises:
-        DeviceError: the sensor does not answer in time, or its answer is not a configuration.
-    """
-    where = f"http://{host}:{port}{PAGE}"
-    connection = HTTPConnection(host, port, timeout=_PATIENCE_S)
-    try:
-        connection.request("GET", PAGE)
-        answer = connection.getresponse()
-        page = answer.read(_LARGEST_PAGE) if answer.status == OK else b""
-    except (OSError, HTTPException) as error:
-        raise DeviceError(
-            f"{where}: no answer ({error}); check power, cable, host and this machine's address"
-        ) from error
-    finally:
-        connection.close()
-    if answer.status != OK:
-        raise DeviceError(f"{where}: answers '{answer.status} {answer.reason}': is that a Net F/T?")
-    try:
-        return parse_configuration(page)
-    except ProtocolError as error:
-        raise DeviceError(f"{where}: is not a configuration of a Net F/T: {error}") from error
-
-
 _LARGEST_DATAGRAM = 2048  # bytes
 _AT_ONCE = 1000  # datagrams in one look, at most
 
@@ -290,8 +260,30 @@ class NetFtLine(ForceLine):
             raise DeviceError(f"{self.label}: cannot be reached ({error})") from error
 
     def read_configuration(self) -> NetFtConfiguration:
-        """Read the sensor's configuration; raise `DeviceError` without a valid answer."""
-        return read_configuration(self._settings.host, self._settings.http_port)
+        """Read the sensor's configuration from its web server.
+
+        Raises:
+            DeviceError: the sensor does not answer in time, or its answer is not a configuration.
+        """
+        host, port = self._settings.host, self._settings.http_port
+        where = f"http://{host}:{port}{PAGE}"
+        connection = HTTPConnection(host, port, timeout=_PATIENCE_S)
+        try:
+            connection.request("GET", PAGE)
+            answer = connection.getresponse()
+            page = answer.read(_LARGEST_PAGE) if answer.status == OK else b""
+        except (OSError, HTTPException) as error:
+            raise DeviceError(
+                f"{where}: no answer ({error}); check power, cable, host and this machine's address"
+            ) from error
+        finally:
+            connection.close()
+        if answer.status != OK:
+            raise DeviceError(f"{where}: answers '{answer.status} {answer.reason}': is that a Net F/T?")
+        try:
+            return parse_configuration(page)
+        except ProtocolError as error:
+            raise DeviceError(f"{where}: is not a configuration of a Net F/T: {error}") from error
 
     def _close_port(self) -> None:
         if self._port is not None:
