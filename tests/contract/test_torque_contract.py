@@ -64,18 +64,12 @@ def test_positive_torque_turns_the_joint_forwards(open_setup, joint):
     assert velocity[1.0] > velocity[-1.0]
 
 
-def test_deactivated_drives_exert_no_torque(active):
-    for _ in range(5):
-        active.tick(small_torque(active))
-    active.robot.deactivate()
-    for _ in range(20):
-        measurement = active.read()
-    assert (np.abs(measurement.joint_torque_nm) < noise_nm(active)).all()
+def test_drives_forget_their_torque_when_deactivated(active):
+    def drive():
+        for _ in range(5):
+            active.tick(0.3 * np.array(active.robot_file.limits.torque_nm))
 
-
-def test_reactivated_drives_forget_their_torque(active):
-    for _ in range(5):
-        active.tick(0.3 * np.array(active.robot_file.limits.torque_nm))
+    drive()
     active.robot.deactivate()
     active.robot.activate()
     if active.holds:
@@ -84,7 +78,12 @@ def test_reactivated_drives_forget_their_torque(active):
             measurement = active.read()
         np.testing.assert_allclose(measurement.joint_position_rad, here_rad, atol=0.1)
         assert (np.abs(measurement.joint_velocity_rad_s) < 0.1).all()
-        return
-    for _ in range(5):
+    else:
+        for _ in range(5):
+            measurement = active.read()
+        assert (np.abs(measurement.joint_torque_nm) < noise_nm(active)).all()
+    drive()
+    active.robot.deactivate()
+    for _ in range(20):
         measurement = active.read()
     assert (np.abs(measurement.joint_torque_nm) < noise_nm(active)).all()

@@ -97,15 +97,19 @@ def test_incomplete_model_keeps_effects_of_known_form(searches, law, found, kept
     assert {test.effect for test in tests} == kept
 
 
-def test_each_kind_has_one_name_while_error_remains():
-    """Two forms of a kind draw almost any third; effects of two kinds may each have a name."""
-    kinds = (RUB, "position_dependent_friction", SQUARE)
-    end = SimpleNamespace(
-        solution=SimpleNamespace(model=SimpleNamespace(effects=[EFFECTS[n]() for n in kinds]))
-    )
-    taken = dict(zip(kinds, (3.0, 2.0, 1.0), strict=True))
-    repeated = [name for name in kinds if module._repeats_another(end, name, taken)]
-    assert repeated == ["position_dependent_friction"]
+@pytest.mark.parametrize(
+    ("taken", "repeated"),
+    [
+        # Two forms of a kind draw almost any third; effects of two kinds may each have a name.
+        ({RUB: 3.0, "position_dependent_friction": 2.0, SQUARE: 1.0}, "position_dependent_friction"),
+        # Of two curves over one signal the better one is named.
+        ({"cubic_stiffness": 1.0, "exponential_stiffness": 2.0, "damping": 0.1}, "cubic_stiffness"),
+    ],
+)
+def test_each_kind_has_one_name_while_error_remains(taken, repeated):
+    effects = [EFFECTS[name]() for name in taken]
+    end = SimpleNamespace(solution=SimpleNamespace(model=SimpleNamespace(effects=effects)))
+    assert [name for name in taken if module._repeats_another(end, name, taken)] == [repeated]
 
 
 def test_effect_that_drives_a_base_gain_out_of_bounds_is_not_accepted(searches, monkeypatch):
@@ -286,21 +290,23 @@ def test_parts_with_fewer_parameters_are_compared_with_their_whole():
 
 
 @pytest.mark.parametrize(
-    ("share", "necessary", "others", "unexplained", "by_other", "told"),
+    ("share", "necessary", "others", "unexplained", "by_other", "by_all", "told"),
     [
-        (0.5, 0.3, (), 1.0, 0.5, True),
-        (0.5, 0.3, (Kind.TIME_MEMORY,), 1.0, 0.5, True),  # nothing else takes all of it
-        (0.5, 0.0, (), 1.0, 0.5, True),
-        (0.5, 0.0, (Kind.TIME_MEMORY,), 1.0, 0.5, False),  # what is left may be why relaxation takes as much
+        (0.5, 0.3, (), 1.0, 0.5, 0.0, True),
+        (0.5, 0.3, (Kind.TIME_MEMORY,), 1.0, 0.5, 0.0, True),  # nothing else takes all of it
+        (0.5, 0.0, (), 1.0, 0.5, 0.0, True),
+        # What is left may be why relaxation takes as much.
+        (0.5, 0.0, (Kind.TIME_MEMORY,), 1.0, 0.5, 0.0, False),
         # A law of relaxation leaves as much as the form does.
-        (0.5, 0.0, (Kind.TIME_MEMORY,), 1.0, 1.0, True),
-        (0.5, 0.0, (Kind.TIME_MEMORY,), 0.05, 0.5, True),  # of two kinds, the one with a simple form
-        (0.0, 0.0, (), 1.0, 0.5, False),
-        (None, None, (), 1.0, 0.5, True),  # its kind has no law
+        (0.5, 0.0, (Kind.TIME_MEMORY,), 1.0, 1.0, 0.0, True),
+        (0.5, 0.0, (Kind.TIME_MEMORY,), 0.05, 0.5, 0.0, True),  # of two kinds, the one with a simple form
+        (0.0, 0.0, (), 1.0, 0.5, 0.0, False),
+        (0.0, 0.0, (), 1.0, 0.5, 0.9, True),  # all laws together leave more than the form
+        (None, None, (), 1.0, 0.5, 0.0, True),  # its kind has no law
     ],
 )
 def test_form_is_named_where_its_kind_explains_some_error(
-    searches, share, necessary, others, unexplained, by_other, told
+    searches, share, necessary, others, unexplained, by_other, by_all, told
 ):
     search, _ = searches("a friction and what nobody knows")
     end, partial = reached(search, RUB), analyze_kinds(search)
@@ -309,31 +315,12 @@ def test_form_is_named_where_its_kind_explains_some_error(
         Kind.FRICTION, share, (share, share), necessary, share, tuple(others)
     )
     laws = SimpleNamespace(mean_square=lambda kinds=None: by_other * test.unexplained_by_all)
-    partial = replace(partial, budget=replace(partial.budget, unexplained_by_all=0.0), error=laws)
+    partial = replace(partial, budget=replace(partial.budget, unexplained_by_all=by_all), error=laws)
     entries = {Kind.FRICTION: entry} if entry else {}
     found = module._accounts_for_error(
         search, partial, end, test, entries, explained=1.0, unexplained=unexplained
     )
     assert found is told
-
-
-def test_effect_that_leaves_less_than_all_laws_names_its_kind(searches):
-    search, _ = searches("a friction and what nobody knows")
-    end, partial = reached(search, RUB), analyze_kinds(search)
-    (test,) = form_tests(partial, end)
-    nothing = {Kind.FRICTION: BudgetEntry(Kind.FRICTION, 0.0, (0.0, 0.0), 0.0, 0.0, ())}
-    for flexible, told in ((0.9, True), (0.0, False)):
-        part = replace(partial, budget=replace(partial.budget, unexplained_by_all=flexible))
-        found = module._accounts_for_error(search, part, end, test, nothing, explained=1.0, unexplained=1.0)
-        assert found is told
-
-
-def test_better_of_two_curves_over_one_signal_is_named():
-    effects = [EFFECTS[name]() for name in ("cubic_stiffness", "exponential_stiffness", "damping")]
-    end = SimpleNamespace(solution=SimpleNamespace(model=SimpleNamespace(effects=effects)))
-    taken = {"cubic_stiffness": 1.0, "exponential_stiffness": 2.0, "damping": 0.1}
-    repeats = [name for name in taken if module._repeats_another(end, name, taken)]
-    assert repeats == ["cubic_stiffness"]
 
 
 @pytest.mark.parametrize(("kind", "least"), [(Kind.FRICTION, 0.8), (Kind.DRIFT, 0.95), (Kind.PERIODIC, None)])
