@@ -16,7 +16,7 @@ from typing import ClassVar
 import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.data.derivatives import least_path
+from palpate.estimation.data.derivatives import reading_error
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.types import FloatArray
 
@@ -170,9 +170,10 @@ class Effect(ABC):
         """
         if not self.path:
             return self
-        shortest, suited = least_path(data), copy(self)
+        half_step = float(np.sqrt(3.0 * np.mean(reading_error(data) ** 2)))  # if the readings are quantized
+        suited = copy(self)
         suited.inner = tuple(  # type: ignore[misc]  # the bound depends on the data
-            replace(p, lower=min(max(p.lower, shortest), p.upper)) if p.name == self.path else p
+            replace(p, lower=min(max(p.lower, half_step), p.upper)) if p.name == self.path else p
             for p in self.inner
         )
         return suited

@@ -50,19 +50,6 @@ def arrange_products(
     return JointNormalEquations(ordered, len(shared), sigma)
 
 
-def training_sums(products: FloatArray) -> FloatArray:
-    """Sum products over all folds, then leaving out each fold in turn.
-
-    Args:
-        products: products by fold, shape (folds, q, q).
-
-    Returns:
-        Shape (1 + folds, q, q): [0] over all folds, [1 + f] without fold f.
-    """
-    total = products.sum(axis=0, keepdims=True)
-    return np.concatenate([total, total - products])
-
-
 def shared_information(joint: JointNormalEquations) -> Information:
     """Compute the information of one joint on the shared parameters, with its own gains profiled out.
 
@@ -72,7 +59,8 @@ def shared_information(joint: JointNormalEquations) -> Information:
     Returns:
         Matrix (1 + folds, s, s) and vector (1 + folds, s): [0] from all folds, [1 + f] without fold f.
     """
-    total = training_sums(joint.products) / joint.sigma**2
+    total = joint.products.sum(axis=0, keepdims=True)
+    total = np.concatenate([total, total - joint.products]) / joint.sigma**2
     return Information(total[:, :-1, :-1], total[:, :-1, -1]).about(np.arange(joint.shared))
 
 

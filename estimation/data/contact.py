@@ -108,11 +108,6 @@ class SurfaceBounds:
         """Deepest position of the surface: half a step below the shallowest sample in contact [m]."""
         return self.first_m + self.step_m / 2
 
-    def uniform_surface(self) -> Surface:
-        """Return the surface from the contact alone: uniformly distributed between free air and contact."""
-        width_m = self.first_m - self.air_m + self.step_m
-        return Surface((self.air_m + self.first_m) / 2, width_m / np.sqrt(12), self.highest_m, self.deepest_m)
-
 
 def find_surface(  # noqa: PLR0917
     tip_m: FloatArray,
@@ -137,7 +132,9 @@ def find_surface(  # noqa: PLR0917
         bounds: result of `bound_surface`.
     """
     if np.ptp(tip_m) < MIN_STEPS * bounds.step_m:
-        return bounds.uniform_surface()
+        # Uniformly distributed between free air and contact.
+        middle_m, width_m = (bounds.air_m + bounds.first_m) / 2, bounds.first_m - bounds.air_m + bounds.step_m
+        return Surface(middle_m, width_m / np.sqrt(12), bounds.highest_m, bounds.deepest_m)
     columns = np.column_stack([tip_m - bounds.first_m, speed_m_s, np.ones(len(tip_m))])
     stiffness, _, offset_n = gains = solve(columns, force_n)
     if stiffness <= 0.0:

@@ -507,12 +507,3 @@ def reading_error(data: ChannelData) -> FloatArray:
     step = data.position_step or grid_step(data.position)
     rounding = rounding_variance(data.time_s, data.position, data.run, step)
     return position_error(data.time_s, data.position, data.run, rounding)[0]
-
-
-def least_path(data: ChannelData) -> float:
-    """Return the shortest path that the position readings resolve: half a step if they are quantized.
-
-    Args:
-        data: the channel with the measured positions.
-    """
-    return float(np.sqrt(3.0 * np.mean(reading_error(data) ** 2)))

@@ -10,7 +10,6 @@ from palpate.estimation.shared_gains import (
     arrange_products,
     information_of_others,
     shared_information,
-    training_sums,
     urdf_information,
 )
 from tests.estimation.arm.panda import JOINTS, colored_noise, minimum, motion, other_bodies, panda, regressor
@@ -83,7 +82,8 @@ def close(found, expected):
 @pytest.mark.parametrize("joint", range(JOINTS))
 def test_one_joint_with_shared_information_matches_the_joint_fit(arm, joint):
     others = information_of_others(arm.moments, arm.prior)[joint]
-    total = training_sums(arm.moments[joint].products) / SIGMA[joint] ** 2
+    products = arm.moments[joint].products
+    total = np.concatenate([[products.sum(axis=0)], products.sum(axis=0) - products]) / SIGMA[joint] ** 2
     b = len(arm.base.columns)
     system = total[:, :-1, :-1].copy()
     right = total[:, :-1, -1].copy()
