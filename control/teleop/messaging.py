@@ -14,13 +14,11 @@ peer's clock):
 
 from collections import Counter, deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import StrEnum
 from math import inf, isfinite, nan
 from typing import NamedTuple
 
 from palpate.robot_io.clock import Clock
-from palpate.robot_io.errors import InputError
 from palpate.robot_io.link.connection import LinkConnection
 from palpate.robot_io.link.frame import Frame, FrameError
 from palpate.robot_io.link.messages import Message
@@ -85,25 +83,12 @@ class Arrival(StrEnum):
     __hash__ = str.__hash__  # faster than an Enum's: every frame is counted
 
 
-@dataclass(frozen=True, slots=True)
-class PeerLimits:
-    """Limits on the age of frames and on silence."""
-
-    late_s: float = 3.0  # longest transit time of a used frame [s]
-    silent_s: float = 1.0  # time without a fresh frame after which the peer is silent [s]
-
-    def __post_init__(self) -> None:
-        if not (0.0 < self.silent_s <= 60.0 and 0.0 < self.late_s <= 60.0):
-            raise InputError(
-                f"late_s {self.late_s}, silent_s {self.silent_s}: each must be above 0 and at most 60 s"
-            )
+_LATE_S = 3.0  # longest transit time of a used frame
+_SILENT_S = 1.0  # time without a fresh frame after which the peer is silent
 
 
 class Peer:
     """Classifies frames by their time stamps, without I/O; times are on the own clock [s].
-
-    Args:
-        limits: limits on age and silence.
 
     Attributes:
         counts: frames by class.
@@ -111,8 +96,7 @@ class Peer:
         restarts: number of times that a new sender has replaced the peer.
     """
 
-    def __init__(self, limits: PeerLimits) -> None:
-        self._limits = limits
+    def __init__(self) -> None:
         self.counts: Counter[Arrival] = Counter(dict.fromkeys(Arrival, 0))
         self.lost = 0
         self.restarts = 0
@@ -129,12 +113,12 @@ class Peer:
         return self._clocks.best
 
     def silent(self, now_s: float) -> bool:
-        """Return whether no fresh frame has arrived for `silent_s`, or ever.
+        """Return whether no fresh frame has arrived for a second, or ever.
 
         Args:
             now_s: own clock [s].
         """
-        return not now_s - self._fresh_at_s <= self._limits.silent_s  # true for NaN as well
+        return not now_s - self._fresh_at_s <= _SILENT_S  # true for NaN as well
 
     def age_s(self, now_s: float) -> float:
         """Compute the age of the newest fresh frame's content.
@@ -194,7 +178,7 @@ class Peer:
         transit_s, best = arrived_s - frame.sent_s, self._clocks.best
         self._min_lag_s = min(self._min_lag_s, transit_s)
         transit_s += -self._min_lag_s if best is None else best.offset_s
-        return Arrival.LATE if transit_s > self._limits.late_s else Arrival.FRESH
+        return Arrival.LATE if transit_s > _LATE_S else Arrival.FRESH
 
 
 STREAM_NAME = "link"
@@ -240,7 +224,7 @@ class Messaging:
         take: Callable[[Message, float], None],
         on_new_peer: Callable[[], None],
     ) -> None:
-        self.peer, self.linked = Peer(PeerLimits()), False
+        self.peer, self.linked = Peer(), False
         self.send = line.send
         self._line, self._clock, self._handle_message, self._on_new_peer = line, clock, take, on_new_peer
         self._begun_s, self._reported = clock.now_s(), set[str]()

@@ -125,15 +125,15 @@ class RequestQueue:
     Args:
         margin_s: Variation of the delays [s]; less than the time between two requests.
         latest_s: Longest time between a request and its answer [s].
-        usual_s: Usual delay before the first answer [s].
 
     Attributes:
         answered_s: When the last answer was requested, robot's clock [s]; the latest possible time if not
             `is_unsure`.
     """
 
-    def __init__(self, margin_s: float, latest_s: float, usual_s: float = 0.0) -> None:
-        self._margin_s, self._latest_s, self._usual_s = margin_s, latest_s, usual_s
+    def __init__(self, margin_s: float, latest_s: float) -> None:
+        self._margin_s, self._latest_s = margin_s, latest_s
+        self._usual_s = 0.0  # usual delay of an answer [s]
         self._open_s: deque[float] = deque()
         self.answered_s = -inf
         # While `is_unsure`: times of the requests since the first uncertain one, and of the answers.

@@ -5,7 +5,7 @@ from multiprocessing import get_context
 from multiprocessing.context import SpawnProcess
 
 from palpate.control.loop.task import Phase
-from palpate.control.teleop.messaging import Arrival, Peer, PeerLimits
+from palpate.control.teleop.messaging import Arrival, Peer
 from palpate.robot_io.clock import MonotonicClock
 from palpate.robot_io.link.connection import LinkConnection, LinkSettings
 from palpate.robot_io.link.messages import ObjectEstimate, Report
@@ -20,7 +20,7 @@ class ScriptedPeer:
     def __init__(self, role: str, port: int) -> None:
         self.line, self.peer = (
             LinkConnection(role, LinkSettings(port=port), MonotonicClock()),
-            Peer(PeerLimits()),
+            Peer(),
         )
         self.seen = -1
         self.heard: list[Report | ObjectEstimate] = []
