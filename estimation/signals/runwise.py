@@ -324,20 +324,17 @@ def bouc_wen(
     """
     strokes, tables = _divide_strokes(position, run), _bouc_wen_tables(sharpness, unloading)
     from_zero = float(np.interp(0.0, tables.states, tables.paths))
-    initial, reached = np.empty(len(strokes.length)), 0.0
-    points, turned = tables.reached, tables.turned
-    lengths = (strokes.length / path).tolist()
-    for i, (length, is_new) in enumerate(zip(lengths, strokes.is_new_run, strict=True)):
-        upper = bisect_right(points, reached)  # faster than calling `np.interp` for a scalar
+    points, turned, slopes = tables.reached, tables.turned, tables.slopes
+    initial, reached = list[float](), 0.0
+    for length, is_new in zip((strokes.length / path).tolist(), strokes.is_new_run, strict=True):
         if is_new:
-            initial[i] = from_zero
-        elif upper in {0, len(points)}:
-            initial[i] = turned[min(upper, len(points) - 1)]
-        else:
-            share = (reached - points[upper - 1]) / (points[upper] - points[upper - 1])
-            initial[i] = turned[upper - 1] + share * (turned[upper] - turned[upper - 1])
-        reached = initial[i] + length
-    states = np.interp(initial[strokes.number] + strokes.way / path, tables.paths, tables.states)
+            start = from_zero
+        else:  # faster than calling `np.interp` for a scalar
+            lower = bisect_right(points, reached) - 1
+            start = turned[lower] + slopes[lower] * (reached - points[lower])
+        initial.append(start)
+        reached = start + length
+    states = np.interp(np.array(initial)[strokes.number] + strokes.way / path, tables.paths, tables.states)
     return np.asarray(strokes.sign * states)
 
 
@@ -374,6 +371,7 @@ class _BoucWenTables:
     paths: FloatArray  # path from state -1 to each state
     reached: list[float]  # path from -1 at which the motion reverses
     turned: list[float]  # path from -1 in the new direction, at the same state
+    slopes: list[float]  # change of `turned` by `reached` up to the next point; zero from the last one
 
 
 @lru_cache(maxsize=64)
@@ -391,7 +389,8 @@ def _bouc_wen_tables(sharpness: float, unloading: float) -> _BoucWenTables:
     # Both tables are piecewise linear, so their composition is linear between the points of both.
     reached = np.union1d(paths, np.interp(-states, states, paths))
     turned = np.interp(-np.interp(reached, paths, states), states, paths)
-    return _BoucWenTables(states, paths, reached.tolist(), turned.tolist())
+    slopes = np.append(np.diff(turned) / np.diff(reached), 0.0)
+    return _BoucWenTables(states, paths, reached.tolist(), turned.tolist(), slopes.tolist())
 
 
 BY_POSITION, BY_ACCELERATION = "_by_position", "_by_acceleration"  # suffixes of a signal's derivatives
