@@ -107,8 +107,8 @@ def joint_range(limits: Limits, margin_rad: float) -> tuple[FloatArray, FloatArr
         joint = int(np.argmax(low - high))
         raise InputError(
             f"joint {joint + 1}: limits.position_min_rad and position_max_rad are "
-            f"{high[joint] - low[joint] + 2 * margin_rad:.3g} rad apart; a calibration keeps "
-            f"{margin_rad:g} rad away from both: widen them"
+            f"{high[joint] - low[joint] + 2 * margin_rad:.3g} rad apart; a calibration stays {margin_rad:g} "
+            "rad away from each: widen this range"
         )
     return low, high
 
@@ -127,14 +127,14 @@ def check_lift_path(body: RigidBody, start_rad: FloatArray, up_rad: FloatArray, 
     """
     floor_m = lowest_m(body, [start_rad]) - MARGIN_M
     if not lowest_m(body, straight_path(start_rad, up_rad)) >= floor_m:
-        raise InputError("the way up from the present pose leads below this pose: raise the arm by hand")
+        raise InputError("the path upwards from the present pose first leads below it: raise the arm by hand")
     move = JointMove(start_rad, up_rad, travel_speed_rad_s(limits), ACCELERATION_RAD_S2)
     motions = (move.at(time_s) for time_s in np.linspace(0.0, move.duration_s, _MOVE_POSTURES))
     joint = overloaded_joint(body, motions, limits)
     if joint is not None:
         raise InputError(
-            f"joint {joint + 1}: its limits.torque_nm, {limits.torque_nm[joint]:g} N m, cannot carry the "
-            "arm on its way up: raise it, or correct the URDF's masses"
+            f"joint {joint + 1}: its limits.torque_nm, {limits.torque_nm[joint]:g} N m, cannot carry the arm "
+            "on its way up: raise this limit, or correct the URDF's masses"
         )
 
 
@@ -379,8 +379,8 @@ class FreeMotion:
         self._touched_ticks = self._touched_ticks + 1 if abs(difference_n) > TOUCH_N else 0
         if self._touched_ticks >= _TOUCH_TICKS:
             raise SafetyTripError(
-                f"{difference_n:.1f} N on the tool: something is in the way; remove it. If nothing is, "
-                "remove what is attached to the tool: its weight changes direction with the tool"
+                f"{difference_n:.1f} N on the tool: remove the obstacle. If there is none, remove any load "
+                "from the tool: its weight acts in another direction when the tool turns"
             )
         return self._torque.step(measurement, motion, self._no_contact, dt_s)
 

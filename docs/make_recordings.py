@@ -37,7 +37,7 @@ WIDTH = 900  # of a picture [px]
 INK = "#768390"  # reads on light and on dark
 INTRODUCTION = """# Recordings
 
-This page shows what `palpate diagnose` says of measurements that others made and published. A picture shows
+This page shows what `palpate diagnose` reports on published measurements of others. A picture shows
 the error budget ([diagnosis](../explanation/diagnosis.md)): the squared error of a simple base model in
 held-out runs, divided among kinds of effects, noise and an unexplained part. The dot is the share of a kind.
 Its range goes from the share that the kind explains alone to the share that it adds to all other kinds, the

@@ -25,7 +25,8 @@ from palpate.robot_io.guard import Limits, SafeState
 Name = Annotated[
     str,
     matching(
-        r"[A-Za-z0-9][A-Za-z0-9_.\-]{0,63}", "1 to 64 letters, digits, _ . or -, a letter or digit first"
+        r"[A-Za-z0-9][A-Za-z0-9_.\-]{0,63}",
+        "1 to 64 letters, digits, _ . or -, starting with a letter or digit",
     ),
 ]
 Text = Annotated[str, Field(min_length=1)]
@@ -151,7 +152,7 @@ def load_robot_file(path: str | Path) -> RobotFile:
             continue
         first = taken.setdefault(os.path.realpath(port), name)
         if first != name:
-            problem = f"is the port of '{first}' too: give each bus a port of its own"
+            problem = f"is also the port of '{first}': give each bus its own port"
             raise input_error(robot_file.document, ("buses", name, "port"), problem, port)
     return robot_file
 
@@ -185,7 +186,8 @@ def _from_document(document: YamlDocument) -> RobotFile:
         largest = robot_file.limits.torque_nm[joint] / _SLOWEST_RAD_S2
         if inertia > largest:
             problem = (
-                f"give 0 to {largest:g} kg m2: with more, the torque limit needs over 1 s to reach 1 rad/s"
+                f"give 0 to {largest:g} kg m2: with a larger inertia, the torque limit takes over 1 s to "
+                "reach 1 rad/s"
             )
             raise input_error(robot_file.document, ("rotor_inertia_kg_m2", joint), problem, inertia)
     limits = robot_file.limits

@@ -36,7 +36,7 @@ def joint_of(channel: str) -> int:
     """
     number = channel.removeprefix(_JOINT)
     if number == channel or not number.isdecimal() or not int(number):
-        raise InputError(f"channel '{channel}': not that of a joint, such as joint_2")
+        raise InputError(f"channel '{channel}': is not a joint, such as joint_2")
     return int(number)
 
 

@@ -33,7 +33,9 @@ if TYPE_CHECKING:
 else:
     pin = LazyModule("pinocchio")
 
-Name = Annotated[str, matching(r"[A-Za-z][A-Za-z0-9_]{0,63}", "1 to 64 letters, digits or _, a letter first")]
+Name = Annotated[
+    str, matching(r"[A-Za-z][A-Za-z0-9_]{0,63}", "1 to 64 letters, digits or _, starting with a letter")
+]
 _POSTURES = 5  # besides the home position
 _MAX_DISTANCE_M = 1e-4  # largest distance between the tips of table and URDF
 _MAX_ROTATION = 1e-3  # largest difference between elements of two rotation matrices

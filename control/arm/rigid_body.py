@@ -71,7 +71,7 @@ class RigidBody:
             if model.joints[index].nq != 1:
                 raise InputError(
                     f"{source}, joint '{model.names[index]}': only revolute (with limits) and prismatic "
-                    "joints; write a 'continuous' joint as 'revolute' with wide limits"
+                    "joints are supported; write a 'continuous' joint as 'revolute' with wide limits"
                 )
         if not model.existFrame(tip_frame):
             valid = ", ".join(frame.name for frame in model.frames if frame.type == pin.FrameType.BODY)

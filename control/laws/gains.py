@@ -25,7 +25,7 @@ class TrackingGains(FileModel):
         if self.integral_rate_1_s > 0.5 * self.bandwidth_rad_s * self.damping_ratio:
             raise ValueError(
                 f"integral_rate_1_s {self.integral_rate_1_s} is too fast for bandwidth_rad_s "
-                f"{self.bandwidth_rad_s}: at most half of it times damping_ratio"
+                f"{self.bandwidth_rad_s}; at most 0.5 * bandwidth_rad_s * damping_ratio is allowed"
             )
         return self
 

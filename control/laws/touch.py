@@ -57,9 +57,9 @@ def free_air_problem(force_n: float, touch_n: float, force_limit_n: float, gains
     limit_n = gains.limit_share * force_limit_n
     if not touch_n <= limit_n:
         return (
-            f"a touch would count above {touch_n:.3g} N; with {limit}, at most {limit_n:.3g} N is "
-            "allowed: the sensor is too noisy (or gains.touch.touch_force_n of the robot file too "
-            f"high); a force_limit_n of {touch_n / gains.limit_share:.3g} N is enough"
+            f"a touch would be detected only above {touch_n:.3g} N; with {limit}, at most {limit_n:.3g} N is "
+            "allowed: the sensor is too noisy, or gains.touch.touch_force_n in the robot file is too high; "
+            f"a force_limit_n of {touch_n / gains.limit_share:.3g} N is enough"
         )
     return None
 

@@ -48,17 +48,17 @@ def realtime(priority: int = 80) -> Iterator[RealtimeReport]:
         ("fine timer", "each sleep may be 50 us longer", _fine_timer),
         (
             "SCHED_FIFO",
-            "other programs may delay a tick by milliseconds; allow it with 'rtprio 99' in "
+            "other programs may delay a tick by milliseconds; to allow SCHED_FIFO, write 'rtprio 99' in "
             "/etc/security/limits.conf",
             lambda: _fifo(priority),
         ),
         (
             "memory lock",
-            "memory that was swapped out may delay a tick; allow it with 'memlock unlimited' in "
+            "memory that was swapped out may delay a tick; to allow locking, write 'memlock unlimited' in "
             "/etc/security/limits.conf",
             _locked_memory,
         ),
-        ("awake processor", "it may fall into a deep sleep that takes 100 us to leave", _awake_processor),
+        ("awake processor", "it may enter a deep sleep and need 100 us to wake", _awake_processor),
         (
             "frozen garbage",
             "a full garbage collection may delay a tick",

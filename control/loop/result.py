@@ -70,7 +70,7 @@ class LoopResult:
             is_in_cause = not self.cause or self.deactivation_error in self.cause
             reason = "" if is_in_cause else f"; the arm was stopped: {self.cause}"
             raise SafetyTripError(
-                f"the torque may still be on, cut the power: {self.deactivation_error}{reason}"
+                f"the torque may still be on; cut the power: {self.deactivation_error}{reason}"
             ) from self.error
         if self.outcome is Outcome.TRIPPED:
             kind = PalpateError if self.error else SafetyTripError

@@ -48,12 +48,12 @@ _COLUMNS = (
         *("output.command.joint_torque_nm", "torque_commanded_nm", "N m", _PER_JOINT),
         *("commanded by the controller; 0 in STOPPED", "float64"),
     ),
-    ("sent_torque_nm", "torque_sent_nm", "N m", _PER_JOINT, "really sent; NaN if sending failed", "float64"),
+    ("sent_torque_nm", "torque_sent_nm", "N m", _PER_JOINT, "sent; NaN if sending failed", "float64"),
     ("measurement.force_n", "force_n", "N", 1, "contact force, positive in compression", "float64"),
-    ("output.reference_position_rad", "reference_position_rad", "rad", _PER_JOINT, "aimed at", "float64"),
+    ("output.reference_position_rad", "reference_position_rad", "rad", _PER_JOINT, "goal", "float64"),
     (
         *("output.reference_velocity_rad_s", "reference_velocity_rad_s", "rad/s", _PER_JOINT),
-        *("aimed at", "float64"),
+        *("goal", "float64"),
     ),
     ("output.tip_position_world_m", "tip_position_world_m", "m", 3, "of the measured joints", "float64"),
     (
@@ -68,7 +68,7 @@ _COLUMNS = (
         "unit vector into the object",
         "float64",
     ),
-    ("output.desired_force_n", "desired_force_n", "N", 1, "aimed at; NaN where the force is free", "float64"),
+    ("output.desired_force_n", "desired_force_n", "N", 1, "goal; NaN without force control", "float64"),
     ("measurement.encoder_at_s", "encoder_at_s", "s", 1, "when the encoders sampled", "float64"),
     ("measurement.torque_at_s", "torque_at_s", "s", 1, "when the torques were sampled", "float64"),
     ("measurement.force_at_s", "force_at_s", "s", 1, "when the force was sampled", "float64"),
@@ -86,7 +86,7 @@ _ESTIMATE_COLUMNS = (
 _DURATIONS = (
     *("time spent reading the robot", "time spent in the task", "time spent in the guard"),
     *("time spent writing the command", "time spent in the online estimator"),
-    *("time spent logging the tick before", "woken up after the tick was due"),
+    *("time spent logging the previous tick", "woken up after the tick was due"),
 )
 _values = attrgetter(*(attribute for attribute, *_ in _COLUMNS))
 

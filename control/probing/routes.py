@@ -213,6 +213,6 @@ def _check_torques(
             if torque_nm[joint] > torque_limits_nm[joint]:
                 raise InputError(
                     f"{what} joint {joint + 1} would need {torque_nm[joint]:.3g} N m, its limit is "
-                    f"{torque_limits_nm[joint]:g} N m (limits.torque_nm): swing less far or slower, or with "
-                    "less joint_acceleration_rad_s2"
+                    f"{torque_limits_nm[joint]:g} N m (limits.torque_nm): swing less far or more slowly, or "
+                    "lower joint_acceleration_rad_s2"
                 )

@@ -96,7 +96,8 @@ class ProbingRun:
             mean_n, noise_n = self._air.mean, self._air.standard_deviation
             touch_n = touch_force_n(noise_n, gains.touch_force_n)
             text = (
-                f"free-air force {mean_n:.4f} N, noise {noise_n:.4f} N; a touch counts above {touch_n:.3f} N"
+                f"free-air force {mean_n:.4f} N, noise {noise_n:.4f} N; a touch is detected above "
+                f"{touch_n:.3f} N"
             )
             self._event("free_air", text, mean_n=mean_n, noise_n=noise_n, touch_n=touch_n)
             problem = free_air_problem(mean_n, touch_n, self._plan.force_limit_n, gains)

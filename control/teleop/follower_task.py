@@ -179,7 +179,7 @@ class FollowerTask:
         self._events = []
         if self._queue.linked != self._linked:
             self._linked = self._queue.linked
-            text = "the leader responds" if self._linked else "the leader is silent: no new target is begun"
+            text = "the leader responds" if self._linked else "the leader is silent: no new target is started"
             self._events.append(TaskEvent("link_up" if self._linked else "link_silent", text))
         if self._under_way is None:
             self._begin(measurement)

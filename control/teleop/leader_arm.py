@@ -143,7 +143,7 @@ class LeaderArm(OperatorDevice):
 
     def _push(self, force_world_n: FloatArray) -> FloatArray:
         if self._measured is None:
-            raise LifecycleError(f"{self.name}: set_force needs a read before it")
+            raise LifecycleError(f"{self.name}: call read before set_force")
         jacobian = self._tip(self._measured).jacobian_world[:3]
         weight_nm = self._body.gravity(self._measured.joint_position_rad)
         now_s = self.clock.now_s()

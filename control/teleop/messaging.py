@@ -187,12 +187,12 @@ LINK_STREAM = Stream(
     (
         Column("time_s", "s", 1, "on this side's clock"),
         Column("peer_offset_s", "s", 1, "the peer's clock minus this one; NaN before it is known"),
-        Column("round_trip_s", "s", 1, "of the exchange that the offset comes from"),
-        Column("age_s", "s", 1, "of what the newest fresh message says"),
+        Column("round_trip_s", "s", 1, "of the exchange from which the offset was computed"),
+        Column("age_s", "s", 1, "of the content of the newest fresh message"),
         Column("silent", "1", 1, "whether the peer is silent", "bool"),
         *(Column(kind.value, "1", 1, "frames so far", "int64") for kind in Arrival),
         Column("malformed", "1", 1, "frames so far", "int64"),
-        Column("lost", "1", 1, "frames that never came, so far", "int64"),
+        Column("lost", "1", 1, "frames so far that never arrived", "int64"),
     ),
 )
 

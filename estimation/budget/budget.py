@@ -20,9 +20,10 @@ from palpate.robot_io.types import FloatArray
 _MIN_SHARE = 0.02  # least share of the squared error that a relevant kind explains, alone or with others
 _MAX_KINDS = 6  # relevant kinds, which are compared in all combinations
 _MAX_NAMED = 4  # kinds in the smallest set
-# Error of the smallest set beyond the best: shares of the explainable error and of the best set's error.
+# Error that the smallest set may leave beyond the best set's error: shares of the explainable error, and of
+# the best set's error.
 _ALLOWANCE, _ERROR_ALLOWANCE = 0.05, 0.03
-_THOROUGH = 1.1  # largest ratio of a thorough set's mean squared error to the least one
+_THOROUGH = 1.1  # largest mean squared error of a set that explains nearly all, relative to the smallest
 _REPLACEMENT = 0.75  # least share of a kind's contribution, after the others, that a replacement explains
 _SAMPLES = 200  # bootstrap samples of runs, for intervals
 
@@ -36,7 +37,7 @@ class BudgetEntry:
 
     kind: Kind
     share: float  # asymmetric Shapley value among the kinds of the smallest set
-    interval: tuple[float, float]  # 95 %, over runs
+    interval: tuple[float, float]  # 95 % interval, from resampled runs
     necessary: float  # share lost without it, if all other kinds remain
     sufficient: float  # share explained by the kind alone
     replaceable_by: tuple[Kind, ...]  # kinds that explain about as much in its place

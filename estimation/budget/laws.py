@@ -30,16 +30,16 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _REVERSAL_PATHS = (0.001, 0.003, 0.01, 0.04, 0.15, 0.5)  # lengths of reversal memory, relative to range
 _DIRECTION_WIDTHS = (0.004, 0.02)  # widths of the change of direction, relative to the rms speed
-_KNOTS = (0.03, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # relative to the range, and as quantiles
+_KNOTS = (0.03, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # hinges: shares of the range, and quantiles
 _TIMES_PER_DECADE = 4  # relaxation times, from a few samples to twice the longest run
 _MIN_TIME_S = 0.01  # shortest relaxation time
 _LAGS_S = (0.01, 0.03, 0.1, 0.3)  # time constants and delays of sensors
 _ADHESION_RANGES = (0.02, 0.06, 0.2)  # ranges of adhesion, relative to the deepest indentation
 _SURFACE_HEIGHTS = (0.03, 0.1, 0.3)  # heights of the surface, relative to the deepest indentation
 _PLASTIC_SETS = (0.1, 0.3, 0.6, 0.9)  # plastic sets, relative to the deepest indentation so far
-_SPANNED = 1e-6  # largest share of a signal's energy outside the span of columns that contain it
+_SPANNED = 1e-6  # share of a signal's energy outside the columns' span up to which they contain the signal
 _FULL_SCALE = 0.95  # share of the largest reading above which a sensor may saturate
-_DEAD_BANDS = (0.01, 0.03, 0.1)  # half widths, as shares of the effort's range
+_DEAD_BANDS = (0.01, 0.03, 0.1)  # half widths of dead bands, as shares of the effort's range
 _MIN_BIAS_SHARE = 0.02  # least share of the squared error that the bias in free air must explain
 _MAX_RUNS = 30  # largest number of runs that may each have their own waves
 _MAX_WAVES = 10  # largest number of waves of the periodic law
@@ -49,7 +49,7 @@ _WHOLE_TURN = 0.75  # range in turns above which wave numbers are whole numbers 
 _MIN_WAVES = 3  # least number of waves within a narrower range; fewer resemble any smooth law
 # Forces of the object, which can only push. Friction may act on the sides of the tool, and adhesion pulls.
 _OBJECT_KINDS = (Kind.ELASTIC_SHAPE, Kind.RATE_DEPENDENCE, Kind.TIME_MEMORY, Kind.CONTACT_GEOMETRY)
-COLLINEAR = 1e-9  # ridge of the base model's columns, which are not shrunk, relative to their mean square
+COLLINEAR = 1e-9  # ridge penalty of the base model's columns, too small to shrink them
 GRAVITY_RANGE = 0.3  # [rad]; over a narrower range gravity resembles a constant and a spring
 
 

@@ -366,7 +366,7 @@ class RobustHuntCrossley(ContactEstimator):
         medians = np.partition(distance, middle, axis=-1)[..., middle]
         medians[levels <= 0.0] = np.inf
         if not np.isfinite(medians).any():
-            raise InputError("robust_hunt_crossley: no two samples agree with a positive stiffness")
+            raise InputError("robust_hunt_crossley: no pair of samples gives a positive stiffness")
         best = np.unravel_index(int(np.argmin(medians)), medians.shape)
         start = np.array([np.log(levels[best]), slopes[best] / levels[best], _EXPONENTS[best[0]]])
         return irls(evaluate, force, start), unit_m

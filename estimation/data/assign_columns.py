@@ -278,8 +278,8 @@ def _press_or_axis(units: ColumnUnits, chosen: Chosen) -> tuple[Chosen, list[str
     if is_pressed(table.numbers(column), table.numbers(force)):
         others = {key: choice for key, choice in chosen.items() if key != POSITION}
         return others | {DISPLACEMENT: (Role(*DISPLACEMENT, role.unit or unit), column)}, [
-            f"'{column}' and '{force}' change together, as in a press; if it belongs to a linear axis, add "
-            f"--column position={quoted}"
+            f"'{column}' and '{force}' change together, as in a press; if '{column}' is the position of a "
+            f"linear axis, add --column position={quoted}"
         ]
     if not role.unit:
         raise InputError(
@@ -328,8 +328,8 @@ def _orient_signs(
         result[DISPLACEMENT] = replace(result[DISPLACEMENT], zero=sides.zero_m)
         notes.append(
             f"the zero of '{depth.column}' is set to {sides.zero_m / result[DISPLACEMENT].factor:.6g} "
-            f"{depth.unit}, where the force begins; --unit displacement=1{depth.unit} keeps the zero, "
-            "`palpate add FILE contact_offset` fits it"
+            f"{depth.unit}, where the force begins; --unit displacement=1{depth.unit} keeps the recorded "
+            "zero, and `palpate add FILE contact_offset` fits it"
         )
     is_named = depth.column in units.options.columns.values()
     if not sides.two_sided or (is_named and not sides.never_free):
@@ -338,7 +338,10 @@ def _orient_signs(
     contact = f"--column displacement={quoted} reads it as a contact"
     pulls = sides.springy or is_named or POSITION in assigned
     if not pulls:
-        note = f"{names}, but not at the same time, as with a damper: read as a linear axis; {contact}"
+        note = (
+            f"{names}, but do not change sign together, as with a damper: they are read as a linear axis; "
+            f"{contact}"
+        )
         result = {POSITION if key == DISPLACEMENT else key: source for key, source in result.items()}
     elif sides.never_free:
         note = (
@@ -347,8 +350,8 @@ def _orient_signs(
         )
     else:
         note = (
-            f"{names}, with the same sign at the same time: read as an element that pulls and pushes, "
-            f"without a surface; {contact}, and --column position={quoted} as a linear axis"
+            f"{names} and change sign together: they are read as an element that pulls and pushes, without a "
+            f"surface; {contact}, --column position={quoted} as a linear axis"
         )
     return result, pulls, ["; ".join([*notes, note])]
 

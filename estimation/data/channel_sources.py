@@ -101,7 +101,7 @@ def channel_sources(columns: ColumnAssignment) -> list[ChannelSource]:
     table, first_row = columns.table, ""
     if NAMELESS in table.notes:
         cells = list_first([table.labels(name)[0][0] for name in table.names], _SHOWN_CELLS)
-        first_row = f" (the file names none; its first row is {cells})"
+        first_row = f" (the file has no column names; its first row is {cells})"
     if (path := completing_file(table)) is not None:
         files = f"{shlex.quote(str(table.path))} {shlex.quote(str(path))}"
         raise InputError(
@@ -174,8 +174,8 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
     guesses = {guess.column: guess for guess in guess_columns(table.names)}
     quantity_by_name = {name: guesses[name].quantity or quantity_in(name) for name in table.names}
     needed = (
-        "a contact needs time_s, displacement_m, force_N, a joint time_s, position_rad, torque_Nm "
-        "(or position_m, force_N)"
+        "a contact needs time_s, displacement_m, force_N; a joint needs time_s, position_rad, torque_Nm (or "
+        "position_m, force_N)"
     )
     efforts = {dimension for quantity in EFFORTS for dimension in QUANTITIES[quantity]}
     has_effort = any(quantity in EFFORTS for quantity, _ in columns.assigned) or any(
@@ -247,12 +247,14 @@ def _suggest_effort(numbers: Sequence[str], free: Sequence[str], quantity_by_nam
         is_linear = bool(moving) and (dimension_of(unit_in_name(moving[0])) or "").startswith("length")
         effort, unit = ("force", "N") if is_linear else ("torque", "Nm")
         return (
-            f"if '{drive}' is the command of a drive, it can stand for one: "
+            f"if '{drive}' is the command of a drive, it can replace the force or torque: "
             f"--column {motion}={shlex.quote(moving[0]) if moving else 'COLUMN'} "
             f"--column {effort}={shlex.quote(drive)} --unit {effort}=1{unit}"
         )
     column = shlex.quote(free[0]) if len(free) == 1 else "COLUMN"
-    return f"if a column holds one, add --column force_N={column} or --column torque_Nm={column}"
+    return (
+        f"if a column holds a force or torque, add --column force_N={column} or --column torque_Nm={column}"
+    )
 
 
 def _clocks(table: Table, free: list[str]) -> list[str]:

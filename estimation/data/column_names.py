@@ -461,7 +461,7 @@ def guess_column(name: str, *, anywhere: bool = False) -> RoleGuess:
     # `WORDS` has none for acceleration.
     uninformative = WORDS.get(quantity, frozenset()) | _UNINFORMATIVE | _COUNTS
     joint_name = tuple(word.lower() for word in words if plain(word) not in uninformative)
-    why = ("by its name and others'", "by its unit", "by a word in its name", "by its name")[rank]
+    why = ("by this and other names", "by its unit", "by a word in its name", "by its name")[rank]
     specified = next((units.get(quantity, "") for pattern, units in _INTERFACES if pattern.search(name)), "")
     return RoleGuess(name, quantity, joint, unit or specified, rank, why, joint_name)
 

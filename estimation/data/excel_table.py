@@ -72,7 +72,7 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
         tables = [table for sheet in sheets for table in _tables(sheet, nameless=True)]
         notes.append(NAMELESS)
     if not tables:
-        raise InputError(f"{path}: no sheet has names of columns above rows of numbers")
+        raise InputError(f"{path}: no sheet has a row of column names above rows of numbers")
     blocks = [TableBlock(table.sheet, table.names, len(table.rows)) for table in tables]
     chosen, omitted = same_columns(blocks, selected, path)
     same_tables = [tables[place] for place in chosen]

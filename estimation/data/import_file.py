@@ -236,8 +236,8 @@ def _make_channel(
         )
         position = np.concatenate(list(integrals))
         notes.append(
-            f"no column holds a position: it is integrated from {name}, from 0 in each run; if one does, add "
-            "--column position=COLUMN"
+            f"no position column was found: the position is integrated from {name}, from 0 in each run; if a "
+            "column holds it, add --column position=COLUMN"
         )
     else:
         derived = differentiate(rows.time_s, position, pieces)
@@ -290,7 +290,7 @@ def _measured_derivative(  # noqa: PLR0917
         pieces = number_pieces(rows.time_s, rows.run)
         if not is_difference(rows.time_s, values, measured, derived, pieces):
             return measured
-        problem = "holds differences of single samples, which amplify noise; it is derived over more samples"
+        problem = "holds differences of single samples, which amplify noise; more samples are used instead"
     elif np.isnan(ratio):
         another = f"--column {columns.role(key).numbered}=COLUMN"
         problem = f"does not follow {rate}; if another column does, add {another}"

@@ -54,7 +54,7 @@ def read_json(path: Path) -> FileColumns:
     tables = list(_tables(content))
     if not tables:
         raise InputError(
-            f"{path}: holds no table: a list of records, columns of equal length, or rows of numbers"
+            f"{path}: holds no table; expected a list of records, columns of equal length, or rows of numbers"
         )
     columns, other_lengths = max(tables, key=lambda found: _length(found[0]))
     flat = {

@@ -94,7 +94,7 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     notes += repairs
     titles = tests[0][0].titles if len(parts) == 1 else ()
     if len(parts) > 1 and _is_one_recording(parts, dialect.decimal):
-        notes.append(f"{len(parts)} parts of one recording, whose times continue")
+        notes.append(f"{len(parts)} parts are read as one recording, because their times continue")
     elif len(parts) > 1:
         parts = [with_run(part, str(number)) for number, part in enumerate(parts, 1)]
         notes.append(f"{len(parts)} tests one after the other, read as runs")
@@ -244,8 +244,8 @@ def _repair_rows(
     if len(row_places) < len(texts):
         count, first = len(texts) - len(row_places), int(np.argmax(words))
         remarks.append(
-            f"{count} line{'s' if count > 1 else ''} of text among the rows left out; the first is "
-            f"line {lines[first]}: {' '.join(texts[first].split())[:_SHOWN]!r}"
+            f"{count} line{'s' if count > 1 else ''} of text between the rows {'are' if count > 1 else 'is'} "
+            f"left out; the first is line {lines[first]}: {' '.join(texts[first].split())[:_SHOWN]!r}"
         )
     if len(short):
         remarks.append(
@@ -305,11 +305,11 @@ def _raise_no_table(content: bytes, path: Path) -> TextDialect:
     if not any(rest):
         raise InputError(f"{path}: no rows of data")
     first = next((line.decode(errors="replace") for line in rest if line.strip()), "")
-    remedy = "write the names in one line, and numbers below each of them"
+    remedy = "write the column names in one line, with numbers below each name"
     if with_unit := _WITH_UNIT.search(first):
         remedy = f"write a unit in the name of its column, not behind numbers as in {with_unit[0]!r}"
     raise InputError(
-        f"{path}: no line with the names of columns is followed by rows of numbers; it begins with "
+        f"{path}: no line of column names is followed by rows of numbers; the file begins with "
         f"{' '.join(header.split())[:_SHOWN]!r}; {remedy}"
     )
 

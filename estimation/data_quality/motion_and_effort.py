@@ -169,9 +169,9 @@ def late_touch(data: ChannelData) -> str | None:
     if silent < _MIN_SILENT * deepest or noise > _MAX_NOISE * expected:
         return None
     return (
-        f"the force stays at its level in free air down to {1e3 * silent:.3g} of {1e3 * deepest:.3g} mm; if "
-        "the surface is there, subtract that depth from the displacement, or `palpate add FILE "
-        "contact_offset`"
+        f"the force stays at its free-air level down to a displacement of {1e3 * silent:.3g} mm, of "
+        f"{1e3 * deepest:.3g} mm in all; if the surface is that deep, subtract this depth from the "
+        "displacement, or run `palpate add FILE contact_offset`"
     )
 
 

@@ -36,13 +36,16 @@ from palpate.robot_io.types import FloatArray
 AS_GOOD = 0.9  # a flexible regression that leaves less than this share of a model's squared error is better
 CompletenessTest = Callable[[FitResult], bool]
 _MAX_RIVALS = 5  # most alternatives tested per effect; each must explain at least half as much
-# Share of the squared error explained by the effects that a flexible regression must gain; no law is exact.
+# Least gain of a flexible regression, as a share of the squared error that the effects explain. No law is
+# exact, so a smaller gain is ignored.
 _MIN_GAIN = 0.01
 # Ratio of the interval at `LEVEL` to the 95 % interval.
 _INTERVAL_RATIO = NormalDist().inv_cdf(1.0 - 0.5 * LEVEL) / NormalDist().inv_cdf(0.975)
 _MIN_SHARE = 0.02  # least share of the error that a kind must account for
-_MIN_OF_UNEXPLAINED = 0.25  # least ratio of an effect's mean square to the unexplained one, else part of it
-_MAX_UNEXPLAINED = 0.1  # unexplained mean square relative to an effect's; above, another kind is possible
+_MIN_OF_UNEXPLAINED = 0.25  # least mean square of an effect, relative to the unexplained one
+_MAX_UNEXPLAINED = (
+    0.1  # unexplained mean square, relative to an effect's; with more, another kind may explain it
+)
 _MIN_RUNS = 5  # runs needed to accept a variation between runs in an incomplete model
 SENSOR_KINDS = frozenset({Kind.SENSOR_STATICS, Kind.SENSOR_DYNAMICS})
 _PHYSICAL_KINDS = frozenset(Kind) - SENSOR_KINDS - {Kind.RUN_DIFFERENCES, Kind.DRIFT, Kind.OTHER}
@@ -236,13 +239,13 @@ def _accounts_for_error(
     """Return whether an effect's kind accounts for an error that no other kind explains in its place.
 
     The result is true without a test for kinds without a flexible law, and for an effect that alone leaves
-    less error than the laws of all kinds. It is also true if the model leaves less than these laws with the
-    effect, and more without it, unless the effect belongs to the sensor: laws add up, and cannot explain a
-    product of two effects. A Shapley share counts only for members of the smallest sufficient
-    set, or if kind and effect explain as much in the place of a member, because needless laws outside the set
-    also have shares. If another kind can replace this kind, the effect must be distinguishable from it:
-    nearly nothing remains unexplained, or the effect with its few parameters fits as well as the other kind's
-    law.
+    less error than the laws of all kinds. It is also true for an effect of the object or the drive if the
+    model leaves less error than these laws, but more than them once the effect is removed: the predictions of
+    laws are added, so they cannot explain a product of two effects. A Shapley share counts only for members
+    of the smallest sufficient set, or if kind and effect explain as much in the place of a member, because
+    needless laws outside the set also have shares. If another kind can replace this kind, the effect must be
+    distinguishable from it: nearly nothing remains unexplained, or the effect with its few parameters fits as
+    well as the other kind's law.
 
     Args:
         search: the search that led to the model.
@@ -509,9 +512,10 @@ def _is_missing_weight(search: Search, candidate: Effect, effect: Effect) -> boo
 def _alternatives(
     search: Search, fit: FitResult, name: str, max_count: float | None = None
 ) -> tuple[float, list[Candidate]]:
-    """Return alternatives with at most `max_count` determined parameters, and the error of an equivalent one.
+    """Return alternatives with at most `max_count` determined parameters, and the largest equivalent error.
 
-    By default, `max_count` is the number of the effect's parameters. The error is squared, in held-out runs.
+    An alternative with at most this squared held-out error is equivalent to the effect. By default,
+    `max_count` is the number of the effect's parameters.
     """
     without = search.without(fit, name).solution.held_out
     max_count = parameter_count(fit.solution.model.effect(name)) if max_count is None else max_count
@@ -534,7 +538,7 @@ def _has_at_most(max_count: float, candidate: Candidate, fit: FitResult) -> bool
 def most_parsimonious(
     search: Search, fit: FitResult, measurement: MeasurementModel, is_complete: CompletenessTest
 ) -> FitResult:
-    """Replace each effect by an indistinguishable one that has fewer parameters, or as many and fits better.
+    """Replace each effect by an indistinguishable one with fewer parameters, or as many and a better fit.
 
     Of indistinguishable laws the simplest is preferred if the model remains complete (W. H. Jefferys, J. O.
     Berger, American Scientist 80 (1992)). An effect of the object or the drive is preferred to a sensor
@@ -623,7 +627,7 @@ def _has_zero_size(reduced: FitResult, fit: FitResult, name: str) -> bool:
     These parameters are the effect's gains, or its first inner parameter if it has no gains (a gap, a
     compliance, a time). The result is false for an effect of the object or the drive that removes more than
     half of the squared error apart from smoothing bias, because its wide intervals only show that parameters
-    are collinear. A fault of the sensor, or a drift, is rare: without a certain size it has no name.
+    are collinear. Sensor faults and drifts are rare, so they are named only if their size is certain.
     """
     effect = fit.solution.model.effect(name)
     is_large = fit.flexible.before.sum() <= 0.5 * reduced.flexible.before.sum()

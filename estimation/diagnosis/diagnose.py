@@ -172,7 +172,7 @@ def diagnose_channel(
     if may_be_rounding and (reason := _too_few_levels(search.start)):
         return insufficient_diagnosis(data, reason)
     if evidence.complete and not names and len(data) < _MIN_ADEQUATE:
-        reason = f"only {len(data)} samples show no missing effect, and would show only a large one"
+        reason = f"no effect is found missing, but {len(data)} samples would show only a large one"
         return insufficient_diagnosis(data, f"{reason}; record at least {_MIN_ADEQUATE}")
     return decide_verdict(evidence)
 

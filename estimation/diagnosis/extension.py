@@ -124,7 +124,7 @@ class PackedFit:
 
     @classmethod
     def of(cls, fit: FitResult) -> "PackedFit":
-        """Pack a fit.
+        """Copy a fit without the shared arrays.
 
         Args:
             fit: the fit to pack.
@@ -134,7 +134,7 @@ class PackedFit:
         return cls(fit.solution, fit.problem.blocked.trusted, derived)
 
     def unpack(self, data: ChannelData, fit: FitResult) -> FitResult:
-        """Restore the fit.
+        """Restore the fit with the shared arrays.
 
         Args:
             data: the channel to which it was fitted.

@@ -42,10 +42,10 @@ _COLLINEAR = 1e-9  # ridge penalty of the model's own columns
 MOST_OF_LAW = 0.8  # least ratio of the mean squares explained by an accepted form and by its kind's law
 _MIN_TRIED = 0.5  # the same for a form that is tried in a model with the forms of all kinds
 AS_MUCH = 0.95  # ratio of explained mean squares above which forms or kinds count as equivalent
-SLOW = 1.5  # ratio of the error to the noise above which what is left is slower than noise of the readings
+SLOW = 1.5  # ratio of the error to the noise above which the error is slower than noise of the readings
 _EXACT = 0.01  # largest mean square that the kind's law adds to an exact form, relative to the form's own
 _MAX_SETS = 4  # sets of kinds whose forms are compared
-_ROUNDS = 2  # of backfitting
+_ROUNDS = 2  # rounds of backfitting
 
 
 class Form(StrEnum):

@@ -124,7 +124,7 @@ class BudgetShare(_Entry):
 class BudgetRest(_Entry):
     """Shares of the base model's squared held-out error that no kind accounts for."""
 
-    noise: float  # share of the noise level; an upper bound if the level is one
+    noise: float  # share of the noise; an upper bound if the noise level is an upper bound
     unexplained: float  # remaining share
 
 

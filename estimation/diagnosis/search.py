@@ -44,8 +44,8 @@ _PAIR = 2
 _MAX_LEFT = 0.5  # share of the squared error above which a search for single effects has failed
 BESIDE, PAIRS = 3, 4  # second effects tried with each first effect, and pairs that are fitted jointly
 _FOLDS = 0.6  # least share of the folds in which an effect must lower the error
-# Improvement, relative to the residual energy, above which no permutation test is needed: `_CLEAR` with
-# `_MANY_BLOCKS` blocks, inversely proportional to the number of blocks, at least `_MIN_CLEAR`.
+# Least improvement, relative to the residual energy, that needs no permutation test. It is `_CLEAR` for
+# `_MANY_BLOCKS` blocks, inversely proportional to the number of blocks, and never below `_MIN_CLEAR`.
 _CLEAR, _MIN_CLEAR = 0.5, 0.1
 _MANY_BLOCKS = 1000
 SHORTLIST = 8  # best candidates of the coarse copy that are tried on all samples

@@ -158,7 +158,7 @@ class Evidence:
     def form(self, effect: str) -> Form:
         """Rate how well the form of an accepted effect is known.
 
-        No form is exact that another effect, or the flexible law of another kind, may replace.
+        A form is not exact if another effect, or the flexible law of another kind, may replace it.
 
         Args:
             effect: name of the effect.
@@ -185,7 +185,7 @@ class Evidence:
     def _is_resolved(self, effect: str) -> bool:
         """Return whether the noise is so small that it hides only small deviations from the effect's law.
 
-        That a test finds no deviation is no evidence for the law if the test could not have found one.
+        A test that could not have found a deviation is no evidence for the law.
         """
         if self.end.is_exact:
             return True
@@ -412,7 +412,8 @@ def _reason(
     if verdict is Verdict.ADEQUATE:
         return (
             "no effect of the library lowers the error in held-out runs by more than chance, and a flexible "
-            f"regression explains no more of it than of data simulated from the model{_remarks(evidence)}"
+            "regression explains no more of it than of the error of data simulated from the "
+            f"model{_remarks(evidence)}"
         )
     signals, noise = ", ".join(evidence.signals) or "a mix of signals", evidence.noise.value
     left = f"the residual depends on {signals}"
@@ -433,10 +434,10 @@ def _reason(
         if evidence.leaves_only_noise:
             nothing = "only noise is left"
         elif evidence.noise.is_bound:
-            nothing = "what is left may be noise, of which only an upper bound is known"
+            nothing = "the remaining error may be noise, of which only an upper bound is known"
         else:
             times = f", {rounded(last / noise, 2)} times the noise," if noise > 0.0 else ""
-            nothing = f"what is left{times} depends on no recorded signal"
+            nothing = f"the remaining error{times} depends on no recorded signal"
         if evidence.complete:
             return f"{decrease}, and {nothing}{_remarks(evidence)}"
         return f"{decrease}; {left}"
@@ -444,7 +445,7 @@ def _reason(
     if not ranking or ranking[0].score < SMALL:
         return reason
     best = f"{ranking[0].effect}, removes {100 * ranking[0].score:.0f} % of the error"
-    return f"{reason}; the best single effect, {best}, but is not established"
+    return f"{reason}; the best single effect, {best}, but does not meet the criteria for naming it"
 
 
 def _remarks(evidence: Evidence) -> str:
@@ -464,7 +465,7 @@ def _describe_encoder_steps(evidence: Evidence) -> str:
     if end.explainable_share() <= SMALL or left > off:
         return ""
     most = with_unit(off, unit)
-    return f" or rounding of the encoders: {with_unit(left, unit)}, where half a step makes up to {most}"
+    return f" or rounding of the encoders: {with_unit(left, unit)}, where half a step causes up to {most}"
 
 
 def _describe_oscillation(end: FitResult) -> str:
@@ -473,7 +474,7 @@ def _describe_oscillation(end: FitResult) -> str:
     if line is None:
         return ""
     size = with_unit(np.sqrt(line[1]) * end.rmse, end.data.kind.effort_unit)
-    return f"; {size} of the noise oscillates at {line[0]:.3g} Hz, in free air too"
+    return f"; {size} of the noise oscillates at {line[0]:.3g} Hz, also in free air"
 
 
 def _describe_concentration(end: FitResult) -> str:

@@ -25,7 +25,7 @@ class ContactOffset(MotionEffect):
     channels = frozenset({ChannelKind.CONTACT})
     inner = (Parameter("offset", "{position}", -0.02, 0.02, (-1e-3, 1e-3)),)
     confused_with = {
-        "bias": "record free air: a sensor's bias is there too, an offset is not",
+        "bias": "record free air: a sensor's bias also appears there, an offset does not",
         "adhesion": "watch the force just before contact is lost: adhesion pulls",
     }
 
@@ -43,7 +43,7 @@ class Adhesion(AdditiveEffect):
 
     name = "adhesion"
     kind = Kind.CONTACT_GEOMETRY
-    physics = "After the touch, the object attracts the tool until the tool is beyond the surface."
+    physics = "After the touch, the object attracts the tool until the tool has left the surface."
     equation = "F = -f s, s = 1 for x > 0, exp(x/reach) for x < 0 after contact, 0 before"
     source = "B. V. Derjaguin, V. M. Muller, Yu. P. Toporov, J. Colloid Interface Sci. 53 (1975)"
     signature = "when the tool leaves the object, the force falls below that of free air before it returns"
@@ -54,7 +54,7 @@ class Adhesion(AdditiveEffect):
     inner = (Parameter("reach", "{position}", 1e-05, 0.02, (0.0001, 0.005), log=True),)
     confused_with = {
         "contact_offset": "retract slowly beyond the surface: only adhesion pulls there",
-        "bias": "record free air before the touch: a bias is there too",
+        "bias": "record free air before the touch: a bias also appears there",
         "dry_friction": "retract slowly beyond the surface: friction ends with the contact",
     }
 
@@ -84,7 +84,7 @@ class PlasticSet(MotionEffect):
     kind = Kind.CONTACT_GEOMETRY
     physics = "Part of the indentation is permanent: contact ends deeper than it began."
     equation = (
-        "x_true = x - dent, v_true = x_true', dent = share max_t(x); kept times dent remains for the next run"
+        "x_true = x - dent, v_true = x_true', dent = share max_t(x); the next run starts with kept dent"
     )
     source = "permanent set in indentation; K. L. Johnson, Contact Mechanics (1985), ch. 6"
     signature = (

@@ -199,9 +199,9 @@ class JointSpring(AdditiveEffect):
     essential = ("k",)
     confused_with = {
         "bias": "move over a wide range: a bias is the same everywhere",
-        "gravity_tilt": "fit all joints together: a tilt is in all of them; or move over a wide range",
+        "gravity_tilt": "fit all joints together: a tilt affects all of them; or move over a wide range",
         "cubic_stiffness": "move over a wide range",
-        "stiffness": "not possible: in a contact, this is the name of the same term",
+        "stiffness": "not possible: in a contact, both names denote the same term",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -277,8 +277,8 @@ class ToolCompliance(MotionEffect):
     channels = frozenset({ChannelKind.CONTACT})
     inner = (Parameter("compliance", "{position}/{effort}", 0.0, 1e9, (1e-06, 0.001), log=True),)
     confused_with = {
-        "cubic_stiffness": "press a rigid block: what yields is the tool",
-        "damping": "press a rigid block: what yields is the tool",
+        "cubic_stiffness": "press a rigid block: only the tool yields",
+        "damping": "press a rigid block: only the tool yields",
     }
 
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:

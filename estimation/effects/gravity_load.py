@@ -107,8 +107,8 @@ class GravityTilt(AdditiveEffect):
     )
     confused_with = {
         "bias": "move over a wide range: a bias is the same in every posture",
-        "joint_spring": "fit all joints together: a tilt is in all of them; or move over a wide range",
-        "payload": "change the posture: weight and tilt are a quarter turn apart",
+        "joint_spring": "fit all joints together: a tilt affects all of them; or move over a wide range",
+        "payload": "change the posture: the torques of weight and tilt are a quarter turn out of phase",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -160,7 +160,7 @@ class Payload(AdditiveEffect):
     confused_with = {
         "torque_gain": "change the posture: the torque of a payload depends on the posture",
         "gravity_tilt": "change the posture",
-        "bias": "fit all joints together: a payload is in all of them; or change the posture",
+        "bias": "fit all joints together: a payload affects all of them; or change the posture",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:

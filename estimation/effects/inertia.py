@@ -24,7 +24,7 @@ class Inertia(AdditiveEffect):
     gains = (Parameter("m", "{inertia}", 0.0, 1e12, (0.0001, 200.0)),)
     confused_with = {
         "armature": "not possible in one channel: a rotor adds to the inertia of its joint",
-        "lag": "move at two frequencies: a lag first makes stiffness look like damping",
+        "lag": "move at two frequencies: a lagging spring looks mostly like a damper, an inertia does not",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -77,7 +77,7 @@ class JointCoupling(AdditiveEffect):
         "M. Gautier, A. Janot, P. O. Vandanjon, IEEE Trans. Control Systems Tech. 21 (2013): coupling of "
         "joints 5 and 6 of the TX40"
     )
-    signature = "effort while this joint rests and the neighboring joint moves, in any posture"
+    signature = "effort appears while this joint rests and the neighboring joint moves, in any posture"
     signals = ("other joints", "velocity", "direction", "acceleration")
     channels = JOINTS
     gains = (

@@ -209,7 +209,7 @@ class BoucWenHysteresis(AdditiveEffect):
         "presliding_friction": "reverse halfway: dry friction then approaches its limit exponentially",
         "dry_friction": "reverse halfway: dry friction then approaches its limit exponentially",
         "hysteresis": "reverse slowly at several loads: a hysteresis of the sensor depends on the effort",
-        "stress_relaxation": "hold: relaxation goes on at rest, hysteresis does not",
+        "stress_relaxation": "hold: relaxation continues at rest, hysteresis does not",
         "damping": "probe at two speeds: hysteresis does not depend on speed",
     }
 
@@ -301,7 +301,7 @@ class LoadedBacklash(MotionEffect):
     needs = ("load",)
     confused_with = {
         "backlash": "reverse with the load to one side: the link then stays on one side of the gap",
-        "joint_elasticity": "load it more: a spring yields in proportion, a gap by a fixed amount",
+        "joint_elasticity": "increase the load: a spring yields in proportion, a gap by a fixed amount",
         "presliding_friction": "hold still and change the load",
     }
 

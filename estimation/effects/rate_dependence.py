@@ -22,8 +22,8 @@ class Damping(AdditiveEffect):
     gains = (Parameter("c", "{effort} s/{position}", 0.0, 1e12, (0.1, 500.0)),)
     confused_with = {
         "delay": "probe at two speeds and hold: a delay shifts force in time, a damper vanishes at rest",
-        "viscous_friction": "not possible: in a joint, this is the name of the same term",
-        "stress_relaxation": "hold: relaxation goes on at rest, damping does not",
+        "viscous_friction": "not possible: in a joint, both names denote the same term",
+        "stress_relaxation": "hold: relaxation continues at rest, damping does not",
         "hysteresis": "probe at two speeds: hysteresis does not depend on speed",
     }
 
@@ -47,7 +47,7 @@ class ViscousFriction(AdditiveEffect):
         "joint_coupling": "hold this joint still and move its neighbor",
         "delay": "move at two speeds with the same acceleration",
         "lag": "move at two speeds with the same acceleration",
-        "damping": "not possible: in a contact, this is the name of the same term",
+        "damping": "not possible: in a contact, both names denote the same term",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:

@@ -164,15 +164,17 @@ class RunOffset(RunVariation):
 
     name = "run_offset"
     kind = Kind.RUN_DIFFERENCES
-    physics = "The sensor was tared, mounted or charged again before each run, with small differences."
+    physics = (
+        "The sensor was tared, mounted or reset before each run, each time with a slightly different zero."
+    )
     equation = "reading = effort + b_r, b_r ~ N(0, spread^2)"
     source = "C. R. Henderson, Biometrics 31 (1975): best linear unbiased prediction in mixed models"
     signature = "each run has its own constant offset"
     signals = ("offset", "recorded")
     confused_with = {
         "bias": "record more runs: a bias is the same in all",
-        "drift": "record longer runs: a drift goes on within each",
-        "contact_offset": "record free air: an offset of the sensor is there too",
+        "drift": "record longer runs: a drift continues within each",
+        "contact_offset": "record free air: an offset of the sensor also appears there",
     }
 
     def basis(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -257,7 +259,7 @@ class RunRipple(RunVariation):
     channels = JOINTS
     inner = (*RunVariation.inner, *TorqueRipple.inner)
     confused_with = {
-        "torque_ripple": "go to one stop before each run: then the wave begins at one place",
+        "torque_ripple": "go to the same stop before each run: then the wave always begins at the same place",
         "run_offset": "move over a wide range within a run",
     }
 

@@ -105,7 +105,7 @@ class Drift(AdditiveEffect):
     )
     essential = ("rate",)
     confused_with = {
-        "stress_relaxation": "free air: drift goes on there, relaxation does not",
+        "stress_relaxation": "free air: drift continues there, relaxation does not",
         "bias": "wait: a bias stays",
     }
 

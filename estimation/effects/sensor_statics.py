@@ -31,16 +31,16 @@ class Bias(AdditiveEffect):
     physics = "The sensor reads a constant value when no force acts."
     equation = "reading = effort + b"
     source = "JCGM 200:2012 (VIM), 4.20: instrumental bias"
-    signature = "all readings have the same offset, in free air too"
+    signature = "all readings have the same offset, also in free air"
     signals = ("offset",)
     channels = frozenset(ChannelKind)
     one_sided = False
     gains = (Parameter("offset", "{effort}", -1e12, 1e12, (-1.0, 1.0)),)
     confused_with = {
         "run_offset": "record more runs: a bias is the same in all",
-        "contact_offset": "record free air: a bias is there too",
-        "gravity_tilt": "fit all joints together: a tilt is in all of them; or move over a wide range",
-        "payload": "fit all joints together: a payload is in all of them; or change the posture",
+        "contact_offset": "record free air: a bias also appears there",
+        "gravity_tilt": "fit all joints together: a tilt affects all of them; or move over a wide range",
+        "payload": "fit all joints together: a payload affects all of them; or change the posture",
         "drift": "wait: a bias stays",
         "asymmetric_friction": "let the joint rest: a bias stays",
         "coulomb_friction": "reverse the motion: friction then acts the other way, a bias does not",
@@ -161,12 +161,12 @@ class ForceDeadband(AdditiveEffect):
 
     name = "force_deadband"
     kind = Kind.SENSOR_STATICS
-    physics = "The force sensor does not show the first part of any force; the joints carry it nevertheless."
+    physics = "The force sensor does not show the first part of any force, but the joints carry it."
     equation = "effort = w J^T p while touching"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 2: threshold; J^T F by virtual work"
     signature = (
-        "in contact, the errors of all joints match one additional force at the tip, the same however hard "
-        "it pushes"
+        "in contact, the errors of all joints match one additional force at the tip, which does not grow "
+        "with the contact force"
     )
     signals = ("load",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
@@ -285,7 +285,7 @@ class Hysteresis(SensorEffect):
     channels = frozenset(ChannelKind)
     inner = (Parameter("width", "{effort}", 1e-09, 10000.0, (0.001, 1.0), log=True),)
     confused_with = {
-        "bouc_wen_hysteresis": "reverse slowly at several loads: the sensor's loops have one width",
+        "bouc_wen_hysteresis": "reverse slowly at several loads: a sensor's loops all have the same width",
         "backlash": "reverse slowly at several loads: a gap is crossed in position, a hysteresis in effort",
         "dry_friction": "reverse slowly at several depths",
         "coulomb_friction": "reverse slowly at several loads",
@@ -360,7 +360,7 @@ class Quantisation(SensorEffect):
     name = "quantisation"
     kind = Kind.SENSOR_STATICS
     physics = "The converter has a finite resolution."
-    equation = "reading = step round((effort + noise)/step), expected"
+    equation = "reading = mean over the noise of step round((effort + noise)/step)"
     source = "B. Widrow, I. Kollár, Quantization Noise (2008)"
     signature = "readings take few values, and are constant between jumps"
     signals = ("effort",)

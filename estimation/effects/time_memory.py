@@ -87,12 +87,12 @@ class StressRelaxation(_Relaxation, AdditiveEffect):
     gains = (Parameter("k1", "{effort}/{position}", 0.0, 1e12, (10.0, 10000.0)),)
     inner = (Parameter("tau", "s", 0.005, 300.0, (0.03, 30.0), log=True),)
     confused_with = {
-        "power_law_relaxation": "hold a hundred times longer: a power law keeps relaxing, one branch ends",
+        "power_law_relaxation": "hold 100 times longer: a power law keeps relaxing, one branch levels off",
         "relaxation_spectrum": "hold longer at two depths: one branch levels off, a second keeps relaxing",
-        "damping": "hold: damping stops with the motion, relaxation goes on",
+        "damping": "hold: damping stops with the motion, relaxation continues",
         "plastic_set": "wait and press again: relaxation recovers, a set stays",
         "hysteresis": "hold: a hysteresis of the sensor does not change with time",
-        "drift": "free air: drift goes on there, relaxation does not",
+        "drift": "free air: drift continues there, relaxation does not",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -125,9 +125,9 @@ class PowerLawRelaxation(_Relaxation, MemoryEffect):
     inner = (Parameter("share", "1", 0.0, 1.0, (0.1, 0.9)), Parameter("alpha", "1", 0.01, 0.99, (0.1, 0.6)))
     confused_with = {
         "stress_relaxation": "hold for longer: one branch levels off, a power law keeps relaxing",
-        "relaxation_spectrum": "hold a hundred times longer: a power law keeps relaxing, branches level off",
-        "damping": "hold: damping stops with the motion, relaxation goes on",
-        "drift": "free air: drift goes on there, relaxation does not",
+        "relaxation_spectrum": "hold 100 times longer: a power law keeps relaxing, branches level off",
+        "damping": "hold: damping stops with the motion, relaxation continues",
+        "drift": "free air: drift continues there, relaxation does not",
     }
 
     def fade(self, elastic: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
@@ -166,9 +166,9 @@ class RelaxationSpectrum(_Relaxation, MemoryEffect):
     )
     confused_with = {
         "stress_relaxation": "hold longer at two depths: one branch levels off, a second keeps relaxing",
-        "power_law_relaxation": "hold a hundred times longer: a power law keeps relaxing, branches level off",
+        "power_law_relaxation": "hold 100 times longer: a power law keeps relaxing, branches level off",
         "plastic_set": "wait and press again: relaxation recovers, a set stays",
-        "drift": "free air: drift goes on there, relaxation does not",
+        "drift": "free air: drift continues there, relaxation does not",
     }
 
     def fade(self, elastic: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:

@@ -47,7 +47,7 @@ class TorqueRipple(AdditiveEffect):
         "joint_spring": "move over a wide range: a spring does not repeat",
         "gravity_tilt": "move over a wide range: gravity repeats once a turn",
         "position_dependent_friction": "compare both directions: ripple keeps its sign, friction does not",
-        "run_ripple": "go to one stop before each run: then the wave begins at one place",
+        "run_ripple": "go to the same stop before each run: then the wave always begins at the same place",
     }
 
     def __init__(self, multiples: tuple[int, ...] = (1,), cycles: float | None = None) -> None:

@@ -92,11 +92,13 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
         note += " are used as recorded"
     else:
         length = f"{1e3 * block / rate_hz:.3g} ms"
-        note += f" are averaged by {block} to {len(short):,} at {rate_hz / block:.4g} Hz; nothing is lost"
         note += (
-            f", since a diagnosis works on means over {length} in any case"
+            f" are averaged in blocks of {block}, to {len(short):,} at {rate_hz / block:.4g} Hz, without loss"
+        )
+        note += (
+            f", because a diagnosis uses means over {length} in any case"
             if seen is None
-            else f": within {length} the effort departs from a straight line by "
+            else f": within {length} the effort deviates from a straight line by "
             f"{with_unit(seen.departure, unit, 4)}, "
             f"and the noise between readings is {with_unit(seen.noise, unit, 4)}"
         )
@@ -195,9 +197,9 @@ def _fewer_stretches(data: ChannelData, held_runs: IntArray) -> tuple[ChannelDat
         return data, "", {}
     wide = cut.of_runs(np.concatenate([moving, held_runs]))
     stride = max(1, min(_excess(wide, held_runs), len(moving) // _MIN_RUNS))
-    chosen, words = wide.of_runs(np.concatenate([moving[::stride], held_runs])), f"{len(parts)} stretches"
+    chosen, words = wide.of_runs(np.concatenate([moving[::stride], held_runs])), f"{len(moving)} stretches"
     if len(moving) < len(parts):
-        words += f" {len(moving)} go through {100 * _MIN_COVERED:.0f} % of the motion or more, and of these"
+        words += f" (of {len(parts)}) that cover at least {100 * _MIN_COVERED:.0f} % of the motion"
     return chosen, _describe_selection(words, wide, chosen, held_runs), run_of
 
 
@@ -208,7 +210,7 @@ def _average_further(data: ChannelData, held_runs: IntArray) -> tuple[ChannelDat
         return data, "", {}
     rate_hz = 1.0 / (sample_time(data.time_s, data.run) * factor)
     note = (
-        f"; this is too much for a search, so it is averaged further by {factor} to {rate_hz:.4g} Hz, "
+        f"; this is too much for a search, so blocks of {factor} are averaged again, to {rate_hz:.4g} Hz, "
         "which loses faster changes; choose a part with --where to keep them"
     )
     return _means(data, factor), note, {}
@@ -226,6 +228,6 @@ def _excess(data: ChannelData, held_runs: IntArray) -> int:
 def _describe_selection(what: str, data: ChannelData, chosen: ChannelData, held_runs: IntArray) -> str:
     before, after = _fitted(data, held_runs), _fitted(chosen, held_runs)
     count = len(np.setdiff1d(chosen.runs, held_runs))
-    words = f"; of {'the fitted' if len(held_runs) else 'its'} {what} {count} are taken"
+    words = f"; {count} of the {'fitted ' if len(held_runs) else ''}{what} are used"
     wider = f", evenly spread, which makes intervals {np.sqrt(before / after):.2g} times as wide"
     return words + (wider if after < before else "")

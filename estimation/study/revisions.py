@@ -113,8 +113,7 @@ class Revisions:
         known = {revision.number: revision for revision in self.all()}
         if number not in known:
             listed = (
-                ", ".join(str(n) for n in known)
-                or "none yet; leave out the start to begin with the base model"
+                ", ".join(str(n) for n in known) or "none yet; to begin with the base model, leave out --from"
             )
             raise InputError(f"no revision {number} in {self._folder or 'memory'}. Available: {listed}")
         return known[number]

@@ -27,7 +27,7 @@ _MOST_STEPS = 4
 
 @dataclass(frozen=True)
 class CommonEffect:
-    """Effect that is missing over all measurements."""
+    """Effect that is missing according to all measurements together."""
 
     channel: str
     effect: str  # its name

@@ -270,7 +270,7 @@ class _EntryTable:
 
 
 _COMMON = _EntryTable(
-    "Effects missing over all measurements",
+    "Effects missing in the pooled data",
     {
         "channel": lambda entry: entry.channel,
         "effect": lambda entry: entry.effect,
@@ -298,8 +298,8 @@ _POOLED = _EntryTable(
     },
     "Random effects: each measurement has a true value of its own around the mean. Spread: standard "
     "deviation of the true values. I²: share of the variance between the values that is not due to their "
-    "standard errors. The columns “shrunk” of the table are each measurement's value, shrunk towards "
-    "the mean, and more so the more its standard error exceeds the spread.",
+    "standard errors. The columns “shrunk” of the table are each measurement's value, shrunk towards the "
+    "mean. A value shrinks more if its standard error is large relative to the spread.",
 )
 _SHARED = _EntryTable(
     "Shared by all channels of a group",

@@ -186,7 +186,7 @@ def _print(result: "BatchResult") -> None:
     for effect in result.common_effects:
         like = f" (or {', '.join(effect.confused_with)})" if effect.confused_with else ""
         share = f"{100 * effect.share:.2g} % of the squared error"
-        words = safe(f"{effect.channel}: {effect.effect}{like} is missing over all measurements, {share}")
+        words = safe(f"{effect.channel}: {effect.effect}{like} is missing in the pooled data, {share}")
         to.print(f"  [bold]{words}[/bold]")
     for entry in result.pooled[:_MOST_SHOWN]:
         to.print(f"  {safe(_mean(entry))}")
@@ -194,7 +194,7 @@ def _print(result: "BatchResult") -> None:
         group = "" if shared.group == "all" else f"{shared.group} "
         where = safe(f"{group}{shared.parameter} in {count(shared.count, 'estimate')}")
         if shared.contradicted:
-            problem = f"{where} is not shared: they differ by more than their intervals"
+            problem = f"{where} is not shared: the estimates differ by more than their intervals allow"
             to.print(f"  [yellow]{problem}[/yellow] (corrected p {shared.p_corrected:.2g})")
         else:
             value = plus_minus(shared.value, shared.interval[1] - shared.value)

@@ -69,7 +69,11 @@ def force(
     options: CalibrateOptions,
     *,
     column: Annotated[
-        list[str] | None, typer.Option(help="Column of reading, reference or settled.", metavar="ROLE=COLUMN")
+        list[str] | None,
+        typer.Option(
+            help="Column of a role: reading, reference, or settled (0 in rows to ignore).",
+            metavar="ROLE=COLUMN",
+        ),
     ] = None,
     reading_unit: Annotated[
         str | None, typer.Option(help="Unit of the readings, if the column's name does not end with it.")

@@ -189,7 +189,7 @@ def estimate_command(
     estimator: Annotated[
         str | None,
         typer.Option(
-            help=f"Some of {', '.join(ESTIMATORS)}, separated by commas. "
+            help=f"One or more of {', '.join(ESTIMATORS)}, separated by commas. "
             f"[default: {','.join(DEFAULT_ESTIMATORS)}]",
             autocompletion=estimator_names,
         ),

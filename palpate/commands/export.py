@@ -108,7 +108,8 @@ def export_command(
         ),
     ] = None,
     layout: Annotated[
-        PlotProgram | None, typer.Option(help="Write a layout file for viewing the session in this program.")
+        PlotProgram | None,
+        typer.Option(help="Write a layout file for viewing the session in Foxglove or PlotJuggler."),
     ] = None,
     folder: FolderOption = None,
     out: Annotated[
@@ -116,7 +117,7 @@ def export_command(
         typer.Option(
             "--out",
             "-o",
-            help="Scenario or feedforward (.yaml), simulator's file, or table (.csv, .parquet) to write.",
+            help="File to write: scenario or feedforward (.yaml), simulator file, or table (.csv, .parquet).",
             metavar="FILE",
         ),
     ] = None,

@@ -41,7 +41,7 @@ def import_command(
     files: Annotated[
         list[Path],
         typer.Argument(
-            help="Measurements: text (.csv ...), .xlsx, .parquet, .npz, a ROS 2 bag; folders of them. "
+            help="Measurements: text (.csv ...), .xlsx, .parquet, .npz, a ROS 2 bag, or a folder of these. "
             "Several files are runs of one measurement.",
             metavar="FILE",
         ),

@@ -62,7 +62,7 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
         moment_s = inspection.record(recording)
     else:
         if plots is not None:
-            raise InputError("--plots is for one session; palpate inspect FOLLOWER --plots FOLDER")
+            raise InputError("--plots is for one session: use palpate inspect FOLLOWER --plots FOLDER")
         from palpate.teleop.recording import record_both  # noqa: PLC0415, as above
 
         moment_s = record_both(merged, recording)

@@ -29,7 +29,9 @@ from palpate.sim_backend.hidden import SealedAnswer, sealed_path
 
 
 def merge_command(
-    sessions: Annotated[list[Path], typer.Argument(help="Sessions of one arm, or imported ones, in order.")],
+    sessions: Annotated[
+        list[Path], typer.Argument(help="Sessions of one arm, or imported sessions, in order.")
+    ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Session file to write.")],
     as_json: JsonOption = False,
 ) -> None:

@@ -59,7 +59,9 @@ virtual object is updated with this model.
 NameOption = Annotated[
     str, typer.Option("--name", help="Name of the pair of leader and follower; the same on both sides.")
 ]
-PortOption = Annotated[int, typer.Option("--port", help="Port on this machine's loopback, without --link.")]
+PortOption = Annotated[
+    int, typer.Option("--port", help="Port on this machine's loopback; used if --link is not given.")
+]
 LinkOption = Annotated[
     Path | None,
     typer.Option(
@@ -155,7 +157,7 @@ def follower(
     session = shell_path(job.session)
     steps = {
         f"palpate estimate {session}": "stiffness and damping of every place",
-        f"palpate inspect {session}": "with the leader's session before it: both on one time line",
+        f"palpate inspect {session}": "name the leader's session first to show both on one time line",
     }
     if not outcome.estimates:
         steps = {"palpate teleop leader": "chooses places to probe"}
@@ -254,7 +256,7 @@ def leader(  # noqa: PLR0917, one parameter an option
             )
         console.say(f"written: [bold]{display_path(session)}[/bold]")
 
-    both = "with the follower's session beside it: both on one time line"
+    both = "add the follower's session to show both on one time line"
     again = "the other side sent nothing: run it with the same options"
     inspect = f"palpate inspect {shell_path(session)}"
     steps = [(inspect, both) if outcome.heard else ("palpate teleop follower --help", again)]

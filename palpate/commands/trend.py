@@ -28,7 +28,7 @@ def trend_command(
         str | None,
         typer.Option(
             help="Field with dates (ISO 8601) or numbers; default: date, day, night, time, datetime or "
-            "timestamp, otherwise the order.",
+            "timestamp, otherwise the order of the rows.",
             metavar="FIELD",
         ),
     ] = None,
@@ -50,7 +50,10 @@ def trend_command(
     pattern: PatternOption = None,
     group: Annotated[
         str | None,
-        typer.Option(help="Follow groups with the same value of this field separately.", metavar="FIELD"),
+        typer.Option(
+            help="Follow each group of measurements with the same value of this field separately.",
+            metavar="FIELD",
+        ),
     ] = None,
     add: AddOption = None,
     follow: Annotated[
@@ -195,7 +198,8 @@ def _print_changes(content: Mapping[str, Any], least: int, *, is_selected: bool)
     if short:
         words = f"{short} of them are too short to detect a step: this takes {content['least_for_step']}"
         to.print(
-            f"  [yellow]{words} measurements if {tested} series are tested; --parameter tests fewer[/yellow]"
+            f"  [yellow]{words} measurements if {tested} series are tested; use --parameter to test "
+            "fewer[/yellow]"
         )
     if left_out := content["left_out"]:
         which = f"{_series_name(left_out[0])} at {left_out[0]['at']} ({left_out[0]['value']:.3g})"

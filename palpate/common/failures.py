@@ -88,7 +88,7 @@ def report_error(error: Exception, *, as_json: bool = False) -> int:
         case ModuleNotFoundError() if missing := missing_package(error.name):
             text, code = missing, BAD_INPUT
         case ImportError() if remedy := library_remedy(error):
-            text = f"a library of the system is missing ({error}); {remedy}"
+            text = f"a system library is missing ({error}); {remedy}"
     # A full or failing disk may be the cause, rather than the input.
     cause: BaseException | None = error
     # A failed line is no disk error.

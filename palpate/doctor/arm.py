@@ -239,7 +239,10 @@ def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
         f"{'simulated' if isinstance(clock, SimulatedClock) else 'real'} time; 99 of 100 ticks take "
         f"at most {most_s * _MICRO:.0f} us"
     )
-    remedy = f"the loop waits only {READ_SHARE * period_s * _MICRO:.0f} us: see the rates"
+    remedy = (
+        f"the control loop waits at most {READ_SHARE * period_s * _MICRO:.0f} us for a reading; see the "
+        "lines 'rate of ...'"
+    )
     yield graded("reading the arm", value, (_WARN, most_s > READ_SHARE * period_s, remedy))
     for device in ("encoder", "torque", "force"):
         bus = getattr(robot_file, device).bus

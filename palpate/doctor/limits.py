@@ -38,7 +38,7 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
     poses_rad = np.vstack([robot_file.home_rad, random_poses_rad(limits)])
     weight_nm = np.abs([body.gravity(pose) for pose in poses_rad])
     limit_nm, worst_nm, home_nm = np.array(limits.torque_nm), weight_nm.max(axis=0), weight_nm[0]
-    value = f"{_listed(limit_nm)} N m allowed; the weight needs up to {_listed(worst_nm)} N m"
+    value = f"{_listed(limit_nm)} N m allowed; the arm's weight needs up to {_listed(worst_nm)} N m"
     if (home_nm >= limit_nm).any():
         remedy = "raise torque_nm, or correct the URDF's masses"
         yield fail("torque limits", f"{value}, and {_listed(home_nm)} N m at home", remedy)
@@ -70,7 +70,7 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
             long = f"the drive holds its last torque for this time: {_LONG_WATCHDOG_S:g} s is enough"
             yield graded(
                 f"watchdog of {name}",
-                f"in the robot file, the drives switch off {1e3 * watchdog_s:g} ms after the last command",
+                f"the drives switch off {1e3 * watchdog_s:g} ms after the last command (robot file)",
                 (_WARN, watchdog_s < 5 * tick_s, "a late tick cuts the torque: allow 5 ticks or more"),
                 (_WARN, watchdog_s > _LONG_WATCHDOG_S, long),
             )
@@ -95,7 +95,7 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
         value, too_short = f"{1e3 * limit_s:g} ms", limit_s < tick_s * (1.0 - 1e-9)
         if too_short:
             value += f", less than a tick of {1e3 * tick_s:g} ms, too short to detect anything"
-        late = f"the guard would come too late: lower it to {usual_s:g} s, or leave it out"
+        late = f"the guard would react too late: lower it to {usual_s:g} s, or leave it out"
         yield graded(
             name,
             value,
@@ -134,7 +134,7 @@ def _torque(limits: Limits, body: RigidBody, heaviest_nm: float) -> Finding:
     beyond = _exceeds_any(limit_nm, effort_nm)
     loose = 0.1 < _WEIGHTS * heaviest_nm < limit_nm.max()
     if loose and not beyond:
-        value += f", and the weight needs {heaviest_nm:.3g} N m"
+        value += f", and the arm's weight needs {heaviest_nm:.3g} N m"
     return graded(
         "highest torques",
         value,

@@ -41,7 +41,7 @@ RIGHTS = (
 def python() -> Iterator[Finding]:
     """Check for a supported CPython in a virtual environment."""
     problem = preflight.python_problem((sys.version_info[0], sys.version_info[1])) or ""
-    bare = "not a virtual environment: make env, then use .venv/bin/palpate"
+    bare = "not a virtual environment: run make env, then use .venv/bin/palpate"
     value = f"{python_version()} in {sys.prefix}"
     yield graded("python", value, (_FAIL, problem, problem), (_WARN, sys.prefix == sys.base_prefix, bare))
 

@@ -345,7 +345,10 @@ def examine_powered(
     if result.deactivation_error:
         yield fail("torque off", result.deactivation_error, "cut the power supply now")
     if result.outcome is not Outcome.FINISHED:
-        remedy = "see the joints above; check masses in the URDF, reversed, zero_rad and torque constants"
+        remedy = (
+            "see the joints above; check the masses in the URDF, and 'reversed', 'zero_rad' and torque "
+            "constants in the robot file"
+        )
         yield fail("small motion", f"the guard stopped it: {result.cause}", remedy)
         return
     time_s = np.array([m.time_s for m in measured]) - measured[0].time_s
@@ -358,8 +361,8 @@ def examine_powered(
         off_nm = abs(own_nm - own_weight_nm)
         yield graded(
             f"drive of joint {joint}",
-            f"moved {moved_rad:.3f} of {NUDGE_RAD:g} rad; holds {own_nm:+.2f} N m, "
-            f"its weight is {own_weight_nm:+.2f} N m in the URDF",
+            f"moved {moved_rad:.3f} of {NUDGE_RAD:g} rad; holds {own_nm:+.2f} N m, while the URDF's masses "
+            f"require {own_weight_nm:+.2f} N m",
             (
                 Level.FAIL,
                 moved_rad < _FOLLOWED * NUDGE_RAD,

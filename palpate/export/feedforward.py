@@ -61,7 +61,8 @@ _REASONS = {
     "payload": _OF_ARM,
     "rigid_body": _OF_ARM,
     "rigid_body_fitted": _OF_ARM,
-    "torque_gain": "is the scale of the reading: multiply the table by it for a drive of that scale",
+    "torque_gain": "is a scale error of the torque reading: for a drive whose commands have the same scale, "
+    "multiply the table by this gain",
 }
 _OF_READING = {Kind.SENSOR_DYNAMICS, Kind.SENSOR_STATICS, Kind.DRIFT}
 
@@ -246,7 +247,7 @@ def as_comment(text: str) -> str:
 
 _PYTHON = '''"""Feedforward effort of joints, written by palpate export from {source}.
 
-Give the desired motion, not the measured one: friction that follows a noisy velocity around zero chatters.
+Give the desired motion, not the measured one, whose noise near zero speed makes friction chatter.
 """
 
 from math import cos, exp, sin, tanh
@@ -274,7 +275,7 @@ def feedforward(joint: int, position: float, velocity: float, acceleration: floa
 
 _C = """/* Feedforward effort of joints, written by palpate export from {source}.
  *
- * Give the desired motion, not the measured one: friction that follows a noisy velocity around zero chatters.
+ * Give the desired motion, not the measured one, whose noise near zero speed makes friction chatter.
  */
 #include <math.h>
 #include <stddef.h>

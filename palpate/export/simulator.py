@@ -28,7 +28,7 @@ def isaaclab_text(arm: TargetArm) -> str:
         f'"""Actuators of Isaac Lab, written by palpate export from {as_comment(arm.source)}.',
         "",
         "Friction is an effort [N m, N of a linear axis], as in Isaac Sim 5 and newer.",
-        "stiffness and damping are gains of the drive and stay those of the USD.",
+        "stiffness and damping are gains of the drive and keep their values from the USD.",
         '"""',
         "",
         "from isaaclab.actuators import ImplicitActuatorCfg",

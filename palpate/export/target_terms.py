@@ -55,14 +55,14 @@ _AT_ONCE = "dry friction changes sign at once: the path over which it builds up 
 _NO_PLACE = "dry friction has one level everywhere: its variation with position is left out"
 _OF_BODIES = "includes everything the joint carries: set masses and inertias of the bodies by hand"
 _NO_BIAS = "may be a constant effort or the sensor's zero, which the motion cannot distinguish"
-_NO_LOAD = "has no friction that grows with the load"
+_NO_LOAD = "is left out: the target has no friction that grows with the load"
 _LATE = "delays the reading; an action delay would delay the command instead"
-_GAIN = "scales the reading: divide the torque by it on the real joint"
+_GAIN = "scales the torque reading: on the real joint, divide the reading by this gain"
 
 # Reasons for every target; `TABLE` takes precedence.
 REASONS: Mapping[str, str] = {
     "bias": _NO_BIAS,
-    "gravity_tilt": "is the weight of a single pendulum: fit with the arm's URDF for an angle",
+    "gravity_tilt": "is the weight of a single pendulum: to get a tilt angle, fit with the arm's URDF",
     "inertia": _OF_BODIES,
     "pendulum": _OF_BODIES,
     "rigid_body_fitted": _OF_BODIES,
@@ -130,7 +130,7 @@ TABLE: Mapping[SimulatorFormat, Mapping[str, TargetTerm | str]] = {
                 "friction": max(p["coulomb"] + p["rise"], p["coulomb"]),
                 "dynamic_friction": p["coulomb"],
             },
-            "static friction ends as soon as the joint moves, not over the Stribeck speed",
+            "static friction ends as soon as the joint moves, not gradually around the Stribeck speed",
         ),
         "torque_gain": _GAIN,
         "viscous_friction": _named(viscous_friction="d"),
@@ -243,8 +243,8 @@ def express(
                 rank = half if isfinite(half) else float("inf")
                 if key in arm:
                     lost.append(
-                        f"'{effect}' has one value for the whole arm; the channel with the smallest "
-                        "interval gives it"
+                        f"'{effect}' has one value for the whole arm; it is taken from the channel with the "
+                        "smallest interval"
                     )
                 if key not in arm or rank < arm[key][0]:
                     arm[key] = (rank, TermValue(number, fitted), joint.name)

@@ -273,7 +273,7 @@ class _Mjcf:
             rest = min(real, key=abs) if real else (0.0 if p == 0.0 else None)
             if rest is None:
                 self.left_out.append(
-                    f"{joint.channel}: preload {p:.5g} without a spring that has a rest position"
+                    f"{joint.channel}: preload {p:.5g} cannot be exported: no fitted spring balances it"
                 )
                 rest = 0.0
             texts["stiffness"] = _polynomial(k + 3.0 * k3 * rest**2, 3.0 * k3 * rest, k3)
@@ -361,7 +361,7 @@ class _Mjcf:
                 continue
             kp, kv = (self._numbers(each, name, self.value(each, name, no))[0] for name, no in _SERVO_GAINS)
             if abs(kp - gain_nm_rad) > 1e-3 * gain_nm_rad:
-                line = f"kp {kp:g} of <position> is kept, but the servo's gain is {gain_nm_rad:g}"
+                line = f"kp {kp:g} of <position> is kept, but the servo's gain is {gain_nm_rad:g} N m/rad"
                 self.left_out.append(f"{joint.channel}: {line}")
             if kv:
                 line = f"kv {kv:g} of <position> is kept, but the fitted damping already includes the servo's"

@@ -102,12 +102,12 @@ def _changes(before: ProbingPlan, robot_file: RobotFile) -> Iterator[tuple[str, 
     yield f"press with {hard_n:.3g} N", {"speeds_m_s": [0.1, 0.03], "force_limit_n": hard_n}
     yield f"press with {force_n / 3:.2g} N", {"speeds_m_s": [0.1, 0.03], "force_limit_n": force_n / 3}
     yield "hold for 10 s", {"speeds_m_s": [0.1, 0.02], "hold_s": 10.0}
-    yield "press quickly one after the other", {"speeds_m_s": [0.15], "hold_s": 0.1, "repeats": 5}
+    yield "press several times in quick succession", {"speeds_m_s": [0.15], "hold_s": 0.1, "repeats": 5}
     yield "record free air before each press", {**speeds, "free_air_s": 4.0}
     for words, quantity, share, low_hz, high_hz, duration_s in (
         ("vary the force while pressing", "force", 0.3, 0.5, 8.0, 6.0),
         ("shake quickly while pressing", "position", 0.15, 2.0, 12.0, 4.0),
-        ("turn round slowly while pressing", "position", 0.35, 0.1, 0.5, 20.0),
+        ("move slowly back and forth while pressing", "position", 0.35, 0.1, 0.5, 20.0),
     ):
         wave = {"quantity": quantity, "amplitude_n": share * force_n, "duration_s": duration_s}
         wave |= {"low_hz": low_hz, "high_hz": high_hz}

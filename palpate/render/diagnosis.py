@@ -82,7 +82,7 @@ def _unrelated_error(diagnosis: ChannelDiagnosis) -> str:
     if left is None or floor is None or floor.at_most or left.times_floor <= SLOW:
         return ""
     times = rounded(left.times_floor, 2)
-    return f" What is left, {times} times the noise, depends on no recorded signal."
+    return f" The remaining error, {times} times the noise, depends on no recorded signal."
 
 
 def _error_sentence(diagnosis: ChannelDiagnosis) -> str:
@@ -102,7 +102,7 @@ def _error_sentence(diagnosis: ChannelDiagnosis) -> str:
         if means is None or before_means is None or means > _NO_FALL * before_means:
             return f"{stays}{noise}."
         return (
-            f"{stays} sample by sample{noise}. Averaged over {after.samples_per_mean} samples "
+            f"{stays} for single samples{noise}. Averaged over {after.samples_per_mean} samples "
             f"(the resolution of the velocity), it falls from {rounded(before_means)} "
             f"to {with_unit(means, unit)}."
         )

@@ -203,8 +203,8 @@ def remarks(estimates: ChannelEstimates, truth: Truth) -> list[str]:
     if MIN_STEPS <= steps_spanned(channel, estimates.rows) < FEW_STEPS:
         steps = describe_steps(channel, estimates.rows)
         remarks.append(
-            f"{steps}: the intervals include this error, but from so few steps the damping is "
-            "estimated too low"
+            f"{steps}: the intervals include this error, but with so few steps the estimated damping is too "
+            "low"
         )
     return [*remarks, *_remarks_on_fits(estimates)]
 

@@ -16,8 +16,8 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 RANGE = "alone or added last"  # header of `BudgetPart.range_text`
 RANGE_MEANING = (
-    "Ranges: from the share that a kind explains alone to the share that it adds to all other kinds, the "
-    "smaller first."
+    "The range of a share has two ends: the share that the kind explains alone, and the share that it adds "
+    "to all other kinds. The smaller comes first."
 )
 NOISE = 1.1  # multiple of the noise level below which an error is within the noise
 _MOST_PARTS = 8

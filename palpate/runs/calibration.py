@@ -96,8 +96,8 @@ def describe_motion(kind: str, limits: Limits) -> str:
     settings = StopSettings.within(limits)
     trips_rad_s = max(_slowed(limits, STOP_SPEED_RAD_S).velocity_rad_s)
     return (
-        f"all joints move at up to {settings.travel_rad_s:.3g} rad/s to where there is room; then "
-        f"each moves at {settings.speed_rad_s:.2g} rad/s against its hard stops and pushes with "
+        f"all joints move at up to {settings.travel_rad_s:.3g} rad/s to a place with enough room; then each "
+        f"joint moves at {settings.speed_rad_s:.2g} rad/s against its hard stops and pushes with "
         f"{100 * PUSH_SHARE:g} % of its torque limit; its guard stops it beyond {trips_rad_s:.3g} "
         "rad/s"
     )

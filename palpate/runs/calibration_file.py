@@ -194,7 +194,7 @@ def print_usage_hint(calibration: Calibration, path: Path, options: RunOptions) 
             "driver reads N."
         )
         again = f"palpate calibrate force {options.robot_words} --weights-kg 0,0.5,1,2,1,0.5,0"
-        console.next_steps((again, "calibrate the sensor as the robot reads it"))
+        console.next_steps((again, "calibrate the sensor through the robot's driver"))
         return
     if is_shipped:
         talk.print(f"\nTo use it, copy the shipped arm, and write into the copy's {safe(file.name)}:")

@@ -133,7 +133,7 @@ def transition(ticks: Sequence[Row]) -> Figure:
     below.axhline(10.0, color=TRUTH, lw=0.8, ls="--")
     below.text(time_ms[0], 9.8, "limit", color=TRUTH, va="top", fontsize=7)
     below.set_ylabel("contact force [N]")
-    below.set_xlabel("time since the touch was noticed [ms]")
+    below.set_xlabel("time since the touch was detected [ms]")
     for axes in (above, below):
         axes.axvline(0.0, color=BASE, lw=0.8)
     return figure
@@ -288,7 +288,7 @@ def ransac_map(by_noise: Mapping[str, Sequence[Row]]) -> Figure:
         above.set_title(name)
         below.set_xlabel("threshold [N]")
     figure.colorbar(
-        image, ax=all_axes, label="error of k over the bound", extend="max", shrink=0.8, format="%g"
+        image, ax=all_axes, label="error of k divided by the bound", extend="max", shrink=0.8, format="%g"
     )
     return figure
 

@@ -200,7 +200,7 @@ def grid_section(rows: Sequence[Row], clean: Sequence[Row]) -> ReportSection:
     tables = (
         table,
         error_table("grid_estimators", "All estimators, sensor noise of 0.02 N", rows, best_first=True),
-        error_table("grid_clean", "All estimators, no noise of the force sensor", clean, best_first=True),
+        error_table("grid_clean", "All estimators, without force sensor noise", clean, best_first=True),
     )
     return ReportSection(
         "Figures 4b and 4c: estimates of k and c over the grid", figures.grid_estimates(rows), words, tables

@@ -238,7 +238,9 @@ def _run(cluster: Cluster, todo: dict[str, Case], store: ResultStore) -> Iterato
         try:
             client.wait_for_workers(1, timeout=_JOIN_S)
         except TimeoutError:
-            raise InputError(f"scheduler {cluster.scheduler}: has no workers (dask worker ADDRESS)") from None
+            raise InputError(
+                f"scheduler {cluster.scheduler}: has no workers; start one with: dask worker ADDRESS"
+            ) from None
         # Reject workers that cannot write to this folder or that run different code.
         modules = {case.task.partition(":")[0] for case in todo.values()}
         mark = store.folder.absolute() / f".seen-by-all-{uuid4().hex}"

@@ -94,7 +94,7 @@ def haptic_stream(joint_count: int) -> Stream:
         (
             Column("time_s", "s", 1, "start of the tick, on the leader's clock"),
             Column("lateness_s", "s", 1, "woken up after the tick was due"),
-            Column("step_s", "s", 1, "time spent in the tick before"),
+            Column("step_s", "s", 1, "time spent in the previous tick"),
             Column("tip_position_world_m", "m", 3, "of hand and virtual arm"),
             Column("tip_velocity_world_m_s", "m/s", 3, "of hand and virtual arm"),
             Column("joint_position_rad", "rad", joint_count, "of the virtual arm"),

@@ -213,12 +213,12 @@ class RiddleCard:
         """Diagnose, open the sealed answer and score both."""
         guessed = frozenset(self._state.choice.effects)
         self._button.disable()
-        self._answer.set_text("the diagnosis is running, too")
+        self._answer.set_text("the diagnosis is also running")
         await self._diagnose()
         self._button.enable()
         diagnosis, path = self._state.diagnosis, self._state.study.source.path
         if diagnosis is None or path is None:
-            self._answer.set_text("stopped: no answer was opened")
+            self._answer.set_text("stopped: the sealed answer was not opened")
             return
         try:
             answer = await asyncio.to_thread(lambda: open_answer(Session.open(path)))

@@ -181,9 +181,7 @@ ALIKE = (
     "The changes that these effects make have a cosine above 0.95; a diagnosis says whether these data "
     "can tell them apart."
 )
-INTERVAL = (
-    "95 % interval: an experiment like this one gives values within it 19 times of 20, if the model is right."
-)
+INTERVAL = "95 % interval: if the model is right, 19 of 20 experiments like this one give a value within it."
 SLIDER = (
     "Drag to see the curves at another value; the other parameters keep their values, and nothing is fitted."
 )
@@ -192,9 +190,7 @@ STOP = "End the diagnosis; nothing is changed."
 BACK = "Reset the sliders to the fitted values."
 HOLD = "Keep this parameter at this value, and fit the others again."
 BOUND = "Fit again; if the parameter would leave the bounds, it is held at the nearer one."
-RUNS = (
-    "Which runs are drawn. All are fitted, and each is predicted without itself: that is its held-out error."
-)
+RUNS = "Which runs are drawn. All are fitted; a run's held-out error comes from a fit to the other runs."
 LEFT_OUT = "Runs left out: they are neither fitted nor scored until they are put back."
 HELD_OUT = (
     "Runs excluded from fitting: the error is measured only in these. If there are none, each "
@@ -203,7 +199,7 @@ HELD_OUT = (
 CURSORS = "Click on the curves to set cursor A or B, or type a time: values and differences are read there."
 KEEP = "Keep the chosen effects as a revision, as palpate add does; go back to it at any time."
 REVISIONS = "Models that were kept, here or by the command line; choose one to go back to it."
-GATES = "Checked before fitting: a fit of unsuitable data only looks like an answer."
+GATES = "Checked before fitting: a fit to unsuitable data gives wrong parameters."
 DIAGNOSE = (
     "Show which kinds of effects make up the error and which effects are missing; takes a while, "
     "and can be stopped."
@@ -219,7 +215,7 @@ GATE = {
     "units": "units and times are consistent",
     "sync": "effort and motion agree in time and sign",
     "excitation": "excitation: the object is touched, and the signals change",
-    "readings": "readings: steps are fine enough, and nothing is rectified",
+    "readings": "readings: their resolution is fine enough, and no sign was lost",
     "saturation": "the sensor is not saturated",
 }
 EFFECTS = "Physical causes that the base model lacks; tick one to add it, untick it to remove it."

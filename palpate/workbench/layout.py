@@ -230,7 +230,7 @@ async def _ask_permission(force_n: float, arguments: list[str]) -> bool:
             "Power the arm now?"
         )
         ui.label(command).classes("code")
-        typed = ui.input("number that the terminal shows").props("dense outlined autofocus")
+        typed = ui.input("number shown in the terminal").props("dense outlined autofocus")
         with ui.row():
             ui.button("No", on_click=lambda: dialog.submit(False)).props("outline no-caps")
             ui.button("Yes, power it", on_click=lambda: dialog.submit(True)).props(
@@ -240,5 +240,5 @@ async def _ask_permission(force_n: float, arguments: list[str]) -> bool:
         return False
     if secrets.compare_digest(str(typed.value).strip().encode(), code.encode()):
         return True
-    ui.notify("that is not the number that the terminal shows: nothing has moved", type="warning")
+    ui.notify("that is not the number shown in the terminal: nothing has moved", type="warning")
     return False

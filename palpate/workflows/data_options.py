@@ -20,7 +20,7 @@ FolderOption = Annotated[
     Path | None, typer.Option(help="Folder of the revisions; default: beside the data.", metavar="FOLDER")
 ]
 ForceOption = Annotated[
-    bool, typer.Option("--force", help="Replace files of the same names in the folder that --out names.")
+    bool, typer.Option("--force", help="Replace existing files of the same names in the folder of --out.")
 ]
 ModelOption = Annotated[
     str | None,
@@ -71,7 +71,7 @@ class ReadOptions:
     table: Annotated[
         str | None,
         typer.Option(
-            help="Table to read, by its sheet or by the line of its header; default: the longest.",
+            help="Table to read: name of its sheet or line number of its header; default: the longest.",
             metavar="TABLE",
         ),
     ] = None

@@ -178,8 +178,8 @@ def find_large_zero_shift(calibration: Calibration) -> str | None:
     if not far:
         return None
     return (
-        f"it shifts the zero of {', '.join(far)}, which is far. Was the arm really in the stated "
-        "pose? With a wrong zero, the arm can move beyond its limits"
+        f"it shifts the zero of {', '.join(far)}, more than {_LARGE_ZERO_SHIFT_RAD:g} rad. Was the arm "
+        "really in the stated pose? With a wrong zero, the arm can move beyond its limits"
     )
 
 

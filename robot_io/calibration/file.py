@@ -28,7 +28,10 @@ _SMALLEST_SCALE, _LARGEST_SCALE = 0.5, 2.0  # scale of readings in N
 _Text = Annotated[str, Field(min_length=1, max_length=200)]
 _Sha256 = Annotated[str, matching(r"[0-9a-f]{64}", "64 hexadecimal digits, in lower case")]
 _Unit = Annotated[
-    str, matching(r"[A-Za-z%][A-Za-z0-9_/%]{0,19}", "1 to 20 letters, digits, _ / or %, a letter or % first")
+    str,
+    matching(
+        r"[A-Za-z%][A-Za-z0-9_/%]{0,19}", "1 to 20 letters, digits, _ / or %, starting with a letter or %"
+    ),
 ]
 
 

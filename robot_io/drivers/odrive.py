@@ -378,7 +378,7 @@ class OdriveBus(MotorBus):
             return f"heartbeat lost, the last came {silent_s:.2g} s ago"
         if beat is None or not (beat.axis_error or beat.component_errors):
             has_left = self._powered and beat is not None and beat.state is not AxisState.CLOSED_LOOP_CONTROL
-            return f"left closed-loop control, is {beat.state.name}" if has_left and beat else ""
+            return f"left closed-loop control ({beat.state.name})" if has_left and beat else ""
         return self._describe(beat) if self._powered else ""
 
 

@@ -41,7 +41,7 @@ def parse_urdf(text: str) -> Element:
             # With impossible masses and inertias, a mass matrix need not be positive.
             for mass in inertial.iter("mass"):
                 if not 0.0 <= _number(mass.get("value", "")) < math.inf:
-                    raise ValueError(f"mass of link '{name}' is {mass.get('value')} kg")
+                    raise ValueError(f"mass of link '{name}' is {mass.get('value')} kg, must be 0 or more")
             for element in inertial.iter("inertia"):
                 values = dict(_finite_numbers(element))
                 tensor = np.array([values.get(key, math.nan) for key in _TENSOR]).reshape(3, 3)
@@ -119,7 +119,7 @@ class _BoundedTreeBuilder(ElementTree.TreeBuilder):
         return super().end(tag)
 
     def doctype(self, *_: object) -> None:
-        raise ValueError("a document type is not allowed")
+        raise ValueError("a document type declaration (<!DOCTYPE>) is not allowed")
 
 
 def _check_tree(robot: Element) -> None:

@@ -197,14 +197,14 @@ class _Scanner:
             chunk = Chunk.read(_stream(record))
             size = chunk.uncompressed_size
             if size > MAX_CHUNK_BYTES:
-                raise SessionError(f"a chunk of {size} bytes; at most {MAX_CHUNK_BYTES}")
+                raise SessionError(f"has a chunk of {size} bytes; at most {MAX_CHUNK_BYTES} are allowed")
             if chunk.compression == "lz4":
                 data: bytes = LZ4FrameDecompressor().decompress(chunk.data, max_length=size)
             elif chunk.compression == "":
                 data = chunk.data
             else:
                 raise SessionError(
-                    f"a chunk compressed with '{chunk.compression[:20]}'; sessions use lz4 or none"
+                    f"has a chunk compressed with '{chunk.compression[:20]}'; allowed: lz4 or none"
                 )
             if len(data) != size or zlib.crc32(data) != chunk.uncompressed_crc:
                 raise SessionError("damaged: the checksum of a chunk does not match")
@@ -213,7 +213,7 @@ class _Scanner:
     def _take_chunk(self, chunk: bytes) -> None:
         self._bytes_left -= len(chunk)
         if self._bytes_left < 0:
-            raise SessionError("unpacks to far more data than a session of its size holds")
+            raise SessionError("unpacks to far more data than a session file of this size can hold")
         for opcode, start, end in _records(chunk, 0):
             if opcode == Opcode.MESSAGE:
                 channel, sequence, _, _ = _MESSAGE.unpack_from(chunk, start)

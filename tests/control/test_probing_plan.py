@@ -160,7 +160,9 @@ def test_force_before_motion_is_not_tared_away(force_n):
 
 def test_robot_file_limits_the_force_before_motion():
     task = probing_task(ProbingPlan(force_limit_n=10.0), Gains(touch=TouchGains(touch_force_n=4.0)))
-    with pytest.raises(InputError, match=r"would count above 4 N.* at most 3.5 N is allowed.*touch_force_n"):
+    with pytest.raises(
+        InputError, match=r"would be detected only above 4 N.* at most 3.5 N is allowed.*touch_force_n"
+    ):
         task.start(plant_above().measure())
     gains = Gains(touch=TouchGains(bias_share=0.8, limit_share=0.6))
     record, task = probe(gains, force_bias_n=6.0, force_noise_n=0.7)

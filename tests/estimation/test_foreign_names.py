@@ -69,8 +69,8 @@ SPACED = [row.replace(",", " ") for row in ROWS]
     ("head", "rows", "advice"),
     [
         ("时间,位移,力", ROWS, "--unit displacement=mm --unit force=N"),  # known words: the units alone
-        ("# results of the first day of tests", SPACED, "the file names none"),
-        ("# kept for the record by all", SPACED, "the file names none"),
+        ("# results of the first day of tests", SPACED, "the file has no column names"),
+        ("# kept for the record by all", SPACED, "the file has no column names"),
     ],
 )
 def test_advice_completes_known_words_and_ignores_sentences(tmp_path, head, rows, advice):
@@ -161,7 +161,7 @@ def test_workbook_without_names_is_read_by_the_advice(tmp_path):
     for row in ROWS:
         book.active.append([float(cell) for cell in row.split(",")])
     book.save(path)
-    with pytest.raises(InputError, match="the file names none; its first row is"):
+    with pytest.raises(InputError, match="the file has no column names; its first row is"):
         import_file(path)
     check_press(by_the_advice(path))
 

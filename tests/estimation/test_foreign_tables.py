@@ -178,7 +178,7 @@ def test_omitted_lines_are_reported_and_rows_keep_their_numbers(tmp_path):
     with pytest.raises(InputError, match=r"line 403, column 'Load .N.': 'oops'"):
         import_file(path)
     path.write_text(text)
-    assert "1 line of text among the rows left out; the first is line 302" in import_file(path).read
+    assert "1 line of text between the rows is left out; the first is line 302" in import_file(path).read
 
 
 def test_unordered_times_name_the_column_that_orders_them(tmp_path):
@@ -274,7 +274,9 @@ def test_unnamed_columns_may_have_decimal_commas(tmp_path, delimiter):
 @pytest.mark.parametrize("delimiter", [",", ";", " ", "\t"])
 def test_unnamed_columns_are_called_by_their_places(tmp_path, delimiter):
     path = saved(tmp_path / "bare.txt", lines(TIME_S, 1e3 * WAY_M, FORCE_N, delimiter=delimiter))
-    with pytest.raises(InputError, match=r"names none; its first row is 0.0+, .*--column time='column 1'"):
+    with pytest.raises(
+        InputError, match=r"no column names; its first row is 0.0+, .*--column time='column 1'"
+    ):
         import_file(path)
     columns = {"time": "column 1", "displacement": "column 2", "force": "column 3"}
     options = ImportOptions(columns=columns, units={"time": "s", "displacement": "mm", "force": "N"})
@@ -290,7 +292,7 @@ def test_missing_position_is_integrated_from_the_velocity(tmp_path):
     assert channel.kind is ChannelKind.REVOLUTE
     np.testing.assert_allclose(channel.position, SWING_RAD - SWING_RAD[0], atol=2e-3 * np.ptp(SWING_RAD))
     np.testing.assert_allclose(channel.velocity, speed, atol=1e-6)
-    assert any("it is integrated from 'angular speed [rad/s]'" in note for note in imported.notes)
+    assert any("the position is integrated from 'angular speed [rad/s]'" in note for note in imported.notes)
 
 
 def test_joint_without_a_time_is_read_row_by_row(tmp_path):

@@ -125,7 +125,7 @@ def test_number_of_presses_is_limited_by_the_number_of_runs(count, each):
     ("changed", "note"),
     [
         ({LOAD: -presses()[2], WAY: -1e3 * presses()[1]}, "are negative in compression: their signs are"),
-        ({WAY: None, "Position [mm]": 1e3 * presses()[1]}, "change together, as in a press; if it bel"),
+        ({WAY: None, "Position [mm]": 1e3 * presses()[1]}, "change together, as in a press; if 'Pos"),
         *(
             ({TIME: scale * presses()[0]}, f"samples are {step} s apart; .* --unit time={unit}$")
             for scale, step, unit in ((1e3, "4", "ms"), (1e6, r"4e.03", "us"), (1e9, r"4e.06", "ns"))

@@ -49,7 +49,7 @@ def test_pulling_spring_is_held_at_both_ends():
     (channel,) = found.channels
     assert channel.kind is ChannelKind.CONTACT
     assert channel.engaged.all()
-    assert "'force_N' take both signs, with the same sign at the same time" in found.notes[0]
+    assert "'force_N' take both signs and change sign together" in found.notes[0]
     assert "--column displacement=displacement_m reads it as a contact" in found.notes[0]
     assert reject_reason(channel) is None
     assert quality_warnings(channel) == []

@@ -331,7 +331,7 @@ def limit_findings(robot_file):
 @pytest.mark.parametrize(
     ("old", "new", "subject", "level", "words"),
     [
-        ("torque_nm: [8.0,", "torque_nm: [0.5,", "torque limits", Level.FAIL, "the weight needs up to"),
+        ("torque_nm: [8.0,", "torque_nm: [0.5,", "torque limits", Level.FAIL, "the arm's weight needs up to"),
         ("[0.5, 0.25, 0.03]", "[0.5, 0.25, 3.0]", "braking", Level.WARN, "damping 0.5, 0.25, 3"),
         ("encoder_age_s: 0.005", "encoder_age_s: 0.001", "age limits", Level.WARN, "encoder 1 ms"),
         ("force_n: 40.0", "force_n: 200.0", "force limit", Level.FAIL, "sensor's range ends at 100 N"),
@@ -367,7 +367,7 @@ def test_excessive_torque_limit_is_detected(tmp_path):
     )
     (found,) = limit_findings(strong)
     assert found.subject == "highest torques"
-    assert "the weight needs 1.99 N m" in found.text
+    assert "the arm's weight needs 1.99 N m" in found.text
 
 
 @pytest.mark.parametrize("path", [ODRIVE, CUBEMARS], ids=lambda path: path.stem)

@@ -61,7 +61,7 @@ def test_user_is_asked_to_cut_the_power_if_torque_stays_on(tmp_path, refusals):
     left += [True] * 20
     outcome = probe(tmp_path)
     assert "the drives do not answer" in outcome.loop.deactivation_error
-    with pytest.raises(SafetyTripError, match=r"the torque may still be on, cut the power: .* do not answer"):
+    with pytest.raises(SafetyTripError, match=r"the torque may still be on; cut the power: .* do not answer"):
         outcome.raise_for_failure()
 
 

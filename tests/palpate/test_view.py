@@ -90,7 +90,7 @@ def test_verdict_is_one_sentence(found, words, absent):
     ("complete", "times", "words"),
     [
         (True, 1.2, "(noise 0.1 N, from free air)."),
-        (True, 1.8, "What is left, 1.8 times the noise, depends on no recorded signal."),
+        (True, 1.8, "The remaining error, 1.8 times the noise, depends on no recorded signal."),
         (False, 1.8, "An unexplained error of 1.8 times the noise remains and depends on a."),
         (False, 361.9, "An unexplained error of 360 times the noise remains and depends on a."),
     ],

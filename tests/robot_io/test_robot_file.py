@@ -51,7 +51,10 @@ def test_driver_settings_are_passed_on_unread_and_the_file_is_immutable():
     ("changes", "message"),
     [
         ({"name": None}, "m.yaml, name: is missing"),
-        ({"name": "'two words'"}, "name: give 1 to 64 letters, digits, _ . or -, a letter or digit first"),
+        (
+            {"name": "'two words'"},
+            "name: give 1 to 64 letters, digits, _ . or -, starting with a letter or digit",
+        ),
         ({"tip_frame": "5"}, " line 3, tip_frame: input should be a valid string (is 5)"),
         ({"sensor_axis_tip": "[0, 0, 0]"}, " line 4, sensor_axis_tip: has no direction"),
         ({"control_rate_hz": "0"}, "control_rate_hz: input should be greater than or equal to 20 (is 0)"),
@@ -76,7 +79,7 @@ def test_driver_settings_are_passed_on_unread_and_the_file_is_immutable():
         ({"position_min_rad": "[-2.6, 2.6, -2.6]"}, "limits: position_min_rad 2.6 is not below"),
         (
             {"home_rad": "[-1, 1, 1]\nrotor_inertia_kg_m2: [0.1, 300, 0.1]"},
-            "rotor_inertia_kg_m2 entry 2: give 0 to 15 kg m2: with more, the torque limit",
+            "rotor_inertia_kg_m2 entry 2: give 0 to 15 kg m2: with a larger inertia, the torque limit",
         ),
         ({"force_n": None}, " line 12, limits.force_n: is missing"),
         ({"safe_state": "{damping_nms_rad: [1, 1], stop_time_s: 1}"}, "safe_state.damping_nms_rad: has 2"),
@@ -126,7 +129,7 @@ def test_one_serial_port_is_not_two_buses(tmp_path, second):
     path.write_text(ROBOT_YAML[:begin] + own + ROBOT_YAML[begin:])
     assert "one" in load_robot_file(path).buses
     path.write_text(ROBOT_YAML[:begin] + own + two + ROBOT_YAML[begin:])
-    with pytest.raises(InputError, match=r"mock\.yaml line \d+, buses\.two\.port: is the port of 'one' too"):
+    with pytest.raises(InputError, match=r"mock\.yaml line \d+, buses\.two\.port: is also the port of 'one'"):
         load_robot_file(path)
 
 

@@ -155,7 +155,7 @@ def test_lost_message_of_many_records_is_counted_record_by_record(tmp_path, in_b
     ("limit", "value", "said"),
     [
         ("reader.MAX_FILE_BYTES", 1000, "more than the limit of"),
-        ("mcap_file.MAX_DATA_BYTES", 100_000, "far more data than a session of its size"),
+        ("mcap_file.MAX_DATA_BYTES", 100_000, "far more data than a session file of this size"),
     ],
 )
 def test_more_data_than_any_session_or_memory_is_refused(tmp_path, monkeypatch, limit, value, said):

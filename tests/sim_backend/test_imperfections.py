@@ -240,5 +240,5 @@ def test_channels_and_joints_name_each_other(joint):
 
 @pytest.mark.parametrize("channel", ["contact", "joint_", "joint_0", "joint_x", "2"])
 def test_channel_without_a_joint_is_refused(channel):
-    with pytest.raises(InputError, match="not that of a joint"):
+    with pytest.raises(InputError, match="is not a joint"):
         joint_of(channel)

@@ -62,7 +62,7 @@ def put(address, value):
         (put(table.DRIVE_MODE, 0x01), Level.FAIL, "drive mode: reversed", "servo 2.*reversed"),
         (put(table.DRIVE_MODE, 0x08), Level.FAIL, "by itself", "servo 2.*by itself"),
         # As in arms that are sold with two servos on the shoulder: one with the other's sense would fight it.
-        (put(table.SECONDARY_ID, 252), Level.FAIL, "252: it also obeys commands", "servo 2: sec.*252"),
+        (put(table.SECONDARY_ID, 252), Level.FAIL, "252: the servo also obeys commands", "servo 2: sec.*252"),
         (put(table.SECONDARY_ID, 253), Level.OK, "firmware", ""),
         (put(6, 38), Level.OK, "firmware 38", ""),
         (put(6, 37), Level.FAIL, "firmware 37, without a bus watchdog", "servo 2 has firmware 37"),

@@ -1,6 +1,6 @@
 // A load cell that sends palpate's three kinds of lines (see robot_io/drivers/serial_force/microcontroller_cell.py).
 // For any Arduino-like board with USB serial, and an HX711 or a NAU7802 (SparkFun, Adafruit ...). No library is needed.
-// Choose the converter, upload, and open the port at any baud rate if the board has USB of its own, else at 115200.
+// Choose the converter, upload, and open the port at any baud rate if the board has native USB, otherwise at 115200.
 
 #define NAU7802 1  // 320 samples/s on I2C (SDA, SCL); 0: HX711 on DOUT and SCK, 80 samples/s with its RATE pin high
 
@@ -52,7 +52,7 @@ bool start_converter() {
   bool good = write_register(0x00, 0x01);  // reset
   good &= write_register(0x00, 0x02);      // digital part on
   delay(1);
-  good &= write_register(0x00, 0x86);  // analogue part on, supplied by its own regulator,
+  good &= write_register(0x00, 0x86);  // analog part on, supplied by its own regulator,
   good &= write_register(0x01, 0x2F);  // at 3.0 V; gain 128
   good &= write_register(0x02, 0x70);  // 320 samples/s
   good &= write_register(0x15, 0x30);  // clock of the chopper off

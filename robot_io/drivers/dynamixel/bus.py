@@ -80,7 +80,7 @@ class DynamixelBus(ServoBus[DynamixelFeedback]):
         for label, torque_on, hardware_error, watchdog in zip(self._labels, *states, strict=True):
             has_fired = watchdog == tables.WATCHDOG_FIRED
             if self._powered and has_fired:
-                return f"{label}: its bus watchdog has fired, its torque is off"
+                return f"{label}: its bus watchdog has fired; its torque is off"
             if watchdog != self._watchdog and not has_fired:
                 return f"{label}: has lost its settings; it has restarted"
             if self._powered and not torque_on:

@@ -58,7 +58,7 @@ LARGEST_RETURN_DELAY: Final = 254
 LARGEST_WATCHDOG: Final = 127
 
 DRIVE_MODE_PROBLEMS = {
-    0x01: "reversed, for which the robot file has 'reversed: true'",
+    0x01: "reversed; use 'reversed: true' in the robot file instead",
     0x02: "a slave of another servo",
     0x08: "switches its torque on by itself when it gets a goal",
 }
@@ -162,5 +162,7 @@ class DynamixelSettings(ServoBusSettings[ServoSettings]):
     @model_validator(mode="after")
     def _check_models_fit_together(self) -> "DynamixelSettings":
         if len({servo.servo_model.indirect_data for servo in self.servos}) > 1:
-            raise ValueError("servos: X330 and larger models keep their data elsewhere, and need two buses")
+            raise ValueError(
+                "servos: X330 and larger models store data at different addresses: use two buses"
+            )
         return self

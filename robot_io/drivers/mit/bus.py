@@ -94,7 +94,7 @@ class MitBus(PolledMotorBus[MitState]):
         if not self._dialect.has_answer_ids:
             return super()._foreign_remedy
         ids = ", ".join(f"0x{self._settings.answer_ids(motor)[0]:03X}" for motor in self._motors)
-        return f"set the master id of each motor ({ids} by the robot file), or state its answer_id"
+        return f"set the master id of each motor ({ids} according to the robot file), or state its answer_id"
 
     def _error_names(self, error: int) -> str:
         return self._dialect.error_names(error)
@@ -149,7 +149,7 @@ class MitBus(PolledMotorBus[MitState]):
                 stated_rad = self._position_rad[joint]
                 if not abs(reported_rad - stated_rad) <= _SAME_POSITION_RAD:
                     problem = (
-                        f"its {register.name} is {reported_rad:.3f} rad at the joint, but its states report"
+                        f"its {register.name} is {reported_rad:.3f} rad at the joint, but its messages report"
                     )
                     remedy = "turn it back, or state its 'ranges'"
                     raise self._motor_error(joint, f"{problem} {stated_rad:.3f}: {remedy}")

@@ -28,7 +28,7 @@ _DATA: Final = struct.Struct("<H6fIf")
 FRAME_SIZE: Final = 1 + _DATA.size + 2
 _SKIPPED, _OVERRANGE = 0x01, 0x02
 _STATUS: Final = {
-    0x01: "skips measurements, lower rate_hz",
+    0x01: "skips measurements; lower rate_hz",
     0x04: "invalid measurements",
     0x08: "raw measurements",
 }
@@ -209,8 +209,8 @@ class Bota(SerialForceSensor, Examinable):
         for command in (CONFIGURE, communication_setup(baud_rate), filter_setup(settings.rate_hz), RUN):
             self._command(command)
         self._identified = (
-            f"Bota, {settings.rate_hz} samples/s, {settings.axis} axis, {settings.capacity_n:.4g} N by the "
-            "robot file"
+            f"Bota, {settings.rate_hz} samples/s, {settings.axis} axis, {settings.capacity_n:.4g} N "
+            "according to the robot file"
         )
         self._bus.listen(BotaStream(settings.axis, settings.capacity_n), settings.capacity_n)
 

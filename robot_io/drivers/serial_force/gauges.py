@@ -340,7 +340,9 @@ class Mark10(SerialForceSensor, Examinable):
             stream = Mark10Stream(unit, self._settings.capacity_n, model, Poll(ASK, ASK_GAUGE_MODEL))
         except ProtocolError as error:
             raise self._error(str(error)) from error
-        self._identified = f"{model}, reads in {unit}, {self._settings.capacity_n:.4g} N by the robot file"
+        self._identified = (
+            f"{model}, reads in {unit}, {self._settings.capacity_n:.4g} N according to the robot file"
+        )
         self._bus.listen(stream, self._settings.capacity_n)
 
     def _ask(self, commands: bytes, what: str, but: re.Pattern[str] | None = None) -> str:

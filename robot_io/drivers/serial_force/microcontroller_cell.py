@@ -168,7 +168,8 @@ class MicrocontrollerCell(SerialForceSensor, Examinable):
                 f"the {chip} delivers {rate_hz} samples/s, but the robot file states {settings.rate_hz}"
             )
         self._identified = (
-            f"{chip}, {rate_hz} samples/s, load cell of {settings.capacity_n:.4g} N by the robot file"
+            f"{chip}, {rate_hz} samples/s, load cell of {settings.capacity_n:.4g} N according to the robot "
+            "file"
         )
         stream = CellStream(settings.newtons_per_count, settings.zero_counts, settings.capacity_n, rate_hz)
         self._bus.listen(stream, settings.capacity_n)

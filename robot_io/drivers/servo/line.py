@@ -252,7 +252,7 @@ class RegisterAccess:
 
 
 _SWITCH_OFF_ATTEMPTS = 3
-TWO_SERVOS = "two servos have this id: connect one of them alone, and give it another"
+TWO_SERVOS = "two servos have this id: connect one of them alone, and give it another id"
 
 
 class PingResult(NamedTuple):

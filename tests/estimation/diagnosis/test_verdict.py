@@ -115,7 +115,12 @@ def test_no_experiment_is_proposed_without_remaining_error(known):
     ("ratio", "effort_nm", "left", "form"),
     [
         (1.2, 0.02, "only noise is left", Form.EXACT),
-        (4.0, 0.02, "what is left, 4 times the noise, depends on no recorded signal", Form.APPROXIMATE),
+        (
+            4.0,
+            0.02,
+            "the remaining error, 4 times the noise, depends on no recorded signal",
+            Form.APPROXIMATE,
+        ),
         (4.0, None, "only noise is left", Form.EXACT),  # a bound, but neighboring residuals show the noise
     ],
 )
@@ -139,7 +144,7 @@ def test_no_form_is_exact_while_the_model_is_incomplete(known):
 @pytest.mark.parametrize(
     ("share", "half_step", "said"),
     [
-        (0.5, 0.1, " or rounding of the encoders: 0.05 N, where half a step makes up to 0.1 N"),
+        (0.5, 0.1, " or rounding of the encoders: 0.05 N, where half a step causes up to 0.1 N"),
         (0.5, 0.01, ""),
         (0.0, 0.1, ""),
     ],
@@ -161,7 +166,9 @@ def test_noise_bound_does_not_turn_a_smooth_residual_into_noise(swung):
     evidence = Evidence(search, measurement, reached(search, "joint_spring"), True, None)  # lacks a friction
     vars(evidence)["noise"] = MeasurementNoise(2.0 * evidence.end.rmse, NoiseSource.EACH_RUN, None, 0.0)
     diagnosis = decide_verdict(evidence)
-    assert diagnosis.reason.endswith("what is left may be noise, of which only an upper bound is known")
+    assert diagnosis.reason.endswith(
+        "the remaining error may be noise, of which only an upper bound is known"
+    )
     assert {effect.form for effect in diagnosis.accepted} == {Form.APPROXIMATE}
 
 
@@ -202,7 +209,7 @@ def test_report_states_the_amplitude_of_sensor_hum(hum_n):
     search = searched(data, "cubic_stiffness")
     told = decide_verdict(Evidence(search, measured(search), search.start, True, None))
     assert told.verdict is Verdict.ADEQUATE
-    found = re.search(r"; 0.3 N of the noise oscillates at (\S+) Hz, in free air too", told.reason)
+    found = re.search(r"; 0.3 N of the noise oscillates at (\S+) Hz, also in free air", told.reason)
     assert (float(found[1]) if found else None) == (pytest.approx(7.3, abs=0.05) if hum_n else None)
 
 
@@ -250,7 +257,8 @@ def test_best_single_effect_is_named_without_accepted_effects(swung, known):
     found, *_ = known(complete=False, nothing=True)
     share = f"{100 * found.ranking[0].score:.0f} %"
     assert found.reason.endswith(
-        f"; the best single effect, joint_spring, removes {share} of the error, but is not established"
+        f"; the best single effect, joint_spring, removes {share} of the error, but does not meet the "
+        "criteria for naming it"
     )
     assert "best single effect" not in known(complete=False)[0].reason
     found, *_ = said(swung, complete=True)

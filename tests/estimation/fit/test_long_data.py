@@ -66,7 +66,7 @@ def test_short_recording_is_unchanged_and_blocks_are_averaged(recording):
     assert len(two) < long_data.LONG
     short, said, run_of = shortened(two)
     assert short.averaged >= 20
-    assert "nothing is lost" in said
+    assert "without loss" in said
     assert not run_of
 
 
@@ -74,7 +74,10 @@ def test_parameters_equal_those_of_the_full_recording(recording):
     short, said, _ = shortened(recording)
     assert short.averaged >= 40
     assert len(short) == len(recording) // short.averaged
-    assert f"averaged by {short.averaged} to {len(short):,} at {RATE_HZ / short.averaged:.4g} Hz" in said
+    assert (
+        f"averaged in blocks of {short.averaged}, to {len(short):,} at {RATE_HZ / short.averaged:.4g} Hz"
+        in said
+    )
     model = Model("hardening", (Stiffness(), Damping(), CubicStiffness()))
     full, coarse = (fit_base(one, model).parameters for one in (recording, short))
     for name, value in TRUTH.items():
@@ -118,7 +121,7 @@ def test_evenly_spaced_runs_are_selected(recording, monkeypatch):
     monkeypatch.setattr(long_data, "_MAX_SAMPLES", len(whole) // 2)
     some, said, _ = shortened(long)
     assert some.runs.tolist() == list(range(0, 16, 2))
-    assert "of its 16 runs 8 are taken, evenly spread, which makes intervals 1.4 times as wide" in said
+    assert "8 of the 16 runs are used, evenly spread, which makes intervals 1.4 times as wide" in said
 
 
 @pytest.mark.parametrize(("swing_hz", "runs"), [(0.7, 20), (0.002, 1)])
@@ -141,9 +144,9 @@ def quick(time_s, runs, kind):
 @pytest.mark.parametrize(
     ("kind", "runs", "words"),
     [
-        (ChannelKind.REVOLUTE, 1, "stretches 6 are taken, evenly spread"),
-        (ChannelKind.REVOLUTE, 7, "stretches 6 are taken, evenly spread"),
-        (ChannelKind.REVOLUTE, 300, "of its 300 runs"),
+        (ChannelKind.REVOLUTE, 1, "stretches are used, evenly spread"),
+        (ChannelKind.REVOLUTE, 7, "stretches are used, evenly spread"),
+        (ChannelKind.REVOLUTE, 300, "of the 300 runs are used"),
         (ChannelKind.CONTACT, 1, "which loses faster changes"),
         (ChannelKind.CONTACT, 7, "which loses faster changes"),
     ],

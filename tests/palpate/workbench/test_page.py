@@ -304,7 +304,7 @@ def test_unreadable_dropped_file_is_removed(opened, tmp_path):
     bad.write_text("a,b\nx,y\n")
     tab = opened()
     tab.page.set_input_files("input[type=file]", bad)
-    tab.page.wait_for_selector("text=/bad.csv: no line with the names/")
+    tab.page.wait_for_selector("text=/bad.csv: no line of column names/")
     assert list((tmp_path / "sessions").iterdir()) == []
 
 

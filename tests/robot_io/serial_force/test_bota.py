@@ -103,7 +103,7 @@ def test_status_is_saturation_an_error_or_a_lost_sample(status, forces, said):
 
 def test_sensor_that_keeps_skipping_is_reported():
     stream, forces = fed(*(bota_frame(SKIPPED, ONES, 1250 * k) for k in range(1, 6)))
-    assert (forces, stream.fault_text) == ([], "the sensor says 'skips measurements, lower rate_hz'")
+    assert (forces, stream.fault_text) == ([], "the sensor says 'skips measurements; lower rate_hz'")
     assert stream.feed(bota_frame(0, ONES, 7500)) == [-2.0]
     assert not stream.fault_text
 

@@ -244,7 +244,7 @@ _MOTOR_ROWS = {
         (OLD, OLD_OFF, "joint 3 (node 2): nothing valid for"),
         (11, BRAKED + 11, "joint 3 (node 2): IDLE INVERTER_OVER_TEMP", _HEARTBEAT, "one heartbeat"),
         (OLD, BRAKED, "joint 3 (node 2): nothing valid for"),
-        (11, BRAKED + 11, "joint 3 (node 2): left closed-loop control, is IDLE", _HEARTBEAT, "one heartbeat"),
+        (11, BRAKED + 11, "joint 3 (node 2): left closed-loop control (IDLE)", _HEARTBEAT, "one heartbeat"),
         (2, 52, "bus-off, the adapter has left the bus", _CUT_OFF),
         _STUCK_ENCODER,
     ),
