@@ -8,7 +8,7 @@ import numpy as np
 import yaml
 from numpy.random import Generator
 
-from palpate.estimation.base_model import ModelContext
+from palpate.estimation.base_model import Arm, ModelContext
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_options import ImportOptions
@@ -110,7 +110,7 @@ def _try(job: CaseSpec, strength: float, rng: Generator) -> GeneratedCase | None
     base = MODELS[world.base]()
     context = ModelContext(joint=None if world.kind == "contact" else 0)
     if world.base == "rigid_body":
-        context = replace(context, urdf=_URDF.format(**world.law), tip_frame="tip")
+        context = replace(context, arm=Arm(_URDF.format(**world.law), tip_frame="tip"))
     channel, model = base.prepare(channel, context), base.build(context)
     words = (
         f"{world.base}, {shape}, {len(channel.runs)} runs, {reading.rate_hz:.0f} Hz"
