@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data_quality import usable
 from palpate.estimation.design.discrimination import SMALL
-from palpate.estimation.diagnosis.candidates import FAR_END, Candidate, screen_effects, screen_product
+from palpate.estimation.diagnosis.candidates import Candidate, screen_effects, screen_product
 from palpate.estimation.effect import Effect
 from palpate.estimation.fit.blocks import LOAD, LUMPED
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
@@ -25,11 +25,11 @@ def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitRes
 
     The fit is repeated from several start values if several minima are likely: for pairs such as the position
     of a surface and the curvature of its spring, for effects with many inner parameters, and if the error
-    exceeds that of the model without the effect. It is also repeated from other start values of an earlier
-    effect whose inner parameters lie at the end of their range, since that effect may have imitated the
-    added one, and from start values of both factors if a memory and an elastic shape meet. The fit with the
-    lowest held-out error is returned, after the other forms of its effects were tried; a fit with an
-    unphysical gain must have a clearly lower error than a fit without one.
+    exceeds that of the model without the effect. It is also repeated from other start values of each earlier
+    effect, since that effect may have imitated the added one, and from start values of both factors if a
+    memory and an elastic shape meet. The fit with the lowest held-out error is returned, after the other
+    forms of its effects were tried; a fit with an unphysical gain must have a clearly lower error than a fit
+    without one.
 
     Args:
         data: the channel, with the runs to fit to.
@@ -55,7 +55,7 @@ def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitRes
             fits += [fit_model(data, search.best.model, start, good, cache) for start in other_starts]
         fits += [
             _with_restarted(min(fits, key=lambda fit: fit.solution.held_out), name, good)
-            for name in _at_ends(parent)
+            for name in (earlier.name for earlier in parent.model.effects if earlier.inner)
         ]
         pairs = [_product(parent.training_fit, effect, partner) for partner in parent.model.effects]
         products = [pair.search.best for pair in pairs if pair is not None]
@@ -82,17 +82,6 @@ def _in_other_forms(model: Model) -> list[Model]:
         for form in effect.forms()
         if form.form != effect.form
     ]
-
-
-def _at_ends(fit: FitResult) -> list[str]:
-    """Return the names of the effects whose inner parameters all lie at the end of their range."""
-    model, values = fit.solution.model, fit.solution.parameters
-
-    def is_at_end(effect: Effect) -> bool:
-        inner = [(parameter, values[f"{effect.name}.{parameter.name}"]) for parameter in effect.inner]
-        return all(p.at_bound(value) or (p.log and value > FAR_END * p.upper) for p, value in inner)
-
-    return [effect.name for effect in model.effects if effect.inner and is_at_end(effect)]
 
 
 def _product(parent: FitResult, effect: Effect, partner: Effect) -> Candidate | None:

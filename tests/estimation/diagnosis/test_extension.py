@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+import scipy
 
 from palpate.estimation.base_model import ModelContext
 from palpate.estimation.diagnosis import extension
 from palpate.estimation.effects import EFFECTS
-from palpate.estimation.fit.fit_result import fit_model
+from palpate.estimation.fit.fit_problem import solve_gains
+from palpate.estimation.fit.fit_result import FitResult, fit_model
 from palpate.estimation.models import MODELS
 from tests.estimation.presses import kelvin_voigt, session
 from tests.estimation.searches import SWING
@@ -14,6 +16,13 @@ from tests.estimation.swings import DAMPING, swings
 
 BASE = MODELS["kelvin_voigt"]().build(ModelContext())
 TRANSITION = "coulomb_friction.transition"
+
+
+def low_pass(signal, t, tau):
+    """First-order low-pass of one run with a constant step."""
+    half = 0.5 * (t[1] - t[0]) / tau
+    a, b = [1.0 + half, half - 1.0], [half, half]
+    return scipy.signal.lfilter(b, a, signal, zi=scipy.signal.lfilter_zi(b, a) * signal[0])[0]
 
 
 def stiffening(t, x, v, run):
@@ -44,12 +53,26 @@ def test_fit_with_least_held_out_error_is_selected(name, law, fits, monkeypatch)
         assert np.ptp([fit.solution.parameters["relaxation_spectrum.slow_time"] for fit in made]) > 0.0
 
 
-def test_earlier_effect_at_its_bound_is_refitted_beside_the_added_one():
-    """Alone, Coulomb friction takes most of a quadratic friction by a transition at the end of its range."""
+@pytest.mark.parametrize("transition", [10.0, 900.0])  # beyond all speeds; at the end of its range
+def test_earlier_effect_is_refitted_beside_the_added_one(transition):
+    """Alone, Coulomb friction takes most of a quadratic friction by a wide transition."""
     data = swings(3, lambda q, v, a: 0.3 * v * np.abs(v) + 0.3 * np.sign(v) - DAMPING * v)
     coulomb, quadratic = EFFECTS["coulomb_friction"](), EFFECTS["quadratic_friction"]()
-    parent = fit_model(data, SWING.without("viscous_friction").with_effect(coulomb), {TRANSITION: 900.0})
-    assert parent.values[TRANSITION] > 990.0
+    fit = fit_model(data, SWING.without("viscous_friction").with_effect(coulomb), {TRANSITION: 900.0})
+    values = {**fit.values, TRANSITION: transition}
+    parent = FitResult(fit.data, fit.problem, solve_gains(fit.problem, fit.model, values))
     values = extension.fit_extended(data, parent, quadratic).values
     assert values["coulomb_friction.force"] == pytest.approx(0.3, rel=0.05)
     assert values["quadratic_friction.d2"] == pytest.approx(0.3, rel=0.05)
+
+
+def test_other_form_is_tried_after_the_joint_fit():
+    """Before the lag is refitted, friction of an object that only pushes fits better than at its sides."""
+    data = session(
+        3, lambda t, x, v, run: low_pass(kelvin_voigt(x, v) + np.tanh(v / 1e-3) * (x > 0.0), t, 0.05)
+    )
+    base = fit_model(data, BASE, {})
+    lag = extension.fit_extended(data, base, EFFECTS["lag"]())
+    found = extension.fit_extended(data, lag, EFFECTS["dry_friction"]())
+    assert found.values["lag.tau"] == pytest.approx(0.05, rel=0.02)
+    assert found.values["dry_friction.force"] == pytest.approx(1.0, rel=0.02)
