@@ -122,28 +122,20 @@ class Study(ModelStudy):
         if not isinstance(arm, Arm | Path | str | None):
             raise InputError(f"arm={arm!r}: give the path of a URDF, or an Arm")
         own = load_user_effects([effect for effect in effects if isinstance(effect, str)])
-        own |= {
-            f"{type(effect).__module__}:{type(effect).__qualname__}": guarded(effect)
-            for effect in effects
-            if isinstance(effect, Effect)
-        }
+        objects = [effect for effect in effects if isinstance(effect, Effect)]
+        own |= {f"{type(e).__module__}:{type(e).__qualname__}": guarded(e) for e in objects}
         place = None if folder is None else _path(folder, "folder")
         if isinstance(data, str | Path):
             data = existing_data(Path(data))
             place = (place or derived_folder(data)) if keep else None
+        signals: Any = tuple(context) if isinstance(context, list) else context
+        options = ImportOptions(columns or {}, units or {}, where or {}, signals, fresh, runs, table)
+        arm = arm_from_urdf(Path(arm)) if isinstance(arm, str | Path) else arm
         super().__init__(
             data,
             model,
-            options=ImportOptions(
-                columns or {},
-                units or {},
-                where or {},
-                tuple(context) if isinstance(context, list) else context,  # type: ignore[arg-type]
-                fresh,
-                runs,
-                table,
-            ),
-            arm=arm_from_urdf(Path(arm)) if isinstance(arm, str | Path) else arm,
+            options=options,
+            arm=arm,
             effects=own,
             folder=place,
             held_out=held_out,
@@ -411,9 +403,11 @@ class Study(ModelStudy):
         from palpate.export.scenario import FittedChannel, export_scenario  # noqa: PLC0415, with the simulator
 
         joints = sum(channel.name.startswith("joint_") for channel in self.source.channels)
-        fitted = [
-            FittedChannel(revision, self.channel_of(revision).data.surface, joints) for revision in revisions
-        ]
+        fitted = []
+        for revision in revisions:
+            values = {name: parameter.value for name, parameter in revision.parameters.items()}
+            surface = self.channel_of(revision).data.surface
+            fitted.append(FittedChannel(revision.channel, values, surface, joints))
         _refuse_goal_error([self.channel_of(revision) for revision in revisions])
         models = (
             f"{revision.channel} {' + '.join([revision.model, *revision.effects])}" for revision in revisions

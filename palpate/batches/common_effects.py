@@ -52,20 +52,15 @@ def find_common_effects(screen: Callable[[dict[str, Any]], pa.Table]) -> tuple[C
     for _ in range(_MOST_STEPS):
         results = screen({"added": added, "channels": channels})
         named = texts(results, "channel")
-        best = [
-            effect
-            for channel in dict.fromkeys(filter(None, named))
-            if (effect := best_effect(channel, results.filter(pa.array([name == channel for name in named]))))
-            is not None
-        ]
-        if not best:
+        channels = []
+        for channel in dict.fromkeys(filter(None, named)):
+            own = results.filter(pa.array([name == channel for name in named]))
+            if (effect := best_effect(channel, own)) is not None:
+                chosen.append(effect)
+                channels.append(channel)
+                added = {**added, channel: [*added.get(channel, ()), effect.effect]}
+        if not channels:
             break
-        chosen += best
-        channels = [effect.channel for effect in best]
-        added = {
-            **added,
-            **{effect.channel: [*added.get(effect.channel, ()), effect.effect] for effect in best},
-        }
     return tuple(chosen)
 
 

@@ -146,9 +146,8 @@ def content_hash(path: Path) -> str:
     """
     if path.is_dir():
         parts = sorted(file for file in path.rglob("*") if file.is_file())
-        return sha256(
-            os.fsencode("".join(f"{part.name}\0{content_hash(part)}" for part in parts))
-        ).hexdigest()
+        content = "".join(f"{part.name}\0{content_hash(part)}" for part in parts)
+        return sha256(os.fsencode(content)).hexdigest()
     with path.open("rb") as file:
         return file_digest(file, "sha256").hexdigest() + "".join(path.suffixes[-2:]).lower()
 
@@ -189,9 +188,8 @@ def _lines(path: Path) -> list[dict[str, str]]:
     text = as_utf8(path.read_bytes(), path)[0].decode()
     mark, names = _header(text.partition("\n")[0])
     lines = []
-    for number, line in enumerate(
-        csv.DictReader(text.splitlines()[1:], names, restval="", delimiter=mark), 2
-    ):
+    reader = csv.DictReader(text.splitlines()[1:], names, restval="", delimiter=mark)
+    for number, line in enumerate(reader, 2):
         if None in line:
             raise InputError(f"{path}: line {number}: has more cells than the header")
         if not line.get(FILE, "-"):
@@ -233,18 +231,12 @@ def _joined(listed: Mapping[Path, dict[str, str]], join: str) -> list[BatchMeasu
             available = ", ".join(fields) or "none; give --pattern or --metadata"
             raise InputError(f"--join {join}: {file} has no such field. Available: {available}")
         groups.setdefault(fields[join], []).append(file)
-    return [
-        BatchMeasurement(
-            name,
-            tuple(map(str, files)),
-            {
-                key: text
-                for key, text in listed[files[0]].items()
-                if all(listed[f].get(key) == text for f in files)
-            },
-        )
-        for name, files in groups.items()
-    ]
+    measurements = []
+    for name, files in groups.items():
+        first, *others = (listed[file] for file in files)
+        shared = {key: text for key, text in first.items() if all(each.get(key) == text for each in others)}
+        measurements.append(BatchMeasurement(name, tuple(map(str, files)), shared))
+    return measurements
 
 
 def _parts(

@@ -143,9 +143,8 @@ def _write(path: Path, title: str, facts: Mapping[str, str], sections: Sequence[
 def _overview(batch: BatchResult) -> PageSection:
     """Tabulate verdicts, effects and the mean budget of each group and channel."""
     table = batch.table
-    group, channel, verdict, effects = (
-        texts(table, name) for name in ("group", "channel", "verdict", "effects")
-    )
+    names = ("group", "channel", "verdict", "effects")
+    group, channel, verdict, effects = (texts(table, name) for name in names)
     places: dict[tuple[str, str], list[int]] = {}
     for row, key in enumerate(zip(group, channel, strict=True)):
         if key[1]:
@@ -171,27 +170,20 @@ def _overview(batch: BatchResult) -> PageSection:
                 ", ".join(f"{name} {number}" for name, number in named.most_common(_MOST_EFFECTS)),
             )
         )
-    names = [" ".join(filter(None, key)) for key in places]
+    bar_names = [" ".join(filter(None, key)) for key in places]
     figure = go.Figure()
     for word, color in _COLORS.items():
         values = [100 * means.get(word, 0.0) for means in bars]
         if any(values):
-            figure.add_bar(y=names, x=values, name=word, orientation="h", marker_color=color)
+            figure.add_bar(y=bar_names, x=values, name=word, orientation="h", marker_color=color)
     figure.update_layout(barmode="stack", showlegend=True, xaxis_title="mean share of the squared error [%]")
-    styled(figure, 130 + 34 * len(names)).update_yaxes(autorange="reversed")
-    columns = (
-        "group",
-        "channel",
-        "measurements",
-        "verdicts",
-        "error / noise (median)",
-        "mean budget",
-        "effects named",
-    )
+    styled(figure, 130 + 34 * len(bar_names)).update_yaxes(autorange="reversed")
+    first, error = ("group", "channel", "measurements"), "error / noise (median)"
     if not any(verdict):  # the columns behind the error would be empty
         errors = [(*line[:3], line[4]) for line in lines]
         words = ("Nothing was diagnosed: --diagnose adds verdicts, error budgets and named effects.",)
-        return PageSection("Error over noise", (*columns[:3], columns[4]), errors, words=words)
+        return PageSection("Error over noise", (*first, error), errors, words=words)
+    columns = (*first, "verdicts", error, "mean budget", "effects named")
     words = ("A measurement whose error is within the noise has no budget and counts with zero shares.",)
     return PageSection("What is missing where", columns, lines, as_html(figure) if any(bars) else None, words)
 
@@ -219,25 +211,16 @@ def _distributions(batch: BatchResult) -> PageSection:
                 continue
             color = palette.JOINTS[index % len(palette.JOINTS)]
             some = own[even_places(len(own), _MOST_POINTS)]
-            figure.add_scatter(
-                x=index + np.linspace(-0.35, 0.25, len(some)) * min(1.0, len(some) / 8),
-                y=column.values[some],
-                error_y={"array": SIGMAS_95 * column.std_errs[some], "width": 0, "thickness": 1},
-                mode="markers",
-                name=group,
-                text=[names[column.rows[item]] for item in some],
-                marker={"size": 5, "color": color},
-            )
+            x = index + np.linspace(-0.35, 0.25, len(some)) * min(1.0, len(some) / 8)
+            errors: Any = {"array": SIGMAS_95 * column.std_errs[some], "width": 0, "thickness": 1}
+            about = [names[column.rows[item]] for item in some]
+            look: Any = {"name": group, "mode": "markers", "marker": {"size": 5, "color": color}}
+            figure.add_scatter(x=x, y=column.values[some], error_y=errors, text=about, **look)
             half = effects.interval[1] - effects.mean
-            figure.add_scatter(
-                x=[index + 0.38],
-                y=[effects.mean],
-                error_y={"array": [half if np.isfinite(half) else 0.0], "width": 6},
-                mode="markers",
-                name=group,
-                hovertext=f"mean of {count(effects.count, 'measurement')}",
-                marker={"size": 10, "symbol": "diamond", "color": color},
-            )
+            errors = {"array": [half if np.isfinite(half) else 0.0], "width": 6}
+            look["marker"] = {"size": 10, "symbol": "diamond", "color": color}
+            mean = f"mean of {count(effects.count, 'measurement')}"
+            figure.add_scatter(x=[index + 0.38], y=[effects.mean], error_y=errors, hovertext=mean, **look)
         figure.update_layout(showlegend=False)
         figure.update_xaxes(tickvals=list(range(len(order))), ticktext=order, range=[-0.6, len(order) - 0.4])
         figures.append(as_html(styled(figure, 320).update_layout(modebar_orientation="v")))

@@ -196,9 +196,8 @@ def shared_parameters(
         channels = tuple(dict.fromkeys(entry[0] for entry in entries))
         made.append((key, channels, len(entries), mean, std_err, p_value))
     shared = []
-    for (key, channels, number, mean, std_err, _), p in zip(
-        made, holm([entry[-1] for entry in made]), strict=True
-    ):
+    corrected = holm([entry[-1] for entry in made])
+    for (key, channels, number, mean, std_err, _), p in zip(made, corrected, strict=True):
         contradicted = p < _CONTRADICTED
         value, error = (float("nan"), float("nan")) if contradicted else (mean, std_err)
         interval = value - SIGMAS_95 * error, value + SIGMAS_95 * error

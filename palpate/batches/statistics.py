@@ -52,25 +52,16 @@ def random_effects(values: FloatArray, std_errs: FloatArray) -> RandomEffects:
     mean, weights = weighted_mean(squared)
     std_err = float(weights.sum() ** -0.5)
     half = float(student_t.ppf(0.975, count - 1)) * std_err if count > 1 else float("nan")
-    wide = (
-        float(student_t.ppf(0.975, count - 2) * np.hypot(np.sqrt(squared), std_err))
-        if count > 2
-        else float("nan")
-    )
+    wide = float("nan")
+    if count > 2:
+        wide = float(student_t.ppf(0.975, count - 2) * np.hypot(np.sqrt(squared), std_err))
     fixed = 1.0 / variances
     # Typical variance within a measurement (Higgins and Thompson, Stat. Med. 21 (2002) 1539).
     spare = fixed.sum() ** 2 - (fixed**2).sum()
     typical = (count - 1) * fixed.sum() / spare if spare > 0.0 else float(variances.mean())
     share = squared / (squared + typical) if squared > 0.0 else 0.0
-    return RandomEffects(
-        count,
-        mean,
-        std_err,
-        (mean - half, mean + half),
-        squared**0.5,
-        (mean - wide, mean + wide),
-        float(share),
-    )
+    interval, prediction = (mean - half, mean + half), (mean - wide, mean + wide)
+    return RandomEffects(count, mean, std_err, interval, squared**0.5, prediction, float(share))
 
 
 def shrunk(values: FloatArray, std_errs: FloatArray, effects: RandomEffects) -> FloatArray:

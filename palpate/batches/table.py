@@ -105,9 +105,8 @@ def make_table(
         elif measurement.name in failures:
             places.append((number, None))
     chosen = [measurements[number] for number, _ in places]
-    empty = [
-        name for name in results.column_names if name != ADDRESS and results[name].null_count == len(results)
-    ]
+    columns = [name for name in results.column_names if name != ADDRESS]
+    empty = [name for name in columns if results[name].null_count == len(results)]
     table = results.drop_columns(empty).take(pa.array([row for _, row in places], pa.int64()))
     known: dict[str, list[str | None]] = {
         "measurement": [each.name for each in chosen],
@@ -118,9 +117,8 @@ def make_table(
     for name, cells in known.items():
         encodable = [cell if cell is None else replace_undecodable(cell) for cell in cells]
         table = table.append_column(name, pa.array(encodable, pa.string()))
-    failed = pa.array(
-        [replace_undecodable(failures.get(each.name, "")) or None for each in chosen], pa.string()
-    )
+    reasons = [replace_undecodable(failures.get(each.name, "")) or None for each in chosen]
+    failed = pa.array(reasons, pa.string())
     if "error" in table.column_names:
         place = table.column_names.index("error")
         table = table.set_column(place, "error", pc.coalesce(table["error"], failed))
@@ -180,11 +178,8 @@ def _parameters(table: pa.Table) -> Iterator[tuple[str, str, str]]:
     """Column, name and unit of each parameter that has a column of standard errors."""
     for column in table.column_names:
         name, _, unit = column.removesuffix("]").rpartition(" [")
-        if (
-            column.endswith("]")
-            and not name.endswith(_ENDS)
-            and head(name, unit, "std_err") in table.column_names
-        ):
+        is_value = column.endswith("]") and not name.endswith(_ENDS)
+        if is_value and head(name, unit, "std_err") in table.column_names:
             yield column, name, unit
 
 
@@ -214,9 +209,8 @@ def floats(table: pa.Table, name: str) -> FloatArray:
     """
     if name not in table.column_names:
         return np.full(len(table), np.nan)
-    return np.asarray(
-        pc.cast(table[name], pa.float64(), safe=False).to_numpy(zero_copy_only=False), dtype=np.float64
-    )
+    numbers = pc.cast(table[name], pa.float64(), safe=False)
+    return np.asarray(numbers.to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
 def texts(table: pa.Table, name: str) -> list[str]:

@@ -247,10 +247,7 @@ def _mean(entry: "PooledParameter") -> str:
     if effects.count < 2:
         return f"{name}: {significant(effects.mean, effects.std_err)} {entry.unit}, of one measurement"
     half = effects.interval[1] - effects.mean
-    spread = significant(effects.spread, half)
-    differ = (
-        f"spread between measurements {spread} {entry.unit}"
-        if effects.spread
-        else "no spread between measurements detected"
-    )
+    differ = "no spread between measurements detected"
+    if effects.spread:
+        differ = f"spread between measurements {significant(effects.spread, half)} {entry.unit}"
     return f"{name}: mean {plus_minus(effects.mean, half)} {entry.unit} (95 %), {differ}"

@@ -1,9 +1,9 @@
 """`palpate calibrate`: measure the errors of force sensor, encoders, drives and base."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -44,6 +44,7 @@ from palpate.runs.options import (
 )
 from palpate.runs.session import ArmSession
 
+Analysis = tuple[Calibration, Figure, Sequence[str]]  # the file's content, its picture, remarks for the user
 CALIBRATIONS = Path("calibrations")
 PERCENT = 0.01
 BEYOND_STOPS_RAD = 0.1  # an arm may be held against its stops, whose real positions differ from the URDF
@@ -120,7 +121,7 @@ def force(
         with weighing_progress(len(forces_n), live=job.simulated) as progress:
             runs.run_weighing(job, forces_n, place, progress=progress)
 
-    def analyze(raw: Path) -> _CalibrationResult:
+    def analyze(raw: Path) -> Analysis:
         if raw.suffix == ".mcap":
             plateaus, unit = read_weighing(fits.open_recorded(raw, "force", robot_file)), "N"
         else:
@@ -142,7 +143,7 @@ def force(
         calibration = fits.make_calibration(
             "force", fit, robot_file, raw, options.valid_days, reading_unit=unit
         )
-        return _CalibrationResult(calibration, force_figure(fit, unit), tuple(remarks))
+        return calibration, force_figure(fit, unit), remarks
 
     _calibrate("force", options, record, analyze)
 
@@ -208,12 +209,11 @@ def encoder(
         with motion_progress("touching the stops", live=job.simulated) as watcher:
             runs.run_stops(job, stops, watcher)
 
-    def analyze(raw: Path) -> _CalibrationResult:
+    def analyze(raw: Path) -> Analysis:
         recorded = fits.open_recorded(raw, "encoder", robot_file)
         fit = fit_encoder(recorded, robot_file.joint_count, pose_rad, known_mrad / 1e3)
-        return _CalibrationResult(
-            fits.make_calibration("encoder", fit, robot_file, raw, options.valid_days), encoder_figure(fit)
-        )
+        calibration = fits.make_calibration("encoder", fit, robot_file, raw, options.valid_days)
+        return calibration, encoder_figure(fit), ()
 
     held = None if pose_rad is None else (lambda: ask_for_pose(pose_rad, yes=options.yes))
     _calibrate("encoder", options, record, analyze, held or _motion_permission("encoder", options))
@@ -240,14 +240,6 @@ def gravity(options: MotionOptions) -> None:
     _move_in_free_air("gravity", options)
 
 
-class _CalibrationResult(NamedTuple):
-    """Result of a calibration: the file's content, its picture and remarks for the user."""
-
-    calibration: Calibration
-    figure: Figure
-    remarks: tuple[str, ...] = ()
-
-
 def _move_in_free_air(kind: str, options: MotionOptions) -> None:
     robot_file = options.robot_file
 
@@ -255,13 +247,12 @@ def _move_in_free_air(kind: str, options: MotionOptions) -> None:
         with motion_progress("moving in free air", live=job.simulated) as watcher:
             runs.run_motion(job, watcher=watcher)
 
-    def analyze(raw: Path) -> _CalibrationResult:
+    def analyze(raw: Path) -> Analysis:
         session = fits.open_recorded(raw, kind, robot_file)
         bodies = GravityBodies.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
         fit = fit_arm(motion_of(session.samples(STREAM_NAME)), bodies)
-        return _CalibrationResult(
-            fits.make_calibration(kind, fit, robot_file, raw, options.valid_days), arm_figure(fit)
-        )
+        calibration = fits.make_calibration(kind, fit, robot_file, raw, options.valid_days)
+        return calibration, arm_figure(fit), ()
 
     _calibrate(kind, options, record, analyze, _motion_permission(kind, options))
 
@@ -276,7 +267,7 @@ def _calibrate(
     kind: str,
     options: CalibrateOptions,
     record: Callable[[runs.CalibrationJob], None],
-    analyze: Callable[[Path], _CalibrationResult],
+    analyze: Callable[[Path], Analysis],
     permission: Permission = without_question,
 ) -> None:
     """Record or read a session, fit it, write the calibration with its picture, and print the result."""

@@ -208,10 +208,8 @@ def _compare_pair(  # noqa: PLR0917, what was typed
     first = data.study(models[0], read)
     second = replace(data, file=files[1]).study(models[1] or models[0], None if other else read, first)
     saved_revisions = chosen_revisions(first, revisions[0])
-    grown = (
-        _extended(first, saved_revisions),
-        _extended(second, chosen_revisions(second, revisions[1]) or saved_revisions),
-    )
+    other_revisions = chosen_revisions(second, revisions[1]) or saved_revisions
+    grown = _extended(first, saved_revisions), _extended(second, other_revisions)
     names = _names(first, second, grown)
     shared = compare_pairs(first, second, names, grown)
     pairs = [pair for pair in shared if channel in {None, ALL_CHANNELS, pair.channel}]
@@ -241,11 +239,11 @@ def _compare_pair(  # noqa: PLR0917, what was typed
     channels = []
     for pair in pairs:
         a, b = pair.first, pair.second
-        results = (
-            first.result(a.channel, a.effects, reason=a.reason),
-            second.result(b.channel, b.effects, reason=b.reason),
+        views = (
+            result_view(first.result(a.channel, a.effects, reason=a.reason)),
+            result_view(second.result(b.channel, b.effects, reason=b.reason)),
         )
-        channels.append(ChannelPairView(pair, (result_view(results[0]), result_view(results[1]))))
+        channels.append(ChannelPairView(pair, views))
     view = PairView(names, tuple(channels), (again,))
     # The keys are stable.
     content = {"files": [str(file) for file in files], "channels": [as_data(pair) for pair in pairs]}
@@ -263,11 +261,9 @@ def _compare_pair(  # noqa: PLR0917, what was typed
             print_files(console.stdout(), written)
     if not as_json:
         steps = [] if out is not None else [(f"{again} --out FOLDER", "curves, residuals, and a recording")]
-        each = [
-            (f"palpate compare {shell_path(file)}", "where its base model fails")
-            for file in dict.fromkeys(files)
-        ]
-        console.next_steps(*steps, *each)
+        for measured in map(shell_path, dict.fromkeys(files)):
+            steps.append((f"palpate compare {measured}", "where its base model fails"))
+        console.next_steps(*steps)
 
 
 def _next_steps(  # noqa: PLR0917, what was typed
@@ -279,9 +275,7 @@ def _next_steps(  # noqa: PLR0917, what was typed
     folder: Path | None,
 ) -> Iterator[tuple[str, str]]:
     """Suggest commands that follow a comparison of base models, the nearest first."""
-    newest = [
-        saved_revisions for result in results if (saved_revisions := study.newest(result.channel)) is not None
-    ]
+    newest = [saved for result in results if (saved := study.newest(result.channel)) is not None]
     if newest:
         own = list(dict.fromkeys([*(data.effect or ()), *user_effects_of(newest)]))
         numbers = [str(revision.number) for revision in newest]

@@ -143,11 +143,8 @@ def export_command(
       palpate export arm.csv --urdf arm.urdf --format mjcf --patch arm.xml -o better.xml
       palpate export stiff.mcap --stream tick -o ticks.parquet
     """
-    given = [
-        name
-        for name, value in (("--stream", stream), ("--layout", layout), ("--revision", revision))
-        if value
-    ]
+    exclusive = {"--stream": stream, "--layout": layout, "--revision": revision}
+    given = [name for name, value in exclusive.items() if value]
     if form is not Format.SCENARIO and (stream or layout):
         given.append(f"--format {form}")
     if len(given) > 1:
@@ -161,7 +158,7 @@ def export_command(
         streams = [session.samples(name).stream for name in session.stream_names]
         if long := [each for each in streams if each.batch > 1]:
             advice += f"; it shows every {long[0].batch}th sample (palpate inspect draws the peaks of all)"
-        content = {"layout": str(path), "program": str(layout)}
+        content: dict[str, Any] = {"layout": str(path), "program": str(layout)}
         made = _Export(content, [f"layout  [bold]{display_path(path)}[/bold]"], advice=advice)
     elif stream is not None:
         existing_data(data.file)
@@ -175,11 +172,8 @@ def export_command(
         steps = []
         if "displacement_m" in columns or any("torque_Nm" in column for column in columns):
             steps.append((f"palpate import {shell_path(path)}", "import it as a measurement"))
-        made = _Export(
-            {"stream": stream, "table": str(path), "columns": columns},
-            [f"table  [bold]{display_path(path)}[/bold]: {size}"],
-            steps,
-        )
+        content = {"stream": stream, "table": str(path), "columns": columns}
+        made = _Export(content, [f"table  [bold]{display_path(path)}[/bold]: {size}"], steps)
     else:
         place = folder_to_read(data.file, folder)
         study = data.study(None, place)
@@ -250,11 +244,8 @@ def export_scenario(
         twin = f"palpate replay {shell_path(data.file)} --scenario {shell_path(path)}"
         steps.append((twin, "repeat the recorded motion on the model"))
     steps.append((f"palpate compare {again}", "compare the model with the measurement"))
-    return _Export(
-        {"scenario": str(path), "used": export.used, "left_out": export.left_out},
-        [f"scenario  [bold]{display_path(path)}[/bold]"],
-        steps,
-    )
+    content = {"scenario": str(path), "used": export.used, "left_out": export.left_out}
+    return _Export(content, [f"scenario  [bold]{display_path(path)}[/bold]"], steps)
 
 
 def export_joints(  # noqa: PLR0917, what was typed
@@ -300,11 +291,8 @@ def export_joints(  # noqa: PLR0917, what was typed
         content = {"format": form.value, "files": [str(file) for file in written.files]}
         used, left_out = written.used, written.left_out
     chosen = {study.revision(number).channel for number in revisions}
-    plain = [
-        item
-        for item in study.channels
-        if item.kind is not ChannelKind.CONTACT and item.name not in chosen and study.newest(item) is None
-    ]
+    joints = [item for item in study.channels if item.kind is not ChannelKind.CONTACT]
+    plain = [item for item in joints if item.name not in chosen and study.newest(item) is None]
     from palpate.estimation.diagnosis import Verdict  # noqa: PLC0415, slow to import
 
     adequate = list[str]()
@@ -353,13 +341,10 @@ def report_command(
             where = f" --channel {result.channel.name}" if len(results) > 1 else ""
             commands.append(f"palpate add {again} {' '.join(result.added)}{where} --fresh")
         study.report(path, [*commands, f"palpate report {data.command_text(model=model, folder=folder)}"])
-    add_diagnosis = (f"palpate diagnose {diagnose}", "find what is missing; then write the report again")
-    console.present(
-        {"file": str(data.file), "report": str(path)},
-        lambda: console.say(f"report  [bold]{display_path(path)}[/bold]"),
-        [
-            *([] if is_diagnosed else [add_diagnosis]),
-            (f"palpate workbench {data.command_text()}", "an interactive page to try effects on"),
-        ],
-        as_json=as_json,
-    )
+    steps = [(f"palpate workbench {data.command_text()}", "an interactive page to try effects on")]
+    if not is_diagnosed:
+        purpose = "find what is missing; then write the report again"
+        steps.insert(0, (f"palpate diagnose {diagnose}", purpose))
+    content = {"file": str(data.file), "report": str(path)}
+    line = f"report  [bold]{display_path(path)}[/bold]"
+    console.present(content, lambda: console.say(line), steps, as_json=as_json)

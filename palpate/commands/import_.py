@@ -188,19 +188,14 @@ def print_preview(
         made = console.table(title, "run", *numbers, right=numbers)
         for run in channel.runs[:_MOST_RUNS]:
             part = channel.select(channel.run == run)
-            made.add_row(
-                safe(imported.run_labels.get(int(run), str(run))),
-                str(len(part)),
-                duration(float(np.ptp(part.time_s))),
-                f"{part.position.min():.2g} to {part.position.max():.2g}",
-                f"{part.effort.min():.2g} to {part.effort.max():.2g}",
-            )
+            label = safe(imported.run_labels.get(int(run), str(run)))
+            ranges = (f"{values.min():.2g} to {values.max():.2g}" for values in (part.position, part.effort))
+            made.add_row(label, str(len(part)), duration(float(np.ptp(part.time_s))), *ranges)
         out.print(made)
         # total over all runs in order of first appearance, without pauses
         usual_s, steps_s = 1.0 / rate, np.diff(channel.time_s, append=channel.time_s[-1:])
-        steps_s[(steps_s < 0.0) | (steps_s > _PAUSE * usual_s) | (np.diff(channel.run, append=-1) != 0)] = (
-            usual_s
-        )
+        is_pause = (steps_s < 0.0) | (steps_s > _PAUSE * usual_s) | (np.diff(channel.run, append=-1) != 0)
+        steps_s[is_pause] = usual_s
         codes = [number for number in dict.fromkeys(channel.phase.tolist()) if number in set(Phase)]
         spans = (f"{phase(n)[0]} {duration(float(np.sum(steps_s[channel.phase == n])))}" for n in codes)
         if phases := ", ".join(spans):

@@ -80,19 +80,13 @@ def probe_command(
     A real arm gets power only after a confirmation (or --yes) and a countdown.
     """
     robot_file = options.robot_file
-    speeds_m_s = None
+    settings = {"force_limit_n": force_limit_n, "hold_s": hold_s, "repeats": repeats}
+    changes: dict[str, Any] = {key: value for key, value in settings.items() if value is not None}
     if speed_mm_s is not None:
         speeds_mm_s = numbers("--speed-mm-s", speed_mm_s, ", such as 150,90,60")
         if not all(0 < speed <= 1000 for speed in speeds_mm_s):
             raise InputError(f"--speed-mm-s {speed_mm_s!r}: each speed must be above 0 and at most 1000 mm/s")
-        speeds_m_s = [MILLI * speed for speed in speeds_mm_s]
-    changes: dict[str, Any] = {
-        "speeds_m_s": speeds_m_s,
-        "force_limit_n": force_limit_n,
-        "hold_s": hold_s,
-        "repeats": repeats,
-    }
-    changes = {key: value for key, value in changes.items() if value is not None}
+        changes["speeds_m_s"] = [MILLI * speed for speed in speeds_mm_s]
     plan = probing_plan(experiment)
     try:
         plan = validate(ProbingPlan, plan.model_dump() | changes)
@@ -124,11 +118,9 @@ def probe_command(
 
 def _print(outcome: ProbingOutcome, planned: int) -> None:
     loop, out = outcome.loop, console.stdout()
-    faster = (
-        f", {loop.duration_s / loop.wall_s:.0f} times real time"
-        if loop.wall_s < 0.9 * loop.duration_s
-        else ""
-    )
+    faster = ""
+    if loop.wall_s < 0.9 * loop.duration_s:
+        faster = f", {loop.duration_s / loop.wall_s:.0f} times real time"
     if loop.outcome is Outcome.FINISHED:
         done = "planned" if outcome.failures else "done"
     else:

@@ -121,20 +121,11 @@ def reveal_command(
             table.add_row(f"[bold]{entry.name}[/bold]", ", ".join(entry.channels), "\n".join(values), physics)
         console.stdout().print(table)
 
-    content = {
-        "session": str(session),
-        "seed": answer.seed,
-        "hidden": [
-            {
-                "effect": entry.name,
-                "channels": entry.channels,
-                "parameters": {
-                    name: {"value": value, "unit": unit} for name, (value, unit) in entry.values().items()
-                },
-            }
-            for entry in answer.hidden
-        ],
-    }
+    hidden = []
+    for entry in answer.hidden:
+        parameters = {name: {"value": value, "unit": unit} for name, (value, unit) in entry.values().items()}
+        hidden.append({"effect": entry.name, "channels": entry.channels, "parameters": parameters})
+    content = {"session": str(session), "seed": answer.seed, "hidden": hidden}
     console.present(content, show, steps, as_json=as_json)
 
 
@@ -212,16 +203,12 @@ def merge_notes(sessions: Sequence[Session]) -> list[str]:
         if _is_incomplete(session)
     ]
     try:
-        first, *others = (
-            {
-                item.name: item
-                for item in session_channels(session, tared=True)
-                if item.kind is ChannelKind.CONTACT
-            }
-            for session in sessions
-        )
+        every = [session_channels(session, tared=True) for session in sessions]
     except InputError:  # a session without a channel is not compared
         return notes
+    first, *others = (
+        {item.name: item for item in channels if item.kind is ChannelKind.CONTACT} for channels in every
+    )
     return notes + [
         f"{session.path.name}: {name} begins about {_TO_MILLI * abs(deeper_m):.2g} mm "
         f"{'deeper' if deeper_m > 0.0 else 'higher'} than in {sessions[0].path.name}, but a merged "

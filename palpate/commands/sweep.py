@@ -111,15 +111,12 @@ def sweep_command(
             "workers": processes,
             "left_wall_s": left_s / processes,
         }
-        console.present(
-            content,
-            lambda: console.stdout().print(
-                f"{count(len(cases), 'case')}, {done} done; measured time per case: {each}\n"
-                f"remaining: {duration(left_s)} of processor time, {duration(left_s / processes)} on "
-                f"{count(processes, 'worker')}"
-            ),
-            as_json=as_json,
+        words = (
+            f"{count(len(cases), 'case')}, {done} done; measured time per case: {each}\n"
+            f"remaining: {duration(left_s)} of processor time, {duration(left_s / processes)} on "
+            f"{count(processes, 'worker')}"
         )
+        console.present(content, lambda: console.stdout().print(words), as_json=as_json)
         return
     outcome = {
         "what": sweep,

@@ -314,10 +314,8 @@ def demo(
     sessions = " ".join(shell_path(made.files[side]) for side in ("leader", "follower"))
     print_files(console.stdout(), made.files)
     console.stdout().print(f"models compared with the follower's own measurements: {made.modeled.summary()}")
-    verdicts = [
-        f"target {number} {verdict or 'none before the end'}"
-        for number, verdict in made.merged.verdicts().items()
-    ]
+    known = made.merged.verdicts().items()
+    verdicts = [f"target {number} {verdict or 'none before the end'}" for number, verdict in known]
     console.say(f"verdicts of the diagnosis: {', '.join(verdicts) or 'nothing was probed before the end'}")
     console.next_steps(
         (f"palpate inspect {sessions}", "both sides on one time line"),

@@ -53,11 +53,8 @@ def packages() -> Iterator[Finding]:
     pairs = (line.split("==") for line in text.splitlines() if "==" in line)
     pinned = {name.strip().lower(): version.strip() for name, version in pairs}
     required = [Requirement(line) for line in metadata.requires("palpate") or []]
-    names = [
-        requirement.name.lower()
-        for requirement in required
-        if not requirement.marker or requirement.marker.evaluate({"extra": ""})
-    ]
+    needed = [each for each in required if not each.marker or each.marker.evaluate({"extra": ""})]
+    names = [each.name.lower() for each in needed]
     missing, untested = [], []
     for name in names:
         try:

@@ -359,21 +359,14 @@ def examine_powered(
     joints = zip(np.ptp(position_rad, axis=0), held_nm, weight_nm, strict=True)
     for joint, (moved_rad, own_nm, own_weight_nm) in enumerate(joints, 1):
         off_nm = abs(own_nm - own_weight_nm)
-        yield graded(
-            f"drive of joint {joint}",
+        value = (
             f"moved {moved_rad:.3f} of {NUDGE_RAD:g} rad; holds {own_nm:+.2f} N m, while the URDF's masses "
-            f"require {own_weight_nm:+.2f} N m",
-            (
-                Level.FAIL,
-                moved_rad < _FOLLOWED * NUDGE_RAD,
-                "it does not follow: friction, a low torque limit, or a wrong torque constant",
-            ),
-            (
-                Level.WARN,
-                off_nm > _SHARE * abs(own_weight_nm) + _FLOOR_NM,
-                "check masses and torque constants; then palpate calibrate torque, gravity",
-            ),
+            f"require {own_weight_nm:+.2f} N m"
         )
+        stuck = "it does not follow: friction, a low torque limit, or a wrong torque constant"
+        is_stuck, is_off = moved_rad < _FOLLOWED * NUDGE_RAD, off_nm > _SHARE * abs(own_weight_nm) + _FLOOR_NM
+        remedy = "check masses and torque constants; then palpate calibrate torque, gravity"
+        yield graded(f"drive of joint {joint}", value, (_FAIL, is_stuck, stuck), (Level.WARN, is_off, remedy))
 
 
 def reduced_limits(limits: Limits, body: RigidBody) -> Limits:

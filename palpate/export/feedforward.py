@@ -90,15 +90,11 @@ class FittedJoint:
         effects: dict[str, dict[str, ParameterEstimate]] = {
             effect.name: {} for effect in self.fit.model.effects
         }
-        units = {
-            f"{effect.name}.{each.name}": each
-            for effect in self.fit.model.effects
-            for each in (*effect.gains, *effect.inner)
-        }
+        stated_parameters = {**self.fit.model.gains, **self.fit.model.inner}
         for name, parameter in self.fit.parameters.items():
             effect, _, own = name.partition(".")
             if (gain := self.servo_gain_nm_rad) is not None:  # from units of the goal error to N m and kg m^2
-                stated = units[name]
+                stated = stated_parameters[name]
                 parameter = replace(parameter, unit=stated.unit_of(ChannelKind.REVOLUTE))  # noqa: PLW2901
                 if "{effort}" in stated.unit or "{inertia}" in stated.unit:
                     low, high = (gain * end for end in parameter.interval)
@@ -127,6 +123,7 @@ class Feedforward:
         Raises:
             InputError: a file cannot be written.
         """
+        pairs = list(zip(self.joints, self.terms, strict=True))
         joints = {
             joint.name: {
                 "model": joint.model,
@@ -146,21 +143,16 @@ class Feedforward:
                     name: list(_range(joint, name)) for name in ("position", "velocity", "acceleration")
                 },
             }
-            for joint, terms in zip(self.joints, self.terms, strict=True)
+            for joint, terms in pairs
         }
         content = {"source": source, "equation": EQUATION, "joints": joints, "left_out": list(self.left_out)}
         write_text(path, yaml.safe_dump(content, sort_keys=False, width=100, allow_unicode=True))
-        rows = "".join(
-            f"    {joint.number}: ({_literals(terms)}),  # {_title(joint)}\n"
-            for joint, terms in zip(self.joints, self.terms, strict=True)
-        )
+        rows = "".join(f"    {joint.number}: ({_literals(t)}),  # {_title(joint)}\n" for joint, t in pairs)
         names = ", ".join(asdict(JointTerms()))
         text = _PYTHON.format(source=as_comment(source), names=names, rows=rows)
         write_text(path.with_suffix(".py"), text)
-        rows = "".join(
-            f"    {{{joint.number}, {{{_literals(terms)}}}}}, /* {_title(joint)} */\n"
-            for joint, terms in zip(self.joints, self.terms, strict=True)
-        )
+        lines = (f"{{{joint.number}, {{{_literals(t)}}}}}, /* {_title(joint)} */" for joint, t in pairs)
+        rows = "".join(f"    {line}\n" for line in lines)
         names = "".join(f"    double {name};\n" for name in asdict(JointTerms()))
         text = _C.format(source=as_comment(source), names=names, rows=rows)
         write_text(path.with_suffix(".c"), text)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from math import atan2, hypot
 
 from palpate.estimation.channel import Surface
-from palpate.estimation.study import Revision
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import validate
 from palpate.sim_backend.imperfection import Imperfection, parse_imperfection
@@ -137,9 +136,10 @@ SILENT = frozenset({"rigid_body"})  # effects that the simulated arm has anyway
 
 @dataclass(frozen=True)
 class FittedChannel:
-    """A channel's revision with its surface."""
+    """A channel's fitted model with its surface."""
 
-    revision: Revision  # the fitted model
+    name: str  # name of the channel
+    values: Values  # fitted parameters by "effect.parameter"
     # Where the channel's depth counts from, along the downward press direction; None if given.
     surface: Surface | None
     joint_count: int  # number of joints of the arm; 0 for a contact that came without one
@@ -147,7 +147,7 @@ class FittedChannel:
     @property
     def is_contact(self) -> bool:
         """Whether the channel is a contact."""
-        return self.revision.channel.startswith("contact")
+        return self.name.startswith("contact")
 
 
 @dataclass(frozen=True)
@@ -178,24 +178,18 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
     by_channel: list[tuple[FittedChannel, Effects]] = []
     for channel in fitted:
         values_of: Effects = defaultdict(dict)
-        for name, parameter in channel.revision.parameters.items():
+        for name, value in channel.values.items():
             effect, _, own = name.partition(".")
-            values_of[effect][own] = parameter.value
+            values_of[effect][own] = value
         by_channel.append((channel, dict(values_of)))
-    contacts = [
-        channel.revision.channel
-        for channel, effects in by_channel
-        if channel.is_contact and "deadband" in effects
-    ]
+    contacts = [fit.name for fit, effects in by_channel if fit.is_contact and "deadband" in effects]
     # effects of the whole arm, and the channel in which each was found first
     taken = {"force_deadband": contacts[0]} if contacts else {}
     # Forces below which the sensor reads zero [N], from joints; the contact fit moved the surface instead.
-    deadbands = (
-        effects["force_deadband"]["width"] for _, effects in by_channel if "force_deadband" in effects
-    )
-    deadband_n = 0.0 if taken else next(deadbands, 0.0)
+    deadbands = [effects["force_deadband"] for _, effects in by_channel if "force_deadband" in effects]
+    deadband_n = deadbands[0]["width"] if deadbands and not taken else 0.0
     for channel, effects in by_channel:
-        where = channel.revision.channel
+        where = channel.name
         if channel.is_contact:
             scenario, lines = _with_object(scenario, effects, channel.surface, deadband_n)
             used += lines
@@ -253,7 +247,7 @@ def _entries(
     terms = {**SENSOR, **(CONTACT if channel.is_contact else {**JOINT, **ARM})}
     if name not in terms:
         return [], [f"the simulator has no effect '{name}'"]
-    where, placed = channel.revision.channel, []
+    where, placed = channel.name, []
     try:
         for entry in terms[name](values):
             place: Entry = {}

@@ -88,11 +88,8 @@ def bam_texts(arm: TargetArm, patch: Path | None) -> list[str]:
             name for name, keys in _BAM_MODELS.items() if not (joint.values.keys() - {"armature"}) - {*keys}
         )
         known = {key: value.number for key, value in joint.values.items()}
-        content = {
-            key: value
-            for key, value in motor.items()
-            if not (key in _OF_BAM or key.startswith("load_friction_"))
-        }
+        kept = (key for key in motor if not (key in _OF_BAM or key.startswith("load_friction_")))
+        content = {key: motor[key] for key in kept}
         content |= {"model": model} | {key: known.get(key, 0.0) for key in _BAM_MODELS[model]}
         if (armature := known.get("armature", motor.get("armature"))) is not None:
             content["armature"] = armature

@@ -35,17 +35,14 @@ def _named(lost: str = "", **names: str) -> TargetTerm:
     return TargetTerm(lambda p: {key: p[name] for key, name in names.items()}, lost)
 
 
-def _mean(p: FitSummary, name: str, ends: tuple[str, str]) -> float:
-    return max(0.5 * (p[name + ends[0]] + p[name + ends[1]]), 0.0)
+def _mean(p: FitSummary, name: str = "") -> float:
+    return max(0.5 * (p[f"{name}forward"] + p[f"{name}backward"]), 0.0)
 
 
 def _asymmetric(dry: Sequence[str], viscous: str) -> TargetTerm:
     """Average the friction of both directions."""
     return TargetTerm(
-        lambda p: {
-            **dict.fromkeys(dry, _mean(p, "", ("forward", "backward"))),
-            viscous: _mean(p, "viscous_", ("forward", "backward")),
-        },
+        lambda p: {**dict.fromkeys(dry, _mean(p)), viscous: _mean(p, "viscous_")},
         "friction is the same in both directions: their mean is exported",
     )
 

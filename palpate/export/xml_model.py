@@ -200,13 +200,8 @@ class _Mjcf:
         self._defaults = {
             each.get("class", "main"): each for top in root.findall("default") for each in top.iter("default")
         }
-        worldbody = root.findall("worldbody")
-        self._joints = [
-            element
-            for body in worldbody
-            for element in body.iter("joint")
-            if self.value(element, "type", "hinge") in _JOINTS
-        ]
+        joints = (joint for body in root.findall("worldbody") for joint in body.iter("joint"))
+        self._joints = [joint for joint in joints if self.value(joint, "type", "hinge") in _JOINTS]
 
     def value(self, element: Element, name: str, absent: str) -> str:
         """Return an attribute of an element, from the element itself or its default class.
@@ -368,12 +363,9 @@ class _Mjcf:
                 self.left_out.append(f"{joint.channel}: {line}")
 
     def _actuators(self, element: Element) -> list[Element]:
-        return [
-            each
-            for section in self._root.findall("actuator")
-            for each in section
-            if each.get("joint") is not None and each.get("joint") == element.get("name")
-        ]
+        name = element.get("name")
+        actuators = (each for section in self._root.findall("actuator") for each in section)
+        return [each for each in actuators if name is not None and each.get("joint") == name]
 
     def _scale_actuators(self, element: Element, joint: TargetJoint, factor: float) -> None:
         actuators = self._actuators(element)
@@ -408,9 +400,8 @@ class _Mjcf:
             where = " ".join(f"{value:.9g}" for value in mounting.tip_m)
         load = SubElement(place, "body", {"name": PAYLOAD, "pos": where})
         moments = " ".join([_SMALL_INERTIA] * 3)
-        SubElement(
-            load, "inertial", {"pos": "0 0 0", "mass": f"{payload.number:.9g}", "diaginertia": moments}
-        )
+        inertial = {"pos": "0 0 0", "mass": f"{payload.number:.9g}", "diaginertia": moments}
+        SubElement(load, "inertial", inertial)
         _comment(self._root, load, "payload", payload.fitted)
         where = f"at ({where}) of '{place.get('name', place.tag)}'"
         self.used.append(f"arm: new body '{PAYLOAD}' {where} ({'; '.join(payload.fitted)})")

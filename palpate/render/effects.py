@@ -236,12 +236,7 @@ def print_effect(console: Console, effect: Effect, example: EffectExample | None
         example: example to draw; None for no drawing.
     """
     console.print(f"[bold]{safe(effect.name)}[/bold]  [dim]{safe(', '.join(_channels(effect)))}[/dim]")
-    lines = {
-        "physics": effect.physics,
-        "equation": effect.equation,
-        "signature": effect.signature,
-        "source": effect.source,
-    }
+    lines = {name: getattr(effect, name) for name in ("physics", "equation", "signature", "source")}
     if effect.needs:
         lines["needs"] = ", ".join(effect.needs)
     console.print(Padding(labeled(*lines.items()), (0, 0, 0, 2)))

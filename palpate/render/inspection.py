@@ -98,11 +98,8 @@ def inspect_session(session: Session, estimates: ChannelEstimates | None = None)
     if channels:
         facts["data"] = f"{count(len(channels[0].runs), 'run')}, {count(len(channels[0]), 'sample')}"
     facts |= {"recorded": metadata.created_utc, "by": metadata.command_line}
-    view = StudyView(
-        session.path.name,
-        tuple(_view(each, estimates, truth, ticks) for each in channels),
-        {name: value for name, value in facts.items() if value},
-    )
+    views = tuple(_view(each, estimates, truth, ticks) for each in channels)
+    view = StudyView(session.path.name, views, {name: value for name, value in facts.items() if value})
     if ticks is None:
         return Inspection(session, view, None)
     surface = estimates.surface_of(estimates.best) if estimates else None

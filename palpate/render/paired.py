@@ -273,10 +273,5 @@ def as_data(sides: PairedComparison) -> dict[str, Any]:
     }
 
 
-def _correlation(correlation: Correlation) -> dict[str, Any]:
-    return {
-        "lag": correlation.lag,
-        "value": correlation.value,
-        "band_99": correlation.band,
-        "outside": correlation.outside,
-    }
+def _correlation(made: Correlation) -> dict[str, Any]:
+    return {"lag": made.lag, "value": made.value, "band_99": made.band, "outside": made.outside}

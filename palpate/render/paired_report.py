@@ -130,11 +130,7 @@ def record_pair(view: PairView, path: Path) -> None:
     tabs, corner = [], rrb.Corner2D.LeftTop
     for paired in view.channels:
         axes = paired.views[0].axes
-        titles = {
-            "effort": axes.effort,
-            "residual": axes.residual,
-            "position": axes.position,
-        }
+        titles = {name: getattr(axes, name) for name in ("effort", "residual", "position")}
         plots = [plot(f"{paired.channel}/{name}", title, legend=corner) for name, title in titles.items()]
         tabs.append(rrb.Vertical(*plots, row_shares=[3, 2, 1], name=paired.channel))
     with recording_file(view.title, path, shown_on(*tabs, timeline=TIME)) as recording:

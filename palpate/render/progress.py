@@ -199,12 +199,8 @@ class _BarUpdater(Watcher):
 @contextmanager
 def sweep_progress() -> Iterator[Callable[[int, int], None]]:
     """Show the number of finished cases, and the remaining time at the mean rate so far."""
-    columns = (
-        BarColumn(bar_width=32),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.description}"),
-    )
+    words = TextColumn("{task.description}")
+    columns = BarColumn(bar_width=32), MofNCompleteColumn(), TimeElapsedColumn(), words
     progress = Progress(*columns, console=console.stderr(), transient=True)
     task = progress.add_task("getting ready", total=None)
     begun_s, before = time.monotonic(), None
@@ -215,11 +211,11 @@ def sweep_progress() -> Iterator[Callable[[int, int], None]]:
             before = done
             if progress.console.is_terminal:  # otherwise it would print an empty line
                 progress.start()
-        words = "getting ready"
+        left = "getting ready"
         if done > before:
             each_s = (time.monotonic() - begun_s) / (done - before)
-            words = f"about {duration(each_s * (total - done))} left"
-        progress.update(task, completed=done, total=total, description=words)
+            left = f"about {duration(each_s * (total - done))} left"
+        progress.update(task, completed=done, total=total, description=left)
 
     try:
         yield show

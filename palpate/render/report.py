@@ -155,6 +155,7 @@ def map_figure(channel: ChannelView) -> go.Figure:
     maps = [residual_map(channel.position, channel.velocity, stage.residual, used) for stage in stages]
     level = np.abs(np.concatenate([grid.mean.ravel() for grid in maps]))
     reach = float(np.quantile(level[np.isfinite(level)], _BRIGHT)) if np.isfinite(level).any() else 1.0
+    title = {"text": axes.residual, "side": "right", "font": {"size": 12.5}}
     for column, grid in enumerate(maps, start=1):
         trace = go.Heatmap(
             x=_small(grid.position),
@@ -164,14 +165,7 @@ def map_figure(channel: ChannelView) -> go.Figure:
             zmax=reach,
             colorscale=palette.RESIDUAL,
             showscale=column == len(maps),
-            colorbar={
-                "title": {
-                    "text": axes.residual,
-                    "side": "right",
-                    "font": {"size": 12.5},
-                },
-                "thickness": 12,
-            },
+            colorbar={"title": title, "thickness": 12},
             hovertemplate=f"{axes.position} %{{x:.3g}}<br>{axes.velocity} %{{y:.3g}}<br>"
             f"%{{z:.3g}} {axes.effort_unit}<extra></extra>",
         )
@@ -189,34 +183,28 @@ def _draw_error_steps(made: go.Figure, channel: ChannelView) -> None:
     unit, reach = channel.axes.effort_unit, 1.35 * float(errors.max())  # space for the labels
     taken = np.maximum(np.concatenate([[0.0], errors[:-1] - errors[1:]]), 0.0)
     before = np.concatenate([errors[:1], errors[:-1]])
-    words = [
+    falls = [
         f" {with_unit(error, unit)}" + (f"  −{100 * (1 - error / old):.0f} %" if old > error else "")
         for error, old in zip(errors, before, strict=True)
     ]
     colors = [palette.BASE, *[palette.MEASURED] * (len(errors) - 1)]
-    look = {"y": labels, "orientation": "h", "showlegend": False}
+    bars = {"y": labels, "orientation": "h", "showlegend": False}
     shown = go.Bar(
-        x=errors, marker_color=colors, hovertemplate=f"%{{y}}: %{{x:.4g}} {unit}<extra></extra>", **look
+        x=errors, marker_color=colors, hovertemplate=f"%{{y}}: %{{x:.4g}} {unit}<extra></extra>", **bars
     )
     gone = go.Bar(
-        x=taken, marker_color=palette.SHADE, text=words, textposition="outside", cliponaxis=False, **look
+        x=taken, marker_color=palette.SHADE, text=falls, textposition="outside", cliponaxis=False, **bars
     )
     gone.hoverinfo = "skip"
     made.add_traces([shown, gone], [1] * 2, [1] * 2)
     made.update_layout(barmode="stack", bargap=0.3)
     left = channel.noise_level < 0.6 * reach
-    made.add_vline(
-        x=channel.noise_level,
-        line={"color": palette.NOISE, "width": 1.5, "dash": "dot"},
-        annotation={
-            "text": f"noise level {with_unit(channel.noise_level, unit)}",
-            "font_color": palette.NOISE,
-            "xshift": 4 if left else -4,
-        },
-        annotation_position="bottom right" if left else "bottom left",
-        row=1,
-        col=1,
-    )
+    line = {"color": palette.NOISE, "width": 1.5, "dash": "dot"}
+    words = f"noise level {with_unit(channel.noise_level, unit)}"
+    note = {"text": words, "font_color": palette.NOISE, "xshift": 4 if left else -4}
+    side = "bottom right" if left else "bottom left"
+    look = {"line": line, "annotation": note, "annotation_position": side}
+    made.add_vline(x=channel.noise_level, row=1, col=1, **look)
     # space below the last bar for the label of the noise level
     made.update_yaxes(range=[len(errors) + 0.1, -0.6], showgrid=False, row=1, col=1)
     made.update_xaxes(title_text=f"error in held-out runs [{unit}]", range=[0.0, reach], row=1, col=1)
@@ -264,11 +252,8 @@ def _draw_state(
         look = PlotStyle(f"measured, {word}" if word else "measured", color, width=2.4, named=named)
         draw_curves(made, run_curves(x, channel.effort, rows), place, unit, look)
     for stage in channel.stages:
-        look = replace(
-            _look_of(channel, stage),
-            named=named,
-            shown=any(stage is shown_stage for shown_stage in channel.shown_stages),
-        )
+        is_shown = any(stage is each for each in channel.shown_stages)
+        look = replace(_look_of(channel, stage), named=named, shown=is_shown)
         if len(colors) > 1:  # measured curves have the colors of speeds
             look = replace(look, dash="4px,2px" if stage is channel.stages[-1] else "1px,2px")
         draw_curves(made, run_curves(x, stage.predicted, list(runs.values())), place, unit, look)

@@ -85,11 +85,8 @@ def print_diagnosis(console: Console, view: StudyView) -> None:
             parts.append(made)
         if channel.next_experiment is not None:
             plan = channel.next_experiment
-            parts.append(
-                Text.from_markup(
-                    f"[bold]next experiment[/bold]: {safe(plan.instruction)}, to {safe(plan.purpose)}"
-                )
-            )
+            words = f"[bold]next experiment[/bold]: {safe(plan.instruction)}, to {safe(plan.purpose)}"
+            parts.append(Text.from_markup(words))
         console.print(Padding(Group(*parts), (0, 0, 0, 2)))
 
 
@@ -216,17 +213,13 @@ def error_steps_table(channel: ChannelView, width: int, *, narrow: bool = False)
     for row, (label, value) in enumerate(channel.error_steps):
         times = channel.times_noise(value)
         name = f"{safe(label[:2])}[bold]{safe(label[2:])}[/bold]" if row else safe(label)
-        made.add_row(
-            *revisions[row : row + len(number)],
-            name,
-            f"{value:.4g}",
-            f"{times:.2f}",
-            *[_bar(value / worst, grade(times), width)] * (not narrow),
-            *[evidence.get(label, "")] * len(last),
-        )
+        bar = [_bar(value / worst, grade(times), width)] * (not narrow)
+        chance = [evidence.get(label, "")] * len(last)
+        shown_revision = revisions[row : row + len(number)]
+        made.add_row(*shown_revision, name, f"{value:.4g}", f"{times:.2f}", *bar, *chance)
     level = f"[dim]{channel.noise_level:.4g}[/dim]"
-    bar = _bar(channel.noise_level / worst, "bright_black", width)
-    made.add_row(*[""] * len(number), "[dim]noise level[/dim]", level, "", *[bar] * (not narrow))
+    bar = [_bar(channel.noise_level / worst, "bright_black", width)] * (not narrow)
+    made.add_row(*[""] * len(number), "[dim]noise level[/dim]", level, "", *bar)
     return made if narrow or natural_width(made) <= width else error_steps_table(channel, width, narrow=True)
 
 

@@ -20,6 +20,7 @@ from palpate.sweep.rows import BOUND, column, errors_of, estimated, grouped, par
 P = ParamSpec("P")
 ONE_COLUMN_IN, TWO_COLUMNS_IN = 3.5, 7.16
 SPEEDS = ("#b23a5c", "#de7a26", "#2b7a92")  # from fast to slow
+_STIFFNESSES = ("#4a6fb5", "#2b9a92", "#e2a13c", "#b23a5c")  # from soft to stiff
 K, C = "stiffness.k", "damping.c"
 PAPER = "#5f6b78"
 _INWARDS = (Phase.APPROACH, Phase.LOADING, Phase.HOLD)
@@ -132,8 +133,7 @@ def transition(ticks: Sequence[Row]) -> Figure:
     below.plot(time_ms, column(own, "force_n"), color=MEASURED)
     below.axhline(10.0, color=TRUTH, lw=0.8, ls="--")
     below.text(time_ms[0], 9.8, "limit", color=TRUTH, va="top", fontsize=7)
-    below.set_ylabel("contact force [N]")
-    below.set_xlabel("time since the touch was detected [ms]")
+    below.set(xlabel="time since the touch was detected [ms]", ylabel="contact force [N]")
     for axes in (above, below):
         axes.axvline(0.0, color=BASE, lw=0.8)
     return figure
@@ -149,28 +149,21 @@ def force_displacement(ticks: Sequence[Row], grid: Sequence[Row]) -> Figure:
     """
     figure, (left, right) = _panels(1, 2, TWO_COLUMNS_IN, 2.7)
     for run, (speed_mm_s, color) in enumerate(zip((150, 90, 60), SPEEDS, strict=True)):
-        own = [
-            row
-            for row in ticks
-            if row["run"] == run and row["phase"] in _INWARDS and row["depth_m"] is not None
-        ]
-        own = [row for row in own if row["depth_m"] == row["depth_m"] and row["depth_m"] > -5e-4]
+        own = [row for row in ticks if row["run"] == run and row["phase"] in _INWARDS]
+        own = [row for row in own if row["depth_m"] is not None and row["depth_m"] > -5e-4]
         depth = 1e3 * column(own, "depth_m")
         left.plot(depth, column(own, "force_n"), color=color, lw=1.0, label=f"{speed_mm_s} mm/s")
         ends = np.array([0.0, depth.max()])
         left.plot(ends, 0.5 * ends + 0.1 * speed_mm_s, color=color, lw=0.7, ls=":")
     left.axhline(10.0, color=TRUTH, lw=0.8, ls="--")
     left.text(left.get_xlim()[1], 10.15, "limit", color=TRUTH, ha="right", va="bottom", fontsize=7)
-    left.set_xlabel("displacement [mm]")
-    left.set_ylabel("force [N]")
-    left.set_ylim(-0.5, 17)
+    left.set(xlabel="displacement [mm]", ylabel="force [N]", ylim=(-0.5, 17))
     left.set_title("force; dotted: k·x + c·v at the set speed")
     left.legend()
     # peak force over the dashpot's force at the touch
     for number, color in enumerate(SPEEDS):
-        jump = [
-            row["law damping_n_s_m"] * 1e-3 * float(row["speeds_mm_s"].split(", ")[number]) for row in grid
-        ]
+        speeds_mm_s = [float(row["speeds_mm_s"].split(", ")[number]) for row in grid]
+        jump = 1e-3 * column(grid, "law damping_n_s_m") * speeds_mm_s
         right.plot(jump, [row["peak_n"][number] for row in grid], "o", ms=2.2, color=color, alpha=0.6, mew=0)
     ends = np.array([0.0, 15.5])
     right.plot(ends, ends, color=BASE, lw=0.8, ls=":")
@@ -191,10 +184,8 @@ def grid_estimates(rows: Sequence[Row]) -> Figure:
         for true, own in grouped(good, itemgetter(own_axis[0])).items():
             x = column(own, other_axis[0])
             above.plot([x.min(), x.max()], [true, true], color=BASE, lw=0.7)
-        for method, style in (
-            ("lsq", {"ms": 4.5, "mfc": "none", "mew": 0.6}),
-            ("ransac", {"ms": 2.0, "mew": 0}),
-        ):
+        marks: Any = {"lsq": {"ms": 4.5, "mfc": "none", "mew": 0.6}, "ransac": {"ms": 2.0, "mew": 0}}
+        for method, style in marks.items():
             own = [row for row in good if row["estimator"] == method]
             above.plot(column(own, other_axis[0]), column(own, name), "o", color=_KNOWN[method], **style)
         figure_name = "4b" if name == K else "4c"
@@ -206,20 +197,15 @@ def grid_estimates(rows: Sequence[Row]) -> Figure:
                 relative = errors_of(some, name).relative
                 if len(relative):
                     points.append((value, 100 * np.abs(relative).max()))
-            below.plot(
-                *zip(*sorted(points), strict=True),
-                color=_color(estimator, number),
-                marker="o",
-                ms=2.2,
-                lw=1.0,
-                label=estimator,
-            )
+            at, worst = zip(*sorted(points), strict=True)
+            look: dict[str, Any] = {"color": _color(estimator, number), "marker": "o", "ms": 2.2, "lw": 1.0}
+            below.plot(at, worst, label=estimator, **look)
         for value, method, place in zip(papers, ("RANSAC", "LSQ"), ("top", "bottom"), strict=True):
             below.axhline(value, color=PAPER, lw=0.9, ls="--")
             text = f"paper, {method}, worst"
             below.text(below.get_xlim()[1], value, text, color=PAPER, ha="right", va=place, fontsize=6.5)
-        below.set(xlabel=f"true {other_axis[1]}", ylabel=f"worst error of {name[-1]} [%]", yscale="log")
-        below.set_ylim(0.003, 120)
+        below.set(xlabel=f"true {other_axis[1]}", ylabel=f"worst error of {name[-1]} [%]")
+        below.set(yscale="log", ylim=(0.003, 120))
         _percent_ticks(below)
     all_axes[1][0].legend(loc="lower left", ncols=3, fontsize=6.5)
     return figure
@@ -235,17 +221,9 @@ def noise(lines: Sequence[Sequence[Any]]) -> Figure:
     figure, all_axes = _panels(1, 2, TWO_COLUMNS_IN, 2.8)
     for index, (axes, what) in enumerate(zip(all_axes, ("k", "c"), strict=True)):
         for number, (name, own) in enumerate(grouped(lines, lambda line: line[0]).items()):
-            style = "-" if number < 4 else "--" if "1" in name else ":"
-            color = _color(name, number)
-            axes.plot(
-                [line[1] for line in own],
-                [line[2 + index] for line in own],
-                style,
-                color=color,
-                marker="o",
-                ms=2.5,
-                label=name,
-            )
+            dashes, color = "-" if number < 4 else "--" if "1" in name else ":", _color(name, number)
+            x, error = zip(*((line[1], line[2 + index]) for line in own), strict=True)
+            axes.plot(x, error, dashes, color=color, marker="o", ms=2.5, label=name)
         reference = [line for line in lines if line[0] == lines[0][0]]
         noise_percent, least = zip(*((line[1], line[6 + index]) for line in reference), strict=True)
         axes.plot(noise_percent, least, color="#1d2733", lw=0.9, ls=(0, (1, 1)), label="bound")
@@ -280,13 +258,9 @@ def ransac_map(by_noise: Mapping[str, Sequence[Row]]) -> Figure:
             axes.set_xticks(range(len(x)), [f"{value:g}" for value in x], fontsize=6.5, rotation=45)
             axes.set_yticks(range(len(y)), [f"{value:g}" for value in y], fontsize=6.5)
             axes.grid(visible=False)
-            axes.set_ylabel(
-                f"samples in a subset\n({value} trials)"
-                if along == "subset"
-                else f"trials\n(subsets of {value})"
-            )
         above.set_title(name)
-        below.set_xlabel("threshold [N]")
+        above.set_ylabel("samples in a subset\n(1000 trials)")
+        below.set(xlabel="threshold [N]", ylabel="trials\n(subsets of 5)")
     figure.colorbar(
         image, ax=all_axes, label="error of k divided by the bound", extend="max", shrink=0.8, format="%g"
     )
@@ -303,20 +277,12 @@ def hunt_crossley(rows: Sequence[Row], best: str) -> Figure:
     """
     figure, all_axes = _panels(1, 3, TWO_COLUMNS_IN, 2.7)
     own = [row for row in estimated(rows) if row["estimator"] == best]
-    colors = dict(
-        zip(
-            sorted({row["law stiffness"] for row in own}),
-            ("#4a6fb5", "#2b9a92", "#e2a13c", "#b23a5c"),
-            strict=False,
-        )
-    )
+    by_stiffness = sorted(grouped(own, itemgetter("law stiffness")).items())
     for axes, parameter in zip(all_axes, parameters_of(own), strict=True):
-        for stiffness, color in colors.items():
-            group = [row for row in own if row["law stiffness"] == stiffness]
+        for (stiffness, group), color in zip(by_stiffness, _STIFFNESSES, strict=False):
             true = column(group, f"true {parameter}")
-            x = column(group, "law exponent") + 0.02 * (
-                np.log10(column(group, "law damping") / stiffness) + 0.5
-            )
+            beside = 0.02 * (np.log10(column(group, "law damping") / stiffness) + 0.5)
+            x = column(group, "law exponent") + beside
             error = 100 * (column(group, parameter) / true - 1)
             bound = 100 * column(group, BOUND + parameter) / true
             axes.errorbar(x, error, bound, fmt="o", ms=3, lw=0.9, color=color, label=f"k = {stiffness:g}")
@@ -337,14 +303,11 @@ def error_spread(rows: Sequence[Row]) -> Figure:
     good = estimated(rows)
     parameters = parameters_of(good)
     groups = grouped(good, lambda row: row["estimator"])
-    figure, all_axes = _panels(
-        1, max(len(parameters), 1), TWO_COLUMNS_IN, 0.9 + 0.26 * len(groups), sharey=True
-    )
+    height_in = 0.9 + 0.26 * len(groups)
+    figure, all_axes = _panels(1, max(len(parameters), 1), TWO_COLUMNS_IN, height_in, sharey=True)
     for axes, parameter in zip(all_axes, parameters, strict=False):
-        errors = [
-            np.maximum(100 * np.abs(errors_of(own, parameter).relative), 1e-4) for own in groups.values()
-        ]
-        for y, values in enumerate(errors):
+        for y, own in enumerate(groups.values()):
+            values = np.maximum(100 * np.abs(errors_of(own, parameter).relative), 1e-4)
             axes.plot(values, np.full(len(values), y), "|", color=MEASURED, ms=7, alpha=0.5)
             if len(values):
                 axes.plot(np.median(values), y, "o", color=MODEL, ms=4)
@@ -361,9 +324,8 @@ def _panels(rows: int, columns: int, width_in: float, height_in: float, **shared
 
 
 def _percent_ticks(axes: Axes, digits: Sequence[int] = (1,)) -> None:
-    axes.yaxis.set_major_locator(
-        FixedLocator([float(f"{digit}e{power}") for power in range(-3, 3) for digit in digits])
-    )
+    ticks = [float(f"{digit}e{power}") for power in range(-3, 3) for digit in digits]
+    axes.yaxis.set_major_locator(FixedLocator(ticks))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())
 

@@ -103,10 +103,8 @@ class GridFile(FileModel):
     def _check_worlds(self) -> "GridFile":
         rate_hz = find_robot(self.robot).control_rate_hz
         laws = self.laws()
-        for law, hidden in (
-            *((law, NOTHING) for law in laws),
-            *((laws[0], hidden) for hidden in self.hidden),
-        ):
+        worlds = [*product(laws, [NOTHING]), *product(laws[:1], self.hidden)]
+        for law, hidden in worlds:
             world(self._parameters(law, self.speeds_mm_s[0], 0.0, 0.0, hidden), self.seed)
         for speeds in self.speeds_mm_s:
             check_duration(validate(ProbingPlan, self._plan(speeds)), rate_hz)
@@ -133,13 +131,11 @@ class GridFile(FileModel):
 
     def cases(self) -> Iterator[Case]:
         """Yield all combinations for each repeat, so that an interrupted sweep covers all of them."""
+        task = DIAGNOSE if self.diagnose else ESTIMATE
+        axes = self.laws(), self.speeds_mm_s, self.noise_std_n, self.noise_percent, self.hidden
         for repeat in range(self.repeats):
-            for axes in product(
-                self.laws(), self.speeds_mm_s, self.noise_std_n, self.noise_percent, self.hidden
-            ):
-                yield Case(
-                    DIAGNOSE if self.diagnose else ESTIMATE, self._parameters(*axes), self.seed + repeat
-                )
+            for values in product(*axes):
+                yield Case(task, self._parameters(*values), self.seed + repeat)
 
     def _parameters(
         self, law: Mapping[str, Any], speeds: tuple[float, ...], std_n: float, percent: float, hidden: Hidden

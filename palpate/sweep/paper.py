@@ -6,6 +6,7 @@ The paper is "Compliance Estimation during Bilateral Teleoperation of a Robotic 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -42,23 +43,13 @@ class SiliconeCube:
         return 1e3 * self.modulus_n_mm2 * CONTACT_AREA_MM2 / self.depth_mm
 
 
+_K_OF_A = {"lsq": 5021.53, "ransac": 4939.1, "sprls": 5034.99}
+_C_OF_A = {"lsq": 115.11, "ransac": 313.81, "sprls": 74.25}
+_K_OF_B = {"lsq": 7424.5, "ransac": 7311.2, "sprls": 7259.26}
+_C_OF_B = {"lsq": 84.02, "ransac": 119.2, "sprls": 4.39}
 CUBES = (
-    SiliconeCube(
-        "A",
-        34,
-        0.24,
-        4812.78,
-        {"lsq": 5021.53, "ransac": 4939.1, "sprls": 5034.99},
-        {"lsq": 115.11, "ransac": 313.81, "sprls": 74.25},
-    ),
-    SiliconeCube(
-        "B",
-        73,
-        0.76,
-        7098.3,
-        {"lsq": 7424.5, "ransac": 7311.2, "sprls": 7259.26},
-        {"lsq": 84.02, "ransac": 119.2, "sprls": 4.39},
-    ),
+    SiliconeCube("A", 34, 0.24, 4812.78, _K_OF_A, _C_OF_A),
+    SiliconeCube("B", 73, 0.76, 7098.3, _K_OF_B, _C_OF_B),
 )
 RANSAC_NOISES = ((0.0, 0.0), (10.0, 0.0), (0.0, 30.0))  # noise relative to the force, share of outliers [%]
 _POWER_LAW = ("law stiffness", "law damping", "law exponent")
@@ -106,9 +97,8 @@ def transition_section(ticks: Sequence[Row]) -> ReportSection:
         "arm brakes, and settles within 20 ms. The paper's figure shows small spikes and then a steady "
         "increase; the paper does not state the speed.",
     )
-    return ReportSection(
-        "Figure 3b: torque through the transition to contact", figures.transition(ticks), words
-    )
+    title = "Figure 3b: torque through the transition to contact"
+    return ReportSection(title, figures.transition(ticks), words)
 
 
 def force_section(ticks: Sequence[Row], grid: Sequence[Row]) -> ReportSection:
@@ -129,14 +119,8 @@ def force_section(ticks: Sequence[Row], grid: Sequence[Row]) -> ReportSection:
         peaks = [row["peak_n"][i] for row, i, _ in own]
         late_ms = max(row["over_limit_ms"][i] for row, i, _ in own)
         lines.append((jump / speed, 1e3 * speed, jump, min(peaks), max(peaks), late_ms))
-    heads = (
-        "c [N s/m]",
-        "speed [mm/s]",
-        "c·v [N]",
-        "peak, least [N]",
-        "peak, most [N]",
-        "longest above 10.5 N [ms]",
-    )
+    peaks_and_time = ("peak, least [N]", "peak, most [N]", "longest above 10.5 N [ms]")
+    heads = ("c [N s/m]", "speed [mm/s]", "c·v [N]", *peaks_and_time)
     title = "Runs in which c·v alone exceeds the limit of 10 N: highest measured force over all k"
     table = SweepTable("dashpot_beyond_limit", title, heads, tuple(lines))
     words = (
@@ -150,12 +134,8 @@ def force_section(ticks: Sequence[Row], grid: Sequence[Row]) -> ReportSection:
         f"is {elsewhere:.2f} N. The estimators use all samples in contact, including those while the arm "
         "brakes, which have the largest change of speed and determine c best.",
     )
-    return ReportSection(
-        "Figure 4a: force over displacement at three speeds, k = 500 N/m, c = 100 N s/m",
-        figures.force_displacement(ticks, rows),
-        words,
-        (table,),
-    )
+    heading = "Figure 4a: force over displacement at three speeds, k = 500 N/m, c = 100 N s/m"
+    return ReportSection(heading, figures.force_displacement(ticks, rows), words, (table,))
 
 
 def _speed(row: Row, number: int) -> float:
@@ -176,12 +156,9 @@ def grid_section(rows: Sequence[Row], clean: Sequence[Row]) -> ReportSection:
         beside.append((name, k_paper, k, c_paper, c))
     best = min(groups, key=lambda name: _worst(groups[name], K) + _worst(groups[name], C))
     beside.append((f"{best} (our best)", None, _worst(groups[best], K), None, _worst(groups[best], C)))
-    table = SweepTable(
-        "grid_beside_paper",
-        "Worst error over the grid, single runs of three speeds; c only where it is not zero",
-        ("estimator", "k, paper [%]", "k, ours [%]", "c, paper [%]", "c, ours [%]"),
-        tuple(beside),
-    )
+    title = "Worst error over the grid, single runs of three speeds; c only where it is not zero"
+    heads = ("estimator", "k, paper [%]", "k, ours [%]", "c, paper [%]", "c, ours [%]")
+    table = SweepTable("grid_beside_paper", title, heads, tuple(beside))
     zero = errors_of(groups[best], C).at_zero
     words = (
         f"There are {len(_one_of_each(rows))} probing runs. The paper does not list its values of k and c; "
@@ -202,9 +179,8 @@ def grid_section(rows: Sequence[Row], clean: Sequence[Row]) -> ReportSection:
         error_table("grid_estimators", "All estimators, sensor noise of 0.02 N", rows, best_first=True),
         error_table("grid_clean", "All estimators, without force sensor noise", clean, best_first=True),
     )
-    return ReportSection(
-        "Figures 4b and 4c: estimates of k and c over the grid", figures.grid_estimates(rows), words, tables
-    )
+    heading = "Figures 4b and 4c: estimates of k and c over the grid"
+    return ReportSection(heading, figures.grid_estimates(rows), words, tables)
 
 
 def _worst(rows: Sequence[Row], parameter: str) -> float:
@@ -217,7 +193,7 @@ def noise_section(rows: Sequence[Row]) -> ReportSection:
     Args:
         rows: rows of all noises and estimators.
     """
-    groups = grouped(estimated(rows), lambda row: (row["estimator"], row["noise_percent"]))
+    groups = grouped(estimated(rows), itemgetter("estimator", "noise_percent"))
     lines = []
     for (name, percent), own in groups.items():
         errors = [errors_of(own, parameter) for parameter in (K, C)]
@@ -257,15 +233,10 @@ def cubes_section(rows: Sequence[Row]) -> ReportSection:
     Args:
         rows: rows of the silicone cubes.
     """
-    first = SweepTable(
-        "table_1",
-        "Table I: spring constant by equation (3), k = E A / l",
-        ("cube", "depth [mm]", "E [N/mm²]", "k, paper [N/m]", "k, ours [N/m]"),
-        tuple(
-            (block.name, block.depth_mm, block.modulus_n_mm2, block.k_equation_3, block.stiffness_n_m)
-            for block in CUBES
-        ),
-    )
+    title = "Table I: spring constant by equation (3), k = E A / l"
+    heads = ("cube", "depth [mm]", "E [N/mm²]", "k, paper [N/m]", "k, ours [N/m]")
+    springs = ((b.name, b.depth_mm, b.modulus_n_mm2, b.k_equation_3, b.stiffness_n_m) for b in CUBES)
+    first = SweepTable("table_1", title, heads, tuple(springs))
     lines: list[tuple[object, ...]] = []
     off: list[float] = []
     by_object = grouped(estimated(rows), lambda row: row["law stiffness_n_m"]).values()
@@ -305,9 +276,8 @@ def ransac_section(rows: Sequence[Row]) -> ReportSection:
     """
     names = ("sensor noise of 0.02 N", "and 10 % of the force", "and 30 % outliers")
     keys = ("threshold", "subset", "trials", "k_over_bound", "c_over_bound")
-    by_noise = grouped(
-        (row for row in rows if not row["error"]), lambda row: (row["noise_percent"], row["outliers_percent"])
-    )
+    good = (row for row in rows if not row["error"])
+    by_noise = grouped(good, itemgetter("noise_percent", "outliers_percent"))
     named = {name: by_noise[noise] for name, noise in zip(names, RANSAC_NOISES, strict=True)}
     lines = []
     for name, own in named.items():
@@ -320,9 +290,8 @@ def ransac_section(rows: Sequence[Row]) -> ReportSection:
     heads = ("noise", "threshold [N]", "subset", "trials", "k over bound", "c over bound")
     table = SweepTable("ransac_settings", "Best settings on the map, and the paper's", heads, tuple(lines))
     all_keys = ("noise_percent", "outliers_percent", *keys, "inlier_share")
-    whole = SweepTable(
-        "ransac_map", "The whole map", all_keys, tuple(tuple(row[key] for key in all_keys) for row in rows)
-    )
+    cells = tuple(tuple(row[key] for key in all_keys) for row in rows)
+    whole = SweepTable("ransac_map", "The whole map", all_keys, cells)
     words = (
         "The paper uses a threshold of 0.01 and subsets of five samples, and asks how much they matter. The "
         "threshold matters most. Below the noise, it discards most samples (left). With noise of 10 % of the "
@@ -332,13 +301,8 @@ def ransac_section(rows: Sequence[Row]) -> ReportSection:
         "trials hardly matters either if there are no outliers. With 30 % outliers, ten trials are too few; "
         "a draw without an outlier-free subset counts with an error of 100 %.",
     )
-    return ReportSection(
-        "Future work in the paper: influence of RANSAC's settings",
-        figures.ransac_map(named),
-        words,
-        (table,),
-        (whole,),
-    )
+    title = "Future work in the paper: influence of RANSAC's settings"
+    return ReportSection(title, figures.ransac_map(named), words, (table,), (whole,))
 
 
 def hunt_crossley_section(rows: Sequence[Row]) -> ReportSection:
@@ -346,25 +310,21 @@ def hunt_crossley_section(rows: Sequence[Row]) -> ReportSection:
     table = error_table("hunt_crossley", "Hunt-Crossley, all objects", rows, best_first=True)
     best = table.rows[0]
     words = (
-        f"{len(grouped(rows, lambda row: tuple(row[key] for key in _POWER_LAW)))} "
+        f"{len(grouped(rows, itemgetter(*_POWER_LAW)))} "
         "objects, F = (k + b v) x^n, with k from 500 to 30 000 N/mⁿ, b/k from 0.1 to 1 s/m, n from 1 to 2, "
         f"and one probing run of three speeds each. The error of {best[0]} in k is at most {best[1]:.2g} %. "
         "The unit of k is N/mⁿ, so a small error of n causes a large error of k. The two errors are "
         "correlated, and the force over the probed depth is known much better than k or n.",
     )
-    return ReportSection(
-        "Future work in the paper: recovery of Hunt-Crossley parameters",
-        figures.hunt_crossley(rows, str(best[0])),
-        words,
-        (table,),
-    )
+    title = "Future work in the paper: recovery of Hunt-Crossley parameters"
+    return ReportSection(title, figures.hunt_crossley(rows, str(best[0])), words, (table,))
 
 
 def _one_of_each(rows: Sequence[Row]) -> list[Row]:
     """Return one row of each probing run."""
     keys = ("law stiffness_n_m", "law damping_n_s_m", "seed")
     good = (row for row in rows if not row["error"])
-    return [own[0] for own in grouped(good, lambda row: tuple(row[key] for key in keys)).values()]
+    return [own[0] for own in grouped(good, itemgetter(*keys)).values()]
 
 
 _THRESHOLDS_N = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
@@ -382,10 +342,7 @@ def paper_cases() -> dict[str, list[Case]]:
     for name in names:  # with RANSAC's threshold as in the paper
         parts[name] = []
         for case in load_grid(SHIPPED / f"paper_{name}.yaml").cases():
-            specs = [
-                _PAPER_RANSAC if estimator == "ransac" else estimator
-                for estimator in case.parameters["estimators"]
-            ]
+            specs = [_PAPER_RANSAC if spec == "ransac" else spec for spec in case.parameters["estimators"]]
             parts[name].append(replace(case, parameters=dict(case.parameters) | {"estimators": specs}))
     object_4a = parts["noise"][0].parameters  # k = 500, c = 100
     ransac = []

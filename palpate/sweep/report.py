@@ -6,6 +6,7 @@ import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -104,11 +105,9 @@ def write_grid(
         rows: rows of all finished cases.
         facts: facts to list, by name.
     """
+    good = [row for row in rows if not row["error"]]
     if grid.diagnose:
-        verdicts = grouped(
-            (row for row in rows if not row["error"]),
-            lambda row: (row["truth"], row["channel"], row["verdict"], row["accepted"]),
-        )
+        verdicts = grouped(good, itemgetter("truth", "channel", "verdict", "accepted"))
         names = ("hidden", "channel", "verdict", "effects named", "cases")
         counts = tuple((*key, len(own)) for key, own in sorted(verdicts.items()))
         table = SweepTable("verdicts", "What the diagnosis said", names, counts)
@@ -116,20 +115,13 @@ def write_grid(
     else:
         table = error_table("errors", "All cases", rows)
         sections = [ReportSection("Errors by estimator", figures.error_spread(rows), (_WORDS,), (table,))]
-        conditions = ("law", "speeds_mm_s", "noise_std_n", "noise_percent", "hidden")
-        groups = grouped(
-            (row for row in rows if not row["error"]), lambda row: tuple(row[key] for key in conditions)
-        )
+        groups = grouped(good, itemgetter("law", "speeds_mm_s", "noise_std_n", "noise_percent", "hidden"))
         if len(groups) > 1:
-            by_condition = tuple(
-                error_table(
-                    f"errors_{number}",
-                    f"{law}, {speeds} mm/s, noise {std:g} N and {percent:g} %, hidden: {hidden}",
-                    own,
-                )
-                for number, ((law, speeds, std, percent, hidden), own) in enumerate(groups.items(), 1)
-            )
-            sections.append(ReportSection("By condition", None, (), by_condition))
+            by_condition = []
+            for number, ((law, speeds, std, percent, hidden), own) in enumerate(groups.items(), 1):
+                heading = f"{law}, {speeds} mm/s, noise {std:g} N and {percent:g} %, hidden: {hidden}"
+                by_condition.append(error_table(f"errors_{number}", heading, own))
+            sections.append(ReportSection("By condition", None, (), tuple(by_condition)))
     why = grouped(
         (row for row in rows if row["error"] or row.get("problem")),
         lambda row: row["error"] or f"{row['estimator']}: {row['problem']}",

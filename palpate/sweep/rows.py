@@ -50,12 +50,9 @@ def errors_of(rows: Iterable[Row], parameter: str) -> EstimationErrors:
     inside = (low <= true) & (true <= high)
     some = true != 0
     usable = np.isfinite(bound) & (bound > 0)
-    return EstimationErrors(
-        error[some] / true[some],
-        estimated[~some],
-        float(np.sqrt(np.mean((error[usable] / bound[usable]) ** 2))) if usable.any() else float("nan"),
-        float(np.mean(inside[stated])) if stated.any() else float("nan"),
-    )
+    ratio = float(np.sqrt(np.mean((error[usable] / bound[usable]) ** 2))) if usable.any() else float("nan")
+    covered = float(np.mean(inside[stated])) if stated.any() else float("nan")
+    return EstimationErrors(error[some] / true[some], estimated[~some], ratio, covered)
 
 
 def column(rows: Sequence[Row], name: str) -> FloatArray:

@@ -6,7 +6,7 @@ whether the model is complete.
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from typing import NamedTuple
@@ -18,8 +18,7 @@ from palpate.control.loop.stop_handler import one_line
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.contact import find_contacts
 from palpate.estimation.data.tick_channels import contact_channels
-from palpate.estimation.study import Revision
-from palpate.estimation.study.revisions import SavedParameter
+from palpate.estimation.diagnosis.result import ParameterValue
 from palpate.estimation.workers import end_with_parent
 from palpate.export.scenario import FittedChannel, export_scenario
 from palpate.robot_io.errors import InputError
@@ -89,7 +88,7 @@ def diagnose_object(samples: Samples, target: int) -> ObjectEstimate:
     verdict, words = str(answer.verdict), answer.reason
     try:
         (revision,) = study.to_export()
-        made = _estimate(contact, target, revision)
+        made = _estimate(contact, target, revision.parameters, revision.rmse)
     except InputError as error:
         words = f"part of the model cannot be rendered ({error}); {words}"
     return replace(made, verdict=verdict, words=words[:MOST_TEXT])
@@ -191,13 +190,10 @@ def _contact(samples: Samples) -> _Contact:
         raise InputError("nothing was touched at this target")
     contacts = find_contacts(samples["force_n"], samples["run"], samples["phase"])
     touched = np.concatenate([contact.rows for contact in contacts])
-    return _Contact(
-        channels[-1],
-        samples["tip_position_world_m"][touched].mean(axis=0),
-        samples["press_direction_world"][touched[-1]],
-        float(np.mean([contact.noise_n for contact in contacts])),
-        float(samples["force_at_s"].max()),
-    )
+    tip_m = samples["tip_position_world_m"][touched].mean(axis=0)
+    direction = samples["press_direction_world"][touched[-1]]
+    noise_n = float(np.mean([contact.noise_n for contact in contacts]))
+    return _Contact(channels[-1], tip_m, direction, noise_n, float(samples["force_at_s"].max()))
 
 
 def _better(contact: _Contact, target: int) -> tuple[str, ObjectEstimate]:
@@ -209,24 +205,8 @@ def _better(contact: _Contact, target: int) -> tuple[str, ObjectEstimate]:
     for model in _MODELS:
         try:
             (estimates,) = Study(contact.channel, model).estimate(_ESTIMATORS)
-            # Converts the estimate to a simulated object through a temporary revision.
-            revision = Revision(
-                number=0,
-                parent=None,
-                channel=estimates.channel.name,
-                model=estimates.model.name,
-                added="",
-                effects=[],
-                user_effects=[],
-                effort_unit=estimates.channel.kind.effort_unit,
-                rmse=estimates.best.rmse,
-                noise_floor=0.0,
-                parameters={p.name: SavedParameter.of(p) for p in estimates.best.parameters},
-                data_sha256="",
-                created_utc="",
-                software_version="",
-            )
-            better.append((model, _estimate(contact, target, revision)))
+            parameters = {p.name: ParameterValue.of(p) for p in estimates.best.parameters}
+            better.append((model, _estimate(contact, target, parameters, estimates.best.rmse)))
         except InputError as error:
             failure = error
         if better and better[0][1].rmse_n <= _ENOUGH * contact.noise_n:
@@ -236,19 +216,20 @@ def _better(contact: _Contact, target: int) -> tuple[str, ObjectEstimate]:
     return min(better, key=lambda pair: pair[1].rmse_n)
 
 
-def _estimate(contact: _Contact, target: int, revision: Revision) -> ObjectEstimate:
+def _estimate(
+    contact: _Contact, target: int, parameters: Mapping[str, ParameterValue], rmse_n: float
+) -> ObjectEstimate:
     """Convert a fitted model to a message.
 
     Raises:
         InputError: the simulator, which renders the laws, has no such law or effect.
     """
-    export = export_scenario(Scenario(), [FittedChannel(revision, contact.channel.surface, 0)], "")
+    values = {name: parameter.value for name, parameter in parameters.items()}
+    fitted = FittedChannel(contact.channel.name, values, contact.channel.surface, 0)
+    export = export_scenario(Scenario(), [fitted], "")
     if export.left_out:
         raise InputError(export.left_out[0])
-    parameters = [
-        EstimatedParameter(name, kept.unit, kept.value, *kept.interval)
-        for name, kept in revision.parameters.items()
-    ]
+    estimated = (EstimatedParameter(name, p.unit, p.value, *p.interval) for name, p in parameters.items())
     tip_m, direction = contact.tip_world_m, contact.direction_world
     # Sign convention of `export_scenario`, for any direction.
     along_m = -export.scenario.object.surface_height_m
@@ -259,10 +240,10 @@ def _estimate(contact: _Contact, target: int, revision: Revision) -> ObjectEstim
         surface_world_m=tuple(surface_m.tolist()),
         direction_world=tuple(direction.tolist()),
         model=terms_of(export.scenario),
-        parameters=tuple(parameters),
+        parameters=tuple(estimated),
         verdict="",
         words="",
-        rmse_n=revision.rmse,
+        rmse_n=rmse_n,
         noise_n=contact.noise_n,
         runs=len(contact.channel.runs),
         measured_s=contact.measured_s,

@@ -233,12 +233,8 @@ class _Leader:
 
     def _queued(self) -> list[messages.Target]:
         """Return targets that are neither finished by the follower nor canceled."""
-        return [
-            target
-            for target in self._targets.values()
-            if not self._states.get(target.number, messages.TargetState.QUEUED).is_over
-            and target.number not in self._cancelled
-        ]
+        over = {number for number, state in self._states.items() if state.is_over}.union(self._cancelled)
+        return [target for target in self._targets.values() if target.number not in over]
 
     def _send(self, commands: HapticCommands) -> None:
         try:

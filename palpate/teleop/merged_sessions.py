@@ -201,11 +201,8 @@ class MergedSessions:
         ticks, parts = self.ticks, [(np.zeros(0),) * 3]
         newest = {data["target"]: data for _, data in self.rendered_models()}
         pressed = np.isin(ticks["phase"], IN_CONTACT) & (ticks["run"] >= 0)
-        begun = [
-            (event.time_s, event.data["target"])
-            for event in self.follower.events
-            if event.kind == "target" and event.data and "state" not in event.data
-        ]
+        events = ((event.time_s, event.data) for event in self.follower.events if event.kind == "target")
+        begun = [(time_s, data["target"]) for time_s, data in events if data and "state" not in data]
         # Number of the probed target; -1 before the first.
         targets = np.full(len(ticks), -1.0)
         if begun:

@@ -69,9 +69,7 @@ class DiagnosisCard:
         judge = state.diagnosis_process = DiagnosisProcess()
         self._show_progress()
         try:
-            diagnosis = await asyncio.to_thread(
-                lambda: study.diagnose(name, progress=judge.note, judge=judge)
-            )
+            diagnosis = await asyncio.to_thread(study.diagnose, name, progress=judge.note, judge=judge)
             if study.folder is not None:
                 write_text(output_folder(study.folder) / RESULT, json_text(study.diagnosis_data(diagnosis)))
         except PalpateError as error:

@@ -71,9 +71,8 @@ class EffectList:
         self._effects: dict[str, Effect] = {}
         self._evidence: list[EffectEvidence] = []
         self._last: dict[str, float] = {}
-        self._rivals: dict[
-            str, tuple[str, ...]
-        ] = {}  # groups of indistinguishable effects, found when neither was ticked
+        # groups of indistinguishable effects, found when neither was ticked
+        self._rivals: dict[str, tuple[str, ...]] = {}
 
     def build(self) -> None:
         """Build the heading and an empty list."""

@@ -113,13 +113,11 @@ class FileDrop:
                 if not await self.begin(path) and is_new:
                     path.unlink()
 
-        ui.upload(
-            label="Drop a data file or a session here, or choose one",
-            auto_upload=True,
-            max_files=1,
-            max_file_size=MOST_BYTES,
-            on_upload=upload,
-        ).props("flat bordered").classes("drop").mark("drop")
+        text = "Drop a data file or a session here, or choose one"
+        drop = ui.upload(
+            on_upload=upload, label=text, auto_upload=True, max_files=1, max_file_size=MOST_BYTES
+        )
+        drop.props("flat bordered").classes("drop").mark("drop")
         self._review = ui.element("div").classes("dropped")
 
     async def begin(self, path: Path) -> bool:

@@ -218,14 +218,13 @@ class Page:
             name: name of the parameter.
             value: value of the slider, in the parameter's SI unit.
         """
-        if (
-            self._shown is None
-            or name not in self._shown.fitted.values
-            or self._shown.choice.fitted != self.state.choice.fitted
-        ):
+        before = self._shown
+        if before is None or before.choice.fitted != self.state.choice.fitted:
             return  # another model is being fitted
+        if name not in before.fitted.values:
+            return
         self.state.move_slider(name, value)
-        shown = self._shown = replace(self._shown, choice=self.state.choice)
+        shown = self._shown = replace(before, choice=self.state.choice)
         self._draw_slider_values(shown)
         self._parameters.mark_slider_values(shown)
         self._enable_steps()
@@ -266,9 +265,8 @@ class Page:
                 for channel in study.channels
             }
             chooser = ui.select(options, value=choice.channel, on_change=choose_channel)
-            chooser.props("dense outlined options-dense aria-label=channel").classes("channel").mark(
-                "channel"
-            )
+            chooser.props("dense outlined options-dense aria-label=channel")
+            chooser.classes("channel").mark("channel")
             ui.label(f"base model {self.state.channel.model.name}").classes("quiet wide")
             ui.space()
             _button("Open", "folder_open", self._opening, "Another file or session, or a new probe")
@@ -325,10 +323,8 @@ class Page:
         with self._revisions:
             heading("Revisions", elements.REVISIONS)
             channel = self.state.choice.channel
-            revisions = [revision for revision in self.state.study.revisions if revision.channel == channel][
-                -8:
-            ]
-            for revision in reversed(revisions):
+            revisions = [each for each in self.state.study.revisions if each.channel == channel]
+            for revision in reversed(revisions[-8:]):
                 terms = " + ".join([revision.model, *revision.effects])
                 text = f"{revision.number} · {with_unit(revision.rmse, revision.effort_unit)} · {terms}"
                 work = partial(self.state.to_revision, revision)

@@ -162,9 +162,8 @@ class Parameters:
         """
         assert self._shown is not None  # noqa: S101, set by `show`
         self._estimates = dict(estimates)
-        self._values = {name: p.value for name, p in estimates.items()} | dict(
-            self._shown.choice.slider_values
-        )
+        self._values = {name: p.value for name, p in estimates.items()}
+        self._values |= self._shown.choice.slider_values
         for name in self._numbers:
             self._mark_state(name)
 

@@ -295,9 +295,8 @@ def _panel_title(text: str, x_axis: str, y_axis: str) -> dict[str, Any]:
 
 
 MOST_RUNS = 60  # largest number of runs that can be selected one by one
-UseRuns = Callable[
-    [Sequence[int], Sequence[int]], Awaitable[None]
-]  # called with the excluded and with the held-out runs
+# Called with the excluded and with the held-out runs.
+UseRuns = Callable[[Sequence[int], Sequence[int]], Awaitable[None]]
 
 
 class PlotPanel:

@@ -87,9 +87,8 @@ def _diagnose(
 ) -> None:
     end_with_parent()
     try:
-        sender.send(
-            fitting.diagnose(data, models, effects, lambda what, share: sender.send((what, share)), file)
-        )
+        made = fitting.diagnose(data, models, effects, lambda what, share: sender.send((what, share)), file)
+        sender.send(made)
     except PalpateError as error:
         sender.send(error)
 

@@ -146,10 +146,8 @@ class _Reply(BaseHTTPRequestHandler):
 
         A page of an earlier server requests other paths to reconnect; it is told to retry later.
         """
-        if self.headers.get("Host", "").rpartition(":")[0] not in {
-            self.server.server_address[0],
-            "localhost",
-        }:
+        hosts = {self.server.server_address[0], "localhost"}
+        if self.headers.get("Host", "").rpartition(":")[0] not in hosts:
             self.send_error(HTTPStatus.BAD_REQUEST, "Invalid host header")  # see `palpate.workbench.server`
             return
         if self.path.partition("?")[0] != "/":

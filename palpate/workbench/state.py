@@ -204,9 +204,8 @@ class WorkbenchState:
             effect: name of the effect.
         """
         now = self.choice.effects
-        return self.choice.with_effects(
-            [name for name in now if name != effect] if effect in now else [*now, effect]
-        )
+        others = [name for name in now if name != effect]
+        return self.choice.with_effects(others if effect in now else [*now, effect])
 
     def with_held(self, name: str, value: float | None) -> ModelSelection:
         """Return the selection with a parameter held at a value, or free.
@@ -412,9 +411,8 @@ class EffectEvidence:
 
     effect: str  # its name
     falls: float  # decrease as a share of the held-out error
-    change: (
-        FloatArray  # change of the block residuals, (m,), unit length; parallel for indistinguishable effects
-    )
+    # Change of the block residuals, (m,), unit length; parallel for indistinguishable effects.
+    change: FloatArray
 
 
 ALIKE = 0.95  # cosine above which two effects are indistinguishable on these data

@@ -95,15 +95,13 @@ class ResolveResult:
 
     def as_data(self) -> dict[str, Any]:
         """Return the result as plain data; the keys are stable."""
-        channels = [channel.model_dump(mode="json") for channel in self.channels]
-        seconds = sum(decision.seconds for decision in self.decisions)
         return {
             "folder": str(self.folder),
             "end": self.end,
             "probes": len(self.decisions),
-            "seconds": seconds,
+            "seconds": sum(decision.seconds for decision in self.decisions),
             "decisions": [asdict(decision) for decision in self.decisions],
-            "channels": channels,
+            "channels": [channel.model_dump(mode="json") for channel in self.channels],
         }
 
 

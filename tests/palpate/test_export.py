@@ -22,13 +22,11 @@ from tests.palpate import synthetic
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 from tests.palpate.presses import write_presses
 from tests.palpate.sessions import EVENTS, synthetic_session
-from tests.revisions import revision
 
 
 def fitted(channel, runs=0, surface=None, **values):
     told = {name.replace("__", "."): value for name, value in values.items()}
-    kept = {name: {"value": value, "std_err": None, "unit": ""} for name, value in told.items()}
-    return FittedChannel(revision(channel=channel, parameters=kept), surface, runs)
+    return FittedChannel(channel, told, surface, runs)
 
 
 def test_every_simulator_effect_has_a_fitted_counterpart():

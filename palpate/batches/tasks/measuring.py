@@ -47,14 +47,10 @@ def measure(files: Sequence[Path], parameters: Mapping[str, Any]) -> list[Row]:
 
 def _study_of(files: Sequence[Path], parameters: Mapping[str, Any]) -> Study:
     options = parameters["options"]
-    return Study(
-        files[0] if len(files) == 1 else list(files),
-        options["model"],
-        arm=arm_from_urdf(Path(options["urdf"]), options["tip_frame"]) if options["urdf"] else None,
-        effects=options["effects"],
-        keep=False,
-        **options["read"] | {"where": options["read"]["where"] | parameters["where"]},
-    )
+    data = files[0] if len(files) == 1 else list(files)
+    arm = arm_from_urdf(Path(options["urdf"]), options["tip_frame"]) if options["urdf"] else None
+    read = options["read"] | {"where": options["read"]["where"] | parameters["where"]}
+    return Study(data, options["model"], arm=arm, effects=options["effects"], keep=False, **read)
 
 
 def _row(study: Study, channel: StudyChannel, diagnosis: ChannelDiagnosis | None, add: Sequence[str]) -> Row:

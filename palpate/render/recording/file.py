@@ -76,11 +76,9 @@ def send_lines(
         index: times (n,) [s], or the n places on another timeline.
         lines: values (n,), color and width of each curve, by its name in the legend.
     """
-    look = rr.SeriesLines(
-        names=list(lines),
-        colors=[palette.rgb(color) for _, color, _ in lines.values()],
-        widths=[width for *_, width in lines.values()],
-    )
+    colors = [palette.rgb(color) for _, color, _ in lines.values()]
+    widths = [width for *_, width in lines.values()]
+    look = rr.SeriesLines(names=list(lines), colors=colors, widths=widths)
     recording.log(entity, look, static=True)
     index = time_column(index) if isinstance(index, np.ndarray) else index
     scalars = np.column_stack([values for values, *_ in lines.values()])

@@ -254,9 +254,8 @@ def record_rerun(view: StudyView, path: Path) -> None:
                 left = {stage.name: (stage.residual, color, 1.0) for stage, color in models}
                 send_lines(recording, f"{place}/residual", channel.time_s, left)
             for what, values in (("position", channel.position), ("velocity", channel.velocity)):
-                send_lines(
-                    recording, f"{place}/{what}", channel.time_s, {what: (values, palette.MEASURED, 1.2)}
-                )
+                motion = {what: (values, palette.MEASURED, 1.2)}
+                send_lines(recording, f"{place}/{what}", channel.time_s, motion)
 
 
 def _log_curves(recording: rr.RecordingStream, channel: ChannelView) -> None:

@@ -181,14 +181,10 @@ def _blueprint(scene: Scene) -> rrb.Blueprint:
     left = rrb.Vertical(view_3d(scene), rrb.Horizontal(*estimates), notes, row_shares=[4.7, 2.6, 2.9])
     deepest_mm = _TO_MILLI * float(np.nanmax(scene.depth_m)) if scene.depth_m is not None else 0.0
     depths = (-_ABOVE * deepest_mm, _BELOW * deepest_mm) if deepest_mm > 0 else None
-    torques = [
-        plot(
-            f"{_TORQUE}/joint_{j + 1}",
-            f"Joint {j + 1} torque [N m]",
-            legend=None if j else rrb.Corner2D.LeftTop,
-        )
-        for j in range(scene.joints)
-    ]
+    torques = []
+    for j in range(1, scene.joints + 1):
+        corner = rrb.Corner2D.LeftTop if j == 1 else None
+        torques.append(plot(f"{_TORQUE}/joint_{j}", f"Joint {j} torque [N m]", legend=corner))
     curves = rrb.Vertical(
         plot(_FORCE, "Contact force [N]", legend=rrb.Corner2D.LeftTop),
         rrb.StateTimelineView(origin=_PHASE, name="Phase"),

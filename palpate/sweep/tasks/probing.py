@@ -130,15 +130,12 @@ def diagnose(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     """
     samples, scenario = probe(parameters, seed)
     robot = find_robot(parameters["robot"])
-    channels = [*contact_channels(samples, tared=False), *joint_channels(samples)]
-    channels = [
-        channel for channel in channels if channel.name in parameters.get("channels", (channel.name,))
-    ]
+    every = [*contact_channels(samples, tared=False), *joint_channels(samples)]
+    chosen = parameters.get("channels", [channel.name for channel in every])
+    channels = [channel for channel in every if channel.name in chosen]
     # With the default model the joints are diagnosed too, each with its own model.
-    usual = parameters["model"] == CONTACT_MODEL
-    study = Study(
-        channels, None if usual else parameters["model"], arm=arm_from_urdf(robot.urdf_path, robot.tip_frame)
-    )
+    model = None if parameters["model"] == CONTACT_MODEL else parameters["model"]
+    study = Study(channels, model, arm=arm_from_urdf(robot.urdf_path, robot.tip_frame))
     common = _conditions(parameters) | {"truth": ", ".join(law.name for law in scenario.hidden) or NOTHING}
     return [
         common
@@ -165,10 +162,8 @@ def ticks(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     for joint in range(samples.vector("torque_measured_nm").shape[1]):
         for what in ("measured", "commanded"):
             columns[f"torque_{what}_{joint + 1}_nm"] = samples.vector(f"torque_{what}_nm")[:, joint]
-    return [
-        dict(zip(columns, row, strict=True))
-        for row in zip(*(v.tolist() for v in columns.values()), strict=True)
-    ]
+    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+    return [dict(zip(columns, row, strict=True)) for row in rows]
 
 
 def probe(parameters: Mapping[str, Any], seed: int) -> tuple[Samples, Scenario]:
