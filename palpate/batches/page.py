@@ -160,16 +160,11 @@ def _overview(batch: BatchResult) -> PageSection:
         bars.append(means)
         largest = sorted(means.items(), key=lambda item: -item[1])[:3]
         known = times[rows][np.isfinite(times[rows])]
-        lines.append(
-            (
-                *key,
-                len(rows),
-                ", ".join(f"{name} {number}" for name, number in verdicts.most_common()),
-                f"{np.median(known):.2g}" if len(known) else "–",
-                ", ".join(f"{name} {100 * share:.0f} %" for name, share in largest if share > 0.005),
-                ", ".join(f"{name} {number}" for name, number in named.most_common(_MOST_EFFECTS)),
-            )
-        )
+        times_noise = f"{np.median(known):.2g}" if len(known) else "–"
+        mean = ", ".join(f"{name} {100 * share:.0f} %" for name, share in largest if share > 0.005)
+        counts = (verdicts.most_common(), named.most_common(_MOST_EFFECTS))
+        said, shown = (", ".join(f"{name} {number}" for name, number in each) for each in counts)
+        lines.append((*key, len(rows), said, times_noise, mean, shown))
     bar_names = [" ".join(filter(None, key)) for key in places]
     figure = go.Figure()
     for word, color in _COLORS.items():

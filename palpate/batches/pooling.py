@@ -109,14 +109,11 @@ class BatchResult(TableDisplay):
         return {name: error for name, error in pairs if error}
 
     def _table(self) -> DisplayTable:
-        rows = [
-            (
-                *(entry.channel, entry.parameter, entry.group, entry.effects.count),
-                f"{entry.effects.mean:.5g} {entry.unit}",
-                "{:.5g} to {:.5g}".format(*entry.effects.interval) if entry.effects.count > 1 else "",
-            )
-            for entry in self.pooled
-        ]
+        rows = []
+        for entry in self.pooled:
+            effects, mean = entry.effects, f"{entry.effects.mean:.5g} {entry.unit}"
+            interval = "{:.5g} to {:.5g}".format(*effects.interval) if effects.count > 1 else ""
+            rows.append((entry.channel, entry.parameter, entry.group, effects.count, mean, interval))
         caption = f"{self.finished} of {self.measurements} measurements done, {len(self.errors)} unreadable"
         columns = ("channel", "parameter", "group", "measurements", "mean", "95 % interval")
         return DisplayTable(caption, columns, rows)

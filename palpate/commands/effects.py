@@ -41,15 +41,12 @@ def effects_command(
     if name is None:
         if on is not None:
             raise InputError(f"--on {on}: name an effect to draw")
-        console.present(
-            {"effects": list(map(as_data, library()))},
-            lambda: print_library(console.stdout(), library()),
-            [
-                ("palpate effects NAME", "one effect in full, with a drawing"),
-                ("palpate diagnose FILE", "find which of them a measurement shows"),
-            ],
-            as_json=as_json,
-        )
+        steps = [
+            ("palpate effects NAME", "one effect in full, with a drawing"),
+            ("palpate diagnose FILE", "find which of them a measurement shows"),
+        ]
+        content = {"effects": list(map(as_data, library()))}
+        console.present(content, lambda: print_library(console.stdout(), library()), steps, as_json=as_json)
         return
     effect = EFFECTS[name]()
     if as_json:

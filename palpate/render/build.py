@@ -166,11 +166,10 @@ def run_speeds(data: ChannelData) -> dict[int, str]:
         velocity = data.velocity[rows]
         approaching, inward = velocity[data.phase[rows] == Phase.APPROACH], velocity[velocity > 0.0]
         if data.run[rows.start] >= 0:
-            quick = float(np.quantile(inward, _QUICK)) if len(inward) else 0.0
-            is_shown = len(approaching) > _SHOWS * len(inward)
-            speeds[int(data.run[rows.start])] = _TO_MILLI * (
-                float(np.median(approaching)) if is_shown else quick
-            )
+            speed = float(np.quantile(inward, _QUICK)) if len(inward) else 0.0
+            if len(approaching) > _SHOWS * len(inward):
+                speed = float(np.median(approaching))
+            speeds[int(data.run[rows.start])] = _TO_MILLI * speed
     groups = list[list[tuple[int, float]]]()
     for run, speed in sorted(speeds.items(), key=lambda pair: pair[1]):
         if not groups or speed > _SAME_SPEED * groups[-1][0][1]:
@@ -333,11 +332,7 @@ def write_outcome(
     from palpate.render.report import document  # noqa: PLC0415
 
     texts = {**(texts or {}), REPORT: document(view_of(study, results, commands))}
-    grown = [
-        result
-        for result in results
-        if result.added or (result.diagnosis is not None and result.diagnosis.rest is not None)
-    ]
+    grown = [result for result in results if result.added or (result.diagnosis and result.diagnosis.rest)]
     if grown and not find_spec("rerun"):
         console.stderr().print(
             f"without {RECORDING}: {missing_package('rerun')}", soft_wrap=True, markup=False

@@ -23,10 +23,7 @@ from palpate.robot_io.calibration.applied import (
     parse_calibrations,
     urdf_sha256,
 )
-from palpate.robot_io.calibration.file import (
-    CALIBRATIONS,
-    Calibration,
-)
+from palpate.robot_io.calibration.file import CALIBRATIONS, Calibration
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import validate
 from palpate.robot_io.robot_file import RobotFile, parse_robot_file

@@ -29,14 +29,11 @@ from palpate.sweep.case import Case, ResultStore, code_version
 _MOST_ENDS = 4  # number of workers that a case may crash before it is given up
 _END_LIMIT_S = 5.0  # time limit for a worker's end
 
-Run = Callable[[Case, str, Path], None]  # runs a case with its address and stores the result in a folder
 
-
-def run_in_processes(run: Run, todo: Mapping[str, Case], folder: Path, workers: int) -> Iterator[str]:
+def run_in_processes(todo: Mapping[str, Case], folder: Path, workers: int) -> Iterator[str]:
     """Run all cases; if a worker dies, replace it and restart its case.
 
     Args:
-        run: runs a case.
         todo: cases by address.
         folder: folder of the results.
         workers: number of worker processes.
@@ -48,7 +45,7 @@ def run_in_processes(run: Run, todo: Mapping[str, Case], folder: Path, workers: 
     pool, busy = list[_Worker](), dict[object, tuple[_Worker, str]]()
     try:
         for _ in range(min(workers, len(todo))):
-            pool.append(_Worker.start(run, folder))
+            pool.append(_Worker.start(folder))
         idle = list(pool)
         while waiting or busy:
             while waiting and idle:
@@ -61,7 +58,7 @@ def run_in_processes(run: Run, todo: Mapping[str, Case], folder: Path, workers: 
                     problem = worker.pipe.recv()
                 except (EOFError, OSError):  # the worker was killed, or the memory was full
                     pool.remove(worker)
-                    pool.append(worker := _Worker.start(run, folder))
+                    pool.append(worker := _Worker.start(folder))
                     ends[address] += 1
                     problem = f"ended its worker {ends[address]} times"
                     if ends[address] < _MOST_ENDS:
@@ -85,19 +82,18 @@ class _Worker:
     pipe: "Connection[tuple[Case, str], str]"
 
     @classmethod
-    def start(cls, run: Run, folder: Path) -> "_Worker":
+    def start(cls, folder: Path) -> "_Worker":
         """Start a process that waits for its first case.
 
         It does not import the main script, which therefore need not guard its calls by `__name__`.
 
         Args:
-            run: runs a case.
             folder: folder of the results.
         """
         main = sys.modules["__main__"]
         sys.modules["__main__"] = ModuleType("__main__")
         try:
-            return cls(*start_worker(_serve, run, folder))
+            return cls(*start_worker(_serve, folder))
         finally:
             sys.modules["__main__"] = main
 
@@ -112,14 +108,14 @@ class _Worker:
             self.pipe.send((case, address))
 
 
-def _serve(pipe: "Connection[str, tuple[Case, str]]", run: Run, folder: Path) -> None:
+def _serve(pipe: "Connection[str, tuple[Case, str]]", folder: Path) -> None:
     """Run cases as they arrive, and send an empty string or the error for each."""
     end_with_parent()
     with threadpool_limits(1), suppress(EOFError):  # each core has its own worker; the parent may have ended
         while True:
             case, address = pipe.recv()
             try:
-                run(case, address, folder)
+                run_one(case, address, folder)
                 pipe.send("")
             except PalpateError as error:
                 pipe.send(str(error))
@@ -226,7 +222,7 @@ def _run(cluster: Cluster, todo: dict[str, Case], store: ResultStore) -> Iterato
     if not todo:
         return
     if cluster.scheduler is None:
-        yield from run_in_processes(run_one, todo, folder, cluster.workers or os.cpu_count() or 1)
+        yield from run_in_processes(todo, folder, cluster.workers or os.cpu_count() or 1)
         return
     from distributed import Client  # noqa: PLC0415, takes half a second
 

@@ -66,8 +66,8 @@ class EffectRows(Element, component="effects.js"):
 class EffectList:
     """List of effects of one channel; their evidence is computed while the page is idle."""
 
-    def __init__(self, state: WorkbenchState, tick: Tick, gallery: Tick) -> None:
-        self._state, self._tick, self._gallery = state, tick, gallery
+    def __init__(self, state: WorkbenchState, tick: Tick) -> None:
+        self._state, self._tick = state, tick
         self._effects: dict[str, Effect] = {}
         self._evidence: list[EffectEvidence] = []
         self._last: dict[str, float] = {}
@@ -101,7 +101,7 @@ class EffectList:
             await self._tick(event.args)
 
         self._rows.on("tick", tick)
-        self._rows.on("picture", lambda event: self._gallery(event.args))
+        self._rows.on("picture", lambda event: Gallery(self._state).open(event.args))
         self.show(self._state.choice.effects)
 
     def show(self, chosen: tuple[str, ...]) -> None:

@@ -3,7 +3,7 @@
 import asyncio
 import secrets
 import shlex
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -19,9 +19,7 @@ from palpate.planning.next_probe import plan_text, same_world
 from palpate.robot_io.errors import PalpateError
 from palpate.runs.options import SESSIONS
 from palpate.workbench import elements
-from palpate.workbench.diagnosis import DiagnosisCard, RiddleCard
-from palpate.workbench.effects import Gallery
-from palpate.workbench.elements import errors_as_warnings, set_props
+from palpate.workbench.elements import set_props
 from palpate.workbench.file_drop import FileDrop
 from palpate.workbench.live import LiveView, newest_growing, run_command
 from palpate.workbench.page import Page
@@ -49,18 +47,6 @@ async def lay_out_page(home: AppState) -> None:
                 ui.timer(0.01, partial(drop.begin, home.file), once=True)  # the user may correct its columns
         return
     state = home.state
-    gallery = Gallery(state)
-
-    def below(page: Page) -> Callable[[Sequence[str]], None]:
-        card = DiagnosisCard(state, page.add, page.on_diagnosed)
-        if home.riddle:
-            RiddleCard(state, card.start).build()
-        card.build(lambda: _next_step(home, state))
-        return card.offer
-
-    def show(state: WorkbenchState) -> None:
-        home.state = state
-        ui.navigate.reload()
 
     def choose_other() -> None:
         with ui.dialog() as dialog, ui.card().classes("gallery"):
@@ -69,15 +55,7 @@ async def lay_out_page(home: AppState) -> None:
         dialog.on("hide", dialog.delete)
         dialog.open()
 
-    page = Page(state, choose_other, show, home.serve_report)
-
-    async def use_runs(out: Sequence[int], held_out: Sequence[int]) -> None:
-        if (tuple(sorted(out)), tuple(sorted(held_out))) == (state.out, state.study.held_out):
-            return
-        with errors_as_warnings():
-            show(await asyncio.to_thread(state.with_runs, out, held_out))
-
-    await page.build(below, gallery.open, use_runs)
+    await Page(home, state, choose_other, lambda: _next_step(home, state)).build()
 
 
 def _choose(home: AppState) -> FileDrop:

@@ -1,7 +1,7 @@
 """The page: builds its parts, handles clicks, and runs one fit at a time, the newest selection last."""
 
 import asyncio
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -18,10 +18,12 @@ from palpate.estimation.estimate import with_unit
 from palpate.render.build import REPORT, axes_of
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.workbench import elements
+from palpate.workbench.diagnosis import DiagnosisCard, RiddleCard
 from palpate.workbench.effects import EffectList
 from palpate.workbench.elements import errors_as_warnings, heading, set_props
 from palpate.workbench.parameters import ErrorCard, Parameters
-from palpate.workbench.plots import PlotPanel, UseRuns
+from palpate.workbench.plots import PlotPanel
+from palpate.workbench.startup import AppState
 from palpate.workbench.state import DisplayedFit, ModelSelection, WorkbenchState
 
 _FOLLOW_S = 0.5
@@ -39,41 +41,29 @@ class Page:
 
     def __init__(
         self,
+        home: AppState,
         state: WorkbenchState,
-        opening: Callable[[], None],
-        show_state: Callable[[WorkbenchState], None],
-        serve_report: Callable[[Path], str],
+        choose_other: Callable[[], None],
+        next_step: Callable[[], None],
     ) -> None:
         """Show a state of the workbench.
 
         Args:
+            home: state of the server.
             state: state to show.
-            opening: called to offer another file.
-            show_state: shows another state instead.
-            serve_report: makes a report available to the browser; returns its address.
+            choose_other: called to offer another file.
+            next_step: creates the elements below a diagnosis.
         """
-        self.state, self._opening = state, opening
-        self._show_state, self._serve_report = show_state, serve_report
+        self._home, self.state = home, state
+        self._choose_other, self._next_step = choose_other, next_step
         self._busy = asyncio.Lock()
         self._idle = asyncio.Event()
         self._idle.set()
         self._turn = 0
         self._shown: DisplayedFit | None = None
 
-    async def build(
-        self,
-        below: Callable[["Page"], Callable[[Sequence[str]], None]],
-        gallery: Callable[[str], Awaitable[None]],
-        use_runs: UseRuns,
-    ) -> None:
-        """Build all parts: raw curves first, then the fit, then the evidence.
-
-        Args:
-            below: builds the elements above the effects; returns a function that receives the selected
-                effects.
-            gallery: opens the plot of an effect.
-            use_runs: called with the excluded and the held-out runs.
-        """
+    async def build(self) -> None:
+        """Build all parts: raw curves first, then the fit, then the evidence."""
         refused = self.state.study.refusal(self.state.channel)
         self._error = ErrorCard()
         self._header(refused)
@@ -81,12 +71,15 @@ class Page:
             with ui.element("div").classes("left"):
                 if refused:
                     data_checks(self.state)
-                self._offer = below(self)
-                self._effects = EffectList(self.state, self.tick, gallery)
+                self._diagnosis = DiagnosisCard(self.state, self.add, self.on_diagnosed)
+                if self._home.riddle:
+                    RiddleCard(self.state, self._diagnosis.start).build()
+                self._diagnosis.build(self._next_step)
+                self._effects = EffectList(self.state, self.tick)
                 if not refused:
                     self._effects.build()
             with ui.element("div").classes("middle"):
-                self._center = PlotPanel(self.state, use_runs)
+                self._center = PlotPanel(self.state, self.use_runs)
                 self._center.build()
             with ui.element("div").classes("right"):
                 self._parameters = Parameters(self.state, self.choose, self.move_slider)
@@ -148,6 +141,21 @@ class Page:
         choice = self.state.choice
         await self.choose(choice.with_effects(list(dict.fromkeys([*choice.effects, *effects]))))
 
+    async def use_runs(self, out: Sequence[int], held_out: Sequence[int]) -> None:
+        """Show a state in which runs are used differently.
+
+        Args:
+            out: runs excluded from fitting and scoring.
+            held_out: runs excluded from fitting and used only for scoring.
+        """
+        if (tuple(sorted(out)), tuple(sorted(held_out))) != (self.state.out, self.state.study.held_out):
+            with errors_as_warnings():
+                self._show_state(await asyncio.to_thread(self.state.with_runs, out, held_out))
+
+    def _show_state(self, state: WorkbenchState) -> None:
+        self._home.state = state
+        ui.navigate.reload()
+
     def on_diagnosed(self) -> None:
         """Use the noise level and the groups of effects of a finished diagnosis."""
         if self._shown is not None:
@@ -180,7 +188,7 @@ class Page:
                 await asyncio.sleep(_NEXT_S)
                 self._parameters.show(shown)
                 self._effects.show(shown.choice.effects)
-                self._offer(shown.choice.effects)
+                self._diagnosis.offer(shown.choice.effects)
                 self._center.show_state()
                 await asyncio.sleep(_NEXT_S)
                 self._center.show_map()
@@ -269,7 +277,7 @@ class Page:
             chooser.classes("channel").mark("channel")
             ui.label(f"base model {self.state.channel.model.name}").classes("quiet wide")
             ui.space()
-            _button("Open", "folder_open", self._opening, "Another file or session, or a new probe")
+            _button("Open", "folder_open", self._choose_other, "Another file or session, or a new probe")
             self._undo = _button("Undo", "undo", lambda: self._step(self.state.undo), "Ctrl+Z")
             self._redo = _button("Redo", "redo", lambda: self._step(self.state.redo), "Ctrl+Shift+Z")
             self._enable_steps()
@@ -314,7 +322,7 @@ class Page:
             commands = [line for line in [self.state.command()] if line]
             written = await asyncio.to_thread(lambda: study.report(output_folder(folder) / REPORT, commands))
             self._list_revisions()
-            address = self._serve_report(written)
+            address = self._home.serve_report(written)
             link = f'<a href="{address}" target="_blank">report: {escape(str(written))}</a>'
             ui.notify(link, type="positive", multi_line=True, timeout=10_000, html=True)
 

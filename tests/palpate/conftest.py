@@ -52,11 +52,11 @@ def few_effects(monkeypatch):
     try_few_effects(monkeypatch)
 
 
-def run_here(run_case, todo, folder, workers):
+def run_here(todo, folder, workers):
     """Work on cases in this process."""
     for address, case in todo.items():
         try:
-            run_case(case, address, folder)
+            runner.run_one(case, address, folder)
             yield ""
         except Exception as error:  # as a worker tells it
             yield f"{case.label}: {describe_error(error)}"

@@ -487,7 +487,8 @@ def test_report_is_written_where_the_study_keeps_its_results(tmp_path, monkeypat
     )
     choice = SimpleNamespace(effects=())
     state = SimpleNamespace(study=study, choice=choice, is_saved=True, command=lambda: "")
-    shown = SimpleNamespace(state=state, _list_revisions=lambda: None, _serve_report=str)
+    home = SimpleNamespace(serve_report=str)
+    shown = SimpleNamespace(state=state, _home=home, _list_revisions=lambda: None)
     asyncio.run(page_module.Page.write_report(shown))
     folder = tmp_path / "mine" if is_named else Path("press-palpate")
     assert written == [folder / "report.html"]
