@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import plotly.graph_objects as go
 
+from palpate.commands.demo import HIDDEN_PLAN, hide_one, probe_demo, show_demo, solve
 from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.study.estimates import PREFERRED, estimate_with
@@ -23,7 +24,6 @@ from palpate.render.recording.file import capture_screenshot
 from palpate.render.report import position_figure
 from palpate.sim_backend.scenario import load_scenario
 from palpate.study import Study
-from palpate.workflows.demo import HIDDEN_PLAN, hide_one, probe_demo, show_demo, solve
 
 PICTURES = Path(__file__).parent / "pictures"
 SCREEN = (1600, 1000)

@@ -131,16 +131,7 @@ class Study(ModelStudy):
         signals: Any = tuple(context) if isinstance(context, list) else context
         options = ImportOptions(columns or {}, units or {}, where or {}, signals, fresh, runs, table)
         arm = arm_from_urdf(Path(arm)) if isinstance(arm, str | Path) else arm
-        super().__init__(
-            data,
-            model,
-            options=options,
-            arm=arm,
-            effects=own,
-            folder=place,
-            held_out=held_out,
-            planner=_plan_probe,
-        )
+        super().__init__(data, model, options=options, arm=arm, effects=own, folder=place, held_out=held_out)
         for text, effect in own.items():  # refuse one that fails on a channel, or changes nothing on any
             try:
                 with user_code(f"effect '{effect.name}'", LIMIT_S):
@@ -432,15 +423,14 @@ class Study(ModelStudy):
 
         return true_parameters(session)
 
+    def _plan_probe(
+        self, diagnosed: Sequence[ChannelDiagnosis], longest_s: float, progress: Progress
+    ) -> NextProbe | None:
+        if find_spec("pinocchio") is None:  # plans of a probe are rehearsed with the arm's rigid-body model
+            return None
+        from palpate.planning.next_probe import next_probe  # noqa: PLC0415, with the simulator
 
-def _plan_probe(
-    study: ModelStudy, diagnosed: Sequence[ChannelDiagnosis], longest_s: float, progress: Progress
-) -> NextProbe | None:
-    if find_spec("pinocchio") is None:  # plans of a probe are rehearsed with the arm's rigid-body model
-        return None
-    from palpate.planning.next_probe import next_probe  # noqa: PLC0415, with the simulator
-
-    return next_probe(study, diagnosed, longest_s, progress, processes=os.cpu_count() or 1)
+        return next_probe(self, diagnosed, longest_s, progress, processes=os.cpu_count() or 1)
 
 
 def _numbers(revisions: int | Sequence[int]) -> Sequence[int]:

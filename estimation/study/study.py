@@ -52,7 +52,6 @@ from palpate.robot_io.errors import InputError
 
 # Longest duration of the experiment, and the parts of the diagnoses on which a plan depends.
 _ProbeKey = tuple[float, tuple[tuple[ChannelKey, Verdict, tuple[str, ...]], ...]]
-Planner = Callable[["ModelStudy", Sequence[ChannelDiagnosis], float, fitting.Progress], NextProbe | None]
 
 
 class ModelStudy(StudyFits):
@@ -72,7 +71,6 @@ class ModelStudy(StudyFits):
         folder: folder in which revisions and the diagnosis are saved; None to keep them in memory.
         held_out: runs excluded from fitting and used only for scoring; empty for cross-validation.
         now: clock for the creation time of revisions.
-        planner: function that plans an experiment for the arm of the recording; None if no arm is known.
 
     Raises:
         InputError: the data cannot be used, the model is unknown or does not apply, or no run is left.
@@ -89,13 +87,11 @@ class ModelStudy(StudyFits):
         folder: Path | None = None,
         held_out: Sequence[int] = (),
         now: Callable[[], datetime] = lambda: datetime.now(UTC),
-        planner: Planner | None = None,
     ) -> None:
         super().__init__(data, model, options=options, arm=arm, effects=effects, held_out=held_out)
         self.folder = folder
         self._revisions = Revisions(folder)
         self._now = now
-        self._planner = planner
         self._probes: dict[_ProbeKey, NextProbe | None] = {}
         self._diagnoses: dict[ChannelKey, ChannelDiagnosis] = {}
 
@@ -176,16 +172,20 @@ class ModelStudy(StudyFits):
         Raises:
             InputError: the robot file or plan stored in the session is not valid.
         """
-        if self._planner is None:
-            return None
         known = (
             (self.channel(entry.channel).key, entry.verdict, tuple(each.effect for each in entry.accepted))
             for entry in diagnosed
         )
         key = longest_s, tuple(known)
         if key not in self._probes:
-            self._probes[key] = self._planner(self, diagnosed, longest_s, progress)
+            self._probes[key] = self._plan_probe(diagnosed, longest_s, progress)
         return self._probes[key]
+
+    def _plan_probe(
+        self, diagnosed: Sequence[ChannelDiagnosis], longest_s: float, progress: fitting.Progress
+    ) -> NextProbe | None:
+        """Plan an experiment for the arm of the recording; here no arm is known."""
+        return None
 
     def diagnosis_data(self, diagnosis: StudyDiagnosis) -> dict[str, Any]:
         """Return a diagnosis as plain data with the identity of data and models; the keys are stable.

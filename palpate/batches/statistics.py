@@ -85,9 +85,7 @@ def holm(p_values: Sequence[float]) -> list[float]:
     Args:
         p_values: p-values of the single tests.
     """
-    order = np.argsort(p_values)
-    corrected, worst = [1.0] * len(p_values), 0.0
-    for rank, place in enumerate(order):
-        worst = max(worst, min(1.0, (len(p_values) - rank) * p_values[place]))
-        corrected[place] = worst
-    return corrected
+    order, corrected = np.argsort(p_values), np.empty(len(p_values))
+    scaled = np.arange(len(order), 0, -1) * np.array(p_values)[order]
+    corrected[order] = np.minimum(np.maximum.accumulate(scaled), 1.0)
+    return corrected.tolist()

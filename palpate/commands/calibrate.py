@@ -11,12 +11,7 @@ from plotly.graph_objects import Figure
 
 from palpate.calibration.arm_fit import GravityBodies, fit_arm, motion_of
 from palpate.calibration.encoder import fit_encoder
-from palpate.calibration.force import (
-    STANDARD_GRAVITY_M_S2,
-    fit_force,
-    read_reference_file,
-    read_weighing,
-)
+from palpate.calibration.force import STANDARD_GRAVITY_M_S2, fit_force, read_reference_file, read_weighing
 from palpate.common import console
 from palpate.common.console import AT_REST, command_group, display_path
 from palpate.common.files import atomic_write_all, different_files, existing_file, output_file

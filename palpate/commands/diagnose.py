@@ -170,15 +170,11 @@ def _next_steps(  # noqa: PLR0917, what was typed and found
                 f"palpate import {shell_path(data.file)} FILE ... --look",
                 "import more files as further runs",
             )
-        yield (
-            f"palpate estimate {data.command_text(model=asked['model'])}",
-            "the parameters of the base model",
-        )
+        base = data.command_text(model=asked["model"])
+        yield f"palpate estimate {base}", "the parameters of the base model"
         return
-    beside = data.command_text(
-        channel=None if asked["channel"] == ALL_CHANNELS else asked["channel"], folder=out
-    )
-    yield f"palpate compare {beside}", "where the model fails"
+    only = None if asked["channel"] == ALL_CHANNELS else asked["channel"]
+    yield f"palpate compare {data.command_text(channel=only, folder=out)}", "where the model fails"
 
 
 @takes_data
@@ -224,13 +220,10 @@ def estimate_command(
         "cut_off": cut_off,
         "channels": [as_data(each, study.truth_of(each.channel)) for each in estimates],
     }
-    steps = [
-        (f"palpate compare {data.command_text(model=model)}", "how well the model fits, and where it fails")
-    ]
+    again = data.command_text(model=model)
+    steps = [(f"palpate compare {again}", "how well the model fits, and where it fails")]
     if all(study.refusal(study.channel(each.channel.name)) for each in estimates):
-        steps = [
-            (f"palpate diagnose {data.command_text(model=model)}", "why these data cannot judge a model")
-        ]
+        steps = [(f"palpate diagnose {again}", "why these data cannot judge a model")]
     if session is not None:
         steps.append((f"palpate inspect {shell_path(data.file)}", "see it in Rerun"))
     console.present(content, show, steps, as_json=as_json)

@@ -94,10 +94,10 @@ def workbench_command(
 
         def probe_object() -> "WorkbenchState":
             # imported only for a riddle, which needs the simulator
+            from palpate.commands.demo import HIDDEN_PLAN, drawn_seed, hide_one, probe_demo  # noqa: PLC0415
             from palpate.runs.options import SESSIONS  # noqa: PLC0415
             from palpate.runs.robots import DEFAULT_SCENARIO  # noqa: PLC0415
             from palpate.sim_backend.scenario import load_scenario  # noqa: PLC0415
-            from palpate.workflows.demo import HIDDEN_PLAN, drawn_seed, hide_one, probe_demo  # noqa: PLC0415
 
             drawn = drawn_seed()
             world = hide_one(load_scenario(DEFAULT_SCENARIO), np.random.default_rng(drawn), _HIDDEN)

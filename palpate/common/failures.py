@@ -12,9 +12,8 @@ import re
 import shlex
 import sys
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -242,20 +241,17 @@ def with_python_wording(made: Class) -> Class:
     On the command line, errors keep its wording and are made printable where they are reported.
     """
 
-    def speaking(method: Callable[..., Any]) -> Callable[..., Any]:
-        @wraps(method)
-        def call(*args: Any, **by_name: Any) -> Any:  # noqa: ANN401
-            try:
-                return method(*args, **by_name)
-            except PalpateError as error:
-                if not ErrorWording.of_command_line:
-                    error.args = (one_line(python_wording(str(error))),)
-                raise
-
-        return call
+    @contextmanager
+    def reworded() -> Iterator[None]:
+        try:
+            yield
+        except PalpateError as error:
+            if not ErrorWording.of_command_line:
+                error.args = (one_line(python_wording(str(error))),)
+            raise
 
     for name in dir(made):
         method = inspect.getattr_static(made, name)
         if inspect.isfunction(method) and (name == "__init__" or not name.startswith("_")):
-            setattr(made, name, speaking(method))
+            setattr(made, name, reworded()(method))
     return made

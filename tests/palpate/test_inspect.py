@@ -18,7 +18,6 @@ from palpate.doctor.machine import has_vulkan_driver
 from palpate.render.recording import file as rerun_file
 from palpate.robot_io.errors import PalpateError
 from palpate.robot_io.session import Session
-from palpate.workflows import demo as demo_runs
 from tests.palpate.cli import as_json, done, run, run_process
 from tests.palpate.sessions import synthetic_session
 
@@ -91,7 +90,7 @@ def test_demo_makes_everything_at_once(tmp_path, monkeypatch):
 def test_demo_without_a_seed_prints_the_command_to_repeat_it(tmp_path, monkeypatch):
     jobs = []
     done = SimpleNamespace(raise_for_failure=lambda: None)
-    monkeypatch.setattr(demo_runs, "run_probing", lambda job, watcher: jobs.append(job) or done)
+    monkeypatch.setattr(demo, "run_probing", lambda job, watcher: jobs.append(job) or done)
     study = SimpleNamespace(truth_of=lambda channel: {})
     shown = (study, SimpleNamespace(channel=None), None, "plots.html")
     monkeypatch.setattr(demo, "show_demo", lambda session: shown)
