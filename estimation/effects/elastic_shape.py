@@ -186,7 +186,7 @@ class JointSpring(AdditiveEffect):
 
     name = "joint_spring"
     kind = Kind.ELASTIC_SHAPE
-    physics = "A balancing spring, or a cable that is bent with the joint, pulls it towards one place."
+    physics = "A balancing spring, or a cable that bends with the joint, pulls the joint to one position."
     equation = "effort = k q + p, at rest where q = -p/k"
     source = "W. Khalil, E. Dombre, Modeling, Identification and Control of Robots (2002), ch. 9"
     signature = "effort grows in proportion to position, whatever the speed"

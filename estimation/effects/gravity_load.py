@@ -184,7 +184,7 @@ class Pendulum(AdditiveEffect):
     )
     confused_with = {
         "gravity_tilt": "turn the base by a known angle",
-        "joint_spring": "swing by more than 60 degrees: a sine bends, a spring does not",
+        "joint_spring": "swing by more than 60 degrees: a sine flattens, a spring stays linear",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -210,8 +210,8 @@ class Weight(AdditiveEffect):
         Parameter("g2", "{effort}", -1e12, 1e12, (-50.0, 50.0)),
     )
     confused_with = {
-        "joint_spring": "swing by more than 60 degrees: a sine bends, a spring does not",
-        "cubic_stiffness": "swing by more than 90 degrees: a sine turns back, a cubic does not",
+        "joint_spring": "swing by more than 60 degrees: a sine flattens, a spring stays linear",
+        "cubic_stiffness": "swing by more than 90 degrees: a sine falls again, a cubic does not",
         "bias": "move over a wide range: a bias is the same everywhere",
     }
 
