@@ -187,17 +187,17 @@ class World:
             time_s: time on the robot's clock [s].
         """
         last_step = floor((time_s - self._start_s) / self._step_s + 1e-6)
+        engine, contact = self._engine, self._contact
         while self._steps < last_step:
             if not self.held:
-                self._engine.push(self._joint_torque_nm(), self._contact.push_n, self._contact.tip_position_m)
-                self._engine.step()
+                torque_nm = self._joint_torque_nm() if self._alters_joints else self._torque_nm
+                engine.push(torque_nm, contact.push_n, contact.tip_position_m)
+                engine.step()
             self._steps += 1
             self._observe()
 
     def _joint_torque_nm(self) -> Sequence[float]:
-        """Compute the torques that reach the links in the next step (n) [N m]; set that step's friction."""
-        if not self._alters_joints:
-            return self._torque_nm
+        """Let effects change the torques in the next step (n) [N m]; set that step's friction."""
         n, joints = self.joint_count, self._joint_values()
         position = joints[:n]
         mass_matrix = partial(self._engine.mass_matrix, position)

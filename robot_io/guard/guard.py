@@ -315,9 +315,13 @@ class Guard:
         for torque, previous, (largest, rate) in zip(
             command_nm, previous_nm, self._torque_limits, strict=True
         ):
+            change = rate * dt_s
+            if -largest <= torque <= largest and previous - change <= torque <= previous + change:
+                sent_nm.append(torque)  # as in most ticks
+                continue
             allowed = clip(torque, -largest, largest)
             torque_clipped |= allowed != torque
-            sent = clip(allowed, previous - rate * dt_s, previous + rate * dt_s)
+            sent = clip(allowed, previous - change, previous + change)
             rate_clipped |= sent != allowed
             sent_nm.append(sent)
         self.torque_clips += torque_clipped

@@ -81,7 +81,8 @@ class PyBulletEngine(Engine):
 
     def joint_state(self) -> list[float]:
         states = bullet.getJointStates(self._body, self._joints, self._client)
-        return [state[0] for state in states] + [state[1] for state in states]
+        position, velocity, *_ = zip(*states, strict=True)
+        return [*position, *velocity]
 
     def tip_state(self) -> tuple[Vector, Vector, Quaternion]:
         # Without recomputation the engine would return the state of the previous step.
