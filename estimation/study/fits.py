@@ -60,6 +60,7 @@ class StudyFits(TableDisplay):
         if model is None:
             source = without_unreadable_joints(source)
         self.source = limit_length(source, held_out)
+        del source  # otherwise its samples could not be released
         if self.source.averaged:
             release_freed_memory()
         self.held_out = tuple(sorted(set(held_out)))
