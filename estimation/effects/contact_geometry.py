@@ -113,7 +113,7 @@ class PlasticSet(MotionEffect):
 
     def forms(self) -> tuple["PlasticSet", ...]:
         """See `Effect.forms`: a surface that sinks, or one that stays in contact with the tool."""
-        return self, _AtTheTool()
+        return PlasticSet(), _AtTheTool()
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: dents that recover before the next run, and dents that remain."""

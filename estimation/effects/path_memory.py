@@ -155,7 +155,7 @@ class DryFriction(AdditiveEffect):
 
     def forms(self) -> tuple["DryFriction", ...]:
         """See `Effect.forms`: friction within the object, which can only push, or at the tool's sides."""
-        return self, _AtTheSides()
+        return DryFriction(), _AtTheSides()
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: paths up to a tenth of the depth, or transitions relative to the rms speed."""

@@ -76,3 +76,11 @@ def test_other_form_is_tried_after_the_joint_fit():
     found = extension.fit_extended(data, lag, EFFECTS["dry_friction"]())
     assert found.values["lag.tau"] == pytest.approx(0.05, rel=0.02)
     assert found.values["dry_friction.force"] == pytest.approx(1.0, rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["dry_friction", "plastic_set"])
+def test_each_form_lists_all_forms(name):
+    forms = EFFECTS[name]().forms()
+    assert len({form.form for form in forms}) == 2
+    for form in forms:
+        assert [type(other) for other in form.forms()] == [type(other) for other in forms]
