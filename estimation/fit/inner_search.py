@@ -298,7 +298,7 @@ def _optimize_once(problem: FitProblem, solution: Solution, tolerance: float, st
         steps = np.where(numbers + step <= high, step, -step)
         return residual_slopes(problem, solve_at(numbers), values(numbers + steps)) / (unit * steps)
 
-    scipy.optimize.least_squares(
+    optimum = scipy.optimize.least_squares(
         residual,
         np.zeros(len(scales)),
         jac=jacobian,
@@ -308,4 +308,5 @@ def _optimize_once(problem: FitProblem, solution: Solution, tolerance: float, st
         max_nfev=_EVALUATIONS,
         x_scale=0.1,
     )
-    return best[0]
+    optimized = solve_at(optimum.x)
+    return optimized if optimized.sse < solution.sse else solution
