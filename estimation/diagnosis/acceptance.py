@@ -568,7 +568,11 @@ def most_parsimonious(
             if simpler:
                 fit = min(simpler, key=lambda model: (search.size(model), model.solution.held_out))
                 continue
-        candidates = list(_rivals(search, fit, name, measurement, max_count))
+        candidates = [
+            candidate
+            for candidate in _rivals(search, fit, name, measurement, max_count)
+            if effect.kind not in _PHYSICAL_KINDS or candidate.effect.kind not in SENSOR_KINDS
+        ]
         likelier = [
             search.with_candidate(candidate)
             for candidate in candidates
