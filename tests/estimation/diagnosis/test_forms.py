@@ -258,6 +258,13 @@ def test_object_effect_is_preferred_over_an_equivalent_sensor_effect():
     assert search.added_effects(end) == ["contact_offset"]
 
 
+def test_sensor_effect_does_not_replace_an_object_effect(monkeypatch):
+    search = searched(deep_presses(), "deadband", "contact_offset", base=PRESS)
+    monkeypatch.setattr(type(search), "is_better", lambda *fits: True)
+    end = most_parsimonious(search, reached(search, "contact_offset"), measured(search), lambda _: True)
+    assert search.added_effects(end) == ["contact_offset"]
+
+
 @pytest.mark.parametrize("rest", [0.0, 0.4])  # of another kind, so that the model stays incomplete
 def test_friction_and_bias_are_indistinguishable_in_monotonic_motion(rest):
     data = one_way_turns(lambda q, v: 0.8 + rest * np.sin(3.0 * q + v))
