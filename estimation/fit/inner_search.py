@@ -25,7 +25,7 @@ _MAX_REPEATS = 4  # largest number of joint fits while the error still falls
 _REPEAT_RATIO = 0.9  # ratio of squared errors below which the joint fit is repeated
 _EVALUATIONS = 40
 _SSE_TOLERANCE = 1e-5
-_STEP_TOLERANCE = 1e-3  # smallest step, relative to the distance from the start
+_STEP_TOLERANCE = 1e-4  # smallest step, relative to the distance from the start
 _CONVERGED_RATIO = 1.0001  # largest ratio to the predicted squared error at which a step has converged
 _CHANGES = (-0.3, -0.1, 0.1, 0.3)  # tried changes of inner parameters, relative to their values
 _STEP = 2e-3  # step of a finite difference
@@ -282,7 +282,7 @@ def _optimize_once(problem: FitProblem, solution: Solution, tolerance: float, st
 
     def solve_at(numbers: FloatArray) -> Solution:
         if last[0][0] != numbers.tobytes():
-            changed = {**best[0].parameters, **values(numbers)}  # these gains need the fewest steps
+            changed = {**solution.parameters, **values(numbers)}
             solved = solve_gains(problem, solution.model, changed, max_ratio=_CONVERGED_RATIO)
             last[:] = [(numbers.tobytes(), solved)]
             best[:] = [min(best[0], solved, key=lambda each: each.sse)]
