@@ -83,7 +83,7 @@ class EffectList:
             self._rows.change({name: {"seen": part in text.lower()} for name, text in texts.items()})
 
         with ui.element("section").classes("card effects") as self._card, ui.row().classes("bar"):
-            heading("EffectList", elements.EFFECTS)
+            heading("Effects", elements.EFFECTS)
             ui.space()
             text = ui.input(placeholder="filter", on_change=show_matching).classes("filter")
             set_props(text.props("dense outlined clearable"), aria_label="filter effects")
