@@ -189,7 +189,7 @@ def test_damiao_motors_with_the_factory_master_id_are_named(make_robot):
     arm = make_robot(DAMIAO)
     for motor in arm.motors:
         motor._host_id = 0
-    ids = r"set the master id of each motor \(0x011, 0x012, 0x013 by the rob"
+    ids = r"set the master id of each motor \(0x011, 0x012, 0x013 according to the rob"
     said = f"no answer .*; received frames with the ids 0x000: {ids}"
     with pytest.raises(DeviceError, match=said):
         arm.robot.buses["motors"].configure()

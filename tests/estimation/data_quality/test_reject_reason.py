@@ -476,7 +476,10 @@ def test_good_measurement_has_no_quality_warning():
     [
         (lambda data: data, None),
         (lambda data: replace(data, effort=np.zeros(len(data))), None),  # no contact at all is said elsewhere
-        (lambda data: session(3, lambda t, x, v, run: kelvin_voigt(x - 0.005, v)), "down to 5."),
+        (
+            lambda data: session(3, lambda t, x, v, run: kelvin_voigt(x - 0.005, v)),
+            "down to a displacement of 5.",
+        ),
         (lambda data: replace(data, effort=40.0 * np.maximum(data.position, 0.0) ** 1.5), None),  # a ball
     ],
     ids=["from its zero on", "nothing", "over 5 mm of air", "Hertz"],
