@@ -1,11 +1,13 @@
 """Estimate the zero and drift of a sensor from readings in free air."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.signals.blocks import rows_of_runs
+from palpate.estimation.signals.blocks import blocks, rows_of_runs
+from palpate.robot_io.types import FloatArray
 
 _FREE_SHARE = 0.9  # share of the samples before a contact that is used; the last ones may be in contact
 _MAX_READINGS = 50  # largest number of readings used at the end of a run
@@ -18,7 +20,7 @@ _MIN_SIGMAS = 3.0  # least drift that counts, in standard errors
 class FreeAirZero:
     """Zero of a sensor, from readings in free air."""
 
-    noise: float  # standard deviation of readings before the first contact, about each run's mean [effort]
+    noise: float  # standard deviation of readings in free air, about each run's mean [effort]
     bias: float  # mean of these readings [effort]
     rate: float | None  # drift from the start to the end of runs [effort/s]; None if unknown
     rate_std_err: float  # standard error of the rate for white noise [effort/s]
@@ -26,7 +28,7 @@ class FreeAirZero:
 
     @property
     def is_zero(self) -> bool:
-        """Whether readings before the contact show no bias."""
+        """Whether readings in free air show no bias."""
         return abs(self.bias) < _VISIBLE_BIAS * self.noise
 
     @property
@@ -39,13 +41,13 @@ class FreeAirZero:
 
 
 def zero_in_free_air(data: ChannelData) -> FreeAirZero | None:
-    """Estimate a sensor's zero from the runs that begin in free air.
+    """Estimate a sensor's zero from the runs that begin in free air, or that leave the object if none does.
 
     Args:
         data: the channel.
 
     Returns:
-        The zero; None for joints, and if no run begins in free air.
+        The zero; None for joints, and if no run has enough readings in free air.
     """
     if data.kind is not ChannelKind.CONTACT:
         return None
@@ -63,9 +65,22 @@ def zero_in_free_air(data: ChannelData) -> FreeAirZero | None:
             changes.append(data.effort[end_rows].mean() - data.effort[compared_rows].mean())
             relative_variances.append(2.0 / len(compared_rows))
     if not start_readings:
+        start_readings = list(_readings_between_contacts(data))
+    if not start_readings:
         return None
     noise = float(np.std(np.concatenate([part - part.mean() for part in start_readings])))
     bias, energy = float(np.concatenate(start_readings).mean()), float(np.vdot(elapsed_s, elapsed_s))
     rate = float(np.vdot(elapsed_s, changes)) / energy if energy > 0.0 else None
     rate_std_err = noise * float(np.sqrt(max(relative_variances) / energy)) if energy > 0.0 else np.inf
     return FreeAirZero(noise, bias, rate, rate_std_err, float(np.ptp(data.time_s)))
+
+
+def _readings_between_contacts(data: ChannelData) -> Iterator[FloatArray]:
+    """Yield the readings of each run's longest stretch in free air, without its ends close to the object."""
+    for rows in rows_of_runs(data.run):
+        in_contact = data.engaged[rows]
+        stretches = [rows[block] for block in blocks(in_contact) if not in_contact[block.start]]
+        longest = max(stretches, key=len, default=rows[:0])
+        margin = int((1.0 - _FREE_SHARE) * len(longest)) + 1
+        if len(longest) >= 2 * margin + _MIN_READINGS:
+            yield data.effort[longest[margin:-margin]]

@@ -45,6 +45,15 @@ def test_bias_and_drift_are_recovered_and_a_steady_zero_is_reported():
     assert zero_in_free_air(data.select(data.position > 0.002)) is None
 
 
+def test_zero_of_runs_that_begin_in_contact_comes_from_readings_after_it():
+    data = session(1, lambda t, x, v, run: 0.4 + kelvin_voigt(x, v))
+    begun = np.concatenate([np.maximum.accumulate(data.engaged[data.run == run]) for run in data.runs])
+    found = zero_in_free_air(data.select(begun))
+    assert found.bias == pytest.approx(0.4, abs=0.2 * NOISE_N)
+    assert found.noise == pytest.approx(NOISE_N, rel=0.1)
+    assert found.rate is None
+
+
 @pytest.mark.parametrize(("law", "misnamed"), [(drifting, False), (creeping, True)])
 def test_drift_without_readings_in_free_air_is_none(law, misnamed):
     data = session(1, law)
