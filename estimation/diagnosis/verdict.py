@@ -64,6 +64,10 @@ _IMITATION = 2.0
 # A form is exact only if a deviation of this size, relative to the effect's own contribution, would show.
 _RESOLVED = 0.1
 _NOISE_ERROR = 0.1  # relative uncertainty of a noise level
+_ONLY_A_BOUND = (
+    "the model explains little of the effort, and its whole error may be noise, of which only an upper bound "
+    "is known; record a motion that takes more effort, in several runs"
+)
 _PEAKED = 0.8  # share of the squared error in its largest 5 %; normal noise has 0.28
 
 
@@ -249,6 +253,9 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
     accepted = _accepted(evidence)
     verdict = Verdict.MISSING if accepted else Verdict.ADEQUATE if evidence.complete else Verdict.UNEXPLAINED
     budget, rest = _budget(evidence)
+    within_bound = noise.is_bound and evidence.stages[-1].rmse <= SLOW * noise.value
+    if verdict is Verdict.UNEXPLAINED and within_bound and not budget and not evidence.signals:
+        return insufficient_diagnosis(search.data, _ONLY_A_BOUND)
     start = search.start.rmse
     ranking = sorted(  # the most promising candidates, each added alone to the base model
         (

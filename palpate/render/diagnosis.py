@@ -52,15 +52,10 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
             f"{join_names(kinds)}. {error}"
         )
     if not diagnosis.accepted:
-        left, noise, known = diagnosis.remaining, diagnosis.floor, join_names(diagnosis.depends_on)
-        is_bounded = noise is not None and noise.at_most and left is not None and left.times_floor <= SLOW
-        finding = (
-            "these data do not show whether an effect is missing"
-            if is_bounded and not known
-            else "something is missing that no known effect explains; it depends on "
-            f"{known or 'no single signal'}"
+        return (
+            f"{diagnosis.channel}: something is missing that no known effect explains; it depends on "
+            f"{join_names(diagnosis.depends_on) or 'no single signal'}. {error}"
         )
-        return f"{diagnosis.channel}: {finding}. {error}"
     names = []
     # With its approximate form and alternatives; one alternative may replace two effects.
     for entry in diagnosis.accepted:

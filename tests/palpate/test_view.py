@@ -12,7 +12,7 @@ from palpate.control.loop.task import Phase
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.design.next_experiment import propose_remedial_experiment
 from palpate.estimation.diagnosis import ChannelDiagnosis
-from palpate.estimation.diagnosis.result import NoiseFloor, ParameterValue, RemainingError
+from palpate.estimation.diagnosis.result import NoiseFloor, ParameterValue
 from palpate.render import palette, terminal
 from palpate.render.build import channel_view, concatenated_times, parameter_view, run_speeds
 from palpate.render.diagnosis import describe_error_decrease, diagnosis_verdict
@@ -35,13 +35,6 @@ def diagnosis(verdict, *steps, after=0.1, floor=0.1, means=(None, None), **more)
     return ChannelDiagnosis(
         verdict=verdict, accepted=list(steps), baseline=base, final=final, **{**about, **more}
     )
-
-
-def within_bound(times, signals):
-    """An unexplained error beside a noise of which only an upper bound is known."""
-    floor = NoiseFloor(value=0.1, source="free air", at_most=True, free_air=None, share_left=0.0)
-    left = RemainingError(rmse=0.1 * times, times_floor=times, depends_on=signals)
-    return diagnosis("unexplained", remaining=left, depends_on=signals).model_copy(update={"floor": floor})
 
 
 ONE, TWO = accepted("bias", 0.5, 0.2), accepted("lag", 0.2, 0.1, "delay", "damping")
@@ -85,14 +78,6 @@ ONE, TWO = accepted("bias", 0.5, 0.2), accepted("lag", 0.2, 0.1, "delay", "dampi
             (),
         ),
         (diagnosis("unexplained"), ("it depends on no single signal",), ()),
-        *(
-            (within_bound(times, signals), (words,), ())
-            for times, signals, words in [
-                (1.0, [], "do not show whether an effect is missing"),
-                (1.9, [], "something is missing"),
-                (1.0, ["a"], "something is missing"),
-            ]
-        ),
     ],
 )
 def test_verdict_is_one_sentence(found, words, absent):

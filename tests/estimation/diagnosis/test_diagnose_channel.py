@@ -269,6 +269,15 @@ def test_model_no_better_than_a_constant_is_not_complete_by_a_noise_bound(tmp_pa
     assert not _Completeness(search).is_complete(search.start)
 
 
+def test_error_that_may_all_be_noise_of_unknown_size_allows_no_verdict():
+    """Noise that is correlated between samples may be motion, so that only an upper bound of it is known."""
+    data = swings(1)
+    effort = lfilter([1.0], [1.0, -0.5], np.random.default_rng(0).normal(size=len(data)))
+    (found,) = diagnose(replace(data, effort=effort), SWING, rng=np.random.default_rng(1)).channels
+    assert found.verdict is Verdict.INSUFFICIENT
+    assert "only an upper bound is known" in found.reason
+
+
 @pytest.mark.parametrize(("lost", "kept"), [(0.9, False), (1.1, True)])
 def test_constant_effect_that_explains_little_is_dropped(lost, kept, monkeypatch):
     joint, alone, reduced, found = (Mock(name=name) for name in ("joint", "alone", "reduced", "found"))
