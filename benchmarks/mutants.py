@@ -42,10 +42,12 @@ AREAS = {  # where the program is, and the tests that are to notice, in tests/
         "estimation/diagnosis",
         "estimation/diagnosis estimation/design estimation/arm/test_channels.py",
     ),
+    "workbench": ("palpate/workbench", "palpate/workbench"),
+    "sweep": ("palpate/sweep", "palpate/sweep palpate/test_ended_from_outside.py"),
 }
-GOAL = 0.95
+GOAL = 0.97
 MOST_S = 900.0  # that the tests of an area may take as it is
-LONGER = 2.5  # times that is no end: a mutant that takes so long is noticed
+LONGER, MARGIN_S = 2.5, 60.0  # times that, and more, is no end; the machine may have other work meanwhile
 _COMPARED = {ast.Lt: "<=", ast.LtE: "<", ast.Gt: ">=", ast.GtE: ">", ast.Eq: "!=", ast.NotEq: "=="}
 _COMPARED |= {ast.In: "not in", ast.NotIn: "in", ast.Is: "is not", ast.IsNot: "is"}
 _COMPUTED = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/"} | dict.fromkeys(
@@ -159,7 +161,7 @@ class Trial:
         started = time.perf_counter()
         if by := self._failing(area, [str(path) for path in self._files(area)]):
             raise SystemExit(f"{area}: the tests fail as it is: {by}")
-        self._most_s[area] = LONGER * (time.perf_counter() - started)
+        self._most_s[area] = LONGER * (time.perf_counter() - started) + MARGIN_S
 
     def noticed_by(self, mutant: Mutant) -> str:
         """What noticed: a test, or that none came to an end; empty if nothing did."""

@@ -136,9 +136,10 @@ def test_truncated_long_session_yields_all_earlier_records(tmp_path, in_batches,
     assert len(session.samples("tick")) > 5000 * share - 700
 
 
+@pytest.mark.parametrize("batch", [2, 16])
 @pytest.mark.parametrize("stated", [{"slow": 40}, {"slow": 3}, {}])
-def test_lost_message_of_many_records_is_counted_record_by_record(tmp_path, in_batches, stated):
-    path, batch = tmp_path / "s.mcap", 16
+def test_lost_message_of_many_records_is_counted_record_by_record(tmp_path, in_batches, stated, batch):
+    path = tmp_path / "s.mcap"
     stream = replace(SLOW, batch=batch)
     rows = SLOW.records({"time_s": np.arange(40.0), "x": np.zeros(40)})
     with path.open("wb") as file:
@@ -149,6 +150,7 @@ def test_lost_message_of_many_records_is_counted_record_by_record(tmp_path, in_b
     session = Session.open(path)
     assert session.samples("slow")["time_s"].tolist() == [*range(16), *range(32, 40)]
     assert session.dropped == 16
+    assert mcap_file.scan(BytesIO(path.read_bytes())).metadata[HEADER_RECORD]["format_version"] == "2"
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,12 @@
 import errno
+import fcntl
 import json
 import os
 import resource
 import signal
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +19,15 @@ from palpate.robot_io.files.atomic_write import atomic_write
 from palpate.robot_io.session import Column, Event, Session, SessionWriter, Stream, write_session, writer
 from palpate.robot_io.session.event import decode_event, encode_event
 from palpate.robot_io.session.mcap_file import McapFile
-from palpate.robot_io.session.shared_log import FAILED, READY, STARTING, SharedLog, is_locked, open_memory
+from palpate.robot_io.session.shared_log import (
+    FAILED,
+    READY,
+    STARTING,
+    SharedLog,
+    is_locked,
+    lock,
+    open_memory,
+)
 from tests.robot_io.session_parts import METADATA, TICK, assert_ticks, tick
 
 SLOW = Stream("slow", (Column("time_s", "s"), Column("x", "m")))
@@ -451,6 +461,16 @@ def test_session_being_written_is_locked_until_its_program_ends(tmp_path):
     killed = SessionWriter(tmp_path / "killed.mcap", [TICK], METADATA)
     os.kill(pid(killed), signal.SIGKILL)
     wait_until(lambda: not is_locked(tmp_path / "killed.mcap"))
+
+
+def test_lock_is_waited_for_while_a_program_checks_for_it(tmp_path):
+    path = tmp_path / "s.mcap"
+    path.touch()
+    with path.open("rb") as checking, path.open("r+b") as writing:
+        fcntl.flock(checking, fcntl.LOCK_SH)
+        threading.Timer(0.1, fcntl.flock, (checking, fcntl.LOCK_UN)).start()
+        lock(writing)
+        assert is_locked(path)
 
 
 def test_session_name_is_reserved_without_hard_links(tmp_path, monkeypatch):

@@ -254,7 +254,6 @@ class CanLine:
         self._clock = clock
         self._bus: can.BusABC | SlcanBus | None = None
         self._lock: PortLock | None = None
-        self._drained_s = -float("inf")
         self.counts: Counter[str] = Counter()
         self.bus_off = False
 

@@ -75,10 +75,16 @@ def test_faults_have_manual_names_and_an_unread_parameter_is_no_zero():
     # 4.1.2, bits 16 to 21 of a state's id; 4.1.8, of a fault frame's first four bytes.
     state = "under voltage, over current, over temperature, encoder fault, overload, stalled, "
     assert DIALECTS[Maker.ROBSTRIDE].error_names(0x3F) == state + "encoder not calibrated"
-    alarm = FRAMES.alarm(CanFrame(0x150001FD, bytes.fromhex("0a40010000000000"), extended=True))
-    assert DIALECTS[Maker.ROBSTRIDE].error_names(alarm) == (
-        "driver chip, over voltage, overload, stalled, over current in phase A"
+    names = (
+        "over temperature; driver chip; under voltage; over voltage; over current in phase B; "
+        "over current in phase C; encoder not calibrated; hardware not identified; "
+        "position not initialized; overload, stalled; over current in phase A"
     )
+    for bit, name in zip((0, 1, 2, 3, 4, 5, 7, 8, 9, 14, 16), names.split("; "), strict=True):
+        alarm = FRAMES.alarm(CanFrame(0x150001FD, (1 << bit).to_bytes(8, "little"), extended=True))
+        assert DIALECTS[Maker.ROBSTRIDE].error_names(alarm) == name
+    two = FRAMES.alarm(CanFrame(0x150001FD, bytes.fromhex("0a00000000000000"), extended=True))
+    assert DIALECTS[Maker.ROBSTRIDE].error_names(two) == "driver chip, over voltage"
     assert DIALECTS[Maker.ROBSTRIDE].error_names(1 << 40) == f"unknown error {1 << 40}"
 
 

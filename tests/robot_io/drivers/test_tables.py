@@ -2,6 +2,7 @@
 
 import pytest
 
+from palpate.robot_io.drivers import moteus
 from palpate.robot_io.drivers.dynamixel import tables as dynamixel
 from palpate.robot_io.drivers.feetech import tables as feetech
 from palpate.robot_io.drivers.feetech.protocol import error_names
@@ -144,3 +145,21 @@ def test_mit_motor_errors_match_its_manual(maker, first, names, encoder, timeout
 )
 def test_servo_error_bits_match_its_manual(names_of, bits):
     assert {bit: names_of(1 << bit) for bit in range(8) if "unknown" not in names_of(1 << bit)} == bits
+
+
+MOTEUS_CODES = """32 calibration fault, 33 motor driver fault, 34 over voltage, 35 encoder fault,
+36 motor not configured, 37 PWM cycle overrun, 38 over temperature, 40 under voltage,
+41 configuration changed, 42 no valid commutation encoder, 43 no valid output encoder, 44 driver enable fault,
+45 stop position deprecated, 46 timing violation, 48 invalid limits,
+96 servo.max_velocity, 97 servo.max_power_W, 98 the supply voltage, 99 servo.max_current_A,
+100 servo.fault_temperature, 101 servo.motor_fault_temperature, 102 the commanded maximum torque,
+103 servopos.position_min or position_max"""
+
+
+def test_moteus_codes_match_its_manual():
+    entries = (entry.split(maxsplit=1) for entry in MOTEUS_CODES.split(","))
+    known = moteus.FAULTS | moteus.LIMITS
+    assert all(known[int(code)] == name.strip() for code, name in entries)
+    assert "position_min" in known[39]
+    assert {code for code, name in known.items() if " encoder" in f" {name}"} == moteus.ENCODER_FAULTS
+    assert min(moteus.LIMITS) == moteus.FIRST_LIMIT
