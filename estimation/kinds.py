@@ -35,6 +35,7 @@ class Kind(StrEnum):
     OTHER = "other", "other effects", "other effects"
 
 
+SENSOR_KINDS = frozenset({Kind.SENSOR_STATICS, Kind.SENSOR_DYNAMICS})
 # In a single pass at one speed, these kinds cannot be distinguished from a law of the position, where the
 # effort and the sensor's reading are functions of the position. They need a reversal, a hold or a second
 # speed.

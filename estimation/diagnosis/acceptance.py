@@ -30,7 +30,7 @@ from palpate.estimation.fit.fit_result import FitResult, final_solution
 from palpate.estimation.fit.intervals import estimate_parameters
 from palpate.estimation.fit.measurement_model import MeasurementModel
 from palpate.estimation.fit.measurement_noise import measurement_noise
-from palpate.estimation.kinds import Kind
+from palpate.estimation.kinds import SENSOR_KINDS, Kind
 from palpate.robot_io.types import FloatArray
 
 AS_GOOD = 0.9  # a flexible regression that leaves less than this share of a model's squared error is better
@@ -47,7 +47,6 @@ _MAX_UNEXPLAINED = (
     0.1  # unexplained mean square, relative to an effect's; with more, another kind may explain it
 )
 _MIN_RUNS = 5  # runs needed to accept a variation between runs in an incomplete model
-SENSOR_KINDS = frozenset({Kind.SENSOR_STATICS, Kind.SENSOR_DYNAMICS})
 _PHYSICAL_KINDS = frozenset(Kind) - SENSOR_KINDS - {Kind.RUN_DIFFERENCES, Kind.DRIFT, Kind.OTHER}
 _SAME_CURVE = 1e-3  # energy of the difference of two curves, relative to what the effect adds
 

@@ -13,7 +13,6 @@ from palpate.estimation.data_quality import reject_reason, usable
 from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.design.next_experiment import FEW_READINGS
 from palpate.estimation.diagnosis.acceptance import (
-    SENSOR_KINDS,
     accept_effects,
     accept_forms,
     acceptance_criteria,
@@ -45,6 +44,7 @@ from palpate.estimation.estimate import with_unit
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.fit.measurement_noise import measurement_noise
+from palpate.estimation.kinds import SENSOR_KINDS
 from palpate.estimation.model import Model
 from palpate.estimation.shared_gains import with_shared_gains
 from palpate.estimation.workers import end_workers, prepare_worker, single_threaded

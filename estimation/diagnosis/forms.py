@@ -33,7 +33,7 @@ from palpate.estimation.fit.inner_search import optimize_inner
 from palpate.estimation.fit.measurement_noise import run_heterogeneity
 from palpate.estimation.fit.normal_equations import held_out_sse, nuisance_of
 from palpate.estimation.fit.smoothing_bias import fit_smoothing_bias
-from palpate.estimation.kinds import Kind
+from palpate.estimation.kinds import SENSOR_KINDS, Kind
 from palpate.estimation.model import Model
 from palpate.robot_io.types import FloatArray
 
@@ -149,21 +149,26 @@ class PartiallyLinear:
     def adjust_problem(self, own: Kinds, kinds: Kinds, problem: FitProblem, base: Solution) -> FitProblem:
         """Return a problem adjusted for the laws of all kinds except an effect's own (orthogonal projection).
 
+        For a fault of the sensor, it is also adjusted for the smoothing bias of the motion, which
+        flattens the effort as a lag or a gain would.
+
         Args:
             own: the effect's own kind or kinds.
             kinds: all kinds that account for the error.
             problem: the problem to project.
-            base: the base model fitted to this problem.
+            base: the model fitted to this problem.
         """
         others = kinds - own
         blocked = problem.blocked
+        bias = np.empty((len(blocked), 0))
+        if own & SENSOR_KINDS:
+            bias, _ = fit_smoothing_bias(problem, base, self.search.start.filters)
         shared = [law for law in self.laws if Kind.RUN_DIFFERENCES not in law.kinds]
         columns = [law.columns for law in shared if law.kinds <= others]
-        empty = np.empty((len(blocked), 0))
-        by_run = empty
+        by_run = np.empty((len(blocked), 0))
         if Kind.RUN_DIFFERENCES in others:
             by_run = np.column_stack([np.ones(len(blocked)), blocked.effort - base.residual])
-        stacked = np.hstack([empty, *columns])
+        stacked = np.hstack([bias, *columns])
         return replace(problem, nuisance=nuisance_of(stacked, by_run, blocked.run, problem.used))
 
     def law_columns(self, own: Kinds, kinds: Kinds) -> FloatArray:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.estimation.diagnosis import Verdict, diagnose
+from palpate.estimation.diagnosis import Verdict, diagnose, forms
 from palpate.estimation.diagnosis.acceptance import accept_forms, most_parsimonious, similar_forms
 from palpate.estimation.diagnosis.extension import fit_extended
 from palpate.estimation.diagnosis.forms import (
@@ -170,6 +170,18 @@ def test_law_of_its_kind_adds_nothing_to_a_true_form():
     assert true.is_closed
     assert rough.added_by_law > 3.0 * true.added_by_law
     assert not rough.is_closed
+
+
+@pytest.mark.parametrize(("own", "removed"), [(Kind.SENSOR_STATICS, True), (Kind.FRICTION, False)])
+def test_sensor_effects_are_compared_without_the_smoothing_bias(monkeypatch, own, removed):
+    """A base model without the effect may hide this bias, which the laws of a sensor could imitate."""
+    search = searched(swings(1), "bias")
+    partial, problem = analyze_kinds(search), search.start.problem
+    wave = np.sin(problem.blocked.reduce(problem.blocked.data.time_s))
+    monkeypatch.setattr(forms, "fit_smoothing_bias", lambda *_: (wave[:, None], None))
+    adjusted = partial.adjust_problem(frozenset({own}), partial.kinds, problem, search.start.solution)
+    left = adjusted.nuisance.remove(wave)[problem.used]
+    assert (np.abs(left).max() < 1e-6) == removed
 
 
 @pytest.mark.parametrize(("added", "imitation"), [(0.019, False), (0.021, True)])
