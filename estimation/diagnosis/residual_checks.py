@@ -273,9 +273,12 @@ def _excess(
     if slow**2 < _MIN_SHARED * rmse(left[acting]) ** 2:
         return None
     reference, least = condition.reference, _EXCESS
-    if condition.still.sum() >= _MIN_BLOCKS:
-        noise = _without_outliers(residual, blocked.run, condition.still)
-    elif len(air := _free_air_on_blocks(blocked)):
+    # A sensor that reads the same everywhere in free air does not show its noise there.
+    if condition.still.sum() >= _MIN_BLOCKS and np.any(
+        still := _without_outliers(residual, blocked.run, condition.still)
+    ):
+        noise = still
+    elif np.any(air := _free_air_on_blocks(blocked)):
         noise = air
     elif white := _white_noise(fit, residual):
         noise, reference = rng.normal(0.0, white, len(blocked)), "of neighboring readings"

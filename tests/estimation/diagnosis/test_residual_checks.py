@@ -250,6 +250,15 @@ def test_residual_in_contact_is_compared_with_free_air():
     assert excess(session(2)) is None
 
 
+def test_sensor_that_reads_zero_in_free_air_does_not_show_its_noise_there():
+    hum = humming()
+    silent = replace(hum, effort=np.where(hum.engaged, hum.effort, 0.0))
+    fit = fit_model(silent, MODEL, {})
+    found = excess(silent, fit)
+    assert found.reference == "of neighboring readings"
+    assert found.expected > 0.0
+
+
 @pytest.mark.parametrize(("pull_n", "is_noise"), [(0.0, True), (0.4, False)])
 def test_pull_after_contact_is_compared_with_the_air_before_it(pull_n, is_noise):
     def adhesive(t, x, v, run):
