@@ -3,28 +3,35 @@
 import ctypes
 import os
 import signal
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from functools import cache
-from multiprocessing import parent_process
+from multiprocessing import get_context, parent_process
 from threading import Thread
 from typing import Any
 
 
-def end_workers(pool: ProcessPoolExecutor) -> None:
-    """Terminate a pool and its processes at once; running computations are lost.
+@contextmanager
+def worker_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
+    """Open a pool of forked processes; any exception in the context, such as a signal, ends them at once.
 
     Args:
-        pool: the pool; it accepts no further work.
+        processes: number of processes.
     """
-    for process in list((pool._processes or {}).values()):
-        process.terminate()
-    # Otherwise the pool waits for a partial result that only the terminated process could complete.
-    pool._result_queue._writer.close()  # type: ignore[attr-defined]
-    pool.shutdown(cancel_futures=True)
+    with ProcessPoolExecutor(processes, get_context("fork"), initializer=_prepare_worker) as pool:
+        try:
+            yield pool
+        except BaseException:  # do not wait for the running computations
+            for process in list((pool._processes or {}).values()):
+                process.terminate()
+            # Otherwise the pool waits for a partial result that only the terminated process could complete.
+            pool._result_queue._writer.close()  # type: ignore[attr-defined]
+            pool.shutdown(cancel_futures=True)
+            raise
 
 
-def prepare_worker() -> None:
+def _prepare_worker() -> None:
     """Prepare a worker: restore the default signal handlers and exit when the parent process exits."""
     end_with_parent()
     for number in (signal.SIGTERM, signal.SIGHUP):

@@ -1,9 +1,7 @@
 """Diagnose channels: search for missing effects, test the models, and state the verdict."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import cache, partial, reduce
-from multiprocessing import get_context
 from zlib import crc32
 
 import numpy as np
@@ -47,7 +45,7 @@ from palpate.estimation.fit.measurement_noise import measurement_noise
 from palpate.estimation.kinds import SENSOR_KINDS
 from palpate.estimation.model import Model
 from palpate.estimation.shared_gains import with_shared_gains
-from palpate.estimation.workers import end_workers, prepare_worker, single_threaded
+from palpate.estimation.workers import single_threaded, worker_pool
 
 _FEW_LEVELS = 12  # distinct readings; with more, rounding errors average out
 _OFFSET = "bias"  # name of the effect that is a constant
@@ -93,14 +91,8 @@ def diagnose(
         if processes == 1 or len(jobs) == 1:
             diagnoses = [diagnose_channel(*job[:2], library, job[2], progress) for job in jobs]
         else:
-            with ProcessPoolExecutor(
-                min(processes, len(jobs)), get_context("fork"), initializer=prepare_worker
-            ) as pool:
-                try:
-                    diagnoses = list(_report_each(pool.map(work, jobs), channels, progress))
-                except BaseException:  # such as a signal: end running fits instead of waiting for them
-                    end_workers(pool)
-                    raise
+            with worker_pool(min(processes, len(jobs))) as pool:
+                diagnoses = list(_report_each(pool.map(work, jobs), channels, progress))
     name = "+".join(dict.fromkeys(model.name for model in models))
     return Diagnosis(file=file, model=name, channels=diagnoses)
 

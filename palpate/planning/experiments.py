@@ -8,9 +8,7 @@ lag a rehearsal would predict motions that no real arm makes. No device is opene
 import math
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
-from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -21,7 +19,7 @@ from palpate.control.loop.tick_record import tick_stream
 from palpate.control.probing.plan import ProbingPlan
 from palpate.control.probing.task import ProbingTask
 from palpate.estimation.design.next_experiment import LONGEST_S
-from palpate.estimation.workers import end_workers, prepare_worker
+from palpate.estimation.workers import worker_pool
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.robot_io.files.file_model import validate
 from palpate.robot_io.robot_file import RobotFile, parse_robot_file
@@ -60,7 +58,7 @@ def candidates(before: ProbingPlan, robot_file: RobotFile, place_world_m: FloatA
         place_world_m: touched point of the surface, shape (3,) [m].
     """
     plans = []
-    for words, settings in (*_changes(before, robot_file), *_other_places(before, place_world_m)):
+    for words, settings in _experiments(before, robot_file, place_world_m):
         try:
             plans.append(CandidatePlan(words, settings, _plan(before, settings)))
         except InputError:  # for example, an approach that is too short for the speed
@@ -93,7 +91,9 @@ def _plan(before: ProbingPlan, settings: Settings) -> ProbingPlan:
     return validate(ProbingPlan, before.model_dump() | {"repeats": 1, "excitation": None} | settings)
 
 
-def _changes(before: ProbingPlan, robot_file: RobotFile) -> Iterator[tuple[str, Settings]]:
+def _experiments(
+    before: ProbingPlan, robot_file: RobotFile, place_world_m: FloatArray
+) -> Iterator[tuple[str, Settings]]:
     force_n = before.force_limit_n
     hard_n = min(2.0 * force_n, robot_file.limits.force_n / _FORCE_MARGIN)
     speeds = {"speeds_m_s": [0.15, 0.09, 0.06]}
@@ -120,10 +120,7 @@ def _changes(before: ProbingPlan, robot_file: RobotFile) -> Iterator[tuple[str, 
         swing = {"free_air_swing_m": swing_m, "free_air_swing_speeds_rad_s": rates}
         swing |= {"joint_acceleration_rad_s2": 8.0}
         yield words, {"speeds_m_s": [0.15, 0.06], **swing, "hold_s": 0.3}
-
-
-def _other_places(before: ProbingPlan, place_world_m: FloatArray) -> Iterator[tuple[str, Settings]]:
-    """Yield light presses in other postures or at other places of the object."""
+    # Light presses in other postures or at other places of the object.
     lightly = {"speeds_m_s": [0.05], "force_limit_n": before.force_limit_n / 3, "hold_s": 0.3, "repeats": 2}
     lightly |= {"travel_speed_m_s": 0.08}
     for angle in (-2.0 * _TILT_RAD, -_TILT_RAD, _TILT_RAD, 2.0 * _TILT_RAD):
@@ -204,15 +201,10 @@ def simulate_plans(simulations: Sequence[PlanSimulation], processes: int = 1) ->
         for trial in simulations:
             yield _cache_simulation(trial, known[trial] if trial in known else _simulate_or_none(trial))
         return
-    context = get_context("fork")
-    with ProcessPoolExecutor(min(processes, len(new)), context, initializer=prepare_worker) as pool:
+    with worker_pool(min(processes, len(new))) as pool:
         coming = {trial: pool.submit(_simulate_or_none, trial) for trial in new}
-        try:
-            for trial in simulations:
-                yield _cache_simulation(trial, coming[trial].result() if trial in coming else known[trial])
-        except BaseException:  # the caller stopped or a signal came: do not wait for the other rehearsals
-            end_workers(pool)
-            raise
+        for trial in simulations:
+            yield _cache_simulation(trial, coming[trial].result() if trial in coming else known[trial])
 
 
 def _cache_simulation(simulation: PlanSimulation, ticks: Samples | None) -> Samples | None:

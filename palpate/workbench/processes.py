@@ -3,8 +3,6 @@
 import asyncio
 import os
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from threading import Event
 
@@ -17,7 +15,7 @@ from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.model import Model
 from palpate.estimation.study import StudyChannel, fitting
 from palpate.estimation.study.fitting import fit_base
-from palpate.estimation.workers import end_with_parent, end_workers
+from palpate.estimation.workers import end_with_parent
 from palpate.robot_io.errors import PalpateError
 from palpate.study import Study
 
@@ -106,10 +104,7 @@ class FitPrefetcher:
             effect for effect in study.effects if type(effect).__module__.startswith("palpate.estimation.")
         ]
         self._names = {effect.name for effect in own}
-        _working.add(self)
-        self._pool = ProcessPoolExecutor(
-            1, get_context("spawn"), initializer=_begin_worker, initargs=(channel, own)
-        )
+        self._process, self._pipe = start_worker(_fit_ahead, channel, own)
 
     async def fit(self, effects: Sequence[str]) -> None:
         """Compute a fit and store it in the study, unless the study has it.
@@ -121,54 +116,40 @@ class FitPrefetcher:
             InputError: the model cannot be fitted.
         """
         if self._names.issuperset(effects) and not self._study.is_fitted(self._channel, effects):
-            packed = await asyncio.wrap_future(self._pool.submit(_fit_packed, tuple(effects)))
-            self._study.take_fit(self._channel, effects, packed)
+            self._pipe.send(tuple(effects))
+            answer = await asyncio.to_thread(self._pipe.recv)
+            if isinstance(answer, Exception):
+                raise answer
+            self._study.take_fit(self._channel, effects, answer)
 
     def close(self) -> None:
         """End the process at once; can be called repeatedly."""
-        if self not in _working:
-            return
-        _working.discard(self)
-        end_workers(self._pool)
+        self._process.terminate()
 
 
-_working: set[FitPrefetcher] = set()
-
-
-def close_all() -> None:
-    """End all such processes, when the server ends."""
-    for prefetcher in list(_working):
-        prefetcher.close()
-
-
-_channel: StudyChannel
-_library: dict[str, Effect] = {}
-_fits: dict[tuple[str, ...], FitResult] = {}
-
-
-def _begin_worker(channel: StudyChannel, effects: Sequence[Effect]) -> None:
-    """Initialize a fitting process with low priority."""
-    global _channel  # noqa: PLW0603, of this process alone
+def _fit_ahead(pipe: Connection, channel: StudyChannel, own: Sequence[Effect]) -> None:
+    """Fit the models that are asked for, with low priority, and send each or the error."""
     end_with_parent()
     os.nice(_NICE)
-    _channel = channel
-    _library.update({effect.name: effect for effect in effects})
+    library, fits = {effect.name: effect for effect in own}, dict[tuple[str, ...], FitResult]()
 
+    def fit(effects: tuple[str, ...]) -> FitResult:
+        """Fit as `Study.fit` does, starting from fits of this process."""
+        made = fits.pop(effects, None)
+        if made is None and not effects:
+            made = fit_base(channel.to_fit, channel.model)
+        elif made is None:
+            parent = fit(effects[:-1])
+            made = fit_extended(channel.to_fit, parent, library[effects[-1]].suited_to(parent.data))
+        fits[effects] = made
+        while len(fits) > _MOST:
+            del fits[next(iter(fits))]
+        return made
 
-def _fit_packed(effects: tuple[str, ...]) -> PackedFit:
-    return PackedFit.of(_fitted(effects))
-
-
-def _fitted(effects: tuple[str, ...]) -> FitResult:
-    """Fit as `Study.fit` does, starting from fits of this process."""
-    made = _fits.pop(effects, None)
-    if made is None and not effects:
-        made = fit_base(_channel.to_fit, _channel.model)
-    elif made is None:
-        parent = _fitted(effects[:-1])
-        effect = _library[effects[-1]].suited_to(parent.data)
-        made = fit_extended(_channel.to_fit, parent, effect)
-    _fits[effects] = made
-    while len(_fits) > _MOST:
-        del _fits[next(iter(_fits))]
-    return made
+    while True:
+        try:
+            pipe.send(PackedFit.of(fit(pipe.recv())))
+        except EOFError:
+            return
+        except Exception as error:
+            pipe.send(error)

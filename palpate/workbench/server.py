@@ -140,7 +140,8 @@ def serve(home: AppState, listening: socket) -> None:
         # The file contains text of a measurement. In a separate origin it cannot press buttons of the page.
         return FileResponse(home.reports[key], headers={"Content-Security-Policy": "sandbox allow-scripts"})
 
-    app.on_shutdown(lambda: _end(home))
+    if home.feed is not None:
+        app.on_shutdown(home.feed.close)
     served = FastAPI()
     # A foreign page whose name points here (DNS rebinding) must not press buttons, because one powers an arm.
     host, port = listening.getsockname()
@@ -187,11 +188,3 @@ def open_page(study: "Study", port: int = 0, *, browser: bool = True) -> PageAdd
     if browser:
         Thread(target=webbrowser.open, args=(address,), daemon=True).start()
     return address
-
-
-def _end(home: AppState) -> None:
-    from palpate.workbench.processes import close_all  # noqa: PLC0415, as above
-
-    close_all()
-    if home.feed is not None:
-        home.feed.close()

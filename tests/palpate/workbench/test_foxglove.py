@@ -16,8 +16,6 @@ from palpate.control.loop.tick_record import tick_stream
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import Samples
 from palpate.workbench.live import TOPIC, FoxgloveFeed
-from palpate.workbench.server import _end
-from palpate.workbench.startup import AppState
 
 client = pytest.importorskip("websockets.sync.client", reason="websockets is not installed")
 WAIT_S = 60
@@ -142,7 +140,7 @@ def reached(port):
 
 
 def test_feed_ends_with_the_page(feed):
-    _end(AppState(Path(), None, feed=feed))
+    feed.close()
     until_s = time.monotonic() + WAIT_S
     # the listening socket closes in a thread of the server's: until then, a connection is made or reset
     while reached(feed.port) != errno.ECONNREFUSED:
