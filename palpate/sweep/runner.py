@@ -42,70 +42,49 @@ def run_in_processes(todo: Mapping[str, Case], folder: Path, workers: int) -> It
         An empty string for each finished case, or the reason why it failed.
     """
     waiting, ends = deque(todo), Counter[str]()
-    pool, busy = list[_Worker](), dict[object, tuple[_Worker, str]]()
+    pool: dict[Connection[Any, Any], BaseProcess] = {}  # by this side's end of the pipe
+    busy: dict[Connection[Any, Any], str] = {}  # address of the running case
+
+    def start() -> "Connection[Any, Any]":
+        """Start a worker without the main script, which need not guard its calls by `__name__`."""
+        main = sys.modules["__main__"]
+        sys.modules["__main__"] = ModuleType("__main__")
+        try:
+            process, pipe = start_worker(_serve, folder)
+        finally:
+            sys.modules["__main__"] = main
+        pool[pipe] = process
+        return pipe
+
     try:
-        for _ in range(min(workers, len(todo))):
-            pool.append(_Worker.start(folder))
-        idle = list(pool)
+        idle = [start() for _ in range(min(workers, len(todo)))]
         while waiting or busy:
             while waiting and idle:
-                worker, address = idle.pop(), waiting.popleft()
-                busy[worker.pipe] = worker, address
-                worker.send(todo[address], address)
-            for pipe in wait([worker.pipe for worker, _ in busy.values()]):
-                worker, address = busy.pop(pipe)
+                pipe, address = idle.pop(), waiting.popleft()
+                busy[pipe] = address
+                with suppress(OSError):  # a dead worker is detected when its answer is read
+                    pipe.send((todo[address], address))
+            ready = wait(list(busy))
+            for pipe in [pipe for pipe in busy if pipe in ready]:
+                address = busy.pop(pipe)
                 try:
-                    problem = worker.pipe.recv()
+                    problem = pipe.recv()
+                    idle.append(pipe)
                 except (EOFError, OSError):  # the worker was killed, or the memory was full
-                    pool.remove(worker)
-                    pool.append(worker := _Worker.start(folder))
+                    del pool[pipe]
+                    idle.append(start())
                     ends[address] += 1
                     problem = f"ended its worker {ends[address]} times"
                     if ends[address] < _MOST_ENDS:
                         waiting.append(address)
                         problem = None
-                idle.append(worker)
                 if problem is not None:
                     yield f"{todo[address].label}: {problem}" if problem else ""
     finally:
-        for worker in pool:
-            worker.process.terminate()
-        for worker in pool:
-            worker.process.join(_END_LIMIT_S)
-
-
-@dataclass(frozen=True)
-class _Worker:
-    """Worker process with its pipe."""
-
-    process: BaseProcess
-    pipe: "Connection[tuple[Case, str], str]"
-
-    @classmethod
-    def start(cls, folder: Path) -> "_Worker":
-        """Start a process that waits for its first case.
-
-        It does not import the main script, which therefore need not guard its calls by `__name__`.
-
-        Args:
-            folder: folder of the results.
-        """
-        main = sys.modules["__main__"]
-        sys.modules["__main__"] = ModuleType("__main__")
-        try:
-            return cls(*start_worker(_serve, folder))
-        finally:
-            sys.modules["__main__"] = main
-
-    def send(self, case: Case, address: str) -> None:
-        """Send a case to the worker; a dead worker is detected when its answer is read.
-
-        Args:
-            case: the case.
-            address: address of the case's result.
-        """
-        with suppress(OSError):
-            self.pipe.send((case, address))
+        for process in pool.values():
+            process.terminate()
+        for process in pool.values():
+            process.join(_END_LIMIT_S)
 
 
 def _serve(pipe: "Connection[str, tuple[Case, str]]", folder: Path) -> None:
