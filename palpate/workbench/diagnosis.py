@@ -188,43 +188,41 @@ def _listed(names: frozenset[str], joint: str = " and ") -> str:
     return joint.join(sorted(name.replace("_", " ") for name in names)) or "nothing"
 
 
-class RiddleCard:
-    """Asks the user which effect is hidden, and shows the answer."""
+def riddle_card(state: WorkbenchState, diagnose: Callable[[], Awaitable[None]]) -> None:
+    """Create a card that asks the user which effect is hidden, and shows the answer.
 
-    def __init__(self, state: WorkbenchState, diagnose: Callable[[], Awaitable[None]]) -> None:
-        self._state, self._diagnose = state, diagnose
+    Args:
+        state: state of the page.
+        diagnose: diagnoses the selected channel.
+    """
 
-    def build(self) -> None:
-        """Create the elements of the panel."""
-        with ui.element("section").classes("card"):
-            heading("Riddle")
-            ui.label(
-                "The arm pressed an object with a spring, a damper and one more effect. Tick effects until "
-                "the error falls to the noise level; then press the button."
-            )
-            self._button = (
-                ui.button("That is it", on_click=self.judge).props("unelevated dense no-caps").mark("guess")
-            )
-            self._answer = ui.label().classes("text-bold").mark("score")
-
-    async def judge(self) -> None:
+    async def judge() -> None:
         """Diagnose, open the sealed answer and score both."""
-        guessed = frozenset(self._state.choice.effects)
-        self._button.disable()
-        self._answer.set_text("the diagnosis is also running")
-        await self._diagnose()
-        self._button.enable()
-        diagnosis, path = self._state.diagnosis, self._state.study.source.path
+        guessed = frozenset(state.choice.effects)
+        button.disable()
+        answer.set_text("the diagnosis is also running")
+        await diagnose()
+        button.enable()
+        diagnosis, path = state.diagnosis, state.study.source.path
         if diagnosis is None or path is None:
-            self._answer.set_text("stopped: the sealed answer was not opened")
+            answer.set_text("stopped: the sealed answer was not opened")
             return
         try:
-            answer = await asyncio.to_thread(lambda: open_answer(Session.open(path)))
+            opened = await asyncio.to_thread(lambda: open_answer(Session.open(path)))
         except PalpateError as error:
-            self._answer.set_text(str(error))
+            answer.set_text(str(error))
             return
         named = frozenset(entry.effect for entry in diagnosis.accepted)
         alike = frozenset(name for entry in diagnosis.accepted for name in entry.confused_with) | named
-        self._answer.set_text(
-            RiddleScore(frozenset(e.name for e in answer.hidden), guessed, named, alike).in_words()
+        answer.set_text(
+            RiddleScore(frozenset(e.name for e in opened.hidden), guessed, named, alike).in_words()
         )
+
+    with ui.element("section").classes("card"):
+        heading("Riddle")
+        ui.label(
+            "The arm pressed an object with a spring, a damper and one more effect. Tick effects until "
+            "the error falls to the noise level; then press the button."
+        )
+        button = ui.button("That is it", on_click=judge).props("unelevated dense no-caps").mark("guess")
+        answer = ui.label().classes("text-bold").mark("score")

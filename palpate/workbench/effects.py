@@ -101,7 +101,7 @@ class EffectList:
             await self._tick(event.args)
 
         self._rows.on("tick", tick)
-        self._rows.on("picture", lambda event: Gallery(self._state).open(event.args))
+        self._rows.on("picture", lambda event: open_gallery(self._state, event.args))
         self.show(self._state.choice.effects)
 
     def show(self, chosen: tuple[str, ...]) -> None:
@@ -228,33 +228,32 @@ _STEPS = 100.0  # of a slider
 _DECADES = 1.0  # range of a gain's slider around its start
 
 
-class Gallery:
-    """Dialog that simulates one effect after the other on the fitted base model."""
+async def open_gallery(state: WorkbenchState, name: str) -> None:
+    """Open a dialog that simulates an effect on the fitted base model.
 
-    def __init__(self, state: WorkbenchState) -> None:
-        self._state = state
-
-    async def open(self, name: str) -> None:
-        """Show an effect, added to the base model."""
-        effect = next(effect for effect in self._state.effects() if effect.name == name)
-        try:
-            simulated = await asyncio.to_thread(_Simulated, self._state, effect)
-        except PalpateError as error:
-            ui.notify(str(error), type="warning")
-            return
-        with ui.dialog() as dialog, ui.card().classes("gallery"):
-            heading(name.replace("_", " "))
-            ui.label(effect.physics)
-            ui.label(f"Signature: {effect.signature}.")
-            ui.label(effect.equation).classes("code")
-            plot = Plot(simulated.figure())
-            for parameter in (*effect.gains, *effect.inner):
-                _slider(parameter, simulated, plot)
-            for rival, experiment in effect.confused_with.items():
-                ui.label(f"Separate it from {rival.replace('_', ' ')}: {experiment}").classes("quiet")
-            ui.button("Close", on_click=dialog.close).props("flat no-caps autofocus")
-        dialog.on("hide", dialog.delete)
-        dialog.open()
+    Args:
+        state: state of the page.
+        name: name of the effect.
+    """
+    effect = next(effect for effect in state.effects() if effect.name == name)
+    try:
+        simulated = await asyncio.to_thread(_Simulated, state, effect)
+    except PalpateError as error:
+        ui.notify(str(error), type="warning")
+        return
+    with ui.dialog() as dialog, ui.card().classes("gallery"):
+        heading(name.replace("_", " "))
+        ui.label(effect.physics)
+        ui.label(f"Signature: {effect.signature}.")
+        ui.label(effect.equation).classes("code")
+        plot = Plot(simulated.figure())
+        for parameter in (*effect.gains, *effect.inner):
+            _slider(parameter, simulated, plot)
+        for rival, experiment in effect.confused_with.items():
+            ui.label(f"Separate it from {rival.replace('_', ' ')}: {experiment}").classes("quiet")
+        ui.button("Close", on_click=dialog.close).props("flat no-caps autofocus")
+    dialog.on("hide", dialog.delete)
+    dialog.open()
 
 
 class _Simulated:

@@ -104,9 +104,6 @@ class FileDrop:
     def __init__(self, opened: OpenFile) -> None:
         self._opened = opened
 
-    def build(self) -> None:
-        """Create the elements."""
-
         async def upload(event: events.UploadEventArguments) -> None:
             with errors_as_warnings(**_LASTING):
                 path, is_new = await self._keep(event)

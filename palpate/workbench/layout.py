@@ -21,7 +21,7 @@ from palpate.runs.options import SESSIONS
 from palpate.workbench import elements
 from palpate.workbench.elements import set_props
 from palpate.workbench.file_drop import FileDrop
-from palpate.workbench.live import LiveView, newest_growing, run_command
+from palpate.workbench.live import live_view, newest_growing, run_command
 from palpate.workbench.page import Page
 from palpate.workbench.startup import AppState
 from palpate.workbench.state import WorkbenchState
@@ -60,7 +60,6 @@ async def lay_out_page(home: AppState) -> None:
 
 def _choose(home: AppState) -> FileDrop:
     drop = FileDrop(lambda path, options: _show(home, path, options))
-    drop.build()
     endings = (".csv", ".tsv", ".xlsx", ".parquet", ".npz")
     files = [
         file
@@ -74,7 +73,7 @@ def _choose(home: AppState) -> FileDrop:
         ui.button(words_of_all, on_click=partial(drop.begin, home.folder)).props("flat dense no-caps")
     growing = newest_growing(home.folder) if home.folder.is_dir() else None
     if growing is not None:
-        LiveView(growing, lambda path: _show(home, path, ImportOptions()), home.feed).build()
+        live_view(growing, lambda path: _show(home, path, ImportOptions()), home.feed)
     place = ui.element("div")
     _once("Probe the simulated arm", lambda: _probe(home, [], place)).props(
         "outline no-caps dense icon=precision_manufacturing"
@@ -105,24 +104,10 @@ async def _probe(home: AppState, arguments: list[str], place: ui.element, *, joi
     place.clear()
     with place:
         ui.label(shlex.join(["palpate", "probe", *arguments, "--out", str(session)])).classes("code")
-        LiveView(session, done, home.feed).build()
+        live_view(session, done, home.feed)
     if failed := await run_command(["probe", *arguments, "--out", str(session)], lambda line: None):
         with place:
             ui.label(failed).classes("bad")
-
-
-async def _resolve(home: AppState, world: str, place: ui.element) -> None:
-    """Run `palpate resolve` in the probed world, and show its decisions as they arrive."""
-    folder = _unused_path(home, "resolve")
-    arguments = ["resolve", *shlex.split(world), "--out", str(folder)]
-    place.clear()
-    with place:
-        ui.label(shlex.join(["palpate", *arguments])).classes("code")
-        log = ui.log(max_lines=200).classes("told").mark("told")
-    if failed := await run_command(arguments, log.push):
-        log.push(failed)
-        return
-    await _show(home, folder, ImportOptions())
 
 
 def _unused_path(home: AppState, name: str, ending: str = "") -> Path:
@@ -170,9 +155,22 @@ def _next_step(home: AppState, state: WorkbenchState) -> None:
         elif await _ask_permission(following.plan.force_limit_n, ["palpate", "probe", *arguments]):
             await _probe(home, [*arguments, "--yes"], place, join=True)
 
+    async def resolve() -> None:
+        """Run `palpate resolve` in the probed world, and show its decisions as they arrive."""
+        out = _unused_path(home, "resolve")
+        arguments = ["resolve", *shlex.split(world), "--out", str(out)]
+        place.clear()
+        with place:
+            ui.label(shlex.join(["palpate", *arguments])).classes("code")
+            log = ui.log(max_lines=200).classes("told").mark("told")
+        if failed := await run_command(arguments, log.push):
+            log.push(failed)
+        else:
+            await _show(home, out, ImportOptions())
+
     if simulated:
-        resolve = _once("Resolve: probe until one explanation is left", lambda: _resolve(home, world, place))
-        set_props(resolve.props("dense outline no-caps").mark("resolve"), title=elements.RESOLVE)
+        button = _once("Resolve: probe until one explanation is left", resolve)
+        set_props(button.props("dense outline no-caps").mark("resolve"), title=elements.RESOLVE)
     text = "Run it on the simulated arm" if simulated else "Run it on the robot"
     _once(text, go).props("dense outline no-caps").mark("next")
 

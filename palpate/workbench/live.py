@@ -168,45 +168,46 @@ def live_figure(ticks: Samples) -> Figure:
     return {"data": traces, "layout": layout}
 
 
-class LiveView:
-    """Follows one session until it is complete, and then opens it."""
+def live_view(
+    session: Path, done: Callable[[Path], Awaitable[None]], feed: FoxgloveFeed | None = None
+) -> None:
+    """Create a card that follows a session until it is complete.
 
-    def __init__(
-        self, session: Path, done: Callable[[Path], Awaitable[None]], feed: FoxgloveFeed | None = None
-    ) -> None:
-        self._session, self._done, self._feed = session, done, feed
-        self._reading, self._follower = False, SessionTail(session, STREAM_NAME, _LAST)
+    Args:
+        session: session that is being written, or soon will be.
+        done: called with the session once it is complete.
+        feed: also sends its ticks to Foxglove.
+    """
+    tail, is_reading = SessionTail(session, STREAM_NAME, _LAST), False
+    with ui.element("section").classes("card"):
+        heading(f"Live: {session.name}")
+        words = ui.label("waiting for the first chunk").classes("quiet").mark("live")
+        plot = Plot({"data": [], "layout": {"height": 460}})
 
-    def build(self) -> None:
-        """Create the elements."""
-        with ui.element("section").classes("card"):
-            heading(f"Live: {self._session.name}")
-            self._words = ui.label("waiting for the first chunk").classes("quiet").mark("live")
-            self._plot = Plot({"data": [], "layout": {"height": 460}})
-        self._timer = ui.timer(PERIOD_S, self._follow)
-
-    async def _follow(self) -> None:
-        follower = self._follower
-        if self._reading or not self._session.exists():
+    async def follow() -> None:
+        nonlocal is_reading
+        if is_reading or not session.exists():
             return
-        self._reading, before = True, follower.count
+        is_reading, before = True, tail.count
         try:
-            ticks = await asyncio.to_thread(follower.read)
-            if ticks is not None and len(ticks) and self._feed is not None:
-                await asyncio.to_thread(self._feed.send, self._session, ticks)
+            ticks = await asyncio.to_thread(tail.read)
+            if ticks is not None and len(ticks) and feed is not None:
+                await asyncio.to_thread(feed.send, session, ticks)
         except PalpateError as error:
-            self._timer.deactivate()
-            self._words.set_text(str(error))
+            timer.deactivate()
+            words.set_text(str(error))
             return
         finally:
-            self._reading = False
-        if ticks is not None and follower.count > before:
+            is_reading = False
+        if ticks is not None and tail.count > before:
             run = int(ticks["run"].max()) + 1
-            self._words.set_text(f"{ticks['time_s'][-1]:.1f} s, run {run}, {follower.count} ticks")
-            self._plot.replace(live_figure(ticks))
-        if follower.complete:
-            self._timer.deactivate()
-            await self._done(self._session)
+            words.set_text(f"{ticks['time_s'][-1]:.1f} s, run {run}, {tail.count} ticks")
+            plot.replace(live_figure(ticks))
+        if tail.complete:
+            timer.deactivate()
+            await done(session)
+
+    timer = ui.timer(PERIOD_S, follow)
 
 
 async def run_command(arguments: Sequence[str], on_line: Callable[[str], object]) -> str:

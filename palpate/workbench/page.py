@@ -18,7 +18,7 @@ from palpate.estimation.estimate import with_unit
 from palpate.render.build import REPORT, axes_of
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.workbench import elements
-from palpate.workbench.diagnosis import DiagnosisCard, RiddleCard
+from palpate.workbench.diagnosis import DiagnosisCard, riddle_card
 from palpate.workbench.effects import EffectList
 from palpate.workbench.elements import errors_as_warnings, heading, set_props
 from palpate.workbench.parameters import ErrorCard, Parameters
@@ -73,7 +73,7 @@ class Page:
                     data_checks(self.state)
                 self._diagnosis = DiagnosisCard(self.state, self.add, self.on_diagnosed)
                 if self._home.riddle:
-                    RiddleCard(self.state, self._diagnosis.start).build()
+                    riddle_card(self.state, self._diagnosis.start)
                 self._diagnosis.build(self._next_step)
                 self._effects = EffectList(self.state, self.tick)
                 if not refused:
