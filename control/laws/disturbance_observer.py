@@ -83,8 +83,12 @@ class DisturbanceObserver:
         # With a wrong sign, the sensor reads a pull while the joints indicate a push. Both must exceed
         # half of what weight and friction may leave unexplained.
         is_opposed = self._sensed_n < -self._opposed_n and self._sensed_n + unexplained_n > self._opposed_n
-        contradicts = abs(unexplained_n) > self._threshold_n or is_opposed
-        is_suspicious = contradicts and not self._is_stalled(dt_s)
+        is_suspicious = abs(unexplained_n) > self._threshold_n or is_opposed
+        if is_suspicious:  # unless the loop has stalled
+            self._period_s = min(self._period_s, dt_s)
+            is_late = dt_s > _STALL_PERIODS * self._period_s
+            self._stalled_s = _STALL_S if is_late else max(self._stalled_s - dt_s, 0.0)
+            is_suspicious = self._stalled_s <= 0.0
         self._count = self._count + 1 if is_suspicious else 0
         if self._count >= self._samples:
             raise SafetyTripError(
@@ -92,10 +96,3 @@ class DisturbanceObserver:
                 f"sensor reads {output.force_n:.1f} N: does the sensor work, and does anything else "
                 "touch the arm?"
             )
-
-    def _is_stalled(self, dt_s: float) -> bool:
-        self._period_s = min(self._period_s, dt_s)
-        self._stalled_s = max(self._stalled_s - dt_s, 0.0)
-        if dt_s > _STALL_PERIODS * self._period_s:
-            self._stalled_s = _STALL_S
-        return self._stalled_s > 0.0

@@ -310,8 +310,10 @@ def _sensor_statics(
     ]
     widths = [share * float(np.ptp(predicted)) for share in _DEAD_BANDS]
     linear = [np.ones(len(predicted))] * has_bias
-    if base is not None and not _is_spanned(predicted, base.columns):
-        linear.append(predicted)
+    if base is not None:
+        left = _residual(base.columns, predicted, [np.arange(len(predicted))])
+        if not left @ left <= _SPANNED * (predicted @ predicted):
+            linear.append(predicted)
     dead_bands = [-np.clip(predicted, -w, w) for w in widths]
     hysteresis = [-reversal_memory(predicted, run, share) for share in _REVERSAL_PATHS]
     columns = np.column_stack([*linear, *saturation, *dead_bands, *hysteresis])
@@ -324,12 +326,6 @@ def _drift(time_s: FloatArray, residual: FloatArray, used: BoolArray) -> Flexibl
     rate, offset = np.polyfit(elapsed_s[used], residual[used], 1)
     origin_s = np.clip(-offset / rate, 0.0, elapsed_s.max()) if rate else 0.0
     return _law(Kind.DRIFT, elapsed_s - origin_s)
-
-
-def _is_spanned(signal: FloatArray, columns: FloatArray) -> bool:
-    """Return whether a signal (m,) is a linear combination of columns (m, k)."""
-    left = _residual(columns, signal, [np.arange(len(signal))])
-    return bool(left @ left <= _SPANNED * (signal @ signal))
 
 
 def periodic_columns(

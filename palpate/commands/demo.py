@@ -56,6 +56,17 @@ class HiddenDemo:
         """Whether the diagnosis named exactly the hidden effects."""
         return self.result.added == [entry.name for entry in self.answer.hidden]
 
+    def as_data(self) -> dict[str, Any]:
+        """Return the result as plain data; the keys are stable."""
+        diagnosis = self.result.diagnosis
+        return {
+            "session": str(self.session),
+            "files": {what: str(path) for what, path in self.files.items()},
+            "diagnosis": diagnosis.model_dump(mode="json") if diagnosis is not None else None,
+            "answer": [{"effect": entry.name, **entry.model_dump()} for entry in self.answer.hidden],
+            "found": self.found,
+        }
+
 
 def demo_command(
     scenario: Annotated[
@@ -127,7 +138,7 @@ def demo_command(
                 "recording": None if recording is None else str(recording),
                 "plots": [str(plots)],
                 "result": as_data(estimates, truth),
-                "hidden": None if hidden is None else _hidden_data(hidden),
+                "hidden": None if hidden is None else hidden.as_data(),
             }
         )
         return
@@ -147,17 +158,6 @@ def demo_command(
             2, ("palpate probe --hidden random --seed 7", "another hidden effect, drawn from all effects")
         )
     console.next_steps(*steps, (again, "the same demo again"))
-
-
-def _hidden_data(hidden: HiddenDemo) -> dict[str, Any]:
-    diagnosis = hidden.result.diagnosis
-    return {
-        "session": str(hidden.session),
-        "files": {what: str(path) for what, path in hidden.files.items()},
-        "diagnosis": diagnosis.model_dump(mode="json") if diagnosis is not None else None,
-        "answer": [{"effect": entry.name, **entry.model_dump()} for entry in hidden.answer.hidden],
-        "found": hidden.found,
-    }
 
 
 def _print_hidden(hidden: HiddenDemo) -> None:

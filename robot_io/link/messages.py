@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
 from operator import attrgetter
-from typing import Any, Generic, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, Generic, TypeVar, get_args, get_origin, get_type_hints
 
 from google.protobuf import descriptor_pb2, message_factory
 from google.protobuf.message import DecodeError
@@ -74,19 +74,18 @@ class _Codec:
     def __init__(self, kind: type, descriptor: Any) -> None:  # noqa: ANN401, built at run time
         members = _members(kind)
         self._kind, self.message = kind, message_factory.GetMessageClass(descriptor)
-        self._names = tuple(member.name for member in members)
+        self._names = tuple(name for name, _, _ in members)
         self._values = attrgetter(*self._names)
         self._build: list[tuple[str, Callable[[Any], object]]] = []  # fields that need a conversion
         self._read: list[tuple[int, Callable[[Any], object]]] = []
-        for index, member in enumerate(members):
-            if member.kind not in _SCALARS:
-                inner = _Codec(member.kind, descriptor.fields_by_name[member.name].message_type)
-                is_repeated = member.repeated
+        for index, (name, own, is_repeated) in enumerate(members):
+            if own not in _SCALARS:
+                inner = _Codec(own, descriptor.fields_by_name[name].message_type)
                 self._build.append(
-                    (member.name, partial(_convert_each, inner.build) if is_repeated else inner.build)
+                    (name, partial(_convert_each, inner.build) if is_repeated else inner.build)
                 )
                 self._read.append((index, partial(_convert_each, inner.read) if is_repeated else inner.read))
-            elif member.repeated:
+            elif is_repeated:
                 # Copied as a slice: twice as fast as one by one.
                 self._read.append((index, lambda values: tuple(values[:])))
 
@@ -107,31 +106,21 @@ def _convert_each(convert: Callable[[Any], Any], values: Iterable[Any]) -> tuple
     return tuple([convert(value) for value in values])  # faster than of a generator
 
 
-class _Member(NamedTuple):
-    """A field of a class."""
-
-    name: str
-    kind: type
-    repeated: bool
-
-
-def _members(kind: type) -> list[_Member]:
-    members = []
-    for name, hint in get_type_hints(kind).items():
-        repeated = get_origin(hint) is tuple
-        members.append(_Member(name, get_args(hint)[0] if repeated else hint, repeated))
-    return members
+def _members(kind: type) -> list[tuple[str, type, bool]]:
+    """Return name and type of each field of a class, and whether it is repeated."""
+    hints = [(name, hint, get_origin(hint) is tuple) for name, hint in get_type_hints(kind).items()]
+    return [(name, get_args(hint)[0] if repeated else hint, repeated) for name, hint, repeated in hints]
 
 
 def _describe(kind: type) -> descriptor_pb2.DescriptorProto:
     message = descriptor_pb2.DescriptorProto(name=kind.__name__)
-    for number, member in enumerate(_members(kind), start=1):
-        field = message.field.add(name=member.name, json_name=member.name, number=number)
-        field.label = _FIELD.LABEL_REPEATED if member.repeated else _FIELD.LABEL_OPTIONAL
-        if member.kind in _SCALARS:
-            field.type = _SCALARS[member.kind]
+    for number, (name, own, is_repeated) in enumerate(_members(kind), start=1):
+        field = message.field.add(name=name, json_name=name, number=number)
+        field.label = _FIELD.LABEL_REPEATED if is_repeated else _FIELD.LABEL_OPTIONAL
+        if own in _SCALARS:
+            field.type = _SCALARS[own]
             continue
-        inner = _describe(member.kind)
+        inner = _describe(own)
         message.nested_type.append(inner)
         field.type, field.type_name = _FIELD.TYPE_MESSAGE, inner.name
     return message

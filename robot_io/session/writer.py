@@ -168,11 +168,17 @@ class SessionWriter:
         self._closed = True
         self._rings = {}
         self._log.request_stop()
-        if not self._wait_until_finished():
-            self._process.kill()
-            with suppress(subprocess.TimeoutExpired):  # nothing ends a process that a disk holds
-                self._process.wait(_KILL_LIMIT_S)
-            raise UnloggedError(f"{self.path}: {_STALLED}; the end is missing")
+        taken: int | None = None
+        while self._process.poll() is None:
+            now_taken = sum(ring.taken for ring in self._log.rings.values())
+            if now_taken != taken:
+                taken, give_up_s = now_taken, time.monotonic() + self._patience_s
+            if time.monotonic() > give_up_s:  # it has written nothing for too long
+                self._process.kill()
+                with suppress(subprocess.TimeoutExpired):  # nothing ends a process that a disk holds
+                    self._process.wait(_KILL_LIMIT_S)
+                raise UnloggedError(f"{self.path}: {_STALLED}; the end is missing")
+            time.sleep(_POLL_S)
         self._process.wait()
         if self.failure is not None:
             raise UnloggedError(f"{self.path} is not complete: {self.failure}") from self._log.system_error
@@ -191,18 +197,6 @@ class SessionWriter:
             error.add_note(
                 str(failure)
             )  # the error in the `with` block came first, so it is the one that is raised
-
-    def _wait_until_finished(self) -> bool:
-        """Return whether the writer process has ended; False when it has written nothing for too long."""
-        taken: int | None = None
-        while self._process.poll() is None:
-            now_taken = sum(ring.taken for ring in self._log.rings.values())
-            if now_taken != taken:
-                taken, give_up_s = now_taken, time.monotonic() + self._patience_s
-            if time.monotonic() > give_up_s:
-                return False
-            time.sleep(_POLL_S)
-        return True
 
 
 def new_session_path(path: str | os.PathLike[str]) -> Path:
@@ -264,7 +258,22 @@ def write_session(
     try:
         with atomic_write(new, replace=False) as unfinished, unfinished.open("wb") as file:
             mcap = McapFile(file, [stream for stream, _ in tables], metadata)
-            _write_all(mcap, tables, tuple(events), progress)
+            listed = tuple(events)
+            mcap.write_events(
+                range(len(listed)), [event.time_s for event in listed], list(map(encode_event, listed))
+            )
+            counts = {stream.name: len(arrays[TIME_COLUMN]) for stream, arrays in tables}
+            written = 0
+            for stream, arrays in tables:
+                step = _AT_ONCE // stream.batch * stream.batch
+                for start in range(0, counts[stream.name], step):
+                    piece = {name: array[start : start + step] for name, array in arrays.items()}
+                    part = stream.records(piece)
+                    numbers = np.arange(start, start + len(part), dtype=np.uint64)
+                    mcap.write_records(stream.name, numbers, part)
+                    written += len(part)
+                    progress(written / sum(counts.values()))
+            mcap.finish({EVENT_STREAM: len(listed)} | counts)
             os.fsync(file.fileno())
     except FileExistsError:
         raise _exists(new) from None
@@ -274,23 +283,3 @@ def write_session(
 
 
 _Table = tuple[Stream, Mapping[str, NDArray[Any]]]
-
-
-def _write_all(
-    mcap: McapFile,
-    tables: Sequence[_Table],
-    events: Sequence[Event],
-    progress: Callable[[float], None],
-) -> None:
-    messages = [encode_event(event) for event in events]
-    mcap.write_events(range(len(events)), [event.time_s for event in events], messages)
-    counts = {stream.name: len(columns[TIME_COLUMN]) for stream, columns in tables}
-    written = 0
-    for stream, columns in tables:
-        step = _AT_ONCE // stream.batch * stream.batch
-        for start in range(0, counts[stream.name], step):
-            part = stream.records({name: array[start : start + step] for name, array in columns.items()})
-            mcap.write_records(stream.name, np.arange(start, start + len(part), dtype=np.uint64), part)
-            written += len(part)
-            progress(written / sum(counts.values()))
-    mcap.finish({EVENT_STREAM: len(events)} | counts)

@@ -25,7 +25,12 @@ class MujocoEngine(Engine):
     def __init__(
         self, urdf_text: str, tip_frame: str, *, step_s: float, gravity_m_s2: Sequence[float]
     ) -> None:
-        self._model = model = _load(urdf_text)
+        try:
+            specification = mujoco.MjSpec.from_string(urdf_text)
+            specification.compiler.fusestatic = False  # else the tip frame would be merged into its link
+            self._model = model = specification.compile()
+        except ValueError as error:
+            raise InputError(f"URDF: MuJoCo cannot load it ({' '.join(str(error).split())})") from error
         model.opt.timestep = step_s
         model.opt.gravity[:] = gravity_m_s2
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_AUTORESET
@@ -115,13 +120,3 @@ class MujocoEngine(Engine):
         mujoco.mj_fwdVelocity(self._model, aside)
         mujoco.mj_rne(self._model, aside, 1, torque)
         return torque
-
-
-def _load(urdf_text: str) -> mujoco.MjModel:
-    try:
-        specification = mujoco.MjSpec.from_string(urdf_text)
-        # The tip frame would be merged into the link that carries it.
-        specification.compiler.fusestatic = False
-        return specification.compile()
-    except ValueError as error:
-        raise InputError(f"URDF: MuJoCo cannot load it ({' '.join(str(error).split())})") from error

@@ -91,7 +91,7 @@ class PlausibilityFilter:
             packets: An answer of at least `FEEDBACK_SIZE` bytes from each servo.
 
         Raises:
-            ProtocolError: The feedback is implausible.
+            ProtocolError: The feedback is implausible, or a servo has other settings.
             DeviceError: A servo has restarted.
         """
         servos = []
@@ -99,26 +99,21 @@ class PlausibilityFilter:
             on, acceleration, goal, time, fastest, limit, lock, position, speed, load, errors = (
                 _FORMAT.unpack_from(data, len(data) - FEEDBACK_SIZE)
             )
-            self._check_settings(servo_id, (acceleration, time, fastest, limit, lock), on)
+            settings = zip(
+                _SETTINGS, (acceleration, time, fastest, limit, lock), self._settings[servo_id], strict=True
+            )
+            if changed := [setting for setting in settings if setting[1] != setting[2]]:
+                name, value, expected = changed[0]
+                fault = f"servo {servo_id}: {name} is {value} instead of {expected}"
+                if len(changed) == 1 and (name, value, on) == ("torque limit", tables.RESTARTED_LIMIT, 0):
+                    raise DeviceError(f"{fault}: it has restarted")
+                raise ProtocolError(f"{fault}: damaged, or it has restarted")
             position = tables.PRESENT_POSITION.signed_value(position)
             servos.append((on, goal, position, speed, load, errors))
         feedback = _make_feedback(zip(*servos, strict=True))
         if problem := self.problem(feedback):
             raise ProtocolError(f"{problem}: its answer is damaged")
         return feedback
-
-    def _check_settings(self, servo_id: int, reported: Settings, torque_on: int) -> None:
-        """Raise the error of `decode` if a servo has other settings."""
-        settings = zip(_SETTINGS, reported, self._settings[servo_id], strict=True)
-        changed = [setting for setting in settings if setting[1] != setting[2]]
-        if not changed:
-            return
-        name, value, expected = changed[0]
-        problem = f"servo {servo_id}: {name} is {value} instead of {expected}"
-        restarted = ("torque limit", tables.RESTARTED_LIMIT, 0)
-        if len(changed) == 1 and (name, value, torque_on) == restarted:
-            raise DeviceError(f"{problem}: it has restarted")
-        raise ProtocolError(f"{problem}: damaged, or it has restarted")
 
     def problem(self, feedback: FeetechFeedback) -> str | None:
         """Compare goals with those sent, and positions with the last ones, which plausible ones replace.

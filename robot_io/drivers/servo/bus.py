@@ -3,6 +3,7 @@
 import struct
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property
 from math import exp, isnan, pi
 from typing import Any, Generic, Literal
@@ -115,19 +116,15 @@ class ServoBus(JointBus, Examinable, Generic[FeedbackType]):
     def examine(self) -> tuple[Finding, ...]:
         """See `Examinable.examine`; also how far the two servos of a joint stand apart."""
         findings = examine_line(self._settings, self._line, self._examine_servo)
-        return (*findings, *self._examine_pairs())
-
-    def _examine_pairs(self) -> list[Finding]:
-        try:
+        with suppress(DeviceError):  # servos that do not answer are in other findings
             register = self._line.present_position
             position_counts = [self._line.registers.read(servo_id, register) for servo_id in self._ids]
-        except DeviceError:
-            return []  # servos that do not answer are in other findings
-        zeros = [0] * len(position_counts)
-        counts = (position_counts, zeros, zeros)
-        if not self._turns_known:
-            self._joints.choose_turns(counts)
-        return self._pairs.examine(self._joints.motion(counts)[0])
+            zeros = [0] * len(position_counts)
+            counts = (position_counts, zeros, zeros)
+            if not self._turns_known:
+                self._joints.choose_turns(counts)
+            findings += self._pairs.examine(self._joints.motion(counts)[0])
+        return tuple(findings)
 
     def tick_wire_s(self) -> float | None:
         """See `Examinable.tick_wire_s`: one sync read with its answers, and one sync write."""
@@ -147,7 +144,12 @@ class ServoBus(JointBus, Examinable, Generic[FeedbackType]):
         if self._reader is None:
             raise LifecycleError("the servos can be read only between configure and close")
         feedback, asked_at_s = self._reader.read(deadline_s)
-        fault_text = "" if self._is_healthy(feedback) else self._fault_texts(feedback)
+        fault_text = ""
+        if not self._is_healthy(feedback):
+            if problem := self._problem(feedback):
+                raise DeviceError(problem)
+            servos = zip(self._labels, feedback.fault_texts, strict=True)
+            fault_text = "; ".join(f"{label}: {text}" for label, text in servos if text)
         counts = self._counts(feedback)
         if not self._turns_known:
             self._joints.choose_turns(counts)
@@ -165,17 +167,6 @@ class ServoBus(JointBus, Examinable, Generic[FeedbackType]):
         self.torque = Reading(torque_nm, asked_at_s, Status.FAULT if fault_text else Status.OK)
         if fault_text:
             raise DeviceError(fault_text)
-
-    def _fault_texts(self, feedback: FeedbackType) -> str:
-        """Return errors that servos report with sound positions.
-
-        Raises:
-            DeviceError: the feedback cannot be trusted at all.
-        """
-        if problem := self._problem(feedback):
-            raise DeviceError(problem)
-        servos = zip(self._labels, feedback.fault_texts, strict=True)
-        return "; ".join(f"{label}: {fault_text}" for label, fault_text in servos if fault_text)
 
     def stage(self, torque_nm: FloatArray) -> FloatArray:
         """See `JointBus.stage`; raise `InputError` if a torque is not a number."""
