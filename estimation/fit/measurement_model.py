@@ -17,6 +17,7 @@ from palpate.estimation.data.derivatives import (
     HALF_WINDOWS,
     grid_step,
     local_derivative,
+    local_fits,
     position_error,
     rounding_variance,
     uneven_derivative_operator,
@@ -68,14 +69,14 @@ class MeasurementModel:
         """
         error, data = share * self._simulate_error(rng), self.data
         if self.filters[0] is not None:
-            noise = channel_derivative(data, error, self.filters[0], 1)
+            noise = _filtered(data, error, self.filters[0], 1)
         else:
             slow = low_frequency_noise(self.velocity_error, self._pieces, self.halves[1], rng)
             noise = share * (shuffle_noise(self.velocity_error, data.run, rng) + slow)
         velocity, acceleration = self.bent[0] + noise, self.bent[1]
         if self.filters[1] is not None:
             signal, order = (noise, 1) if self.is_of_velocity else (error, 2)
-            acceleration = acceleration + channel_derivative(data, signal, self.filters[1], order)
+            acceleration = acceleration + _filtered(data, signal, self.filters[1], order)
         return shifted_motion(
             data, error - self.error, velocity - data.velocity, acceleration - data.acceleration
         )
@@ -202,20 +203,30 @@ def channel_derivative(data: ChannelData, signal: FloatArray, window: int, order
         order: order of the derivative.
     """
     piece = _pieces(data.time_s, data.run)
-    if len(signal) * (2 * window + 1) < _MAX_WEIGHTS and not is_even(data.time_s, piece):
-        times = IdentityKey(data.time_s), IdentityKey(piece)
-        return np.asarray(_derivative_operator(*times, window, order) @ signal)
+    pieces = list(blocks(piece))
+    if not is_even(data.time_s, piece):
+        centers = [np.arange(rows.stop - rows.start) for rows in pieces]
+        return local_fits(data.time_s, signal, pieces, centers, window).fitted[:, order]
     derivative = np.empty(len(signal))
-    for rows in blocks(piece):
+    for rows in pieces:
         derivative[rows] = local_derivative(data.time_s[rows], signal[rows], window, order)
     return derivative
+
+
+def _filtered(data: ChannelData, signal: FloatArray, window: int, order: int) -> FloatArray:
+    """Return `channel_derivative`, by an operator that is kept for the many signals of one filter."""
+    piece = _pieces(data.time_s, data.run)
+    if len(signal) * (2 * window + 1) >= _MAX_WEIGHTS or is_even(data.time_s, piece):
+        return channel_derivative(data, signal, window, order)
+    times = IdentityKey(data.time_s), IdentityKey(piece)
+    return np.asarray(_derivative_operator(*times, window, order) @ signal)
 
 
 @lru_cache(maxsize=8)
 def _derivative_operator(
     time_s: IdentityKey, piece: IdentityKey, window: int, order: int
 ) -> "scipy.sparse.csr_array":
-    """Return the derivative operator of a channel with uneven time steps, cached for simulated readings."""
+    """Return the derivative operator of a channel with uneven time steps."""
     return uneven_derivative_operator(time_s.wrapped, list(blocks(piece.wrapped)), window, order)
 
 
@@ -228,7 +239,7 @@ def _apply_filter(data: ChannelData, exact: FloatArray, window: int | None, orde
         signal = signal.copy()
         for rows in equal_length_blocks(_pieces(data.time_s, data.run)):
             signal[rows] = scipy.integrate.cumulative_simpson(signal[rows], x=data.time_s[rows], initial=0.0)
-    return channel_derivative(data, signal, window, order)
+    return _filtered(data, signal, window, order)
 
 
 def _invert_filter(data: ChannelData, derivative: FloatArray, window: int | None, order: int) -> FloatArray:
