@@ -1,6 +1,7 @@
 """`palpate diagnose` and `estimate`: diagnose missing effects, and estimate parameters."""
 
 from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Annotated
 
@@ -18,6 +19,7 @@ from palpate.estimation.study import StudyDiagnosis
 from palpate.estimation.study.channels import ALL_CHANNELS
 from palpate.estimation.study.estimates import ALL, DEFAULT_ESTIMATORS
 from palpate.estimation.study.other_models import better_explanation, suggests_fresh_runs
+from palpate.estimation.study.results import ChannelResult
 from palpate.estimation.study.saved_diagnosis import RESULT
 from palpate.render.build import NAMES, view_of, write_outcome
 from palpate.render.estimates import as_data, calibration_remark, print_estimates
@@ -72,13 +74,16 @@ def diagnose_command(
         diagnosis = study.diagnose(channel, apply=apply, progress=progress)
     following = study.next_probe(diagnosis.channels)
     content = study.diagnosis_data(diagnosis)
-    results = [
-        study.result(study.channel(channel.channel), [entry.effect for entry in channel.accepted], channel)
-        for channel in diagnosis.channels
-    ]
+
+    @cache  # JSON does not need these comparisons of all channels
+    def results() -> list[ChannelResult]:
+        return [
+            study.result(study.channel(entry.channel), [added.effect for added in entry.accepted], entry)
+            for entry in diagnosis.channels
+        ]
 
     def show() -> None:
-        print_diagnosis(console.stdout(), view_of(study, results))
+        print_diagnosis(console.stdout(), view_of(study, results()))
         if study.source.probed and all(item.kind is not ChannelKind.CONTACT for item in study.channels):
             console.warn(
                 "no contact: the force never rises above its level in free air; was anything touched?"
@@ -95,7 +100,7 @@ def diagnose_command(
         repeated = (
             f"palpate diagnose {data.command_text(channel=channel, model=model)}{' --apply' if apply else ''}"
         )
-        written = write_outcome(folder, study, results, [repeated], texts)
+        written = write_outcome(folder, study, results(), [repeated], texts)
         if not as_json:
             console.stdout().print()
             print_files(console.stdout(), {"result": folder / RESULT, **written})
