@@ -361,9 +361,9 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
 
 def _guess_tension_test(guess: RoleGuess) -> RoleGuess:
     """Read a strain as a displacement and a stress as a force; the guess is unchanged for other columns."""
-    stem, unit = split_unit(guess.column)
-    words = words_of(stem)
-    word = next((word for word in _TENSION_TEST if {word} == _NOT_MEASURED.intersection(words)), None)
+    unit = split_unit(guess.column)[1]
+    measured = _NOT_MEASURED.intersection(words_of(guess.column))  # with the unit: "True strain" ends in one
+    word = next((word for word in _TENSION_TEST if {word} == measured), None)
     if word is None:
         return guess
     quantity, usual_unit = _TENSION_TEST[word]

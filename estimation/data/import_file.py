@@ -12,7 +12,7 @@ import scipy
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.assign_columns import ColumnAssignment, assign_columns, in_blocks
 from palpate.estimation.data.channel_sources import ChannelSource, channel_sources, check_options_are_used
-from palpate.estimation.data.column_names import TIME, Key
+from palpate.estimation.data.column_names import TIME, Key, quantity_in, unit_in_name
 from palpate.estimation.data.column_units import ColumnUnits
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.file_columns import list_first
@@ -26,7 +26,7 @@ from palpate.estimation.data.import_rows import (
 from palpate.estimation.data.measured_derivatives import is_difference, mistaken_scale
 from palpate.estimation.data.presses import press_phases
 from palpate.estimation.data.table import Table, read_table
-from palpate.estimation.data.units import MAX_STEP_S, likely_time_unit
+from palpate.estimation.data.units import MAX_STEP_S, dimension_of, factor_to_si, likely_time_unit
 from palpate.estimation.signals.blocks import blocks, number_pieces
 from palpate.estimation.signals.runwise import sample_time
 from palpate.estimation.statistics.correlation import correlation_coefficient
@@ -43,6 +43,8 @@ _SPECIMEN = re.compile(
     r"specimen|sample|probek?(?!\w)|prüfling|éprouvette|échantillon|probeta|试样|試料", re.IGNORECASE
 )
 _MIN_SPECIMENS = 2
+_CLOCK_UNITS = (1.0, 1e-3, 1e-6, 1e-9)  # units that a time without a unit may have [s]
+_SAME_SPAN = 1.05  # largest ratio of the durations of two clocks that agree
 _SPECIMENS_NOTE = (
     "{1} {0} specimens, whose runs are read as runs of one object; --where {2} reads one of them, and "
     "--fresh-runs states that each run pressed a fresh one"
@@ -116,7 +118,7 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> ImportedD
             "no column holds an effort; goal minus position [rad] is used instead, which is the "
             "torque divided by the servo's position gain (model position_servo)"
         )
-    notes += [*_note_time(columns, rows), *_note_specimens(columns, rows, options)]
+    notes += [*_note_time(columns, rows, options.columns.values()), *_note_specimens(columns, rows, options)]
     channels = [_make_channel(source, columns, rows, notes) for source in sources]
     channels = _reverse_reactions(channels, sources, columns, ColumnUnits(table, options), notes)
     channels = [replace(channel, context=context, recorded=frozenset(context)) for channel in channels]
@@ -182,11 +184,13 @@ def chosen_texts(name: str, given: str, texts: Collection[str], place: str) -> l
     return parts
 
 
-def _note_time(columns: ColumnAssignment, rows: ImportedRows) -> Iterator[str]:
-    """Yield notes on an unlikely unit of time, and on the first pause longer than the rest of its run."""
+def _note_time(columns: ColumnAssignment, rows: ImportedRows, user_columns: Collection[str]) -> Iterator[str]:
+    """Yield notes on an unlikely unit of time, a clock that disagrees, and a pause longer than its run."""
     if TIME not in columns:
         return
     time, step_s = columns.assigned[TIME], sample_time(rows.time_s, rows.run)
+    if time.column not in user_columns:
+        yield from _note_other_clock(columns)
     if not _MIN_STEP_S <= step_s <= MAX_STEP_S:
         yield (
             f"column '{time.column}': samples are {step_s:.3g} s apart; if this unit is wrong, give "
@@ -200,6 +204,27 @@ def _note_time(columns: ColumnAssignment, rows: ImportedRows) -> Iterator[str]:
             yield (
                 f"'{time.column}' jumps by {steps_s[longest]:.4g} s to {row}, which is longer than the rest "
                 "of the run; if samples are missing, select one part with --where"
+            )
+            return
+
+
+def _note_other_clock(columns: ColumnAssignment) -> Iterator[str]:
+    """Yield a note if another column is named a time and rises in each row, but by a different duration."""
+    time_s = columns.values(TIME)
+    for name in columns.unused:
+        if quantity_in(name) != TIME[0]:
+            continue
+        times = columns.table.numbers(name)
+        if not all((np.diff(clock) > 0.0).all() for clock in (time_s, times)):
+            continue
+        unit = unit_in_name(name)
+        factors = [factor_to_si(unit, "time", name)] if dimension_of(unit) == "time" else _CLOCK_UNITS
+        spans_s = [factor * np.ptp(times) for factor in factors]
+        span_s = min(spans_s, key=lambda span: abs(np.log(span / np.ptp(time_s))))
+        if not 1.0 / _SAME_SPAN < span_s / np.ptp(time_s) < _SAME_SPAN:
+            yield (
+                f"'{name}' is a clock too, but covers {span_s:.4g} s where '{columns.name(TIME)}' covers "
+                f"{np.ptp(time_s):.4g} s; if '{name}' is right, add --column time={shlex.quote(name)}"
             )
             return
 

@@ -129,6 +129,7 @@ def test_effort_without_a_constant_is_used_with_a_note(column, factor, words):
     [
         ("strain [mm/mm]", "stress [Pa]", 1.0, 1.0),
         ("Engineering Strain (%)", "Engineering Stress (kPa)", 0.01, 1e3),
+        ("True strain", "True stress (MPa)", 1.0, 1e6),
     ],
 )
 def test_strain_and_stress_are_used_if_there_is_no_displacement_and_force(strain, stress, length_m, force_n):
