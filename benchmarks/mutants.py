@@ -48,6 +48,7 @@ AREAS = {  # where the program is, and the tests that are to notice, in tests/
 GOAL = 0.97
 MOST_S = 900.0  # that the tests of an area may take as it is
 LONGER, MARGIN_S = 2.5, 60.0  # times that, and more, is no end; the machine may have other work meanwhile
+_LOOKS = {"alpha", "figsize", "fontsize", "lw", "mew", "ms", "rotation"}
 _COMPARED = {ast.Lt: "<=", ast.LtE: "<", ast.Gt: ">=", ast.GtE: ">", ast.Eq: "!=", ast.NotEq: "=="}
 _COMPARED |= {ast.In: "not in", ast.NotIn: "in", ast.Is: "is not", ast.IsNot: "is"}
 _COMPUTED = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/"} | dict.fromkeys(
@@ -88,13 +89,15 @@ def _changes(tree: ast.AST) -> Iterator[tuple[ast.AST, str]]:
     """Nodes with the text that stands for them in a mutant.
 
     Left alone is what the tests of a right program cannot notice by its nature: types and what guards them
-    (`frozen`, `slots` and other decorators), texts, imports, and `strict` of a zip, which is an assertion.
+    (`frozen`, `slots` and other decorators), texts, imports, line widths and other looks of a drawing, and
+    `strict` of a zip, which is an assertion.
     """
     for node in ast.iter_child_nodes(tree):
         types = (getattr(tree, "annotation", None), getattr(tree, "returns", None))
-        is_asserted = isinstance(node, ast.keyword) and getattr(tree, "func", None) is not None
-        is_asserted = is_asserted and ast.unparse(tree.func) == "zip"
-        if node in types or node in getattr(tree, "decorator_list", ()) or is_asserted:
+        is_left = isinstance(node, ast.keyword) and (
+            node.arg in _LOOKS or ast.unparse(getattr(tree, "func", tree)) == "zip"
+        )
+        if node in types or node in getattr(tree, "decorator_list", ()) or is_left:
             continue
         if isinstance(tree, ast.Raise | ast.JoinedStr | ast.Import | ast.ImportFrom):
             continue
