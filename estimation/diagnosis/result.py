@@ -14,7 +14,7 @@ from palpate.estimation.diagnosis.forms import Form
 from palpate.estimation.estimate import DisplayTable, ParameterEstimate, TableDisplay
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.intervals import SIGMAS_95
-from palpate.estimation.fit.measurement_noise import NoiseSource
+from palpate.estimation.fit.measurement_noise import MeasurementNoise, NoiseSource
 from palpate.estimation.kinds import Kind
 
 
@@ -181,6 +181,7 @@ class ChannelDiagnosis(TableDisplay, _Entry):
     averaged: str = ""
     warnings: list[str] = Field(default_factory=list)  # implausible properties of the data, with their values
     _fits: Mapping[tuple[str, ...], PackedFit] = PrivateAttr(default_factory=dict)
+    _noise: MeasurementNoise | None = PrivateAttr(None)
 
     def _table(self) -> DisplayTable:
         rows = [
@@ -190,13 +191,15 @@ class ChannelDiagnosis(TableDisplay, _Entry):
         caption = f"{self.channel}: {self.verdict}; {self.reason}"
         return DisplayTable(caption, ("parameter", "value", "95 % interval"), rows)
 
-    def with_fits(self, fits: Mapping[tuple[str, ...], FitResult]) -> Self:
-        """Return a copy with the fits from which the numbers were computed.
+    def with_fits(self, fits: Mapping[tuple[str, ...], FitResult], noise: MeasurementNoise) -> Self:
+        """Return a copy with the fits and the noise from which the numbers were computed.
 
         Args:
             fits: fits by the names of the added effects, in order.
+            noise: noise of the channel.
         """
         copy = self.model_copy()
+        copy._noise = noise
         copy._fits = {effects: PackedFit.of(fit) for effects, fit in fits.items()}
         return copy
 
@@ -204,6 +207,11 @@ class ChannelDiagnosis(TableDisplay, _Entry):
         """Return the attached fits by the names of the added effects, and release them."""
         fits, self._fits = self._fits, {}
         return fits
+
+    def take_noise(self) -> MeasurementNoise | None:
+        """Return the attached noise of the channel, None if there is none, and release it."""
+        noise, self._noise = self._noise, None
+        return noise
 
 
 class Diagnosis(_Entry):

@@ -306,7 +306,7 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
     added = [entry.effect for entry in accepted]
     chains = {tuple(added[:count]): fit for count, fit in enumerate(evidence.stages)}
     alone = {(name,): fit for name, fit in evidence.single_effects.items()}
-    return diagnosis.with_fits({chain: fit for chain, fit in (alone | chains).items() if chain})
+    return diagnosis.with_fits({chain: fit for chain, fit in (alone | chains).items() if chain}, noise)
 
 
 def _budget(evidence: Evidence) -> tuple[list[BudgetShare], BudgetRest]:

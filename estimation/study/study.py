@@ -126,6 +126,9 @@ class ModelStudy(StudyFits):
             if self.source.averaged:
                 release_freed_memory()
             for member, entry in zip(chosen, judged.channels, strict=True):
+                noise = entry.take_noise()
+                if noise is not None and not member.held_out:  # otherwise it is scored on other runs
+                    self._noise.setdefault(member.key, noise)
                 for added, packed in entry.take_fits().items():
                     self.take_fit(member, added, packed)
             entries = judged.channels
