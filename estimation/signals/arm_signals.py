@@ -76,11 +76,7 @@ def with_rigid_body(
         )
     context = dict(data.context)
     if regressor:
-
-        def along(*motion: FloatArray) -> FloatArray:
-            return np.array([body.regressor(*row)[joint] for row in zip(*motion, strict=True)])
-
-        context |= _with_slopes(REGRESSOR, along, (q, v, a), joint)
+        context |= _with_slopes(REGRESSOR, partial(body.joint_regressor, joint), (q, v, a), joint)
     arm = _arm_torques(body, *(data.context[name] for name in _MOTION))
     context |= _with_slopes(TORQUE, partial(_torque, body, joint), (q, v, a), joint, arm.rigid_body[:, joint])
     context[PAYLOAD] = arm.payload[:, joint]

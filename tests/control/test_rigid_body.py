@@ -130,12 +130,15 @@ def test_gravity_is_the_gradient_of_potential_energy():
 
 
 def test_regressor_times_parameters_is_inverse_dynamics():
-    for body in bodies():
-        for position, velocity, acceleration in random_states(5):
-            matrix = body.regressor(position, velocity, acceleration)
-            assert matrix.shape == (3, 30)
-            torque = body.inverse_dynamics(position, velocity, acceleration)
-            assert matrix @ body.parameters == pytest.approx(torque, abs=1e-12)
+    for body in (*bodies(), RigidBody.from_urdf(PENDULUM, "tip")):
+        count = body.joint_count
+        for state in random_states(5):
+            motion = [values[:count] for values in state]
+            matrix = body.regressor(*motion)
+            assert matrix.shape == (count, 10 * count)
+            assert matrix @ body.parameters == pytest.approx(body.inverse_dynamics(*motion), abs=1e-12)
+            rows = body.joint_regressor(count - 1, *(values[None] for values in motion))
+            assert np.array_equal(rows, matrix[-1:])
 
 
 def test_joint_axes_are_where_the_urdf_puts_them():
