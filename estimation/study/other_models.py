@@ -126,35 +126,31 @@ def keep_simplest_rivals(
         channel: the channel with its base model.
         diagnosis: the diagnosis of that channel.
     """
-    for place, entry in enumerate(diagnosis.accepted):
-        if entry.confused_with:
-            diagnosis = _keep_simplest(study, channel, diagnosis, place)
+    known = {effect.name: effect for effect in study.effects}
+    for place in range(len(diagnosis.accepted)):
+        accepted, names = list(diagnosis.accepted), [entry.effect for entry in diagnosis.accepted]
+        entry = accepted[place]
+        if not entry.confused_with:
+            continue
+        rivals = {
+            rival: _replace_effect(names, entry.effect, rival, known[rival].parts)
+            for rival in _candidates(entry)
+        }
+        models = {rival: study.fit(channel, effects).training_fit for rival, effects in rivals.items()}
+        kept: list[str] = []
+        for name in sorted(models, key=lambda name: (_size(models[name].model), len(known[name].signals))):
+            larger = models[name]
+            simpler = [models[rival] for rival in kept if _is_simpler(models[rival], larger)]
+            last = larger.model.effects[-1]
+            is_other = bool(simpler) and is_misnamed(last, larger.solution, larger.problem)
+            if not is_other and not any(_contains(larger, smaller) for smaller in simpler):
+                kept.append(name)
+        first, *rest = [name for name in models if name in kept]
+        effect = known[first]
+        about = {"physics": effect.physics, "equation": effect.equation, "signature": effect.signature}
+        accepted[place] = entry.model_copy(update={"effect": first, "confused_with": rest, **about})
+        diagnosis = _with_accepted(study, channel, diagnosis, accepted)
     return diagnosis
-
-
-def _keep_simplest(
-    study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis, place: int
-) -> ChannelDiagnosis:
-    """Keep the simplest rivals of one accepted effect; see `keep_simplest_rivals`."""
-    accepted, names = list(diagnosis.accepted), [entry.effect for entry in diagnosis.accepted]
-    entry, known = accepted[place], {effect.name: effect for effect in study.effects}
-    rivals = {
-        rival: _replace_effect(names, entry.effect, rival, known[rival].parts) for rival in _candidates(entry)
-    }
-    models = {rival: study.fit(channel, effects).training_fit for rival, effects in rivals.items()}
-    kept: list[str] = []
-    for name in sorted(models, key=lambda name: (_size(models[name].model), len(known[name].signals))):
-        larger = models[name]
-        simpler = [models[rival] for rival in kept if _is_simpler(models[rival], larger)]
-        last = larger.model.effects[-1]
-        is_other = bool(simpler) and is_misnamed(last, larger.solution, larger.problem)
-        if not is_other and not any(_contains(larger, smaller) for smaller in simpler):
-            kept.append(name)
-    first, *rest = [name for name in models if name in kept]
-    effect = known[first]
-    about = {"physics": effect.physics, "equation": effect.equation, "signature": effect.signature}
-    accepted[place] = entry.model_copy(update={"effect": first, "confused_with": rest, **about})
-    return _with_accepted(study, channel, diagnosis, accepted)
 
 
 def _with_accepted(

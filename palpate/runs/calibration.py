@@ -1,7 +1,7 @@
 """Record data for calibrations: motions in free air, touches of hard stops, a known pose, and weights."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
@@ -49,8 +49,7 @@ class CalibrationJob(ArmJob):
 Place = Callable[[ArmSession, int, float], None]
 
 
-@contextmanager
-def calibration_setup(job: CalibrationJob) -> Iterator[ArmSession]:
+def calibration_setup(job: CalibrationJob) -> AbstractContextManager[ArmSession]:
     """Open the unpowered robot and begin the session, which is complete when the context ends.
 
     Args:
@@ -62,8 +61,7 @@ def calibration_setup(job: CalibrationJob) -> Iterator[ArmSession]:
     """
     now_utc = datetime.now(UTC)
     calibrations = load_calibrations(job.robot_file, now_utc, leave_out=(job.kind,), emulated=job.wired)
-    with arm_session(job, calibrations, {KIND: job.kind}, now_utc) as arm:
-        yield arm
+    return arm_session(job, calibrations, {KIND: job.kind}, now_utc)
 
 
 def _stationary(arm: ArmSession) -> StationaryRobot:

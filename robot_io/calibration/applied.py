@@ -24,7 +24,6 @@ from palpate.robot_io.calibration.file import (
     EncoderCalibration,
     ForceCalibration,
     GravityCalibration,
-    Quantities,
     TorqueCalibration,
     calibration_from,
 )
@@ -378,7 +377,7 @@ class CalibratedEncoder(_Calibrated[JointEncoder], JointEncoder):
 
     def __init__(self, driver: JointEncoder, calibration: EncoderCalibration) -> None:
         super().__init__(driver)
-        self._offset_rad = _values(calibration.values.offset)
+        self._offset_rad = frozen_array(calibration.values.offset.value)
 
     @property
     def joint_count(self) -> int:
@@ -407,9 +406,9 @@ class CalibratedTorque(_Calibrated[JointTorque], JointTorque):
     def __init__(self, driver: JointTorque, calibration: TorqueCalibration, limit_nm: ArrayLike) -> None:
         super().__init__(driver)
         values = calibration.values
-        self._gain = _values(values.gain)
-        self._offset_nm = _values(values.offset)
-        self._command_offset_nm = _values(values.command_offset)
+        self._gain = frozen_array(values.gain.value)
+        self._offset_nm = frozen_array(values.offset.value)
+        self._command_offset_nm = frozen_array(values.command_offset.value)
         self._limit_nm = frozen_array(limit_nm, self._gain.shape, what="torque limit")
 
     @property
@@ -425,7 +424,3 @@ class CalibratedTorque(_Calibrated[JointTorque], JointTorque):
         command_nm = (torque_nm - self._command_offset_nm) / self._gain
         staged_nm = self._driver.stage_torque(np.clip(command_nm, -self._limit_nm, self._limit_nm))
         return np.asarray(self._gain * staged_nm + self._command_offset_nm)
-
-
-def _values(quantities: Quantities) -> FloatArray:
-    return frozen_array(quantities.value)

@@ -37,11 +37,25 @@ class WireType(Generic[T]):
 
     Args:
         kind: the class.
+        descriptor: type of its message, within that of another class; None for a class of its own.
     """
 
-    def __init__(self, kind: type[T]) -> None:
-        self._codec = _Codec(kind, descriptor_of(_describe(kind)))
-        self._name = kind.__name__
+    def __init__(self, kind: type[T], descriptor: Any = None) -> None:  # noqa: ANN401, built at run time
+        members, descriptor = _members(kind), descriptor or descriptor_of(_describe(kind))
+        self._kind, self._message = kind, message_factory.GetMessageClass(descriptor)
+        self._names = tuple(name for name, _, _ in members)
+        self._values = attrgetter(*self._names)
+        self._build: list[tuple[str, Callable[[Any], object]]] = []  # fields that need a conversion
+        self._read: list[tuple[int, Callable[[Any], object]]] = []
+        for index, (name, own, is_repeated) in enumerate(members):
+            if own not in _SCALARS:
+                inner: WireType[Any] = WireType(own, descriptor.fields_by_name[name].message_type)
+                build, read = inner._message_of, inner._value_of
+                self._build.append((name, partial(_convert_each, build) if is_repeated else build))
+                self._read.append((index, partial(_convert_each, read) if is_repeated else read))
+            elif is_repeated:
+                # Copied as a slice: twice as fast as one by one.
+                self._read.append((index, lambda values: tuple(values[:])))
 
     def encode(self, value: T) -> bytes:
         """Encode a value.
@@ -49,7 +63,7 @@ class WireType(Generic[T]):
         Args:
             value: value of the class.
         """
-        data: bytes = self._codec.build(value).SerializeToString()
+        data: bytes = self._message_of(value).SerializeToString()
         return data
 
     def decode(self, data: bytes) -> T:
@@ -62,40 +76,18 @@ class WireType(Generic[T]):
             ProtocolError: the bytes are not such a message, or a value is invalid.
         """
         try:
-            value: T = self._codec.read(self._codec.message.FromString(data))
+            return self._value_of(self._message.FromString(data))
         except (DecodeError, ValueError, TypeError) as error:
-            raise ProtocolError(f"{self._name}: {' '.join(str(error).split())[:200]}") from error
-        return value
+            text = " ".join(str(error).split())[:200]
+            raise ProtocolError(f"{self._kind.__name__}: {text}") from error
 
-
-class _Codec:
-    """One class and its message type; a nested class has its own codec."""
-
-    def __init__(self, kind: type, descriptor: Any) -> None:  # noqa: ANN401, built at run time
-        members = _members(kind)
-        self._kind, self.message = kind, message_factory.GetMessageClass(descriptor)
-        self._names = tuple(name for name, _, _ in members)
-        self._values = attrgetter(*self._names)
-        self._build: list[tuple[str, Callable[[Any], object]]] = []  # fields that need a conversion
-        self._read: list[tuple[int, Callable[[Any], object]]] = []
-        for index, (name, own, is_repeated) in enumerate(members):
-            if own not in _SCALARS:
-                inner = _Codec(own, descriptor.fields_by_name[name].message_type)
-                self._build.append(
-                    (name, partial(_convert_each, inner.build) if is_repeated else inner.build)
-                )
-                self._read.append((index, partial(_convert_each, inner.read) if is_repeated else inner.read))
-            elif is_repeated:
-                # Copied as a slice: twice as fast as one by one.
-                self._read.append((index, lambda values: tuple(values[:])))
-
-    def build(self, value: object) -> Any:  # noqa: ANN401, built at run time
+    def _message_of(self, value: T) -> Any:  # noqa: ANN401, built at run time
         values = dict(zip(self._names, self._values(value), strict=False))
         for name, build in self._build:
             values[name] = build(values[name])
-        return self.message(**values)
+        return self._message(**values)
 
-    def read(self, message: Any) -> Any:  # noqa: ANN401, built at run time
+    def _value_of(self, message: Any) -> T:  # noqa: ANN401, built at run time
         values = list(self._values(message))
         for index, read in self._read:
             values[index] = read(values[index])

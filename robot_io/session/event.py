@@ -82,7 +82,8 @@ MAX_EVENT_BYTES = 4000
 
 _FIELD = descriptor_pb2.FieldDescriptorProto
 _CUT = " [cut]"
-_LOG, _UNCLOSED = "log", "the program ended without closing the session"
+# Kind and text of the last event of a session whose program was killed.
+UNCLOSED = ("log", "the program ended without closing the session")
 
 
 @dataclass(frozen=True)
@@ -94,24 +95,6 @@ class Event:
     text: str  # one line for people
     # Values for programs, as JSON can hold them; None if there are none.
     data: Mapping[str, Any] | None = None
-
-
-def unclosed(time_s: float) -> Event:
-    """Make the last event of a session whose program was killed.
-
-    Args:
-        time_s: on the session's clock [s].
-    """
-    return Event(time_s, _LOG, _UNCLOSED)
-
-
-def marks_unclosed(event: Event) -> bool:
-    """Return whether `unclosed` made an event.
-
-    Args:
-        event: event of a session.
-    """
-    return (event.kind, event.text) == (_LOG, _UNCLOSED)
 
 
 def _event_type() -> descriptor_pb2.DescriptorProto:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import IO
 
 from palpate.robot_io.errors import InputError, SessionError, UnknownNameError
-from palpate.robot_io.session.event import EVENT_STREAM, Event, SessionMetadata, decode_event, marks_unclosed
+from palpate.robot_io.session.event import EVENT_STREAM, UNCLOSED, Event, SessionMetadata, decode_event
 from palpate.robot_io.session.mcap_file import (
     END_RECORD,
     EXTRA_RECORD,
@@ -41,7 +41,7 @@ class Session:
     @property
     def unclosed(self) -> bool:
         """Whether its program ended without closing it; the session contains everything logged until then."""
-        return any(map(marks_unclosed, self.events))
+        return any((event.kind, event.text) == UNCLOSED for event in self.events)
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> "Session":

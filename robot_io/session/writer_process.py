@@ -12,7 +12,7 @@ from pathlib import Path
 
 from palpate.robot_io.errors import SessionError
 from palpate.robot_io.files.atomic_write import reserve_name
-from palpate.robot_io.session.event import EVENT_STREAM, SessionMetadata, encode_event, unclosed
+from palpate.robot_io.session.event import EVENT_STREAM, UNCLOSED, Event, SessionMetadata, encode_event
 from palpate.robot_io.session.mcap_file import McapFile
 from palpate.robot_io.session.shared_log import FINISHED, READY, SharedLog, WriterJob, lock
 from palpate.robot_io.session.stream import TIME_COLUMN, Stream, streams_from_json
@@ -103,7 +103,7 @@ class _Drain:
         """Write the end of the file, and an event if the program did not ask for it."""
         offered = {name: ring.offered for name, ring in self._log.rings.items()}
         if not self._log.stop_requested:
-            event = unclosed(self._last_time_s)
+            event = Event(self._last_time_s, *UNCLOSED)
             self._mcap.write_events([offered[EVENT_STREAM]], [event.time_s], [encode_event(event)])
             offered[EVENT_STREAM] += 1
         self._mcap.finish(offered)

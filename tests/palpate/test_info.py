@@ -5,7 +5,7 @@ import os
 import pytest
 
 from palpate.robot_io.session import Event, SessionMetadata, write_session
-from palpate.robot_io.session.event import unclosed
+from palpate.robot_io.session.event import UNCLOSED
 from tests.palpate import synthetic
 from tests.palpate.cli import as_json, assert_refused, done, run
 from tests.palpate.sessions import synthetic_session
@@ -46,7 +46,7 @@ def test_truncated_session_is_not_called_complete(session, tmp_path):
     assert as_json("info", cut)["truncated"] is True
     assert "the end is missing" in run("info", cut).stdout
     path = tmp_path / "killed.mcap"
-    write_session(path, [], SessionMetadata(), [Event(0.0, "start", "it begins", None), unclosed(1.0)])
+    write_session(path, [], SessionMetadata(), [Event(0.0, "start", "it begins"), Event(1.0, *UNCLOSED)])
     assert "no: the program was killed before it closed the file" in run("info", path).stdout
     assert as_json("info", path)["unclosed"] is True
     assert as_json("info", session)["unclosed"] is False
