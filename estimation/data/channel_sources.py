@@ -30,9 +30,11 @@ from palpate.estimation.data.text_dialect import NAMELESS
 from palpate.estimation.data.units import dimension_of
 from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray
 
 # Quantities of columns that cannot be an effort.
 _NO_EFFORT = {"time", "position", "velocity", "acceleration", "run", "phase", "goal", "none"}
+_MOTIONS = {"displacement", "position", "velocity", "length", "strain", "angle", "length_rate", "angle_rate"}
 # Words for numbers of rows, which are neither a motion nor an effort.
 _COUNTERS = frozenset("index idx sample samples counter number no id row step".split())  # noqa: SIM905
 # Words for the command of a drive, which may stand for its torque or force.
@@ -44,6 +46,7 @@ _MAX_GUESSED = 4  # most columns without names among which motion and effort are
 _MIN_COLUMNS = 3  # least number of columns of which one may be a clock
 _MIN_CHANGING = 0.2  # least share of steps in which a coarse clock changes
 _RISING = 0.9  # least share of steps by which a clock increases, which may restart in each run
+_MAX_UNEVEN = 0.5  # largest deviation of a clock's usual step from the median, relative to it
 _SHOWN_CELLS = 12  # cells of a row that an error message shows
 
 
@@ -186,6 +189,9 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
     )
     numbers = [n for n in table.names if table.varies(n) and _COUNTERS.isdisjoint(words_of(n))]
     free = [name for name in numbers if name not in columns.used and quantity_by_name[name] not in _NO_EFFORT]
+    positions = [n for n in numbers if quantity_by_name[n] == "position" and not is_angle(n)]
+    motions = {quantity_by_name[n] or dimension_of(unit_in_name(n)) or "" for n in numbers}
+    has_motion = not motions.isdisjoint(_MOTIONS) or any(key[0] in _MOTIONS for key in columns.assigned)
     angle = next((n for n in numbers if quantity_by_name[n] == "position" and is_angle(n)), None)
     # The columns of a matrix in a MATLAB file, "data 1" ..., have no names either.
     stems = {name.rstrip("0123456789") for name in table.names}
@@ -216,18 +222,21 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
     for quantity, unit, last in (("displacement", "mm", 0), ("force", "N", -1)):
         if (quantity, 0) in columns:
             continue
-        if not free:
-            options = [option for option in options if option.startswith("--column time")]
-            options.append("--column displacement_mm=COLUMN --column force_N=COLUMN")
-            break
         fitting = [name for name in free if dimension_of(unit_in_name(name)) in QUANTITIES[quantity]]
         named = [name for name in free if quantity_by_name[name] == quantity]
-        silent = [name for name in free if not quantity_by_name[name]]
-        column = (fitting or named or silent or free)[0 if fitting or named else last]
-        free.remove(column)
-        options.append(f"--column {quantity}={shlex.quote(column)}")
-        options += [] if fitting else [f"--unit {quantity}={unit}"]
-    doubt = "which column holds what is not known; " * is_nameless
+        # A column whose name or unit says something else is never suggested.
+        silent = [name for name in free if not (quantity_by_name[name] or dimension_of(unit_in_name(name)))]
+        if quantity == "displacement" and positions and not (fitting or named):
+            options.append(f"--column position={shlex.quote(positions[0])} --unit position={unit}")
+        elif candidates := fitting or named or silent:
+            column = candidates[0 if fitting or named else last]
+            free.remove(column)
+            options.append(f"--column {quantity}={shlex.quote(column)}")
+            options += [] if fitting else [f"--unit {quantity}={unit}"]
+        else:
+            options.append(f"--column {quantity}_{unit}=COLUMN")
+    doubt = "" if has_motion else "by names and units, no column seems to hold a motion; "
+    doubt = "which column holds what is not known; " if is_nameless else doubt
     return f"{needed}; {doubt}name the columns, as in {' '.join(options)}"
 
 
@@ -257,12 +266,18 @@ def _suggest_effort(numbers: Sequence[str], free: Sequence[str], quantity_by_nam
     )
 
 
+def _is_even(steps: FloatArray) -> bool:
+    """Return whether a column rises as evenly as a clock, which may restart or pause, shape (n,)."""
+    rises = steps[steps > 0.0]
+    return bool(np.mean(np.abs(rises / np.median(rises) - 1.0) < _MAX_UNEVEN) > _RISING)
+
+
 def _clocks(table: Table, free: list[str]) -> list[str]:
     """Return the columns without names that rise as a clock does, the likeliest first; copies follow it."""
     if len(table.names) < _MIN_COLUMNS or not free:
         return []
     steps = {name: np.diff(table.numbers(name)) for name in free}
-    rising = [name for name in free if np.mean(steps[name] > 0.0) > _RISING]
+    rising = [name for name in free if np.mean(steps[name] > 0.0) > _RISING and _is_even(steps[name])]
     first = free[0]
     if first not in rising and (steps[first] >= 0.0).all() and np.mean(steps[first] > 0.0) > _MIN_CHANGING:
         rising.insert(0, first)

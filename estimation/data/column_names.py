@@ -422,7 +422,18 @@ def quantity_in(name: str, *, last: bool = False) -> str:
         return "none"
     words = words[-1:] if last else words
     long = {word for word in words if len(word) > 2 or not (last or word.isascii())}
-    return next((quantity for quantity, known in _KNOWN if known & long), "")
+    return _quantity_of(long)
+
+
+def _quantity_of(words: Collection[str]) -> str:
+    """Return the quantity that one of the words means; beside another word, "current" may mean "present"."""
+    found = [
+        quantity
+        for word_set in (set(words) - CURRENT, set(words))
+        for quantity, known in _KNOWN
+        if known & word_set
+    ]
+    return found[0] if found else ""
 
 
 def guess_column(name: str, *, anywhere: bool = False) -> RoleGuess:
@@ -481,7 +492,7 @@ def _match_words(whole: str, words: Sequence[str], unit: str, *, anywhere: bool)
     by_unit = next((quantity for quantity in QUANTITIES if is_specific and _fits(quantity, unit)), "")
     by_pair = next((quantity for quantity in _MOTION_OR_TORQUE if words[-1] in WORDS[quantity]), "")
     if anywhere and not by_pair and dimension is None:
-        by_pair = next((quantity for quantity, known in _KNOWN if not known.isdisjoint(long)), "")
+        by_pair = _quantity_of(long)
     return (by_unit, _BY_UNIT) if by_unit else (by_pair, _BY_PAIR)
 
 

@@ -25,6 +25,7 @@ from palpate.estimation.data.column_names import (
     unknown_unit,
     words_of,
 )
+from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.quantity_words import CURRENT
 from palpate.estimation.data.table import Table
@@ -48,6 +49,7 @@ _MAX_RANGE = {  # largest plausible range in SI, and the likely unit of a larger
     "position": (4.0 * np.pi, "deg"),
     "goal": (4.0 * np.pi, "deg"),
 }
+_SHOWN_COLUMNS = 8  # columns without a unit that an error message names
 _WITHOUT_UNIT = {"-", "1"}  # text in brackets that states a ratio, as in "Strain (-)"
 _MAX_STRAIN = 2.0  # largest range of a strain without a unit that is read as a ratio
 _LARGE_UNITS = tuple(unit for _, unit in _MAX_RANGE.values())
@@ -181,7 +183,7 @@ class ColumnUnits:
             InputError: a unit is unknown; the message suggests likely units.
         """
         if missing := self.missing(chosen):
-            columns = ", ".join(f"'{column}'" for column, _ in missing)
+            columns = list_first([f"'{column}'" for column, _ in missing], _SHOWN_COLUMNS)
             unknown = next(filter(None, (unknown_unit(column) for column, _ in missing)), "")
             known = f" that is known ('{unknown}' is not)" if unknown else ""
             by_quantity = {option.partition("=")[0]: option for _, option in missing}

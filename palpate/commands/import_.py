@@ -191,6 +191,8 @@ def print_preview(
             label = safe(imported.run_labels.get(int(run), str(run)))
             ranges = (f"{values.min():.2g} to {values.max():.2g}" for values in (part.position, part.effort))
             made.add_row(label, str(len(part)), duration(float(np.ptp(part.time_s))), *ranges)
+        if (more := len(channel.runs) - _MOST_RUNS) > 0:
+            made.add_row(f"{more} more")
         out.print(made)
         # total over all runs in order of first appearance, without pauses
         usual_s, steps_s = 1.0 / rate, np.diff(channel.time_s, append=channel.time_s[-1:])

@@ -107,6 +107,17 @@ def test_a_second_clock_without_a_name_is_not_suggested_as_a_motion(tmp_path):
         ("position,load", (1.0, 1.0), "--column torque=load --unit position=rad --unit torque=Nm"),
         ("q1,q2,tau1,tau2", (1.0, 90.0, 1.0, 1.0), "--unit position=deg --unit torque=Nm"),  # one for both
         ("shoulderPosRaw,elbowTorqueRaw", (1.0, 1.0), "no channel can be made"),  # of different joints
+        ("q1,q2,q3,q4,q5,tau1,tau2,tau3,tau4,tau5", np.ones(10), "'tau2', 'tau3' ... state no units"),
+        (
+            "current_pos_x,force_x,force_y,joint_1,joint_2",
+            np.arange(5),
+            "'force_x' and 'force_y' may hold force",
+        ),
+        (
+            "Voltage [V],Test 1 [g],Test 2 [g]",
+            (1.0, 2.0, 3.0),
+            "displacement_mm=COLUMN --column force='Test 1",
+        ),
     ],
 )
 def test_columns_without_units_may_be_joints(tmp_path, names, sizes, said):
@@ -278,3 +289,11 @@ def test_of_many_columns_without_names_only_the_time_is_suggested(tmp_path):
     assert message.endswith(
         "--column time='column 1' --column displacement_mm=COLUMN --column force_N=COLUMN"
     )
+    uneven = lines(WAY_M, TIME_S**3, FORCE_N, np.cos(TIME_S), np.sin(TIME_S), np.sin(2.0 * TIME_S))
+    assert "--column time" not in refusal(saved(tmp_path / "uneven.csv", uneven))
+
+
+def test_a_column_without_any_cell_is_not_reported_as_invalid(tmp_path):
+    rows = "".join(f"{t},{f},\n" for t, f in zip(TIME_S, FORCE_N, strict=True))
+    path = saved(tmp_path / "title.csv", "Time (s),Load (N),D105\n" + rows)
+    assert "no column seems to hold a motion" in refusal(path)

@@ -73,10 +73,13 @@ def test_import_preview_as_json_lists_the_used_columns(good, tmp_path):
 
 
 def test_import_preview_shows_list_columns(tmp_path):
-    columns = {"time_s": range(9), "displacement_m": range(9), "force_N": range(9), "tags": [["a", "b"]] * 9}
+    rows = range(33 * 5)
+    columns = {"time_s": rows, "displacement_m": rows, "force_N": rows, "tags": [["a", "b"]] * len(rows)}
+    columns["run"] = np.repeat(range(33), 5)
     pa.parquet.write_table(pa.table(columns), tmp_path / "lists.parquet")
     result = done("import", tmp_path / "lists.parquet", "--look")
     assert "['a', 'b']" in result.stdout
+    assert "3 more" in result.stdout
 
 
 def test_session_is_not_named_like_a_table(good, tmp_path):
