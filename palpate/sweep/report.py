@@ -82,7 +82,7 @@ def cell(value: Any) -> str:  # noqa: ANN401, any value of a table
         return str(value)
     if value and not 1e-3 <= abs(value) < 1e5:
         return f"{value:.2g}"
-    return f"{value:.4g}" if abs(value) >= 1000 else f"{value:.3g}"
+    return f"{value:.0f}" if abs(value) >= 999.5 else f"{value:.3g}"
 
 
 _NOT_SHOWN = ("seconds", "error")

@@ -1,5 +1,7 @@
 """The file of a sweep: what it means, and what is refused."""
 
+import csv
+
 import numpy as np
 import pytest
 import yaml
@@ -9,7 +11,8 @@ from palpate.robot_io.errors import InputError
 from palpate.sweep import figures, paper
 from palpate.sweep.grid import DIAGNOSE, SHIPPED, load_grid
 from palpate.sweep.paper import CUBES, paper_cases
-from palpate.sweep.rows import TRUE, estimated
+from palpate.sweep.report import cell, write_grid
+from palpate.sweep.rows import BOUND, TRUE, estimated
 from palpate.sweep.tasks.probing import make_estimator
 from tests.files import saved
 from tests.palpate.cli import ROOT
@@ -212,3 +215,54 @@ def test_errors_are_drawn_in_percent():
     np.testing.assert_allclose(drawn.get_xdata(), [4.0, 2.0, 1.0])
     np.testing.assert_allclose(middle.get_xdata(), 2.0)
     assert "[%]" in axes.get_xlabel()
+
+
+def made_up(estimator, k, percent=0.0, **more):
+    condition = {"law": "kelvin_voigt", "speeds_mm_s": "90", "noise_std_n": 0.02, "noise_percent": percent}
+    known = {TRUE + paper.K: 500.0, BOUND + paper.K: 1.0, paper.K: k, "hidden": "none", "seconds": 1.0}
+    return condition | known | {"estimator": estimator, "problem": "", "error": ""} | more
+
+
+def reported(folder, grid_file, rows):
+    """Text of the page, and the tables by name."""
+    page = write_grid(folder, "A sweep", grid_file, rows, {"cases": "4"})
+    tables = {path.stem: list(csv.reader(path.open())) for path in (folder / "tables").iterdir()}
+    return page.read_text(), tables
+
+
+def test_report_has_errors_by_condition_and_the_reasons_of_missing_results(tmp_path):
+    rows = [made_up("lsq", 505.0), made_up("lsq", 490.0, 5.0), made_up("lsq", 490.0, 5.0)]
+    lost = made_up("ransac", None, problem="no two agree")
+    page, tables = reported(tmp_path / "out", grid(tmp_path), [*rows, lost, {"error": "no touch"}])
+    assert [(name, line[:3]) for name in ("errors", "errors_1", "errors_2") for line in tables[name][1:]] == [
+        ("errors", ["lsq", "2.0", "1.6666666666666667"]),
+        ("errors_1", ["lsq", "1.0", "1.0"]),
+        ("errors_2", ["lsq", "2.0", "2.0"]),
+    ]
+    assert tables["failures"][1:] == [["ransac: no two agree", "1"], ["no touch", "1"]]
+    heads, *lines = tables["cases"]
+    assert len(lines) == 5
+    assert {"seconds", "error"}.isdisjoint(heads)
+    assert [line[heads.index(paper.K)] for line in lines] == ["505.0", "490.0", "490.0", "", ""]
+    for part in ("Errors by estimator", "Cramér-Rao", "By condition", "noise 0.02 N and 5 %", "no touch"):
+        assert part in page
+    assert {path.name for path in (tmp_path / "out" / "figures").iterdir()} == {"errors.svg", "errors.png"}
+    page, tables = reported(tmp_path / "few", grid(tmp_path), rows[1:])  # one condition, and all is well
+    assert set(tables) == {"errors", "cases"}
+    assert "By condition" not in page
+    assert "without a result" not in page
+
+
+def test_report_of_diagnoses_counts_their_verdicts(tmp_path):
+    said = {"truth": "none", "channel": "contact", "accepted": "", "error": ""}
+    rows = [said | {"verdict": verdict} for verdict in ("nothing", "missing", "nothing")]
+    page, tables = reported(tmp_path / "out", grid(tmp_path, diagnose=True), rows)
+    assert [line[2:] for line in tables["verdicts"][1:]] == [["missing", "", "1"], ["nothing", "", "2"]]
+    assert len(tables["cases"]) == 1 + 3
+    assert "What the diagnosis said" in page
+
+
+def test_cells_have_three_digits_or_whole_numbers():
+    values = (None, float("nan"), 0.0, 12, "x", -0.001234, 1.2345e-4, 5.678, 999.4, 999.6, 12345.6, 123456.0)
+    shown = "– – 0 12 x -0.00123 0.00012 5.68 999 1000 12346 1.2e+05"
+    assert [cell(value) for value in values] == shown.split()

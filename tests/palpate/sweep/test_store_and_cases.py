@@ -237,14 +237,15 @@ def test_errors_are_rms_over_bounds_and_intervals_are_checked():
             (96.0, 100.0, 1.0, 92.0, 99.0),  # below the truth
             (105.0, 100.0, 1.0, 101.0, 109.0),  # above it
             (100.0, 100.0, 1.0, None, None),  # states none
+            (100.0, 100.0, None, 100.0, 100.0),  # exact
         )
     ]
     others = ({"k": 2.0, f"{TRUE}k": 0.0}, {"k": None, f"{TRUE}k": 5.0}, {"k": -5.5, f"{TRUE}k": -5.0})
     errors = errors_of([*rows, *others], "k")
-    assert errors.relative == pytest.approx([0.03, -0.04, 0.05, 0.0, 0.1])
+    assert errors.relative == pytest.approx([0.03, -0.04, 0.05, 0.0, 0.0, 0.1])
     assert errors.at_zero.tolist() == [2.0]
     assert errors.over_bound == pytest.approx((50.0 / 4.0) ** 0.5)
-    assert errors.covered == pytest.approx(1.0 / 3.0)
+    assert errors.covered == pytest.approx(2.0 / 4.0)
 
 
 @pytest.mark.parametrize("count", [1, 3])
