@@ -15,6 +15,7 @@ import numpy as np
 
 from palpate.common.worker_process import start_worker
 from palpate.control.loop.stop_handler import one_line
+from palpate.control.loop.tick_record import tick_stream
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.contact import find_contacts
 from palpate.estimation.data.tick_channels import contact_channels
@@ -23,7 +24,7 @@ from palpate.estimation.workers import end_with_parent
 from palpate.export.scenario import FittedChannel, export_scenario
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.link.messages import MOST_TEXT, EstimatedParameter, ObjectEstimate
-from palpate.robot_io.session import Column, Samples, Stream
+from palpate.robot_io.session import Samples, Stream
 from palpate.robot_io.types import FloatArray
 from palpate.sim_backend.scenario import Scenario
 from palpate.study import Study
@@ -36,24 +37,16 @@ _NICE = 5  # niceness of the diagnosis, below the control loop
 _ENOUGH = 1.3  # multiple of the noise; below it no second law is fitted
 
 
+_SAMPLED = {
+    *("time_s", "run", "phase", "joint_position_rad", "force_n", "tip_position_world_m"),
+    *("press_direction_world", "encoder_at_s", "force_at_s", "encoder_status", "force_status"),
+}
+
+
 def sample_stream(joint_count: int) -> Stream:
-    """Return the columns of a tick that estimation needs, named as in the stream "tick"."""
-    return Stream(
-        "sample",
-        (
-            Column("time_s", "s"),
-            Column("run", "1", dtype="int32"),
-            Column("phase", "1", dtype="int32"),
-            Column("joint_position_rad", "rad", joint_count),
-            Column("force_n", "N"),
-            Column("tip_position_world_m", "m", 3),
-            Column("press_direction_world", "1", 3),
-            Column("encoder_at_s", "s"),
-            Column("force_at_s", "s"),
-            Column("encoder_status", "1", dtype="int32"),
-            Column("force_status", "1", dtype="int32"),
-        ),
-    )
+    """Return the columns of a tick that estimation needs, in the order of the stream "tick"."""
+    columns = tick_stream(joint_count).columns
+    return Stream("sample", tuple(column for column in columns if column.name in _SAMPLED))
 
 
 def estimate_object(samples: Samples, target: int) -> ObjectEstimate:

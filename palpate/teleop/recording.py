@@ -58,7 +58,18 @@ def record_both(merged: MergedSessions, path: Path) -> float:
         ):
             send_lines(recording, place, time_s, {name: (values, color, 1.5)})
         log_phases(recording, _PHASE, ticks["phase"], arm_s)
-        _log_parameters(recording, merged, start_s)
+        looks = {
+            "felt": (palette.MODEL, 2.0),
+            "95 % from": (palette.BAND, 1.0),
+            "95 % to": (palette.BAND, 1.0),
+        }
+        for name in _parameters(merged):  # constant, with its interval, from estimate to estimate
+            having = [(e.time_s, data) for e, data in merged.rendered_models() if name in data["parameters"]]
+            times = [*(time_s for time_s, _ in having), haptic["time_s"][-1]]
+            edges_s = np.repeat(times, 2)[1:-1] - start_s
+            ends = np.repeat([data["parameters"][name] for _, data in having], 2, axis=0).astype(float)
+            lines = {word: (column, *looks[word]) for word, column in zip(looks, ends.T, strict=True)}
+            send_lines(recording, _entity(name), edges_s, lines)
         link = merged.leader.samples("link")
         lines = {
             "age of the newest report [ms]": (_MILLI * link["age_s"], palette.MEASURED, 1.5),
@@ -67,24 +78,6 @@ def record_both(merged: MergedSessions, path: Path) -> float:
         send_lines(recording, _LINK, link["time_s"] - start_s, lines)
     rendered = np.flatnonzero((haptic["force_n"] > 0.0) & (haptic["revision"] != GUESS))
     return float(hand_s[rendered[len(rendered) // 2]]) if len(rendered) else float(hand_s[-1] / 2)
-
-
-def _log_parameters(recording: rr.RecordingStream, merged: MergedSessions, start_s: float) -> None:
-    """Log each rendered parameter as a constant with its interval, from estimate to estimate."""
-    end_s = float(merged.haptic["time_s"][-1])
-    feels = merged.rendered_models()
-    for name in _parameters(merged):
-        having = [(event.time_s, data) for event, data in feels if name in data["parameters"]]
-        times = [time_s for time_s, _ in having]
-        edges = np.array([[begin, end] for begin, end in zip(times, [*times[1:], end_s], strict=True)])
-        levels = np.repeat([data["parameters"][name] for _, data in having], 2, axis=0)
-        words = ("felt", "95 % from", "95 % to")
-        looks = ((palette.MODEL, 2.0), (palette.BAND, 1.0), (palette.BAND, 1.0))
-        lines = {
-            word: (values.astype(float), *look)
-            for word, values, look in zip(words, levels.T, looks, strict=True)
-        }
-        send_lines(recording, _entity(name), edges.reshape(-1) - start_s, lines)
 
 
 def _parameters(merged: MergedSessions) -> list[str]:
