@@ -32,46 +32,33 @@ class Tick(NamedTuple):
 _PHASES = ", ".join(f"{phase.value} {phase.name}" for phase in Phase)
 _STATUS = "0 OK, 1 STALE, 2 SATURATED, 3 FAULT"
 _PER_JOINT = 0  # width of a column with one value for each joint
-# Attribute of `Tick`, and its column: name, unit, width, description, type.
-_COLUMNS = (
+# Attribute of `Tick`, and its column: name, unit, width, description, and a type other than float64.
+_COLUMNS: tuple[tuple[str, str, str, int, str, *tuple[str, ...]], ...] = (
     ("number", "tick", "1", 1, "number of the tick on the loop's grid; a gap is an overrun", "int64"),
-    ("measurement.time_s", "time_s", "s", 1, "start of the tick on the robot's clock", "float64"),
+    ("measurement.time_s", "time_s", "s", 1, "start of the tick on the robot's clock"),
     ("output.run", "run", "1", 1, "number of the probing run, -1 between runs", "int32"),
     ("output.phase", "phase", "1", 1, _PHASES, "int32"),
-    ("measurement.joint_position_rad", "joint_position_rad", "rad", _PER_JOINT, "measured", "float64"),
-    ("measurement.joint_velocity_rad_s", "joint_velocity_rad_s", "rad/s", _PER_JOINT, "measured", "float64"),
+    ("measurement.joint_position_rad", "joint_position_rad", "rad", _PER_JOINT, "measured"),
+    ("measurement.joint_velocity_rad_s", "joint_velocity_rad_s", "rad/s", _PER_JOINT, "measured"),
+    ("measurement.joint_torque_nm", "torque_measured_nm", "N m", _PER_JOINT, "measured by the drives"),
     (
-        *("measurement.joint_torque_nm", "torque_measured_nm", "N m", _PER_JOINT),
-        *("measured by the drives", "float64"),
+        "output.command.joint_torque_nm",
+        "torque_commanded_nm",
+        "N m",
+        _PER_JOINT,
+        "commanded by the controller; 0 in STOPPED",
     ),
-    (
-        *("output.command.joint_torque_nm", "torque_commanded_nm", "N m", _PER_JOINT),
-        *("commanded by the controller; 0 in STOPPED", "float64"),
-    ),
-    ("sent_torque_nm", "torque_sent_nm", "N m", _PER_JOINT, "sent; NaN if sending failed", "float64"),
-    ("measurement.force_n", "force_n", "N", 1, "contact force, positive in compression", "float64"),
-    ("output.reference_position_rad", "reference_position_rad", "rad", _PER_JOINT, "goal", "float64"),
-    (
-        *("output.reference_velocity_rad_s", "reference_velocity_rad_s", "rad/s", _PER_JOINT),
-        *("goal", "float64"),
-    ),
-    ("output.tip_position_world_m", "tip_position_world_m", "m", 3, "of the measured joints", "float64"),
-    (
-        *("output.tip_velocity_world_m_s", "tip_velocity_world_m_s", "m/s", 3),
-        *("of the measured joints", "float64"),
-    ),
-    (
-        "output.press_direction_world",
-        "press_direction_world",
-        "1",
-        3,
-        "unit vector into the object",
-        "float64",
-    ),
-    ("output.desired_force_n", "desired_force_n", "N", 1, "goal; NaN without force control", "float64"),
-    ("measurement.encoder_at_s", "encoder_at_s", "s", 1, "when the encoders sampled", "float64"),
-    ("measurement.torque_at_s", "torque_at_s", "s", 1, "when the torques were sampled", "float64"),
-    ("measurement.force_at_s", "force_at_s", "s", 1, "when the force was sampled", "float64"),
+    ("sent_torque_nm", "torque_sent_nm", "N m", _PER_JOINT, "sent; NaN if sending failed"),
+    ("measurement.force_n", "force_n", "N", 1, "contact force, positive in compression"),
+    ("output.reference_position_rad", "reference_position_rad", "rad", _PER_JOINT, "goal"),
+    ("output.reference_velocity_rad_s", "reference_velocity_rad_s", "rad/s", _PER_JOINT, "goal"),
+    ("output.tip_position_world_m", "tip_position_world_m", "m", 3, "of the measured joints"),
+    ("output.tip_velocity_world_m_s", "tip_velocity_world_m_s", "m/s", 3, "of the measured joints"),
+    ("output.press_direction_world", "press_direction_world", "1", 3, "unit vector into the object"),
+    ("output.desired_force_n", "desired_force_n", "N", 1, "goal; NaN without force control"),
+    ("measurement.encoder_at_s", "encoder_at_s", "s", 1, "when the encoders sampled"),
+    ("measurement.torque_at_s", "torque_at_s", "s", 1, "when the torques were sampled"),
+    ("measurement.force_at_s", "force_at_s", "s", 1, "when the force was sampled"),
     ("measurement.encoder_status", "encoder_status", "1", 1, _STATUS, "int32"),
     ("measurement.torque_status", "torque_status", "1", 1, _STATUS, "int32"),
     ("measurement.force_status", "force_status", "1", 1, _STATUS, "int32"),
@@ -101,8 +88,8 @@ def tick_stream(joint_count: int) -> Stream:
         The stream "tick", whose records `tick_record` makes.
     """
     columns = (
-        Column(name, unit, width or joint_count, text, dtype)
-        for _, name, unit, width, text, dtype in _COLUMNS
+        Column(name, unit, width or joint_count, text, *dtype)
+        for _, name, unit, width, text, *dtype in _COLUMNS
     )
     durations = zip(TickDurations._fields, _DURATIONS, strict=True)
     timing = (Column(name, "s", 1, what) for name, what in durations)
