@@ -57,6 +57,8 @@ def _controller() -> Any:  # noqa: ANN401
     Returns:
         The controller, or None without threadpoolctl.
     """
+    import scipy.linalg.lapack  # noqa: F401, PLC0415, has a BLAS of its own, which must be loaded to be found
+
     try:
         from threadpoolctl import ThreadpoolController  # noqa: PLC0415, optional
     except ImportError:

@@ -1,5 +1,9 @@
 """Diagnosis of simulated data: hidden effects are named, unknown laws are not misnamed."""
 
+import json
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from importlib import import_module
 
@@ -389,3 +393,17 @@ def test_matrices_are_too_small_for_more_threads():
     with threadpool_limits(2):
         diagnose(swings(1), SWING, effects, rng=np.random.default_rng(0), progress=progress)
     assert set(threads) == {1}
+
+
+def test_blas_libraries_that_are_loaded_later_use_one_thread_too():
+    code = (
+        "from threadpoolctl import threadpool_info\n"
+        "from palpate.estimation.workers import single_threaded\n"
+        "with single_threaded():\n"
+        "    import scipy.linalg.lapack\n"
+        "    print([library['num_threads'] for library in threadpool_info()])"
+    )
+    environment = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    command = [sys.executable, "-c", code]
+    threads = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+    assert set(json.loads(threads)) == {1}
