@@ -8,7 +8,6 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -93,8 +92,8 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
         repairs |= dict.fromkeys(part_repairs)
     notes += repairs
     titles = tests[0][0].titles if len(parts) == 1 else ()
-    if len(parts) > 1 and _is_one_recording(parts, dialect.decimal):
-        notes.append(f"{len(parts)} parts are read as one recording, because their times continue")
+    if len(parts) > 1 and (continued := _continued_column(parts, dialect.decimal)):
+        notes.append(f"{len(parts)} parts are read as one recording, because '{continued}' continues")
     elif len(parts) > 1:
         parts = [with_run(part, str(number)) for number, part in enumerate(parts, 1)]
         notes.append(f"{len(parts)} tests one after the other, read as runs")
@@ -155,20 +154,30 @@ def _one_line(match: re.Match[bytes]) -> bytes:
     return re.sub(rb"[ \t]*\r?\n[ \t]*", b" ", cells) + b"\n" * cells.count(b"\n")
 
 
-def _is_one_recording(parts: Sequence[pa.Table], decimal: str) -> bool:
-    """Return whether the clock continues from part to part, as in a table split into pages."""
-    clocks = [guess.column for guess in guess_columns(parts[0].column_names) if guess.key == TIME]
-    if len(clocks) != 1:
-        return False
-    times = []
+def _continued_column(parts: Sequence[pa.Table], decimal: str) -> str:
+    """Return the column that continues from part to part, as in a table split into pages; empty for none.
+
+    The clock continues, or without a clock the motion. A motion that is back at its start begins a new test.
+    """
+    guesses = guess_columns(parts[0].column_names)
+    clocks = [guess.column for guess in guesses if guess.key == TIME]
+    motions = [guess.column for guess in guesses if guess.quantity in {"displacement", "position"}]
+    if len(clocks) > 1 or not (clocks or motions):
+        return ""
+    column = (clocks or motions)[0]
+    ends = []
     for part in parts:
-        cells = [str(part.column(clocks[0])[row].as_py()) for row in (0, 1, -1)] if len(part) > 1 else []
-        times.append([number_of(cell.replace(decimal, ".")) for cell in cells])
-    return all(
-        len(before) == len(after) == 3
-        and 0.0 < after[0] - before[2] <= _ONE_STEP * max(before[1] - before[0], after[1] - after[0])
-        for before, after in pairwise(times)
-    )
+        rows = (0, 1, -2, -1)
+        cells = [str(part.column(column)[row].as_py()) for row in rows] if len(part) > 1 else ["", "", "", ""]
+        ends.append([number_of(cell.replace(decimal, ".")) for cell in cells])
+    first, second, last_but_one, last = np.array(ends).T
+    gaps, steps = first[1:] - last[:-1], np.abs([second - first, last - last_but_one])
+    if clocks:
+        usual = np.maximum(steps[0][1:], steps[0][:-1])
+        return column if ((gaps > 0.0) & (gaps <= _ONE_STEP * usual)).all() else ""
+    largest = np.max(steps)
+    returns = np.abs(first[1:] - first[0]) <= _ONE_STEP * largest
+    return column if (np.abs(gaps) <= _ONE_STEP * largest).all() and not returns.any() else ""
 
 
 def _parse_rows(

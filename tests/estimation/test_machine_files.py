@@ -146,6 +146,19 @@ def test_pages_of_one_recording_are_one_run(tmp_path, gap_s, runs):
     assert (len(channel), len(channel.runs)) == (len(TIME_S), runs)
 
 
+@pytest.mark.parametrize(("second_mm", "parts"), [(20.0, "'Travel [mm]' continues"), (0.0, "2 tests")])
+def test_pages_without_a_clock_are_one_recording_if_the_motion_continues(tmp_path, second_mm, parts):
+    pages = []
+    for start_mm in (0.0, second_mm):
+        travel_mm = start_mm + np.arange(0.0, 20.0, 0.1)
+        pages.append(
+            "Travel [mm],Load [N]\n" + "".join(f"{x:.2f},{x + 0.1 * np.sin(x):.3f}\n" for x in travel_mm)
+        )
+    path = tmp_path / "pages.dat"
+    path.write_text("\n".join(pages))
+    assert parts in " ".join(read_table(path).notes)
+
+
 def test_null_bytes_and_blank_lines_do_not_spoil_a_table(tmp_path):
     path = tmp_path / "gel.csv"
     lines = rows().splitlines(keepends=True)
