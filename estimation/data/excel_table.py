@@ -51,6 +51,7 @@ class _SheetTable:
     titles: tuple[str, ...]  # cells of the row above the names
     decimal: str  # decimal mark of numbers that are stored as text
     numbers: list[int]  # row numbers in the sheet
+    title: str  # name of the sheet, with the row number of the names if the sheet holds several tables
 
 
 def read_excel_table(path: Path, selected: str) -> FileColumns:
@@ -73,7 +74,7 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
         notes.append(NAMELESS)
     if not tables:
         raise InputError(f"{path}: no sheet has a row of column names above rows of numbers")
-    blocks = [TableBlock(table.sheet, table.names, len(table.rows)) for table in tables]
+    blocks = [TableBlock(table.title, table.names, len(table.rows)) for table in tables]
     chosen, omitted = same_columns(blocks, selected, path)
     same_tables = [tables[place] for place in chosen]
     first = max(same_tables, key=lambda table: len(table.rows))
@@ -197,7 +198,9 @@ def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_SheetTable
         rows_above = sum(any(row) for row in head[: layout.header]) if not tables else 0
         numbers = [above + place for place in body]
         mark = _decimal_mark(filled)
-        tables.append(_SheetTable(sheet.name, layout.names, filled, rows_above, layout.titles, mark, numbers))
+        title = sheet.name + f":{above + places[layout.header]}" * (len(layouts) > 1)
+        made = _SheetTable(sheet.name, layout.names, filled, rows_above, layout.titles, mark, numbers, title)
+        tables.append(made)
     return [table for table in tables if table.rows]
 
 

@@ -467,7 +467,7 @@ def _is_measurement(names: Sequence[str]) -> bool:
 class TableBlock:
     """Names and length of one table of a file."""
 
-    title: str  # name of its sheet, or number of its first line
+    title: str  # name of its sheet, or number of its first line, or both: "Sheet1:24"
     names: tuple[str, ...]  # column names
     rows: int
 
@@ -487,7 +487,7 @@ def same_columns(blocks: Sequence[TableBlock], selected: str, place: Path) -> tu
     Raises:
         InputError: no table has this title.
     """
-    titled = [block for block in blocks if selected in ("", block.title)]
+    titled = [b for b in blocks if selected in ("", b.title, b.title.rpartition(":")[0])]
     if not titled:
         titles = ", ".join(dict.fromkeys(block.title for block in blocks))
         raise InputError(f"--table {selected}: {place} has no such table. Available: {titles}")

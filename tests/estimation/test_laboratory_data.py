@@ -258,11 +258,16 @@ def test_sheets_with_reordered_columns_are_runs_and_others_are_named(tmp_path):
         sheet.append([{"s": "Time (s)", "x": "Way (mm)", "F": "Load (N)"}[name] for name in names])
         for row in range(30):
             sheet.append([{"s": row, "x": 2 * row, "F": 3 * row}[name] for name in names])
+    for row in ((), ("Day", "Rain (mm)"), *((day, 3 * day) for day in range(5))):
+        book["C"].append(row)
     book.save(tmp_path / "order.xlsx")
     table = read_table(tmp_path / "order.xlsx")
     np.testing.assert_array_equal(table.numbers("Load (N)"), 3.0 * table.numbers("Time (s)"))
     assert len(table) == 60
-    assert "tables not read because their columns differ: 'C' (30 rows); --table C selects one" in table.notes
+    omitted = "tables not read because their columns differ: 'C:1' (30 rows), 'C:33' (5 rows)"
+    assert f"{omitted}; --table C:1 selects one" in table.notes
+    selected = [read_table(tmp_path / "order.xlsx", title).names for title in ("C:33", "C")]
+    assert selected == [("Day", "Rain (mm)"), ("Time (s)", "Way (mm)")]
 
 
 @pytest.mark.parametrize("other", ["Cycle time [s]", "Clock"])
