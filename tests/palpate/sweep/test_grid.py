@@ -142,7 +142,15 @@ def test_paper_cases_match_the_paper():
         assert ransac == [{"name": "ransac", "threshold": 0.01, "label": "ransac"}]
     assert make_estimator(ransac[0]) == ("ransac", Ransac(threshold=0.01))
     law = {"name": "kelvin_voigt", "stiffness_n_m": 500, "damping_n_s_m": 100}
-    assert cases["ticks"][0].parameters["law"] == law
+    assert [cases["ticks"][0].parameters[key] for key in ("law", "noise_percent")] == [law, 0.0]
+    of_settings = [case.parameters for case in cases["ransac"]]
+    assert {repr(own["settings"]) for own in of_settings if own["noise_percent"] > 0.0} == {
+        repr({"threshold": threshold, "subset": subset, "trials": trials})
+        for threshold in (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+        for subset in (2, 5, 10, 20, 50)
+        for trials in (1, 10, 100, 1000)
+    }
+    assert all((own["law"], own["draws"]) == (law, 10) for own in of_settings)
     assert load_grid(SHIPPED / "paper_cubes.yaml").speeds_mm_s == ((50, 20, 10),)
 
 
@@ -215,6 +223,45 @@ def test_errors_are_drawn_in_percent():
     np.testing.assert_allclose(drawn.get_xdata(), [4.0, 2.0, 1.0])
     np.testing.assert_allclose(middle.get_xdata(), 2.0)
     assert "[%]" in axes.get_xlabel()
+
+
+def test_hunt_crossley_errors_are_drawn_with_their_bounds():
+    law = {"estimator": "robust", "error": "", "law exponent": 1.5}
+    estimates = {"law.k": 102.0, "law.b": 49.0, "law.n": 1.0}
+    true = {TRUE + name: value for name, value in zip(estimates, (100.0, 50.0, 1.0), strict=True)}
+    bounds = {BOUND + name: value for name, value in zip(estimates, (3.0, 1.0, 0.01), strict=True)}
+    rows = [
+        law | estimates | true | bounds | {"law stiffness": k, "law damping": k * 10**-0.5}
+        for k in (2000.0, 500.0)
+    ]
+    drawn = figures.hunt_crossley([*rows, rows[0] | {"estimator": "lsq"}], "robust").axes
+    expected = {"k": (2.0, -1.0, 5.0), "b": (-2.0, -4.0, 0.0), "n": (0.0, -1.0, 1.0)}  # error and its bar [%]
+    for axes, (name, (error, low, high)) in zip(drawn, expected.items(), strict=True):
+        assert [bar.get_label() for bar in axes.containers] == ["k = 500", "k = 2000"]
+        for points, _, (bars,) in axes.containers:
+            np.testing.assert_allclose(points.get_xydata(), [[1.5, error]], atol=1e-9)
+            np.testing.assert_allclose(bars.get_segments()[0], [[1.5, low], [1.5, high]], atol=1e-9)
+        assert axes.get_ylabel() == f"error of {name} [%]"
+
+
+def test_ransac_map_states_each_error_at_its_settings():
+    settings = [(subset, 1000) for subset in (9, 5)] + [(5, 100)]
+    values = iter((1.51, 9.94, 8.5, 12.4, 999.0, 1234.0))
+    rows = [
+        {"threshold": threshold, "subset": subset, "trials": trials, "k_over_bound": next(values)}
+        for subset, trials in settings
+        for threshold in (0.1, 0.02)
+    ]
+    above, _, _, below, *_ = figures.ransac_map(dict.fromkeys(("calm", "loud", "worse"), rows)).axes
+    for axes, shown, heights in (
+        (above, [["12", "8.5"], ["9.9", "1.5"]], ["5", "9"]),  # from below: subsets of 5, and of 9
+        (below, [[">999", "999"], ["12", "8.5"]], ["100", "1000"]),
+    ):
+        np.testing.assert_array_equal(np.reshape([text.get_text() for text in axes.texts], (2, 2)), shown)
+        assert [text.get_position() for text in axes.texts] == [(0, 0), (1, 0), (0, 1), (1, 1)]
+        assert [label.get_text() for label in axes.get_yticklabels()] == heights
+        assert [label.get_text() for label in axes.get_xticklabels()] == ["0.02", "0.1"]
+    assert [text.get_color() == "white" for text in above.texts] == [True, True, True, False]
 
 
 def made_up(estimator, k, percent=0.0, **more):
