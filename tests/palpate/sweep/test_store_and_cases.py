@@ -268,12 +268,14 @@ def test_repeated_result_may_have_taken_another_time(tmp_path):
     assert [row["x"] for row in store.rows(["a", "b"])] == [1.0, 0.0]
 
 
-def test_one_worker_does_many_cases(tmp_path):
-    cases = [Case("tests.palpate.sweep.slow_work:fatal", {}, seed) for seed in (0, 2, 3)]
-    report = run_cases(cases, ResultStore(tmp_path), Cluster(workers=1))
-    assert (report.finished_now, report.failures) == (3, ())
+@pytest.mark.parametrize("workers", [1, 2])
+def test_case_that_crashes_its_worker_is_reported_and_others_finish(tmp_path, workers):
+    cases = [Case("tests.palpate.sweep.slow_work:fatal", {"what": "all"}, seed) for seed in range(4)]
+    report = run_cases(cases, ResultStore(tmp_path), Cluster(workers=workers))
+    assert report.failures == ("case {'what': 'all'}: ended its worker 4 times",)
+    assert report.finished_now == 3
     rows = ResultStore(tmp_path).rows([case.address for case in cases])
-    assert [row["square"] for row in rows] == [0, 4, 9]
+    assert [(row["seed"], row["square"]) for row in rows] == [(0, 0), (2, 4), (3, 9)]
 
 
 def test_parameter_without_json_form_has_no_address():
