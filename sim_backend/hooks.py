@@ -112,16 +112,21 @@ class JointEffect(ABC):
         """Reset the memory, because the arm was placed elsewhere."""
 
 
-class FrictionEffect(ABC):
-    """Friction of joints: opposes their motion, and holds them at rest up to a limit.
+@dataclass(frozen=True)
+class JointFriction:
+    """Friction in one joint: opposes its motion, and holds it at rest up to a limit.
 
     The engine solves for the resistance together with the motion, so friction brings a joint to rest and
     keeps it there, and never reverses it.
     """
 
-    @abstractmethod
+    index: int  # index of the joint, from 0
+    # Returns the largest resistance [N m] at an absolute speed [rad/s] and a torque of the drive along the
+    # motion [N m], negative if the drive brakes.
+    resistance_nm: Callable[[float, float], float]
+
     def friction_nm(self, state: JointStepState, limit_nm: Sequence[float]) -> Sequence[float]:
-        """Compute the largest resistance of each joint; called once at each physics step.
+        """Add the resistance to that of one joint; called once at each physics step.
 
         As with `JointEffect`, the drive's torque sensor does not measure it.
 
@@ -132,6 +137,11 @@ class FrictionEffect(ABC):
         Returns:
             Shape (n,), 0 or more [N m].
         """
+        i, changed = self.index, list(limit_nm)
+        velocity_rad_s, drive_nm = state.velocity_rad_s[i], state.drive_torque_nm[i]
+        along_nm = abs(drive_nm) if drive_nm * velocity_rad_s >= 0.0 else -abs(drive_nm)
+        changed[i] += self.resistance_nm(abs(velocity_rad_s), along_nm)
+        return changed
 
 
 class SensorHook(ABC):
@@ -178,7 +188,7 @@ class HiddenEffects:
     contact: tuple[ContactEffect, ...] = ()  # at the contact, applied in this order
     tool: tuple[ToolEffect, ...] = ()  # between tip and object, from the object to the tip
     joint: tuple[JointEffect, ...] = ()  # at the joints, from the drives to the links
-    friction: tuple[FrictionEffect, ...] = ()  # at the joints
+    friction: tuple[JointFriction, ...] = ()  # at the joints
     plant: tuple[PlantEffect, ...] = ()  # in masses and gravity
     force: tuple[SensorHook, ...] = ()  # in the force sensor
     torque: tuple[SensorHook, ...] = ()  # in the torque sensors
@@ -232,27 +242,4 @@ class AddedTorque(JointEffect):
         """
         i, changed = self.index, list(torque_nm)
         changed[i] += self.torque_nm(state.position_rad[i], state.drive_torque_nm[i])
-        return changed
-
-
-@dataclass(frozen=True)
-class JointFriction(FrictionEffect):
-    """Friction in one joint."""
-
-    index: int  # index of the joint, from 0
-    # Returns the largest resistance [N m] at an absolute speed [rad/s] and a torque of the drive along the
-    # motion [N m], negative if the drive brakes.
-    resistance_nm: Callable[[float, float], float]
-
-    def friction_nm(self, state: JointStepState, limit_nm: Sequence[float]) -> Sequence[float]:
-        """Add the resistance to that of one joint; see `FrictionEffect.friction_nm`.
-
-        Args:
-            state: motion of the joints.
-            limit_nm: sum so far, shape (n,) [N m].
-        """
-        i, changed = self.index, list(limit_nm)
-        velocity_rad_s, drive_nm = state.velocity_rad_s[i], state.drive_torque_nm[i]
-        along_nm = abs(drive_nm) if drive_nm * velocity_rad_s >= 0.0 else -abs(drive_nm)
-        changed[i] += self.resistance_nm(abs(velocity_rad_s), along_nm)
         return changed
