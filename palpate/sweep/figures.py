@@ -1,9 +1,8 @@
 """Figures of a sweep for print, one or two columns wide."""
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import wraps
+from collections.abc import Mapping, Sequence
 from operator import itemgetter
-from typing import Any, ParamSpec
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -17,7 +16,6 @@ from palpate.render.palette import BASE, JOINTS, MEASURED, MODEL, NOISE, TRUTH
 from palpate.sweep.case import Row
 from palpate.sweep.rows import BOUND, column, errors_of, estimated, grouped, parameters_of
 
-P = ParamSpec("P")
 ONE_COLUMN_IN, TWO_COLUMNS_IN = 3.5, 7.16
 SPEEDS = ("#b23a5c", "#de7a26", "#2b7a92")  # from fast to slow
 _STIFFNESSES = ("#4a6fb5", "#2b9a92", "#e2a13c", "#b23a5c")  # from soft to stiff
@@ -70,23 +68,7 @@ def save(figure: Figure, path: str) -> None:
         figure.savefig(path, metadata={"Date": None} if path.endswith("svg") else None)
 
 
-def _drawing(name: str) -> Callable[[Callable[P, Figure]], Callable[P, Figure]]:
-    """Return a decorator that draws in the common style; the figure's label is its file's name."""
-
-    def decorate(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-        @wraps(draw)
-        def make(*args: P.args, **kwargs: P.kwargs) -> Figure:
-            with mpl.rc_context(_STYLE):
-                figure = draw(*args, **kwargs)
-            figure.set_label(name)
-            return figure
-
-        return make
-
-    return decorate
-
-
-@_drawing("fig3a_torque")
+@mpl.rc_context(_STYLE)
 def torques(ticks: Sequence[Row]) -> Figure:
     """Draw figure 3a: commanded and measured torque of each joint over the first run.
 
@@ -97,7 +79,7 @@ def torques(ticks: Sequence[Row]) -> Figure:
     time_s = column(own, "time_s")
     time_s -= time_s[0]
     touching = np.isin([row["phase"] for row in own], IN_CONTACT)
-    figure, all_axes = _panels(3, 1, TWO_COLUMNS_IN, 3.6, sharex=True)
+    figure, all_axes = _panels("fig3a_torque", 3, 1, TWO_COLUMNS_IN, 3.6, sharex=True)
     for joint, axes in enumerate(all_axes, 1):
         axes.axvspan(time_s[touching][0], time_s[touching][-1], color="#f0e4d4", lw=0)
         for what, style in (("measured", {"color": JOINTS[joint - 1], "lw": 2.4, "alpha": 0.55}),
@@ -113,7 +95,7 @@ def torques(ticks: Sequence[Row]) -> Figure:
     return figure
 
 
-@_drawing("fig3b_transition")
+@mpl.rc_context(_STYLE)
 def transition(ticks: Sequence[Row]) -> Figure:
     """Draw figure 3b: torques around the first contact, at the middle speed.
 
@@ -124,7 +106,7 @@ def transition(ticks: Sequence[Row]) -> Figure:
     touch = next(i for i, row in enumerate(own) if row["phase"] == Phase.LOADING)
     own = own[touch - 60 : touch + 200]
     time_ms = 1e3 * (column(own, "time_s") - own[60]["time_s"])
-    figure, (above, below) = _panels(2, 1, ONE_COLUMN_IN, 3.4, sharex=True)
+    figure, (above, below) = _panels("fig3b_transition", 2, 1, ONE_COLUMN_IN, 3.4, sharex=True)
     for joint in (1, 2, 3):
         torque = column(own, f"torque_commanded_{joint}_nm")
         above.plot(time_ms, torque - torque[:40].mean(), color=JOINTS[joint - 1], label=f"joint {joint}")
@@ -139,7 +121,7 @@ def transition(ticks: Sequence[Row]) -> Figure:
     return figure
 
 
-@_drawing("fig4a_force_displacement")
+@mpl.rc_context(_STYLE)
 def force_displacement(ticks: Sequence[Row], grid: Sequence[Row]) -> Figure:
     """Draw figure 4a: force over displacement at three speeds, and peak forces over c v.
 
@@ -147,7 +129,7 @@ def force_displacement(ticks: Sequence[Row], grid: Sequence[Row]) -> Figure:
         ticks: rows of one probing.
         grid: rows of the grid, one for each probing.
     """
-    figure, (left, right) = _panels(1, 2, TWO_COLUMNS_IN, 2.7)
+    figure, (left, right) = _panels("fig4a_force_displacement", 1, 2, TWO_COLUMNS_IN, 2.7)
     for run, (speed_mm_s, color) in enumerate(zip((150, 90, 60), SPEEDS, strict=True)):
         own = [row for row in ticks if row["run"] == run and row["phase"] in _INWARDS]
         own = [row for row in own if row["depth_m"] is not None and row["depth_m"] > -5e-4]
@@ -173,10 +155,10 @@ def force_displacement(ticks: Sequence[Row], grid: Sequence[Row]) -> Figure:
     return figure
 
 
-@_drawing("fig4bc_estimates")
+@mpl.rc_context(_STYLE)
 def grid_estimates(rows: Sequence[Row]) -> Figure:
     """Draw figures 4b and 4c: estimates over the grid, and their errors with the paper's worst errors."""
-    figure, all_axes = _panels(2, 2, TWO_COLUMNS_IN, 5.0)
+    figure, all_axes = _panels("fig4bc_estimates", 2, 2, TWO_COLUMNS_IN, 5.0)
     good = estimated(rows)
     k_axis, c_axis = ("law stiffness_n_m", "k [N/m]"), ("law damping_n_s_m", "c [N s/m]")
     sides = ((K, k_axis, c_axis, (6.5, 20.6)), (C, c_axis, k_axis, (18.4, 29.5)))
@@ -211,14 +193,14 @@ def grid_estimates(rows: Sequence[Row]) -> Figure:
     return figure
 
 
-@_drawing("fig4d_noise")
+@mpl.rc_context(_STYLE)
 def noise(lines: Sequence[Sequence[Any]]) -> Figure:
     """Draw figure 4d: mean error over the noise.
 
     Args:
         lines: rows of the table in `palpate.sweep.paper`, by estimator and noise.
     """
-    figure, all_axes = _panels(1, 2, TWO_COLUMNS_IN, 2.8)
+    figure, all_axes = _panels("fig4d_noise", 1, 2, TWO_COLUMNS_IN, 2.8)
     for index, (axes, what) in enumerate(zip(all_axes, ("k", "c"), strict=True)):
         for number, (name, own) in enumerate(grouped(lines, lambda line: line[0]).items()):
             dashes, color = "-" if number < 4 else "--" if "1" in name else ":", _color(name, number)
@@ -233,14 +215,14 @@ def noise(lines: Sequence[Sequence[Any]]) -> Figure:
     return figure
 
 
-@_drawing("ransac_map")
+@mpl.rc_context(_STYLE)
 def ransac_map(by_noise: Mapping[str, Sequence[Row]]) -> Figure:
     """Draw the ratio of k's error to its bound over RANSAC's threshold and subset, and threshold and trials.
 
     Args:
         by_noise: rows of all settings, by the name of the noise.
     """
-    figure, all_axes = _panels(2, 3, TWO_COLUMNS_IN, 4.4)
+    figure, all_axes = _panels("ransac_map", 2, 3, TWO_COLUMNS_IN, 4.4)
     norm = LogNorm(1, 100)
     image: Any = None
     for (above, below), (name, own) in zip(all_axes.T, by_noise.items(), strict=True):
@@ -267,7 +249,7 @@ def ransac_map(by_noise: Mapping[str, Sequence[Row]]) -> Figure:
     return figure
 
 
-@_drawing("hunt_crossley")
+@mpl.rc_context(_STYLE)
 def hunt_crossley(rows: Sequence[Row], best: str) -> Figure:
     """Draw the best estimator's errors of k, b and n by object, with plus and minus one bound.
 
@@ -275,7 +257,7 @@ def hunt_crossley(rows: Sequence[Row], best: str) -> Figure:
         rows: rows of all objects.
         best: name of the estimator.
     """
-    figure, all_axes = _panels(1, 3, TWO_COLUMNS_IN, 2.7)
+    figure, all_axes = _panels("hunt_crossley", 1, 3, TWO_COLUMNS_IN, 2.7)
     own = [row for row in estimated(rows) if row["estimator"] == best]
     by_stiffness = sorted(grouped(own, itemgetter("law stiffness")).items())
     for axes, parameter in zip(all_axes, parameters_of(own), strict=True):
@@ -293,7 +275,7 @@ def hunt_crossley(rows: Sequence[Row], best: str) -> Figure:
     return figure
 
 
-@_drawing("errors")
+@mpl.rc_context(_STYLE)
 def error_spread(rows: Sequence[Row]) -> Figure:
     """Draw the distribution of relative errors by estimator, one panel per parameter, for any sweep.
 
@@ -304,7 +286,7 @@ def error_spread(rows: Sequence[Row]) -> Figure:
     parameters = parameters_of(good)
     groups = grouped(good, lambda row: row["estimator"])
     height_in = 0.9 + 0.26 * len(groups)
-    figure, all_axes = _panels(1, max(len(parameters), 1), TWO_COLUMNS_IN, height_in, sharey=True)
+    figure, all_axes = _panels("errors", 1, max(len(parameters), 1), TWO_COLUMNS_IN, height_in, sharey=True)
     for axes, parameter in zip(all_axes, parameters, strict=False):
         for y, own in enumerate(groups.values()):
             values = np.maximum(100 * np.abs(errors_of(own, parameter).relative), 1e-4)
@@ -317,8 +299,12 @@ def error_spread(rows: Sequence[Row]) -> Figure:
     return figure
 
 
-def _panels(rows: int, columns: int, width_in: float, height_in: float, **shared: bool) -> tuple[Figure, Any]:
+def _panels(
+    name: str, rows: int, columns: int, width_in: float, height_in: float, **shared: bool
+) -> tuple[Figure, Any]:
+    """Make a figure of panels, whose label is the name of its files."""
     figure = Figure(figsize=(width_in, height_in))
+    figure.set_label(name)
     axes = figure.subplots(rows, columns, squeeze=False, **shared)  # type: ignore[call-overload]
     return figure, axes if rows > 1 and columns > 1 else axes.ravel()
 
