@@ -194,7 +194,7 @@ def test_means_next_to_the_surface_are_excluded(averaged, lost):
     assert np.flatnonzero(~block_average(data).trusted[10:45]).tolist() == [one - 10 for one in lost]
 
 
-@pytest.mark.parametrize(("again", "taken"), [(20, False), (6, True)])
+@pytest.mark.parametrize(("again", "taken"), [(12, False), (11, True)])
 def test_press_without_its_start_is_scored_if_most_are_such(again, taken):
     depth = np.full(200, -0.01)
     depth[:100] = depth[150 : 150 + again] = 0.01

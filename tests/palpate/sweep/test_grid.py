@@ -12,7 +12,7 @@ from palpate.sweep import figures, paper
 from palpate.sweep.grid import DIAGNOSE, SHIPPED, load_grid
 from palpate.sweep.paper import CUBES, paper_cases
 from palpate.sweep.report import cell, write_grid
-from palpate.sweep.rows import BOUND, TRUE, estimated
+from palpate.sweep.rows import BOUND, TRUE, column, estimated
 from palpate.sweep.tasks.probing import make_estimator
 from tests.files import saved
 from tests.palpate.cli import ROOT
@@ -213,6 +213,13 @@ def test_row_without_an_estimator_is_no_estimate():
     assert estimated([row, {"error": ""}, row | {"problem": "slow"}, row | {"error": "too few"}]) == [row]
 
 
+@pytest.mark.parametrize("value", [True, "1.0"])
+def test_result_that_is_no_number_is_refused(value):
+    np.testing.assert_array_equal(column([{"x": 1}, {"x": None}, {}], "x"), [1.0, np.nan, np.nan])
+    with pytest.raises(InputError, match=rf"results: 'x' is '?{value}'?, which is not a number"):
+        column([{"x": 1.0}, {"x": value}], "x")
+
+
 def test_errors_are_drawn_in_percent():
     rows = [
         {"estimator": "lsq", "error": "", TRUE + paper.K: 200.0, paper.K: 200.0 * (1.0 + share)}
@@ -234,7 +241,10 @@ def test_hunt_crossley_errors_are_drawn_with_their_bounds():
         law | estimates | true | bounds | {"law stiffness": k, "law damping": k * 10**-0.5}
         for k in (2000.0, 500.0)
     ]
-    drawn = figures.hunt_crossley([*rows, rows[0] | {"estimator": "lsq"}], "robust").axes
+    section = paper.hunt_crossley_section([*rows, rows[0] | {"estimator": "lsq", "law.k": 97.0}])
+    assert section.words[0].startswith("2 objects, F = ")
+    assert "The error of robust in k is at most 2 %" in section.words[0]
+    drawn = section.drawing.axes
     expected = {"k": (2.0, -1.0, 5.0), "b": (-2.0, -4.0, 0.0), "n": (0.0, -1.0, 1.0)}  # error and its bar [%]
     for axes, (name, (error, low, high)) in zip(drawn, expected.items(), strict=True):
         assert [bar.get_label() for bar in axes.containers] == ["k = 500", "k = 2000"]
@@ -246,13 +256,20 @@ def test_hunt_crossley_errors_are_drawn_with_their_bounds():
 
 def test_ransac_map_states_each_error_at_its_settings():
     settings = [(subset, 1000) for subset in (9, 5)] + [(5, 100)]
-    values = iter((1.51, 9.94, 8.5, 12.4, 999.0, 1234.0))
+    keys = ("noise_percent", "outliers_percent", "threshold", "subset", "trials")
     rows = [
-        {"threshold": threshold, "subset": subset, "trials": trials, "k_over_bound": next(values)}
-        for subset, trials in settings
-        for threshold in (0.1, 0.02)
+        dict(zip(keys, (*noise, threshold, *setting), strict=True))
+        | {"k_over_bound": k, "c_over_bound": 9.0 if k < 5.0 else 1.0, "inlier_share": 0.5, "error": ""}
+        for noise in paper.RANSAC_NOISES
+        for setting, pair in zip(settings, ((1.51, 9.94), (8.5, 12.4), (999.0, 1234.0)), strict=True)
+        for threshold, k in zip((0.1, 0.01), pair, strict=True)
     ]
-    above, _, _, below, *_ = figures.ransac_map(dict.fromkeys(("calm", "loud", "worse"), rows)).axes
+    section = paper.ransac_section([*rows, rows[0] | {"error": "no touch"}])
+    for best, papers in zip(section.tables[0].rows[::2], section.tables[0].rows[1::2], strict=True):
+        assert best[1:] == (0.1, 5, 1000, 8.5, 1.0)  # the smallest sum of both
+        assert papers[1:] == (0.01, 5, 1000, 12.4, 1.0)
+    assert len(section.more[0].rows) == len(rows) + 1
+    above, _, _, below, *_ = section.drawing.axes
     for axes, shown, heights in (
         (above, [["12", "8.5"], ["9.9", "1.5"]], ["5", "9"]),  # from below: subsets of 5, and of 9
         (below, [[">999", "999"], ["12", "8.5"]], ["100", "1000"]),
@@ -260,7 +277,7 @@ def test_ransac_map_states_each_error_at_its_settings():
         np.testing.assert_array_equal(np.reshape([text.get_text() for text in axes.texts], (2, 2)), shown)
         assert [text.get_position() for text in axes.texts] == [(0, 0), (1, 0), (0, 1), (1, 1)]
         assert [label.get_text() for label in axes.get_yticklabels()] == heights
-        assert [label.get_text() for label in axes.get_xticklabels()] == ["0.02", "0.1"]
+        assert [label.get_text() for label in axes.get_xticklabels()] == ["0.01", "0.1"]
     assert [text.get_color() == "white" for text in above.texts] == [True, True, True, False]
 
 
