@@ -46,6 +46,7 @@ _MIN_OF_UNEXPLAINED = 0.25  # least mean square of an effect, relative to the un
 _MAX_UNEXPLAINED = (
     0.1  # unexplained mean square, relative to an effect's; with more, another kind may explain it
 )
+_NEARLY_ALL = 0.99  # the same as `MOST_OF_LAW`, for a fault of the sensor or a drift
 _MIN_RUNS = 5  # runs needed to accept a variation between runs in an incomplete model
 _PHYSICAL_KINDS = frozenset(Kind) - SENSOR_KINDS - {Kind.RUN_DIFFERENCES, Kind.DRIFT, Kind.OTHER}
 _SAME_CURVE = 1e-3  # energy of the difference of two curves, relative to what the effect adds
@@ -147,6 +148,7 @@ def accept_forms(
         share_left = remaining / count / partial.budget.base**2
         is_as_good = share_left <= min(partial.budget.unexplained / AS_GOOD, 1.0 - MOST_OF_LAW)
         least = least_explained(search, fit)
+        visible = min(measurement_noise(search.start).value ** 2, SMALL * search.start.held_out_mean_square)
         unnamed = max(unexplained, fit.flexible.explained / count)
         failed = []
         for test in tests:
@@ -156,10 +158,10 @@ def accept_forms(
             # If the effect explains most of the error above the noise that the model leaves without it, no
             # other effect can explain this error in its place. Faults of the sensor and drifts are rare, and
             # therefore need more evidence.
+            most = MOST_OF_LAW if test.kind in _PHYSICAL_KINDS else _NEARLY_ALL
             is_clear = (
                 is_as_good
-                and size >= MOST_OF_LAW * (size + unnamed)
-                and test.kind in _PHYSICAL_KINDS
+                and size >= max(most * (size + unnamed), visible)
                 and search.is_needed(search.without(fit, test.effect), fit)
             )
             is_needed = is_clear or (

@@ -24,7 +24,10 @@ PIECES, _PIECE_FOLDS = 15, 5  # pieces of a single run, and pieces for each fold
 _CORNER = 0.06  # change between readings at a corner, relative to a run's range of velocities
 _SLOW_S = 0.011  # step between samples above which corners are not excluded
 _CORNER_REACH = 3  # samples on each side of a corner in which a derived velocity is wrong
-_MAX_CORNERS = 0.2  # largest share of blocks at corners; more indicate a coarsely sampled motion
+_MAX_CORNERS = 0.2  # largest share of blocks at corners, or at stops; more indicate a coarse measurement
+_LONG_STOP = 5.0  # least length of a stop, relative to the step of the position before or after it
+_MIN_READINGS = 2  # equal readings in a step of the position; with fewer, the sampling limits its resolution
+_FIRST_STEP = 4.0  # longest time of the first step after a stop, relative to that of the second one
 _BORDER = 3.0  # excluded distance from a contact boundary, in standard deviations of the position's error
 _SETTLING_S = 0.25  # time after the first sample in which filters settle
 _UNKNOWN_S = 0.1  # time at the start of a run in which delays and lags depend on the unknown past
@@ -186,7 +189,9 @@ def block_average(
     grid = np.concatenate(rows)
     fold = np.unique(np.concatenate(folds), return_inverse=True)[1]
     trusted = np.ones(len(grid), dtype=np.bool_) if good is None else good[grid].all(axis=1)
-    trusted &= ~(_at_rest(data, grid) | _at_corners(data, grid) | _at_starts(data, grid))
+    trusted &= ~(
+        _at_rest(data, grid) | _at_corners(data, grid) | _at_starts(data, grid) | _at_stops(data, grid)
+    )
     blocked = BlockedData(data, grid, data.run[grid[:, 0]], fold, trusted, cache or FitCache())
     return exclude_boundaries(blocked, data)
 
@@ -292,6 +297,31 @@ def _at_starts(data: ChannelData, rows: IntArray) -> BoolArray:
             until = len(pressed) if pressed.all() else int(np.argmin(pressed))
             starts[run_rows[:until]] |= until < _FIRST_SHARE * np.sum(pressed)
     return np.asarray(starts[rows].any(axis=1))
+
+
+def _at_stops(data: ChannelData, rows: IntArray) -> BoolArray:
+    """Return the mask (m,) of blocks in which the motion stops or begins within a step of the position.
+
+    Friction reverses there before the position shows a motion. If the motion begins with constant jerk, the
+    first step takes 3.8 times as long as the second one. The position is resolved better than by its steps
+    if nearly every reading differs from the one before.
+    """
+    hidden = np.zeros(len(data), dtype=np.bool_)
+    for run_rows in rows_of_runs(data.run):
+        position = data.position[run_rows]
+        changes = np.concatenate([[0], np.flatnonzero(np.diff(position)) + 1, [len(position)]])
+        lengths = np.diff(changes)
+        for stop in np.flatnonzero(lengths >= _LONG_STOP * _MIN_READINGS):
+            first, last = changes[stop], changes[stop + 1]
+            for step, is_before in ((stop - 1, True), (stop + 1, False)):
+                at_end = not 0 < step < len(lengths) - 1
+                if at_end or not _MIN_READINGS <= lengths[step] <= lengths[stop] / _LONG_STOP:
+                    continue
+                reach = int(_FIRST_STEP * lengths[step])
+                low, high = (changes[step], first + reach) if is_before else (last - reach, changes[step + 1])
+                hidden[run_rows[low:high]] = True
+    stops = np.asarray(hidden[rows].any(axis=1))
+    return stops if np.mean(stops) <= _MAX_CORNERS else np.zeros(len(rows), dtype=np.bool_)
 
 
 def _at_rest(data: ChannelData, rows: IntArray) -> BoolArray:

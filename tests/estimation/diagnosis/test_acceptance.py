@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from palpate.estimation.budget import BudgetEntry
 from palpate.estimation.diagnosis import acceptance as module
@@ -110,6 +111,17 @@ def test_each_kind_has_one_name_while_error_remains(taken, repeated):
     effects = [EFFECTS[name]() for name in taken]
     end = SimpleNamespace(solution=SimpleNamespace(model=SimpleNamespace(effects=effects)))
     assert [name for name in taken if module._repeats_another(end, name, taken)] == [repeated]
+
+
+@pytest.mark.parametrize(("wander", "kept"), [(0.01, {BIAS}), (0.06, set())])
+def test_sensor_fault_that_explains_nearly_all_needs_no_law_that_accounts_for_it(wander, kept, monkeypatch):
+    """The rest is a slow error of which no law explains anything."""
+    data = swings(1)
+    slow = wander * lfilter([1.0], [1.0, -0.95], np.random.default_rng(0).normal(size=len(data)))
+    search = searched(replace(data, effort=data.effort + 0.5 + slow), BIAS)
+    monkeypatch.setattr(module, "_accounts_for_error", lambda *_, **__: False)
+    end, _ = accept_forms(search, analyze_kinds(search), reached(search, BIAS), measured(search))
+    assert set(search.added_effects(end)) == kept
 
 
 def test_effect_that_drives_a_base_gain_out_of_bounds_is_not_accepted(searches, monkeypatch):

@@ -106,6 +106,24 @@ def test_friction_is_not_scored_at_rest_and_motion_start(phase, rests):
     assert blocked.trusted[(begun_s > 0.11) & (begun_s < 0.24)].any() != rests
 
 
+def test_motion_within_a_step_of_the_position_is_not_scored_at_a_stop():
+    """Minimum-jerk moves from -1 to 0 and from 0 to 1 with a stop of 1 s between them."""
+    t = np.arange(3000) / 1000.0
+    move = lambda s: s**3 * (10.0 - 15.0 * s + 6.0 * s**2)  # noqa: E731
+    q = np.where(t < 1.5, move(np.minimum(t, 1.0)) - 1.0, move(np.clip(t - 2.0, 0.0, 1.0)))
+    fine, coarse = (
+        block_average(recorded(ChannelKind.REVOLUTE, one, q)) for one in (q, 1e-3 * np.round(1e3 * q))
+    )
+    distance = np.abs(q[coarse.rows])
+    is_hidden = (distance < 4e-4).all(axis=1) & (distance > 0.0).all(axis=1)
+    begun_s = coarse.reduce(t)
+    rests = (begun_s > 1.2) & (begun_s < 1.8)
+    assert is_hidden.sum() >= 4
+    assert not coarse.trusted[is_hidden].any()
+    assert coarse.trusted[rests | (distance > 0.05).all(axis=1)][11:-1].all()
+    assert fine.trusted[is_hidden].all()
+
+
 def triangle(angle):
     return np.minimum(angle, np.pi - angle) * 2.0 / np.pi
 
