@@ -80,6 +80,21 @@ def write_page(batch: BatchResult) -> None:
         "computed from the median absolute deviation (times 1.48) and the value's standard error.",
     )
     errors = list(batch.errors.items())[:_MOST_ROWS]
+    # the first rows of the table and the rows of outliers, in few columns
+    outlying = sorted({entry.row for entry in batch.outliers})[:_MOST_ROWS]
+    places = sorted({*range(min(len(batch.table), _MOST_ROWS)), *outlying})
+    shown = batch.table.take(pa.array(places, pa.int64()))
+    heads = [column.head for column in parameter_columns(batch.table)]
+    columns = [name for name in (*_ALREADY, *dict.fromkeys(heads)) if name in shown.column_names]
+    cells = {name: texts(shown, name) for name in columns}
+    for name in columns:
+        if pa.types.is_floating(shown.schema.field(name).type):
+            cells[name] = [
+                "" if value is None else f"{value:.4g}" if np.isfinite(value) else "–"
+                for value in shown[name].to_pylist()
+            ]
+    lines = list(zip(*cells.values(), strict=True))
+    words = (f"{len(places):,} of {len(batch.table):,} rows.",) if len(places) < len(batch.table) else ()
     sections = [
         _overview(batch),
         _COMMON.section(batch.common_effects),
@@ -89,7 +104,7 @@ def write_page(batch: BatchResult) -> None:
         _DIFFERENCES.section(sorted(batch.differences, key=lambda entry: entry.p_corrected)),
         PageSection("Outliers", _OUTLIER, outliers, words=about_outliers),
         PageSection("Measurements that could not be judged", ("measurement", "reason"), errors),
-        _rows(batch),
+        PageSection("Measurements", tuple(columns), lines, words=words, anchors=places),
     ]
     _write(batch.page, f"Batch {batch.folder.name}", facts, sections)
 
@@ -317,25 +332,6 @@ _DIFFERENCES = _EntryTable(
     "assumes independent measurements, so join several files of one specimen (--join specimen).",
 )
 _OUTLIER = ("measurement", "parameter", "value", "z", "its own report")  # heads of the table of outliers
-
-
-def _rows(batch: BatchResult) -> PageSection:
-    """Show the first rows of the table and the rows of outliers, in few columns."""
-    outlying = {entry.row for entry in batch.outliers}
-    places = sorted({*range(min(len(batch.table), _MOST_ROWS)), *sorted(outlying)[:_MOST_ROWS]})
-    shown = batch.table.take(pa.array(places, pa.int64()))
-    heads = [column.head for column in parameter_columns(batch.table)]
-    columns = [name for name in (*_ALREADY, *dict.fromkeys(heads)) if name in shown.column_names]
-    cells = {name: texts(shown, name) for name in columns}
-    for name in columns:
-        if pa.types.is_floating(shown.schema.field(name).type):
-            cells[name] = [
-                "" if value is None else f"{value:.4g}" if np.isfinite(value) else "–"
-                for value in shown[name].to_pylist()
-            ]
-    lines = list(zip(*cells.values(), strict=True))
-    words = (f"{len(places):,} of {len(batch.table):,} rows.",) if len(places) < len(batch.table) else ()
-    return PageSection("Measurements", tuple(columns), lines, words=words, anchors=places)
 
 
 def range_text(interval: tuple[float, float], std_err: float) -> str:

@@ -55,15 +55,28 @@ def sweep_command(
     """
     from palpate.sweep import (  # noqa: PLC0415, its libraries take a second
         RESULTS,
+        Case,
         Cluster,
         ResultStore,
         refuse_other_files,
         run_cases,
     )
 
-    parts, grid, title = _cases(what)
-    sweep = PAPER if grid is None else shell_path(Path(what))
-    folder = out or SWEEPS / title
+    parts: Mapping[str, Sequence[Case]]
+    path, grid = Path(what), None
+    if what == PAPER:
+        from palpate.sweep.paper import paper_cases  # noqa: PLC0415, as above
+
+        parts = paper_cases()
+    else:
+        from palpate.sweep.grid import load_grid  # noqa: PLC0415, as above
+
+        if not path.suffix and not path.exists():
+            raise InputError(f"sweep '{what}': no such grid. Valid: {PAPER}, or a YAML file with a grid")
+        grid = load_grid(existing_file(path, "sweep"))
+        parts = {"grid": list(grid.cases())}
+    sweep = PAPER if grid is None else shell_path(path)
+    folder = out or SWEEPS / path.stem
     refuse_other_files(folder)
     output_folder(folder)
     store = ResultStore(folder / RESULTS)
@@ -85,7 +98,7 @@ def sweep_command(
         if grid is not None and not plan:
             from palpate.sweep.report import write_grid  # noqa: PLC0415, matplotlib takes a second
 
-            page = write_grid(folder, title, grid, rows["grid"], facts)
+            page = write_grid(folder, path.stem, grid, rows["grid"], facts)
         elif done == len(cases) and not plan:
             from palpate.sweep.paper import write_paper  # noqa: PLC0415, as above
 
@@ -132,21 +145,6 @@ def sweep_command(
     console.present(outcome, lambda: _print(outcome, page, report.finished_before), as_json=as_json)
     if report.failures:
         raise PalpateError(f"{count(len(report.failures), 'case')} without a result: {report.failures[0]}")
-
-
-def _cases(what: str) -> tuple[Mapping[str, Sequence[Any]], Any, str]:
-    """Return the cases part by part, their grid (None for the paper) and a title."""
-    if what == PAPER:
-        from palpate.sweep.paper import paper_cases  # noqa: PLC0415, as above
-
-        return paper_cases(), None, PAPER
-    from palpate.sweep.grid import load_grid  # noqa: PLC0415, as above
-
-    if not Path(what).suffix and not Path(what).exists():
-        raise InputError(f"sweep '{what}': no such grid. Valid: {PAPER}, or a YAML file with a grid")
-    path = existing_file(Path(what), "sweep")
-    grid = load_grid(path)
-    return {"grid": list(grid.cases())}, grid, path.stem
 
 
 def _print(outcome: Mapping[str, Any], page: Path | None, before: int) -> None:

@@ -144,7 +144,7 @@ def _update(  # noqa: PLR0917, what was typed
     def labeled(series: "Series") -> dict[str, Any]:
         return {"group": series.group, "channel": series.channel, "series": series.name}
 
-    content = {
+    content: dict[str, Any] = {
         "table": str(out or data),
         "time": what,
         "measurements": len(set(table["measurement"].to_pylist())),
@@ -176,36 +176,30 @@ def _update(  # noqa: PLR0917, what was typed
     }
 
     def show() -> None:
-        console.stdout().print(f"{count(len(set(labels)), 'time')}, {len(tested)} series tested")
-        _print_changes(content, LEAST, is_selected=bool(names))
-        console.stdout().print(f"page  [bold]{display_path(page)}[/bold]")
+        to, short, constant = console.stdout(), content["short"], content["constant"]
+        to.print(f"{count(len(set(labels)), 'time')}, {len(tested)} series tested")
+        for change in content["changes"]:
+            to.print(f"  [yellow]{safe(describe_change(change))}[/yellow]")
+        if constant and (names or not tested):
+            to.print(f"  the same value in all measurements, so not tested: {safe(', '.join(constant))}")
+        elif not tested:
+            to.print(f"  nothing is tested: a series needs at least {LEAST} measurements")
+        if not content["changes"] and short < len(tested):
+            to.print("  nothing changes by more than its scatter")
+        if short:
+            words = f"{short} of them are too short to detect a step: this takes {least} measurements if "
+            to.print(
+                f"  [yellow]{words}{len(tested)} series are tested; use --parameter to test fewer[/yellow]"
+            )
+        if left_out := content["left_out"]:
+            which = f"{_series_name(left_out[0])} at {left_out[0]['at']} ({left_out[0]['value']:.3g})"
+            others = " and others" if len(left_out) > 1 else ""
+            words = f"{count(len(left_out), 'isolated value')} left out: {safe(which)}{others}"
+            to.print(f"  [dim]{words}[/dim]")
+        to.print(f"page  [bold]{display_path(page)}[/bold]")
 
     console.present(content, show, as_json=as_json)
     return bool(content["changes"])
-
-
-def _print_changes(content: Mapping[str, Any], least: int, *, is_selected: bool) -> None:
-    """Print changes, and series and values that are not tested; a series needs `least` measurements."""
-    to, tested, short, constant = console.stdout(), content["tested"], content["short"], content["constant"]
-    for change in content["changes"]:
-        to.print(f"  [yellow]{safe(describe_change(change))}[/yellow]")
-    if constant and (is_selected or not tested):
-        to.print(f"  the same value in all measurements, so not tested: {safe(', '.join(constant))}")
-    elif not tested:
-        to.print(f"  nothing is tested: a series needs at least {least} measurements")
-    if not content["changes"] and short < tested:
-        to.print("  nothing changes by more than its scatter")
-    if short:
-        words = f"{short} of them are too short to detect a step: this takes {content['least_for_step']}"
-        to.print(
-            f"  [yellow]{words} measurements if {tested} series are tested; use --parameter to test "
-            "fewer[/yellow]"
-        )
-    if left_out := content["left_out"]:
-        which = f"{_series_name(left_out[0])} at {left_out[0]['at']} ({left_out[0]['value']:.3g})"
-        others = " and others" if len(left_out) > 1 else ""
-        words = f"{count(len(left_out), 'isolated value')} left out: {safe(which)}{others}"
-        to.print(f"  [dim]{words}[/dim]")
 
 
 def _series_name(entry: Mapping[str, Any]) -> str:

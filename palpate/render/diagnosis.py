@@ -238,7 +238,30 @@ def budget_svg(budget: BudgetView, width: int, ink: str = "currentColor") -> str
     drawn.append(_text(place, _TOP - 8, RANGE, ink, 11, anchor, 0.7))
     y = float(_TOP)
     for part, own in zip(budget.parts, heights, strict=True):
-        drawn += _row(part, y, track, ink, width, is_narrow=is_narrow)
+        base, left, right = y + 15, *track
+        drawn += [
+            f'<rect x="0" y="{y + 4:.1f}" width="12" height="12" rx="2" fill="{part.color}"/>',
+            _text(20, base, part.word, ink),
+            _text(left - 12, base, part.share_text, ink, anchor="end", bold=True),
+        ]
+        if part.range is not None:
+            low, high, share = (
+                left + (right - left) * min(max(value, 0.0), 1.0) for value in (*part.range, part.share)
+            )
+            drawn += [
+                f'<rect x="{left}" y="{y + 9:.1f}" width="{right - left}" height="2" fill="{_TRACK}"/>',
+                f'<rect x="{low:.1f}" y="{y + 7:.1f}" width="{max(high - low, 2.0):.1f}" height="6" rx="2" '
+                f'fill="{part.color}" opacity="0.55"><title>{escape(part.range_text)}</title></rect>',
+                f'<circle cx="{share:.1f}" cy="{y + 10:.1f}" r="4.5" fill="{part.color}"/>',
+            ]
+        closest = ", closest" if part.form == "unknown" and part.effects else ""
+        form = f"{part.form} form{closest}" if part.form else ""
+        words = ": ".join(filter(None, [form, ", ".join(part.effects)]))
+        x, room = (20, width - 20) if is_narrow else (right + 16, width - right - 16)
+        most = int(room / _CHARACTER)
+        cut = words if len(words) <= most else f"{words[: most - 1]}…"
+        title = f"<title>{escape(words)}</title>" if cut != words else ""
+        drawn.append(_text(x, base + _SECOND * is_narrow, cut, ink, size=12, opacity=0.75, title=title))
         y += own
     label = escape(budget.sentence, quote=True)
     return (
@@ -246,36 +269,6 @@ def budget_svg(budget: BudgetView, width: int, ink: str = "currentColor") -> str
         f'viewBox="0 0 {width} {height}" aria-label="{label}" font-family="{palette.FONT}" font-size="13">'
         f"{''.join(drawn)}</svg>"
     )
-
-
-def _row(
-    part: BudgetPart, y: float, track: tuple[int, int], ink: str, width: int, *, is_narrow: bool
-) -> list[str]:
-    base, left, right = y + 15, *track
-    drawn = [
-        f'<rect x="0" y="{y + 4:.1f}" width="12" height="12" rx="2" fill="{part.color}"/>',
-        _text(20, base, part.word, ink),
-        _text(left - 12, base, part.share_text, ink, anchor="end", bold=True),
-    ]
-    if part.range is not None:
-        low, high, share = (
-            left + (right - left) * min(max(value, 0.0), 1.0) for value in (*part.range, part.share)
-        )
-        drawn += [
-            f'<rect x="{left}" y="{y + 9:.1f}" width="{right - left}" height="2" fill="{_TRACK}"/>',
-            f'<rect x="{low:.1f}" y="{y + 7:.1f}" width="{max(high - low, 2.0):.1f}" height="6" rx="2" '
-            f'fill="{part.color}" opacity="0.55"><title>{escape(part.range_text)}</title></rect>',
-            f'<circle cx="{share:.1f}" cy="{y + 10:.1f}" r="4.5" fill="{part.color}"/>',
-        ]
-    closest = ", closest" if part.form == "unknown" and part.effects else ""
-    form = f"{part.form} form{closest}" if part.form else ""
-    words = ": ".join(filter(None, [form, ", ".join(part.effects)]))
-    x, room = (20, width - 20) if is_narrow else (right + 16, width - right - 16)
-    most = int(room / _CHARACTER)
-    cut = words if len(words) <= most else f"{words[: most - 1]}…"
-    title = f"<title>{escape(words)}</title>" if cut != words else ""
-    drawn.append(_text(x, base + _SECOND * is_narrow, cut, ink, size=12, opacity=0.75, title=title))
-    return drawn
 
 
 def _text(  # noqa: PLR0917, a text needs all of these

@@ -198,30 +198,26 @@ def difference_table(differences: Sequence[ParameterDifference], width: int) -> 
         differences: difference of each parameter.
         width: width of the terminal [characters].
     """
-    ways = (("", False), ("\n", False), ("\n", True))
-    return first_that_fits((_table_of_differences(differences, *way) for way in ways), width)
-
-
-def _table_of_differences(differences: Sequence[ParameterDifference], between: str, narrow: bool) -> Table:
-    """Tabulate one parameter per row; with a separator `between`, all numbers share one cell."""
-    names = ("A", "B", "B − A")
-    right = (between.join(names),) if between else names
-    made = table("", "parameter", *right, *["unit"] * (not narrow), right=right)
-    for difference in differences:
-        values = (
-            significant(each.value, each.std_err) if each else "–"
-            for each in (difference.first, difference.second)
-        )
-        color = "yellow" if difference.differs else "default"
-        numbers = (*values, f"[{color}]{difference_text(difference)}[/]")
-        cells = (between.join(numbers),) if between else numbers
-        effect, _, name = difference.name.rpartition(".")
-        first, unit = f"[dim]{safe(effect)}.[/dim]", safe(difference.unit)
-        if narrow:
-            made.add_row(f"{first}\n  {safe(f'{name} [{difference.unit}]')}", *cells)
-        else:
-            made.add_row(first + safe(name), *cells, unit)
-    return made
+    made, names = list[Table](), ("A", "B", "B − A")
+    for between, narrow in (("", False), ("\n", False), ("\n", True)):
+        # with a separator `between`, all numbers share one cell
+        right = (between.join(names),) if between else names
+        made.append(table("", "parameter", *right, *["unit"] * (not narrow), right=right))
+        for difference in differences:
+            values = (
+                significant(each.value, each.std_err) if each else "–"
+                for each in (difference.first, difference.second)
+            )
+            color = "yellow" if difference.differs else "default"
+            numbers = (*values, f"[{color}]{difference_text(difference)}[/]")
+            cells = (between.join(numbers),) if between else numbers
+            effect, _, name = difference.name.rpartition(".")
+            first, unit = f"[dim]{safe(effect)}.[/dim]", safe(difference.unit)
+            if narrow:
+                made[-1].add_row(f"{first}\n  {safe(f'{name} [{difference.unit}]')}", *cells)
+            else:
+                made[-1].add_row(first + safe(name), *cells, unit)
+    return first_that_fits(made, width)
 
 
 def percent_text(fit: float) -> str:

@@ -169,7 +169,25 @@ def arm_session(
     else:
         clock = MonotonicClock()
     with ExitStack() as stack:
-        robot, scenario, world = _set_up(job, clock, calibrations, stack)
+        drivers = DriverCatalog(SIMULATED_DRIVERS, *job.drivers)
+        # Built with --wire too, to check the replaced drivers.
+        robot = build_robot(job.robot_file, drivers, clock, calibrations)
+        bus = next((bus for bus in robot.buses.values() if isinstance(bus, SimulatedBus)), None)
+        scenario: Scenario | None = None
+        world: Callable[[], World] | None = None
+        if job.wired:
+            scenario = _requested_scenario(job.scenario or load_scenario(DEFAULT_SCENARIO), job)
+            arm = emulate(job.robot_file, scenario, clock)
+            stack.callback(arm.emulator.close)
+            robot, world = build_robot(arm.robot_file, drivers, clock, calibrations), lambda: arm.plant.world
+        elif bus is not None:
+            scenario, world = _requested_scenario(job.scenario or bus.scenario, job), lambda: bus.world
+            bus.use_scenario(scenario)
+        elif any(option is not None for option in (job.scenario, job.engine, job.seed, job.hidden)):
+            raise InputError(
+                f"robot '{job.robot_file.name}' is not simulated: scenario, engine, seed and hidden effects "
+                "do not apply to it, unless its devices are emulated (--wire)"
+            )
         if not job.simulated:
             job.permission()
         try:
@@ -252,31 +270,6 @@ def begun_session(
             for file in filter(None, (job.session, sealed)):
                 file.unlink(missing_ok=True)
             raise
-
-
-def _set_up(
-    job: ArmJob, clock: Clock, calibrations: Calibrations, stack: ExitStack
-) -> tuple[Robot, Scenario | None, Callable[[], World] | None]:
-    """Return the robot, and its simulated world if any; `stack` closes both."""
-    drivers = DriverCatalog(SIMULATED_DRIVERS, *job.drivers)
-    # Built with --wire too, to check the replaced drivers.
-    robot = build_robot(job.robot_file, drivers, clock, calibrations)
-    if job.wired:
-        scenario = _requested_scenario(job.scenario or load_scenario(DEFAULT_SCENARIO), job)
-        arm = emulate(job.robot_file, scenario, clock)
-        stack.callback(arm.emulator.close)
-        return build_robot(arm.robot_file, drivers, clock, calibrations), scenario, lambda: arm.plant.world
-    bus = next((bus for bus in robot.buses.values() if isinstance(bus, SimulatedBus)), None)
-    if bus is None:
-        if any(option is not None for option in (job.scenario, job.engine, job.seed, job.hidden)):
-            raise InputError(
-                f"robot '{job.robot_file.name}' is not simulated: scenario, engine, seed and hidden effects "
-                "do not apply to it, unless its devices are emulated (--wire)"
-            )
-        return robot, None, None
-    scenario = _requested_scenario(job.scenario or bus.scenario, job)
-    bus.use_scenario(scenario)
-    return robot, scenario, lambda: bus.world
 
 
 def _requested_scenario(scenario: Scenario, job: ArmJob) -> Scenario:

@@ -203,7 +203,7 @@ def _run(cluster: Cluster, todo: dict[str, Case], store: ResultStore) -> Iterato
     if cluster.scheduler is None:
         yield from run_in_processes(todo, folder, cluster.workers or os.cpu_count() or 1)
         return
-    from distributed import Client  # noqa: PLC0415, takes half a second
+    from distributed import Client, as_completed  # noqa: PLC0415, takes half a second
 
     try:
         client = Client(cluster.scheduler, timeout=_JOIN_S)
@@ -232,31 +232,25 @@ def _run(cluster: Cluster, todo: dict[str, Case], store: ResultStore) -> Iterato
                 )
             if versions != ours:
                 raise InputError(f"worker {worker}: runs another version of palpate or of its libraries")
-        yield from _run_on_dask(client, todo, folder)
+        waiting = iter(todo.items())
+        stamp = uuid4().hex[:8]  # a task of an earlier client may still be running under its key
 
+        def submit(address: str, case: Case) -> Any:  # noqa: ANN401
+            key = f"case-{address}-{stamp}"
+            return client.submit(run_one, case, address, folder, key=key, pure=False)
 
-def _run_on_dask(client: Any, todo: dict[str, Case], folder: Path) -> Iterator[str]:  # noqa: ANN401, dask's
-    """Do the same as `_run` on the workers of a dask scheduler."""
-    from distributed import as_completed  # noqa: PLC0415, as above
-
-    waiting = iter(todo.items())
-    mark = uuid4().hex[:8]  # a task of an earlier client may still be running under its key
-
-    def submit(address: str, case: Case) -> Any:  # noqa: ANN401
-        return client.submit(run_one, case, address, folder, key=f"case-{address}-{mark}", pure=False)
-
-    pending = as_completed([submit(*arguments) for arguments in islice(waiting, _AHEAD)])
-    for future in pending:
-        problem = future.exception() if future.status == "error" else None
-        if future.status in ("cancelled", "lost") or isinstance(problem, CancelledError):
-            raise PalpateError(
-                f"the scheduler {client.scheduler.addr if client.scheduler else ''} was lost; "
-                "finished cases are kept, and the same command continues"
-            )
-        address = future.key.split("-")[1]
-        yield f"{todo[address].label}: {problem}" if problem else ""
-        for arguments in islice(waiting, 1):
-            pending.add(submit(*arguments))
+        pending = as_completed([submit(*arguments) for arguments in islice(waiting, _AHEAD)])
+        for future in pending:
+            problem = future.exception() if future.status == "error" else None
+            if future.status in ("cancelled", "lost") or isinstance(problem, CancelledError):
+                raise PalpateError(
+                    f"the scheduler {client.scheduler.addr if client.scheduler else ''} was lost; "
+                    "finished cases are kept, and the same command continues"
+                )
+            address = future.key.split("-")[1]
+            yield f"{todo[address].label}: {problem}" if problem else ""
+            for arguments in islice(waiting, 1):
+                pending.add(submit(*arguments))
 
 
 def _worker_code(mark: Path, modules: list[str]) -> tuple[bool, list[str]]:

@@ -38,7 +38,31 @@ def record_both(merged: MergedSessions, path: Path) -> float:
     haptic, ticks = merged.haptic, merged.ticks
     start_s = float(haptic["time_s"][0])
     hand_s, arm_s = haptic["time_s"] - start_s, merged.to_leader(ticks["time_s"]) - start_s
-    with recording_file(merged.leader.path.stem, path, _blueprint(merged)) as recording:
+    named = dict.fromkeys(name for _, data in merged.rendered_models() for name in data["parameters"])
+    parameters = [name for name in named if name not in GEOMETRY]
+    arms = rrb.Spatial3DView(
+        origin="/",
+        name="Follower, and the virtual arm behind it",
+        contents=["arm_leader/**", "arm_follower/**"],
+        background=rrb.Background(color=BACKGROUND),
+        defaults=solid_shapes(),
+        spatial_information=rrb.SpatialInformation(target_frame="world"),
+        eye_controls=rrb.EyeControls3D(
+            position=(0.9, -1.3, 0.8), look_target=(0.25, 0.2, 0.2), eye_up=(0, 0, 1)
+        ),
+    )
+    left = rrb.Vertical(arms, rrb.TextLogView(origin=_EVENTS, name="Events"), row_shares=[3, 2])
+    right = rrb.Vertical(
+        plot(f"{_FORCE}/leader", "Felt by the operator [N]"),
+        plot(f"{_FORCE}/follower", "Measured by the follower [N]"),
+        rrb.StateTimelineView(origin=_PHASE, name="Follower's phase"),
+        plot(_DEPTH, "Depth of the hand [mm]"),
+        *(plot(_entity(name), name) for name in parameters),
+        plot(_LINK, "Link [ms]", legend=rrb.Corner2D.LeftTop),
+    )
+    columns = rrb.Horizontal(left, right, column_shares=[5, 6], name="Teleoperation")
+    blueprint = shown_on(columns, timeline=TIME)
+    with recording_file(merged.leader.path.stem, path, blueprint) as recording:
         for name, session, samples, time_s, base_m in (
             ("leader", merged.leader, haptic, hand_s, _LEADER_BASE_M),
             ("follower", merged.follower, ticks, arm_s, (0.0, 0.0, 0.0)),
@@ -63,7 +87,7 @@ def record_both(merged: MergedSessions, path: Path) -> float:
             "95 % from": (palette.BAND, 1.0),
             "95 % to": (palette.BAND, 1.0),
         }
-        for name in _parameters(merged):  # constant, with its interval, from estimate to estimate
+        for name in parameters:  # constant, with its interval, from estimate to estimate
             having = [(e.time_s, data) for e, data in merged.rendered_models() if name in data["parameters"]]
             times = [*(time_s for time_s, _ in having), haptic["time_s"][-1]]
             edges_s = np.repeat(times, 2)[1:-1] - start_s
@@ -80,39 +104,8 @@ def record_both(merged: MergedSessions, path: Path) -> float:
     return float(hand_s[rendered[len(rendered) // 2]]) if len(rendered) else float(hand_s[-1] / 2)
 
 
-def _parameters(merged: MergedSessions) -> list[str]:
-    names = dict.fromkeys(name for _, data in merged.rendered_models() for name in data["parameters"])
-    return [name for name in names if name not in GEOMETRY]
-
-
 def _entity(parameter: str) -> str:
     return f"parameter/{parameter.replace('.', '_')}"
-
-
-def _blueprint(merged: MergedSessions) -> rrb.Blueprint:
-    arms = rrb.Spatial3DView(
-        origin="/",
-        name="Follower, and the virtual arm behind it",
-        contents=["arm_leader/**", "arm_follower/**"],
-        background=rrb.Background(color=BACKGROUND),
-        defaults=solid_shapes(),
-        spatial_information=rrb.SpatialInformation(target_frame="world"),
-        eye_controls=rrb.EyeControls3D(
-            position=(0.9, -1.3, 0.8), look_target=(0.25, 0.2, 0.2), eye_up=(0, 0, 1)
-        ),
-    )
-    corner = rrb.Corner2D.LeftTop
-    parameters = [plot(_entity(name), name) for name in _parameters(merged)]
-    left = rrb.Vertical(arms, rrb.TextLogView(origin=_EVENTS, name="Events"), row_shares=[3, 2])
-    right = rrb.Vertical(
-        plot(f"{_FORCE}/leader", "Felt by the operator [N]"),
-        plot(f"{_FORCE}/follower", "Measured by the follower [N]"),
-        rrb.StateTimelineView(origin=_PHASE, name="Follower's phase"),
-        plot(_DEPTH, "Depth of the hand [mm]"),
-        *parameters,
-        plot(_LINK, "Link [ms]", legend=corner),
-    )
-    return shown_on(rrb.Horizontal(left, right, column_shares=[5, 6], name="Teleoperation"), timeline=TIME)
 
 
 def draw(path: Path, merged: MergedSessions, rendered: ForceComparison, modeled: ForceComparison) -> Path:

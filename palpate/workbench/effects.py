@@ -10,7 +10,6 @@ import numpy as np
 from nicegui import events, ui
 from nicegui.element import Element
 
-from palpate.estimation.channel import ChannelKind
 from palpate.estimation.effect import Effect, Parameter
 from palpate.estimation.estimate import with_unit
 from palpate.render import palette
@@ -92,8 +91,31 @@ class EffectList:
         """List the channel's library, with the model's effects ticked."""
         self._effects = {effect.name: effect for effect in self._state.effects()}
         kind = self._state.channel.data.kind
+        rows: list[Row] = []
+        for effect in self._effects.values():
+            # a drawing of effort over position with and without the effect
+            example, drawn = EffectExample.on_simple_motion(effect, kind), ""
+            if example is not None:
+                step, data = slice(None, None, 2), example.data
+                curves = [(data.effort[step], palette.BASE), (example.effort()[step], palette.MODEL)]
+                drawn = thumbnail_svg(data.position[step], curves)
+            rows.append(
+                {
+                    "name": effect.name,
+                    "label": effect.name.replace("_", " "),
+                    "physics": effect.physics,
+                    "signature": effect.signature,
+                    "equation": effect.equation,
+                    "picture": drawn,
+                    "chosen": False,
+                    "order": 1000,
+                    **{"mark": "", "look": "quiet", "about": "", "share": None},  # evidence of the effect
+                    "seen": True,
+                    **_APART,
+                }
+            )
         with self._card:
-            self._rows = EffectRows([_row(effect, kind) for effect in self._effects.values()])
+            self._rows = EffectRows(rows)
 
         async def tick(event: events.GenericEventArguments) -> None:
             # selection in the browser; reverted if it cannot be fitted
@@ -194,28 +216,6 @@ class EffectList:
                 listed = ", ".join(name.replace("_", " ") for name in names)
                 changes[last] |= {"together": f"hard to tell apart in these data: {listed}"}
         self._rows.change(changes)
-
-
-def _row(effect: Effect, kind: ChannelKind) -> Row:
-    """Return an effect's row: texts, and a drawing of effort over position with and without it."""
-    example, drawn = EffectExample.on_simple_motion(effect, kind), ""
-    if example is not None:
-        step, data = slice(None, None, 2), example.data
-        curves = [(data.effort[step], palette.BASE), (example.effort()[step], palette.MODEL)]
-        drawn = thumbnail_svg(data.position[step], curves)
-    return {
-        "name": effect.name,
-        "label": effect.name.replace("_", " "),
-        "physics": effect.physics,
-        "signature": effect.signature,
-        "equation": effect.equation,
-        "picture": drawn,
-        "chosen": False,
-        "order": 1000,
-        **{"mark": "", "look": "quiet", "about": "", "share": None},  # evidence of the effect
-        "seen": True,
-        **_APART,
-    }
 
 
 def _rank(falls: float, *, chosen: bool) -> int:

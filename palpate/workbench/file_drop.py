@@ -128,7 +128,25 @@ class FileDrop:
             if is_session(path) or path.is_dir():
                 await self._opened(path, ImportOptions())
             else:
-                self._ask(path, await asyncio.to_thread(lambda: suggest_columns(read_table(path))))
+                columns = await asyncio.to_thread(lambda: suggest_columns(read_table(path)))
+                choices = [NOTHING, *QUANTITIES, RUN]
+
+                async def use() -> None:
+                    with errors_as_warnings(**_LASTING):
+                        await self._opened(path, options_of(columns))
+
+                self._review.clear()
+                with self._review:
+                    ui.label(f"{path.name}: is this right?").classes("text-bold")
+                    with ui.element("table"):
+                        with ui.element("tr"):
+                            for heading in ("column", "holds", "in", "first values"):
+                                with ui.element("th"):
+                                    ui.label(heading)
+                        for column in columns:
+                            self._column_row(column, choices)
+                    button = ui.button("Use these columns", on_click=use)
+                    button.props("unelevated dense no-caps").mark("use")
             is_readable = True
         return is_readable
 
@@ -151,25 +169,6 @@ class FileDrop:
             except (OSError, ValueError) as error:
                 raise InputError(f"{name[:80]!r}: cannot be saved in {folder} ({error})") from error
         raise InputError(f"{folder}: too many files are called {name}")
-
-    def _ask(self, path: Path, columns: list[ColumnGuess]) -> None:
-        self._review.clear()
-        choices = [NOTHING, *QUANTITIES, RUN]
-        with self._review:
-            ui.label(f"{path.name}: is this right?").classes("text-bold")
-            with ui.element("table"):
-                with ui.element("tr"):
-                    for heading in ("column", "holds", "in", "first values"):
-                        with ui.element("th"):
-                            ui.label(heading)
-                for column in columns:
-                    self._column_row(column, choices)
-
-            async def use() -> None:
-                with errors_as_warnings(**_LASTING):
-                    await self._opened(path, options_of(columns))
-
-            ui.button("Use these columns", on_click=use).props("unelevated dense no-caps").mark("use")
 
     @staticmethod
     def _column_row(column: ColumnGuess, choices: list[str]) -> None:

@@ -38,7 +38,19 @@ def measure(files: Sequence[Path], parameters: Mapping[str, Any]) -> list[Row]:
             suggested.append({"channel": channel.name, "suggested": better[0] if better else ""})
         return suggested
     if "screen" in options:
-        return _gains(study, options["screen"])
+        # Gain in logarithmic score on held-out runs of each candidate effect, per block; a candidate with
+        # physically impossible parameters gets no positive gain.
+        rows, screen = list[Row](), options["screen"]
+        for channel in study.channels:
+            if study.refusal(channel) or channel.name not in (screen["channels"] or [channel.name]):
+                continue
+            fit = study.fit(channel, screen["added"].get(channel.name, ())).training_fit
+            effects = applicable_effects(channel.to_fit, fit.model, study.effects)
+            for candidate in screen_effects(fit, effects):
+                gain = 0.5 * float(np.log(fit.solution.held_out / candidate.held_out))
+                row = {"channel": channel.name, "candidate": candidate.effect.name}
+                rows.append(row | {"gain": gain if candidate.possible else min(gain, 0.0)})
+        return rows or [{"channel": ""}]
     diagnosed: dict[str, ChannelDiagnosis] = {}
     if options["diagnose"]:
         diagnosed = {entry.channel: entry for entry in study.diagnose(plan=False).channels}
@@ -119,24 +131,6 @@ def _all_columns(parameters: Mapping[str, ParameterEstimate | ParameterValue]) -
         row |= {f"{name} low [{parameter.unit}]": float(low), f"{name} high [{parameter.unit}]": float(high)}
         row[f"{name} std_err [{parameter.unit}]"] = float(parameter.std_err)
     return row
-
-
-def _gains(study: Study, screen: Mapping[str, Any]) -> list[Row]:
-    """Compute the gain in logarithmic score on held-out runs of each candidate effect, per block.
-
-    A candidate with physically impossible parameters gets no positive gain.
-    """
-    rows: list[Row] = []
-    for channel in study.channels:
-        if study.refusal(channel) or channel.name not in (screen["channels"] or [channel.name]):
-            continue
-        fit = study.fit(channel, screen["added"].get(channel.name, ())).training_fit
-        effects = applicable_effects(channel.to_fit, fit.model, study.effects)
-        for candidate in screen_effects(fit, effects):
-            gain = 0.5 * float(np.log(fit.solution.held_out / candidate.held_out))
-            row = {"channel": channel.name, "candidate": candidate.effect.name}
-            rows.append(row | {"gain": gain if candidate.possible else min(gain, 0.0)})
-    return rows or [{"channel": ""}]
 
 
 def write_measurement_report(files: Sequence[Path], parameters: Mapping[str, Any], path: Path) -> None:

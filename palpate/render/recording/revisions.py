@@ -202,10 +202,20 @@ def record_rerun(view: StudyView, path: Path) -> None:
     drawn = [channel for channel in view.channels if len(channel.effort)]
     grown = [channel for channel in drawn if len(channel.stages) > 1]
     judged = [channel for channel in drawn if channel.budget is not None]
-    tabs: list[rrb.Container] = [
-        *(budget_tab(f"{c.name}/budget", f"{c.name}: error budget") for c in judged),
-        *map(_growth_tab, grown),
-    ]
+    tabs: list[rrb.Container] = [budget_tab(f"{c.name}/budget", f"{c.name}: error budget") for c in judged]
+    for channel in grown:
+        name, title = channel.name, f"Error in held-out runs [{channel.axes.effort_unit}]"
+        drawings = rrb.Vertical(
+            _view(f"{name}/effort", "Measured (blue), revision 0 (gray), this revision (orange)", _WIDE),
+            rrb.Horizontal(
+                _view(f"{name}/loop", "Over position"),
+                _view(f"{name}/residual", "Residual: revision 0 (gray), this revision (orange)"),
+            ),
+        )
+        words = rrb.TextDocumentView(origin=f"{name}/words", name="This revision")
+        reach = (0.0, 1.16 * max(stage.rmse for stage in channel.stages))
+        notes = rrb.Vertical(plot(f"{name}/error", title, reach, rrb.Corner2D.RightTop), words)
+        tabs.append(rrb.Horizontal(drawings, notes, column_shares=[2, 1], name=name))
     for channel in drawn:
         place, axes, corner = f"{channel.name}/time", channel.axes, rrb.Corner2D.LeftTop
         plots = [plot(f"{place}/effort", axes.effort, legend=corner)]
@@ -289,22 +299,6 @@ def _log_curves(recording: rr.RecordingStream, channel: ChannelView) -> None:
         curves = run_curves(channel.position, stage.residual, pressed)
         recording.log(f"{left.entity}/now", left.strips(curves, palette.MODEL, 1.4))
     recording.reset_time()
-
-
-def _growth_tab(channel: ChannelView) -> rrb.Horizontal:
-    name = channel.name
-    curves = rrb.Vertical(
-        _view(f"{name}/effort", "Measured (blue), revision 0 (gray), this revision (orange)", _WIDE),
-        rrb.Horizontal(
-            _view(f"{name}/loop", "Over position"),
-            _view(f"{name}/residual", "Residual: revision 0 (gray), this revision (orange)"),
-        ),
-    )
-    words = rrb.TextDocumentView(origin=f"{name}/words", name="This revision")
-    reach = (0.0, 1.16 * max(stage.rmse for stage in channel.stages))
-    title = f"Error in held-out runs [{channel.axes.effort_unit}]"
-    errors = rrb.Vertical(plot(f"{name}/error", title, reach, rrb.Corner2D.RightTop), words)
-    return rrb.Horizontal(curves, errors, column_shares=[2, 1], name=name)
 
 
 def _view(origin: str, name: str, width: float = WIDTH) -> rrb.Spatial2DView:

@@ -49,17 +49,54 @@ def record_session(scene: Scene, path: Path) -> None:
     Raises:
         InputError: the file cannot be written, or the session's URDF cannot be shown.
     """
-    rows = scene.picture_rows
-    position_rad = scene.ticks["joint_position_rad"][rows]
+    rows, ticks, time_s = scene.picture_rows, scene.ticks, scene.time_s
+    position_rad = ticks["joint_position_rad"][rows]
     with recording_file(scene.name, path, _blueprint(scene)) as recording:
-        log_moving_arm(recording, scene.name, scene.urdf, scene.time_s[rows], position_rad)
+        log_moving_arm(recording, scene.name, scene.urdf, time_s[rows], position_rad)
         log_object(recording, scene)
-        _log_signals(recording, scene)
+        # force, displacement and phase, torques and positions with their commands, and timing
+        force = {
+            "desired [N]": (ticks["desired_force_n"], palette.TRUTH, 1.5),
+            "measured [N]": (ticks["force_n"], palette.MEASURED, 1.5),
+        }
+        send_lines(recording, _FORCE, time_s, force)
+        if scene.depth_m is not None:
+            depth = {"into the object [mm]": (_TO_MILLI * scene.depth_m, palette.MEASURED, 1.5)}
+            send_lines(recording, _DEPTH, time_s, depth)
+        log_phases(recording, _PHASE, ticks["phase"], time_s)
+        position = np.degrees(ticks["joint_position_rad"])
+        reference = np.degrees(ticks["reference_position_rad"])
+        errors = zip((position - reference).T, cycle(palette.JOINTS), strict=False)
+        tracking = {f"joint {n}": (error, color, 1.5) for n, (error, color) in enumerate(errors, 1)}
+        send_lines(recording, _TRACKING, time_s, tracking)
+        torque_nm = ticks["torque_measured_nm"].copy()
+        torque_nm[0] = np.nan  # the drive was off, and its zeros would stretch the axes
+        for joint in range(scene.joints):
+            for entity, measured, commanded, name in (
+                (_TORQUE, torque_nm, ticks["torque_sent_nm"], "commanded"),
+                (_POSITION, position, reference, "reference"),
+            ):
+                curves = {
+                    "measured": (measured[:, joint], palette.MEASURED, 2.0),
+                    name: (commanded[:, joint], palette.MODEL, 1.0),
+                }
+                send_lines(recording, f"{entity}/joint_{joint + 1}", time_s, curves)
+        # durations of the loop's sections, and lateness of its wake-up
+        present = [name for name in _SECTIONS if name in ticks]
+        sections = {
+            name.removesuffix("_s"): (_TO_MICRO * ticks[name], color, 1.0)
+            for name, color in zip(present, palette.JOINTS, strict=False)
+        }
+        if sections:
+            send_lines(recording, f"{_TIMING}/sections", time_s, sections)
+        if "lateness_s" in ticks:
+            late = {"lateness": (_TO_MICRO * ticks["lateness_s"], palette.TRUTH, 1.0)}
+            send_lines(recording, f"{_TIMING}/lateness", time_s, late)
         # Log online estimates as curves, and offline estimates with intervals and the truth as levels.
-        ends = scene.time_s[[0, -1]]
+        ends = time_s[[0, -1]]
         for entity, (name, column, _) in _PARAMETERS.items():
-            online = {"online": (scene.ticks[column], palette.MEASURED, 4.0)}
-            send_lines(recording, f"{entity}/online", scene.time_s, online)
+            online = {"online": (ticks[column], palette.MEASURED, 4.0)}
+            send_lines(recording, f"{entity}/online", time_s, online)
             estimate = scene.estimate_of(name)
             if estimate is not None:
                 low, high = estimate.interval
@@ -75,7 +112,7 @@ def record_session(scene: Scene, path: Path) -> None:
         if scene.summary:
             recording.log(_SUMMARY, markdown(scene.summary), static=True)
         levels = dict.fromkeys(_TROUBLE, rr.TextLogLevel.WARN) | {"trip": rr.TextLogLevel.ERROR}
-        times_s = np.array([event.time_s for event in scene.events]) - scene.ticks["time_s"][0]
+        times_s = np.array([event.time_s for event in scene.events]) - ticks["time_s"][0]
         log_events(recording, _EVENTS, scene.events, times_s, levels)
 
 
@@ -121,47 +158,6 @@ def log_phases(recording: rr.RecordingStream, entity: str, phases: IntArray, tim
     recording.log(entity, known, static=True)
     changes = rr.StateChange.columns(state=[name for name, _ in shown])
     recording.send_columns(entity, time_column(time_s[first]), changes)
-
-
-def _log_signals(recording: rr.RecordingStream, scene: Scene) -> None:
-    """Log force, displacement and phase, torques and positions with their commands, and timing."""
-    force = {
-        "desired [N]": (scene.ticks["desired_force_n"], palette.TRUTH, 1.5),
-        "measured [N]": (scene.ticks["force_n"], palette.MEASURED, 1.5),
-    }
-    send_lines(recording, _FORCE, scene.time_s, force)
-    if scene.depth_m is not None:
-        depth = {"into the object [mm]": (_TO_MILLI * scene.depth_m, palette.MEASURED, 1.5)}
-        send_lines(recording, _DEPTH, scene.time_s, depth)
-    log_phases(recording, _PHASE, scene.ticks["phase"], scene.time_s)
-    ticks = scene.ticks
-    position, reference = np.degrees(ticks["joint_position_rad"]), np.degrees(ticks["reference_position_rad"])
-    lines = zip((position - reference).T, cycle(palette.JOINTS), strict=False)
-    tracking = {f"joint {n}": (error, color, 1.5) for n, (error, color) in enumerate(lines, 1)}
-    send_lines(recording, _TRACKING, scene.time_s, tracking)
-    torque_nm = ticks["torque_measured_nm"].copy()
-    torque_nm[0] = np.nan  # the drive was off, and its zeros would stretch the axes
-    for joint in range(scene.joints):
-        for entity, measured, commanded, name in (
-            (_TORQUE, torque_nm, ticks["torque_sent_nm"], "commanded"),
-            (_POSITION, position, reference, "reference"),
-        ):
-            curves = {
-                "measured": (measured[:, joint], palette.MEASURED, 2.0),
-                name: (commanded[:, joint], palette.MODEL, 1.0),
-            }
-            send_lines(recording, f"{entity}/joint_{joint + 1}", scene.time_s, curves)
-    # durations of the loop's sections, and lateness of its wake-up
-    present = [name for name in _SECTIONS if name in scene.ticks]
-    sections = {
-        name.removesuffix("_s"): (_TO_MICRO * scene.ticks[name], color, 1.0)
-        for name, color in zip(present, palette.JOINTS, strict=False)
-    }
-    if sections:
-        send_lines(recording, f"{_TIMING}/sections", scene.time_s, sections)
-    if "lateness_s" in scene.ticks:
-        late = {"lateness": (_TO_MICRO * scene.ticks["lateness_s"], palette.TRUTH, 1.0)}
-        send_lines(recording, f"{_TIMING}/lateness", scene.time_s, late)
 
 
 def _blueprint(scene: Scene) -> rrb.Blueprint:
