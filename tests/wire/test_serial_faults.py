@@ -195,7 +195,11 @@ SILENT = {"receive": lambda data, now_s: b""}
         (ODRIVE, [], {"_unit": "psi"}, "unit 'psi' is not a known unit"),
         (ODRIVE, [], SILENT, "no DI-100 or DI-1000 answers"),
         # From another sensor.
-        (CUBEMARS, [], {"receive": lambda data, now_s: STRANGER}, "no answer to HELLO"),
+        (CUBEMARS, [], {"receive": lambda data, now_s: STRANGER}, "no answer to HELLO; check port"),
+        (
+            *(CUBEMARS, [], {"receive": lambda data, now_s: STRANGER[:-1] + b"\0"}),
+            r"no answer to HELLO \(\d+ damaged telegrams\); check port",
+        ),
     ],
 )
 def test_unusable_sensor_is_refused(make_robot, path, changes, spoil, problem):
