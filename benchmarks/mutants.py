@@ -1,6 +1,6 @@
 """Changes one place of the program at a time, and says which changes the tests do not notice.
 
-    python benchmarks/mutants.py [mutants, default 200] [--seed N] [--only session,guard,...]
+    python benchmarks/mutants.py [mutants, default 200] [--seed N] [--only session,guard,...] [--slow]
 
 A mutant is one changed operator, number, condition, result or left out statement, drawn evenly over areas.
 The tests that name the changed module run first, then the others of its area, in a copy of the tree. mutmut
@@ -148,10 +148,12 @@ class Trial:
 
     Args:
         tree: the copy.
+        slow: whether the slow tests run too, of which the workbench's need a browser.
     """
 
-    def __init__(self, tree: Path) -> None:
+    def __init__(self, tree: Path, *, slow: bool) -> None:
         self._tree = tree
+        self._marks = ["-m", ""] if slow else []
         self._most_s = dict.fromkeys(AREAS, MOST_S)
         listed = subprocess.check_output(["git", "ls-files", "-z"], cwd=ROOT, text=True)
         for name in filter(None, listed.split("\0")):
@@ -197,7 +199,7 @@ class Trial:
         if not tests:
             return ""
         options = ["-m", "pytest", "-x", "-q", "--no-header", "-p", "no:cacheprovider", "-n", "0"]
-        command = [sys.executable, *options, *tests]
+        command = [sys.executable, *options, *self._marks, *tests]
         environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
         environment["PYTHONPATH"] = str(self._tree)
         where = {"cwd": self._tree, "env": environment, "start_new_session": True, "text": True}
@@ -218,12 +220,13 @@ def main() -> None:
     options = arguments(__doc__)
     options.add_argument("count", nargs="?", type=int, default=200)
     options.add_argument("--seed", type=int, default=0)
+    options.add_argument("--slow", action="store_true")
     options.add_argument("--only", default=",".join(AREAS))
     given = options.parse_args()
     noticed: dict[str, list[bool]] = defaultdict(list)
     drawn = sampled(given.count, given.only.split(","), given.seed)  # of the same files as the copy has
     with TemporaryDirectory() as folder:
-        trial = Trial(Path(folder))
+        trial = Trial(Path(folder), slow=given.slow)
         for area in given.only.split(","):
             trial.check(area)
         for mutant in drawn:
