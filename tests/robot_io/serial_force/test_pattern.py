@@ -61,6 +61,14 @@ def test_bad_lines_are_counted_and_left_out():
     assert gauge.feed(b"5 N\n") == [3.5]
 
 
+@pytest.mark.parametrize(("equal", "forces"), [(200, [2.5]), (201, [])])
+def test_other_decimals_after_many_equal_ones_are_damage_until_they_last(equal, forces):
+    gauge = stream(MARK_10)
+    assert len(gauge.feed(b"\n" + equal * b"1.25 N\n")) == equal
+    assert gauge.feed(b"2.5 N\n") == forces
+    assert gauge.feed(b"2.5 N\n") == [2.5]
+
+
 @pytest.mark.parametrize(
     ("pattern", "problem"),
     [

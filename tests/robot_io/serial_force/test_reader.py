@@ -63,13 +63,14 @@ def test_repeated_slips_increase_the_number_of_suspect_samples(line):
     assert line.send(b"3.0") == (3.0, 0)
 
 
-def test_old_damage_is_forgotten(line):
+@pytest.mark.parametrize(("good", "believed"), [(100, (3.0, 0)), (99, (2.0, 104))])
+def test_damage_is_forgotten_after_a_hundred_good_readings(line, good, believed):
     line.send(b"1.0", 5)
     for _ in range(4):
         line.send(b"?")
-        line.send(b"2.0", 200)
+        line.send(b"2.0", good)
     line.send(b"?")
-    assert line.send(b"3.0", 3) == (3.0, 0)
+    assert line.send(b"3.0", 3) == believed
 
 
 def test_permanently_damaged_line_counts_as_silent(line):
