@@ -226,13 +226,19 @@ def test_holding_servo_is_monitored_like_the_joints(arm, break_servo, problem):
     assert re.search(problem, arm.problem)
 
 
-def test_each_servo_has_the_torque_limit_of_its_load(make_robot):
+@pytest.mark.parametrize(
+    ("torque_nm", "last"), [(1.2, 1.2 / STALL_NM + 0.5 / NO_LOAD_RAD_S), (0.1, 0.1)], ids=["load", "least"]
+)
+def test_each_servo_has_the_torque_limit_of_its_load(make_robot, torque_nm, last):
     """Torque, and what its speed takes beside it; those that hold stand still."""
-    arm = make_robot(SO101, [("velocity_rad_s: [3.0, 3.0, 3.0]", "velocity_rad_s: [3.0, 1.0, 0.5]")])
+    speed_rad_s = 0.5 if torque_nm > 1.0 else 0.01
+    changes = [("velocity_rad_s: [3.0, 3.0, 3.0]", f"velocity_rad_s: [3.0, 1.0, {speed_rad_s}]")]
+    changes += [("torque_nm: [2.0, 2.0, 1.2]", f"torque_nm: [2.0, 2.0, {torque_nm}]")]
+    arm = make_robot(SO101, changes)
     arm.robot.configure()
     at_stall = ["stall torque" in finding.text for finding in arm.robot.buses["motors"].examine()]
     assert at_stall == [True, *4 * [False]]
-    duty = {2: 1.0, 3: 2.0 / STALL_NM + 1.0 / NO_LOAD_RAD_S, 4: 1.2 / STALL_NM + 0.5 / NO_LOAD_RAD_S}
+    duty = {2: 1.0, 3: 2.0 / STALL_NM + 1.0 / NO_LOAD_RAD_S, 4: last}
     for servo_id, share in (duty | dict.fromkeys((1, 5), 2.0 / STALL_NM)).items():
         assert arm.servos[servo_id].get(LIMIT) == pytest.approx(1000 * share, abs=1)
 
