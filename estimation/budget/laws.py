@@ -101,9 +101,12 @@ def flexible_laws(
     zero, error = zero_in_free_air(data), np.mean(residual[used] ** 2)
     has_bias = zero is None or not (zero.is_zero or zero.bias**2 < _MIN_BIAS_SHARE * error)
     relaxed = _relaxation(time_s, run, touching, is_contact=is_contact)
+    # forces that oppose the motion and grow with speed: linearly, faster and slower
+    fast = np.abs(unit_speed)
+    dissipation = (unit_speed, unit_speed * fast, unit_speed**3, unit_speed / (1.0 + fast))
     laws = [
         _law(Kind.ELASTIC_SHAPE, _hinges(depth), unit_depth * np.abs(unit_depth), unit_depth**3),
-        _law(Kind.RATE_DEPENDENCE, *_dissipation(unit_speed), nonnegative=True),
+        _law(Kind.RATE_DEPENDENCE, *dissipation, nonnegative=True),
         _law(Kind.FRICTION, *_friction(blocked, unit_speed, depth, touching), nonnegative=True),
         _law(Kind.TIME_MEMORY, *relaxed(depth), nonnegative=True),
         _law((Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY), *relaxed(depth * unit_depth), nonnegative=True),
@@ -244,16 +247,6 @@ def _sensor_dynamics(
     return [
         _law(Kind.SENSOR_DYNAMICS, derivative(closest, time_s, run)),
         _law(Kind.SENSOR_DYNAMICS, *columns, nonnegative=True),
-    ]
-
-
-def _dissipation(unit_speed: FloatArray) -> list[FloatArray]:
-    """Return forces that oppose the motion and grow with speed: linearly, faster and slower."""
-    return [
-        unit_speed,
-        unit_speed * np.abs(unit_speed),
-        unit_speed**3,
-        unit_speed / (1.0 + np.abs(unit_speed)),
     ]
 
 
