@@ -294,15 +294,18 @@ def _forms_of(partial: PartiallyLinear, kinds: Kinds) -> FitResult:
     """Select the form of each kind by backfitting, given the other kinds' forms and flexible laws."""
     search = partial.search
     chosen: dict[Kind, tuple[Effect, dict[str, float]]] = {}
+    forms = dict[object, tuple[Effect, dict[str, float]] | None]()  # by the kind and the others' forms
     for _ in range(_ROUNDS):
         before = {kind: effect.name for kind, (effect, _) in chosen.items()}
         for kind in sorted(kinds, key=list(Kind).index):
             if kind in {Kind.RUN_DIFFERENCES, Kind.RECORDED_CONTEXT}:
                 continue
             others = [pair for other, pair in chosen.items() if other is not kind]
-            form = _best_form(partial, kind, kinds, others)
+            key = kind, tuple((effect.name, effect.form, *inner.items()) for effect, inner in others)
+            if key not in forms:
+                forms[key] = _best_form(partial, kind, kinds, others)
             chosen.pop(kind, None)
-            if form is not None:
+            if (form := forms[key]) is not None:
                 chosen[kind] = form
         if before == {kind: effect.name for kind, (effect, _) in chosen.items()}:
             break

@@ -120,8 +120,11 @@ class Evidence:
             fit: the model.
             name: the effect that is added.
         """
-        effect = next(effect for effect in self.search.effects if effect.name == name)
-        return fit_extended(self.search.data, fit, effect.suited_to(fit.training))
+        known = self.search.extended
+        if (fit, name) not in known:
+            effect = next(effect for effect in self.search.effects if effect.name == name)
+            known[fit, name] = fit_extended(self.search.data, fit, effect.suited_to(fit.training))
+        return known[fit, name]
 
     @cached_property
     def noise(self) -> MeasurementNoise:
