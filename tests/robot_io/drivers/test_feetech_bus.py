@@ -8,6 +8,8 @@ from math import pi
 import numpy as np
 import pytest
 
+from palpate.robot_io.clock import SimulatedClock
+from palpate.robot_io.drivers.feetech.feedback import FeetechFeedback, PlausibilityFilter
 from palpate.robot_io.drivers.feetech.lerobot import main, read_calibration
 from palpate.robot_io.errors import DeviceError, InputError, LifecycleError
 from palpate.robot_io.types import Command, Status
@@ -184,6 +186,25 @@ def test_restart_between_two_readings_is_detected(arm):
     arm.servos[2].reboot(arm.clock.now_s(), 0.0)
     assert arm.tick(None).encoder_status is Status.FAULT
     assert "servo 2: torque limit is 1000 instead of 999: it has restarted" in arm.problem
+
+
+@pytest.mark.parametrize(("moved", "jumps"), [(26, False), (27, True)])
+@pytest.mark.parametrize("way", [1, -1])
+def test_jump_beyond_the_fastest_motion_is_damage(moved, jumps, way):
+    """10 ms at 1000 counts/s, and 16 counts; servo 1 stands still."""
+    clock = SimulatedClock()
+    plausibility = PlausibilityFilter(clock, dict.fromkeys((1, 2), (0, 0, 0, 999, 1)), 1000.0)
+
+    def seen(position):
+        still = (0, 0)
+        return plausibility.problem(FeetechFeedback(still, still, (0, way * position), still, still, still))
+
+    assert seen(100) is None
+    clock.sleep_until(0.01)
+    said = seen(100 + moved)
+    assert said == (f"servo 2 jumped from {way * 100} to {way * (100 + moved)}" if jumps else None)
+    clock.sleep_until(0.02)
+    assert seen(110) is None
 
 
 @pytest.mark.parametrize("counts_s", [7000, -7000, 32767])
