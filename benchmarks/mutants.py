@@ -31,7 +31,8 @@ AREAS = {  # where the program is, and the tests that are to notice, in tests/
     "session": ("robot_io/session", "robot_io/test_session_*.py"),
     "drivers": (
         "robot_io/drivers",
-        "robot_io/drivers robot_io/can robot_io/serial_force wire fuzz/test_fuzz_codecs.py",
+        "robot_io/drivers robot_io/can robot_io/serial_force robot_io/test_request_queue.py wire "
+        "fuzz/test_fuzz_codecs.py",
     ),
     "fit": (
         "estimation/fit",

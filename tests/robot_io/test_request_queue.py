@@ -94,3 +94,29 @@ def test_unsolicited_answer_is_ignored():
     assert not queue.answer(1.001)
     queue.ask(2.0)
     assert not queue.answer(2.0 + LATEST_S + 1e-6)  # so late that it is no answer to this
+
+
+@pytest.mark.parametrize(("delay_s", "is_unsure"), [(2.25e-3, False), (2.35e-3, True)])
+def test_usual_delay_follows_a_shorter_one_by_a_twentieth_per_answer(delay_s, is_unsure):
+    """From 3 ms to 1.80 ms by ten answers without delay; the margin is 0.5 ms."""
+    queue = RequestQueue(MARGIN_S, LATEST_S)
+    for number, each_s in enumerate((3e-3, *10 * (0.0,))):
+        queue.ask(number)
+        assert queue.answer(number + each_s)
+    queue.ask(20.0)
+    queue.ask(20.001)
+    assert queue.answer(20.0 + delay_s)
+    assert queue.is_unsure is is_unsure
+
+
+def test_longer_delay_is_usual_after_four_unresolved_doubts():
+    """Delays of 5 and 8 ms in turn, which no number of lost answers explains."""
+    queue, doubted = RequestQueue(MARGIN_S, LATEST_S), []
+    for second in range(6):
+        queue.ask(second)
+        queue.ask(second + 1e-3)
+        assert queue.answer(second + 5e-3)
+        doubted.append(queue.is_unsure)
+        assert queue.answer(second + 9e-3)
+        assert not queue.is_unsure
+    assert doubted == 4 * [True] + 2 * [False]

@@ -1,5 +1,7 @@
 """Motors that differ from the robot file or lack a watchdog are refused without torque."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 
@@ -91,6 +93,16 @@ def test_device_that_differs_from_the_robot_file_is_refused(make_robot, path, ch
     arm = make_robot(path, changes)
     spoil(arm.servos[3] if path is SO101 else arm.motors[1])
     with pytest.raises(DeviceError, match=problem):
+        arm.robot.configure()
+
+
+@pytest.mark.parametrize(
+    ("shown_rad_s", "fits"), [(8.007, True), (8.009, False), (7.993, True), (7.991, False)]
+)
+def test_range_of_a_motor_may_be_a_thousandth_off(make_robot, shown_rad_s, fits):
+    arm = make_robot(DAMIAO)
+    arm.motors[1].registers[VMAX] = shown_rad_s
+    with nullcontext() if fits else pytest.raises(DeviceError, match=r"VMAX is .*, but .* states 8"):
         arm.robot.configure()
 
 
