@@ -248,6 +248,17 @@ def test_compared_torques_are_those_of_the_pair(torque_nm, named):
     assert not named or said.startswith("servos 2 and 4 (joint 2) exert ")
 
 
+@pytest.mark.parametrize(("step_s", "named_at"), [(1e-3, 9), (4e-3, 4)])
+def test_torques_differ_for_ten_milliseconds_and_five_samples_before_it_counts(step_s, named_at):
+    """10 ms after the last equal sample, and in the fifth that differs."""
+    pairs = pair_on_the_middle_joint()
+    for begun_s in (0.0, 1.0):
+        assert pairs.torque_difference(np.array([0.0, 2.0, 0.0, 2.0]), begun_s - step_s) is None
+        times_s = [begun_s + step_s * k for k in range(named_at + 1)]
+        said = [pairs.torque_difference(np.array([0.0, 2.0, 0.0, 0.0]), time_s) for time_s in times_s]
+        assert [text is not None for text in said] == [False] * named_at + [True]
+
+
 def test_second_servo_across_the_turn_edge_stays_beside_the_first():
     """The two stand 0.01 rad apart, half a turn from the middle of the range, one on either side of it."""
     servos = [ONE | {"second": {"id": 4}}]
