@@ -356,10 +356,11 @@ class RigidBody:
         Returns:
             Shape (m, 10 n).
         """
-        rows, compute = np.empty((len(position_rad), 10 * self.joint_count)), pin.computeJointTorqueRegressor
+        count, compute = self.joint_count, pin.computeJointTorqueRegressor
+        rows = np.empty((len(position_rad), 10 * count))
         samples = zip(position_rad, velocity_rad_s, acceleration_rad_s2, strict=True)
         for number, motion in enumerate(samples):
-            rows[number] = compute(self._model, self._data, *motion).reshape(self.joint_count, -1)[joint]
+            rows[number] = compute(self._model, self._data, *motion).reshape(count, -1)[joint]
         return rows
 
     @property

@@ -20,7 +20,7 @@ D = |P0^-1/2 (P - P0) P0^-1/2|^2 / 2.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -75,6 +75,7 @@ def inertial_unit(column: int) -> str:
     return _UNITS[column % len(_NAMES)]
 
 
+@lru_cache(maxsize=4)
 def base_parameters(body: "RigidBody") -> BaseParameters:
     """Compute the base parameters of an arm from random postures, velocities and accelerations."""
     rng = np.random.default_rng(0)

@@ -69,14 +69,13 @@ class RigidBodyFitted(AdditiveEffect):
         self, chosen: tuple[int, ...] = (), arm: BaseParameters | None = None, urdf: FloatArray | None = None
     ) -> None:
         self.arm, self.urdf = arm, urdf
-        self._chosen = list(chosen)
         self.gains = tuple(  # type: ignore[misc]  # how many there are depends on the arm
             Parameter(inertial_name(i), inertial_unit(i), -1e3, 1e3, (-5.0, 5.0)) for i in chosen
         )
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, len(chosen))."""
-        return data.context["rigid_body_regressor"][:, self._chosen]
+        """See `AdditiveEffect.columns`; shape (n, len(chosen)). The channel has the chosen columns only."""
+        return data.context["rigid_body_regressor"][:, : len(self.gains)]
 
     def known(self, data: ChannelData, inner: Inner) -> FloatArray:
         return data.context.get("contact_torque", np.zeros(len(data)))

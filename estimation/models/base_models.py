@@ -137,4 +137,6 @@ class RigidBodyFittedModel(BaseModel):
         return Model(self.name, (RigidBodyFitted(columns, arm, body.parameters), ViscousFriction()))
 
     def prepare(self, data: ChannelData, context: ModelContext) -> ChannelData:
-        return with_rigid_body(data, *arm_of(context, self.name), regressor=True)
+        body, joint = arm_of(context, self.name)
+        arm = base_parameters(body)
+        return with_rigid_body(data, body, joint, regressor=arm.columns[arm.affects_joint[joint]])

@@ -1,6 +1,6 @@
 """Signals of one joint from the rigid-body model of its arm, along the recorded motion."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -11,7 +11,7 @@ from palpate.estimation.channel import ChannelData
 from palpate.estimation.signals.cache_by_array import cache_by_array
 from palpate.estimation.signals.runwise import BY_ACCELERATION, BY_POSITION, smooth_jitter
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.types import FloatArray
+from palpate.robot_io.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from palpate.control.arm.rigid_body import RigidBody
@@ -41,7 +41,7 @@ class _ArmTorques:
 
 
 def with_rigid_body(
-    data: ChannelData, body: "RigidBody", joint: int, *, regressor: bool = False
+    data: ChannelData, body: "RigidBody", joint: int, *, regressor: Sequence[int] | IntArray = ()
 ) -> ChannelData:
     """Add signals of the rigid-body model to the channel of one joint.
 
@@ -61,7 +61,8 @@ def with_rigid_body(
         data: the channel.
         body: the arm.
         joint: index of the joint, from 0.
-        regressor: whether to add `rigid_body_regressor` (n, 10 joints) with its derivatives.
+        regressor: columns of the joint's regressor to add as `rigid_body_regressor` (n, columns), with its
+            derivatives; see `RigidBody.joint_regressor`.
 
     Raises:
         InputError: the context lacks the motion of all joints, or their number differs from the body's.
@@ -75,8 +76,12 @@ def with_rigid_body(
             f"channel '{data.name}': motion of {q.shape[1]} joints, but the URDF has {body.joint_count}"
         )
     context = dict(data.context)
-    if regressor:
-        context |= _with_slopes(REGRESSOR, partial(body.joint_regressor, joint), (q, v, a), joint)
+    if len(regressor):
+
+        def chosen(*motion: FloatArray) -> FloatArray:
+            return body.joint_regressor(joint, *motion)[:, regressor]
+
+        context |= _with_slopes(REGRESSOR, chosen, (q, v, a), joint)
     arm = _arm_torques(body, *(data.context[name] for name in _MOTION))
     context |= _with_slopes(TORQUE, partial(_torque, body, joint), (q, v, a), joint, arm.rigid_body[:, joint])
     context[PAYLOAD] = arm.payload[:, joint]

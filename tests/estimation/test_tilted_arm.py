@@ -194,7 +194,7 @@ def test_arm_torques_are_computed_once_for_all_joints_of_an_arm(body, monkeypatc
 
 
 def test_fitted_masses_leave_the_contact_to_the_force_sensor(body):
-    data = with_rigid_body(resting(0, 7.0), body, 0, regressor=True)
+    data = with_rigid_body(resting(0, 7.0), body, 0, regressor=range(30))
     fitted, given = EFFECTS["rigid_body_fitted"](), EFFECTS["rigid_body"]()
     pressing = given.known(data, {}) - data.context["rigid_body_torque"]
     np.testing.assert_allclose(fitted.known(data, {}), pressing)
