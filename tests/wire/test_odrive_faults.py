@@ -56,7 +56,9 @@ def test_velocity_limiter_that_cuts_torques_is_named(make_robot, left_nm, named)
     arm.ticks(10, (9.0, 1.0, 0.0))
     assert not arm.problem
     arm.motors[0].velocity_limiter = (2e3, left_nm / 2e3)  # which hardly depends on its speed
-    arm.ticks(10, (9.0, 1.0, 0.0))
+    arm.ticks(4, (9.0, 1.0, 0.0))
+    assert not arm.problem  # it is named in the fifth sample
+    arm.tick((9.0, 1.0, 0.0))
     assert arm.drive_torque_nm[0] == pytest.approx(9.0 * left_nm, abs=0.1)
     assert (f"joint 1 (node 0): exerts {left_nm:.2f} of 1.00 N m" in arm.problem) is named
     assert ("enable_torque_mode_vel_limit = False" in arm.problem) is named
