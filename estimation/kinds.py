@@ -36,6 +36,8 @@ class Kind(StrEnum):
 
 
 SENSOR_KINDS = frozenset({Kind.SENSOR_STATICS, Kind.SENSOR_DYNAMICS})
+# Kinds of the object or the drive, and of recorded conditions.
+PHYSICAL_KINDS = frozenset(Kind) - SENSOR_KINDS - {Kind.RUN_DIFFERENCES, Kind.DRIFT, Kind.OTHER}
 # In a single pass at one speed, these kinds cannot be distinguished from a law of the position, where the
 # effort and the sensor's reading are functions of the position. They need a reversal, a hold or a second
 # speed.

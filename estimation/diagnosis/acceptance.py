@@ -30,7 +30,7 @@ from palpate.estimation.fit.fit_result import FitResult, final_solution
 from palpate.estimation.fit.intervals import estimate_parameters
 from palpate.estimation.fit.measurement_model import MeasurementModel
 from palpate.estimation.fit.measurement_noise import measurement_noise
-from palpate.estimation.kinds import SENSOR_KINDS, Kind
+from palpate.estimation.kinds import PHYSICAL_KINDS, SENSOR_KINDS, Kind
 from palpate.robot_io.types import FloatArray
 
 AS_GOOD = 0.9  # a flexible regression that leaves less than this share of a model's squared error is better
@@ -48,7 +48,6 @@ _MAX_UNEXPLAINED = (
 )
 _NEARLY_ALL = 0.99  # the same as `MOST_OF_LAW`, for a fault of the sensor or a drift
 _MIN_RUNS = 5  # runs needed to accept a variation between runs in an incomplete model
-_PHYSICAL_KINDS = frozenset(Kind) - SENSOR_KINDS - {Kind.RUN_DIFFERENCES, Kind.DRIFT, Kind.OTHER}
 _SAME_CURVE = 1e-3  # energy of the difference of two curves, relative to what the effect adds
 
 
@@ -158,7 +157,7 @@ def accept_forms(
             # If the effect explains most of the error above the noise that the model leaves without it, no
             # other effect can explain this error in its place. Faults of the sensor and drifts are rare, and
             # therefore need more evidence.
-            most = MOST_OF_LAW if test.kind in _PHYSICAL_KINDS else _NEARLY_ALL
+            most = MOST_OF_LAW if test.kind in PHYSICAL_KINDS else _NEARLY_ALL
             is_clear = (
                 is_as_good
                 and size >= max(most * (size + unnamed), visible)
@@ -276,7 +275,7 @@ def _accounts_for_error(
         return True
     is_better = fit.held_out_mean_square < AS_GOOD * by_laws
     without = search.without(fit, test.effect)
-    return test.kind in _PHYSICAL_KINDS and is_better and without.held_out_mean_square > by_laws
+    return test.kind in PHYSICAL_KINDS and is_better and without.held_out_mean_square > by_laws
 
 
 def _replacement_thresholds(partial: PartiallyLinear, entry: BudgetEntry) -> Iterator[float]:
@@ -470,7 +469,7 @@ def _physical_alternatives(search: Search, fit: FitResult, name: str) -> Iterato
         return
     limit, alternatives = _alternatives(search, fit, name)
     for candidate in alternatives:
-        if candidate.effect.kind in _PHYSICAL_KINDS:
+        if candidate.effect.kind in PHYSICAL_KINDS:
             alternative = search.with_candidate(candidate)
             if alternative.solution.held_out <= limit:
                 yield alternative
@@ -572,13 +571,13 @@ def most_parsimonious(
         candidates = [
             candidate
             for candidate in _rivals(search, fit, name, measurement, max_count)
-            if effect.kind not in _PHYSICAL_KINDS or candidate.effect.kind not in SENSOR_KINDS
+            if effect.kind not in PHYSICAL_KINDS or candidate.effect.kind not in SENSOR_KINDS
         ]
         likelier = [
             search.with_candidate(candidate)
             for candidate in candidates
             if _is_missing_weight(search, candidate.effect, effect)
-            or (effect.kind in SENSOR_KINDS and candidate.effect.kind in _PHYSICAL_KINDS)
+            or (effect.kind in SENSOR_KINDS and candidate.effect.kind in PHYSICAL_KINDS)
         ]
         rivals = map(search.with_candidate, candidates)
         better = likelier or [rival for rival in rivals if search.is_better(rival, fit)]

@@ -21,6 +21,7 @@ from palpate.estimation.diagnosis.acceptance import (
 from palpate.estimation.diagnosis.bootstrap import encoder_step_error, lack_of_fit_test
 from palpate.estimation.diagnosis.candidates import effect_library
 from palpate.estimation.diagnosis.forms import (
+    AS_MUCH,
     FormTest,
     PartiallyLinear,
     analyze_kinds,
@@ -42,7 +43,7 @@ from palpate.estimation.estimate import with_unit
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.fit.measurement_noise import measurement_noise
-from palpate.estimation.kinds import SENSOR_KINDS
+from palpate.estimation.kinds import PHYSICAL_KINDS, SENSOR_KINDS
 from palpate.estimation.model import Model
 from palpate.estimation.shared_gains import with_shared_gains
 from palpate.estimation.workers import single_threaded, worker_pool
@@ -194,7 +195,7 @@ def _find_effects(
         coarse_forms = forms()
         forms_fit = search.fitted(coarse_forms.solution.model, coarse_forms.solution.parameters)
         rival, rival_tests = accept_forms(search, kinds(), forms_fit, checks.measurement)
-        if search.is_better(rival, end):
+        if search.is_better(rival, end) and not _is_likelier(search, end, rival):
             end, tests = rival, rival_tests
         if end is search.start:  # a single effect may be accepted although several jointly were not
             for single in [candidate for candidate in search.screen(end) if candidate.possible][:1]:
@@ -208,6 +209,21 @@ def _find_effects(
         reduced = reduce(search.without, names, end)
         end, tests = accept_forms(search, kinds(), reduced, checks.measurement) if names else (end, tests)
     return end, tests
+
+
+def _is_likelier(search: Search, end: FitResult, rival: FitResult) -> bool:
+    """Return whether a model has an effect of the object or the drive, and explains as much as one without.
+
+    Differences between runs, sensor faults and drifts can imitate what depends on conditions that are
+    constant in each run, such as the direction of its motion.
+    """
+    has_physical, rival_has = (
+        any(fit.solution.model.effect(name).kind in PHYSICAL_KINDS for name in search.added_effects(fit))
+        for fit in (end, rival)
+    )
+    base = search.start.solution.held_out
+    explains_as_much = base - end.solution.held_out >= AS_MUCH * (base - rival.solution.held_out)
+    return has_physical and not rival_has and explains_as_much
 
 
 def _is_reached(evidence: Evidence, checks: "_Completeness") -> bool:

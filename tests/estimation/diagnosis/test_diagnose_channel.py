@@ -146,6 +146,7 @@ def test_channel_is_searched_varied_reduced_and_reported(name, monkeypatch):
         "reject_reason": lambda data: given.get("refused"),
         "prepare_search": lambda *_: search,
         "_Completeness": CompletenessStub,
+        "_is_likelier": lambda *_: False,
         "_is_reached": lambda evidence, judge: evidence.end not in given.get("missed", ()),
         "select_effects": searching,
         "add_run_variation": lambda tried, one: _Named(given["varied"]) if "varied" in given else one,
@@ -297,6 +298,24 @@ def test_constant_effect_that_explains_little_is_dropped(lost, kept, monkeypatch
     end, tests = module._search_with_offset(search, Mock(), [], Mock(), Mock())
     assert end is (joint if kept else reduced)
     assert tests[-1] == ("beside" if kept else alone)
+
+
+@pytest.mark.parametrize(
+    ("named", "rivals", "explained", "likelier"),
+    [
+        (["coulomb_friction"], ["run_offset"], 0.96, True),
+        (["coulomb_friction"], ["run_offset"], 0.94, False),
+        (["run_gain"], ["run_offset"], 0.96, False),
+        (["coulomb_friction"], ["joint_spring"], 0.96, False),
+    ],
+)
+def test_effect_of_the_drive_is_likelier_than_runs_that_differ(named, rivals, explained, likelier):
+    def fit(names, held_out):
+        model = SimpleNamespace(effects=names, effect=lambda name: EFFECTS[name]())
+        return SimpleNamespace(solution=SimpleNamespace(model=model, held_out=held_out))
+
+    search = SimpleNamespace(start=fit([], 2.0), added_effects=lambda fit: fit.solution.model.effects)
+    assert module._is_likelier(search, fit(named, 2.0 - explained), fit(rivals, 1.0)) is likelier
 
 
 def test_error_is_compared_with_a_constant_on_the_same_means():
