@@ -15,7 +15,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.fit.blocks import BlockedData
 from palpate.estimation.fit.flexible_regression import hats, reversal_memory
 from palpate.estimation.kinds import UNSEEN_IN_ONE_PASS, Kind
-from palpate.estimation.signals.blocks import rows_of_runs
+from palpate.estimation.signals.blocks import has_one_clock, rows_of_runs
 from palpate.estimation.signals.exponential_memory import low_pass, relax
 from palpate.estimation.signals.free_air import zero_in_free_air
 from palpate.estimation.signals.motion import (
@@ -148,8 +148,8 @@ def unseen_kinds(data: ChannelData) -> frozenset[Kind]:
 
     Path memory needs a run that returns. Any memory, and a sensor's characteristic curve without a bias in
     free air, need several passes or speeds. Rate dependence needs more than one speed, else it looks like
-    friction or the base model's damping. A drift needs several runs, or free air at both ends of the run:
-    within one contact, slow relaxation changes the effort in the same way.
+    friction or the base model's damping. A drift needs several runs on one clock, or free air at both ends of
+    a run: within one contact, slow relaxation changes the effort in the same way.
 
     Args:
         data: the channel.
@@ -158,7 +158,8 @@ def unseen_kinds(data: ChannelData) -> frozenset[Kind]:
         return frozenset()
     zero = zero_in_free_air(data)
     unseen = {Kind.RATE_DEPENDENCE} if has_constant_speed(data.velocity[data.engaged]) else set[Kind]()
-    if len(data.runs) == 1 and (zero is None or zero.rate is None):
+    has_session_time = len(data.runs) > 1 and has_one_clock(data.time_s, data.run)
+    if not has_session_time and (zero is None or zero.rate is None):
         unseen.add(Kind.DRIFT)
     if never_returns(data.position, data.run):
         one_pass = has_constant_velocity(data.time_s, data.position, data.run)

@@ -101,8 +101,18 @@ def runs_by_time(time_s: FloatArray, run: IntArray) -> list[slice]:
     """
     runs = list(blocks(run))
     sorted_rows = sorted(runs, key=lambda rows: float(time_s[rows.start]))
-    is_one_clock = all(time_s[a.stop - 1] <= time_s[b.start] for a, b in pairwise(sorted_rows))
-    return sorted_rows if is_one_clock else runs
+    return sorted_rows if has_one_clock(time_s, run) else runs
+
+
+def has_one_clock(time_s: FloatArray, run: IntArray) -> bool:
+    """Return whether runs do not overlap in time, as they would with separate clocks.
+
+    Args:
+        time_s: times, increasing within a run, shape (n,) [s].
+        run: run number of each sample, in one block for each run, shape (n,).
+    """
+    spans_s = sorted((float(time_s[rows.start]), float(time_s[rows.stop - 1])) for rows in blocks(run))
+    return all(end_s <= start_s for (_, end_s), (start_s, _) in pairwise(spans_s))
 
 
 def split_columns(signal: FloatArray, length: int) -> FloatArray:

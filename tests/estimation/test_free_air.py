@@ -158,12 +158,23 @@ def pressed(runs, depth_m=0.0):
     return replace(data, position=data.position + depth_m)
 
 
+def separately_timed(data):
+    start_s = np.array([data.time_s[data.run == run][0] for run in data.runs])
+    return replace(data, time_s=data.time_s - start_s[data.run])
+
+
 @pytest.mark.parametrize(
     ("data", "seen"),
-    [(pressed(1, 0.01), False), (pressed(2, 0.01), True), (pressed(1), True)],
-    ids=["held", "two runs", "free air"],
+    [
+        (pressed(1, 0.01), False),
+        (pressed(2, 0.01), True),
+        (separately_timed(pressed(2, 0.01)), False),
+        (pressed(1), True),
+        (separately_timed(pressed(2)), True),
+    ],
+    ids=["held", "two runs", "two clocks", "free air", "two clocks and free air"],
 )
-def test_drift_needs_a_second_run_or_free_air_at_both_ends(data, seen):
+def test_drift_needs_a_second_run_on_its_clock_or_free_air_at_both_ends(data, seen):
     """Within one contact, slow relaxation changes the effort in the same way."""
     assert tried_on(data, "drift") == ({"drift"} if seen else set())
 
