@@ -48,9 +48,9 @@ def test_law_is_explained_beside_the_smoothing_bias():
     assert fit_flexible(fit.problem, fit.solution, windows(25)).share_of(fit.solution) > 0.7
 
 
-@pytest.mark.parametrize(("block", "least"), [(1, 0.01), (4, 0.05)])
+@pytest.mark.parametrize(("block", "least", "length"), [(1, 0.01, 43), (4, 0.05, 13)])
 @pytest.mark.parametrize("order", [1, 2])
-def test_kernel_smooths_like_the_differentiation_window(order, block, least):
+def test_kernel_smooths_like_the_differentiation_window(order, block, least, length):
     t = np.arange(2000) * 0.01
     waves = [(0.3, 0.2), (1.1, 1.3), (2.3, 2.0)]  # frequency [Hz] and phase
     signal = sum(np.sin(2 * np.pi * f * t + phase) / f**order for f, phase in waves)
@@ -59,6 +59,7 @@ def test_kernel_smooths_like_the_differentiation_window(order, block, least):
         s.reshape(-1, block).mean(axis=1) for s in (local_derivative(t, signal, 20, order), exact, signal)
     )
     kernel = smoothing_kernel(20, order, block)
+    assert len(kernel) == length  # a block beyond the window on each side
     inside = slice(len(kernel), -len(kernel))
     smooth, derived, exact = (s[inside] for s in (np.convolve(exact, kernel, mode="same"), derived, exact))
     assert np.std(smooth - derived) < least * np.std(exact - derived)
