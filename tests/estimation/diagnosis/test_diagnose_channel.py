@@ -380,3 +380,30 @@ def test_sensor_fault_keeps_its_name_if_its_law_adds_only_encoder_steps(step, ke
     monkeypatch.setattr(module, "encoder_step_error", lambda fit, measurement: step)
     end, _ = module._find_effects(search, checks, lambda: None, lambda: None)
     assert end is (bias if kept else base)
+
+
+@pytest.mark.parametrize(
+    ("changes", "explains"),
+    [
+        ({}, True),  # its gains differ between runs, and nothing else is wrong
+        ({"finding": None}, False),
+        ({"finding": SimpleNamespace(fits_each_run=False)}, False),
+        ({"noisy": False}, False),
+        ({"bound": True}, False),  # an upper bound of the noise shows nothing
+        ({"incomplete": ["fit"]}, False),
+        ({"complete": True, "finding": None, "noisy": False, "bound": True}, True),
+    ],
+    ids=str,
+)
+def test_each_run_is_explained_by_a_complete_model_or_by_other_gains(changes, explains, monkeypatch):
+    given = {"complete": False, "incomplete": [], "noisy": True, "bound": False}
+    given |= {"finding": SimpleNamespace(fits_each_run=True)} | changes
+    monkeypatch.setattr(module, "measurement_noise", lambda _: SimpleNamespace(is_bound=given["bound"]))
+    checks = SimpleNamespace(
+        is_complete=lambda _: given["complete"],
+        leaves_noise=lambda _: given["noisy"],
+        residual_finding=lambda _: given["finding"],
+        _incomplete=given["incomplete"],
+        _search=SimpleNamespace(start=None),
+    )
+    assert _Completeness.explains_each_run(checks, "fit") is explains

@@ -433,8 +433,8 @@ def test_smaller_residual_is_clear_without_a_test_of_more_blocks(monkeypatch, co
     """`energy` is what the effect takes away, relative to what it leaves."""
     tested = []
 
-    def improvements(noise, *_, **__):
-        tested.append(len(noise))
+    def improvements(*_, most, **__):
+        tested.append(most)
         return np.zeros(200)
 
     monkeypatch.setattr(module, "null_improvements", improvements)
@@ -448,9 +448,9 @@ def test_smaller_residual_is_clear_without_a_test_of_more_blocks(monkeypatch, co
         flexible=SimpleNamespace(residual=np.ones(count)),
     )
     search = SimpleNamespace(screen=lambda _: (), rng=None)
-    found = Search.p_value(search, before, after)
-    assert bool(tested) is is_tested
-    assert found == (1 / 201 if is_tested else 0.0)
+    for level in (0.01, 1.0):
+        assert Search.p_value(search, before, after, level) == (1 / 201 if is_tested else 0.0)
+    assert tested == ([1, 199] if is_tested else [])  # 2 of 200 make a p-value of 0.01
 
 
 def quick(hidden, rate_hz=1000.0, runs=5):

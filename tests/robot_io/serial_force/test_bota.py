@@ -136,7 +136,7 @@ def test_refused_command_is_named(arm, refused):
         arm.robot.configure()
 
 
-@pytest.mark.parametrize(("starts_s", "said"), [(3.0, None), (5.0, "no answer to 'C'; check port")])
+@pytest.mark.parametrize(("starts_s", "said"), [(3.4, None), (3.6, "no answer to 'C'; check port")])
 def test_starting_sensor_is_waited_for(arm, starts_s, said):
     arm.sensor.starts_until_s = arm.clock.now_s() + starts_s
     with pytest.raises(DeviceError, match=said) if said else nullcontext():

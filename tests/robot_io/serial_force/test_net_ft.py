@@ -117,8 +117,14 @@ def test_repeated_old_records_are_no_restart():
     assert len(forces) == 201
 
 
-@pytest.mark.parametrize(("first", "old", "is_named"), [(500, 49, False), (500, 50, True), (1, 59, True)])
-def test_fifty_old_records_in_a_row_are_a_restart(first, old, is_named):
+@pytest.mark.parametrize(
+    ("first", "old", "is_named"),
+    [
+        *((500, 49, False), (500, 50, True), (1, 59, True)),
+        *((1, 2, False), (1, 3, True), (18, 3, True), (19, 3, False)),  # three of the first twenty
+    ],
+)
+def test_fifty_old_records_or_three_of_the_first_are_a_restart(first, old, is_named):
     """No network repeats so many; far from its beginning, a counter shows nothing else."""
     stream, _ = fed((1000, 7000, 0, [0] * 6), *((first + k, 7 * k, 0, [0] * 6) for k in range(old)))
     assert ("restarted its counter" in stream.fault_text) == is_named
