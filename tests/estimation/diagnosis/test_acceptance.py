@@ -347,3 +347,10 @@ def test_replacement_explains_most_of_a_law(kind, least):
     )
     needed = list(module._replacement_thresholds(partial, SimpleNamespace(kind=kind)))
     assert needed == ([] if least is None else [pytest.approx(0.9 * least)])
+
+
+def test_alternative_explains_nineteen_twentieths_of_an_effect():
+    """An effect that lowers the error from 10 to 2 is matched by an error of 2.4."""
+    without, fit = (SimpleNamespace(solution=SimpleNamespace(held_out=error)) for error in (10.0, 2.0))
+    search = SimpleNamespace(without=lambda *_: without, alternatives=lambda *_: [])
+    assert module._alternatives(search, fit, "bias", 1) == (pytest.approx(2.4), [])

@@ -282,3 +282,21 @@ def test_tool_that_snaps_through_in_over_one_percent_of_samples_is_rejected(shar
     solution = SimpleNamespace(parameters={"tool_compliance.compliance": compliance}, model=Object())
     problem = SimpleNamespace(blocked=SimpleNamespace(data=data))
     assert _snaps(solution, problem) is snaps
+
+
+@pytest.mark.parametrize(("share", "snaps"), [(0.98, True), (1.05, False)])
+def test_object_deeper_than_its_tip_came_cannot_snap_through(share, snaps):
+    """The tool gives by a third of the way; it softens from a share of the tip's deepest position on."""
+    data = session(1)
+    compliance = float(np.max(data.position) / np.max(data.effort)) / 3.0
+    edge = share * np.max(data.position - compliance * data.effort)
+
+    class Object:
+        def without(self, _):
+            return self
+
+        def predict(self, moved, _):
+            return np.where(moved.position > edge, -2.0 / compliance * (moved.position - edge), 0.0)
+
+    solution = SimpleNamespace(parameters={"tool_compliance.compliance": compliance}, model=Object())
+    assert _snaps(solution, SimpleNamespace(blocked=SimpleNamespace(data=data))) is snaps

@@ -1,6 +1,7 @@
 """Forms of effects beside flexible laws of other kinds: which is named, and with what certainty."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -334,3 +335,22 @@ def test_constant_force_is_yielding_in_a_pull_and_saturation_after_a_return(retu
     told = decide(channel(force, x, v, time_s, run=run), PRESS, "saturation", "layered_stiffness")
     (entry,) = told.accepted
     assert entry.effect == ("saturation" if returns else "layered_stiffness")
+
+
+@pytest.mark.parametrize(("without", "limit"), [(101.0, 2.05), (1001.0, 2.25)])
+def test_law_that_leaves_hardly_more_may_replace_an_effect(monkeypatch, without, limit):
+    """1 is left. Little is a hundredth of what the effect explains and a 20th of 1, at most 1.5^2 - 1."""
+    laws = {Kind.GRAVITY_LOAD: limit - 0.01, Kind.ELASTIC_SHAPE: limit + 0.01, Kind.SENSOR_STATICS: 0.9}
+    laws |= dict.fromkeys((Kind.FRICTION, Kind.RUN_DIFFERENCES), 1.0)  # its own, and of no form
+    end = SimpleNamespace(solution=SimpleNamespace(model=SWING.with_effect(EFFECTS[RUB]())))
+
+    def error_of_kinds(fit):
+        alone = 1.0 if fit is end else without
+        return SimpleNamespace(
+            kinds=frozenset(laws), mean_square=lambda kinds=(): sum(laws[kind] for kind in kinds) or alone
+        )
+
+    monkeypatch.setattr(forms, "error_of_kinds", error_of_kinds)
+    search = SimpleNamespace(added_effects=lambda _: [RUB], without=lambda *_: None)
+    more = {Kind.GRAVITY_LOAD: pytest.approx(limit - 1.01), Kind.SENSOR_STATICS: 0.0}
+    assert forms.replacing_kinds(search, end) == {RUB: more}
