@@ -26,8 +26,7 @@ from palpate.estimation.diagnosis.candidates import (
 from palpate.estimation.diagnosis.forms import AS_MUCH, MOST_OF_LAW, FormTest, PartiallyLinear, form_tests
 from palpate.estimation.diagnosis.search import LEVEL, NEAR, Search, backward_step
 from palpate.estimation.effect import Effect
-from palpate.estimation.fit.fit_result import FitResult, final_solution
-from palpate.estimation.fit.intervals import estimate_parameters
+from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import MeasurementModel
 from palpate.estimation.fit.measurement_noise import measurement_noise
 from palpate.estimation.kinds import PHYSICAL_KINDS, SENSOR_KINDS, Kind
@@ -553,8 +552,7 @@ def most_parsimonious(
     for name in effects_by_importance(search, fit):
         effect = fit.solution.model.effect(name)
         max_count = parameter_count(effect)
-        estimates = estimate_parameters(*final_solution(fit))
-        own = [estimates[f"{name}.{parameter.name}"] for parameter in (*effect.gains, *effect.inner)]
+        own = [fit.parameters[f"{name}.{parameter.name}"] for parameter in (*effect.gains, *effect.inner)]
         # A parameter is undetermined if its interval contains zero or is unknown.
         if any(not abs(e.value) > 0.5 * np.ptp(e.interval) for e in own if not e.at_bound):
             simpler = [
@@ -637,8 +635,7 @@ def _has_zero_size(reduced: FitResult, fit: FitResult, name: str) -> bool:
     is_large = fit.flexible.before.sum() <= 0.5 * reduced.flexible.before.sum()
     if is_large and effect.kind not in SENSOR_KINDS | {Kind.DRIFT}:
         return False
-    estimates = estimate_parameters(*final_solution(fit))
-    sizes = [estimates[f"{name}.{parameter.name}"] for parameter in effect.gains or effect.inner[:1]]
+    sizes = [fit.parameters[f"{name}.{parameter.name}"] for parameter in effect.gains or effect.inner[:1]]
     return not any(abs(size.value) > 0.5 * _INTERVAL_RATIO * np.ptp(size.interval) for size in sizes)
 
 
