@@ -15,6 +15,7 @@ from palpate.estimation.data.column_names import (
     QUANTITIES,
     TIME,
     Key,
+    goal_pair,
     guess_columns,
     is_angle,
     quantity_in,
@@ -259,6 +260,12 @@ def _suggest_effort(numbers: Sequence[str], free: Sequence[str], quantity_by_nam
             f"if '{drive}' is the command of a drive, it can replace the force or torque: "
             f"--column {motion}={shlex.quote(moving[0]) if moving else 'COLUMN'} "
             f"--column {effort}={shlex.quote(drive)} --unit {effort}=1{unit}"
+        )
+    if pair := goal_pair(numbers):
+        position, goal = map(shlex.quote, pair)
+        return (
+            f"if {position} is an angle and {goal} its goal, the goal can replace the torque: "
+            f"--column position={position} --column goal={goal}"
         )
     column = shlex.quote(free[0]) if len(free) == 1 else "COLUMN"
     return (

@@ -63,7 +63,8 @@ def choose_columns(
     if not (keys_of_channels(available) and TIME in available):
         keys = keys_of_channels({*known, *(guess.key for guess in named)})
         for guess in named:  # report the invalid cell if the column would complete a channel
-            if guess.key in keys and guess.key not in available and any(table.labels(guess.column)[0]):
+            is_told = guess.unit or any(table.labels(guess.column)[0])  # an empty column, only by its unit
+            if is_told and guess.key in keys and guess.key not in available:
                 table.numbers(guess.column)
     of_user = {g for g in free if units.option_names(Role(*g.key, g.unit, shift), g.column)}
     clear = [guess for guess in free if guess.unit or guess.key == TIME or guess in of_user]

@@ -192,6 +192,18 @@ def unit_in_name(name: str) -> str:
     return split_unit(name)[1]
 
 
+def goal_pair(names: Sequence[str]) -> tuple[str, str] | None:
+    """Return a signal and its goal, the first whose names differ only in words such as "actual" and "target".
+
+    Args:
+        names: names of the columns.
+    """
+    words = {name: set(re.findall(r"[^\W_]+", _CAMEL.sub(" ", name).lower())) for name in names}
+    signals = {frozenset(words[n] - _UNINFORMATIVE): n for n in reversed(names) if words[n] & _UNINFORMATIVE}
+    pairs = ((signals.get(frozenset(words[n] - _GOAL)), n) for n in names if words[n] & _GOAL)
+    return next(((signal, goal) for signal, goal in pairs if signal), None)
+
+
 def is_angle(name: str) -> bool:
     """Return whether a column holds an angle, by the unit in its name or else by a word.
 

@@ -161,7 +161,7 @@ class ColumnUnits:
                 f"1 {si_unit(dimension)} counts as 1 {effort}; give the {constant}, as in "
                 f"--unit {role.numbered}={example}"
             )
-        elif not user_unit:
+        elif not user_unit or not (self.is_scaled_by_user(role, column) or _agree(role, named_unit, unit)):
             note = _note_on_name(role, column, named_unit, unit) or note
         factor = scale * factor_to_si(unit, dimension, f"column '{column}'")
         return AssignedColumn(column, dimension, user_unit if scale != 1.0 else unit, factor, note)
@@ -293,6 +293,12 @@ def _note_on_name(role: Role, column: str, named_unit: str, unit: str) -> str:
             f"column '{column}' may state two units: it is read in {named_unit}; if {other} is right, "
             f"add --unit {role.numbered}={other}"
         )
-    if named_unit and dimension_of(named_unit) not in QUANTITIES[role.quantity]:
+    if not _agree(role, named_unit, unit):
         return f"column '{column}' is read as {role.quantity} in {unit}, whatever its name says"
     return ""
+
+
+def _agree(role: Role, named_unit: str, unit: str) -> bool:
+    """Return whether the unit in a name, if there is one, has the dimension of the unit in use."""
+    named = dimension_of(read_as(named_unit, QUANTITIES[role.quantity]))
+    return named in {None, dimension_of(unit)}

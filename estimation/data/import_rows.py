@@ -8,6 +8,7 @@ import numpy as np
 from palpate.control.loop.task import Phase
 from palpate.estimation.data.assign_columns import ColumnAssignment, in_blocks
 from palpate.estimation.data.column_names import DISPLACEMENT, FORCE, RUN, TIME, guess_columns
+from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.presses import MAX_RUNS, MIN_RUN_ROWS, cut_into, cut_presses, number_recordings
 from palpate.estimation.data.table import Table
 from palpate.estimation.data.units import MIN_INCREASE_S
@@ -23,6 +24,7 @@ _FEW_GAPS, _MAX_BURST = 0.05, 50  # largest share of gaps; most steps of a gap a
 _CYCLE_RANGE = 0.3  # least share of the position's range that a cycle covers
 _CYCLE_SHARE = 0.8  # least share of the stretches between clock restarts that must be cycles
 _MIN_ROWS = 5  # least number of samples in a run; with fewer the acceleration is meaningless
+_SHOWN_RUNS = 3  # runs that an error message names
 _REPEATED_NOTE = (  # note with the number of rows and the column
     "repeats times: {0} rows are spaced evenly up to the next time; if this column is not the time of each "
     "row, add --context {1} to read it as another signal"
@@ -57,11 +59,12 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
     if columns.run is None:
         run, notes = _detect_runs(columns, _times(columns), count)
         labels = {number: str(number) for number in np.unique(run).tolist()}
-    elif count is None:
+    else:
         run, labels = _numbered_runs(table, columns.run)
         notes = []
-    else:
-        raise InputError(f"--runs {count}: column '{columns.run}' already gives the runs")
+        if count is not None:  # `columns.run` may be no column of the file but name its parts
+            given = list_first(list(labels.values()), _SHOWN_RUNS)
+            raise InputError(f"--runs {count}: the file already gives the runs ('{columns.run}': {given})")
     order = np.argsort(run, kind="stable")
     time_s = _times(columns)[order]
     if TIME not in columns:

@@ -100,9 +100,10 @@ def test_columns_of_other_names_and_units(tmp_path):
     np.testing.assert_allclose(channel.effort, F)
 
 
-def test_unit_of_another_dimension_is_kept_and_reported(tmp_path):
+@pytest.mark.parametrize(("quantity", "units"), [("displacement_m", {}), ("depth", {"displacement": "m"})])
+def test_unit_of_another_dimension_is_kept_and_reported(tmp_path, quantity, units):
     path = write_csv(tmp_path / "cell.csv", {"time_s": T, "weight_N": F, "force_N": F})
-    imported = import_file(path, ImportOptions(columns={"displacement_m": "weight_N"}))
+    imported = import_file(path, ImportOptions(columns={quantity: "weight_N"}, units=units))
     np.testing.assert_allclose(only(imported).position, F)
     assert "'weight_N' is read as displacement in m" in imported.notes[0]
 

@@ -167,7 +167,7 @@ RATE = {WAY: None, LOAD: None, "Angle [deg]": np.sin(T)}
         ({TIME: None, "Time (ticks)": T}, {}, "'ticks' is not a known unit of time; use --unit time=s"),
         ({LOAD: None, "Load setpoint [N]": T}, {}, "no channel can be made of"),
         ({LOAD: None, "Oven [degC]": T}, {}, "no channel can be made of"),
-        ({"run": np.zeros(len(T), int)}, {"runs": 2}, "--runs 2: column 'run' already gives the runs"),
+        ({"run": np.zeros(len(T), int)}, {"runs": 2}, "--runs 2: the file already gives the runs ('run': 0)"),
         ({"Current [mA]": T} | RATE, {"runs": 2}, "--runs 2: there is no contact"),
         ({}, {"units": {"force": "3 parsec"}}, "is not a unit of force"),
     ],

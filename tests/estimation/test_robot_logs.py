@@ -281,6 +281,14 @@ def test_no_column_is_proposed_as_a_force_against_its_name(tmp_path, names):
     assert "\n" not in said
 
 
+def test_signal_and_its_target_are_proposed_as_a_servo(tmp_path):
+    path = tmp_path / "own.csv"
+    header = "timestamp,FR_0_actual,FR_1_target,FR_1_actual,FR_1_error"
+    np.savetxt(path, np.column_stack([T, Q[:, :1], Q, T]), delimiter=",", header=header, comments="")
+    with pytest.raises(InputError, match="--column position=FR_1_actual --column goal=FR_1_target"):
+        import_file(path)
+
+
 def test_data_set_folder_is_its_episodes(episode):
     options = ImportOptions(units={"position": "deg", "torque": "Nm"})
     source = open_source(episode.parents[2], options)
