@@ -3,10 +3,19 @@
 from palpate.estimation.data_quality.checks import (
     checklist,
     contaminated,
+    list_warnings,
     quality_warnings,
     reject_reason,
     usable,
 )
 from palpate.estimation.data_quality.sampling import SINGLE_RUN
 
-__all__ = ["SINGLE_RUN", "checklist", "contaminated", "quality_warnings", "reject_reason", "usable"]
+__all__ = [
+    "SINGLE_RUN",
+    "checklist",
+    "contaminated",
+    "list_warnings",
+    "quality_warnings",
+    "reject_reason",
+    "usable",
+]

@@ -78,6 +78,19 @@ def quality_warnings(data: ChannelData, model: Model | None = None) -> list[str]
     return [warning for _, warning in _warnings(data, model)]
 
 
+def list_warnings(warnings: Iterable[tuple[str, Iterable[str]]]) -> list[str]:
+    """Return each warning once, after the names of all channels that have it.
+
+    Args:
+        warnings: name and warnings of each channel.
+    """
+    channels: dict[str, list[str]] = {}
+    for name, several in warnings:
+        for warning in several:
+            channels.setdefault(warning, []).append(name)
+    return [f"{', '.join(names)}: {warning}" for warning, names in channels.items()]
+
+
 def contaminated(data: ChannelData, model: Model) -> str | None:
     """Describe a fault of readings or motion, irrespective of the number of runs.
 

@@ -22,7 +22,7 @@ from palpate.estimation.data.import_file import ImportedData, import_table
 from palpate.estimation.data.import_files import data_files, import_files, read_tables
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import Table
-from palpate.estimation.data_quality import quality_warnings
+from palpate.estimation.data_quality import list_warnings, quality_warnings
 from palpate.estimation.signals.runwise import sample_time
 from palpate.render.palette import phase
 from palpate.render.progress import progress_bar
@@ -213,11 +213,7 @@ def plausibility_warnings(imported: ImportedData) -> list[str]:
     Args:
         imported: the file as it was read.
     """
-    return [
-        f"{imported.title(channel.name)}: {warning}"
-        for channel in imported.channels
-        for warning in quality_warnings(channel)
-    ]
+    return list_warnings((imported.title(c.name), quality_warnings(c)) for c in imported.channels)
 
 
 def _columns(table: Table, roles: Mapping[str, str] | None = None) -> Printed:

@@ -13,6 +13,7 @@ from palpate.common.console import count
 from palpate.common.files import atomic_write_all
 from palpate.control.loop.task import Phase
 from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data_quality import list_warnings
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.diagnosis.result import ParameterValue
 from palpate.estimation.effect import AdditiveEffect, MemoryEffect, MotionEffect, SensorEffect
@@ -231,7 +232,7 @@ def view_of(
     """
     shown = study.results() if results is None else results
     source = study.source
-    warnings = (f"{name}: {warning}" for name, several in study.warnings.items() for warning in several)
+    warnings = list_warnings(study.warnings.items())
     notes = (*([f"read: {source.read}"] if source.read else []), *source.notes, *warnings)
     channels = [result.channel for result in shown]
     facts = {

@@ -153,7 +153,8 @@ class DataArguments(StudyOptions):
         Raises:
             InputError: the data cannot be used.
         """
-        from palpate.study import Study, arm_from_urdf  # noqa: PLC0415, takes a second
+        from palpate.estimation.data_quality import list_warnings  # noqa: PLC0415, takes a second
+        from palpate.study import Study, arm_from_urdf  # noqa: PLC0415, as above
 
         existing_data(self.file)
         if self.urdf is None and self.tip_frame is not None:
@@ -163,7 +164,7 @@ class DataArguments(StudyOptions):
         study = Study(
             self.file, model, arm=arm, effects=self.effect or (), folder=folder, held_out=held_out, **read
         )
-        warnings = (f"{name}: {warning}" for name, several in study.warnings.items() for warning in several)
+        warnings = list_warnings(study.warnings.items())
         earlier_notes = (like.source.read, *like.source.notes) if like is not None else ()
         notes = [note for note in (*study.source.notes, *warnings) if note not in earlier_notes]
         console.print_read_notes("" if study.source.read in earlier_notes else study.source.read, notes)

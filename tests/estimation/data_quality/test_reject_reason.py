@@ -9,7 +9,14 @@ import pytest
 from palpate.estimation.base_model import ModelContext
 from palpate.estimation.channel import ChannelData, ChannelKind, Tare
 from palpate.estimation.data.import_files import joined_channels
-from palpate.estimation.data_quality import checklist, contaminated, quality_warnings, reject_reason, usable
+from palpate.estimation.data_quality import (
+    checklist,
+    contaminated,
+    list_warnings,
+    quality_warnings,
+    reject_reason,
+    usable,
+)
 from palpate.estimation.data_quality.motion_and_effort import at_rest, late_touch
 from palpate.estimation.models import MODELS
 from palpate.estimation.study.estimates import estimate_with
@@ -341,6 +348,8 @@ def test_copied_run_is_detected_by_its_noise(correlation, step_n):
     again = copies(session(3, correlation=correlation))
     again = replace(again, effort=stepped(again.effort, step_n))
     assert "is a copy of run 0 (and 2 more): 100 %" in quality_warnings(again)[0]
+    (told,) = list_warnings((name, quality_warnings(again)[:1]) for name in ("joint_1", "joint_2"))
+    assert told.startswith("joint_1, joint_2: run ")
     assert set(again.run[usable(again)]) == {0}
 
 
