@@ -354,3 +354,26 @@ def test_law_that_leaves_hardly_more_may_replace_an_effect(monkeypatch, without,
     search = SimpleNamespace(added_effects=lambda _: [RUB], without=lambda *_: None)
     more = {Kind.GRAVITY_LOAD: pytest.approx(limit - 1.01), Kind.SENSOR_STATICS: 0.0}
     assert forms.replacing_kinds(search, end) == {RUB: more}
+
+
+@pytest.mark.parametrize(
+    ("offsets_nm", "is_known"), [((0.5, -0.3, 0.1, -0.5, 0.2), True), ((0.0, 0.0, 0.0, 0.0, 0.0), False)]
+)
+def test_variation_between_runs_is_known_if_runs_differ(offsets_nm, is_known):
+    """Beside a friction, and a torque that nobody knows."""
+    data = swings(
+        1,
+        lambda q, v, a: rubbing(q, v, a) + strange(q, v, a),
+        sensor=lambda torque, run: torque + np.array(offsets_nm)[run],
+        runs=5,
+    )
+    search = searched(data, RUB, "run_offset")
+    model = SWING.with_effect(EFFECTS[RUB]()).with_effect(EFFECTS["run_offset"]())
+    end = search.fitted(model, {"run_offset.share": 1.0})
+    tests = {test.effect: test for test in form_tests(analyze_kinds(search), end)}
+    assert tests[RUB].is_known
+    varied = tests["run_offset"]
+    assert (varied.kind, varied.is_known) == (Kind.RUN_DIFFERENCES, is_known)
+    if is_known:
+        assert 0.6 * np.var(offsets_nm) < varied.explained_by_effect < np.var(offsets_nm)
+        assert varied.unexplained < 0.1 * varied.explained_by_effect
