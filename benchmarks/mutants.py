@@ -48,7 +48,10 @@ AREAS = {  # where the program is, and the tests that are to notice, in tests/
 }
 GOAL = 0.97
 MOST_S = 900.0  # that the tests of an area may take as it is
-LONGER, MARGIN_S = 2.5, 60.0  # times that, and more, is no end; the machine may have other work meanwhile
+LONGER, MARGIN_S = (
+    2.5,
+    60.0,
+)  # tests that take longer than this multiple of their usual time, plus this margin, never end
 _LOOKS = {"alpha", "figsize", "fontsize", "lw", "mew", "ms", "rotation"}
 _COMPARED = {ast.Lt: "<=", ast.LtE: "<", ast.Gt: ">=", ast.GtE: ">", ast.Eq: "!=", ast.NotEq: "=="}
 _COMPARED |= {ast.In: "not in", ast.NotIn: "in", ast.Is: "is not", ast.IsNot: "is"}
@@ -163,7 +166,7 @@ class Trial:
                 shutil.copyfile(ROOT / name, tree / name, follow_symlinks=False)
 
     def check(self, area: str) -> None:
-        """Refuse tests that fail without a mutant, twice: they notice nothing."""
+        """Refuse tests that fail twice without a mutant, because they cannot notice one."""
         started, tests = time.perf_counter(), [str(path) for path in self._files(area)]
         if self._failing(area, tests) and (by := self._failing(area, tests)):
             raise SystemExit(f"{area}: the tests fail as it is: {by}")

@@ -35,6 +35,7 @@ from palpate.robot_io.types import FloatArray
 
 # Quantities of columns that cannot be an effort.
 _NO_EFFORT = {"time", "position", "velocity", "acceleration", "run", "phase", "goal", "none"}
+# Quantities and dimensions of a motion.
 _MOTIONS = {"displacement", "position", "velocity", "length", "strain", "angle", "length_rate", "angle_rate"}
 # Words for numbers of rows, which are neither a motion nor an effort.
 _COUNTERS = frozenset("index idx sample samples counter number no id row step".split())  # noqa: SIM905
@@ -47,7 +48,7 @@ _MAX_GUESSED = 4  # most columns without names among which motion and effort are
 _MIN_COLUMNS = 3  # least number of columns of which one may be a clock
 _MIN_CHANGING = 0.2  # least share of steps in which a coarse clock changes
 _RISING = 0.9  # least share of steps by which a clock increases, which may restart in each run
-_MAX_UNEVEN = 0.5  # largest deviation of a clock's usual step from the median, relative to it
+_MAX_UNEVEN = 0.5  # largest relative deviation of most steps of a clock from their median
 _SHOWN_CELLS = 12  # cells of a row that an error message shows
 
 
@@ -236,9 +237,9 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
             options += [] if fitting else [f"--unit {quantity}={unit}"]
         else:
             options.append(f"--column {quantity}_{unit}=COLUMN")
-    doubt = "" if has_motion else "by names and units, no column seems to hold a motion; "
-    doubt = "which column holds what is not known; " if is_nameless else doubt
-    return f"{needed}; {doubt}name the columns, as in {' '.join(options)}"
+    problem = "" if has_motion else "by names and units, no column seems to hold a motion; "
+    problem = "which column holds what is not known; " if is_nameless else problem
+    return f"{needed}; {problem}name the columns, as in {' '.join(options)}"
 
 
 def _suggest_effort(numbers: Sequence[str], free: Sequence[str], quantity_by_name: Mapping[str, str]) -> str:
@@ -274,7 +275,7 @@ def _suggest_effort(numbers: Sequence[str], free: Sequence[str], quantity_by_nam
 
 
 def _is_even(steps: FloatArray) -> bool:
-    """Return whether a column rises as evenly as a clock, which may restart or pause, shape (n,)."""
+    """Return whether the positive steps (n,) of a column are nearly equal; a clock may restart or pause."""
     rises = steps[steps > 0.0]
     return bool(np.mean(np.abs(rises / np.median(rises) - 1.0) < _MAX_UNEVEN) > _RISING)
 

@@ -63,8 +63,9 @@ def choose_columns(
     if not (keys_of_channels(available) and TIME in available):
         keys = keys_of_channels({*known, *(guess.key for guess in named)})
         for guess in named:  # report the invalid cell if the column would complete a channel
-            is_told = guess.unit or any(table.labels(guess.column)[0])  # an empty column, only by its unit
-            if is_told and guess.key in keys and guess.key not in available:
+            # An empty column is only meant as a signal if its name states a unit.
+            is_signal = guess.unit or any(table.labels(guess.column)[0])
+            if is_signal and guess.key in keys and guess.key not in available:
                 table.numbers(guess.column)
     of_user = {g for g in free if units.option_names(Role(*g.key, g.unit, shift), g.column)}
     clear = [guess for guess in free if guess.unit or guess.key == TIME or guess in of_user]

@@ -439,13 +439,8 @@ def quantity_in(name: str, *, last: bool = False) -> str:
 
 def _quantity_of(words: Collection[str]) -> str:
     """Return the quantity that one of the words means; beside another word, "current" may mean "present"."""
-    found = [
-        quantity
-        for word_set in (set(words) - CURRENT, set(words))
-        for quantity, known in _KNOWN
-        if known & word_set
-    ]
-    return found[0] if found else ""
+    word_sets = (set(words) - CURRENT, set(words))
+    return next((quantity for chosen in word_sets for quantity, known in _KNOWN if known & chosen), "")
 
 
 def guess_column(name: str, *, anywhere: bool = False) -> RoleGuess:

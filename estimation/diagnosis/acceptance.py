@@ -45,7 +45,7 @@ _MIN_OF_UNEXPLAINED = 0.25  # least mean square of an effect, relative to the un
 _MAX_UNEXPLAINED = (
     0.1  # unexplained mean square, relative to an effect's; with more, another kind may explain it
 )
-_NEARLY_ALL = 0.99  # the same as `MOST_OF_LAW`, for a fault of the sensor or a drift
+_NEARLY_ALL = 0.99  # least share of the error above the noise that a sensor fault or a drift must explain
 _MIN_RUNS = 5  # runs needed to accept a variation between runs in an incomplete model
 _SAME_CURVE = 1e-3  # energy of the difference of two curves, relative to what the effect adds
 
@@ -146,7 +146,8 @@ def accept_forms(
         share_left = remaining / count / partial.budget.base**2
         is_as_good = share_left <= min(partial.budget.unexplained / AS_GOOD, 1.0 - MOST_OF_LAW)
         least = least_explained(search, fit)
-        visible = min(measurement_noise(search.start).value ** 2, SMALL * search.start.held_out_mean_square)
+        # A clear effect is larger than the noise, or than a small share of the base model's error.
+        smallest = min(measurement_noise(search.start).value ** 2, SMALL * search.start.held_out_mean_square)
         unnamed = max(unexplained, fit.flexible.explained / count)
         failed = []
         for test in tests:
@@ -159,7 +160,7 @@ def accept_forms(
             most = MOST_OF_LAW if test.kind in PHYSICAL_KINDS else _NEARLY_ALL
             is_clear = (
                 is_as_good
-                and size >= max(most * (size + unnamed), visible)
+                and size >= max(most * (size + unnamed), smallest)
                 and search.is_needed(search.without(fit, test.effect), fit)
             )
             is_needed = is_clear or (

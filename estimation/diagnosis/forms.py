@@ -150,7 +150,7 @@ class PartiallyLinear:
         """Return a problem adjusted for the laws of all kinds except an effect's own (orthogonal projection).
 
         For a fault of the sensor, it is also adjusted for the smoothing bias of the motion, which
-        flattens the effort as a lag or a gain would.
+        flattens the effort like a lag or a gain.
 
         Args:
             own: the effect's own kind or kinds.
@@ -294,7 +294,7 @@ def _forms_of(partial: PartiallyLinear, kinds: Kinds) -> FitResult:
     """Select the form of each kind by backfitting, given the other kinds' forms and flexible laws."""
     search = partial.search
     chosen: dict[Kind, tuple[Effect, dict[str, float]]] = {}
-    forms = dict[object, tuple[Effect, dict[str, float]] | None]()  # by the kind and the others' forms
+    forms = dict[object, tuple[Effect, dict[str, float]] | None]()  # by the kind and the other kinds' forms
     for _ in range(_ROUNDS):
         before = {kind: effect.name for kind, (effect, _) in chosen.items()}
         for kind in sorted(kinds, key=list(Kind).index):

@@ -306,7 +306,9 @@ def _free_air_on_blocks(blocked: BlockedData) -> FloatArray:
     data, block, means = blocked.data, blocked.rows.shape[1], [np.empty(0)]
     if data.kind is ChannelKind.CONTACT:
         for rows in rows_before_contact(data):
-            block_means = data.effort[rows[: len(rows) // block * block]].reshape(-1, block).mean(axis=1)
+            readings = data.effort[rows[: len(rows) // block * block]]
+            # Equal readings must give zeros without rounding errors.
+            block_means = (readings - readings[:1]).reshape(-1, block).mean(axis=1)
             means.append(block_means - block_means.mean())
     return np.concatenate(means)
 

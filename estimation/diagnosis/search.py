@@ -73,7 +73,7 @@ class Search:
     _fits: dict[_Key, FitResult] = field(default_factory=dict)
     _screened: dict[_Key, list[Candidate]] = field(default_factory=dict)
     _alternatives: dict[tuple[_Key, str], list[Candidate]] = field(default_factory=dict)
-    # Models extended by one effect of the library as users do, by the model and the effect's name.
+    # Models with one more effect of the library, as `fit_extended` fits them, by the model and the effect.
     extended: dict[tuple[FitResult, str], FitResult] = field(default_factory=dict)
 
     @property

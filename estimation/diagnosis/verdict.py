@@ -64,10 +64,6 @@ _IMITATION = 2.0
 # A form is exact only if a deviation of this size, relative to the effect's own contribution, would show.
 _RESOLVED = 0.1
 _NOISE_ERROR = 0.1  # relative uncertainty of a noise level
-_ONLY_A_BOUND = (
-    "the model explains little of the effort, and its whole error may be noise, of which only an upper bound "
-    "is known; record a motion that takes more effort, in several runs"
-)
 _PEAKED = 0.8  # share of the squared error in its largest 5 %; normal noise has 0.28
 
 
@@ -256,9 +252,16 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
     accepted = _accepted(evidence)
     verdict = Verdict.MISSING if accepted else Verdict.ADEQUATE if evidence.complete else Verdict.UNEXPLAINED
     budget, rest = _budget(evidence)
-    within_bound = noise.is_bound and evidence.stages[-1].rmse <= SLOW * noise.value
+    base, last = evidence.stages[0], evidence.stages[-1]
+    within_bound = noise.is_bound and last.rmse <= SLOW * noise.value
     if verdict is Verdict.UNEXPLAINED and within_bound and not budget and not evidence.signals:
-        return insufficient_diagnosis(search.data, _ONLY_A_BOUND)
+        unit = search.data.kind.effort_unit
+        reason = (
+            f"{_explained_variance(evidence)}, and its whole error of {with_unit(last.rmse, unit)} may be "
+            f"noise, of which only an upper bound is known ({with_unit(noise.value, unit)}); record a motion "
+            "that takes more effort, in several runs"
+        )
+        return insufficient_diagnosis(search.data, reason)
     start = search.start.rmse
     ranking = sorted(  # the most promising candidates, each added alone to the base model
         (
@@ -269,7 +272,6 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
         ),
         key=lambda entry: entry.rmse_held_out,
     )
-    base, last = evidence.stages[0], evidence.stages[-1]
     times = last.rmse / noise.value if noise.value > 0.0 else 1.0
     following = None if evidence.complete else propose_exploring_experiment(evidence.signals, search.data)
     confused = next((entry.effect for entry in accepted if entry.confused_with), None)
@@ -432,13 +434,7 @@ def _reason(
     if evidence.residual_finding:
         left = evidence.residual_finding.reason
     elif not evidence.signals and evidence.noise.is_bound:
-        problem = evidence.end.problem
-        variance = float(np.var(problem.blocked.effort[problem.used]))
-        percent = 100.0 * max(1.0 - evidence.end.held_out_mean_square / variance, 0.0)
-        left = (
-            f"the model explains {percent:.0f} % of the variance of the effort, and only an upper bound of "
-            "the noise is known"
-        )
+        left = f"{_explained_variance(evidence)}, and only an upper bound of the noise is known"
     if verdict is Verdict.MISSING:
         decrease = error_decrease(accepted, evidence.stages[0].rmse, last, unit)
         if evidence.leaves_only_noise:
@@ -456,6 +452,14 @@ def _reason(
         return reason
     best = f"{ranking[0].effect}, removes {100 * ranking[0].score:.0f} % of the error"
     return f"{reason}; the best single effect, {best}, but does not meet the criteria for naming it"
+
+
+def _explained_variance(evidence: Evidence) -> str:
+    """State how much of the effort's variance the model explains."""
+    problem = evidence.end.problem
+    variance = float(np.var(problem.blocked.effort[problem.used]))
+    percent = 100.0 * max(1.0 - evidence.end.held_out_mean_square / variance, 0.0)
+    return f"the model explains {percent:.0f} % of the variance of the effort"
 
 
 def _remarks(evidence: Evidence) -> str:

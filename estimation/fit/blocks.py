@@ -24,7 +24,7 @@ PIECES, _PIECE_FOLDS = 15, 5  # pieces of a single run, and pieces for each fold
 _CORNER = 0.06  # change between readings at a corner, relative to a run's range of velocities
 _SLOW_S = 0.011  # step between samples above which corners are not excluded
 _CORNER_REACH = 3  # samples on each side of a corner in which a derived velocity is wrong
-_MAX_CORNERS = 0.2  # largest share of blocks at corners, or at stops; more indicate a coarse measurement
+_MAX_EXCLUDED = 0.2  # largest share of blocks at corners or stops; more indicate a coarse measurement
 _LONG_STOP = 5.0  # least length of a stop, relative to the step of the position before or after it
 _MIN_READINGS = 2  # equal readings in a step of the position; with fewer, the sampling limits its resolution
 _FIRST_STEP = 4.0  # longest time of the first step after a stop, relative to that of the second one
@@ -168,7 +168,8 @@ def block_average(
     """Divide a channel into blocks of 5 ms (contact) or 10 ms (joint), or of one sample if that is longer.
 
     Blocks at contact boundaries are not trusted: there damping and friction cause a step of the force, which
-    the error of the position can shift. Blocks at sharp corners of a contact's motion are not trusted either.
+    the error of the position can shift. Blocks at sharp corners of a contact's motion, and blocks in which a
+    motion stops or begins within one step of a coarse position, are not trusted either.
     For a probing arm, blocks in which a joint is at rest or its sensor may still settle are not trusted.
 
     Args:
@@ -279,7 +280,7 @@ def _at_corners(data: ChannelData, rows: IntArray) -> BoolArray:
         near_rows = jumps[:, None] + np.arange(-_CORNER_REACH, _CORNER_REACH + 2)
         sharp[run_rows[np.clip(near_rows.ravel(), 0, len(run_rows) - 1)]] = True
     corners = np.asarray(sharp[rows].any(axis=1))
-    return corners if np.mean(corners) <= _MAX_CORNERS else np.zeros(len(rows), dtype=np.bool_)
+    return corners if np.mean(corners) <= _MAX_EXCLUDED else np.zeros(len(rows), dtype=np.bool_)
 
 
 def _at_starts(data: ChannelData, rows: IntArray) -> BoolArray:
@@ -303,8 +304,8 @@ def _at_stops(data: ChannelData, rows: IntArray) -> BoolArray:
     """Return the mask (m,) of blocks in which the motion stops or begins within a step of the position.
 
     Friction reverses there before the position shows a motion. If the motion begins with constant jerk, the
-    first step takes 3.8 times as long as the second one. The position is resolved better than by its steps
-    if nearly every reading differs from the one before.
+    first step takes at most 3.8 times as long as the second one. Steps of a single reading are not
+    considered, because the sampling then limits the resolution.
     """
     hidden = np.zeros(len(data), dtype=np.bool_)
     for run_rows in rows_of_runs(data.run):
@@ -321,7 +322,7 @@ def _at_stops(data: ChannelData, rows: IntArray) -> BoolArray:
                 low, high = (changes[step], first + reach) if is_before else (last - reach, changes[step + 1])
                 hidden[run_rows[low:high]] = True
     stops = np.asarray(hidden[rows].any(axis=1))
-    return stops if np.mean(stops) <= _MAX_CORNERS else np.zeros(len(rows), dtype=np.bool_)
+    return stops if np.mean(stops) <= _MAX_EXCLUDED else np.zeros(len(rows), dtype=np.bool_)
 
 
 def _at_rest(data: ChannelData, rows: IntArray) -> BoolArray:

@@ -41,7 +41,7 @@ class FreeAirZero:
 
 
 def zero_in_free_air(data: ChannelData) -> FreeAirZero | None:
-    """Estimate a sensor's zero from the runs that begin in free air, or that leave the object if none does.
+    """Estimate a sensor's zero from runs that begin in free air; if none does, from later free air.
 
     Args:
         data: the channel.
@@ -65,7 +65,7 @@ def zero_in_free_air(data: ChannelData) -> FreeAirZero | None:
             changes.append(data.effort[end_rows].mean() - data.effort[compared_rows].mean())
             relative_variances.append(2.0 / len(compared_rows))
     if not start_readings:
-        start_readings = list(_readings_between_contacts(data))
+        start_readings = list(_readings_without_contact(data))
     if not start_readings:
         return None
     noise = float(np.std(np.concatenate([part - part.mean() for part in start_readings])))
@@ -75,8 +75,8 @@ def zero_in_free_air(data: ChannelData) -> FreeAirZero | None:
     return FreeAirZero(noise, bias, rate, rate_std_err, float(np.ptp(data.time_s)))
 
 
-def _readings_between_contacts(data: ChannelData) -> Iterator[FloatArray]:
-    """Yield the readings of each run's longest stretch in free air, without its ends close to the object."""
+def _readings_without_contact(data: ChannelData) -> Iterator[FloatArray]:
+    """Yield the readings of each run's longest stretch in free air, without its ends near the contacts."""
     for rows in rows_of_runs(data.run):
         in_contact = data.engaged[rows]
         stretches = [rows[block] for block in blocks(in_contact) if not in_contact[block.start]]

@@ -127,7 +127,7 @@ class ModelStudy(StudyFits):
                 release_freed_memory()
             for member, entry in zip(chosen, judged.channels, strict=True):
                 noise = entry.take_noise()
-                if noise is not None and not member.held_out:  # otherwise it is scored on other runs
+                if noise is not None and not member.held_out:  # otherwise other runs are scored
                     self._noise.setdefault(member.key, noise)
                 for added, packed in entry.take_fits().items():
                     self.take_fit(member, added, packed)

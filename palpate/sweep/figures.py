@@ -302,7 +302,7 @@ def error_spread(rows: Sequence[Row]) -> Figure:
 def _panels(
     name: str, rows: int, columns: int, width_in: float, height_in: float, **shared: bool
 ) -> tuple[Figure, Any]:
-    """Make a figure of panels, whose label is the name of its files."""
+    """Make a figure of panels; its label is the name of its files."""
     figure = Figure(figsize=(width_in, height_in))
     figure.set_label(name)
     axes = figure.subplots(rows, columns, squeeze=False, **shared)  # type: ignore[call-overload]

@@ -88,10 +88,10 @@ def record_both(merged: MergedSessions, path: Path) -> float:
             "95 % to": (palette.BAND, 1.0),
         }
         for name in parameters:  # constant, with its interval, from estimate to estimate
-            having = [(e.time_s, data) for e, data in merged.rendered_models() if name in data["parameters"]]
-            times = [*(time_s for time_s, _ in having), haptic["time_s"][-1]]
+            models = [(e.time_s, data) for e, data in merged.rendered_models() if name in data["parameters"]]
+            times = [*(time_s for time_s, _ in models), haptic["time_s"][-1]]
             edges_s = np.repeat(times, 2)[1:-1] - start_s
-            ends = np.repeat([data["parameters"][name] for _, data in having], 2, axis=0).astype(float)
+            ends = np.repeat([data["parameters"][name] for _, data in models], 2, axis=0).astype(float)
             lines = {word: (column, *looks[word]) for word, column in zip(looks, ends.T, strict=True)}
             send_lines(recording, _entity(name), edges_s, lines)
         link = merged.leader.samples("link")

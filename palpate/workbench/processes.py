@@ -128,7 +128,7 @@ class FitPrefetcher:
 
 
 def _fit_ahead(pipe: Connection, channel: StudyChannel, own: Sequence[Effect]) -> None:
-    """Fit the models that are asked for, with low priority, and send each or the error."""
+    """Fit the requested models at low priority, and answer each request with the fit or an error."""
     end_with_parent()
     os.nice(_NICE)
     library, fits = {effect.name: effect for effect in own}, dict[tuple[str, ...], FitResult]()

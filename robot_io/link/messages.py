@@ -37,7 +37,7 @@ class WireType(Generic[T]):
 
     Args:
         kind: the class.
-        descriptor: type of its message, within that of another class; None for a class of its own.
+        descriptor: type of its message if it is a field of another class; None to make a type.
     """
 
     def __init__(self, kind: type[T], descriptor: Any = None) -> None:  # noqa: ANN401, built at run time
@@ -47,9 +47,9 @@ class WireType(Generic[T]):
         self._values = attrgetter(*self._names)
         self._build: list[tuple[str, Callable[[Any], object]]] = []  # fields that need a conversion
         self._read: list[tuple[int, Callable[[Any], object]]] = []
-        for index, (name, own, is_repeated) in enumerate(members):
-            if own not in _SCALARS:
-                inner: WireType[Any] = WireType(own, descriptor.fields_by_name[name].message_type)
+        for index, (name, field_kind, is_repeated) in enumerate(members):
+            if field_kind not in _SCALARS:
+                inner: WireType[Any] = WireType(field_kind, descriptor.fields_by_name[name].message_type)
                 build, read = inner._message_of, inner._value_of
                 self._build.append((name, partial(_convert_each, build) if is_repeated else build))
                 self._read.append((index, partial(_convert_each, read) if is_repeated else read))
@@ -106,13 +106,13 @@ def _members(kind: type) -> list[tuple[str, type, bool]]:
 
 def _describe(kind: type) -> descriptor_pb2.DescriptorProto:
     message = descriptor_pb2.DescriptorProto(name=kind.__name__)
-    for number, (name, own, is_repeated) in enumerate(_members(kind), start=1):
+    for number, (name, field_kind, is_repeated) in enumerate(_members(kind), start=1):
         field = message.field.add(name=name, json_name=name, number=number)
         field.label = _FIELD.LABEL_REPEATED if is_repeated else _FIELD.LABEL_OPTIONAL
-        if own in _SCALARS:
-            field.type = _SCALARS[own]
+        if field_kind in _SCALARS:
+            field.type = _SCALARS[field_kind]
             continue
-        inner = _describe(own)
+        inner = _describe(field_kind)
         message.nested_type.append(inner)
         field.type, field.type_name = _FIELD.TYPE_MESSAGE, inner.name
     return message

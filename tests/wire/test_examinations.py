@@ -30,12 +30,11 @@ LONG, SHORT = 111e-6, 79e-6  # CAN frames with 8 and 4 bytes of data at 1 Mbit/s
         ),
         (MOTEUS, 3, "mode 0, 24.0 V, 31 °C, position known by the output", "nau7802, 320", 3 * 200.4e-6),
         (
-            *(
-                SO101,
-                5,
-                "answers, and holds|STS3215-12V, firmware 3.9, 12.0 V, 30 °C.*; no watchdog: it holds",
-            ),
-            *("nau7802, 320", None),
+            SO101,
+            5,
+            "answers, and holds|STS3215-12V, firmware 3.9, 12.0 V, 30 °C.*; no watchdog: it holds",
+            "nau7802, 320",
+            None,
         ),
     ],
 )

@@ -250,9 +250,10 @@ def test_residual_in_contact_is_compared_with_free_air():
     assert excess(session(2)) is None
 
 
-def test_sensor_that_reads_zero_in_free_air_does_not_show_its_noise_there():
+@pytest.mark.parametrize("reading_n", [0.0, 0.1])
+def test_sensor_that_reads_the_same_in_free_air_does_not_show_its_noise_there(reading_n):
     hum = humming()
-    silent = replace(hum, effort=np.where(hum.engaged, hum.effort, 0.0))
+    silent = replace(hum, effort=np.where(hum.engaged, hum.effort, reading_n))
     fit = fit_model(silent, MODEL, {})
     found = excess(silent, fit)
     assert found.reference == "of neighboring readings"
