@@ -19,7 +19,7 @@ from palpate.robot_io.session.stream import (
     streams_from_json,
     streams_to_json,
 )
-from palpate.robot_io.session.wire import PACKAGE, WireFormat
+from palpate.robot_io.session.wire import PACKAGE, Decoder, WireFormat
 from tests.robot_io.session_parts import TICK, streams, streams_with_columns, ticks
 
 DTYPE = np.dtype([("a", "<i8"), ("b", "<f8", (30,))])
@@ -112,9 +112,13 @@ def test_protobuf_and_decode_both_read_what_was_encoded(stream_and_columns, batc
     messages = wire.encode(stream.records(columns))
     assert len(messages) == -(-len(columns["time_s"]) // batch)
 
-    decoded = wire.decode(b"".join(messages))
-    for name, values in columns.items():
-        assert decoded[name].tobytes() == values.tobytes()
+    decoder = Decoder(wire, sum(map(len, messages)))
+    for message in messages:
+        decoder.add(message)
+    # Columns may be asked for again, and are the same.
+    for decoded in (wire.decode(b"".join(messages)), decoder.columns(), decoder.columns()):
+        for name, values in columns.items():
+            assert decoded[name].tobytes() == values.tobytes()
 
     for number, message in enumerate(parsed_by_protobuf(wire, messages)):
         for column in stream.columns:
