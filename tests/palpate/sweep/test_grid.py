@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
+from palpate.control.loop.task import Phase
 from palpate.estimation.estimators.ransac import Ransac
 from palpate.robot_io.errors import InputError
 from palpate.sweep import figures, paper
@@ -230,6 +231,26 @@ def test_errors_are_drawn_in_percent():
     np.testing.assert_allclose(drawn.get_xdata(), [4.0, 2.0, 1.0])
     np.testing.assert_allclose(middle.get_xdata(), 2.0)
     assert "[%]" in axes.get_xlabel()
+
+
+def test_torques_of_the_first_run_are_drawn_from_its_start():
+    phases = [Phase.APPROACH, Phase.LOADING, Phase.HOLD, Phase.RETRACT]
+    ticks = [
+        {"run": run, "phase": phase, "time_s": 5.0 + 10.0 * run + 0.1 * k}
+        | {f"torque_measured_{joint}_nm": run + 10.0 * joint + k for joint in (1, 2, 3)}
+        | {f"torque_commanded_{joint}_nm": run + 20.0 * joint + k for joint in (1, 2, 3)}
+        for run in (0, 1)
+        for k, phase in enumerate(phases)
+    ]
+    drawn = figures.torques(ticks).axes
+    for joint, axes in enumerate(drawn, 1):
+        for line, nm in zip(axes.get_lines(), (10.0 * joint, 20.0 * joint), strict=True):
+            np.testing.assert_allclose(line.get_xydata(), [[0.1 * k, nm + k] for k in range(4)], atol=1e-9)
+        (contact,) = axes.patches
+        assert (contact.get_x(), contact.get_x() + contact.get_width()) == pytest.approx((0.1, 0.2))
+        low, high = axes.get_ylim()
+        assert low < 10.0 * joint < 20.0 * joint + 3.0 < high
+    assert [axes.get_ylabel() for axes in drawn] == [f"joint {joint} [N m]" for joint in (1, 2, 3)]
 
 
 def test_hunt_crossley_errors_are_drawn_with_their_bounds():
