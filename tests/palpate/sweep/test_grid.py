@@ -233,6 +233,27 @@ def test_errors_are_drawn_in_percent():
     assert "[%]" in axes.get_xlabel()
 
 
+def test_noise_section_compares_mean_errors_with_their_bounds():
+    known = {TRUE + paper.K: 500.0, BOUND + paper.K: 5.0, TRUE + paper.C: 100.0, BOUND + paper.C: 2.0}
+    rows = [
+        known
+        | {"estimator": name, "noise_percent": percent, "error": "", "inlier_share": 0.25}
+        | {paper.K: 500.0 * (1.0 + off), paper.C: 100.0 * (1.0 - 2.0 * off)}
+        for name, times in {"lsq": 1.0, "ransac": 8.0, paper.SPRLS: 4.0, paper.SPRLS_ZERO: 1.0}.items()
+        for percent in (5.0, 10.0)
+        for off in (-1e-3 * times * percent, 1e-3 * times * percent)
+    ]
+    section = paper.noise_section(rows)
+    (_, ransac, *_), (whole,) = section.tables[0].rows, section.more
+    assert ransac == ("ransac", *map(pytest.approx, (8.0, 16.0, 8.0, 8.0)))  # % and multiples of the bound
+    assert whole.rows[0] == ("lsq", 5.0, *map(pytest.approx, (0.5, 1.0, 0.5, 0.5, 0.797885, 1.595769)))
+    words = " ".join(section.words)
+    for part in ("keeps 25 %", "are 8 and 8 times", "squares 1.0 and 1.0 times", "4.0 times the error in k"):
+        assert part in words
+    for axes, errors in zip(section.drawing.axes, ((0.5, 1.0), (1.0, 2.0)), strict=True):
+        np.testing.assert_allclose(axes.get_lines()[0].get_xydata(), np.transpose([(5.0, 10.0), errors]))
+
+
 def test_torques_of_the_first_run_are_drawn_from_its_start():
     phases = [Phase.APPROACH, Phase.LOADING, Phase.HOLD, Phase.RETRACT]
     ticks = [
