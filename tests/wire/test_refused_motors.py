@@ -119,6 +119,16 @@ def test_motor_without_watchdog_or_control_mode_is_refused(make_robot, path, spo
     assert np.abs(arm.drive_torque_nm).max() < 0.02  # zero on an MIT motor's wire is half a step off
 
 
+def test_watchdog_trial_exerts_a_hundredth_of_the_torque_range(make_robot):
+    arm, exerted = make_robot(CUBEMARS), []
+    arm.robot.configure()
+    motor = arm.motors[1]
+    exert = motor._exert
+    motor._exert = lambda torque_nm: exerted.append(abs(torque_nm)) or exert(torque_nm)
+    arm.robot.activate()
+    assert max(exerted) == pytest.approx(0.01 * 25.0, abs=2 * 25.0 / 4095)  # an AK70-10, in its steps
+
+
 @pytest.mark.parametrize("path", [CUBEMARS, DAMIAO, ROBSTRIDE, MOTEUS, ODRIVE], ids=lambda path: path.stem)
 def test_missing_motor_is_named(make_robot, path):
     arm = make_robot(path)

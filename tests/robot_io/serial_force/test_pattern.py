@@ -207,6 +207,15 @@ def test_answer_may_take_as_long_as_one_of_the_last():
     assert [poll.to_send(time_s) for time_s in (0.02, 0.025, 0.0265)] == [b"?", b"", b"!?"]
 
 
+def test_usual_answering_time_follows_a_shorter_one_by_a_hundredth():
+    """From 5 ms to 2.46 ms by a hundred answers after 1 ms; a marker is sent 1 ms later."""
+    poll = Poll(b"?", b"!")
+    for number in range(101):
+        assert poll.to_send(0.01 * number) == b"?"
+        assert poll.answered(0.01 * number + (1e-3 if number else 5e-3)) == 0.01 * number
+    assert [poll.to_send(2.0 + 1e-3 * after_ms) for after_ms in (0.0, 3.4, 3.5)] == [b"?", b"", b"!?"]
+
+
 def test_request_after_a_lost_answer_has_a_marker():
     poll = used_poll()
     assert [poll.to_send(2.0 + 1e-3 * tick) for tick in range(1, 6)] == [b"", b"", b"!?", b"", b""]
