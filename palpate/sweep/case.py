@@ -275,7 +275,8 @@ def _agree(rows: Sequence[Row], others: Sequence[Row]) -> bool:
     return len(rows) == len(others) and all(
         row.keys() == saved.keys()
         and all(
-            math.isnan(value) or math.isclose(value, saved[name], rel_tol=_ROUNDING)
+            math.isclose(value, saved[name], rel_tol=_ROUNDING)
+            or (math.isnan(value) and math.isnan(saved[name]))
             if isinstance(value, float) and isinstance(saved[name], float)
             else value == saved[name]
             for name, value in row.items()

@@ -254,6 +254,48 @@ def test_noise_section_compares_mean_errors_with_their_bounds():
         np.testing.assert_allclose(axes.get_lines()[0].get_xydata(), np.transpose([(5.0, 10.0), errors]))
 
 
+def test_transition_is_drawn_around_the_touch_of_the_second_run():
+    ticks = [
+        {"run": run, "phase": Phase.APPROACH if k < 100 else Phase.LOADING, "time_s": 2.0 + 1e-3 * k}
+        | {"force_n": max(0.0, 0.1 * (k - 100))}
+        | {f"torque_commanded_{joint}_nm": float(joint + run * (k >= 100)) for joint in (1, 2, 3)}
+        for run in (0, 1)
+        for k in range(400)
+    ]
+    above, below = figures.transition(ticks).axes
+    since_ms = np.arange(-60.0, 200.0)
+    *torques, touch = above.get_lines()
+    for line in torques:
+        np.testing.assert_allclose(line.get_xydata(), np.transpose([since_ms, since_ms >= 0.0]), atol=1e-9)
+    force, limit, same_touch = below.get_lines()
+    expected = np.transpose([since_ms, np.maximum(0.0, 0.1 * since_ms)])
+    np.testing.assert_allclose(force.get_xydata(), expected, atol=1e-9)
+    assert [list(limit.get_ydata()), list(touch.get_xdata())] == [[10.0, 10.0], [0.0, 0.0]]
+    assert list(same_touch.get_xdata()) == [0.0, 0.0]
+
+
+def test_force_is_drawn_over_displacement_beside_the_model_and_all_peaks():
+    depths_m = {Phase.APPROACH: -4e-4, Phase.LOADING: 2e-3, Phase.HOLD: 4e-3, Phase.UNLOADING: 3e-3}
+    ticks = [
+        {"run": run, "phase": phase, "depth_m": depth_m, "force_n": 3.0 + run}
+        for run in range(3)
+        for phase, depth_m in [*depths_m.items(), (Phase.APPROACH, -6e-4), (Phase.APPROACH, None)]
+    ]
+    grid_rows = [{"law damping_n_s_m": 100.0, "speeds_mm_s": "150, 90, 60", "peak_n": (12.0, 10.0, 9.0)}]
+    left, right = (axes.get_lines() for axes in figures.force_displacement(ticks, grid_rows).axes)
+    for run, speed_mm_s in enumerate((150, 90, 60)):
+        measured, model = left[2 * run : 2 * run + 2]
+        np.testing.assert_allclose(measured.get_xydata(), [(mm, 3.0 + run) for mm in (-0.4, 2.0, 4.0)])
+        touch_n = 0.1 * speed_mm_s  # 100 N s/m; and 0.5 N/mm
+        np.testing.assert_allclose(model.get_xydata(), [(0.0, touch_n), (4.0, touch_n + 2.0)])
+    peaks = [line.get_xydata()[0] for line in right[:3]]
+    np.testing.assert_allclose(peaks, [(15.0, 12.0), (9.0, 10.0), (6.0, 9.0)])
+    equal = right[3].get_xydata()
+    np.testing.assert_allclose(equal[:, 0], equal[:, 1])
+    assert equal[0, 0] == 0.0
+    assert {tuple(lines[-1].get_ydata()) for lines in (left, right)} == {(10.0, 10.0)}
+
+
 def test_torques_of_the_first_run_are_drawn_from_its_start():
     phases = [Phase.APPROACH, Phase.LOADING, Phase.HOLD, Phase.RETRACT]
     ticks = [
