@@ -134,15 +134,19 @@ def test_file_under_another_case_name_does_not_count(tmp_path):
 @pytest.mark.parametrize(
     "change", [{"number": 2.0}, {"part": 3.0}, {"error": "no touch"}, {"part": None}], ids=str
 )
-def test_contradictory_files_of_a_case_are_refused(tmp_path, change):
+@pytest.mark.parametrize("names", [("a.parquet", "pack-1.parquet"), ("pack-1.parquet", "a.parquet")])
+def test_contradictory_files_of_a_case_are_refused(tmp_path, change, names):
     """Also if one has a number where the other has none, and if one has no such column."""
     store = ResultStore(tmp_path)
     result = {"number": 1.0, "part": float("nan"), "error": "", "seconds": 1.0}
-    store.write("a", [result])
-    write(tmp_path / "pack-1.parquet", address=["a"], **{name: [value] for name, value in result.items()})
+    one, other = (
+        {name: [value] for name, value in row.items() if value is not None}
+        for row in (result, result | change)
+    )
+    for name in names:
+        write(tmp_path / name, address=["a"], **one)
     assert store.rows("a")[0]["number"] == 1.0
-    other = {name: [value] for name, value in (result | change).items() if value is not None}
-    write(tmp_path / "pack-1.parquet", address=["a"], **other)
+    write(tmp_path / names[1], address=["a"], **other)
     with pytest.raises(InputError, match="another file has a different result for case a"):
         store.rows("a")
 
