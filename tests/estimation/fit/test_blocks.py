@@ -109,7 +109,10 @@ def test_friction_is_not_scored_at_rest_and_motion_start(phase, rests):
 def test_motion_within_a_step_of_the_position_is_not_scored_at_a_stop():
     """Minimum-jerk moves from -1 to 0 and from 0 to 1 with a stop of 1 s between them."""
     t = np.arange(3000) / 1000.0
-    move = lambda s: s**3 * (10.0 - 15.0 * s + 6.0 * s**2)  # noqa: E731
+
+    def move(s):
+        return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+
     q = np.where(t < 1.5, move(np.minimum(t, 1.0)) - 1.0, move(np.clip(t - 2.0, 0.0, 1.0)))
     fine, coarse = (
         block_average(recorded(ChannelKind.REVOLUTE, one, q)) for one in (q, 1e-3 * np.round(1e3 * q))
