@@ -98,10 +98,11 @@ def _changes(tree: ast.AST) -> Iterator[tuple[ast.AST, str]]:
     """
     for node in ast.iter_child_nodes(tree):
         types = (getattr(tree, "annotation", None), getattr(tree, "returns", None))
-        is_left = isinstance(node, ast.keyword) and (
-            node.arg in _LOOKS or ast.unparse(getattr(tree, "func", tree)) == "zip"
-        )
-        if node in types or node in getattr(tree, "decorator_list", ()) or is_left:
+        is_zip = isinstance(node, ast.keyword) and ast.unparse(getattr(tree, "func", tree)) == "zip"
+        name = getattr(node, "arg", None)  # of a keyword
+        if isinstance(tree, ast.Dict) and node in tree.values:
+            name = getattr(tree.keys[tree.values.index(node)], "value", None)
+        if node in types or node in getattr(tree, "decorator_list", ()) or is_zip or name in _LOOKS:
             continue
         if isinstance(tree, ast.Raise | ast.JoinedStr | ast.Import | ast.ImportFrom):
             continue
