@@ -281,8 +281,12 @@ def test_force_is_drawn_over_displacement_beside_the_model_and_all_peaks():
         for run in range(3)
         for phase, depth_m in [*depths_m.items(), (Phase.APPROACH, -6e-4), (Phase.APPROACH, None)]
     ]
-    grid_rows = [{"law damping_n_s_m": 100.0, "speeds_mm_s": "150, 90, 60", "peak_n": (12.0, 10.0, 9.0)}]
-    left, right = (axes.get_lines() for axes in figures.force_displacement(ticks, grid_rows).axes)
+    row = {"law stiffness_n_m": 500.0, "law damping_n_s_m": 100.0, "seed": 1, "error": ""}
+    row |= {"speeds_mm_s": "150, 90, 60", "peak_n": (12.0, 10.0, 9.0), "over_limit_ms": (7.0, 0.0, 0.0)}
+    section = paper.force_section(ticks, [row, row])  # one for each estimator
+    assert section.tables[0].rows == (tuple(map(pytest.approx, (100.0, 150.0, 15.0, 12.0, 12.0, 7.0))),)
+    assert "in 1 of 3 runs. Their peaks reach 12.0 N and exceed 10.5 N for at most 7 ms" in section.words[1]
+    left, right = (axes.get_lines() for axes in section.drawing.axes)
     for run, speed_mm_s in enumerate((150, 90, 60)):
         measured, model = left[2 * run : 2 * run + 2]
         np.testing.assert_allclose(measured.get_xydata(), [(mm, 3.0 + run) for mm in (-0.4, 2.0, 4.0)])
