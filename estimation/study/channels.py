@@ -199,7 +199,7 @@ def suited_names(name: str, effects: Sequence[Effect], channels: Sequence[Channe
         channels: channels to which the effect may be added.
     """
     kinds = {channel.kind for channel in channels}
-    names = [effect.name for effect in effects if effect.channels & kinds]
+    names = [effect.name for effect in effects if effect.channels & kinds and effect.name != name]
     closest = get_close_matches(name, [effect.name for effect in effects], n=1)
     words = {word for text in (name, *closest) for word in text.split("_")}
     suggestions = [name for name in names if name in closest or words & set(name.split("_"))]

@@ -475,17 +475,18 @@ class ModelStudy(StudyFits):
             data = base.data
             with suppress(InputError):  # the channel cannot be fitted, which is reported when it is selected
                 data = self.fit(base).data  # includes signals derived in the fit, such as a joint's load
-            if not any(inapplicable_reason(effect, data) for effect in effects):
+            if not (unsuited := [effect for effect in effects if inapplicable_reason(effect, data)]):
                 fitting_channels.append(base)
         names = " and ".join(effect.name for effect in effects)
         if not fitting_channels:
             listed = ", ".join(
                 base.name if base.name == base.kind else f"{base.name} ({base.kind})" for base in current
             )
-            known = suited_names(effects[0].name, self.effects, [base.data for base in current])
-            raise InputError(
-                f"{names} {'do' if len(effects) > 1 else 'does'} not apply to any channel ({listed}). {known}"
-            )
+            known = suited_names(unsuited[0].name, self.effects, [base.data for base in current])
+            of_kind = any(base.kind in unsuited[0].channels for base in current)
+            why = f": {unsuited[0].name} cannot be identified from these data" if of_kind else ""
+            verb = "do" if len(effects) > 1 else "does"
+            raise InputError(f"{names} {verb} not apply to any channel ({listed}){why}. {known}")
         contacts = [base for base in fitting_channels if base.kind is ChannelKind.CONTACT]
         if len(fitting_channels) > 1 and len(contacts) != 1:
             listed = ", ".join(base.name for base in fitting_channels)

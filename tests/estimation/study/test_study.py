@@ -144,6 +144,11 @@ def test_adding_continues_the_newest_revision_and_removing_reverts():
     [
         (["magic"], {}, "magic"),
         (["coulomb_friction"], {}, r"does not apply to any channel \(contact\)"),
+        (
+            ["bias", "recorded_dependence"],
+            {},
+            r"\(contact\): recorded_dependence cannot be identified from these data\. Effects",
+        ),
         (["stiffness"], {}, "more than once"),
         (["bias", "bias"], {}, "more than once"),
         (["bias"], {"start": 3}, "no revision 3"),
