@@ -9,11 +9,12 @@ import yaml
 from palpate.control.loop.task import Phase
 from palpate.estimation.estimators.ransac import Ransac
 from palpate.robot_io.errors import InputError
+from palpate.runs.hidden_effects import SURFACE
 from palpate.sweep import figures, paper
 from palpate.sweep.grid import DIAGNOSE, SHIPPED, load_grid
 from palpate.sweep.paper import CUBES, paper_cases
 from palpate.sweep.report import cell, write_grid
-from palpate.sweep.rows import BOUND, TRUE, column, estimated
+from palpate.sweep.rows import BOUND, TRUE, column, estimated, parameters_of
 from palpate.sweep.tasks.probing import make_estimator
 from tests.files import saved
 from tests.palpate.cli import ROOT
@@ -219,6 +220,15 @@ def test_result_that_is_no_number_is_refused(value):
     np.testing.assert_array_equal(column([{"x": 1}, {"x": None}, {}], "x"), [1.0, np.nan, np.nan])
     with pytest.raises(InputError, match=rf"results: 'x' is '?{value}'?, which is not a number"):
         column([{"x": 1.0}, {"x": value}], "x")
+
+
+def test_surface_and_unestimated_parameters_have_no_errors():
+    row = {TRUE + name: 1.0 for name in (SURFACE, paper.K, paper.C)} | {
+        SURFACE: 1.0,
+        paper.K: 2.0,
+        paper.C: None,
+    }
+    assert parameters_of([row]) == [paper.K]
 
 
 def test_errors_are_drawn_in_percent():
