@@ -45,6 +45,7 @@ _MIN_OF_UNEXPLAINED = 0.25  # least mean square of an effect, relative to the un
 _MAX_UNEXPLAINED = (
     0.1  # unexplained mean square, relative to an effect's; with more, another kind may explain it
 )
+_OFFSET = "bias"  # name of the effect that is a constant
 _NEARLY_ALL = 0.99  # least share of the error above the noise that a sensor fault or a drift must explain
 _MIN_RUNS = 5  # runs needed to accept a variation between runs in an incomplete model
 _SAME_CURVE = 1e-3  # energy of the difference of two curves, relative to what the effect adds
@@ -489,7 +490,8 @@ def _with_weight(
             if not _is_missing_weight(search, candidate.effect, fit.solution.model.effect(name)):
                 continue
             end, tests = accept_forms(search, partial, search.with_candidate(candidate), measurement)
-            explains_as_much = base - end.solution.held_out >= AS_MUCH * (base - fit.solution.held_out)
+            explained, needed = base - end.solution.held_out, base - fit.solution.held_out
+            explains_as_much = explained >= (needed if name == _OFFSET else AS_MUCH * needed)
             if candidate.effect.name in search.added_effects(end) and explains_as_much:
                 return end, tests
     return None
@@ -499,7 +501,8 @@ def _is_missing_weight(search: Search, candidate: Effect, effect: Effect) -> boo
     """Return whether a candidate is a joint's weight, which the base model lacks and the effect resembles.
 
     The weight is likelier than the effect: gravity acts on a joint unless its axis is vertical, but springs
-    and biases are rare. The joint must turn enough to tell a weight from a constant.
+    and biases are rare. The joint must turn enough to tell a weight from a constant. A bias that fits better
+    than the weight, with fewer parameters, is kept.
     """
     return (
         candidate.kind is Kind.GRAVITY_LOAD
@@ -575,7 +578,10 @@ def most_parsimonious(
         likelier = [
             search.with_candidate(candidate)
             for candidate in candidates
-            if _is_missing_weight(search, candidate.effect, effect)
+            if (
+                _is_missing_weight(search, candidate.effect, effect)
+                and not (name == _OFFSET and candidate.held_out > fit.solution.held_out)
+            )
             or (effect.kind in SENSOR_KINDS and candidate.effect.kind in PHYSICAL_KINDS)
         ]
         rivals = map(search.with_candidate, candidates)
