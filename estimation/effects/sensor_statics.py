@@ -21,6 +21,7 @@ from palpate.estimation.signals.runwise import play
 from palpate.robot_io.types import FloatArray, IntArray
 
 _OFF = 0.5  # largest difference of the zero in free air, relative to the fitted offset
+_TAILS = (0.01, 0.99)  # quantiles that define the range of the readings
 
 
 class Bias(AdditiveEffect):
@@ -297,6 +298,10 @@ class Hysteresis(SensorEffect):
         """See `Effect.applies_to`: a contact must return, else hysteresis looks like a bias."""
         is_one_pass = data.kind is ChannelKind.CONTACT and is_monotonic(data.position, data.run)
         return super().applies_to(data) and not is_one_pass
+
+    def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
+        """See `Effect.is_misnamed`: readings that stay within the gap do not show it, like a constant."""
+        return parameters[f"{self.name}.width"] > float(np.ptp(np.quantile(data.effort, _TAILS)))
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         width = inner["width"]

@@ -91,6 +91,12 @@ def test_bias_agrees_with_the_readings_in_free_air(fitted_n, agrees):
     assert EFFECTS["bias"]().is_misnamed(data, {"bias.offset": fitted_n}, dict, NOISE_N) is not agrees
 
 
+@pytest.mark.parametrize(("width_n", "shown"), [(0.5, True), (50.0, False)])
+def test_hysteresis_is_misnamed_if_all_readings_stay_within_its_gap(width_n, shown):
+    given = {"hysteresis.width": width_n}
+    assert EFFECTS["hysteresis"]().is_misnamed(session(1), given, dict, NOISE_N) is not shown
+
+
 @pytest.mark.parametrize(("share", "clipped"), [(1.0, True), (0.9, False)])
 def test_readings_do_not_continue_beyond_the_end_of_a_range(share, clipped):
     data = session(1, lambda t, x, v, run: 800.0 * x.clip(0.0))
