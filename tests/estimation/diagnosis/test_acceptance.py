@@ -124,6 +124,25 @@ def test_sensor_fault_that_explains_nearly_all_needs_no_law_that_accounts_for_it
     assert set(search.added_effects(end)) == kept
 
 
+@pytest.mark.parametrize(
+    ("name", "left", "replaced"),
+    [(SPRING, 1.4, True), (SPRING, 1.5, False), (BIAS, 1.1, False), (BIAS, 0.9, True)],
+)
+def test_weight_replaces_a_bias_only_if_it_fits_better(monkeypatch, name, left, replaced):
+    """A spring is replaced if the weight explains 95 % as much."""
+    start, fit, end = (
+        SimpleNamespace(solution=SimpleNamespace(held_out=error, model=SimpleNamespace(effect=EFFECTS.get)))
+        for error in (10.0, 1.0, left)
+    )
+    weight = SimpleNamespace(effect=EFFECTS["weight"]())
+    search = SimpleNamespace(start=start, with_candidate=lambda candidate: end)
+    search.added_effects = lambda model: ["weight"] if model is end else [name]
+    monkeypatch.setattr(module, "_alternatives", lambda *_: (0.0, [weight]))
+    monkeypatch.setattr(module, "_is_missing_weight", lambda *_: True)
+    monkeypatch.setattr(module, "accept_forms", lambda *_: (end, []))
+    assert (module._with_weight(search, None, fit, None) is not None) is replaced
+
+
 def test_effect_that_drives_a_base_gain_out_of_bounds_is_not_accepted(searches, monkeypatch):
     search, measurement = searches("a friction")
     end = reached(search, RUB)
