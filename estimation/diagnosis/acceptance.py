@@ -45,7 +45,7 @@ _MIN_OF_UNEXPLAINED = 0.25  # least mean square of an effect, relative to the un
 _MAX_UNEXPLAINED = (
     0.1  # unexplained mean square, relative to an effect's; with more, another kind may explain it
 )
-_OFFSET = "bias"  # name of the effect that is a constant
+OFFSET = "bias"  # name of the effect that is a constant
 _NEARLY_ALL = 0.99  # least share of the error above the noise that a sensor fault or a drift must explain
 _MIN_RUNS = 5  # runs needed to accept a variation between runs in an incomplete model
 _SAME_CURVE = 1e-3  # energy of the difference of two curves, relative to what the effect adds
@@ -491,7 +491,7 @@ def _with_weight(
                 continue
             end, tests = accept_forms(search, partial, search.with_candidate(candidate), measurement)
             explained, needed = base - end.solution.held_out, base - fit.solution.held_out
-            explains_as_much = explained >= (needed if name == _OFFSET else AS_MUCH * needed)
+            explains_as_much = explained >= (needed if name == OFFSET else AS_MUCH * needed)
             if candidate.effect.name in search.added_effects(end) and explains_as_much:
                 return end, tests
     return None
@@ -580,7 +580,7 @@ def most_parsimonious(
             for candidate in candidates
             if (
                 _is_missing_weight(search, candidate.effect, effect)
-                and not (name == _OFFSET and candidate.held_out > fit.solution.held_out)
+                and not (name == OFFSET and candidate.held_out > fit.solution.held_out)
             )
             or (effect.kind in SENSOR_KINDS and candidate.effect.kind in PHYSICAL_KINDS)
         ]

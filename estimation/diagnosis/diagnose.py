@@ -11,6 +11,7 @@ from palpate.estimation.data_quality import reject_reason, usable
 from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.design.next_experiment import FEW_READINGS
 from palpate.estimation.diagnosis.acceptance import (
+    OFFSET,
     accept_effects,
     accept_forms,
     acceptance_criteria,
@@ -49,7 +50,6 @@ from palpate.estimation.shared_gains import with_shared_gains
 from palpate.estimation.workers import single_threaded, worker_pool
 
 _FEW_LEVELS = 12  # distinct readings; with more, rounding errors average out
-_OFFSET = "bias"  # name of the effect that is a constant
 _MAX_SEARCHES = 3  # searches for a model that can be reached by adding its effects one by one
 _MIN_ADEQUATE = 100  # samples below which a model is not called adequate
 _MAX_VARIANCE_LEFT = 0.8  # largest share of the effort's variance left by an adequate model, noise unknown
@@ -255,9 +255,9 @@ def _search_with_offset(
         The base model with the offset and the effects found in addition, and their form tests; the given
         model and tests if there are none, or if they are not better.
     """
-    bias = next((effect for effect in search.effects if effect.name == _OFFSET), None)
+    bias = next((effect for effect in search.effects if effect.name == OFFSET), None)
     present = {effect.name for effect in search.model.effects}
-    if bias is None or _OFFSET in present or not bias.applies_to(search.data):
+    if bias is None or OFFSET in present or not bias.applies_to(search.data):
         return end, tests
     constant = search.fitted(search.model.with_effect(bias), search.start.solution.parameters)
     if constant.held_out_mean_square > _MAX_LEFT * search.start.held_out_mean_square:
@@ -275,13 +275,13 @@ def _search_with_offset(
     if offset_end is offset_search.start:
         return end, tests
     joint = search.fitted(offset_end.solution.model, offset_end.solution.parameters)
-    alone = search.without(joint, _OFFSET)
+    alone = search.without(joint, OFFSET)
     if alone.held_out_mean_square - joint.held_out_mean_square < least_explained(search, joint):
         # The effects found in addition to the constant explain most of its part of the error.
         joint, offset_tests = accept_forms(search, kinds(), alone, checks.measurement)
     if not search.is_better(joint, end) or not search.is_sensible(joint):
         return end, tests
-    constant_tests = [test for test in form_tests(kinds(), joint) if test.effect == _OFFSET]
+    constant_tests = [test for test in form_tests(kinds(), joint) if test.effect == OFFSET]
     return joint, constant_tests + offset_tests
 
 

@@ -218,7 +218,11 @@ class Comparison(TableDisplay):
         if not count:
             return ""
         is_contact = self.fitted.data.kind is ChannelKind.CONTACT
-        reasons = "contact boundaries, sharp corners of the motion" if is_contact else "joints at rest"
+        reasons = (
+            "contact boundaries, sharp corners and stops of the motion"
+            if is_contact
+            else "joints at rest, stops"
+        )
         return (
             f"{count:,} of {whole:,} samples ({100 * count / whole:.1f} %) are excluded from scoring: "
             f"{reasons}, starts and ends of runs, invalid readings."
