@@ -3,14 +3,16 @@
 import os
 import shutil
 import sys
+from collections import deque
 from contextlib import suppress
+from types import SimpleNamespace
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from palpate.robot_io.errors import InputError, PalpateError
-from palpate.sweep import Case, Cluster, ResultStore, case, run_cases
+from palpate.sweep import Case, Cluster, ResultStore, case, run_cases, runner
 from palpate.sweep.case import code_version
 from palpate.sweep.rows import BOUND, HIGH, LOW, TRUE, error_table, errors_of
 from palpate.sweep.runner import run_one
@@ -210,12 +212,6 @@ def test_failed_case_stores_its_error_and_is_not_repeated(tmp_path):
     )  # the stored one is not asked for
 
 
-def test_missing_scheduler_is_bad_input(tmp_path, monkeypatch):
-    monkeypatch.setattr("palpate.sweep.runner._JOIN_S", 0.3)
-    with pytest.raises(InputError, match="does not answer"):
-        run_cases([BASE], ResultStore(tmp_path), Cluster("tcp://127.0.0.1:9"))
-
-
 def test_result_with_other_column_types_is_refused_by_name(tmp_path):
     store = ResultStore(tmp_path)
     store.write("a", [{"number": 1}])
@@ -303,3 +299,95 @@ def test_error_table_is_in_percent_and_marks_the_smallest_worst_error():
     assert silent[:3] == ("silent", None, None)
     assert even == ("even", pytest.approx(3.0), pytest.approx(3.0), pytest.approx(3.0), 100.0, 0)
     assert spiky == ("spiky", pytest.approx(4.0), pytest.approx(1.0), pytest.approx(2.0), 75.0, 0)
+
+
+class Scheduler:
+    """Stands for `distributed`, with one worker in this process; also what its `as_completed` returns."""
+
+    def __init__(self, monkeypatch, *, workers=1, code=None, sees_folder=True, lost_after=10**9):
+        self.workers, self.code, self.sees_folder, self.lost_after = workers, code, sees_folder, lost_after
+        self.submitted, self.waiting, self.most_waiting = [], deque(), 0
+        self.scheduler = SimpleNamespace(addr="tcp://s")
+        module = SimpleNamespace(Client=self.connect, as_completed=lambda futures: self.add(*futures))
+        monkeypatch.setitem(sys.modules, "distributed", module)
+
+    def connect(self, address, timeout):
+        if self.workers is None:
+            raise OSError("timed out")
+        return self
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def wait_for_workers(self, count, timeout):
+        if self.workers < count:
+            raise TimeoutError
+
+    def run(self, function, mark, modules):
+        is_there, code = function(mark, modules)
+        return {"tcp://w": (is_there and self.sees_folder, self.code or code)}
+
+    def submit(self, function, *arguments, key, pure):
+        future = SimpleNamespace(key=key, status="finished", exception=lambda: future.problem)
+        try:
+            function(*arguments)
+        except PalpateError as error:
+            future.status, future.problem = "error", error
+        self.submitted.append(key.split("-")[1])
+        future.status = "lost" if len(self.submitted) > self.lost_after else future.status
+        return future
+
+    def add(self, *futures):
+        self.waiting.extend(futures)
+        self.most_waiting = max(self.most_waiting, len(self.waiting))
+        return self
+
+    def __iter__(self):
+        while self.waiting:
+            yield self.waiting.popleft()
+
+
+def squares(count):
+    return [
+        Case("tests.palpate.sweep.slow_work:fatal", {"what": "all"}, seed) for seed in range(2, 2 + count)
+    ]
+
+
+def test_scheduler_gets_a_few_cases_at_a_time_and_all_results_arrive(tmp_path, monkeypatch):
+    def check(case):
+        if case.seed == 4:
+            raise PalpateError("no recording")
+
+    monkeypatch.setattr(runner, "_AHEAD", 3)
+    monkeypatch.setattr(Case, "check", check)
+    scheduler, store, cases = Scheduler(monkeypatch), ResultStore(tmp_path), squares(7)
+    progress = []
+    report = run_cases(cases, store, Cluster("tcp://s"), lambda *now: progress.append(now))
+    assert progress == [(done, 7) for done in range(8)]
+    assert (report.finished_now, report.failures) == (6, ("case {'what': 'all'}: no recording",))
+    addresses = [case.address for case in cases]
+    assert [row["square"] for row in store.rows(addresses)] == [4, 9, 25, 36, 49, 64]
+    assert scheduler.submitted == addresses
+    assert scheduler.most_waiting == 3
+    assert not list(tmp_path.glob(".*"))
+
+
+@pytest.mark.parametrize(
+    ("faults", "words"),
+    [
+        ({"workers": None}, "scheduler tcp://s: does not answer"),
+        ({"workers": 0}, "scheduler tcp://s: has no workers; start one with: dask worker"),
+        ({"sees_folder": False}, "worker tcp://w: cannot access .*; --out must be on a shared disk"),
+        ({"code": ["other"]}, "worker tcp://w: runs another version of palpate"),
+        ({"lost_after": 0}, "the scheduler tcp://s was lost; finished cases are kept"),
+    ],
+)
+def test_scheduler_that_cannot_serve_is_refused(tmp_path, monkeypatch, faults, words):
+    scheduler, store = Scheduler(monkeypatch, **faults), ResultStore(tmp_path)
+    with pytest.raises(PalpateError, match=words):
+        run_cases(squares(2), store, Cluster("tcp://s"))
+    assert len(store.finished()) == len(scheduler.submitted) == (2 if "lost_after" in faults else 0)
+    assert not list(tmp_path.glob(".*"))

@@ -62,6 +62,26 @@ def test_every_estimator_has_a_row_near_the_truth_with_its_bound():
     assert 0.5 < np.sqrt(np.mean(np.square(errors))) < 2.5  # of an estimator that is nearly efficient
 
 
+def test_ticks_have_the_depth_that_explains_their_force():
+    rows = probing.ticks(PARAMETERS, 1)
+    samples, _ = probing.probe(PARAMETERS, 1)
+    assert [row["torque_commanded_3_nm"] for row in rows] == samples.vector("torque_commanded_nm")[
+        :, 2
+    ].tolist()
+    assert [row["torque_measured_1_nm"] for row in rows] == samples.vector("torque_measured_nm")[
+        :, 0
+    ].tolist()
+    loading = [row for row in rows if row["phase"] == Phase.LOADING and row["depth_m"] > 1e-3]
+    names = ("depth_m", "time_s", "force_n", "run")
+    depth_m, time_s, force_n, run = np.transpose([[row[name] for name in names] for row in loading])
+    for number in (0, 1):
+        own = run == number
+        speed_m_s = np.gradient(depth_m[own], time_s[own])
+        columns = np.column_stack([depth_m[own], speed_m_s, np.ones(own.sum())])
+        (k, c, _), *_ = np.linalg.lstsq(columns, force_n[own], rcond=None)
+        assert (k, c) == (pytest.approx(800.0, rel=0.05), pytest.approx(30.0, rel=0.3))
+
+
 def test_bound_follows_the_noise_whose_draws_repeat_for_equal_seeds():
     calm, loud = (
         probing.estimate(PARAMETERS | {"noise_percent": percent, "estimators": ["lsq"]}, 1)[0]
