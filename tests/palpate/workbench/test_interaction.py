@@ -1,0 +1,437 @@
+"""The page without a browser: what its elements show, and what they do when they are used."""
+
+import asyncio
+import re
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from nicegui import Client, core, events, ui
+from nicegui.page import page
+
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.effect import Parameter
+from palpate.estimation.estimate import with_unit
+from palpate.robot_io.errors import InputError
+from palpate.study import Study
+from palpate.workbench import plots
+from palpate.workbench.effects import EffectRows, _slider, open_gallery
+from palpate.workbench.elements import Plot
+from palpate.workbench.page import Page
+from palpate.workbench.startup import AppState
+from palpate.workbench.state import EffectEvidence, WorkbenchState
+from tests.few_effects import try_few_effects
+from tests.palpate.presses import STIFFNESS, write_presses
+
+
+class Browser:
+    """Finds elements of a page in this process, and sends their events; keeps what the page says."""
+
+    def __init__(self, monkeypatch):
+        self.said, self.reloads, self._tasks, self.failed = [], 0, [], []
+        monkeypatch.setattr(ui, "notify", lambda text, **_: self.said.append(text))
+        monkeypatch.setattr(ui.navigate, "reload", self._reload)
+        monkeypatch.setattr(core.app, "handle_exception", self.failed.append)
+        later = SimpleNamespace(
+            create_or_defer=lambda work, **_: self._tasks.append(asyncio.create_task(work))
+        )
+        monkeypatch.setattr(events, "background_tasks", later)
+
+    def _reload(self):
+        self.reloads += 1
+
+    def use(self, work):
+        """Run `work` on a new page."""
+
+        async def run():
+            core.loop = asyncio.get_running_loop()
+            with Client(page("")) as self.client:
+                await work()
+
+        asyncio.run(run())
+        assert not self.failed
+
+    def all(self, kind=ui.element, **props):
+        named = {name.replace("_", "-"): value for name, value in props.items()}
+        return [
+            each for each in self.client.elements.values()
+            if isinstance(each, kind) and named.items() <= each.props.items()
+        ]  # fmt: skip
+
+    def marked(self, mark):
+        (found,) = (each for each in self.client.elements.values() if mark in each._markers)
+        return found
+
+    def texts(self):
+        return [each.text for each in self.all(ui.label)]
+
+    async def send(self, element, event, args=None):
+        for listener in list(element._event_listeners.values()):
+            if listener.type == event:
+                sent = events.GenericEventArguments(sender=element, client=self.client, args=args)
+                events.handle_event(listener.handler, sent)
+        await self.settle()
+
+    async def press(self, text):
+        (button,) = (each for each in self.all(ui.button) if each.text == text)
+        await self.send(button, "click")
+
+    async def settle(self):
+        while self._tasks:
+            await self._tasks.pop()
+
+
+@pytest.fixture
+def browser(monkeypatch):
+    return Browser(monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("press")
+    with pytest.MonkeyPatch.context() as patch:
+        try_few_effects(patch)
+        return Study(write_presses(folder / "press.csv"), folder=folder / "results")
+
+
+@pytest.fixture
+def state(study):
+    return WorkbenchState(study, "press.csv")
+
+
+@pytest.fixture
+def opened(browser, state, tmp_path):
+    """Runs work on the page of `state`, after its first fit; all its fits are known afterwards."""
+
+    def begin(work):
+        async def shown():
+            shown.page = Page(AppState(tmp_path), state, lambda: None, lambda: None)
+            await shown.page.build()
+            await shown.page._change(state.show)
+            await work(shown.page)
+
+        browser.use(shown)
+
+    return begin
+
+
+def stated_error(browser):
+    """Error in large type, and the text beside it."""
+    html = browser.marked("error").content
+    return float(re.search(r'data-error="([^"]+)"', html)[1]), html
+
+
+def interval(browser, name):
+    (row,) = browser.all(data_parameter=name)
+    value, text, *_ = [each.text for each in row.descendants() if isinstance(each, ui.label)]
+    return value, text
+
+
+def test_page_shows_the_fit_of_each_choice_and_its_steps(opened, browser, state):
+    async def work(page):
+        base = state.show().fitted
+        assert stated_error(browser)[0] == base.rmse
+        assert "× noise level" in stated_error(browser)[1]
+        assert 'class="fits"' not in stated_error(browser)[1]
+        assert not page._undo.enabled
+        await page.tick("cubic_stiffness")
+        fitted = state.show().fitted
+        error, html = stated_error(browser)
+        assert (error, state.choice.effects) == (fitted.rmse, ("cubic_stiffness",))
+        assert "at the noise level" in html
+        assert 'class="fits"' in html
+        assert browser.marked("waterfall").content.count('class="step"') == 2
+        assert "palpate add press.csv cubic_stiffness" in browser.marked("command").text
+        assert browser.marked("python").text.startswith('study.add("cubic_stiffness", ')
+        drawn = page._center._time.figure["data"]
+        rows = page._center._motion.rows(base.data.effort, plots.MOST_POINTS)
+        for trace, values in ((1, base.predict(base.values)), (2, fitted.predict(fitted.values))):
+            np.testing.assert_allclose(drawn[trace]["y"], plots.picked(values, rows), atol=1e-3)
+        np.testing.assert_array_equal(drawn[4]["y"], plots.picked(fitted.residual, rows))
+        over_state = page._center._state_plot.figure["data"]
+        assert np.nanmax(np.abs(over_state[0]["y"] - over_state[1]["y"])) < 0.15  # within the noise
+        maps = page._center._map.figure["data"]
+        assert np.nanstd(maps[1]["z"]) < 0.3 * np.nanstd(maps[0]["z"])
+        for name in ("stiffness.k", "damping.c", "cubic_stiffness.k3"):
+            assert re.fullmatch(r"± [\d.e+-]+", interval(browser, name)[1])
+        assert float(interval(browser, "stiffness.k")[0].split()[0]) == pytest.approx(STIFFNESS, rel=0.02)
+        await page._step(state.undo)
+        assert stated_error(browser)[0] == base.rmse
+        assert not browser.all(data_parameter="cubic_stiffness.k3")
+        assert (page._undo.enabled, page._redo.enabled) == (False, True)
+        for key, shift, expected in (
+            ("y", False, 1),
+            ("z", False, 0),
+            ("Z", True, 1),
+            ("z", False, 0),
+            ("x", False, 0),
+        ):
+            modifiers = SimpleNamespace(ctrl=True, shift=shift)
+            action = SimpleNamespace(keydown=True)
+            await page._key(
+                SimpleNamespace(action=action, modifiers=modifiers, key=SimpleNamespace(name=key))
+            )
+            assert len(state.choice.effects) == expected
+        assert page._idle.is_set()
+        await page.tick("no_such_effect")
+        assert "no_such_effect" in browser.said[0]
+        assert stated_error(browser)[0] == base.rmse
+
+    opened(work)
+
+
+def test_slider_moves_all_views_until_its_parameter_is_held_or_freed(opened, browser, state):
+    async def work(page):
+        fitted = state.show().fitted
+        (slider,) = browser.all(ui.slider, aria_label="stiffness.k")
+        assert slider.props["min"] < 0.5 * fitted.values["stiffness.k"] < 2.0 * slider.props["max"]
+        assert slider.props["min"] == pytest.approx(max(-fitted.values["stiffness.k"], 0.0))
+        assert slider.props["max"] == pytest.approx(3.0 * fitted.values["stiffness.k"])
+        assert slider.props["step"] == pytest.approx((slider.props["max"] - slider.props["min"]) / 200)
+        assert not page._parameters._back.visible
+        await browser.send(slider, "update:modelValue", 500.0)
+        await browser.send(slider, "change", 510.0)
+        values = fitted.values | {"stiffness.k": 510.0}
+        left = (fitted.data.effort - fitted.predict(values))[state.show().base.scored]
+        assert stated_error(browser)[0] == pytest.approx(np.sqrt(np.mean(left**2)))
+        assert "at these values" in stated_error(browser)[1]
+        assert interval(browser, "stiffness.k")[0] == "510 N/m"
+        assert re.fullmatch(r"fit: [\d.]+ ± [\d.]+", interval(browser, "stiffness.k")[1])
+        assert page._parameters._back.visible
+        assert page._undo.enabled
+        predicted, rows = (
+            fitted.predict(values),
+            page._center._motion.rows(fitted.data.effort, plots.MOST_POINTS),
+        )
+        np.testing.assert_array_equal(
+            page._center._time.figure["data"][2]["y"], plots.picked(predicted, rows)
+        )
+        over_state = page._center._state_plot.figure["data"]
+        np.testing.assert_array_equal(
+            over_state[1]["y"], plots.picked(predicted, plots._state_rows(page._center._motion))
+        )
+        assert state.undo().choice.slider_values == {}  # both moves are one step
+        state.redo()
+        await browser.send(browser.all(ui.button, aria_label="hold stiffness.k")[0], "click")
+        assert state.choice.held == {"stiffness.k": 510.0}
+        assert interval(browser, "stiffness.k") == ("510 N/m", "held")
+        assert "held and bounded" in browser.marked("waterfall").content
+        (lock,) = browser.all(ui.button, aria_label="hold stiffness.k")
+        assert lock.props["icon"] == "lock"
+        await browser.send(browser.all(ui.slider, aria_label="stiffness.k")[0], "change", 520.0)
+        assert interval(browser, "stiffness.k")[1] == "held at 510"
+        await browser.press("back to the fit")
+        assert state.choice.slider_values == {}
+        assert not page._parameters._back.visible
+        await browser.send(lock, "click")
+        assert state.choice.held == {}
+        assert stated_error(browser)[0] == fitted.rmse
+
+    opened(work)
+
+
+def test_bounds_are_asked_for_and_applied(opened, browser, state):
+    async def work(page):
+        async def ask():
+            await browser.send(browser.all(ui.button, aria_label="bound damping.c")[0], "click")
+            return browser.all(ui.number)[-2:]
+
+        (slider,) = browser.all(ui.slider, aria_label="damping.c")
+        lower, upper = await ask()
+        assert (lower.value, upper.value) == pytest.approx(
+            (slider.props["min"], slider.props["max"]), rel=1e-3
+        )
+        lower.value = None
+        await browser.press("bound")
+        assert "give two numbers" in browser.said[0]
+        lower.value, upper.value = 50.0, 60.0
+        await browser.press("bound")
+        assert state.choice.bounds == {"damping.c": (50.0, 60.0)}
+        assert interval(browser, "damping.c")[1].startswith("within 50 to 60, ")
+        for each in browser.all(ui.dialog):
+            each.delete()
+        assert [each.value for each in await ask()] == [50.0, 60.0]
+        await browser.press("free")
+        assert state.choice.bounds == {}
+
+    opened(work)
+
+
+def test_effects_are_ranked_by_the_error_that_they_remove(opened, browser, state):
+    async def fit(effects):
+        if "delay" in effects:
+            raise InputError("too few samples")
+
+    async def work(page):
+        listed = page._effects
+        listed.fill()
+        rows = listed._rows.by_name
+        assert "polyline" in rows["cubic_stiffness"]["picture"]
+        assert not any(row["chosen"] for row in rows.values())
+        names = ("cubic_stiffness", "delay", "drift", "bias")
+        listed._effects = {name: listed._effects[name] for name in names}
+        ahead = SimpleNamespace(fit=fit)
+        assert await listed._evaluate_extensions((), ahead, page._idle)
+        assert (rows["delay"]["mark"], rows["delay"]["about"]) == ("–", "too few samples")
+        cubic = rows["cubic_stiffness"]
+        share = 1.0 - state.show(state.toggled("cubic_stiffness")).fitted.rmse / state.show().fitted.rmse
+        assert share > 0.5
+        assert (cubic["mark"], cubic["look"], cubic["share"]) == (
+            f"−{100 * share:.0f} %",
+            "strong",
+            round(44 * share),
+        )
+        assert rows["drift"]["look"] == "quiet"
+        assert 0 <= rows["drift"]["share"] <= 3
+        assert sorted(names, key=lambda name: rows[name]["order"])[0] == "cubic_stiffness"
+        assert -1000 <= cubic["order"] == round(-1000 * share) < rows["drift"]["order"] <= 0
+        await browser.send(listed._rows, "tick", "cubic_stiffness")
+        assert cubic["chosen"]
+        assert cubic["order"] == round(-1000 * share) - 2000  # above all that are not chosen
+        assert not await listed._evaluate_extensions((), ahead, page._idle)  # the selection has changed
+        (text,) = browser.all(ui.input, aria_label="filter effects")
+        text.value = " DRift "
+        assert [name for name, row in rows.items() if row["seen"]] == ["drift"]
+        text.value = None
+        assert all(row["seen"] for row in rows.values())
+
+    opened(work)
+
+
+def test_indistinguishable_effects_share_a_frame(opened, state, monkeypatch):
+    async def work(page):
+        listed = page._effects
+        listed.fill()
+        rows, (one, other) = listed._rows.by_name, np.eye(2)
+        listed._evidence = [
+            EffectEvidence("bias", 0.3, one),
+            EffectEvidence("delay", 0.4, other),
+            EffectEvidence("drift", 0.2, -one),
+        ]
+        listed.arrange()
+        assert [name for name, row in rows.items() if row["alike"]] == ["bias", "drift"]
+        assert rows["drift"]["together"] == "hard to tell apart in these data: bias, drift"
+        assert [rows[name]["order"] for name in ("delay", "bias", "drift")] == [-400, -300, -300]
+        state.choice = replace(state.choice, effects=("drift",))
+        named = SimpleNamespace(effect="delay", confused_with=("lag",))
+        monkeypatch.setattr(WorkbenchState, "diagnosis", SimpleNamespace(accepted=[named]))
+        listed._evidence = listed._evidence[1:]  # bias counts as drift once drift is chosen
+        listed.arrange()
+        assert [name for name, row in rows.items() if row["alike"]] == ["bias", "lag", "delay", "drift"]
+        assert rows["bias"]["order"] == rows["drift"]["order"] == -2200
+
+    opened(work)
+
+
+def test_only_changed_fields_of_rows_are_sent(browser):
+    async def work():
+        rows, sent = EffectRows([{"name": "a", "x": 1, "y": 2}, {"name": "b", "x": 1, "y": 2}]), []
+        rows.run_method = lambda *message: sent.append(message)
+        rows.change({"a": {"x": 5}})
+        assert sent == []  # the browser is not ready
+        await browser.send(rows, "ready")
+        rows.change({"a": {"x": 5, "y": 3}, "b": {"x": 1}})
+        rows.change({"a": {"x": 5}})
+        assert [method for method, _ in sent] == ["change", "change"]
+        assert sent[0][1]["a"] == {"name": "a", "x": 5, "y": 3}
+        assert sent[1][1] == {"a": {"y": 3}}
+
+    browser.use(work)
+
+
+def test_gallery_simulates_an_effect_with_sliders(opened, browser, state):
+    async def work(page):
+        await open_gallery(state, "cubic_stiffness")
+        (plot,), (slider,) = browser.all(Plot)[-1:], browser.all(ui.slider, aria_label="cubic_stiffness.k3")
+        before = plot.figure["data"][1]["y"]
+        effect = before - plot.figure["data"][0]["y"]
+        assert slider.value == 50.0  # a decade on either side, logarithmic
+        await browser.send(slider, "update:modelValue", 75.0)
+        drawn = plot.figure["data"]
+        change = drawn[1]["y"] - drawn[0]["y"]
+        largest = np.nanargmax(np.abs(effect))
+        assert change[largest] / effect[largest] == pytest.approx(10**0.5, rel=1e-3)
+        np.testing.assert_array_equal(drawn[3]["y"], drawn[1]["y"])
+        assert [trace["name"] for trace in drawn] == ["base model", "with it"] * 2
+        assert [trace["showlegend"] for trace in drawn] == [True, True, False, False]
+        assert [text for text in browser.texts() if text.startswith("k3 = ")]
+        await open_gallery(state, "lag")
+        (slider,) = browser.all(ui.slider, aria_label="lag.tau")
+        for step, value in ((0.0, 0.001), (50.0, 0.2**0.5 * 0.001**0.5), (100.0, 0.2)):  # its typical range
+            await browser.send(slider, "update:modelValue", step)
+            assert f"tau = {with_unit(value, 's')}" in browser.texts()
+
+    opened(work)
+
+
+def test_slider_over_a_narrow_range_is_linear(browser):
+    async def work():
+        example = SimpleNamespace(
+            effect=SimpleNamespace(name="mine", gains=()),
+            values={"mine.a": 1.5},
+            data=SimpleNamespace(kind=ChannelKind.CONTACT),
+        )
+        restyled = []
+        _slider(
+            Parameter("a", "rad", -9.0, 9.0, (1.0, 3.0)),
+            SimpleNamespace(example=example, update=lambda: restyled.append(example.values["mine.a"])),
+            SimpleNamespace(restyle=lambda _: None),
+        )
+        (slider,) = browser.all(ui.slider)
+        assert (slider.value, browser.texts()) == (25.0, ["a = 1.5 rad"])
+        await browser.send(slider, "update:modelValue", 75.0)
+        assert (restyled, browser.texts()) == ([2.5], ["a = 2.5 rad"])
+
+    browser.use(work)
+
+
+def test_cursors_read_the_curves_and_runs_are_chosen(opened, browser, state):
+    async def work(page):
+        center, motion = page._center, page._center._motion
+        effort, model = motion.data.effort, center._drawn[0]
+        first, second = (
+            next(each for each in browser.all(ui.number) if each.label == f"{name} [s]") for name in "AB"
+        )
+        at = [int(np.searchsorted(motion.time_s, time_s)) for time_s in (0.5, 0.9)]
+        await browser.send(center._time, "point", motion.time_s[at[0]])
+        await browser.send(center._time, "point", motion.time_s[at[1]])
+        text = browser.marked("reading").content.replace("&nbsp;", "").replace("<b>", "").replace("</b>", "")
+        a, b, apart = (part.strip() for part in re.split(r"(?=B −|B [-\d])", text))
+        assert (float(a.split()[1]), float(b.split()[1])) == pytest.approx(effort[at], abs=1e-3)
+        assert f"model {model[at[0]]:.4g}, left {effort[at[0]] - model[at[0]]:+.3g}" in a
+        change_s, change_n = motion.time_s[at[1]] - motion.time_s[at[0]], effort[at[1]] - effort[at[0]]
+        assert apart.startswith(f"B − A {change_s:.4g} s, {change_n:+.4g} N, depth ")
+        assert float(apart.split()[-2]) == pytest.approx(np.diff(motion.position[at])[0], rel=1e-3)
+        await browser.send(center._time, "point", 0.7)
+        assert (first.value, second.value) == (0.7, round(float(motion.time_s[at[1]]), 4))
+        first.value = 999.0
+        shapes = center._time.figure["layout"]["shapes"]
+        assert [shape["x0"] for shape in shapes] == [second.value, motion.time_s[-1]]
+        first.value = second.value = None
+        assert center._time.figure["layout"]["shapes"] == []
+        assert browser.marked("reading").content == ""
+        await browser.send(center._time, "zoom", [1.0, 1.5])
+        assert {*np.round(center._time.figure["data"][0]["x"][[0, -1]], 2)} == {1.0, 1.5}
+        await browser.send(center._time, "zoom", None)
+        assert np.nanmax(center._time.figure["data"][0]["x"]) == np.float32(motion.time_s[-1])
+        (drawn,) = browser.all(ui.select, aria_label="runs to draw")
+        drawn.value = [2]
+        assert set(
+            motion.data.run[np.isin(motion.time_s.astype(np.float32), center._time.figure["data"][0]["x"])]
+        ) == {2}
+        assert page._center._map is not None
+        out, scored = (
+            browser.all(ui.select, aria_label=f"runs to {what}")[0] for what in ("leave out", "hold out")
+        )
+        await browser.send(out, "popupShow")
+        out.value = [1]
+        await browser.settle()
+        assert browser.reloads == 0  # until the list is closed
+        await browser.send(out, "popupHide")
+        assert (page._home.state.out, browser.reloads) == ((1,), 1)
+        out.value, scored.value = [], [3]
+        await browser.settle()
+        assert page._home.state.study.held_out == (3,)
+
+    opened(work)
