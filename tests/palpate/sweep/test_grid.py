@@ -315,7 +315,7 @@ def test_transition_is_drawn_around_the_touch_of_the_second_run():
         | {"force_n": max(0.0, 0.1 * (k - 100))}
         | {f"torque_commanded_{joint}_nm": float(joint - run * (k >= 100)) for joint in (1, 2, 3)}
         for run in (0, 1)
-        for k in range(400)
+        for k in range(420)
     ]
     for since_touch, torque_nm in {-4: 9.0, -3: 5.0, 4: -2.0, 5: -4.0, 19: 7.0, 20: 8.0}.items():
         ticks[100 + since_touch]["torque_commanded_1_nm"] = torque_nm  # of the first, fast run

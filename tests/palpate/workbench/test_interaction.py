@@ -3,6 +3,7 @@
 import asyncio
 import re
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,7 +21,7 @@ from palpate.workbench.effects import EffectRows, _slider, open_gallery
 from palpate.workbench.elements import Plot
 from palpate.workbench.page import Page
 from palpate.workbench.startup import AppState
-from palpate.workbench.state import EffectEvidence, WorkbenchState
+from palpate.workbench.state import EffectEvidence, ModelSelection, WorkbenchState
 from tests.few_effects import try_few_effects
 from tests.palpate.presses import STIFFNESS, write_presses
 
@@ -29,7 +30,8 @@ class Browser:
     """Finds elements of a page in this process, and sends their events; keeps what the page says."""
 
     def __init__(self, monkeypatch):
-        self.said, self.reloads, self._tasks, self.failed = [], 0, [], []
+        self.said, self.timers, self.reloads, self._tasks, self.failed = [], [], 0, [], []
+        monkeypatch.setattr(ui, "timer", self._time)
         monkeypatch.setattr(ui, "notify", lambda text, **_: self.said.append(text))
         monkeypatch.setattr(ui.navigate, "reload", self._reload)
         monkeypatch.setattr(core.app, "handle_exception", self.failed.append)
@@ -37,6 +39,11 @@ class Browser:
             create_or_defer=lambda work, **_: self._tasks.append(asyncio.create_task(work))
         )
         monkeypatch.setattr(events, "background_tasks", later)
+
+    def _time(self, period_s, work, once=False):
+        self.timers.append(SimpleNamespace(period_s=period_s, work=work, active=True))
+        self.timers[-1].deactivate = partial(setattr, self.timers[-1], "active", False)
+        return self.timers[-1]
 
     def _reload(self):
         self.reloads += 1
@@ -97,7 +104,9 @@ def study(tmp_path_factory):
 
 @pytest.fixture
 def state(study):
-    return WorkbenchState(study, "press.csv")
+    state = WorkbenchState(study, "press.csv")
+    state.choice = ModelSelection("contact")  # not the newest revision
+    return state
 
 
 @pytest.fixture
@@ -435,3 +444,71 @@ def test_cursors_read_the_curves_and_runs_are_chosen(opened, browser, state):
         assert page._home.state.study.held_out == (3,)
 
     opened(work)
+
+
+def test_kept_revisions_are_listed_and_shown_again(opened, browser, state):
+    async def work(page):
+        await browser.press("Keep")
+        assert browser.said == ["nothing is added yet: tick an effect first"]
+        assert "no revisions yet" in browser.texts()
+        await page.add(["cubic_stiffness"])
+        await page.add(["cubic_stiffness"])
+        assert state.choice.effects == ("cubic_stiffness",)
+        assert not state.is_saved
+        await browser.press("Keep")
+        assert browser.said[1:] == ["kept as revision 1"]
+        assert state.is_saved
+        assert "no revisions yet" not in browser.texts()
+        await page.tick("cubic_stiffness")
+        error = state.study.revisions[-1].rmse
+        await browser.press(f"1 · {with_unit(error, 'N')} · kelvin_voigt + cubic_stiffness")
+        assert stated_error(browser)[0] == error
+
+    opened(work)
+
+
+def test_page_follows_what_other_tabs_choose(opened, browser, state, monkeypatch):
+    async def work(page):
+        (follow,) = (each.work for each in browser.timers if each.period_s == 0.5)
+        before = stated_error(browser)[0]
+        page._idle.clear()
+        state.choose(state.toggled("cubic_stiffness"))
+        await follow()
+        assert stated_error(browser)[0] == before  # a fit of its own is running
+        page._idle.set()
+        await follow()
+        assert stated_error(browser)[0] == state.show().fitted.rmse < before
+        (channel,) = browser.all(ui.select, aria_label="channel")
+        assert channel.options == {"contact": "contact · contact force"}
+        monkeypatch.setattr(state, "to_channel", chosen.append)
+        channel.value = None
+        await browser.settle()
+        assert (chosen, browser.reloads) == ([None], 1)
+        state.choice = replace(state.choice, channel="joint_1")
+        await follow()
+        assert browser.reloads == 2
+        state.choice = replace(state.choice, channel="contact")
+        for undone in (lambda: WorkbenchState(state.study), lambda: state):
+            await page._step(undone)
+        assert (browser.reloads, page._home.state is state) == (3, False)
+
+    chosen = []
+    opened(work)
+
+
+def test_refused_data_have_a_checklist_and_raw_curves_but_no_error(browser, tmp_path):
+    short = write_presses(tmp_path / "short.csv")
+    short.write_text("".join(short.read_text().splitlines(keepends=True)[:50]))
+    state = WorkbenchState(Study(short, keep=False), "short.csv")
+
+    async def work():
+        await Page(AppState(tmp_path), state, lambda: None, lambda: None).build()
+        checks = browser.marked("gates").content
+        assert 'class="bad">✗ enough data' in checks
+        assert checks.count(": not checked</li>") == checks.count("<li") - 1 > 2
+        assert not [each for each in browser.client.elements.values() if "error" in each._markers]
+        assert not [each for each in browser.timers if each.period_s == 0.5]
+        (time, *_) = browser.all(Plot)
+        assert len(time.figure["data"][0]["y"]) == 49
+
+    browser.use(work)

@@ -137,13 +137,6 @@ def test_adding_lowers_the_error_and_undo_keep_and_report_work(opened, press):
     assert page.locator(".revision:has-text('cubic_stiffness')").count() == 1
 
 
-def test_gain_at_its_physical_bound_is_shown_next_to_the_error(opened, tmp_path):
-    turned = write_presses(tmp_path / "turned.csv", cubic=0.0, force_of=lambda x, v: 400.0 * x - 6.0 * v)
-    tab = opened(turned)
-    tab.page.wait_for_selector("text=/damping.c would be below the physical bound, 0 N s/")
-    assert tab.page.query_selector(".error .fits") is None
-
-
 def test_keyboard_alone_suffices(opened, press):
     tab = opened(press)
     before, keys = tab.error(), tab.page.keyboard
@@ -160,33 +153,6 @@ def test_keyboard_alone_suffices(opened, press):
     assert tab.wait_for_other_error(after) == before
     keys.press("Control+y")
     assert tab.wait_for_other_error(before) == after
-
-
-def test_slider_shows_another_value_and_a_fixed_one_is_refitted_around(opened, press):
-    tab = opened(press)
-    before, page = tab.error(), tab.page
-    page.focus('[aria-label="stiffness.k"] [tabindex="0"]')
-    for _ in range(10):
-        page.keyboard.press("ArrowRight")
-    assert tab.wait_for_other_error(before) > before
-    page.wait_for_selector("text=at these values")
-    page.click('[aria-label="hold stiffness.k"]')
-    page.wait_for_selector("text=held and bounded")
-    assert "fit_held" in page.inner_text(".same")
-    held = tab.error()
-    assert held > before
-    slider, lock = '[aria-label="stiffness.k"]', '[aria-label="hold stiffness.k"]'
-    pulled = float(page.get_attribute(slider, "aria-valuenow"))
-    assert page.inner_text(lock) == "lock"
-    page.click("text=Undo")
-    page.wait_for_selector(f"{lock}:has-text('lock_open')")
-    page.wait_for_selector("text=at these values")
-    assert float(page.get_attribute(slider, "aria-valuenow")) == pulled
-    page.click("text=back to the fit")
-    page.wait_for_function(
-        "before => +document.querySelector('[data-error]').dataset.error === before", arg=before
-    )
-    assert float(page.get_attribute(slider, "aria-valuenow")) < pulled
 
 
 def test_every_view_follows_a_slider_and_undo_reverts_it(opened, press):
@@ -235,37 +201,6 @@ def test_every_view_follows_a_slider_and_undo_reverts_it(opened, press):
     assert page.inner_text(".reading").split(", left")[0] == reading.split(", left")[0]
 
 
-def test_bounds_need_two_numbers_and_are_shown_again(opened, press):
-    tab = opened(press)
-    before, page = tab.error(), tab.page
-    page.click('[aria-label="bound damping.c"]')
-    page.fill(".bounds input >> nth=0", "")
-    page.click(".bounds button:has-text('bound')")
-    page.wait_for_selector("text=give two numbers")
-    page.fill(".bounds input >> nth=0", "50")
-    page.fill(".bounds input >> nth=1", "60")
-    page.click(".bounds button:has-text('bound')")
-    assert tab.wait_for_other_error(before) > before
-    page.wait_for_selector("text=within 50 to 60")
-    page.click('[aria-label="bound damping.c"]')
-    assert [page.input_value(f".bounds input >> nth={n}") for n in (0, 1)] == ["50", "60"]
-
-
-def test_cursor_stays_on_the_curves_and_is_removed(opened, press):
-    tab = opened(press)
-    page = tab.page
-    tab.error()
-    drawn = "() => document.querySelector('.js-plotly-plot').layout.shapes ?? []"
-    page.fill('[aria-label="A [s]"]', "999")
-    page.wait_for_selector(".reading:has-text('A')")
-    page.wait_for_function(f"() => ({drawn})().length === 1")
-    ends = page.evaluate("() => document.querySelector('.js-plotly-plot').data[0].x.filter(Number.isFinite)")
-    assert page.evaluate(drawn)[0]["x0"] == pytest.approx(max(ends), rel=0.01)
-    page.fill('[aria-label="A [s]"]', "")
-    page.wait_for_function(f"() => ({drawn})().length === 0")
-    assert "A" not in page.inner_text(".reading")
-
-
 def test_two_tabs_show_the_same_choice(opened, serve, press):
     address = serve(press)
     first, second = opened(address=address), opened(address=address)
@@ -296,16 +231,6 @@ def test_diagnosis_survives_a_reload_can_be_stopped_and_applied(opened, press):
     tab.box("cubic_stiffness").click()
     assert tab.wait_for_other_error(after) == before
     page.wait_for_selector("button:has-text('Add cubic_stiffness')")
-
-
-def test_unreadable_dropped_file_is_removed(opened, tmp_path):
-    (tmp_path / "odd").mkdir()
-    bad = tmp_path / "odd" / "bad.csv"
-    bad.write_text("a,b\nx,y\n")
-    tab = opened()
-    tab.page.set_input_files("input[type=file]", bad)
-    tab.page.wait_for_selector("text=/bad.csv: no line of column names/")
-    assert list((tmp_path / "sessions").iterdir()) == []
 
 
 def test_runs_are_held_out_by_choice(opened, press):

@@ -223,7 +223,7 @@ def test_data_are_read_in_another_thread_and_a_failure_is_kept(tmp_path):
 
 
 def test_live_view_shows_the_last_seconds_until_the_session_is_complete(browser, monkeypatch, tmp_path):
-    ticks, timers, done, sent = pressing(20_000), [], [], []
+    ticks, timers, done, sent = pressing(20_000), browser.timers, [], []
 
     class Tail:
         count, complete = 0, False
@@ -237,30 +237,21 @@ def test_live_view_shows_the_last_seconds_until_the_session_is_complete(browser,
             self.count += len(self.now)
             return self.now
 
-    def timer(period_s, follow):
-        timers.append(
-            SimpleNamespace(
-                follow=follow, active=True, deactivate=lambda: setattr(timers[-1], "active", False)
-            )
-        )
-        return timers[-1]
-
     async def finish(session):
         done.append(session)
 
     monkeypatch.setattr(live, "SessionTail", Tail)
-    monkeypatch.setattr(ui, "timer", timer)
     session = tmp_path / "live.mcap"
     feed = SimpleNamespace(send=lambda *what: sent.append(what))
 
     async def work():
         live.live_view(session, finish, feed)
         (plot,), label = browser.all(Plot), browser.marked("live")
-        await timers[0].follow()  # there is no file yet
+        await timers[0].work()  # there is no file yet
         assert (label.text, sent) == ("waiting for the first chunk", [])
         session.touch()
         Tail.now = ticks
-        await timers[0].follow()
+        await timers[0].work()
         assert label.text == "20.0 s, run 1, 20000 ticks"
         assert sent == [(session, ticks)]
         force, residual, one, two, k, c = plot.figure["data"]
@@ -274,14 +265,14 @@ def test_live_view_shows_the_last_seconds_until_the_session_is_complete(browser,
         assert "N s/m" in c["hovertemplate"]
         Tail.now = pressing(0)
         before = plot.figure
-        await timers[0].follow()
+        await timers[0].work()
         assert plot.figure is before
         Tail.complete = True
-        await timers[0].follow()
+        await timers[0].work()
         assert (done, timers[0].active) == ([session], False)
         Tail.now = PalpateError("cut off")
         live.live_view(session, finish)
-        await timers[-1].follow()
+        await timers[-1].work()
         assert "cut off" in browser.texts()
         assert (len(done), timers[-1].active) == (1, False)
 
