@@ -153,6 +153,8 @@ def test_paper_cases_match_the_paper():
         for trials in (1, 10, 100, 1000)
     }
     assert all((own["law"], own["draws"]) == (law, 10) for own in of_settings)
+    noises = {(own["noise_percent"], own["outliers_percent"]) for own in of_settings}
+    assert noises == {(0.0, 0.0), (10.0, 0.0), (0.0, 30.0)}
     assert load_grid(SHIPPED / "paper_cubes.yaml").speeds_mm_s == ((50, 20, 10),)
 
 
@@ -305,8 +307,14 @@ def test_noise_section_compares_mean_errors_with_their_bounds():
     words = " ".join(section.words)
     for part in ("keeps 25 %", "are 8 and 8 times", "squares 1.0 and 1.0 times", "4.0 times the error in k"):
         assert part in words
-    for axes, errors in zip(section.drawing.axes, ((0.5, 1.0), (1.0, 2.0)), strict=True):
-        np.testing.assert_allclose(axes.get_lines()[0].get_xydata(), np.transpose([(5.0, 10.0), errors]))
+    for axes, errors, least in zip(
+        section.drawing.axes, ((0.5, 1.0), (1.0, 2.0)), (0.797885, 1.595769), strict=True
+    ):
+        lsq, *_, bound = axes.get_lines()
+        np.testing.assert_allclose(lsq.get_xydata(), np.transpose([(5.0, 10.0), errors]))
+        np.testing.assert_allclose(bound.get_xydata(), [(5.0, least), (10.0, least)], rtol=1e-5)
+    names = [text.get_text() for text in section.drawing.axes[0].get_legend().get_texts()]
+    assert names == ["lsq", "ransac", paper.SPRLS, paper.SPRLS_ZERO, "bound"]
 
 
 def test_transition_is_drawn_around_the_touch_of_the_second_run():

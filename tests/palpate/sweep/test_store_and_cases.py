@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from palpate.robot_io.errors import InputError, PalpateError
-from palpate.sweep import Case, Cluster, ResultStore, case, run_cases, runner
+from palpate.sweep import RESULTS, Case, Cluster, ResultStore, case, refuse_other_files, run_cases, runner
 from palpate.sweep.case import code_version
 from palpate.sweep.rows import BOUND, HIGH, LOW, TRUE, error_table, errors_of
 from palpate.sweep.runner import run_one
@@ -187,6 +187,16 @@ def test_dropped_results_are_gone_and_others_stay(tmp_path, packed):
     assert store.finished() == {"c"}
     store.drop(["c"])
     assert list(tmp_path.iterdir()) == []
+
+
+def test_folder_is_used_only_if_it_is_new_or_has_results(tmp_path):
+    for folder in (tmp_path / "new", tmp_path):
+        refuse_other_files(folder)
+    (tmp_path / "thesis.txt").touch()
+    with pytest.raises(InputError, match="holds other files"):
+        refuse_other_files(tmp_path)
+    ResultStore(tmp_path / RESULTS)
+    refuse_other_files(tmp_path)
 
 
 def test_named_pipe_is_not_read(tmp_path):
