@@ -163,9 +163,16 @@ def test_equation_3_gives_table_1(cube):
     assert cube.stiffness_n_m == pytest.approx(cube.k_equation_3, rel=1e-4)
 
 
-def test_runs_without_speeds_use_those_of_the_paper(tmp_path):
-    (tmp_path / "grid.yaml").write_text(yaml.safe_dump(ONE))
-    assert load_grid(tmp_path / "grid.yaml").speeds_mm_s == ((150.0, 90.0, 60.0),)
+def test_grid_without_settings_repeats_the_paper_s_runs(tmp_path):
+    found = grid(tmp_path)
+    assert found.speeds_mm_s == ((150.0, 90.0, 60.0),)
+    assert [case.seed for case in found.cases()] == [1, 2, 3]
+    assert (found.noise_std_n, found.noise_percent, found.draws, found.diagnose) == (
+        (0.02,),
+        (0.0,),
+        1,
+        False,
+    )
 
 
 def test_estimates_and_worst_errors_are_drawn_beside_the_paper_s():
