@@ -105,5 +105,4 @@ def print_table(title: str, headers: Sequence[str], rows: Iterable[Sequence[obje
     table = Table(*(Column(name, justify="right" if i else "left") for i, name in enumerate(headers)))
     for row in rows:
         table.add_row(*map(str, row))
-    console = Console(width=None if Console().is_terminal else 200)
-    console.print(title, table, markup=False)
+    Console(width=None if Console().is_terminal else 200).print(title, table, markup=False)

@@ -76,8 +76,7 @@ def draw_lessons(folder: Path) -> None:
 
 def draw_measured(file: Path, folder: Path) -> None:
     """A soft specimen under an indenter, with the simple model that does not describe it."""
-    options = ImportOptions(where={"source_file": "230515_hold"})
-    channel = import_file(file, options).channels[0]
+    channel = import_file(file, ImportOptions(where={"source_file": "230515_hold"})).channels[0]
     found = estimate_with(channel, "kelvin_voigt", PREFERRED)
     draw(position_figure(estimates_view(found, {})), 900, PICTURES / "soft-indentation.png", folder)
 

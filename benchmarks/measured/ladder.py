@@ -249,8 +249,7 @@ def _held_out(columns: Array, ladder: "Ladder") -> tuple[float, float]:
     outside, inside = 0.0, 0.0
     for number, gram in zip(np.unique(fold), grams, strict=True):
         rest = np.sum(grams, axis=0) - gram
-        gains = np.linalg.lstsq(rest[:-1, :-1], rest[:-1, -1], rcond=1e-10)[0]
-        weights = np.append(-gains, 1.0)
+        weights = np.append(-np.linalg.lstsq(rest[:-1, :-1], rest[:-1, -1], rcond=1e-10)[0], 1.0)
         outside += float(weights @ gram @ weights)
         inside += float(weights @ rest @ weights) / (fold != number).sum()
     return math.sqrt(max(outside, 0.0) / len(fold)), inside

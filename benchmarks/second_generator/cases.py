@@ -93,8 +93,7 @@ def _try(job: CaseSpec, strength: float, rng: Generator) -> GeneratedCase | None
     seconds = len(world.motion.t) / motion.FINE_HZ
     allowed = [rate for rate in RATES_HZ if rate * seconds <= MOST_SAMPLES]
     reading = replace(reading, rate_hz=min(reading.rate_hz, max(allowed, default=RATES_HZ[-1])))
-    times = readings.sample_times(rng, reading, world.motion)
-    read = _Reader(rng, reading, world, times)
+    read = _Reader(rng, reading, world, readings.sample_times(rng, reading, world.motion))
     if read.floor > 0.05 * world.scale:
         return None
     effects = [

@@ -158,8 +158,7 @@ def _buckling(w: CaseWorld, s: float, u: Array) -> HiddenEffect:
     for i, x in enumerate(w.motion.x.tolist()):
         state = 1.0 if x > snap else 0.0 if x < 0.7 * snap else state
         out[i] = state
-    soft = w.filtered(out, 0.01)
-    return HiddenEffect(adds=-0.8 * s * w.law["k"] * snap * soft, one_sided=True)
+    return HiddenEffect(adds=-0.8 * s * w.law["k"] * snap * w.filtered(out, 0.01), one_sided=True)
 
 
 CONTACT_OUTSIDE: dict[str, Effect] = {

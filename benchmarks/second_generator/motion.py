@@ -94,8 +94,7 @@ def admittance(rng: Generator, speed: float) -> Array:
         t = _time(max(abs(level - here) / speed, 0.1) + rng.uniform(0.6, 1.2))
         ramp = here + np.sign(level - here) * np.minimum(speed * t, abs(level - here))
         weight = np.exp(-_time(5 * lag) / lag)
-        behind = np.convolve(ramp - here, weight / weight.sum())[: len(t)]
-        x.append(here + behind)
+        x.append(here + np.convolve(ramp - here, weight / weight.sum())[: len(t)])
         here = x[-1][-1]
     return np.concatenate(x)
 

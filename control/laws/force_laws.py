@@ -169,8 +169,7 @@ def loading_acceleration(
     stopping = stiffness_n_m * speed_m_s**2 / (2.0 * max(room_n, _MIN_ROOM_N))
     max_braking_m_s2 = _BRAKING_RESERVE * max(gains.braking_m_s2, stopping) + excess_n / gains.mass_kg
     max_braking_m_s2 = min(max_braking_m_s2, gains.yielding_m_s2)
-    change = (goal_m_s - speed_m_s) / _FOLLOW_S
-    return clip(change, -max_braking_m_s2, gains.braking_m_s2)
+    return clip((goal_m_s - speed_m_s) / _FOLLOW_S, -max_braking_m_s2, gains.braking_m_s2)
 
 
 _IMPEDANCE_N_M = 300.0  # stiffness of the impedance that tracks a force

@@ -78,8 +78,7 @@ def inertial_unit(column: int) -> str:
 @lru_cache(maxsize=4)
 def base_parameters(body: "RigidBody") -> BaseParameters:
     """Compute the base parameters of an arm from random postures, velocities and accelerations."""
-    rng = np.random.default_rng(0)
-    motions = rng.uniform(-2.0, 2.0, (_POSTURE_COUNT, 3, body.joint_count))
+    motions = np.random.default_rng(0).uniform(-2.0, 2.0, (_POSTURE_COUNT, 3, body.joint_count))
     regressor = np.array([body.regressor(*motion) for motion in motions])
     rows = regressor.reshape(-1, regressor.shape[2])
     # Select columns that are linearly independent of the previous ones (Gram-Schmidt, projected twice).

@@ -96,8 +96,7 @@ class HeldOutError(SquaredErrors):
         shared = [law for law in self.laws if Kind.RUN_DIFFERENCES not in law.kinds]
         run_laws = [law for law in self.laws if Kind.RUN_DIFFERENCES in law.kinds]
         self._run_columns = {law.kinds: law.columns[rows] for law in run_laws}
-        parts = [self.base.columns, *(law.columns for law in shared)]
-        columns = np.hstack(parts)[rows]
+        columns = np.hstack([self.base.columns, *(law.columns for law in shared)])[rows]
         column_rms = np.sqrt(np.mean(columns**2, axis=0))
         self._columns: FloatArray = columns / np.where(column_rms > 0.0, column_rms, 1.0)
         self._target: FloatArray = self.target[rows]
@@ -147,8 +146,7 @@ class HeldOutError(SquaredErrors):
     def _predicted(self, kinds: Kinds) -> FloatArray:
         if kinds not in self._predictions:
             chosen = np.flatnonzero([need <= kinds for need in self._column_kinds])
-            ridges = _RIDGES if kinds else (COLLINEAR,)
-            trials = self._predict(chosen, ridges)
+            trials = self._predict(chosen, _RIDGES if kinds else (COLLINEAR,))
             self._predictions[kinds] = min(trials, key=lambda fit: float(np.sum((self._target - fit) ** 2)))
         return self._predictions[kinds]
 

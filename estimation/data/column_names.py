@@ -433,8 +433,7 @@ def quantity_in(name: str, *, last: bool = False) -> str:
     if _NOT_MEASURED & set(words):
         return "none"
     words = words[-1:] if last else words
-    long = {word for word in words if len(word) > 2 or not (last or word.isascii())}
-    return _quantity_of(long)
+    return _quantity_of({word for word in words if len(word) > 2 or not (last or word.isascii())})
 
 
 def _quantity_of(words: Collection[str]) -> str:

@@ -383,8 +383,7 @@ def _uneven_fit(
             if order < terms:
                 products[order, :reach] += power * value
             power *= scaled_time
-    matrix = moments[np.add.outer(np.arange(terms), np.arange(terms))].transpose(2, 0, 1)
-    inverse = _inverse(matrix)
+    inverse = _inverse(moments[np.add.outer(np.arange(terms), np.arange(terms))].transpose(2, 0, 1))
     fitted, variance = np.zeros((2, len(centers), 3))
     fitted[:, : min(3, terms)] = np.einsum("nij,jn->ni", inverse, products)[:, :3]
     fitted[:, 0] += at

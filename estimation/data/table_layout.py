@@ -64,8 +64,7 @@ def stack_tests(
         for name, column in cells.items():  # to text, since types may differ between tests
             if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
                 cells[name] = pc.replace_substring(column.cast(pa.string()), ".", decimal)
-        part = pa.table(cells)
-        parts.append(with_run(part, str(label)).filter(pa.array(filled)))
+        parts.append(with_run(pa.table(cells), str(label)).filter(pa.array(filled)))
         rows.append(np.flatnonzero(filled))
     return pa.concat_tables(parts, promote_options="permissive"), np.concatenate(rows)
 

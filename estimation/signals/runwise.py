@@ -195,8 +195,7 @@ def _apply_clamps(low: FloatArray, high: FloatArray) -> FloatArray:
     played = np.empty_like(lows)
     for place in range(length):
         state = np.minimum(np.maximum(state, lows[place]), highs[place], out=played[place])
-    flat = played.swapaxes(0, 1).reshape(-1, *low.shape[1:])
-    return np.asarray(flat[: len(low)])
+    return np.asarray(played.swapaxes(0, 1).reshape(-1, *low.shape[1:])[: len(low)])
 
 
 @cache_by_array

@@ -162,8 +162,7 @@ def _draw_subsets(sample_count: int, size: int, trials: int, rng: np.random.Gene
         return np.argpartition(rng.random((trials, sample_count)), size - 1, axis=1)[:, :size]
     drawn = rng.integers(sample_count, size=(trials, size))
     while True:
-        ordered = np.sort(drawn, axis=1)
-        repeated = (np.diff(ordered, axis=1) == 0).any(axis=1)
+        repeated = (np.diff(np.sort(drawn, axis=1), axis=1) == 0).any(axis=1)
         if not repeated.any():
             return drawn
         drawn[repeated] = rng.integers(sample_count, size=(np.count_nonzero(repeated), size))

@@ -104,8 +104,7 @@ def remove_command(
     Example:
       palpate remove press.csv bias
     """
-    study = data.study(model, folder_to_read(data.file, folder))
-    change = study.remove(effect_name, channel)
+    change = data.study(model, folder_to_read(data.file, folder)).remove(effect_name, channel)
     kept = [revision.model_dump(mode="json") for revision in change.revisions]
     console.present(
         {"file": str(data.file), "channel": change.result.channel.name, "revisions": kept},

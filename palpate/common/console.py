@@ -142,8 +142,7 @@ def format_command(command: str) -> str:
         command: command line that starts with the program's name.
     """
     program, _, rest = command.partition(" ")
-    folder = Path(sys.argv[0]).parent
-    started = folder / program
+    started = Path(sys.argv[0]).parent / program
     if not started.is_file() or shutil.which(program) == str(started.absolute()):
         return command
     return f"{shell_path(started)} {rest}"

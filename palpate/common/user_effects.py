@@ -184,8 +184,7 @@ def _flaws(effect_type: Any) -> Iterator[tuple[str, str]]:  # noqa: ANN401, it m
         return
     if not (isinstance(effect_type.name, str) and _NAME.fullmatch(effect_type.name)):
         expected = "expected lower-case letters, digits and _, such as 'my_effect'"
-        problem = f"its name is {effect_type.name!r}; {expected}"
-        yield "name", problem
+        yield "name", f"its name is {effect_type.name!r}; {expected}"
     for what in _TEXTS:
         if not isinstance(text := getattr(effect_type, what), str):
             yield what, f"its {what} is {text!r}, expected text"

@@ -161,8 +161,7 @@ def examine_signs(robot: Robot, body: RigidBody, hand: ArmOperator) -> Iterator[
         return
     rest_n = _force_n(_read_for(robot, _START_S))
     hand.press("against the tip of the tool, towards the arm")
-    pressed_n = float(_watch(robot, hand, lambda m: np.array([m.force_n]), _PRESSED_N)[0])
-    yield _force_finding(pressed_n)
+    yield _force_finding(float(_watch(robot, hand, lambda m: np.array([m.force_n]), _PRESSED_N)[0]))
     hand.leave()
     if _wait_until(robot, hand, lambda newest: abs(_force_n(newest) - rest_n) < _TOUCHED_N):
         yield ok("hands away", f"the force is back at {rest_n:+.2f} N")

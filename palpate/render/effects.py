@@ -64,8 +64,7 @@ class EffectExample:
             effect: effect to add.
         """
         runs = fitted.data.runs
-        few = runs[even_places(len(runs), _RUNS)]
-        moved = fitted.data.of_runs(few)
+        moved = fitted.data.of_runs(runs[even_places(len(runs), _RUNS)])
         data = replace(moved, effort=fitted.model.predict(moved, fitted.values))
         values = visible_parameters(data, fitted.model, dict(fitted.values), effect)
         return cls(effect, data, fitted.model.with_effect(effect), values)

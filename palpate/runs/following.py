@@ -162,8 +162,7 @@ class JointFollowingTask:
                     self._line.send(measurement)
         except (EOFError, OSError):  # the program has died
             self._end()
-        motion = self._reference.step(dt_s)
-        control = self._controller.step_joints(measurement, motion, dt_s)
+        control = self._controller.step_joints(measurement, self._reference.step(dt_s), dt_s)
         phase = Phase.IDLE if self._reference.arrived else Phase.MOVE
         done = self._ending and self._reference.arrived
         return make_output(control.command, control.motion, control.tip, self._direction, phase, done=done)

@@ -131,8 +131,7 @@ def run_demo(folder: Path, real: Scenario, further: Sequence[str] = ()) -> Teleo
     output_folder(folder)
     sessions = {side: output_file(folder / f"{side}.mcap") for side in _SIDES}
     operator = folder / "operator.yaml"
-    surface_m = real.object.surface_height_m
-    write_text(operator, yaml.safe_dump(script(surface_m), sort_keys=False))
+    write_text(operator, yaml.safe_dump(script(real.object.surface_height_m), sort_keys=False))
     write_worlds(folder, real)
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))

@@ -323,8 +323,7 @@ class WorkbenchState:
         Raises:
             InputError: the session cannot be read, or has no channel of this one.
         """
-        source = joined(self.study.source, open_source(path))
-        return self._with(source, self.study.held_out)
+        return self._with(joined(self.study.source, open_source(path)), self.study.held_out)
 
     def with_runs(self, out: Sequence[int], held_out: Sequence[int]) -> "WorkbenchState":
         """Return a state of the same measurement, in memory, with a different use of its runs.

@@ -195,8 +195,7 @@ class EmulatedDynamixelLine(ServoWire[EmulatedServo]):
             for k in range(len(parts) - 1):
                 if self.faults.trigger(FaultKind.REORDER, parts[k][0], now_s):
                     parts[k], parts[k + 1] = parts[k + 1], parts[k]
-            packet = fast_status(parts, len(answers))
-            self._outgoing.append(self._transmit(senders, packet, now_s))
+            self._outgoing.append(self._transmit(senders, fast_status(parts, len(answers)), now_s))
 
 
 def _word(data: bytes) -> int:

@@ -160,8 +160,7 @@ class Memory:
         """
         item = self._items[address]
         signed = item.low is not None and item.low < 0
-        data = self._bytes[address : address + item.size]
-        return int.from_bytes(data, "little", signed=signed)
+        return int.from_bytes(self._bytes[address : address + item.size], "little", signed=signed)
 
     def put(self, address: int, value: int) -> None:
         """Set an item from inside the servo; nothing is checked."""

@@ -244,8 +244,7 @@ class HiddenTorqueGain(_TorqueImperfection):
     @classmethod
     def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         excess = strength * scale.joint_noise_nm / scale.joint(channel).load_nm
-        gain = float(np.clip(1.0 + generator.choice([-1.0, 1.0]) * excess, 0.5, 2.0))
-        return {"gain": gain}
+        return {"gain": float(np.clip(1.0 + generator.choice([-1.0, 1.0]) * excess, 0.5, 2.0))}
 
 
 class _TransmissionImperfection(JointImperfection, ABC):
@@ -326,8 +325,7 @@ class HiddenBacklash(_TransmissionImperfection):
     def _size_fields(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Values:
         """See `Imperfection._size_fields`; here for the torque by which a controller reacts to the gap."""
         stiffness_nm_rad = 3600.0 * scale.joint(channel).inertia_kg_m2
-        gap_rad = strength * scale.joint_noise_nm / stiffness_nm_rad
-        return {"gap_rad": min(gap_rad, 0.02)}
+        return {"gap_rad": min(strength * scale.joint_noise_nm / stiffness_nm_rad, 0.02)}
 
 
 class HiddenJointElasticity(_TransmissionImperfection):

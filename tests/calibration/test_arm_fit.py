@@ -81,8 +81,7 @@ def test_planar_motion_does_not_identify_roll(path):
 
 
 def test_late_torque_samples_do_not_bias_friction(path):
-    motion = measured(path, np.random.default_rng(3))
-    time_s, q, v, a, measured_nm, sent_nm = vars(motion).values()
+    time_s, q, v, a, measured_nm, sent_nm = vars(measured(path, np.random.default_rng(3))).values()
     late = ArmMotion(*(part[:-3] for part in (time_s, q, v, a)), measured_nm[3:], sent_nm[3:])
     fit = fit_arm(late, BODIES)
     assert fit.delay_s.value == pytest.approx(-0.003, abs=4 * fit.delay_s.std_err)

@@ -44,8 +44,7 @@ def test_load_cell_record_gives_calibration_file_and_plot(table, tmp_path):
 def test_recorded_weighing_is_evaluated_again_from_its_session(tmp_path):
     session, out = tmp_path / "w.mcap", tmp_path / "w.yaml"
     options = ("--weights-kg", "0,1,2,3,2,1,0", "--json", "--session", session, "-o", out)
-    result = done("calibrate", "force", *options)
-    first = json.loads(result.stdout)
+    first = json.loads(done("calibrate", "force", *options).stdout)
     assert first["values"]["scale"]["value"] == pytest.approx(1.0, abs=1e-3)
     assert first["raw"] == str(session)
     assert {event.kind for event in Session.open(session).events} == {"reference_force"}

@@ -85,8 +85,7 @@ def test_straight_sensor_is_rarely_called_curved():
 
 
 def test_calibrated_sensor_is_accurate_over_its_range():
-    plateaus = record(np.random.default_rng(2), bend=1e-4, step=0.0)
-    fit = fit_force(plateaus)
+    fit = fit_force(record(np.random.default_rng(2), bend=1e-4, step=0.0))
     assert fit.rms_n < 0.01
     assert fit.suspect is None
 

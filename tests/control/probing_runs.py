@@ -51,8 +51,7 @@ def plant_above(
     height_m: float = 0.08, x_m: float = 0.42, elbow: Elbow = Elbow.POSITIVE, **settings
 ) -> ReferencePlant:
     """The reference plant with its tool pointing down at a height."""
-    arm = PlanarArm(test_arm(), TOOL_AXIS_TIP)
-    start = arm.solve(np.array([x_m, 0.0, height_m]), DOWN, elbow)
+    start = PlanarArm(test_arm(), TOOL_AXIS_TIP).solve(np.array([x_m, 0.0, height_m]), DOWN, elbow)
     return ReferencePlant(start.position_rad.copy(), **settings)
 
 

@@ -38,8 +38,7 @@ def press(compliance, law, duration_s: float, speed_m_s: float = 0.0, delay: int
 
 @given(objects, guessed_wrong, guessed_wrong)
 def test_force_is_reached_and_held_within_a_second_or_the_object_time_constant(real, k_error, c_error):
-    guess = Compliance(real[0] * k_error, real[1] * c_error)
-    admittance = scheduled_admittance(guess, GAINS)
+    admittance = scheduled_admittance(Compliance(real[0] * k_error, real[1] * c_error), GAINS)
     rows = press(real, lambda force, speed: admittance.acceleration(10.0 - force, speed, DT_S), 3.0)
     force = rows[:, 2]
     # A soft and heavily damped object creeps: what is left then is the share of the virtual damping.
@@ -68,8 +67,7 @@ def load(real, guess, speed_m_s):
         room = GAINS.loading_aim * 10.0 - (force - guess.damping_n_s_m * speed)
         return loading_acceleration(speed, speed_m_s, room, guess, GAINS)
 
-    duration_s = 1.0 + 10.0 / (real[0] * speed_m_s) + 8.0 * real[1] / real[0]
-    return press(real, law, duration_s, speed_m_s)
+    return press(real, law, 1.0 + 10.0 / (real[0] * speed_m_s) + 8.0 * real[1] / real[0], speed_m_s)
 
 
 @given(objects, st.floats(0.01, 0.05))
@@ -84,8 +82,7 @@ def test_loading_reaches_the_limit_within_five_percent(real, speed_m_s):
 @pytest.mark.parametrize(("stiffness", "speed_m_s", "share"), [(500.0, 0.15, 0.85), (7100.0, 0.05, 0.6)])
 def test_loading_keeps_the_set_speed_for_most_of_the_way(stiffness, speed_m_s, share):
     rows = load((stiffness, 0.0), Compliance(stiffness, 0.0), speed_m_s)
-    fast = rows[rows[:, 1] > 0.95 * speed_m_s]
-    assert fast[:, 2].max() > share * 9.8
+    assert rows[rows[:, 1] > 0.95 * speed_m_s][:, 2].max() > share * 9.8
 
 
 def test_force_far_above_the_limit_yields_at_the_hardest():

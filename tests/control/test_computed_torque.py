@@ -22,8 +22,7 @@ def follow(plant, controller, motion_at, duration_s: float, push_nm=NONE) -> np.
     for tick in range(round(duration_s / TICK_S)):
         measurement = plant.measure()
         motion = motion_at(tick * TICK_S)
-        torque = controller.step(measurement, motion, NONE, TICK_S)
-        plant.advance(torque + push_nm, TICK_S)
+        plant.advance(controller.step(measurement, motion, NONE, TICK_S) + push_nm, TICK_S)
         errors.append(motion.position_rad - measurement.joint_position_rad)
     return np.array(errors)
 
@@ -65,8 +64,7 @@ def test_reset_forgets_the_disturbance():
     controller = ComputedTorque(test_arm(), TrackingGains())
     follow(plant, controller, lambda _: still, 0.5, np.array([1.0, -0.5, 0.2]))
     controller.reset()
-    measurement = plant_above(height_m=0.2).measure()
-    torque = controller.step(measurement, still, NONE, TICK_S)
+    torque = controller.step(plant_above(height_m=0.2).measure(), still, NONE, TICK_S)
     assert torque == pytest.approx(test_arm().gravity(still.position_rad), abs=1e-9)
 
 

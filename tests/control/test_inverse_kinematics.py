@@ -69,8 +69,7 @@ def test_unreachable_target_names_the_reach_and_its_edge_is_near_singular():
     with pytest.raises(InputError, match="out of reach"):  # too near: inside the inner circle
         arm.solve(np.array([0.01, 0.0, -0.12]), DOWN, Elbow.POSITIVE)
     arm = PlanarArm(test_arm(), TOOL_AXIS_TIP)
-    edge = np.array([0.5999, 0.0, -0.12])
-    assert arm.solve(edge, DOWN, Elbow.POSITIVE).near_singular
+    assert arm.solve(np.array([0.5999, 0.0, -0.12]), DOWN, Elbow.POSITIVE).near_singular
     assert not arm.solve(np.array([0.4, 0.0, 0.0]), DOWN, Elbow.POSITIVE).near_singular
 
 

@@ -105,8 +105,7 @@ class _LateClock(SimulatedClock):
 
 
 def test_lateness_counts_from_the_due_time_and_does_not_shift_the_next_tick():
-    arm = MockArm(clock := _LateClock())
-    result, log = run(arm, SwingTask(done_at=30, torque_nm=0.0))
+    result, log = run(MockArm(clock := _LateClock()), SwingTask(done_at=30, torque_nm=0.0))
     assert log.column("lateness_s") == pytest.approx(clock.lateness_s, abs=1e-9)
     assert log.column("time_s") - log.column("lateness_s") == pytest.approx(1e-3 * np.arange(1, 31))
     assert result.timing["lateness"].max_s == pytest.approx(6e-4)

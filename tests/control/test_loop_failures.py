@@ -24,8 +24,7 @@ PERIOD_S = 1.0 / RATE_HZ
 
 def run(arm, task, **options):
     log = MemoryLog()
-    result = run_loop(arm.robot, arm.guard, task, arm.clock, log, rate_hz=RATE_HZ, **options)
-    return result, log
+    return run_loop(arm.robot, arm.guard, task, arm.clock, log, rate_hz=RATE_HZ, **options), log
 
 
 def stop_began_s(log) -> float:

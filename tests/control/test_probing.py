@@ -70,8 +70,7 @@ def test_phases_of_a_run_are_in_order():
 def test_touch_and_loading_keep_the_set_speed():
     record, _ = probe(stiffness=500.0, damping=0.0, speeds_m_s=(0.09,))
     down = np.array([-output.tip_velocity_world_m_s[2] for output in record.outputs])
-    loading = record.in_phase(Phase.LOADING)
-    early = loading & (record.force_n < 7.0)
+    early = record.in_phase(Phase.LOADING) & (record.force_n < 7.0)
     assert early.sum() > 50
     assert down[early] == pytest.approx(np.full(early.sum(), 0.09), abs=0.003)
     touch = record.event("touch")
@@ -140,8 +139,7 @@ def test_missing_surface_is_an_event_and_the_next_target_is_tried():
 
 def test_soft_object_is_left_at_the_depth_limit_and_slow_loading_goes_on():
     record, task = probe(stiffness=100.0, damping=0.0, max_depth_m=0.03)
-    event = record.event("depth_limit")
-    assert event.data["depth_m"] < 0.03
+    assert record.event("depth_limit").data["depth_m"] < 0.03
     lowest = min(output.tip_position_world_m[2] for output in record.outputs)
     assert 0.05 - lowest <= 0.032  # a soft surface is found 1.5 mm late
     assert record.force_n.max() < 3.5
@@ -153,8 +151,7 @@ def test_soft_object_is_left_at_the_depth_limit_and_slow_loading_goes_on():
 
 
 def test_touch_before_the_set_speed_is_reported():
-    plant = plant_above(height_m=0.052, stiffness_n_m=500.0)
-    record, _ = probe(plant=plant)
+    record, _ = probe(plant=plant_above(height_m=0.052, stiffness_n_m=500.0))
     assert "set speed 150 mm/s was not reached" in record.event("touch").text
     assert record.event("touch").data["tip_m_s"] < 0.14
 

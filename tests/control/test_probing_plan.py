@@ -20,8 +20,7 @@ FOLLOWER = load_robot_file(ARMS / "follower" / "follower.yaml")  # trips at 60 N
 
 
 def test_every_target_gets_every_repeat_of_every_speed_and_a_unit_direction():
-    plan = ProbingPlan(speeds_m_s=(0.1, 0.05), repeats=2, targets_world_m=TARGETS)
-    runs = list(plan.runs())
+    runs = list(ProbingPlan(speeds_m_s=(0.1, 0.05), repeats=2, targets_world_m=TARGETS).runs())
     assert [run.run for run in runs] == list(range(8))
     assert [run.target for run in runs] == [0] * 4 + [1] * 4
     assert [run.repeat for run in runs] == [0, 0, 1, 1] * 2

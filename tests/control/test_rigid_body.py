@@ -35,8 +35,7 @@ def chain(joints: int) -> str:
 
 
 def random_states(count: int = 20):
-    rng = np.random.default_rng(3)
-    return rng.uniform(-2.0, 2.0, (count, 3, 3))
+    return np.random.default_rng(3).uniform(-2.0, 2.0, (count, 3, 3))
 
 
 def bodies():
@@ -117,8 +116,7 @@ def test_gravity_is_the_gradient_of_potential_energy():
 
     def potential_j(position):
         # Masses and lengths of the reference arm, by hand: each rod's middle above the base, z up.
-        angles = np.cumsum(position)
-        heights = -np.sin(angles) * (0.32, 0.28, 0.12)
+        heights = -np.sin(np.cumsum(position)) * (0.32, 0.28, 0.12)
         middles = np.cumsum(heights) - heights / 2
         return 9.81 * float(middles @ (1.8, 1.2, 0.5))
 
@@ -246,8 +244,7 @@ def test_simulated_arm_and_model_feel_the_rotors_alike():
         ArmDescription(text, "tip", robot_file.sensor_axis_tip, home, tuple(rotors)), load_scenario({})
     )
     body = RigidBody.from_urdf(text, "tip", rotor_inertia_kg_m2=rotors)
-    torque_nm = body.gravity(home) + np.array((0.1, -0.05, 0.02))
-    world.set_torque(torque_nm)
+    world.set_torque(body.gravity(home) + np.array((0.1, -0.05, 0.02)))
     world.advance_to(0.05)
     truth = world.truth()
     world.close()

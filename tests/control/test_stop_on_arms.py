@@ -52,8 +52,7 @@ def stop_in(name: str, phase: Phase, ticks: int, *, gravity=True, stiffness=500.
         arm.wait(0.4)
     table = arm.truth
     stopped_s = next(record["time_s"] for record in arm.log.records if record["phase"] == Phase.STOPPED)
-    stopping = table[:ended][table[:ended, 0] >= stopped_s - 1e-9]
-    time_s, height_m, force_n, speed = stopping.T
+    time_s, height_m, force_n, speed = table[:ended][table[:ended, 0] >= stopped_s - 1e-9].T
     return Stop(time_s, height_m, force_n, speed, time_s[-1] - time_s[0], table[ended:, 2].max())
 
 

@@ -190,8 +190,7 @@ def one_file_a_run(folder):
 def savetxt(folder):
     """numpy's own: a comment for a header, blanks between cells; the clock misses samples and is uneven."""
     t, x, f = presses()
-    rng = np.random.default_rng(3)
-    kept = rng.random(len(t)) > 0.05
+    kept = np.random.default_rng(3).random(len(t)) > 0.05
     columns = np.column_stack([t, 1e6 * x, f])[kept]
     path = folder / "bench.asc"
     np.savetxt(path, columns, header="time [s]  depth[um] load [N]", fmt="%11.6f")

@@ -59,8 +59,7 @@ def _one_run(law, surface_m, speed, hold_s):
             phase, since = _next_phase(phase, since + TICK_S, force, depth, velocity, hold_s)
             if phase is None:
                 break
-        wanted = _wanted_speed(phase, speed, force)
-        push = force + MASS_KG * (wanted - velocity) / 0.01
+        push = force + MASS_KG * (_wanted_speed(phase, speed, force) - velocity) / 0.01
         velocity += STEP_S * (push - force) / MASS_KG
         position += STEP_S * velocity
     return np.array(rows, dtype=float)

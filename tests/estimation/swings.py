@@ -47,8 +47,7 @@ long_swings = partial(swings, runs=5)  # where what is tested goes by the number
 
 def read(data, *, step=0.0, noise=0.0, acceleration=True, seed=0):
     """The channel with a position read in steps or through noise, and derivatives made of that."""
-    rng = np.random.default_rng(seed)
-    position = data.position + noise * rng.standard_normal(len(data))
+    position = data.position + noise * np.random.default_rng(seed).standard_normal(len(data))
     position = step * np.round(position / step) if step else position
     made = differentiate(data.time_s, position, data.run)
     given = {"acceleration": made.acceleration} if acceleration else {}

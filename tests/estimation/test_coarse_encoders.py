@@ -59,8 +59,7 @@ def test_surface_of_a_stiff_object_is_at_first_contact():
         assert surface.highest_m <= surface_m <= surface.deepest_m
         assert abs(surface.position_m - surface_m) < channel.position_step
         assert abs(surface.position_m - surface_m) < 2 * surface.std_err_m
-        offset_m = estimated(channel)["contact_offset.offset"].value
-        assert offset_m == pytest.approx(0.0, abs=1e-8)
+        assert estimated(channel)["contact_offset.offset"].value == pytest.approx(0.0, abs=1e-8)
 
 
 def test_intervals_include_the_encoder_step_uncertainty():

@@ -124,8 +124,7 @@ def test_branches_are_ordered_by_time_constant():
     told = branches.in_order(crossed)
     assert [told[name] for name in names] == [0.3, 0.1, 0.1, 2.0]
     np.testing.assert_allclose(branches.predict(data, told), branches.predict(data, crossed), atol=1e-12)
-    held = replace(branches, held={names[2]: 2.0})
-    assert held.in_order(crossed) == crossed
+    assert replace(branches, held={names[2]: 2.0}).in_order(crossed) == crossed
 
 
 def test_dry_friction_reverses_with_the_position_despite_a_late_velocity():

@@ -102,8 +102,7 @@ def test_hybrid_uses_the_linear_law_on_stiff_objects():
 
 def test_gradient_estimator_needs_excitation():
     """At rest all that can be learnt is one sum of stiffness and damping's share."""
-    data = press(ContactLaw(500.0, 20.0), noise_n=0.01)
-    law = found("indirect_adaptive", data)
+    law = found("indirect_adaptive", press(ContactLaw(500.0, 20.0), noise_n=0.01))
     assert law.stiffness == pytest.approx(500.0, rel=0.02)
     assert law.damping == pytest.approx(20.0, rel=0.05)
     still = np.full(6000, 0.008), np.zeros(6000), np.full(6000, 4.0)
@@ -120,8 +119,7 @@ def test_reference_model_tolerates_a_biased_sensor():
 def test_online_estimators_follow_a_probing_arm(name):
     """Felt stiffness and damping of Hunt-Crossley or Kelvin-Voigt, from the raw samples of a probe."""
     nonlinear = CONTACT_ESTIMATORS[name].model == "hunt_crossley"
-    law = hunt_crossley(5000.0, 8000.0, 1.4) if nonlinear else kelvin_voigt(500.0, 20.0)
-    recorded = probe(law)
+    recorded = probe(hunt_crossley(5000.0, 8000.0, 1.4) if nonlinear else kelvin_voigt(500.0, 20.0))
     online = OnlineContactEstimator(CONTACT_ESTIMATORS[name]())
     samples = zip(recorded.time_s.tolist(), recorded.along_m.tolist(), recorded.force_n.tolist(), strict=True)
     estimates = np.array([online.update(*sample) for sample in samples])

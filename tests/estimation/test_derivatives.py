@@ -194,8 +194,7 @@ def test_center_slope_is_in_the_middle_and_pieces_end_at_runs_and_gaps():
 def test_falling_sample_rate_makes_no_gaps():
     """As of a tension test that records yielding at 12 Hz and what follows at 2 Hz."""
     time_s = np.cumsum(np.repeat([0.08, 0.4, 0.08], [300, 150, 300]))
-    run = np.zeros(len(time_s), dtype=np.int64)
-    piece = number_pieces(time_s, run)
+    piece = number_pieces(time_s, np.zeros(len(time_s), dtype=np.int64))
     assert len(np.unique(piece)) == 1
     moved = differentiate(time_s, 2e-5 * time_s, piece)
     np.testing.assert_allclose(moved.velocity, 2e-5, rtol=1e-6)

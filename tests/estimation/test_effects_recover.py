@@ -126,8 +126,7 @@ def stress_relaxation():
         parts.append((t, x, spring * x + state(change, t, atol=1e-10, max_step=ramp_s / 20)))
     (t, x, force), run = runs(parts)
     data = channel(CONTACT, t, x, force, run=run)
-    truth = {"k1": (branch, -1, 1), "tau": tau}
-    return RecoveryCase(data, ("stiffness",), truth, 0.03)
+    return RecoveryCase(data, ("stiffness",), {"k1": (branch, -1, 1), "tau": tau}, 0.03)
 
 
 def dahl(path):
@@ -143,8 +142,7 @@ def dahl(path):
 
 def presliding_friction():
     t, q, v = swing()
-    torque = 0.4 * v + 1.3 * dahl(0.05)
-    data = channel(REVOLUTE, t, q, torque, velocity=v)
+    data = channel(REVOLUTE, t, q, 0.4 * v + 1.3 * dahl(0.05), velocity=v)
     return RecoveryCase(data, ("viscous_friction",), {"force": (1.3, 0, 1), "presliding": (0.05, 1, 0)})
 
 
@@ -170,8 +168,7 @@ def wen(rise, across, along, n):
 def bouc_wen_hysteresis():
     t, q, v = swing()
     rise, across, along, n, alpha = 2.0, 30.0, 10.0, 2.0, 1.5
-    torque = 0.4 * v + alpha * wen(rise, across, along, n)
-    data = channel(REVOLUTE, t, q, torque, velocity=v)
+    data = channel(REVOLUTE, t, q, 0.4 * v + alpha * wen(rise, across, along, n), velocity=v)
     most = (rise / (across + along)) ** (1 / n)
     truth = {
         "force": (alpha * most, 0, 1),
@@ -205,8 +202,7 @@ def delay():
 
 
 def position_dependent_friction():
-    rng = np.random.default_rng(1)
-    t = np.sort(rng.uniform(0, 20, 4000))
+    t = np.sort(np.random.default_rng(1).uniform(0, 20, 4000))
     q, v = 9 * np.sin(0.7 * t), 6.3 * np.cos(0.7 * t)
     squeeze = 1.0 + 0.4 * np.cos(q - 0.6)  # of a seal on an eccentric shaft
     torque = 0.2 * v + np.sign(v) * squeeze
@@ -251,8 +247,7 @@ def run_offset():
 
 
 def run_gain():
-    rng = np.random.default_rng(4)
-    gains = 1.0 + 0.2 * rng.standard_normal(10)
+    gains = 1.0 + 0.2 * np.random.default_rng(4).standard_normal(10)
     parts = [(t, x, gain * 700.0 * x) for gain in gains for t, x, _ in press(0.01, ramps_s=(1.0,))]
     (t, x, force), run = runs(parts)
     data = channel(CONTACT, t, x, force, run=run)

@@ -120,8 +120,7 @@ def test_without_names_the_smoother_column_is_advised_as_displacement(tmp_path):
 
 @pytest.mark.parametrize("way", ["elongation_r", "raw"])
 def test_advice_goes_by_words_and_takes_no_time_for_a_displacement(tmp_path, way):
-    path = write(tmp_path, [f"time_r,{way},load_r"])
-    check_press(by_the_advice(path))
+    check_press(by_the_advice(write(tmp_path, [f"time_r,{way},load_r"])))
 
 
 def test_several_specimens_in_a_file_are_noted(tmp_path):

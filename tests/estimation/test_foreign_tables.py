@@ -193,8 +193,7 @@ def test_time_that_is_not_of_the_rows_may_be_left_out(tmp_path):
     path = table_file(tmp_path, "completion_time_s,depth_m,force_N\n", done, WAY_M, FORCE_N, form="{:.8f}")
     (note,) = (note for note in import_file(path).notes if "repeats times" in note)
     assert note.endswith("add --context completion_time_s to read it as another signal")
-    options = ImportOptions(context=("completion_time_s",))
-    (channel,) = import_file(path, options).channels
+    (channel,) = import_file(path, ImportOptions(context=("completion_time_s",))).channels
     np.testing.assert_allclose(channel.position, WAY_M, atol=1e-7)
     np.testing.assert_allclose(np.diff(channel.time_s), 1.0)
 
@@ -336,8 +335,7 @@ def test_remarks_may_state_names_and_units_of_columns(tmp_path):
         '# fancyNames: "Series Time" "Height (measured)" "Vertical deflection"\n# units: s m N\n#\n'
     )
     path.write_text(head + lines(TIME_S, WAY_M, FORCE_N, delimiter=" ", form="{:.9e}"))
-    table = read_table(path)
-    assert table.names == ("seriesTime [s]", "height [m]", "vDeflection [N]")
+    assert read_table(path).names == ("seriesTime [s]", "height [m]", "vDeflection [N]")
     np.testing.assert_allclose(import_file(path).channels[0].effort, FORCE_N, rtol=1e-8)
 
 

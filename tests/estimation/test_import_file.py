@@ -88,8 +88,7 @@ def test_all_formats_hold_the_same(tmp_path, contact):
 
 
 def test_columns_of_other_names_and_units(tmp_path):
-    columns = {"t": 1e3 * T, "indent_mm": 1e3 * X, "load": 1e3 * F}
-    path = write_csv(tmp_path / "own.csv", columns)
+    path = write_csv(tmp_path / "own.csv", {"t": 1e3 * T, "indent_mm": 1e3 * X, "load": 1e3 * F})
     options = ImportOptions(
         columns={"time": "t", "displacement_m": "indent_mm", "force_N": "load"},
         units={"time": "ms", "load": "mN"},
@@ -109,8 +108,7 @@ def test_unit_of_another_dimension_is_kept_and_reported(tmp_path, quantity, unit
 
 
 def test_numbered_runs_keep_their_numbers_and_are_grouped(contact):
-    run = np.tile([7, 3], 25)
-    channel = only(import_file(contact(run=run)))
+    channel = only(import_file(contact(run=np.tile([7, 3], 25))))
     np.testing.assert_array_equal(channel.run, [3] * 25 + [7] * 25)
     np.testing.assert_allclose(channel.time_s[:25], T[1::2])
 
@@ -292,8 +290,7 @@ def test_compressed_file_with_large_content_is_refused(tmp_path, monkeypatch):
 
 
 def test_fresh_runs_start_at_time_zero_and_keep_their_motion(contact, tmp_path):
-    run = np.repeat([3, 5], 25)
-    path = contact(time_s=T + 7.0, run=run)
+    path = contact(time_s=T + 7.0, run=np.repeat([3, 5], 25))
     one_clock, fresh = (only(import_file(path, ImportOptions(fresh=way))) for way in (False, True))
     np.testing.assert_allclose(fresh.time_s, np.tile(T[:25], 2), atol=1e-12)
     np.testing.assert_allclose(one_clock.time_s, T + 7.0)

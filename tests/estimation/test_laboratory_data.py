@@ -220,8 +220,7 @@ def test_unit_counts_under_every_name_of_its_quantity(press, said):
 
 def test_same_column_in_two_units_is_not_ambiguous(press):
     f = presses()[2]
-    channel = contact_of(press(**{"Load [lbf]": f / 4.4482216}))
-    np.testing.assert_allclose(channel.effort, f)
+    np.testing.assert_allclose(contact_of(press(**{"Load [lbf]": f / 4.4482216})).effort, f)
 
 
 def test_files_of_a_folder_are_runs_in_numerical_order(tmp_path):

@@ -34,8 +34,7 @@ def test_units_of_the_columns_do_not_matter(exponents):
     columns, effort = columns_and_effort()
     scale = 10.0 ** np.array(exponents)
     scaled = solve(columns * scale, effort)
-    plain = solve(columns, effort)
-    np.testing.assert_allclose(scaled * scale, plain, rtol=1e-8)
+    np.testing.assert_allclose(scaled * scale, solve(columns, effort), rtol=1e-8)
 
 
 def test_nearly_dependent_columns_are_solved_and_a_zero_one_gets_no_gain():
@@ -196,9 +195,7 @@ def test_correlated_parameters_are_a_pair_and_one_near_zero_may_be_determined():
 
 
 def test_few_effective_samples_widen_the_interval():
-    columns = np.ones((40, 1))
-    slow = np.sin(np.linspace(0, 3, 40))
-    found = sandwich(columns, slow, np.ones(40))
+    found = sandwich(np.ones((40, 1)), np.sin(np.linspace(0, 3, 40)), np.ones(40))
     low, high = found.intervals(np.zeros(1))[0]
     assert high - low > 2 * 1.96 * found.std_err[0]
     assert found.degrees_of_freedom == pytest.approx(1.0, abs=8)

@@ -175,8 +175,7 @@ def test_zero_byte_in_a_number_never_makes_another_number(tmp_path, place):
     path, lines = tmp_path / "gel.csv", rows().splitlines()
     time, way, _ = lines[100].split(",")
     force = "9.876543"
-    kept = {0: force, -1: ""}.get(place, force[place + 1 :])
-    damaged = force[:place] + "\0" + kept
+    damaged = force[:place] + "\0" + {0: force, -1: ""}.get(place, force[place + 1 :])
     lines[100] = f"{time},{way},{damaged}"
     path.write_text("Time [s],Travel [mm],Load [N]\n" + "\n".join(lines))
     with pytest.raises(InputError, match=r"line 102, column 'Load \[N\]': '.*' is not a finite number"):

@@ -28,8 +28,7 @@ def indentation(specimen):
 def test_stiffness_of_a_soft_specimen_matches_its_curve():
     (channel,) = indentation(FIRST_P002).channels
     assert channel.runs.tolist() == [19]
-    found = estimated(channel)
-    stiffness = found["stiffness.k"]
+    stiffness = estimated(channel)["stiffness.k"]
     assert stiffness.value == pytest.approx(97.0, rel=0.03)
     assert stiffness.interval[0] < 97.0 < stiffness.interval[1]
     assert stiffness.unit == "N/m"
@@ -39,8 +38,7 @@ def test_stiffness_of_a_soft_specimen_matches_its_curve():
 def test_batch_estimators_agree(name):
     """RANSAC's threshold of 0.01 N is far below what the model leaves here; the others must stay near."""
     (channel,) = indentation(FIRST_P002).channels
-    found = estimated(channel, by=name)
-    assert found["stiffness.k"].value == pytest.approx(97.0, rel=0.12)
+    assert estimated(channel, by=name)["stiffness.k"].value == pytest.approx(97.0, rel=0.12)
 
 
 @pytest.mark.parametrize("name", sorted(FOLLOWING_CHANGES))
@@ -59,8 +57,7 @@ def test_hunt_crossley_fits_all_specimens_better():
     straight = fit_samples(base_model("kelvin_voigt"), channel, channel.engaged)
     assert 1.2 < curved.parameters["hunt_crossley.n"] < 1.5
     assert np.std(curved.residuals) < 0.75 * np.std(straight.residuals)
-    imported = import_file(DATA / "soft_indentation" / "runs.csv.gz")
-    (channel,) = imported.channels
+    (channel,) = import_file(DATA / "soft_indentation" / "runs.csv.gz").channels
     assert len(channel) == 15507
     assert len(channel.runs) == 23
 

@@ -44,8 +44,7 @@ def test_layered_stiffness_requires_load_depth_and_significance():
     assert is_layer(40.0, 20000.0, error=100.0)  # less stiff than the other is uncertain
     assert is_layer(0.0, 1500.0, **{"cubic_stiffness.k3": 5e7})  # which presses back too
     assert is_layer(0.0, 1500.0, **{"hunt_crossley.k": 4000.0})  # which may carry the load
-    beyond = {"layered_stiffness.depth": 0.05}
-    assert not is_layer(800.0, 700.0, **beyond)
+    assert not is_layer(800.0, 700.0, **{"layered_stiffness.depth": 0.05})
 
 
 def is_stribeck(rise, speed, transition):

@@ -35,8 +35,7 @@ def test_estimator_converges_to_stiffness_damping_and_surface(stiffness, damping
 
 def test_no_estimate_is_given_before_enough_samples():
     recorded = probe(kelvin_voigt(500.0, 20.0))
-    found = follow(recorded)
-    known = np.isfinite(found[:, 0])
+    known = np.isfinite(follow(recorded)[:, 0])
     first = int(np.argmax(known))
     assert known[first:].all()
     touch = int(np.argmax(recorded.force_n > 0.3))

@@ -52,8 +52,7 @@ def test_hunt_crossley_is_identified_with_surface_uncertainty():
     assert found["hunt_crossley.n"].value == pytest.approx(1.4, abs=0.01)
     assert found["hunt_crossley.k"].value == pytest.approx(5000.0, rel=0.03)
     assert found["hunt_crossley.b"].value == pytest.approx(8000.0, rel=0.03)
-    law = kelvin_voigt(500.0, 20.0)
-    (data,) = contact_channels(ticks(probe(law)), tared=True)
+    (data,) = contact_channels(ticks(probe(kelvin_voigt(500.0, 20.0))), tared=True)
     errors = [estimated(data, surface_found=found)["stiffness.k"].std_err for found in (False, True)]
     assert errors[1] > 1.3 * errors[0]
 

@@ -128,8 +128,7 @@ def test_columns_without_units_may_be_joints(tmp_path, names, sizes, said):
 def test_structs_in_cells_are_runs(tmp_path):
     cells = np.empty((1, 3), dtype=object)
     for number in range(3):
-        length = 200 + number
-        time = np.arange(length) / 100.0
+        time = np.arange(200 + number) / 100.0
         cells[0, number] = {"t": time, "q": np.sin(time), "tau": np.cos(time) + number}
     savemat(tmp_path / "runs.mat", {"train": cells, "rate": 100.0})
     units = {"position": "rad", "torque": "Nm"}

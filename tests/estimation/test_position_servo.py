@@ -82,8 +82,7 @@ def test_hidden_payload_is_identified_from_the_goal_error(tmp_path):
 
 @pytest.mark.slow
 def test_hidden_backlash_is_identified_with_gravity_load(tmp_path):
-    study = Study(written(tmp_path, weight=3.0, gap=0.08), keep=False)
-    (found,) = study.diagnose().channels
+    (found,) = Study(written(tmp_path, weight=3.0, gap=0.08), keep=False).diagnose().channels
     assert {"weight", "backlash"} <= {entry.effect for entry in found.accepted}
     gap = found.final.parameters["backlash.gap"]
     assert (gap.unit, gap.value) == ("rad", pytest.approx(0.08, rel=0.1))
@@ -91,8 +90,7 @@ def test_hidden_backlash_is_identified_with_gravity_load(tmp_path):
 
 def lerobot(folder, **arrays):
     t, goal, q = np.concatenate([servo(seed, seconds=6.0) for seed in range(2)]).T
-    episode = np.repeat([0, 1], len(t) // 2)
-    columns = {"timestamp": t, "episode_index": episode}
+    columns = {"timestamp": t, "episode_index": np.repeat([0, 1], len(t) // 2)}
     columns |= {"action": np.degrees(goal)[:, None].tolist()}
     columns |= {"observation.state": np.degrees(q)[:, None].tolist()} | arrays
     pq.write_table(pa.table(columns), folder / "episode.parquet")

@@ -93,8 +93,7 @@ def test_user_chooses_contact_or_axis_and_one_spring_is_not_cut():
 
 
 def test_pulling_element_is_stored_as_one(tmp_path):
-    found = element(SPRING)
-    write_session(tmp_path / "s.mcap", import_streams(found), SessionMetadata(), ())
+    write_session(tmp_path / "s.mcap", import_streams(element(SPRING)), SessionMetadata(), ())
     (again,) = open_source(tmp_path / "s.mcap").channels
     assert again.engaged.all()
 
@@ -208,8 +207,7 @@ def test_sign_of_a_softening_force_is_oriented():
 
 def test_snapping_force_in_one_direction_is_one_press():
     x, one = np.linspace(0.0, 0.04, 6000), np.zeros(6000, dtype=np.int64)
-    snaps = 5.0 - 230.0 * (x % 0.0201)
-    assert cut_presses(snaps, x, one, np.arange(6000.0))[0].max() == 0
+    assert cut_presses(5.0 - 230.0 * (x % 0.0201), x, one, np.arange(6000.0))[0].max() == 0
     twice = np.tile(0.02 - np.abs(x - 0.02), 2)
     assert cut_presses(200.0 * twice, twice, np.tile(one, 2), np.arange(12000.0))[0].max() == 1
 

@@ -62,8 +62,7 @@ def test_degenerate_subsets_are_skipped_and_samples_are_unique():
     columns, run = motion()
     columns = columns.copy()
     columns[:450] = [0.001, 0.01]  # standing still: five of these determine one number only
-    regression = Regression(columns, columns @ TRUTH, NAMES, UNITS, run=run)
-    found = fit(regression, trials=500)
+    found = fit(Regression(columns, columns @ TRUTH, NAMES, UNITS, run=run), trials=500)
     np.testing.assert_allclose(values(found), TRUTH, rtol=1e-6)
     assert 1 <= found.details["skipped_subsets"] < 100
     columns, effort = np.eye(4), np.arange(4.0)

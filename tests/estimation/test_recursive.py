@@ -27,8 +27,7 @@ def test_rls_is_least_squares_with_a_prior_and_ewrls_weights_by_age():
     )
     regression = problem(np.random.default_rng(1))
     gains = feed(Ewrls(forgetting=0.99), regression.columns, regression.effort)[-1]
-    age = np.arange(len(regression.effort))[::-1]
-    weighted = regression.columns * (0.99**age)[:, None]
+    weighted = regression.columns * (0.99 ** np.arange(len(regression.effort))[::-1])[:, None]
     expected = np.linalg.solve(weighted.T @ regression.columns, weighted.T @ regression.effort)
     np.testing.assert_allclose(gains, expected, rtol=1e-5)
 
@@ -64,8 +63,7 @@ def test_sprls_perturbs_only_for_a_large_error():
 
 def test_sprls_follows_a_sudden_change_sooner_than_rls():
     columns = motion(1800)[0]
-    changed = np.where(np.arange(1800) < 900, 1.0, 3.0)
-    effort = (columns @ TRUTH) * changed
+    effort = (columns @ TRUTH) * np.where(np.arange(1800) < 900, 1.0, 3.0)
     rls, sprls = (feed(estimator, columns, effort)[950] for estimator in (Rls(), Sprls()))
     assert abs(sprls[0] - 1500.0) < 0.2 * abs(rls[0] - 1500.0)
 

@@ -24,8 +24,7 @@ def presses(offsets, gains, seed=0):
 
 
 def rest_of_runs(data, effect, predicted):
-    left = (data.effort - predicted)[~effect.first_part(data)]
-    return float(np.sqrt(np.mean(left**2)))
+    return float(np.sqrt(np.mean((data.effort - predicted)[~effect.first_part(data)] ** 2)))
 
 
 @pytest.mark.parametrize(("name", "spread"), [("run_offset", 0.8), ("run_gain", 0.2)])

@@ -37,8 +37,7 @@ def test_play_matches_the_sample_by_sample_definition(values, half_width):
 
 def test_play_forgets_between_runs():
     two = np.column_stack([np.sin(TIME), np.cos(3 * TIME)])
-    run = np.repeat([0, 1], 500)
-    played = play(two, run, 0.2)
+    played = play(two, np.repeat([0, 1], 500), 0.2)
     for column in range(2):
         assert played[500:, column] == pytest.approx(stepped_play(two[500:, column], 0.2))
     values = np.cumsum(np.random.default_rng(6).standard_normal(5000))
@@ -60,11 +59,9 @@ def test_rates_match_savitzky_golay_run_by_run():
 
 
 def test_lag_follows_a_step_and_a_held_strain_relaxes():
-    step = (TIME > 2.0).astype(float)
-    lagged = low_pass(step, TIME, ONE_RUN, 0.5)
+    lagged = low_pass((TIME > 2.0).astype(float), TIME, ONE_RUN, 0.5)
     assert lagged[700] == pytest.approx(1 - np.exp(-(7.0 - 2.005) / 0.5), abs=2e-3)
-    held = np.where(TIME >= 1.0, 1.0, 0.0)
-    left = relax(held, TIME, ONE_RUN, 2.0)
+    left = relax(np.where(TIME >= 1.0, 1.0, 0.0), TIME, ONE_RUN, 2.0)
     assert left[500] / left[300] == pytest.approx(np.exp(-2.0 / 2.0), rel=1e-6)
 
 
@@ -75,8 +72,7 @@ def test_strain_memory_persists_between_presses(uneven_s):
     seen = (time_s < 1.8) | (time_s > 2.9)  # nothing was recorded in between
     run = np.where(time_s < 2.5, 3, 7)
     whole = relax(strain, time_s, ONE_RUN, 0.8)
-    left = relax(strain[seen], time_s[seen], run[seen], 0.8)
-    assert left == pytest.approx(whole[seen], abs=1e-9)
+    assert relax(strain[seen], time_s[seen], run[seen], 0.8) == pytest.approx(whole[seen], abs=1e-9)
     order = np.argsort(-run, kind="stable")  # the numbers of the runs say nothing
     assert relax(strain[order], time_s[order], -run[order], 0.8) == pytest.approx(whole[order], abs=1e-9)
     first, second = run[seen] == 3, run[seen] == 7
@@ -87,8 +83,7 @@ def test_strain_memory_persists_between_presses(uneven_s):
 
 
 def test_direction_reverses_over_its_path_and_a_signal_has_its_maximum():
-    x = np.where(TIME < 3, TIME, np.where(TIME < 6, 3.0, 9.0 - TIME))
-    s = direction(x, ONE_RUN, 0.1)
+    s = direction(np.where(TIME < 3, TIME, np.where(TIME < 6, 3.0, 9.0 - TIME)), ONE_RUN, 0.1)
     assert s[[250, 550, 990]] == pytest.approx([1.0, 1.0, -1.0], abs=1e-6)
     assert s[610] == pytest.approx(2 * np.exp(-1.0) - 1, abs=1e-3)
 

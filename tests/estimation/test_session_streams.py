@@ -87,8 +87,7 @@ def test_columns_have_units(tmp_path):
 def test_probing_session_gives_contact_and_joints(tmp_path):
     samples = ticks(probe(kelvin_voigt(800.0, 30.0), speeds=(0.1,)))
     metadata, streams = SessionMetadata(software_version="0"), [(samples.stream, dict(samples.columns))]
-    path = write_session(tmp_path / "probe.mcap", streams, metadata)
-    channels = open_source(path).channels
+    channels = open_source(write_session(tmp_path / "probe.mcap", streams, metadata)).channels
     assert [c.name for c in channels] == ["contact", "joint_1", "joint_2", "joint_3"]
     assert channels[0].surface is not None
 

@@ -112,8 +112,7 @@ def test_faulty_samples_and_ticks_between_runs_are_left_out():
 
 def test_two_places_are_two_channels():
     truth = recorded()
-    lateral = np.where(truth.run < 2, 0.40, 0.45)
-    first, second = contact_channels(ticks(truth, lateral), tared=False)
+    first, second = contact_channels(ticks(truth, np.where(truth.run < 2, 0.40, 0.45)), tared=False)
     assert (first.name, second.name) == ("contact_1", "contact_2")
     np.testing.assert_array_equal(first.runs, [0, 1])
     np.testing.assert_array_equal(second.runs, [2])
@@ -165,8 +164,7 @@ def test_joint_knows_the_contact_point_and_has_no_force_in_free_air():
     assert abs(np.mean(biased[in_air])) < 0.1 * NOISE_N
     assert biased.max() == pytest.approx(truth.force_n.max(), rel=0.02)
     truth = recorded()
-    context = joint_channels(ticks(truth))[0].context
-    touching = context["touching"] == 1.0
+    touching = joint_channels(ticks(truth))[0].context["touching"] == 1.0
     assert np.mean(touching) > 0.2
     assert np.all(truth.force_n[touching] > 0.0)
     assert not touching[truth.phase == Phase.FREE_AIR].any()
@@ -191,8 +189,7 @@ def test_late_force_sample_is_aligned_with_the_torque():
     truth = recorded()
     late_s = 0.0004
     at_torque, at_force = truth.time_s - late_s, truth.time_s
-    rising = 20.0 * truth.time_s
-    made = ticks(truth, torque_at_s=at_torque, force_at_s=at_force, force_n=rising)
+    made = ticks(truth, torque_at_s=at_torque, force_at_s=at_force, force_n=20.0 * truth.time_s)
     pressed = joint_channels(made)[0].context["contact_force"]
     together = ticks(truth, torque_at_s=at_torque, force_at_s=at_torque, force_n=20.0 * at_torque)
     wanted = joint_channels(together)[0].context["contact_force"]

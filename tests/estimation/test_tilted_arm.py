@@ -99,8 +99,7 @@ def channel_of(torque_of, tmp_path):
     ids=["dry friction", "noise"],
 )
 def test_parameters_without_own_signal_are_undetermined(torque_of, model, tmp_path):
-    channel = channel_of(torque_of, tmp_path)
-    found = estimate_with(channel, model, list(ESTIMATORS))
+    found = estimate_with(channel_of(torque_of, tmp_path), model, list(ESTIMATORS))
     for one in found.estimates:
         assert not any(p.std_err < 1e-9 for p in one.parameters), (one.estimator, one.parameters)
     assert found.best.estimator != "robust" or found.best.identifiability != "none"

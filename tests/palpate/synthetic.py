@@ -36,8 +36,7 @@ def joints_of(height_m):
     """Closed-form inverse kinematics with the last link pointing down."""
     l1, l2, l3 = LINKS_M
     x, z = np.full_like(height_m, REACH_M), height_m + l3 - SHOULDER_M
-    c2 = (x**2 + z**2 - l1**2 - l2**2) / (2 * l1 * l2)
-    q2 = np.arccos(c2)
+    q2 = np.arccos((x**2 + z**2 - l1**2 - l2**2) / (2 * l1 * l2))
     q1 = np.arctan2(-z, x) - np.arctan2(l2 * np.sin(q2), l1 + l2 * np.cos(q2))
     return np.column_stack([q1, q2, np.pi / 2 - q1 - q2])
 

@@ -67,8 +67,7 @@ def test_invalid_addition_is_refused_without_a_fit(hardening, tmp_path, monkeypa
 
 def test_saved_user_effect_runs_only_on_request(hardening, tmp_path):
     place = write_own_effect(tmp_path)
-    kept = add(hardening, tmp_path, "mine", "--effect", place)
-    assert kept[1]["user_effects"] == [place]
+    assert add(hardening, tmp_path, "mine", "--effect", place)[1]["user_effects"] == [place]
     assert_refused(run("add", hardening, "bias", "--out", tmp_path), "--effect", "Mine")
     (after,) = add(hardening, tmp_path, "bias", "--effect", place)
     assert after["effects"] == ["mine", "bias"]

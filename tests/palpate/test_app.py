@@ -48,8 +48,7 @@ def test_without_a_command_the_help_is_shown():
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_explains_itself(command):
-    result = done(command, "--help")
-    assert "Usage" in result.stdout
+    assert "Usage" in done(command, "--help").stdout
     loaded = load_command(command)
     texts = [each.help for each in (loaded, *getattr(loaded, "commands", {}).values())]
     paragraphs = [paragraph for text in texts for paragraph in text.split("\n\n")]
@@ -71,8 +70,7 @@ def test_every_command_explains_itself(command):
     ],
 )
 def test_failure_is_one_line_with_its_own_exit_code(error, code, words):
-    result = CliRunner().invoke(app_that_raises(error), ["fail"])
-    assert_refused(result, *words, code=code)
+    assert_refused(CliRunner().invoke(app_that_raises(error), ["fail"]), *words, code=code)
 
 
 def test_ctrl_c_during_class_creation_is_no_internal_error():
@@ -87,8 +85,7 @@ def test_invalid_input_gives_one_line_and_exit_code_2(tmp_path):
 
 
 def test_version_option_prints_the_version():
-    result = done("--version")
-    assert result.stdout.startswith("palpate ")
+    assert done("--version").stdout.startswith("palpate ")
 
 
 def test_ctrl_c_while_commands_are_loaded_leaves_no_traceback(monkeypatch, capsys):

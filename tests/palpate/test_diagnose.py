@@ -74,16 +74,14 @@ def test_applying_saves_each_step_and_plots_the_decrease(applied):
 
 def test_advised_add_starts_fresh_where_revisions_have_effects(applied, hardening):
     """`palpate add` continues the newest revision, while a diagnosis begins at the base model."""
-    folder = applied[1]
-    result = run("diagnose", hardening, "--out", folder, "--force")
+    result = run("diagnose", hardening, "--out", applied[1], "--force")
     (added,) = [words for words in next_commands(result) if words[0] == "add"]
     assert added[-2:] == ["cubic_stiffness", "--fresh"]
 
 
 def test_json_alone_is_on_stdout_and_writes_nothing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    plain = write_presses(tmp_path / "plain.csv", cubic=0)
-    (channel,) = as_json("diagnose", plain)["channels"]
+    (channel,) = as_json("diagnose", write_presses(tmp_path / "plain.csv", cubic=0))["channels"]
     assert channel["verdict"] == "adequate"
     assert [path.name for path in tmp_path.iterdir()] == ["plain.csv"]
 
@@ -157,8 +155,7 @@ def test_user_effect_is_identified_by_its_name(tmp_path):
     assert [entry["effect"] for entry in channel["accepted"]] == ["waves"]
     (added,) = [words for words in next_commands(shown) if words[0] == "add"]
     done(*added, "--out", tmp_path / "grown", "--json")
-    report = (tmp_path / "grown" / "report.html").read_text()
-    assert f"--effect {file}:Waves" in report
+    assert f"--effect {file}:Waves" in (tmp_path / "grown" / "report.html").read_text()
 
 
 TIME = "(Parameter('t', 's', %s, %s, (0.1, 0.2)),)"
@@ -242,8 +239,7 @@ def test_output_of_a_user_effect_is_separated_from_results(hardening, tmp_path):
 
 def test_coarse_resolution_proposes_a_larger_effort():
     time_s, x, v, run = motion(np.random.default_rng(0))
-    force = np.round(kelvin_voigt(x, v) / 4.0) * 4.0
-    reason = reject_reason(channel(force, time_s, x, v, run))
+    reason = reject_reason(channel(np.round(kelvin_voigt(x, v) / 4.0) * 4.0, time_s, x, v, run))
     assert "finer" in propose_remedial_experiment(reason, ChannelKind.CONTACT).instruction
     assert "finer" not in propose_remedial_experiment("it rests", ChannelKind.REVOLUTE).instruction
 
@@ -296,10 +292,8 @@ def test_warnings_reach_the_diagnosis_file_and_the_terminal(tmp_path):
 def test_identical_notes_of_two_files_are_shown_once(tmp_path):
     for seed, name in enumerate(("a.csv", "b.csv")):
         file = write_presses(tmp_path / name, seed=seed)
-        text = file.read_text().replace("displacement_m,force_N", "Way [m],Load [N]", 1)
-        file.write_text(text)
-    result = done("compare", tmp_path / "a.csv", tmp_path / "b.csv")
-    assert result.stderr.count("read: ") == 1
+        file.write_text(file.read_text().replace("displacement_m,force_N", "Way [m],Load [N]", 1))
+    assert done("compare", tmp_path / "a.csv", tmp_path / "b.csv").stderr.count("read: ") == 1
 
 
 def words_of(page):

@@ -14,8 +14,7 @@ from tests.palpate.cli import run
 def test_this_machine_can_run_palpate_and_findings_have_a_remedy():
     broken = [finding for finding in examine_all() if finding.level is Level.FAIL]
     assert not broken
-    result = run("doctor", "--json")
-    findings = json.loads(result.stdout)["findings"]
+    findings = json.loads(run("doctor", "--json").stdout)["findings"]
     assert {"python", "packages", default_engine(), "real time"} <= {f["subject"] for f in findings}
     assert all(finding["remedy"] for finding in findings if finding["level"] != "ok")
 

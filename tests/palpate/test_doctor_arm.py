@@ -464,8 +464,7 @@ def test_arm_far_from_home_is_refused_with_a_remedy():
 
 
 def test_large_zero_shifts_are_reported(monkeypatch):
-    robot_file = load_robot_file(DYNAMIXEL)
-    applied = Calibrations(encoder=calibration_of("encoder", robot_file))
+    applied = Calibrations(encoder=calibration_of("encoder", load_robot_file(DYNAMIXEL)))
     monkeypatch.setattr(arm_check, "load_calibrations", lambda *_, **__: applied)
     (found,) = (finding for finding in examined(DYNAMIXEL) if finding.subject == "zeros")
     assert found.level is Level.WARN

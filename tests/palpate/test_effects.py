@@ -56,8 +56,7 @@ def test_force_of_rounding_errors_is_drawn_from_zero(monkeypatch):
 
 
 def test_effect_is_drawn_on_the_recorded_motion(hardening):
-    told = done("effects", "stress_relaxation", "--on", hardening)
-    assert "contact force" in told.stdout
+    assert "contact force" in done("effects", "stress_relaxation", "--on", hardening).stdout
 
 
 @pytest.mark.parametrize(

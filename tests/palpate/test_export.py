@@ -190,8 +190,7 @@ def test_revisions_of_other_rows_are_not_continued(tmp_path, monkeypatch):
     (tmp_path / "two.csv").write_text("\n".join([f"{header},specimen", *rows]) + "\n")
 
     def grown(name, *effects, start=None):
-        rows = Study("two.csv", where={"specimen": name})
-        return rows.add(*effects, start=start).revisions
+        return Study("two.csv", where={"specimen": name}).add(*effects, start=start).revisions
 
     of_a, of_b = (("export", "two.csv", "--where", f"specimen={name}") for name in "AB")
     grown("A", "cubic_stiffness")

@@ -160,8 +160,7 @@ def test_file_name_ends_no_comment(name):
 
 def test_effects_without_a_term_are_reported(swinging, tmp_path):
     path, _, _ = swinging
-    study = Study(path, "pendulum", folder=tmp_path)
-    study.add("coulomb_friction", "joint_spring", "lag")
+    Study(path, "pendulum", folder=tmp_path).add("coulomb_friction", "joint_spring", "lag")
     found = as_json("export", path, "--format", "feedforward", "--folder", tmp_path)
     used = [line.split(" ")[1] for line in found["used"]]
     assert used == ["pendulum", "viscous_friction", "coulomb_friction"]
@@ -175,16 +174,14 @@ def test_effects_without_a_term_are_reported(swinging, tmp_path):
 
 
 def test_without_revisions_the_base_model_is_written(swinging, tmp_path):
-    data = swings(4)
-    study = Study(data, "inertia")
+    study = Study(swings(4), "inertia")
     made = study.export_feedforward(tmp_path / "plain.yaml")
     assert [joint.model for joint in made.joints] == ["inertia"]
     assert made.terms[0].inertia == study.fit("joint_1").values["inertia.m"]
 
 
 def test_revisions_of_other_data_or_base_model_are_reported(tmp_path):
-    study = Study(swings(4), "inertia", folder=tmp_path)
-    study.add("coulomb_friction")
+    Study(swings(4), "inertia", folder=tmp_path).add("coulomb_friction")
     other_data = Study(swings(5), "inertia", folder=tmp_path)
     other_model = Study(swings(4), "pendulum", folder=tmp_path)
     for other, words in (

@@ -122,8 +122,7 @@ def test_invalid_sample_may_hold_anything(tmp_path):
     data["force_status"][700] = Status.FAULT
     data["tip_position_world_m"][10] = np.nan
     data["run"][10] = -1
-    channels = session_channels(session_of(tmp_path / "x.mcap", columns, data))
-    assert channels[0].name == "contact"
+    assert session_channels(session_of(tmp_path / "x.mcap", columns, data))[0].name == "contact"
 
 
 @pytest.mark.parametrize("device", ["encoder", "torque", "force"])

@@ -101,8 +101,7 @@ def test_scenario_with_hidden_effects_is_sealed_and_not_stored(tmp_path):
     session = Session.open(path)
     assert "bias" not in session.metadata.scenario
     assert as_json("reveal", path)["hidden"][0]["parameters"] == {"bias": {"value": 0.5, "unit": "N"}}
-    still = session.samples("tick")["force_n"][:200]
-    assert still.mean() == pytest.approx(0.5, abs=0.01)
+    assert session.samples("tick")["force_n"][:200].mean() == pytest.approx(0.5, abs=0.01)
 
 
 def test_named_effect_is_drawn_in_place_and_strength():

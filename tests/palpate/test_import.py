@@ -40,8 +40,7 @@ def good(tmp_path):
 
 
 def test_file_becomes_a_session(good, tmp_path):
-    result = run("import", good, "-o", tmp_path / "good.mcap", "--json")
-    said = json.loads(result.stdout)
+    said = json.loads(run("import", good, "-o", tmp_path / "good.mcap", "--json").stdout)
     (channel,) = said["channels"]
     assert (channel["channel"], channel["samples"], channel["runs"]) == ("contact", 40, 2)
     session = Session.open(said["session"])
@@ -202,15 +201,13 @@ def test_relaxation_shows_in_the_hold(tmp_path):
     rows = zip(t, 1e3 * x, relaxed, strict=True)
     path = tmp_path / "soft.csv"
     path.write_text("Time (s),Travel (mm),Load (N)\n" + "".join(f"{a},{b},{c}\n" for a, b, c in rows))
-    result = run("compare", path, "--json")
-    (channel,) = json.loads(result.stdout)["channels"]
+    (channel,) = json.loads(run("compare", path, "--json").stdout)["channels"]
     assert {"hold", "loading", "unloading"} <= {part["label"] for part in channel["parts"]["phase"]}
 
 
 def test_last_link_is_the_tip_by_default(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    text = FOLLOWER.read_text().replace('"tip"', '"finger"')
-    urdf = saved(tmp_path / "arm.urdf", text)
+    urdf = saved(tmp_path / "arm.urdf", FOLLOWER.read_text().replace('"tip"', '"finger"'))
     arm = arm_from_urdf(urdf)
     assert arm.tip_frame == "finger"
     assert "the last link, 'finger', is used" in arm.notes[0]
@@ -231,8 +228,7 @@ def test_mass_on_a_spring_is_pressed_or_pulled(pulled):
         force = np.where(x > 0.0, force, 0.3 * a)
     force += np.random.default_rng(1).normal(0.0, 0.005, len(t))
     data = {"time_s": t, "displacement_m": x, "force_N": force}
-    study = Study(data, model="spring_mass_damper", keep=False)
-    fitted = study.fit("contact", ())
+    fitted = Study(data, model="spring_mass_damper", keep=False).fit("contact", ())
     truth = {"inertia.m": 0.3, "damping.c": 2.0, "stiffness.k": 500.0}
     assert fitted.values == pytest.approx(truth, rel=0.03)
     assert (fitted.data.touching is not None) == pulled

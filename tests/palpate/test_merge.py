@@ -37,8 +37,7 @@ def merged(files, path):
 def test_merged_runs_continue_without_loss_and_metadata_hold_for_all(probings, tmp_path):
     told = merged(probings, tmp_path / "both.mcap")
     both, ticks = Session.open(tmp_path / "both.mcap"), synthetic.ticks()
-    count = len(ticks["time_s"])
-    assert told["samples"] == {"tick": 2 * count}
+    assert told["samples"] == {"tick": 2 * len(ticks["time_s"])}
     tick = both.samples("tick")
     np.testing.assert_array_equal(np.unique(tick["run"]), np.arange(6))
     np.testing.assert_array_equal(tick["force_n"], np.tile(ticks["force_n"], 2))

@@ -94,8 +94,7 @@ def test_user_robot_is_probed_in_real_time(tmp_path, monkeypatch):
         *("--robot", robot, "--drivers", "tests.mock_robot"),
         *("--speed-mm-s", 50, "--hold-s", 0.1, "--json", "--yes"),
     )
-    result = done("probe", "-o", path, *options)
-    assert json.loads(result.stdout)["wall_s"] > 1.0
+    assert json.loads(done("probe", "-o", path, *options).stdout)["wall_s"] > 1.0
     session = Session.open(path)
     assert session.metadata.extra["source"] == "measured"
     assert (session.metadata.scenario, session.metadata.seed) == ("", None)
@@ -238,8 +237,7 @@ def test_arm_without_masses_is_refused_before_anything_moves(tmp_path):
 
 
 def test_dh_table_of_another_arm_is_refused_before_anything_moves(tmp_path):
-    shipped = find_robot("follower")
-    shutil.copytree(shipped.path.parent, tmp_path / "arm")
+    shutil.copytree(find_robot("follower").path.parent, tmp_path / "arm")
     table = tmp_path / "arm" / "follower.dh.yaml"
     table.write_text(table.read_text().replace("a_m: 0.25", "a_m: 0.26"))
     out = tmp_path / "x.mcap"

@@ -116,15 +116,11 @@ class TestBlock:
     def test_normals_are_perpendicular_to_the_surface(self):
         tips, depth = self.center[None] + [[0.01, 0.005, 0.0]], np.array([0.015])
         press = np.array([0.3, -0.2, -0.9]) / np.linalg.norm([0.3, -0.2, -0.9])
-        block = PressedBlock(self.center, press)
-        vertices, normals = block.pressed(tips, depth)
+        vertices, normals = PressedBlock(self.center, press).pressed(tips, depth)
         grid, normal_grid = (values[0].reshape(33, 33, 3) for values in (vertices, normals))
-        along = grid[2:, 1:-1] - grid[:-2, 1:-1]
-        across = grid[1:-1, 2:] - grid[1:-1, :-2]
-        by_difference = np.cross(along, across)
+        by_difference = np.cross(grid[2:, 1:-1] - grid[:-2, 1:-1], grid[1:-1, 2:] - grid[1:-1, :-2])
         by_difference /= np.linalg.norm(by_difference, axis=-1, keepdims=True)
-        cosine = np.abs(np.einsum("ijk,ijk->ij", by_difference, normal_grid[1:-1, 1:-1]))
-        assert cosine.min() > 0.99
+        assert np.abs(np.einsum("ijk,ijk->ij", by_difference, normal_grid[1:-1, 1:-1])).min() > 0.99
         assert (normals[0] @ press < 0).all()
 
 

@@ -182,8 +182,7 @@ class TestFigures:
 
     def test_excluded_samples_are_shaded_without_residual(self, result):
         view = result_view(result)
-        judged = view.time_s > 0.3 * view.time_s[-1]
-        shown = report.time_figure(replace(view, scored=judged))
+        shown = report.time_figure(replace(view, scored=view.time_s > 0.3 * view.time_s[-1]))
         shades = [shape for shape in shown.layout.shapes if shape.type == "rect"]
         assert min(shade.x0 for shade in shades) == view.time_s[0]
         assert max(shade.x1 for shade in shades) == pytest.approx(0.3 * view.time_s[-1], rel=0.02)

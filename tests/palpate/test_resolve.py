@@ -69,8 +69,7 @@ def test_sessions_share_hidden_effects_with_own_noise_and_log_decisions(resolved
 
 def test_nothing_is_overwritten(resolved):
     before = {path: path.read_bytes() for path in resolved[0].folder.glob("*.mcap")}
-    result = run("resolve", "--out", resolved[0].folder)
-    assert_refused(result, "holds sessions already")
+    assert_refused(run("resolve", "--out", resolved[0].folder), "holds sessions already")
     assert {path: path.read_bytes() for path in resolved[0].folder.glob("*.mcap")} == before
 
 
@@ -164,8 +163,7 @@ def test_saved_diagnosis_is_followed_as_stated(probed, diagnosed, monkeypatch):
     """The page opens a study anew: it runs what the terminal printed, and plans nothing again."""
     monkeypatch.setattr(experiments, "simulate_plan", lambda _: pytest.fail("was planned again"))
     saved = [ChannelDiagnosis.model_validate_json(one.model_dump_json()) for one in diagnosed.channels]
-    opened = Study(probed.source.path, keep=False)
-    following = opened.next_probe(saved)
+    following = Study(probed.source.path, keep=False).next_probe(saved)
     assert following.proposal == diagnosed.channels[0].next_experiment
     assert following.plan == probed.next_probe(diagnosed.channels).plan
 

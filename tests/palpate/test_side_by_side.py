@@ -234,14 +234,12 @@ def test_few_samples_have_no_model_and_are_overlaid(tmp_path):
     assert "samples; record at least 60" in found.first.reason
     assert found.differences == ()
     assert found.agreement_percent > 95.0
-    told = done("compare", *files, "--out", tmp_path / "there")
-    assert "A has no model" in told.stdout
+    assert "A has no model" in done("compare", *files, "--out", tmp_path / "there").stdout
 
 
 def test_command_prints_and_writes_the_same(soft, stiff, tmp_path):
     result = done("compare", soft, stiff, "--channel", "contact", "--out", tmp_path)
-    told = " ".join(result.stdout.split())
-    assert "stiffness.k differs: 39.9" in told
+    assert "stiffness.k differs: 39.9" in " ".join(result.stdout.split())
     kept = json.loads((tmp_path / "comparison.json").read_text())
     assert kept == as_json("compare", soft, stiff)
     (channel,) = kept["channels"]
@@ -283,8 +281,7 @@ def test_extended_models_are_compared(hardening, tmp_path):
     stages = run("compare", hardening, *kept, "--other-revision", 0)
     assert "B  hardening.csv: kelvin_voigt\n" in stages.stdout
     assert "where its base model fails" in " ".join(stages.stderr.split())
-    words = next_commands(stages)[0]
-    assert run(*words[:-2]).stdout == stages.stdout
+    assert run(*next_commands(stages)[0][:-2]).stdout == stages.stdout
     assert_refused(run("compare", hardening, softer, *kept, "--other-revision", 1), "no revision 1")
 
 

@@ -67,8 +67,7 @@ def test_notebook_and_commands_keep_revisions_in_one_place(tmp_path, monkeypatch
     assert [one.effects for one in again.revisions] == [[], ["cubic_stiffness"]]
     assert again.results()[0].added == ["cubic_stiffness"]
     assert (tmp_path / "p-palpate" / "revisions" / "0001.json").is_file()
-    alone = Study(path, keep=False)
-    alone.add("bias")
+    Study(path, keep=False).add("bias")
     assert len(Study(path).revisions) == 2
 
 

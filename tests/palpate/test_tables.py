@@ -85,8 +85,7 @@ def estimates_of(path, model):
 @pytest.mark.parametrize("width", [60, 80, 120])
 @pytest.mark.parametrize("model", ["kelvin_voigt", "hunt_crossley"])
 def test_table_of_estimates_breaks_no_word(hardening, model, width):
-    found = estimates_of(hardening, model)
-    shown = printed(estimate_table(found, {}, width), width)
+    shown = printed(estimate_table(estimates_of(hardening, model), {}, width), width)
     assert {"preemptive_ransac", "robust", "±"} <= set(shown.split())
     assert all(len(line) <= width for line in shown.splitlines())
 

@@ -143,8 +143,7 @@ def test_excluded_stretch_stays_a_gap():
 
 
 def test_many_runs_are_represented_by_a_few_and_never_joined():
-    run = np.repeat(np.arange(2000), 10)
-    rows = rows_by_run(run)
+    rows = rows_by_run(np.repeat(np.arange(2000), 10))
     assert len(rows) == 60
     assert {0, 1999} <= set(rows)
     x, y = join_curves(run_curves(np.arange(20_000.0), np.ones(20_000), list(rows.values())))
@@ -165,8 +164,7 @@ def contact():
 def test_runs_are_named_by_speed_from_slow_to_fast(contact):
     assert run_speeds(contact) == {2: "60 mm/s", 1: "90 mm/s", 0: "150 mm/s"}
     assert run_speeds(contact.select(contact.run == 0)) == {}
-    unphased = replace(contact, phase=np.full(len(contact), -1))
-    assert list(run_speeds(unphased)) == [2, 1, 0]
+    assert list(run_speeds(replace(contact, phase=np.full(len(contact), -1)))) == [2, 1, 0]
     nearly = np.where(contact.run == 1, 0.98 * 150 / 90, 1.0) * contact.velocity
     words = run_speeds(replace(contact, velocity=nearly))
     assert words[0] == words[1] != words[2]

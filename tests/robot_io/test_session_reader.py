@@ -64,8 +64,7 @@ def whole(tmp_path_factory):
 
 
 def test_session_written_at_once_is_read_back(tmp_path):
-    path = written(tmp_path / "new" / "s.mcap")
-    session = Session.open(str(path))
+    session = Session.open(str(written(tmp_path / "new" / "s.mcap")))
     assert session.metadata == METADATA
     assert session.events == EVENTS
     assert (session.truncated, session.dropped, session.stream_names) == (False, 0, ("tick", "slow"))
@@ -397,8 +396,7 @@ def other_file(folder, kind):
 
 @pytest.mark.parametrize("kind", ["missing", "folder", "empty", "text", "zip", "magic", "fifo"])
 def test_invalid_session_is_refused_in_one_line(tmp_path, kind):
-    path = other_file(tmp_path, kind)
-    assert opened(path) is None
+    assert opened(other_file(tmp_path, kind)) is None
 
 
 def test_samples_are_read_only_and_can_be_selected(tmp_path):

@@ -458,8 +458,7 @@ def test_session_being_written_is_locked_until_its_program_ends(tmp_path):
     with pytest.raises(SessionError, match="exists already; a session is never changed"):
         SessionWriter(path, [TICK], METADATA)
     assert_ticks(Session.open(path).samples("tick"), range(10))
-    killed = SessionWriter(tmp_path / "killed.mcap", [TICK], METADATA)
-    os.kill(pid(killed), signal.SIGKILL)
+    os.kill(pid(SessionWriter(tmp_path / "killed.mcap", [TICK], METADATA)), signal.SIGKILL)
     wait_until(lambda: not is_locked(tmp_path / "killed.mcap"))
 
 

@@ -56,8 +56,7 @@ def test_falling_arm_conserves_energy(name):
     truths = watch(world, 0.3)  # before a joint meets its stop
     q, qd = column(truths, "joint_position_rad"), column(truths, "joint_velocity_rad_s")
     kinetic = np.array([pin.computeKineticEnergy(model, data, *state) for state in zip(q, qd, strict=True)])
-    potential = np.array([pin.computePotentialEnergy(model, data, angles) for angles in q])
-    total = kinetic + potential
+    total = kinetic + np.array([pin.computePotentialEnergy(model, data, angles) for angles in q])
     assert kinetic.max() > 3.0
     assert np.abs(total - total[0]).max() < 1e-3 * kinetic.max()
 
@@ -89,8 +88,7 @@ def test_tilted_uniaxial_sensor_measures_the_cosine():
     readings = []
     for angle in (0.0, tilt):
         world = make_world(arm, scenario(surface_m=0.2, force=quiet))
-        q = np.add(arm.home_rad, [0.0, 0.0, angle])
-        world.place(q)
+        world.place(np.add(arm.home_rad, [0.0, 0.0, angle]))
         world.held = True
         world.advance_to(0.002)
         readings.append(world.force_sensor.read(world.time_s).value[0] / world.truth().force_n)

@@ -15,8 +15,7 @@ def analytic(stiffness, damping, start, times_s):
     rest_m = MASS_KG * GRAVITY_M_S2 / stiffness
     matrix = np.array([[0.0, 1.0], [-stiffness / MASS_KG, -damping / MASS_KG]])
     away = np.array([start[0] - rest_m, start[1]])
-    from_rest = [expm(matrix * time_s) @ away for time_s in times_s]
-    return np.add(from_rest, [rest_m, 0.0])
+    return np.add([expm(matrix * time_s) @ away for time_s in times_s], [rest_m, 0.0])
 
 
 def simulated(law, start, duration_s, rate_hz=4000.0):
@@ -53,8 +52,7 @@ def test_contact_is_second_order_accurate_in_the_step(damping):
 @pytest.mark.parametrize("stiffness", [100.0, 10_000.0])
 def test_undamped_object_conserves_energy(stiffness):
     law = KelvinVoigtLaw(stiffness_n_m=stiffness, damping_n_s_m=0.0, sticky=True)
-    truths = simulated(law, (2 * MASS_KG * GRAVITY_M_S2 / stiffness, 0.0), 5.0)
-    depth = column(truths, "depth_m")
+    depth = column(simulated(law, (2 * MASS_KG * GRAVITY_M_S2 / stiffness, 0.0), 5.0), "depth_m")
     early, late = np.ptp(depth[:1000]), np.ptp(depth[-1000:])
     assert late == pytest.approx(early, rel=2e-3)
 
@@ -62,8 +60,7 @@ def test_undamped_object_conserves_energy(stiffness):
 def test_force_depth_and_rate_belong_to_one_instant():
     stiffness, damping = 2000.0, 100.0
     law = KelvinVoigtLaw(stiffness_n_m=stiffness, damping_n_s_m=damping)
-    world = make_world(slider(-0.02, MASS_KG), scenario(law))
-    truths = watch(world, 0.1, period_s=0.25e-3)
+    truths = watch(make_world(slider(-0.02, MASS_KG), scenario(law)), 0.1, period_s=0.25e-3)
     depth, force = column(truths, "depth_m"), column(truths, "force_n")
     central_rate = (depth[2:] - depth[:-2]) / 0.5e-3
     unexplained = force[1:-1] - stiffness * depth[1:-1] - damping * central_rate
@@ -85,8 +82,7 @@ def test_dry_object_never_pulls_and_a_sticky_one_does():
 
 
 def test_object_is_rendered_only_below_its_surface():
-    world = make_world(slider(0.05), scenario())
-    truths = watch(world, 0.2)
+    truths = watch(make_world(slider(0.05), scenario()), 0.2)
     depth, force = column(truths, "depth_m"), column(truths, "force_n")
     assert not force[depth <= 0].any()
     assert force[depth > 0].max() > 1.0
@@ -96,8 +92,7 @@ def test_object_is_rendered_only_below_its_surface():
 
 def test_hunt_crossley_object_takes_a_touch_without_a_jump():
     law = HuntCrossleyLaw(stiffness=7000.0, damping=4000.0, exponent=1.5)
-    touch = simulated(law, (-1e-4, 0.15), 0.01)
-    force = column(touch, "force_n")
+    force = column(simulated(law, (-1e-4, 0.15), 0.01), "force_n")
     assert np.diff(force).max() < 1.0
     assert force.max() > 0.5
 
@@ -106,8 +101,5 @@ def test_hunt_crossley_object_takes_a_touch_without_a_jump():
 @pytest.mark.parametrize("damping", [0.0, 200.0])
 def test_drop_onto_the_object_returns_no_extra_energy(stiffness, damping):
     law = KelvinVoigtLaw(stiffness_n_m=stiffness, damping_n_s_m=damping)
-    world = make_world(slider(0.02, MASS_KG), scenario(law))
-    truths = watch(world, 2.0)
-    height = -column(truths, "depth_m")
-    first_touch = np.argmax(height < 0)
-    assert height[first_touch:].max() <= 0.02 * (1.01 if damping == 0 else 0.9)
+    height = -column(watch(make_world(slider(0.02, MASS_KG), scenario(law)), 2.0), "depth_m")
+    assert height[np.argmax(height < 0) :].max() <= 0.02 * (1.01 if damping == 0 else 0.9)

@@ -151,8 +151,7 @@ def test_world_advances_on_access_with_a_real_clock():
 
 
 def changed_robot_file(tmp_path, old, new):
-    folder = shutil.copytree(ARMS_DIR / "follower", tmp_path / "arm")
-    path = folder / "follower.yaml"
+    path = shutil.copytree(ARMS_DIR / "follower", tmp_path / "arm") / "follower.yaml"
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new))
@@ -175,7 +174,6 @@ def test_wrong_setting_is_refused_before_anything_is_built(tmp_path, old, new, w
 
 
 def test_mismatched_urdf_is_refused_with_both_files(tmp_path):
-    path = changed_robot_file(tmp_path, "tip_frame: tip", "tip_frame: nose")
-    robot = build(path=path)
+    robot = build(path=changed_robot_file(tmp_path, "tip_frame: tip", "tip_frame: nose"))
     with pytest.raises(InputError, match=r"follower.yaml with follower.urdf: .*no link 'nose'"):
         robot.configure()

@@ -139,8 +139,7 @@ class TestEveryEffect:
 
 
 def test_all_effects_act_together_and_stay_out_of_the_public_scenario():
-    effects = hidden_effects(Scenario().hidden, 3)
-    assert not any(vars(effects).values())
+    assert not any(vars(hidden_effects(Scenario().hidden, 3)).values())
     entries = [at_strength(name, 5.0) for name in ALL if name != "plastic_set"]
     world = World(shipped_arm("follower"), Scenario().with_hidden(entries))
     world.object.move_surface(world.truth().tip_position_world_m[2] + 0.002)
@@ -198,8 +197,7 @@ def test_equal_seeds_draw_the_same_and_different_ones_all_effects():
         "joint_elasticity",
         "sensor_gain",
     }
-    in_contact = np.mean([CONTACT in entry.channels for entry in drawn])
-    assert in_contact == pytest.approx(0.5, abs=0.08)
+    assert np.mean([CONTACT in entry.channels for entry in drawn]) == pytest.approx(0.5, abs=0.08)
 
 
 def test_strengths_are_drawn_evenly_on_a_logarithmic_scale():

@@ -115,8 +115,7 @@ def test_dry_friction_is_a_rate_independent_loop():
 
 
 def test_dry_friction_restarts_at_each_touch():
-    entry = [hidden("dry_friction", friction_n=0.5, slip_m=1e-3)]
-    force = press(entry, [0.01, -0.01, 1e-3], 0.0)
+    force = press([hidden("dry_friction", friction_n=0.5, slip_m=1e-3)], [0.01, -0.01, 1e-3], 0.0)
     assert force[2] == pytest.approx(K * 1e-3 + 0.5 * (1 - np.exp(-1.0)))
 
 

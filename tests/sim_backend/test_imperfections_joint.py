@@ -177,8 +177,7 @@ def test_arm_with_rotors_moves_with_them_on_the_inertia_diagonal(inertia):
     start = np.array([0.6, -1.2, -0.5, 0.5, -1.0, 2.0])
     t = np.arange(1, 301) * 1e-3
     expected = solve_ivp(motion, (0, 0.3), start, t_eval=t, rtol=1e-9).y[:3].T
-    half_a_step_before = start[3:] - 0.5 / rate_hz * motion(0.0, start)[3:]
-    world.place(start[:3], half_a_step_before)
+    world.place(start[:3], start[3:] - 0.5 / rate_hz * motion(0.0, start)[3:])
     world.set_torque(torque)
     measured = []
     for time_s in t:
@@ -206,8 +205,7 @@ def test_rotor_much_heavier_than_the_wrist_conserves_energy():
 def test_heavy_rotor_is_stable_on_a_stiff_and_damped_object():
     law = KelvinVoigtLaw(stiffness_n_m=1e4, damping_n_s_m=200.0)
     rotor = hidden("armature", joint=1, inertia_kg_m2=10.0)
-    world = hidden_slider(rotor, height_m=0.01, mass_kg=0.5, law=law)
-    position, _ = let_go(world, 1.5)
+    position, _ = let_go(hidden_slider(rotor, height_m=0.01, mass_kg=0.5, law=law), 1.5)
     assert position.max() <= 0.01
     assert position[-1] == pytest.approx(-0.5 * G / 1e4, abs=2e-4)
 
@@ -225,15 +223,13 @@ def test_tilted_base_changes_the_gravity_direction(pitch, roll):
 
 def test_base_that_dips_forward_lets_the_arm_fall_forward():
     world = World(shipped_arm("follower"), quiet_scenario(hidden("gravity_tilt", pitch_rad=0.3)))
-    upright = np.array([np.pi / 2, 0.0, 0.0])
-    holding = world.inverse_dynamics(upright, np.zeros(3), np.zeros(3))
+    holding = world.inverse_dynamics(np.array([np.pi / 2, 0.0, 0.0]), np.zeros(3), np.zeros(3))
     assert holding[0] > 1.0  # positive lifts, as the arm now leans towards +x
 
 
 def test_ripple_is_converted_to_speed_and_back():
     entry = hidden("torque_ripple", joint=1, amplitude_nm=2.0, cycles=20.0, phase_rad=0.3)
-    world = hidden_slider(entry, gravity=0.0, height_m=0.5)
-    position, velocity = let_go(world, 1.0, speed=1.0)
+    position, velocity = let_go(hidden_slider(entry, gravity=0.0, height_m=0.5), 1.0, speed=1.0)
     potential = 2.0 / 20.0 * np.cos(20.0 * position + 0.3)  # minus its slope is the ripple's force
     midway = 0.5 * (velocity[1:] + velocity[:-1])  # the engine's speed is that of half a step before
     energy = 0.5 * midway**2 + potential[:-1]

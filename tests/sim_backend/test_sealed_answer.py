@@ -20,8 +20,7 @@ MADE = "2025-01-02T03:04:05+00:00"
 @given(st.lists(st.integers(0, 1000), max_size=4), st.none() | st.integers(0, 2**40))
 def test_sealed_answer_is_read_back_unchanged(tmp_path_factory, seeds, seed):
     session = tmp_path_factory.mktemp("sealed") / "a.mcap"
-    hidden = tuple(draw_hidden(number)[0] for number in seeds)
-    answer = SealedAnswer(hidden, seed, MADE, "0f" * 16)
+    answer = SealedAnswer(tuple(draw_hidden(number)[0] for number in seeds), seed, MADE, "0f" * 16)
     path = seal(session, answer)
     assert path == sealed_path(session) == session.with_name("a.mcap.sealed")
     assert unseal(path) == answer

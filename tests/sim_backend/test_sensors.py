@@ -52,8 +52,7 @@ def test_late_sensor_shows_the_state_at_its_sample_time():
             continue
         assert world.time_s - sample.sampled_at_s == pytest.approx(delay_s)
         fast.advance_to(sample.sampled_at_s)
-        then = fast.truth().joint_position_rad[0]
-        assert sample.value[0] == pytest.approx(then, abs=1e-8)
+        assert sample.value[0] == pytest.approx(fast.truth().joint_position_rad[0], abs=1e-8)
 
 
 @given(
@@ -193,8 +192,7 @@ def test_seeds_repeat_the_noise_and_sensors_have_independent_noise():
     assert np.array_equal(plain[:, 0], finer[:, 0])
     assert not np.array_equal(plain[:, 1], finer[:, 1])
     rows = all_readings(1, force={"resolution_n": 0.0}, torque={"resolution_nm": 0.0})[:, :4]
-    off_diagonal = np.corrcoef(rows.T) - np.eye(4)
-    assert np.abs(off_diagonal).max() < 0.35
+    assert np.abs(np.corrcoef(rows.T) - np.eye(4)).max() < 0.35
     noisy = {"noise_std_n": 5.0}
     first, second = (make_world(slider(0.01), scenario(force=force)) for force in (noisy, QUIET_FORCE))
     assert np.array_equal(column(watch(first, 0.1), "force_n"), column(watch(second, 0.1), "force_n"))

@@ -66,8 +66,7 @@ def test_object_can_change_while_it_is_touched():
 def test_engine_contact_carries_a_weight_at_the_depth_of_its_spring(stiffness):
     damping = np.sqrt(stiffness)
     world = make_world(slider(0.002), scenario(EngineContact(stiffness_n_m=stiffness, damping_n_s_m=damping)))
-    depth = settled_depth(world, 2.0)
-    assert depth == pytest.approx(WEIGHT_N / stiffness, rel=0.01)
+    assert settled_depth(world, 2.0) == pytest.approx(WEIGHT_N / stiffness, rel=0.01)
     assert world.truth().force_n == pytest.approx(WEIGHT_N, rel=0.01)
 
 
@@ -112,8 +111,7 @@ def test_worlds_side_by_side_do_not_disturb_each_other():
     def build(stiffness):
         return make_world(slider(0.01), scenario(KelvinVoigtLaw(stiffness_n_m=stiffness, damping_n_s_m=5)))
 
-    alone = build(500)
-    expected = column(watch(alone, 0.3), "depth_m")
+    expected = column(watch(build(500), 0.3), "depth_m")
     first, second = build(500), build(3000)
     depths = []
     for tick in range(301):

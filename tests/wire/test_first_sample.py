@@ -29,8 +29,7 @@ def begin(arm):
     limits = arm.arm.robot_file.limits
     guard = Guard(limits, arm.arm.robot_file.safe_state, arm.robot.joint_count, lambda _: [0.0] * 3)
     task = Start(arm.clock)
-    result = run_loop(arm.robot, guard, task, arm.clock, MemoryLog(), rate_hz=1000.0)
-    return result, task, limits
+    return run_loop(arm.robot, guard, task, arm.clock, MemoryLog(), rate_hz=1000.0), task, limits
 
 
 @pytest.mark.parametrize("robot_file", [ODRIVE, CUBEMARS], ids=["odrive", "cubemars"])

@@ -204,8 +204,7 @@ def _headless_viewer(size: tuple[int, int]) -> Iterator[experimental.ViewerClien
         return True
 
     try:
-        remedy = f"the Rerun viewer did not start without a display ({_DRIVER})"
-        _wait_for(connected, remedy)
+        _wait_for(connected, f"the Rerun viewer did not start without a display ({_DRIVER})")
         yield clients[0]
     finally:
         process.terminate()

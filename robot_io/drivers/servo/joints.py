@@ -116,8 +116,7 @@ class ServoBusSettings(FileModel, Generic[ServoType]):
     def labels(self) -> tuple[str, ...]:
         """Names of the servos in messages, in the same order."""
         first = (f"servo {servo.id} (joint {joint})" for joint, servo in enumerate(self.servos, 1))
-        second = self.turning[len(self.servos) :]
-        paired = zip(self.pairs, second, strict=True)
+        paired = zip(self.pairs, self.turning[len(self.servos) :], strict=True)
         return (*first, *(f"servo {servo.id} (joint {joint + 1}, second)" for joint, servo in paired))
 
     @model_validator(mode="after")

@@ -173,8 +173,7 @@ class RegisterAccess:
         Raises:
             DeviceError: as for `write`.
         """
-        packet = self._ask(servo_id, self._dialect.write(servo_id, address, data), 0)
-        self._check(packet, what)
+        self._check(self._ask(servo_id, self._dialect.write(servo_id, address, data), 0), what)
 
     def write_and_verify(
         self, servo_id: int, register: Register, value: int, *, is_stored: bool = False

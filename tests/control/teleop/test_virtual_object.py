@@ -32,8 +32,7 @@ def touches_of(virtual, depth_m, updates=None):
 
 def returned_j(forces, depth_m):
     """The most that the object has given back above what was put in, by an account of its own [J]."""
-    put_in = np.cumsum(forces[:-1] * np.diff(depth_m))
-    return -put_in.min(initial=0.0)
+    return -np.cumsum(forces[:-1] * np.diff(depth_m)).min(initial=0.0)
 
 
 def in_and_out(deepest_m, steps=600, hold=400):

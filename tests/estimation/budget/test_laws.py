@@ -112,8 +112,7 @@ def test_law_describes_its_kind_in_longer_runs(what):
 @pytest.mark.parametrize("tau_s", [0.05, 0.13, 0.3])
 def test_relaxation_law_describes_any_time_constant(tau_s):
     """Six constants over these runs would leave up to 30 times the noise."""
-    data = press(lambda t, x, v, run: 6000.0 * maxwell(t, x, run, tau_s))
-    error = analysed(data).error
+    error = analysed(press(lambda t, x, v, run: 6000.0 * maxwell(t, x, run, tau_s))).error
     assert error.mean_square() > 1000.0 * NOISE_N**2
     assert error.mean_square(frozenset({Kind.TIME_MEMORY})) < 5.0 * NOISE_N**2
 
@@ -162,8 +161,7 @@ def test_drift_is_identified_with_epoch_times():
 
 @pytest.mark.parametrize("kind", OF_KIND)
 def test_hidden_kind_has_the_largest_share(kind):
-    partial = analysed(OF_KIND[kind]())
-    budget = partial.budget
+    budget = analysed(OF_KIND[kind]()).budget
     first, *others = budget.entries
     assert first.kind is kind
     assert first.share > 0.8

@@ -71,8 +71,7 @@ def one_recording(position):
     """A joint that was recorded in one run of 20 s."""
     t, one = np.arange(4000) * 0.005, np.zeros(4000, dtype=np.int64)
     q = position(t)
-    v = np.gradient(q, t)
-    return ChannelData("joint_1", ChannelKind.REVOLUTE, t, q, v, q, q, one, one - 1)
+    return ChannelData("joint_1", ChannelKind.REVOLUTE, t, q, np.gradient(q, t), q, q, one, one - 1)
 
 
 def moving_in_one_run(phase):
@@ -239,8 +238,7 @@ def coarsely_read(step, noise=0.0):
 
 def cut_hold():
     """A hold without noise shows one reading all along."""
-    deepest = 0.7 * X.max()
-    x = np.minimum(X, deepest)
+    x = np.minimum(X, 0.7 * X.max())
     force = 800.0 * np.maximum(x, 0.0) + 0.01 * np.sin(3.0 * DATA.time_s) * (x < 0.0)
     assert np.mean(force[force > 0.3 * force.max()] == force.max()) > 0.3
     return replace(DATA, position=x, effort=force, velocity=np.gradient(x, 0.002))
@@ -255,8 +253,7 @@ def braked_in_two_runs():
 
 def at_rates(*every):
     """Runs of which only every so many samples are kept."""
-    stride = np.array(every)[DATA.run % len(every)]
-    return DATA.select(COUNT % stride == 0)
+    return DATA.select(COUNT % np.array(every)[DATA.run % len(every)] == 0)
 
 
 def logarithmic_in_time():

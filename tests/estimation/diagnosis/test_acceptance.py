@@ -200,8 +200,7 @@ def test_smallest_sufficient_part_of_a_model_is_selected(searches, refused):
     search, measurement = searches("a spring and a friction")
     end = reached(search, SPRING, RUB)
     asked = refused(lambda before, after: not names(before))  # only the base model is refused
-    found = accept_effects(search, end, measurement)
-    assert names(found) == {SPRING}
+    assert names(accept_effects(search, end, measurement)) == {SPRING}
     assert [names(before) for before, after, _ in asked if after is end] == [set(), {SPRING}]
 
 
@@ -275,8 +274,7 @@ def test_effect_that_removes_more_than_remains_is_not_negligible(searches):
 
 @pytest.mark.parametrize("fault", [BIAS, "drift"])
 def test_sensor_fault_needs_a_size_even_if_it_removes_most_error(fault):
-    search = searched(swings(1, LAWS["a friction"]), RUB, fault)
-    end = reached(search, RUB, fault)
+    end = reached(searched(swings(1, LAWS["a friction"]), RUB, fault), RUB, fault)
     large = SimpleNamespace(flexible=SimpleNamespace(before=1e9 * end.flexible.before))
     assert module._has_zero_size(large, end, fault)
 

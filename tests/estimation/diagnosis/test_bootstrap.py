@@ -246,8 +246,7 @@ def test_samples_with_known_noise_use_it_and_the_encoder_steps(step):
     data = replace(data, effort=step * np.round(data.effort / step)) if step else data
     fit = fit_model(data, SWING, {})
     blocked = fit.problem.blocked
-    own = 0.3 * np.random.default_rng(1).normal(size=len(blocked))
-    made = drawn(fit, 4, own)
+    made = drawn(fit, 4, 0.3 * np.random.default_rng(1).normal(size=len(blocked)))
     for problem, solution in made:
         assert np.std(solution.residual[problem.used]) == pytest.approx(0.3, rel=0.1)
         if step:

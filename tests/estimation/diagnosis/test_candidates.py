@@ -280,8 +280,7 @@ def test_tool_that_snaps_through_in_over_one_percent_of_samples_is_rejected(shar
             return np.where(moved.position < edge, -2.0 / compliance * (moved.position - edge), 0.0)
 
     solution = SimpleNamespace(parameters={"tool_compliance.compliance": compliance}, model=Object())
-    problem = SimpleNamespace(blocked=SimpleNamespace(data=data))
-    assert _snaps(solution, problem) is snaps
+    assert _snaps(solution, SimpleNamespace(blocked=SimpleNamespace(data=data))) is snaps
 
 
 @pytest.mark.parametrize(("share", "snaps"), [(0.98, True), (1.05, False)])

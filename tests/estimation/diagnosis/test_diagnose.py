@@ -331,8 +331,7 @@ def pulls(law, seed=0, count=1500):
 
 
 def snapping(way, run):
-    ends = np.array([9e-3, 9.02e-3, 8.97e-3])
-    return np.where(way < ends[run], 2e4 * way, 0.0)
+    return np.where(way < np.array([9e-3, 9.02e-3, 8.97e-3])[run], 2e4 * way, 0.0)
 
 
 @pytest.mark.parametrize(

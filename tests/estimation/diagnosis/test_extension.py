@@ -71,8 +71,7 @@ def test_other_form_is_tried_after_the_joint_fit():
     data = session(
         3, lambda t, x, v, run: low_pass(kelvin_voigt(x, v) + np.tanh(v / 1e-3) * (x > 0.0), t, 0.05)
     )
-    base = fit_model(data, BASE, {})
-    lag = extension.fit_extended(data, base, EFFECTS["lag"]())
+    lag = extension.fit_extended(data, fit_model(data, BASE, {}), EFFECTS["lag"]())
     found = extension.fit_extended(data, lag, EFFECTS["dry_friction"]())
     assert found.values["lag.tau"] == pytest.approx(0.05, rel=0.02)
     assert found.values["dry_friction.force"] == pytest.approx(1.0, rel=0.02)

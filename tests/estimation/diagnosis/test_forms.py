@@ -77,8 +77,7 @@ def tissue():
         speed, deepest = rng.uniform(0.5e-3, 1.5e-3), rng.uniform(5e-3, 9e-3)
         ramp = np.linspace(0.0, deepest, int(deepest / speed / dt))
         depth = np.concatenate([ramp, np.full(50, deepest), ramp[::-1]])
-        elastic = 9e3 * depth**1.9
-        steps, left = np.diff(elastic, prepend=0.0), np.array([0.2, 0.5, 0.3])
+        steps, left = np.diff(9e3 * depth**1.9, prepend=0.0), np.array([0.2, 0.5, 0.3])
         decay, force = np.exp(-dt / np.array([np.inf, 1.2, 15.0])), np.zeros((len(depth), 3))
         for i, step in enumerate(steps):
             force[i] = force[i - 1] * decay + step if i else step
@@ -110,8 +109,7 @@ def test_elastic_shape_and_relaxation_are_identified_as_a_product():
 def test_kind_without_a_form_gets_only_its_closest_forms():
     """Friction that also falls with the speed, where the library has Coulomb's alone."""
     law = lambda q, v, a: (0.2 + 0.3 * np.exp(-((v / 0.6) ** 2))) * np.tanh(v / 0.01)  # noqa: E731
-    search = searched(swings(1, law), RUB, DRAG, SPRING)
-    partial = analyze_kinds(search)
+    partial = analyze_kinds(searched(swings(1, law), RUB, DRAG, SPRING))
     assert partial.budget.kinds[0] is Kind.FRICTION
     assert closest_forms(partial, Kind.FRICTION, partial.kinds) == [RUB]
     assert closest_forms(partial, Kind.INERTIA, partial.kinds) == []
@@ -181,8 +179,7 @@ def test_sensor_effects_are_compared_without_the_smoothing_bias(monkeypatch, own
     wave = np.sin(problem.blocked.reduce(problem.blocked.data.time_s))
     monkeypatch.setattr(forms, "fit_smoothing_bias", lambda *_: (wave[:, None], None))
     adjusted = partial.adjust_problem(frozenset({own}), partial.kinds, problem, search.start.solution)
-    left = adjusted.nuisance.remove(wave)[problem.used]
-    assert (np.abs(left).max() < 1e-6) == removed
+    assert (np.abs(adjusted.nuisance.remove(wave)[problem.used]).max() < 1e-6) == removed
 
 
 @pytest.mark.parametrize(("added", "imitation"), [(0.019, False), (0.021, True)])
@@ -224,8 +221,7 @@ def test_most_parsimonious_form_of_replaceable_kinds_is_named():
         channel(force, x, v, time_s, run=run), "layered_stiffness", "contact_offset", base=PRESS
     )
     partial = analyze_kinds(search)
-    fit = named_forms(partial)
-    end, (test,) = accept_forms(search, partial, fit, measured(search))
+    end, (test,) = accept_forms(search, partial, named_forms(partial), measured(search))
     assert search.added_effects(end) == ["contact_offset"]
     assert end.solution.parameters["contact_offset.offset"] == pytest.approx(2e-3, abs=2e-4)
     budget = partial.budget_with(frozenset({test.kind}))

@@ -254,8 +254,7 @@ def test_residual_in_contact_is_compared_with_free_air():
 def test_sensor_that_reads_the_same_in_free_air_does_not_show_its_noise_there(reading_n):
     hum = humming()
     silent = replace(hum, effort=np.where(hum.engaged, hum.effort, reading_n))
-    fit = fit_model(silent, MODEL, {})
-    found = excess(silent, fit)
+    found = excess(silent, fit_model(silent, MODEL, {}))
     assert found.reference == "of neighboring readings"
     assert found.expected > 0.0
 
@@ -276,8 +275,7 @@ def test_blocks_at_run_starts_do_not_hide_the_noise_in_free_air():
     hum = humming()
     fit = fit_model(hum, MODEL, {})
     blocked = fit.problem.blocked
-    pressed = hum.engaged[blocked.rows].any(axis=1)
-    only = replace(blocked, trusted=blocked.trusted & pressed)
+    only = replace(blocked, trusted=blocked.trusted & hum.engaged[blocked.rows].any(axis=1))
     found = excess(hum, replace(fit, problem=replace(fit.problem, blocked=only)))
     assert found.reference == "in free air"
     assert found.expected == pytest.approx(NOISE_N / np.sqrt(blocked.rows.shape[1]), rel=0.3)
@@ -288,8 +286,7 @@ def presses_with_long_air(added, pulls=lambda x, v: 0.0 * x, before_s=0.5, after
     dt, parts = 1.0 / 500.0, []
     for number in range(4):
         t = np.arange(0.0, before_s + 1.0 + after_s, dt)
-        pressing = np.clip(t - before_s, 0.0, 1.0)
-        x = gaussian_filter1d(0.014 * np.sin(np.pi * pressing) - 0.004, 8.0)
+        x = gaussian_filter1d(0.014 * np.sin(np.pi * np.clip(t - before_s, 0.0, 1.0)) - 0.004, 8.0)
         v = np.gradient(x, dt)
         parts.append((t + 10.0 * number, x, v, kelvin_voigt(x, v) + pulls(x, v) + added(t, number)))
     t, x, v, force = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -339,8 +336,7 @@ def test_steps_of_a_mostly_resting_effort_are_noise():
 @pytest.mark.parametrize(("times", "is_noise"), [(2.2, True), (2.8, False)])
 def test_excess_is_two_and_a_half_times_the_noise(times, is_noise):
     block_noise = NOISE_N / np.sqrt(2.0)  # blocks of two samples
-    hum = humming(times * block_noise * np.sqrt(2.0), runs=4)
-    assert (excess(hum) is None) is is_noise
+    assert (excess(humming(times * block_noise * np.sqrt(2.0), runs=4)) is None) is is_noise
 
 
 @pytest.mark.parametrize(("share", "is_noise"), [(0.7, False), (1.5, True)])

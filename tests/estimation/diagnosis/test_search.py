@@ -102,8 +102,7 @@ def test_part_may_belong_to_the_base_model():
 
 def test_law_with_more_parameters_is_not_named_for_a_small_gain():
     """A joint's spring, preloaded, beside a bias that changes by a little over the range."""
-    data = swings(1, lambda q, v, a: 0.5 + 0.06 * q, runs=5)
-    search = searched(data, "bias", "joint_spring")
+    search = searched(swings(1, lambda q, v, a: 0.5 + 0.06 * q, runs=5), "bias", "joint_spring")
     bias, spring = (reached(search, name) for name in ("bias", "joint_spring"))
     assert 0.91 < spring.solution.held_out / bias.solution.held_out < 0.97
     assert search.added_effects(backward_step(search, bias)) == ["bias"]
@@ -118,8 +117,7 @@ def test_dry_friction_acts_at_the_sides_or_within_the_object(pulls):
         rubbing = 0.8 * np.tanh(v / 1e-3)
         return kelvin_voigt(x, v) + rubbing * (x > 0) if pulls else kelvin_voigt(x, v, rubbing)
 
-    search = searched(session(1, law), "dry_friction", base=PRESS)
-    end = reached(search, "dry_friction")
+    end = reached(searched(session(1, law), "dry_friction", base=PRESS), "dry_friction")
     (friction,) = (one for one in end.solution.model.effects if one.name == "dry_friction")
     assert friction.one_sided is not pulls
     assert end.rmse < 1.1 * NOISE_N
@@ -412,8 +410,7 @@ def test_p_value_is_the_share_of_noise_samples_with_as_large_a_gain(friction_nm,
     search = searched(
         swings(2, lambda q, v, a: friction_nm * np.tanh(v / 0.02)), COULOMB, "bias", "joint_spring"
     )
-    end = reached(search, COULOMB)
-    found = search.p_value(search.start, end)
+    found = search.p_value(search.start, reached(search, COULOMB))
     assert low <= found <= high
     if found:
         assert found * 200 == pytest.approx(round(found * 200))

@@ -226,8 +226,7 @@ def test_remaining_error_is_reported_with_its_signals(known):
 
 
 def test_residual_finding_states_the_error_and_noise_is_model_independent(swung, known):
-    residual_finding = ResidualFinding("run 2 is off", "run")
-    found, *_ = said(swung, complete=False, residual_finding=residual_finding)
+    found, *_ = said(swung, complete=False, residual_finding=ResidualFinding("run 2 is off", "run"))
     assert found.verdict is Verdict.MISSING
     assert found.reason.endswith("; run 2 is off")
     assert found.depends_on == ["run"]
@@ -275,8 +274,7 @@ def test_indistinguishable_effects_are_listed_with_a_separating_experiment(scale
     made = replace(made, **{n: scale * getattr(made, n) for n in ("position", "velocity", "acceleration")})
     noise = 0.1 * NOISE_NM * np.random.default_rng(0).standard_normal(len(made))
     torque = 0.05 * made.acceleration + 0.15 * made.velocity + 2.0 * np.sin(made.position) + noise
-    data = replace(made, effort=torque)
-    search = searched(data, "weight", "joint_spring", base=ROTOR)
+    search = searched(replace(made, effort=torque), "weight", "joint_spring", base=ROTOR)
     found = decide_verdict(Evidence(search, measured(search), reached(search, "weight"), True, None))
     (entry,) = found.accepted
     assert (entry.effect, entry.confused_with) == ("weight", confused)
@@ -353,16 +351,14 @@ VARIED = {
 def test_run_to_run_variation_is_reported_with_its_spread(name):
     """Of a standard deviation of six draws, the error is a third; what all share is no difference."""
     effect, unit, law = VARIED[name]
-    data = session(8, law, runs=6)
-    search = searched(data, "run_gain", "run_offset", "bias", base=PRESS)
+    search = searched(session(8, law, runs=6), "run_gain", "run_offset", "bias", base=PRESS)
     found = add_run_variation(search, search.start)
     assert search.added_effects(found) == ([effect] if effect else [])
     if not effect:
         assert found is search.start
         return
     told = run_standard_deviation(found, found.solution.model.effects[-1])
-    truth = float(np.std(DRAWN, ddof=1))
-    assert told.value == pytest.approx(truth, rel=0.25)
+    assert told.value == pytest.approx(float(np.std(DRAWN, ddof=1)), rel=0.25)
     assert told.std_err == pytest.approx(told.value / np.sqrt(10.0))
     assert told.unit == unit
     assert found.rmse == pytest.approx(NOISE_N, rel=0.15)

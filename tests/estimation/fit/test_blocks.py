@@ -155,8 +155,7 @@ def test_blocks_within_the_surface_error_are_excluded():
 
 def test_coarse_copy_has_one_sample_per_block():
     data = replace(swings(1, rate_hz=1000.0), context={"temperature_c": np.arange(15_000.0)})
-    blocked = block_average(data)
-    copy = decimate(blocked)
+    copy = decimate(block_average(data))
     assert (len(copy), copy.name, copy.kind) == (1500, data.name, data.kind)
     for name in ("time_s", "position", "velocity", "acceleration", "effort"):
         assert getattr(copy, name) == pytest.approx(getattr(data, name).reshape(-1, 10).mean(axis=1))
@@ -187,8 +186,7 @@ def stepping(times, run=None):
     ],
 )
 def test_samples_at_velocity_jumps_are_excluded(times, sharp):
-    blocked = block_average(stepping(times))
-    lost = np.flatnonzero(~blocked.trusted[20:]) + 20
+    lost = np.flatnonzero(~block_average(stepping(times)).trusted[20:]) + 20
     assert (lost.tolist() if isinstance(sharp, list) else len(lost)) == sharp
 
 
@@ -271,8 +269,7 @@ def test_column_on_blocks_passes_through_motion_and_sensor_effects(names, parame
     blocked = block_average(swings(1, runs=2))
     model = Model("m", tuple(EFFECTS[name]() for name in ("inertia", *names)))
     parameters = {name: inner.beginning for name, inner in model.inner.items()} | parameters
-    gains = dict.fromkeys(model.gains, 1.0)
-    slopes, _ = model.linearize(blocked.data, {**gains, **parameters})
+    slopes, _ = model.linearize(blocked.data, {**dict.fromkeys(model.gains, 1.0), **parameters})
     columns = columns_at(FitProblem(blocked, WHITE), model, parameters)
     np.testing.assert_allclose(columns, blocked.reduce(slopes), rtol=1e-9, atol=1e-12)
 

@@ -262,8 +262,7 @@ def geared():
     """A pendulum on a drive whose gear rubs with a share of what passes it; the rotor does not."""
 
     def torque(q, v, a):
-        passed = INERTIA * a + WEIGHT * np.sin(q)
-        return ROTOR * a + SHARE * np.abs(passed) * np.tanh(v / 0.02)
+        return ROTOR * a + SHARE * np.abs(INERTIA * a + WEIGHT * np.sin(q)) * np.tanh(v / 0.02)
 
     return swings(11, torque)
 

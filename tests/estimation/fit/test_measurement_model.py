@@ -146,8 +146,7 @@ def test_windows_are_recognized_in_long_runs_and_separate_pieces():
     assert made.half_windows[1] > 14
     # As a session's are, whose samples have gaps: near these the derivatives are others.
     noisy = read(SMOOTH, noise=1e-4)
-    piece = np.arange(len(noisy)) // 150
-    made = differentiate(noisy.time_s, noisy.position, piece, 10)
+    made = differentiate(noisy.time_s, noisy.position, np.arange(len(noisy)) // 150, 10)
     data = replace(noisy, velocity=made.velocity, acceleration=made.acceleration)
     assert identify_measurement_model(data).filters == (10, 10)
 
@@ -206,8 +205,7 @@ def test_acceleration_derived_from_a_derived_velocity_is_recognized():
 @pytest.mark.parametrize("half", [10, 25, 50])
 def test_hidden_noise_is_simulated_up_to_half_the_window_response(half):
     """White noise less what a cubic through the window follows, with what is drawn for that, is white."""
-    window = savgol_coeffs(2 * half + 1, 3)
-    turn, passed = freqz(window, worN=np.pi * np.linspace(1e-3, 0.5, 2000))
+    turn, passed = freqz(savgol_coeffs(2 * half + 1, 3), worN=np.pi * np.linspace(1e-3, 0.5, 2000))
     edge = turn[np.argmax(np.abs(passed) < 0.5)] / (2.0 * np.pi)  # in cycles a sample
     rng, run = np.random.default_rng(half), np.repeat(np.arange(20), 500)
     frequency, power = np.fft.rfftfreq(500), 0.0
@@ -221,8 +219,7 @@ def test_hidden_noise_is_simulated_up_to_half_the_window_response(half):
     whole = np.random.default_rng(1).normal(size=10_000)  # hides nothing: little is added
     assert np.std(low_frequency_noise(whole, run, half, rng)) < 0.8 * np.sqrt(2.0 * edge)
     assert not low_frequency_noise(np.zeros(10_000), run, half, rng).any()
-    short = np.repeat(np.arange(2500), 4)
-    assert np.isfinite(low_frequency_noise(whole, short, 200, rng)).all()
+    assert np.isfinite(low_frequency_noise(whole, np.repeat(np.arange(2500), 4), 200, rng)).all()
 
 
 def test_noiseless_derivatives_are_recognized_and_debiased():

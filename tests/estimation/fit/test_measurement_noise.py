@@ -196,8 +196,7 @@ def test_zero_columns_gain_nothing():
 
 @pytest.mark.parametrize(("rmse", "exact"), [(0.0, True), (2e-7, True), (2.1e-7, False)])
 def test_single_precision_is_no_noise(rmse, exact):
-    effort = np.array([2.0, -2.0, 2.0])
-    fit = SimpleNamespace(training=SimpleNamespace(effort=effort), rmse=rmse)
+    fit = SimpleNamespace(training=SimpleNamespace(effort=np.array([2.0, -2.0, 2.0])), rmse=rmse)
     assert FitResult.is_exact.fget(fit) is exact
 
 

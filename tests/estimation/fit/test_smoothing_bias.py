@@ -43,8 +43,7 @@ def test_smoothing_bias_of_derived_motion_is_no_law(half):
 
 
 def test_law_is_explained_beside_the_smoothing_bias():
-    hidden = swings(6, lambda q, v, a: 0.2 * np.sin(9.0 * q))
-    fit = fit_model(smoothed(hidden, 25), SWING, {})
+    fit = fit_model(smoothed(swings(6, lambda q, v, a: 0.2 * np.sin(9.0 * q)), 25), SWING, {})
     assert fit_flexible(fit.problem, fit.solution, windows(25)).share_of(fit.solution) > 0.7
 
 
@@ -76,5 +75,4 @@ def test_kernel_smooths_like_the_differentiation_window(order, block, least, len
     ],
 )
 def test_plausible_smoothing_bias_is_at_most_three_times_expected(gains, is_plausible):
-    bias = np.array([[5.0, 1.0], [-5.0, -1.0]])
-    assert is_plausible_bias(bias, np.array(gains)) is is_plausible
+    assert is_plausible_bias(np.array([[5.0, 1.0], [-5.0, -1.0]]), np.array(gains)) is is_plausible

@@ -293,8 +293,7 @@ def test_table_in_memory_is_read_like_its_file(made, tmp_path):
 
 
 def test_rejected_channel_is_reported_next_to_the_others():
-    one_run = session(4)
-    study = ModelStudy([one_run.select(np.arange(50)), *joints()])
+    study = ModelStudy([session(4).select(np.arange(50)), *joints()])
     found = study.compare()
     assert [one.channel for one in found.channels] == ["joint_1", "joint_2"]
     assert "only 50 samples" in found.failures["contact"]

@@ -76,8 +76,7 @@ def rows(folder):
 
 def test_numbers_match_the_single_commands(specimens, out):
     row = next(row for row in rows(out) if row["measurement"] == "s1_soft.csv")
-    study = Study(specimens / "s1_soft.csv", keep=False)
-    comparison = study.compare()["contact"]
+    comparison = Study(specimens / "s1_soft.csv", keep=False).compare()["contact"]
     stiffness = comparison.parameters["stiffness.k"]
     assert float(row["stiffness.k [N/m]"]) == stiffness.value
     assert float(row["stiffness.k low [N/m]"]) == stiffness.interval[0]

@@ -267,8 +267,7 @@ def test_table_is_read_again_only_when_new(tmp_path, monkeypatch):
             raise KeyboardInterrupt
 
     monkeypatch.setattr("palpate.commands.trend.time.sleep", wait)
-    followed = run("trend", folder, "--follow", "--every-s", 5)
-    assert followed.stdout.count("series tested") == 2
+    assert run("trend", folder, "--follow", "--every-s", 5).stdout.count("series tested") == 2
     assert waits == [5.0] * 4
 
 

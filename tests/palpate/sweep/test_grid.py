@@ -30,13 +30,11 @@ def test_every_combination_is_one_case_and_each_repeat_has_its_own_seed(tmp_path
     stiffness = {"from": 200, "to": 600, "step": 200}
     law = {"name": "kelvin_voigt", "stiffness_n_m": stiffness, "damping_n_s_m": [0, 20]}
     more = {"speeds_mm_s": [[90], [20, 10]], "noise_percent": [0, 5], "repeats": 3, "seed": 7}
-    found = grid(tmp_path, objects=[law, ONE["objects"][0]], **more)
-    cases = list(found.cases())
+    cases = list(grid(tmp_path, objects=[law, ONE["objects"][0]], **more).cases())
     assert len(cases) == (3 * 2 + 1) * 2 * 2 * 3
     assert len({case.address for case in cases}) == len(cases)
     assert [case.seed for case in cases[:: len(cases) // 3]] == [7, 8, 9]
-    stiffnesses = {case.parameters["law"]["stiffness_n_m"] for case in cases}
-    assert stiffnesses == {200, 400, 600, 500}
+    assert {case.parameters["law"]["stiffness_n_m"] for case in cases} == {200, 400, 600, 500}
     assert {tuple(case.parameters["plan"]["speeds_m_s"]) for case in cases} == {(0.09,), (0.02, 0.01)}
 
 

@@ -110,8 +110,7 @@ def test_interrupted_pack_counts_each_result_once(tmp_path):
 def test_partially_written_results_are_ignored(tmp_path):
     store = ResultStore(tmp_path)
     store.write("a", [{"number": 1}])
-    half = (tmp_path / "a.parquet").read_bytes()[:50]
-    (tmp_path / ".123.b.parquet").write_bytes(half)
+    (tmp_path / ".123.b.parquet").write_bytes((tmp_path / "a.parquet").read_bytes()[:50])
     assert store.finished() == {"a"}
     assert len(store.rows("ab")) == 1
     (tmp_path / "a.parquet").write_bytes(b"PAR1 nothing PAR1")
@@ -304,8 +303,7 @@ def test_error_table_is_in_percent_and_marks_the_smallest_worst_error():
     rows = [bounds | {"estimator": name, "k": k} for name in ("spiky", "even") for k in known[name]]
     rows[0][f"{LOW}k"] = 102.0  # of four intervals one misses the truth
     rows.insert(0, {f"{TRUE}k": 100.0, "error": "", "estimator": "silent"})  # estimates other parameters
-    table = error_table("errors", "Errors", rows, best_first=True)
-    even, spiky, silent = table.rows
+    even, spiky, silent = error_table("errors", "Errors", rows, best_first=True).rows
     assert silent[:3] == ("silent", None, None)
     assert even == ("even", pytest.approx(3.0), pytest.approx(3.0), pytest.approx(3.0), 100.0, 0)
     assert spiky == ("spiky", pytest.approx(4.0), pytest.approx(1.0), pytest.approx(2.0), 75.0, 0)

@@ -68,8 +68,7 @@ def test_same_command_continues_and_repeats_nothing(done, mine):
     said = as_json("sweep", mine, "--out", out, "--workers", 1)
     assert (said["finished"], said["finished_now"]) == (4, 1)
     before = ResultStore(out / "results").finished()
-    again = run("sweep", mine, "--out", out)
-    assert "4 of 4 cases done: 0 in" in again.stdout
+    assert "4 of 4 cases done: 0 in" in run("sweep", mine, "--out", out).stdout
     assert ResultStore(out / "results").finished() == before
 
 

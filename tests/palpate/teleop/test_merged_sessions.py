@@ -94,8 +94,7 @@ def merged(kept: np.ndarray, late: int, follower_rate: float) -> MergedSessions:
 
 
 def test_machine_that_keeps_pace_is_not_called_slow():
-    every_tick = np.ones(2000, bool)
-    assert merged(every_tick, late=10, follower_rate=1.0).slowness() == []
+    assert merged(np.ones(2000, bool), late=10, follower_rate=1.0).slowness() == []
 
 
 def test_slow_machine_is_reported_with_its_figures():

@@ -23,8 +23,7 @@ class StoredLine:
 
     def put(self, sender, sequence, message, answers=None):
         heard = LastReceived(self.sender if answers is None else answers)
-        frame = decode(encode(sender, sequence, self.now, heard, message))
-        self.arrived.append((self.now, frame))
+        self.arrived.append((self.now, decode(encode(sender, sequence, self.now, heard, message))))
 
     def receive(self):
         arrived, self.arrived = self.arrived, []
@@ -63,8 +62,7 @@ def followed(line, monkeypatch):
     answers = []
     fake = SimpleNamespace(answers=lambda: [answers.pop(0)] if answers else [], busy=False)
     monkeypatch.setattr(follower, "ObjectEstimator", lambda *, diagnose: fake)
-    messaging = follower.FollowerMessaging(line, line, [].append, diagnose=True)
-    return messaging, answers
+    return follower.FollowerMessaging(line, line, [].append, diagnose=True), answers
 
 
 def test_target_states_of_an_earlier_leader_are_ignored(led, line):

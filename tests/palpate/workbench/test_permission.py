@@ -135,8 +135,7 @@ def test_no_motion_is_requested_after_the_page_was_closed(monkeypatch, tmp_path,
         probed.append(arguments)
 
     works = {}
-    plan = SimpleNamespace(force_limit_n=8.0)
-    following = SimpleNamespace(proposal=None, plan=plan)
+    following = SimpleNamespace(proposal=None, plan=SimpleNamespace(force_limit_n=8.0))
     session = SimpleNamespace(metadata=SimpleNamespace(extra={"source": "simulated"}))
     study = SimpleNamespace(
         source=SimpleNamespace(session=session), folder=tmp_path, next_probe=lambda diagnoses: following

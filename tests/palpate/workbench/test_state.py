@@ -114,8 +114,7 @@ def test_new_run_selection_ends_redo(state):
 
 def test_run_selection_can_be_undone(state):
     state.choose(state.toggled("cubic_stiffness"))
-    less = state.with_runs((1,), ())
-    held = less.with_runs((1,), (2,))
+    held = state.with_runs((1,), ()).with_runs((1,), (2,))
     held.choose(held.toggled("adhesion"))
     back = held.undo()
     assert (back, back.choice.effects) == (held, ("cubic_stiffness",))
@@ -182,8 +181,7 @@ def test_revision_of_another_base_model_is_refused(state, press, monkeypatch):
 def test_python_line_reproduces_the_page(state, press):
     state.choose(state.toggled("cubic_stiffness"))
     shown = state.choose(state.with_held("stiffness.k", 300.0))
-    said = eval(state.python(), {"study": Study(press, keep=False)})
-    assert said.values == shown.fitted.values
+    assert eval(state.python(), {"study": Study(press, keep=False)}).values == shown.fitted.values
     assert state.command() == ""
     state.undo()
     assert state.command() == (
@@ -416,8 +414,7 @@ def test_two_tabs_do_not_write_to_one_file(tmp_path, monkeypatch):
 
 def test_two_measurements_are_merged_with_the_runs_of_both(press, tmp_path):
     other = write_presses(tmp_path / "more.csv", seed=9, speeds_m_s=(0.05, 0.06))
-    both = joined(open_source(press), open_source(other)).channels[0]
-    assert len(both.runs) == 6
+    assert len(joined(open_source(press), open_source(other)).channels[0].runs) == 6
     study = Study(joined(open_source(press), open_source(other)))
     assert study.fit("contact", ["cubic_stiffness"]).rmse == pytest.approx(0.02, rel=0.1)
     swing = {"time_s": np.arange(0, 1, 0.01), "position_rad": np.zeros(100), "torque_Nm": np.zeros(100)}

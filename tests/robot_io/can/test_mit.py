@@ -106,8 +106,7 @@ DM4310 = DIALECTS[Maker.DAMIAO].models["DM-J4310"]
 )
 def test_damiao_status_is_in_the_bits_above_the_id(first, motor_id, error, enabled):
     """Where others have an error there is a temperature."""
-    frame = CanFrame(0x11, bytes((first, 0x80, 0, 0x80, 8, 0, 40, 35)))
-    state = DAMIAO.state(frame, DM4310)
+    state = DAMIAO.state(CanFrame(0x11, bytes((first, 0x80, 0, 0x80, 8, 0, 40, 35))), DM4310)
     assert (state.motor_id, state.error, state.enabled) == (motor_id, error, enabled)
     assert state.position_rad == pytest.approx(0.0, abs=1e-3)
     with pytest.raises(ProtocolError):

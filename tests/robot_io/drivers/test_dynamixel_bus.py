@@ -110,8 +110,7 @@ def test_positions_are_the_arm_s_for_any_mounting():
     ]
     with dynamixel_setup(servos=servos) as setup:
         setup.bus.configure()
-        position = setup.read().position_rad
-        np.testing.assert_allclose(position, setup.robot_file.home_rad, atol=0.001)
+        np.testing.assert_allclose(setup.read().position_rad, setup.robot_file.home_rad, atol=0.001)
 
 
 @BOTH
@@ -156,8 +155,7 @@ def test_configured_current_limit_is_preserved():
 
 def test_samples_carry_the_request_time_and_cost_the_bus_time(active):
     before_s = active.clock.now_s() + TICK_S
-    sample = active.read()
-    assert sample.sampled_at_s == pytest.approx(before_s)
+    assert active.read().sampled_at_s == pytest.approx(before_s)
     assert active.clock.now_s() - before_s < 0.4e-3  # at 4 Mbit/s
 
 

@@ -181,8 +181,7 @@ def test_doctor_reports_the_zero_that_aligns_both_servos(make, family):
     assert slipped.subject == pair
     assert "stand 0.10" in slipped.text
     zero_rad = {"dynamixel": 3.1, "feetech": 3.2}[family]
-    said_rad = float(slipped.remedy.rsplit(" ", 1)[1])
-    assert said_rad == pytest.approx(zero_rad - 0.1, abs=0.003)
+    assert float(slipped.remedy.rsplit(" ", 1)[1]) == pytest.approx(zero_rad - 0.1, abs=0.003)
 
 
 def test_wrong_direction_is_refused_at_the_first_reading():

@@ -314,8 +314,7 @@ class TestInTheGuard:
     def run(self, guard, first, count, obeys):
         drive = HealthyDrive(noise=0.01)
         for k in range(first, first + count):
-            shown = drive.show(k, 3.0 if obeys(k) else 0.0)
-            measurement = measured(k * DT, [shown, 0.0])
+            measurement = measured(k * DT, [drive.show(k, 3.0 if obeys(k) else 0.0), 0.0])
             guard.watch(measurement)
             guard.limit(Command(np.array([3.0, 0.0])), measurement, DT)
 

@@ -111,8 +111,7 @@ def test_sensor_that_keeps_skipping_is_reported():
 def test_single_frame_is_no_force():
     """One in 65 536 of the places in another device's bytes that look like a frame has the CRC of one."""
     noise = b"\x55\xaa\x55" * 100
-    stream = BotaStream("y", 100.0)
-    assert stream.feed(noise + bota_frame(0, ONES, 123_456) + noise) == []
+    assert BotaStream("y", 100.0).feed(noise + bota_frame(0, ONES, 123_456) + noise) == []
 
 
 @pytest.fixture

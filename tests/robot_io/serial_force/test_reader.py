@@ -77,8 +77,7 @@ def test_permanently_damaged_line_counts_as_silent(line):
     """One in three looks like a reading, and is none."""
     line.send(b"1.0", 5)
     for k in range(300):
-        believed = line.send(b"7.0" if k % 3 == 2 else b"4\x00", 1)
-        assert believed == (1.0, k + 1)
+        assert line.send(b"7.0" if k % 3 == 2 else b"4\x00", 1) == (1.0, k + 1)
     assert line.send(b"1.5", 1000) == (1.5, 0)
 
 

@@ -141,8 +141,7 @@ def test_emulated_load_cell_follows_its_manual():
 def test_lorenz_sensor_answers_hello_and_streams_until_three_stx():
     sensor = EmulatedLorenz(100.0, counts_at_nominal=20000.0)
     hello = bytes.fromhex("024001ff00400202")  # summed by hand, see the codec's test
-    answer = sensor.receive(hello, 0.0)
-    assert answer[:5] == bytes((2, 0x40, 0xFF, 1, 1))
+    assert sensor.receive(hello, 0.0)[:5] == bytes((2, 0x40, 0xFF, 1, 1))
     assert sensor.receive(hello[:-1] + b"\x07", 0.0) == b""  # wrong checksum
     start = bytes.fromhex("02 5a 01 ff 05 03 05 00 00 41")
     plain = sum(start[1:]) & 0xFF

@@ -242,8 +242,7 @@ def test_every_model_has_its_own_number_and_limits(model):
 
 
 def test_bytes_take_time_on_the_line(client):
-    answer = client.say("ff ff fd 00 fe 09 00 82 46 00 01 00 01 02", wait_s=1e-6)
-    assert answer == b""
+    assert client.say("ff ff fd 00 fe 09 00 82 46 00 01 00 01 02", wait_s=1e-6) == b""
     request, reply, delay_s = 16, 12, 250 * 2e-6
     client.now_s = (request + reply) * BYTE_S + delay_s + 1e-6
     client.line.send(client.now_s)

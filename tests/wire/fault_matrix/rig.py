@@ -89,8 +89,7 @@ class FaultRig:
         with patch("time.time", self._wall_s):
             result = self._run_loop()
         self._let_pass(SILENT_S)
-        reads = self._close_log(result)
-        return self._observed(result, reads)
+        return self._observed(result, self._close_log(result))
 
     def _run_loop(self) -> LoopResult | None:
         self.robot.configure()
