@@ -7,6 +7,7 @@ from inspect import cleandoc
 from typing import Annotated, Any
 
 import typer
+from typer import Option
 from typer.core import TyperCommand
 from typer.main import get_command
 
@@ -92,7 +93,7 @@ def _show_version(requested: bool) -> None:
 def root(
     context: typer.Context,
     _version: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version.")
+        bool, Option("--version", callback=_show_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
     """Probe compliant objects with a robot arm, and find out which physical effect the model is missing.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 from palpate.common import console, options
 from palpate.common.console import count, display_path, plus_minus, safe, significant
@@ -29,7 +29,7 @@ class BatchArguments(StudyOptions):
 
     data: Annotated[
         list[str],
-        typer.Argument(
+        Argument(
             help="Folder, files, pattern in quotes, or a CSV list with a column 'file' and further fields.",
             metavar="FOLDER|FILES|LIST.csv",
         ),
@@ -41,22 +41,22 @@ def batch_command(
     data: BatchArguments,
     *,
     out: Annotated[
-        Path, typer.Option("--out", "-o", help="Output folder; an interrupted batch in it is continued.")
+        Path, Option("--out", "-o", help="Output folder; an interrupted batch in it is continued.")
     ],
     model: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Base model, or 'suggest' to choose the one that fits a few measurements best; default: the "
             "usual one of each channel.",
             autocompletion=options.model_names,
         ),
     ] = None,
     diagnose: Annotated[
-        bool, typer.Option("--diagnose", help="Also find out which effects are missing (takes longer).")
+        bool, Option("--diagnose", help="Also find out which effects are missing (takes longer).")
     ] = False,
     pool: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--pool",
             help="Combine the evidence of all measurements, to detect effects too small for one of them.",
         ),
@@ -65,29 +65,25 @@ def batch_command(
     pattern: options.PatternOption = None,
     metadata: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             help="CSV file with further fields; its rows are matched by a column 'file' or by shared fields.",
             metavar="FILE",
         ),
     ] = None,
     join: Annotated[
         str | None,
-        typer.Option(
-            help="Treat files with the same text in this field as one measurement.", metavar="FIELD"
-        ),
+        Option(help="Treat files with the same text in this field as one measurement.", metavar="FIELD"),
     ] = None,
     split: Annotated[
         str | None,
-        typer.Option(
-            help="Treat rows with the same text in this column as one measurement.", metavar="COLUMN"
-        ),
+        Option(help="Treat rows with the same text in this column as one measurement.", metavar="COLUMN"),
     ] = None,
     group: Annotated[
-        str | None, typer.Option(help="Compare groups of measurements by this field.", metavar="FIELD")
+        str | None, Option(help="Compare groups of measurements by this field.", metavar="FIELD")
     ] = None,
     share: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             help="Effect whose parameters are the same in all channels of a group; may be repeated.",
             metavar="EFFECT",
             autocompletion=options.effect_names,
@@ -95,11 +91,9 @@ def batch_command(
     ] = None,
     workers: options.WorkersOption = None,
     scheduler: options.SchedulerOption = None,
-    retry: Annotated[
-        bool, typer.Option("--retry", help="Retry measurements that could not be evaluated.")
-    ] = False,
+    retry: Annotated[bool, Option("--retry", help="Retry measurements that could not be evaluated.")] = False,
     reports: Annotated[
-        int, typer.Option(help="Number of outliers for which to write a report; the page links to it.", min=0)
+        int, Option(help="Number of outliers for which to write a report; the page links to it.", min=0)
     ] = 3,
     as_json: options.JsonOption = False,
 ) -> None:

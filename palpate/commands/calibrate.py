@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import typer
 from plotly.graph_objects import Figure
+from typer import Option
 
 from palpate.calibration.arm_fit import GravityBodies, fit_arm, motion_of
 from palpate.calibration.encoder import fit_encoder
@@ -66,28 +66,24 @@ def force(
     *,
     column: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             help="Column of a role: reading, reference, or settled (0 in rows to ignore).",
             metavar="ROLE=COLUMN",
         ),
     ] = None,
     reading_unit: Annotated[
-        str | None, typer.Option(help="Unit of the readings, if the column's name does not end with it.")
+        str | None, Option(help="Unit of the readings, if the column's name does not end with it.")
     ] = None,
     weights_kg: Annotated[
         str | None,
-        typer.Option(
-            help="Masses to put on the sensor, in this order, such as 0,1,2,4,2,1,0.", metavar="KG,..."
-        ),
+        Option(help="Masses to put on the sensor, in this order, such as 0,1,2,4,2,1,0.", metavar="KG,..."),
     ] = None,
     gravity_m_s2: Annotated[
-        float, typer.Option(help="Gravitational acceleration at the site.", min=9.7, max=9.9)
+        float, Option(help="Gravitational acceleration at the site.", min=9.7, max=9.9)
     ] = (STANDARD_GRAVITY_M_S2),
     reference_percent: Annotated[
         float,
-        typer.Option(
-            help="Standard uncertainty that all references share.", metavar="PERCENT", min=0, max=50
-        ),
+        Option(help="Standard uncertainty that all references share.", metavar="PERCENT", min=0, max=50),
     ] = 0.0,
 ) -> None:
     """Calibrate scale, zero and curvature of the force sensor, from weights or a file; report hysteresis.
@@ -150,19 +146,19 @@ def encoder(
     *,
     pose: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Pose in which the arm is held: 'home', or one angle per joint; nothing moves.",
             metavar="RAD,...",
         ),
     ] = None,
     lower_stops: Annotated[
-        str | None, typer.Option(help="Lower hard stops; default: the URDF's limits.", metavar="RAD,...")
+        str | None, Option(help="Lower hard stops; default: the URDF's limits.", metavar="RAD,...")
     ] = None,
     upper_stops: Annotated[
-        str | None, typer.Option(help="Upper hard stops; default: the URDF's limits.", metavar="RAD,...")
+        str | None, Option(help="Upper hard stops; default: the URDF's limits.", metavar="RAD,...")
     ] = None,
     known_mrad: Annotated[
-        float, typer.Option(help="Standard uncertainty of stops or pose.", metavar="MRAD", min=0, max=100)
+        float, Option(help="Standard uncertainty of stops or pose.", metavar="MRAD", min=0, max=100)
     ] = 1.0,
 ) -> None:
     """Calibrate the zeros of the encoders, against hard stops (slowly, at low torque) or in a known pose."""

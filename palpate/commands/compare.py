@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from palpate.common import console
 from palpate.common.console import display_path, json_text, safe, shell_path
@@ -76,7 +76,7 @@ def compare_command(
     *,
     other: Annotated[
         Path | None,
-        typer.Argument(
+        Argument(
             help="Second measurement, such as a simulated twin, a repetition after a change, or another "
             "specimen."
         ),
@@ -84,26 +84,24 @@ def compare_command(
     model: ModelOption = None,
     other_model: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Base model of OTHER; without OTHER, a second model of FILE.", autocompletion=model_names
         ),
     ] = None,
-    channel: Annotated[str | None, typer.Option(help="Only this channel, such as contact.")] = None,
+    channel: Annotated[str | None, Option(help="Only this channel, such as contact.")] = None,
     revision: Annotated[
         list[int] | None,
-        typer.Option(
-            help="Compare this revision instead of the base model (palpate revisions).", metavar="N"
-        ),
+        Option(help="Compare this revision instead of the base model (palpate revisions).", metavar="N"),
     ] = None,
     other_revision: Annotated[
         list[int] | None,
-        typer.Option(help="Revision of OTHER; default: the same model is fitted to both.", metavar="N"),
+        Option(help="Revision of OTHER; default: the same model is fitted to both.", metavar="N"),
     ] = None,
     folder: FolderOption = None,
     as_json: JsonOption = False,
     out: Annotated[
         Path | None,
-        typer.Option(help="Write comparison.json and an HTML report to this folder.", metavar="FOLDER"),
+        Option(help="Write comparison.json and an HTML report to this folder.", metavar="FOLDER"),
     ] = None,
     force: ForceOption = False,
 ) -> None:

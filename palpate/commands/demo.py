@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
+from typer import Option
 
 from palpate.common import console
 from palpate.common.console import as_command, display_path, json_text, shell_path, significant
@@ -71,17 +71,15 @@ class HiddenDemo:
 def demo_command(
     scenario: Annotated[
         str,
-        typer.Option(
+        Option(
             help=f"Simulated world: a file, or one of {', '.join(shipped_scenarios())}.",
             autocompletion=scenario_names,
         ),
     ] = DEFAULT_SCENARIO,
-    engine: Annotated[EngineName | None, typer.Option(help=ENGINE)] = None,
+    engine: Annotated[EngineName | None, Option(help=ENGINE)] = None,
     seed: Annotated[
         int | None,
-        typer.Option(
-            help="Seed of simulated noise and hidden effects; default: random.", min=0, max=MOST_SEED
-        ),
+        Option(help="Seed of simulated noise and hidden effects; default: random.", min=0, max=MOST_SEED),
     ] = None,
     out: SessionOutOption = None,
     as_json: JsonOption = False,

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Option
 
 from palpate.common import console
 from palpate.common.console import as_shell_word, count, display_path, json_text, safe, shell_path
@@ -39,21 +40,21 @@ def diagnose_command(
     *,
     model: ModelOption = None,
     channel: Annotated[
-        str | None, typer.Option(help=f"Only this channel, such as joint_2; default: {ALL_CHANNELS}.")
+        str | None, Option(help=f"Only this channel, such as joint_2; default: {ALL_CHANNELS}.")
     ] = None,
     apply: Annotated[
-        bool, typer.Option("--apply", help="Add the missing effects, and save each step as a revision.")
+        bool, Option("--apply", help="Add the missing effects, and save each step as a revision.")
     ] = False,
     exit_code: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--exit-code",
             help="Exit code 10 if missing, else 11 if unexplained, else 12 if insufficient, else 0.",
         ),
     ] = False,
     as_json: JsonOption = False,
     out: Annotated[
-        Path | None, typer.Option(help=f"Write {RESULT}, report and more to this folder.", metavar="FOLDER")
+        Path | None, Option(help=f"Write {RESULT}, report and more to this folder.", metavar="FOLDER")
     ] = None,
     force: ForceOption = False,
 ) -> None:
@@ -189,13 +190,13 @@ def estimate_command(
     model: ModelOption = None,
     estimator: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help=f"One or more of {', '.join(ESTIMATORS)}, separated by commas. "
             f"[default: {','.join(DEFAULT_ESTIMATORS)}]",
             autocompletion=estimator_names,
         ),
     ] = None,
-    every: Annotated[bool, typer.Option("--all", help="Use all estimators.")] = False,
+    every: Annotated[bool, Option("--all", help="Use all estimators.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Estimate the parameters of a model with 95 % intervals, by least squares, a robust method and RANSAC.

@@ -6,6 +6,7 @@ from itertools import chain
 from typing import Annotated
 
 import typer
+from typer import Option
 
 from palpate.common import console
 from palpate.common.console import AT_REST, FIRST_PROBE, as_shell_word, count, safe
@@ -31,32 +32,28 @@ _SUBJECT_WIDTH = 20
 def doctor_command(  # noqa: PLR0917, one parameter an option
     robot: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Robot file of the arm to check before it gets power.",
             metavar="FILE",
             autocompletion=robot_names,
         ),
     ] = None,
-    wire: Annotated[
-        bool, typer.Option("--wire", help="Emulate the arm's devices, without any hardware.")
-    ] = False,
+    wire: Annotated[bool, Option("--wire", help="Emulate the arm's devices, without any hardware.")] = False,
     as_built: Annotated[
         str | None,
-        typer.Option(help="With --wire: emulate the devices that this robot file describes.", metavar="FILE"),
+        Option(help="With --wire: emulate the devices that this robot file describes.", metavar="FILE"),
     ] = None,
     move: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--move",
             help=("Check the signs of joints and force: by hand, then, after a confirmation, under power."),
         ),
     ] = False,
     drivers: Annotated[
-        list[str] | None, typer.Option(help="Python package with your own drivers.", metavar="PACKAGE")
+        list[str] | None, Option(help="Python package with your own drivers.", metavar="PACKAGE")
     ] = None,
-    yes: Annotated[
-        bool, typer.Option("--yes", help="With --wire: do not ask before the arm gets power.")
-    ] = False,
+    yes: Annotated[bool, Option("--yes", help="With --wire: do not ask before the arm gets power.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Check this machine, or with --robot an arm: limits, ports, devices and rates; with --move, also signs.

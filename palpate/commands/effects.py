@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from palpate.common import console
 from palpate.common.console import shell_path
@@ -18,13 +18,13 @@ from palpate.sim_backend.imperfection import IMPERFECTIONS
 def effects_command(
     name: Annotated[
         str | None,
-        typer.Argument(
+        Argument(
             help="Effect to show in detail, with a drawing.", metavar="[NAME]", autocompletion=effect_names
         ),
     ] = None,
     on: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             help="Session or data file; the effect is drawn on its motion, beside the fitted model.",
             metavar="FILE",
         ),

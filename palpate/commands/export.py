@@ -7,7 +7,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-import typer
+from typer import Option
 
 from palpate.common import console
 from palpate.common.console import count, display_path, safe, shell_path
@@ -74,11 +74,11 @@ def export_command(
     *,
     revision: Annotated[
         list[int] | None,
-        typer.Option(help="Export these revisions; default: the newest of each channel.", metavar="N"),
+        Option(help="Export these revisions; default: the newest of each channel.", metavar="N"),
     ] = None,
     form: Annotated[
         Format,
-        typer.Option(
+        Option(
             "--format",
             help="Output format: a simulated world; joint torques as a table and as functions in Python and "
             "C; or joints for MuJoCo, a URDF, Isaac Lab or BAM.",
@@ -86,7 +86,7 @@ def export_command(
     ] = Format.SCENARIO,
     patch: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             help=(
                 "MJCF, URDF (default: --urdf) or BAM parameter file to copy and complete; the original "
                 "stays as it is."
@@ -96,32 +96,30 @@ def export_command(
     ] = None,
     servo_gain: Annotated[
         float | None,
-        typer.Option(
+        Option(
             help="Torque per goal error of the servos, for data with goal and position but no torque.",
             metavar="NM_PER_RAD",
         ),
     ] = None,
     stream: Annotated[
         str | None,
-        typer.Option(
-            help="Write this stream or channel as a table instead, such as tick, events or contact."
-        ),
+        Option(help="Write this stream or channel as a table instead, such as tick, events or contact."),
     ] = None,
     layout: Annotated[
         PlotProgram | None,
-        typer.Option(help="Write a layout file for viewing the session in Foxglove or PlotJuggler."),
+        Option(help="Write a layout file for viewing the session in Foxglove or PlotJuggler."),
     ] = None,
     folder: FolderOption = None,
     out: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             "--out",
             "-o",
             help="File to write: scenario or feedforward (.yaml), simulator file, or table (.csv, .parquet).",
             metavar="FILE",
         ),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace a file that already exists.")] = False,
+    force: Annotated[bool, Option("--force", help="Replace a file that already exists.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Export the fitted models of object and joints as a scenario that can be probed in simulation.
@@ -315,11 +313,9 @@ def report_command(
     *,
     model: ModelOption = None,
     folder: FolderOption = None,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Page to write.", metavar="FILE.html")] = Path(
-        REPORT
-    ),
+    out: Annotated[Path, Option("--out", "-o", help="Page to write.", metavar="FILE.html")] = Path(REPORT),
     force: Annotated[
-        bool, typer.Option("--force", help="Replace the file even if palpate did not write it.")
+        bool, Option("--force", help="Replace the file even if palpate did not write it.")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:

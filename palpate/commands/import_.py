@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
 from rich.table import Table as Printed
+from typer import Argument, Option
 
 from palpate.common import console
 from palpate.common.console import as_command, count, display_path, duration, safe, shell_path
@@ -40,16 +40,14 @@ def import_command(
     *,
     files: Annotated[
         list[Path],
-        typer.Argument(
+        Argument(
             help="Measurements: text (.csv ...), .xlsx, .parquet, .npz, a ROS 2 bag, or a folder of these. "
             "Several files are runs of one measurement.",
             metavar="FILE",
         ),
     ],
     out: SessionOutOption = None,
-    look: Annotated[
-        bool, typer.Option("--look", help="Show what would be read, without storing it.")
-    ] = False,
+    look: Annotated[bool, Option("--look", help="Show what would be read, without storing it.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Convert measurement files to a session; a table must have named columns and one row per sample.

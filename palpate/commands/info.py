@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
+from typer import Argument
 
 from palpate.common import console
 from palpate.common.console import count, display_path, duration, safe
@@ -18,7 +18,7 @@ MOST_EVENTS = 40  # shown; --json prints all
 
 
 def info_command(
-    session: Annotated[Path, typer.Argument(help="Session file (.mcap).")], as_json: JsonOption = False
+    session: Annotated[Path, Argument(help="Session file (.mcap).")], as_json: JsonOption = False
 ) -> None:
     """Show the content of a session: time, origin, streams, events, and whether it is complete."""
     opened = open_session(session)

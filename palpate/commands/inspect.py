@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from palpate.common import console, files
 from palpate.common.console import display_path, shell_path
@@ -18,20 +18,20 @@ PIXELS = (1600, 1000)  # width and height of a picture
 
 
 def inspect_command(  # noqa: PLR0917, one parameter an option
-    session: Annotated[Path, typer.Argument(help="Session file (.mcap).")],
+    session: Annotated[Path, Argument(help="Session file (.mcap).")],
     other: Annotated[
         Path | None,
-        typer.Argument(help="Session of the other side (palpate teleop), shown on the same time line."),
+        Argument(help="Session of the other side (palpate teleop), shown on the same time line."),
     ] = None,
     save: Annotated[
         Path | None,
-        typer.Option(help="Write the recording here instead of opening a window.", metavar="FILE.rrd"),
+        Option(help="Write the recording here instead of opening a window.", metavar="FILE.rrd"),
     ] = None,
     screenshot: Annotated[
-        Path | None, typer.Option(help="Save a picture of the hold phase.", metavar="FILE.png")
+        Path | None, Option(help="Save a picture of the hold phase.", metavar="FILE.png")
     ] = None,
-    plots: Annotated[Path | None, typer.Option(help="Save plots in this folder.", metavar="FOLDER")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace files that already exist.")] = False,
+    plots: Annotated[Path | None, Option(help="Save plots in this folder.", metavar="FOLDER")] = None,
+    force: Annotated[bool, Option("--force", help="Replace files that already exist.")] = False,
 ) -> None:
     """Show a session in Rerun: arm, object, forces, torques, phases, estimates and events over time.
 

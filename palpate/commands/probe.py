@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-import typer
 from rich.markup import escape
+from typer import Argument, Option
 
 from palpate.common import console
 from palpate.common.console import count, display_path, duration, safe, shell_path
@@ -53,23 +53,23 @@ NO_ESTIMATOR = "none"
 def probe_command(
     options: RunOptions,
     *,
-    experiment: Annotated[Path | None, typer.Option(help="Probing plan (YAML) to start from.")] = None,
+    experiment: Annotated[Path | None, Option(help="Probing plan (YAML) to start from.")] = None,
     speed_mm_s: Annotated[
         str | None,
-        typer.Option(help="Approach speeds, such as 150,90,60; default: the plan's.", metavar="MM/S,..."),
+        Option(help="Approach speeds, such as 150,90,60; default: the plan's.", metavar="MM/S,..."),
     ] = None,
     force_limit_n: Annotated[
-        float | None, typer.Option(help="Load up to this force; default: the plan's.", metavar="N")
+        float | None, Option(help="Load up to this force; default: the plan's.", metavar="N")
     ] = None,
     hold_s: Annotated[
-        float | None, typer.Option(help="Duration of the hold; default: the plan's.", metavar="S")
+        float | None, Option(help="Duration of the hold; default: the plan's.", metavar="S")
     ] = None,
     repeats: Annotated[
-        int | None, typer.Option(help="Number of repetitions of all speeds; default: the plan's.")
+        int | None, Option(help="Number of repetitions of all speeds; default: the plan's.")
     ] = None,
     out: SessionOutOption = None,
     online: Annotated[
-        str, typer.Option(help=f"Estimator to run while probing:  {', '.join(online_estimators())}, or none.")
+        str, Option(help=f"Estimator to run while probing:  {', '.join(online_estimators())}, or none.")
     ] = "rls",
     yes: YesOption = False,
 ) -> None:
@@ -159,7 +159,7 @@ def _print(outcome: ProbingOutcome, planned: int) -> None:
 def replay_command(
     options: RunOptions,
     *,
-    session: Annotated[Path, typer.Argument(help="Probing session (.mcap) whose motion is repeated.")],
+    session: Annotated[Path, Argument(help="Probing session (.mcap) whose motion is repeated.")],
     out: SessionOutOption = None,
     yes: YesOption = False,
 ) -> None:
@@ -213,19 +213,15 @@ def replay_command(
 def resolve_command(
     options: RunOptions,
     *,
-    experiment: Annotated[Path | None, typer.Option(help="Plan (YAML) of the first probe.")] = None,
-    probes: Annotated[
-        int, typer.Option(help="Maximum number of probes, including the first.", min=1, max=50)
-    ] = 4,
+    experiment: Annotated[Path | None, Option(help="Plan (YAML) of the first probe.")] = None,
+    probes: Annotated[int, Option(help="Maximum number of probes, including the first.", min=1, max=50)] = 4,
     seconds: Annotated[
         float,
-        typer.Option(
-            help="Maximum probing time; the first probe always runs.", metavar="S", min=1.0, max=36000.0
-        ),
+        Option(help="Maximum probing time; the first probe always runs.", metavar="S", min=1.0, max=36000.0),
     ] = 300.0,
-    channel: Annotated[str | None, typer.Option(help="Explain only this channel, such as joint_2.")] = None,
+    channel: Annotated[str | None, Option(help="Explain only this channel, such as joint_2.")] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder of the sessions.", metavar="FOLDER")
+        Path | None, Option("--out", "-o", help="Folder of the sessions.", metavar="FOLDER")
     ] = None,
     yes: YesOption = False,
 ) -> None:

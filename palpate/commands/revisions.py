@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from palpate.common import console
 from palpate.common.files import existing_data, folder_to_fill, folder_to_read, output_folder
@@ -24,20 +24,18 @@ def add_command(
     *,
     effects: Annotated[
         list[str],
-        typer.Argument(help="Effects to add, in order.", metavar="EFFECT...", autocompletion=effect_names),
+        Argument(help="Effects to add, in order.", metavar="EFFECT...", autocompletion=effect_names),
     ],
     start: Annotated[
         int | None,
-        typer.Option("--from", help="Continue from this revision instead of the newest.", metavar="REVISION"),
+        Option("--from", help="Continue from this revision instead of the newest.", metavar="REVISION"),
     ] = None,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Start again from the base model.")] = False,
+    fresh: Annotated[bool, Option("--fresh", help="Start again from the base model.")] = False,
     model: ModelOption = None,
-    channel: Annotated[
-        str | None, typer.Option(help="Channel to add the effects to, such as joint_2.")
-    ] = None,
+    channel: Annotated[str | None, Option(help="Channel to add the effects to, such as joint_2.")] = None,
     as_json: JsonOption = False,
     out: Annotated[
-        Path | None, typer.Option(help="Write revisions and pictures to this folder.", metavar="FOLDER")
+        Path | None, Option(help="Write revisions and pictures to this folder.", metavar="FOLDER")
     ] = None,
     force: ForceOption = False,
 ) -> None:
@@ -92,10 +90,10 @@ def remove_command(
     data: DataArguments,
     *,
     effect_name: Annotated[
-        str, typer.Argument(help="Effect to remove.", metavar="EFFECT", autocompletion=effect_names)
+        str, Argument(help="Effect to remove.", metavar="EFFECT", autocompletion=effect_names)
     ],
     model: ModelOption = None,
-    channel: Annotated[str | None, typer.Option(help="Channel of the effect, such as joint_2.")] = None,
+    channel: Annotated[str | None, Option(help="Channel of the effect, such as joint_2.")] = None,
     folder: FolderOption = None,
     as_json: JsonOption = False,
 ) -> None:

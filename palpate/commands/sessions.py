@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
+from typer import Argument, Option
 
 from palpate.common import console
 from palpate.common.console import as_command, count, display_path, shell_path, significant
@@ -29,10 +29,8 @@ from palpate.sim_backend.hidden import SealedAnswer, sealed_path
 
 
 def merge_command(
-    sessions: Annotated[
-        list[Path], typer.Argument(help="Sessions of one arm, or imported sessions, in order.")
-    ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Session file to write.")],
+    sessions: Annotated[list[Path], Argument(help="Sessions of one arm, or imported sessions, in order.")],
+    out: Annotated[Path, Option("--out", "-o", help="Session file to write.")],
     as_json: JsonOption = False,
 ) -> None:
     """Merge several sessions into one measurement; runs are renumbered.
@@ -89,7 +87,7 @@ def merge_command(
 
 
 def reveal_command(
-    session: Annotated[Path, typer.Argument(help="Session file (.mcap) that was probed with --hidden.")],
+    session: Annotated[Path, Argument(help="Session file (.mcap) that was probed with --hidden.")],
     as_json: JsonOption = False,
 ) -> None:
     """Reveal which effects were hidden in a session, where, and how strong they are."""

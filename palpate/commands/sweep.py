@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from palpate.common import console
 from palpate.common.console import count, display_path, duration, shell_path
@@ -20,20 +20,18 @@ _SAMPLE = 4  # cases to run for an estimate of the cost
 
 
 def sweep_command(
-    what: Annotated[
-        str, typer.Argument(help="paper, or a YAML file with your own grid.", metavar="paper|FILE")
-    ],
+    what: Annotated[str, Argument(help="paper, or a YAML file with your own grid.", metavar="paper|FILE")],
     *,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Output folder; an interrupted sweep in it is continued."),
+        Option("--out", "-o", help="Output folder; an interrupted sweep in it is continued."),
     ] = None,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
-    limit: Annotated[int | None, typer.Option(help="Run only the first N cases.", min=1)] = None,
+    limit: Annotated[int | None, Option(help="Run only the first N cases.", min=1)] = None,
     plan: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--plan",
             help=(
                 "Show the number of remaining cases and the time they need; if none is done, run a few "

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Option
 
 from palpate.common import console
 from palpate.common.console import as_command, command_group, count, display_path, safe, shell_path
@@ -57,20 +58,18 @@ virtual object is updated with this model.
 
 
 NameOption = Annotated[
-    str, typer.Option("--name", help="Name of the pair of leader and follower; the same on both sides.")
+    str, Option("--name", help="Name of the pair of leader and follower; the same on both sides.")
 ]
 PortOption = Annotated[
-    int, typer.Option("--port", help="Port on this machine's loopback; used if --link is not given.")
+    int, Option("--port", help="Port on this machine's loopback; used if --link is not given.")
 ]
 LinkOption = Annotated[
     Path | None,
-    typer.Option(
-        "--link", help="zenoh configuration (JSON5): endpoints, router, certificates.", metavar="FILE"
-    ),
+    Option("--link", help="zenoh configuration (JSON5): endpoints, router, certificates.", metavar="FILE"),
 ]
 KeyOption = Annotated[
     Path | None,
-    typer.Option(
+    Option(
         "--key",
         help="Secret key file, the same on both sides; messages signed with another key are refused.",
         metavar="FILE",
@@ -78,7 +77,7 @@ KeyOption = Annotated[
 ]
 BadNetworkOption = Annotated[
     str | None,
-    typer.Option(
+    Option(
         "--bad-network",
         help="For tests: delay and jitter (ms) and loss (%) of this side's messages, such as 500,20,10.",
         metavar="MS,MS,%",
@@ -91,11 +90,11 @@ BadNetworkOption = Annotated[
 def follower(
     options: RunOptions,
     *,
-    experiment: Annotated[Path | None, typer.Option(help="Probing plan (YAML) for every target.")] = None,
+    experiment: Annotated[Path | None, Option(help="Probing plan (YAML) for every target.")] = None,
     on_silence: Annotated[
-        SilenceAction, typer.Option(help="What to do with the current target if the leader is silent.")
+        SilenceAction, Option(help="What to do with the current target if the leader is silent.")
     ] = SilenceAction.FINISH,
-    diagnose: Annotated[bool, typer.Option(help="Diagnose which effects the contact law lacks.")] = True,
+    diagnose: Annotated[bool, Option(help="Diagnose which effects the contact law lacks.")] = True,
     name: NameOption = "arm",
     port: PortOption = 7447,
     link: LinkOption = None,
@@ -169,7 +168,7 @@ def follower(
 def leader(  # noqa: PLR0917, one parameter an option
     operator: Annotated[
         str,
-        typer.Option(
+        Option(
             "--operator",
             help=f"{', '.join(OPERATOR_DEVICES)}, or a YAML file with the settings of one of these.",
             metavar="DEVICE|FILE",
@@ -177,13 +176,11 @@ def leader(  # noqa: PLR0917, one parameter an option
     ] = "keyboard",
     robot: Annotated[
         str,
-        typer.Option(
-            help="Virtual arm that the operator moves: shipped, or a file.", autocompletion=robot_names
-        ),
+        Option(help="Virtual arm that the operator moves: shipped, or a file.", autocompletion=robot_names),
     ] = "leader",
     scenario: Annotated[
         str,
-        typer.Option(
+        Option(
             help="Virtual object that the operator feels before the first estimate.",
             metavar="WORLD",
             autocompletion=scenario_names,
@@ -191,9 +188,7 @@ def leader(  # noqa: PLR0917, one parameter an option
     ] = "default",
     jump_n: Annotated[
         float,
-        typer.Option(
-            help=("Largest change of force per millisecond when the model is updated [N]."), metavar="N"
-        ),
+        Option(help=("Largest change of force per millisecond when the model is updated [N]."), metavar="N"),
     ] = 0.05,
     name: NameOption = "arm",
     port: PortOption = 7447,
@@ -268,10 +263,10 @@ def leader(  # noqa: PLR0917, one parameter an option
 
 @group.command()
 def demo(
-    out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.", metavar="DIR")],
+    out: Annotated[Path, Option("--out", "-o", help="Output folder.", metavar="DIR")],
     scenario: Annotated[
         str,
-        typer.Option(
+        Option(
             help="Simulated object of the follower: a scenario file, or one of "
             f"{', '.join(shipped_scenarios())}.",
             autocompletion=scenario_names,

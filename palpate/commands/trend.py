@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from palpate.common import console
 from palpate.common.console import count, display_path, safe, significant
@@ -21,12 +22,12 @@ CHANGED = 10  # exit code, the same as of a diagnosis with missing effects
 
 def trend_command(
     data: Annotated[
-        Path, typer.Argument(help="Folder or table of palpate batch, or with --out a folder of recordings.")
+        Path, Argument(help="Folder or table of palpate batch, or with --out a folder of recordings.")
     ],
     *,
     date: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Field with dates (ISO 8601) or numbers; default: date, day, night, time, datetime or "
             "timestamp, otherwise the order of the rows.",
             metavar="FIELD",
@@ -34,34 +35,30 @@ def trend_command(
     ] = None,
     parameter: Annotated[
         list[str] | None,
-        typer.Option(
-            help="Only this parameter, such as coulomb_friction.force; may be repeated.", metavar="NAME"
-        ),
+        Option(help="Only this parameter, such as coulomb_friction.force; may be repeated.", metavar="NAME"),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out", "-o", help=("First process the recordings, and write the results to this folder.")
-        ),
+        Option("--out", "-o", help=("First process the recordings, and write the results to this folder.")),
     ] = None,
     model: Annotated[
-        str | None, typer.Option(help="Base model of the recordings.", autocompletion=model_names)
+        str | None, Option(help="Base model of the recordings.", autocompletion=model_names)
     ] = None,
     pattern: PatternOption = None,
     group: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Follow each group of measurements with the same value of this field separately.",
             metavar="FIELD",
         ),
     ] = None,
     add: AddOption = None,
     follow: Annotated[
-        bool, typer.Option("--follow", help="Keep running, and test again whenever there are new data.")
+        bool, Option("--follow", help="Keep running, and test again whenever there are new data.")
     ] = False,
-    every_s: Annotated[float, typer.Option(help="Time between two tests of --follow [s].", min=0.1)] = 30.0,
+    every_s: Annotated[float, Option(help="Time between two tests of --follow [s].", min=0.1)] = 30.0,
     exit_code: Annotated[
-        bool, typer.Option("--exit-code", help=f"Exit code {CHANGED} if something changes, else 0.")
+        bool, Option("--exit-code", help=f"Exit code {CHANGED} if something changes, else 0.")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:

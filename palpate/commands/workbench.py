@@ -9,7 +9,7 @@ from threading import Thread
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-import typer
+from typer import Option
 
 from palpate.common import console
 from palpate.common.files import existing_data, existing_file, output_folder
@@ -35,17 +35,17 @@ def workbench_command(
     *,
     model: ModelOption = None,
     port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Port on this machine; 0 selects a free port.")
+        int, Option(min=0, max=65535, help="Port on this machine; 0 selects a free port.")
     ] = 8090,
-    no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
+    no_browser: Annotated[bool, Option("--no-browser", help="Only print the address.")] = False,
     foxglove: Annotated[
         int | None,
-        typer.Option(
+        Option(
             min=0, max=65535, help="Also serve a running probe to Foxglove, on this port.", metavar="PORT"
         ),
     ] = None,
     riddle: Annotated[
-        bool, typer.Option("--riddle", help="Hide an effect in a simulated object that you then diagnose.")
+        bool, Option("--riddle", help="Hide an effect in a simulated object that you then diagnose.")
     ] = False,
 ) -> None:
     """Serve a local web page on which you tick effects and see how error, curves and parameters change.

@@ -11,7 +11,7 @@ from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
-import typer
+from typer import Option
 
 
 def effect_names() -> list[str]:
@@ -23,7 +23,7 @@ def effect_names() -> list[str]:
 
 AddOption = Annotated[
     list[str] | None,
-    typer.Option(
+    Option(
         help="Effect to fit to every measurement; may be repeated.",
         metavar="EFFECT",
         autocompletion=effect_names,
@@ -31,20 +31,18 @@ AddOption = Annotated[
 ]
 PatternOption = Annotated[
     str | None,
-    typer.Option(
-        help="Pattern of the file names, whose parts become fields, such as '{specimen}_{day}.csv'."
-    ),
+    Option(help="Pattern of the file names, whose parts become fields, such as '{specimen}_{day}.csv'."),
 ]
 WorkersOption = Annotated[
     int | None,
-    typer.Option(help="Number of processes on this machine; default: one per core.", min=1, max=1000),
+    Option(help="Number of processes on this machine; default: one per core.", min=1, max=1000),
 ]
 SchedulerOption = Annotated[
-    str | None, typer.Option(help="Run on the workers of this dask scheduler.", metavar="ADDRESS")
+    str | None, Option(help="Run on the workers of this dask scheduler.", metavar="ADDRESS")
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+JsonOption = Annotated[bool, Option("--json", help="Print the result as JSON.")]
 SessionOutOption = Annotated[
-    Path | None, typer.Option("--out", "-o", help="Session file to write; default: a new one in sessions/.")
+    Path | None, Option("--out", "-o", help="Session file to write; default: a new one in sessions/.")
 ]
 _KEYWORD, _NONE = Parameter.KEYWORD_ONLY, Parameter.empty
 

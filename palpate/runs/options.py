@@ -9,7 +9,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from typer import Option
 
 from palpate.common import console
 from palpate.common.console import as_shell_word, count, safe
@@ -33,28 +33,24 @@ _HIDDEN = (
 )
 _WIRE = "Run the real drivers with emulated devices, without any hardware."
 _DRIVERS = "Python package with your own drivers."
-YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask before a real arm gets power.")]
+YesOption = Annotated[bool, Option("--yes", help="Do not ask before a real arm gets power.")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
     """Which arm runs: real, emulated or simulated."""
 
-    robot: Annotated[str, typer.Option(help=_ROBOT, autocompletion=robot_names)] = DEFAULT
-    scenario: Annotated[str | None, typer.Option(help=_SCENARIO, autocompletion=scenario_names)] = None
-    engine: Annotated[EngineName | None, typer.Option(help=ENGINE)] = None
+    robot: Annotated[str, Option(help=_ROBOT, autocompletion=robot_names)] = DEFAULT
+    scenario: Annotated[str | None, Option(help=_SCENARIO, autocompletion=scenario_names)] = None
+    engine: Annotated[EngineName | None, Option(help=ENGINE)] = None
     seed: Annotated[
         int | None,
-        typer.Option(
-            help="Seed of the simulated noise; default: that of the scenario.", min=0, max=MOST_SEED
-        ),
+        Option(help="Seed of the simulated noise; default: that of the scenario.", min=0, max=MOST_SEED),
     ] = None
-    hidden: Annotated[str | None, typer.Option(help=_HIDDEN, metavar="WHAT", autocompletion=hidden_names)] = (
-        None
-    )
-    wire: Annotated[bool, typer.Option("--wire", help=_WIRE)] = False
-    realtime: Annotated[bool, typer.Option("--realtime", help="Simulate no faster than real time.")] = False
-    drivers: Annotated[list[str] | None, typer.Option(help=_DRIVERS, metavar="PACKAGE")] = None
+    hidden: Annotated[str | None, Option(help=_HIDDEN, metavar="WHAT", autocompletion=hidden_names)] = None
+    wire: Annotated[bool, Option("--wire", help=_WIRE)] = False
+    realtime: Annotated[bool, Option("--realtime", help="Simulate no faster than real time.")] = False
+    drivers: Annotated[list[str] | None, Option(help=_DRIVERS, metavar="PACKAGE")] = None
     as_json: JsonOption = False
 
     @functools.cached_property
@@ -130,13 +126,13 @@ class CalibrateOptions(RunOptions):
 
     from_: Annotated[
         Path | None,
-        typer.Option("--from", help="Compute the calibration from this file; nothing moves.", metavar="FILE"),
+        Option("--from", help="Compute the calibration from this file; nothing moves.", metavar="FILE"),
     ] = None
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Calibration file to write (YAML).")] = None
-    session: Annotated[Path | None, typer.Option(help="Session file to write.")] = None
-    valid_days: Annotated[
-        float, typer.Option(help="Period of validity.", metavar="DAYS", min=0.01, max=3650)
-    ] = YEAR_DAYS
+    out: Annotated[Path | None, Option("--out", "-o", help="Calibration file to write (YAML).")] = None
+    session: Annotated[Path | None, Option(help="Session file to write.")] = None
+    valid_days: Annotated[float, Option(help="Period of validity.", metavar="DAYS", min=0.01, max=3650)] = (
+        YEAR_DAYS
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

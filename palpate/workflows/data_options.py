@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 from palpate.common import console
 from palpate.common.console import as_shell_word, shell_path
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from palpate.study import Study
 
 FolderOption = Annotated[
-    Path | None, typer.Option(help="Folder of the revisions; default: beside the data.", metavar="FOLDER")
+    Path | None, Option(help="Folder of the revisions; default: beside the data.", metavar="FOLDER")
 ]
 ForceOption = Annotated[
-    bool, typer.Option("--force", help="Replace existing files of the same names in the folder of --out.")
+    bool, Option("--force", help="Replace existing files of the same names in the folder of --out.")
 ]
 ModelOption = Annotated[
     str | None,
-    typer.Option(
+    Option(
         help="Base model, such as kelvin_voigt (an unknown name prints the list); default: the usual one "
         "of each channel.",
         autocompletion=model_names,
@@ -38,39 +38,39 @@ class ReadOptions:
 
     column: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             help="Column of a quantity in the file, such as force_N=load, run=trial or phase=state.",
             metavar="NAME=COLUMN",
         ),
     ] = None
     unit: Annotated[
         list[str] | None,
-        typer.Option(help="Unit of a quantity or column, such as force=mN or time=ms.", metavar="NAME=UNIT"),
+        Option(help="Unit of a quantity or column, such as force=mN or time=ms.", metavar="NAME=UNIT"),
     ] = None
     where: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             help="Use only rows with this text in a column, such as specimen=P002; for a session, run=0,2.",
             metavar="COLUMN=TEXT",
         ),
     ] = None
     context: Annotated[
-        list[str] | None, typer.Option(help="Another numeric column to use as a signal.", metavar="COLUMN")
+        list[str] | None, Option(help="Another numeric column to use as a signal.", metavar="COLUMN")
     ] = None
     fresh_runs: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--fresh-runs", help=("Each run pressed a fresh specimen or spot, so no run affects another.")
         ),
     ] = False
     runs: Annotated[
         int | None,
-        typer.Option(min=1, help="Number of presses in a recording; default: detected.", metavar="N"),
+        Option(min=1, help="Number of presses in a recording; default: detected.", metavar="N"),
     ] = None
 
     table: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Table to read: name of its sheet or line number of its header; default: the longest.",
             metavar="TABLE",
         ),
@@ -109,15 +109,13 @@ class StudyOptions(ReadOptions):
 
     effect: Annotated[
         list[str] | None,
-        typer.Option(
-            help="Add your own effect to the candidates; the file is executed.", metavar="FILE.py:CLASS"
-        ),
+        Option(help="Add your own effect to the candidates; the file is executed.", metavar="FILE.py:CLASS"),
     ] = None
     urdf: Annotated[
-        Path | None, typer.Option(help="URDF of the arm, for models that need one.", metavar="FILE")
+        Path | None, Option(help="URDF of the arm, for models that need one.", metavar="FILE")
     ] = None
     tip_frame: Annotated[
-        str | None, typer.Option(help="Tip frame in this URDF; default: tip, otherwise the last link.")
+        str | None, Option(help="Tip frame in this URDF; default: tip, otherwise the last link.")
     ] = None
 
 
@@ -127,13 +125,11 @@ class DataArguments(StudyOptions):
 
     file: Annotated[
         Path,
-        typer.Argument(
-            help="Session (.mcap), folder of sessions, or data file (.csv, .xlsx, .parquet, .npz ...)."
-        ),
+        Argument(help="Session (.mcap), folder of sessions, or data file (.csv, .xlsx, .parquet, .npz ...)."),
     ]
     held_out: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Runs to exclude from fitting, such as 2,5; compare and add score models on these only. "
             "Default: each run is predicted from the others.",
             metavar="RUNS",
