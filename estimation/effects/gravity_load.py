@@ -62,7 +62,7 @@ class RigidBodyFitted(AdditiveEffect):
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     needs = ("rigid_body_regressor",)
     confused_with = {
-        "payload": ("not possible in one recording: a payload belongs to the last link's parameters")
+        "payload": "not possible in one recording: a payload belongs to the last link's parameters"
     }
 
     def __init__(

@@ -47,9 +47,7 @@ class PreslidingFriction(AdditiveEffect):
     inner = (Parameter("presliding", "{position}", 1e-9, 10.0, (1e-4, 0.1), log=True),)
     path = "presliding"
     confused_with = {
-        "coulomb_friction": (
-            "stop and creep back and forth: presliding depends on the path, not on the speed"
-        ),
+        "coulomb_friction": "stop and creep back and forth: presliding depends on the path, not on the speed",
         "load_dependent_presliding": "repeat with another load",
         "bouc_wen_hysteresis": "reverse halfway: dry friction then approaches its limit exponentially",
         "backlash": "reverse slowly: in a gap the effort vanishes, and comes back",

@@ -47,7 +47,7 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
         bool,
         Option(
             "--move",
-            help=("Check the signs of joints and force: by hand, then, after a confirmation, under power."),
+            help="Check the signs of joints and force: by hand, then, after a confirmation, under power.",
         ),
     ] = False,
     drivers: Annotated[

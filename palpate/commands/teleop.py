@@ -188,7 +188,7 @@ def leader(  # noqa: PLR0917, one parameter an option
     ] = "default",
     jump_n: Annotated[
         float,
-        Option(help=("Largest change of force per millisecond when the model is updated [N]."), metavar="N"),
+        Option(help="Largest change of force per millisecond when the model is updated [N].", metavar="N"),
     ] = 0.05,
     name: NameOption = "arm",
     port: PortOption = 7447,

@@ -39,7 +39,7 @@ def trend_command(
     ] = None,
     out: Annotated[
         Path | None,
-        Option("--out", "-o", help=("First process the recordings, and write the results to this folder.")),
+        Option("--out", "-o", help="First process the recordings, and write the results to this folder."),
     ] = None,
     model: Annotated[
         str | None, Option(help="Base model of the recordings.", autocompletion=model_names)

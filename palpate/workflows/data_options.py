@@ -59,9 +59,7 @@ class ReadOptions:
     ] = None
     fresh_runs: Annotated[
         bool,
-        Option(
-            "--fresh-runs", help=("Each run pressed a fresh specimen or spot, so no run affects another.")
-        ),
+        Option("--fresh-runs", help="Each run pressed a fresh specimen or spot, so no run affects another."),
     ] = False
     runs: Annotated[
         int | None,
