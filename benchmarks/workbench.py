@@ -110,8 +110,7 @@ def measure_workbench(page: Page, session: Path, folder: Path, count: int) -> No
     page.add_init_script(_RAW)
     port, begun = free_port(), time.time()
     options = [str(session), "--port", str(port), "--no-browser"]
-    command = [*PALPATE, "workbench", *options]
-    with served(command, port, folder) as process:
+    with served([*PALPATE, "workbench", *options], port, folder) as process:
         page.goto(f"http://127.0.0.1:{port}", wait_until="commit")
         page.wait_for_selector(".scatterlayer .js-line")
         curves_s = time.time() - begun

@@ -189,8 +189,7 @@ def mark_coarse(estimate: Estimate, data: ChannelData, rows: BoolArray) -> Estim
         data: the channel.
         rows: samples that were fitted, a mask of shape (n,).
     """
-    steps = steps_spanned(data, rows)
-    if steps >= MIN_STEPS:
+    if steps_spanned(data, rows) >= MIN_STEPS:
         return estimate
     unknown = float("nan")
     remedy = "press harder, or use a softer object or a finer encoder"

@@ -190,8 +190,7 @@ def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_SheetTable
         body = {place: rows[place][:width] for place in range(places[layout.first], end)}
         body = {place: row for place, row in body.items() if any(cell != "" for cell in row)}
         while body:
-            last = [_text(cell, decimal) for cell in body[max(body)]]
-            if not is_footer(last, counts=counts):
+            if not is_footer([_text(cell, decimal) for cell in body[max(body)]], counts=counts):
                 break
             body.popitem()
         filled = list(body.values())

@@ -389,8 +389,7 @@ def _read_zip(path: Path, selected: str) -> FileColumns:
     chosen, notes = same_columns(blocks, selected, path)
     used = [table for number, table in enumerate(tables.values()) if number in chosen]
     first = used[0]
-    decimals = {table.decimal for table in used}
-    if len(decimals) > 1:
+    if len({table.decimal for table in used}) > 1:
         raise InputError(f"{path}: some files use decimal points and others commas; select one with --table")
     labels = [blocks[number].title for number in chosen]
     parts = [table.columns.select(first.names) for table in used]

@@ -270,8 +270,7 @@ def _config(role: Role, settings: LinkSettings) -> "zenoh.Config":
         except zenoh.ZError as error:
             raise InputError(f"{settings.config}: is not a zenoh configuration: {cause(error)}") from None
         # Check that certificates and keys exist; zenoh does not report missing ones.
-        tls = json.loads(config.get_json(_TLS))
-        for name, file in tls.items():
+        for name, file in json.loads(config.get_json(_TLS)).items():
             if name.endswith(("_certificate", "_private_key")) and file:
                 where = f"{settings.config}: transport.link.tls.{name}"
                 if not Path(file).is_file():

@@ -66,8 +66,7 @@ def test_large_zero_shift_is_reported(tmp_path):
     options = ("--pose", "1.5,1.5,1.5", "-o", tmp_path / "p.yaml", "--session", tmp_path / "p.mcap")
     result = done("calibrate", "encoder", *options)
     assert "check again" in result.stdout
-    offsets = load_calibration(tmp_path / "p.yaml").values.offset.value
-    for joint, offset in enumerate(offsets, 1):
+    for joint, offset in enumerate(load_calibration(tmp_path / "p.yaml").values.offset.value, 1):
         assert (f"joint {joint} by" in result.stdout) == (abs(offset) > 0.2)
 
 
@@ -121,8 +120,7 @@ def test_colliding_output_files_are_refused(options, tmp_path, monkeypatch):
 def own_arm(folder):
     """A robot file whose name and folder have spaces, that names a calibration already."""
     folder.mkdir()
-    arm = find_robot("follower").path
-    for file in arm.parent.glob("follower*"):
+    for file in find_robot("follower").path.parent.glob("follower*"):
         shutil.copy(file, folder)
     robot = folder / "my arm.yaml"
     (folder / "follower.yaml").rename(robot)

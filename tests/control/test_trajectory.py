@@ -26,8 +26,7 @@ speeds = st.floats(-0.3, 0.3)
 
 def assert_is_smooth(at, duration_s: float, jerk: float) -> None:
     """Each derivative is the slope of the one before, and acceleration has no steps."""
-    times = np.linspace(-0.01, duration_s + 0.01, 400)
-    for time_s in times:
+    for time_s in np.linspace(-0.01, duration_s + 0.01, 400):
         behind, now, ahead = at(time_s - STEP_S), at(time_s), at(time_s + STEP_S)
         slope = (ahead.travel_m - behind.travel_m) / (2 * STEP_S)
         bend = (ahead.speed_m_s - behind.speed_m_s) / (2 * STEP_S)

@@ -23,8 +23,7 @@ def press(virtual, depth_m, updates=None):
 
 
 def touches_of(virtual, depth_m, updates=None):
-    rate = np.gradient(depth_m, DT_S)
-    for step, (depth, speed) in enumerate(zip(depth_m, rate, strict=True)):
+    for step, (depth, speed) in enumerate(zip(depth_m, np.gradient(depth_m, DT_S), strict=True)):
         if updates and step in updates:
             virtual.update(*updates[step])
         yield virtual.step(-depth * UP, -speed * UP, DT_S)

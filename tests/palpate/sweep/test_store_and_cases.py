@@ -235,8 +235,7 @@ def test_flipped_bit_never_changes_a_result(tmp_path):
     store, path, rows = ResultStore(tmp_path), tmp_path / "a.parquet", [{"number": 1.5, "name": "press"}]
     store.write("a", rows)
     whole = path.read_bytes()
-    footer = len(whole) - 8 - int.from_bytes(whole[-8:-4], "little")
-    for place in range(4, footer):
+    for place in range(4, len(whole) - 8 - int.from_bytes(whole[-8:-4], "little")):
         path.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
         with suppress(InputError):
             assert store.rows("a") == rows

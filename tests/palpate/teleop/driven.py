@@ -79,8 +79,7 @@ def drive(targets: Iterable[Target], folder: Path) -> Driven:
         return NO_ESTIMATE
 
     task = FollowerTask(body, np.array(robot_file.sensor_axis_tip), gains_of(robot_file), queue, probing)
-    job = ArmJob(robot_file, folder / "driven.mcap")
-    with arm_session(job, calibrations, {}) as arm:
+    with arm_session(ArmJob(robot_file, folder / "driven.mcap"), calibrations, {}) as arm:
         result = arm.run(task, observe)
     driven.finished = result.outcome is Outcome.FINISHED
     return driven

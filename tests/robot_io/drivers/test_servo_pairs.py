@@ -190,8 +190,7 @@ def test_wrong_direction_is_refused_at_the_first_reading():
         {"id": 2, "model": "XM540-W270", "reversed": True},
         {"id": 3, "model": "XM430-W350"},
     ]
-    bolted = {1: {"second": {"id": 4}}}
-    with dynamixel_setup(servos=servos, bolted=bolted) as setup:
+    with dynamixel_setup(servos=servos, bolted={1: {"second": {"id": 4}}}) as setup:
         setup.bus.configure()
         with pytest.raises(DeviceError, match=r"servos 1 and 4 \(joint 1\) stand .* reversed wrong"):
             setup.read()
