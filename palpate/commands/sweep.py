@@ -108,26 +108,8 @@ def sweep_command(
         )
         raise
     if plan:
-        known = {name: sum(own) / len(own) for name, own in seconds.items() if own}
-        fallback, processes = max(known.values()), workers or os.cpu_count() or 1
-        left_s = sum(
-            (len(part) - len(seconds[name])) * known.get(name, fallback) for name, part in parts.items()
-        )
-        each = ", ".join(f"{name} {mean_s:.2f} s" for name, mean_s in known.items())
-        content = {
-            "cases": len(cases),
-            "finished": done,
-            "cpu_s_per_case": known,
-            "left_cpu_s": left_s,
-            "workers": processes,
-            "left_wall_s": left_s / processes,
-        }
-        words = (
-            f"{count(len(cases), 'case')}, {done} done; measured time per case: {each}\n"
-            f"remaining: {duration(left_s)} of processor time, {duration(left_s / processes)} on "
-            f"{count(processes, 'worker')}"
-        )
-        console.present(content, lambda: console.stdout().print(words), as_json=as_json)
+        sizes = {name: len(part) for name, part in parts.items()}
+        _present_plan(sizes, seconds, workers or os.cpu_count() or 1, as_json=as_json)
         return
     outcome = {
         "what": sweep,
@@ -143,6 +125,31 @@ def sweep_command(
     console.present(outcome, lambda: _print(outcome, page, report.finished_before), as_json=as_json)
     if report.failures:
         raise PalpateError(f"{count(len(report.failures), 'case')} without a result: {report.failures[0]}")
+
+
+def _present_plan(
+    cases: Mapping[str, int], seconds: Mapping[str, list[float]], processes: int, *, as_json: bool
+) -> None:
+    """Print how many cases remain, and the time that they need, from the seconds of finished cases [s]."""
+    total, done = sum(cases.values()), sum(map(len, seconds.values()))
+    known = {name: sum(own) / len(own) for name, own in seconds.items() if own}
+    fallback = max(known.values())
+    left_s = sum((cases[name] - len(own)) * known.get(name, fallback) for name, own in seconds.items())
+    content = {
+        "cases": total,
+        "finished": done,
+        "cpu_s_per_case": known,
+        "left_cpu_s": left_s,
+        "workers": processes,
+        "left_wall_s": left_s / processes,
+    }
+    each = ", ".join(f"{name} {mean_s:.2f} s" for name, mean_s in known.items())
+    words = (
+        f"{count(total, 'case')}, {done} done; measured time per case: {each}\n"
+        f"remaining: {duration(left_s)} of processor time, {duration(left_s / processes)} on "
+        f"{count(processes, 'worker')}"
+    )
+    console.present(content, lambda: console.stdout().print(words), as_json=as_json)
 
 
 def _print(outcome: Mapping[str, Any], page: Path | None, before: int) -> None:

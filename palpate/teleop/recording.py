@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +41,47 @@ def record_both(merged: MergedSessions, path: Path) -> float:
     hand_s, arm_s = haptic["time_s"] - start_s, merged.to_leader(ticks["time_s"]) - start_s
     named = dict.fromkeys(name for _, data in merged.rendered_models() for name in data["parameters"])
     parameters = [name for name in named if name not in GEOMETRY]
+    with recording_file(merged.leader.path.stem, path, _blueprint(parameters)) as recording:
+        for name, session, samples, time_s, base_m in (
+            ("leader", merged.leader, haptic, hand_s, _LEADER_BASE_M),
+            ("follower", merged.follower, ticks, arm_s, (0.0, 0.0, 0.0)),
+        ):
+            rows = picture_rows(time_s)
+            position_rad = samples.vector("joint_position_rad")[rows]
+            urdf = session.metadata.urdf
+            log_moving_arm(recording, name, urdf, time_s[rows], position_rad, name=name, base_world_m=base_m)
+            events, levels = session.events, dict.fromkeys(_TROUBLE, rr.TextLogLevel.WARN)
+            times_s = np.array([event.time_s for event in events])
+            times_s = (times_s if name == "leader" else merged.to_leader(times_s)) - start_s
+            log_events(recording, f"{_EVENTS}/{name}", events, times_s, levels, f"{name}, ")
+        for place, time_s, name, values, color in (
+            (f"{_FORCE}/leader", hand_s, "felt", haptic["force_n"], palette.MODEL),
+            (f"{_FORCE}/follower", arm_s, "measured", ticks["force_n"], palette.MEASURED),
+            (_DEPTH, hand_s, "below the virtual surface", _MILLI * haptic["depth_m"], palette.MODEL),
+        ):
+            send_lines(recording, place, time_s, {name: (values, color, 1.5)})
+        log_phases(recording, _PHASE, ticks["phase"], arm_s)
+        band = (palette.BAND, 1.0)
+        looks = {"felt": (palette.MODEL, 2.0), "95 % from": band, "95 % to": band}
+        for name in parameters:  # constant, with its interval, from estimate to estimate
+            models = [(e.time_s, data) for e, data in merged.rendered_models() if name in data["parameters"]]
+            times = [*(time_s for time_s, _ in models), haptic["time_s"][-1]]
+            edges_s = np.repeat(times, 2)[1:-1] - start_s
+            ends = np.repeat([data["parameters"][name] for _, data in models], 2, axis=0).astype(float)
+            lines = {word: (column, *looks[word]) for word, column in zip(looks, ends.T, strict=True)}
+            send_lines(recording, _entity(name), edges_s, lines)
+        link = merged.leader.samples("link")
+        lines = {
+            "age of the newest report [ms]": (_MILLI * link["age_s"], palette.MEASURED, 1.5),
+            "round trip [ms]": (_MILLI * link["round_trip_s"], palette.NOISE, 1.5),
+        }
+        send_lines(recording, _LINK, link["time_s"] - start_s, lines)
+    rendered = np.flatnonzero((haptic["force_n"] > 0.0) & (haptic["revision"] != GUESS))
+    return float(hand_s[rendered[len(rendered) // 2]]) if len(rendered) else float(hand_s[-1] / 2)
+
+
+def _blueprint(parameters: Sequence[str]) -> rrb.Blueprint:
+    """Arrange both arms and the events on the left, and the curves, one for each parameter, on the right."""
     arms = rrb.Spatial3DView(
         origin="/",
         name="Follower, and the virtual arm behind it",
@@ -61,47 +103,7 @@ def record_both(merged: MergedSessions, path: Path) -> float:
         plot(_LINK, "Link [ms]", legend=rrb.Corner2D.LeftTop),
     )
     columns = rrb.Horizontal(left, right, column_shares=[5, 6], name="Teleoperation")
-    blueprint = shown_on(columns, timeline=TIME)
-    with recording_file(merged.leader.path.stem, path, blueprint) as recording:
-        for name, session, samples, time_s, base_m in (
-            ("leader", merged.leader, haptic, hand_s, _LEADER_BASE_M),
-            ("follower", merged.follower, ticks, arm_s, (0.0, 0.0, 0.0)),
-        ):
-            rows = picture_rows(time_s)
-            position_rad = samples.vector("joint_position_rad")[rows]
-            urdf = session.metadata.urdf
-            log_moving_arm(recording, name, urdf, time_s[rows], position_rad, name=name, base_world_m=base_m)
-            events, levels = session.events, dict.fromkeys(_TROUBLE, rr.TextLogLevel.WARN)
-            times_s = np.array([event.time_s for event in events])
-            times_s = (times_s if name == "leader" else merged.to_leader(times_s)) - start_s
-            log_events(recording, f"{_EVENTS}/{name}", events, times_s, levels, f"{name}, ")
-        for place, time_s, name, values, color in (
-            (f"{_FORCE}/leader", hand_s, "felt", haptic["force_n"], palette.MODEL),
-            (f"{_FORCE}/follower", arm_s, "measured", ticks["force_n"], palette.MEASURED),
-            (_DEPTH, hand_s, "below the virtual surface", _MILLI * haptic["depth_m"], palette.MODEL),
-        ):
-            send_lines(recording, place, time_s, {name: (values, color, 1.5)})
-        log_phases(recording, _PHASE, ticks["phase"], arm_s)
-        looks = {
-            "felt": (palette.MODEL, 2.0),
-            "95 % from": (palette.BAND, 1.0),
-            "95 % to": (palette.BAND, 1.0),
-        }
-        for name in parameters:  # constant, with its interval, from estimate to estimate
-            models = [(e.time_s, data) for e, data in merged.rendered_models() if name in data["parameters"]]
-            times = [*(time_s for time_s, _ in models), haptic["time_s"][-1]]
-            edges_s = np.repeat(times, 2)[1:-1] - start_s
-            ends = np.repeat([data["parameters"][name] for _, data in models], 2, axis=0).astype(float)
-            lines = {word: (column, *looks[word]) for word, column in zip(looks, ends.T, strict=True)}
-            send_lines(recording, _entity(name), edges_s, lines)
-        link = merged.leader.samples("link")
-        lines = {
-            "age of the newest report [ms]": (_MILLI * link["age_s"], palette.MEASURED, 1.5),
-            "round trip [ms]": (_MILLI * link["round_trip_s"], palette.NOISE, 1.5),
-        }
-        send_lines(recording, _LINK, link["time_s"] - start_s, lines)
-    rendered = np.flatnonzero((haptic["force_n"] > 0.0) & (haptic["revision"] != GUESS))
-    return float(hand_s[rendered[len(rendered) // 2]]) if len(rendered) else float(hand_s[-1] / 2)
+    return shown_on(columns, timeline=TIME)
 
 
 def _entity(parameter: str) -> str:

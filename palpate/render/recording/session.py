@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from palpate.render import palette
 from palpate.render.palette import phase
 from palpate.render.recording.file import (
     TIME,
+    Line,
     markdown,
     plot,
     recording_file,
@@ -50,70 +51,69 @@ def record_session(scene: Scene, path: Path) -> None:
         InputError: the file cannot be written, or the session's URDF cannot be shown.
     """
     rows, ticks, time_s = scene.picture_rows, scene.ticks, scene.time_s
-    position_rad = ticks["joint_position_rad"][rows]
     with recording_file(scene.name, path, _blueprint(scene)) as recording:
-        log_moving_arm(recording, scene.name, scene.urdf, time_s[rows], position_rad)
+        log_moving_arm(recording, scene.name, scene.urdf, time_s[rows], ticks["joint_position_rad"][rows])
         log_object(recording, scene)
-        # force, displacement and phase, torques and positions with their commands, and timing
-        force = {
-            "desired [N]": (ticks["desired_force_n"], palette.TRUTH, 1.5),
-            "measured [N]": (ticks["force_n"], palette.MEASURED, 1.5),
-        }
-        send_lines(recording, _FORCE, time_s, force)
-        if scene.depth_m is not None:
-            depth = {"into the object [mm]": (_TO_MILLI * scene.depth_m, palette.MEASURED, 1.5)}
-            send_lines(recording, _DEPTH, time_s, depth)
+        for entity, lines in _curves(scene):
+            send_lines(recording, entity, time_s, lines)
+        for entity, lines in _levels(scene):
+            send_lines(recording, entity, time_s[[0, -1]], lines)
         log_phases(recording, _PHASE, ticks["phase"], time_s)
-        position = np.degrees(ticks["joint_position_rad"])
-        reference = np.degrees(ticks["reference_position_rad"])
-        errors = zip((position - reference).T, cycle(palette.JOINTS), strict=False)
-        tracking = {f"joint {n}": (error, color, 1.5) for n, (error, color) in enumerate(errors, 1)}
-        send_lines(recording, _TRACKING, time_s, tracking)
-        torque_nm = ticks["torque_measured_nm"].copy()
-        torque_nm[0] = np.nan  # the drive was off, and its zeros would stretch the axes
-        for joint in range(scene.joints):
-            for entity, measured, commanded, name in (
-                (_TORQUE, torque_nm, ticks["torque_sent_nm"], "commanded"),
-                (_POSITION, position, reference, "reference"),
-            ):
-                curves = {
-                    "measured": (measured[:, joint], palette.MEASURED, 2.0),
-                    name: (commanded[:, joint], palette.MODEL, 1.0),
-                }
-                send_lines(recording, f"{entity}/joint_{joint + 1}", time_s, curves)
-        # durations of the loop's sections, and lateness of its wake-up
-        present = [name for name in _SECTIONS if name in ticks]
-        sections = {
-            name.removesuffix("_s"): (_TO_MICRO * ticks[name], color, 1.0)
-            for name, color in zip(present, palette.JOINTS, strict=False)
-        }
-        if sections:
-            send_lines(recording, f"{_TIMING}/sections", time_s, sections)
-        if "lateness_s" in ticks:
-            late = {"lateness": (_TO_MICRO * ticks["lateness_s"], palette.TRUTH, 1.0)}
-            send_lines(recording, f"{_TIMING}/lateness", time_s, late)
-        # Log online estimates as curves, and offline estimates with intervals and the truth as levels.
-        ends = time_s[[0, -1]]
-        for entity, (name, column, _) in _PARAMETERS.items():
-            online = {"online": (ticks[column], palette.MEASURED, 4.0)}
-            send_lines(recording, f"{entity}/online", time_s, online)
-            estimate = scene.estimate_of(name)
-            if estimate is not None:
-                low, high = estimate.interval
-                lines = {
-                    "afterwards": (np.full(2, estimate.value), palette.NOISE, 2.0),
-                    "95 % from": (np.full(2, low), palette.BAND, 1.0),
-                    "95 % to": (np.full(2, high), palette.BAND, 1.0),
-                }
-                send_lines(recording, f"{entity}/afterwards", ends, lines)
-            if name in scene.truth:
-                truth = {"truth": (np.full(2, scene.truth[name]), palette.TRUTH, 1.0)}
-                send_lines(recording, f"{entity}/truth", ends, truth)
         if scene.summary:
             recording.log(_SUMMARY, markdown(scene.summary), static=True)
         levels = dict.fromkeys(_TROUBLE, rr.TextLogLevel.WARN) | {"trip": rr.TextLogLevel.ERROR}
         times_s = np.array([event.time_s for event in scene.events]) - ticks["time_s"][0]
         log_events(recording, _EVENTS, scene.events, times_s, levels)
+
+
+def _curves(scene: Scene) -> Iterator[tuple[str, Mapping[str, Line]]]:
+    """Yield force, displacement, torques and positions with their commands, timing, and online estimates."""
+    ticks = scene.ticks
+    yield (
+        _FORCE,
+        {
+            "desired [N]": (ticks["desired_force_n"], palette.TRUTH, 1.5),
+            "measured [N]": (ticks["force_n"], palette.MEASURED, 1.5),
+        },
+    )
+    if scene.depth_m is not None:
+        yield _DEPTH, {"into the object [mm]": (_TO_MILLI * scene.depth_m, palette.MEASURED, 1.5)}
+    position, reference = (np.degrees(ticks[f"{name}_position_rad"]) for name in ("joint", "reference"))
+    errors = zip((position - reference).T, cycle(palette.JOINTS), strict=False)
+    yield _TRACKING, {f"joint {n}": (error, color, 1.5) for n, (error, color) in enumerate(errors, 1)}
+    torque_nm = ticks["torque_measured_nm"].copy()
+    torque_nm[0] = np.nan  # the drive was off, and its zeros would stretch the axes
+    for joint in range(scene.joints):
+        for entity, measured, commanded, name in (
+            (_TORQUE, torque_nm, ticks["torque_sent_nm"], "commanded"),
+            (_POSITION, position, reference, "reference"),
+        ):
+            lines = {"measured": (measured[:, joint], palette.MEASURED, 2.0)}
+            yield f"{entity}/joint_{joint + 1}", lines | {name: (commanded[:, joint], palette.MODEL, 1.0)}
+    # durations of the loop's sections, and lateness of its wake-up
+    present = zip((name for name in _SECTIONS if name in ticks), palette.JOINTS, strict=False)
+    sections = {name.removesuffix("_s"): (_TO_MICRO * ticks[name], color, 1.0) for name, color in present}
+    if sections:
+        yield f"{_TIMING}/sections", sections
+    if "lateness_s" in ticks:
+        yield f"{_TIMING}/lateness", {"lateness": (_TO_MICRO * ticks["lateness_s"], palette.TRUTH, 1.0)}
+    for entity, (_, column, _) in _PARAMETERS.items():
+        yield f"{entity}/online", {"online": (ticks[column], palette.MEASURED, 4.0)}
+
+
+def _levels(scene: Scene) -> Iterator[tuple[str, Mapping[str, Line]]]:
+    """Yield offline estimates with their intervals, and true values, as values at the first and last tick."""
+    for entity, (name, *_) in _PARAMETERS.items():
+        if (estimate := scene.estimate_of(name)) is not None:
+            low, high = estimate.interval
+            lines = {
+                "afterwards": (np.full(2, estimate.value), palette.NOISE, 2.0),
+                "95 % from": (np.full(2, low), palette.BAND, 1.0),
+                "95 % to": (np.full(2, high), palette.BAND, 1.0),
+            }
+            yield f"{entity}/afterwards", lines
+        if name in scene.truth:
+            yield f"{entity}/truth", {"truth": (np.full(2, scene.truth[name]), palette.TRUTH, 1.0)}
 
 
 def log_events(  # noqa: PLR0917, what a log is made of
