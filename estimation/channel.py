@@ -254,12 +254,10 @@ class ChannelData:
         Args:
             rows: a mask of shape (n,), or indices.
         """
-        arrays = {what: getattr(self, what)[rows] for what in _ARRAYS}
-        touching = None if self.touching is None else self.touching[rows]
         return replace(
             self,
-            **arrays,
-            touching=touching,
+            **{what: getattr(self, what)[rows] for what in _ARRAYS},
+            touching=None if self.touching is None else self.touching[rows],
             shared=None,
             context={name: values[rows] for name, values in self.context.items()},
         )

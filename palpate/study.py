@@ -284,9 +284,8 @@ class Study(ModelStudy):
                         "this option"
                     )
             fitted = [replace(joint, servo_gain_nm_rad=servo_gain_nm_rad) for joint in fitted]
-        source = self.source.name
         return write_simulator(
-            fitted, target, place, self.source.arm, patch=base, failures=failures, source=source
+            fitted, target, place, self.source.arm, patch=base, failures=failures, source=self.source.name
         )
 
     def _fitted_joints(

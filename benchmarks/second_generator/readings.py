@@ -32,9 +32,8 @@ def draw_reading(rng: Generator, kind: str) -> ReadingChain:
         digits = float(rng.choice([1e-5, 1e-6])) if chain == "digits" else 0.0
     else:
         per_turn, digits = [rng.choice([4096, 16384, 2**17, 2**19])], 0.0
-    rate = float(rng.choice([100, 250, 500, 1000], p=[0.2, 0.25, 0.3, 0.25]))
     return ReadingChain(
-        rate_hz=rate,
+        rate_hz=float(rng.choice([100, 250, 500, 1000], p=[0.2, 0.25, 0.3, 0.25])),
         irregular=bool(rng.random() < 0.2),
         steps=tuple(int(n) for n in per_turn),
         digits_m=digits,

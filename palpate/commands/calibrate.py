@@ -117,9 +117,8 @@ def force(
             plateaus, unit = read_weighing(fits.open_recorded(raw, "force", robot_file)), "N"
         else:
             columns = parse_pairs(column or (), "--column")
-            file = existing_file(raw, "data")
             plateaus, unit = read_reference_file(
-                file, columns, gravity_m_s2=gravity_m_s2, reading_unit=reading_unit
+                existing_file(raw, "data"), columns, gravity_m_s2=gravity_m_s2, reading_unit=reading_unit
             )
         fit = fit_force(plateaus, PERCENT * reference_percent)
         remarks = []

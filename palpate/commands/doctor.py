@@ -151,8 +151,7 @@ def _next_steps(
         return [(f"palpate probe {arm}{own}", "a first probe")]
     if not check.move or unpowered:
         return [(f"{again} --move", "signs of joints and force, by hand and under power")]
-    first = "then a first probe, slow and soft, onto something soft"
     return [
         ("palpate calibrate --help", "calibrate zeros, force sensor, drives and base before the first touch"),
-        (f"palpate probe {arm}{own} {FIRST_PROBE}", first),
+        (f"palpate probe {arm}{own} {FIRST_PROBE}", "then a first probe, slow and soft, onto something soft"),
     ]

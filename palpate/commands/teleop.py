@@ -291,11 +291,10 @@ def demo(
         made = run_demo(out, load_scenario(scenario), network)
     if as_json:
         files = {what: str(path) for what, path in made.files.items()}
-        settled = made.rendered.settled()
         console.print_json(
             {
                 "files": files,
-                "felt_share": settled.share,
+                "felt_share": made.rendered.settled().share,
                 "felt_share_with_all": made.rendered.share,
                 "verdicts": made.merged.verdicts(),
                 "model_share": made.modeled.share,

@@ -167,9 +167,8 @@ def write_simulator(
         )
         if target is SimulatorFormat.MJCF:
             gain = joints[0].servo_gain_nm_rad
-            named = body is not None
             patched = patch_mjcf(
-                text, place, arm, mounting, by_name=named, folder=folder, servo_gain_nm_rad=gain
+                text, place, arm, mounting, by_name=body is not None, folder=folder, servo_gain_nm_rad=gain
             )
         else:
             patched = patch_urdf(text, place, arm, mounting, folder=folder)

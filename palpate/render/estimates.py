@@ -82,14 +82,13 @@ def estimates_view(estimates: ChannelEstimates, truth: Truth) -> ChannelView:
         truth: true parameters by name; unknown ones are missing.
     """
     best, predicted = estimates.best, estimates.prediction()
-    residual = np.where(estimates.rows, estimates.channel.effort - predicted, np.nan)
     stage = StageView(
         number=None,
         label=estimates.model.name,
         name=estimates.model.name,
         rmse=best.rmse,
         predicted=predicted,
-        residual=residual,
+        residual=np.where(estimates.rows, estimates.channel.effort - predicted, np.nan),
         parameters=tuple(parameter_view(p.name, p) for p in best.parameters),
         effects=estimates.model.effects,
         equation=equation_of(estimates.model),

@@ -111,9 +111,8 @@ def test_joint_move_is_smooth_arrives_and_keeps_its_limits(start, end):
         assert np.abs(now.acceleration_rad_s2).max() <= 4.0 + 1e-9
         rate = (ahead.position_rad - now.position_rad) / STEP_S
         assert (now.velocity_rad_s + ahead.velocity_rad_s) / 2 == pytest.approx(rate, abs=1e-5)
-        bend = (ahead.velocity_rad_s - now.velocity_rad_s) / STEP_S
         assert (now.acceleration_rad_s2 + ahead.acceleration_rad_s2) / 2 == pytest.approx(
-            bend, abs=0.03 + 60.0 * STEP_S / move.duration_s
+            (ahead.velocity_rad_s - now.velocity_rad_s) / STEP_S, abs=0.03 + 60.0 * STEP_S / move.duration_s
         )
 
 

@@ -19,15 +19,12 @@ def tip_profile(speed_m_s, start_height_m=0.17):
     approach = np.arange(start_height_m, SURFACE_M, -speed_m_s * PERIOD_S)
     t = np.arange(0, 0.25, PERIOD_S)
     loading = SURFACE_M - depth_end * (1 - np.exp(-t * speed_m_s / depth_end))
-    hold = np.full(400, loading[-1])
-    unloading = np.linspace(loading[-1], SURFACE_M, 250)
-    retract = np.linspace(SURFACE_M, start_height_m, 400)
     parts = [
         (approach, Phase.APPROACH),
         (loading, Phase.LOADING),
-        (hold, Phase.HOLD),
-        (unloading, Phase.UNLOADING),
-        (retract, Phase.RETRACT),
+        (np.full(400, loading[-1]), Phase.HOLD),
+        (np.linspace(loading[-1], SURFACE_M, 250), Phase.UNLOADING),
+        (np.linspace(SURFACE_M, start_height_m, 400), Phase.RETRACT),
     ]
     return np.concatenate([p for p, _ in parts]), np.concatenate([np.full(len(p), int(v)) for p, v in parts])
 

@@ -174,9 +174,8 @@ EDGES = [  # torque limit; what is sent and shown in turn, then what; whether th
 )
 def test_missing_share_is_limited_as_documented(limit_nm, sent, shown, then_sent, then_shown, missed, side):
     """Each in numbers that floats hold exactly: 1 N m up and down is a mean jump of 1 N m."""
-    check = UnresponsiveDrives(LIMITS.model_copy(update={"torque_nm": (limit_nm, limit_nm)}))
     named = ticks_until_named(
-        check,
+        UnresponsiveDrives(LIMITS.model_copy(update={"torque_nm": (limit_nm, limit_nm)})),
         lambda k, _: side * (shown if k <= 500 else then_shown)[k % 2],
         lambda k: side * (sent if k <= 500 else then_sent)[k % 2],
         count=800,

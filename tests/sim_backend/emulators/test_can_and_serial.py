@@ -54,9 +54,8 @@ def test_axis_messages_match_the_dbc_file(plant, firmware):
         )
     assert told["Heartbeat"]["Axis_State"] == 1
     assert told["Heartbeat"]["Axis_Error"] == 0
-    home_rad = plant.joints[0].position_rad
     assert told["Encoder_Estimates"]["Pos_Estimate"] == pytest.approx(
-        -9 * (home_rad - 0.1) / 6.283185307, abs=1e-4
+        -9 * (plant.joints[0].position_rad - 0.1) / 6.283185307, abs=1e-4
     )
     assert set(told) == {"Heartbeat", "Encoder_Estimates", "Iq" if firmware == "0.5" else "Torques"}
 
