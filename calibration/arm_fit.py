@@ -176,9 +176,7 @@ def motion_of(ticks: Samples) -> ArmMotion:
     excited = ticks.select(ticks["run"] == 0)
     channels = joint_channels(excited)
     if not channels or len(channels[0]) < _MIN_SAMPLES:
-        raise InputError(
-            "the session holds too little motion to calibrate from: its calibration was interrupted"
-        )
+        raise InputError("too little motion to calibrate from: the calibration was interrupted")
     context, inner = channels[0].context, slice(_EDGE, -_EDGE)
     sent_rows = np.searchsorted(excited["time_s"], channels[0].time_s, side="right") - 1
     sent = excited.vector("torque_sent_nm")[np.maximum(sent_rows, 0)]

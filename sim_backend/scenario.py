@@ -65,9 +65,7 @@ class Scenario(FileModel):
         if isinstance(self.object.law, EngineContact):
             moved = [entry.name for entry in self.hidden if entry.needs_force_law]
             if moved:
-                raise ValueError(
-                    f"hidden effect '{moved[0]}' needs a force law, not the engine's own contact"
-                )
+                raise ValueError(f"hidden effect '{moved[0]}' needs a force law, not the engine's contact")
         return self
 
     def public_yaml(self) -> str:

@@ -36,9 +36,7 @@ class Excitation(FileModel):
         if self.low_hz >= self.high_hz:
             raise ValueError(f"low_hz {self.low_hz} must be below high_hz {self.high_hz}")
         if self.low_hz * self.duration_s < 1.0:
-            raise ValueError(
-                f"duration_s {self.duration_s} is shorter than one period of low_hz {self.low_hz}"
-            )
+            raise ValueError(f"duration_s {self.duration_s} is shorter than a period of low_hz {self.low_hz}")
         return self
 
     @property

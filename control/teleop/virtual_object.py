@@ -109,9 +109,7 @@ class VirtualObject:
     ) -> None:
         settings = (largest_jump_n, surface_speed_m_s, reserve_j, force_limit_n)
         if not all(math.isfinite(value) and value > 0.0 for value in settings):
-            raise InputError(
-                f"virtual object: jump, speed, reserve and limit must be positive, not {settings}"
-            )
+            raise InputError(f"virtual object: jump, speed, reserve and limit must be positive: {settings}")
         normal = frozen_array(normal_world, (3,), what="normal of the surface")
         length = math.sqrt(float(normal.dot(normal)))
         if length == 0.0:

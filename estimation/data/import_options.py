@@ -36,15 +36,11 @@ class ImportOptions:
             if not all(isinstance(text, str) for text in texts):
                 raise InputError(f"{name}={pairs!r}: give a dict of texts, such as {example}")
         if not (isinstance(self.context, tuple) and all(isinstance(text, str) for text in self.context)):
-            raise InputError(
-                f"context={self.context!r}: give a list of column names, such as ['temperature']"
-            )
+            raise InputError(f"context={self.context!r}: give a list of columns, such as ['temperature']")
         if not (self.runs is None or (isinstance(self.runs, int) and self.runs > 0)):
             raise InputError(f"runs={self.runs!r}: give the number of presses, such as 4")
         if not isinstance(self.table, str):
-            raise InputError(
-                f"table={self.table!r}: give the title of a sheet, or the header's line, as text"
-            )
+            raise InputError(f"table={self.table!r}: give a sheet's title, or the header's line, as text")
 
 
 NO_OPTIONS = ImportOptions()

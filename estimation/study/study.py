@@ -512,9 +512,7 @@ class ModelStudy(StudyFits):
         """Raise InputError for a revision with a user-defined effect whose code is missing."""
         for place in revision.user_effects:
             if place not in self._user_places.values():
-                raise InputError(
-                    f"revision {revision.number} has an effect of your own: add --effect {place}"
-                )
+                raise InputError(f"revision {revision.number} has your own effect: add --effect {place}")
 
     def _difference_from_fit(
         self,

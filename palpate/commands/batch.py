@@ -40,9 +40,7 @@ class BatchArguments(StudyOptions):
 def batch_command(
     data: BatchArguments,
     *,
-    out: Annotated[
-        Path, Option("--out", "-o", help="Output folder; an interrupted batch in it is continued.")
-    ],
+    out: Annotated[Path, Option("--out", "-o", help="Output folder; continues an interrupted batch in it.")],
     model: Annotated[
         str | None,
         Option(

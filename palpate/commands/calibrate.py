@@ -165,9 +165,7 @@ def encoder(
     if pose is not None and stops_stated:
         raise InputError("--pose: the arm does not move to its stops; leave out --lower-stops, --upper-stops")
     if options.from_ is not None and stops_stated:
-        raise InputError(
-            "--from: that session already holds its stops; leave out --lower-stops, --upper-stops"
-        )
+        raise InputError("--from: that session holds its stops; leave out --lower-stops, --upper-stops")
     pose_rad = None
     if pose is not None:
         pose_rad = joint_angles("--pose", pose, robot_file)

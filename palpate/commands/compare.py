@@ -44,9 +44,7 @@ def chosen_revisions(study: Study, numbers: Sequence[int]) -> list[Revision]:
     saved_revisions = [study.revision(number) for number in dict.fromkeys(numbers)]
     names = [revision.channel for revision in saved_revisions]
     if twice := {name for name in names if names.count(name) > 1}:
-        raise InputError(
-            f"--revision: several revisions of channel '{min(twice)}'; compare them one at a time"
-        )
+        raise InputError(f"--revision: several revisions of channel '{min(twice)}'; compare one at a time")
     return saved_revisions
 
 

@@ -152,9 +152,7 @@ def demo_command(
     if hidden is not None:
         if "recording" in hidden.files:
             steps.insert(1, console.rerun_step(hidden.files["recording"]))
-        steps.insert(
-            2, ("palpate probe --hidden random --seed 7", "another hidden effect, drawn from all effects")
-        )
+        steps.insert(2, ("palpate probe --hidden random --seed 7", "another hidden effect, drawn from all"))
     console.next_steps(*steps, (again, "the same demo again"))
 
 

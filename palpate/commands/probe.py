@@ -61,12 +61,8 @@ def probe_command(
     force_limit_n: Annotated[
         float | None, Option(help="Load up to this force; default: the plan's.", metavar="N")
     ] = None,
-    hold_s: Annotated[
-        float | None, Option(help="Duration of the hold; default: the plan's.", metavar="S")
-    ] = None,
-    repeats: Annotated[
-        int | None, Option(help="Number of repetitions of all speeds; default: the plan's.")
-    ] = None,
+    hold_s: Annotated[float | None, Option(help="Hold duration; default: the plan's.", metavar="S")] = None,
+    repeats: Annotated[int | None, Option(help="Repetitions of all speeds; default: the plan's.")] = None,
     out: SessionOutOption = None,
     online: Annotated[
         str, Option(help=f"Estimator to run while probing:  {', '.join(online_estimators())}, or none.")
@@ -220,9 +216,7 @@ def resolve_command(
         Option(help="Maximum probing time; the first probe always runs.", metavar="S", min=1.0, max=36000.0),
     ] = 300.0,
     channel: Annotated[str | None, Option(help="Explain only this channel, such as joint_2.")] = None,
-    out: Annotated[
-        Path | None, Option("--out", "-o", help="Folder of the sessions.", metavar="FOLDER")
-    ] = None,
+    out: Annotated[Path | None, Option("--out", "-o", help="Folder for sessions.", metavar="FOLDER")] = None,
     yes: YesOption = False,
 ) -> None:
     """Probe, diagnose and run the most informative experiment, until one explanation is left.

@@ -24,7 +24,7 @@ def sweep_command(
     *,
     out: Annotated[
         Path | None,
-        Option("--out", "-o", help="Output folder; an interrupted sweep in it is continued."),
+        Option("--out", "-o", help="Output folder; continues an interrupted sweep in it."),
     ] = None,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,

@@ -41,9 +41,7 @@ def trend_command(
         Path | None,
         Option("--out", "-o", help="First process the recordings, and write the results to this folder."),
     ] = None,
-    model: Annotated[
-        str | None, Option(help="Base model of the recordings.", autocompletion=model_names)
-    ] = None,
+    model: Annotated[str | None, Option(help="Base model of recordings.", autocompletion=model_names)] = None,
     pattern: PatternOption = None,
     group: Annotated[
         str | None,
@@ -185,9 +183,7 @@ def _update(  # noqa: PLR0917, what was typed
             to.print("  nothing changes by more than its scatter")
         if short:
             words = f"{short} of them are too short to detect a step: this takes {least} measurements if "
-            to.print(
-                f"  [yellow]{words}{len(tested)} series are tested; use --parameter to test fewer[/yellow]"
-            )
+            to.print(f"  [yellow]{words}{len(tested)} series are tested; --parameter tests fewer[/yellow]")
         if left_out := content["left_out"]:
             which = f"{_series_name(left_out[0])} at {left_out[0]['at']} ({left_out[0]['value']:.3g})"
             others = " and others" if len(left_out) > 1 else ""

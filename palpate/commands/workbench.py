@@ -34,15 +34,11 @@ def workbench_command(
     data: DataArguments,
     *,
     model: ModelOption = None,
-    port: Annotated[
-        int, Option(min=0, max=65535, help="Port on this machine; 0 selects a free port.")
-    ] = 8090,
+    port: Annotated[int, Option(min=0, max=65535, help="Port on this machine; 0 selects a free one.")] = 8090,
     no_browser: Annotated[bool, Option("--no-browser", help="Only print the address.")] = False,
     foxglove: Annotated[
         int | None,
-        Option(
-            min=0, max=65535, help="Also serve a running probe to Foxglove, on this port.", metavar="PORT"
-        ),
+        Option(min=0, max=65535, help="Also serve a running probe to Foxglove on this port.", metavar="PORT"),
     ] = None,
     riddle: Annotated[
         bool, Option("--riddle", help="Hide an effect in a simulated object that you then diagnose.")

@@ -67,9 +67,7 @@ def packages() -> Iterator[Finding]:
     if missing:
         yield fail("packages", f"not installed: {', '.join(missing)}", "make clean env")
     if untested:
-        yield warn(
-            "packages", f"versions other than the tested ones: {', '.join(untested)}", "make clean env"
-        )
+        yield warn("packages", f"untested versions: {', '.join(untested)}", "make clean env")
     if not missing and not untested:
         yield ok("packages", f"all {len(names)} installed" + (", in the tested versions" if pinned else ""))
 
@@ -113,9 +111,7 @@ def rerun() -> Iterator[Finding]:
     if not find_spec("rerun"):
         yield ok("rerun", f"only recordings need it; {missing_package('rerun')}")
         return
-    shows = (
-        "with a display" if has_display() else "no display: recordings and screenshots are written to files"
-    )
+    shows = "with a display" if has_display() else "no display: recordings and pictures are written to files"
     blind = not has_display() and not has_vulkan_driver()
     if blind:
         shows = "neither display nor Vulkan driver: recordings work, screenshots do not"

@@ -28,9 +28,7 @@ YEAR_DAYS = 365.0
 _ROBOT = f"Robot file, or a shipped arm: {', '.join(shipped_robots())}."
 _SCENARIO = f"Simulated world: a file, or one of {', '.join(shipped_scenarios())}."
 ENGINE = "Physics engine of the simulated world; default: the scenario's, otherwise PyBullet if installed."
-_HIDDEN = (
-    "Hide effects in the simulated world: random, the name of an effect, or a YAML file that lists effects."
-)
+_HIDDEN = "Hide effects in the simulated world: random, an effect's name, or a YAML file that lists effects."
 _WIRE = "Run the real drivers with emulated devices, without any hardware."
 _DRIVERS = "Python package with your own drivers."
 YesOption = Annotated[bool, Option("--yes", help="Do not ask before a real arm gets power.")]

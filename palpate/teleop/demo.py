@@ -50,9 +50,7 @@ class TeleopDemo:
         """Describe the parts for which this machine was too slow; empty if it was fast enough."""
         clauses = self.merged.slowness()
         if self.ended_early:
-            clauses.append(
-                f"the leader was ended after {_LIMIT_S:g} s, before the operator's script was finished"
-            )
+            clauses.append(f"the leader was ended after {_LIMIT_S:g} s, before the operator's script ended")
         if not clauses:
             return ""
         return (

@@ -171,9 +171,7 @@ NOISE_LEVEL = (
 ROUGH = "preview, refining …"
 FALL = "Error in held-out runs, one bar for each effect added; the green line is the noise level."
 CURVES = "Blue: measured; gray: base model; orange: chosen model. Below: measured minus model."
-STATE = (
-    "The same curves over position and over velocity: loops show damping or friction, bends show stiffness."
-)
+STATE = "Curves over position and over velocity: loops show damping or friction, bends show stiffness."
 MAP = "Mean of measured minus model over position and velocity: red above, blue below; a good model is pale."
 BUDGET = f"Shares of the base model's squared error in held-out runs, by kind of effect. {RANGE_MEANING}"
 EVIDENCE = "Share of the held-out error that this effect removes in addition to the other ticked effects."
@@ -182,9 +180,7 @@ ALIKE = (
     "can tell them apart."
 )
 INTERVAL = "95 % interval: if the model is right, 19 of 20 experiments like this one give a value within it."
-SLIDER = (
-    "Drag to see the curves at another value; the other parameters keep their values, and nothing is fitted."
-)
+SLIDER = "Drag to see the curves at another value; other parameters keep their values, and nothing is fitted."
 SAME = "Copy these lines to get exactly this fit on the command line or in Python."
 STOP = "End the diagnosis; nothing is changed."
 BACK = "Reset the sliders to the fitted values."

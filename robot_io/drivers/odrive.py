@@ -52,9 +52,7 @@ class OdriveBusSettings(CanLineSettings):
         if len(set(ids)) != len(ids):
             raise ValueError(f"axes: node ids {ids} are not all different")
         if self.firmware is Firmware.V0_5 and any(axis.torque_constant_nm_a is None for axis in self.axes):
-            raise ValueError(
-                "axes: firmware 0.5 reports current, so each axis needs its torque_constant_nm_a"
-            )
+            raise ValueError("axes: firmware 0.5 reports current, so axes need a torque_constant_nm_a")
         return self
 
 

@@ -39,9 +39,7 @@ class Column:
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):
-            raise InputError(
-                f"column name {self.name!r}: use only letters, digits and underscores, at most 64"
-            )
+            raise InputError(f"column name {self.name!r}: use at most 64 letters, digits and underscores")
         if not 1 <= self.width <= MAX_RECORD_BYTES:
             raise InputError(f"column '{self.name}': width {self.width} is not in 1..{MAX_RECORD_BYTES}")
         try:
@@ -80,9 +78,7 @@ class Stream:
     def __post_init__(self) -> None:
         object.__setattr__(self, "columns", tuple(self.columns))
         if not _NAME.fullmatch(self.name):
-            raise InputError(
-                f"stream name {self.name!r}: use only letters, digits and underscores, at most 64"
-            )
+            raise InputError(f"stream name {self.name!r}: use at most 64 letters, digits and underscores")
         names = [column.name for column in self.columns]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:

@@ -179,9 +179,7 @@ class DynamixelAccess(RegisterAccess):
             yield f"drive mode: {trouble}", "set its drive mode to 0"
         secondary = self.read(servo.id, tables.SECONDARY_ID)
         if secondary < tables.NO_SECONDARY_ID:
-            trouble = (
-                f"secondary id {secondary}: the servo also obeys commands that are sent to id {secondary}"
-            )
+            trouble = f"secondary id {secondary}: the servo also obeys commands to id {secondary}"
             yield trouble, "set its secondary id to 255"
         if moved := servo.homing_problem(self.read(servo.id, tables.HOMING_OFFSET)):
             yield moved, "calibrate its zero again, and state the new offset"

@@ -162,7 +162,5 @@ class DynamixelSettings(ServoBusSettings[ServoSettings]):
     @model_validator(mode="after")
     def _check_models_fit_together(self) -> "DynamixelSettings":
         if len({servo.servo_model.indirect_data for servo in self.servos}) > 1:
-            raise ValueError(
-                "servos: X330 and larger models store data at different addresses: use two buses"
-            )
+            raise ValueError("servos: X330 and larger models use different addresses: use two buses")
         return self
