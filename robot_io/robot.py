@@ -83,6 +83,7 @@ class Robot(ManagedDevice):
         self.clock = clock
         self.name = name
         self.joint_count = torque.joint_count
+        self._shape = (self.joint_count,)
         self.bus_errors: dict[str, str] = {}
         self.bus_delays: dict[str, str] = {}
         self.sample_errors: dict[str, str] = {}
@@ -202,7 +203,7 @@ class Robot(ManagedDevice):
             DeviceError: a bus failed; the others were flushed.
         """
         self._expect("write", RobotState.ACTIVE)
-        torque_nm = frozen_array(command.joint_torque_nm, (self.joint_count,), what="joint torque command")
+        torque_nm = frozen_array(command.joint_torque_nm, self._shape, what="joint torque command")
         sent = np.array(self.torque.stage_torque(torque_nm), dtype=np.float64)
         sent.setflags(write=False)
         failures: list[tuple[str, DeviceError]] = []
@@ -248,8 +249,8 @@ class Robot(ManagedDevice):
 
     def _joint_values(self, reading: Reading, what: str) -> FloatArray:
         values = np.array(reading.value, dtype=np.float64)
-        if values.shape != (self.joint_count,):
-            raise DeviceError(f"{self.name}: {what} has shape {values.shape}, expected ({self.joint_count},)")
+        if values.shape != self._shape:
+            raise DeviceError(f"{self.name}: {what} has shape {values.shape}, expected {self._shape}")
         values.setflags(write=False)
         return values
 

@@ -45,9 +45,9 @@ class SimulatedBus(JointBus):
             problem = "belongs in a scenario file: a session contains the robot file for all to read"
             raise input_error(context.robot_file.document, (*context.section, "scenario", "hidden"), problem)
         self._clock = context.clock
-        self._robot_file = context.robot_file
+        self._robot_file, self._joint_count = context.robot_file, context.robot_file.joint_count
         self._world: World | None = None
-        self._staged_torque_nm: FloatArray | None = None
+        self._staged_torque_nm: list[float] | None = None
         self._rest_rad: FloatArray | None = None
         self._powered = False
         self.position = self.velocity = self.torque = _reading(None, self.joint_count)
@@ -58,7 +58,7 @@ class SimulatedBus(JointBus):
 
     @property
     def joint_count(self) -> int:
-        return self._robot_file.joint_count
+        return self._joint_count
 
     def use_scenario(self, scenario: Scenario) -> None:
         """Replace the robot file's scenario.
@@ -118,8 +118,10 @@ class SimulatedBus(JointBus):
         """See `Bus.poll`; a simulated world is never late."""
         world, now_s = self.world, self._clock.now_s()
         world.advance_to(now_s)
-        n, motion = self.joint_count, world.encoder.read(now_s)
-        self.position, self.velocity = _reading(motion, n), _reading(motion, n, first=n)
+        n = self.joint_count
+        motion, sampled_at_s, status = _reading(world.encoder.read(now_s), 2 * n)
+        self.position = Reading(motion[:n], sampled_at_s, status)
+        self.velocity = Reading(motion[n:], sampled_at_s, status)
         self.torque = _reading(world.torque_sensor.read(now_s), n)
         self.force = _reading(world.force_sensor.read(now_s), 1)
 
@@ -129,8 +131,8 @@ class SimulatedBus(JointBus):
             raise LifecycleError("the drives are off: activate them before the first command")
         step_nm, limits_nm = self.scenario.sensors.torque.command_resolution_nm, self.world.torque_limit_nm
         pairs = zip(quantize(torque_nm.tolist(), step_nm), limits_nm, strict=True)
-        self._staged_torque_nm = np.array([clip(torque, -limit, limit) for torque, limit in pairs])
-        return self._staged_torque_nm
+        self._staged_torque_nm = [clip(torque, -limit, limit) for torque, limit in pairs]
+        return np.array(self._staged_torque_nm)
 
     def power_on(self) -> None:
         self._powered = True
@@ -140,7 +142,7 @@ class SimulatedBus(JointBus):
         self._staged_torque_nm = None
         if self._world is not None:
             self._world.advance_to(self._clock.now_s())
-            self._world.set_torque(np.zeros(self._world.joint_count))
+            self._world.set_torque([0.0] * self._world.joint_count)
 
     def flush(self, deadline_s: float) -> None:
         """Apply the staged torques from now on, once the world has caught up with the clock.
@@ -154,11 +156,11 @@ class SimulatedBus(JointBus):
             self._staged_torque_nm = None
 
 
-def _reading(sample: SensorSample | None, size: int, first: int = 0) -> Reading:
-    """Take `size` values of a sample from index `first` on, or NaN if none has arrived."""
+def _reading(sample: SensorSample | None, size: int) -> Reading:
+    """Convert a sample of `size` values, which are NaN if none has arrived."""
     if sample is None:
         return Reading(np.full(size, np.nan), -np.inf, Status.STALE)
-    return Reading(np.array(sample.value[first : first + size]), sample.sampled_at_s, sample.status)
+    return Reading(np.array(sample.value), sample.sampled_at_s, sample.status)
 
 
 class SimEncoder(BusEncoder):

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from math import floor
+from math import floor, isfinite
 from zlib import crc32
 
 import numpy as np
@@ -167,7 +167,7 @@ class World:
         speed = frozen_array(velocity_rad_s, shape, what="joint velocity")
         self._engine.place(position.tolist(), speed.tolist())
 
-    def set_torque(self, torque_nm: ArrayLike) -> None:
+    def set_torque(self, torque_nm: Sequence[float]) -> None:
         """Set the drives' torques, clipped to their limits.
 
         Args:
@@ -176,9 +176,10 @@ class World:
         Raises:
             InputError: wrong number of joints, or a torque that is not finite.
         """
-        torque = frozen_array(torque_nm, (self.joint_count,), what="joint torque").tolist()
         limits = self._engine.torque_limit_nm
-        self._torque_nm = [clip(t, -limit, limit) for t, limit in zip(torque, limits, strict=True)]
+        if len(torque_nm) != len(limits) or not all(map(isfinite, torque_nm)):
+            raise InputError(f"joint torque {list(torque_nm)} N m: must be {len(limits)} finite numbers")
+        self._torque_nm = [clip(t, -limit, limit) for t, limit in zip(torque_nm, limits, strict=True)]
 
     def advance_to(self, time_s: float) -> None:
         """Integrate up to the last whole step that is not after a time; an earlier time changes nothing.

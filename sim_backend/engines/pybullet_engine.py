@@ -81,7 +81,7 @@ class PyBulletEngine(Engine):
 
     def joint_state(self) -> list[float]:
         states = bullet.getJointStates(self._body, self._joints, self._client)
-        position, velocity, *_ = zip(*states, strict=True)
+        position, velocity, _, _ = zip(*states, strict=True)
         return [*position, *velocity]
 
     def tip_state(self) -> tuple[Vector, Vector, Quaternion]:
