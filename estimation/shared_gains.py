@@ -124,8 +124,8 @@ def consistent_information(base: BaseParameters, urdf: FloatArray, total: Inform
     divergence, grouping = Divergence(nearest_bodies(urdf)), base.grouping
     expanded = []
     for matrix, vector in zip(total.matrix, total.vector, strict=True):
-        of_bodies = Information(grouping.T @ matrix @ grouping, grouping.T @ vector)
-        bodies = fit_bodies(of_bodies, divergence, URDF_SPREAD**-2)
+        body_information = Information(grouping.T @ matrix @ grouping, grouping.T @ vector)
+        bodies = fit_bodies(body_information, divergence, URDF_SPREAD**-2)
         expanded.append(urdf_information(base, urdf, bodies))
     return Information(np.stack([p.matrix for p in expanded]), np.stack([p.vector for p in expanded]))
 

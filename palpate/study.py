@@ -346,12 +346,12 @@ class Study(ModelStudy):
             InputError: the folder is refused.
         """
         newest = {item.name: kept for item in channels if (kept := self.newest(item)) is not None}
-        of_any_data = {revision.channel: revision for revision in self.revisions}
-        if not refuse_others or not of_any_data:
+        latest = {revision.channel: revision for revision in self.revisions}
+        if not refuse_others or not latest:
             return newest
         for channel in channels:
-            if channel.name in of_any_data and channel.name not in newest:
-                other = of_any_data[channel.name]
+            if channel.name in latest and channel.name not in newest:
+                other = latest[channel.name]
                 self.check(other)
                 raise InputError(
                     f"revision {other.number} is of base model {other.model}, not {channel.model.name}: "
@@ -359,7 +359,7 @@ class Study(ModelStudy):
                 )
         if not newest:
             raise InputError(
-                f"{self._file}: the folder has only revisions of other channels ({', '.join(of_any_data)}); "
+                f"{self._file}: the folder has only revisions of other channels ({', '.join(latest)}); "
                 "they were made for another file, or with other options (--urdf). Name another folder"
             )
         return newest

@@ -22,18 +22,18 @@ class ObjectResponse:
         self._skin = [effect for effect in effects.contact if not isinstance(effect, MaterialEffect)]
         self._tools = effects.tool
 
-    def force_n(self, law: ObjectLaw, state: ContactState, by_engine_n: float | None = None) -> float:
+    def force_n(self, law: ObjectLaw, state: ContactState, engine_force_n: float | None = None) -> float:
         """Compute the force at a state, and update the effects' memories.
 
         Args:
             law: contact law of the object.
             state: motion of the tip.
-            by_engine_n: force that the engine exerts, which replaces the law [N]; None if it exerts none.
+            engine_force_n: force that the engine exerts, which replaces the law [N]; None if it exerts none.
 
         Returns:
             Force on the tip along the surface normal [N].
         """
-        answer_n: Callable[[ContactState], float] = partial(self._object_n, law, by_engine_n)
+        answer_n: Callable[[ContactState], float] = partial(self._object_n, law, engine_force_n)
         for tool in self._tools:
             answer_n = partial(tool.contact_force_n, surface_n=answer_n)
         force_n = answer_n(state)
@@ -41,12 +41,12 @@ class ObjectResponse:
             memory.commit_state()
         return force_n
 
-    def _object_n(self, law: ObjectLaw, by_engine_n: float | None, state: ContactState) -> float:
+    def _object_n(self, law: ObjectLaw, engine_force_n: float | None, state: ContactState) -> float:
         """Compute the force of law and effects for a motion, which may be a trial of a solver [N]."""
         for material in self._material:
             state = material.transform_state(state)
-        if by_engine_n is not None:
-            force_n = by_engine_n
+        if engine_force_n is not None:
+            force_n = engine_force_n
         else:
             force_n = law.material_force_n(state.depth_m, state.rate_m_s) if state.depth_m > 0.0 else 0.0
         for material in self._material:
@@ -150,15 +150,15 @@ class TipContact:
         self._last_speed_m_s = speed
         self.rate_m_s = speed if last_speed is None else 1.5 * speed - 0.5 * last_speed
         self.depth_m = self._object.surface_height_m - self.tip_position_m[2]
-        by_engine_n = self._engine.surface_force_n() if self._object.is_engine_contact else None
+        engine_force_n = self._engine.surface_force_n() if self._object.is_engine_contact else None
         if self._response is not None:
             state = ContactState(time_s, self._step_s, self.depth_m, self.rate_m_s)
-            self.force_n = self._response.force_n(self._object.law, state, by_engine_n)
-        elif by_engine_n is None:
+            self.force_n = self._response.force_n(self._object.law, state, engine_force_n)
+        elif engine_force_n is None:
             self.force_n = self._object.law.force_n(self.depth_m, self.rate_m_s)
         else:
-            self.force_n = by_engine_n
-        self.push_n = self.force_n - (by_engine_n or 0.0)
+            self.force_n = engine_force_n
+        self.push_n = self.force_n - (engine_force_n or 0.0)
 
     def restart(self) -> None:
         """Reset the last step's speed, because the arm was placed elsewhere."""

@@ -307,16 +307,16 @@ def _lerobot_columns(table: pa.Table, path: Path) -> FileColumns:
             continue
         width = values.shape[1]
         quantity_of_array, elements = _QUANTITY_BY_ARRAY.get(array, array), _element_names(info, array)
-        of_array = [name.removesuffix(".pos") for name in elements if name.endswith(".pos")]
+        array_joints = [name.removesuffix(".pos") for name in elements if name.endswith(".pos")]
         column_names = [f"{quantity_of_array}_{joint + 1}" for joint in range(width)]
-        if len(elements) == width and of_array:  # such as shoulder.pos, shoulder.vel and force
+        if len(elements) == width and array_joints:  # such as shoulder.pos, shoulder.vel and force
             column_names = []
             for name in elements:
                 joint, _, ending = name.rpartition(".")
                 column, quantity = name, _QUANTITY_BY_ENDING.get(ending, "")
-                if joint in of_array and quantity:
+                if joint in array_joints and quantity:
                     quantity = quantity_of_array if quantity == "position" else quantity
-                    column = f"{quantity}_{of_array.index(joint) + 1}"
+                    column = f"{quantity}_{array_joints.index(joint) + 1}"
                 unit = units.get(quantity or name, "")
                 column_names.append(f"{column}_{unit}" if unit else column)
         columns |= dict(zip(column_names, values.T, strict=True))

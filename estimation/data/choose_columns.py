@@ -67,8 +67,8 @@ def choose_columns(
             is_signal = guess.unit or any(table.labels(guess.column)[0])
             if is_signal and guess.key in keys and guess.key not in available:
                 table.numbers(guess.column)
-    of_user = {g for g in free if units.option_names(Role(*g.key, g.unit, shift), g.column)}
-    clear = [guess for guess in free if guess.unit or guess.key == TIME or guess in of_user]
+    user_guesses = {g for g in free if units.option_names(Role(*g.key, g.unit, shift), g.column)}
+    clear = [guess for guess in free if guess.unit or guess.key == TIME or guess in user_guesses]
     guesses = clear if keys_of_channels({*known, *(guess.key for guess in clear)}) else free
     guesses_of: dict[Key, list[RoleGuess]] = {}
     for guess in guesses:
@@ -77,7 +77,7 @@ def choose_columns(
     keys += [  # velocity and acceleration are also read if the user states their unit
         guess.key
         for guess in clear
-        if guess.quantity in _DERIVABLE and guess.key not in keys and guess in of_user
+        if guess.quantity in _DERIVABLE and guess.key not in keys and guess in user_guesses
     ]
     fitting = {key: _best_matches(table, key, guesses_of[key]) for key in keys}
     chosen = {key: (Role(*key, best.unit, shift), best.column) for key, (best, *_) in fitting.items()}

@@ -357,13 +357,13 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
     # unless the names belong to different joints.
     known = {guess.quantity for guess in paired}
     by_word = [guess_column(name, anywhere=True) for name in names]
-    of_joints = [
+    joint_words = [
         words
         for guess in by_word
         if guess.quantity in _MOTION_OR_TORQUE
         and (words := {word for word in guess.joint_name if not word.isdecimal()})
     ]
-    if of_joints and not set.intersection(*of_joints):
+    if joint_words and not set.intersection(*joint_words):
         return paired
     return [
         guess if guess.quantity or other.quantity in known or is_repeated(guess.column) else other

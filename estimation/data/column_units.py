@@ -99,10 +99,10 @@ class ColumnUnits:
         parsed = {name: role_of_option(name, role.shift) for name in self.options.units if name not in exact}
         is_position = role.key == DISPLACEMENT and guess_column(column).quantity == "position"
         keys = {role.key, POSITION} if is_position else {role.key}
-        of_role = {name for name, named in parsed.items() if named is not None and named.key in keys}
+        role_names = {name for name, named in parsed.items() if named is not None and named.key in keys}
         if role.quantity in parsed:
-            of_role.add(role.quantity)
-        return [name for name in self.options.units if name == column or name in of_role]
+            role_names.add(role.quantity)
+        return [name for name in self.options.units if name == column or name in role_names]
 
     def unit_of(self, role: Role, column: str) -> str:
         """Return the unit from --unit, the column's name or the role, in this order; empty if unknown."""

@@ -139,7 +139,7 @@ def _extent(sheet: bytes) -> tuple[int, int]:
 
     A cell of an OpenDocument sheet states no place, but how often it and its row are repeated.
     """
-    last, here = [0, 0], [0, 0]
+    last, current = [0, 0], [0, 0]
 
     def begin(name: str, attributes: dict[str, str]) -> None:
         tag = name.rpartition(":")[2]
@@ -149,13 +149,13 @@ def _extent(sheet: bytes) -> tuple[int, int]:
                 column = 26 * column + ord(letter) - ord("A") + 1
             last[:] = max(last[0], int(place[2])), max(last[1], column)
         elif tag == "table":
-            here[:] = 0, 0
+            current[:] = 0, 0
         elif tag == "table-row":
-            here[:] = here[0] + int(attributes.get("table:number-rows-repeated", "1")), 0
+            current[:] = current[0] + int(attributes.get("table:number-rows-repeated", "1")), 0
         elif tag in {"table-cell", "covered-table-cell"}:
-            here[1] += int(attributes.get("table:number-columns-repeated", "1"))
+            current[1] += int(attributes.get("table:number-columns-repeated", "1"))
             if "office:value-type" in attributes:
-                last[:] = max(last[0], here[0]), max(last[1], here[1])
+                last[:] = max(last[0], current[0]), max(last[1], current[1])
 
     parser = expat.ParserCreate()
     parser.StartElementHandler = begin

@@ -47,16 +47,16 @@ def read_json(path: Path) -> FileColumns:
         for number, line in lines:
             try:
                 content.append(json.loads(line, object_pairs_hook=unique))
-            except json.JSONDecodeError as of_line:
-                of_records = number > lines[0][0]  # the lines before it are records
-                problem = f"line {number}: {of_line}" if of_records else f"{error}"
+            except json.JSONDecodeError as line_error:
+                follows_records = number > lines[0][0]  # the lines before it are records
+                problem = f"line {number}: {line_error}" if follows_records else f"{error}"
                 raise InputError(f"{path}: is not valid JSON: {problem}") from error
     tables = list(_tables(content))
     if not tables:
         raise InputError(
             f"{path}: holds no table; expected a list of records, columns of equal length, or rows of numbers"
         )
-    columns, other_lengths = max(tables, key=lambda found: _length(found[0]))
+    columns, other_lengths = max(tables, key=lambda table: _length(table[0]))
     flat = {
         name: np.array(_truth_as_text(cells))
         for name, cells in columns.items()

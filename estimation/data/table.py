@@ -192,8 +192,8 @@ class Table:
                 f"{place}: a name has {longest} characters; at most {_MAX_LABEL_LENGTH} are allowed"
             )
         number = {text: number for number, text in enumerate(dict.fromkeys(texts))}
-        of_code = np.array([number[text] for text in texts], dtype=np.int64)
-        return tuple(number), of_code[coded.indices.to_numpy(zero_copy_only=False)]
+        number_by_code = np.array([number[text] for text in texts], dtype=np.int64)
+        return tuple(number), number_by_code[coded.indices.to_numpy(zero_copy_only=False)]
 
     def select(self, chosen: BoolArray) -> Table:
         """Return the table with only some rows.

@@ -39,8 +39,8 @@ def find_tests(names: Sequence[str]) -> list[dict[str, int]]:
         stem, unit = split_unit(name)
         plain.append(_NUMBER.sub("", stem).strip() + (f" [{unit}]" if unit else ""))
     repeated = [name for name in dict.fromkeys(plain) if plain.count(name) > 1]
-    of_presses = {guess.quantity for guess in guess_columns(repeated)} >= _OF_A_PRESS
-    return _repeated_names(plain) if of_presses else []
+    is_press = {guess.quantity for guess in guess_columns(repeated)} >= _OF_A_PRESS
+    return _repeated_names(plain) if is_press else []
 
 
 def stack_tests(

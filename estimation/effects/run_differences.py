@@ -127,20 +127,20 @@ class RunVariation(SensorEffect):
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         columns = effort.reshape(len(data), -1)
-        return (columns + self._of_runs(data.effort[:, None] - columns, data, inner)).reshape(effort.shape)
+        return (columns + self._predict(data.effort[:, None] - columns, data, inner)).reshape(effort.shape)
 
     def follow(
         self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner
     ) -> tuple[FloatArray, FloatArray]:
         """See `SensorEffect.follow`; each run's values are fitted to the residual of the model."""
-        own = self._of_runs(np.column_stack([columns, data.effort - effort]), data, inner)
+        own = self._predict(np.column_stack([columns, data.effort - effort]), data, inner)
         return columns - own[:, :-1], effort + own[:, -1]
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """See `SensorEffect.slope`."""
         return self.follow(effort, columns, data, inner)[0]
 
-    def _of_runs(self, residual: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+    def _predict(self, residual: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """Predict the residuals (n, m) of all samples from the values fitted to each run's first part."""
         basis = self.basis(data, inner)
         starts, piece = block_index(data.run)

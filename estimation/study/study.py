@@ -246,8 +246,8 @@ class ModelStudy(StudyFits):
             InputError: a name or run is unknown, or all estimators fail.
         """
         names, models = choose_estimators(estimators), model_to_estimate(self.source, self.model)
-        wanted = [name for name in models if channel in {None, name}]
-        data: Sequence[ChannelData] = self.source.tared(wanted)
+        selected = [name for name in models if channel in {None, name}]
+        data: Sequence[ChannelData] = self.source.tared(selected)
         if self.held_out:
             data = replace(self.source, channels=tuple(data)).without(self.held_out).channels
         if not data:
@@ -483,8 +483,8 @@ class ModelStudy(StudyFits):
                 base.name if base.name == base.kind else f"{base.name} ({base.kind})" for base in current
             )
             known = suited_names(unsuited[0].name, self.effects, [base.data for base in current])
-            of_kind = any(base.kind in unsuited[0].channels for base in current)
-            why = f": {unsuited[0].name} cannot be identified from these data" if of_kind else ""
+            is_of_kind = any(base.kind in unsuited[0].channels for base in current)
+            why = f": {unsuited[0].name} cannot be identified from these data" if is_of_kind else ""
             verb = "do" if len(effects) > 1 else "does"
             raise InputError(f"{names} {verb} not apply to any channel ({listed}){why}. {known}")
         contacts = [base for base in fitting_channels if base.kind is ChannelKind.CONTACT]

@@ -217,10 +217,10 @@ def _add_fields(path: Path, listed: Mapping[Path, dict[str, str]]) -> None:
     for file, fields in listed.items():
         own = [(name,) for name in (str(file), file.name, file.stem)]
         places = own if keys == [FILE] else [tuple(fields.get(name, "") for name in keys)]
-        found = next((by_key[place] for place in places if place in by_key), None)
-        if found is None:
+        row = next((by_key[place] for place in places if place in by_key), None)
+        if row is None:
             raise InputError(f"{path}: has no row for {file}")
-        fields |= {name: cell for name, cell in found.items() if name != FILE}
+        fields |= {name: cell for name, cell in row.items() if name != FILE}
 
 
 def _joined(listed: Mapping[Path, dict[str, str]], join: str) -> list[BatchMeasurement]:

@@ -131,9 +131,9 @@ def batch(
 
     def ask(some: Sequence[BatchMeasurement], question: Mapping[str, Any], progress: Progress) -> pa.Table:
         """Run cases of some measurements with further options, and return their rows."""
-        asked = _cases(some, {**options, **question}, {}).values()
-        run_cases(list(asked), store, cluster, progress)
-        return store.table(case.address for case in asked)
+        requested = _cases(some, {**options, **question}, {}).values()
+        run_cases(list(requested), store, cluster, progress)
+        return store.table(case.address for case in requested)
 
     if model == SUGGEST:  # the model that more than half of a sample suggest
         sampled = np.unique(np.linspace(0, len(measurements) - 1, _SAMPLE).round().astype(int))
@@ -163,7 +163,7 @@ def batch(
         failures |= _run(cases, store, cluster, progress)
         del cases  # they take as much memory as the table
         if pool:
-            common = find_common_effects(lambda asked: ask(measurements, {"screen": asked}, progress))
+            common = find_common_effects(lambda requested: ask(measurements, {"screen": requested}, progress))
     except (KeyboardInterrupt, SystemExit, PalpateError):
         if failures or store.finished().intersection(filter(None, addresses)):
             result()

@@ -102,14 +102,14 @@ def demo_command(
     given = {"--scenario": named, "--engine": engine, "--seed": seed}
     chosen = [word for name, value in given.items() if value is not None for word in (name, str(value))]
     again = as_command(["demo", *chosen])
-    talk = console.stderr()
+    stderr = console.stderr()
     seeded = "" if seed is None else f" (seed {seed})"
-    talk.print(
+    stderr.print(
         f"A simulated arm probes [bold]{world.description or scenario}[/bold] at three speeds{seeded}."
     )
     with probing_progress(PLAN, live=True) as watcher:
         probe_demo(session, world, seed, watcher, command_line=again)
-    with talk.status("estimating, recording and plotting"):
+    with stderr.status("estimating, recording and plotting"):
         study, estimates, recording, plots = show_demo(session)
     truth = study.truth_of(estimates.channel)
     if not as_json:
@@ -121,11 +121,11 @@ def demo_command(
         print_files(out_, {"plots": plots})
     hidden = None
     if second is not None:
-        talk.print("\n[bold]Now the object has a hidden effect that the model lacks.[/bold]")
+        stderr.print("\n[bold]Now the object has a hidden effect that the model lacks.[/bold]")
         world = hide_one(world, np.random.default_rng(seed))
         with probing_progress(HIDDEN_PLAN, live=True) as watcher:
             probe_demo(second, world, seed, watcher, HIDDEN_PLAN, command_line=again)
-        talk.print(f"probed again; the hidden effect is stored in {display_path(sealed_path(second))}")
+        stderr.print(f"probed again; the hidden effect is stored in {display_path(sealed_path(second))}")
         with diagnosis_progress(["contact"]) as progress:
             hidden = solve(second, progress)
     if as_json:

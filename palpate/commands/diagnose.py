@@ -126,13 +126,13 @@ def _next_steps(  # noqa: PLR0917, what was typed and found
     data: DataArguments,
     study: Study,
     diagnosis: StudyDiagnosis,
-    asked: dict[str, str | None],
+    typed: dict[str, str | None],
     out: Path | None,
     apply: bool,
     plan: Path | None,
 ) -> Iterator[tuple[str, str]]:
     """Suggest commands that follow a diagnosis, the nearest first."""
-    again, kept = data.command_text(**asked), data.command_text(folder=out)
+    again, kept = data.command_text(**typed), data.command_text(folder=out)
     improved = [channel for channel in diagnosis.channels if channel.accepted]
     if improved and apply:
         yield from console.export_steps(kept, [study.channel(item.channel).kind for item in improved])
@@ -143,15 +143,16 @@ def _next_steps(  # noqa: PLR0917, what was typed and found
         where = "" if alone else f" --channel {item.channel}"
         newest = study.latest(study.channel(item.channel))
         where += " --fresh" if newest is not None and newest.effects else ""  # else it would build on these
-        added = f"palpate add {data.command_text(model=asked['model'])} {names}{where}"
+        added = f"palpate add {data.command_text(model=typed['model'])} {names}{where}"
         it = "it" if len(item.accepted) == 1 else "them"
         yield added, f"refit with {it}, and save a revision"
-    if asked["model"] is None and data.urdf is None:
+    if typed["model"] is None and data.urdf is None:
         for item in diagnosis.channels:
             better = better_explanation(study, study.channel(item.channel), item)
             if better is not None:
                 left = f"start from a base model with an error of {with_unit(better[1], item.effort_unit)}"
-                yield f"palpate diagnose {data.command_text(channel=asked['channel'], model=better[0])}", left
+                better_text = data.command_text(channel=typed["channel"], model=better[0])
+                yield f"palpate diagnose {better_text}", left
     if plan is not None and study.source.session is not None:
         from palpate.planning.next_probe import same_world  # noqa: PLC0415, as above
 
@@ -176,10 +177,10 @@ def _next_steps(  # noqa: PLR0917, what was typed and found
                 f"palpate import {shell_path(data.file)} FILE ... --look",
                 "import more files as further runs",
             )
-        base = data.command_text(model=asked["model"])
+        base = data.command_text(model=typed["model"])
         yield f"palpate estimate {base}", "the parameters of the base model"
         return
-    only = None if asked["channel"] == ALL_CHANNELS else asked["channel"]
+    only = None if typed["channel"] == ALL_CHANNELS else typed["channel"]
     yield f"palpate compare {data.command_text(channel=only, folder=out)}", "where the model fails"
 
 

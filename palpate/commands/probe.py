@@ -241,24 +241,24 @@ def resolve_command(
     if channel is not None and channel not in names:
         raise InputError(f"--channel {channel}: no such channel. Available: {', '.join(names)}")
     folder = out or SESSIONS / options.stamped_name("resolve")
-    asked = [plan]
+    plans = [plan]
     job = ProbingJob(
         robot_file,
         folder / "probe.mcap",
         plan,
-        permission=lambda: ask_for_power(describe_motion(robot_file, asked[-1]), yes=yes),
+        permission=lambda: ask_for_power(describe_motion(robot_file, plans[-1]), yes=yes),
         **options.job,
     )
 
     @contextmanager
     def watch(next_plan: ProbingPlan) -> Iterator[Watcher]:
-        asked.append(next_plan)
+        plans.append(next_plan)
         with probing_progress(next_plan, live=job.simulated) as watcher:
             yield watcher
 
     def tell(decision: "ProbeDecision") -> None:
-        talk = console.stderr() if options.as_json else console.stdout()
-        talk.print(safe(decision.sentence[:1].upper() + decision.sentence[1:]))
+        output = console.stderr() if options.as_json else console.stdout()
+        output.print(safe(decision.sentence[:1].upper() + decision.sentence[1:]))
 
     try:
         resolved = resolve(job, ProbeBudget(probes, seconds), channel, tell, watch, diagnosis_progress)

@@ -129,8 +129,8 @@ def follower(
         diagnose=diagnose,
         **{**options.job, "paced": True},
     )
-    talk = console.stderr()
-    outcome = run_follower(job, lambda text: talk.print(safe(text)))
+    stderr = console.stderr()
+    outcome = run_follower(job, lambda text: stderr.print(safe(text)))
     targets = {str(number): state.name.lower() for number, state in outcome.states.items()}
 
     def show() -> None:
@@ -230,12 +230,12 @@ def leader(  # noqa: PLR0917, one parameter an option
             f"with at most {torques} N m in its joints.",
             yes=yes,
         )
-    talk = console.stderr()
-    with talk.status("starting") as status:
+    stderr = console.stderr()
+    with stderr.status("starting") as status:
         outcome = run_leader(
             haptics,
             line,
-            lambda text: talk.print(safe(text)),
+            lambda text: stderr.print(safe(text)),
             lambda text: status.update(safe(text)),
         )
 

@@ -67,14 +67,14 @@ def examine_arm(check: ArmCheck) -> Iterator[Finding]:
         clock, robot_file, hand = _set_up(check, stack)
         body = RigidBody.of_robot(check.robot_file, calibrations)
         make = partial(build_robot, robot_file, drivers, clock, calibrations)
-        doubt = find_large_zero_shift(calibrations.encoder) if calibrations.encoder else None
+        shift_warning = find_large_zero_shift(calibrations.encoder) if calibrations.encoder else None
 
         def unpowered() -> Iterator[Finding]:
             robot = make()
             yield from examine_limits(robot_file, body)
-            if doubt:
+            if shift_warning:
                 remedy = "hold the arm in a known pose and compare; else palpate calibrate encoder"
-                yield warn("zeros", doubt, remedy)
+                yield warn("zeros", shift_warning, remedy)
             ports = dict(examine_ports(robot_file))
             yield from ports.values()
             closed = {bus for bus, finding in ports.items() if finding.level is Level.FAIL}

@@ -45,8 +45,8 @@ def print_calibration(console: Console, calibration: Calibration, remarks: Seque
         for row in _rows(name, quantity):
             made.add_row(*(f"[dim]{cell}[/dim]" for cell in row), "[dim]found, not applied[/dim]")
     console.print(made)
-    if doubt := find_large_zero_shift(calibration):
-        console.print(f"[bold red]check again:[/bold red] {safe(doubt)}", soft_wrap=True)
+    if shift_warning := find_large_zero_shift(calibration):
+        console.print(f"[bold red]check again:[/bold red] {safe(shift_warning)}", soft_wrap=True)
     for remark in remarks:
         console.print(f"[yellow]{safe(remark)}[/yellow]")
 

@@ -108,15 +108,15 @@ def visible_parameters(
     """
     starts = effect.starts(data)
     tried = [starts[len(starts) // 2]] if effect.gains else starts[:: -(-len(starts) // _TRIED)]
-    of_start = [
+    start_values = [
         {**base, **{f"{effect.name}.{name}": value for name, value in start.items()}} for start in tried
     ]
     target = _SHARE * _rms(data.effort)
     if not effect.gains:
         with_effect = model.with_effect(effect)
-        differ = [_rms(with_effect.predict(data, values) - data.effort) for values in of_start]
-        return of_start[int(np.argmin(np.abs(np.array(differ) - target)))]
-    values = of_start[0]
+        differ = [_rms(with_effect.predict(data, values) - data.effort) for values in start_values]
+        return start_values[int(np.argmin(np.abs(np.array(differ) - target)))]
+    values = start_values[0]
     if isinstance(effect, AdditiveEffect):
         for column, gain in zip(effect.columns(data, tried[0]).T, effect.gains, strict=True):
             values[f"{effect.name}.{gain.name}"] = target / length if (length := _rms(column)) > 0.0 else 0.0

@@ -147,10 +147,10 @@ def progress_bar(what: str, *, wait: bool = False) -> Iterator[ProgressBar]:
         what: the first step.
         wait: whether to show it at its first update only.
     """
-    talk = console.stderr()
+    stderr = console.stderr()
     columns = BarColumn(bar_width=32), TextColumn("{task.description}")
     progress = Progress(
-        *columns, console=talk, transient=True, auto_refresh=False, disable=not talk.is_terminal
+        *columns, console=stderr, transient=True, auto_refresh=False, disable=not stderr.is_terminal
     )
     bar = ProgressBar(progress, what)
     if not wait:

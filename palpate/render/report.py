@@ -192,11 +192,11 @@ def _draw_error_steps(made: go.Figure, channel: ChannelView) -> None:
     shown = go.Bar(
         x=errors, marker_color=colors, hovertemplate=f"%{{y}}: %{{x:.4g}} {unit}<extra></extra>", **bars
     )
-    gone = go.Bar(
+    removed = go.Bar(
         x=taken, marker_color=palette.SHADE, text=falls, textposition="outside", cliponaxis=False, **bars
     )
-    gone.hoverinfo = "skip"
-    made.add_traces([shown, gone], [1] * 2, [1] * 2)
+    removed.hoverinfo = "skip"
+    made.add_traces([shown, removed], [1] * 2, [1] * 2)
     made.update_layout(barmode="stack", bargap=0.3)
     left = channel.noise_level < 0.6 * reach
     line = {"color": palette.NOISE, "width": 1.5, "dash": "dot"}

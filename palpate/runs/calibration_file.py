@@ -180,11 +180,11 @@ def print_usage_hint(calibration: Calibration, path: Path, options: RunOptions) 
         path: its file.
         options: options that name the robot.
     """
-    talk, robot_file = console.stderr(), options.robot_file
+    stderr, robot_file = console.stderr(), options.robot_file
     file, is_shipped = robot_file.path, options.robot in shipped_robots()
     unit = getattr(calibration, "reading_unit", "N")
     if unit != "N":
-        talk.print(
+        stderr.print(
             f"\nIt calibrates readings in {unit}. A robot file cannot use it, because a robot's "
             "driver reads N."
         )
@@ -192,17 +192,17 @@ def print_usage_hint(calibration: Calibration, path: Path, options: RunOptions) 
         console.next_steps((again, "calibrate the sensor through the robot's driver"))
         return
     if is_shipped:
-        talk.print(f"\nTo use it, copy the shipped arm, and write into the copy's {safe(file.name)}:")
+        stderr.print(f"\nTo use it, copy the shipped arm, and write into the copy's {safe(file.name)}:")
     else:
-        talk.print(f"\nTo use it, write into {display_path(file)}:", soft_wrap=True)
+        stderr.print(f"\nTo use it, write into {display_path(file)}:", soft_wrap=True)
     named = {kind: name for kind, name in robot_file.calibration.model_dump().items() if name is not None}
     folder = file.resolve().parent
     named[calibration.kind] = str(path.relative_to(folder) if path.is_relative_to(folder) else path)
     line = yaml.safe_dump(named, default_flow_style=True, sort_keys=False, allow_unicode=True, width=10_000)
-    talk.print(f"  calibration: {safe(line.strip())}", soft_wrap=True)
+    stderr.print(f"  calibration: {safe(line.strip())}", soft_wrap=True)
     wire = " --wire" if calibration.source == "emulated" else ""
     if wire:
-        talk.print("It was made with emulated devices: use it with --wire; a real arm refuses it.")
+        stderr.print("It was made with emulated devices: use it with --wire; a real arm refuses it.")
     if is_shipped:
         copy = Path(f"my_{options.robot}")
         console.next_steps(

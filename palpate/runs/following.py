@@ -237,17 +237,17 @@ class FollowingArm:
         """
         if self.running:
             raise LifecycleError("the arm is running already")
-        self._line, theirs = Pipe()
+        self._line, child_line = Pipe()
         self._ended = None
         # In a new process session, Ctrl-C in the terminal reaches only the program, which then stops the arm.
-        program = f"from palpate.runs.following import main; main({theirs.fileno()})"
+        program = f"from palpate.runs.following import main; main({child_line.fileno()})"
         self._process = subprocess.Popen(  # noqa: S603 (this interpreter, this module)
             [sys.executable, "-c", program],
-            pass_fds=[theirs.fileno()],
+            pass_fds=[child_line.fileno()],
             start_new_session=True,
             stdin=subprocess.DEVNULL,
         )
-        theirs.close()
+        child_line.close()
         try:
             return self._ask(self._job)
         except PalpateError:

@@ -199,15 +199,15 @@ def ask_for_power(motion: str, *, yes: bool, pause: Callable[[float], None] = ti
             "a real arm would get power, which a person must confirm: run this in a terminal, "
             "or add --yes (--wire emulates the devices instead)"
         )
-    talk = console.stderr()
-    talk.print(f"[bold]{safe(motion)}[/bold]")
-    talk.print("Keep clear of the arm and of the space below it, and hold its power switch in your hand.")
+    stderr = console.stderr()
+    stderr.print(f"[bold]{safe(motion)}[/bold]")
+    stderr.print("Keep clear of the arm and of the space below it, and hold its power switch in your hand.")
     if not yes:
-        talk.print("Power the arm now? \\[y/N]: ", end="")  # stdout is reserved for --json
+        stderr.print("Power the arm now? \\[y/N]: ", end="")  # stdout is reserved for --json
         if sys.stdin.readline().strip().lower() not in ("y", "yes"):
             raise InputError("permission to power the arm denied: nothing has moved")
     for left_s in range(COUNTDOWN_S, 0, -1):
-        talk.print(f"power in {left_s} s; Ctrl-C stops it")
+        stderr.print(f"power in {left_s} s; Ctrl-C stops it")
         pause(1.0)
 
 

@@ -56,16 +56,16 @@ def importable(packages: list[str]) -> tuple[str, ...]:
     for package in packages:
         if package.endswith(".py"):
             raise InputError(f"--drivers {package}: give its name without .py (and its folder in PYTHONPATH)")
-        found = False
+        exists = False
         with user_code(f"--drivers {package}"):  # the search imports its parent packages
             try:
-                found = importlib.util.find_spec(package) is not None
+                exists = importlib.util.find_spec(package) is not None
             except ModuleNotFoundError as error:
                 if not (error.name and f"{package}.".startswith(f"{error.name}.")):
                     raise
             except ValueError:
                 pass
-        if not found:
+        if not exists:
             raise InputError(f"--drivers {package}: Python finds no such package (see PYTHONPATH)")
         with user_code(f"--drivers {package}"):
             own = _number_of_drivers(DriverCatalog(package)) - _number_of_drivers(DriverCatalog())

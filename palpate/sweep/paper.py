@@ -242,8 +242,8 @@ def cubes_section(rows: Sequence[Row]) -> ReportSection:
     by_object = grouped(estimated(rows), lambda row: row["law stiffness_n_m"]).values()
     for cube, own in zip(CUBES, by_object, strict=True):
         true_k, true_c = cube.k["ransac"], cube.c["ransac"]
-        for name, of_method in grouped(own, lambda row: row["estimator"]).items():
-            k, c = (float(np.mean(column(of_method, parameter))) for parameter in (K, C))
+        for name, method_rows in grouped(own, lambda row: row["estimator"]).items():
+            k, c = (float(np.mean(column(method_rows, parameter))) for parameter in (K, C))
             lines.append((cube.name, name, cube.k.get(name), k, true_k, cube.c.get(name), c, true_c))
             off += [abs(k / true_k - 1), abs(c / true_c - 1)] if name in cube.k else []
     values = (

@@ -450,11 +450,11 @@ class PlotPanel:
             readings.append(f"<b>{name}</b> {with_unit(effort[row], unit, 4)}{fit}")
         if len(rows) == 2:
             a, b = rows["A"], rows["B"]
-            depth, _, of_depth = self._motion.axes.position.rstrip("]").partition(" [")
+            depth, _, depth_unit = self._motion.axes.position.rstrip("]").partition(" [")
             apart = np.diff(self._motion.position[[a, b]])[0]
             readings.append(
                 f"<b>B − A</b> {self._motion.time_s[b] - self._motion.time_s[a]:.4g} s, "
-                f"{effort[b] - effort[a]:+.4g} {unit}, {depth} {apart:+.4g} {of_depth}"
+                f"{effort[b] - effort[a]:+.4g} {unit}, {depth} {apart:+.4g} {depth_unit}"
             )
         self._reading.set_content(" &nbsp; ".join(readings))
 

@@ -50,9 +50,9 @@ class ModelSelection:
         Args:
             effects: their names, in order.
         """
-        gone = set(self.effects) - set(effects)
-        held = {name: value for name, value in self.held.items() if name.partition(".")[0] not in gone}
-        bounds = {name: pair for name, pair in self.bounds.items() if name.partition(".")[0] not in gone}
+        removed = set(self.effects) - set(effects)
+        held = {name: value for name, value in self.held.items() if name.partition(".")[0] not in removed}
+        bounds = {name: pair for name, pair in self.bounds.items() if name.partition(".")[0] not in removed}
         return ModelSelection(self.channel, tuple(effects), held, bounds)
 
 

@@ -118,7 +118,7 @@ class OdriveBus(MotorBus):
             latencies_s.append([at_s - asked_s for at_s in self._answered_at_s])
             if not complete:
                 break
-        self._latency_s = [max(0.0, min(of_axis)) for of_axis in zip(*latencies_s, strict=True)]
+        self._latency_s = [max(0.0, min(delays_s)) for delays_s in zip(*latencies_s, strict=True)]
         for joint in range(self.joint_count):
             self._check_rate(joint, self._motion_at_s, self._limits.encoder_age_s, "encoder")
             self._check_rate(joint, self._torque_at_s, self._limits.torque_age_s, "torque")

@@ -85,7 +85,7 @@ def scan(file: IO[bytes], formats: Formats | None = None) -> Scan:
     # Put messages into the order in which they were logged: chunks of a file may lie in any.
     content = scanner.content
     numbers = (np.asarray(content.sequence[topic]) for topic in content.decoded)
-    if any((of_topic[1:] < of_topic[:-1]).any() for of_topic in numbers):
+    if any((topic_numbers[1:] < topic_numbers[:-1]).any() for topic_numbers in numbers):
         return scan(file)
     for topic, messages in content.messages.items():
         order = np.argsort(np.asarray(content.sequence[topic]), kind="stable")

@@ -105,8 +105,8 @@ class Scene:
         holding = np.flatnonzero(self.ticks["phase"] == Phase.HOLD)
         if not len(holding):
             return float(self.time_s[len(self.time_s) // 2])
-        of_last = holding[self.ticks["run"][holding] == self.ticks["run"][holding[-1]]]
-        return float(self.time_s[of_last[len(of_last) // 2]])
+        last_hold = holding[self.ticks["run"][holding] == self.ticks["run"][holding[-1]]]
+        return float(self.time_s[last_hold[len(last_hold) // 2]])
 
 
 def picture_rows(time_s: FloatArray) -> IntArray:

@@ -46,9 +46,9 @@ def crc16(data: bytes, start: int = 0) -> int:
     Returns:
         The CRC-16, from 0 to FFFF.
     """
-    crc, of_words, count = start, _OF_WORDS, len(data) // 2
+    crc, word_table, count = start, _OF_WORDS, len(data) // 2
     for word in struct.unpack_from(f">{count}H", data):
-        crc = of_words[crc ^ word]
+        crc = word_table[crc ^ word]
     if len(data) > 2 * count:
         crc = (crc << 8) & 0xFF00 ^ _TABLE[crc >> 8 ^ data[-1]]
     return crc

@@ -162,10 +162,10 @@ class BotaStream(ReadingStream):
             self._odd_us = time_us
             return False
         if self._time_us is not None:
-            by_us = (time_us - self._time_us) % _TIMES
-            if by_us >= _TIMES // 2:
+            elapsed_us = (time_us - self._time_us) % _TIMES
+            if elapsed_us >= _TIMES // 2:
                 self._restarted = "the sensor has restarted, with its stored settings"
-            self.sensor_clock.advance(1e-6 * by_us)
+            self.sensor_clock.advance(1e-6 * elapsed_us)
         self._time_us, self._odd_us = time_us, None
         return True
 

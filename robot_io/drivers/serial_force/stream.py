@@ -38,13 +38,13 @@ class SensorClock:
         self._delay_s = self._window_delay_s = inf
         self._window_end_s, self._delays_s = _WINDOW_S, deque[float](maxlen=_WINDOWS)
 
-    def advance(self, by_s: float) -> None:
+    def advance(self, elapsed_s: float) -> None:
         """Advance the sensor's time to that of the newest reading.
 
         Args:
-            by_s: time since the previous reading, sensor's clock [s].
+            elapsed_s: time since the previous reading, sensor's clock [s].
         """
-        self._now_s += by_s * self._rate
+        self._now_s += elapsed_s * self._rate
 
     def sampled_at_s(self, arrived_at_s: float, *, prompt: bool) -> float:
         """Compute the latest possible sampling time of the newest reading.

@@ -163,16 +163,16 @@ class ServoPairs:
         """Reset the time since torques differ."""
         self._alike_at_s, self._count = [inf] * len(self.joints), [0] * len(self.joints)
 
-    def repeat_for_servos(self, of_joints: Sequence[float]) -> list[float]:
+    def repeat_for_servos(self, joint_values: Sequence[float]) -> list[float]:
         """Repeat a value of each joint, such as a limit, for each servo.
 
         Args:
-            of_joints: values of the joints, shape (n,).
+            joint_values: values of the joints, shape (n,).
 
         Returns:
             Values for the servos, shape (m,).
         """
-        return [*of_joints, *(of_joints[joint] for joint in self.joints)]
+        return [*joint_values, *(joint_values[joint] for joint in self.joints)]
 
     def split_torques(self, torque_nm: Sequence[float]) -> Sequence[float]:
         """Divide torques of joints among servos, shape (m,) [N m].
@@ -212,10 +212,10 @@ class ServoPairs:
         """
         if not self.joints:
             return list(servo_states)
-        of_joints = list(servo_states[: self.joint_count])
+        joint_values = list(servo_states[: self.joint_count])
         for joint, second in zip(self.joints, servo_states[self.joint_count :], strict=True):
-            of_joints[joint] += second
-        return of_joints
+            joint_values[joint] += second
+        return joint_values
 
     def join_pairs(self, motion: FloatArray) -> FloatArray:
         """Average the positions and velocities of pairs, and add their torques.
