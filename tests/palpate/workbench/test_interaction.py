@@ -16,6 +16,7 @@ from palpate.estimation.effect import Parameter
 from palpate.estimation.estimate import with_unit
 from palpate.robot_io.errors import InputError
 from palpate.study import Study
+from palpate.workbench import effects as effects_module
 from palpate.workbench import plots
 from palpate.workbench.effects import EffectRows, _slider, open_gallery
 from palpate.workbench.elements import Plot
@@ -512,3 +513,45 @@ def test_refused_data_have_a_checklist_and_raw_curves_but_no_error(browser, tmp_
         assert len(time.figure["data"][0]["y"]) == 49
 
     browser.use(work)
+
+
+def test_effects_are_ranked_again_after_each_choice_until_the_page_is_left(
+    opened, browser, state, monkeypatch
+):
+    ranked, closed = [], []
+
+    async def rank(chosen, ahead, idle):
+        ranked.append(chosen)
+        return len(ranked) != 2  # the second time, the choice changed on the way
+
+    async def work(page):
+        page._effects.fill()
+        page._effects._evaluate_extensions = rank
+        ranking = asyncio.create_task(page._effects.rank_effects(page._idle))
+        for effects in ((), ("bias",)):
+            state.choice = replace(state.choice, effects=effects)
+            for _ in range(10):
+                await asyncio.sleep(0.001)
+        page._effects._card.delete()
+        await ranking
+        assert ranked == [(), ("bias",), ("bias",)]
+        assert closed == [True]
+
+    monkeypatch.setattr(effects_module, "_PAUSE_S", 0.0)
+    ahead = SimpleNamespace(close=lambda: closed.append(True))
+    monkeypatch.setattr(effects_module, "FitPrefetcher", lambda *_: ahead)
+    opened(work)
+
+
+def test_finished_diagnosis_renews_groups_and_noise(opened, browser, state, monkeypatch):
+    async def work(page):
+        page._effects.fill()
+        arranged = []
+        monkeypatch.setattr(page._effects, "arrange", lambda: arranged.append(True))
+        page.on_diagnosed()
+        monkeypatch.setattr(state.study, "noise", lambda channel: SimpleNamespace(value=9.0))
+        assert arranged == [True]
+        await browser.timers[-1].work()
+        assert "a flexible regression reaches" in stated_error(browser)[1]
+
+    opened(work)

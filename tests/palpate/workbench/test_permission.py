@@ -126,32 +126,62 @@ def test_invalid_port_is_refused(port):
         early_server(port)
 
 
-@pytest.mark.parametrize("is_open", [True, False])
-def test_no_motion_is_requested_after_the_page_was_closed(monkeypatch, tmp_path, is_open):
+@pytest.mark.parametrize(
+    ("source", "is_open", "permits", "designed", "expected"),
+    [
+        ("simulated", True, False, True, [["--seed", "3"]]),
+        ("simulated", False, False, True, []),
+        ("simulated", True, False, None, []),
+        ("simulated", True, False, InputError("no arm"), []),
+        ("robot", True, True, True, [["3", "--yes"]]),
+        ("robot", True, False, True, []),
+        ("robot", False, True, True, []),
+    ],
+)
+def test_motion_is_requested_only_on_an_open_page_and_with_permission(
+    monkeypatch, tmp_path, source, is_open, permits, designed, expected
+):
     """The experiment is designed in the background; whoever pressed the button may be gone by then."""
-    probed = []
+    probed, asked_for, said, works = [], [], [], {}
 
     async def probe(home, arguments, place, *, join):
+        assert join
         probed.append(arguments)
 
-    works = {}
-    following = SimpleNamespace(proposal=None, plan=SimpleNamespace(force_limit_n=8.0))
-    session = SimpleNamespace(metadata=SimpleNamespace(extra={"source": "simulated"}))
+    async def ask(force_n, arguments):
+        asked_for.append((force_n, arguments[:2]))
+        return permits
+
+    def design(diagnoses):
+        if isinstance(designed, Exception):
+            raise designed
+        return designed and SimpleNamespace(proposal=None, plan=SimpleNamespace(force_limit_n=8.0))
+
+    session = SimpleNamespace(metadata=SimpleNamespace(extra={"source": source}))
     study = SimpleNamespace(
-        source=SimpleNamespace(session=session), folder=tmp_path, next_probe=lambda diagnoses: following
+        source=SimpleNamespace(session=session), folder=tmp_path / "press-palpate", next_probe=design
     )
     state = SimpleNamespace(study=study, diagnosis=SimpleNamespace(next_experiment=object()))
     monkeypatch.setattr(layout, "same_world", lambda _: "--seed 3")
     monkeypatch.setattr(layout, "plan_text", lambda *_: "hold_s: 0.1\n")
     monkeypatch.setattr(layout, "_probe", probe)
+    monkeypatch.setattr(layout, "_ask_permission", ask)
     monkeypatch.setattr(layout, "_once", lambda text, work: works.setdefault(text, work) and ui.button(text))
+    monkeypatch.setattr(ui, "notify", lambda text, **_: said.append(text))
     monkeypatch.setattr(Client, "has_socket_connection", property(lambda _: is_open))
 
     async def press():
         core.loop = asyncio.get_running_loop()
         with Client(page("")):
             layout._next_step(None, state)
-            await works["Run it on the simulated arm"]()
+            where = "simulated arm" if source == "simulated" else "robot"
+            await works[f"Run it on the {where}"]()
 
     asyncio.run(press())
-    assert [arguments[-2:] for arguments in probed] == ([["--seed", "3"]] if is_open else [])
+    assert [arguments[-2:] for arguments in probed] == expected
+    assert asked_for == ([(8.0, ["palpate", "probe"])] if source == "robot" and is_open else [])
+    assert ("Resolve: probe until one explanation is left" in works) is (source == "simulated")
+    assert len(said) == (designed is not True)
+    file = study.folder / layout._NEXT
+    assert file.exists() is (designed is True)
+    assert all(str(file) in arguments for arguments in probed)
