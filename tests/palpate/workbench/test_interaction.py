@@ -145,6 +145,7 @@ def test_page_shows_the_fit_of_each_choice_and_its_steps(opened, browser, state)
         assert "× noise level" in stated_error(browser)[1]
         assert 'class="fits"' not in stated_error(browser)[1]
         assert not page._undo.enabled
+        assert {"press.csv", "base model kelvin_voigt"} <= set(browser.texts())
         await page.tick("cubic_stiffness")
         fitted = state.show().fitted
         error, html = stated_error(browser)

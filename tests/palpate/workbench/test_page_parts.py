@@ -557,7 +557,8 @@ def test_prefetched_chain_is_fitted_once_and_errors_are_answered(data, monkeypat
 
 
 def test_other_files_are_offered_newest_first(browser, monkeypatch, tmp_path):
-    names = ["old.csv", "new.CSV.gz", "a.mcap", "b.mcap", "note.txt", "folder.csv"]
+    names = ["old.csv", *(f"{number}.npz" for number in range(12))]
+    names += ["new.CSV.gz", "a.mcap", "b.mcap", "note.txt", "folder.csv"]
     for age_s, name in enumerate(names):
         (tmp_path / name).mkdir() if name.startswith("folder") else (tmp_path / name).touch()
         os.utime(tmp_path / name, (age_s, age_s))
@@ -575,13 +576,8 @@ def test_other_files_are_offered_newest_first(browser, monkeypatch, tmp_path):
         await layout.lay_out_page(home)
         assert browser.marked("refused").text == "unreadable"
         buttons = [each.text for each in browser.all(ui.button)]
-        assert buttons[:5] == [
-            "b.mcap",
-            "a.mcap",
-            "new.CSV.gz",
-            "old.csv",
-            "All sessions of the folder as one study",
-        ]
+        assert buttons[:4] == ["b.mcap", "a.mcap", "new.CSV.gz", "11.npz"]
+        assert buttons[11:13] == ["3.npz", "All sessions of the folder as one study"]  # twelve files
         await browser.press("a.mcap")
         assert (home.state, home.error, home.riddle, browser.reloads) == ("state of a.mcap", "", False, 1)
         await browser.press("All sessions of the folder as one study")
