@@ -2,6 +2,8 @@
 
 import json
 import re
+import runpy
+import sys
 from contextlib import nullcontext
 from math import pi
 
@@ -9,6 +11,7 @@ import numpy as np
 import pytest
 
 from palpate.robot_io.clock import SimulatedClock
+from palpate.robot_io.drivers.feetech import lerobot
 from palpate.robot_io.drivers.feetech.feedback import FeetechFeedback, PlausibilityFilter
 from palpate.robot_io.drivers.feetech.lerobot import main, read_calibration
 from palpate.robot_io.errors import DeviceError, InputError, LifecycleError
@@ -299,7 +302,7 @@ CALIBRATION = {
 }
 
 
-def test_lerobot_calibration_becomes_lines_of_a_robot_file(tmp_path, capsys):
+def test_lerobot_calibration_becomes_lines_of_a_robot_file(tmp_path, capsys, monkeypatch):
     path = tmp_path / "follower.json"
     path.write_text(json.dumps(CALIBRATION), encoding="utf-8")
     motors = read_calibration(path)
@@ -308,6 +311,12 @@ def test_lerobot_calibration_becomes_lines_of_a_robot_file(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "- {id: 2, model: STS3215-12V, zero_rad: -3.14159, homing_offset: -85}   # shoulder_lift" in said
     assert "- {id: 3, model: STS3215-12V, reversed: true, zero_rad: 3.14083, homing_offset: 1020}" in said
+    for arguments, code in (([str(path)], 0), ([], 2), ([str(path)] * 2, 2)):
+        monkeypatch.setattr(sys, "argv", ["lerobot", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            runpy.run_path(lerobot.__file__, run_name="__main__")
+        assert ended.value.code == code
+        assert ("usage: python -m" in capsys.readouterr().err) is (code == 2)
 
 
 @pytest.mark.parametrize(
