@@ -263,6 +263,9 @@ def test_live_view_shows_the_last_seconds_until_the_session_is_complete(browser,
             assert len(trace["x"]) <= 610
         assert [trace["yaxis"] for trace in (force, one, k, c)] == ["y", "y2", "y3", "y4"]
         assert "N s/m" in c["hovertemplate"]
+        layout = plot.figure["layout"]
+        ends = [end for panel in ("yaxis3", "yaxis2", "yaxis") for end in layout[panel]["domain"]]
+        assert ends == sorted(set(ends))  # one above the other
         Tail.now = pressing(0)
         before = plot.figure
         await timers[0].work()
@@ -653,3 +656,24 @@ def test_resolve_runs_in_the_probed_world_and_opens_its_result(browser, monkeypa
 
     world = "--seed 3"
     browser.use(work)
+
+
+@pytest.mark.parametrize(
+    ("script", "lines", "error"),
+    [
+        ("echo one; echo two", ["one", "two"], ""),
+        ("echo one; (echo why; echo no arm) >&2; exit 2", ["one"], "no arm"),
+        ("exit 1", [], "it failed"),
+    ],
+)
+def test_command_s_lines_are_passed_on_and_its_error_is_its_last(monkeypatch, script, lines, error):
+    start, started = asyncio.create_subprocess_exec, []
+
+    def start_script(*command, **options):
+        started.append(command[3:])
+        return start("sh", "-c", script, **options)
+
+    monkeypatch.setattr(live.asyncio, "create_subprocess_exec", start_script)
+    said = []
+    assert asyncio.run(live.run_command(["probe", "--seed", "3"], said.append)) == error
+    assert (said, started) == (lines, [("palpate.main", "probe", "--seed", "3")])
