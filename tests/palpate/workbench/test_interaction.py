@@ -153,6 +153,8 @@ def test_page_shows_the_fit_of_each_choice_and_its_steps(opened, browser, state)
         assert "at the noise level" in html
         assert 'class="fits"' in html
         assert browser.marked("waterfall").content.count('class="step"') == 2
+        headings = [each.text for each in browser.all() if each.tag == "h2"]
+        assert {"Error in held-out runs", "Parameters", "Curves", "Effects"} <= set(headings)
         assert "palpate add press.csv cubic_stiffness" in browser.marked("command").text
         assert browser.marked("python").text.startswith('study.add("cubic_stiffness", ')
         drawn = page._center._time.figure["data"]
