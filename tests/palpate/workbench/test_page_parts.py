@@ -288,7 +288,7 @@ def test_online_residual_is_the_force_that_the_estimates_leave():
     columns = {
         name: np.array(ticks[name]) for name in ("force_n", "stiffness_n_m", "damping_n_s_m", "surface_m")
     }
-    columns["tip_position_world_m"] = np.array([[0, 0, -z] for z in (0.001, 0.001, -0.001, 0.001)])
+    columns["tip_position_world_m"] = np.array([[0, 0, -z] for z in (0.001, 0.001, 0.0002, 0.001)])
     columns["tip_velocity_world_m_s"] = np.array([[0, 0, -v] for v in (0.0, 0.1, 0.1, -0.9)])
     columns["press_direction_world"] = np.array([[0.0, 0.0, -1.0]] * 4)
     columns |= {
@@ -297,7 +297,7 @@ def test_online_residual_is_the_force_that_the_estimates_leave():
         "damping_n_s_m": np.full(4, 4.0),
     }
     columns["surface_m"] = np.full(4, 0.0002)
-    np.testing.assert_allclose(live.online_residual(columns), [1.6, 1.2, 2.0, 2.0])  # out of contact; no pull
+    np.testing.assert_allclose(live.online_residual(columns), [1.6, 1.2, 2.0, 2.0])  # at the surface; no pull
 
 
 @pytest.mark.parametrize(("truncated", "expected"), [(True, "new.mcap"), (False, None), (None, None)])
@@ -487,6 +487,10 @@ def test_diagnosis_shows_its_progress_then_its_verdict_and_steps(browser, tmp_pa
         card.offer(("bias", "lag", "drift"))
         assert not [each for each in browser.all(ui.button) if each.text.startswith("Add")]
         card.stop()  # nothing runs
+        for found, count in ((diagnosis(RELAXATION), 1), (diagnosis(verdict="adequate", noise=1.0), 0)):
+            state.diagnosis = found
+            card._show()  # a picture of several parts
+            assert len([each for each in browser.all() if each.tag == "img"]) == count
 
     browser.use(work)
 
