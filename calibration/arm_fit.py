@@ -224,10 +224,8 @@ def fit_arm(motion: ArmMotion, bodies: GravityBodies) -> ArmFit:
             raise InputError(
                 f"joint {joint} carries the same load everywhere: its torque gain cannot be identified"
             )
-    tilt_effect = np.linalg.norm(
-        (gravity @ gravity_direction_derivatives(np.zeros(2))).reshape(-1, 2), axis=0
-    )
-    axes = np.asarray(tilt_effect > _MIN_TILT_EFFECT * max(float(tilt_effect.max()), _MIN_TORQUE_NM))
+    tilt_norms = np.linalg.norm((gravity @ gravity_direction_derivatives(np.zeros(2))).reshape(-1, 2), axis=0)
+    axes = np.asarray(tilt_norms > _MIN_TILT_EFFECT * max(float(tilt_norms.max()), _MIN_TORQUE_NM))
     solver = _Solver(motion, inertial, gravity, moving, axes)
     return _arm_fit(solver, *solver.solve())
 

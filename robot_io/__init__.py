@@ -13,15 +13,7 @@ if TYPE_CHECKING:
         write_session,
     )
 
-__all__ = [
-    "Column",
-    "Samples",
-    "Session",
-    "SessionMetadata",
-    "SessionWriter",
-    "Stream",
-    "write_session",
-]
+__all__ = ["Column", "Samples", "Session", "SessionMetadata", "SessionWriter", "Stream", "write_session"]
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401

@@ -60,10 +60,7 @@ def grid() -> list[CaseSpec]:
     """All jobs in an order that mixes them; a beginning of it is a fair sample."""
     jobs = [
         (kind, sort, hidden, strength)
-        for kind, ones, outside in (
-            ("contact", CONTACT, CONTACT_OUTSIDE),
-            ("revolute", JOINT, JOINT_OUTSIDE),
-        )
+        for kind, ones, outside in (("contact", CONTACT, CONTACT_OUTSIDE), ("revolute", JOINT, JOINT_OUTSIDE))
         for sort, hidden, strength in (
             *(("nothing", (), 0.0) for _ in range(22)),
             *(("one", (name,), strength) for name in ones for strength in STRENGTHS),

@@ -208,7 +208,7 @@ def _admittance(hold: HoldState, gains: ContactGains, dt_s: float) -> float:
     return law.acceleration(hold.error_n, hold.state.speed_m_s, dt_s)
 
 
-def _force_tracking(hold: HoldState, gains: ContactGains, dt_s: float) -> float:
+def _tracking(hold: HoldState, gains: ContactGains, dt_s: float) -> float:
     """Compute a from M a + D v + K (x - x_r) = -F, where x_r gives the desired force at rest.
 
     x_r = x_e + F_d / k + F_d / K, so the final force is as accurate as the estimates of stiffness and
@@ -235,9 +235,5 @@ def _constant_force(hold: HoldState, gains: ContactGains, dt_s: float) -> float:
 
 
 HOLD_LAWS: Mapping[str, HoldLaw] = MappingProxyType(
-    {
-        "admittance": _admittance,
-        "force_tracking_impedance": _force_tracking,
-        "constant_force": _constant_force,
-    }
+    {"admittance": _admittance, "force_tracking_impedance": _tracking, "constant_force": _constant_force}
 )

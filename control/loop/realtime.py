@@ -59,11 +59,7 @@ def realtime(priority: int = 80) -> Iterator[RealtimeReport]:
             _locked_memory,
         ),
         ("awake processor", "it may enter a deep sleep and need 100 us to wake", _awake_processor),
-        (
-            "frozen garbage",
-            "a full garbage collection may delay a tick",
-            lambda: frozen_garbage(collect=True),
-        ),
+        ("frozen garbage", "a garbage collection may delay a tick", lambda: frozen_garbage(collect=True)),
     )
     granted, refused = [], []
     with ExitStack() as stack:

@@ -31,10 +31,7 @@ _DEVICE = "device"  # key of the device name in a file, beside the settings
 
 
 def build_operator_device(
-    name: str,
-    settings: Mapping[str, object],
-    clock: Clock,
-    document: YamlDocument | None = None,
+    name: str, settings: Mapping[str, object], clock: Clock, document: YamlDocument | None = None
 ) -> OperatorDevice:
     """Make an operator device; opens nothing yet.
 

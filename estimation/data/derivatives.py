@@ -84,10 +84,8 @@ def differentiate(
         halves = half_window, half_window
     else:
         rows = slice(None) if window_rows is None else np.flatnonzero(window_rows)
-        selected = _select_windows(
-            time_s[rows], position[rows], piece[rows], rounding, prefer_wide=prefer_wide
-        )
-        halves = wider_window(selected[0], extra_steps), wider_window(selected[1], extra_steps)
+        widths = _select_windows(time_s[rows], position[rows], piece[rows], rounding, prefer_wide=prefer_wide)
+        halves = wider_window(widths[0], extra_steps), wider_window(widths[1], extra_steps)
     parts = [
         (rows, first, min(first + _BLOCK, rows.stop))
         for rows in pieces

@@ -96,12 +96,7 @@ def cut_presses(
 
 
 def cut_into(  # noqa: PLR0917
-    force: FloatArray,
-    displacement: FloatArray,
-    piece: IntArray,
-    time_s: FloatArray,
-    count: int,
-    where: str,
+    force: FloatArray, displacement: FloatArray, piece: IntArray, time_s: FloatArray, count: int, where: str
 ) -> IntArray:
     """Cut a recording into a given number of presses: those that start farthest from the object.
 

@@ -188,9 +188,7 @@ class Table:
         ]
         longest = max(map(len, texts), default=0)
         if longest > _MAX_LABEL_LENGTH:
-            raise InputError(
-                f"{place}: a name has {longest} characters; at most {_MAX_LABEL_LENGTH} are allowed"
-            )
+            raise InputError(f"{place}: a name has {longest} characters, more than {_MAX_LABEL_LENGTH}")
         number = {text: number for number, text in enumerate(dict.fromkeys(texts))}
         number_by_code = np.array([number[text] for text in texts], dtype=np.int64)
         return tuple(number), number_by_code[coded.indices.to_numpy(zero_copy_only=False)]
@@ -337,11 +335,9 @@ def _with_decimal_points(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArr
     if not is_text(column.type):
         return column
     trimmed, mark = pc.utf8_trim_whitespace(column), "." if decimal == "," else ","
-    grouped_by_blanks = pc.match_substring_regex(trimmed, _BLANKS_GROUP)
-    if pc.any(grouped_by_blanks).as_py():
-        column = trimmed = pc.if_else(
-            grouped_by_blanks, pc.replace_substring_regex(trimmed, _BLANKS, ""), trimmed
-        )
+    has_blanks = pc.match_substring_regex(trimmed, _BLANKS_GROUP)
+    if pc.any(has_blanks).as_py():
+        column = trimmed = pc.if_else(has_blanks, pc.replace_substring_regex(trimmed, _BLANKS, ""), trimmed)
     grouped = pc.match_substring_regex(trimmed, _GROUPED[mark])
     if decimal == ",":
         separated = pc.any(pc.and_not(pc.match_substring(trimmed, mark), grouped)).as_py()

@@ -66,9 +66,7 @@ def never_repeated(data: ChannelData) -> str | None:
                 "all runs go one way at one speed: relaxation, friction, damping and the range of the sensor "
                 "cannot be distinguished from the elastic law; hold, return, or add runs at another speed"
             )
-        return (
-            "no run returns: friction cannot be distinguished from elastic shape; record a run that returns"
-        )
+        return "no run returns: friction cannot be distinguished from elastic shape; record one that returns"
     travel = sum(np.ptp(part) for part in np.array_split(data.position, PIECES))
     if travel >= _MIN_TRAVEL * np.ptp(data.position):
         return None

@@ -66,9 +66,7 @@ class CubicStiffness(AdditiveEffect):
     )
     signals = ("position",)
     channels = frozenset(ChannelKind)
-    gains = (
-        Parameter("k3", "{effort}/{position}^3", -10000000000000.0, 10000000000000.0, (1.0, 1000000000.0)),
-    )
+    gains = (Parameter("k3", "{effort}/{position}^3", -1e13, 1e13, (1.0, 1e9)),)
     elastic = ("k3",)
     confused_with = {
         "exponential_stiffness": "press deeper: an exponential soon outgrows a cubic",

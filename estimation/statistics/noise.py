@@ -94,10 +94,8 @@ def sum_covariance(terms: FloatArray, run: IntArray | None = None) -> SumCovaria
     rests = [part[1:] - ar1 * part[:-1] for part in runs]
     whitened = [np.concatenate(both) for both in zip(firsts, rests, strict=True)]
     # Choose the number of lags that balances bias and variance (Andrews 1991, eq. 6.2 and 6.4).
-    remaining_ar1 = _ar1(whitened)
-    alpha = float(
-        (4 * remaining_ar1**2 / ((1 - remaining_ar1) ** 2 * (1 + remaining_ar1) ** 2)).max(initial=0.0)
-    )
+    rest_ar1 = _ar1(whitened)
+    alpha = float((4 * rest_ar1**2 / ((1 - rest_ar1) ** 2 * (1 + rest_ar1) ** 2)).max(initial=0.0))
     lags = np.ceil(1.1447 * (alpha * len(terms)) ** (1 / 3))
     lag_count = int(np.clip(lags, 1, max(1, max(map(len, runs)) // 2)))
     matrix = sum(_bartlett_covariance(part, lag_count) for part in whitened) / np.outer(1 - ar1, 1 - ar1)

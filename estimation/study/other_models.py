@@ -174,13 +174,8 @@ def _with_accepted(
     times = last / diagnosis.noise_floor if diagnosis.noise_floor > 0.0 else 1.0
     numbers = {"rmse": last, "times_floor": times}
     remaining = diagnosis.remaining and diagnosis.remaining.model_copy(update=numbers)
-    update = {
-        "reason": reason,
-        "remaining": remaining,
-        "final": FitSummary.of(stages[-1]),
-        "accepted": entries,
-    }
-    return changed.model_copy(update=update)
+    new = {"reason": reason, "remaining": remaining, "final": FitSummary.of(stages[-1]), "accepted": entries}
+    return changed.model_copy(update=new)
 
 
 def _is_simpler(smaller: FitResult, larger: FitResult) -> bool:

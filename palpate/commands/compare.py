@@ -82,9 +82,7 @@ def compare_command(
     model: ModelOption = None,
     other_model: Annotated[
         str | None,
-        Option(
-            help="Base model of OTHER; without OTHER, a second model of FILE.", autocompletion=model_names
-        ),
+        Option(help="Base model of OTHER; without it, a second model of FILE.", autocompletion=model_names),
     ] = None,
     channel: Annotated[str | None, Option(help="Only this channel, such as contact.")] = None,
     revision: Annotated[
@@ -98,8 +96,7 @@ def compare_command(
     folder: FolderOption = None,
     as_json: JsonOption = False,
     out: Annotated[
-        Path | None,
-        Option(help="Write comparison.json and an HTML report to this folder.", metavar="FOLDER"),
+        Path | None, Option(help="Write comparison.json and an HTML report to this folder.", metavar="FOLDER")
     ] = None,
     force: ForceOption = False,
 ) -> None:

@@ -86,9 +86,7 @@ def diagnose_command(
     def show() -> None:
         print_diagnosis(console.stdout(), view_of(study, results()))
         if study.source.probed and all(item.kind is not ChannelKind.CONTACT for item in study.channels):
-            console.warn(
-                "no contact: the force never rises above its level in free air; was anything touched?"
-            )
+            console.warn("no contact: the force never exceeds its level in free air; was anything touched?")
 
     console.present(content, show, as_json=as_json)
     plan = None
@@ -173,10 +171,7 @@ def _next_steps(  # noqa: PLR0917, what was typed and found
     if all(study.refusal(study.channel(channel.channel)) for channel in diagnosis.channels):
         too_little = any("; record" in channel.reason for channel in diagnosis.channels)
         if too_little and study.source.session is None and data.file.is_file():
-            yield (
-                f"palpate import {shell_path(data.file)} FILE ... --look",
-                "import more files as further runs",
-            )
+            yield (f"palpate import {shell_path(data.file)} FILE ... --look", "import more files as runs")
         base = data.command_text(model=typed["model"])
         yield f"palpate estimate {base}", "the parameters of the base model"
         return

@@ -20,12 +20,10 @@ PIXELS = (1600, 1000)  # width and height of a picture
 def inspect_command(  # noqa: PLR0917, one parameter an option
     session: Annotated[Path, Argument(help="Session file (.mcap).")],
     other: Annotated[
-        Path | None,
-        Argument(help="Session of the other side (palpate teleop), shown on the same time line."),
+        Path | None, Argument(help="Session of the other side (palpate teleop), shown on the same time line.")
     ] = None,
     save: Annotated[
-        Path | None,
-        Option(help="Write the recording here instead of opening a window.", metavar="FILE.rrd"),
+        Path | None, Option(help="Write the recording here instead of opening a window.", metavar="FILE.rrd")
     ] = None,
     screenshot: Annotated[Path | None, Option(help="Save a picture of the hold.", metavar="FILE.png")] = None,
     plots: Annotated[Path | None, Option(help="Save plots in this folder.", metavar="FOLDER")] = None,

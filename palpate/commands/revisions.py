@@ -127,10 +127,7 @@ def revisions_command(data: DataArguments, as_json: JsonOption = False, folder: 
         last = {"revision": [str(revision.number) for revision in newest.values()], "folder": folder}
         compared = data.command_text(**last, effect=user_effects_of(list(newest.values())))
         steps = [
-            (
-                f"palpate add {added} EFFECT --from {first.number}",
-                "go back to a revision, and continue there",
-            ),
+            (f"palpate add {added} EFFECT --from {first.number}", "go back to a revision and continue there"),
             (f"palpate compare {compared}", "where the newest model fails"),
             (f"palpate export {data.command_text(**last)}", "as a simulated world"),
         ]

@@ -23,8 +23,7 @@ def sweep_command(
     what: Annotated[str, Argument(help="paper, or a YAML file with your own grid.", metavar="paper|FILE")],
     *,
     out: Annotated[
-        Path | None,
-        Option("--out", "-o", help="Output folder; continues an interrupted sweep in it."),
+        Path | None, Option("--out", "-o", help="Output folder; continues an interrupted sweep in it.")
     ] = None,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,

@@ -233,10 +233,7 @@ def leader(  # noqa: PLR0917, one parameter an option
     stderr = console.stderr()
     with stderr.status("starting") as status:
         outcome = run_leader(
-            haptics,
-            line,
-            lambda text: stderr.print(safe(text)),
-            lambda text: status.update(safe(text)),
+            haptics, line, lambda text: stderr.print(safe(text)), lambda text: status.update(safe(text))
         )
 
     def show_outcome() -> None:

@@ -34,8 +34,7 @@ PatternOption = Annotated[
     Option(help="Pattern of the file names, whose parts become fields, such as '{specimen}_{day}.csv'."),
 ]
 WorkersOption = Annotated[
-    int | None,
-    Option(help="Number of processes on this machine; default: one per core.", min=1, max=1000),
+    int | None, Option(help="Number of processes on this machine; default: one per core.", min=1, max=1000)
 ]
 SchedulerOption = Annotated[
     str | None, Option(help="Run on the workers of this dask scheduler.", metavar="ADDRESS")

@@ -41,9 +41,7 @@ def lost(effect: str, p: Values) -> Iterator[str]:
         p: fitted parameters, by their own names.
     """
     if effect == "asymmetric_friction" and _viscous(p) < 0.0:
-        yield (
-            f"asymmetric_friction falling with speed ({_viscous(p):.3g} N m s/rad) is simulated as constant"
-        )
+        yield f"asymmetric_friction falling with speed ({_viscous(p):.3g} N m s/rad) is simulated as constant"
     if effect == "dry_friction" and p["presliding"] < SHORTEST_SLIP_M:
         yield (
             f"dry_friction changes sign over {SHORTEST_SLIP_M:.0e} m, the shortest simulated path: its "

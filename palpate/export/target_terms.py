@@ -72,9 +72,7 @@ TABLE: Mapping[SimulatorFormat, Mapping[str, TargetTerm | str]] = {
     SimulatorFormat.MJCF: {
         "armature": _named(armature="inertia"),
         "asymmetric_friction": _asymmetric(("frictionloss",), "damping"),
-        "backlash": _named(
-            "the motor's own share of inertia and friction stays with the first joint", gap="gap"
-        ),
+        "backlash": _named("the motor's share of inertia and friction stays with the first joint", gap="gap"),
         "coulomb_friction": _named(frictionloss="force"),
         "cubic_stiffness": _named(cubic="k3"),
         "damping": _named(damping="c"),

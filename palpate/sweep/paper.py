@@ -249,9 +249,7 @@ def cubes_section(rows: Sequence[Row]) -> ReportSection:
     values = (
         f"{what}, {whose}" for what in ("k [N/m]", "c [N s/m]") for whose in ("paper", "ours", "simulated")
     )
-    title = (
-        "Table II: the silicone cubes; ours are simulated with the values of the paper's RANSAC as the truth"
-    )
+    title = "Table II: the silicone cubes; ours are simulated with the paper's RANSAC values as the truth"
     second = SweepTable("table_2", title, ("cube", "estimator", *values), tuple(lines))
     peak_n = max(max(row["peak_n"]) for row in _one_of_each(rows))
     words = (

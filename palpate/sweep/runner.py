@@ -227,9 +227,7 @@ def _run(cluster: Cluster, todo: dict[str, Case], store: ResultStore) -> Iterato
         ours = _worker_code(mark, sorted(modules))[1]
         for worker, (is_there, versions) in seen.items():
             if not is_there:
-                raise InputError(
-                    f"worker {worker}: cannot access {mark.parent}; --out must be on a shared disk"
-                )
+                raise InputError(f"worker {worker}: cannot access {mark.parent}; use a shared disk for --out")
             if versions != ours:
                 raise InputError(f"worker {worker}: runs another version of palpate or of its libraries")
         waiting = iter(todo.items())

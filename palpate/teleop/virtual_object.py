@@ -91,9 +91,7 @@ def terms_in(data: Mapping[str, Any]) -> tuple[ContactModel, ...]:
             for name, values in data["model"]
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(
-            f"an event '{data.get('revision')}' of the session holds no model: {error}"
-        ) from error
+        raise InputError(f"an event '{data.get('revision')}' of the session has no model: {error}") from error
 
 
 def _is_rendered(entry: Imperfection) -> bool:

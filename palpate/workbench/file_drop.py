@@ -111,10 +111,8 @@ class FileDrop:
                     path.unlink()
 
         text = "Drop a data file or a session here, or choose one"
-        drop = ui.upload(
-            on_upload=upload, label=text, auto_upload=True, max_files=1, max_file_size=MOST_BYTES
-        )
-        drop.props("flat bordered").classes("drop").mark("drop")
+        box = ui.upload(on_upload=upload, label=text, auto_upload=True, max_files=1, max_file_size=MOST_BYTES)
+        box.props("flat bordered").classes("drop").mark("drop")
         self._review = ui.element("div").classes("dropped")
 
     async def begin(self, path: Path) -> bool:

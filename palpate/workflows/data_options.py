@@ -62,8 +62,7 @@ class ReadOptions:
         Option("--fresh-runs", help="Each run pressed a fresh specimen or spot, so no run affects another."),
     ] = False
     runs: Annotated[
-        int | None,
-        Option(min=1, help="Number of presses in a recording; default: detected.", metavar="N"),
+        int | None, Option(min=1, help="Number of presses in a recording; default: detected.", metavar="N")
     ] = None
 
     table: Annotated[

@@ -194,16 +194,14 @@ class LimitChecks:
         problem = _sample_problem("encoder", measurement.encoder_status, age_s, self._encoder_age_s)
         return problem is None and all(map(isfinite, values))
 
-    def tracking_problem(
-        self, measurement: Measurement, reference_position_rad: FloatArray
-    ) -> Problem | None:
+    def tracking_problem(self, measurement: Measurement, reference_rad: FloatArray) -> Problem | None:
         """Find the first joint that is too far from its reference.
 
         Args:
             measurement: measurement to check.
-            reference_position_rad: shape (n,) [rad].
+            reference_rad: shape (n,) [rad].
         """
-        positions, references = measurement.joint_position_rad.tolist(), reference_position_rad.tolist()
+        positions, references = measurement.joint_position_rad.tolist(), reference_rad.tolist()
         for (joint, limit), position, reference in zip(
             self._tracking_limits, positions, references, strict=True
         ):

@@ -93,9 +93,7 @@ def main(arguments: list[str]) -> int:
             f"      - {{id: {motor.id}, model: STS3215-12V{turned}, zero_rad: {motor.zero_rad:.5f}, "
             f"homing_offset: {motor.homing_offset}}}   # {name}"
         )
-    print(
-        "Next: copy the lines of the moving joints into 'servos' of your robot file, in order from the base."
-    )
+    print("Next: copy the moving joints' lines into 'servos' of your robot file, in order from the base.")
     return 0
 
 

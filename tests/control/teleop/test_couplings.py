@@ -22,14 +22,7 @@ from benchmarks.teleop_couplings import (
     model_mediated,
 )
 from benchmarks.teleop_link import DelayLine, LinkFaults
-from benchmarks.teleop_simulation import (
-    HandArm,
-    SimulatedLink,
-    SpringDamper,
-    presses,
-    returned_energy_j,
-    run,
-)
+from benchmarks.teleop_simulation import HandArm, SimulatedLink, SpringDamper, presses, returned_energy_j, run
 from palpate.robot_io.errors import InputError
 
 DT_S = 1e-3

@@ -139,10 +139,7 @@ def test_law_of_a_signal_is_represented_by_its_columns(swung, name):
 
 
 PRESS_LAWS = {
-    "creep": (
-        "past motion",
-        lambda o: low_pass(np.maximum(o.x, 0), o.t, o.run, 0.3) * (o.x > 0),
-    ),
+    "creep": ("past motion", lambda o: low_pass(np.maximum(o.x, 0), o.t, o.run, 0.3) * (o.x > 0)),
     "a film that sticks": (
         "past motion",
         lambda o: np.exp(o.x / (0.06 * o.x.max())) * o.touched * (o.x <= 0),

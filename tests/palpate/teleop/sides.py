@@ -18,10 +18,7 @@ class ScriptedPeer:
     """`until` talks until something is heard."""
 
     def __init__(self, role: str, port: int) -> None:
-        self.line, self.peer = (
-            LinkConnection(role, LinkSettings(port=port), MonotonicClock()),
-            Peer(),
-        )
+        self.line, self.peer = (LinkConnection(role, LinkSettings(port=port), MonotonicClock()), Peer())
         self.seen = -1
         self.heard: list[Report | ObjectEstimate] = []
 
