@@ -35,6 +35,7 @@ from palpate.robot_io.types import FloatArray
 
 # Quantities of columns that cannot be an effort.
 _NO_EFFORT = {"time", "position", "velocity", "acceleration", "run", "phase", "goal", "none"}
+_EFFORT_DIMENSIONS = {dimension for quantity in EFFORTS for dimension in QUANTITIES[quantity]}
 # Quantities and dimensions of a motion.
 _MOTIONS = {"displacement", "position", "velocity", "length", "strain", "angle", "length_rate", "angle_rate"}
 # Words for numbers of rows, which are neither a motion nor an effort.
@@ -182,19 +183,19 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         "a contact needs time_s, displacement_m, force_N; a joint needs time_s, position_rad, torque_Nm (or "
         "position_m, force_N)"
     )
-    efforts = {dimension for quantity in EFFORTS for dimension in QUANTITIES[quantity]}
+    dimension_by_name = {name: dimension_of(unit_in_name(name)) for name in table.names}
+    varying = [name for name in table.names if table.varies(name)]
     has_effort = any(quantity in EFFORTS for quantity, _ in columns.assigned) or any(
-        quantity_by_name[name] in EFFORTS
-        or (not quantity_by_name[name] and dimension_of(unit_in_name(name)) in efforts)
-        for name in table.names
-        if table.varies(name)
+        quantity_by_name[n] in EFFORTS if quantity_by_name[n] else dimension_by_name[n] in _EFFORT_DIMENSIONS
+        for n in varying
     )
-    numbers = [n for n in table.names if table.varies(n) and _COUNTERS.isdisjoint(words_of(n))]
+    numbers = [name for name in varying if _COUNTERS.isdisjoint(words_of(name))]
     free = [name for name in numbers if name not in columns.used and quantity_by_name[name] not in _NO_EFFORT]
-    positions = [n for n in numbers if quantity_by_name[n] == "position" and not is_angle(n)]
-    motions = {quantity_by_name[n] or dimension_of(unit_in_name(n)) or "" for n in numbers}
+    positions = [name for name in numbers if quantity_by_name[name] == "position"]
+    angle = next(filter(is_angle, positions), None)
+    lengths = [name for name in positions if not is_angle(name)]
+    motions = {quantity_by_name[name] or dimension_by_name[name] or "" for name in numbers}
     has_motion = not motions.isdisjoint(_MOTIONS) or any(key[0] in _MOTIONS for key in columns.assigned)
-    angle = next((n for n in numbers if quantity_by_name[n] == "position" and is_angle(n)), None)
     # The columns of a matrix in a MATLAB file, "data 1" ..., have no names either.
     stems = {name.rstrip("0123456789") for name in table.names}
     is_nameless = NAMELESS in table.notes or (len(stems) == 1 and not any(quantity_by_name.values()))
@@ -207,29 +208,29 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         return f"{needed}; state the joint, as in --column torque_{joints[0]}={shlex.quote(torque.column)}"
     if angle is not None and (others := [name for name in free if name != angle]):
         effort = next((n for n in others if quantity_by_name[n] in EFFORTS), others[0])
-        position = f"--column position={shlex.quote(angle)} --unit position=deg"
-        options = [] if unit_in_name(angle) else [position]
-        options.append(f"--column torque={shlex.quote(effort)} --unit torque=1Nm")
-        return f"{needed}; name the columns, as in {' '.join(options)}"
+        position = (
+            "" if unit_in_name(angle) else f"--column position={shlex.quote(angle)} --unit position=deg "
+        )
+        torque_option = f"--column torque={shlex.quote(effort)} --unit torque=1Nm"
+        return f"{needed}; name the columns, as in {position}{torque_option}"
     options = list[str]()
     if TIME not in columns:
         named_clock = next((name for name in numbers if quantity_by_name[name] == "time"), "")
         clocks = [named_clock] if named_clock else _clocks(table, free) if is_nameless else []
         options += [f"--column time={shlex.quote(clocks[0])}"] if clocks else []
         free = [name for name in free if name not in clocks]
-    if is_nameless and len(free) > _MAX_GUESSED:
-        free = []
+    free = [] if is_nameless and len(free) > _MAX_GUESSED else free
     # Of columns with uninformative names, the smoothest one is suggested as the displacement.
     free.sort(key=lambda name: np.abs(np.diff(table.numbers(name))).sum() / np.ptp(table.numbers(name)))
     for quantity, unit, last in (("displacement", "mm", 0), ("force", "N", -1)):
         if (quantity, 0) in columns:
             continue
-        fitting = [name for name in free if dimension_of(unit_in_name(name)) in QUANTITIES[quantity]]
+        fitting = [name for name in free if dimension_by_name[name] in QUANTITIES[quantity]]
         named = [name for name in free if quantity_by_name[name] == quantity]
         # A column whose name or unit says something else is never suggested.
-        silent = [name for name in free if not (quantity_by_name[name] or dimension_of(unit_in_name(name)))]
-        if quantity == "displacement" and positions and not (fitting or named):
-            options.append(f"--column position={shlex.quote(positions[0])} --unit position={unit}")
+        silent = [name for name in free if not (quantity_by_name[name] or dimension_by_name[name])]
+        if quantity == "displacement" and lengths and not (fitting or named):
+            options.append(f"--column position={shlex.quote(lengths[0])} --unit position={unit}")
         elif candidates := fitting or named or silent:
             column = candidates[0 if fitting or named else last]
             free.remove(column)
@@ -237,9 +238,9 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
             options += [] if fitting else [f"--unit {quantity}={unit}"]
         else:
             options.append(f"--column {quantity}_{unit}=COLUMN")
-    problem = "" if has_motion else "by names and units, no column seems to hold a motion; "
-    problem = "which column holds what is not known; " if is_nameless else problem
-    return f"{needed}; {problem}name the columns, as in {' '.join(options)}"
+    unknown = "" if has_motion else "by names and units, no column seems to hold a motion; "
+    unknown = "which column holds what is not known; " if is_nameless else unknown
+    return f"{needed}; {unknown}name the columns, as in {' '.join(options)}"
 
 
 def _suggest_effort(numbers: Sequence[str], free: Sequence[str], quantity_by_name: Mapping[str, str]) -> str:
