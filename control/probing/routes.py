@@ -147,8 +147,20 @@ class Routes:
             low, up = self._lift_path(site, near_rad)
             up.refuse_if_low(f"up from target {number}")
             near_rad = low.position_rad
-            if torque_limits_nm is not None:
-                _check_torques(what, up.points_rad, plan, body, torque_limits_nm)
+            if torque_limits_nm is None:
+                continue
+            speed_rad_s = max(plan.free_air_swing_speeds_rad_s)
+            for points in (up.points_rad, up.points_rad[::-1]):
+                path = JointPath(points, speed_rad_s, plan.joint_acceleration_rad_s2)
+                for time_s in np.linspace(0.0, path.duration_s, _STEPS):
+                    torque_nm = np.abs(body.inverse_dynamics(*path.at(float(time_s))))
+                    joint = int((torque_nm / torque_limits_nm).argmax())
+                    if torque_nm[joint] > torque_limits_nm[joint]:
+                        raise InputError(
+                            f"{what} joint {joint + 1} would need {torque_nm[joint]:.3g} N m, its limit is "
+                            f"{torque_limits_nm[joint]:g} N m (limits.torque_nm): swing less far or more "
+                            "slowly, or lower joint_acceleration_rad_s2"
+                        )
 
     def swings_at(self, site: ProbingSite, near_rad: FloatArray) -> list[Swing]:
         """List all swings before a run at a site.
@@ -195,24 +207,3 @@ class Routes:
     def _depths_m(self, position_rad: FloatArray) -> FloatArray:
         """Return the tip's depth along "down", shape (k,) [m], for joint positions of shape (k, 3) [rad]."""
         return np.asarray(self._arm.tips_in_plane(position_rad) @ self._down)
-
-
-def _check_torques(
-    what: str,
-    points_rad: Sequence[FloatArray],
-    plan: ProbingPlan,
-    body: RigidBody,
-    torque_limits_nm: FloatArray,
-) -> None:
-    speed_rad_s = max(plan.free_air_swing_speeds_rad_s)
-    for points in (points_rad, points_rad[::-1]):
-        path = JointPath(points, speed_rad_s, plan.joint_acceleration_rad_s2)
-        for time_s in np.linspace(0.0, path.duration_s, _STEPS):
-            torque_nm = np.abs(body.inverse_dynamics(*path.at(float(time_s))))
-            joint = int((torque_nm / torque_limits_nm).argmax())
-            if torque_nm[joint] > torque_limits_nm[joint]:
-                raise InputError(
-                    f"{what} joint {joint + 1} would need {torque_nm[joint]:.3g} N m, its limit is "
-                    f"{torque_limits_nm[joint]:g} N m (limits.torque_nm): swing less far or more slowly, or "
-                    "lower joint_acceleration_rad_s2"
-                )

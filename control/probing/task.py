@@ -22,7 +22,7 @@ from palpate.control.loop.task import NO_RUN, Phase, TaskEvent, TaskOutput, make
 from palpate.control.loop.tick_record import Estimates
 from palpate.control.paths.trajectory import JointBrake, JointPath
 from palpate.control.probing.plan import ProbingPlan
-from palpate.control.probing.routes import Route, RouteEnd, Routes, Swing
+from palpate.control.probing.routes import RouteEnd, Routes, Swing
 from palpate.control.probing.run import ProbingRun
 from palpate.control.probing.sites import check_against_guard, probing_sites
 from palpate.robot_io.calibration.applied import Calibrations
@@ -223,26 +223,22 @@ class ProbingTask:
         self._swings: deque[Swing] = deque()
         route = None
         while self._specs and route is None:
-            route = self._route_to(self._specs[0].target)
-        if route is None:
-            route = self._routes.find(self._place, self._start)
-        self._follow(route.points_rad)
-
-    def _route_to(self, target: int) -> Route | None:
-        """Find the route to a target; a target without one is dropped."""
-        site = self._sites[target]
-        place = RouteEnd(site.joint_position_rad(self._place.position_rad), site)
-        route = self._routes.find(self._place, place)
-        if route.clearance_deficit_m <= 0.0:
+            target = self._specs[0].target
+            site = self._sites[target]
+            place = RouteEnd(site.joint_position_rad(self._place.position_rad), site)
+            route = self._routes.find(self._place, place)
+            if route.clearance_deficit_m > 0.0:
+                self._fail("no_way", route.problem(f"to target {target + 1}"))
+                self._drop_target(target)
+                route = None
+                continue
             self._swings.extend(self._routes.swings_at(site, place.position_rad))
             if self._plan.free_air_swing_m and not self._swings:
                 text = f"no swing before target {target + 1}: the tip would come too close to the object"
                 self._events.append(TaskEvent("no_swing", text))
-            return route
-        text = route.problem(f"to target {target + 1}")
-        self._fail("no_way", text)
-        self._drop_target(target)
-        return None
+        if route is None:
+            route = self._routes.find(self._place, self._start)
+        self._follow(route.points_rad)
 
     def _fail(self, kind: str, text: str) -> None:
         self.failures += (text,)

@@ -110,14 +110,11 @@ class ColumnUnits:
         fits = dimension_of(named_unit) in QUANTITIES[role.quantity]
         guess = guess_column(column)  # knows names whose unit is specified, such as "rpm" and "millis"
         specified = guess.unit if guess.quantity == role.quantity else ""
-        usual = "" if role.unit == "strain" and self._is_percent(column) else role.unit
+        # A strain whose range is too large for most materials may be in percent.
+        is_unclear = role.unit == "strain" and unknown_unit(column) not in _WITHOUT_UNIT
+        is_unclear = is_unclear and self.table.varies(column)
+        usual = "" if is_unclear and np.ptp(self.table.numbers(column)) > _MAX_STRAIN else role.unit
         return self._user_unit(role, column) or (named_unit if fits else "") or usual or specified
-
-    def _is_percent(self, column: str) -> bool:
-        """Return whether a strain may be in percent, because its range is too large for most materials."""
-        if unknown_unit(column) in _WITHOUT_UNIT:
-            return False
-        return self.table.varies(column) and float(np.ptp(self.table.numbers(column))) > _MAX_STRAIN
 
     def is_scaled_by_user(self, role: Role, column: str) -> bool:
         """Return whether --unit has a number before the unit, which also fixes the sign."""

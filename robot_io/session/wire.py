@@ -65,18 +65,18 @@ class WireFormat:
 
     @cached_property
     def _tags(self) -> list[bytes]:
-        return [self._tag(number, column) for number, column in enumerate(self.stream.columns, start=1)]
+        return [
+            _varint(number << 3 | _LENGTH) + _varint(self._value_bytes(column))
+            if self._is_packed(column)
+            else _varint(number << 3 | _WIRE_TYPE[column.scalar_dtype.itemsize])
+            for number, column in enumerate(self.stream.columns, start=1)
+        ]
 
     def _value_bytes(self, column: Column) -> int:
         return self.stream.batch * column.width * column.scalar_dtype.itemsize
 
     def _is_packed(self, column: Column) -> bool:
         return self.stream.batch * column.width > 1
-
-    def _tag(self, number: int, column: Column) -> bytes:
-        if self._is_packed(column):
-            return _varint(number << 3 | _LENGTH) + _varint(self._value_bytes(column))
-        return _varint(number << 3 | _WIRE_TYPE[column.scalar_dtype.itemsize])
 
     @cached_property
     def _template(self) -> NDArray[np.uint8]:
