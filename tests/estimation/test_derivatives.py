@@ -310,9 +310,7 @@ def test_pieces_of_uneven_samples_are_fitted_at_once_as_alone():
             start = min(max(center - 5, 0), max(rows.stop - rows.start - 11, 0))
             window = slice(rows.start + start, min(rows.start + start + 11, rows.stop))
             away = time_s[window] - time_s[rows.start + center]
-            fitted = (
-                np.polynomial.Polynomial.fit(away, position[window], min(3, len(away) - 1)).convert().coef
-            )
-            polynomials.append(fitted[:3] * (1.0, 1.0, 2.0))
+            fit = np.polynomial.Polynomial.fit(away, position[window], min(3, len(away) - 1)).convert().coef
+            polynomials.append(fit[:3] * (1.0, 1.0, 2.0))
     scale = np.abs(polynomials).max(axis=0)
     np.testing.assert_allclose(together.fitted / scale, polynomials / scale, atol=1e-9)

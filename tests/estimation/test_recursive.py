@@ -93,10 +93,8 @@ def test_history_matches_the_loop_and_is_not_overwritten(estimator):
     np.testing.assert_array_equal(first, kept)
     regression = problem(np.random.default_rng(6))
     scale = np.array([1e-6, 1e-6])
-    small = type(regression)(
-        regression.columns * scale, regression.effort, regression.names, regression.units
-    )
-    found = values(estimator.fit(small, rng=np.random.default_rng(0)))
+    tiny = type(regression)(regression.columns * scale, regression.effort, regression.names, regression.units)
+    found = values(estimator.fit(tiny, rng=np.random.default_rng(0)))
     np.testing.assert_allclose(found * scale, TRUTH, rtol=0.01)
 
 

@@ -102,22 +102,20 @@ def test_unavailable_device_is_one_line_and_leaves_no_session(tmp_path):
 
 
 def test_killed_main_process_ends_the_haptic_one_with_its_session_closed(tmp_path):
-    session, plan = tmp_path / "leader.mcap", tmp_path / "operator.yaml"
+    path, plan = tmp_path / "leader.mcap", tmp_path / "operator.yaml"
     plan.write_text(yaml.safe_dump(script(0.05)))
-    with started(
-        "leader", "--port", str(free_port()), "-o", str(session), "--operator", str(plan)
-    ) as process:
+    with started("leader", "--port", str(free_port()), "-o", str(path), "--operator", str(plan)) as process:
         end_s = time.monotonic() + WAIT_S
-        while not session.exists():
+        while not path.exists():
             assert time.monotonic() < end_s
             time.sleep(0.1)
         time.sleep(2.0)
         process.send_signal(signal.SIGKILL)
         process.wait()
-    while Session.open(session).unclosed or "haptic" not in Session.open(session).stream_names:
+    while Session.open(path).unclosed or "haptic" not in Session.open(path).stream_names:
         assert time.monotonic() < end_s, "the haptic process goes on without its main process"
         time.sleep(0.2)
-    assert len(Session.open(session).samples("haptic")) > 500
+    assert len(Session.open(path).samples("haptic")) > 500
 
 
 def test_merged_sessions_share_one_clock_and_rendered_force_equals_real_force(tmp_path):

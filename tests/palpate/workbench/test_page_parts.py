@@ -569,13 +569,11 @@ def test_other_files_are_offered_newest_first(browser, monkeypatch, tmp_path):
     for age_s, name in enumerate(names):
         (tmp_path / name).mkdir() if name.startswith("folder") else (tmp_path / name).touch()
         os.utime(tmp_path / name, (age_s, age_s))
-    opened, followed = [], []
+    opened, seen = [], []
     monkeypatch.setattr(layout, "is_session", lambda path: path.suffix == ".mcap")
     monkeypatch.setattr(file_drop, "is_session", lambda path: path.suffix == ".mcap")
     monkeypatch.setattr(layout, "newest_growing", lambda folder: folder / "b.mcap")
-    monkeypatch.setattr(
-        layout, "live_view", lambda session, done, feed: followed.append((session.name, done))
-    )
+    monkeypatch.setattr(layout, "live_view", lambda session, done, feed: seen.append((session.name, done)))
     home = AppState(tmp_path, error="unreadable", riddle=True)
     home.open = lambda path, options: opened.append(path.name) or f"state of {path.name}"
 
@@ -588,7 +586,7 @@ def test_other_files_are_offered_newest_first(browser, monkeypatch, tmp_path):
         await browser.press("a.mcap")
         assert (home.state, home.error, home.riddle, browser.reloads) == ("state of a.mcap", "", False, 1)
         await browser.press("All sessions of the folder as one study")
-        ((session, done),) = followed
+        ((session, done),) = seen
         await done(tmp_path / session)
         assert opened == ["a.mcap", tmp_path.name, "b.mcap"]
 
