@@ -246,11 +246,9 @@ def test_several_pieces_are_fitted_as_alone(lengths, jitter):
     rng, stops = np.random.default_rng(0), np.cumsum(lengths)
     pieces = [slice(stop - length, stop) for stop, length in zip(stops.tolist(), lengths, strict=True)]
     time_s = np.arange(stops[-1]) * 0.01 + rng.uniform(0.0, jitter, stops[-1]) * 0.01
-    position, centers = rng.normal(size=stops[-1]), [np.arange(0, length, 3) for length in lengths]
-    together = local_fits(time_s, position, pieces, centers, 6)
-    alone = [
-        local_fit(time_s[rows], position[rows], one, 6) for rows, one in zip(pieces, centers, strict=True)
-    ]
+    q, centers = rng.normal(size=stops[-1]), [np.arange(0, length, 3) for length in lengths]
+    together = local_fits(time_s, q, pieces, centers, 6)
+    alone = [local_fit(time_s[rows], q[rows], one, 6) for rows, one in zip(pieces, centers, strict=True)]
     assert together.fitted == pytest.approx(np.concatenate([one.fitted for one in alone]))
     assert together.variance == pytest.approx(np.concatenate([one.variance for one in alone]))
 
