@@ -115,9 +115,8 @@ class HiddenEffect:
     truth: Truth | None = None
 
 
-Effect = Callable[
-    [CaseWorld, float, Array], HiddenEffect
-]  # of the world, a size in (0, 1], and four chances in 0..1
+# Of the world, a size in (0, 1], and four chances in 0..1
+Effect = Callable[[CaseWorld, float, Array], HiddenEffect]
 
 
 def effort_and_position(world: CaseWorld, hidden: Iterable[HiddenEffect]) -> tuple[Array, Array]:

@@ -262,9 +262,8 @@ _LINE = re.compile(rb"[^\n]*(\n|$)")
 _WORDS = re.compile(  # a line that begins with a word, possibly after the number of a test
     rb"\n[ \t,;|\"']*(?:\d+[\"']?[ \t]*[,;|\t][ \t,;|\"']*)?[A-Za-z(\[{<#%/!\x80-\xff][^\r\n]*"
 )
-_CELLS = re.compile(
-    rb"(?:^|[\r\n\t,;|])[ \"]*[-+]?[\d.,]*\d(?:[eE][-+]?\d+)?[ \"]*(?=$|[\t,;|])"
-)  # cells with numbers
+# Cells with numbers
+_CELLS = re.compile(rb"(?:^|[\r\n\t,;|])[ \"]*[-+]?[\d.,]*\d(?:[eE][-+]?\d+)?[ \"]*(?=$|[\t,;|])")
 _MAX_HEADERS, _BELOW = 10_000, 8  # most lines with words, and lines below each, that are examined
 _LEFT_OUT = "(lines left out)"
 _BLANK = re.compile(r"[ \t]+(?![\[(])")  # except a blank between a name and its unit

@@ -194,9 +194,8 @@ class SessionWriter:
         except SessionError as failure:
             if error is None:
                 raise
-            error.add_note(
-                str(failure)
-            )  # the error in the `with` block came first, so it is the one that is raised
+            # The error in the `with` block came first, so it is the one that is raised
+            error.add_note(str(failure))
 
 
 def new_session_path(path: str | os.PathLike[str]) -> Path:

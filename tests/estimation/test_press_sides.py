@@ -237,9 +237,8 @@ def test_static_friction_peak_is_no_press_and_a_long_hold_no_force_onset():
 
 
 HOLD_T = np.concatenate([np.arange(20) * 0.001, 0.02 + np.geomspace(0.01, 1000.0, 580)])
-GAP_M = np.round(
-    0.03133 + 2e-5 * -np.expm1(-HOLD_T), 7
-)  # a jaw that creeps after a step, as a machine prints it
+# A jaw that creeps after a step, as a machine prints it
+GAP_M = np.round(0.03133 + 2e-5 * -np.expm1(-HOLD_T), 7)
 RELAXING = 20.0 + 18.0 * np.exp(-HOLD_T / 30.0) + np.random.default_rng(2).normal(0.0, 0.01, len(HOLD_T))
 
 

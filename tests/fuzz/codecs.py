@@ -42,9 +42,8 @@ class Codec:
 
     frame: Callable[[Rng, int], bytes]  # a valid frame, the number of frames before it given
     decoder: Callable[[], Callable[[bytes], list]]  # what is accepted of some bytes
-    is_wrong: Callable[
-        [bytes, bytes, object], bool
-    ]  # of this input, the stream's last bytes, what was accepted
+    # Of this input, the stream's last bytes, what was accepted
+    is_wrong: Callable[[bytes, bytes, object], bool]
     memory: int = 0  # bytes of earlier inputs that what is accepted may come from
 
 

@@ -88,9 +88,8 @@ def test_arm_stands_on_its_rest_and_falls_when_switched_off_elsewhere():
         robot.deactivate()
         assert not world.truth().drive_torque_nm.any()
         clock.sleep_until(0.41)
-        assert world.truth().tip_position_world_m[2] == pytest.approx(
-            0.18, abs=1e-3
-        )  # its rest is still there
+        # Its rest is still there
+        assert world.truth().tip_position_world_m[2] == pytest.approx(0.18, abs=1e-3)
         robot.activate()
         world.place(world.truth().joint_position_rad + 0.02)
         robot.deactivate()

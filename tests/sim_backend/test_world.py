@@ -22,9 +22,8 @@ from tests.sim_backend.parts import (
 )
 
 WEIGHT_N = GRAVITY_M_S2  # of the slider's 1 kg
-OWN_CONTACT = pytest.mark.parametrize(
-    "engine", ["pybullet"], indirect=True
-)  # MuJoCo has none that is a spring
+# MuJoCo has none that is a spring
+OWN_CONTACT = pytest.mark.parametrize("engine", ["pybullet"], indirect=True)
 
 
 @pytest.mark.parametrize(

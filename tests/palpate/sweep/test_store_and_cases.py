@@ -215,9 +215,8 @@ def test_failed_case_stores_its_error_and_is_not_repeated(tmp_path):
     assert row["error"].startswith("ValueError: no luck")
     assert row["seed"] == 3
     assert run_cases([case], store).finished_before == 1
-    assert (
-        run_cases([Case(case.task, case.parameters, 4)], store, Cluster(workers=1)).finished_before == 0
-    )  # the stored one is not asked for
+    # The stored one is not asked for
+    assert run_cases([Case(case.task, case.parameters, 4)], store, Cluster(workers=1)).finished_before == 0
 
 
 def test_result_with_other_column_types_is_refused_by_name(tmp_path):
