@@ -209,8 +209,7 @@ class AdditiveEffect(Effect):
         """Return the effort per unit of each gain.
 
         Args:
-            data: the channel, with the motion that acts on the object; positive into the object or along the
-                joint.
+            data: the channel, with the motion that acts on the object; positive into it or along the joint.
             inner: values of the inner parameters by name.
 
         Returns:

@@ -84,8 +84,7 @@ class Study(ModelStudy):
         fresh: whether each run pressed an object that was never pressed before.
         runs: number of presses in a recording; None to detect it.
         table: sheet, or line of the header, of another table than the file's longest.
-        arm: arm of the channels: an `Arm`, or the path of a URDF whose tip is the link "tip", or else the
-            last link.
+        arm: an `Arm`, or the path of a URDF whose tip is the link "tip", or else the last link.
         effects: your own effects: objects, or "my_effects.py:MyEffect".
         folder: folder of revisions and diagnosis; None for the usual one.
         keep: False to keep them in memory only.

@@ -149,8 +149,7 @@ def nearest_bodies(inertial: FloatArray) -> FloatArray:
     """Return physically consistent inertial parameters near the given ones, shape (10 links,).
 
     URDFs contain links without mass or inertia, and rounded inertias that are not physical. Masses are raised
-    to a thousandth of the heaviest, and radii of gyration about the center of mass to 2 % of the arm's
-    largest.
+    to a thousandth of the heaviest, and radii of gyration about the mass center to 2 % of the arm's largest.
 
     Args:
         inertial: parameters of all links, shape (10 links,), SI units.

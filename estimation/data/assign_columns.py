@@ -297,8 +297,7 @@ def _orient_signs(
 ) -> tuple[dict[Key, AssignedColumn], bool, list[str]]:
     """Make displacement and force positive in compression, and detect elements that can pull.
 
-    A unit with a number, such as 1N, prevents a change of sign. A displacement named by --column belongs to a
-    contact.
+    A unit with a number, such as 1N, keeps the sign. A displacement named by --column belongs to a contact.
 
     Returns:
         The columns, whether the element is attached at both ends, and notes.

@@ -158,8 +158,7 @@ def contact_channels(ticks: Samples, *, tared: bool) -> tuple[ChannelData, ...]:
         tared: whether to subtract each run's force in free air from the force.
 
     Returns:
-        One channel named "contact", or "contact_1", "contact_2" ... in order of probing; empty without
-        contact.
+        One channel "contact", or "contact_1", "contact_2" ... in order of probing; empty without contact.
     """
     good = _valid_ticks(ticks, "encoder_status", "force_status") & (ticks["run"] != NO_RUN)
     chosen = ticks.select(good, _CONTACT_COLUMNS)

@@ -22,8 +22,7 @@ class TorqueRipple(AdditiveEffect):
     `harmonics`. The cogging of a motor has several harmonics.
 
     Args:
-        multiples: harmonics m, ascending; gains of m = 1 are named sine and cosine, others sine_m and
-            cosine_m.
+        multiples: harmonics m, ascending; gains of m = 1 are sine and cosine, others sine_m and cosine_m.
         cycles: additional start value of n [1/rad or 1/m].
     """
 

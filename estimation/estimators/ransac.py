@@ -34,8 +34,7 @@ class Ransac(Estimator):
 
     The default threshold is 2.5 standard deviations of the noise, estimated first by the least quantile of
     the subsets' absolute residuals, then by the residuals within that threshold. The paper takes 0.01 N for
-    any noise; if the noise is much larger, few samples are within the threshold and most of the information
-    is lost.
+    any noise; if the noise is much larger, few samples are within the threshold and most information is lost.
 
     Source: M. A. Fischler, R. C. Bolles, Random Sample Consensus, Comm. ACM 24 (1981); settings of the paper,
     sec. VI-B; scale: P. J. Rousseeuw, A. M. Leroy, Robust Regression and Outlier Detection (1987), ch. 5;

@@ -2,8 +2,7 @@
 
 The gain of a candidate effect is the improvement of the logarithmic score on held-out runs. If the effect is
 absent, the expected gain is not positive, because its parameters cost some score. A one-sided t test of the
-mean gain over measurements therefore keeps its level. Holm's method corrects over all candidates of a
-channel.
+mean gain over measurements therefore keeps its level. Holm's method corrects over a channel's candidates.
 """
 
 from collections.abc import Callable, Sequence
@@ -43,8 +42,7 @@ def find_common_effects(screen: Callable[[dict[str, Any]], pa.Table]) -> tuple[C
 
     Args:
         screen: fits candidates to all measurements, in addition to the effects `added` (lists by channel), in
-            `channels` (None for all); returns a row with the `gain` of each measurement, channel and
-            `candidate`.
+            `channels` (None for all); returns the `gain` of each measurement, channel and `candidate`.
     """
     added: dict[str, list[str]] = {}
     chosen: list[CommonEffect] = []

@@ -102,8 +102,7 @@ class ArmSession:
         The loop runs at the control rate of the robot file, under a guard.
 
         With hardware, real-time features are enabled. If the torque could not be switched off, the release
-        tries again. The robot is released before the session is closed, because closing may wait for the
-        disk.
+        tries again. The robot is released before the session is closed, since closing may wait for the disk.
 
         Args:
             task: task of the arm.

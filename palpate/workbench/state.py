@@ -330,8 +330,7 @@ class WorkbenchState:
 
         Args:
             out: runs excluded from fitting and scoring.
-            held_out: runs excluded from fitting and used only for scoring; empty to hold out each run in
-                turn.
+            held_out: runs used only for scoring, not for fitting; empty to hold out each run in turn.
 
         Raises:
             InputError: a channel would have no runs left, or none to fit.

@@ -63,8 +63,7 @@ class SafeStop:
 
         Args:
             measurement: measurement with valid joint positions and velocities.
-            trusted: for each joint whether its velocity can be braked against; else it counts as zero, shape
-                (n,).
+            trusted: whether each joint's velocity can be braked against; else it counts as zero, shape (n,).
             stopping_s: time since the trip [s].
             dt_s: time since the last tick [s].
         """
@@ -198,8 +197,7 @@ class Guard:
 
         Args:
             measurement: measurement to check.
-            reference_position_rad: where the joints should be, shape (n,) [rad]; None to skip the tracking
-                checks.
+            reference_position_rad: where the joints should be, shape (n,) [rad]; None for no tracking checks.
         """
         problem = self._time_problem(measurement)
         if measurement is not self._watched:
