@@ -123,15 +123,13 @@ def _candidates(
         if not np.isfinite(stops[joint]):
             continue
         for angles in product(*behind):
-            posture = up.copy()
-            posture[joint + 1 :] = angles
-            posture[joint] = np.clip(stops[joint] - side * _NEAR_RAD, low[joint], high[joint])
-            end = posture.copy()
+            pose = up.copy()
+            pose[joint + 1 :] = angles
+            pose[joint] = np.clip(stops[joint] - side * _NEAR_RAD, low[joint], high[joint])
+            end = pose.copy()
             end[joint] = stops[joint] + side * reach_rad
-            way = np.concatenate(
-                [arm_motion.straight_path(up, posture), arm_motion.straight_path(posture, end)]
-            )
-            yield way, StopApproach(joint, float(stops[joint]), side, posture)
+            way = np.concatenate([arm_motion.straight_path(up, pose), arm_motion.straight_path(pose, end)])
+            yield way, StopApproach(joint, float(stops[joint]), side, pose)
 
 
 EVENT = "stop_touched"

@@ -254,10 +254,8 @@ def _follows_a_curve(readings: FloatArray, signals: FloatArray, run: IntArray) -
     for number in np.unique(run):
         values, (at, *regressors) = readings[run == number], signals[run == number].T
         if len(values) >= _FEWEST_OF_CURVE:
-            place = (at - at.min()) / (float(np.ptp(at)) or 1.0)
-            columns = np.column_stack(
-                [np.polynomial.legendre.legvander(2.0 * place - 1.0, _ORDER), *regressors]
-            )
+            x = (at - at.min()) / (float(np.ptp(at)) or 1.0)
+            columns = np.column_stack([np.polynomial.legendre.legvander(2.0 * x - 1.0, _ORDER), *regressors])
             residual = values - columns @ np.linalg.lstsq(columns, values, rcond=1e-9)[0]
             total += float(np.sum((values - values.mean()) ** 2))
             sse += float(residual @ residual)

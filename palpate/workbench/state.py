@@ -428,12 +428,10 @@ def evidence_of(
         base_effects: names of the other effects in the model.
         effect: name of the effect.
     """
-    before, fitted = study.fit(channel, base_effects), study.fit(channel, [*base_effects, effect])
-    change = before.residual_on_blocks - fitted.residual_on_blocks
+    base, fitted = study.fit(channel, base_effects), study.fit(channel, [*base_effects, effect])
+    change = base.residual_on_blocks - fitted.residual_on_blocks
     length = float(np.linalg.norm(change))
-    return EffectEvidence(
-        effect, 1.0 - fitted.rmse / before.rmse, change / length if length > 0.0 else change
-    )
+    return EffectEvidence(effect, 1.0 - fitted.rmse / base.rmse, change / length if length > 0.0 else change)
 
 
 def groups(evidence: Sequence[EffectEvidence]) -> list[list[EffectEvidence]]:

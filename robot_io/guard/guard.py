@@ -304,15 +304,13 @@ class Guard:
 
     def _clip(self, command: Command, measurement: Measurement, dt_s: float) -> Command:
         command_nm = command.joint_torque_nm.tolist()
-        previous_nm = self._previous_nm
+        last_nm = self._previous_nm
         if measurement.time_s - self._previous_s > PAUSE_S:
             measured_nm = zip(measurement.joint_torque_nm.tolist(), self._torque_limits, strict=True)
-            previous_nm = [clip(torque, -largest, largest) for torque, (largest, _) in measured_nm]
+            last_nm = [clip(torque, -largest, largest) for torque, (largest, _) in measured_nm]
         sent_nm: list[float] = []
         torque_clipped = rate_clipped = False
-        for torque, previous, (largest, rate) in zip(
-            command_nm, previous_nm, self._torque_limits, strict=True
-        ):
+        for torque, previous, (largest, rate) in zip(command_nm, last_nm, self._torque_limits, strict=True):
             change = rate * dt_s
             if -largest <= torque <= largest and previous - change <= torque <= previous + change:
                 sent_nm.append(torque)  # as in most ticks
