@@ -9,11 +9,12 @@ from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate import Determined, interval_text
 from palpate.estimation.fit import fit_result
 from palpate.estimation.fit.fit_problem import solve_gains
-from palpate.estimation.fit.fit_result import final_solution, fit_model
+from palpate.estimation.fit.fit_result import FitResult, final_solution, fit_model
 from palpate.estimation.fit.intervals import _errors, _without_jumps, estimate_parameters
 from palpate.estimation.fit.measurement_model import inflate_acceleration_noise
 from palpate.estimation.model import Model
 from palpate.estimation.statistics.noise import sum_covariance
+from tests.estimation.presses import session
 from tests.estimation.swings import DAMPING, INERTIA, WEIGHT, smoothed, swings, within
 
 BASE = Model("pendulum", (EFFECTS["pendulum"](), EFFECTS["viscous_friction"]()))
@@ -117,6 +118,14 @@ def test_noise_is_whitened_only_where_nothing_is_missing(found):
     assert solution.parameters == pytest.approx(fit.solution.parameters, rel=0.05)
     missing = fit_model(swings(4, lambda q, v, a: 0.3 * np.tanh(v / 0.01)), BASE, {})
     assert final_solution(missing) == (missing.problem, missing.solution)
+
+
+def test_gains_of_a_contact_are_not_corrected_for_smoothing(monkeypatch):
+    model = Model("kelvin_voigt", (EFFECTS["stiffness"](), EFFECTS["damping"]()))
+    fit = fit_model(session(4), model, {})
+    monkeypatch.setattr(FitResult, "filters", (((5, 1),), ()))
+    monkeypatch.setattr(fit_result, "fit_smoothing_bias", lambda *_: pytest.fail("it was corrected"))
+    assert final_solution(fit)[0] is fit.whitened_problem
 
 
 @pytest.mark.parametrize(("transition", "taken"), [(0.012, True), (0.3, False)])

@@ -25,13 +25,10 @@ from palpate.study import Study
 from palpate.workbench import elements
 from palpate.workbench import page as page_module
 from palpate.workbench.diagnosis import RiddleScore
-from palpate.workbench.effects import _Simulated
 from palpate.workbench.file_drop import options_of, suggest_columns, units_of
-from palpate.workbench.layout import _unused_path
 from palpate.workbench.live import run_command
 from palpate.workbench.plots import MOST_POINTS, DrawnMotion, picked, time_figure
 from palpate.workbench.processes import FitPrefetcher
-from palpate.workbench.startup import AppState
 from palpate.workbench.state import EffectEvidence, WorkbenchState, evidence_of, groups
 from palpate.workflows.data_options import DataArguments
 from tests.palpate.presses import write_own_effect, write_presses
@@ -407,12 +404,6 @@ def test_probing_is_finished_when_the_server_leaves(tmp_path):
     assert not Session.open(path).truncated
 
 
-def test_two_tabs_do_not_write_to_one_file(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    home = AppState(tmp_path)
-    assert [_unused_path(home, "probe", ".mcap").name for _ in range(2)] == ["probe-1.mcap", "probe-2.mcap"]
-
-
 def test_two_measurements_are_merged_with_the_runs_of_both(press, tmp_path):
     other = write_presses(tmp_path / "more.csv", seed=9, speeds_m_s=(0.05, 0.06))
     assert len(joined(open_source(press), open_source(other)).channels[0].runs) == 6
@@ -454,18 +445,6 @@ def test_riddle_is_scored_against_the_diagnosis(guessed, said):
     named = frozenset({"lag"})
     score = RiddleScore(frozenset({"delay"}), frozenset(guessed), named, named | {"delay"})
     assert said in score.in_words()
-
-
-def test_effect_parameters_move_its_curves_over_time_and_position(state):
-    simulated = _Simulated(state, EFFECTS["bias"]())
-    figure = simulated.figure()
-    before = [trace["y"] for trace in figure["data"]]
-    simulated.example.values["bias.offset"] += 3.0
-    moved, places = simulated.update()
-    assert [figure["data"][place]["name"] for place in places] == ["with it", "with it"]
-    for place, curve in zip(places, moved["y"], strict=True):
-        change = curve - before[place]  # NaN between runs
-        np.testing.assert_allclose(change[np.isfinite(change)], 3.0, atol=1e-3)
 
 
 @pytest.mark.parametrize("is_named", [True, False])
