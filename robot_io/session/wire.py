@@ -187,9 +187,7 @@ class Decoder:
         """
         self._undecoded += message
         if len(self._undecoded) >= _DECODED_BYTES:
-            end = len(self._undecoded) // self._wire.dtype.itemsize * self._wire.dtype.itemsize
-            self._decode(bytes(self._undecoded[:end]))
-            del self._undecoded[:end]
+            self._decode()
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """Return the columns of all messages, of shape (n,) or (n, width).
@@ -197,13 +195,14 @@ class Decoder:
         Raises:
             SessionError: messages are not of this form.
         """
-        self._decode(bytes(self._undecoded))
-        self._undecoded.clear()
+        self._decode()
         if self._error is not None:
             raise self._error
         return {name: column[: self._rows] for name, column in self._columns.items()}
 
-    def _decode(self, messages: bytes) -> None:
+    def _decode(self) -> None:
+        messages = bytes(self._undecoded)
+        self._undecoded.clear()
         try:
             columns, rows = self._wire.decode(messages), self._rows
         except SessionError as error:
