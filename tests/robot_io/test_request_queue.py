@@ -109,10 +109,11 @@ def test_usual_delay_follows_a_shorter_one_by_a_twentieth_per_answer(delay_s, is
     assert queue.is_unsure is is_unsure
 
 
-def test_longer_delay_is_usual_after_four_unresolved_doubts():
-    """Delays of 5 and 8 ms in turn, which no number of lost answers explains."""
-    queue, doubted = RequestQueue(MARGIN_S, LATEST_S), []
-    for second in range(6):
+@pytest.mark.parametrize("lost", [(), (50,)])
+def test_longer_delay_is_usual_after_four_unresolved_doubts(lost):
+    """Delays of 5 and 8 ms in turn, which no number of lost answers explains; an earlier loss is none."""
+    queue, doubted = RequestLine(100, lambda tick: 0.0, lost).queue, []
+    for second in range(1, 7):
         queue.ask(second)
         queue.ask(second + 1e-3)
         assert queue.answer(second + 5e-3)

@@ -186,10 +186,13 @@ def configure_with(arm, old, new):
         robot.configure()
 
 
-def test_missing_peer_is_reported(arm):
+def test_missing_peer_is_reported(arm, monkeypatch):
+    closed = []
+    monkeypatch.setattr(net_ft.HTTPConnection, "close", lambda connection: closed.append(connection.host))
     arm.arm.wires["load_cell"].close()
     with pytest.raises(DeviceError, match=r"netftapi2.xml: no answer \(.*; check power, cable, host"):
         arm.robot.configure()
+    assert closed == ["127.0.0.1"]
 
 
 def test_wrong_port_is_named(arm):
