@@ -53,9 +53,6 @@ class HybridSetup:
         self.forces.append(output.force_n)
         self.plant.advance(output.command.joint_torque_nm, TICK_S)
 
-    def switch_tick(self, to: bool) -> int:
-        return next(i for i in range(1, len(self.contact)) if self.contact[i] is to != self.contact[i - 1])
-
 
 def press_and_leave(setup: HybridSetup, speed_m_s: float = 0.06) -> HybridSetup:
     approach = SpeedBlend(LineState(0.0), speed_m_s, 3.0)
@@ -83,7 +80,7 @@ def test_switch_is_bumpless_both_ways(stiffness, damping):
     # The torques balance the measured force; what the controller itself adds at the switch is a bump.
     reach_m = 0.6
     for to in (True, False):
-        tick = setup.switch_tick(to)
+        tick = next(i for i in range(1, len(setup.contact)) if setup.contact[i] is to != setup.contact[i - 1])
         force_step_nm = reach_m * np.abs(np.diff(forces[tick - 3 : tick + 4])).max()
         around = np.abs(np.diff(torques[tick - 2 : tick + 4], axis=0)).max()
         assert around < 0.6 + 1.5 * force_step_nm

@@ -213,18 +213,13 @@ if sys.argv[2] == "close":
 """
 
 
-def run_program(path, end):
-    """A program of its own, without the guard of `__main__` that a forked or pickled process would need."""
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "error"}
-    command = [sys.executable, "-c", PROGRAM, str(path), end]
-    return subprocess.run(command, check=False, capture_output=True, text=True, env=environment)
-
-
 @linux_only
 @pytest.mark.parametrize(("end", "code"), [("close", 0), ("kill", -signal.SIGKILL), ("forget", 0)])
 def test_session_file_is_finished_for_any_program_end(tmp_path, end, code):
     path, before = tmp_path / "s.mcap", set(os.listdir("/dev/shm"))
-    done = run_program(path, end)
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "error"}
+    command = [sys.executable, "-c", PROGRAM, str(path), end]
+    done = subprocess.run(command, check=False, capture_output=True, text=True, env=environment)
     assert (done.returncode, done.stdout) == (code, "")
     assert done.stderr == "" or end == "forget"  # where Python warns of the writer that is still at work
     wait_until(lambda: samples_on_disk(path) and not Session.open(path).truncated)

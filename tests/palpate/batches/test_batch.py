@@ -461,13 +461,6 @@ def process(specimens, out):
     )
 
 
-def wait_for_results(out, number):
-    until_s = time.monotonic() + 120.0
-    while not (out / "results").is_dir() or len(list((out / "results").glob("[!.]*.parquet"))) < number:
-        assert time.monotonic() < until_s
-        time.sleep(0.01)
-
-
 def numbers(folder):
     return [{name: cell for name, cell in row.items() if name != "seconds"} for row in rows(folder)]
 
@@ -487,7 +480,10 @@ def test_interrupted_batch_continues_to_the_same_table(tmp_path, number):
     whole, out = tmp_path / "whole", tmp_path / "out"
     process(folder, whole).communicate(timeout=300)
     running = process(folder, out)
-    wait_for_results(out, 4)
+    until_s = time.monotonic() + 120.0
+    while not (out / "results").is_dir() or len(list((out / "results").glob("[!.]*.parquet"))) < 4:
+        assert time.monotonic() < until_s
+        time.sleep(0.01)
     os.kill(running.pid, number)
     _, errors = running.communicate(timeout=60)
     finished = ResultStore(out / "results").finished()
