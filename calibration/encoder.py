@@ -302,8 +302,7 @@ class StopTask:
     def _pushing_torque_nm(self, measurement: Measurement, motion: JointMotion, dt_s: float) -> FloatArray:
         """Compute torques that hold the other joints and push this one towards its reference.
 
-        The tracking of this joint must not act on the others through the mass matrix, because a stop would
-        shake them.
+        This joint's tracking must not act on the others through the mass matrix, or a stop would shake them.
         """
         joint = self._approach.joint
         position, speed = measurement.joint_position_rad[joint], measurement.joint_velocity_rad_s[joint]

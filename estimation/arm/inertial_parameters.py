@@ -1,8 +1,7 @@
 """Inertial parameters of an arm: identifiability, physical consistency and divergence.
 
 Some parameters affect no torque, others only in fixed combinations. The base parameters are the smallest set
-that determines all torques: M. Gautier, J. Robotic Systems 8(4) (1991). They are the same for all joints of
-the arm.
+that determines all torques: M. Gautier, J. Robotic Systems 8(4) (1991). All joints of the arm share them.
 
 A link's ten parameters (m, h = m c, I about the joint's frame) belong to a distribution of positive mass if
 and only if its pseudo-inertia is positive definite:

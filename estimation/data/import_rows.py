@@ -230,8 +230,7 @@ def _spread_repeated_times(time_s: FloatArray, run: IntArray) -> FloatArray:
 def _spread_late_stamps(time_s: FloatArray, run: IntArray) -> FloatArray:
     """Distribute rows with late time stamps evenly over the burst and the gap before it.
 
-    A busy logger stamps delayed samples in quick succession. A speed derived from such times would be many
-    times too large.
+    A busy logger stamps delayed samples in quick succession. Speeds from such times would be much too large.
     """
     spread_s = time_s.copy()
     for rows in blocks(run):

@@ -303,8 +303,7 @@ def find_dialect(content: bytes) -> TextDialect | None:
     """Detect delimiter and decimal mark of a UTF-8 text; None if no header is followed by numbers.
 
     If the first line contains one of palpate's own names, it is a header. Otherwise each delimiter is tried
-    with the decimal mark that suits it, and the dialect whose longest table has most columns of numbers is
-    returned.
+    with the decimal mark that suits it; the one whose longest table has most columns of numbers is returned.
 
     Args:
         content: content of the file.

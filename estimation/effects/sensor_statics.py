@@ -242,8 +242,7 @@ class Saturation(SensorEffect):
 def _follows_a_curve(readings: FloatArray, signals: FloatArray, run: IntArray) -> bool:
     """Return whether readings beyond a limit follow signals smoothly in each run.
 
-    A saturated reading stays constant while the effort changes. Readings of an unsaturated sensor vary with
-    the motion.
+    A saturated reading is constant while the effort changes; any other varies with the motion.
 
     Args:
         readings: readings beyond the limit, shape (m,) [effort].

@@ -174,8 +174,7 @@ class PreemptiveRansac(Rls):
     Source: D. Nister, Preemptive RANSAC for Live Structure and Motion Estimation, ICCV 2003.
 
     Args:
-        threshold: largest error of an inlier [effort]; None for four times the noise, estimated from the
-            running median.
+        threshold: largest error of an inlier [effort]; None for four times the noise by the running median.
         variance: variance of each gain at the start.
     """
 

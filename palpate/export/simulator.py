@@ -68,8 +68,7 @@ def bam_texts(arm: TargetArm, patch: Path | None) -> list[str]:
 
     Args:
         arm: terms of the arm, expressed for `SimulatorFormat.BAM`.
-        patch: parameter file with the other parameters (actuator, kt, R ...), which are copied; None without
-            such a file.
+        patch: file with the other parameters (actuator, kt, R ...), which are copied; None without one.
 
     Raises:
         InputError: `patch` is not a parameter file of BAM.

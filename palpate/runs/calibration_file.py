@@ -46,8 +46,7 @@ def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
         robot_file: robot file of the robot to calibrate.
 
     Raises:
-        InputError: the session was recorded for another kind, robot or device, or with such a calibration
-            applied.
+        InputError: the session is of another kind, robot or device, or was recorded with this calibration.
     """
     session = open_session(path)
     made_for = session.metadata.extra.get(KIND)

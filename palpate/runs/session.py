@@ -111,8 +111,7 @@ class ArmSession:
 
         Raises:
             InputError: the task cannot start from the arm's current pose; nothing has moved.
-            DeviceError: the torque is off, but a device could not be released; also states why the arm was
-                stopped.
+            DeviceError: the torque is off, but a device was not released; it also states why the arm stopped.
         """
         robot, guard, stop = self.robot, self.guard(limits), self.unlogged
         rate_hz = self.job.robot_file.control_rate_hz

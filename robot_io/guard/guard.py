@@ -131,8 +131,7 @@ class Guard:
         limits: limits of the arm.
         safe_state: settings of the safe stop.
         joint_count: number of joints n.
-        gravity_nm: gives the torques that hold the arm still at joint positions, both shape (n,); called
-            while stopping only.
+        gravity_nm: gives the torques that hold the arm at joint positions, both (n,); called only in stops.
 
     Attributes:
         torque_clips: number of commands that were reduced to the torque limit.
