@@ -89,7 +89,7 @@ def plan_stops(
     return up, tuple(approaches)
 
 
-def widen_limits_for_stops(limits: Limits, approaches: Iterable[StopApproach], beyond_rad: float) -> Limits:
+def widen_for_stops(limits: Limits, approaches: Iterable[StopApproach], beyond_rad: float) -> Limits:
     """Widen the position limits so that each joint can reach its stop.
 
     Args:

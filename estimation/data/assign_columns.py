@@ -9,13 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.estimation.data.choose_columns import (
-    EFFORTS,
-    choose_columns,
-    have_equal_values,
-    is_pressed,
-    joint_shift,
-)
+from palpate.estimation.data.choose_columns import EFFORTS, are_equal, choose_columns, is_pressed, joint_shift
 from palpate.estimation.data.column_names import (
     DISPLACEMENT,
     FORCE,
@@ -250,7 +244,7 @@ def _assign_own_names(
             earlier_role, earlier = chosen.setdefault(role.key, (role, name))
             if earlier == name or earlier in options.columns.values():
                 continue
-            if not have_equal_values(table, role.key, (earlier, earlier_role.unit), (name, role.unit)):
+            if not are_equal(table, role.key, (earlier, earlier_role.unit), (name, role.unit)):
                 raise InputError(
                     f"{table.path}: columns '{earlier}' and '{name}' both hold {role.numbered}, with "
                     f"different values; choose with --column {role.numbered}={shlex.quote(earlier)}"

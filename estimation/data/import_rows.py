@@ -115,7 +115,7 @@ def _numbered_runs(table: Table, column: str) -> tuple[IntArray, dict[int, str]]
     return np.array(numbers, dtype=np.int64)[index], dict(sorted(zip(numbers, names, strict=True)))
 
 
-def without_repeated_rows(columns: ColumnAssignment) -> ColumnAssignment:
+def drop_repeated_rows(columns: ColumnAssignment) -> ColumnAssignment:
     """Remove rows that repeat an earlier row and make the clock go back, and note it.
 
     A logger that writes its buffer twice repeats samples with their times. Rows that differ in any column,
