@@ -4,15 +4,7 @@ import numpy as np
 import scipy
 
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.effect import (
-    AdditiveEffect,
-    Errors,
-    Inner,
-    Parameter,
-    Parameters,
-    SensorEffect,
-    start_grid,
-)
+from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, Parameters, SensorEffect, grid
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import block_index
 from palpate.estimation.signals.free_air import zero_in_free_air
@@ -151,7 +143,7 @@ class Deadband(SensorEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the largest reading."""
-        return start_grid(width=np.geomspace(0.01, 0.4, 8) * data.largest_effort)
+        return grid(width=np.geomspace(0.01, 0.4, 8) * data.largest_effort)
 
 
 class ForceDeadband(AdditiveEffect):
@@ -236,7 +228,7 @@ class Saturation(SensorEffect):
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the largest reading."""
         shares = (0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 0.99)
-        return start_grid(limit=np.array(shares) * data.largest_effort)
+        return grid(limit=np.array(shares) * data.largest_effort)
 
 
 def _follows_a_curve(readings: FloatArray, signals: FloatArray, run: IntArray) -> bool:
@@ -326,7 +318,7 @@ class Hysteresis(SensorEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the largest reading."""
-        return start_grid(width=np.geomspace(0.01, 0.3, 7) * data.largest_effort)
+        return grid(width=np.geomspace(0.01, 0.3, 7) * data.largest_effort)
 
 
 def _first_readings(effort: FloatArray, data: ChannelData, width: float) -> FloatArray:
