@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 from palpate.estimation.budget import BudgetEntry
 from palpate.estimation.diagnosis import acceptance as module
 from palpate.estimation.diagnosis.acceptance import (
+    AcceptanceCriteria,
     accept_effects,
     accept_forms,
     acceptance_criteria,
@@ -174,6 +175,18 @@ def test_models_are_compared_with_a_flexible_law_block_by_block(searches):
     assert held.named_flexible == pytest.approx(held.named, rel=0.1)
     assert not held.is_outperformed
     assert acceptance_criteria(end, search.start).base == held.named
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize(
+    ("base", "flexible", "outperformed"),
+    [(20.0, 8.9, True), (20.0, 9.1, False), (120.0, 8.9, True), (123.0, 8.9, False), (8.0, 9.1, False)],
+)
+def test_flexible_base_model_outperforms_by_a_tenth_and_a_hundredth_of_the_effects(
+    unit, base, flexible, outperformed
+):
+    squares = [unit * square for square in (base, 12.0, flexible, 10.0)]
+    assert AcceptanceCriteria(*squares).is_outperformed is outperformed
 
 
 @pytest.fixture
