@@ -1,5 +1,7 @@
 """A model with one more effect is fitted from every start that may lead to another minimum."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import scipy
@@ -51,6 +53,21 @@ def test_fit_with_least_held_out_error_is_selected(name, law, fits, monkeypatch)
     assert found.solution is min(made, key=lambda fit: fit.solution.held_out).solution
     if name == "relaxation_spectrum":
         assert np.ptp([fit.solution.parameters["relaxation_spectrum.slow_time"] for fit in made]) > 0.0
+
+
+@pytest.mark.parametrize(("is_physical", "starts"), [(True, [0]), (False, [0, 2, 4, 6])])
+def test_unphysical_fit_is_repeated_from_the_best_physical_starts(is_physical, starts, monkeypatch):
+    base, made = fit_model(session(1), BASE, {}), []
+    solutions = [
+        SimpleNamespace(parameters={"number": number}, sse=float(number), is_physical=number % 2 == 0)
+        for number in (8, 6, 5, 4, 3, 2, 1)
+    ]
+    best = SimpleNamespace(parameters={"number": 0}, model=base.model, is_physical=is_physical)
+    search = SimpleNamespace(best=best, starts=solutions)
+    monkeypatch.setattr(extension, "screen_effects", lambda *_: [SimpleNamespace(search=search)])
+    monkeypatch.setattr(extension, "fit_model", lambda data, model, start, *_: made.append(start) or base)
+    extension.fit_extended(base.data, base, EFFECTS["cubic_stiffness"]())
+    assert [start["number"] for start in made] == starts
 
 
 @pytest.mark.parametrize("transition", [10.0, 900.0])  # beyond all speeds; at the end of its range
