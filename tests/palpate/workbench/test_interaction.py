@@ -144,7 +144,10 @@ def test_page_shows_the_fit_of_each_choice_and_its_steps(opened, browser, state)
         assert 'class="fits"' not in stated_error(browser)[1]
         assert not page._undo.enabled
         assert {"press.csv", "base model kelvin_voigt"} <= set(browser.texts())
+        offered = []
+        page._diagnosis.offer = offered.append
         await page.tick("cubic_stiffness")
+        assert offered == [("cubic_stiffness",)]
         fitted = state.show().fitted
         error, html = stated_error(browser)
         assert (error, state.choice.effects) == (fitted.rmse, ("cubic_stiffness",))
@@ -257,7 +260,8 @@ def test_bounds_are_asked_for_and_applied(opened, browser, state):
         assert state.choice.bounds == {"damping.c": (50.0, 60.0)}
         assert interval(browser, "damping.c")[1].startswith("within 50 to 60, ")
         for each in browser.all(ui.dialog):
-            each.delete()
+            await browser.send(each, "hide")
+        assert not browser.all(ui.dialog)
         assert [each.value for each in await ask()] == [50.0, 60.0]
         await browser.press("free")
         assert state.choice.bounds == {}
@@ -363,6 +367,8 @@ def test_gallery_simulates_an_effect_with_sliders(opened, browser, state):
         assert [trace["name"] for trace in drawn] == ["base model", "with it"] * 2
         assert [trace["showlegend"] for trace in drawn] == [True, True, False, False]
         assert [text for text in browser.texts() if text.startswith("k3 = ")]
+        await browser.send(browser.all(ui.dialog)[0], "hide")
+        assert not browser.all(ui.dialog)
         await open_gallery(state, "lag")
         (slider,) = browser.all(ui.slider, aria_label="lag.tau")
         for step, value in ((0.0, 0.001), (50.0, 0.2**0.5 * 0.001**0.5), (100.0, 0.2)):  # its typical range
