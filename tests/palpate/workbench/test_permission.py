@@ -2,6 +2,7 @@
 
 import asyncio
 import re
+import time
 from base64 import b64encode
 from contextlib import closing
 from hashlib import sha256
@@ -86,6 +87,8 @@ def test_first_visitor_sees_the_measurement(early):
 def test_late_requests_wait_for_the_main_server(early):
     asked(early).getresponse().read()
     later = asked(early)
+    early.socket.settimeout(20.0)
+    time.sleep(0.05)  # in which nobody answers
     with closing(early.release_socket().accept()[0]) as taken:
         assert taken.recv(1000).startswith(b"GET / HTTP/1.1")
         taken.sendall(b"HTTP/1.1 204 No Content\r\n\r\n")
