@@ -20,6 +20,7 @@ from palpate.workbench import effects as effects_module
 from palpate.workbench import plots
 from palpate.workbench.effects import EffectRows, _slider, open_gallery
 from palpate.workbench.elements import Plot
+from palpate.workbench.layout import lay_out_page
 from palpate.workbench.page import Page
 from palpate.workbench.startup import AppState
 from palpate.workbench.state import EffectEvidence, ModelSelection, WorkbenchState
@@ -558,3 +559,18 @@ def test_finished_diagnosis_renews_groups_and_noise(opened, browser, state, monk
         assert "a flexible regression reaches" in stated_error(browser)[1]
 
     opened(work)
+
+
+def test_other_files_are_offered_in_a_dialog(browser, state, tmp_path):
+    (tmp_path / "other.csv").touch()
+    home = AppState(tmp_path, state=state)
+
+    async def work():
+        await lay_out_page(home)
+        await browser.press("Open")
+        assert [each for each in browser.all(ui.button) if each.text == "other.csv"]
+        (dialog,) = browser.all(ui.dialog)
+        await browser.send(dialog, "hide")
+        assert not browser.all(ui.dialog)
+
+    browser.use(work)
