@@ -66,7 +66,7 @@ class Ransac(Estimator):
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
         size = max(self.subset, regression.columns.shape[1])
         candidates = solve_subsets(regression.columns, regression.effort, size, self.trials, rng)
-        threshold = self.threshold or self._noise_threshold(regression, candidates, rng)
+        threshold = self.threshold or self._threshold(regression, candidates, rng)
         # Count the inliers of each candidate, shape (trials,).
         design = np.column_stack([regression.columns, regression.effort]).T.copy()
         signed = np.column_stack([candidates, -np.ones(len(candidates))])
@@ -88,9 +88,7 @@ class Ransac(Estimator):
         covariance = _covariance(regression, residuals, best_subsets - gains, threshold)
         return assemble(self.name, regression, gains, covariance, inliers=inliers, details=details)
 
-    def _noise_threshold(
-        self, regression: Regression, candidates: FloatArray, rng: np.random.Generator
-    ) -> float:
+    def _threshold(self, regression: Regression, candidates: FloatArray, rng: np.random.Generator) -> float:
         """Return a threshold in proportion to the noise [effort]; candidates have shape (trials, p)."""
         columns, effort = regression.columns, regression.effort
         least = _ROUNDING * float(np.sqrt(np.mean(effort**2))) or 1.0
