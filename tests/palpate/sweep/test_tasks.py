@@ -141,6 +141,12 @@ def test_run_without_contact_is_an_error():
         probing.estimate(PARAMETERS | {"plan": plan}, 1)
 
 
+def test_run_with_too_short_a_contact_is_an_error(monkeypatch):
+    monkeypatch.setattr(probing, "contact_channels", lambda samples, *, tared: [])
+    with pytest.raises(InputError, match="nothing was touched, or only for too short a time"):
+        probing.contact_channel(None)
+
+
 def test_peak_is_that_of_the_dashpot_where_it_alone_exceeds_the_limit():
     stiff_dashpot = LAW | {"stiffness_n_m": 500.0, "damping_n_s_m": 100.0}
     (row,) = probing.estimate(PARAMETERS | {"law": stiff_dashpot, "estimators": ["lsq"]}, 1)

@@ -13,11 +13,12 @@ from nicegui.page import page
 
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.effect import Parameter
+from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate import with_unit
 from palpate.robot_io.errors import InputError
 from palpate.study import Study
 from palpate.workbench import effects as effects_module
-from palpate.workbench import plots
+from palpate.workbench import elements, plots
 from palpate.workbench.effects import EffectRows, _slider, open_gallery
 from palpate.workbench.elements import Plot
 from palpate.workbench.layout import lay_out_page
@@ -145,18 +146,19 @@ def test_page_shows_the_fit_of_each_choice_and_its_steps(opened, browser, state)
         assert 'class="fits"' not in stated_error(browser)[1]
         assert not page._undo.enabled
         assert {"press.csv", "base model kelvin_voigt"} <= set(browser.texts())
-        offered = []
+        offered, numbers = [], []
         page._diagnosis.offer = offered.append
+        shown = page._error._number.set_content
+        page._error._number.set_content = lambda html: numbers.append(html) or shown(html)
         await page.tick("cubic_stiffness")
         assert offered == [("cubic_stiffness",)]
+        assert ["data-rough" in number for number in numbers] == [True, False, False]  # preview, fit, judged
         fitted = state.show().fitted
         error, html = stated_error(browser)
         assert (error, state.choice.effects) == (fitted.rmse, ("cubic_stiffness",))
         assert "at the noise level" in html
         assert 'class="fits"' in html
         assert browser.marked("waterfall").content.count('class="step"') == 2
-        headings = [each.text for each in browser.all() if each.tag == "h2"]
-        assert {"Error in held-out runs", "Parameters", "Curves", "Effects"} <= set(headings)
         assert "palpate add press.csv cubic_stiffness" in browser.marked("command").text
         assert browser.marked("python").text.startswith('study.add("cubic_stiffness", ')
         drawn = page._center._time.figure["data"]
@@ -192,6 +194,38 @@ def test_page_shows_the_fit_of_each_choice_and_its_steps(opened, browser, state)
         await page.tick("no_such_effect")
         assert "no_such_effect" in browser.said[0]
         assert stated_error(browser)[0] == base.rmse
+
+    opened(work)
+
+
+def test_page_has_all_its_parts_with_their_explanations(opened, browser):
+    async def work(page):
+        headings = [each.text for each in browser.all() if each.tag == "h2"]
+        assert headings == [
+            "What is missing?", "Effects", "Curves", "Over position and velocity",
+            "Residual over position and velocity", "Error in held-out runs", "Parameters",
+            "Are these data fit for a diagnosis?", "Equivalent commands", "Revisions",
+        ]  # fmt: skip
+        names = "DIAGNOSE STOP EFFECTS CURVES STATE MAP CURSORS RUNS LEFT_OUT HELD_OUT ERROR FALL SLIDER BACK"
+        names += " INTERVAL HOLD BOUND GATES SAME REVISIONS"
+        titles = {each.props.get("title") for each in browser.all()}
+        assert {vars(elements)[name] for name in names.split()} <= titles
+        assert f"Keep: {elements.KEEP}" in titles
+        buttons = {each.text for each in browser.all(ui.button)}
+        assert {"Open", "Undo", "Redo", "Keep", "Report", "Diagnose", "Stop", "back to the fit"} <= buttons
+        assert {"palpate", "cursors"} <= set(browser.texts())
+        assert "good" in browser.marked("gates").content
+        assert browser.all(ui.keyboard)
+        await open_gallery(page.state, "cubic_stiffness")
+        effect = EFFECTS["cubic_stiffness"]()
+        texts = {effect.physics, f"Signature: {effect.signature}.", effect.equation}
+        assert texts <= set(browser.texts())
+        experiments = [text for text in browser.texts() if text.startswith("Separate it from")]
+        assert len(experiments) == len(effect.confused_with)
+        (dialog,) = browser.all(ui.dialog)
+        assert dialog.value
+        await browser.press("Close")
+        assert not dialog.value
 
     opened(work)
 

@@ -357,8 +357,10 @@ def test_dropped_file_is_kept_once_and_its_columns_can_be_corrected(browser, mon
         assert sorted(path.name for path in (tmp_path / "kept").iterdir()) == ["press-2.csv", "press.csv"]
         await send("bad.csv", b"a,b\nx,y\n")
         await send("big.csv", b"", size=500_000_001)
+        await send("a\0b.csv", b"")
         assert "no line of column names" in browser.said[0]
         assert "big.csv: larger than 500 MB" in browser.said[1]
+        assert r"'a\x00b.csv': cannot be saved in" in browser.said[2]
         assert not (tmp_path / "kept" / "bad.csv").exists()
         quantity, unit = (
             browser.all(ui.select, aria_label=f"{what} of Load")[0] for what in ("quantity", "unit")
@@ -525,13 +527,21 @@ def test_failed_diagnosis_states_its_reason(browser, tmp_path, monkeypatch, is_s
     browser.use(work)
 
 
-@pytest.mark.parametrize(("hidden", "rated"), [("lag", "right"), ("delay", "counts as right"), (None, "")])
+@pytest.mark.parametrize(
+    ("hidden", "rated"), [("lag", "right"), ("delay", "counts as right"), (None, ""), ("spoilt", "")]
+)
 def test_riddle_opens_the_answer_only_after_a_diagnosis(browser, tmp_path, monkeypatch, hidden, rated):
     entry = SimpleNamespace(effect="lag", confused_with=["delay"])
     state = diagnosed_state(tmp_path, None)
     monkeypatch.setattr(diagnosis_module.Session, "open", lambda path: path)
     answer = SimpleNamespace(hidden=[SimpleNamespace(name=hidden)])
-    monkeypatch.setattr(diagnosis_module, "open_answer", lambda session: answer)
+
+    def open_answer(session):
+        if hidden == "spoilt":
+            raise InputError("the answer is damaged")
+        return answer
+
+    monkeypatch.setattr(diagnosis_module, "open_answer", open_answer)
 
     async def diagnose():
         assert not browser.marked("guess").enabled
@@ -542,9 +552,11 @@ def test_riddle_opens_the_answer_only_after_a_diagnosis(browser, tmp_path, monke
         await browser.press("That is it")
         assert browser.marked("guess").enabled
         said = browser.marked("score").text
-        assert said == "stopped: the sealed answer was not opened" if hidden is None else said.startswith(
-            f"Hidden was {hidden}. You said bias: wrong. The diagnosis said lag: {rated}"
-        )  # fmt: skip
+        expected = {None: "stopped: the sealed answer was not opened", "spoilt": "the answer is damaged"}
+        words = f"Hidden was {hidden}. You said bias: wrong. The diagnosis said lag: {rated}"
+        assert said.startswith(expected.get(hidden, words))
+        assert "Riddle" in [each.text for each in browser.all() if each.tag == "h2"]
+        assert any("Tick effects until" in text for text in browser.texts())
 
     browser.use(work)
 
@@ -577,12 +589,17 @@ def test_other_files_are_offered_newest_first(browser, monkeypatch, tmp_path):
     monkeypatch.setattr(file_drop, "is_session", lambda path: path.suffix == ".mcap")
     monkeypatch.setattr(layout, "newest_growing", lambda folder: folder / "b.mcap")
     monkeypatch.setattr(layout, "live_view", lambda session, done, feed: seen.append((session.name, done)))
-    home = AppState(tmp_path, error="unreadable", riddle=True)
+    home = AppState(tmp_path, tmp_path / "old.csv", error="unreadable", riddle=True)
     home.open = lambda path, options: opened.append(path.name) or f"state of {path.name}"
 
     async def work():
         await layout.lay_out_page(home)
         assert browser.marked("refused").text == "unreadable"
+        assert "palpate workbench" in browser.texts()
+        assert browser.marked("probe").text == "Probe the simulated arm"
+        (begin,) = browser.timers  # of a correction of its columns
+        await begin.work()
+        assert "old.csv: no rows of data" in browser.said[0]
         buttons = [each.text for each in browser.all(ui.button)]
         assert buttons[:4] == ["b.mcap", "a.mcap", "new.CSV.gz", "11.npz"]
         assert buttons[11:13] == ["3.npz", "All sessions of the folder as one study"]  # twelve files
