@@ -385,7 +385,7 @@ def test_scheduler_gets_a_few_cases_at_a_time_and_all_results_arrive(tmp_path, m
     [
         ({"workers": None}, "scheduler tcp://s: does not answer"),
         ({"workers": 0}, "scheduler tcp://s: has no workers; start one with: dask worker"),
-        ({"sees_folder": False}, "worker tcp://w: cannot access .*; --out must be on a shared disk"),
+        ({"sees_folder": False}, "worker tcp://w: cannot access .*; use a shared disk for --out"),
         ({"code": ["other"]}, "worker tcp://w: runs another version of palpate"),
         ({"lost_after": 0}, "the scheduler tcp://s was lost; finished cases are kept"),
     ],
