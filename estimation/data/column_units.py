@@ -191,20 +191,15 @@ class ColumnUnits:
             else:
                 unit = known.replace("is", "are", 1) if known else ""
                 problem = f"columns {columns} state no units{unit}; give them, as in {options}"
-            raise InputError(f"{self.table.path}: {problem}{self._joint_instead(chosen)}")
-
-    def _joint_instead(self, chosen: Chosen) -> str:
-        """Return the options for a joint, if a position and a force without units may also belong to one."""
-        if {POSITION, FORCE} <= set(chosen) and not any(
-            self.unit_of(*chosen[key]) for key in (POSITION, FORCE)
-        ):
-            position, force = (shlex.quote(chosen[key][1]) for key in (POSITION, FORCE))
-            unit = self._likely_unit(*chosen[POSITION])
-            return (
-                f"; if they belong to a revolute joint, add --column position={position} --column "
-                f"torque={force} --unit position={unit} --unit torque=Nm"
-            )
-        return ""
+            keys = POSITION, FORCE
+            if set(keys) <= set(chosen) and not any(self.unit_of(*chosen[key]) for key in keys):
+                position, force = (shlex.quote(chosen[key][1]) for key in keys)
+                unit = self._likely_unit(*chosen[POSITION])
+                problem += (
+                    f"; if they belong to a revolute joint, add --column position={position} --column "
+                    f"torque={force} --unit position={unit} --unit torque=Nm"
+                )
+            raise InputError(f"{self.table.path}: {problem}")
 
     def check_force_of_angle(self, chosen: Chosen) -> None:
         """Check that no joint has an angle and a force if there is no other channel.

@@ -212,20 +212,16 @@ def _parse_rows(
             problem = f"line {lines[invalid[0].number - 1]} {cells}: {text!r}"
         raise InputError(f"{place}: {problem}") from error
     lines = _line_numbers(content, table.start, end, len(part))
-    _check_quotes(part, lines, dialect.delimiter, place)
-    return part, lines, []
-
-
-def _check_quotes(part: pa.Table, lines: IntArray, delimiter: str, place: str) -> None:
-    """Raise an error if a quotation mark without a second one has swallowed rows of numbers."""
+    # A quotation mark without a second one may have swallowed rows of numbers.
     for column in part.columns:
         for row in np.flatnonzero(np.asarray(pc.match_substring(column, "\n").fill_null(False))):
-            inside = [line_cells(line, delimiter) for line in str(column[int(row)]).splitlines()[1:]]
+            inside = [line_cells(line, dialect.delimiter) for line in str(column[int(row)]).splitlines()[1:]]
             if any(len(cells) >= part.num_columns and not is_footer(cells, counts=True) for cells in inside):
                 raise InputError(
                     f"{place}: line {lines[row]}: a quotation mark opens a cell that holds {len(inside)} "
                     "more lines, with numbers; close or remove it"
                 )
+    return part, lines, []
 
 
 def _repair_rows(

@@ -146,7 +146,19 @@ def _warnings(data: ChannelData, model: Model | None) -> Iterator[tuple[str, str
         return
     if copies := readings.copied_runs(data):
         yield "enough", readings.copied(copies)
-    yield from _warn_of_outliers(data)
+    # Many outliers are scored, huge ones are excluded.
+    for name, signal in (("position", data.position), ("effort", data.effort)):
+        glitches = _glitches(signal, data.run)
+        if np.mean(glitches) > _MAX_GLITCHES:
+            reason = _describe_outliers(data, name, glitches)
+            yield "readings", f"{reason}; if they are lost readings, remove such rows"
+    if glitches.any() and np.mean(glitches) <= _MAX_GLITCHES:  # those of the effort
+        size, regular = np.abs(data.effort), data.effort[~glitches]
+        # Outliers within the usual range, such as dropouts to zero, cause no warning.
+        beyond = glitches & (size > np.abs(regular).max() + np.ptp(regular))
+        if beyond.any():
+            reason = _describe_outliers(data, "effort", beyond)
+            yield "enough", f"{reason}; diagnosis and comparison exclude such readings"
     for kind, warning in (("readings", readings.folded(data)), ("saturation", readings.stuck_in_air(data))):
         if warning:
             yield kind, warning
@@ -192,25 +204,6 @@ def _describe_outliers(data: ChannelData, name: str, rows: BoolArray) -> str:
     count = f"1 reading of the {name} is" if number == 1 else f"{number} readings of the {name} are"
     example = f"{signal[first]:.6g} {unit} at {data.time_s[first]:.6g} s"
     return f"{count} far from {'its' if number == 1 else 'their'} neighbors, such as {example}"
-
-
-def _warn_of_outliers(data: ChannelData) -> Iterator[tuple[str, str]]:
-    """Warn of many outliers, which are scored, and of huge outliers, which are excluded."""
-    for name, signal in (("position", data.position), ("effort", data.effort)):
-        far = _glitches(signal, data.run)
-        if np.mean(far) > _MAX_GLITCHES:
-            yield (
-                "readings",
-                f"{_describe_outliers(data, name, far)}; if they are lost readings, remove such rows",
-            )
-    glitches = _glitches(data.effort, data.run)
-    if glitches.any() and np.mean(glitches) <= _MAX_GLITCHES:
-        size, regular = np.abs(data.effort), data.effort[~glitches]
-        # Outliers within the usual range, such as dropouts to zero, cause no warning.
-        beyond = glitches & (size > np.abs(regular).max() + np.ptp(regular))
-        if beyond.any():
-            reason = _describe_outliers(data, "effort", beyond)
-            yield "enough", f"{reason}; diagnosis and comparison exclude such readings"
 
 
 def _check_blocks(data: ChannelData, good: BoolArray) -> str | None:
