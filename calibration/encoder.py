@@ -89,7 +89,7 @@ def plan_stops(
     return up, tuple(approaches)
 
 
-def widen_for_stops(limits: Limits, approaches: Iterable[StopApproach], beyond_rad: float) -> Limits:
+def widen_limits_for_stops(limits: Limits, approaches: Iterable[StopApproach], beyond_rad: float) -> Limits:
     """Widen the position limits so that each joint can reach its stop.
 
     Args:
@@ -123,13 +123,15 @@ def _candidates(
         if not np.isfinite(stops[joint]):
             continue
         for angles in product(*behind):
-            pose = up.copy()
-            pose[joint + 1 :] = angles
-            pose[joint] = np.clip(stops[joint] - side * _NEAR_RAD, low[joint], high[joint])
-            end = pose.copy()
+            posture = up.copy()
+            posture[joint + 1 :] = angles
+            posture[joint] = np.clip(stops[joint] - side * _NEAR_RAD, low[joint], high[joint])
+            end = posture.copy()
             end[joint] = stops[joint] + side * reach_rad
-            way = np.concatenate([arm_motion.straight_path(up, pose), arm_motion.straight_path(pose, end)])
-            yield way, StopApproach(joint, float(stops[joint]), side, pose)
+            way = np.concatenate(
+                [arm_motion.straight_path(up, posture), arm_motion.straight_path(posture, end)]
+            )
+            yield way, StopApproach(joint, float(stops[joint]), side, posture)
 
 
 EVENT = "stop_touched"
@@ -302,7 +304,8 @@ class StopTask:
     def _pushing_torque_nm(self, measurement: Measurement, motion: JointMotion, dt_s: float) -> FloatArray:
         """Compute torques that hold the other joints and push this one towards its reference.
 
-        This joint's tracking must not act on the others through the mass matrix, or a stop would shake them.
+        The tracking of this joint must not act on the others through the mass matrix, because a stop would
+        shake them.
         """
         joint = self._approach.joint
         position, speed = measurement.joint_position_rad[joint], measurement.joint_velocity_rad_s[joint]

@@ -128,7 +128,8 @@ def read_reference_file(
         The plateaus, and the unit of the readings.
 
     Raises:
-        InputError: the file cannot be read, a column is missing or has no unit, or no plateau is steady.
+        InputError: the file cannot be read, a column is missing or has no known unit, or no plateau is
+            steady.
     """
     unknown = [role for role in columns if role not in _ROLES]
     if unknown:

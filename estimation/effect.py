@@ -90,7 +90,7 @@ class Parameter:
         return np.geomspace(low, high, count) if self.log else np.linspace(low, high, count)
 
 
-def grid(**values: Iterable[float]) -> tuple[Inner, ...]:
+def start_grid(**values: Iterable[float]) -> tuple[Inner, ...]:
     """Return all combinations of start values by name, for `Effect.starts`; the last name varies fastest.
 
     Args:
@@ -134,7 +134,7 @@ class Effect(ABC):
             At least one start; `({},)` for an effect without inner parameters.
         """
         count = 9 if len(self.inner) == 1 else 5
-        return grid(**{p.name: p.spread(count) for p in self.inner})
+        return start_grid(**{p.name: p.spread(count) for p in self.inner})
 
     def simpler(self, columns: FloatArray) -> FloatArray:
         """Return the columns of the simpler effect that remains without the essential gains.
@@ -209,7 +209,8 @@ class AdditiveEffect(Effect):
         """Return the effort per unit of each gain.
 
         Args:
-            data: the channel, with the motion that acts on the object; positive into it or along the joint.
+            data: the channel, with the motion that acts on the object; positive into the object or along the
+                joint.
             inner: values of the inner parameters by name.
 
         Returns:

@@ -247,7 +247,8 @@ def rounding_errors(model: Model, data: ChannelData, rows: BoolArray, parameters
         parameters: fitted parameters, by "effect.parameter".
 
     Returns:
-        Errors of m gains and inner parameters in r simulations, shape (m, r); r = 0 for a fine grid.
+        Errors of the m gains and inner parameters in r simulations, shape (m, r); r = 0 if the grid is fine
+        enough.
     """
     if steps_spanned(data, rows) > _MAX_STEPS:
         return np.zeros((len(parameters), 0))

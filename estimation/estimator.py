@@ -103,7 +103,8 @@ def check_samples(name: str, *columns: FloatArray) -> None:
 class ContactEstimator(ABC):
     """Method that estimates a contact law.
 
-    Its law may be nonlinear in the parameters. `Estimator` is for methods that solve any linear problem.
+    Its law may be nonlinear in the parameters. `Estimator` is the interface of methods that solve any linear
+    problem.
     """
 
     name: ClassVar[str]  # as on the command line

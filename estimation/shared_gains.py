@@ -115,7 +115,8 @@ def consistent_information(base: BaseParameters, urdf: FloatArray, total: Inform
     Args:
         base: the arm's base parameters.
         urdf: see `urdf_information`.
-        total: information of all joints on base parameters from f run sets: matrix (f, b, b), vector (f, b).
+        total: information of all joints on the base parameters from f sets of runs: matrix (f, b, b), vector
+            (f, b).
 
     Returns:
         The prior for each set of runs: matrix (f, b, b) and vector (f, b).
@@ -191,7 +192,8 @@ class _Problem:
     def newton(self, inertial: FloatArray, precision: float) -> tuple[FloatArray, float]:
         """Compute the Newton step (10 links,), which is to be subtracted, and the squared decrement.
 
-        The Hessian is factored by QR of its root: its eigenvalues' ratio can exceed a double's precision.
+        The Hessian is factored by QR of its root, because the ratio of its eigenvalues can exceed the
+        precision of a double.
 
         Args:
             inertial: inertial parameters of the links, shape (10 links,).

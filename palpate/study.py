@@ -84,7 +84,8 @@ class Study(ModelStudy):
         fresh: whether each run pressed an object that was never pressed before.
         runs: number of presses in a recording; None to detect it.
         table: sheet, or line of the header, of another table than the file's longest.
-        arm: an `Arm`, or the path of a URDF whose tip is the link "tip", or else the last link.
+        arm: arm of the channels: an `Arm`, or the path of a URDF whose tip is the link "tip", or else the
+            last link.
         effects: your own effects: objects, or "my_effects.py:MyEffect".
         folder: folder of revisions and diagnosis; None for the usual one.
         keep: False to keep them in memory only.
@@ -233,7 +234,7 @@ class Study(ModelStudy):
         from palpate.export.feedforward import make_feedforward  # noqa: PLC0415, only here
 
         place = _path(path, "feedforward")
-        fitted, failures = self._joints(revisions, "a feedforward")
+        fitted, failures = self._fitted_joints(revisions, "a feedforward")
         made = make_feedforward(fitted)
         made = replace(made, left_out=(*made.left_out, *failures))
         made.write(place, self.source.name)
@@ -270,7 +271,7 @@ class Study(ModelStudy):
             raise InputError(f"target {target!r}: no such simulator. Valid: {', '.join(SimulatorFormat)}")
         place, target = _path(path, "output"), SimulatorFormat(target)
         base = None if patch is None else existing_file(_path(patch, "patch"), "patch")
-        fitted, failures = self._joints(revisions, target.value)
+        fitted, failures = self._fitted_joints(revisions, target.value)
         if servo_gain_nm_rad is None:
             _refuse_goal_error(fitted)
         else:
@@ -287,7 +288,9 @@ class Study(ModelStudy):
             fitted, target, place, self.source.arm, patch=base, failures=failures, source=self.source.name
         )
 
-    def _joints(self, revisions: int | Sequence[int], what: str) -> tuple[list["FittedJoint"], list[str]]:
+    def _fitted_joints(
+        self, revisions: int | Sequence[int], what: str
+    ) -> tuple[list["FittedJoint"], list[str]]:
         """Return joints with their newest or chosen models, and reasons for those left out."""
         numbers = _numbers(revisions)
         joints = {item.name: item for item in self.channels if item.kind is not ChannelKind.CONTACT}
@@ -296,7 +299,7 @@ class Study(ModelStudy):
                 f"{self._file}: no channel is a joint, and {what} exports joints only. Channels: "
                 + ", ".join(item.name for item in self.channels)
             )
-        chosen = self._newest(list(joints.values()), refuse_others=not numbers)
+        chosen = self._newest_revisions(list(joints.values()), refuse_others=not numbers)
         given: dict[str, Revision] = {}
         for revision in map(self.revision, numbers):
             if revision.channel not in joints:
@@ -329,7 +332,9 @@ class Study(ModelStudy):
             raise InputError(failures[0])
         return fitted, failures
 
-    def _newest(self, channels: Sequence[StudyChannel], *, refuse_others: bool) -> dict[str, Revision]:
+    def _newest_revisions(
+        self, channels: Sequence[StudyChannel], *, refuse_others: bool
+    ) -> dict[str, Revision]:
         """Return the newest revision of each channel that has one, by channel.
 
         Args:
@@ -364,7 +369,7 @@ class Study(ModelStudy):
         if numbers:
             chosen = [self._revisions.get(number) for number in numbers]
         else:
-            chosen = list(self._newest(self.channels, refuse_others=True).values())
+            chosen = list(self._newest_revisions(self.channels, refuse_others=True).values())
         for revision in chosen:
             self.check(revision)
         contacts = [channel for channel in self.source.channels if channel.kind is ChannelKind.CONTACT]

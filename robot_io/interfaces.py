@@ -191,7 +191,8 @@ def start_all(
 def undo_all(components: Sequence[LabeledComponent], step: Literal["close", "deactivate"]) -> None:
     """Apply a step to every component, last one first, even after failures.
 
-    After a Ctrl-C, the interrupted step is repeated, the others follow, then the interrupt is raised again.
+    After a Ctrl-C, the interrupted step is repeated, the others follow, and then the interrupt is raised
+    again.
 
     Args:
         components: components with their names for messages.

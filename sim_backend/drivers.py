@@ -29,7 +29,8 @@ class SimulatedBus(JointBus):
     """Bus that connects to a simulated world.
 
     On a simulated clock the world advances with the clock; on any other it catches up at each poll and flush.
-    Before its first activation its rest supports the arm, and again after it is deactivated there.
+    Before its first activation the arm is supported by its rest, and again after it is deactivated
+    there.
 
     Attributes:
         scenario: scenario of the world; `use_scenario` changes it until the robot is configured.

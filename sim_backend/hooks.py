@@ -97,7 +97,8 @@ class JointEffect(ABC):
     def joint_torque_nm(self, state: JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
         """Compute the torques that reach the links; called once at each physics step.
 
-        The drive's torque sensor does not measure the change, as a motor current omits bearing friction.
+        The drive's torque sensor does not measure the change, just as a motor current does not include
+        bearing friction.
 
         Args:
             state: motion of the joints.

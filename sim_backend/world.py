@@ -66,7 +66,8 @@ class World:
         held: while True the arm stands still under any load; time and sensors continue.
 
     Raises:
-        InputError: the engine is not installed or cannot load the robot, or robot and effects do not match.
+        InputError: the physics engine is not installed or cannot load the robot, or robot and hidden effects
+            do not fit each other.
     """
 
     def __init__(

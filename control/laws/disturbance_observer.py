@@ -61,7 +61,8 @@ class DisturbanceObserver:
             measurement: state of the arm.
             output: output of the controller in this tick.
             dt_s: time since the last tick [s].
-            in_free_air: whether nothing touches the arm: the disturbance is due to weight and friction.
+            in_free_air: whether nothing touches the arm, so that the disturbance is due to weight and
+                friction.
 
         Raises:
             SafetyTripError: the joint torques have contradicted the sensor for several ticks.

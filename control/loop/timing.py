@@ -86,7 +86,8 @@ class Histogram:
             percent: 0 to 100.
 
         Returns:
-            Duration that `percent` of the durations did not exceed [s]; 0 below 60 ns, NaN without any.
+            Duration that `percent` of the counted durations did not exceed [s]; 0 below 60 ns, NaN without
+            any.
         """
         if not self.count:
             return math.nan

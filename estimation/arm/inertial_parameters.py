@@ -1,7 +1,8 @@
 """Inertial parameters of an arm: identifiability, physical consistency and divergence.
 
 Some parameters affect no torque, others only in fixed combinations. The base parameters are the smallest set
-that determines all torques: M. Gautier, J. Robotic Systems 8(4) (1991). All joints of the arm share them.
+that determines all torques: M. Gautier, J. Robotic Systems 8(4) (1991). They are the same for all joints of
+the arm.
 
 A link's ten parameters (m, h = m c, I about the joint's frame) belong to a distribution of positive mass if
 and only if its pseudo-inertia is positive definite:
@@ -148,7 +149,8 @@ def nearest_bodies(inertial: FloatArray) -> FloatArray:
     """Return physically consistent inertial parameters near the given ones, shape (10 links,).
 
     URDFs contain links without mass or inertia, and rounded inertias that are not physical. Masses are raised
-    to a thousandth of the heaviest, and radii of gyration about the mass center to 2 % of the arm's largest.
+    to a thousandth of the heaviest, and radii of gyration about the center of mass to 2 % of the arm's
+    largest.
 
     Args:
         inertial: parameters of all links, shape (10 links,), SI units.

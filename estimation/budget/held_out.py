@@ -167,9 +167,9 @@ class HeldOutError(SquaredErrors):
             for fold, (rows, columns_of_fold, pushing_of_fold) in enumerate(parts):
                 system, moment = total_gram - grams[fold], total_moment - moments[fold]
                 guess = self._last_coefficients[chosen]
-                values = solve_within_bounds(system, moment, lower, upper, guess)
+                coefficients = solve_within_bounds(system, moment, lower, upper, guess)
                 # Where the object would have to pull, contact is lost and the object's columns do not act.
-                lifted = self._may_lift & (pushing @ values[one_sided] < 0.0)
+                lifted = self._may_lift & (pushing @ coefficients[one_sided] < 0.0)
                 for _ in range(_MAX_FITS if lifted.mean() > _FEW_LIFTED else 0):
                     train = np.flatnonzero(lifted & (self._fold != fold))
                     inactive = pushing[train]  # columns that do not act without contact
@@ -178,13 +178,15 @@ class HeldOutError(SquaredErrors):
                     contact_system[:, one_sided] -= products
                     contact_system[one_sided] = contact_system[:, one_sided].T
                     contact_moment[one_sided] -= inactive.T @ self._target[train]
-                    values = solve_within_bounds(contact_system, contact_moment, lower, upper, values)
-                    previous, lifted = lifted, self._may_lift & (pushing @ values[one_sided] < 0.0)
+                    coefficients = solve_within_bounds(
+                        contact_system, contact_moment, lower, upper, coefficients
+                    )
+                    previous, lifted = lifted, self._may_lift & (pushing @ coefficients[one_sided] < 0.0)
                     if np.array_equal(lifted, previous):
                         break
-                self._last_coefficients[chosen] = values
-                predicted[rows] = columns_of_fold @ values
-                predicted[rows] -= lifted[rows] * (pushing_of_fold @ values[one_sided])
+                self._last_coefficients[chosen] = coefficients
+                predicted[rows] = columns_of_fold @ coefficients
+                predicted[rows] -= lifted[rows] * (pushing_of_fold @ coefficients[one_sided])
             trials.append(predicted)
         return trials
 

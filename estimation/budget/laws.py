@@ -80,7 +80,8 @@ def flexible_laws(
 
     Args:
         blocked: the channel on its blocks.
-        base: columns of the model on blocks, refitted for the sensor's dynamics; None to keep the fit.
+        base: columns of the model on blocks, which are refitted for the sensor's dynamics; None to keep the
+            fit.
         effort: prediction of the model on blocks, shape (m,) [N or N m].
         residual: residual of the model on blocks, shape (m,); it selects the waves of the periodic law.
         used: blocks that the model is fitted to, shape (m,).
@@ -293,7 +294,8 @@ def _sensor_statics(
     """Build the law of a sensor's bias, gain, saturation, dead band and hysteresis.
 
     A gain is added only if the base model's own gains cannot imitate it. Free air rules out a bias if it
-    shows a correct zero. Sensor hysteresis lowers the reading while the effort grows; friction raises it.
+    shows a correct zero. Hysteresis of the sensor lowers the reading while the effort grows; friction raises
+    it.
     """
     low, high = np.quantile(measured, [0.001, 0.999])
     saturation = [
@@ -333,7 +335,8 @@ def periodic_columns(
         position: shape (m,) [rad or m].
         residual: shape (m,) [effort].
         is_angle: whether the axis is revolute.
-        run: shape (m,), if each run has its own phase and amplitude; None if all runs share them.
+        run: shape (m,), if the waves have their own phase and amplitude in each run; None if all runs share
+            them.
 
     Returns:
         Shape (m, 2 waves); no columns if the position takes too few values.

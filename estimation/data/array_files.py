@@ -61,7 +61,8 @@ def read_npz(path: Path) -> FileColumns:
         path: path of the file.
 
     Raises:
-        InputError: the file is too large, names an array twice, or has arrays of objects or unequal lengths.
+        InputError: the file is too large, names an array twice, or has arrays of objects or of different
+            lengths.
     """
     with zipfile.ZipFile(path) as archive:
         check_size(path, sum(entry.file_size for entry in archive.infolist()))
@@ -223,7 +224,8 @@ def arrow_table(arrays: Mapping[str, NDArray[Any]], place: Path) -> pa.Table:
         place: source of the arrays, for error messages.
 
     Raises:
-        InputError: the arrays differ in length, have several dimensions, or contain neither numbers nor text.
+        InputError: the arrays have different lengths, are not one-dimensional, or contain neither real
+            numbers nor text.
     """
     for name, array in arrays.items():
         if array.ndim != 1:

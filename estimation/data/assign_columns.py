@@ -9,7 +9,13 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.estimation.data.choose_columns import EFFORTS, are_equal, choose_columns, is_pressed, joint_shift
+from palpate.estimation.data.choose_columns import (
+    EFFORTS,
+    choose_columns,
+    have_equal_values,
+    is_pressed,
+    joint_shift,
+)
 from palpate.estimation.data.column_names import (
     DISPLACEMENT,
     FORCE,
@@ -244,7 +250,7 @@ def _assign_own_names(
             earlier_role, earlier = chosen.setdefault(role.key, (role, name))
             if earlier == name or earlier in options.columns.values():
                 continue
-            if not are_equal(table, role.key, (earlier, earlier_role.unit), (name, role.unit)):
+            if not have_equal_values(table, role.key, (earlier, earlier_role.unit), (name, role.unit)):
                 raise InputError(
                     f"{table.path}: columns '{earlier}' and '{name}' both hold {role.numbered}, with "
                     f"different values; choose with --column {role.numbered}={shlex.quote(earlier)}"
@@ -291,7 +297,8 @@ def _orient_signs(
 ) -> tuple[dict[Key, AssignedColumn], bool, list[str]]:
     """Make displacement and force positive in compression, and detect elements that can pull.
 
-    A unit with a number, such as 1N, keeps the sign. A displacement named by --column belongs to a contact.
+    A unit with a number, such as 1N, prevents a change of sign. A displacement named by --column belongs to a
+    contact.
 
     Returns:
         The columns, whether the element is attached at both ends, and notes.

@@ -135,10 +135,10 @@ def _best_matches(table: Table, key: Key, guesses: list[RoleGuess]) -> list[Role
     fit = max(guess.fit for guess in guesses)
     first, *equal = (guess for guess in guesses if guess.fit == fit)
     read = first.column, first.unit
-    return [first, *(g for g in equal if not are_equal(table, key, read, (g.column, g.unit)))]
+    return [first, *(g for g in equal if not have_equal_values(table, key, read, (g.column, g.unit)))]
 
 
-def are_equal(table: Table, key: Key, first: tuple[str, str], second: tuple[str, str]) -> bool:
+def have_equal_values(table: Table, key: Key, first: tuple[str, str], second: tuple[str, str]) -> bool:
     """Return whether two columns have equal values, possibly in different units.
 
     Args:

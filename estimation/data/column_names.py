@@ -339,21 +339,23 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
     if not keys_of_channels({guess.key for guess in guesses if guess.quantity}):
         missing |= {"displacement", "force"} - {guess.quantity for guess in guesses}
         guesses = [_guess_tension_test(guess) if guess.quantity == "" else guess for guess in guesses]
-    pairs = []
+    paired = []
     for guess in guesses:
         if guess in named and guess.joint_name in number:
-            pairs.append(replace(guess, joint=number[guess.joint_name]))
+            paired.append(replace(guess, joint=number[guess.joint_name]))
         elif guess.rank == _BY_PAIR and guess.joint is None and not (shared and guess.quantity == "position"):
-            pairs.append(RoleGuess(guess.column, ""))
+            paired.append(RoleGuess(guess.column, ""))
         elif not guess.quantity and (quantity := quantity_in(guess.column, last=True)) in missing:
-            pairs.append(RoleGuess(guess.column, quantity, rank=_BY_PAIR, why="by the last word of its name"))
+            paired.append(
+                RoleGuess(guess.column, quantity, rank=_BY_PAIR, why="by the last word of its name")
+            )
         else:
-            pairs.append(guess)
-    if keys_of_channels({guess.key for guess in pairs if guess.quantity}):
-        return pairs
+            paired.append(guess)
+    if keys_of_channels({guess.key for guess in paired if guess.quantity}):
+        return paired
     # Otherwise any word of a name is used, such as "Pos" in "motorPosRaw" and "force" in "ForceArray b",
     # unless the names belong to different joints.
-    known = {guess.quantity for guess in pairs}
+    known = {guess.quantity for guess in paired}
     by_word = [guess_column(name, anywhere=True) for name in names]
     joint_words = [
         words
@@ -362,10 +364,10 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
         and (words := {word for word in guess.joint_name if not word.isdecimal()})
     ]
     if joint_words and not set.intersection(*joint_words):
-        return pairs
+        return paired
     return [
         guess if guess.quantity or other.quantity in known or is_repeated(guess.column) else other
-        for guess, other in zip(pairs, by_word, strict=True)
+        for guess, other in zip(paired, by_word, strict=True)
     ]
 
 

@@ -81,7 +81,8 @@ class AssignedColumn:
 class ColumnUnits:
     """Units of a table's columns.
 
-    In all methods `role` is a column's role, `column` its name in the file, `chosen` the columns in use.
+    In all methods `role` is the role of a column, `column` is its name in the file, and `chosen` are the
+    columns in use.
     """
 
     table: Table

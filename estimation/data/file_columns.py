@@ -94,7 +94,8 @@ _HEAD_BYTES = 25
 def is_session(path: str | os.PathLike[str]) -> bool:
     """Return whether a file is a session, by its ending or its first bytes.
 
-    A ROS 2 recording is also an MCAP file, but counts as a data file. If it is missing, its ending decides.
+    A ROS 2 recording is also an MCAP file, but counts as a data file. If the file is missing, its ending
+    decides.
 
     Args:
         path: path of the file, which need not exist.

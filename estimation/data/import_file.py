@@ -17,7 +17,12 @@ from palpate.estimation.data.column_units import ColumnUnits
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
-from palpate.estimation.data.import_rows import UNKNOWN_PHASE, ImportedRows, arrange_rows, drop_repeated_rows
+from palpate.estimation.data.import_rows import (
+    UNKNOWN_PHASE,
+    ImportedRows,
+    arrange_rows,
+    without_repeated_rows,
+)
 from palpate.estimation.data.measured_derivatives import is_difference, mistaken_scale
 from palpate.estimation.data.presses import press_phases
 from palpate.estimation.data.table import Table, read_table
@@ -102,7 +107,7 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> ImportedD
         texts, index = table.labels(name)
         chosen = chosen_texts(name, given, texts, str(table.path))
         table = table.select(np.isin(index, [texts.index(text) for text in chosen]))
-    columns = drop_repeated_rows(assign_columns(table, options))
+    columns = without_repeated_rows(assign_columns(table, options))
     sources = channel_sources(columns)
     check_options_are_used(columns, sources, options)
     rows = arrange_rows(columns, fresh=options.fresh, count=options.runs)

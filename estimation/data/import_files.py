@@ -22,7 +22,8 @@ _MAX_FILES = 2000
 def data_files(folder: Path) -> list[Path]:
     """List the data files in a folder, without hidden ones, in natural order: run2 before run10.
 
-    If the folder is a ROS 2 recording, it is the only entry; a LeRobot data set gives its episodes' files.
+    If the folder is a ROS 2 recording, it is the only entry. For a LeRobot data set, the list contains the
+    files of its episodes.
 
     Args:
         folder: folder with the files.
@@ -55,7 +56,8 @@ def import_files(
         progress: callback that receives the current step and the completed share, from 0 to 1.
 
     Raises:
-        InputError: a file is named twice, is unusable, or lacks a channel of the first; or over 2000 files.
+        InputError: a file is named twice, cannot be used, or lacks a channel of the first file, or there are
+            more than 2000 files.
     """
     if len(paths) > _MAX_FILES:
         raise InputError(f"{len(paths)} data files exceed the limit of {_MAX_FILES}; join some of them")

@@ -115,7 +115,7 @@ def _numbered_runs(table: Table, column: str) -> tuple[IntArray, dict[int, str]]
     return np.array(numbers, dtype=np.int64)[index], dict(sorted(zip(numbers, names, strict=True)))
 
 
-def drop_repeated_rows(columns: ColumnAssignment) -> ColumnAssignment:
+def without_repeated_rows(columns: ColumnAssignment) -> ColumnAssignment:
     """Remove rows that repeat an earlier row and make the clock go back, and note it.
 
     A logger that writes its buffer twice repeats samples with their times. Rows that differ in any column,
@@ -230,7 +230,8 @@ def _spread_repeated_times(time_s: FloatArray, run: IntArray) -> FloatArray:
 def _spread_late_stamps(time_s: FloatArray, run: IntArray) -> FloatArray:
     """Distribute rows with late time stamps evenly over the burst and the gap before it.
 
-    A busy logger stamps delayed samples in quick succession. Speeds from such times would be much too large.
+    A busy logger stamps delayed samples in quick succession. A speed derived from such times would be many
+    times too large.
     """
     spread_s = time_s.copy()
     for rows in blocks(run):

@@ -172,7 +172,8 @@ def press_phases(
 ) -> IntArray:
     """Determine the phase of each sample, as numbers of `palpate.control.loop.task.Phase`, shape (n,).
 
-    A sample is in contact if it is below the surface. If it does not show the surface, the force decides.
+    A sample is in contact if it is below the surface. If the displacement does not show the surface, the
+    force decides.
 
     Args:
         position: displacement, positive into the object, shape (n,).

@@ -28,7 +28,14 @@ from palpate.estimation.data.file_columns import (
     pc,
 )
 from palpate.estimation.data.json_table import read_json
-from palpate.estimation.data.table_layout import find_tests, is_filled, is_text, stack, with_run, with_seconds
+from palpate.estimation.data.table_layout import (
+    find_tests,
+    is_filled,
+    is_text,
+    stack_tests,
+    with_run,
+    with_seconds,
+)
 from palpate.estimation.data.text_dialect import MIN_UNMARKED, TableBlock, same_columns, thousands_ambiguity
 from palpate.estimation.data.text_table import as_utf8, number_of, read_text_table
 from palpate.estimation.data.units import describe_fault, invalid_rows
@@ -279,7 +286,7 @@ def table_of(file: FileColumns, path: Path) -> Table:
     names, notes = columns.column_names, [*file.notes]
     rows = np.arange(1, columns.num_rows + 1) if file.rows is None else file.rows
     if tests := find_tests(names):
-        columns, places = stack(columns, tests, file.titles, file.decimal)
+        columns, places = stack_tests(columns, tests, file.titles, file.decimal)
         names, rows = columns.column_names, rows[places]
         notes.append(f"{len(tests)} tests side by side, read as runs")
     unique: list[str] = []  # unique names: the second "GPa" becomes "GPa (2)"

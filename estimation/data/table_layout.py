@@ -43,7 +43,7 @@ def find_tests(names: Sequence[str]) -> list[dict[str, int]]:
     return _repeated_names(plain) if is_press else []
 
 
-def stack(
+def stack_tests(
     columns: pa.Table, tests: Sequence[Mapping[str, int]], titles: Sequence[str], decimal: str
 ) -> tuple[pa.Table, IntArray]:
     """Stack the rows of tests and add a run column; also return the original index of each row.

@@ -79,7 +79,7 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[TableL
         if len(header) == 2 and bool(units_by_row[0]) != bool(units_by_row[1]):
             top, units = header[1][0], units_by_row[0] or units_by_row[1]
             place, names = header[1] if units_by_row[0] else header[0]
-        full_names = _with_units(_clean(rows, place, names, width), units)
+        full_names = _with_units(_clean_names(rows, place, names, width), units)
         titles = tuple(" ".join(cell.split()) for cell in rows[top - 1]) if top else ()
         yield TableLayout(_with_units_above(rows, top, full_names, decimal), first, top, titles)
 
@@ -239,7 +239,9 @@ def _units_in(row: Sequence[str], width: int) -> list[str]:
     return units if known >= 2 and (bracketed or like_units) else []
 
 
-def _clean(rows: Sequence[Sequence[str]], header: int, row: Sequence[str], width: int) -> tuple[str, ...]:
+def _clean_names(
+    rows: Sequence[Sequence[str]], header: int, row: Sequence[str], width: int
+) -> tuple[str, ...]:
     """Return names without comment signs, or "column N"; add LabVIEW's units from its preamble."""
     cells = [" ".join(cell.split()) for cell in row[: max(width, len(_strip_empty(row)))]]
     cells[0] = cells[0].lstrip(_COMMENT)
@@ -301,7 +303,8 @@ def find_dialect(content: bytes) -> TextDialect | None:
     """Detect delimiter and decimal mark of a UTF-8 text; None if no header is followed by numbers.
 
     If the first line contains one of palpate's own names, it is a header. Otherwise each delimiter is tried
-    with the decimal mark that suits it; the one whose longest table has most columns of numbers is returned.
+    with the decimal mark that suits it, and the dialect whose longest table has most columns of numbers is
+    returned.
 
     Args:
         content: content of the file.

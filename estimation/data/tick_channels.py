@@ -158,7 +158,8 @@ def contact_channels(ticks: Samples, *, tared: bool) -> tuple[ChannelData, ...]:
         tared: whether to subtract each run's force in free air from the force.
 
     Returns:
-        One channel "contact", or "contact_1", "contact_2" ... in order of probing; empty without contact.
+        One channel named "contact", or "contact_1", "contact_2" ... in order of probing; empty without
+        contact.
     """
     good = _valid_ticks(ticks, "encoder_status", "force_status") & (ticks["run"] != NO_RUN)
     chosen = ticks.select(good, _CONTACT_COLUMNS)
@@ -303,7 +304,7 @@ def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tare
     rows = np.isin(ticks["run"], [contact.run for contact in contacts])
     place = np.cumsum(rows) - 1  # of each sample among the chosen ones
     contacts = [replace(each, rows=place[each.rows], free=place[each.free]) for each in contacts]
-    touch = np.concatenate([contact.rows for contact in contacts])
+    touching = np.concatenate([contact.rows for contact in contacts])
     chosen = ticks.select(rows)
     time_s, run = chosen["force_at_s"], chosen["run"].astype(np.int64)
     travel_m = np.einsum("ij,ij->i", chosen["tip_position_world_m"], chosen[DIRECTION])
@@ -320,7 +321,9 @@ def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tare
     above_n = chosen["force_n"] - tare.of(run)
     step_m = float(np.sqrt(12 * rounding_m2))
     bounds = bound_surface(along_m, above_n, contacts, step_m)
-    surface = find_surface(along_m[touch], speed_m_s[touch], above_n[touch], run[touch], tare, bounds)
+    surface = find_surface(
+        along_m[touching], speed_m_s[touching], above_n[touching], run[touching], tare, bounds
+    )
     motion = along_m - surface.position_m, speed_m_s, acceleration_m_s2
     samples = time_s, *motion, above_n if tared else chosen["force_n"], run, chosen["phase"].astype(np.int64)
     return ChannelData(

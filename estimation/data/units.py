@@ -182,7 +182,8 @@ def dimension_of(unit: str) -> str | None:
 def likely_time_unit(step: float, span: float = math.inf) -> str:
     """Return the largest unit of time in which the step between samples is at most `MAX_STEP_S`.
 
-    If the recording would be shorter than `MIN_RECORDING_S` in that unit, the next larger one is returned.
+    If the whole recording would be shorter than `MIN_RECORDING_S` in that unit, the next larger unit is
+    returned.
 
     Args:
         step: step between samples, in the unknown unit of time.

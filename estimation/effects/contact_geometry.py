@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.effect import AdditiveEffect, Inner, MotionEffect, Parameter, grid
+from palpate.estimation.effect import AdditiveEffect, Inner, MotionEffect, Parameter, start_grid
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import runs_by_time
 from palpate.estimation.signals.runwise import running_max
@@ -35,7 +35,7 @@ class ContactOffset(MotionEffect):
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the deepest indentation, with both signs."""
         shares = (-0.5, -0.2, -0.08, -0.03, -0.01, 0.01, 0.03, 0.08, 0.2, 0.5)
-        return grid(offset=np.array(shares) * data.deepest)
+        return start_grid(offset=np.array(shares) * data.deepest)
 
 
 class Adhesion(AdditiveEffect):
@@ -118,7 +118,7 @@ class PlasticSet(MotionEffect):
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: dents that recover before the next run, and dents that remain."""
         share, kept = self.inner
-        return grid(share=share.spread(10), kept=kept.spread(2))
+        return start_grid(share=share.spread(10), kept=kept.spread(2))
 
 
 class _AtTheTool(PlasticSet):

@@ -7,7 +7,15 @@ import numpy as np
 
 from palpate.estimation.channel import JOINTS, ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import Motion, differentiate
-from palpate.estimation.effect import AdditiveEffect, Errors, Inner, MotionEffect, Parameter, Parameters, grid
+from palpate.estimation.effect import (
+    AdditiveEffect,
+    Errors,
+    Inner,
+    MotionEffect,
+    Parameter,
+    Parameters,
+    start_grid,
+)
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import number_stretches
 from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
@@ -138,7 +146,7 @@ class LayeredStiffness(AdditiveEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: fractions of the deepest indentation."""
-        return grid(depth=np.linspace(0.1, 0.85, 11) * data.deepest)
+        return start_grid(depth=np.linspace(0.1, 0.85, 11) * data.deepest)
 
     def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
         """See `Effect.is_misnamed`: the data do not show that both layers push.
@@ -239,7 +247,7 @@ class JointElasticity(MotionEffect):
         """See `Effect.starts`: deflections from 0.03 % to 30 % of the standard deviation of the position."""
         load = float(np.std(data.context["load"])) or 1.0
         span = float(np.std(data.position)) or 1.0
-        return grid(compliance=np.geomspace(3e-4, 0.3, 10) * span / load)
+        return start_grid(compliance=np.geomspace(3e-4, 0.3, 10) * span / load)
 
 
 def _changes(data: ChannelData, wider: int) -> Motion:
@@ -282,7 +290,7 @@ class ToolCompliance(MotionEffect):
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: deflections from a thousandth of the range of depth to the whole range."""
         yielding = float(np.ptp(data.position) / (np.ptp(data.effort) or 1.0))
-        return grid(compliance=np.geomspace(1e-3, 1.0, 7) * yielding)
+        return start_grid(compliance=np.geomspace(1e-3, 1.0, 7) * yielding)
 
 
 @cache_by_channel_arrays("time_s", "run", "effort", "position", "touching")
@@ -324,4 +332,4 @@ class ExponentialStiffness(AdditiveEffect):
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: from nearly linear to steep within the range of motion."""
         deepest = float(np.max(np.abs(data.position), initial=0.0)) or 1.0
-        return grid(b=np.clip(np.array(_STARTS) / deepest, 1e-3, 1e9))
+        return start_grid(b=np.clip(np.array(_STARTS) / deepest, 1e-3, 1e9))

@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from palpate.estimation.channel import JOINTS, ChannelData
-from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, Parameters, grid
+from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, Parameters, start_grid
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.types import FloatArray
 
@@ -46,7 +46,7 @@ class CoulombFriction(AdditiveEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: transitions at small shares of the rms speed."""
-        return grid(transition=np.array((0.003, 0.01, 0.03, 0.08)) * data.rms_speed)
+        return start_grid(transition=np.array((0.003, 0.01, 0.03, 0.08)) * data.rms_speed)
 
 
 class AsymmetricFriction(CoulombFriction):
@@ -172,7 +172,7 @@ class PositionDependentFriction(AdditiveEffect):
         """See `Effect.starts`: from half a wave to ten waves within the range of motion."""
         waves = np.array((0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0))
         cycles = 2.0 * np.pi * waves / data.range_of_motion
-        return grid(cycles=cycles, transition=np.array((0.01, 0.05)) * data.rms_speed)
+        return start_grid(cycles=cycles, transition=np.array((0.01, 0.05)) * data.rms_speed)
 
 
 # Share of `rise` by which the maximum friction must exceed the Coulomb level. It requires a `speed` of three
@@ -213,7 +213,7 @@ class StribeckFriction(AdditiveEffect):
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the rms speed."""
         speed = np.geomspace(0.04, 1.2, 6) * data.rms_speed
-        return grid(speed=speed, transition=np.array((0.003, 0.01, 0.03)) * data.rms_speed)
+        return start_grid(speed=speed, transition=np.array((0.003, 0.01, 0.03)) * data.rms_speed)
 
     def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
         """See `Effect.is_misnamed`: friction never rises visibly, since the rise lies within the transition.

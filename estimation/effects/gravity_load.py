@@ -39,7 +39,8 @@ class KnownRigidBody(AdditiveEffect):
 class RigidBodyFitted(AdditiveEffect):
     """torque = Y(q, v, a) pi (signal `rigid_body_regressor`), plus J^T F while the tip presses.
 
-    The gains are base parameters of the whole arm. Gains of equal names in several joints are one parameter.
+    The gains are base parameters of the whole arm. Gains with the same name in several joints are the same
+    parameter.
 
     Args:
         chosen: columns of the regressor (`palpate.control.arm.rigid_body.RigidBody.regressor`, ten per link)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from palpate.estimation.channel import JOINTS, ChannelData, ChannelKind
-from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, Parameters, grid
+from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, Parameters, start_grid
 from palpate.estimation.effects.friction import TRANSITION
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.types import FloatArray
@@ -125,7 +125,7 @@ class JointCoupling(AdditiveEffect):
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: coupling ratios of both signs."""
         transition = np.minimum(np.array((0.01, 0.05)) * data.rms_speed, 1.0)
-        return grid(ratio=(1.0, -1.0, 0.4, -0.4), transition=transition)
+        return start_grid(ratio=(1.0, -1.0, 0.4, -0.4), transition=transition)
 
 
 def _residual_sse(data: ChannelData, own: int, neighbor: int) -> float:

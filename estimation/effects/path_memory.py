@@ -5,7 +5,15 @@ from typing import ClassVar
 import numpy as np
 
 from palpate.estimation.channel import JOINTS, ChannelData, ChannelKind
-from palpate.estimation.effect import AdditiveEffect, Errors, Inner, MotionEffect, Parameter, Parameters, grid
+from palpate.estimation.effect import (
+    AdditiveEffect,
+    Errors,
+    Inner,
+    MotionEffect,
+    Parameter,
+    Parameters,
+    start_grid,
+)
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import number_stretches
 from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
@@ -62,7 +70,9 @@ class PreslidingFriction(AdditiveEffect):
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: from a thousandth to a third of the range of motion."""
         (path,) = self.inner
-        return grid(presliding=np.maximum(np.geomspace(1e-3, 0.3, 9) * data.range_of_motion, path.lower))
+        return start_grid(
+            presliding=np.maximum(np.geomspace(1e-3, 0.3, 9) * data.range_of_motion, path.lower)
+        )
 
 
 class LoadDependentPresliding(PreslidingFriction):
@@ -209,7 +219,9 @@ class BoucWenHysteresis(AdditiveEffect):
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: paths from a hundredth to half of the range of motion."""
         paths = np.geomspace(0.01, 0.5, 5) * data.range_of_motion
-        return grid(path=np.maximum(paths, self.inner[0].lower), sharpness=(1.0, 3.0), unloading=(0.0, 1.0))
+        return start_grid(
+            path=np.maximum(paths, self.inner[0].lower), sharpness=(1.0, 3.0), unloading=(0.0, 1.0)
+        )
 
 
 class Backlash(MotionEffect):
@@ -302,4 +314,4 @@ class LoadedBacklash(MotionEffect):
         """See `Effect.starts`: shares of the range of motion and of the largest load."""
         most = float(np.max(np.abs(data.context["load"]))) or 1.0
         gap = np.geomspace(1e-3, 2.0, 10) * data.range_of_motion
-        return grid(gap=gap, threshold=np.array((0.003, 0.03, 0.1, 0.3)) * most)
+        return start_grid(gap=gap, threshold=np.array((0.003, 0.03, 0.1, 0.3)) * most)

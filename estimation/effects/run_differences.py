@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from palpate.estimation.channel import JOINTS, ChannelData, ChannelKind
-from palpate.estimation.effect import Inner, Parameter, SensorEffect, grid
+from palpate.estimation.effect import Inner, Parameter, SensorEffect, start_grid
 from palpate.estimation.effects.torque_ripple import TorqueRipple
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import block_index
@@ -148,7 +148,7 @@ class RunVariation(SensorEffect):
         return np.asarray(inner["share"] * np.einsum("nk,nkm->nm", basis, own[piece]))
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        return grid(share=(0.3, 0.7, 0.95))
+        return start_grid(share=(0.3, 0.7, 0.95))
 
 
 def _least_squares(basis: FloatArray, rows: BoolArray, target: FloatArray, starts: IntArray) -> FloatArray:

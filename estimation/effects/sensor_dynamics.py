@@ -3,7 +3,15 @@
 import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, Parameters, SensorEffect, grid
+from palpate.estimation.effect import (
+    AdditiveEffect,
+    Errors,
+    Inner,
+    Parameter,
+    Parameters,
+    SensorEffect,
+    start_grid,
+)
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.exponential_memory import low_pass
 from palpate.estimation.signals.free_air import zero_in_free_air
@@ -45,7 +53,7 @@ class Delay(SensorEffect):
         """See `Effect.starts`: delays from 0.25 to 150 samples, and leads of less than one sample."""
         step = sample_time(data.time_s, data.run)
         late = np.geomspace(0.25, 150.0, 13)
-        return grid(time=step * np.array((*-late[late < 1.0][::-1], 0.0, *late)))
+        return start_grid(time=step * np.array((*-late[late < 1.0][::-1], 0.0, *late)))
 
 
 class Lag(SensorEffect):
@@ -72,7 +80,7 @@ class Lag(SensorEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: time constants from 0.2 to 400 samples."""
-        return grid(tau=sample_time(data.time_s, data.run) * np.geomspace(0.2, 400.0, 14))
+        return start_grid(tau=sample_time(data.time_s, data.run) * np.geomspace(0.2, 400.0, 14))
 
 
 _OFF = 0.5  # largest difference of the rate in free air, relative to the rate

@@ -4,7 +4,15 @@ import numpy as np
 import scipy
 
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, Parameters, SensorEffect, grid
+from palpate.estimation.effect import (
+    AdditiveEffect,
+    Errors,
+    Inner,
+    Parameter,
+    Parameters,
+    SensorEffect,
+    start_grid,
+)
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import block_index
 from palpate.estimation.signals.free_air import zero_in_free_air
@@ -143,7 +151,7 @@ class Deadband(SensorEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the largest reading."""
-        return grid(width=np.geomspace(0.01, 0.4, 8) * data.largest_effort)
+        return start_grid(width=np.geomspace(0.01, 0.4, 8) * data.largest_effort)
 
 
 class ForceDeadband(AdditiveEffect):
@@ -228,13 +236,14 @@ class Saturation(SensorEffect):
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the largest reading."""
         shares = (0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 0.99)
-        return grid(limit=np.array(shares) * data.largest_effort)
+        return start_grid(limit=np.array(shares) * data.largest_effort)
 
 
 def _follows_a_curve(readings: FloatArray, signals: FloatArray, run: IntArray) -> bool:
     """Return whether readings beyond a limit follow signals smoothly in each run.
 
-    A saturated reading is constant while the effort changes; any other varies with the motion.
+    A saturated reading stays constant while the effort changes. Readings of an unsaturated sensor vary with
+    the motion.
 
     Args:
         readings: readings beyond the limit, shape (m,) [effort].
@@ -245,8 +254,10 @@ def _follows_a_curve(readings: FloatArray, signals: FloatArray, run: IntArray) -
     for number in np.unique(run):
         values, (at, *regressors) = readings[run == number], signals[run == number].T
         if len(values) >= _FEWEST_OF_CURVE:
-            x = (at - at.min()) / (float(np.ptp(at)) or 1.0)
-            columns = np.column_stack([np.polynomial.legendre.legvander(2.0 * x - 1.0, _ORDER), *regressors])
+            place = (at - at.min()) / (float(np.ptp(at)) or 1.0)
+            columns = np.column_stack(
+                [np.polynomial.legendre.legvander(2.0 * place - 1.0, _ORDER), *regressors]
+            )
             residual = values - columns @ np.linalg.lstsq(columns, values, rcond=1e-9)[0]
             total += float(np.sum((values - values.mean()) ** 2))
             sse += float(residual @ residual)
@@ -318,7 +329,7 @@ class Hysteresis(SensorEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the largest reading."""
-        return grid(width=np.geomspace(0.01, 0.3, 7) * data.largest_effort)
+        return start_grid(width=np.geomspace(0.01, 0.3, 7) * data.largest_effort)
 
 
 def _first_readings(effort: FloatArray, data: ChannelData, width: float) -> FloatArray:

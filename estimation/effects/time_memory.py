@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.effect import AdditiveEffect, Effect, Inner, MemoryEffect, Parameter, grid
+from palpate.estimation.effect import AdditiveEffect, Effect, Inner, MemoryEffect, Parameter, start_grid
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import block_index
 from palpate.estimation.signals.exponential_memory import fading_memory, springpot
@@ -137,7 +137,7 @@ class PowerLawRelaxation(_Relaxation, MemoryEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: from a spring with little relaxation to nearly a dashpot."""
-        return grid(share=(0.2, 0.5, 0.9), alpha=(0.08, 0.2, 0.4, 0.7))
+        return start_grid(share=(0.2, 0.5, 0.9), alpha=(0.08, 0.2, 0.4, 0.7))
 
 
 _BRANCH_SHARES = (0.15, 0.4)

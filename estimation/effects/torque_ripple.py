@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.estimation.channel import JOINTS, ChannelData
-from palpate.estimation.effect import AdditiveEffect, Inner, Parameter, grid
+from palpate.estimation.effect import AdditiveEffect, Inner, Parameter, start_grid
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.periodicity import harmonics
 from palpate.robot_io.types import FloatArray
@@ -22,7 +22,8 @@ class TorqueRipple(AdditiveEffect):
     `harmonics`. The cogging of a motor has several harmonics.
 
     Args:
-        multiples: harmonics m, ascending; gains of m = 1 are sine and cosine, others sine_m and cosine_m.
+        multiples: harmonics m, ascending; gains of m = 1 are named sine and cosine, others sine_m and
+            cosine_m.
         cycles: additional start value of n [1/rad or 1/m].
     """
 
@@ -84,7 +85,7 @@ class TorqueRipple(AdditiveEffect):
             [] if self._cycles is None else [self._cycles + part * half_wave for part in (-0.5, 0.0, 0.5)]
         )
         waves = np.arange(2.0, 40.0, 0.4) if self._multiples.tolist() == [1.0] else ()
-        return grid(cycles=(*starts, *(2.0 * np.pi / span * count for count in waves)))
+        return start_grid(cycles=(*starts, *(2.0 * np.pi / span * count for count in waves)))
 
 
 def _power(powers: dict[int, NDArray[np.complex128]], exponent: int) -> NDArray[np.complex128]:

@@ -34,7 +34,8 @@ _ROUNDS = 5  # the weights depend only weakly on the gains and have converged by
 class Weighted(Estimator):
     """Iterated weighted least squares for noise that grows with the predicted effort (weights 1/sigma).
 
-    The weights use the predicted effort. The measured effort would favor samples whose noise is negative.
+    The weights use the predicted effort. The measured effort would favor samples whose noise happens to be
+    negative.
 
     Source: R. J. Carroll, D. Ruppert, Transformation and Weighting in Regression (1988), ch. 2.
     """

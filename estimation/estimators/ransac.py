@@ -34,7 +34,8 @@ class Ransac(Estimator):
 
     The default threshold is 2.5 standard deviations of the noise, estimated first by the least quantile of
     the subsets' absolute residuals, then by the residuals within that threshold. The paper takes 0.01 N for
-    any noise; if the noise is much larger, few samples are within the threshold and most information is lost.
+    any noise; if the noise is much larger, few samples are within the threshold and most of the information
+    is lost.
 
     Source: M. A. Fischler, R. C. Bolles, Random Sample Consensus, Comm. ACM 24 (1981); settings of the paper,
     sec. VI-B; scale: P. J. Rousseeuw, A. M. Leroy, Robust Regression and Outlier Detection (1987), ch. 5;
@@ -66,7 +67,7 @@ class Ransac(Estimator):
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
         size = max(self.subset, regression.columns.shape[1])
         candidates = solve_subsets(regression.columns, regression.effort, size, self.trials, rng)
-        threshold = self.threshold or self._threshold(regression, candidates, rng)
+        threshold = self.threshold or self._noise_threshold(regression, candidates, rng)
         # Count the inliers of each candidate, shape (trials,).
         design = np.column_stack([regression.columns, regression.effort]).T.copy()
         signed = np.column_stack([candidates, -np.ones(len(candidates))])
@@ -88,7 +89,9 @@ class Ransac(Estimator):
         covariance = _covariance(regression, residuals, best_subsets - gains, threshold)
         return assemble(self.name, regression, gains, covariance, inliers=inliers, details=details)
 
-    def _threshold(self, regression: Regression, candidates: FloatArray, rng: np.random.Generator) -> float:
+    def _noise_threshold(
+        self, regression: Regression, candidates: FloatArray, rng: np.random.Generator
+    ) -> float:
         """Return a threshold in proportion to the noise [effort]; candidates have shape (trials, p)."""
         columns, effort = regression.columns, regression.effort
         least = _ROUNDING * float(np.sqrt(np.mean(effort**2))) or 1.0
@@ -172,7 +175,8 @@ class PreemptiveRansac(Rls):
     Source: D. Nister, Preemptive RANSAC for Live Structure and Motion Estimation, ICCV 2003.
 
     Args:
-        threshold: largest error of an inlier [effort]; None for four times the noise by the running median.
+        threshold: largest error of an inlier [effort]; None for four times the noise, estimated from the
+            running median.
         variance: variance of each gain at the start.
     """
 

@@ -105,7 +105,8 @@ class Ewrls(RecursiveEstimator):
     (2012).
 
     Args:
-        forgetting: factor on the weight of past samples per step, in (0, 1]; 0.999 at 1 kHz remembers 1 s.
+        forgetting: factor on the weight of past samples per step, in (0, 1]; 0.999 at 1 kHz is a memory of
+            about 1 s.
         variance: variance of each gain at the start.
     """
 
@@ -216,7 +217,8 @@ class CusumRls(Rls):
     and Change Detection (2000), ch. 5.
 
     Args:
-        limit: limit of the sums, in standard deviations; lower gives more false alarms, higher later alarms.
+        limit: limit of the sums, in standard deviations; a lower limit gives more false alarms, a higher one
+            later alarms.
         variance: variance of each gain at the start.
     """
 

@@ -178,7 +178,8 @@ def _unread_force(data: ChannelData, levers_m: FloatArray, unexplained: FloatArr
     """Estimate the force at the tip minus its reading from torques that the rigid bodies do not explain.
 
     Joints are weighted by their levers and their noise, estimated from neighboring samples. A normal prior
-    of the largest reading's size bounds the result if no joint has a lever. In free air the force is zero.
+    with the size of the largest reading bounds the result if no joint has a lever. In free air the true force
+    is zero.
 
     Args:
         data: the channel of any joint.

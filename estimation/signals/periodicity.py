@@ -139,7 +139,7 @@ def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
         per_turn = sorted({n for wave in waves if (n := round(wave)) > 0 and abs(wave - n) * span < np.pi})
         shared = gcd(*per_turn) or 1
         return float(shared), tuple(wave // shared for wave in per_turn)
-    return _wave_number(np.array(waves), sizes, 2.0 * np.pi / span)
+    return _common_wave_number(np.array(waves), sizes, 2.0 * np.pi / span)
 
 
 def _strongest_wave(position: FloatArray, residual: FloatArray, span: float, known: list[float]) -> float:
@@ -169,7 +169,9 @@ def _fit_waves(data: ChannelData, motion: FloatArray, waves: list[float]) -> tup
     return data.effort - columns @ gains, energy
 
 
-def _wave_number(waves: FloatArray, energy: FloatArray, resolution: float) -> tuple[float, tuple[int, ...]]:
+def _common_wave_number(
+    waves: FloatArray, energy: FloatArray, resolution: float
+) -> tuple[float, tuple[int, ...]]:
     """Return the largest common divisor of nearly all wave numbers, and their multiples of it.
 
     The waves may deviate from multiples by a fifth of the resolution. Waves that are not multiples come from

@@ -158,7 +158,8 @@ def play(signal: FloatArray, run: IntArray, half_width: float, start: FloatArray
         signal: signal with independent columns, shape (n,) or (n, k).
         run: run number of each sample, shape (n,).
         half_width: half of the gap, in the unit of the signal.
-        start: state at each run's start, clamped to the gap, (runs,) or (runs, k); None: its first sample.
+        start: state at the start of each run, clamped to the gap, shape (runs,) or (runs, k); None for the
+            run's first sample.
 
     Returns:
         State in the shape of the signal.

@@ -123,7 +123,8 @@ def noise_between_samples(residuals: FloatArray, run: IntArray, inliers: BoolArr
     """Estimate the noise of residuals, which changes from sample to sample, unlike the error of most models.
 
     It is estimated from differences of neighboring inliers, sigma = rms(difference) / sqrt(2) (J. von
-    Neumann, Annals of Mathematical Statistics 12, 1941). Model errors as fast as the samples count as noise.
+    Neumann, Annals of Mathematical Statistics 12, 1941). A model error that changes as fast as the samples
+    counts as noise.
 
     Args:
         residuals: effort minus prediction, in order of time within each run, shape (n,).

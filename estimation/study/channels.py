@@ -134,7 +134,8 @@ def model_to_estimate(source: DataSource, model: str | None) -> dict[str, str]:
         Name of the model by channel.
 
     Raises:
-        InputError: the model is unknown, or describes no channel, such as a probing without contact.
+        InputError: the model is unknown, or describes none of the channels, such as a probing without
+            contact.
     """
     contacts = any(channel.kind is ChannelKind.CONTACT for channel in source.channels)
     if model is None and (contacts or source.probed):

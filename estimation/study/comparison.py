@@ -289,12 +289,14 @@ def compare(fitted: FitResult, model: str, noise: MeasurementNoise) -> Compariso
     for by, masks in splits(fitted.data).items():
         occupied = list[ErrorPart]()
         for label, mask in masks.items():
-            errors = fitted.residual[mask & fitted.scored]
-            if len(errors):
-                size = float(np.sqrt(np.mean(errors**2)))
-                energy = float(np.sum(errors**2) / np.nansum(fitted.residual**2))
+            residuals = fitted.residual[mask & fitted.scored]
+            if len(residuals):
+                size = float(np.sqrt(np.mean(residuals**2)))
+                energy = float(np.sum(residuals**2) / np.nansum(fitted.residual**2))
                 excess = size / noise.value if noise.value > 0.0 else float("inf")
-                occupied.append(ErrorPart(label, len(errors), size, float(errors.mean()), energy, excess))
+                occupied.append(
+                    ErrorPart(label, len(residuals), size, float(residuals.mean()), energy, excess)
+                )
         if len(occupied) > 1:
             parts[by] = tuple(occupied)
     is_noise = fitted.rmse < AT_NOISE * noise.value

@@ -156,7 +156,8 @@ class StudyFits(TableDisplay):
             effects: names of the added effects, in order.
 
         Raises:
-            InputError: the channel cannot be fitted, or an effect is unknown, present, or does not apply.
+            InputError: the channel cannot be fitted, or an effect is unknown, already present, or does not
+                apply.
         """
         channel = self._resolve(channel)
         key = channel.key, tuple(effects)
@@ -224,7 +225,8 @@ class StudyFits(TableDisplay):
             channel: the channel, or its name.
             effects: names of the added effects, in order.
             held: values of held parameters by "effect.parameter".
-            bounds: bounds of other parameters; a parameter that would leave them is held at the nearer bound.
+            bounds: bounds of other parameters; a parameter that would leave its bounds is held at the nearer
+                bound.
 
         Raises:
             InputError: see `fit`; or a parameter does not exist, or a value is not finite.

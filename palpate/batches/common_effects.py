@@ -2,7 +2,8 @@
 
 The gain of a candidate effect is the improvement of the logarithmic score on held-out runs. If the effect is
 absent, the expected gain is not positive, because its parameters cost some score. A one-sided t test of the
-mean gain over measurements therefore keeps its level. Holm's method corrects over a channel's candidates.
+mean gain over measurements therefore keeps its level. Holm's method corrects over all candidates of a
+channel.
 """
 
 from collections.abc import Callable, Sequence
@@ -42,7 +43,8 @@ def find_common_effects(screen: Callable[[dict[str, Any]], pa.Table]) -> tuple[C
 
     Args:
         screen: fits candidates to all measurements, in addition to the effects `added` (lists by channel), in
-            `channels` (None for all); returns the `gain` of each measurement, channel and `candidate`.
+            `channels` (None for all); returns a row with the `gain` of each measurement, channel and
+            `candidate`.
     """
     added: dict[str, list[str]] = {}
     chosen: list[CommonEffect] = []

@@ -73,7 +73,8 @@ def time_axis(table: pa.Table, field: str | None = None) -> tuple[FloatArray, li
         Times (n,), in days where they are dates; labels; "date", "count", or the name of a column of numbers.
 
     Raises:
-        InputError: there is no such column, a cell is neither date nor number, or all have the same time.
+        InputError: there is no such column, a cell in it is neither date nor number, or all measurements have
+            the same time.
     """
     usual = [name for name in table.column_names if name.lower() in DATES]
     names = [field] if field else sorted(usual, key=lambda name: len(set(texts(table, name))) == 1)

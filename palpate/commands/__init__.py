@@ -49,7 +49,8 @@ _WITHOUT_VALUE = re.compile(r"--[a-z-]+=")  # an option with an empty value
 class CommandGroup(OneLineGroup):
     """Group of all commands by name and first line; a command's module is imported only when it runs.
 
-    The libraries behind a command (simulator, viewer, statistics) take seconds to import, even for `--help`.
+    The libraries behind a command (simulator, viewer, statistics) take a second or two to import, which would
+    delay every `--help`.
     """
 
     def __init__(self, **attributes: Any) -> None:  # noqa: ANN401

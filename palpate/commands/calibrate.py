@@ -130,8 +130,10 @@ def force(
                 f"plateau {fit.suspect + 1} ({force_n:.4g} N) is {off_n:+.2g} N off, unlike the others: "
                 "was it the right weight?"
             )
-        result = fits.make_calibration("force", fit, robot_file, raw, options.valid_days, reading_unit=unit)
-        return result, force_figure(fit, unit), remarks
+        calibration = fits.make_calibration(
+            "force", fit, robot_file, raw, options.valid_days, reading_unit=unit
+        )
+        return calibration, force_figure(fit, unit), remarks
 
     _calibrate("force", options, record, analyze)
 

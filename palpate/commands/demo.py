@@ -24,7 +24,7 @@ from palpate.render.progress import diagnosis_progress, probing_progress
 from palpate.render.terminal import print_files, print_stages
 from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import open_answer
-from palpate.runs.options import ENGINE, SESSIONS, stamp
+from palpate.runs.options import ENGINE, SESSIONS, time_stamp
 from palpate.runs.probing import NOBODY, ProbingJob, Watcher, run_probing
 from palpate.runs.robots import DEFAULT, DEFAULT_SCENARIO, find_robot
 from palpate.sim_backend.contact_laws.standard import KelvinVoigtLaw
@@ -92,7 +92,7 @@ def demo_command(
     world = load_scenario(scenario)
     if engine is not None:
         world = world.with_engine(engine)
-    session = output_session(out or SESSIONS / f"demo-{stamp()}.mcap")
+    session = output_session(out or SESSIONS / f"demo-{time_stamp()}.mcap")
     # With another law, the base model would miss more than the hidden effect.
     can_hide = isinstance(world.object.law, KelvinVoigtLaw)
     second = output_file(session.with_name(f"{session.stem}-hidden.mcap")) if can_hide else None

@@ -50,8 +50,14 @@ def sweep_command(
       palpate sweep mine.yaml --plan
       palpate sweep mine.yaml --scheduler tcp://10.0.0.5:8786 --out /shared/mine
     """
-    # Imported here, since its libraries take a second.
-    from palpate.sweep import RESULTS, Case, Cluster, ResultStore, refuse_other_files, run_cases  # noqa: PLC0415
+    from palpate.sweep import (  # noqa: PLC0415, its libraries take a second
+        RESULTS,
+        Case,
+        Cluster,
+        ResultStore,
+        refuse_other_files,
+        run_cases,
+    )
 
     parts: Mapping[str, Sequence[Case]]
     path, grid = Path(what), None

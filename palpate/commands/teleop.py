@@ -25,7 +25,15 @@ from palpate.robot_io.link.connection import Impairment, LinkSettings
 from palpate.robot_io.link.frame import load_seal
 from palpate.robot_io.robot_file import load_robot_file
 from palpate.robot_io.session import SessionMetadata
-from palpate.runs.options import SESSIONS, RunOptions, YesOption, ask_for_power, numbers, probing_plan, stamp
+from palpate.runs.options import (
+    SESSIONS,
+    RunOptions,
+    YesOption,
+    ask_for_power,
+    numbers,
+    probing_plan,
+    time_stamp,
+)
 from palpate.runs.robots import find_robot, robot_names
 from palpate.runs.session import SOURCE, raise_for_end
 from palpate.sim_backend.scenario import load_scenario, shipped_scenarios
@@ -202,7 +210,7 @@ def leader(  # noqa: PLR0917, one parameter an option
     command_line = as_command(sys.argv[1:])
     device = build_operator(operator, MonotonicClock())  # checks the file before anything starts
     scene, robot_file = load_scenario(scenario), find_robot(robot)
-    session = output_session(out or SESSIONS / f"{stamp()}-leader.mcap")
+    session = output_session(out or SESSIONS / f"{time_stamp()}-leader.mcap")
     metadata = SessionMetadata(
         robot_file=robot_file.text,
         urdf=robot_file.urdf_path.read_text(encoding="utf-8"),

@@ -96,7 +96,15 @@ def _update(  # noqa: PLR0917, what was typed
     """Test all series once, print and write the changes; return whether there is any."""
     from palpate.batches.page import write_trend  # noqa: PLC0415, its libraries take a second
     from palpate.batches.table import TABLE, read_table  # noqa: PLC0415, as above
-    from palpate.batches.trend import DATES, LEAST, LEVEL, all_series, find_changes, least_for_step, time_axis  # noqa: PLC0415
+    from palpate.batches.trend import (  # noqa: PLC0415, as above
+        DATES,
+        LEAST,
+        LEVEL,
+        all_series,
+        find_changes,
+        least_for_step,
+        time_axis,
+    )
 
     if out is not None:
         from palpate.batches.run import batch  # noqa: PLC0415, as above

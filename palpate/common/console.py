@@ -371,7 +371,8 @@ def format_p_value(p_value: float) -> str:
 def significant(value: float, uncertainty: float | None = None) -> str:
     """Format a value to two significant digits of its uncertainty, or to five significant digits.
 
-    If the uncertainty is infinite or NaN, the value gets two digits. A value that rounds to 0 has no sign.
+    If the uncertainty is infinite or NaN, the value gets two significant digits. A value that rounds to zero
+    has no sign.
 
     Args:
         value: value in any unit.

@@ -84,10 +84,12 @@ def output_file(
         path: path from the user.
         force: whether an existing file may be replaced; None if the command has no such option.
         keep: input files, which are never replaced.
-        endings: endings that the name may have, such as ".html"; empty for any. A name may lack an ending.
+        endings: endings that the name may have, such as ".html"; empty for any. A name without an ending is
+            accepted.
 
     Raises:
-        InputError: the ending is another, a file exists and may not be replaced, or the folder is read-only.
+        InputError: the name has another ending, a file exists and may not be replaced, or the folder is not
+            writable.
     """
     if path.is_dir():
         raise InputError(f"output {path}: is a directory")

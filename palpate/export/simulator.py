@@ -68,7 +68,8 @@ def bam_texts(arm: TargetArm, patch: Path | None) -> list[str]:
 
     Args:
         arm: terms of the arm, expressed for `SimulatorFormat.BAM`.
-        patch: file with the other parameters (actuator, kt, R ...), which are copied; None without one.
+        patch: parameter file with the other parameters (actuator, kt, R ...), which are copied; None without
+            such a file.
 
     Raises:
         InputError: `patch` is not a parameter file of BAM.

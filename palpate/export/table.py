@@ -124,9 +124,11 @@ def layout_of(session: Session, program: PlotProgram) -> str:
     tab = ElementTree.SubElement(window, "Tab", tab_name="palpate", containers="1")
     shares = ";".join([f"{1 / len(plots):.4f}"] * len(plots))
     place = ElementTree.SubElement(tab, "Container")
-    dock = ElementTree.SubElement(place, "DockSplitter", orientation="-", sizes=shares, count=str(len(plots)))
+    split = ElementTree.SubElement(
+        place, "DockSplitter", orientation="-", sizes=shares, count=str(len(plots))
+    )
     for title, plot in plots.items():
-        area = ElementTree.SubElement(dock, "DockArea", name=title)
+        area = ElementTree.SubElement(split, "DockArea", name=title)
         drawn = ElementTree.SubElement(area, "plot", mode="TimeSeries", style="Lines")
         for number, curve in enumerate(_series(plot, lambda stream, column: f"{stream}/{column}")):
             color = palette.JOINTS[number % len(palette.JOINTS)]

@@ -23,8 +23,21 @@ from palpate.estimation.model import Model
 from palpate.estimation.signals.blocks import block_index, blocks, since_start
 from palpate.estimation.study import ChannelResult, ModelStudy
 from palpate.estimation.study.comparison import ErrorPart
-from palpate.render.diagnosis import budget_view, describe_decrease, diagnosis_verdict, unphysical_remarks
-from palpate.render.view import NOISE, AxisText, ChannelView, ParameterView, StageView, StudyView, VerdictView
+from palpate.render.diagnosis import (
+    budget_view,
+    describe_error_decrease,
+    diagnosis_verdict,
+    unphysical_remarks,
+)
+from palpate.render.view import (
+    NOISE,
+    AxisLabels,
+    ChannelView,
+    ParameterView,
+    StageView,
+    StudyView,
+    VerdictView,
+)
 from palpate.robot_io.extras import missing_package
 from palpate.robot_io.types import BoolArray, FloatArray
 
@@ -112,17 +125,17 @@ def parameter_view(name: str, fitted: ParameterEstimate | ParameterValue) -> Par
     return ParameterView(effect, parameter, fitted.value, *fitted.interval, fitted.unit, fitted.at_bound)
 
 
-def axes_of(kind: ChannelKind) -> AxisText:
+def axes_of(kind: ChannelKind) -> AxisLabels:
     """Return units for display: mm for contacts and sliding joints, rad for turning joints."""
     unit = kind.effort_unit
     match kind:
         case ChannelKind.CONTACT:
-            return AxisText(f"contact force [{unit}]", unit, "depth [mm]", "velocity inwards [mm/s]")
+            return AxisLabels(f"contact force [{unit}]", unit, "depth [mm]", "velocity inwards [mm/s]")
         case ChannelKind.SERVO:
-            return AxisText(f"goal error [{unit}]", unit, "position [rad]", "velocity [rad/s]")
+            return AxisLabels(f"goal error [{unit}]", unit, "position [rad]", "velocity [rad/s]")
         case ChannelKind.PRISMATIC:
-            return AxisText(f"force [{unit}]", unit, "position [mm]", "velocity [mm/s]")
-    return AxisText(f"torque [{unit}]", unit, "position [rad]", "velocity [rad/s]")
+            return AxisLabels(f"force [{unit}]", unit, "position [mm]", "velocity [mm/s]")
+    return AxisLabels(f"torque [{unit}]", unit, "position [rad]", "velocity [rad/s]")
 
 
 def concatenated_times(data: ChannelData) -> FloatArray:
@@ -189,7 +202,7 @@ def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosi
         return VerdictView("", f"{view.name}: nothing was fitted.")
     labels, errors = [stage.label for stage in view.stages], [stage.rmse for stage in view.stages]
     unit, changes = view.axes.effort_unit, [label.removeprefix("+ ") for label in labels[1:]]
-    fall = (describe_decrease(view.name, errors, changes, view.noise_level, unit),) if changes else ()
+    fall = (describe_error_decrease(view.name, errors, changes, view.noise_level, unit),) if changes else ()
     wrong = unphysical_remarks(view.stages[-1].unphysical) if view.stages else ()
     if diagnosis is None:
         model, times = " ".join(labels), view.times_noise(errors[-1])

@@ -124,7 +124,7 @@ def unphysical_remarks(unphysical: Sequence[str]) -> tuple[str, ...]:
     return (f"But {join_names(unphysical)}: {UNPHYSICAL}.",) if unphysical else ()
 
 
-def describe_decrease(
+def describe_error_decrease(
     channel: str, errors: Sequence[float], added: Sequence[str], noise: float, unit: str
 ) -> str:
     """Describe in one or two sentences how added effects changed the error.

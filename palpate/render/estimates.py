@@ -64,8 +64,10 @@ def print_estimates(console: Console, estimates: ChannelEstimates, truth: Truth)
         estimates: the channel with its estimates.
         truth: true parameters by name; unknown ones are missing.
     """
-    runs, rows = len(estimates.channel.runs), int(np.count_nonzero(estimates.rows))
-    title = f"{estimates.channel.name}: {estimates.model.name}, {count(runs, 'run')}, {count(rows, 'sample')}"
+    runs, samples = len(estimates.channel.runs), int(np.count_nonzero(estimates.rows))
+    title = (
+        f"{estimates.channel.name}: {estimates.model.name}, {count(runs, 'run')}, {count(samples, 'sample')}"
+    )
     console.print(f"[bold]{safe(title)}[/bold]")
     console.print(estimate_table(estimates, truth, console.width))
     for remark in remarks(estimates, truth):

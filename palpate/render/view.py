@@ -24,7 +24,7 @@ _MOST_PARTS = 8
 
 
 @dataclass(frozen=True)
-class AxisText:
+class AxisLabels:
     """Names of a channel's quantities with units, and the effort's unit."""
 
     effort: str
@@ -153,7 +153,7 @@ class ChannelView:
     """One channel: measurement, stages of its model, and findings."""
 
     name: str  # such as "contact"
-    axes: AxisText  # names and units
+    axes: AxisLabels  # names and units
     time_s: FloatArray  # time with the runs one after the other, shape (n,) [s]
     position: FloatArray  # position in display units, shape (n,)
     velocity: FloatArray  # velocity in display units, shape (n,)

@@ -17,7 +17,7 @@ from palpate.calibration.arm_motion import (
     choose_path,
     travel_speed_rad_s,
 )
-from palpate.calibration.encoder import PUSH_SHARE, StopSettings, StopTask, plan_stops, widen_for_stops
+from palpate.calibration.encoder import PUSH_SHARE, StopSettings, StopTask, plan_stops, widen_limits_for_stops
 from palpate.calibration.force import EVENT, check_references
 from palpate.calibration.standstill import StationaryRobot
 from palpate.control.laws.gains import gains_of
@@ -152,7 +152,7 @@ def run_stops(
         start_rad = _stationary(arm).await_samples().joint_position_rad
         up_rad, approaches = plan_stops(arm.body, start_rad, limits, stops_rad, settings.reach_rad)
         task = StopTask(arm.body, gains_of(job.robot_file).tracking, up_rad, approaches, settings)
-        opened = widen_for_stops(limits, approaches, settings.reach_rad + BEYOND_RAD)
+        opened = widen_limits_for_stops(limits, approaches, settings.reach_rad + BEYOND_RAD)
         _move(arm, task, _slowed(opened, STOP_SPEED_RAD_S), watcher(12.0 * len(approaches)))
 
 

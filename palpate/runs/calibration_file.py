@@ -17,7 +17,12 @@ from palpate.common.console import FIRST_PROBE, display_path, safe, shell_path
 from palpate.common.files import open_session
 from palpate.control.loop.tick_record import STREAM_NAME
 from palpate.estimation.data.tick_channels import checked_ticks
-from palpate.robot_io.calibration.applied import device_identity, differs_at, parse_calibrations, urdf_sha256
+from palpate.robot_io.calibration.applied import (
+    device_identity,
+    first_difference,
+    parse_calibrations,
+    urdf_sha256,
+)
 from palpate.robot_io.calibration.file import CALIBRATIONS, Calibration
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import validate
@@ -41,7 +46,8 @@ def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
         robot_file: robot file of the robot to calibrate.
 
     Raises:
-        InputError: the session is of another kind, robot or device, or was recorded with this calibration.
+        InputError: the session was recorded for another kind, robot or device, or with such a calibration
+            applied.
     """
     session = open_session(path)
     made_for = session.metadata.extra.get(KIND)
@@ -53,7 +59,7 @@ def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
         raise InputError(
             f"session {path}: belongs to the robot '{recorded.name}', not '{robot_file.name}' (see --robot)"
         )
-    if changed := differs_at(device_identity(recorded, kind), device_identity(robot_file, kind)):
+    if changed := first_difference(device_identity(recorded, kind), device_identity(robot_file, kind)):
         raise InputError(f"session {path}: was recorded with another device: {changed}")
     if kind in parse_calibrations(session.metadata.calibration, f"{path}, its calibration").kinds:
         raise InputError(f"session {path}: its readings were corrected by a calibration of kind '{kind}'")

@@ -207,7 +207,8 @@ class FollowingArm:
         high_rad: highest goals that are followed, shape (n,) [rad].
 
     Raises:
-        InputError: no engine is installed for a simulated arm, or a limit of the reference is invalid.
+        InputError: no physics engine is installed for a simulated arm, or a limit of the reference is
+            invalid.
     """
 
     def __init__(self, job: FollowingJob) -> None:

@@ -82,7 +82,7 @@ class RunOptions:
         Args:
             kind: last part of the name; empty for none.
         """
-        return "-".join(filter(None, (stamp(), self.robot_file.name, kind)))
+        return "-".join(filter(None, (time_stamp(), self.robot_file.name, kind)))
 
     def session_file(self, out: Path | None, kind: str = "", keep: Iterable[Path] = ()) -> Path:
         """Return the path of the session to write, as `output_session` does.
@@ -98,7 +98,7 @@ class RunOptions:
         return output_session(out or SESSIONS / f"{self.stamped_name(kind)}.mcap", keep)
 
 
-def stamp() -> str:
+def time_stamp() -> str:
     """Return the current local time as a part of a new file's name."""
     return f"{datetime.now().astimezone():%Y%m%d-%H%M%S}"
 

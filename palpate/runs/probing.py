@@ -233,7 +233,8 @@ def run_replay(
         watcher: observer of the run.
 
     Raises:
-        InputError: the references are of another arm, or the job's files do not match; nothing moved.
+        InputError: the references are of another arm, or the job's files do not fit each other; nothing
+            moved.
     """
     calibrations = load_calibrations(job.robot_file, emulated=job.wired)
     body = RigidBody.of_robot(job.robot_file, calibrations)

@@ -102,7 +102,8 @@ class ArmSession:
         The loop runs at the control rate of the robot file, under a guard.
 
         With hardware, real-time features are enabled. If the torque could not be switched off, the release
-        tries again. The robot is released before the session is closed, since closing may wait for the disk.
+        tries again. The robot is released before the session is closed, because closing may wait for the
+        disk.
 
         Args:
             task: task of the arm.
@@ -111,7 +112,8 @@ class ArmSession:
 
         Raises:
             InputError: the task cannot start from the arm's current pose; nothing has moved.
-            DeviceError: the torque is off, but a device was not released; it also states why the arm stopped.
+            DeviceError: the torque is off, but a device could not be released; also states why the arm was
+                stopped.
         """
         robot, guard, stop = self.robot, self.guard(limits), self.unlogged
         rate_hz = self.job.robot_file.control_rate_hz

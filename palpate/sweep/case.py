@@ -1,7 +1,8 @@
 """Cases of a sweep, their content addresses and stored results.
 
 The address is the SHA-256 of everything that determines the result: the work function, the parameters, the
-seed, and the code. A stored result is therefore never computed again, nor used after the code has changed.
+seed, and the code. A stored result is therefore never computed again, and no old result is used after a
+change of the code.
 """
 
 import importlib

@@ -170,7 +170,8 @@ class MergedSessions:
     def compare_rendered_to_real(self, real: Scenario) -> ForceComparison:
         """Compare forces felt after the first estimate with the real object's response to the same motion.
 
-        Touches during the first estimate's arrival are left out, since the force then changes gradually.
+        Touches during the arrival of the first estimate are left out, because the force then changes
+        gradually.
 
         Args:
             real: the follower's world.

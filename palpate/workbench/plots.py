@@ -13,7 +13,7 @@ from palpate.estimation.estimate import with_unit
 from palpate.render import palette
 from palpate.render.build import axes_of, concatenated_times
 from palpate.render.thinning import even_places, peak_rows
-from palpate.render.view import AxisText, ResidualMap, residual_map
+from palpate.render.view import AxisLabels, ResidualMap, residual_map
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 from palpate.workbench import elements
 from palpate.workbench.elements import Figure, Plot, Restyle, axis, curve, heading, layout_of, set_props
@@ -33,7 +33,7 @@ class DrawnMotion:
 
     data: ChannelData
     runs: tuple[int, ...]
-    axes: AxisText
+    axes: AxisLabels
     time_s: FloatArray
     position: FloatArray
     velocity: FloatArray

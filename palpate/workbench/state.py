@@ -330,7 +330,8 @@ class WorkbenchState:
 
         Args:
             out: runs excluded from fitting and scoring.
-            held_out: runs used only for scoring, not for fitting; empty to hold out each run in turn.
+            held_out: runs excluded from fitting and used only for scoring; empty to hold out each run in
+                turn.
 
         Raises:
             InputError: a channel would have no runs left, or none to fit.
@@ -428,10 +429,12 @@ def evidence_of(
         base_effects: names of the other effects in the model.
         effect: name of the effect.
     """
-    base, fitted = study.fit(channel, base_effects), study.fit(channel, [*base_effects, effect])
-    change = base.residual_on_blocks - fitted.residual_on_blocks
+    before, fitted = study.fit(channel, base_effects), study.fit(channel, [*base_effects, effect])
+    change = before.residual_on_blocks - fitted.residual_on_blocks
     length = float(np.linalg.norm(change))
-    return EffectEvidence(effect, 1.0 - fitted.rmse / base.rmse, change / length if length > 0.0 else change)
+    return EffectEvidence(
+        effect, 1.0 - fitted.rmse / before.rmse, change / length if length > 0.0 else change
+    )
 
 
 def groups(evidence: Sequence[EffectEvidence]) -> list[list[EffectEvidence]]:

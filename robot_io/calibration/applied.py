@@ -63,7 +63,9 @@ def device_identity(robot_file: RobotFile, kind: str) -> dict[str, object]:
     return identity
 
 
-def differs_at(expected: Mapping[str, object], actual: Mapping[str, object], at: str = "") -> str | None:
+def first_difference(
+    expected: Mapping[str, object], actual: Mapping[str, object], at: str = ""
+) -> str | None:
     """Describe the first setting in which two identities differ.
 
     Args:
@@ -77,7 +79,7 @@ def differs_at(expected: Mapping[str, object], actual: Mapping[str, object], at:
     for key in (*expected, *(key for key in actual if key not in expected)):
         before, now = expected.get(key), actual.get(key)
         if isinstance(before, Mapping) and isinstance(now, Mapping):
-            if inner := differs_at(before, now, f"{at}{key}."):
+            if inner := first_difference(before, now, f"{at}{key}."):
                 return inner
         elif before != now:
             return f"{at}{key} was {before!r:.60} and is {now!r:.60}"
@@ -288,7 +290,7 @@ def _reject_reason(
     """Describe why this calibration must not be used, or return None."""
     remedy = f"make a new one: palpate calibrate {calibration.kind}"
     unit = getattr(calibration, "reading_unit", "N")
-    difference = differs_at(calibration.device, device_identity(robot_file, calibration.kind))
+    difference = first_difference(calibration.device, device_identity(robot_file, calibration.kind))
     # Calibrations of simulated devices name other drivers, so that `difference` rejects them.
     is_foreign_emulation = not emulated and calibration.source == "emulated"
     made, until = calibration.made_utc, calibration.valid_until_utc

@@ -127,7 +127,8 @@ class RequestQueue:
         latest_s: Longest time between a request and its answer [s].
 
     Attributes:
-        answered_s: When the last answer was requested, robot's clock [s]; the latest time if not `is_unsure`.
+        answered_s: When the last answer was requested, robot's clock [s]; the latest possible time if not
+            `is_unsure`.
     """
 
     def __init__(self, margin_s: float, latest_s: float) -> None:

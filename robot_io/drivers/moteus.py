@@ -198,7 +198,8 @@ class MoteusBus(PolledMotorBus[MoteusState]):
         """Open the adapter and receive a state of every controller, without changing modes.
 
         Raises:
-            DeviceError: the adapter cannot be opened, or a controller is silent or lacks its position.
+            DeviceError: the adapter cannot be opened, or a controller is silent or does not know its
+                position.
         """
         self._receive_all()
         self._refuse_unreferenced()

@@ -63,7 +63,8 @@ class SafeStop:
 
         Args:
             measurement: measurement with valid joint positions and velocities.
-            trusted: whether each joint's velocity can be braked against; else it counts as zero, shape (n,).
+            trusted: for each joint whether its velocity can be braked against; else it counts as zero, shape
+                (n,).
             stopping_s: time since the trip [s].
             dt_s: time since the last tick [s].
         """
@@ -131,7 +132,8 @@ class Guard:
         limits: limits of the arm.
         safe_state: settings of the safe stop.
         joint_count: number of joints n.
-        gravity_nm: gives the torques that hold the arm at joint positions, both (n,); called only in stops.
+        gravity_nm: gives the torques that hold the arm still at joint positions, both shape (n,); called
+            while stopping only.
 
     Attributes:
         torque_clips: number of commands that were reduced to the torque limit.
@@ -196,7 +198,8 @@ class Guard:
 
         Args:
             measurement: measurement to check.
-            reference_position_rad: where the joints should be, shape (n,) [rad]; None for no tracking checks.
+            reference_position_rad: where the joints should be, shape (n,) [rad]; None to skip the tracking
+                checks.
         """
         problem = self._time_problem(measurement)
         if measurement is not self._watched:
@@ -303,13 +306,15 @@ class Guard:
 
     def _clip(self, command: Command, measurement: Measurement, dt_s: float) -> Command:
         command_nm = command.joint_torque_nm.tolist()
-        last_nm = self._previous_nm
+        previous_nm = self._previous_nm
         if measurement.time_s - self._previous_s > PAUSE_S:
             measured_nm = zip(measurement.joint_torque_nm.tolist(), self._torque_limits, strict=True)
-            last_nm = [clip(torque, -largest, largest) for torque, (largest, _) in measured_nm]
+            previous_nm = [clip(torque, -largest, largest) for torque, (largest, _) in measured_nm]
         sent_nm: list[float] = []
         torque_clipped = rate_clipped = False
-        for torque, previous, (largest, rate) in zip(command_nm, last_nm, self._torque_limits, strict=True):
+        for torque, previous, (largest, rate) in zip(
+            command_nm, previous_nm, self._torque_limits, strict=True
+        ):
             change = rate * dt_s
             if -largest <= torque <= largest and previous - change <= torque <= previous + change:
                 sent_nm.append(torque)  # as in most ticks

@@ -21,7 +21,8 @@ sensor whose reading stayed constant while the arm moved, and then changed again
 
 Drives that still answer, but exert no torque or the opposite torque. The frames of a drive may not report a
 restart, but its measured torque reveals it. The torque is compared with all commands within the response time
-of a working drive, which allows for delays, lags and fast command changes. Small torques are not checked.
+of a working drive, which allows for delays, lags and fast changes of the command. Torques near zero are not
+checked.
 
 A working drive may not measure the commanded torque: constants have errors of tens of percent, zeros drift,
 amplifiers saturate, small torques are lost, and some readings are mostly noise or rounding. So half of the

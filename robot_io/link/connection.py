@@ -142,7 +142,8 @@ class LinkConnection:
         sender: random number in every frame of this end.
         malformed: number of received frames that were invalid, or of another version or key.
         refused: why the newest of these was refused; empty before the first.
-        is_open_here: whether any local program may send targets, with neither key nor certificates.
+        is_open_here: whether any program of this machine may send targets, with neither key nor
+            certificates.
 
     Raises:
         InputError: zenoh refuses the configuration, the endpoint cannot be opened, or the key is invalid; or

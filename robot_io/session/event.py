@@ -108,7 +108,7 @@ def _event_type() -> descriptor_pb2.DescriptorProto:
 _EventMessage: type[Message] = message_factory.GetMessageClass(descriptor_of(_event_type()))
 
 
-def event_descriptors() -> bytes:
+def event_descriptor_set() -> bytes:
     """Serialise the events' message type as a FileDescriptorSet."""
     return file_descriptor_set(_event_type())
 

@@ -24,7 +24,12 @@ from numpy.typing import NDArray
 
 from palpate.robot_io.errors import SessionError
 from palpate.robot_io.files.atomic_write import max_unpacked_bytes, replace_undecodable
-from palpate.robot_io.session.event import EVENT_STREAM, MAX_EVENT_BYTES, SessionMetadata, event_descriptors
+from palpate.robot_io.session.event import (
+    EVENT_STREAM,
+    MAX_EVENT_BYTES,
+    SessionMetadata,
+    event_descriptor_set,
+)
 from palpate.robot_io.session.stream import TIME_COLUMN, RecordArray, Stream, streams_to_json
 from palpate.robot_io.session.wire import PACKAGE, Decoder, WireFormat
 
@@ -283,7 +288,7 @@ class McapFile:
             self._mcap.add_metadata(
                 record, {replace_undecodable(key): replace_undecodable(text) for key, text in texts.items()}
             )
-        self._channels = {EVENT_STREAM: self._register(EVENT_STREAM, event_descriptors(), {"time_s": "s"})}
+        self._channels = {EVENT_STREAM: self._register(EVENT_STREAM, event_descriptor_set(), {"time_s": "s"})}
         for name, wire in self._formats.items():
             units = {column.name: column.unit for column in wire.stream.columns}
             self._channels[name] = self._register(name, wire.descriptor_set(), units)

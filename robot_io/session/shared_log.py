@@ -185,7 +185,7 @@ class SharedLog:
     """Shared memory with rings and state; both sides know its layout from streams and number of slots.
 
     Args:
-        memory: file descriptor of `allocate`.
+        memory: file descriptor of `open_memory`.
         streams: streams of the session.
         ring_slots: records of each ring.
     """
@@ -247,7 +247,7 @@ class SharedLog:
         self._words[_STATE] = FAILED
 
 
-def allocate(streams: Sequence[Stream], ring_slots: int) -> int:
+def open_memory(streams: Sequence[Stream], ring_slots: int) -> int:
     """Allocate anonymous memory for a `SharedLog`; it is freed with the last process that uses it.
 
     Args:

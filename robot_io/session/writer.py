@@ -22,9 +22,9 @@ from palpate.robot_io.session.shared_log import (
     STARTING,
     SharedLog,
     WriterJob,
-    allocate,
     check_streams,
     is_locked,
+    open_memory,
 )
 from palpate.robot_io.session.stream import MAX_RECORD_BYTES, TIME_COLUMN, Record, Stream, streams_to_json
 
@@ -71,7 +71,7 @@ class SessionWriter:
         self._wait_for_room = wait_for_room
         self._patience_s = STALL_LIMIT_S
         self._closed = False
-        memory = allocate(streams, ring_slots)
+        memory = open_memory(streams, ring_slots)
         try:
             self._log = SharedLog(memory, streams, ring_slots)
             job = WriterJob(

@@ -158,7 +158,7 @@ class EmulatedDynamixelLine(ServoWire[EmulatedServo]):
         content = servo.read(_word(parameters), _word(parameters[2:]))
         return ServoReply(servo, error=content) if isinstance(content, Error) else ServoReply(servo, content)
 
-    def _broadcast(
+    def _execute_broadcast(
         self, instruction: ServoInstruction, awake: dict[int, EmulatedServo], now_s: float
     ) -> None:
         code, parameters = instruction.code, instruction.parameters

@@ -272,7 +272,9 @@ class EmulatedFeetechLine(ServoWire[EmulatedSts]):
             return ServoReply(servo) if servo.get(8, 1) else None
         return None
 
-    def _broadcast(self, instruction: ServoInstruction, awake: dict[int, EmulatedSts], now_s: float) -> None:
+    def _execute_broadcast(
+        self, instruction: ServoInstruction, awake: dict[int, EmulatedSts], now_s: float
+    ) -> None:
         code, parameters = instruction.code, instruction.parameters
         if code == _PING:
             self._answer((ServoReply(servo) for _, servo in sorted(awake.items())), now_s)

@@ -10,7 +10,8 @@ therefore ignore commands until then.
 
 Damiao: MIT frames, a status in its answers, and registers. Written from Damiao's "DM-J4310-2EC user manual":
 the status is above the id's four bits (0 off, 1 on, 8 and more errors), the last two bytes are temperatures,
-registers are read and written through id 7FF, and a CAN timeout switches the motor off with error 13.
+registers are read and written through id 7FF, and a CAN timeout that fires switches the motor off with error
+13.
 
 Robstride: frames with 29 bit ids, parameters, and unrequested fault frames. Written from RobStride's "User
 Manual" of RS00 to RS06 (2026-04-28), section 4.1: bits 28 to 24 of an id are the frame's type, bits 7 to 0

@@ -146,11 +146,13 @@ class EmulatedOdrive(EmulatedMotor):
         return self._message(0x09, data)
 
     def _torque(self) -> can.Message:
-        torque_nm = self.shaft.torque_nm
+        motor_torque_nm = self.shaft.torque_nm
         if self._firmware == "0.6":
-            return self._message(0x1C, struct.pack("<ff", self._input_torque_nm, torque_nm))
+            return self._message(0x1C, struct.pack("<ff", self._input_torque_nm, motor_torque_nm))
         constant = self._torque_constant
-        return self._message(0x14, struct.pack("<ff", self._input_torque_nm / constant, torque_nm / constant))
+        return self._message(
+            0x14, struct.pack("<ff", self._input_torque_nm / constant, motor_torque_nm / constant)
+        )
 
     def _heartbeat(self) -> can.Message:
         # Flag of the motor's errors, or procedure result 3: disarmed.

@@ -204,7 +204,9 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         """Execute an instruction to one servo; return its answer, or None."""
 
     @abstractmethod
-    def _broadcast(self, instruction: ServoInstruction, awake: dict[int, ServoType], now_s: float) -> None:
+    def _execute_broadcast(
+        self, instruction: ServoInstruction, awake: dict[int, ServoType], now_s: float
+    ) -> None:
         """Let all servos in `awake` (by id) execute an instruction and answer."""
 
     @staticmethod
@@ -240,7 +242,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
                 if answer := self._execute(instruction, awake[instruction.target], now_s):
                     self._answer([answer], now_s)
             elif instruction.target == BROADCAST and instruction.intact:
-                self._broadcast(instruction, awake, now_s)
+                self._execute_broadcast(instruction, awake, now_s)
 
     def send(self, now_s: float) -> None:
         due = [frame for frame in self._outgoing if frame.due_s <= now_s]

@@ -129,8 +129,10 @@ class PyBulletEngine(Engine):
             self._box = None
         if contact is None:
             return
-        half_m = [_HALF_WIDTH_M, _HALF_WIDTH_M, _HALF_HEIGHT_M]
-        shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half_m, physicsClientId=self._client)
+        half_extents = [_HALF_WIDTH_M, _HALF_WIDTH_M, _HALF_HEIGHT_M]
+        shape = bullet.createCollisionShape(
+            bullet.GEOM_BOX, halfExtents=half_extents, physicsClientId=self._client
+        )
         center = [0.0, 0.0, height_m - _HALF_HEIGHT_M]
         self._box = bullet.createMultiBody(0.0, shape, basePosition=center, physicsClientId=self._client)
         bullet.changeDynamics(

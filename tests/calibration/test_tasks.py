@@ -14,7 +14,13 @@ from palpate.calibration.arm_motion import (
     FreeMotion,
     choose_path,
 )
-from palpate.calibration.encoder import StopApproach, StopSettings, StopTask, plan_stops, widen_for_stops
+from palpate.calibration.encoder import (
+    StopApproach,
+    StopSettings,
+    StopTask,
+    plan_stops,
+    widen_limits_for_stops,
+)
 from palpate.calibration.standstill import StationaryRobot
 from palpate.commands.calibrate import ask_for_weight
 from palpate.control.arm.rigid_body import RigidBody
@@ -199,7 +205,7 @@ def test_shipped_dynamixel_arm_reaches_its_stops_from_home():
 def test_guard_opens_each_joint_only_towards_its_stop():
     limits, stops = FOLLOWER.limits, BODY.position_limits_rad
     _, approaches = plan_stops(BODY, HOME_RAD, limits, stops, reach_rad=0.15)
-    wider = widen_for_stops(limits, approaches, 0.2)
+    wider = widen_limits_for_stops(limits, approaches, 0.2)
     for approach in approaches:
         joint = approach.joint
         before = (limits.position_min_rad[joint], limits.position_max_rad[joint])
@@ -208,7 +214,7 @@ def test_guard_opens_each_joint_only_towards_its_stop():
         assert after[not towards] == before[not towards]
         assert after[towards] == pytest.approx(approach.stop_rad + 0.2 * approach.side)
     nearer = [replace(approach, stop_rad=0.0) for approach in approaches]  # inside: no need for room
-    assert widen_for_stops(limits, nearer, 0.2) == limits
+    assert widen_limits_for_stops(limits, nearer, 0.2) == limits
 
 
 def test_arm_too_high_for_its_stops_is_refused_with_a_remedy():

@@ -139,8 +139,10 @@ class TestTouch:
         assert active.force() == pytest.approx([-2.0, 2.0, -1.0])
 
     def test_watchdog_ends_the_force(self, operator_setup):
-        given = operator_setup.device.Settings(library=operator_setup.settings()["library"], watchdog_s=1e-3)
-        operator_setup.device = type(operator_setup.device)(given, operator_setup.clock)
+        settings = operator_setup.device.Settings(
+            library=operator_setup.settings()["library"], watchdog_s=1e-3
+        )
+        operator_setup.device = type(operator_setup.device)(settings, operator_setup.clock)
         operator_setup.device.configure()
         operator_setup.device.activate()
         operator_setup.device.set_force(UP)

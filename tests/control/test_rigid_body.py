@@ -114,15 +114,17 @@ def test_inverse_dynamics_is_mass_matrix_and_bias():
 def test_gravity_is_the_gradient_of_potential_energy():
     body = test_arm()
 
-    def potential_j(q):
+    def potential_j(position):
         # Masses and lengths of the reference arm, by hand: each rod's middle above the base, z up.
-        heights = -np.sin(np.cumsum(q)) * (0.32, 0.28, 0.12)
+        heights = -np.sin(np.cumsum(position)) * (0.32, 0.28, 0.12)
         middles = np.cumsum(heights) - heights / 2
         return 9.81 * float(middles @ (1.8, 1.2, 0.5))
 
-    for q, _, _ in random_states(5):
-        slope = [(potential_j(q + 1e-6 * e) - potential_j(q - 1e-6 * e)) / 2e-6 for e in np.eye(3)]
-        assert body.gravity(q) == pytest.approx(slope, abs=1e-7)
+    for position, _, _ in random_states(5):
+        slope = [
+            (potential_j(position + 1e-6 * e) - potential_j(position - 1e-6 * e)) / 2e-6 for e in np.eye(3)
+        ]
+        assert body.gravity(position) == pytest.approx(slope, abs=1e-7)
 
 
 def test_regressor_times_parameters_is_inverse_dynamics():
@@ -235,10 +237,12 @@ def test_rotors_add_to_joint_inertia_only():
 
 def test_simulated_arm_and_model_feel_the_rotors_alike():
     """Three rotors ten times as heavy as what the wrist feels of the arm."""
-    parsed = load_robot_file(ARMS.parents[1] / "robots" / "so101.yaml")
-    rotors, home = np.array(parsed.rotor_inertia_kg_m2), np.array(parsed.home_rad)
-    text = parsed.urdf_path.read_text(encoding="utf-8")
-    world = World(ArmDescription(text, "tip", parsed.sensor_axis_tip, home, tuple(rotors)), load_scenario({}))
+    robot_file = load_robot_file(ARMS.parents[1] / "robots" / "so101.yaml")
+    rotors, home = np.array(robot_file.rotor_inertia_kg_m2), np.array(robot_file.home_rad)
+    text = robot_file.urdf_path.read_text(encoding="utf-8")
+    world = World(
+        ArmDescription(text, "tip", robot_file.sensor_axis_tip, home, tuple(rotors)), load_scenario({})
+    )
     body = RigidBody.from_urdf(text, "tip", rotor_inertia_kg_m2=rotors)
     world.set_torque(body.gravity(home) + np.array((0.1, -0.05, 0.02)))
     world.advance_to(0.05)

@@ -235,8 +235,10 @@ def test_joint_velocity_and_acceleration_match_finite_differences():
     near = press.start.position_rad
 
     def at(time_s: float):
-        speed, a = 0.1 + 1.5 * time_s, 1.5
-        return press.joint_motion(LineState(0.02 + 0.1 * time_s + 0.75 * time_s**2, speed, a), near)
+        speed, acceleration = 0.1 + 1.5 * time_s, 1.5
+        return press.joint_motion(
+            LineState(0.02 + 0.1 * time_s + 0.75 * time_s**2, speed, acceleration), near
+        )
 
     behind, now, ahead = at(-step_s), at(0.0), at(step_s)
     velocity = (ahead.position_rad - behind.position_rad) / (2 * step_s)

@@ -30,6 +30,8 @@ def base_model(name, **context):
     return MODELS[name]().build(ModelContext(**context))
 
 
-def estimated(data, model="kelvin_voigt", by="lsq", **known):
+def estimated(data, model="kelvin_voigt", by="lsq", **context):
     """A base model of a channel by an estimator."""
-    return estimate_channel(data, base_model(model, **known), ESTIMATORS[by](), rng=np.random.default_rng(0))
+    return estimate_channel(
+        data, base_model(model, **context), ESTIMATORS[by](), rng=np.random.default_rng(0)
+    )

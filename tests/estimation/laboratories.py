@@ -176,7 +176,7 @@ def by_the_clock(folder):
     return path
 
 
-def run_files(folder):
+def one_file_a_run(folder):
     """A folder with one file for each speed; the material stiffens."""
     place = folder / "runs"
     place.mkdir()
@@ -228,7 +228,7 @@ LABORATORIES: dict[Laboratory, tuple[str, dict[str, tuple[float, float]]]] = {
     numbered_columns: ("adequate", PRESSED),
     one_after_the_other: ("adequate", PRESSED),
     by_the_clock: ("adequate", PRESSED),
-    run_files: ("missing", STIFFENING),
+    one_file_a_run: ("missing", STIFFENING),
     savetxt: ("adequate", PRESSED),
     joint_log: ("adequate", MOVED),
 }

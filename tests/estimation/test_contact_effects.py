@@ -193,8 +193,10 @@ def test_run_that_begins_in_air_relaxes_alike_in_both_forms(name):
     x = np.where(run == 1, x + 0.006, x)  # only the second run begins pressed
     data = presses.channel(np.zeros(len(x)), time_s, x, v, run)
     forms = EFFECTS[name]().suited_to(data).forms()
-    values = {"stiffness.k": K, **{f"{name}.{parameter}": value for parameter, value in truth.items()}}
-    pressed, relaxed = (Model("m", (EFFECTS["stiffness"](), form)).predict(data, values) for form in forms)
+    parameters = {"stiffness.k": K, **{f"{name}.{parameter}": value for parameter, value in truth.items()}}
+    pressed, relaxed = (
+        Model("m", (EFFECTS["stiffness"](), form)).predict(data, parameters) for form in forms
+    )
     np.testing.assert_array_equal(pressed[run == 0], relaxed[run == 0])
     assert np.abs(pressed - relaxed)[run == 1].max() > 0.1
     assert [form.form for form in forms] == [form.form for form in forms[1].forms()] == [0, 1]

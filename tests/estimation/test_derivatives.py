@@ -246,9 +246,11 @@ def test_several_pieces_are_fitted_as_alone(lengths, jitter):
     rng, stops = np.random.default_rng(0), np.cumsum(lengths)
     pieces = [slice(stop - length, stop) for stop, length in zip(stops.tolist(), lengths, strict=True)]
     time_s = np.arange(stops[-1]) * 0.01 + rng.uniform(0.0, jitter, stops[-1]) * 0.01
-    q, centers = rng.normal(size=stops[-1]), [np.arange(0, length, 3) for length in lengths]
-    together = local_fits(time_s, q, pieces, centers, 6)
-    alone = [local_fit(time_s[rows], q[rows], one, 6) for rows, one in zip(pieces, centers, strict=True)]
+    position, centers = rng.normal(size=stops[-1]), [np.arange(0, length, 3) for length in lengths]
+    together = local_fits(time_s, position, pieces, centers, 6)
+    alone = [
+        local_fit(time_s[rows], position[rows], one, 6) for rows, one in zip(pieces, centers, strict=True)
+    ]
     assert together.fitted == pytest.approx(np.concatenate([one.fitted for one in alone]))
     assert together.variance == pytest.approx(np.concatenate([one.variance for one in alone]))
 
@@ -308,7 +310,9 @@ def test_pieces_of_uneven_samples_are_fitted_at_once_as_alone():
             start = min(max(center - 5, 0), max(rows.stop - rows.start - 11, 0))
             window = slice(rows.start + start, min(rows.start + start + 11, rows.stop))
             away = time_s[window] - time_s[rows.start + center]
-            fit = np.polynomial.Polynomial.fit(away, position[window], min(3, len(away) - 1)).convert().coef
-            polynomials.append(fit[:3] * (1.0, 1.0, 2.0))
+            fitted = (
+                np.polynomial.Polynomial.fit(away, position[window], min(3, len(away) - 1)).convert().coef
+            )
+            polynomials.append(fitted[:3] * (1.0, 1.0, 2.0))
     scale = np.abs(polynomials).max(axis=0)
     np.testing.assert_allclose(together.fitted / scale, polynomials / scale, atol=1e-9)

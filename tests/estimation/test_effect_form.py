@@ -31,10 +31,12 @@ def some_channel(kind):
     x, v = 0.01 * np.sin(6 * t) ** 2 + 1e-3 * t, 0.06 * np.sin(12 * t)
     run = np.repeat([0, 1], 500)
     base = ChannelData("c", kind, t, x, v, np.gradient(v, 1e-3), 5 + x, run, np.full(1000, -1))
-    xs = {need: 1.0 + 0.5 * np.cos(3 * t) for effect in EFFECTS.values() for need in effect.needs}
-    wide = {n: 30 if n.endswith("regressor") else 6 for n in xs if n.startswith(("joint_", "rigid_body_reg"))}
-    xs = {n: np.outer(v, np.ones(wide[n])) if n in wide else v for n, v in xs.items()}
-    return ChannelData(**{**vars(base), "context": xs})
+    signals = {need: 1.0 + 0.5 * np.cos(3 * t) for effect in EFFECTS.values() for need in effect.needs}
+    wide = {
+        n: 30 if n.endswith("regressor") else 6 for n in signals if n.startswith(("joint_", "rigid_body_reg"))
+    }
+    signals = {n: np.outer(v, np.ones(wide[n])) if n in wide else v for n, v in signals.items()}
+    return ChannelData(**{**vars(base), "context": signals})
 
 
 def inner_values(effect):

@@ -47,16 +47,18 @@ def refusal(path, **options):
 
 
 def test_contact(contact):
-    data = only(import_file(contact()))
-    assert (data.name, data.kind) == ("contact", ChannelKind.CONTACT)
-    np.testing.assert_allclose(data.position, X)
-    np.testing.assert_allclose(data.effort, F)
-    np.testing.assert_allclose(data.velocity, 0.009 * np.cos(9 * T), atol=2e-5)
-    np.testing.assert_allclose(data.acceleration[5:-5], -0.081 * np.sin(9 * T)[5:-5], atol=2e-3)
+    channel = only(import_file(contact()))
+    assert (channel.name, channel.kind) == ("contact", ChannelKind.CONTACT)
+    np.testing.assert_allclose(channel.position, X)
+    np.testing.assert_allclose(channel.effort, F)
+    np.testing.assert_allclose(channel.velocity, 0.009 * np.cos(9 * T), atol=2e-5)
+    np.testing.assert_allclose(channel.acceleration[5:-5], -0.081 * np.sin(9 * T)[5:-5], atol=2e-3)
     moving_in = np.cos(9 * T) > 0.0
     sure = np.abs(np.cos(9 * T)) > 0.2
-    np.testing.assert_array_equal(data.phase[sure], np.where(moving_in, Phase.LOADING, Phase.UNLOADING)[sure])
-    assert data.surface is None
+    np.testing.assert_array_equal(
+        channel.phase[sure], np.where(moving_in, Phase.LOADING, Phase.UNLOADING)[sure]
+    )
+    assert channel.surface is None
 
 
 def test_joints(tmp_path):

@@ -18,7 +18,7 @@ from palpate.estimation.data.table import read_table
 from palpate.estimation.data.text_table import as_utf8
 from palpate.estimation.study.source import open_source
 from palpate.robot_io.errors import InputError
-from tests.estimation.laboratories import excel, presses, run_files, side_by_side, zwick
+from tests.estimation.laboratories import excel, one_file_a_run, presses, side_by_side, zwick
 from tests.files import saved, write_csv
 
 TIME, WAY, LOAD = "Time [s]", "Travel [mm]", "Load [N]"
@@ -224,7 +224,7 @@ def test_same_column_in_two_units_is_not_ambiguous(press):
 
 
 def test_files_of_a_folder_are_runs_in_numerical_order(tmp_path):
-    folder = run_files(tmp_path)
+    folder = one_file_a_run(tmp_path)
     assert [path.name for path in data_files(folder)] == ["run9.csv", "run10.csv", "run11.csv", "run12.csv"]
     imported = import_files(data_files(folder), ImportOptions())
     assert list(imported.run_labels.values()) == ["run9.csv", "run10.csv", "run11.csv", "run12.csv"]

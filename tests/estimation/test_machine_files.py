@@ -136,10 +136,12 @@ def test_matlab_structs_matrices_and_cells_give_columns(tmp_path):
 @pytest.mark.parametrize(("gap_s", "runs"), [(0.0, 1), (5.0, 2)])
 def test_pages_of_one_recording_are_one_run(tmp_path, gap_s, runs):
     path, half = tmp_path / "pages.dat", len(TIME_S) // 2
-    file = rows().splitlines(keepends=True)
+    written = rows().splitlines(keepends=True)
     head = "Time [s],Travel [mm],Load [N]\n"
-    later = [f"{time_s + gap_s},{line.split(',', 1)[1]}" for time_s, line in zip(TIME_S, file, strict=True)]
-    path.write_text(head + "".join(file[:half]) + "\n" + head + "".join(later[half:]))
+    later = [
+        f"{time_s + gap_s},{line.split(',', 1)[1]}" for time_s, line in zip(TIME_S, written, strict=True)
+    ]
+    path.write_text(head + "".join(written[:half]) + "\n" + head + "".join(later[half:]))
     (channel,) = import_file(path).channels
     assert (len(channel), len(channel.runs)) == (len(TIME_S), runs)
 

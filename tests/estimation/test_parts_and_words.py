@@ -284,8 +284,10 @@ def test_seconds_without_whole_seconds_beside_nanoseconds_are_unchanged(tmp_path
 
 def test_of_many_columns_without_names_only_the_time_is_suggested(tmp_path):
     table = lines(TIME_S, WAY_M, FORCE_N, np.cos(TIME_S), np.sin(TIME_S), np.sin(2.0 * TIME_S))
-    text = refusal(saved(tmp_path / "wide.csv", table))
-    assert text.endswith("--column time='column 1' --column displacement_mm=COLUMN --column force_N=COLUMN")
+    message = refusal(saved(tmp_path / "wide.csv", table))
+    assert message.endswith(
+        "--column time='column 1' --column displacement_mm=COLUMN --column force_N=COLUMN"
+    )
     uneven = lines(WAY_M, TIME_S**3, FORCE_N, np.cos(TIME_S), np.sin(TIME_S), np.sin(2.0 * TIME_S))
     assert "--column time" not in refusal(saved(tmp_path / "uneven.csv", uneven))
 

@@ -137,9 +137,11 @@ def test_pressed_recording_keeps_its_zero_and_a_unit_factor_its_sign():
     np.testing.assert_allclose(found.channels[0].position, x)
     assert not found.notes
     options = ImportOptions(units={"force": "1N"})
-    (data,) = imported(options, time_s=PRESS_T, run=PRESS_RUN, displacement_m=PRESS_X, force_N=-PUSH).channels
-    np.testing.assert_allclose(data.effort, -PUSH)
-    assert "check the sign" in reject_reason(data)
+    (channel,) = imported(
+        options, time_s=PRESS_T, run=PRESS_RUN, displacement_m=PRESS_X, force_N=-PUSH
+    ).channels
+    np.testing.assert_allclose(channel.effort, -PUSH)
+    assert "check the sign" in reject_reason(channel)
 
 
 def test_free_air_and_a_sticky_object_are_one_sided():

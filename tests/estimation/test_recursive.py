@@ -19,14 +19,16 @@ def feed_on(estimator, columns, effort):
 
 
 def test_rls_is_least_squares_with_a_prior_and_ewrls_weights_by_age():
-    rows = problem(np.random.default_rng(0))
-    gains = feed(Rls(variance=1e6), rows.columns, rows.effort)[-1]
-    normal = rows.columns.T @ rows.columns + np.eye(2) / 1e6
-    np.testing.assert_allclose(gains, np.linalg.solve(normal, rows.columns.T @ rows.effort), rtol=1e-6)
-    rows = problem(np.random.default_rng(1))
-    gains = feed(Ewrls(forgetting=0.99), rows.columns, rows.effort)[-1]
-    weighted = rows.columns * (0.99 ** np.arange(len(rows.effort))[::-1])[:, None]
-    expected = np.linalg.solve(weighted.T @ rows.columns, weighted.T @ rows.effort)
+    regression = problem(np.random.default_rng(0))
+    gains = feed(Rls(variance=1e6), regression.columns, regression.effort)[-1]
+    normal = regression.columns.T @ regression.columns + np.eye(2) / 1e6
+    np.testing.assert_allclose(
+        gains, np.linalg.solve(normal, regression.columns.T @ regression.effort), rtol=1e-6
+    )
+    regression = problem(np.random.default_rng(1))
+    gains = feed(Ewrls(forgetting=0.99), regression.columns, regression.effort)[-1]
+    weighted = regression.columns * (0.99 ** np.arange(len(regression.effort))[::-1])[:, None]
+    expected = np.linalg.solve(weighted.T @ regression.columns, weighted.T @ regression.effort)
     np.testing.assert_allclose(gains, expected, rtol=1e-5)
 
 
@@ -91,8 +93,10 @@ def test_history_matches_the_loop_and_is_not_overwritten(estimator):
     np.testing.assert_array_equal(first, kept)
     regression = problem(np.random.default_rng(6))
     scale = np.array([1e-6, 1e-6])
-    tiny = type(regression)(regression.columns * scale, regression.effort, regression.names, regression.units)
-    found = values(estimator.fit(tiny, rng=np.random.default_rng(0)))
+    small = type(regression)(
+        regression.columns * scale, regression.effort, regression.names, regression.units
+    )
+    found = values(estimator.fit(small, rng=np.random.default_rng(0)))
     np.testing.assert_allclose(found * scale, TRUTH, rtol=0.01)
 
 

@@ -212,7 +212,9 @@ def test_shift_keeps_the_shape_of_a_signal_without_columns(uneven):
 
 def test_shift_follows_times_changed_in_place():
     time_s = np.cumsum(0.01 + 0.003 * (np.arange(1000) % 2))
-    x = np.sin(time_s)
-    shift(x, time_s, ONE_RUN, 0.105)
+    signal = np.sin(time_s)
+    shift(signal, time_s, ONE_RUN, 0.105)
     time_s[500:] += 2.0
-    np.testing.assert_array_equal(shift(x, time_s, ONE_RUN, 0.105), shift(x, time_s.copy(), ONE_RUN, 0.105))
+    np.testing.assert_array_equal(
+        shift(signal, time_s, ONE_RUN, 0.105), shift(signal, time_s.copy(), ONE_RUN, 0.105)
+    )

@@ -117,7 +117,9 @@ def test_badly_scaled_columns_keep_recursive_estimates_real(tmp_path):
 
 
 def test_exact_law_is_fitted_to_the_last_digit(tmp_path):
-    found = estimate_with(channel_of(lambda q: 0.5 * q, tmp_path), "spring_mass_damper", ["lsq"])
+    found = estimate_with(
+        channel_of(lambda position: 0.5 * position, tmp_path), "spring_mass_damper", ["lsq"]
+    )
     stiffness = found.best.parameters[-1]
     assert (found.best.identifiability, stiffness.value) == ("good", pytest.approx(0.5, abs=1e-9))
     assert stiffness.std_err < 1e-9

@@ -173,8 +173,10 @@ def test_unexplained_verdict_names_only_kinds():
 
 def test_rerun_shows_a_bar_for_each_part_and_the_sentence(tmp_path):
     view, path = budget_view(diagnosis(RELAXATION, SHAPE)), tmp_path / "budget.rrd"
-    with recording_file("budget", path, shown_on(budget_tab("contact", "budget"), timeline=TIME)) as made:
-        log_budget(made, "contact", view)
+    with recording_file(
+        "budget", path, shown_on(budget_tab("contact", "budget"), timeline=TIME)
+    ) as recording:
+        log_budget(recording, "contact", view)
     columns = {}
     for chunk in RrdReader(path).stream().to_chunks():
         batch = chunk.to_record_batch()

@@ -137,7 +137,9 @@ def test_existing_answer_file_is_preserved_and_probing_is_refused(tmp_path):
     (tmp_path / "user.mcap.sealed").write_text("precious")
     result = run("probe", "--hidden", "bias", "-o", tmp_path / "user.mcap", *SHORT)
     assert_refused(result, "user.mcap.sealed: exists already")
-    assert [(f.name, f.read_text()) for f in tmp_path.iterdir()] == [("user.mcap.sealed", "precious")]
+    assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [
+        ("user.mcap.sealed", "precious")
+    ]
 
 
 def test_existing_session_gets_no_other_answer(tmp_path, mystery):

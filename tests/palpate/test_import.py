@@ -13,7 +13,15 @@ import pytest
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import Session
 from palpate.study import Study, arm_from_urdf
-from tests.estimation.laboratories import LABORATORIES, joint_log, plain, presses, run_files, savetxt, zwick
+from tests.estimation.laboratories import (
+    LABORATORIES,
+    joint_log,
+    one_file_a_run,
+    plain,
+    presses,
+    savetxt,
+    zwick,
+)
 from tests.files import saved
 from tests.palpate.cli import ROOT, as_json, assert_refused, done, next_commands, run
 from tests.palpate.sessions import synthetic_session
@@ -117,7 +125,7 @@ def test_measured_indentation_is_imported_and_estimated(tmp_path):
 FOLLOWER = ROOT / "sim_backend" / "arms" / "follower" / "follower.urdf"
 
 IDS = [one.__name__ for one in LABORATORIES]
-DIAGNOSED = {plain, savetxt, run_files, joint_log}  # the others hold the same presses as `plain`
+DIAGNOSED = {plain, savetxt, one_file_a_run, joint_log}  # the others hold the same presses as `plain`
 
 
 @pytest.mark.parametrize(("write", "verdict", "truth"), [(w, *t) for w, t in LABORATORIES.items()], ids=IDS)
@@ -171,7 +179,7 @@ def test_import_preview_shows_columns_runs_and_phases_and_stores_nothing(tmp_pat
 
 
 def test_equal_columns_of_a_folder_s_files_are_shown_once(tmp_path):
-    result = run("import", run_files(tmp_path), "--look")
+    result = run("import", one_file_a_run(tmp_path), "--look")
     assert result.stdout.count("displacement in mm") == 1
     assert result.stdout.count("contact: 1 run") == 4
 

@@ -260,9 +260,11 @@ def test_next_commands_can_be_pasted(tmp_path):
 def test_unwritable_output_is_one_plain_line(options, probed):
     command = [sys.executable, "-m", "palpate.main", "info", str(probed[0]), *options]
     with open("/dev/full", "w") as full:
-        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False, cwd=ROOT)
-    assert done.returncode == 3
-    assert done.stderr == "palpate: cannot write the output: No space left on device\n"
+        result = subprocess.run(
+            command, stdout=full, stderr=subprocess.PIPE, text=True, check=False, cwd=ROOT
+        )
+    assert result.returncode == 3
+    assert result.stderr == "palpate: cannot write the output: No space left on device\n"
 
 
 def test_ascii_terminal_gets_everything(session):

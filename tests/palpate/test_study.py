@@ -175,8 +175,10 @@ def test_noise_is_that_of_the_held_out_runs(frame):
 
 
 def test_diagnosis_judges_the_fitted_runs_by_each_other(few_effects, frame):
-    table = {name: frame[name].to_numpy() for name in frame.column_names}
-    study = Study({**table, "force_N": np.where(table["run"] == 3, 2, 1) * table["force_N"]}, held_out=[3])
+    columns = {name: frame[name].to_numpy() for name in frame.column_names}
+    study = Study(
+        {**columns, "force_N": np.where(columns["run"] == 3, 2, 1) * columns["force_N"]}, held_out=[3]
+    )
     (found,) = study.diagnose().channels
     alone = Study(study.source.without([3])).compare()["contact"]
     assert found.baseline.rmse == pytest.approx(alone.rmse, rel=0.05)

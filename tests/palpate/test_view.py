@@ -15,7 +15,7 @@ from palpate.estimation.diagnosis import ChannelDiagnosis
 from palpate.estimation.diagnosis.result import NoiseFloor, ParameterValue
 from palpate.render import palette, terminal
 from palpate.render.build import channel_view, concatenated_times, parameter_view, run_speeds
-from palpate.render.diagnosis import describe_decrease, diagnosis_verdict
+from palpate.render.diagnosis import describe_error_decrease, diagnosis_verdict
 from palpate.render.thinning import join_curves, peak_rows, rows_by_run, run_curves
 from palpate.render.view import StudyView, residual_map
 from tests.palpate import synthetic
@@ -117,7 +117,7 @@ def test_accepted_effect_is_named_for_complete_and_incomplete_models(complete, t
 )
 def test_last_step_is_credited_only_with_its_own_decrease(errors, words):
     added = ["first", "second"][: len(errors) - 1]
-    told = describe_decrease("contact", errors, added, 0.01, "N")
+    told = describe_error_decrease("contact", errors, added, 0.01, "N")
     assert told.endswith(words)
     assert told.startswith(f"contact with {' and '.join(added)}: the error in held-out runs")
 

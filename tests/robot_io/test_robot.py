@@ -133,18 +133,22 @@ class TestReading:
     def test_all_values_are_invalid_before_the_first_sample(self, robot, bus):
         bus.faults.silent |= {"encoder", "torque", "force"}
         robot.configure()
-        m = tick(robot)
-        assert np.isnan([*m.joint_position_rad, *m.joint_torque_nm, m.force_n]).all()
-        assert m.encoder_at_s == m.force_at_s == -np.inf
-        assert m.encoder_status is m.torque_status is Status.STALE
+        measurement = tick(robot)
+        assert np.isnan(
+            [*measurement.joint_position_rad, *measurement.joint_torque_nm, measurement.force_n]
+        ).all()
+        assert measurement.encoder_at_s == measurement.force_at_s == -np.inf
+        assert measurement.encoder_status is measurement.torque_status is Status.STALE
 
     def test_deadline_missed_by_the_bus_makes_samples_stale(self, active, bus):
         last = tick(active)
         bus.faults.poll_takes_s = 5 * DT
-        m = tick(active)
-        assert m.encoder_at_s == last.encoder_at_s
-        assert m.encoder_status is m.force_status is Status.STALE
-        assert active.clock.now_s() == pytest.approx(m.time_s + DT)  # waited to the deadline, no longer
+        measurement = tick(active)
+        assert measurement.encoder_at_s == last.encoder_at_s
+        assert measurement.encoder_status is measurement.force_status is Status.STALE
+        assert active.clock.now_s() == pytest.approx(
+            measurement.time_s + DT
+        )  # waited to the deadline, no longer
         assert active.bus_errors == {}
         assert active.bus_delays == {"world": "mock bus: no answer before the deadline"}
         bus.faults.poll_takes_s = 0.0

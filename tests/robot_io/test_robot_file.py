@@ -37,8 +37,10 @@ def test_info_matches_the_file(tmp_path):
 
 
 def test_driver_settings_are_passed_on_unread_and_the_file_is_immutable():
-    parsed = parse_robot_file(changed(force="{driver: mock_force, bus: world, gain: 2, unit: N}"), "m.yaml")
-    assert parsed.force.settings == {"gain": 2, "unit": "N"}
+    robot_file = parse_robot_file(
+        changed(force="{driver: mock_force, bus: world, gain: 2, unit: N}"), "m.yaml"
+    )
+    assert robot_file.force.settings == {"gain": 2, "unit": "N"}
     turned = parse_robot_file(changed(sensor_axis_tip="[0, 3, -4]"), "m.yaml")
     assert turned.sensor_axis_tip == (0.0, 0.6, -0.8)
     with pytest.raises(ValueError, match="frozen"):

@@ -500,10 +500,12 @@ def test_chunks_of_any_order_are_read_in_the_order_of_logging(tmp_path):
 
 def test_long_session_opens_with_little_more_memory_than_its_columns(tmp_path):
     """Neither the file nor its messages are held beside the columns."""
-    n = 100_000
+    count = 100_000
     stream = Stream("wide", (Column("time_s", "s"), Column("x", "m", 20)))
-    values = np.random.default_rng(0).normal(size=(n, 20))
-    path = write_session(tmp_path / "s", [(stream, {"time_s": np.arange(n) / 1e3, "x": values})], METADATA)
+    values = np.random.default_rng(0).normal(size=(count, 20))
+    path = write_session(
+        tmp_path / "s", [(stream, {"time_s": np.arange(count) / 1e3, "x": values})], METADATA
+    )
     tracemalloc.start()
     session = Session.open(path)
     peak = tracemalloc.get_traced_memory()[1]

@@ -85,9 +85,11 @@ def test_records_are_whole_while_both_sides_are_busy():
     producer.start()
     sequences = []
     while producer.is_alive() or ring.taken < ring.offered:
-        sequence, rows = ring.pop(5)
-        np.testing.assert_array_equal(rows["b"], np.broadcast_to(rows["a"][:, None], rows["b"].shape))
-        np.testing.assert_array_equal(sequence, rows["a"])
+        sequence, records = ring.pop(5)
+        np.testing.assert_array_equal(
+            records["b"], np.broadcast_to(records["a"][:, None], records["b"].shape)
+        )
+        np.testing.assert_array_equal(sequence, records["a"])
         sequences += sequence.tolist()
     assert sequences == list(range(count))
     assert ring.dropped == 0

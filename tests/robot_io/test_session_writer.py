@@ -19,7 +19,15 @@ from palpate.robot_io.files.atomic_write import atomic_write
 from palpate.robot_io.session import Column, Event, Session, SessionWriter, Stream, write_session, writer
 from palpate.robot_io.session.event import decode_event, encode_event
 from palpate.robot_io.session.mcap_file import McapFile
-from palpate.robot_io.session.shared_log import FAILED, READY, STARTING, SharedLog, allocate, is_locked, lock
+from palpate.robot_io.session.shared_log import (
+    FAILED,
+    READY,
+    STARTING,
+    SharedLog,
+    is_locked,
+    lock,
+    open_memory,
+)
 from tests.robot_io.session_parts import METADATA, TICK, assert_ticks, tick
 
 SLOW = Stream("slow", (Column("time_s", "s"), Column("x", "m")))
@@ -353,7 +361,7 @@ def test_long_events_are_truncated_with_a_mark(tmp_path):
 
 
 def test_both_sides_see_one_state_and_a_failure_as_far_as_it_fits():
-    memory = allocate([SLOW], 4)
+    memory = open_memory([SLOW], 4)
     ours, theirs = (SharedLog(memory, [SLOW], 4) for _ in range(2))
     os.close(memory)
     assert (ours.state, theirs.stop_requested) == (STARTING, False)

@@ -6,7 +6,7 @@ from palpate.sim_backend.contact_laws.standard import KelvinVoigtLaw
 from palpate.sim_backend.imperfection import IMPERFECTIONS, parse_imperfection
 from palpate.sim_backend.scenario import load_scenario
 from palpate.sim_backend.world import World
-from tests.sim_backend.parts import GRAVITY, slider
+from tests.sim_backend.parts import GRAVITY_M_S2, slider
 
 STEP_S = 0.25e-3
 SPRING = KelvinVoigtLaw(stiffness_n_m=500.0, damping_n_s_m=0.0)
@@ -22,7 +22,7 @@ def hidden(effect, **parameters):
     return parse_imperfection({"effect": effect, **parameters})
 
 
-def quiet_scenario(*entries, law=SPRING, gravity=GRAVITY, surface_m=0.0, rate_hz=4000.0):
+def quiet_scenario(*entries, law=SPRING, gravity=GRAVITY_M_S2, surface_m=0.0, rate_hz=4000.0):
     """A world without noise, with these hidden effects."""
     settings = {
         "object": {"surface_height_m": surface_m, "law": law},

@@ -10,11 +10,11 @@ from palpate.sim_backend.hooks import NO_EFFECTS
 from palpate.sim_backend.scenario import load_scenario
 from palpate.sim_backend.world import ArmDescription, World
 
-ARMS = Path(__file__).resolve().parents[2] / "sim_backend" / "arms"
+ARMS_DIR = Path(__file__).resolve().parents[2] / "sim_backend" / "arms"
 ARM_NAMES = ("follower", "leader")
-GRAVITY = 9.81
+GRAVITY_M_S2 = 9.81
 
-SLIDER = """
+SLIDER_URDF = """
 <robot name="slider">
   <link name="rail"/>
   <link name="carriage">
@@ -33,17 +33,24 @@ SLIDER = """
 
 def slider(height_m=0.0, mass_kg=1.0):
     """A mass that moves along world z only; its joint position is the tip's height."""
-    return ArmDescription(SLIDER.format(mass_kg=mass_kg), "probe", (0.0, 0.0, -1.0), (height_m,))
+    return ArmDescription(SLIDER_URDF.format(mass_kg=mass_kg), "probe", (0.0, 0.0, -1.0), (height_m,))
 
 
 def shipped_arm(name):
-    robot_file = load_robot_file(ARMS / name / f"{name}.yaml")
+    robot_file = load_robot_file(ARMS_DIR / name / f"{name}.yaml")
     urdf_text = robot_file.urdf_path.read_text(encoding="utf-8")
     return ArmDescription(urdf_text, "tip", robot_file.sensor_axis_tip, robot_file.home_rad)
 
 
 def scenario(
-    law=None, surface_m=0.0, rate_hz=4000.0, gravity=GRAVITY, mass_scale=1.0, seed=1, engine=None, **sensors
+    law=None,
+    surface_m=0.0,
+    rate_hz=4000.0,
+    gravity=GRAVITY_M_S2,
+    mass_scale=1.0,
+    seed=1,
+    engine=None,
+    **sensors,
 ):
     """A scenario without a file; `force=..., torque=..., encoder=...` are the sensors' settings."""
     law = KelvinVoigtLaw(stiffness_n_m=500.0, damping_n_s_m=20.0) if law is None else law

@@ -8,19 +8,28 @@ from palpate.control.arm.rigid_body import RigidBody
 from palpate.robot_io.errors import InputError
 from palpate.sim_backend.contact_laws.standard import KelvinVoigtLaw
 from palpate.sim_backend.world import ArmDescription
-from tests.sim_backend.parts import ARM_NAMES, ARMS, SLIDER, column, make_world, scenario, shipped_arm, watch
+from tests.sim_backend.parts import (
+    ARM_NAMES,
+    ARMS_DIR,
+    SLIDER_URDF,
+    column,
+    make_world,
+    scenario,
+    shipped_arm,
+    watch,
+)
 
 FAR_BELOW_M = -5.0
 
 
 def reference(name):
-    model = pin.buildModelFromUrdf(str(ARMS / name / f"{name}.urdf"))
+    model = pin.buildModelFromUrdf(str(ARMS_DIR / name / f"{name}.urdf"))
     return model, model.createData()
 
 
 @pytest.mark.parametrize("name", ARM_NAMES)
 def test_pybullet_agrees_with_the_arm_model_on_inverse_dynamics(name):
-    body = RigidBody.from_urdf(ARMS / name / f"{name}.urdf", "tip")
+    body = RigidBody.from_urdf(ARMS_DIR / name / f"{name}.urdf", "tip")
     world = make_world(shipped_arm(name))
     generator = np.random.default_rng(3)
     for _ in range(200):
@@ -100,7 +109,7 @@ def test_scaled_arm_needs_scaled_torques_and_drives_are_limited():
 
 def test_long_fall_exceeds_the_engine_s_default_speed_limit():
     world = make_world(
-        ArmDescription(SLIDER.format(mass_kg=1.0), "probe", (0, 0, -1), (9.9,)),
+        ArmDescription(SLIDER_URDF.format(mass_kg=1.0), "probe", (0, 0, -1), (9.9,)),
         scenario(KelvinVoigtLaw(stiffness_n_m=1.0, damping_n_s_m=0.0), surface_m=-50.0, gravity=3000.0),
     )
     world.advance_to(0.08)
@@ -114,14 +123,14 @@ def test_long_fall_exceeds_the_engine_s_default_speed_limit():
         ({"urdf_text": "not xml"}, "URDF: syntax error"),
         ({"urdf_text": "<robot name='r'><link name='probe'/></robot>"}, "not a serial arm"),
         ({"urdf_text": "<robot><link name='probe'/></robot>"}, "<robot> has no name"),
-        ({"urdf_text": SLIDER.replace('{mass_kg}"', 'heavy"')}, "mass of link 'carriage' is heavy"),
+        ({"urdf_text": SLIDER_URDF.replace('{mass_kg}"', 'heavy"')}, "mass of link 'carriage' is heavy"),
         ({"tip_frame": "rail"}, "joints that do not move the tip: lift"),
         ({"home_rad": (0.0, 0.0)}, r"shape \(2,\), expected \(1,\)"),
     ],
 )
 def test_unsuitable_robot_is_refused_in_words(change, words, capfd):
     parts = {
-        "urdf_text": SLIDER.format(mass_kg=1.0),
+        "urdf_text": SLIDER_URDF.format(mass_kg=1.0),
         "tip_frame": "probe",
         "sensor_axis_tip": (0, 0, -1),
         "home_rad": (0.0,),

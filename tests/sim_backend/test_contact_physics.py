@@ -5,14 +5,14 @@ import pytest
 from scipy.linalg import expm
 
 from palpate.sim_backend.contact_laws.standard import HuntCrossleyLaw, KelvinVoigtLaw
-from tests.sim_backend.parts import GRAVITY, column, make_world, scenario, slider, watch
+from tests.sim_backend.parts import GRAVITY_M_S2, column, make_world, scenario, slider, watch
 
 MASS_KG = 0.8
 
 
 def analytic(stiffness, damping, start, times_s):
     """Depth and rate of a mass on a spring and a dashpot under gravity, from `start` = (depth, rate)."""
-    rest_m = MASS_KG * GRAVITY / stiffness
+    rest_m = MASS_KG * GRAVITY_M_S2 / stiffness
     matrix = np.array([[0.0, 1.0], [-stiffness / MASS_KG, -damping / MASS_KG]])
     away = np.array([start[0] - rest_m, start[1]])
     return np.add([expm(matrix * time_s) @ away for time_s in times_s], [rest_m, 0.0])
@@ -29,9 +29,9 @@ def simulated(law, start, duration_s, rate_hz=4000.0):
 def worst_error(stiffness, damping, rate_hz):
     """Largest distance from the closed form, relative to the amplitude of the motion."""
     law = KelvinVoigtLaw(stiffness_n_m=stiffness, damping_n_s_m=damping, sticky=True)
-    rest_m = MASS_KG * GRAVITY / stiffness
+    rest_m = MASS_KG * GRAVITY_M_S2 / stiffness
     # The engine's velocity belongs half a step before its position; at rest at first, this is what it was.
-    half_a_step_before = -0.5 / rate_hz * -GRAVITY
+    half_a_step_before = -0.5 / rate_hz * -GRAVITY_M_S2
     truths = simulated(law, (2 * rest_m, half_a_step_before), 0.3, rate_hz)
     expected = analytic(stiffness, damping, (2 * rest_m, 0.0), column(truths, "time_s"))
     return np.abs(column(truths, "depth_m") - expected[:, 0]).max() / rest_m
@@ -52,7 +52,7 @@ def test_contact_is_second_order_accurate_in_the_step(damping):
 @pytest.mark.parametrize("stiffness", [100.0, 10_000.0])
 def test_undamped_object_conserves_energy(stiffness):
     law = KelvinVoigtLaw(stiffness_n_m=stiffness, damping_n_s_m=0.0, sticky=True)
-    depth = column(simulated(law, (2 * MASS_KG * GRAVITY / stiffness, 0.0), 5.0), "depth_m")
+    depth = column(simulated(law, (2 * MASS_KG * GRAVITY_M_S2 / stiffness, 0.0), 5.0), "depth_m")
     early, late = np.ptp(depth[:1000]), np.ptp(depth[-1000:])
     assert late == pytest.approx(early, rel=2e-3)
 
@@ -86,7 +86,7 @@ def test_object_is_rendered_only_below_its_surface():
     depth, force = column(truths, "depth_m"), column(truths, "force_n")
     assert not force[depth <= 0].any()
     assert force[depth > 0].max() > 1.0
-    fall_m = 0.5 * GRAVITY * column(truths, "time_s") ** 2
+    fall_m = 0.5 * GRAVITY_M_S2 * column(truths, "time_s") ** 2
     assert np.allclose(depth[depth <= 0], fall_m[depth <= 0] - 0.05, atol=2e-4)
 
 

@@ -12,13 +12,13 @@ from palpate.robot_io.robot import build_robot
 from palpate.robot_io.robot_file import load_robot_file
 from palpate.robot_io.types import Command, Status
 from palpate.sim_backend.scenario import load_scenario
-from tests.sim_backend.parts import ARM_NAMES, ARMS
+from tests.sim_backend.parts import ARM_NAMES, ARMS_DIR
 
 TICK_S = 1e-3
 
 
 def build(name="follower", clock=None, path=None):
-    robot_file = load_robot_file(path or ARMS / name / f"{name}.yaml")
+    robot_file = load_robot_file(path or ARMS_DIR / name / f"{name}.yaml")
     return build_robot(robot_file, DriverCatalog("palpate.sim_backend.drivers"), clock or SimulatedClock())
 
 
@@ -150,7 +150,7 @@ def test_world_advances_on_access_with_a_real_clock():
 
 
 def changed_robot_file(tmp_path, old, new):
-    path = shutil.copytree(ARMS / "follower", tmp_path / "arm") / "follower.yaml"
+    path = shutil.copytree(ARMS_DIR / "follower", tmp_path / "arm") / "follower.yaml"
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new))

@@ -8,9 +8,9 @@ from scipy.integrate import solve_ivp
 from palpate.sim_backend.contact_laws.standard import KelvinVoigtLaw
 from palpate.sim_backend.world import World
 from tests.sim_backend.hidden_parts import STEP_S, hidden, hidden_slider, let_go, quiet_scenario, steps
-from tests.sim_backend.parts import GRAVITY, shipped_arm
+from tests.sim_backend.parts import GRAVITY_M_S2, shipped_arm
 
-G = GRAVITY
+G = GRAVITY_M_S2
 FRICTIONS = {
     "viscous_friction": {"viscous_nms_rad": 3.0},
     "coulomb_friction": {"coulomb_nm": 2.0},

@@ -10,9 +10,18 @@ from palpate.robot_io.robot_file import load_robot_file
 from palpate.sim_backend.contact_laws.standard import EngineContact, HuntCrossleyLaw, KelvinVoigtLaw
 from palpate.sim_backend.hooks import ContactEffect, HiddenEffects, JointEffect, SensorHook
 from palpate.sim_backend.world import world_of
-from tests.sim_backend.parts import ARMS, GRAVITY, column, make_world, scenario, shipped_arm, slider, watch
+from tests.sim_backend.parts import (
+    ARMS_DIR,
+    GRAVITY_M_S2,
+    column,
+    make_world,
+    scenario,
+    shipped_arm,
+    slider,
+    watch,
+)
 
-WEIGHT_N = GRAVITY  # of the slider's 1 kg
+WEIGHT_N = GRAVITY_M_S2  # of the slider's 1 kg
 # MuJoCo has none that is a spring
 OWN_CONTACT = pytest.mark.parametrize("engine", ["pybullet"], indirect=True)
 
@@ -25,7 +34,7 @@ OWN_CONTACT = pytest.mark.parametrize("engine", ["pybullet"], indirect=True)
     ],
 )
 def test_unreadable_urdf_is_named_with_its_robot_file(content, words, tmp_path):
-    robot_file = load_robot_file(ARMS / "follower" / "follower.yaml")
+    robot_file = load_robot_file(ARMS_DIR / "follower" / "follower.yaml")
     (tmp_path / "broken.urdf").write_bytes(content)
     robot_file = robot_file.model_copy(update={"urdf": str(tmp_path / "broken.urdf")})
     with pytest.raises(InputError, match=rf"follower.yaml with .*broken.urdf: {words}"):
@@ -197,7 +206,7 @@ def test_joint_effect_acts_on_the_links_and_is_invisible_to_the_drives():
         slider(5.0), scenario(surface_m=-9.0, torque={"noise_std_nm": 0.0}), HiddenEffects(joint=(Drag(),))
     )
     world.advance_to(2.0)
-    assert world.truth().joint_velocity_rad_s[0] == pytest.approx(-GRAVITY / 3.0, rel=0.01)
+    assert world.truth().joint_velocity_rad_s[0] == pytest.approx(-GRAVITY_M_S2 / 3.0, rel=0.01)
     assert world.torque_sensor.read(world.time_s).value == [0.0]
 
 

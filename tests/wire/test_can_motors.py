@@ -33,12 +33,14 @@ def test_torques_are_sent_and_read_within_the_wire_resolution(
     make_robot, path, changes, drive_nm, read_nm, read_rad
 ):
     arm = make_robot(path, changes).start()
-    read = arm.ticks(20, PUSH_NM)
+    measurement = arm.ticks(20, PUSH_NM)
     np.testing.assert_allclose(arm.drive_torque_nm, PUSH_NM, atol=drive_nm)
-    np.testing.assert_allclose(read.joint_torque_nm, PUSH_NM, atol=read_nm)
+    np.testing.assert_allclose(measurement.joint_torque_nm, PUSH_NM, atol=read_nm)
     truth = arm.arm.plant.world.truth()
-    since = read.joint_velocity_rad_s * (truth.time_s - read.encoder_at_s)
-    np.testing.assert_allclose(read.joint_position_rad + since, truth.joint_position_rad, atol=read_rad)
+    since = measurement.joint_velocity_rad_s * (truth.time_s - measurement.encoder_at_s)
+    np.testing.assert_allclose(
+        measurement.joint_position_rad + since, truth.joint_position_rad, atol=read_rad
+    )
 
 
 @pytest.mark.parametrize(
@@ -208,5 +210,7 @@ def test_damiao_motors_with_the_factory_master_id_are_named(make_robot):
 def test_encoder_fault_invalidates_the_velocity(make_robot, path, fail, said):
     arm = make_robot(path).start()
     fail(arm.motors[0])
-    arm.ticks_until(lambda m: m.encoder_status is Status.FAULT, 12 if path is ODRIVE else 3)
+    arm.ticks_until(
+        lambda measurement: measurement.encoder_status is Status.FAULT, 12 if path is ODRIVE else 3
+    )
     assert said in arm.robot.bus_errors["motors"]

@@ -60,8 +60,10 @@ def test_motor_silent_before_the_loop_is_named_and_power_stays_off(make_robot, r
 
 
 def test_sensor_with_unparsable_lines_is_distinguished_from_a_silent_one(make_robot):
-    other = r"{driver: force_lines, bus: load_cell, capacity_n: 100.0, pattern: 'X(?P<value>\d+)', unit: N}"
-    arm = make_robot(ODRIVE, (("{driver: loadstar, bus: load_cell, capacity_n: 100.0}", other),))
+    as_other = (
+        r"{driver: force_lines, bus: load_cell, capacity_n: 100.0, pattern: 'X(?P<value>\d+)', unit: N}"
+    )
+    arm = make_robot(ODRIVE, (("{driver: loadstar, bus: load_cell, capacity_n: 100.0}", as_other),))
     arm.robot.configure()
     with pytest.raises(DeviceTimeoutError, match=r"\d+ lines or .* came, but no reading yet: .* pattern"):
         begin(arm)

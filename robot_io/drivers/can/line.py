@@ -7,7 +7,8 @@ error. Source: LAWICEL, "CAN232 Manual", ASCII command set.
 python-can's own slcan reader waits in each poll, stamps frames when they are read, and never recovers from a
 byte that is not text. Here the port is read like a servo port: all received bytes, without waiting.
 
-All other adapters use python-can, without its `Notifier`, whose thread ends silently at the first error.
+All other adapters use python-can. Its `Notifier` is not used, because its thread ends silently at the first
+error.
 """
 
 import fcntl

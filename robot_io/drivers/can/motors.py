@@ -47,7 +47,8 @@ class MotorMounting(FileModel):
 class MotorBus(JointBus, Examinable):
     """Motors on one CAN bus, one per joint from base to tip.
 
-    A protocol says how frames change joints (`_store_frame`), how torques are sent and motors are powered.
+    A protocol says how a frame changes a joint (`_store_frame`), how a torque is sent, and how motors are
+    powered.
     """
 
     def __init__(

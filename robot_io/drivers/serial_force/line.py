@@ -49,7 +49,8 @@ class SerialReader:
     """Keeps the newest valid reading of a port and drops older ones that were not fetched.
 
     If more time than usual passes between two reads of the port, the arrival of the bytes is unknown, and
-    they get the time of the earlier read. So a slow reader shows an old sample, never a fresh one.
+    they get the time of the earlier read. So a reader that falls behind shows an old sample, never a fresh
+    one.
 
     Many protocols have no checksum. After damaged data the next two readings are discarded, and more of them
     if damage recurs. A jump by more than 1 % of the capacity is accepted only with the next reading, if that

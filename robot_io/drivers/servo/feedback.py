@@ -48,7 +48,8 @@ class FeedbackReader(Generic[FeedbackType]):
         servo_ids: Servos that are asked, in this order.
         asking: Request for each number of bytes that can be requested from each servo, the smallest first.
         packets: Parser of the received bytes.
-        decode: Converts the packets of all servos, in order, to feedback; raises ProtocolError if it cannot.
+        decode: Converts the packets of all servos, in their order, to feedback; raises ProtocolError if one
+            cannot be read.
         overhead: Bytes of an answer in addition to its data.
     """
 

@@ -390,28 +390,30 @@ def examine_line(
         return [_silence_finding(settings, line, answers)]
     unknown_ids = sorted(answers.keys() - set(line.ids))
     extra = f", but {_describe_ids(unknown_ids)}, which the robot file does not have" if unknown_ids else ""
-    results: list[Finding] = []
+    findings: list[Finding] = []
     for servo_id, label in zip(line.ids, settings.labels, strict=True):
         if answers[servo_id] > 1:
-            results.append(fail(label, "answers twice", TWO_SERVOS))
+            findings.append(fail(label, "answers twice", TWO_SERVOS))
         elif servo_id in damaged:
-            results.append(fail(label, "its answers are damaged", f"check cable and ground; or {TWO_SERVOS}"))
+            findings.append(
+                fail(label, "its answers are damaged", f"check cable and ground; or {TWO_SERVOS}")
+            )
         elif not answers[servo_id]:
             remedy = "check its cable and power, or set its id"
-            results.append(fail(label, f"does not answer{extra}", remedy))
+            findings.append(fail(label, f"does not answer{extra}", remedy))
         else:
             try:
-                results += list(examine_servo(servo_id, label))
+                findings += list(examine_servo(servo_id, label))
             except DeviceTimeoutError as error:
                 remedy = "check plugs, cable and ground"
-                results.append(fail(label, f"answers only sometimes: {error}", remedy))
+                findings.append(fail(label, f"answers only sometimes: {error}", remedy))
             except DeviceError as error:
                 remedy = "correct the model or the id, or set the servo up"
-                results.append(fail(label, str(error), remedy))
+                findings.append(fail(label, str(error), remedy))
     if unknown_ids:
         remedy = "take it off the line, or correct the ids"
-        results.append(warn("other servos", f"{_describe_ids(unknown_ids)} also on the line", remedy))
-    return results
+        findings.append(warn("other servos", f"{_describe_ids(unknown_ids)} also on the line", remedy))
+    return findings
 
 
 def _ping_all(line: ServoLine, port: SerialPort) -> PingResult:
@@ -433,9 +435,11 @@ def _silence_finding(settings: ServoBusSettings[Any], line: ServoLine, answers: 
         value = f"{_describe_ids(line.ids)} silent; found on the line: {_describe_ids(sorted(answers))}"
         return fail("servos", value, "correct the ids in the robot file or in the servos")
     for baud_rate in get_args(type(settings).model_fields["baud_rate"].annotation):
-        ids = _ids_answering_at(line, baud_rate) if baud_rate != settings.baud_rate else []
-        if ids:
-            value = f"silent at {settings.baud_rate} bit/s; at {baud_rate} bit/s: {_describe_ids(ids)}"
+        answering_ids = _ids_answering_at(line, baud_rate) if baud_rate != settings.baud_rate else []
+        if answering_ids:
+            value = (
+                f"silent at {settings.baud_rate} bit/s; at {baud_rate} bit/s: {_describe_ids(answering_ids)}"
+            )
             return fail("servos", value, f"set baud_rate: {baud_rate}, or change it in the servos")
     return fail("servos", "no servo answers at any baud rate", "check power supply, cable and adapter")
 

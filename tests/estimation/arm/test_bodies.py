@@ -107,10 +107,12 @@ def test_best_bodies_minimize_the_penalized_error(scale):
         return 0.5 * scale * np.sum((rows @ phi - target) ** 2) + divergence.value(phi)
 
     assert is_body(best)
-    root = np.linalg.cholesky(pseudo_inertias(best))
+    factor = np.linalg.cholesky(pseudo_inertias(best))
     for _ in range(100):
         change = 1e-3 * rng.normal(size=(2, 4, 4))
-        near = inertial_of(root @ (np.eye(4) + change + change.transpose(0, 2, 1)) @ root.transpose(0, 2, 1))
+        near = inertial_of(
+            factor @ (np.eye(4) + change + change.transpose(0, 2, 1)) @ factor.transpose(0, 2, 1)
+        )
         assert cost(near) > cost(best)
 
 

@@ -112,7 +112,9 @@ def test_deeply_nested_file_is_refused(tmp_path):
 
 def test_value_beyond_its_physical_bounds_is_refused(tmp_path):
     lag = {"lag.tau": {"value": -5.0, "std_err": None, "unit": "s"}}
-    Revisions(tmp_path).save(lambda n: revision(n, effects=["lag"], added="lag", parameters=SPRING | lag))
+    Revisions(tmp_path).save(
+        lambda number: revision(number, effects=["lag"], added="lag", parameters=SPRING | lag)
+    )
     with pytest.raises(InputError, match=r"lag\.tau is -5, beyond"):
         Revisions(tmp_path).all()
 

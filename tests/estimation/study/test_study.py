@@ -166,7 +166,7 @@ def test_invalid_effects_are_refused_and_nothing_is_saved(effects, how, words):
 
 
 def test_data_are_identified_by_arrays_and_joints_also_by_arm():
-    data, (j, _) = session(4), joints()
+    data, (joint, _) = session(4), joints()
     moved = replace(data, effort=data.effort + np.r_[1e-5, np.zeros(len(data) - 1)])
     turned = replace(data, effort=data.effort[::-1].copy())
     (one,), (same,), *others = (ModelStudy(each).channels for each in (data, session(4), moved, turned))
@@ -175,7 +175,9 @@ def test_data_are_identified_by_arrays_and_joints_also_by_arm():
     # What another processor or version of a library computes from the same file differs in its last digits.
     rounded = replace(data, velocity=data.velocity * (1 + 1e-14), phase=np.zeros(len(data), int))
     assert ModelStudy(rounded).channels[0].sha256 == one.sha256
-    of_arms = {ModelStudy(j, "inertia", arm=arm).channels[0].sha256 for arm in (NO_ARM, Arm(tip_frame="x"))}
+    of_arms = {
+        ModelStudy(joint, "inertia", arm=arm).channels[0].sha256 for arm in (NO_ARM, Arm(tip_frame="x"))
+    }
     assert len(of_arms) == 2
     assert len({ModelStudy(data, arm=arm).channels[0].sha256 for arm in (NO_ARM, Arm(tip_frame="x"))}) == 1
 

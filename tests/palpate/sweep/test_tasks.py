@@ -64,11 +64,13 @@ def test_every_estimator_has_a_row_near_the_truth_with_its_bound():
 
 def test_ticks_have_the_depth_that_explains_their_force():
     rows = probing.ticks(PARAMETERS, 1)
-    ticks, _ = probing.probe(PARAMETERS, 1)
-    assert [row["torque_commanded_3_nm"] for row in rows] == ticks.vector("torque_commanded_nm")[
+    samples, _ = probing.probe(PARAMETERS, 1)
+    assert [row["torque_commanded_3_nm"] for row in rows] == samples.vector("torque_commanded_nm")[
         :, 2
     ].tolist()
-    assert [row["torque_measured_1_nm"] for row in rows] == ticks.vector("torque_measured_nm")[:, 0].tolist()
+    assert [row["torque_measured_1_nm"] for row in rows] == samples.vector("torque_measured_nm")[
+        :, 0
+    ].tolist()
     loading = [row for row in rows if row["phase"] == Phase.LOADING and row["depth_m"] > 1e-3]
     names = ("depth_m", "time_s", "force_n", "run")
     depth_m, time_s, force_n, run = np.transpose([[row[name] for name in names] for row in loading])

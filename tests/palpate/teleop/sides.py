@@ -54,7 +54,7 @@ def follow_until_asked(port: int, reached) -> None:
     side.until(lambda _: moment, lambda _: False)
 
 
-def killed_at(messaging, port: int) -> SpawnProcess:
+def killed_when_reached(messaging, port: int) -> SpawnProcess:
     """Run one of the above in a process, and kill it (SIGKILL) once it has got there."""
     context = get_context("spawn")
     reached = context.Event()

@@ -55,9 +55,11 @@ def test_first_session_estimate_is_the_object(scenario):
     assert (found.target, found.runs) == (4, 1)
     assert found.surface_world_m[2] == pytest.approx(0.05, abs=1e-4)
     felt, real = force_law(found.model), world.object.law
-    for x in TRUE_DEPTHS_M:
+    for depth_m in TRUE_DEPTHS_M:
         for rate_m_s in (0.0, 0.1):
-            assert felt(x, rate_m_s, 1e-3) == pytest.approx(real.force_n(x, rate_m_s), rel=0.03, abs=0.05)
+            assert felt(depth_m, rate_m_s, 1e-3) == pytest.approx(
+                real.force_n(depth_m, rate_m_s), rel=0.03, abs=0.05
+            )
 
 
 def test_law_that_cannot_be_rendered_is_not_offered():

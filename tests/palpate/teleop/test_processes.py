@@ -16,7 +16,13 @@ from palpate.teleop.demo import script
 from palpate.teleop.merged_sessions import merge_sessions
 from tests.free_port import free_port
 from tests.palpate.cli import assert_refused, done, run
-from tests.palpate.teleop.sides import WAIT_S, ScriptedPeer, follow_until_asked, killed_at, lead_until_hold
+from tests.palpate.teleop.sides import (
+    WAIT_S,
+    ScriptedPeer,
+    follow_until_asked,
+    killed_when_reached,
+    lead_until_hold,
+)
 from tests.robot_io.link.link_parts import intent
 
 pytestmark = pytest.mark.slow
@@ -45,7 +51,7 @@ def test_killed_leader_leaves_the_arm_safe_and_a_new_leader_connects(tmp_path, o
     port, session = free_port(), tmp_path / "follower.mcap"
     options = ("--port", str(port), "-o", str(session), "--no-diagnose", "--on-silence", on_silence)
     with started("follower", *options) as process:
-        assert killed_at(lead_until_hold, port).exitcode == -signal.SIGKILL
+        assert killed_when_reached(lead_until_hold, port).exitcode == -signal.SIGKILL
         end_s = time.monotonic() + WAIT_S
         while not states(Session.open(session)):  # before that, another leader would call the target off
             assert time.monotonic() < end_s
@@ -72,7 +78,7 @@ def test_killed_follower_leaves_the_virtual_object_and_a_message(tmp_path):
     port, session, plan = free_port(), tmp_path / "leader.mcap", tmp_path / "operator.yaml"
     plan.write_text(yaml.safe_dump(script(0.05)))
     with started("leader", "--port", str(port), "-o", str(session), "--operator", str(plan)) as process:
-        assert killed_at(follow_until_asked, port).exitcode == -signal.SIGKILL
+        assert killed_when_reached(follow_until_asked, port).exitcode == -signal.SIGKILL
         output, _ = process.communicate(timeout=WAIT_S)
     assert process.returncode == 0, output
     assert "the follower is silent" in output
@@ -96,20 +102,22 @@ def test_unavailable_device_is_one_line_and_leaves_no_session(tmp_path):
 
 
 def test_killed_main_process_ends_the_haptic_one_with_its_session_closed(tmp_path):
-    path, plan = tmp_path / "leader.mcap", tmp_path / "operator.yaml"
+    session, plan = tmp_path / "leader.mcap", tmp_path / "operator.yaml"
     plan.write_text(yaml.safe_dump(script(0.05)))
-    with started("leader", "--port", str(free_port()), "-o", str(path), "--operator", str(plan)) as process:
+    with started(
+        "leader", "--port", str(free_port()), "-o", str(session), "--operator", str(plan)
+    ) as process:
         end_s = time.monotonic() + WAIT_S
-        while not path.exists():
+        while not session.exists():
             assert time.monotonic() < end_s
             time.sleep(0.1)
         time.sleep(2.0)
         process.send_signal(signal.SIGKILL)
         process.wait()
-    while Session.open(path).unclosed or "haptic" not in Session.open(path).stream_names:
+    while Session.open(session).unclosed or "haptic" not in Session.open(session).stream_names:
         assert time.monotonic() < end_s, "the haptic process goes on without its main process"
         time.sleep(0.2)
-    assert len(Session.open(path).samples("haptic")) > 500
+    assert len(Session.open(session).samples("haptic")) > 500
 
 
 def test_merged_sessions_share_one_clock_and_rendered_force_equals_real_force(tmp_path):

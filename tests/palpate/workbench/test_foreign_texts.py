@@ -163,8 +163,10 @@ def test_every_text_of_a_session_is_escaped(probed, tmp_path):
     texts = {"software_version": HOSTILE, "command_line": f"palpate probe --robot '{MARK}'", "seed": None}
     extra = {name: HOSTILE if name != "plan" else text for name, text in told.extra.items()}
     metadata = type(told)(**{**vars(told), **texts, "extra": {**extra, "source": f"simulated {HOSTILE}"}})
-    rows = [session.samples(name) for name in session.stream_names]
-    streams = [(one.stream, {column.name: one[column.name] for column in one.stream.columns}) for one in rows]
+    samples = [session.samples(name) for name in session.stream_names]
+    streams = [
+        (one.stream, {column.name: one[column.name] for column in one.stream.columns}) for one in samples
+    ]
     file = write_session(tmp_path / "theirs.mcap", streams, metadata, session.events)
     shown(WorkbenchState(Study(file, keep=False), "theirs.mcap"), tmp_path)
 

@@ -38,7 +38,9 @@ class Browser:
         monkeypatch.setattr(ui, "notify", lambda text, **_: self.said.append(text))
         monkeypatch.setattr(ui.navigate, "reload", self._reload)
         monkeypatch.setattr(core.app, "handle_exception", self.failed.append)
-        later = SimpleNamespace(create_or_defer=lambda job, **_: self._tasks.append(asyncio.create_task(job)))
+        later = SimpleNamespace(
+            create_or_defer=lambda work, **_: self._tasks.append(asyncio.create_task(work))
+        )
         monkeypatch.setattr(events, "background_tasks", later)
 
     def _time(self, period_s, work, once=False):
@@ -249,14 +251,16 @@ def test_slider_moves_all_views_until_its_parameter_is_held_or_freed(opened, bro
         assert re.fullmatch(r"fit: [\d.]+ ± [\d.]+", interval(browser, "stiffness.k")[1])
         assert page._parameters._back.visible
         assert page._undo.enabled
-        curve, rows = (
+        predicted, rows = (
             fitted.predict(values),
             page._center._motion.rows(fitted.data.effort, plots.MOST_POINTS),
         )
-        np.testing.assert_array_equal(page._center._time.figure["data"][2]["y"], plots.picked(curve, rows))
+        np.testing.assert_array_equal(
+            page._center._time.figure["data"][2]["y"], plots.picked(predicted, rows)
+        )
         over_state = page._center._state_plot.figure["data"]
         np.testing.assert_array_equal(
-            over_state[1]["y"], plots.picked(curve, plots._state_rows(page._center._motion))
+            over_state[1]["y"], plots.picked(predicted, plots._state_rows(page._center._motion))
         )
         assert state.undo().choice.slider_values == {}  # both moves are one step
         state.redo()
@@ -284,9 +288,11 @@ def test_bounds_are_asked_for_and_applied(opened, browser, state):
             await browser.send(browser.all(ui.button, aria_label="bound damping.c")[0], "click")
             return browser.all(ui.number)[-2:]
 
-        (bar,) = browser.all(ui.slider, aria_label="damping.c")
+        (slider,) = browser.all(ui.slider, aria_label="damping.c")
         lower, upper = await ask()
-        assert (lower.value, upper.value) == pytest.approx((bar.props["min"], bar.props["max"]), rel=1e-3)
+        assert (lower.value, upper.value) == pytest.approx(
+            (slider.props["min"], slider.props["max"]), rel=1e-3
+        )
         lower.value = None
         await browser.press("bound")
         assert "give two numbers" in browser.said[0]

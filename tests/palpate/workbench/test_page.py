@@ -62,7 +62,9 @@ class Tab:
         self.page = browser.new_page(viewport={"width": width, "height": height})
         self.page.set_default_timeout(WAIT_MS)
         self.wrong = []
-        self.page.on("console", lambda text: self.wrong.append(text.text) if text.type == "error" else None)
+        self.page.on(
+            "console", lambda message: self.wrong.append(message.text) if message.type == "error" else None
+        )
         self.page.on("pageerror", lambda error: self.wrong.append(str(error)))
         self.page.on("request", lambda request: self._check(request.url, address))
         self.page.on("websocket", lambda socket: self._check(socket.url.replace("ws:", "http:"), address))

@@ -584,11 +584,13 @@ def test_other_files_are_offered_newest_first(browser, monkeypatch, tmp_path):
     for age_s, name in enumerate(names):
         (tmp_path / name).mkdir() if name.startswith("folder") else (tmp_path / name).touch()
         os.utime(tmp_path / name, (age_s, age_s))
-    opened, seen = [], []
+    opened, followed = [], []
     monkeypatch.setattr(layout, "is_session", lambda path: path.suffix == ".mcap")
     monkeypatch.setattr(file_drop, "is_session", lambda path: path.suffix == ".mcap")
     monkeypatch.setattr(layout, "newest_growing", lambda folder: folder / "b.mcap")
-    monkeypatch.setattr(layout, "live_view", lambda session, done, feed: seen.append((session.name, done)))
+    monkeypatch.setattr(
+        layout, "live_view", lambda session, done, feed: followed.append((session.name, done))
+    )
     home = AppState(tmp_path, tmp_path / "old.csv", error="unreadable", riddle=True)
     home.open = lambda path, options: opened.append(path.name) or f"state of {path.name}"
 
@@ -606,7 +608,7 @@ def test_other_files_are_offered_newest_first(browser, monkeypatch, tmp_path):
         await browser.press("a.mcap")
         assert (home.state, home.error, home.riddle, browser.reloads) == ("state of a.mcap", "", False, 1)
         await browser.press("All sessions of the folder as one study")
-        ((session, done),) = seen
+        ((session, done),) = followed
         await done(tmp_path / session)
         assert opened == ["a.mcap", tmp_path.name, "b.mcap"]
 

@@ -77,7 +77,9 @@ def test_no_answer_is_dated_later_than_its_request(damaged, fast, servos, period
             except DeviceTimeoutError:
                 continue
             seen += 1
-            assert dated_s <= min(line.asked_at_s[q] for q in feedback.position) + 1e-9, tenths_ms
+            assert dated_s <= min(line.asked_at_s[position] for position in feedback.position) + 1e-9, (
+                tenths_ms
+            )
         assert seen > 0
 
 

@@ -70,8 +70,10 @@ def test_dynamixel_numbers_have_documented_units():
 
 @pytest.mark.parametrize("name", feetech.MODELS)
 def test_feetech_servo_matches_its_emulator(name):
-    own = feetech.MODELS[name]
-    assert (own.voltage_v, own.stall_torque_nm, own.no_load_rad_s) == pytest.approx(emulated_sts.MODELS[name])
+    ours = feetech.MODELS[name]
+    assert (ours.voltage_v, ours.stall_torque_nm, ours.no_load_rad_s) == pytest.approx(
+        emulated_sts.MODELS[name]
+    )
     assert name in feetech.model_name(777)
 
 

@@ -247,16 +247,18 @@ def test_report_states_sent_and_exerted_torque(sent_nm):
 
 
 @pytest.mark.parametrize(
-    ("deaf_at", "sent_from", "named_at"),
+    ("deaf_from", "sent_from", "named_at"),
     [
         (50, -300, 59),  # 10 ms after it was last obeyed,
         (50, 0, 59),  # also if that is 50 ms after the first command of all
         (1, 10, 210),  # little was sent until 10 ms: that excuses it to the end of the next tenth of a second
     ],
 )
-def test_detection_time_is_exact_to_the_tick(deaf_at, sent_from, named_at):
+def test_detection_time_is_exact_to_the_tick(deaf_from, sent_from, named_at):
     sent = lambda k: 4.0 if k >= sent_from else 0.1  # noqa: E731
-    tick, _ = ticks_until_named(UnresponsiveDrives(LIMITS), deaf(deaf_at - 1), sent, first=min(sent_from, 0))
+    tick, _ = ticks_until_named(
+        UnresponsiveDrives(LIMITS), deaf(deaf_from - 1), sent, first=min(sent_from, 0)
+    )
     assert tick == named_at
 
 
