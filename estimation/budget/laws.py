@@ -5,7 +5,7 @@ replace each other, so that no kind would seem necessary. `FlexibleLaw.nonnegati
 is fixed by physics: friction, relaxation and inertia oppose the motion.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -24,7 +24,7 @@ from palpate.estimation.signals.motion import (
     is_monotonic,
     never_returns,
 )
-from palpate.estimation.signals.runwise import derivative, running_max, sample_time, shift
+from palpate.estimation.signals.runwise import derivative, longest_run, running_max, sample_time, shift
 from palpate.estimation.statistics.least_squares import solve_within_bounds
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -32,8 +32,10 @@ _REVERSAL_PATHS = (0.001, 0.003, 0.01, 0.04, 0.15, 0.5)  # lengths of reversal m
 _DIRECTION_WIDTHS = (0.004, 0.02)  # widths of the change of direction, relative to the rms speed
 _KNOTS = (0.03, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # hinges: shares of the range, and quantiles
 _TIMES_PER_DECADE = 4  # relaxation times, from a few samples to twice the longest run
-_MIN_TIME_S = 0.01  # shortest relaxation time
-_LAGS_S = (0.01, 0.03, 0.1, 0.3)  # time constants and delays of sensors
+_MIN_TIME = 0.003  # shortest relaxation time, relative to the longest run
+# Time constants and delays of sensors, relative to the standard deviation of the position over the rms speed.
+_LAGS = (0.01, 0.03, 0.1, 0.3, 1.0)
+_BISECTIONS = 4  # bisections of the intervals beside the best of them
 _ADHESION_RANGES = (0.02, 0.06, 0.2)  # ranges of adhesion, relative to the deepest indentation
 _SURFACE_HEIGHTS = (0.03, 0.1, 0.3)  # heights of the surface, relative to the deepest indentation
 _PLASTIC_SETS = (0.1, 0.3, 0.6, 0.9)  # plastic sets, relative to the deepest indentation so far
@@ -51,6 +53,8 @@ _MIN_WAVES = 3  # least number of waves within a narrower range; fewer resemble 
 _OBJECT_KINDS = (Kind.ELASTIC_SHAPE, Kind.RATE_DEPENDENCE, Kind.TIME_MEMORY, Kind.CONTACT_GEOMETRY)
 COLLINEAR = 1e-9  # ridge penalty of the base model's columns, too small to shrink them
 GRAVITY_RANGE = 0.3  # [rad]; over a narrower range gravity resembles a constant and a spring
+
+Sense = Callable[[FloatArray], FloatArray]  # from the true effort, or columns of it, to the readings
 
 
 @dataclass(frozen=True)
@@ -198,9 +202,8 @@ def _relaxation(
     time_s: FloatArray, run: IntArray, touching: FloatArray, *, is_contact: bool
 ) -> Callable[[FloatArray], list[FloatArray]]:
     """Return a function that relaxes a strain (m,) with each of several time constants."""
-    step = sample_time(time_s, run)
-    longest = max(float(np.ptp(time_s[rows])) for rows in rows_of_runs(run))
-    shortest, longest = max(4.0 * step, _MIN_TIME_S), max(2.0 * longest, 40.0 * step)
+    step, duration_s = sample_time(time_s, run), longest_run(time_s, run)
+    shortest, longest = max(4.0 * step, _MIN_TIME * duration_s), max(2.0 * duration_s, 40.0 * step)
     taus = np.geomspace(shortest, longest, round(_TIMES_PER_DECADE * np.log10(longest / shortest)) + 1)
 
     def relaxed(strain: FloatArray) -> list[FloatArray]:
@@ -214,22 +217,18 @@ def _relaxation(
 def _sensor_dynamics(
     blocked: BlockedData, base: BaseColumns | None, effort: FloatArray, time_s: FloatArray, used: BoolArray
 ) -> list[FlexibleLaw]:
-    """Build the laws of a sensor with a lag, a delay or a lead, for several time constants.
+    """Build the laws of a sensor with a lag, a delay or a lead, for time constants near the best one.
 
     A model fitted without the sensor's dynamics can be far from the true effort: delayed readings can hide an
     inertia. If `base` is given, its columns are therefore refitted for each lag and delay.
     """
     run = blocked.run
     step = sample_time(time_s, run)
-    times = [lag for lag in _LAGS_S if lag > step]
-    lagged: list[Callable[[FloatArray], FloatArray]] = [
-        *(partial(low_pass, time_s=time_s, run=run, tau_s=lag) for lag in times),
-        *(partial(shift, time_s=time_s, run=run, delay_s=lag) for lag in times),
-    ]
-    led = [partial(shift, time_s=time_s, run=run, delay_s=-lag) for lag in times]
+    motion_s = float(np.std(blocked.data.position)) / blocked.data.rms_speed
+    times = [float(lag) for lag in motion_s * np.array(_LAGS) if lag > step]
     unchanged = (float(np.sum((blocked.effort - effort)[used] ** 2)), effort)
 
-    def refitted(sense: Callable[[FloatArray], FloatArray]) -> tuple[float, FloatArray]:
+    def refitted(sense: Sense) -> tuple[float, FloatArray]:
         if base is None:
             return unchanged
         columns = sense(base.columns)[used]
@@ -242,13 +241,32 @@ def _sensor_dynamics(
         change = solve_within_bounds(system, columns.T @ residual, lower, upper)
         return float(np.sum((residual - columns @ change) ** 2)), effort + base.columns @ (change / size)
 
-    fits = [refitted(sense) for sense in lagged]
-    closest = min([unchanged, *fits, *map(refitted, led)], key=lambda fit: fit[0])[1]
-    columns = [sense(fit) - fit for sense, (_, fit) in zip(lagged, fits, strict=True)]
+    def lagged(tau_s: float) -> Sense:
+        return partial(low_pass, time_s=time_s, run=run, tau_s=tau_s)
+
+    def delayed(delay_s: float) -> Sense:
+        return partial(shift, time_s=time_s, run=run, delay_s=delay_s)
+
+    columns, closest = list[FloatArray](), [unchanged, *(refitted(delayed(-lead)) for lead in times)]
+    for family in (lagged, delayed) if times else ():
+        fits = {lag: refitted(family(lag)) for lag in times}
+        for _ in range(_BISECTIONS):
+            near = _near_best(fits)
+            fits |= {lag: refitted(family(lag)) for lag in map(float, np.sqrt(near[1:] * near[:-1]))}
+        columns += [family(lag)(fits[lag][1]) - fits[lag][1] for lag in _near_best(fits).tolist()]
+        closest += fits.values()
+    effort = min(closest, key=lambda fit: fit[0])[1]
     return [
-        _law(Kind.SENSOR_DYNAMICS, derivative(closest, time_s, run)),
+        _law(Kind.SENSOR_DYNAMICS, derivative(effort, time_s, run)),
         _law(Kind.SENSOR_DYNAMICS, *columns, nonnegative=True),
     ]
+
+
+def _near_best(fits: Mapping[float, tuple[float, FloatArray]]) -> FloatArray:
+    """Return the time constant with the smallest error and its neighbors, in ascending order."""
+    times = sorted(fits)
+    best = times.index(min(times, key=lambda lag: fits[lag][0]))
+    return np.array(times[max(best - 1, 0) : best + 2])
 
 
 def _friction(

@@ -23,7 +23,7 @@ class ContactOffset(MotionEffect):
     signature = "all force-depth curves are shifted along the depth, and the force in free air is zero"
     signals = ("position",)
     channels = frozenset({ChannelKind.CONTACT})
-    inner = (Parameter("offset", "{position}", -0.02, 0.02, (-1e-3, 1e-3)),)
+    inner = (Parameter("offset", "{position}", -1.0, 1.0, (-1e-3, 1e-3)),)
     confused_with = {
         "bias": "record free air: a sensor's bias also appears there, an offset does not",
         "adhesion": "watch the force just before contact is lost: adhesion pulls",
@@ -51,7 +51,7 @@ class Adhesion(AdditiveEffect):
     channels = frozenset({ChannelKind.CONTACT})
     one_sided = False
     gains = (Parameter("force", "{effort}", 0.0, 1e12, (0.05, 5.0)),)
-    inner = (Parameter("reach", "{position}", 1e-05, 0.02, (0.0001, 0.005), log=True),)
+    inner = (Parameter("reach", "{position}", 1e-09, 10.0, (0.0001, 0.005), log=True),)
     confused_with = {
         "contact_offset": "retract slowly beyond the surface: only adhesion pulls there",
         "bias": "record free air before the touch: a bias also appears there",
@@ -67,6 +67,10 @@ class Adhesion(AdditiveEffect):
         touched = running_max(data.engaged.astype(np.float64), data.run)
         neck = np.exp(np.minimum(data.position, 0.0) / inner["reach"])
         return -(touched * neck)[:, None]
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: shares of the deepest indentation."""
+        return start_grid(reach=np.geomspace(0.003, 0.3, 9) * data.deepest)
 
 
 _TOUCHING = 1e-300  # depth of a contact without strain

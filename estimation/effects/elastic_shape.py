@@ -134,7 +134,7 @@ class LayeredStiffness(AdditiveEffect):
     channels = frozenset({ChannelKind.CONTACT})
     gains = (Parameter("k2", "{effort}/{position}", -1e12, 1e12, (10.0, 20000.0)),)
     elastic = ("k2",)
-    inner = (Parameter("depth", "{position}", 0.0, 0.2, (0.001, 0.02)),)
+    inner = (Parameter("depth", "{position}", 0.0, 10.0, (0.001, 0.02)),)
     confused_with = {
         "exponential_stiffness": "press deeper: beyond the kink a layer is straight",
         "cubic_stiffness": "press deeper: beyond the kink a layer is straight, a cubic keeps bending",

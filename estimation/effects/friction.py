@@ -199,7 +199,7 @@ class StribeckFriction(AdditiveEffect):
         Parameter("rise", "{effort}", -1e12, 1e12, (0.001, 50.0)),
     )
     essential = ("rise",)
-    inner = (Parameter("speed", "{position}/s", 1e-09, 10.0, (0.001, 1.0), log=True), TRANSITION)
+    inner = (Parameter("speed", "{position}/s", 1e-09, 1000.0, (0.001, 1.0), log=True), TRANSITION)
     confused_with = {
         "coulomb_friction": "move very slowly, and at several speeds",
         "viscous_friction": "move very slowly, and at several speeds",

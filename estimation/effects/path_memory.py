@@ -131,8 +131,8 @@ class DryFriction(AdditiveEffect):
     channels = frozenset({ChannelKind.CONTACT})
     gains = (Parameter("force", "{effort}", 0.0, 1e12, (0.05, 5.0)),)
     inner = (
-        Parameter("presliding", "{position}", 1e-07, 0.01, (1e-06, 0.001), log=True),
-        Parameter("transition", "{position}/s", 1e-07, 0.1, (1e-05, 0.01), log=True),
+        Parameter("presliding", "{position}", 1e-09, 10.0, (1e-06, 0.001), log=True),
+        Parameter("transition", "{position}/s", 1e-09, 1000.0, (1e-05, 0.01), log=True),
     )
     confused_with = {
         "bouc_wen_hysteresis": "reverse halfway: dry friction then approaches its limit exponentially",
@@ -163,7 +163,7 @@ class DryFriction(AdditiveEffect):
         return tuple(
             {
                 "presliding": max(float(path * data.deepest), self.inner[0].lower),
-                "transition": float(share * speed) or 1e-7,
+                "transition": float(share * speed) or 1e-9,
             }
             for path, share in (*paths, *speeds)
         )
@@ -294,7 +294,7 @@ class LoadedBacklash(MotionEffect):
     channels = JOINTS
     inner = (
         Parameter("gap", "{position}", 1e-9, 10.0, (1e-4, 0.1), log=True),
-        Parameter("threshold", "{effort}", 1e-12, 1e6, (1e-3, 1.0), log=True),
+        Parameter("threshold", "{effort}", 1e-15, 1e9, (1e-3, 1.0), log=True),
     )
     needs = ("load",)
     confused_with = {

@@ -134,7 +134,7 @@ class Deadband(SensorEffect):
     signature = "readings are zero for small efforts, and too small by a constant for others"
     signals = ("effort",)
     channels = frozenset(ChannelKind)
-    inner = (Parameter("width", "{effort}", 1e-09, 10000.0, (0.001, 1.0), log=True),)
+    inner = (Parameter("width", "{effort}", 1e-15, 1e9, (0.001, 1.0), log=True),)
     confused_with = {
         "contact_offset": "probe slowly near the surface",
         "bias": "look at both signs of effort",
@@ -206,7 +206,7 @@ class Saturation(SensorEffect):
     signature = "the largest readings are cut off flat at one value"
     signals = ("effort",)
     channels = frozenset(ChannelKind)
-    inner = (Parameter("limit", "{effort}", 1e-06, 100000.0, (0.1, 100.0), log=True),)
+    inner = (Parameter("limit", "{effort}", 1e-15, 1e9, (0.1, 100.0), log=True),)
     confused_with = {
         "layered_stiffness": "press less: readings below the limit are correct",
         "cubic_stiffness": "press less: readings below the limit are correct",
@@ -284,7 +284,7 @@ class Hysteresis(SensorEffect):
     signature = "readings are low while the effort rises and high while it falls, at any speed"
     signals = ("past effort",)
     channels = frozenset(ChannelKind)
-    inner = (Parameter("width", "{effort}", 1e-09, 10000.0, (0.001, 1.0), log=True),)
+    inner = (Parameter("width", "{effort}", 1e-15, 1e9, (0.001, 1.0), log=True),)
     confused_with = {
         "bouc_wen_hysteresis": "reverse slowly at several loads: a sensor's loops all have the same width",
         "backlash": "reverse slowly at several loads: a gap is crossed in position, a hysteresis in effort",
@@ -371,8 +371,8 @@ class Quantisation(SensorEffect):
     signals = ("effort",)
     channels = frozenset(ChannelKind)
     inner = (
-        Parameter("step", "{effort}", 1e-09, 10000.0, (0.001, 1.0), log=True),
-        Parameter("noise", "{effort}", 1e-12, 10000.0, (0.0001, 0.1), log=True),
+        Parameter("step", "{effort}", 1e-15, 1e9, (0.001, 1.0), log=True),
+        Parameter("noise", "{effort}", 1e-18, 1e9, (0.0001, 0.1), log=True),
     )
     confused_with = {
         "deadband": "vary the effort slowly over several steps",
@@ -404,7 +404,7 @@ class Quantisation(SensorEffect):
             return ({"step": 1.0, "noise": _SHARES[0]},)
         distances = np.diff(levels)
         count = np.sum(np.round(distances / np.median(distances)))
-        step = max(float(np.ptp(levels) / max(count, 1.0)), 1e-9)
+        step = max(float(np.ptp(levels) / max(count, 1.0)), 1e-15)
         return tuple({"step": step, "noise": share * step} for share in _SHARES)
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:

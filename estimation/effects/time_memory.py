@@ -13,7 +13,7 @@ from palpate.estimation.effect import AdditiveEffect, Effect, Inner, MemoryEffec
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import block_index
 from palpate.estimation.signals.exponential_memory import fading_memory, springpot
-from palpate.estimation.signals.runwise import finest_step
+from palpate.estimation.signals.runwise import finest_step, longest_run
 from palpate.robot_io.types import BoolArray, FloatArray
 
 _TOUCH = 0.01  # depth relative to the deepest at which a run begins hardly pressed
@@ -85,7 +85,7 @@ class StressRelaxation(_Relaxation, AdditiveEffect):
     signals = ("past motion",)
     channels = frozenset({ChannelKind.CONTACT})
     gains = (Parameter("k1", "{effort}/{position}", 0.0, 1e12, (10.0, 10000.0)),)
-    inner = (Parameter("tau", "s", 0.005, 300.0, (0.03, 30.0), log=True),)
+    inner = (Parameter("tau", "s", 1e-9, 1e7, (0.03, 30.0), log=True),)
     confused_with = {
         "power_law_relaxation": "hold 100 times longer: a power law keeps relaxing, one branch levels off",
         "relaxation_spectrum": "hold longer at two depths: one branch levels off, a second keeps relaxing",
@@ -99,6 +99,10 @@ class StressRelaxation(_Relaxation, AdditiveEffect):
         pressed = np.where(data.engaged, data.position, 0.0)
         memory = partial(fading_memory, rates=np.array([1.0 / inner["tau"]]), weights=np.ones(1))
         return self.relaxed(memory, pressed, data)[:, None]
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: time constants from four samples to three times the longest run."""
+        return start_grid(tau=_time_constants(data, 9, 3.0))
 
 
 class PowerLawRelaxation(_Relaxation, MemoryEffect):
@@ -136,11 +140,26 @@ class PowerLawRelaxation(_Relaxation, MemoryEffect):
         return (1.0 - share) * elastic + share * fading
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: from a spring with little relaxation to nearly a dashpot."""
-        return start_grid(share=(0.2, 0.5, 0.9), alpha=(0.08, 0.2, 0.4, 0.7))
+        """See `Effect.starts`: from a spring with little relaxation to nearly a dashpot.
+
+        After a tenth of the longest run, the springpot bears 20, 50 or 90 % of the force.
+        """
+        late_s = 0.1 * longest_run(data.time_s, data.run)
+        return tuple(
+            {"share": part / (part + (1.0 - part) * late_s**-alpha), "alpha": alpha}
+            for part in (0.2, 0.5, 0.9)
+            for alpha in (0.08, 0.2, 0.4, 0.7)
+        )
 
 
 _BRANCH_SHARES = (0.15, 0.4)
+
+
+def _time_constants(data: ChannelData, count: int, longest: float) -> FloatArray:
+    """Return time constants from four samples to a multiple of the longest run's duration, shape (count,)."""
+    step_s = finest_step(data.time_s, data.run)
+    last_s = max(longest * longest_run(data.time_s, data.run), 40.0 * step_s)
+    return np.geomspace(4.0 * step_s, last_s, count)
 
 
 class RelaxationSpectrum(_Relaxation, MemoryEffect):
@@ -161,8 +180,8 @@ class RelaxationSpectrum(_Relaxation, MemoryEffect):
     inner = (
         Parameter("fast", "1", 0.0, 1.0, (0.1, 0.5)),
         Parameter("slow", "1", 0.0, 1.0, (0.1, 0.5)),
-        Parameter("fast_time", "s", 1e-5, 1e3, (0.03, 3.0), log=True),
-        Parameter("slow_time", "s", 1e-4, 1e5, (1.0, 100.0), log=True),
+        Parameter("fast_time", "s", 1e-9, 1e7, (0.03, 3.0), log=True),
+        Parameter("slow_time", "s", 1e-9, 1e7, (1.0, 100.0), log=True),
     )
     confused_with = {
         "stress_relaxation": "hold longer at two depths: one branch levels off, a second keeps relaxing",
@@ -190,9 +209,7 @@ class RelaxationSpectrum(_Relaxation, MemoryEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: time constants from four samples to the duration of the longest run."""
-        step_s = finest_step(data.time_s, data.run)
-        longest_s = max(float(np.ptp(data.time_s[data.run == run])) for run in data.runs)
-        times = np.geomspace(4.0 * step_s, max(longest_s, 40.0 * step_s), 4)
+        times = _time_constants(data, 4, 1.0)
         return tuple(
             {"fast": fast, "slow": slow, "fast_time": float(sooner), "slow_time": float(later)}
             for sooner, later in combinations(times, 2)

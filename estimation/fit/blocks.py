@@ -13,12 +13,13 @@ from palpate.estimation.effect import AdditiveEffect, Inner, Parameters
 from palpate.estimation.model import Model, own_parameters
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.cache_by_array import FitCache, IdentityKey
-from palpate.estimation.signals.runwise import sample_time
+from palpate.estimation.signals.runwise import longest_run, sample_time
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-# Target number of blocks per second; slower data are not averaged. The acceleration of a joint is derived
-# twice from an encoder, and its noise lies mostly above this rate.
+# Target number of blocks per second, and least number in the longest run. Slower data are not averaged.
+# The acceleration of a joint is derived twice from an encoder, and its noise lies mostly above this rate.
 CONTACT_RATE_HZ, JOINT_RATE_HZ = 200.0, 100.0
+_MIN_BLOCKS = 200
 FOLDS = 6
 PIECES, _PIECE_FOLDS = 15, 5  # pieces of a single run, and pieces for each fold
 _CORNER = 0.06  # change between readings at a corner, relative to a run's range of velocities
@@ -143,6 +144,7 @@ class BlockedData:
 def block_length(data: ChannelData) -> int:
     """Return the number of samples in a block, halved as long as the effort varies within it."""
     rate_hz = CONTACT_RATE_HZ if data.kind is ChannelKind.CONTACT else JOINT_RATE_HZ
+    rate_hz = max(rate_hz, _MIN_BLOCKS / longest_run(data.time_s, data.run))
     block = max(1, int(1.0 / (rate_hz * sample_time(data.time_s, data.run)) + 0.5))
     effort = data.effort[data.engaged] if data.kind is ChannelKind.CONTACT else data.effort
     while block > 1 and (0 < len(effort) < block or _varies_within(effort, block)):
@@ -165,7 +167,7 @@ def _varies_within(effort: FloatArray, block: int) -> bool:
 def block_average(
     data: ChannelData, good: BoolArray | None = None, cache: FitCache | None = None
 ) -> BlockedData:
-    """Divide a channel into blocks of 5 ms (contact) or 10 ms (joint), or of one sample if that is longer.
+    """Divide a channel into blocks of 5 ms (contact) or 10 ms (joint), shorter in short runs.
 
     Blocks at contact boundaries are not trusted: there damping and friction cause a step of the force, which
     the error of the position can shift. Blocks at sharp corners of a contact's motion, and blocks in which a

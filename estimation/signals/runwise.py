@@ -18,7 +18,8 @@ from palpate.robot_io.types import FloatArray, IntArray
 _WINDOW = 5  # samples over which a derivative is smoothed
 _UNEVENNESS = 0.01  # largest relative difference of steps in even sampling
 _ALL_ROWS = slice(None)
-_JITTER_WINDOW_S = 0.025  # time in which a probing tip reverses at most once
+# Time in which a probing tip reverses at most once, and its largest share of the longest run.
+_JITTER_WINDOW_S, _JITTER_SHARE = 0.025, 0.01
 _MAX_CLAMPS = 32  # number of operations that are composed into one
 
 
@@ -48,6 +49,16 @@ def finest_step(time_s: FloatArray, run: IntArray) -> float:
     """
     steps = (time_s[1:] - time_s[:-1])[run[1:] == run[:-1]]
     return float(np.quantile(steps, 0.05)) if len(steps) else 1.0
+
+
+def longest_run(time_s: FloatArray, run: IntArray) -> float:
+    """Return the duration of the longest run [s]; 1.0 without a second sample.
+
+    Args:
+        time_s: times, increasing within a run, shape (n,) [s].
+        run: run of each sample, shape (n,).
+    """
+    return max(float(time_s[rows.stop - 1] - time_s[rows.start]) for rows in blocks(run)) or 1.0
 
 
 def apply_per_run(
@@ -200,14 +211,17 @@ def _apply_clamps(low: FloatArray, high: FloatArray) -> FloatArray:
 
 @cache_by_array
 def smooth_jitter(position: FloatArray, time_s: FloatArray, run: IntArray) -> FloatArray:
-    """Smooth a position by a cubic fit over 25 ms, so that encoder jitter does not add to the path length.
+    """Smooth a position by a cubic fit, so that encoder jitter does not add to the path length.
+
+    The fit covers 25 ms, or 1 % of the longest run if that is shorter.
 
     Args:
         position: position, shape (n,).
         time_s: times, shape (n,) [s].
         run: run number of each sample, shape (n,).
     """
-    window = 2 * int(0.5 * _JITTER_WINDOW_S / sample_time(time_s, run)) + 1
+    window_s = min(_JITTER_WINDOW_S, _JITTER_SHARE * longest_run(time_s, run))
+    window = 2 * int(0.5 * window_s / sample_time(time_s, run)) + 1
     smoothed = np.array(position, dtype=np.float64)
     if 3 < window <= len(position):
         smoothed = _apply_local_fit(_local_fit(window, 0), smoothed, run, smoothed)

@@ -84,7 +84,7 @@ def moving_in_one_run(phase):
 
 def glitch_in_each_block():
     """A press sampled at 20 kHz; every block of 5 ms holds one reading far off its neighbors."""
-    t, run = np.tile(np.arange(5000) / 20e3, 4), np.repeat(np.arange(4), 5000)
+    t, run = np.tile(np.arange(20_000) / 20e3, 4), np.repeat(np.arange(4), 20_000)
     w = 8.0 * np.pi
     x, v, a = 1e-3 * (1.0 - np.cos(w * t)), 1e-3 * w * np.sin(w * t), 1e-3 * w**2 * np.cos(w * t)
     effort = 3e3 * x + np.random.default_rng(0).normal(0.0, 0.02, len(t))
@@ -117,10 +117,10 @@ REJECTED = {
     "only 0 samples": lambda: DATA.select(COUNT[:0]),
     "was rectified; record it with its sign": lambda: replace(swinging(), effort=np.abs(swinging().effort)),
     "was the sign cut off": lambda: replace(swinging(), effort=np.maximum(swinging().effort, 0.0)),
-    "fewer than two runs have": press(**SHORT_RUNS, run=COUNT // 8),
+    "fewer than two runs have": press(**SHORT_RUNS, run=np.maximum(COUNT - 1500, 0) // 5),
     "runs last": press(run=COUNT // 8),
     "at most one run has motion": lambda: moving_in_one_run(phase=1),
-    "excluded readings (200)": glitch_in_each_block,
+    "excluded readings (800)": glitch_in_each_block,
     f"{-(-len(DATA) // 60)} readings of the effort are far from their neighbors, such as -9999 N": press(
         effort=np.where(COUNT % 60 == 0, -9999.0, F)
     ),

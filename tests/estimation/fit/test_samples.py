@@ -110,14 +110,14 @@ def test_search_that_ends_at_a_bound_is_reported():
 
 
 def test_partner_at_its_bound_does_not_reduce_gain_uncertainty():
-    # the surface lies 30 mm off, 20 mm is the bound: only the slope says what k is
+    # the surface lies 1.5 m off, 1 m is the bound: only the slope determines k
     rng = np.random.default_rng(8)
     t = np.arange(0.0, 1.0, 1e-3)
-    x = 0.004 + 0.0002 * np.sin(9.0 * t)
-    data = channel(100.0 * (x + 0.03) + 0.02 * rng.standard_normal(len(t)), x, np.gradient(x, t), t)
+    x = 0.2 + 0.01 * np.sin(9.0 * t)
+    data = channel(2.0 * (x + 1.5) + 0.02 * rng.standard_normal(len(t)), x, np.gradient(x, t), t)
     found = estimated(data, by="robust", surface_found=True)
     assert np.isnan(found["contact_offset.offset"].std_err)
-    level_alone = 0.02 / np.sqrt(np.sum((x + 0.02) ** 2))  # what k would be known to if that were the surface
+    level_alone = 0.02 / np.sqrt(np.sum((x + 1.0) ** 2))  # what k would be known to if that were the surface
     slope_alone = 0.02 / np.sqrt(np.sum((x - x.mean()) ** 2))  # what it is known to
     assert level_alone < 0.1 * slope_alone
     assert found["stiffness.k"].std_err == pytest.approx(slope_alone, rel=0.5)
