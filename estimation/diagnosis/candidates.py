@@ -22,13 +22,15 @@ from palpate.estimation.fit.inner_search import (
 )
 from palpate.estimation.fit.intervals import inner_slopes
 from palpate.estimation.model import Model
-from palpate.estimation.signals.runwise import finest_step
+from palpate.estimation.signals.runwise import finest_step, longest_run
 
 PROMISING = 0.3  # least improvement, relative to the best candidate's, at which a candidate is refined
 REFINED = 5  # number of candidates that are always refined
 ESSENTIAL = 0.02  # least share of the squared error that the characteristic part of an effect must explain
 _FEW_STARTS = 4  # start values in a quick screening
-FAR_END = 0.99  # share of the upper bound above which a logarithmic parameter is undetermined
+# Multiple of the range of motion, of the longest run, or of the largest speed or effort, above which a path,
+# time, speed or effort is undetermined.
+_FAR = 10.0
 _STEP = 1e-4  # step of a finite difference, relative to the deepest indentation
 _MAX_UNSTABLE = 0.01  # tolerated share of unstable samples, since a corner of the law may be as steep
 RUN_PREFIX = "run_"  # prefix of effects that vary between runs; held-out runs cannot test them as candidates
@@ -262,15 +264,20 @@ def is_possible(effect: Effect, solution: Solution, problem: FitProblem) -> bool
         solution: the fitted model.
         problem: the problem to which it was fitted.
     """
-    # A logarithmic parameter at the upper end of its range is undetermined.
-    if any(
-        p.log and solution.parameters[f"{effect.name}.{p.name}"] > FAR_END * p.upper for p in effect.inner
-    ):
-        return False
+    data = problem.blocked.data
     # Sampling does not resolve times below half a step.
-    times = [abs(solution.parameters[f"{effect.name}.{p.name}"]) for p in effect.inner if p.unit == "s"]
-    if times and min(times) < 0.5 * finest_step(problem.blocked.data.time_s, problem.blocked.data.run):
-        return False
+    shortest = {"s": 0.5 * finest_step(data.time_s, data.run)}
+    largest = {
+        "s": longest_run(data.time_s, data.run),
+        "{position}": data.range_of_motion,
+        "{position}/s": float(np.max(np.abs(data.velocity))) or 1.0,
+        "{effort}": data.largest_effort,
+    }
+    for parameter in effect.inner:
+        size = abs(solution.parameters[f"{effect.name}.{parameter.name}"])
+        low, high = shortest.get(parameter.unit, 0.0), _FAR * largest.get(parameter.unit, np.inf)
+        if not low <= size <= high:
+            return False
     is_own = np.array([name.startswith(f"{effect.name}.") for name in solution.model.gains], dtype=np.bool_)
     simpler = effect.simpler(solution.columns[:, is_own])
     if simpler.shape[1] == len(effect.gains):

@@ -68,9 +68,20 @@ def gain(name="g", lower=0.0, upper=10.0):
 
 
 class LinearProblem:
-    """A problem that fits columns by least squares, on 100 blocks of one run at 128 Hz."""
+    """A problem that fits columns by least squares, on 101 blocks of one run at 128 Hz.
 
-    blocked = SimpleNamespace(data=SimpleNamespace(time_s=np.arange(100) / 128, run=np.zeros(100, dtype=int)))
+    The position covers 0.5, the speed is at most 2, and the effort at most 3.
+    """
+
+    blocked = SimpleNamespace(
+        data=SimpleNamespace(
+            time_s=np.arange(101) / 128,
+            run=np.zeros(101, dtype=int),
+            range_of_motion=0.5,
+            velocity=np.array([1.0, -2.0]),
+            largest_effort=3.0,
+        )
+    )
 
     def solve(self, columns, target):
         left = target - columns @ np.linalg.lstsq(columns, target, rcond=None)[0]
@@ -96,17 +107,23 @@ ONES = np.ones(100)
 @pytest.mark.parametrize(
     ("parameter", "value", "possible"),
     [
-        (Parameter("w", "m", 1e-3, 10.0, (0.1, 1.0), log=True), 9.9, True),
-        (Parameter("w", "m", 1e-3, 10.0, (0.1, 1.0), log=True), 9.91, False),  # it ended at the far end
-        (Parameter("w", "m", 1e-3, 10.0, (0.1, 1.0), log=True), 1e-3, True),
-        (Parameter("w", "m", -10.0, 10.0, (0.1, 1.0)), 9.95, True),
+        (Parameter("w", "{position}", 1e-3, 99.0, (0.1, 1.0), log=True), 4.9, True),
+        (Parameter("w", "{position}", 1e-3, 99.0, (0.1, 1.0), log=True), 5.1, False),  # ten times the range
+        (Parameter("w", "{position}", -99.0, 99.0, (0.1, 1.0)), -5.1, False),
+        (Parameter("w", "{position}/s", 1e-3, 99.0, (0.1, 1.0), log=True), 19.9, True),
+        (Parameter("w", "{position}/s", 1e-3, 99.0, (0.1, 1.0), log=True), 20.1, False),
+        (Parameter("w", "{effort}", 1e-3, 99.0, (0.1, 1.0), log=True), 29.9, True),
+        (Parameter("w", "{effort}", 1e-3, 99.0, (0.1, 1.0), log=True), 30.1, False),
+        (Parameter("w", "1", 1e-3, 99.0, (0.1, 1.0), log=True), 98.0, True),
+        (Parameter("t", "s", 1e-3, 99.0, (0.1, 1.0), log=True), 7.8, True),
+        (Parameter("t", "s", 1e-3, 99.0, (0.1, 1.0), log=True), 7.9, False),
         (Parameter("t", "s", -1.0, 1.0, (0.1, 1.0)), 1 / 256, True),
         (Parameter("t", "s", -1.0, 1.0, (0.1, 1.0)), 0.99 / 256, False),  # less than half a step
         (Parameter("t", "s", -1.0, 1.0, (0.1, 1.0)), -1 / 256, True),
         (Parameter("t", "s", -1.0, 1.0, (0.1, 1.0)), -0.99 / 256, False),
     ],
 )
-def test_inner_parameters_are_within_range_and_times_at_least_half_a_step(parameter, value, possible):
+def test_inner_parameters_are_within_ten_times_the_data_and_times_at_least_half_a_step(parameter, value, possible):
     effect = Made(gain(), inner=(parameter,))
     assert is_possible(effect, tried(effect, [5.0], [ONES], inner=[value]), LinearProblem()) is possible
 
