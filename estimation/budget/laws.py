@@ -20,8 +20,8 @@ from palpate.estimation.signals.exponential_memory import low_pass, relax
 from palpate.estimation.signals.free_air import zero_in_free_air
 from palpate.estimation.signals.motion import (
     has_constant_speed,
-    has_constant_velocity,
     is_monotonic,
+    is_one_pass,
     never_returns,
 )
 from palpate.estimation.signals.runwise import derivative, longest_run, running_max, sample_time, shift
@@ -166,7 +166,7 @@ def unseen_kinds(data: ChannelData) -> frozenset[Kind]:
     if not has_session_time and (zero is None or zero.rate is None):
         unseen.add(Kind.DRIFT)
     if never_returns(data.position, data.run):
-        one_pass = has_constant_velocity(data.time_s, data.position, data.run)
+        one_pass = is_one_pass(data.time_s, data.position, data.run)
         unseen |= UNSEEN_IN_ONE_PASS if one_pass else {Kind.FRICTION}
         if one_pass and zero is not None and not zero.is_zero:
             unseen.remove(Kind.SENSOR_STATICS)

@@ -12,7 +12,7 @@ from palpate.estimation.estimate import with_unit
 from palpate.estimation.fit.blocks import PIECES, block_length
 from palpate.estimation.model import Model
 from palpate.estimation.signals.blocks import blocks
-from palpate.estimation.signals.motion import has_constant_speed, has_constant_velocity, never_returns
+from palpate.estimation.signals.motion import has_constant_speed, is_one_pass, never_returns
 from palpate.estimation.signals.runwise import is_even, sample_time, shift
 from palpate.estimation.statistics.correlation import noise_between_samples
 from palpate.estimation.statistics.least_squares import solve
@@ -61,7 +61,7 @@ def never_repeated(data: ChannelData) -> str | None:
     if len(data.runs) > 1:
         if data.kind is not ChannelKind.CONTACT or not never_returns(data.position, data.run):
             return None
-        if has_constant_velocity(data.time_s, data.position, data.run):
+        if is_one_pass(data.time_s, data.position, data.run):
             return (
                 "all runs go one way at one speed: relaxation, friction, damping and the range of the sensor "
                 "cannot be distinguished from the elastic law; hold, return, or add runs at another speed"

@@ -8,6 +8,8 @@ from palpate.robot_io.types import FloatArray, IntArray
 _MIN_RETURN = 0.02  # least travel against the main direction of a motion that returns, relative to its range
 _MAX_UNEVENNESS = 0.1  # largest time error of a motion at constant speed, relative to a run's duration
 _SAME_SPEED = 0.2  # largest relative difference between speeds that count as equal
+_PARTS = 20  # parts of a run, in one of which a hold is sought
+_HOLD_SHARE = 0.05  # largest speed in a hold, relative to the mean speed
 _MOVING_SHARE = 0.3  # speed relative to the largest one below which the motion is at rest or reverses
 
 
@@ -39,8 +41,8 @@ def never_returns(position: FloatArray, run: IntArray) -> bool:
     return len(directions) == 1 and is_monotonic(position, run)
 
 
-def has_constant_velocity(time_s: FloatArray, position: FloatArray, run: IntArray) -> bool:
-    """Return whether all runs move in one direction at one speed.
+def is_one_pass(time_s: FloatArray, position: FloatArray, run: IntArray) -> bool:
+    """Return whether all runs move in one direction at one speed, or a single run does so without a hold.
 
     Any memory is then a function of the position.
 
@@ -51,6 +53,8 @@ def has_constant_velocity(time_s: FloatArray, position: FloatArray, run: IntArra
     """
     if not never_returns(position, run):
         return False
+    if run[0] == run[-1] and not _has_hold(time_s, position):
+        return True
     speeds = []
     for rows in rows_of_runs(run):
         displacement, duration_s = position[rows] - position[rows].mean(), float(np.ptp(time_s[rows]))
@@ -78,6 +82,13 @@ def has_constant_speed(velocity: FloatArray) -> bool:
         return False
     slow, fast = np.quantile(speed[speed >= _MOVING_SHARE * np.quantile(speed, 0.95)], [0.1, 0.9])
     return bool(fast < (1.0 + _SAME_SPEED) * slow)
+
+
+def _has_hold(time_s: FloatArray, position: FloatArray) -> bool:
+    """Return whether a motion (n,) is nearly at rest for a part of its duration."""
+    even_s = np.linspace(time_s[0], time_s[-1], _PARTS + 1)
+    moved = np.abs(np.diff(np.interp(even_s, time_s, position)))
+    return bool(moved.min() < _HOLD_SHARE * np.ptp(position) / _PARTS)
 
 
 def _retreat(position: FloatArray) -> float:

@@ -14,7 +14,7 @@ from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.free_air import zero_in_free_air
-from palpate.estimation.signals.motion import has_constant_velocity, is_monotonic
+from palpate.estimation.signals.motion import is_monotonic, is_one_pass
 from tests.estimation.fits import MODEL
 from tests.estimation.presses import NOISE_N, kelvin_voigt, session
 from tests.estimation.swings import swings
@@ -106,6 +106,13 @@ def tried_on(data, *names):
     return {effect.name for effect in applicable_effects(data, MODEL, [EFFECTS[name]() for name in names])}
 
 
+@pytest.mark.parametrize(("hold_s", "hides_memory"), [(0.0, True), (5.0, False)])
+def test_memory_of_a_single_run_without_a_hold_is_a_law_of_the_position(hold_s, hides_memory):
+    t = np.arange(0.0, 20.0, 0.05)
+    x = 1e-4 * np.where(t < 10.0, t, np.maximum(t - hold_s, 10.0)) ** 2  # the speed grows
+    assert is_one_pass(t, x, np.zeros(len(t), dtype=int)) is hides_memory
+
+
 @pytest.mark.parametrize(
     ("runs", "seen"),
     [
@@ -125,7 +132,7 @@ def test_history_needs_a_hold_a_return_or_another_speed(runs, seen):
         x = speed * np.minimum(t, 10.0) - speed * np.clip(t - 10.0 - hold_s, 0.0, None)
         parts.append((t + 100.0 * number, x))
     data = pulled(parts)
-    assert has_constant_velocity(data.time_s, data.position, data.run) is not seen
+    assert is_one_pass(data.time_s, data.position, data.run) is not seen
     data = replace(data, velocity=data.acceleration)
     names = ("stress_relaxation", "power_law_stiffness", "hysteresis", "dry_friction", "hunt_crossley")
     tried = tried_on(data, *names, "deadband")
