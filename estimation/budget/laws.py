@@ -33,8 +33,10 @@ _DIRECTION_WIDTHS = (0.004, 0.02)  # widths of the change of direction, relative
 _KNOTS = (0.03, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # hinges: shares of the range, and quantiles
 _TIMES_PER_DECADE = 4  # relaxation times, from a few samples to twice the longest run
 _MIN_TIME = 0.003  # shortest relaxation time, relative to the longest run
-# Time constants and delays of sensors, relative to the standard deviation of the position over the rms speed.
-_LAGS = (0.01, 0.03, 0.1, 0.3, 1.0)
+# Time constants and delays of sensors, relative to the longest one. This is a share of the standard deviation
+# of the position over the rms speed, and at most a second: slower sensors do not serve to measure an effort.
+_LAGS = (0.03, 0.1, 0.3, 1.0)
+_LONGEST_LAG, _LONGEST_LAG_S = 0.3, 1.0
 _BISECTIONS = 4  # bisections of the intervals beside the best of them
 _ADHESION_RANGES = (0.02, 0.06, 0.2)  # ranges of adhesion, relative to the deepest indentation
 _SURFACE_HEIGHTS = (0.03, 0.1, 0.3)  # heights of the surface, relative to the deepest indentation
@@ -224,8 +226,10 @@ def _sensor_dynamics(
     """
     run = blocked.run
     step = sample_time(time_s, run)
-    motion_s = float(np.std(blocked.data.position)) / blocked.data.rms_speed
-    times = [float(lag) for lag in motion_s * np.array(_LAGS) if lag > step]
+    longest_s = min(
+        _LONGEST_LAG * float(np.std(blocked.data.position)) / blocked.data.rms_speed, _LONGEST_LAG_S
+    )
+    times = [longest_s * lag for lag in _LAGS if longest_s * lag > step]
     unchanged = (float(np.sum((blocked.effort - effort)[used] ** 2)), effort)
 
     def refitted(sense: Sense) -> tuple[float, FloatArray]:

@@ -28,8 +28,9 @@ PROMISING = 0.3  # least improvement, relative to the best candidate's, at which
 REFINED = 5  # number of candidates that are always refined
 ESSENTIAL = 0.02  # least share of the squared error that the characteristic part of an effect must explain
 _FEW_STARTS = 4  # start values in a quick screening
-# Multiple of the range of motion, of the longest run, or of the largest speed or effort, above which a path,
-# time, speed or effort is undetermined.
+_FAR_END = 0.99  # share of the upper bound above which a logarithmic parameter is undetermined
+# Multiple of the range of motion, the longest run, or the largest speed or effort, above which a parameter is
+# undetermined, depending on its unit.
 _FAR = 10.0
 _STEP = 1e-4  # step of a finite difference, relative to the deepest indentation
 _MAX_UNSTABLE = 0.01  # tolerated share of unstable samples, since a corner of the law may be as steep
@@ -276,6 +277,7 @@ def is_possible(effect: Effect, solution: Solution, problem: FitProblem) -> bool
     for parameter in effect.inner:
         size = abs(solution.parameters[f"{effect.name}.{parameter.name}"])
         low, high = shortest.get(parameter.unit, 0.0), _FAR * largest.get(parameter.unit, np.inf)
+        high = min(high, _FAR_END * parameter.upper) if parameter.log else high
         if not low <= size <= high:
             return False
     is_own = np.array([name.startswith(f"{effect.name}.") for name in solution.model.gains], dtype=np.bool_)

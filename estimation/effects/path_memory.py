@@ -294,7 +294,7 @@ class LoadedBacklash(MotionEffect):
     channels = JOINTS
     inner = (
         Parameter("gap", "{position}", 1e-9, 10.0, (1e-4, 0.1), log=True),
-        Parameter("threshold", "{effort}", 1e-15, 1e9, (1e-3, 1.0), log=True),
+        Parameter("threshold", "{effort}", 1e-12, 1e6, (1e-3, 1.0), log=True),
     )
     needs = ("load",)
     confused_with = {

@@ -34,7 +34,7 @@ class Delay(SensorEffect):
     signature = "readings keep their shape and lag behind the motion"
     signals = ("past effort",)
     channels = frozenset(ChannelKind)
-    inner = (Parameter("time", "s", -1e5, 1e5, (0.001, 0.1)),)
+    inner = (Parameter("time", "s", -0.5, 2.0, (0.001, 0.1)),)
     confused_with = {
         "lag": "make a sharp touch: a lag rounds it, a delay only shifts it",
         "damping": "hold and probe at two speeds",
@@ -67,7 +67,7 @@ class Lag(SensorEffect):
     signature = "readings lag and are smoothed; the error grows with the rate of the effort"
     signals = ("past effort",)
     channels = frozenset(ChannelKind)
-    inner = (Parameter("tau", "s", 1e-9, 1e5, (0.001, 0.2), log=True),)
+    inner = (Parameter("tau", "s", 1e-9, 1.0, (0.001, 0.2), log=True),)
     confused_with = {
         "delay": "make a sharp touch: a lag rounds it, a delay only shifts it",
         "damping": "hold and probe at two speeds",

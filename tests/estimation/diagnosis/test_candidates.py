@@ -115,6 +115,8 @@ ONES = np.ones(100)
         (Parameter("w", "{effort}", 1e-3, 99.0, (0.1, 1.0), log=True), 29.9, True),
         (Parameter("w", "{effort}", 1e-3, 99.0, (0.1, 1.0), log=True), 30.1, False),
         (Parameter("w", "1", 1e-3, 99.0, (0.1, 1.0), log=True), 98.0, True),
+        (Parameter("w", "1", 1e-3, 99.0, (0.1, 1.0), log=True), 98.1, False),  # the end of its range
+        (Parameter("w", "1", 1e-3, 99.0, (0.1, 1.0)), 98.1, True),
         (Parameter("t", "s", 1e-3, 99.0, (0.1, 1.0), log=True), 7.8, True),
         (Parameter("t", "s", 1e-3, 99.0, (0.1, 1.0), log=True), 7.9, False),
         (Parameter("t", "s", -1.0, 1.0, (0.1, 1.0)), 1 / 256, True),
