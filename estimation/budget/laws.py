@@ -80,7 +80,13 @@ class BaseColumns:
 
 
 def flexible_laws(
-    blocked: BlockedData, base: BaseColumns | None, effort: FloatArray, residual: FloatArray, used: BoolArray
+    blocked: BlockedData,
+    base: BaseColumns | None,
+    effort: FloatArray,
+    residual: FloatArray,
+    used: BoolArray,
+    *,
+    slope: FloatArray,
 ) -> list[FlexibleLaw]:
     """Build the laws of all kinds that can occur in a channel, and of the interactions between kinds.
 
@@ -91,6 +97,7 @@ def flexible_laws(
         effort: prediction of the model on blocks, shape (m,) [N or N m].
         residual: residual of the model on blocks, shape (m,); it selects the waves of the periodic law.
         used: blocks that the model is fitted to, shape (m,).
+        slope: derivative of the prediction by the position, shape (m,) [effort/position].
 
     Returns:
         Laws with at least one column. Differences between runs have no columns, see
@@ -113,7 +120,7 @@ def flexible_laws(
     laws = [
         _law(Kind.ELASTIC_SHAPE, _hinges(depth), unit_depth * np.abs(unit_depth), unit_depth**3),
         _law(Kind.RATE_DEPENDENCE, *dissipation, nonnegative=True),
-        _law(Kind.FRICTION, *_friction(blocked, unit_speed, depth, touching), nonnegative=True),
+        _law(Kind.FRICTION, *_friction(blocked, unit_speed, depth, slope, touching), nonnegative=True),
         _law(Kind.TIME_MEMORY, *relaxed(depth), nonnegative=True),
         _law((Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY), *relaxed(depth * unit_depth), nonnegative=True),
         _law(Kind.INERTIA, acceleration, nonnegative=True),
@@ -274,13 +281,17 @@ def _near_best(fits: Mapping[float, tuple[float, FloatArray]]) -> FloatArray:
 
 
 def _friction(
-    blocked: BlockedData, unit_speed: FloatArray, depth: FloatArray, touching: FloatArray
+    blocked: BlockedData, unit_speed: FloatArray, depth: FloatArray, slope: FloatArray, touching: FloatArray
 ) -> list[FloatArray]:
+    """Build the columns of friction; and of a joint's play, in which the link lags behind the position."""
     directions = [np.tanh(unit_speed / share) for share in _DIRECTION_WIDTHS]
+    paths = [reversal_memory(depth, blocked.run, share) * touching for share in _REVERSAL_PATHS]
     columns = [
         *(half(direction, 0.0) for direction in directions for half in (np.maximum, np.minimum)),
-        *(reversal_memory(depth, blocked.run, share) * touching for share in _REVERSAL_PATHS),
+        *paths,
     ]
+    if blocked.data.kind is not ChannelKind.CONTACT and slope.any():
+        columns += [-slope * path for path in paths]
     if "load" in blocked.data.context:
         columns.append(directions[-1] * np.abs(blocked.reduce(blocked.data.context["load"])))
     return columns

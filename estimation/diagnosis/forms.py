@@ -35,6 +35,7 @@ from palpate.estimation.fit.normal_equations import held_out_sse, nuisance_of
 from palpate.estimation.fit.smoothing_bias import fit_smoothing_bias
 from palpate.estimation.kinds import SENSOR_KINDS, Kind
 from palpate.estimation.model import Model
+from palpate.estimation.signals.runwise import shifted_motion
 from palpate.robot_io.types import FloatArray
 
 _RIDGES = (1e-6, 1e-4, 1e-2)  # tried ridge penalties of a law
@@ -46,6 +47,7 @@ SLOW = 1.5  # ratio of the error to the noise above which the error is slower th
 _EXACT = 0.01  # largest mean square that the kind's law adds to an exact form, relative to the form's own
 _MAX_SETS = 4  # sets of kinds whose forms are compared
 _ROUNDS = 2  # rounds of backfitting
+_STEP = 1e-4  # step of a derivative by the position, relative to the range of motion
 
 
 class Form(StrEnum):
@@ -207,8 +209,21 @@ def error_of_kinds(start: FitResult) -> HeldOutError:
     # it.
     has_spring = any(effect.kind is Kind.ELASTIC_SHAPE for effect in solution.model.effects)
     refitted = None if has_spring else base
-    laws = flexible_laws(blocked, refitted, blocked.effort - solution.residual, solution.residual, used)
+    slope = blocked.reduce(_slope_by_position(start))
+    laws = flexible_laws(
+        blocked, refitted, blocked.effort - solution.residual, solution.residual, used, slope=slope
+    )
     return HeldOutError(base, laws, target, blocked, used)
+
+
+def _slope_by_position(fit: FitResult) -> FloatArray:
+    """Return the derivative of the predicted effort by the position, shape (n,)."""
+    data, step, zero = fit.data, _STEP * fit.data.range_of_motion, np.zeros(len(fit.data))
+    efforts = [
+        fit.model.predict(shifted_motion(data, np.full(len(data), part), zero, zero), fit.solution.parameters)
+        for part in (step, -step)
+    ]
+    return np.asarray((efforts[0] - efforts[1]) / (2.0 * step))
 
 
 def replacing_kinds(search: Search, end: FitResult) -> dict[str, dict[Kind, float]]:

@@ -78,7 +78,8 @@ def test_sensor_statics_law_has_a_gain_unless_the_base_model_scales(scaled):
     effort = blocked.effort - fit.solution.residual
     column = (effort if scaled else np.sin(blocked.reduce(blocked.data.time_s)))[:, None]
     base = BaseColumns(column, np.ones(1), np.zeros(1), np.ones(1, bool))
-    laws = flexible_laws(blocked, base, effort, fit.solution.residual, fit.problem.used)
+    slope = np.zeros(len(effort))
+    laws = flexible_laws(blocked, base, effort, fit.solution.residual, fit.problem.used, slope=slope)
     (statics,) = (law for law in laws if law.kinds == {Kind.SENSOR_STATICS})
     assert bool(np.any(np.all(effort == statics.columns.T, axis=1))) is not scaled
 

@@ -12,7 +12,7 @@ from palpate.estimation.diagnosis.forms import analyze_kinds, error_of_kinds
 from palpate.estimation.kinds import Kind
 from tests.estimation.presses import NOISE_N, K, kelvin_voigt, maxwell, session
 from tests.estimation.searches import PRESS, ROTOR, SWING, searched
-from tests.estimation.swings import swings
+from tests.estimation.swings import WEIGHT, swings
 
 pytestmark = pytest.mark.usefixtures("whole_budget")
 
@@ -214,3 +214,18 @@ def test_law_uses_only_its_own_signals():
     assert not rate.columns.any()
     assert all(np.isfinite(law.columns).all() for law in laws)
     assert all(len(law.nonnegative) == law.columns.shape[1] for law in laws)
+
+
+def test_friction_law_describes_a_link_that_lags_behind_its_motor():
+    """The weight acts at the angle of the link, which rests until the motor has crossed the play."""
+
+    def play(q, v, a, gap=0.1, runs=3):
+        link = np.empty_like(q).reshape(runs, -1)
+        for number, angles in enumerate(q.reshape(runs, -1)):
+            angle = angles[0]
+            for i, motor in enumerate(angles):
+                angle = link[number, i] = min(max(angle, motor - gap / 2), motor + gap / 2)
+        return WEIGHT * (np.sin(link.ravel()) - np.sin(q))
+
+    first = analysed(swings(1, play)).budget.entries[0]
+    assert (first.kind, first.share > 0.9) == (Kind.FRICTION, True)
