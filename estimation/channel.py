@@ -229,6 +229,11 @@ class ChannelData:
         return float(np.sqrt(np.mean(self.velocity**2))) or 1.0
 
     @property
+    def time_scale(self) -> float:
+        """Time scale of the motion, 1/w for a sine of frequency w [s]; 1 for a channel at rest."""
+        return float(np.std(self.position)) / self.rms_speed or 1.0
+
+    @property
     def range_of_motion(self) -> float:
         """Range of the position (maximum minus minimum); 1 for a channel at rest."""
         return float(np.ptp(self.position)) or 1.0

@@ -32,11 +32,11 @@ _REVERSAL_PATHS = (0.001, 0.003, 0.01, 0.04, 0.15, 0.5)  # lengths of reversal m
 _DIRECTION_WIDTHS = (0.004, 0.02)  # widths of the change of direction, relative to the rms speed
 _KNOTS = (0.03, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # hinges: shares of the range, and quantiles
 _TIMES_PER_DECADE = 4  # relaxation times, from a few samples to twice the longest run
-_MIN_TIME = 0.003  # shortest relaxation time, relative to the longest run
-# Time constants and delays of sensors, relative to the longest one. This is a share of the standard deviation
-# of the position over the rms speed, and at most a second: slower sensors do not serve to measure an effort.
+_MIN_TIME = 0.03  # shortest relaxation time, relative to the time scale of the motion
+# Time constants and delays of sensors, relative to the longest one. It is a multiple of the time scale of the
+# motion, and at most 0.3 s: slower sensors hardly serve to measure an effort.
 _LAGS = (0.03, 0.1, 0.3, 1.0)
-_LONGEST_LAG, _LONGEST_LAG_S = 0.3, 1.0
+_LONGEST_LAG, _LONGEST_LAG_S = 3.0, 0.3
 _BISECTIONS = 4  # bisections of the intervals beside the best of them
 _ADHESION_RANGES = (0.02, 0.06, 0.2)  # ranges of adhesion, relative to the deepest indentation
 _SURFACE_HEIGHTS = (0.03, 0.1, 0.3)  # heights of the surface, relative to the deepest indentation
@@ -113,7 +113,7 @@ def flexible_laws(
 
     zero, error = zero_in_free_air(data), np.mean(residual[used] ** 2)
     has_bias = zero is None or not (zero.is_zero or zero.bias**2 < _MIN_BIAS_SHARE * error)
-    relaxed = _relaxation(time_s, run, touching, is_contact=is_contact)
+    relaxed = _relaxation(time_s, run, touching, _MIN_TIME * data.time_scale, is_contact=is_contact)
     # forces that oppose the motion and grow with speed: linearly, faster and slower
     fast = np.abs(unit_speed)
     dissipation = (unit_speed, unit_speed * fast, unit_speed**3, unit_speed / (1.0 + fast))
@@ -208,11 +208,11 @@ def _hinges(signal: FloatArray) -> FloatArray:
 
 
 def _relaxation(
-    time_s: FloatArray, run: IntArray, touching: FloatArray, *, is_contact: bool
+    time_s: FloatArray, run: IntArray, touching: FloatArray, shortest_s: float, *, is_contact: bool
 ) -> Callable[[FloatArray], list[FloatArray]]:
-    """Return a function that relaxes a strain (m,) with each of several time constants."""
-    step, duration_s = sample_time(time_s, run), longest_run(time_s, run)
-    shortest, longest = max(4.0 * step, _MIN_TIME * duration_s), max(2.0 * duration_s, 40.0 * step)
+    """Return a function that relaxes a strain (m,) with several time constants from `shortest_s` on."""
+    step = sample_time(time_s, run)
+    shortest, longest = max(4.0 * step, shortest_s), max(2.0 * longest_run(time_s, run), 40.0 * step)
     taus = np.geomspace(shortest, longest, round(_TIMES_PER_DECADE * np.log10(longest / shortest)) + 1)
 
     def relaxed(strain: FloatArray) -> list[FloatArray]:
@@ -233,9 +233,7 @@ def _sensor_dynamics(
     """
     run = blocked.run
     step = sample_time(time_s, run)
-    longest_s = min(
-        _LONGEST_LAG * float(np.std(blocked.data.position)) / blocked.data.rms_speed, _LONGEST_LAG_S
-    )
+    longest_s = min(_LONGEST_LAG * blocked.data.time_scale, _LONGEST_LAG_S)
     times = [longest_s * lag for lag in _LAGS if longest_s * lag > step]
     unchanged = (float(np.sum((blocked.effort - effort)[used] ** 2)), effort)
 

@@ -20,7 +20,7 @@ from palpate.estimation.fit.normal_equations import (
 from palpate.estimation.fit.smoothing_bias import DifferentiationFilter, fit_smoothing_bias
 from palpate.estimation.signals.blocks import since_start
 from palpate.estimation.signals.exponential_memory import low_pass, relax
-from palpate.estimation.signals.runwise import derivative, longest_run, play, running_max, sample_time, shift
+from palpate.estimation.signals.runwise import derivative, play, running_max, sample_time, shift
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _RIDGES = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1)
@@ -167,7 +167,7 @@ _KNOTS = 9  # number of knots at quantiles of the samples
 _EVEN_KNOTS = 13  # number of knots at even distances over the range
 _WAVES = 24
 _SHARPNESS = (0.004, 0.02)  # widths of the change of direction, relative to the rms speed
-_MEMORIES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)  # time constants of the memory, relative to the longest run
+_MEMORIES = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0)  # time constants, relative to the time scale of the motion
 _LAGS = (1.0, 3.0, 10.0, 30.0)  # time constants of the effort's memory, in blocks
 _TURNS = (0.001, 0.003, 0.01, 0.04, 0.15)  # path lengths of reversal memory, relative to the range
 _CONTEXT = frozenset({"joint_position", "joint_velocity", "load"})
@@ -234,7 +234,7 @@ def _past(blocked: BlockedData) -> FloatArray:
     signals = (data.position, data.time_s, data.engaged.astype(np.float64))
     x, time_s, touching = map(blocked.reduce, signals)
     pressed, a = (blocked.reduce(s * data.engaged) for s in (data.position, data.acceleration))
-    times = longest_run(time_s, run) * np.array(_MEMORIES)
+    times = data.time_scale * np.array(_MEMORIES)
     if blocked.data.kind is ChannelKind.CONTACT:
         fading = [relax(pressed, time_s, run, tau) for tau in times]
     else:

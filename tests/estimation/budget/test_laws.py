@@ -228,4 +228,4 @@ def test_friction_law_describes_a_link_that_lags_behind_its_motor():
         return WEIGHT * (np.sin(link.ravel()) - np.sin(q))
 
     first = analysed(swings(1, play)).budget.entries[0]
-    assert (first.kind, first.share > 0.9) == (Kind.FRICTION, True)
+    assert (first.kind, first.share > 0.8) == (Kind.FRICTION, True)
