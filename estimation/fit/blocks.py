@@ -43,7 +43,7 @@ LUMPED = "lumped_inertia_effort"  # part of the load that may act on the drive's
 # torque that accelerates a rotor does not pass through the gear.
 HEAVY = frozenset({"pendulum", "rigid_body", "rigid_body_fitted", "payload", "gravity_tilt", "weight"})
 CARRYING = HEAVY | {"inertia"}
-_LUMPED = {"inertia": "m", "pendulum": "inertia"}  # gains that contain the inertias of link and rotor
+LUMPED_GAINS = {"inertia": "m", "pendulum": "inertia"}  # gains that contain the inertias of link and rotor
 
 
 @dataclass(frozen=True)
@@ -368,7 +368,7 @@ def with_load(data: ChannelData, model: Model, parameters: Mapping[str, float]) 
         return data
     signals = {LOAD: carrying.predict(data, parameters)}
     names = {effect.name for effect in carrying.effects}
-    if names & _LUMPED.keys() and names - {"inertia"}:
-        inertia = sum(parameters[f"{name}.{_LUMPED[name]}"] for name in names & _LUMPED.keys())
+    if names & LUMPED_GAINS.keys() and names - {"inertia"}:
+        inertia = sum(parameters[f"{name}.{LUMPED_GAINS[name]}"] for name in names & LUMPED_GAINS.keys())
         signals[LUMPED] = inertia * data.acceleration
     return replace(data, context={**data.context, **signals})

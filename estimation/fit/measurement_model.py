@@ -34,6 +34,7 @@ _MAX_TRIED = 4000  # samples used to recognize the filter that derived a velocit
 _FORMULA_TOLERANCE = 1e-6  # relative tolerance on a derivative that another formula computed
 _REACH_S = 0.03  # time difference at which positions are compared; encoder noise is negligible there
 _MIN_STEPS = 3  # samples
+_MAX_ERROR_SHARE = 0.5  # largest share of the error in the mean square of a resolved acceleration
 _pieces = cache_by_array(number_pieces)  # derivatives are computed separately between gaps in time
 
 
@@ -142,6 +143,20 @@ def _identify(data: ChannelData) -> MeasurementModel:
     filtered = tuple(map(partial(_apply_filter, data), exact, filters, orders))
     settings = halves, step, is_staircase, filters, is_of_velocity
     return MeasurementModel(data, error, velocity_error, *settings, exact, filtered)
+
+
+def is_acceleration_resolved(data: ChannelData) -> bool:
+    """Return whether the acceleration of a channel is larger than the error with which it was derived.
+
+    Otherwise an inertia cannot be fitted: the mass would only weigh reading errors.
+
+    Args:
+        data: the channel.
+    """
+    measurement = identify_measurement_model(data)
+    simulated = measurement.simulate(np.random.default_rng(0)).acceleration
+    error = np.mean((simulated - measurement.bent[1]) ** 2)
+    return bool(error <= _MAX_ERROR_SHARE * np.mean(data.acceleration**2))
 
 
 def shuffle_noise(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> FloatArray:

@@ -11,6 +11,8 @@ import numpy as np
 from palpate.estimation.base_model import Arm, ModelContext
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.effect import Effect
+from palpate.estimation.fit.blocks import LUMPED_GAINS
+from palpate.estimation.fit.measurement_model import is_acceleration_resolved
 from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
 from palpate.estimation.study.source import DataSource
@@ -106,7 +108,24 @@ def channel_of(data: ChannelData, model: str, arm: Arm, held_out: tuple[int, ...
                 f"channel '{data.name}': all runs are held out; leave at least one run to fit to"
             )
         sha256 = hashlib.sha256(f"{sha256} {held_out}".encode()).hexdigest()  # held-out runs change all fits
-    return StudyChannel(data, MODELS[model]().build(context), context, sha256, held_out=held_out)
+    return StudyChannel(data, base_model(data, model, context), context, sha256, held_out=held_out)
+
+
+def base_model(data: ChannelData, model: str, context: ModelContext) -> Model:
+    """Build the base model of a channel; its inertia is held at zero if the data do not resolve it.
+
+    Args:
+        data: the measured channel.
+        model: name of the base model.
+        context: further information that the model may need.
+
+    Raises:
+        InputError: the model is unknown or lacks required information.
+    """
+    built = MODELS[model]().build(context)
+    inertias = [f"{name}.{gain}" for name, gain in LUMPED_GAINS.items() if f"{name}.{gain}" in built.gains]
+    is_held = inertias and not is_acceleration_resolved(data)
+    return replace(built, held=dict.fromkeys(inertias, 0.0)) if is_held else built
 
 
 def default_model(channel: ChannelData, arm: Arm) -> str:
