@@ -43,6 +43,7 @@ _EXCESS_OF_LINE = 3.0  # least ratio of an error to its part without an oscillat
 _MIN_SHARED = 0.5  # least share of the residual's variance that neighboring blocks have in common
 _SAMPLES = 4  # number of bootstrap samples; the largest one is compared
 _SMOOTH_GROWTH = 1.6  # growth of differences at twice the distance; a random walk, the slowest noise: sqrt(2)
+_NEGLIGIBLE = 0.1  # largest share of the residual that errors of the motion cause where they do not matter
 _MIN_REACH = 0.05  # least share of the longest run over which differences must grow
 _MIN_BLOCKS = 40  # blocks needed in contact and in free air, or in motion and at rest
 _PROMINENT = 40.0  # height of a spectral line relative to the median around it; noise reaches 10
@@ -280,7 +281,7 @@ def _excess(
         noise = still
     elif np.any(air := _free_air_on_blocks(blocked)):
         noise = air
-    elif white := _white_noise(fit, residual):
+    elif white := _white_noise(fit, residual, _motion_noise(fit, measurement, rng)):
         noise, reference = rng.normal(0.0, white, len(blocked)), "of neighboring readings"
         least = _EXCESS_OF_WHITE
     else:
@@ -313,18 +314,26 @@ def _free_air_on_blocks(blocked: BlockedData) -> FloatArray:
     return np.concatenate(means)
 
 
-def _white_noise(fit: FitResult, residual: FloatArray) -> float | None:
+def _motion_noise(fit: FitResult, measurement: MeasurementModel, rng: np.random.Generator) -> float:
+    """Return the error of the prediction that errors of the measured motion cause [effort]."""
+    motions = (measurement.simulate(rng), measurement.simulate(rng, share=0.0))
+    efforts = [fit.model.predict(motion, fit.solution.parameters) for motion in motions]
+    return rmse(fit.problem.blocked.reduce(np.subtract(*efforts))[fit.problem.used])
+
+
+def _white_noise(fit: FitResult, residual: FloatArray, motion_noise: float) -> float | None:
     """Return the standard deviation of the white part of a residual (m,); None if all may be noise.
 
     Differences of white noise do not depend on the distance. Those of a random walk grow by sqrt(2) if the
     distance doubles. Faster growth indicates a smooth signal, except over a small part of a run, where it may
-    be the noise of a filtered sensor. Distances exceed the window from which velocity was derived. P. Hall,
-    J. W. Kay, D. M. Titterington, Biometrika 77 (1990).
+    be the noise of a filtered sensor. Distances exceed the window from which velocity was derived, unless
+    errors of the motion hardly matter. P. Hall, J. W. Kay, D. M. Titterington, Biometrika 77 (1990).
     """
     blocked = fit.problem.blocked
     runs = rows_of_runs(blocked.run)
     longest = max(len(rows) for rows in runs)
     widest = max((half for windows in fit.filters for half, _ in windows), default=0)
+    widest = widest if motion_noise > _NEGLIGIBLE * rmse(residual) else 0
     distance = 1 + widest // blocked.rows.shape[1]
     if white := fast_noise(fit.data):
         return white / float(np.sqrt(blocked.rows.shape[1]))

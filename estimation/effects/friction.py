@@ -7,6 +7,7 @@ import numpy as np
 from palpate.estimation.channel import JOINTS, ChannelData
 from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, Parameters, start_grid
 from palpate.estimation.kinds import Kind
+from palpate.estimation.signals.motion import never_returns
 from palpate.robot_io.types import FloatArray
 
 TRANSITION = Parameter("transition", "{position}/s", 1e-9, 1e3, (1e-4, 0.05), log=True)
@@ -162,6 +163,10 @@ class PositionDependentFriction(AdditiveEffect):
         "load_dependent_friction": "repeat with another load at the same places",
         "coulomb_friction": "move over a wide range",
     }
+
+    def applies_to(self, data: ChannelData) -> bool:
+        """See `Effect.applies_to`: in one direction, it cannot be told from any law of the position."""
+        return super().applies_to(data) and not never_returns(data.position, data.run)
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         sliding = np.tanh(data.velocity / inner["transition"])

@@ -25,7 +25,7 @@ from palpate.estimation.data.derivatives import (
 )
 from palpate.estimation.signals.blocks import blocks, equal_length_blocks, number_pieces
 from palpate.estimation.signals.cache_by_array import IdentityKey, cache_by_array, cache_by_channel_arrays
-from palpate.estimation.signals.runwise import is_even, shifted_motion
+from palpate.estimation.signals.runwise import is_even, sample_time, shifted_motion
 from palpate.robot_io.types import FloatArray, IntArray
 
 _MAX_WEIGHTS = 4_000_000  # largest size of an operator that is kept in memory
@@ -34,6 +34,7 @@ _MAX_TRIED = 4000  # samples used to recognize the filter that derived a velocit
 _FORMULA_TOLERANCE = 1e-6  # relative tolerance on a derivative that another formula computed
 _REACH_S = 0.03  # time difference at which positions are compared; encoder noise is negligible there
 _MIN_STEPS = 3  # samples
+_ROUNDING = 1e-12  # rounding error of a computed position, relative to the range of motion
 _MAX_ERROR_SHARE = 0.5  # largest share of the error in the mean square of a resolved acceleration
 _pieces = cache_by_array(number_pieces)  # derivatives are computed separately between gaps in time
 
@@ -155,7 +156,8 @@ def is_acceleration_resolved(data: ChannelData) -> bool:
     """
     measurement = identify_measurement_model(data)
     simulated = measurement.simulate(np.random.default_rng(0)).acceleration
-    error = np.mean((simulated - measurement.bent[1]) ** 2)
+    rounding = _ROUNDING * data.range_of_motion / sample_time(data.time_s, data.run) ** 2
+    error = np.mean((simulated - measurement.bent[1]) ** 2) + rounding**2
     return bool(error <= _MAX_ERROR_SHARE * np.mean(data.acceleration**2))
 
 

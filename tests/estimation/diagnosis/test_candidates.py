@@ -318,3 +318,11 @@ def test_object_deeper_than_its_tip_came_cannot_snap_through(share, snaps):
 
     solution = SimpleNamespace(parameters={"tool_compliance.compliance": compliance}, model=Object())
     assert _snaps(solution, SimpleNamespace(blocked=SimpleNamespace(data=data))) is snaps
+
+
+@pytest.mark.parametrize(
+    ("data", "applies"), [(swings(1), True), (one_way_turns(lambda q, v: 0.0 * q), False)]
+)
+def test_friction_over_the_position_is_seen_only_if_the_motion_reverses(data, applies):
+    effect = EFFECTS["position_dependent_friction"]()
+    assert (applicable_effects(data, Model("m", ()), [effect]) != ()) is applies

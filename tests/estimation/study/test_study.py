@@ -10,16 +10,23 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 from palpate.estimation.base_model import NO_ARM, Arm
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.diagnosis.extension import PackedFit
+from palpate.estimation.diagnosis.residual_checks import exceeds_noise
 from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.study import ModelStudy, fits, fitting
+from palpate.estimation.study.channels import channel_of
 from palpate.estimation.study.saved_diagnosis import RESULT, with_checksum
 from palpate.robot_io.errors import InputError
 from tests.estimation.fits import cubic
 from tests.estimation.presses import session
+from tests.estimation.searches import searched
 from tests.estimation.study.joints import joints
 from tests.few_effects import try_few_effects
 from tests.palpate.presses import write_presses
@@ -318,3 +325,30 @@ def test_results_are_tables_in_a_notebook(pressed):
         assert result._repr_html_().startswith("<table>")
         assert words in str(result)
         assert max(map(len, str(result).splitlines())) <= 110
+
+
+def pulled_springs(motion_m):
+    """Three runs on each of three springs, with steps of a micrometer and a force sensor that filters."""
+    t, run = np.tile(np.arange(82) * 0.9, 9), np.repeat(np.arange(9), 82)
+    x = np.round(motion_m(t) / 1e-6) * 1e-6
+    motion = differentiate(t, x, run)
+    stiffness = np.array([4e3, 5e3, 6e3])[run // 3]
+    noise = gaussian_filter1d(np.random.default_rng(1).normal(0.0, 8.0, (9, 82)), 3.0, axis=1).ravel()
+    force = stiffness * x * (1.0 - 2.0 * x) + noise
+    derived = (motion.velocity, motion.acceleration)
+    return ChannelData("joint_1", ChannelKind.PRISMATIC, t, x, *derived, force, run, np.full(len(x), -1))
+
+
+def test_inertia_is_held_at_zero_if_the_acceleration_is_only_reading_error():
+    for speed_m_s in (0.0018, 0.0018123):  # whole steps between readings, and rounded ones
+        steady = channel_of(pulled_springs(lambda t, v=speed_m_s: v * t), "spring_mass_damper", NO_ARM)
+        assert steady.model.held == {"inertia.m": 0.0}
+    swinging = channel_of(pulled_springs(lambda t: 0.06 - 0.06 * np.cos(t)), "spring_mass_damper", NO_ARM)
+    assert not swinging.model.held
+
+
+def test_smooth_residual_is_no_noise_even_if_the_velocity_was_smoothed_over_most_of_a_run():
+    channel = channel_of(pulled_springs(lambda t: 0.0018 * t), "spring_mass_damper", NO_ARM)
+    start = searched(channel.data, base=channel.model).start
+    excess = exceeds_noise(start, identify_measurement_model(channel.data), np.random.default_rng(0))
+    assert excess.acting == pytest.approx(start.rmse, rel=0.1)
