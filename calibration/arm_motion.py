@@ -336,7 +336,7 @@ _SETTLE_S = 0.3
 
 
 class FreeMotion:
-    """Base class of motions without contact: tracking, monitoring of the force, and the output.
+    """Tracking of a motion without contact, with monitoring of the force, and its output.
 
     Args:
         body: model of the arm.
