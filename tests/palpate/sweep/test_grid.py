@@ -161,6 +161,20 @@ def test_equation_3_gives_table_1(cube):
     assert cube.stiffness_n_m == pytest.approx(cube.k_equation_3, rel=1e-4)
 
 
+TABLE_2 = """
+A 5021.53 4939.1 5034.99 115.11 313.81 74.25
+B 7424.5 7311.2 7259.26 84.02 119.2 4.39
+"""  # k and then c by least squares, RANSAC and SPRLS
+
+
+def test_estimates_on_the_cubes_are_those_of_the_paper():
+    for cube, line in zip(CUBES, TABLE_2.split("\n")[1:-1], strict=True):
+        name, *numbers = line.split()
+        assert cube.name == name
+        estimates = [of[method] for of in (cube.k, cube.c) for method in ("lsq", "ransac", "sprls")]
+        assert estimates == [float(number) for number in numbers]
+
+
 def test_grid_without_settings_repeats_the_paper_s_runs(tmp_path):
     found = grid(tmp_path)
     assert found.speeds_mm_s == ((150.0, 90.0, 60.0),)
