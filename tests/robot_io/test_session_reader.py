@@ -1,10 +1,12 @@
 import os
 import stat
+import struct
 import tracemalloc
 import zipfile
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 import pytest
@@ -253,6 +255,10 @@ def test_junk_after_a_good_beginning_never_breaks_the_reader(tmp_path, whole, ju
     assert session is None or session.truncated
 
 
+LOST_MESSAGE = struct.pack("<BQHIQQ", Opcode.MESSAGE, 22, 9, 0, 0, 0)  # of channel 9
+CHUNK_OF_IT = struct.pack("<QQQIIQ", 0, 0, 31, crc32(LOST_MESSAGE), 0, 31) + LOST_MESSAGE
+
+
 @pytest.mark.parametrize(
     ("opcode", "content", "said"),
     [
@@ -261,6 +267,7 @@ def test_junk_after_a_good_beginning_never_breaks_the_reader(tmp_path, whole, ju
         (Opcode.CHUNK, bytes(16) + b"\xff" * 8 + bytes(16), "a chunk of 18446744073709551615 bytes"),
         (Opcode.CHUNK, bytes(16) + b"\1\0\x40" + bytes(21), "a chunk of 4194305 bytes; at most 4194304"),
         (Opcode.CHUNK, bytes(16) + b"\0\0\x40" + bytes(21), "the checksum of a chunk"),
+        (Opcode.CHUNK, CHUNK_OF_IT, r"damaged: a message belongs to no channel \(9\)"),
     ],
 )
 def test_damage_in_a_finished_file_is_reported(tmp_path, whole, opcode, content, said):
