@@ -317,9 +317,11 @@ class EmulatedServo(LineServo):
 
     def watch(self, now_s: float) -> None:
         """See `LineServo.watch`: checks the bus watchdog."""
+        silent_s = now_s - self.heard_s
+        if silent_s <= WATCHDOG_UNIT_S:  # the shortest limit
+            return
         limit = self.memory.get(BUS_WATCHDOG)
-        on = self.memory.get(TORQUE_ENABLE)
-        if on and limit > 0 and now_s - self.heard_s > limit * WATCHDOG_UNIT_S:
+        if self.memory.get(TORQUE_ENABLE) and 0.0 < limit * WATCHDOG_UNIT_S < silent_s:
             self.memory.put(BUS_WATCHDOG, -1)
             self.memory.put(GOAL_CURRENT, 0)
             self._exert()

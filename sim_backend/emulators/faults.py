@@ -173,6 +173,8 @@ class FrameWire(EmulatedWire, Generic[Frame]):
 
     def _deliver_late(self, now_s: float) -> None:
         """Send frames that were delayed until now."""
+        if not self._late:
+            return
         due = [frame for due_s, frame in self._late if due_s <= now_s]
         self._late = [late for late in self._late if late[0] > now_s]
         for frame in due:

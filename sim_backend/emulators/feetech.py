@@ -133,12 +133,13 @@ class EmulatedSts(LineServo):
 
         Args:
             address: address of the first byte.
-            size: bytes.
+            size: bytes, 1 or 2.
 
         Returns:
             The value, without a sign.
         """
-        return int.from_bytes(self._memory[address : address + size], "little")
+        low = self._memory[address]
+        return low if size == 1 else low | self._memory[address + 1] << 8
 
     def put(self, address: int, value: int, size: int = 2) -> None:
         """Set a value from inside the servo; nothing is checked.

@@ -124,7 +124,7 @@ class SerialReader:
             return
         try:
             readable, _, _ = select.select([self._file_descriptor], [], [], wait_s)
-            pieces = self._receive() if readable else [b""]
+            pieces = self._receive() if readable else []
         except EOFError:
             self.failure = "the port was unplugged"
             return
