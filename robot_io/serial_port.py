@@ -162,8 +162,10 @@ class SerialPort:
             DeviceError: the port is closed or gone.
         """
         if isinstance(self._clock, SimulatedClock):
-            while not (data := self.read()) and self._clock.now_s() < deadline_s:
+            data = self.read()
+            while not data and self._clock.now_s() < deadline_s:
                 self._clock.sleep_until(min(deadline_s, self._clock.now_s() + _LOOK_S))
+                data = self.read_all()
             if data:
                 return data
         remaining_s = max(0.0, deadline_s - self._clock.now_s())

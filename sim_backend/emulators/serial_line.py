@@ -2,6 +2,7 @@
 
 import errno
 import os
+import select
 import tty
 from abc import ABC, abstractmethod
 from math import inf
@@ -185,10 +186,12 @@ class PtyLine(SensorWire):
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
+        self._poll = select.poll()
+        self._poll.register(self._master, select.POLLIN)
         self.path = os.ttyname(self._slave)
 
     def receive(self, now_s: float) -> None:
-        if self._master is None:
+        if self._master is None or not self._poll.poll(0):  # faster than a read that fails
             return
         try:
             data = os.read(self._master, 65536)

@@ -74,6 +74,8 @@ class SerialReader:
     def __init__(self, file_descriptor: int, stream: ReadingStream, clock: Clock, capacity_n: float) -> None:
         self._is_prompt = False  # whether the bytes have just arrived
         self._file_descriptor, self._stream, self._clock = file_descriptor, stream, clock
+        self._poll = select.poll()
+        self._poll.register(file_descriptor, select.POLLIN)
         self._looked_s = clock.now_s()
         self._to_discard, self._discard_next = 0, _DISCARD
         self._good = 0  # readings since the last damaged one
@@ -123,8 +125,7 @@ class SerialReader:
         if self.failure is not None or self._stop.is_set():
             return
         try:
-            readable, _, _ = select.select([self._file_descriptor], [], [], wait_s)
-            pieces = self._receive() if readable else []
+            pieces = self._receive() if self._poll.poll(1e3 * wait_s) else []
         except EOFError:
             self.failure = "the port was unplugged"
             return
