@@ -44,7 +44,7 @@ class Browser:
         monkeypatch.setattr(events, "background_tasks", later)
 
     def _time(self, period_s, work, once=False):
-        self.timers.append(SimpleNamespace(period_s=period_s, work=work, active=True))
+        self.timers.append(SimpleNamespace(period_s=period_s, work=work, once=once, active=True))
         self.timers[-1].deactivate = partial(setattr, self.timers[-1], "active", False)
         return self.timers[-1]
 
@@ -140,7 +140,7 @@ def interval(browser, name):
     return value, text
 
 
-def test_page_shows_the_fit_of_each_choice_and_its_steps(opened, browser, state):
+def test_page_shows_the_fit_of_each_choice_and_its_steps(opened, browser, state, monkeypatch):
     async def work(page):
         base = state.show().fitted
         assert stated_error(browser)[0] == base.rmse
@@ -149,6 +149,8 @@ def test_page_shows_the_fit_of_each_choice_and_its_steps(opened, browser, state)
         assert not page._undo.enabled
         assert {"press.csv", "base model kelvin_voigt"} <= set(browser.texts())
         offered, numbers = [], []
+        rough = replace(state.show(state.toggled("cubic_stiffness")), is_rough=True)
+        monkeypatch.setattr(state, "preview", lambda choice: rough)
         page._diagnosis.offer = offered.append
         shown = page._error._number.set_content
         page._error._number.set_content = lambda html: numbers.append(html) or shown(html)
@@ -434,6 +436,7 @@ def test_slider_over_a_narrow_range_is_linear(browser):
         )
         (slider,) = browser.all(ui.slider)
         assert (slider.value, browser.texts()) == (25.0, ["a = 1.5 rad"])
+        assert (slider.props["min"], slider.props["max"]) == (0.0, 100.0)
         await browser.send(slider, "update:modelValue", 75.0)
         assert (restyled, browser.texts()) == ([2.5], ["a = 2.5 rad"])
 

@@ -110,7 +110,8 @@ def test_model_is_drawn_over_position_and_velocity(data):
     one = state_figure(DrawnMotion.of(data, (2,)), None)["data"][0]["x"]
     assert not np.isnan(one).any()
     narrow = figure["narrow"]
-    assert narrow["yaxis"]["domain"][0] > narrow["yaxis2"]["domain"][1]
+    ends = [0.0, *narrow["yaxis2"]["domain"][1:], *narrow["yaxis"]["domain"], 1.0]
+    assert ends == sorted(ends)
     wide = figure["layout"]
     ends = [end for panel in ("xaxis", "xaxis2") for end in wide[panel]["domain"]]
     assert ends == sorted(set(ends))
@@ -600,6 +601,7 @@ def test_other_files_are_offered_newest_first(browser, monkeypatch, tmp_path):
         assert "palpate workbench" in browser.texts()
         assert browser.marked("probe").text == "Probe the simulated arm"
         (begin,) = browser.timers  # of a correction of its columns
+        assert begin.once
         await begin.work()
         assert "old.csv: no rows of data" in browser.said[0]
         buttons = [each.text for each in browser.all(ui.button)]
