@@ -59,6 +59,7 @@ def test_kernel_smooths_like_the_differentiation_window(order, block, least, len
     )
     kernel = smoothing_kernel(20, order, block)
     assert len(kernel) == length  # a block beyond the window on each side
+    assert not kernel.flags.writeable  # it is shared by all who ask for it
     inside = slice(len(kernel), -len(kernel))
     smooth, derived, exact = (s[inside] for s in (np.convolve(exact, kernel, mode="same"), derived, exact))
     assert np.std(smooth - derived) < least * np.std(exact - derived)
