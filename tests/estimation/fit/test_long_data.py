@@ -244,3 +244,16 @@ def test_stretches_of_one_recording_share_their_zero(cut, monkeypatch):
         ModelStudy(DataSource("swings.csv", (whole,))).diagnose(judge=judge)
     assert "coulomb_friction" in tried
     assert ("run_offset" in tried) is not cut
+
+
+@pytest.mark.parametrize(("most", "chosen"), [(4_000, 20), (2_000, 10)])
+def test_stretches_without_motion_are_dropped_before_others(most, chosen, monkeypatch):
+    monkeypatch.setattr(long_data, "_MAX_SAMPLES", most)
+    time_s = np.arange(8000) / RATE_HZ
+    position = np.where(time_s < 4.0, np.sin(2.0 * np.pi * 5.0 * time_s), 0.0)  # 20 of 40 stretches
+    joint = channel(position, position, np.zeros(8000, dtype=int), ChannelKind.REVOLUTE)
+    short, words, run_of = long_data._fewer_stretches(joint, np.empty(0, dtype=int))
+    assert len(short.runs) == chosen
+    assert short.time_s.max() < 4.0
+    assert f"{chosen} of the 20 stretches (of 40) that cover at least 30 % of the motion" in words
+    assert {*run_of.values()} == {0}
