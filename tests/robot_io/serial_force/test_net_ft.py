@@ -249,6 +249,14 @@ def test_sensor_that_repeats_its_measurement_is_silent_and_named(arm):
     assert "measures nothing new" in arm.problem
 
 
+def test_looks_between_two_records_count_no_damage(arm):
+    arm.robot.configure()
+    arm.ticks(10, None)
+    reader = arm.robot.buses["load_cell"]._reader
+    reader.read_port()
+    assert reader.rejected == 0
+
+
 def test_samples_buffered_during_a_pause_include_the_pause(arm):
     """A network keeps hundreds of datagrams for a program that does not read."""
     arm.robot.configure()
