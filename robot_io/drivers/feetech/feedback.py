@@ -2,7 +2,7 @@
 
 import struct
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from math import inf
 from operator import sub
 from typing import Final, NamedTuple
@@ -47,11 +47,12 @@ class FeetechFeedback(NamedTuple):
         return [f"error: {error_names(errors)}" if errors else "" for errors in self.errors]
 
 
-def _make_feedback(fields: Iterable[Sequence[int]]) -> FeetechFeedback:
-    """Convert the fields of `FeetechFeedback`, of which speeds and loads still have sign bits."""
-    on, goal, position, speed, load, errors = fields
-    speed = [value if value < _SPEED_SIGN else tables.PRESENT_SPEED.signed_value(value) for value in speed]
-    load = [value if value < _LOAD_SIGN else tables.PRESENT_LOAD.signed_value(value) for value in load]
+def _make_feedback(values: tuple[int, ...]) -> FeetechFeedback:
+    """Convert all values of each servo in turn, of which speeds and loads still have sign bits."""
+    on, goal, position = values[0::6], values[1::6], values[2::6]
+    speeds, loads, errors = values[3::6], values[4::6], values[5::6]
+    speed = [value if value < _SPEED_SIGN else tables.PRESENT_SPEED.signed_value(value) for value in speeds]
+    load = [value if value < _LOAD_SIGN else tables.PRESENT_LOAD.signed_value(value) for value in loads]
     return FeetechFeedback(on, goal, position, speed, load, errors)
 
 
@@ -94,7 +95,7 @@ class PlausibilityFilter:
             ProtocolError: The feedback is implausible, or a servo has other settings.
             DeviceError: A servo has restarted.
         """
-        servos = []
+        values: tuple[int, ...] = ()
         for servo_id, _, data in packets:
             on, acceleration, goal, time, fastest, limit, lock, position, speed, load, errors = (
                 _FORMAT.unpack_from(data, len(data) - FEEDBACK_SIZE)
@@ -109,8 +110,8 @@ class PlausibilityFilter:
                     raise DeviceError(f"{fault}: it has restarted")
                 raise ProtocolError(f"{fault}: damaged, or it has restarted")
             position = tables.PRESENT_POSITION.signed_value(position)
-            servos.append((on, goal, position, speed, load, errors))
-        feedback = _make_feedback(zip(*servos, strict=True))
+            values += on, goal, position, speed, load, errors
+        feedback = _make_feedback(values)
         if problem := self.problem(feedback):
             raise ProtocolError(f"{problem}: its answer is damaged")
         return feedback
@@ -152,7 +153,7 @@ class _WholeAnswer:
         # Known bits: header, id and length; acceleration; goal's time and speed with the torque limit; lock;
         # the sign of the position. Then the values: the fields of `FeetechFeedback`.
         known = struct.Struct(f"<4s{2 + padding}xB2x6s5xBH9x")
-        self._values = struct.Struct(f"<{5 + padding}xBxH12xHHH3xBx")
+        self._values = struct.Struct("<" + len(settings) * f"{5 + padding}xBxH12xHHH3xBx")
         mask = known.pack(b"\xff" * 4, 0xFF, b"\xff" * 6, 0xFF, _POSITION_SIGN)
         self._mask = int.from_bytes(len(settings) * mask, "little")
         expected = b"".join(
@@ -183,7 +184,7 @@ class _WholeAnswer:
             return None
         if not protocol.are_intact(self._packets.unpack(data)):
             return None
-        return _make_feedback(zip(*self._values.iter_unpack(data), strict=True))
+        return _make_feedback(self._values.unpack(data))
 
 
 class FeetechReader(FeedbackReader[FeetechFeedback]):

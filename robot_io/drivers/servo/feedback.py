@@ -108,10 +108,8 @@ class FeedbackReader(Generic[FeedbackType]):
         asked_at_s = self._ask(now_s)
         # Usually only this request is open. Its answers are then decoded at once, as soon as all have
         # come. A refusal is shorter than an answer, so it is reported at the deadline.
-        data, size = (
-            b"",
-            self._answer_size(self._newest_request.size) if self._open == [self._newest_request] else 0,
-        )
+        request = self._newest_request
+        data, size = b"", self._answer_size(request.size) if self._open == [request] else 0
         while newest is None or newest[1] < asked_at_s:
             data += self._port.wait(deadline_s)
             if len(data) < size and self._clock.now_s() < deadline_s:

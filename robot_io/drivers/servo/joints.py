@@ -201,7 +201,7 @@ class ServoPairs:
             weaker_nm[joint] = min(weaker_nm[joint], second_nm)
         return self.repeat_for_servos(weaker_nm)
 
-    def sum_pairs(self, servo_states: Sequence[float]) -> list[float]:
+    def sum_pairs(self, servo_states: Sequence[float]) -> Sequence[float]:
         """Add the values of the two servos of a pair, such as torques.
 
         Args:
@@ -211,7 +211,7 @@ class ServoPairs:
             Values of the joints, shape (n,).
         """
         if not self.joints:
-            return list(servo_states)
+            return servo_states
         joint_values = list(servo_states[: self.joint_count])
         for joint, second in zip(self.joints, servo_states[self.joint_count :], strict=True):
             joint_values[joint] += second
