@@ -17,6 +17,7 @@ _MIN_SLOPE_N_M = 1e-2
 # Indentations below this depth come from microscopes, since a wrong unit would make them deeper. Cells under
 # a cantilever have slopes of 1e-4 to 1e-1 N/m.
 _MICROSCOPIC_M, _MIN_MICROSCOPIC_N_M = 1e-5, 1e-5
+_MAX_NOISE_RAD = 0.02  # largest standard deviation of an encoder's noise
 _MAX_SPEED_RAD_S = 300.0
 _MIN_PRESSED = 0.01  # least share of samples in contact
 # At least one in twenty samples in contact must exceed free air by 4 standard deviations of the noise; of
@@ -203,7 +204,10 @@ def unrelated(data: ChannelData) -> str | None:
 
 
 def at_rest(data: ChannelData) -> str | None:
-    """Report a joint whose position is only noise and unrelated to the effort; None otherwise."""
+    """Report a joint whose position is only noise and unrelated to the effort; None otherwise.
+
+    An angle that varies by degrees is no noise of an encoder: each row holds another pose.
+    """
     if data.kind is ChannelKind.CONTACT:
         return None
     _, index = np.unique(data.run, return_inverse=True)
@@ -221,6 +225,8 @@ def at_rest(data: ChannelData) -> str | None:
         chance = float(np.linalg.norm(first) * np.linalg.norm(second)) / np.sqrt(max(len(first), 1))
         if abs(float(first @ second)) > _CHANCE_SIGMAS * chance:
             return None
+    if data.kind.is_angle and np.std(moved) > _MAX_NOISE_RAD:
+        return None
     size = f"{np.std(moved):.2g} {data.kind.position_unit}"
     return f"the position varies at random by {size}, and the effort does not follow it; record a motion"
 

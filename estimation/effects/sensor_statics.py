@@ -184,8 +184,9 @@ class ForceDeadband(AdditiveEffect):
 
 
 # At most the share `_OF_THOSE` of readings beyond the limit may exceed it by more than `_NOISE` standard
-# deviations.
-_NOISE, _OF_THOSE = 4.0, 0.05
+# deviations, or by more than the share `_OF_LIMIT` of the limit: the residual of a wrong model can be larger
+# than the noise of any sensor.
+_NOISE, _OF_LIMIT, _OF_THOSE = 4.0, 0.05, 0.05
 _ORDER = 6  # order of the polynomial that is fitted to readings beyond the limit
 _FEWEST_OF_CURVE = 10 * _ORDER  # readings needed in a run
 # Readings follow a curve if the polynomial leaves less than this share of their variance beyond white noise.
@@ -222,9 +223,10 @@ class Saturation(SensorEffect):
 
     def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
         """See `Effect.is_misnamed`: readings exceed the limit by more than noise, or follow a curve."""
-        above = np.abs(data.effort) - parameters[f"{self.name}.limit"]
+        limit = parameters[f"{self.name}.limit"]
+        above = np.abs(data.effort) - limit
         beyond = above > 0.0
-        if np.sum(above > _NOISE * noise) > _OF_THOSE * np.sum(beyond):
+        if np.sum(above > min(_NOISE * noise, _OF_LIMIT * limit)) > _OF_THOSE * np.sum(beyond):
             return True
         number, position = np.arange(len(data), dtype=np.float64), data.position
         motion = np.column_stack([position, data.velocity, data.velocity * position])

@@ -112,6 +112,9 @@ def test_end_of_a_range_is_flat_and_yielding_is_not():
     noise = 0.01 * top * np.random.default_rng(3).standard_normal(len(data.effort))
     cut_off = np.minimum(data.effort, 0.8 * top) + noise
     assert not saturation.is_misnamed(replace(data, effort=cut_off), given, dict, 0.1 * top)
+    # Readings a tenth beyond the limit are no noise of a sensor, however large the residual of the model is.
+    rough = np.where(data.effort > 0.8 * top, 0.88 * top + noise, data.effort)
+    assert saturation.is_misnamed(replace(data, effort=rough), given, dict, 0.1 * top)
     yields = np.minimum(data.effort, 0.8 * top + 0.2 * (data.effort - 0.8 * top))
     assert saturation.is_misnamed(replace(data, effort=yields + 0.1 * noise), given, dict, 0.1 * top)
 
