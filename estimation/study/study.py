@@ -271,7 +271,8 @@ class ModelStudy(StudyFits):
 
         Args:
             effects: names of the effects, in order.
-            channel: name of the channel; None for the channel to which the effects apply.
+            channel: name of the channel; None for the one in which the diagnosis named the effects, or to
+                which they apply.
             start: number of the revision to continue; None for the channel's newest revision of these data.
             fresh: whether to start from the base model.
 
@@ -467,7 +468,10 @@ class ModelStudy(StudyFits):
         return DisplayTable(self.source.name, ("channel", "base model", "runs", "samples", "SHA-256"), rows)
 
     def _suited_channel(self, effects: Sequence[Effect], name: str | None, *, fresh: bool) -> StudyChannel:
-        """Return the channel to which these effects apply; a contact takes precedence over joints."""
+        """Return the channel to which these effects apply.
+
+        The only channel in which the diagnosis named them comes first, then a contact.
+        """
         chosen = self.chosen(name)
         current = chosen if fresh else tuple(map(self._current, chosen))
         fitting_channels = []
@@ -487,6 +491,14 @@ class ModelStudy(StudyFits):
             why = f": {unsuited[0].name} cannot be identified from these data" if is_of_kind else ""
             verb = "do" if len(effects) > 1 else "does"
             raise InputError(f"{names} {verb} not apply to any channel ({listed}){why}. {known}")
+        diagnoses = [(base, self.known_diagnosis(base)) for base in fitting_channels]
+        named = [
+            base
+            for base, found in diagnoses
+            if found and {effect.name for effect in effects} <= {entry.effect for entry in found.accepted}
+        ]
+        if len(named) == 1:
+            return named[0]
         contacts = [base for base in fitting_channels if base.kind is ChannelKind.CONTACT]
         if len(fitting_channels) > 1 and len(contacts) != 1:
             listed = ", ".join(base.name for base in fitting_channels)

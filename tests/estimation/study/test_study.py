@@ -114,12 +114,14 @@ def test_every_compared_channel_is_diagnosed(arm):
     assert "coulomb_friction" in [entry.effect for entry in diagnosis.channels[2].accepted]
 
 
-def test_effect_is_added_to_a_suitable_or_requested_channel(arm):
+def test_effect_is_added_to_the_diagnosed_or_a_suitable_or_the_requested_channel(arm):
     study, _ = arm
-    with pytest.raises(InputError, match="coulomb_friction can be added to joint_1, joint_2: choose one"):
-        study.add("coulomb_friction")
+    with pytest.raises(InputError, match="viscous_friction can be added to joint_1, joint_2: choose one"):
+        study.add("viscous_friction")
     assert study.add("bias").result.channel.name == "contact"
-    change = study.add("coulomb_friction", channel="joint_2")
+    assert study.add("bias", channel="joint_1").result.channel.name == "joint_1"
+    change = study.add("coulomb_friction")
+    assert change.result.channel.name == "joint_2"  # in which the diagnosis named it
     assert change.result.stages[1].rmse < 0.2 * change.result.stages[0].rmse
     with pytest.raises(InputError, match=r"no such channel. Available: contact, joint_1, joint_2"):
         study.add("bias", channel="joint_9")
