@@ -336,7 +336,7 @@ _SETTLE_S = 0.3
 
 
 class FreeMotion:
-    """Tracking of a motion without contact, with monitoring of the force, and its output.
+    """Tracks a joint motion in free air, stops if the force changes, and makes the output of the task.
 
     Args:
         body: model of the arm.

@@ -230,8 +230,12 @@ class ChannelData:
 
     @property
     def time_scale(self) -> float:
-        """Time scale of the motion, 1/w for a sine of frequency w [s]; 1 for a channel at rest."""
-        return float(np.std(self.position)) / self.rms_speed or 1.0
+        """Time scale of the motion within runs [s]: 1/w for a sine of frequency w, 1 for a joint at rest."""
+        _, index = np.unique(self.run, return_inverse=True)
+        means = np.bincount(index, self.position) / np.bincount(index)
+        if not self.velocity.any() or np.ptp(self.position) == 0.0:
+            return 1.0
+        return float(np.sqrt(np.mean((self.position - means[index]) ** 2))) / self.rms_speed or 1.0
 
     @property
     def range_of_motion(self) -> float:

@@ -19,8 +19,8 @@ def main() -> None:
     for number in (signal.SIGTERM, signal.SIGHUP):  # raise an exception, so that unfinished files are removed
         if signal.getsignal(number) is signal.SIG_DFL:
             signal.signal(number, lambda ended_by, _: sys.exit(128 + ended_by))
-    # Imports make many objects and hardly any cycles; searching these for garbage, also at the end of the
-    # process, takes an eighth of a short command.
+    # Searching for reference cycles takes an eighth of a short command and finds hardly any. Search less
+    # often, and not at the end of the process.
     gc.set_threshold(10_000)
     atexit.register(gc.freeze)
     # A child process of multiprocessing or dask would import from the current folder before the library.

@@ -109,7 +109,9 @@ class VirtualObject:
     ) -> None:
         settings = (largest_jump_n, surface_speed_m_s, reserve_j, force_limit_n)
         if not all(math.isfinite(value) and value > 0.0 for value in settings):
-            raise InputError(f"virtual object: jump, speed, reserve and limit must be positive: {settings}")
+            raise InputError(
+                f"virtual object: jump, speed, reserve and limit must be positive and finite, not {settings}"
+            )
         normal = frozen_array(normal_world, (3,), what="normal of the surface")
         length = math.sqrt(float(normal.dot(normal)))
         if length == 0.0:

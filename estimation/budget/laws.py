@@ -33,11 +33,11 @@ _DIRECTION_WIDTHS = (0.004, 0.02)  # widths of the change of direction, relative
 _KNOTS = (0.03, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # hinges: shares of the range, and quantiles
 _TIMES_PER_DECADE = 4  # relaxation times, from a few samples to twice the longest run
 _MIN_TIME = 0.03  # shortest relaxation time, relative to the time scale of the motion
-# Time constants and delays of sensors, relative to the longest one. It is a multiple of the time scale of the
-# motion, and at most 0.3 s: slower sensors hardly serve to measure an effort.
+# Time constants and delays of sensors, relative to the longest one. The longest one is a multiple of the time
+# scale of the motion, and at most 0.3 s: slower sensors hardly serve to measure an effort.
 _LAGS = (0.03, 0.1, 0.3, 1.0)
 _LONGEST_LAG, _LONGEST_LAG_S = 3.0, 0.3
-_BISECTIONS = 4  # bisections of the intervals beside the best of them
+_BISECTIONS = 4  # number of times the intervals next to the best of them are halved
 _ADHESION_RANGES = (0.02, 0.06, 0.2)  # ranges of adhesion, relative to the deepest indentation
 _SURFACE_HEIGHTS = (0.03, 0.1, 0.3)  # heights of the surface, relative to the deepest indentation
 _PLASTIC_SETS = (0.1, 0.3, 0.6, 0.9)  # plastic sets, relative to the deepest indentation so far
@@ -97,7 +97,7 @@ def flexible_laws(
         effort: prediction of the model on blocks, shape (m,) [N or N m].
         residual: residual of the model on blocks, shape (m,); it selects the waves of the periodic law.
         used: blocks that the model is fitted to, shape (m,).
-        slope: derivative of the prediction by the position, shape (m,) [effort/position].
+        slope: derivative of the prediction with respect to the position, shape (m,) [effort/position].
 
     Returns:
         Laws with at least one column. Differences between runs have no columns, see
@@ -175,7 +175,8 @@ def unseen_kinds(data: ChannelData) -> frozenset[Kind]:
     if not has_session_time and (zero is None or zero.rate is None):
         unseen.add(Kind.DRIFT)
     if never_returns(data.position, data.run):
-        one_pass = is_one_pass(data.time_s, data.position, data.run)
+        pressed = data.select(data.engaged) if data.engaged.any() else data
+        one_pass = is_one_pass(pressed.time_s, pressed.position, pressed.run)
         unseen |= UNSEEN_IN_ONE_PASS if one_pass else {Kind.FRICTION}
         if one_pass and zero is not None and not zero.is_zero:
             unseen.remove(Kind.SENSOR_STATICS)
@@ -212,7 +213,8 @@ def _relaxation(
 ) -> Callable[[FloatArray], list[FloatArray]]:
     """Return a function that relaxes a strain (m,) with several time constants from `shortest_s` on."""
     step = sample_time(time_s, run)
-    shortest, longest = max(4.0 * step, shortest_s), max(2.0 * longest_run(time_s, run), 40.0 * step)
+    longest = max(2.0 * longest_run(time_s, run), 40.0 * step)
+    shortest = min(max(4.0 * step, shortest_s), 0.1 * longest)
     taus = np.geomspace(shortest, longest, round(_TIMES_PER_DECADE * np.log10(longest / shortest)) + 1)
 
     def relaxed(strain: FloatArray) -> list[FloatArray]:
@@ -281,7 +283,7 @@ def _near_best(fits: Mapping[float, tuple[float, FloatArray]]) -> FloatArray:
 def _friction(
     blocked: BlockedData, unit_speed: FloatArray, depth: FloatArray, slope: FloatArray, touching: FloatArray
 ) -> list[FloatArray]:
-    """Build the columns of friction; and of a joint's play, in which the link lags behind the position."""
+    """Build the columns of friction and, for a joint, of play (the link lags behind the position)."""
     directions = [np.tanh(unit_speed / share) for share in _DIRECTION_WIDTHS]
     paths = [reversal_memory(depth, blocked.run, share) * touching for share in _REVERSAL_PATHS]
     columns = [

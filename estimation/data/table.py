@@ -188,7 +188,9 @@ class Table:
         ]
         longest = max(map(len, texts), default=0)
         if longest > _MAX_LABEL_LENGTH:
-            raise InputError(f"{place}: a name has {longest} characters, more than {_MAX_LABEL_LENGTH}")
+            raise InputError(
+                f"{place}: a name has {longest} characters; at most {_MAX_LABEL_LENGTH} are allowed"
+            )
         number = {text: number for number, text in enumerate(dict.fromkeys(texts))}
         number_by_code = np.array([number[text] for text in texts], dtype=np.int64)
         return tuple(number), number_by_code[coded.indices.to_numpy(zero_copy_only=False)]

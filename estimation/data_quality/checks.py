@@ -146,13 +146,14 @@ def _warnings(data: ChannelData, model: Model | None) -> Iterator[tuple[str, str
         return
     if copies := readings.copied_runs(data):
         yield "enough", readings.copied(copies)
-    # Many outliers are scored, huge ones are excluded.
+    # Warn of many outliers, which are scored, and of huge ones, which are excluded.
     for name, signal in (("position", data.position), ("effort", data.effort)):
         glitches = _glitches(signal, data.run)
         if np.mean(glitches) > _MAX_GLITCHES:
             reason = _describe_outliers(data, name, glitches)
             yield "readings", f"{reason}; if they are lost readings, remove such rows"
-    if glitches.any() and np.mean(glitches) <= _MAX_GLITCHES:  # those of the effort
+    glitches = _glitches(data.effort, data.run)
+    if glitches.any() and np.mean(glitches) <= _MAX_GLITCHES:
         size, regular = np.abs(data.effort), data.effort[~glitches]
         # Outliers within the usual range, such as dropouts to zero, cause no warning.
         beyond = glitches & (size > np.abs(regular).max() + np.ptp(regular))
@@ -255,6 +256,7 @@ _IMPLAUSIBLE: tuple[tuple[str, _Check], ...] = (
 _IMPLAUSIBLE_WITH_MODEL: tuple[tuple[str, Callable[[ChannelData, Model | None], str | None]], ...] = (
     ("saturation", readings.saturated),
     ("units", motion_and_effort.angle_in_degrees),
+    ("excitation", motion_and_effort.unresolved_inertia),
     ("sync", sampling.time_offset),
 )
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.measured_derivatives import mistaken_scale
-from palpate.estimation.fit.blocks import HEAVY
+from palpate.estimation.fit.blocks import HEAVY, LUMPED_GAINS
 from palpate.estimation.model import Model
 from palpate.estimation.signals.runwise import is_even, sample_time
 from palpate.estimation.statistics.correlation import correlation_coefficient
@@ -183,6 +183,16 @@ def _free_air_level(data: ChannelData) -> tuple[float, float]:
     return level, _AIR_SIGMAS * _TO_SIGMA * float(np.median(np.abs(air - level)))
 
 
+def unresolved_inertia(data: ChannelData, model: Model | None) -> str | None:
+    """Report an inertia that the base model holds at zero; None otherwise."""
+    if model is None or not any(f"{name}.{gain}" in model.held for name, gain in LUMPED_GAINS.items()):
+        return None
+    return (
+        "the acceleration is mainly measurement error, so the inertia is held at 0; record a faster motion "
+        "to fit it"
+    )
+
+
 def unrelated(data: ChannelData) -> str | None:
     """Report a force that hardly depends on the motion, or is a multiple of the depth; None otherwise."""
     if data.kind is not ChannelKind.CONTACT or not data.engaged.any():
@@ -206,7 +216,7 @@ def unrelated(data: ChannelData) -> str | None:
 def at_rest(data: ChannelData) -> str | None:
     """Report a joint whose position is only noise and unrelated to the effort; None otherwise.
 
-    An angle that varies by degrees is no noise of an encoder: each row holds another pose.
+    An angle that varies by degrees is not encoder noise: each row then holds another pose.
     """
     if data.kind is ChannelKind.CONTACT:
         return None

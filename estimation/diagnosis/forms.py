@@ -209,7 +209,8 @@ def error_of_kinds(start: FitResult) -> HeldOutError:
     # it.
     has_spring = any(effect.kind is Kind.ELASTIC_SHAPE for effect in solution.model.effects)
     refitted = None if has_spring else base
-    slope = blocked.reduce(_slope_by_position(start))
+    is_contact = blocked.data.kind is ChannelKind.CONTACT  # whose laws do not use the slope
+    slope = np.zeros(len(blocked)) if is_contact else blocked.reduce(_slope_by_position(start))
     laws = flexible_laws(
         blocked, refitted, blocked.effort - solution.residual, solution.residual, used, slope=slope
     )
@@ -217,7 +218,7 @@ def error_of_kinds(start: FitResult) -> HeldOutError:
 
 
 def _slope_by_position(fit: FitResult) -> FloatArray:
-    """Return the derivative of the predicted effort by the position, shape (n,)."""
+    """Return the derivative of the predicted effort with respect to the position, shape (n,)."""
     data, step, zero = fit.data, _STEP * fit.data.range_of_motion, np.zeros(len(fit.data))
     efforts = [
         fit.model.predict(shifted_motion(data, np.full(len(data), part), zero, zero), fit.solution.parameters)

@@ -186,7 +186,7 @@ class ForceDeadband(AdditiveEffect):
 # At most the share `_OF_THOSE` of readings beyond the limit may exceed it by more than `_NOISE` standard
 # deviations, or by more than the share `_OF_LIMIT` of the limit: the residual of a wrong model can be larger
 # than the noise of any sensor.
-_NOISE, _OF_LIMIT, _OF_THOSE = 4.0, 0.05, 0.05
+_NOISE, _OF_LIMIT, _OF_THOSE = 4.0, 0.1, 0.05
 _ORDER = 6  # order of the polynomial that is fitted to readings beyond the limit
 _FEWEST_OF_CURVE = 10 * _ORDER  # readings needed in a run
 # Readings follow a curve if the polynomial leaves less than this share of their variance beyond white noise.

@@ -167,7 +167,9 @@ def _varies_within(effort: FloatArray, block: int) -> bool:
 def block_average(
     data: ChannelData, good: BoolArray | None = None, cache: FitCache | None = None
 ) -> BlockedData:
-    """Divide a channel into blocks of 5 ms (contact) or 10 ms (joint), shorter in short runs.
+    """Divide a channel into blocks of 5 ms (contact) or 10 ms (joint), but at least of one sample.
+
+    They are shorter in short runs and where the effort varies.
 
     Blocks at contact boundaries are not trusted: there damping and friction cause a step of the force, which
     the error of the position can shift. Blocks at sharp corners of a contact's motion, and blocks in which a

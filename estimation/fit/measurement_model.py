@@ -147,9 +147,9 @@ def _identify(data: ChannelData) -> MeasurementModel:
 
 
 def is_acceleration_resolved(data: ChannelData) -> bool:
-    """Return whether the acceleration of a channel is larger than the error with which it was derived.
+    """Return whether errors cause at most half of the mean square of a channel's acceleration.
 
-    Otherwise an inertia cannot be fitted: the mass would only weigh reading errors.
+    Otherwise an inertia cannot be fitted, because its column holds mainly measurement errors.
 
     Args:
         data: the channel.

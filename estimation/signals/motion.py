@@ -8,7 +8,7 @@ from palpate.robot_io.types import FloatArray, IntArray
 _MIN_RETURN = 0.02  # least travel against the main direction of a motion that returns, relative to its range
 _MAX_UNEVENNESS = 0.1  # largest time error of a motion at constant speed, relative to a run's duration
 _SAME_SPEED = 0.2  # largest relative difference between speeds that count as equal
-_PARTS = 20  # parts of a run, in one of which a hold is sought
+_PARTS, _STEPS = 20, 400  # a hold lasts one of these parts of a run, and begins at any of these steps
 _HOLD_SHARE = 0.05  # largest speed in a hold, relative to the mean speed
 _MOVING_SHARE = 0.3  # speed relative to the largest one below which the motion is at rest or reverses
 
@@ -85,9 +85,10 @@ def has_constant_speed(velocity: FloatArray) -> bool:
 
 
 def _has_hold(time_s: FloatArray, position: FloatArray) -> bool:
-    """Return whether a motion (n,) is nearly at rest for a part of its duration."""
-    even_s = np.linspace(time_s[0], time_s[-1], _PARTS + 1)
-    moved = np.abs(np.diff(np.interp(even_s, time_s, position)))
+    """Return whether a motion (n,) is nearly at rest for 5 % of its duration."""
+    even = np.interp(np.linspace(time_s[0], time_s[-1], _STEPS + 1), time_s, position)
+    window = _STEPS // _PARTS
+    moved = np.abs(even[window:] - even[:-window])
     return bool(moved.min() < _HOLD_SHARE * np.ptp(position) / _PARTS)
 
 

@@ -16,6 +16,7 @@ from palpate.estimation.fit.measurement_noise import MeasurementNoise
 from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
 from palpate.estimation.statistics.correlation import residual_scale
+from palpate.estimation.study.channels import base_model
 from palpate.estimation.study.source import DataSource
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray
@@ -150,7 +151,9 @@ def estimate_with(
         InputError: the model lacks required information, has no parameters, or all estimators fail.
     """
     base, context = MODELS[model_name](), arm.context_of(channel)
-    model = base.build(context)
+    model = base_model(channel, model_name, context)
+    held = {name.partition(".")[0] for name in model.held}
+    model = model.without(*(name for name in held if len(model.effect(name).gains) == 1))  # zero adds nothing
     if not model.gains:
         raise InputError(f"model '{model_name}' has no free parameter: there is nothing to estimate")
     channel = base.prepare(channel, context)

@@ -74,10 +74,12 @@ def fit_held(data: ChannelData, fit: FitResult, held: Mapping[str, float]) -> Fi
     Args:
         data: the channel with the runs used for fitting.
         fit: the fitted model.
-        held: values of held parameters by "effect.parameter".
+        held: values of held parameters by "effect.parameter"; those that the base model holds stay held.
     """
     with single_threaded():
-        refitted = fit_model(data, replace(fit.model, held=held), fit.values, usable(data))
+        refitted = fit_model(
+            data, replace(fit.model, held={**fit.model.held, **held}), fit.values, usable(data)
+        )
         return replace(refitted, validation=fit.validation)
 
 

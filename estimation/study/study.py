@@ -524,7 +524,9 @@ class ModelStudy(StudyFits):
         """Raise InputError for a revision with a user-defined effect whose code is missing."""
         for place in revision.user_effects:
             if place not in self._user_places.values():
-                raise InputError(f"revision {revision.number} has your own effect: add --effect {place}")
+                raise InputError(
+                    f"revision {revision.number} uses an effect of your own: add --effect {place}"
+                )
 
     def _difference_from_fit(
         self,

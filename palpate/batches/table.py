@@ -156,7 +156,9 @@ def read_table(path: Path) -> pa.Table:
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
         raise InputError(f"table {file}: cannot be read ({one_line(error)})") from error
     if not {"measurement", "channel"} <= names:
-        raise InputError(f"table {file}: lacks the columns measurement and channel; use palpate batch")
+        raise InputError(
+            f"table {file}: lacks the columns measurement and channel; make it with palpate batch"
+        )
     for name in table.column_names:
         if table.column_names.count(name) > 1:
             raise InputError(f"table {file}: has the column '{one_line(name)[:60]}' twice")

@@ -40,7 +40,9 @@ class BatchArguments(StudyOptions):
 def batch_command(
     data: BatchArguments,
     *,
-    out: Annotated[Path, Option("--out", "-o", help="Output folder; continues an interrupted batch in it.")],
+    out: Annotated[
+        Path, Option("--out", "-o", help="Output folder; an interrupted batch in it is continued.")
+    ],
     model: Annotated[
         str | None,
         Option(

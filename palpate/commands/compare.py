@@ -82,7 +82,9 @@ def compare_command(
     model: ModelOption = None,
     other_model: Annotated[
         str | None,
-        Option(help="Base model of OTHER; without it, a second model of FILE.", autocompletion=model_names),
+        Option(
+            help="Base model of OTHER; without OTHER, a second model of FILE.", autocompletion=model_names
+        ),
     ] = None,
     channel: Annotated[str | None, Option(help="Only this channel, such as contact.")] = None,
     revision: Annotated[

@@ -152,7 +152,9 @@ def demo_command(
     if hidden is not None:
         if "recording" in hidden.files:
             steps.insert(1, console.rerun_step(hidden.files["recording"]))
-        steps.insert(2, ("palpate probe --hidden random --seed 7", "another hidden effect, drawn from all"))
+        steps.insert(
+            2, ("palpate probe --hidden random --seed 7", "another hidden effect, drawn from all effects")
+        )
     console.next_steps(*steps, (again, "the same demo again"))
 
 

@@ -314,7 +314,9 @@ def report_command(
     model: ModelOption = None,
     folder: FolderOption = None,
     out: Annotated[Path, Option("--out", "-o", help="Page to write.", metavar="FILE.html")] = Path(REPORT),
-    force: Annotated[bool, Option("--force", help="Replace even a file that palpate did not write.")] = False,
+    force: Annotated[
+        bool, Option("--force", help="Replace the file even if palpate did not write it.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Write measurement, models and saved diagnosis to one self-contained HTML page.

@@ -23,7 +23,7 @@ def sweep_command(
     what: Annotated[str, Argument(help="paper, or a YAML file with your own grid.", metavar="paper|FILE")],
     *,
     out: Annotated[
-        Path | None, Option("--out", "-o", help="Output folder; continues an interrupted sweep in it.")
+        Path | None, Option("--out", "-o", help="Output folder; an interrupted sweep in it is continued.")
     ] = None,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,

@@ -60,7 +60,9 @@ virtual object is updated with this model.
 NameOption = Annotated[
     str, Option("--name", help="Name of the pair of leader and follower; the same on both sides.")
 ]
-PortOption = Annotated[int, Option("--port", help="Port on this machine's loopback, unless --link is given.")]
+PortOption = Annotated[
+    int, Option("--port", help="Port on this machine's loopback; used if --link is not given.")
+]
 LinkOption = Annotated[
     Path | None,
     Option("--link", help="zenoh configuration (JSON5): endpoints, router, certificates.", metavar="FILE"),

@@ -41,7 +41,9 @@ def trend_command(
         Path | None,
         Option("--out", "-o", help="First process the recordings, and write the results to this folder."),
     ] = None,
-    model: Annotated[str | None, Option(help="Base model of recordings.", autocompletion=model_names)] = None,
+    model: Annotated[
+        str | None, Option(help="Base model to fit to the recordings.", autocompletion=model_names)
+    ] = None,
     pattern: PatternOption = None,
     group: Annotated[
         str | None,

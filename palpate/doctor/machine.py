@@ -111,7 +111,9 @@ def rerun() -> Iterator[Finding]:
     if not find_spec("rerun"):
         yield ok("rerun", f"only recordings need it; {missing_package('rerun')}")
         return
-    shows = "with a display" if has_display() else "no display: recordings and pictures are written to files"
+    shows = (
+        "with a display" if has_display() else "no display: recordings and screenshots are written to files"
+    )
     blind = not has_display() and not has_vulkan_driver()
     if blind:
         shows = "neither display nor Vulkan driver: recordings work, screenshots do not"

@@ -48,7 +48,9 @@ _ENDS = {
     StopReason.UNSEEN: (
         "an effect seen in an earlier probe is too small to be significant in all probes together"
     ),
-    StopReason.UNEXPLAINED: "no library effect explains the remaining error, as far as this arm can show",
+    StopReason.UNEXPLAINED: (
+        "no effect of the library explains the remaining error, as far as this arm can show"
+    ),
     StopReason.INSEPARABLE: "no experiment of this arm is expected to separate the remaining explanations",
     StopReason.PROBES: "the budget of probes is used up",
     StopReason.SECONDS: "the experiment that would separate them takes longer than the remaining time",

@@ -48,7 +48,7 @@ class FeetechFeedback(NamedTuple):
 
 
 def _make_feedback(values: tuple[int, ...]) -> FeetechFeedback:
-    """Convert all values of each servo in turn, of which speeds and loads still have sign bits."""
+    """Convert raw values, six per servo, one servo after the other; speeds and loads have sign bits."""
     on, goal, position = values[0::6], values[1::6], values[2::6]
     speeds, loads, errors = values[3::6], values[4::6], values[5::6]
     speed = [value if value < _SPEED_SIGN else tables.PRESENT_SPEED.signed_value(value) for value in speeds]

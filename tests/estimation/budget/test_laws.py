@@ -229,3 +229,16 @@ def test_friction_law_describes_a_link_that_lags_behind_its_motor():
 
     first = analysed(swings(1, play)).budget.entries[0]
     assert (first.kind, first.share > 0.8) == (Kind.FRICTION, True)
+
+
+def test_slow_motions_at_distant_poses_have_laws():
+    """The time scale is that of the motion within runs; poses of the runs do not count."""
+    t, run = np.tile(np.arange(0.0, 5.0, 0.01), 20), np.repeat(np.arange(20), 500)
+    q, v = 0.1 * run + 1e-3 * np.sin(t), 1e-3 * np.cos(t)
+    noise = np.random.default_rng(1).normal(0.0, 0.01, len(t))
+    effort = np.sin(q) + 30.0 * v + noise
+    data = ChannelData("axis", ChannelKind.REVOLUTE, t, q, v, -1e-3 * np.sin(t), effort, run, run * 0 - 1)
+    assert data.time_scale == pytest.approx(1.0, rel=0.2)
+    assert np.isfinite(analysed(replace(data, name="joint_1")).budget.base)
+    resting = replace(data, position=np.full(len(t), 0.1), velocity=0.0 * v, acceleration=0.0 * v)
+    assert resting.time_scale == 1.0

@@ -510,5 +510,9 @@ def test_resting_joint_with_position_noise_is_not_judged(step):
 
     assert "the position varies at random by" in reject_reason(joint(noise, torque))
     assert at_rest(joint(noise, torque + 5e3 * noise)) is None  # such as postures in any order
-    assert at_rest(joint(1e3 * noise, torque)) is None  # held poses in any order, which the torque hides
+    if not step:  # poses in random order, which the effort does not follow
+        assert "the position varies at random by" in reject_reason(joint(150.0 * noise, torque))
+        assert at_rest(joint(250.0 * noise, torque)) is None
+        turned = joint(250.0 * noise, torque)
+        assert at_rest(replace(turned, kind=ChannelKind.PRISMATIC)) is not None
     assert at_rest(joint(noise + 3e-4 * np.sin(0.3 * t), torque)) is None

@@ -132,7 +132,9 @@ def test_law_of_a_signal_is_represented_by_its_columns(swung, name):
     own, columns = swung
     signal, law = LAWS[name]
     law = law(SimpleNamespace(**own))
-    assert left(columns[signal], law) < (0.02 if name.startswith("about") else 1e-5)
+    assert left(columns[signal], law) < (
+        0.02 if name.startswith("about") else 1e-5 if signal == "past motion" else 1e-6
+    )
     assert all(np.isfinite(one).all() and len(one) == len(law) for one in columns.values())
     if signal in {"recorded time", "load", "temperature", "acceleration"}:
         assert left(columns["velocity"], law) > 0.1

@@ -354,3 +354,12 @@ def test_smooth_residual_is_no_noise_even_if_the_velocity_was_smoothed_over_most
     start = searched(channel.data, base=channel.model).start
     excess = exceeds_noise(start, identify_measurement_model(channel.data), np.random.default_rng(0))
     assert excess.acting == pytest.approx(start.rmse, rel=0.1)
+
+
+def test_held_inertia_stays_held_in_every_fit_and_is_reported():
+    study = ModelStudy(pulled_springs(lambda t: 0.0018123 * t), "spring_mass_damper")
+    (channel,) = study.channels
+    assert study.fit_held(channel, [], {"damping.c": 0.0}).values["inertia.m"] == 0.0
+    (estimated,) = study.estimate("lsq")
+    assert set(estimated.model.gains) == {"stiffness.k", "damping.c"}
+    assert any("the inertia is held at 0" in warning for warning in study.warnings["joint_1"])
