@@ -279,7 +279,8 @@ def fit_model(
     solution = optimize_inner(problem, first)
     updated = fit_problem(data, model, solution.parameters, good, cache)
     if not np.array_equal(updated.blocked.trusted, problem.blocked.trusted):  # the contact boundary moved
-        problem, solution = updated, optimize_inner(updated, solution)
+        moved = solve_gains(updated, model, solution.parameters)  # on the samples of the new problem
+        problem, solution = updated, optimize_inner(updated, moved)
     return FitResult(problem.blocked.data, problem, solution)
 
 
