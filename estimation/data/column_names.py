@@ -42,6 +42,7 @@ JOINT_QUANTITIES = frozenset({"position", "velocity", "acceleration", "torque", 
 
 _SYNONYMS = {"depth": "displacement", "angle": "position"}
 _NAME = re.compile(rf"({'|'.join([*QUANTITIES, *_SYNONYMS])})(?:_(\d+))?(?:_(.+))?", re.IGNORECASE)
+_REPEATED = re.compile(r" \(\d+\)$")  # number of a repeated name, which a table adds
 _BRACKETED = re.compile(r"\s*[\[({<]\s*(?!\d+\s*\])([^\])}>]*?)\s*[\])}>]\s*$")  # excludes indices
 _RUN_AFTER_UNIT = re.compile(  # as in "Force (N) Run #1"
     r"(?<=[])}]) (?:run|test|trial|specimen) ?#? ?\d+$", re.IGNORECASE
@@ -172,7 +173,7 @@ def unknown_unit(name: str) -> str:
     Args:
         name: name of a column.
     """
-    match = _BRACKETED.search(unicodedata.normalize("NFKC", name))
+    match = _BRACKETED.search(_REPEATED.sub("", unicodedata.normalize("NFKC", name)))
     if match and not dimension_of(normalize_unit(match[1])):
         return match[1]
     return next((word for word in re.findall(r"[a-z]+", name.lower()) if word in _COUNTS), "")
@@ -189,7 +190,7 @@ def holds_counts(name: str) -> bool:
 
 def unit_in_name(name: str) -> str:
     """Return the normalized unit in a column's name; empty without a known unit."""
-    return split_unit(name)[1]
+    return split_unit(_REPEATED.sub("", name))[1]
 
 
 def goal_pair(names: Sequence[str]) -> tuple[str, str] | None:

@@ -43,6 +43,10 @@ def joined_columns(first: Table, further: Iterable[Table]) -> Table | None:
     return replace(first, path=first.path.parent, columns=pa.table(columns), notes=(word, *first.notes))
 
 
+def _has_channel(table: Table) -> bool:
+    return bool(keys_of_channels({guess.key for guess in guess_columns(table.names) if guess.quantity}))
+
+
 def completing_file(table: Table) -> Path | None:
     """Return a file of the same folder that completes a table to a channel; None if there is none.
 
@@ -59,8 +63,8 @@ def completing_file(table: Table) -> Path | None:
     for path in neighbors[:_MAX_NEIGHBORS]:
         if path.is_file() and size / _MAX_SIZE_RATIO < path.stat().st_size < size * _MAX_SIZE_RATIO:
             with suppress(InputError):
-                joined = joined_columns(table, [read_table(path)])
-                guesses = guess_columns(joined.names) if joined else []
-                if keys_of_channels({guess.key for guess in guesses if guess.quantity}):
+                other = read_table(path)
+                joined = joined_columns(table, [other])
+                if joined and not _has_channel(other) and _has_channel(joined):
                     return path
     return None

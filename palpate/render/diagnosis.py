@@ -6,6 +6,7 @@ from math import nan
 
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.diagnosis.forms import SLOW, Form
+from palpate.estimation.diagnosis.result import NoiseFloor, RemainingError
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate import rounded, with_unit
 from palpate.estimation.estimate_channel import UNPHYSICAL
@@ -68,12 +69,17 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
     missing = f"{diagnosis.channel}: {join_names(names)} {verb} missing from the model. {error}"
     if diagnosis.complete is not False or diagnosis.remaining is None:
         return f"{missing}{_unrelated_error(diagnosis)}"
-    signals = diagnosis.remaining.depends_on
-    on = f" and depends on {join_names(signals)}" if signals else ""
-    times = diagnosis.remaining.times_floor
-    size = f" of {rounded(times, 2)} times the noise" if times >= NOISE else ""
     unknown = f" The form of {join_names(kinds)} is not known." if kinds else ""
-    return f"{missing} An unexplained error{size} remains{on}.{unknown}"
+    return f"{missing}{_unexplained_error(diagnosis.remaining, diagnosis.floor)}{unknown}"
+
+
+def _unexplained_error(left: RemainingError, floor: NoiseFloor | None) -> str:
+    """State the error that an incomplete model leaves, and the signals on which it depends."""
+    signals = join_names(left.depends_on) if left.depends_on else ""
+    if floor is not None and floor.at_most and left.times_floor < 1.0:
+        return f" The remaining error may be noise{', but depends on ' * bool(signals)}{signals}."
+    size = f" of {rounded(left.times_floor, 2)} times the noise" if left.times_floor >= NOISE else ""
+    return f" An unexplained error{size} remains{' and depends on ' * bool(signals)}{signals}."
 
 
 def _unrelated_error(diagnosis: ChannelDiagnosis) -> str:

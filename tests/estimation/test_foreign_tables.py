@@ -453,3 +453,27 @@ def test_too_few_rows_name_a_run_only_with_a_run_column(tmp_path, runs, words):
     path = write_csv(tmp_path / "few.csv", columns | ({"run": [7, 7, 7]} if runs else {}))
     with pytest.raises(InputError, match=words):
         import_file(path)
+
+
+def test_repeated_column_is_chosen_by_its_number(tmp_path):
+    path, t = tmp_path / "twice.csv", np.arange(600) * 0.01
+    depth = 2.0 + 2.0 * np.sin(3.0 * t)
+    rows = lines(t, depth, 3.0 * depth, 3.1 * depth, delimiter=",")
+    path.write_text("time_s,displacement_mm,force_N,force_N\n" + rows)
+    with pytest.raises(InputError, match=r"choose with .*force='force_N \(2\)'"):
+        import_file(path)
+    (channel,) = import_file(path, ImportOptions(columns={"force": "force_N (2)"})).channels
+    assert channel.effort == pytest.approx(3.1 * depth, abs=1e-3)
+
+
+def test_part_of_a_measurement_is_completed_only_by_another_part(tmp_path):
+    t = np.arange(600) * 0.01
+    part = tmp_path / "part.csv"
+    part.write_text("time_s,displacement_mm\n" + lines(t, np.sin(t), delimiter=","))
+    whole = "t_s,x_mm,force_N\n" + lines(t, np.sin(t), np.cos(t), delimiter=",")
+    (tmp_path / "a_whole.csv").write_text(whole)
+    with pytest.raises(InputError, match="no channel can be made of columns"):
+        import_file(part)
+    (tmp_path / "other_part.csv").write_text("time_s,force_N\n" + lines(t, np.cos(t), delimiter=","))
+    with pytest.raises(InputError, match=r"other_part\.csv has the same number of rows and completes it"):
+        import_file(part)

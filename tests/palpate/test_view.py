@@ -87,18 +87,21 @@ def test_verdict_is_one_sentence(found, words, absent):
 
 
 @pytest.mark.parametrize(
-    ("complete", "times", "words"),
+    ("complete", "at_most", "times", "words"),
     [
-        (True, 1.2, "(noise 0.1 N, from free air)."),
-        (True, 1.8, "The remaining error, 1.8 times the noise, depends on no recorded signal."),
-        (False, 1.8, "An unexplained error of 1.8 times the noise remains and depends on a."),
-        (False, 361.9, "An unexplained error of 360 times the noise remains and depends on a."),
+        (True, False, 1.2, "(noise 0.1 N, from free air)."),
+        (True, False, 1.8, "The remaining error, 1.8 times the noise, depends on no recorded signal."),
+        (False, False, 1.8, "An unexplained error of 1.8 times the noise remains and depends on a."),
+        (False, False, 361.9, "An unexplained error of 360 times the noise remains and depends on a."),
+        (False, True, 0.9, "The remaining error may be noise, but depends on a."),
+        (False, True, 1.8, "An unexplained error of 1.8 times the noise remains and depends on a."),
     ],
 )
-def test_accepted_effect_is_named_for_complete_and_incomplete_models(complete, times, words):
+def test_accepted_effect_is_named_for_complete_and_incomplete_models(complete, at_most, times, words):
     rest = SimpleNamespace(rmse=0.1 * times, times_floor=times, depends_on=["a"])
     known = dict(diagnosis("missing", after=0.18))
     known["accepted"] = [SimpleNamespace(form="exact", **ONE)]
+    known["floor"] = known["floor"].model_copy(update={"at_most": at_most})
     found = SimpleNamespace(**known | {"complete": complete, "remaining": rest})
     told = diagnosis_verdict(found).sentence
     assert "bias is missing from the model." in told
