@@ -228,10 +228,11 @@ def _relaxation(
 def _sensor_dynamics(
     blocked: BlockedData, base: BaseColumns | None, effort: FloatArray, time_s: FloatArray, used: BoolArray
 ) -> list[FlexibleLaw]:
-    """Build the laws of a sensor with a lag, a delay or a lead, for time constants near the best one.
+    """Build the laws of a sensor with a lag, a delay or a lead, for several time constants.
 
     A model fitted without the sensor's dynamics can be far from the true effort: delayed readings can hide an
-    inertia. If `base` is given, its columns are therefore refitted for each lag and delay.
+    inertia. If `base` is given, its columns are therefore refitted for each lag and delay, and only time
+    constants near the best one are used.
     """
     run = blocked.run
     step = sample_time(time_s, run)
@@ -261,10 +262,11 @@ def _sensor_dynamics(
     columns, closest = list[FloatArray](), [unchanged, *(refitted(delayed(-lead)) for lead in times)]
     for family in (lagged, delayed) if times else ():
         fits = {lag: refitted(family(lag)) for lag in times}
-        for _ in range(_BISECTIONS):
-            near = _near_best(fits)
-            fits |= {lag: refitted(family(lag)) for lag in map(float, np.sqrt(near[1:] * near[:-1]))}
-        columns += [family(lag)(fits[lag][1]) - fits[lag][1] for lag in _near_best(fits).tolist()]
+        for _ in range(_BISECTIONS if base is not None else 0):
+            near = np.array(_near_best(fits))
+            fits |= {lag: refitted(family(lag)) for lag in np.sqrt(near[1:] * near[:-1]).tolist()}
+        chosen = times if base is None else _near_best(fits)
+        columns += [family(lag)(fits[lag][1]) - fits[lag][1] for lag in chosen]
         closest += fits.values()
     effort = min(closest, key=lambda fit: fit[0])[1]
     return [
@@ -273,11 +275,11 @@ def _sensor_dynamics(
     ]
 
 
-def _near_best(fits: Mapping[float, tuple[float, FloatArray]]) -> FloatArray:
+def _near_best(fits: Mapping[float, tuple[float, FloatArray]]) -> list[float]:
     """Return the time constant with the smallest error and its neighbors, in ascending order."""
     times = sorted(fits)
     best = times.index(min(times, key=lambda lag: fits[lag][0]))
-    return np.array(times[max(best - 1, 0) : best + 2])
+    return times[max(best - 1, 0) : best + 2]
 
 
 def _friction(

@@ -281,7 +281,7 @@ def _excess(
         noise = still
     elif np.any(air := _free_air_on_blocks(blocked)):
         noise = air
-    elif white := _white_noise(fit, residual, _motion_noise(fit, measurement, rng)):
+    elif white := _white_noise(fit, residual, measurement, rng):
         noise, reference = rng.normal(0.0, white, len(blocked)), "of neighboring readings"
         least = _EXCESS_OF_WHITE
     else:
@@ -321,7 +321,9 @@ def _motion_noise(fit: FitResult, measurement: MeasurementModel, rng: np.random.
     return rmse(fit.problem.blocked.reduce(np.subtract(*efforts))[fit.problem.used])
 
 
-def _white_noise(fit: FitResult, residual: FloatArray, motion_noise: float) -> float | None:
+def _white_noise(
+    fit: FitResult, residual: FloatArray, measurement: MeasurementModel, rng: np.random.Generator
+) -> float | None:
     """Return the standard deviation of the white part of a residual (m,); None if all may be noise.
 
     Differences of white noise do not depend on the distance. Those of a random walk grow by sqrt(2) if the
@@ -330,14 +332,14 @@ def _white_noise(fit: FitResult, residual: FloatArray, motion_noise: float) -> f
     errors of the motion hardly matter. P. Hall, J. W. Kay, D. M. Titterington, Biometrika 77 (1990).
     """
     blocked = fit.problem.blocked
+    if white := fast_noise(fit.data):
+        return white / float(np.sqrt(blocked.rows.shape[1]))
     runs = rows_of_runs(blocked.run)
     longest = max(len(rows) for rows in runs)
     widest = max((half for windows in fit.filters for half, _ in windows), default=0)
-    widest = widest if motion_noise > _NEGLIGIBLE * rmse(residual) else 0
-    distance = 1 + widest // blocked.rows.shape[1]
-    if white := fast_noise(fit.data):
-        return white / float(np.sqrt(blocked.rows.shape[1]))
-    sizes = []
+    if widest and _motion_noise(fit, measurement, rng) <= _NEGLIGIBLE * rmse(residual):
+        widest = 0
+    distance, sizes = 1 + widest // blocked.rows.shape[1], []
     while 6 * distance <= longest:
         size = size_of_differences([residual[rows] for rows in runs], distance)
         if size is None:

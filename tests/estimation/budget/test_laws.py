@@ -242,3 +242,14 @@ def test_slow_motions_at_distant_poses_have_laws():
     assert np.isfinite(analysed(replace(data, name="joint_1")).budget.base)
     resting = replace(data, position=np.full(len(t), 0.1), velocity=0.0 * v, acceleration=0.0 * v)
     assert resting.time_scale == 1.0
+
+
+@pytest.mark.parametrize("lag_s", [0.03, 0.06, 0.12, 0.25])
+def test_law_of_a_slow_sensor_covers_all_lags_of_a_contact(lag_s):
+    data = press(lambda t, x, v, run: 0.0 * x)
+    share = 1.0 / (1.0 + 500.0 * lag_s)  # of a new reading, at 500 Hz
+    parts = [data.effort[data.run == number] for number in np.unique(data.run)]
+    late = np.concatenate([lfilter([share], [1.0, share - 1.0], part) for part in parts])
+    noise = np.random.default_rng(3).normal(0.0, NOISE_N, len(late))
+    first = analysed(replace(data, effort=late + noise)).budget.entries[0]
+    assert (first.kind, first.share > 0.9) == (Kind.SENSOR_DYNAMICS, True)
