@@ -111,7 +111,7 @@ class Effect(ABC):
     signature: ClassVar[str]  # how the effect appears in the data, in words
     # The `SIGNALS` on which its effort depends; a wrong effect in its place leaves structure in them.
     signals: ClassVar[tuple[str, ...]] = SIGNALS
-    channels: ClassVar[frozenset[ChannelKind]]  # kinds of channel in which it can occur
+    channels: ClassVar[frozenset[ChannelKind]] = frozenset(ChannelKind)  # kinds in which it can occur
     gains: ClassVar[tuple[Parameter, ...]] = ()  # parameters in which the effort is linear, one per column
     # Nonlinear parameters (exponent, speed, time), searched within their bounds.
     inner: ClassVar[tuple[Parameter, ...]] = ()

@@ -41,7 +41,6 @@ class Stiffness(AdditiveEffect):
     source = "R. Hooke, De Potentia Restitutiva (1678); the elastic half of the Kelvin-Voigt body"
     signature = "effort grows in proportion to displacement, at any speed, equally on the way in and out"
     signals = ("position",)
-    channels = frozenset(ChannelKind)
     gains = (Parameter("k", "{effort}/{position}", 0.0, 1e12, (10.0, 2e4)),)
     elastic = ("k",)
     confused_with = {
@@ -65,7 +64,6 @@ class CubicStiffness(AdditiveEffect):
         "the slope of effort over position grows with displacement, equally on both sides, at any speed"
     )
     signals = ("position",)
-    channels = frozenset(ChannelKind)
     gains = (Parameter("k3", "{effort}/{position}^3", -1e13, 1e13, (1.0, 1e9)),)
     elastic = ("k3",)
     confused_with = {
@@ -97,7 +95,6 @@ class PowerLawStiffness(AdditiveEffect):
     )
     signature = "effort over position is a straight line on logarithmic axes, at any speed"
     signals = ("position",)
-    channels = frozenset(ChannelKind)
     gains = (Parameter("k", "{effort}/{position}^n", 0.0, 1e40, (10.0, 1e12)),)
     elastic = ("k",)
     inner = (Parameter("n", "1", 0.3, 6.0, (0.4, 4.0)),)
@@ -314,7 +311,6 @@ class ExponentialStiffness(AdditiveEffect):
     source = "Y. C. Fung, Am. J. Physiology 213 (1967): elasticity of soft tissues in simple elongation"
     signature = "the slope of effort over position is a linear function of the effort, at any speed"
     signals = ("position",)
-    channels = frozenset(ChannelKind)
     gains = (Parameter("a", "{effort}", 0.0, 1e12, (1e-4, 10.0)),)
     elastic = ("a",)
     inner = (Parameter("b", "1/{position}", 1e-3, 1e9, (10.0, 1000.0), log=True),)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from palpate.estimation.channel import JOINTS, ChannelData, ChannelKind
+from palpate.estimation.channel import JOINTS, ChannelData
 from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, Parameters, start_grid
 from palpate.estimation.effects.friction import TRANSITION
 from palpate.estimation.kinds import Kind
@@ -19,7 +19,6 @@ class Inertia(AdditiveEffect):
     source = "I. Newton, Principia (1687)"
     signature = "effort follows acceleration at any position and speed"
     signals = ("acceleration",)
-    channels = frozenset(ChannelKind)
     one_sided = False
     gains = (Parameter("m", "{inertia}", 0.0, 1e12, (0.0001, 200.0)),)
     confused_with = {

@@ -195,7 +195,6 @@ class BoucWenHysteresis(AdditiveEffect):
         "effort over position forms loops of the same height at any speed; small loops lie inside large ones"
     )
     signals = ("direction", "past motion")
-    channels = frozenset(ChannelKind)
     gains = (Parameter("force", "{effort}", 0.0, 1e12, (0.001, 50.0)),)
     inner = (
         Parameter("path", "{position}", 1e-9, 10.0, (1e-4, 0.1), log=True),

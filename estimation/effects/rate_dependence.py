@@ -18,7 +18,6 @@ class Damping(AdditiveEffect):
     source = "the viscous half of the Kelvin-Voigt body; W. Flügge, Viscoelasticity (1975), ch. 1"
     signature = "effort at the same depth is higher while moving in than out; the difference grows with speed"
     signals = ("velocity",)
-    channels = frozenset(ChannelKind)
     gains = (Parameter("c", "{effort} s/{position}", 0.0, 1e12, (0.1, 500.0)),)
     confused_with = {
         "delay": "probe at two speeds and hold: a delay shifts force in time, a damper vanishes at rest",

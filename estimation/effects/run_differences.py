@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from palpate.estimation.channel import JOINTS, ChannelData, ChannelKind
+from palpate.estimation.channel import JOINTS, ChannelData
 from palpate.estimation.effect import Inner, Parameter, SensorEffect, start_grid
 from palpate.estimation.effects.torque_ripple import TorqueRipple
 from palpate.estimation.kinds import Kind
@@ -39,7 +39,6 @@ class RunVariation(SensorEffect):
     """
 
     signals: ClassVar[tuple[str, ...]] = ("recorded",)
-    channels = frozenset(ChannelKind)
     linear = False
     inner: ClassVar[tuple[Parameter, ...]] = (Parameter("share", "1", 0.0, 1.0, (0.2, 1.0)),)
 
@@ -287,7 +286,6 @@ class RecordedDependence(SensorEffect):
     source = "D. C. Montgomery, Design and Analysis of Experiments (2012), ch. 15: covariates"
     signature = "the effort is scaled by a factor that grows with the recorded column"
     signals = ("recorded",)
-    channels = frozenset(ChannelKind)
     inner: ClassVar[tuple[Parameter, ...]] = (Parameter("change", "1", -3.0, 3.0, (-0.3, 0.3)),)
     linear = True
     confused_with = {

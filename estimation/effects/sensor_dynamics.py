@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.channel import ChannelData
 from palpate.estimation.effect import (
     AdditiveEffect,
     Errors,
@@ -33,7 +33,6 @@ class Delay(SensorEffect):
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 3: dead time"
     signature = "readings keep their shape and lag behind the motion"
     signals = ("past effort",)
-    channels = frozenset(ChannelKind)
     inner = (Parameter("time", "s", -0.5, 2.0, (0.001, 0.1)),)
     confused_with = {
         "lag": "make a sharp touch: a lag rounds it, a delay only shifts it",
@@ -66,7 +65,6 @@ class Lag(SensorEffect):
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 3: first-order instrument"
     signature = "readings lag and are smoothed; the error grows with the rate of the effort"
     signals = ("past effort",)
-    channels = frozenset(ChannelKind)
     inner = (Parameter("tau", "s", 1e-9, 1.0, (0.001, 0.2), log=True),)
     confused_with = {
         "delay": "make a sharp touch: a lag rounds it, a delay only shifts it",
@@ -97,7 +95,6 @@ class Drift(AdditiveEffect):
     source = "JCGM 200:2012 (VIM), 4.21: instrumental drift"
     signature = "free air and every run drift steadily with time, not with the time since contact"
     signals = ("time",)
-    channels = frozenset(ChannelKind)
     one_sided = False
     gains = (
         Parameter("rate", "{effort}/s", -1e12, 1e12, (-0.01, 0.01)),

@@ -34,7 +34,6 @@ class Bias(AdditiveEffect):
     source = "JCGM 200:2012 (VIM), 4.20: instrumental bias"
     signature = "all readings have the same offset, also in free air"
     signals = ("offset",)
-    channels = frozenset(ChannelKind)
     one_sided = False
     gains = (Parameter("offset", "{effort}", -1e12, 1e12, (-1.0, 1.0)),)
     confused_with = {
@@ -133,7 +132,6 @@ class Deadband(SensorEffect):
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 2: threshold"
     signature = "readings are zero for small efforts, and too small by a constant for others"
     signals = ("effort",)
-    channels = frozenset(ChannelKind)
     inner = (Parameter("width", "{effort}", 1e-15, 1e9, (0.001, 1.0), log=True),)
     confused_with = {
         "contact_offset": "probe slowly near the surface",
@@ -206,7 +204,6 @@ class Saturation(SensorEffect):
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 2: span"
     signature = "the largest readings are cut off flat at one value"
     signals = ("effort",)
-    channels = frozenset(ChannelKind)
     inner = (Parameter("limit", "{effort}", 1e-15, 1e9, (0.1, 100.0), log=True),)
     confused_with = {
         "layered_stiffness": "press less: readings below the limit are correct",
@@ -285,7 +282,6 @@ class Hysteresis(SensorEffect):
     source = "M. A. Krasnoselskii, A. V. Pokrovskii, Systems with Hysteresis (1989): play operator"
     signature = "readings are low while the effort rises and high while it falls, at any speed"
     signals = ("past effort",)
-    channels = frozenset(ChannelKind)
     inner = (Parameter("width", "{effort}", 1e-15, 1e9, (0.001, 1.0), log=True),)
     confused_with = {
         "bouc_wen_hysteresis": "reverse slowly at several loads: a sensor's loops all have the same width",
@@ -371,7 +367,6 @@ class Quantisation(SensorEffect):
     source = "B. Widrow, I. Kollár, Quantization Noise (2008)"
     signature = "readings take few values, and are constant between jumps"
     signals = ("effort",)
-    channels = frozenset(ChannelKind)
     inner = (
         Parameter("step", "{effort}", 1e-15, 1e9, (0.001, 1.0), log=True),
         Parameter("noise", "{effort}", 1e-18, 1e9, (0.0001, 0.1), log=True),

@@ -142,8 +142,7 @@ def load_user_effect(text: str) -> Effect:
         return guarded(member())
 
 
-STATED = ("name", "physics", "equation", "source", "signature", "channels")
-_TEXTS = STATED[1:-1]
+STATED = ("name", "physics", "equation", "source", "signature")
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
@@ -185,7 +184,7 @@ def _flaws(effect_type: Any) -> Iterator[tuple[str, str]]:  # noqa: ANN401, it m
     if not (isinstance(effect_type.name, str) and _NAME.fullmatch(effect_type.name)):
         expected = "expected lower-case letters, digits and _, such as 'my_effect'"
         yield "name", f"its name is {effect_type.name!r}; {expected}"
-    for what in _TEXTS:
+    for what in STATED[1:]:
         if not isinstance(text := getattr(effect_type, what), str):
             yield what, f"its {what} is {text!r}, expected text"
     if not (isinstance(effect_type.channels, set | frozenset) and _all(effect_type.channels, ChannelKind)):
