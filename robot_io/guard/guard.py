@@ -136,8 +136,6 @@ class Guard:
             while stopping only.
 
     Attributes:
-        torque_clips: number of commands that were reduced to the torque limit.
-        rate_clips: number of commands that were reduced to the torque-rate limit.
         longest_hold_up_s: longest time after its measurement for which a command is valid [s].
 
     Raises:
@@ -167,8 +165,6 @@ class Guard:
         self._finished = False
         self._previous_nm: list[float] = []  # torques of the last command [N m]
         self._previous_s = -inf  # time of the last command [s]
-        self.torque_clips = 0
-        self.rate_clips = 0
 
     @property
     def tripped(self) -> Trip | None:
@@ -311,21 +307,15 @@ class Guard:
             measured_nm = zip(measurement.joint_torque_nm.tolist(), self._torque_limits, strict=True)
             previous_nm = [clip(torque, -largest, largest) for torque, (largest, _) in measured_nm]
         sent_nm: list[float] = []
-        torque_clipped = rate_clipped = False
         for torque, previous, (largest, rate) in zip(
             command_nm, previous_nm, self._torque_limits, strict=True
         ):
             change = rate * dt_s
             if -largest <= torque <= largest and previous - change <= torque <= previous + change:
                 sent_nm.append(torque)  # as in most ticks
-                continue
-            allowed = clip(torque, -largest, largest)
-            torque_clipped |= allowed != torque
-            sent = clip(allowed, previous - change, previous + change)
-            rate_clipped |= sent != allowed
-            sent_nm.append(sent)
-        self.torque_clips += torque_clipped
-        self.rate_clips += rate_clipped
+            else:
+                allowed = clip(torque, -largest, largest)
+                sent_nm.append(clip(allowed, previous - change, previous + change))
         self._previous_nm, self._previous_s = sent_nm, measurement.time_s
         self._unresponsive_drives.sent(measurement.time_s, sent_nm)
         return _command(sent_nm)
