@@ -159,8 +159,6 @@ class Heartbeat:
     axis_error: int  # error bits, see `axis_error_names`
     state: AxisState  # state of the axis
     component_errors: tuple[str, ...] = ()  # names of the components that report an error (0.5 only)
-    procedure_result: int = 0  # result of the last procedure (0.6 only); 0 is success
-    trajectory_done: bool = False  # whether a planned motion has ended
 
 
 def odrive_id(node_id: int, command: OdriveCommand) -> int:
@@ -181,8 +179,8 @@ def odrive_id(node_id: int, command: OdriveCommand) -> int:
 def decode_heartbeat(frame: CanFrame, firmware: Firmware) -> Heartbeat:
     """Decode a heartbeat of either generation.
 
-    Bytes 0 to 3 are the axis error and byte 4 the state. Then 0.5 has flags for motor, encoder and controller
-    (bit 7 of the last: trajectory done), 0.6 the procedure result and the trajectory flag.
+    Bytes 0 to 3 are the axis error and byte 4 the state. Then 0.5 has flags for motor, encoder and
+    controller, and 0.6 has the results of procedures and trajectories, which are not used.
 
     Args:
         frame: received frame.
@@ -199,10 +197,9 @@ def decode_heartbeat(frame: CanFrame, firmware: Firmware) -> Heartbeat:
     except ValueError as error:
         raise ProtocolError(f"heartbeat: axis state {data[4]} does not exist") from error
     if firmware is Firmware.V0_6:
-        return Heartbeat(axis_error, state, procedure_result=data[5], trajectory_done=bool(data[6] & 1))
+        return Heartbeat(axis_error, state)
     flags = (("motor", data[5] & 1), ("encoder", data[6] & 1), ("controller", data[7] & 1))
-    failed = tuple(part for part, flag in flags if flag)
-    return Heartbeat(axis_error, state, failed, trajectory_done=bool(data[7] & 0x80))
+    return Heartbeat(axis_error, state, tuple(part for part, flag in flags if flag))
 
 
 def decode_two_floats(frame: CanFrame, what: str) -> tuple[float, float]:

@@ -311,12 +311,10 @@ def is_wrong_odrive(data: bytes, _seen: bytes, accepted) -> bool:
         return not np.isfinite(floats).all() or accepted != tuple(floats.tolist())
     error, state, *flags = int(content[:4].view("<u4")[0]), *content[4:].tolist()
     failed = tuple(part for part, flag in zip(_ODRIVE_PARTS, flags, strict=True) if flag & 1)
-    done = bool(flags[2] & 0x80) if kind == 0 else bool(flags[1] & 1)
-    expected = (error, state, failed, 0, done) if kind == 0 else (error, state, (), flags[0], done)
+    expected = (error, state, failed if kind == 0 else ())
     if not isinstance(accepted, odrive.Heartbeat) or state not in _ODRIVE_STATES:
         return True
-    beat = (accepted.axis_error, accepted.state, accepted.component_errors, accepted.procedure_result)
-    return (*beat, accepted.trajectory_done) != expected
+    return (accepted.axis_error, accepted.state, accepted.component_errors) != expected
 
 
 # Force sensors.

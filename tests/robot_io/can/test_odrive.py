@@ -37,35 +37,34 @@ def test_ids_and_a_heartbeat_of_the_manual():
     assert axis_error_names(beat.axis_error, Firmware.V0_5) == ("INVALID_STATE",)
     assert beat.state is AxisState.HOMING
     assert not beat.component_errors
-    assert not beat.trajectory_done
 
 
 @pytest.mark.parametrize(
-    ("firmware", "error", "state", "more", "names", "parts", "procedure"),
+    ("firmware", "error", "state", "more", "names", "parts"),
     [
         (
             *(Firmware.V0_5, 0x840, AxisState.IDLE),
             {"Motor_Error_Flag": 1, "Encoder_Error_Flag": 0, "Controller_Error_Flag": 1},
-            *(("MOTOR_FAILED", "WATCHDOG_TIMER_EXPIRED"), ("motor", "controller"), 0),
+            *(("MOTOR_FAILED", "WATCHDOG_TIMER_EXPIRED"), ("motor", "controller")),
         ),
         (
             *(Firmware.V0_6, 0x01000000, AxisState.CLOSED_LOOP_CONTROL, {"Procedure_Result": 3}),
-            *(("WATCHDOG_TIMER_EXPIRED",), (), 3),
+            *(("WATCHDOG_TIMER_EXPIRED",), ()),
         ),
     ],
 )
-def test_heartbeat_matches_the_dbc(firmware, error, state, more, names, parts, procedure):
+def test_heartbeat_matches_the_dbc(firmware, error, state, more, names, parts):
     signals = {"Axis_Error": error, "Axis_State": int(state), "Trajectory_Done_Flag": 1} | more
     beat = odrive.decode_heartbeat(by_dbc(firmware, "Heartbeat", **signals), firmware)
     assert axis_error_names(beat.axis_error, firmware) == names
     assert beat.state is state
-    assert (beat.procedure_result, beat.trajectory_done, beat.component_errors) == (procedure, True, parts)
+    assert beat.component_errors == parts
 
 
 def test_firmware_versions_read_the_same_bytes_differently():
     frame = CanFrame(0x21, bytes((0, 0, 0, 0, 1, 1, 0, 0)))
     assert odrive.decode_heartbeat(frame, Firmware.V0_5).component_errors == ("motor",)
-    assert odrive.decode_heartbeat(frame, Firmware.V0_6).procedure_result == 1
+    assert odrive.decode_heartbeat(frame, Firmware.V0_6).component_errors == ()
 
 
 @pytest.mark.parametrize(("place", "part"), [(5, "motor"), (6, "encoder"), (7, "controller")])
@@ -73,7 +72,7 @@ def test_each_part_has_its_own_error_flag(place, part):
     data = bytearray(8)
     data[place] = 1
     beat = odrive.decode_heartbeat(CanFrame(0x21, bytes(data)), Firmware.V0_5)
-    assert (beat.component_errors, beat.trajectory_done) == ((part,), False)
+    assert beat.component_errors == (part,)
 
 
 def test_unnamed_error_bit_is_shown_as_a_number():
