@@ -40,7 +40,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.control.teleop.virtual_object import ForceLaw, VirtualObject, kelvin_voigt
+from palpate.control.teleop.virtual_object import ForceLaw, VirtualObject
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray, clip
 
@@ -419,9 +419,19 @@ def _fit_kelvin_voigt(samples: FloatArray) -> Packet:
     return float(stiffness), float(damping), float(-offset / stiffness)
 
 
+def _kelvin_voigt(parameters: Packet) -> tuple[ForceLaw, float]:
+    """Make the law F = k x + c dx/dt, clipped at zero, and its surface [m]."""
+    stiffness_n_m, damping_n_s_m, surface_m = parameters
+
+    def force_n(depth_m: float, rate_m_s: float, _dt_s: float) -> float:
+        return max(0.0, stiffness_n_m * depth_m + damping_n_s_m * rate_m_s) if depth_m > 0.0 else 0.0
+
+    return force_n, surface_m
+
+
 KELVIN_VOIGT = ObjectModel(
     fit=_fit_kelvin_voigt,
-    law=lambda parameters: (kelvin_voigt(parameters[0], parameters[1]), parameters[2]),
+    law=_kelvin_voigt,
     guess=(500.0, 5.0, 0.0),
 )
 

@@ -40,35 +40,6 @@ _ENERGY_EXPONENT = 4.0  # p: laws up to depth^3 are rendered unchanged
 _ENERGY_STEPS = 2.0  # number of steps of a retracting tip for which the energy must last
 
 
-def kelvin_voigt(stiffness_n_m: float, damping_n_s_m: float) -> ForceLaw:
-    """Make the law F = k x + c dx/dt, clipped at zero (paper, section V).
-
-    Args:
-        stiffness_n_m: k [N/m].
-        damping_n_s_m: c [N s/m].
-    """
-
-    def force_n(depth_m: float, rate_m_s: float, _dt_s: float) -> float:
-        return max(0.0, stiffness_n_m * depth_m + damping_n_s_m * rate_m_s) if depth_m > 0.0 else 0.0
-
-    return force_n
-
-
-def hunt_crossley(stiffness: float, damping: float, exponent: float) -> ForceLaw:
-    """Make the law F = (k + b dx/dt) x^n, clipped at zero (Hunt and Crossley 1975, eq. 2).
-
-    Args:
-        stiffness: k [N/m^n].
-        damping: b [N s/m^(n+1)].
-        exponent: n.
-    """
-
-    def force_n(depth_m: float, rate_m_s: float, _dt_s: float) -> float:
-        return max(0.0, stiffness + damping * rate_m_s) * depth_m**exponent if depth_m > 0.0 else 0.0
-
-    return force_n
-
-
 class RenderedForce(NamedTuple):
     """Result of one step of the virtual object."""
 
@@ -83,7 +54,7 @@ class VirtualObject:
     """Half space with a force law that can be replaced at any time.
 
     Args:
-        law: the force law, such as `kelvin_voigt(1000.0, 5.0)`.
+        law: the force law.
         point_world_m: any point of the undeformed surface, shape (3,) [m].
         normal_world: outward normal, shape (3,); it is normalized.
         largest_jump_n: largest change of force by an update in one step [N].

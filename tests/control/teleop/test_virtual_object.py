@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.control.teleop.virtual_object import VirtualObject, hunt_crossley, kelvin_voigt
+from palpate.control.teleop.virtual_object import VirtualObject
 from palpate.robot_io.errors import InputError
 
 DT_S = 1e-3
@@ -15,6 +15,14 @@ RESERVE_J = 1e-4
 
 def nothing(_depth_m, _rate_m_s, _dt_s):
     return 0.0
+
+
+def kelvin_voigt(k, c):
+    return lambda x, v, _dt_s: max(0.0, k * x + c * v) if x > 0.0 else 0.0
+
+
+def hunt_crossley(k, b, n):
+    return lambda x, v, _dt_s: max(0.0, k + b * v) * x**n if x > 0.0 else 0.0
 
 
 def press(virtual, depth_m, updates=None):
