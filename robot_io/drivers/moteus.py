@@ -282,10 +282,7 @@ class MoteusBus(PolledMotorBus[MoteusState]):
         is_answer = frame.fd and not frame.remote and frame.can_id & 0xFF == self._settings.host_id
         return self._joint_by_id.get(frame.can_id >> 8) if is_answer else None
 
-    def _store_frame(self, frame: CanFrame, at_s: float) -> bool:
-        joint = self._joint_of(frame)
-        if joint is None:
-            return False
+    def _store_frame(self, joint: int, frame: CanFrame, at_s: float) -> bool:
         self._states[joint].append((decode_state(frame), at_s))
         return True
 

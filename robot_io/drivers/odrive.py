@@ -309,12 +309,10 @@ class OdriveBus(MotorBus):
         return " ".join((beat.state.name, *names, *components))
 
     def _joint_of(self, frame: CanFrame) -> int | None:
-        return None if frame.extended else self._joint_by_node.get(frame.can_id >> odrive.COMMAND_BITS)
+        is_foreign = frame.extended or frame.remote
+        return None if is_foreign else self._joint_by_node.get(frame.can_id >> odrive.COMMAND_BITS)
 
-    def _store_frame(self, frame: CanFrame, at_s: float) -> bool:
-        joint = self._joint_of(frame)
-        if joint is None or frame.remote:
-            return False
+    def _store_frame(self, joint: int, frame: CanFrame, at_s: float) -> bool:
         node, command = divmod(frame.can_id, 1 << odrive.COMMAND_BITS)
         match command:
             case OdriveCommand.ENCODER_ESTIMATES:

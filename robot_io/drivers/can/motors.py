@@ -90,16 +90,16 @@ class MotorBus(JointBus, Examinable):
         """Switch off the torque of all motors on an open line; raise `DeviceError` if one did not confirm."""
 
     @abstractmethod
-    def _store_frame(self, frame: CanFrame, at_s: float) -> bool:
-        """Store the state of a joint from a frame; return False if it is from another sender.
-
-        Raises:
-            ProtocolError: the frame comes from one of our motors but violates the protocol.
-        """
+    def _joint_of(self, frame: CanFrame) -> int | None:
+        """Return which joint a frame comes from; None if it is from another sender."""
 
     @abstractmethod
-    def _joint_of(self, frame: CanFrame) -> int | None:
-        """Return which joint a frame comes from."""
+    def _store_frame(self, joint: int, frame: CanFrame, at_s: float) -> bool:
+        """Store the state of a joint from its frame; return False if the protocol has no such frame.
+
+        Raises:
+            ProtocolError: the frame violates the protocol.
+        """
 
     @abstractmethod
     def _encode_shaft(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
@@ -212,16 +212,17 @@ class MotorBus(JointBus, Examinable):
 
     def _drain(self, deadline_s: float) -> None:
         for frame, at_s in self.line.drain(deadline_s):
-            try:
-                if not self._store_frame(frame, at_s):
-                    self.line.counts["foreign id"] += 1
-                    if len(self._foreign_ids) < _MOST_FOREIGN:
-                        self._foreign_ids.add(frame.can_id)
-            except ProtocolError as error:
-                self.line.counts["not valid"] += 1
-                joint = self._joint_of(frame)
-                if joint is not None:
+            if (joint := self._joint_of(frame)) is not None:
+                try:
+                    if self._store_frame(joint, frame, at_s):
+                        continue
+                except ProtocolError as error:
+                    self.line.counts["not valid"] += 1
                     self._last_problem[joint] = str(error)
+                    continue
+            self.line.counts["foreign id"] += 1
+            if len(self._foreign_ids) < _MOST_FOREIGN:
+                self._foreign_ids.add(frame.can_id)
 
     def _silence_problem(self, joint: int, now_s: float) -> str:
         """Return which data of `joint` are missing for half of the age limit, or an empty string."""

@@ -55,10 +55,7 @@ class MitBus(PolledMotorBus[MitState]):
         sender = self._frames.sender(frame)
         return None if sender is None else self._joint_by_id.get(sender)
 
-    def _store_frame(self, frame: CanFrame, at_s: float) -> bool:
-        joint = self._joint_of(frame)
-        if joint is None:
-            return False
+    def _store_frame(self, joint: int, frame: CanFrame, at_s: float) -> bool:
         motor_id = self._motor_ids[joint]
         if self._frames.is_about_register(frame, motor_id):
             asked_joint, register = self._register_asked or (None, None)
