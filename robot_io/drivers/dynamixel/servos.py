@@ -227,10 +227,7 @@ class DynamixelLine(ServoLine):
     def _identify(self, servo: ServoSettings) -> int:
         """Check a servo against the settings and return its firmware version."""
         number, firmware = self.registers.servo_label(servo.id)
-        if number != servo.servo_model.number:
-            raise DeviceError(
-                f"servo {servo.id} is a {tables.model_name(number)}, but the robot file states {servo.model}"
-            )
+        servo.refuse_other_model(number)
         if firmware < tables.WATCHDOG_FIRMWARE:
             raise DeviceError(
                 f"servo {servo.id} has firmware {firmware} without a bus watchdog: update it to "
@@ -300,7 +297,7 @@ def examine_servo(access: DynamixelAccess, servo: ServoSettings, label: str) -> 
     """
     read = access.read
     number, firmware = access.servo_label(servo.id)
-    value = f"{tables.model_name(number)}, firmware {firmware}"
+    value = f"{servo.name_model(number)}, firmware {firmware}"
     if number != servo.servo_model.number:
         value += f", but the robot file states {servo.model}"
         yield fail(label, value, "correct the model, or the ids")

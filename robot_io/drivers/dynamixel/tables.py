@@ -10,14 +10,14 @@ Source: ROBOTIS e-manual, "Control Table" and "Specifications" of the models; "D
 Fast Sync Read (minimum firmware; XC330 is taken to be as XL330).
 """
 
-from collections.abc import Collection
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import pi
 from typing import Annotated, ClassVar, Final, Literal
 
 from pydantic import Field, model_validator
 
-from palpate.robot_io.drivers.servo.joints import ServoBusSettings, ServoMounting
+from palpate.robot_io.drivers.servo.joints import ServoBusSettings, ServoModel, ServoMounting
 from palpate.robot_io.drivers.servo.line import Register
 from palpate.robot_io.drivers.servo.stream import bit_names
 from palpate.robot_io.files.file_model import NotNegative, Positive, TorqueConstant
@@ -87,11 +87,9 @@ WATCHDOG_FIRMWARE: Final = 38  # first firmware with a bus watchdog
 
 
 @dataclass(frozen=True, slots=True)
-class DynamixelModel:
+class DynamixelModel(ServoModel):
     """Data of one servo model."""
 
-    name: str  # as printed on it
-    number: int  # model number
     current_step_a: float  # unit of its currents [A]
     largest_current: int  # largest current limit, in that unit
     torque_constant_nm_a: float  # torque at the horn per current, approximate [N m/A]
@@ -118,19 +116,10 @@ MODELS: Final = {
 }
 
 
-def model_name(number: int) -> str:
-    """Return the name of a model number, for messages.
-
-    Args:
-        number: model number in the answer of the servo.
-    """
-    return next((model.name for model in MODELS.values() if model.number == number), f"model number {number}")
-
-
 class ServoSettings(ServoMounting):
     """One servo; it drives the joint at its place in the list."""
 
-    known_models: ClassVar[Collection[str]] = MODELS
+    known_models: ClassVar[Mapping[str, ServoModel]] = MODELS
 
     homing_offset: (
         Annotated[int, Field(ge=-LARGEST_HOMING_OFFSET, le=LARGEST_HOMING_OFFSET, strict=True)] | None

@@ -97,11 +97,7 @@ class FeetechLine(ServoLine):
             DeviceError: It is another model, or counts differently from what is required.
         """
         read, servo_id = self.registers.read, servo.id
-        number = read(servo_id, tables.MODEL_NUMBER)
-        if number != servo.servo_model.number:
-            raise DeviceError(
-                f"servo {servo_id} is a {tables.model_name(number)}, but the robot file states {servo.model}"
-            )
+        servo.refuse_other_model(read(servo_id, tables.MODEL_NUMBER))
         phase = read(servo_id, tables.PHASE)
         for bit, needed, trouble in tables.PHASE_BITS:
             if phase >> bit & 1 != needed:

@@ -10,14 +10,14 @@ sheets of STS3215 (stall torque, no-load speed); the gain of the position error 
 feetech actuator, with an oscilloscope).
 """
 
-from collections.abc import Collection
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import pi
 from typing import Annotated, ClassVar, Final, Literal
 
 from pydantic import Field
 
-from palpate.robot_io.drivers.servo.joints import ServoBusSettings, ServoMounting
+from palpate.robot_io.drivers.servo.joints import ServoBusSettings, ServoModel, ServoMounting
 from palpate.robot_io.drivers.servo.line import Register
 from palpate.robot_io.drivers.servo.stream import LARGEST_ID
 
@@ -75,11 +75,9 @@ DUTY_PER_RAD: Final = 0.166  # times the P coefficient
 
 
 @dataclass(frozen=True, slots=True)
-class FeetechModel:
+class FeetechModel(ServoModel):
     """Data of one servo model."""
 
-    name: str  # as sold
-    number: int  # model number
     voltage_v: float  # voltage for which the other two are stated [V]
     stall_torque_nm: float  # at the horn [N m]
     no_load_rad_s: float  # [rad/s]
@@ -96,23 +94,13 @@ MODELS: Final = {
 }
 
 
-def model_name(number: int) -> str:
-    """Return the name of a model number, for messages.
-
-    Args:
-        number: model number in the answer of the servo.
-    """
-    names = [model.name for model in MODELS.values() if model.number == number]
-    return " or ".join(names) or f"model number {number}"
-
-
 HomingOffset = Annotated[int, Field(ge=-2047, le=2047, strict=True)]
 
 
 class FeetechServo(ServoMounting):
     """One servo; it drives the joint at its place in the list."""
 
-    known_models: ClassVar[Collection[str]] = MODELS
+    known_models: ClassVar[Mapping[str, ServoModel]] = MODELS
 
     homing_offset: HomingOffset | None = None
 

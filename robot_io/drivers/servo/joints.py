@@ -6,13 +6,15 @@ the joint's position is then unknown. If their torques differ for the tolerated 
 one of them has lost its torque or works against the other, which their sum would not always show.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import inf
 from typing import Annotated, Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
 from pydantic import Field, StrictBool, field_validator, model_validator
 
+from palpate.robot_io.errors import DeviceError
 from palpate.robot_io.examination import Finding, fail, ok
 from palpate.robot_io.files.file_model import FileModel, Positive, ZeroAngle
 from palpate.robot_io.guard.limits import Limits
@@ -21,10 +23,18 @@ from palpate.robot_io.types import FloatArray
 _KEYS_OF_EACH_SERVO = frozenset(("id", "reversed", "zero_rad", "homing_offset", "second"))
 
 
+@dataclass(frozen=True, slots=True)
+class ServoModel:
+    """Data of one servo model."""
+
+    name: str  # as printed on it, or as sold
+    number: int  # model number in its answers; some models share one
+
+
 class ServoMounting(FileModel):
     """Mounting of one servo on its joint."""
 
-    known_models: ClassVar[Collection[str]]
+    known_models: ClassVar[Mapping[str, ServoModel]]
 
     id: Annotated[int, Field(ge=0, le=252, strict=True)]  # its id on the bus
     model: str  # by its maker's name
@@ -68,6 +78,26 @@ class ServoMounting(FileModel):
     def direction(self) -> float:
         """Sign of the joint's motion when the servo counts up."""
         return -1.0 if self.reversed else 1.0
+
+    @classmethod
+    def name_model(cls, number: int) -> str:
+        """Return the name of a model number, for messages.
+
+        Args:
+            number: model number in the answer of the servo.
+        """
+        names = [model.name for model in cls.known_models.values() if model.number == number]
+        return " or ".join(names) or f"model number {number}"
+
+    def refuse_other_model(self, number: int) -> None:
+        """Raise a `DeviceError` if a servo has another model number than this model.
+
+        Args:
+            number: model number in the answer of the servo.
+        """
+        if number != self.known_models[self.model].number:
+            found = self.name_model(number)
+            raise DeviceError(f"servo {self.id} is a {found}, but the robot file states {self.model}")
 
     def homing_problem(self, measured_offset: int) -> str | None:
         """Return why a servo is not the servo of the robot file; None if it may be.

@@ -59,7 +59,7 @@ def test_dynamixel_matches_its_emulator(name):
     rows = control_table(theirs, 1, 45)
     registers = [one for one in vars(dynamixel).values() if isinstance(one, Register)]
     assert all(rows[one.address].size == one.size for one in registers)
-    assert dynamixel.model_name(theirs.number) == name
+    assert dynamixel.ServoSettings.name_model(theirs.number) == name
 
 
 def test_dynamixel_numbers_have_documented_units():
@@ -74,7 +74,7 @@ def test_feetech_servo_matches_its_emulator(name):
     assert (ours.voltage_v, ours.stall_torque_nm, ours.no_load_rad_s) == pytest.approx(
         emulated_sts.MODELS[name]
     )
-    assert name in feetech.model_name(777)
+    assert name in feetech.FeetechServo.name_model(777)
 
 
 AXIS_ERROR_BITS = {
