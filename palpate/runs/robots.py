@@ -1,7 +1,6 @@
 """Find robot files and drivers, and emulate devices for real drivers."""
 
 import importlib.util
-from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +16,6 @@ from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.robot_file import RobotFile, load_robot_file, parse_robot_file
 from palpate.sim_backend.drivers import SimulatedBus
-from palpate.sim_backend.emulators.faults import Faults
 from palpate.sim_backend.emulators.wiring import WiredArm, wire_up
 from palpate.sim_backend.scenario import Scenario
 
@@ -113,7 +111,6 @@ def emulate(
     clock: Clock,
     *,
     as_built: RobotFile | None = None,
-    faults: Mapping[str, Faults] | None = None,
 ) -> WiredArm:
     """Connect emulated devices to every bus of a robot; the caller must close the arm's bench.
 
@@ -124,21 +121,20 @@ def emulate(
         scenario: the world behind the devices.
         clock: clock of the devices.
         as_built: robot file of the emulated arm; None for `robot_file`.
-        faults: faults of the devices, by bus name.
 
     Raises:
         InputError: a bus cannot be emulated, or the two files do not have the same buses.
     """
     check_can_be_emulated(robot_file)
     if as_built is None:
-        return wire_up(robot_file, scenario, clock, faults)
+        return wire_up(robot_file, scenario, clock)
     check_can_be_emulated(as_built)
     built, expected = (
         {name: bus.driver for name, bus in file.buses.items()} for file in (as_built, robot_file)
     )
     if built != expected:
         raise InputError(f"{as_built.path}: its buses {built} are not those of {robot_file.path}, {expected}")
-    arm = wire_up(as_built, scenario, clock, faults)
+    arm = wire_up(as_built, scenario, clock)
     data: Any = deepcopy(robot_file.document.data)
     for name, bus in arm.robot_file.buses.items():  # only the addresses of devices change
         known = as_built.buses[name].settings.items()

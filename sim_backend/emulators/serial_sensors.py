@@ -293,6 +293,7 @@ class EmulatedCell(SerialSensor):
 
 SKIPPED, OVERRANGE, INVALID, RAW = 1, 2, 4, 8  # status bits
 _STEP_US = 19.53125  # of one conversion
+_TEMPERATURE_C = 31.5  # of the sensor
 
 
 def bota_crc(data: bytes) -> int:
@@ -312,19 +313,18 @@ def bota_crc(data: bytes) -> int:
     return ~remainder & 0xFFFF
 
 
-def bota_frame(status: int, values: list[float], time_us: int, temperature_c: float = 31.5) -> bytes:
+def bota_frame(status: int, values: list[float], time_us: int) -> bytes:
     """Make one frame: three forces, three torques.
 
     Args:
         status: bits.
         values: three forces [N], three torques [N m].
         time_us: sensor's clock [us].
-        temperature_c: temperature of the sensor [deg C].
 
     Returns:
         The frame, with its checksum.
     """
-    data = struct.pack("<H6fIf", status, *values, time_us % 2**32, temperature_c)
+    data = struct.pack("<H6fIf", status, *values, time_us % 2**32, _TEMPERATURE_C)
     return b"\xaa" + data + struct.pack("<H", bota_crc(data))
 
 

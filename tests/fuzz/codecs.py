@@ -459,7 +459,7 @@ CODECS: dict[str, Codec] = {
     ),
     "force_lines": Codec(
         force_line("{:.3f} N\r\n"),
-        stream(lambda: pattern_stream(r"\s*(?P<value>[-+]?[\d.]+) (?P<unit>N)", None, 1.0, 1e9)),
+        stream(lambda: pattern_stream(r"\s*(?P<value>[-+]?[\d.]+) (?P<unit>N)", None, 1.0)),
         is_wrong_first_word,
         400,
     ),

@@ -74,7 +74,10 @@ def compile_pattern(pattern: str) -> re.Pattern[str]:
     return compiled
 
 
-def pattern_stream(pattern: str, unit: str | None, scale: float, largest_n: float) -> LineStream:
+_NO_LIMIT_N = 1e9  # the capacity of the sensor is unknown
+
+
+def pattern_stream(pattern: str, unit: str | None, scale: float) -> LineStream:
     """Make a stream of readings from lines that match `pattern`, see `compile_pattern`.
 
     Lines without a unit are in `unit`; if that is None, they are rejected.
@@ -83,7 +86,6 @@ def pattern_stream(pattern: str, unit: str | None, scale: float, largest_n: floa
         pattern: regular expression of a line.
         unit: unit of lines without a unit, or None.
         scale: factor applied to a value.
-        largest_n: largest force that is accepted as a reading [N].
     """
     compiled = compile_pattern(pattern)
     stated = None if unit is None else newtons_per(unit)
@@ -98,7 +100,7 @@ def pattern_stream(pattern: str, unit: str | None, scale: float, largest_n: floa
             raise ProtocolError(f"reading without a unit, and the robot file states none: '{line[:60]}'")
         return groups["value"] or "", newtons * scale
 
-    return LineStream(parse, largest_n)
+    return LineStream(parse, _NO_LIMIT_N)
 
 
 class ForceLinesSettings(SerialForceSettings):
@@ -129,7 +131,7 @@ class ForceLines(SerialForceSensor):
     def configure(self) -> None:
         """Start to listen; raise `DeviceError` if the port failed."""
         settings = self._settings
-        stream = pattern_stream(settings.pattern, settings.unit, settings.scale, 1e9)
+        stream = pattern_stream(settings.pattern, settings.unit, settings.scale)
         self._bus.listen(stream, settings.capacity_n)
         if settings.start:
             self._bus.write(settings.start.encode("ascii", "replace"))

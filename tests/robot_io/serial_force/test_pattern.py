@@ -21,7 +21,7 @@ OPEN_SCALE = r"\d+,(?P<value>[-\d.]+),(?P<unit>lbs|kg),.*"
 
 
 def stream(pattern, unit=None, scale=1.0):
-    return pattern_stream(pattern, unit, scale, 1e9)
+    return pattern_stream(pattern, unit, scale)
 
 
 def forces_n(pattern, line, **settings):

@@ -132,7 +132,7 @@ PROTOCOLS = {
     "%.2f": (lambda: loadstar_stream(1.0, CAPACITY_N), [b"%.2f\r\n" % f for f in FORCES_N]),
     "%g": (lambda: loadstar_stream(1.0, CAPACITY_N), [f"{f:.3g}\r\n".encode() for f in FORCES_N]),
     "with unit": (
-        lambda: pattern_stream(r"(?P<value>-?[\d.]+) (?P<unit>k?N)", "N", 1.0, 1e9),
+        lambda: pattern_stream(r"(?P<value>-?[\d.]+) (?P<unit>k?N)", "N", 1.0),
         [b"%.5f kN\n" % (1e-3 * f) for f in FORCES_N],
     ),
     "binary": (lambda: LorenzStream(1.0 / 250.0), lorenz_frames()),
