@@ -11,7 +11,6 @@ from palpate.estimation.fit.blocks import LOAD, LUMPED
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from palpate.estimation.fit.fit_result import FitResult, fit_model
 from palpate.estimation.kinds import Kind
-from palpate.estimation.model import Model
 from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.workers import single_threaded
 from palpate.robot_io.types import BoolArray, FloatArray
@@ -62,26 +61,19 @@ def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitRes
         fits += [fit_model(data, product.model, product.parameters, good, cache) for product in products]
         best = min(fits, key=_error)
         parameters = best.solution.parameters
-        others = [fit_model(data, model, parameters, good, cache) for model in _in_other_forms(best.model)]
+        # Each form is first chosen while the other effects are held at their parameters without it.
+        others = [
+            fit_model(data, best.model.without(other.name).with_effect(form), parameters, good, cache)
+            for other in best.model.effects
+            for form in other.forms()
+            if form.form != other.form
+        ]
         return replace(min([best, *others], key=_error), validation=parent.validation)
 
 
 def _error(fit: FitResult) -> float:
     """Return the held-out squared error of a fit, enlarged for an unphysical gain."""
     return fit.solution.held_out * (1.0 + SMALL * (not fit.solution.is_physical)) ** 2
-
-
-def _in_other_forms(model: Model) -> list[Model]:
-    """List the models that have another form of one of the effects.
-
-    The form is first chosen while the other effects are held at the parameters that they had without it.
-    """
-    return [
-        model.without(effect.name).with_effect(form)
-        for effect in model.effects
-        for form in effect.forms()
-        if form.form != effect.form
-    ]
 
 
 def _product(parent: FitResult, effect: Effect, partner: Effect) -> Candidate | None:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -83,7 +82,11 @@ def with_rigid_body(
 
         context |= _with_slopes(REGRESSOR, chosen, (q, v, a), joint)
     arm = _arm_torques(body, *(data.context[name] for name in _MOTION))
-    context |= _with_slopes(TORQUE, partial(_torque, body, joint), (q, v, a), joint, arm.rigid_body[:, joint])
+
+    def torque(*motion: FloatArray) -> FloatArray:
+        return body.inverse_dynamics_batch(*motion)[:, joint]
+
+    context |= _with_slopes(TORQUE, torque, (q, v, a), joint, arm.rigid_body[:, joint])
     context[PAYLOAD] = arm.payload[:, joint]
     if "contact_force" in data.context:
         levers_m = _levers(body, data.context["joint_position"], data.context["press_direction_world"])
@@ -167,11 +170,6 @@ def _with_slopes(
         name + BY_POSITION: (signal_at(_STEP_RAD, 0.0) - signal_at(-_STEP_RAD, 0.0)) / (2.0 * _STEP_RAD),
         name + BY_ACCELERATION: signal_at(0.0, 1.0) - values,
     }
-
-
-def _torque(body: "RigidBody", joint: int, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-    """Compute the inverse dynamics at one joint, shape (n,) [N m]."""
-    return body.inverse_dynamics_batch(q, v, a)[:, joint]
 
 
 def _unread_force(data: ChannelData, levers_m: FloatArray, unexplained: FloatArray) -> FloatArray:
