@@ -96,7 +96,7 @@ def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
     body = (bytes((STATUS_INSTRUCTION, error)) + data).replace(_START, _STUFFED)
     length = len(body) + 2
     packet = _START + bytes((0, servo_id, length % 256, length // 256)) + body
-    return packet + _little(checksum(packet))
+    return packet + checksum(packet).to_bytes(2, "little")
 
 
 def fast_status(parts: Sequence[tuple[int, int, bytes]], requested_count: int) -> bytes:
@@ -114,12 +114,8 @@ def fast_status(parts: Sequence[tuple[int, int, bytes]], requested_count: int) -
     packet = _START + bytes((0, BROADCAST, length % 256, length // 256, STATUS_INSTRUCTION))
     for servo_id, error, data in parts:
         packet += bytes((error, servo_id)) + data
-        packet += _little(checksum(packet))
+        packet += checksum(packet).to_bytes(2, "little")
     return packet
-
-
-def _little(value: int) -> bytes:
-    return bytes((value % 256, value // 256))
 
 
 _PING, _READ, _WRITE, _REBOOT = 0x01, 0x02, 0x03, 0x08

@@ -60,9 +60,8 @@ def compile_pattern(pattern: str) -> re.Pattern[str]:
         raise InputError(f"pattern '{pattern}': has no group (?P<value>...)")
     if _REPEATED_GROUP.search(pattern):
         raise InputError(f"pattern '{pattern}': matching a repeated group may never end")
-    for length in (
-        MAX_LINE >> halvings for halvings in range(6, -1, -1)
-    ):  # short first: a line may take hours
+    for halvings in range(6, -1, -1):  # short first: a line may take hours
+        length = MAX_LINE >> halvings
         for text in _NOISE:
             match = partial(compiled.fullmatch, (text * length)[:length])
             match_s = min(repeat(match, number=1, repeat=3))
