@@ -69,11 +69,10 @@ def build_operator(operator: str, clock: Clock) -> OperatorDevice:
     if not Path(operator).is_file():
         raise InputError(f"operator '{operator}': no such device or file. Devices: {valid}")
     document = load_yaml(operator)
-    settings = document.data
-    name = settings.get(_DEVICE) if isinstance(settings, dict) else None
-    if not isinstance(settings, dict) or not isinstance(name, str) or name not in OPERATOR_DEVICES:
+    name = document.data.get(_DEVICE)
+    if not isinstance(name, str) or name not in OPERATOR_DEVICES:
         raise InputError(f"{operator}: '{_DEVICE}' must name one of {valid}")
-    rest = {key: value for key, value in settings.items() if key != _DEVICE}
+    rest = {key: value for key, value in document.data.items() if key != _DEVICE}
     return build_operator_device(name, rest, clock, document)
 
 
