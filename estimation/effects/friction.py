@@ -54,7 +54,6 @@ class AsymmetricFriction(CoulombFriction):
     """effort = f+ for v > 0 and -f- for v < 0, plus d+ v or d- v for the direction of motion."""
 
     name = "asymmetric_friction"
-    kind = Kind.FRICTION
     physics = "Gears and seals rub differently forwards and backwards."
     equation = "effort = f+ (v>0) - f- (v<0) + d+ v (v>0) + d- v (v<0)"
     source = "B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994), sec. 2"
@@ -95,7 +94,6 @@ class LoadDependentFriction(CoulombFriction):
     """
 
     name = "load_dependent_friction"
-    kind = Kind.FRICTION
     physics = "Gear teeth and bearings rub in proportion to the load they carry."
     equation = "effort = mu |load| tanh(v/transition); of a pendulum, load = weight + link_share J a"
     source = (

@@ -79,7 +79,6 @@ class LoadDependentPresliding(PreslidingFriction):
     """effort = mu |load| s; s as in `presliding_friction`."""
 
     name = "load_dependent_presliding"
-    kind = Kind.FRICTION
     physics = (
         "Cables over pulleys and loaded teeth rub in proportion to their load, and stay stretched at rest."
     )
