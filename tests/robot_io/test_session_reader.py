@@ -97,6 +97,14 @@ def assert_full_chunks(summary):
     assert 0.7 * 65_536 < sizes[len(sizes) // 2] <= sizes[-1] <= 65_536
 
 
+def test_chunk_of_long_records_costs_no_more_than_others(tmp_path):
+    """Four of these records with their headers would be 65,548 bytes."""
+    stream = Stream("wide", (Column("time_s", "s"), Column("x", "m", 2043)))
+    columns = {"time_s": np.arange(12.0), "x": np.zeros((12, 2043))}
+    with write_session(tmp_path / "s.mcap", [(stream, columns)], METADATA).open("rb") as file:
+        assert_full_chunks(make_reader(file).get_summary())
+
+
 @pytest.fixture
 def in_batches(monkeypatch):
     """A stream of more than 1,000 records is written with several in a message."""
