@@ -173,12 +173,6 @@ def test_first_cause_stays(guard):
         trip.cause = "other"
 
 
-def test_external_trip_is_recorded(guard):
-    guard.watch(measured(0.5))
-    trip = guard.trip("Ctrl-C")
-    assert (trip.cause, trip.time_s, trip.tick) == ("Ctrl-C", 0.5, 0)
-
-
 def test_old_samples_name_their_devices_without_a_trip(guard):
     never = {"encoder_at_s": -inf, "torque_at_s": -inf, "force_at_s": -inf}
     said = guard.too_old(measured(1.0, **never))
