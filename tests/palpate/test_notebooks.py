@@ -2,7 +2,10 @@
 
 import ast
 import json
+import re
 import sys
+from queue import SimpleQueue
+from threading import current_thread
 from types import ModuleType
 from urllib.request import urlopen
 
@@ -12,6 +15,7 @@ import pytest
 from palpate.render.notebook import PageAddress, notebook_progress
 from palpate.robot_io.errors import InputError
 from palpate.study import Study
+from palpate.workbench import server
 from tests.palpate.cli import ROOT
 from tests.palpate.presses import write_presses
 
@@ -110,7 +114,24 @@ def test_address_is_a_link_in_a_notebook():
     )
 
 
-def test_second_page_is_refused_with_the_address_of_the_first(monkeypatch, tmp_path):
-    monkeypatch.setattr("palpate.workbench.server._pages", [PageAddress("http://127.0.0.1:1")])
-    with pytest.raises(InputError, match=r"already open at http://127\.0\.0\.1:1"):
-        Study(write_presses(tmp_path / "press.csv"), keep=False).workbench(browser=False)
+def test_one_page_is_opened_by_threads_that_do_not_hold_the_program(monkeypatch, tmp_path):
+    """Opening a browser may take until the browser is closed."""
+    seen = SimpleQueue()
+    monkeypatch.setattr(server, "_pages", [])
+    monkeypatch.setattr(
+        server, "serve", lambda home, listening: seen.put((listening, current_thread().daemon))
+    )
+    monkeypatch.setattr(server.webbrowser, "open", lambda url: seen.put((url, current_thread().daemon)))
+    study = Study(write_presses(tmp_path / "press.csv"), keep=False)
+    address = study.workbench(browser=False)
+    listening, is_daemon = seen.get(timeout=60.0)
+    assert (f"http://{':'.join(map(str, listening.getsockname()))}", is_daemon) == (address, True)
+    listening.close()
+    with pytest.raises(InputError, match=f"already open at {re.escape(address)}"):
+        study.workbench()
+    server._pages.clear()
+    other = study.workbench()
+    opened = dict(seen.get(timeout=60.0) for _ in range(2))
+    assert opened.pop(other) is True
+    (listening,) = opened
+    listening.close()

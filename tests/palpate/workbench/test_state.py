@@ -242,17 +242,6 @@ def test_averaged_recording_offers_no_command_for_its_runs(press, monkeypatch):
     assert not state.with_runs((), (2,)).command()
 
 
-def test_model_is_kept_when_run_selection_changes(press):
-    state = WorkbenchState(Study(press, model="hunt_crossley", keep=False), "press.csv").with_runs((0,), (2,))
-    assert state.channel.model.name == "hunt_crossley"
-    told = eval(
-        state.python().split("; ")[0].removeprefix("study = "),
-        {"palpate": palpate, "study": state.whole.study},
-    )
-    assert told.channel().model.name == "hunt_crossley"
-    assert told.fit("contact").rmse == state.show().fitted.rmse
-
-
 def test_equivalent_effects_are_listed_together(state):
     study, channel = state.study, state.channel
     names = ("cubic_stiffness", "power_law_stiffness", "delay")
@@ -268,20 +257,23 @@ def test_effect_without_influence_is_not_equivalent_to_another():
     assert [[each.effect for each in group] for group in groups(evidence)] == [["b", "c"], ["a"]]
 
 
-def test_prefetched_fit_is_identical(state, press):
+def test_prefetched_fit_is_identical_and_requested_once(state, press):
     state = state.with_runs((), (2,))
 
     async def ahead():
         process = FitPrefetcher(state.study, state.channel)
         try:
-            await process.fit(("cubic_stiffness", "delay"))
+            await process.fit(chain)
         finally:
             process.close()
+        process._pipe = None  # neither a known fit nor an effect that the process does not have is requested
+        await process.fit(chain)
+        await process.fit(("mine",))
 
-    asyncio.run(ahead())
-    assert state.study.is_fitted(state.channel, ("cubic_stiffness", "delay"))
-    theirs, own = state.study, Study(press, keep=False, held_out=(2,))
     chain = ("cubic_stiffness", "delay")
+    asyncio.run(ahead())
+    assert state.study.is_fitted(state.channel, chain)
+    theirs, own = state.study, Study(press, keep=False, held_out=(2,))
     assert theirs.fit("contact", chain).values == own.fit("contact", chain).values
     assert np.array_equal(
         theirs.fit("contact", chain).residual, own.fit("contact", chain).residual, equal_nan=True
