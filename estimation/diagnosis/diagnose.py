@@ -32,7 +32,13 @@ from palpate.estimation.diagnosis.forms import (
 from palpate.estimation.diagnosis.random_effects import add_run_variation
 from palpate.estimation.diagnosis.residual_checks import ResidualFinding, check_residuals, exceeds_noise
 from palpate.estimation.diagnosis.result import ChannelDiagnosis, Diagnosis
-from palpate.estimation.diagnosis.search import Progress, Search, prepare_search, select_effects
+from palpate.estimation.diagnosis.search import (
+    MOST_EFFECTS,
+    Progress,
+    Search,
+    prepare_search,
+    select_effects,
+)
 from palpate.estimation.diagnosis.verdict import (
     Evidence,
     decide_verdict,
@@ -50,6 +56,7 @@ from palpate.estimation.shared_gains import with_shared_gains
 from palpate.estimation.workers import single_threaded, worker_pool
 
 _FEW_LEVELS = 12  # distinct readings; with more, rounding errors average out
+_EXTENSIONS = 3  # best candidates that are tried beside accepted effects
 _MAX_SEARCHES = 3  # searches for a model that can be reached by adding its effects one by one
 _MIN_ADEQUATE = 100  # samples below which a model is not called adequate
 _MAX_VARIANCE_LEFT = 0.8  # largest share of the effort's variance left by an adequate model, noise unknown
@@ -197,9 +204,7 @@ def _find_effects(
         rival, rival_tests = accept_forms(search, kinds(), forms_fit, checks.measurement)
         if search.is_better(rival, end) and not _is_likelier(search, end, rival):
             end, tests = rival, rival_tests
-        if end is search.start:  # a single effect may be accepted although several jointly were not
-            for single in [candidate for candidate in search.screen(end) if candidate.possible][:1]:
-                end, tests = accept_forms(search, kinds(), search.with_candidate(single), checks.measurement)
+        end, tests = _extend_accepted(search, end, tests, checks, kinds)
     # A sensor fault follows its law exactly. If only noise is left but the flexible law of its kind still
     # adds more than noise and encoder steps cause, the sensor effect imitates another effect.
     imitations = [test for test in tests if test.kind in SENSOR_KINDS and test.is_imitation]
@@ -208,6 +213,32 @@ def _find_effects(
         names = [test.effect for test in imitations if test.added_by_law > by_steps]
         reduced = reduce(search.without, names, end)
         end, tests = accept_forms(search, kinds(), reduced, checks.measurement) if names else (end, tests)
+    return end, tests
+
+
+def _extend_accepted(
+    search: Search,
+    end: FitResult,
+    tests: list[FormTest],
+    checks: "_Completeness",
+    kinds: Callable[[], PartiallyLinear],
+) -> tuple[FitResult, list[FormTest]]:
+    """Add effects to an incomplete model of accepted effects, as long as they are all accepted.
+
+    The search selects effects that fit best jointly. If some of them are not accepted, the remaining ones
+    leave an error for which the search, which described it by the others, found no effect.
+    """
+    while not checks.is_complete(end) and len(accepted := search.added_effects(end)) < MOST_EFFECTS:
+        possible = [candidate for candidate in search.screen(end) if candidate.possible][:_EXTENSIONS]
+        tried = (
+            accept_forms(search, kinds(), extended, checks.measurement)
+            for extended in map(search.with_candidate, possible)
+            if search.is_needed(end, extended)
+        )
+        longer = next((pair for pair in tried if set(accepted) < set(search.added_effects(pair[0]))), None)
+        if longer is None:
+            break
+        end, tests = longer
     return end, tests
 
 

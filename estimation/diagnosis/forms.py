@@ -230,8 +230,9 @@ def _slope_by_position(fit: FitResult) -> FloatArray:
 def replacing_kinds(search: Search, end: FitResult) -> dict[str, dict[Kind, float]]:
     """Find the kinds whose flexible law, in place of an effect, describes the data about as well.
 
-    A law that the library lacks may then be the right one. Kinds of the model's other effects and differences
-    between runs are omitted, since their laws can imitate a part of any effect.
+    A law that the library lacks may then be the right one. Several effects may together imitate it, so each
+    kind also replaces all effects at once. Kinds of the model's other effects and differences between runs
+    are omitted, since their laws can imitate a part of any effect.
 
     Args:
         search: the search of the channel.
@@ -243,16 +244,16 @@ def replacing_kinds(search: Search, end: FitResult) -> dict[str, dict[Kind, floa
     names, left = search.added_effects(end), error_of_kinds(end).mean_square()
     effects = map(end.solution.model.effect, names)
     present = frozenset({Kind.RUN_DIFFERENCES}).union(*(effect.also | {effect.kind} for effect in effects))
-    replacing = {}
-    for name in names:
-        error = error_of_kinds(search.without(end, name))
+
+    def replacements(reduced: FitResult) -> dict[Kind, float]:
+        error = error_of_kinds(reduced)
         allowance = _EXACT * (error.mean_square() - left) + SMALL * left
         limit = left + min(allowance, (SLOW**2 - 1.0) * left)
-        explained_by_law = {
-            kind: error.mean_square(frozenset({kind})) for kind in error.kinds if kind not in present
-        }
-        replacing[name] = {kind: max(e - left, 0.0) for kind, e in explained_by_law.items() if e <= limit}
-    return replacing
+        by_law = {kind: error.mean_square(frozenset({kind})) for kind in error.kinds if kind not in present}
+        return {kind: max(e - left, 0.0) for kind, e in by_law.items() if e <= limit}
+
+    of_all = replacements(search.start) if len(names) > 1 else {}
+    return {name: of_all | replacements(search.without(end, name)) for name in names}
 
 
 def _base_columns(start: FitResult) -> tuple[BaseColumns, FloatArray]:

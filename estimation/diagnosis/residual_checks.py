@@ -24,6 +24,7 @@ from palpate.estimation.fit.measurement_noise import (
     RunHeterogeneity,
     fast_noise,
     free_air_noise,
+    measurement_noise,
     rows_before_contact,
     run_heterogeneity,
     size_of_differences,
@@ -49,6 +50,8 @@ _MIN_BLOCKS = 40  # blocks needed in contact and in free air, or in motion and a
 _PROMINENT = 40.0  # height of a spectral line relative to the median around it; noise reaches 10
 _MAX_RUNS = 30  # largest number of runs that are fitted with separate waves
 _GAIN_OF_WAVES = 0.7  # largest error with waves fitted to each run, relative to the model's error
+_FEW = 0.05  # share of the samples with the largest errors
+_PEAKED = 0.8  # least share of the squared error in these samples that is no noise; normal noise has 0.28
 _PEAK = 0.2  # least share of the variance at a reported frequency
 
 
@@ -97,7 +100,7 @@ def check_residuals(
         )
     excess = exceeds_noise(end, measurement, rng)
     if not excess:
-        return _oscillation(end)
+        return _oscillation(end) or _rare_events(end)
     swings = f" and oscillates at {excess.frequency_hz:.3g} Hz" if excess.frequency_hz else ""
     return ResidualFinding(
         f"the residual {excess.where}, {with_unit(excess.acting, unit)}, is "
@@ -157,6 +160,19 @@ def _oscillation(end: FitResult) -> ResidualFinding | None:
         f"the error oscillates at {line[0]:.3g} Hz with {with_unit(size, unit)}, but no signal of the data "
         "oscillates at this frequency",
         "time",
+    )
+
+
+def _rare_events(end: FitResult) -> ResidualFinding | None:
+    """Report an error that few samples contain, unless noise of this size was measured; None without one."""
+    squares = np.sort(end.solution.residual[end.problem.used] ** 2)
+    share = float(squares[int((1.0 - _FEW) * len(squares)) :].sum() / max(squares.sum(), 1e-300))
+    if share < _PEAKED or not measurement_noise(end).is_bound:
+        return None
+    return ResidualFinding(
+        f"{100 * _FEW:.0f} % of the samples hold {100 * share:.0f} % of the squared error, as impacts, a "
+        "breakaway or lost readings cause; look at the effort at these times",
+        "rare events",
     )
 
 

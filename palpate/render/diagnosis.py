@@ -194,8 +194,12 @@ def budget_view(diagnosis: ChannelDiagnosis) -> BudgetView | None:
     error = with_unit(diagnosis.baseline.rmse, diagnosis.effort_unit)
     shares = ", ".join(f"{part.word} {part.share_text}" for part in parts)
     sentence = f"Of the {error} error: {shares}." if kinds or len(parts) > 1 else ""
-    what = "depends on no recorded signal" if _unrelated_error(diagnosis) else "is within the noise"
-    return BudgetView(sentence or f"The whole error of {error} {what}.", tuple(parts), tuple(confusions))
+    if not sentence:
+        what = "depends on no recorded signal" if _unrelated_error(diagnosis) else "is within the noise"
+        sentence = f"The whole error of {error} {what}."
+        if diagnosis.verdict is Verdict.UNEXPLAINED:
+            sentence = f"No kind of effect accounts for the error of {error}."
+    return BudgetView(sentence, tuple(parts), tuple(confusions))
 
 
 _BAR, _ROW, _TOP = 28, 22, 50  # heights of the stacked bar and of a row, and where the rows begin [px]

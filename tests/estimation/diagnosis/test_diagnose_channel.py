@@ -92,7 +92,19 @@ FLOW = {  # what is true of a channel: what is answered
     "the same, and nothing is left": ({"step": "coarse"}, ("base", True, None)),
     "the best forms leave less": ({"found": "b", "forms": "a", "complete": False}, ("a", False, None)),
     "they leave more": ({"found": "a", "forms": "b", "complete": False}, ("a", False, None)),
-    "only one effect bears a name": ({"single": "s", "complete": False}, ("s", False, None)),
+    "an effect is found beside those accepted": (
+        {"found": "a", "beside": {"a": "a+b"}, "complete": False},
+        ("a+b", False, None),
+    ),
+    "an effect in place of those accepted": (
+        {"found": "a", "beside": {"a": "b"}, "complete": False},
+        ("a", False, None),
+    ),
+    "an effect that is not needed": (
+        {"found": "a", "beside": {"a": "a+c"}, "needless": "a+c", "complete": False},
+        ("a", False, None),
+    ),
+    "only one effect bears a name": ({"beside": {"base": "s"}, "complete": False}, ("s", False, None)),
     "an effect gains nothing in the shown steps": ({"found": "a+b", "idle": {"a+b": "b"}}, ("a", True, None)),
     "a minimum that the shown steps miss": ({"found": "a", "missed": ("a",)}, ("a", False, None)),
     "it cannot say": ({"refused": "too short"}, "too short"),
@@ -134,11 +146,13 @@ def test_channel_is_searched_varied_reduced_and_reported(name, monkeypatch):
         return model
 
     search = SimpleNamespace(start=base, coarse=None, fitted=fitted, is_better=lambda one, other: one < other)
-    search.screen = lambda one: [SimpleNamespace(possible=True)] if "single" in given else []
+    beside = given.get("beside", {})
+    search.screen = lambda one: [SimpleNamespace(possible=True, model=beside[one])] if one in beside else []
+    search.is_needed = lambda before, after: after != given.get("needless")
     search.data, search.progress = swings(1, runs=2), lambda what, share: None
     search.effects, search.model = (), SWING
-    search.added_effects = lambda one: [] if one == "base" else [str(one)]
-    search.with_candidate = lambda option: _Named(given["single"])
+    search.added_effects = lambda one: [] if one == "base" else one.split("+")
+    search.with_candidate = lambda option: _Named(option.model)
     search.without = lambda one, name: _Named(one.removesuffix(f"+{name}"))
     rough = given.get("forms", "base")
 

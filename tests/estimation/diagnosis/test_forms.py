@@ -152,8 +152,8 @@ def test_form_is_exact_if_only_noise_is_left_and_no_law_replaces_it(
     assert evidence.form(RUB) is form
 
 
-@pytest.mark.parametrize(("times_noise", "form"), [(30.0, Form.EXACT), (3.0, Form.APPROXIMATE)])
-def test_form_is_exact_only_if_a_tenth_deviation_would_exceed_the_noise(times_noise, form):
+@pytest.mark.parametrize(("times_noise", "form"), [(30.0, Form.EXACT), (6.0, Form.APPROXIMATE)])
+def test_form_is_exact_only_if_a_deviation_of_five_percent_would_exceed_the_noise(times_noise, form):
     """Coulomb friction is the truth in both cases."""
     friction = swings(1, lambda q, v, a: times_noise * NOISE_NM * np.tanh(v / 0.02))
     found = decide(friction, SWING, RUB, SPRING, DRAG)
@@ -350,6 +350,25 @@ def test_law_that_leaves_hardly_more_may_replace_an_effect(monkeypatch, without,
     search = SimpleNamespace(added_effects=lambda _: [RUB], without=lambda *_: None)
     more = {Kind.GRAVITY_LOAD: pytest.approx(limit - 1.01), Kind.SENSOR_STATICS: 0.0}
     assert forms.replacing_kinds(search, end) == {RUB: more}
+
+
+def test_law_that_describes_what_two_effects_do_together_may_replace_both(monkeypatch):
+    """Without one of the effects the law leaves too much, without both as little as they."""
+    end = SimpleNamespace(solution=SimpleNamespace(model=SWING.with_effect(EFFECTS[RUB]())))
+    base = SimpleNamespace(name="base")
+    with_law = {id(base): 1.02}
+
+    def error_of_kinds(fit):
+        alone, beside = (1.0, 1.0) if fit is end else (100.0, with_law.get(id(fit), 50.0))
+        return SimpleNamespace(
+            kinds=[Kind.SENSOR_STATICS], mean_square=lambda kinds=(): beside if kinds else alone
+        )
+
+    monkeypatch.setattr(forms, "error_of_kinds", error_of_kinds)
+    search = SimpleNamespace(start=base, added_effects=lambda _: [RUB, RUB], without=lambda *_: object())
+    assert forms.replacing_kinds(search, end) == {RUB: {Kind.SENSOR_STATICS: pytest.approx(0.02)}}
+    with_law[id(base)] = 50.0
+    assert forms.replacing_kinds(search, end) == {RUB: {}}
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,6 @@ from palpate.estimation.diagnosis.residual_checks import ResidualFinding
 from palpate.estimation.diagnosis.result import Verdict
 from palpate.estimation.diagnosis.verdict import (
     Evidence,
-    _describe_concentration,
     _describe_encoder_steps,
     decide_verdict,
     effect_without_gain,
@@ -400,16 +399,6 @@ def test_at_most_three_candidates_are_fitted_alone():
     assert len(possible) > 3
     assert len(evidence.single_effects) == 3
     assert set(evidence.single_effects) <= {candidate.effect.name for candidate in possible}
-
-
-@pytest.mark.parametrize(("large", "said"), [(9.5, "5 % of the samples hold 83 %"), (7.5, "")])
-def test_error_peaks_are_reported(large, said):
-    """Of 100 samples, 95 have an error of 1 and five a larger one: 83 % and 75 % of the squares."""
-    residual = np.where(np.arange(100) % 20 == 7, large, 1.0)
-    solution, problem = SimpleNamespace(residual=residual), SimpleNamespace(used=np.ones(100, np.bool_))
-    words = _describe_concentration(SimpleNamespace(solution=solution, problem=problem))
-    assert said in words
-    assert bool(words) is bool(said)
 
 
 @pytest.mark.parametrize(("newtons", "name"), [(0.1, None), (0.0, "coulomb_friction")])
