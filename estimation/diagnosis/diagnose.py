@@ -19,7 +19,11 @@ from palpate.estimation.diagnosis.acceptance import (
     most_parsimonious,
     smallest_sufficient_model,
 )
-from palpate.estimation.diagnosis.bootstrap import encoder_step_error, lack_of_fit_test
+from palpate.estimation.diagnosis.bootstrap import (
+    encoder_step_error,
+    improvement_test,
+    lack_of_fit_test,
+)
 from palpate.estimation.diagnosis.candidates import effect_library
 from palpate.estimation.diagnosis.forms import (
     AS_MUCH,
@@ -342,8 +346,11 @@ def _accept(
             and exceeds_noise(end, checks.measurement, search.rng) is None
         ):  # the complete model improves bootstrap samples of the base model as much as the data
             checks.clear_finding(end)
-    if checks.is_complete(search.start):  # improvements come from noise or from smoothing of the motion
-        return search.start, []
+    if checks.is_complete(search.start):
+        by_chance = not improvement_test(search.start, fit, checks.measurement, search.rng).is_significant
+        if by_chance:  # improvements come from noise or from smoothing of the motion
+            return search.start, []
+        checks.mark_incomplete(search.start)
     return accept_forms(search, kinds(), fit, checks.measurement)
 
 

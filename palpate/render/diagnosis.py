@@ -195,7 +195,8 @@ def budget_view(diagnosis: ChannelDiagnosis) -> BudgetView | None:
     shares = ", ".join(f"{part.word} {part.share_text}" for part in parts)
     sentence = f"Of the {error} error: {shares}." if kinds or len(parts) > 1 else ""
     if not sentence:
-        what = "depends on no recorded signal" if _unrelated_error(diagnosis) else "is within the noise"
+        what = "may be noise" if is_bound else "is within the noise"
+        what = "depends on no recorded signal" if _unrelated_error(diagnosis) else what
         sentence = f"The whole error of {error} {what}."
         if diagnosis.verdict is Verdict.UNEXPLAINED:
             sentence = f"No kind of effect accounts for the error of {error}."

@@ -64,6 +64,10 @@ def test_budget_sentence_states_all_shares_or_noise():
     )
     view = budget_view(diagnosis(verdict="adequate", noise=1.0))
     assert view.sentence == "The whole error of 0.144 N is within the noise."
+    bounded = budget_view(diagnosis(verdict="adequate", noise=1.0, free_air=None))
+    assert bounded.sentence == "The whole error of 0.144 N may be noise."
+    rare = budget_view(diagnosis(verdict="unexplained", noise=1.0))
+    assert rare.sentence == "No kind of effect accounts for the error of 0.144 N."
     left = RemainingError(rmse=0.144, times_floor=5.8, depends_on=[])
     far = diagnosis(verdict="adequate", noise=1.0).model_copy(update={"remaining": left})
     assert budget_view(far).sentence == "The whole error of 0.144 N depends on no recorded signal."

@@ -112,9 +112,9 @@ HIDDEN = {
         ("stress_relaxation", "tau", 0.4, 0.1),
     ),
     "a friction": (
-        lambda: swings(1, rubbing),
+        lambda: swings(1, lambda q, v, a: 2.0 * rubbing(q, v, a)),
         {"coulomb_friction"},
-        ("coulomb_friction", "force", 0.3, 0.05),
+        ("coulomb_friction", "force", 0.6, 0.05),
     ),
     "a spring and a friction": (
         lambda: swings(3, lambda q, v, a: rubbing(q, v, a) + 6.0 * q),

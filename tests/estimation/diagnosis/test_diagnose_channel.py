@@ -197,6 +197,21 @@ def test_simplified_model_with_residual_is_judged_by_its_forms(simpler_is_comple
     assert module._accept(search, "whole", judge, lambda: None) == ("simpler", [way])
 
 
+@pytest.mark.parametrize("is_significant", [True, False])
+def test_base_model_is_incomplete_if_an_incomplete_one_is_significantly_better(is_significant, monkeypatch):
+    """Runs that differ make the better model incomplete; the base model's error may hide the difference."""
+    complete = {"better": False, "base": True}
+    checks = SimpleNamespace(
+        measurement="readings", is_complete=complete.__getitem__, explains_each_run=complete.__getitem__
+    )
+    checks.mark_incomplete = lambda fit: complete.update({fit: False})
+    monkeypatch.setattr(module, "improvement_test", lambda *_: SimpleNamespace(is_significant=is_significant))
+    monkeypatch.setattr(module, "accept_forms", lambda *_: ("reduced", ["test"]))
+    end = module._accept(SimpleNamespace(start="base", rng=None), "better", checks, lambda: None)
+    assert end == (("reduced", ["test"]) if is_significant else ("base", []))
+    assert complete["base"] is not is_significant
+
+
 @pytest.mark.parametrize(
     ("sensible", "noise", "excess", "complete"),
     [
@@ -217,6 +232,7 @@ def test_objection_is_dropped_where_samples_improve_as_much_by_a_clean_model(
     judge.leaves_noise = lambda fit: fit is whole or noise
     monkeypatch.setattr(module, "check_residuals", lambda fit, *_, complete: None if fit is whole else "runs")
     monkeypatch.setattr(module, "exceeds_noise", lambda *_: excess)
+    monkeypatch.setattr(module, "improvement_test", lambda *_: SimpleNamespace(is_significant=False))
     monkeypatch.setattr(module, "accept_effects", lambda *_: base)
     monkeypatch.setattr(module, "accept_forms", lambda *_: (base, []))
     assert module._accept(search, whole, judge, lambda: None) == (base, [])
