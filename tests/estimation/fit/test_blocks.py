@@ -85,6 +85,8 @@ def test_folds_are_whole_runs_or_five_parts_of_a_single_run():
     assert np.bincount(one.fold).tolist() == [len(one) // 5] * 5
     pieces = np.split(one.fold, np.flatnonzero(np.diff(one.fold)) + 1)
     assert [int(piece[0]) for piece in pieces] == [0, 1, 2, 3, 4] * 3
+    two = swings(1, runs=2, seconds=10.0)  # as if there were a single run, where only one has valid samples
+    assert block_average(two, two.run == 1).folds == 5
 
 
 @pytest.mark.parametrize("good_from", [0, 2000])

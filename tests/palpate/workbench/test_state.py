@@ -443,10 +443,11 @@ def test_riddle_is_scored_against_the_diagnosis(guessed, said):
 
 
 @pytest.mark.parametrize("is_named", [True, False])
-def test_report_is_written_where_the_study_keeps_its_results(tmp_path, monkeypatch, is_named):
+def test_report_is_written_where_the_study_keeps_its_results_and_linked(tmp_path, monkeypatch, is_named):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(page_module, "ui", SimpleNamespace(notify=lambda *_, **__: None))
-    written = []
+    said, written = [], []
+    notify = lambda text, *, html, **_: said.append((text, html))  # noqa: E731
+    monkeypatch.setattr(page_module, "ui", SimpleNamespace(notify=notify))
 
     def report(path, commands):
         written.append(path)
@@ -464,3 +465,5 @@ def test_report_is_written_where_the_study_keeps_its_results(tmp_path, monkeypat
     asyncio.run(page_module.Page.write_report(shown))
     folder = tmp_path / "mine" if is_named else Path("press-palpate")
     assert written == [folder / "report.html"]
+    link = f'<a href="{written[0]}" target="_blank">report: {written[0]}</a>'
+    assert said == [(link, True)]  # as a link that can be followed, not as its text
