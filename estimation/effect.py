@@ -111,7 +111,8 @@ class Effect(ABC):
     signature: ClassVar[str]  # how the effect appears in the data, in words
     # The `SIGNALS` on which its effort depends; a wrong effect in its place leaves structure in them.
     signals: ClassVar[tuple[str, ...]] = SIGNALS
-    channels: ClassVar[frozenset[ChannelKind]] = frozenset(ChannelKind)  # kinds in which it can occur
+    # Kinds of channel in which it can occur, by default all.
+    channels: ClassVar[frozenset[ChannelKind]] = frozenset(ChannelKind)
     gains: ClassVar[tuple[Parameter, ...]] = ()  # parameters in which the effort is linear, one per column
     # Nonlinear parameters (exponent, speed, time), searched within their bounds.
     inner: ClassVar[tuple[Parameter, ...]] = ()

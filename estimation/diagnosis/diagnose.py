@@ -34,7 +34,12 @@ from palpate.estimation.diagnosis.forms import (
     named_forms,
 )
 from palpate.estimation.diagnosis.random_effects import add_run_variation
-from palpate.estimation.diagnosis.residual_checks import ResidualFinding, check_residuals, exceeds_noise
+from palpate.estimation.diagnosis.residual_checks import (
+    ResidualFinding,
+    check_residuals,
+    exceeds_noise,
+    find_rare_events,
+)
 from palpate.estimation.diagnosis.result import ChannelDiagnosis, Diagnosis
 from palpate.estimation.diagnosis.search import (
     MOST_EFFECTS,
@@ -52,7 +57,7 @@ from palpate.estimation.diagnosis.verdict import (
 from palpate.estimation.effect import Effect
 from palpate.estimation.estimate import with_unit
 from palpate.estimation.fit.fit_result import FitResult
-from palpate.estimation.fit.measurement_model import identify_measurement_model
+from palpate.estimation.fit.measurement_model import MeasurementModel, identify_measurement_model
 from palpate.estimation.fit.measurement_noise import measurement_noise
 from palpate.estimation.kinds import PHYSICAL_KINDS, SENSOR_KINDS
 from palpate.estimation.model import Model
@@ -229,8 +234,8 @@ def _extend_accepted(
 ) -> tuple[FitResult, list[FormTest]]:
     """Add effects to an incomplete model of accepted effects, as long as they are all accepted.
 
-    The search selects effects that fit best jointly. If some of them are not accepted, the remaining ones
-    leave an error for which the search, which described it by the others, found no effect.
+    The search selects the effects that fit best jointly. If some of them are not accepted, it may have missed
+    the effects that explain their part of the error.
     """
     while not checks.is_complete(end) and len(accepted := search.added_effects(end)) < MOST_EFFECTS:
         possible = [candidate for candidate in search.screen(end) if candidate.possible][:_EXTENSIONS]
@@ -328,8 +333,8 @@ def _accept(
     A model that leaves only noise is reduced by significance tests of its effects, even if its gains differ
     between runs, since it then still explains each run.
     """
-    is_complete = checks.is_complete(fit)
-    if is_complete or checks.explains_each_run(fit):
+    is_complete, is_explained = checks.is_complete(fit), checks.explains_each_run(fit)
+    if is_explained:
         is_as_complete = checks.is_complete if is_complete else checks.explains_each_run
         end = accept_effects(search, fit, checks.measurement)
         if end is not search.start:
@@ -347,11 +352,22 @@ def _accept(
         ):  # the complete model improves bootstrap samples of the base model as much as the data
             checks.clear_finding(end)
     if checks.is_complete(search.start):
-        by_chance = not improvement_test(search.start, fit, checks.measurement, search.rng).is_significant
-        if by_chance:  # improvements come from noise or from smoothing of the motion
-            return search.start, []
+        # The error of the base model may hide what makes a better model incomplete, such as runs that differ.
+        if is_explained or not _improves(search, fit, checks.measurement):
+            return search.start, []  # improvements come from noise or from smoothing of the motion
         checks.mark_incomplete(search.start)
     return accept_forms(search, kinds(), fit, checks.measurement)
+
+
+def _improves(search: Search, fit: FitResult, measurement: MeasurementModel) -> bool:
+    """Return whether plausible effects improve the base model by more than chance and encoder steps do."""
+    base = search.start
+    if base.is_exact or not search.added_effects(fit) or not search.is_sensible(fit):
+        return False
+    explained = base.held_out_mean_square - fit.held_out_mean_square
+    if explained <= encoder_step_error(base, measurement) ** 2:
+        return False
+    return improvement_test(base, fit, measurement, search.rng).is_significant
 
 
 class _Completeness:
@@ -417,7 +433,10 @@ class _Completeness:
         if fit.is_exact:
             return None
         complete = self.leaves_noise(fit)
-        return check_residuals(fit, self.measurement, self._search.rng, complete=complete)
+        finding = check_residuals(fit, self.measurement, self._search.rng, complete=complete)
+        if finding is None and complete:
+            finding = find_rare_events(fit, measurement_noise(self._search.start))
+        return finding
 
     def _leaves_noise(self, fit: FitResult) -> bool:
         if fit.is_exact:

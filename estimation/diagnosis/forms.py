@@ -253,7 +253,14 @@ def replacing_kinds(search: Search, end: FitResult) -> dict[str, dict[Kind, floa
         return {kind: max(e - left, 0.0) for kind, e in by_law.items() if e <= limit}
 
     of_all = replacements(search.start) if len(names) > 1 else {}
-    return {name: of_all | replacements(search.without(end, name)) for name in names}
+    replacing = {}
+    for name in names:
+        alone = replacements(search.without(end, name))
+        replacing[name] = {
+            kind: min(left_by[kind] for left_by in (alone, of_all) if kind in left_by)
+            for kind in alone | of_all
+        }
+    return replacing
 
 
 def _base_columns(start: FitResult) -> tuple[BaseColumns, FloatArray]:

@@ -2,7 +2,7 @@
 
 They detect runs that follow different laws, and residuals that oscillate or exceed the noise. The cause of a
 difference between runs (another specimen, zero or sensor) is not among the signals, so a regression on them
-cannot reveal it. Oscillations do not depend on any signal either.
+cannot reveal it. Oscillations and errors of few samples do not depend on any signal either.
 """
 
 from dataclasses import dataclass
@@ -21,10 +21,10 @@ from palpate.estimation.fit.fit_problem import held_out_residual, rmse
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import MeasurementModel
 from palpate.estimation.fit.measurement_noise import (
+    MeasurementNoise,
     RunHeterogeneity,
     fast_noise,
     free_air_noise,
-    measurement_noise,
     rows_before_contact,
     run_heterogeneity,
     size_of_differences,
@@ -51,7 +51,8 @@ _PROMINENT = 40.0  # height of a spectral line relative to the median around it;
 _MAX_RUNS = 30  # largest number of runs that are fitted with separate waves
 _GAIN_OF_WAVES = 0.7  # largest error with waves fitted to each run, relative to the model's error
 _FEW = 0.05  # share of the samples with the largest errors
-_PEAKED = 0.8  # least share of the squared error in these samples that is no noise; normal noise has 0.28
+_PEAKED = 0.8  # least share of the squared error in these samples that is not noise; normal noise has 0.28
+RARE_EVENTS = "rare events"  # on which an error depends that few samples hold
 _PEAK = 0.2  # least share of the variance at a reported frequency
 
 
@@ -100,7 +101,7 @@ def check_residuals(
         )
     excess = exceeds_noise(end, measurement, rng)
     if not excess:
-        return _oscillation(end) or _rare_events(end)
+        return _oscillation(end)
     swings = f" and oscillates at {excess.frequency_hz:.3g} Hz" if excess.frequency_hz else ""
     return ResidualFinding(
         f"the residual {excess.where}, {with_unit(excess.acting, unit)}, is "
@@ -163,16 +164,22 @@ def _oscillation(end: FitResult) -> ResidualFinding | None:
     )
 
 
-def _rare_events(end: FitResult) -> ResidualFinding | None:
-    """Report an error that few samples contain, unless noise of this size was measured; None without one."""
+def find_rare_events(end: FitResult, noise: MeasurementNoise) -> ResidualFinding | None:
+    """Report an error that few samples hold; None without one, or if it is as small as a measured noise.
+
+    Args:
+        end: a model that no flexible regression improves.
+        noise: noise level of the channel.
+    """
     squares = np.sort(end.solution.residual[end.problem.used] ** 2)
     share = float(squares[int((1.0 - _FEW) * len(squares)) :].sum() / max(squares.sum(), 1e-300))
-    if share < _PEAKED or not measurement_noise(end).is_bound:
+    is_noise = not noise.is_bound and end.rmse <= _EXCESS * noise.value
+    if share < _PEAKED or is_noise:
         return None
     return ResidualFinding(
         f"{100 * _FEW:.0f} % of the samples hold {100 * share:.0f} % of the squared error, as impacts, a "
         "breakaway or lost readings cause; look at the effort at these times",
-        "rare events",
+        RARE_EVENTS,
     )
 
 

@@ -185,8 +185,9 @@ class Evidence:
     def _is_resolved(self, effect: str) -> bool:
         """Return whether the noise is so small that it hides only small deviations from the effect's law.
 
-        Deviations are relative to the effect's own contribution. A test that could not have found a
-        deviation is no evidence for the law: an exponential describes a cubic spring with an error of 2 %.
+        A test that could not have found a deviation is no evidence for the law. Deviations below `SMALL` of
+        the effect's own contribution are not excluded: an exponential describes a cubic spring with an error
+        of 2 %.
         """
         if self.end.is_exact:
             return True

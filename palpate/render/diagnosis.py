@@ -6,6 +6,7 @@ from math import nan
 
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.diagnosis.forms import SLOW, Form
+from palpate.estimation.diagnosis.residual_checks import RARE_EVENTS
 from palpate.estimation.diagnosis.result import NoiseFloor, RemainingError
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate import rounded, with_unit
@@ -54,8 +55,8 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
         )
     if not diagnosis.accepted:
         return (
-            f"{diagnosis.channel}: something is missing that no known effect explains; it depends on "
-            f"{join_names(diagnosis.depends_on) or 'no single signal'}. {error}"
+            f"{diagnosis.channel}: something is missing that no known effect explains; it "
+            f"{_dependence(diagnosis.depends_on) or 'depends on no single signal'}. {error}"
         )
     names = []
     # With its approximate form and alternatives; one alternative may replace two effects.
@@ -75,11 +76,18 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
 
 def _unexplained_error(left: RemainingError, floor: NoiseFloor | None) -> str:
     """State the error that an incomplete model leaves, and the signals on which it depends."""
-    signals = join_names(left.depends_on) if left.depends_on else ""
+    dependence = _dependence(left.depends_on)
     if floor is not None and floor.at_most and left.times_floor < 1.0:
-        return f" The remaining error may be noise{', but depends on ' * bool(signals)}{signals}."
+        return f" The remaining error may be noise{', but ' * bool(dependence)}{dependence}."
     size = f" of {rounded(left.times_floor, 2)} times the noise" if left.times_floor >= NOISE else ""
-    return f" An unexplained error{size} remains{' and depends on ' * bool(signals)}{signals}."
+    return f" An unexplained error{size} remains{' and ' * bool(dependence)}{dependence}."
+
+
+def _dependence(signals: Sequence[str]) -> str:
+    """State on which signals an error depends, or that few samples hold it; empty if nothing is known."""
+    if RARE_EVENTS in signals:
+        return "comes from few samples, as impacts, a breakaway or lost readings do"
+    return f"depends on {join_names(signals)}" if signals else ""
 
 
 def _unrelated_error(diagnosis: ChannelDiagnosis) -> str:
@@ -194,12 +202,12 @@ def budget_view(diagnosis: ChannelDiagnosis) -> BudgetView | None:
     error = with_unit(diagnosis.baseline.rmse, diagnosis.effort_unit)
     shares = ", ".join(f"{part.word} {part.share_text}" for part in parts)
     sentence = f"Of the {error} error: {shares}." if kinds or len(parts) > 1 else ""
-    if not sentence:
+    if not sentence and diagnosis.verdict is Verdict.UNEXPLAINED:
+        sentence = f"No kind of effect accounts for the error of {error}."
+    elif not sentence:
         what = "may be noise" if is_bound else "is within the noise"
         what = "depends on no recorded signal" if _unrelated_error(diagnosis) else what
         sentence = f"The whole error of {error} {what}."
-        if diagnosis.verdict is Verdict.UNEXPLAINED:
-            sentence = f"No kind of effect accounts for the error of {error}."
     return BudgetView(sentence, tuple(parts), tuple(confusions))
 
 

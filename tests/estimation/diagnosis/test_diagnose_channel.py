@@ -93,18 +93,30 @@ FLOW = {  # what is true of a channel: what is answered
     "the best forms leave less": ({"found": "b", "forms": "a", "complete": False}, ("a", False, None)),
     "they leave more": ({"found": "a", "forms": "b", "complete": False}, ("a", False, None)),
     "an effect is found beside those accepted": (
-        {"found": "a", "beside": {"a": "a+b"}, "complete": False},
+        {"found": "a", "beside": {"a": ["a+b"]}, "complete": False},
         ("a+b", False, None),
     ),
+    "effects are found one after the other, behind others that are not accepted": (
+        {"found": "a", "beside": {"a": ["b", "c", "a+d"], "a+d": ["a+d+e"]}, "complete": False},
+        ("a+d+e", False, None),
+    ),
+    "the fourth candidate is not tried": (
+        {"found": "a", "beside": {"a": ["b", "c", "d", "a+e"]}, "complete": False},
+        ("a", False, None),
+    ),
+    "four effects are enough": (
+        {"found": "a+b+c+d", "beside": {"a+b+c+d": ["a+b+c+d+e"]}, "complete": False},
+        ("a+b+c+d", False, None),
+    ),
     "an effect in place of those accepted": (
-        {"found": "a", "beside": {"a": "b"}, "complete": False},
+        {"found": "a", "beside": {"a": ["b"]}, "complete": False},
         ("a", False, None),
     ),
     "an effect that is not needed": (
-        {"found": "a", "beside": {"a": "a+c"}, "needless": "a+c", "complete": False},
+        {"found": "a", "beside": {"a": ["a+c"]}, "needless": "a+c", "complete": False},
         ("a", False, None),
     ),
-    "only one effect bears a name": ({"beside": {"base": "s"}, "complete": False}, ("s", False, None)),
+    "only one effect bears a name": ({"beside": {"base": ["s"]}, "complete": False}, ("s", False, None)),
     "an effect gains nothing in the shown steps": ({"found": "a+b", "idle": {"a+b": "b"}}, ("a", True, None)),
     "a minimum that the shown steps miss": ({"found": "a", "missed": ("a",)}, ("a", False, None)),
     "it cannot say": ({"refused": "too short"}, "too short"),
@@ -147,7 +159,7 @@ def test_channel_is_searched_varied_reduced_and_reported(name, monkeypatch):
 
     search = SimpleNamespace(start=base, coarse=None, fitted=fitted, is_better=lambda one, other: one < other)
     beside = given.get("beside", {})
-    search.screen = lambda one: [SimpleNamespace(possible=True, model=beside[one])] if one in beside else []
+    search.screen = lambda one: [SimpleNamespace(possible=True, model=model) for model in beside.get(one, [])]
     search.is_needed = lambda before, after: after != given.get("needless")
     search.data, search.progress = swings(1, runs=2), lambda what, share: None
     search.effects, search.model = (), SWING
@@ -197,19 +209,42 @@ def test_simplified_model_with_residual_is_judged_by_its_forms(simpler_is_comple
     assert module._accept(search, "whole", judge, lambda: None) == ("simpler", [way])
 
 
-@pytest.mark.parametrize("is_significant", [True, False])
-def test_base_model_is_incomplete_if_an_incomplete_one_is_significantly_better(is_significant, monkeypatch):
+@pytest.mark.parametrize(
+    ("changes", "is_improved"),
+    [
+        ({}, True),
+        ({"significant": False}, False),
+        ({"sensible": False}, False),
+        ({"exact": True}, False),
+        ({"explained": True}, False),  # tests of the single effects have decided
+        ({"step": 0.5}, False),  # encoder steps cause as large an error
+    ],
+    ids=str,
+)
+def test_base_model_is_incomplete_if_an_incomplete_one_is_significantly_better(
+    changes, is_improved, monkeypatch
+):
     """Runs that differ make the better model incomplete; the base model's error may hide the difference."""
-    complete = {"better": False, "base": True}
+    given = {"significant": True, "sensible": True, "exact": False, "explained": False, "step": 0.1} | changes
+    base = SimpleNamespace(is_exact=given["exact"], held_out_mean_square=1.0)
+    better = SimpleNamespace(held_out_mean_square=0.8)
+    marked = []
     checks = SimpleNamespace(
-        measurement="readings", is_complete=complete.__getitem__, explains_each_run=complete.__getitem__
+        measurement="readings",
+        is_complete=lambda fit: fit is base and fit not in marked,
+        explains_each_run=lambda fit: given["explained"],
+        mark_incomplete=marked.append,
     )
-    checks.mark_incomplete = lambda fit: complete.update({fit: False})
-    monkeypatch.setattr(module, "improvement_test", lambda *_: SimpleNamespace(is_significant=is_significant))
+    search = SimpleNamespace(start=base, rng=None, is_sensible=lambda fit: given["sensible"])
+    search.added_effects = lambda fit: ["a"] if fit is better else []
+    test = SimpleNamespace(is_significant=given["significant"])
+    monkeypatch.setattr(module, "improvement_test", lambda *_: test)
+    monkeypatch.setattr(module, "encoder_step_error", lambda *_: given["step"])
+    monkeypatch.setattr(module, "accept_effects", lambda *_: base)
     monkeypatch.setattr(module, "accept_forms", lambda *_: ("reduced", ["test"]))
-    end = module._accept(SimpleNamespace(start="base", rng=None), "better", checks, lambda: None)
-    assert end == (("reduced", ["test"]) if is_significant else ("base", []))
-    assert complete["base"] is not is_significant
+    end = module._accept(search, better, checks, lambda: None)
+    assert end == (("reduced", ["test"]) if is_improved else (base, []))
+    assert marked == ([base] if is_improved else [])
 
 
 @pytest.mark.parametrize(
@@ -232,7 +267,8 @@ def test_objection_is_dropped_where_samples_improve_as_much_by_a_clean_model(
     judge.leaves_noise = lambda fit: fit is whole or noise
     monkeypatch.setattr(module, "check_residuals", lambda fit, *_, complete: None if fit is whole else "runs")
     monkeypatch.setattr(module, "exceeds_noise", lambda *_: excess)
-    monkeypatch.setattr(module, "improvement_test", lambda *_: SimpleNamespace(is_significant=False))
+    monkeypatch.setattr(module, "measurement_noise", lambda _: None)
+    monkeypatch.setattr(module, "find_rare_events", lambda *_: None)
     monkeypatch.setattr(module, "accept_effects", lambda *_: base)
     monkeypatch.setattr(module, "accept_forms", lambda *_: (base, []))
     assert module._accept(search, whole, judge, lambda: None) == (base, [])

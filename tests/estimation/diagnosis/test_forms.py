@@ -354,7 +354,8 @@ def test_law_that_leaves_hardly_more_may_replace_an_effect(monkeypatch, without,
 
 def test_law_that_describes_what_two_effects_do_together_may_replace_both(monkeypatch):
     """Without one of the effects the law leaves too much, without both as little as they."""
-    end = SimpleNamespace(solution=SimpleNamespace(model=SWING.with_effect(EFFECTS[RUB]())))
+    model = SWING.with_effect(EFFECTS[RUB]()).with_effect(EFFECTS[SPRING]())
+    end = SimpleNamespace(solution=SimpleNamespace(model=model))
     base = SimpleNamespace(name="base")
     with_law = {id(base): 1.02}
 
@@ -365,10 +366,11 @@ def test_law_that_describes_what_two_effects_do_together_may_replace_both(monkey
         )
 
     monkeypatch.setattr(forms, "error_of_kinds", error_of_kinds)
-    search = SimpleNamespace(start=base, added_effects=lambda _: [RUB, RUB], without=lambda *_: object())
-    assert forms.replacing_kinds(search, end) == {RUB: {Kind.SENSOR_STATICS: pytest.approx(0.02)}}
+    search = SimpleNamespace(start=base, added_effects=lambda _: [RUB, SPRING], without=lambda *_: object())
+    replacing = {Kind.SENSOR_STATICS: pytest.approx(0.02)}
+    assert forms.replacing_kinds(search, end) == {RUB: replacing, SPRING: replacing}
     with_law[id(base)] = 50.0
-    assert forms.replacing_kinds(search, end) == {RUB: {}}
+    assert forms.replacing_kinds(search, end) == {RUB: {}, SPRING: {}}
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from palpate.estimation.diagnosis.residual_checks import (
     _without_outliers,
     check_residuals,
     exceeds_noise,
+    find_rare_events,
 )
 from palpate.estimation.fit.blocks import BlockedData
 from palpate.estimation.fit.fit_problem import FitProblem, solve_gains
@@ -410,7 +411,7 @@ def test_runs_are_checked_before_the_residual_in_contact(
     monkeypatch.setattr(residual_checks, "run_heterogeneity", lambda *_: apart)
     monkeypatch.setattr(residual_checks, "_is_heterogeneous", lambda *_: not chance)
     monkeypatch.setattr(residual_checks, "exceeds_noise", lambda *_: excess)
-    for check in ("_oscillation", "_error_with_own_waves", "_rare_events"):
+    for check in ("_oscillation", "_error_with_own_waves"):
         monkeypatch.setattr(residual_checks, check, lambda _: None)
     end = SimpleNamespace(
         data=swings(1), problem=SimpleNamespace(blocked=None), solution=None, floor=lambda: floor
@@ -467,19 +468,27 @@ def test_dominant_oscillation_is_named_unless_it_is_noise(air, share, times, tol
         assert f"7 Hz with {share**0.5 * end.rmse:.3g} N" in swung.reason
 
 
-@pytest.mark.parametrize(("large", "told"), [(9.5, "5 % of the samples hold 83 %"), (7.5, "")])
-def test_few_large_errors_are_no_noise_unless_noise_was_measured(large, told, monkeypatch):
-    """Of 100 samples, 95 have an error of 1 and five a larger one: 83 % and 75 % of the squares."""
+@pytest.mark.parametrize(
+    ("large", "noise", "is_bound", "told"),
+    [
+        (9.5, 2.3, True, True),
+        (7.5, 2.3, True, False),  # the five hold 75 % of the squares
+        (9.5, 1.0, False, False),  # the error is 2.3 times the measured noise
+        (9.5, 0.9, False, True),
+    ],
+)
+def test_few_large_errors_are_not_noise_unless_it_was_measured(large, noise, is_bound, told):
+    """Of 100 samples, 95 have an error of 1 and five a larger one, 9.5 for 83 % of the squares."""
     residual = np.where(np.arange(100) % 20 == 7, large, 1.0)
     end = SimpleNamespace(
-        solution=SimpleNamespace(residual=residual), problem=SimpleNamespace(used=np.ones(100, np.bool_))
+        solution=SimpleNamespace(residual=residual),
+        problem=SimpleNamespace(used=np.ones(100, np.bool_)),
+        rmse=float(np.sqrt(np.mean(residual**2))),
     )
-    monkeypatch.setattr(residual_checks, "measurement_noise", lambda _: SimpleNamespace(is_bound=True))
-    finding = residual_checks._rare_events(end)
-    assert (finding.reason if finding else "").startswith(told)
-    assert (finding is None) is (not told)
-    monkeypatch.setattr(residual_checks, "measurement_noise", lambda _: SimpleNamespace(is_bound=False))
-    assert residual_checks._rare_events(end) is None
+    finding = find_rare_events(end, SimpleNamespace(value=noise, is_bound=is_bound))
+    assert (finding is not None) is told
+    if told:
+        assert finding.reason.startswith("5 % of the samples hold 83 %")
 
 
 @pytest.mark.parametrize(("ripple", "runs", "is_found"), [(10.0, 4, True), (0.9, 4, False), (10.0, 1, False)])
