@@ -272,10 +272,17 @@ def _press_or_axis(units: ColumnUnits, chosen: Chosen) -> tuple[Chosen, list[str
         return chosen, []
     table, (role, column) = units.table, chosen[POSITION]
     unit, is_named = units.unit_of(role, column), column in units.options.columns.values()
-    if _own_name(column) or is_named or dimension_of(unit) != "length":
+    if is_named or dimension_of(unit) != "length":
         return chosen, []
     quoted, force = shlex.quote(column), chosen[FORCE][1]
-    if is_pressed(table.numbers(column), table.numbers(force)):
+    as_axis = [
+        f"'{column}' is read as the position of a linear axis; if it is the displacement of a press, add "
+        f"--column displacement={quoted}"
+    ]
+    pressed = is_pressed(table.numbers(column), table.numbers(force))
+    if _own_name(column):  # as in files that palpate writes
+        return chosen, as_axis if pressed else []
+    if pressed:
         others = {key: choice for key, choice in chosen.items() if key != POSITION}
         return others | {DISPLACEMENT: (Role(*DISPLACEMENT, role.unit or unit), column)}, [
             f"'{column}' and '{force}' change together, as in a press; if '{column}' is the position of a "
@@ -286,10 +293,7 @@ def _press_or_axis(units: ColumnUnits, chosen: Chosen) -> tuple[Chosen, list[str
             f"{table.path}: '{column}' and '{force}' may belong to a press or to a linear axis; choose with "
             f"--column displacement={quoted} or --column position={quoted}"
         )
-    return chosen, [
-        f"'{column}' is read as the position of a linear axis; if it is the displacement of a press, add "
-        f"--column displacement={quoted}"
-    ]
+    return chosen, as_axis
 
 
 def _orient_signs(

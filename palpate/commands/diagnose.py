@@ -176,7 +176,9 @@ def _next_steps(  # noqa: PLR0917, what was typed and found
         yield f"palpate estimate {base}", "the parameters of the base model"
         return
     only = None if typed["channel"] == ALL_CHANNELS else typed["channel"]
-    yield f"palpate compare {data.command_text(channel=only, folder=out)}", "where the model fails"
+    is_adequate = all(channel.verdict is Verdict.ADEQUATE for channel in diagnosis.channels)
+    purpose = "the model beside the measurements" if is_adequate else "where the model fails"
+    yield f"palpate compare {data.command_text(channel=only, folder=out)}", purpose
 
 
 @takes_data

@@ -205,8 +205,10 @@ def budget_view(diagnosis: ChannelDiagnosis) -> BudgetView | None:
     if not sentence and diagnosis.verdict is Verdict.UNEXPLAINED:
         sentence = f"No kind of effect accounts for the error of {error}."
     elif not sentence:
-        what = "may be noise" if is_bound else "is within the noise"
-        what = "depends on no recorded signal" if _unrelated_error(diagnosis) else what
+        left = diagnosis.remaining
+        exceeds_noise = left is not None and left.times_floor > NOISE
+        within = "depends on no recorded signal" if exceeds_noise else "is within the noise"
+        what = "may be noise" if is_bound else within
         sentence = f"The whole error of {error} {what}."
     return BudgetView(sentence, tuple(parts), tuple(confusions))
 

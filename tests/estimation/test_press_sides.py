@@ -161,19 +161,20 @@ def test_object_that_pulls_until_it_tears_off_is_one_sided(share):
 
 
 @pytest.mark.parametrize(
-    ("columns", "force", "kind"),
+    ("columns", "force", "kind", "noted"),
     [
-        ({"position": PRESS_X}, PUSH, ChannelKind.CONTACT),
-        ({"Position [m]": PRESS_X}, PUSH, ChannelKind.CONTACT),
-        ({"Position [m]": PRESS_X}, PRESS_V, ChannelKind.PRISMATIC),
-        ({"position_m": PRESS_X}, PUSH, ChannelKind.PRISMATIC),
+        ({"position": PRESS_X}, PUSH, ChannelKind.CONTACT, True),
+        ({"Position [m]": PRESS_X}, PUSH, ChannelKind.CONTACT, True),
+        ({"Position [m]": PRESS_X}, PRESS_V, ChannelKind.PRISMATIC, True),
+        ({"position_m": PRESS_X}, PUSH, ChannelKind.PRISMATIC, True),
+        ({"position_m": PRESS_X}, PRESS_V, ChannelKind.PRISMATIC, False),  # the name that palpate writes
     ],
 )
-def test_position_in_meters_is_a_press_or_an_axis_by_its_force(columns, force, kind):
+def test_position_in_meters_is_a_press_or_an_axis_by_its_force(columns, force, kind, noted):
     options = ImportOptions(units={"position": "m"} if "position" in columns else {})
     found = imported(options, time_s=PRESS_T, run=PRESS_RUN, force_N=force, **columns)
     assert found.channels[0].kind is kind
-    assert bool(found.notes) == ("position_m" not in columns)
+    assert bool(found.notes) is noted
 
 
 def test_ambiguous_position_is_asked_about():
