@@ -209,3 +209,6 @@ def test_lagging_force_sensor_is_identified_from_a_joint(tmp_path, monkeypatch):
     (found,) = Study(path, keep=False).diagnose("joint_1").channels
     assert [one.effect for one in found.accepted] == ["force_sensor_error"]
     assert found.final.rmse < 0.3 * found.baseline.rmse
+    assert found.remaining.depends_on == [
+        "rare events"
+    ]  # apart from peaks where contacts begin, noise is left
