@@ -91,21 +91,25 @@ def acceptance_criteria(base: FitResult, fit: FitResult) -> AcceptanceCriteria:
     )
 
 
-def accept_effects(search: Search, fit: FitResult, measurement: MeasurementModel) -> FitResult:
+def accept_effects(
+    search: Search, fit: FitResult, measurement: MeasurementModel, is_complete: CompletenessTest
+) -> FitResult:
     """Reduce a complete model to the effects that it needs, or to the base model if it needs none.
 
     Args:
         search: the search that led to the model.
         fit: base model and effects; only noise is left.
         measurement: how motion and effort were measured.
+        is_complete: whether a model leaves only noise.
     """
     if not search.added_effects(fit) or not search.is_sensible(fit):
         return search.start
     sufficient = smallest_sufficient_model(search, fit, measurement)
-    reduced = _drop_needless_effects(search, fit, measurement) if sufficient is fit else sufficient
+    is_reducible = sufficient is not fit
+    reduced = sufficient if is_reducible else _drop_needless_effects(search, fit, measurement, is_complete)
     if reduced is fit or reduced is search.start:
         return reduced
-    return accept_effects(search, backward_step(search, reduced), measurement)
+    return accept_effects(search, backward_step(search, reduced), measurement, is_complete)
 
 
 def accept_forms(
@@ -314,17 +318,19 @@ def smallest_sufficient_model(search: Search, fit: FitResult, measurement: Measu
     return fit
 
 
-def _drop_needless_effects(search: Search, fit: FitResult, measurement: MeasurementModel) -> FitResult:
+def _drop_needless_effects(
+    search: Search, fit: FitResult, measurement: MeasurementModel, is_complete: CompletenessTest
+) -> FitResult:
     """Drop each effect that is small, indistinguishable from rounding, or not significant.
 
-    The least important effect is tested first. An effect above the noise is not small, however large the
-    other effects are: without it, the model is incomplete.
+    The least important effect is tested first. An effect is not small, however large the other effects are,
+    if it exceeds the noise, or if the model without it is incomplete.
     """
     for name in reversed(effects_by_importance(search, fit)):
         reduced = search.without(fit, name)
         explained = np.sqrt(max(reduced.held_out_mean_square - fit.held_out_mean_square, 0.0))
         is_small = reduced.rmse - fit.rmse < SMALL * (search.start.rmse - fit.rmse)
-        is_small &= bool(explained <= measurement_noise(search.start).value)
+        is_small &= bool(explained <= measurement_noise(search.start).value) and is_complete(reduced)
         is_needless = is_small or _is_rounding(search, fit, name) or _has_zero_size(reduced, fit, name)
         is_needless |= bool(explained <= encoder_step_error(reduced, measurement))
         is_needed = not is_needless and search.is_needed(reduced, fit)
@@ -604,11 +610,13 @@ def _rivals(
     alternatives = [
         candidate for candidate in search.alternatives(fit, name) if candidate.effect.name != name
     ]
-    for candidate in alternatives[:_MAX_RIVALS]:
+    # Few start values may all miss the best inner parameters, so order the alternatives by adapted ones.
+    adapted = [(candidate.error_with_adapted_inner(fit.problem), candidate) for candidate in alternatives]
+    for error, candidate in sorted(adapted, key=lambda pair: pair[0])[:_MAX_RIVALS]:
         is_tried = _is_missing_weight(search, candidate.effect, effect) or _has_at_most(
             max_count, candidate, fit
         )
-        if not is_tried or candidate.error_with_adapted_inner(fit.problem) > NEAR * half:
+        if not is_tried or error > NEAR * half:
             continue
         rival = search.with_candidate(candidate)
         if not search.is_sensible(rival):

@@ -336,7 +336,7 @@ def _accept(
     is_complete, is_explained = checks.is_complete(fit), checks.explains_each_run(fit)
     if is_explained:
         is_as_complete = checks.is_complete if is_complete else checks.explains_each_run
-        end = accept_effects(search, fit, checks.measurement)
+        end = accept_effects(search, fit, checks.measurement, is_as_complete)
         if end is not search.start:
             checks.mark_incomplete(search.start)
             end = most_parsimonious(search, end, checks.measurement, is_as_complete)
