@@ -20,6 +20,7 @@ from palpate.estimation.diagnosis.acceptance import (
     models_by_importance,
 )
 from palpate.estimation.diagnosis.bootstrap import BootstrapTest
+from palpate.estimation.diagnosis.diagnose import _Completeness
 from palpate.estimation.diagnosis.forms import analyze_kinds, form_tests
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.kinds import Kind
@@ -69,14 +70,24 @@ def searches():
         ("a spring and a friction", (SPRING, RUB), {SPRING, RUB}),
         ("a spring and a friction", (), set()),
         ("a friction", (RUB, BIAS), {RUB}),  # what is not there is needless
-        ("a large friction and a small zero", (RUB, BIAS), {RUB}),  # less than a twentieth of all
+        ("a large friction and a small zero", (RUB, BIAS), {RUB, BIAS}),  # below the noise, but not within it
         ("a large spring and a friction above the noise", (SPRING, RUB), {SPRING, RUB}),  # also less
     ],
 )
 def test_complete_model_keeps_its_needed_effects(searches, law, found, kept):
     search, measurement = searches(law)
-    end = accept_effects(search, reached(search, *found), measurement)
+    end = accept_effects(search, reached(search, *found), measurement, _Completeness(search).is_complete)
     assert set(search.added_effects(end)) == kept
+
+
+@pytest.mark.parametrize("without_it_complete", [True, False])
+def test_effect_below_the_noise_is_kept_only_if_the_model_is_incomplete_without_it(
+    searches, without_it_complete
+):
+    search, measurement = searches("a large friction and a small zero")
+    fit = reached(search, RUB, BIAS)
+    end = accept_effects(search, fit, measurement, lambda reduced: without_it_complete)
+    assert (BIAS in search.added_effects(end)) is not without_it_complete
 
 
 @pytest.mark.parametrize(
@@ -148,7 +159,7 @@ def test_effect_that_drives_a_base_gain_out_of_bounds_is_not_accepted(searches, 
     search, measurement = searches("a friction")
     end = reached(search, RUB)
     monkeypatch.setattr(type(search), "is_sensible", lambda self, one: one is not end)
-    assert accept_effects(search, end, measurement) is search.start
+    assert accept_effects(search, end, measurement, lambda _: True) is search.start
 
 
 def test_effects_are_ordered_by_improvement(searches):
@@ -213,7 +224,7 @@ def test_smallest_sufficient_part_of_a_model_is_selected(searches, refused):
     search, measurement = searches("a spring and a friction")
     end = reached(search, SPRING, RUB)
     asked = refused(lambda before, after: not names(before))  # only the base model is refused
-    assert names(accept_effects(search, end, measurement)) == {SPRING}
+    assert names(accept_effects(search, end, measurement, lambda _: True)) == {SPRING}
     assert [names(before) for before, after, _ in asked if after is end] == [set(), {SPRING}]
 
 

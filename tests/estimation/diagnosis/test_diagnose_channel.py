@@ -199,7 +199,7 @@ def test_simplified_model_with_residual_is_judged_by_its_forms(simpler_is_comple
     )
     # the base model counts as complete until it is marked
     judge.mark_incomplete = lambda fit: complete.update({fit: False})
-    monkeypatch.setattr(module, "accept_effects", lambda search, fit, measurement: fit)
+    monkeypatch.setattr(module, "accept_effects", lambda search, fit, *_: fit)
     monkeypatch.setattr(module, "most_parsimonious", lambda *_: "simpler")
     monkeypatch.setattr(module, "form_tests", lambda partial, end: ["complete"])
     monkeypatch.setattr(
