@@ -133,50 +133,9 @@ def accept_forms(
     added = map(fit.solution.model.effect, search.added_effects(fit))
     kinds = frozenset(effect.kind for effect in added) - {Kind.RUN_DIFFERENCES}
     while search.added_effects(fit):
-        tests = form_tests(partial, fit, kinds)
-        remaining = cross_validated_error(fit.problem, fit.solution)
-        count = max(int(fit.problem.used.sum()), 1)
-        explained = {}  # mean square that each effect removes [effort^2]
-        for test in tests:
-            reduced = search.without(fit, test.effect)
-            explained[test.effect] = (
-                cross_validated_error(reduced.problem, reduced.solution) - remaining
-            ) / count
-        effects = [fit.solution.model.effect(test.effect) for test in tests]
-        budget = partial.budget_with(frozenset(map(partial.kind_of, effects)))
-        entries = {entry.kind: entry for entry in budget.entries}
-        unexplained = unexplained_mean_square(search, fit)
-        # Check that the effects jointly leave as little error as the laws of all relevant kinds, and little
-        # of the total error.
-        share_left = remaining / count / partial.budget.base**2
-        is_as_good = share_left <= min(partial.budget.unexplained / AS_GOOD, 1.0 - MOST_OF_LAW)
-        least = least_explained(search, fit)
-        # A clear effect is larger than the noise, or than a small share of the base model's error.
-        smallest = min(measurement_noise(search.start).value ** 2, SMALL * search.start.held_out_mean_square)
-        unnamed = max(unexplained, fit.flexible.explained / count)
-        failed = []
-        for test in tests:
-            size = explained[test.effect]
-            is_possible = (test.is_known or is_as_good) and search.is_sound(fit, test.effect)
-            is_possible &= test.kind is not Kind.RUN_DIFFERENCES or len(fit.data.runs) >= _MIN_RUNS
-            # If the effect explains most of the error above the noise that the model leaves without it, no
-            # other effect can explain this error in its place. Faults of the sensor and drifts are rare, and
-            # therefore need more evidence.
-            most = MOST_OF_LAW if test.kind in PHYSICAL_KINDS else _NEARLY_ALL
-            is_clear = (
-                is_as_good
-                and size >= max(most * (size + unnamed), smallest)
-                and search.is_needed(search.without(fit, test.effect), fit)
-            )
-            is_needed = is_clear or (
-                size >= least
-                and not _repeats_another(fit, test.effect, explained)
-                and _accounts_for_error(
-                    search, partial, fit, test, entries, explained=size, unexplained=unexplained
-                )
-            )
-            if not (is_possible and is_needed):
-                failed.append(test.effect)
+        form_criteria = FormCriteria(search, partial, fit, kinds)
+        tests, explained = form_criteria.tests, form_criteria.explained
+        failed = [test.effect for test in tests if form_criteria.failed_by(test)]
         if failed:
             fit = search.without(fit, min(failed, key=lambda name: explained[name]))
             continue
@@ -194,6 +153,98 @@ def accept_forms(
             return _with_weight(search, partial, fit, measurement) or (fit, tests)
         fit = min(better, key=lambda alternative: alternative.solution.held_out)
     return search.start, []
+
+
+class FormCriteria:
+    """Criteria that each effect of an incomplete model must meet to be accepted."""
+
+    def __init__(
+        self, search: Search, partial: PartiallyLinear, fit: FitResult, kinds: frozenset[Kind] = frozenset()
+    ) -> None:
+        """Test the form of each effect, and determine the error that it explains.
+
+        Args:
+            search: the search that led to the model.
+            partial: flexible laws of the kinds that account for the error, on the same blocks.
+            fit: base model and effects.
+            kinds: additional kinds whose laws are included in the form tests.
+        """
+        self._search, self._partial, self._fit = search, partial, fit
+        self.tests = form_tests(partial, fit, kinds)
+        remaining = cross_validated_error(fit.problem, fit.solution)
+        count = max(int(fit.problem.used.sum()), 1)
+        self.explained = dict[str, float]()  # mean square that each effect removes [effort^2]
+        for test in self.tests:
+            reduced = search.without(fit, test.effect)
+            without = cross_validated_error(reduced.problem, reduced.solution)
+            self.explained[test.effect] = (without - remaining) / count
+        effects = [fit.solution.model.effect(test.effect) for test in self.tests]
+        budget = partial.budget_with(frozenset(map(partial.kind_of, effects)))
+        self._entries = {entry.kind: entry for entry in budget.entries}
+        self._unexplained = unexplained_mean_square(search, fit)
+        # Whether the effects jointly leave as little error as the laws of all relevant kinds, and little of
+        # the total error.
+        share_left = remaining / count / partial.budget.base**2
+        self._is_as_good = share_left <= min(partial.budget.unexplained / AS_GOOD, 1.0 - MOST_OF_LAW)
+        self._least = least_explained(search, fit)
+        # A clear effect is larger than the noise, or than a small share of the base model's error.
+        self._smallest = min(
+            measurement_noise(search.start).value ** 2, SMALL * search.start.held_out_mean_square
+        )
+        self._unnamed = max(self._unexplained, fit.flexible.explained / count)
+
+    def failed_by(self, test: FormTest) -> str:
+        """Return the first criterion that an effect does not meet, as a clause; empty if it meets all.
+
+        Args:
+            test: the form test of the effect, one of `tests`.
+        """
+        size = self.explained[test.effect]
+        if impossible := self._impossible(test):
+            return impossible
+        if self._is_clear(test):
+            return ""
+        if size < self._least:
+            return "it explains too little compared with the error that remains"
+        if _repeats_another(self._fit, test.effect, self.explained):
+            return "another effect of the same kind explains more"
+        accounts = _accounts_for_error(
+            self._search,
+            self._partial,
+            self._fit,
+            test,
+            self._entries,
+            explained=size,
+            unexplained=self._unexplained,
+        )
+        return "" if accounts else "other kinds of effects explain the same error"
+
+    def _impossible(self, test: FormTest) -> str:
+        """State why an effect cannot be accepted, whatever it explains; empty if it can."""
+        if not (test.is_known or self._is_as_good):
+            return (
+                f"its form explains only {100.0 * test.share:.0f} % of the error that a flexible law of "
+                f"{test.kind.word} explains"
+            )
+        if not self._search.is_sound(self._fit, test.effect):
+            return "its fitted parameters are physically impossible or contradict its name"
+        if test.kind is Kind.RUN_DIFFERENCES and len(self._fit.data.runs) < _MIN_RUNS:
+            return f"fewer than {_MIN_RUNS} runs cannot show differences between runs"
+        return ""
+
+    def _is_clear(self, test: FormTest) -> bool:
+        """Return whether an effect explains most of the error above the noise that is left without it.
+
+        Then no other effect can explain this error in its place. Faults of the sensor and drifts are rare,
+        and therefore need more evidence.
+        """
+        size = self.explained[test.effect]
+        most = MOST_OF_LAW if test.kind in PHYSICAL_KINDS else _NEARLY_ALL
+        return (
+            self._is_as_good
+            and size >= max(most * (size + self._unnamed), self._smallest)
+            and self._search.is_needed(self._search.without(self._fit, test.effect), self._fit)
+        )
 
 
 def unexplained_mean_square(search: Search, fit: FitResult) -> float:

@@ -18,6 +18,7 @@ from palpate.estimation.design.next_experiment import (
 )
 from palpate.estimation.diagnosis.acceptance import (
     AS_GOOD,
+    FormCriteria,
     as_good_effects,
     indistinguishable_models,
     models_by_importance,
@@ -450,7 +451,17 @@ def _reason(
     if not ranking or ranking[0].score < SMALL:
         return reason
     best = f"{ranking[0].effect}, removes {100 * ranking[0].score:.0f} % of the error"
-    return f"{reason}; the best single effect, {best}, but does not meet the criteria for naming it"
+    why_not = _failed_criterion(evidence, ranking[0].effect)
+    return f"{reason}; the best single effect, {best}, but {why_not}"
+
+
+def _failed_criterion(evidence: Evidence, name: str) -> str:
+    """State why an effect that improves the base model is not named, as a clause."""
+    failed = ""
+    if evidence.partial is not None:
+        criteria = FormCriteria(evidence.search, evidence.partial, evidence.single_effects[name])
+        failed = criteria.failed_by(next(test for test in criteria.tests if test.effect == name))
+    return failed or "does not meet the criteria for naming it"
 
 
 def _explained_variance(evidence: Evidence) -> str:

@@ -309,7 +309,10 @@ class LoadedBacklash(MotionEffect):
         return shifted_motion(data, position=-0.5 * inner["gap"] * side, velocity=still, acceleration=still)
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: shares of the range of motion and of the largest load, and almost no friction."""
+        """See `Effect.starts`: shares of the range of motion and of the largest load.
+
+        The smallest threshold stands for a gear without friction.
+        """
         most = float(np.max(np.abs(data.context["load"]))) or 1.0
         gap = np.geomspace(1e-3, 2.0, 10) * data.range_of_motion
         return start_grid(gap=gap, threshold=np.array((1e-4, 0.01, 0.1, 0.3)) * most)

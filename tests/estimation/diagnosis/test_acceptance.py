@@ -11,6 +11,7 @@ from palpate.estimation.budget import BudgetEntry
 from palpate.estimation.diagnosis import acceptance as module
 from palpate.estimation.diagnosis.acceptance import (
     AcceptanceCriteria,
+    FormCriteria,
     accept_effects,
     accept_forms,
     acceptance_criteria,
@@ -108,6 +109,23 @@ def test_incomplete_model_keeps_effects_of_known_form(searches, law, found, kept
     end, tests = accept_forms(search, analyze_kinds(search), reached(search, *found), measured(search))
     assert set(search.added_effects(end)) == kept
     assert {test.effect for test in tests} == kept
+
+
+@pytest.mark.parametrize(
+    ("law", "found", "failed", "reason"),
+    [
+        ("a spring, a friction and what nobody knows", (RUB, SPRING), RUB, "explains too little"),
+        ("a friction", (SPRING,), SPRING, "its form explains only"),
+        ("a friction", (SQUARE,), SQUARE, "explains too little"),
+        ("a friction", (RUB, BIAS), BIAS, "explains too little"),
+        ("a friction and what nobody knows", (RUB,), RUB, ""),
+    ],
+)
+def test_failed_criterion_is_stated(searches, law, found, failed, reason):
+    search, _ = searches(law)
+    criteria = FormCriteria(search, analyze_kinds(search), reached(search, *found))
+    stated = criteria.failed_by(next(test for test in criteria.tests if test.effect == failed))
+    assert reason in stated if reason else stated == ""
 
 
 @pytest.mark.parametrize(

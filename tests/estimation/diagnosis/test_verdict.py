@@ -15,7 +15,7 @@ from palpate.estimation.design.next_experiment import (
     propose_separating_experiment,
 )
 from palpate.estimation.diagnosis import diagnose, verdict
-from palpate.estimation.diagnosis.forms import Form
+from palpate.estimation.diagnosis.forms import Form, analyze_kinds
 from palpate.estimation.diagnosis.random_effects import add_run_variation, run_standard_deviation
 from palpate.estimation.diagnosis.residual_checks import ResidualFinding
 from palpate.estimation.diagnosis.result import Verdict
@@ -249,6 +249,17 @@ def test_single_candidates_are_ranked_by_remaining_error():
     for one in found.ranking:
         assert one.rmse_held_out == pytest.approx(reached(search, one.effect).rmse, rel=1e-3)
         assert one.score == pytest.approx(1.0 - one.rmse_held_out / search.start.rmse)
+
+
+def test_reason_states_which_criterion_the_best_effect_fails():
+    """The hidden friction depends on the position, so a constant one has only a part of its form."""
+    search = searched(
+        swings(1, lambda q, v, a: 0.4 * np.tanh(v / 0.02) * (1.0 + np.cos(5.0 * q))), "coulomb_friction"
+    )
+    kinds = analyze_kinds(search)
+    found = decide_verdict(Evidence(search, measured(search), search.start, False, None, (), kinds, kinds))
+    share = r"but its form explains only \d\d % of the error that a flexible law of friction explains"
+    assert re.search(f"best single effect, coulomb_friction, removes .*{share}", found.reason)
 
 
 def test_best_single_effect_is_named_without_accepted_effects(swung, known):
