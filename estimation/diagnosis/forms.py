@@ -231,8 +231,8 @@ def replacing_kinds(search: Search, end: FitResult) -> dict[str, dict[Kind, floa
     """Find the kinds whose flexible law, in place of an effect, describes the data about as well.
 
     A law that the library lacks may then be the right one. Several effects may together imitate it, so each
-    kind also replaces all effects at once. Kinds of the model's other effects and differences between runs
-    are omitted, since their laws can imitate a part of any effect.
+    kind also replaces all effects at once. In the place of one effect, the kinds of the other effects are
+    omitted, since their laws can imitate a part of it; so are differences between runs.
 
     Args:
         search: the search of the channel.
@@ -242,24 +242,23 @@ def replacing_kinds(search: Search, end: FitResult) -> dict[str, dict[Kind, floa
         For each added effect, these kinds with the mean square that their laws leave in addition [effort^2].
     """
     names, left = search.added_effects(end), error_of_kinds(end).mean_square()
-    effects = map(end.solution.model.effect, names)
-    present = frozenset({Kind.RUN_DIFFERENCES}).union(*(effect.also | {effect.kind} for effect in effects))
+    own = {name: (effect := end.solution.model.effect(name)).also | {effect.kind} for name in names}
 
-    def replacements(reduced: FitResult) -> dict[Kind, float]:
+    def replacements(reduced: FitResult, omitted: Kinds) -> dict[Kind, float]:
         error = error_of_kinds(reduced)
         allowance = _EXACT * (error.mean_square() - left) + SMALL * left
         limit = left + min(allowance, (SLOW**2 - 1.0) * left)
-        by_law = {kind: error.mean_square(frozenset({kind})) for kind in error.kinds if kind not in present}
+        kinds = frozenset(error.kinds) - omitted - {Kind.RUN_DIFFERENCES}
+        by_law = {kind: error.mean_square(frozenset({kind})) for kind in kinds}
         return {kind: max(e - left, 0.0) for kind, e in by_law.items() if e <= limit}
 
-    of_all = replacements(search.start) if len(names) > 1 else {}
+    of_all = replacements(search.start, frozenset()) if len(names) > 1 else {}
     replacing = {}
     for name in names:
-        alone = replacements(search.without(end, name))
-        replacing[name] = {
-            kind: min(left_by[kind] for left_by in (alone, of_all) if kind in left_by)
-            for kind in alone | of_all
-        }
+        found = replacements(search.without(end, name), frozenset().union(*own.values()))
+        for kind in of_all.keys() - own[name]:
+            found[kind] = min(of_all[kind], found.get(kind, np.inf))
+        replacing[name] = found
     return replacing
 
 

@@ -352,8 +352,14 @@ def test_law_that_leaves_hardly_more_may_replace_an_effect(monkeypatch, without,
     assert forms.replacing_kinds(search, end) == {RUB: more}
 
 
-def test_law_that_describes_what_two_effects_do_together_may_replace_both(monkeypatch):
-    """Without one of the effects the law leaves too much, without both as little as they."""
+@pytest.mark.parametrize(
+    ("kind", "replaced"), [(Kind.SENSOR_STATICS, {RUB, SPRING}), (Kind.FRICTION, {SPRING})]
+)
+def test_law_that_describes_what_two_effects_do_together_may_replace_both(monkeypatch, kind, replaced):
+    """Without one of the effects the law leaves too much, without both as little as they.
+
+    The law of an effect's own kind is no alternative to it.
+    """
     model = SWING.with_effect(EFFECTS[RUB]()).with_effect(EFFECTS[SPRING]())
     end = SimpleNamespace(solution=SimpleNamespace(model=model))
     base = SimpleNamespace(name="base")
@@ -361,14 +367,13 @@ def test_law_that_describes_what_two_effects_do_together_may_replace_both(monkey
 
     def error_of_kinds(fit):
         alone, beside = (1.0, 1.0) if fit is end else (100.0, with_law.get(id(fit), 50.0))
-        return SimpleNamespace(
-            kinds=[Kind.SENSOR_STATICS], mean_square=lambda kinds=(): beside if kinds else alone
-        )
+        return SimpleNamespace(kinds=[kind], mean_square=lambda kinds=(): beside if kinds else alone)
 
     monkeypatch.setattr(forms, "error_of_kinds", error_of_kinds)
     search = SimpleNamespace(start=base, added_effects=lambda _: [RUB, SPRING], without=lambda *_: object())
-    replacing = {Kind.SENSOR_STATICS: pytest.approx(0.02)}
-    assert forms.replacing_kinds(search, end) == {RUB: replacing, SPRING: replacing}
+    replacing = {kind: pytest.approx(0.02)}
+    expected = {name: replacing if name in replaced else {} for name in (RUB, SPRING)}
+    assert forms.replacing_kinds(search, end) == expected
     with_law[id(base)] = 50.0
     assert forms.replacing_kinds(search, end) == {RUB: {}, SPRING: {}}
 
