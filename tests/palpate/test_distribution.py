@@ -7,7 +7,7 @@ import subprocess
 import sys
 import tomllib
 from importlib.metadata import version
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from zipfile import ZipFile
 
 import pytest
@@ -61,20 +61,40 @@ def git_files(*folders):
     return listed.stdout.splitlines()
 
 
-@pytest.mark.skipif(Version(version("setuptools")) < Version("80"), reason="the wheel needs setuptools 80")
-def test_wheel_holds_one_package_with_all_its_files(tmp_path):
-    tree = tmp_path / "tree"
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """Folder with the wheel, and folder with the editable one, built from a copy of the tracked files."""
+    if Version(version("setuptools")) < Version("80"):
+        pytest.skip("the wheel needs setuptools 80")
+    folder = tmp_path_factory.mktemp("built")
+    tree, whole, editable = (folder / name for name in ("tree", "whole", "editable"))
     for name in git_files():
         (tree / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(ROOT / name, tree / name, follow_symlinks=False)
-    build = f"from setuptools.build_meta import build_wheel; build_wheel({str(tmp_path)!r})"
-    subprocess.run([sys.executable, "-c", build], cwd=tree, capture_output=True, check=True)
-    (wheel,) = tmp_path.glob("palpate-*.whl")
+    for place, hook in ((whole, "build_wheel"), (editable, "build_editable")):
+        place.mkdir()
+        code = f"from setuptools.build_meta import {hook}; {hook}({str(place)!r})"
+        subprocess.run([sys.executable, "-c", code], cwd=tree, capture_output=True, check=True)
+    return whole, editable
+
+
+def test_wheel_holds_one_package_with_all_its_files(built):
+    (wheel,) = built[0].glob("palpate-*.whl")
     names = set(ZipFile(wheel).namelist())
     assert {name.partition("/")[0].partition("-")[0] for name in names} == {"palpate"}
     sources = {name if name.startswith("palpate/") else f"palpate/{name}" for name in git_files(*FOLDERS)}
     links = {f"palpate/{folder}" for folder in FOLDERS}
     assert {name for name in names if ".dist-info/" not in name} == sources - links
+
+
+def test_editable_installation_names_a_folder_and_needs_no_import_hook(built):
+    """Type checkers and editors do not run import hooks."""
+    (wheel,) = built[1].glob("palpate-*.whl")
+    code = [name for name in ZipFile(wheel).namelist() if ".dist-info/" not in name]
+    assert [name.rpartition(".")[2] for name in code] == ["pth"]
+    (folder,) = ZipFile(wheel).read(code[0]).decode().split()
+    assert (Path(folder) / "palpate" / "py.typed").is_file()
+    assert Path(folder).is_relative_to(built[1].parent)
 
 
 def test_lazily_imported_packages_are_in_their_extra():
