@@ -1,8 +1,12 @@
 """Packages that only a part of palpate needs: imported on first use, and installed with an extra."""
 
+import json
+import shlex
 from importlib import import_module
+from pathlib import Path
 from types import ModuleType
 from typing import Any
+from urllib.parse import unquote, urlsplit
 
 EXTRAS = {  # what Python imports: the package that has it, and the extra that installs it
     "can": ("python-can", "hardware"),
@@ -28,7 +32,28 @@ def missing_package(module: str | None) -> str | None:
         module: name of the missing module, as Python imports it.
     """
     package, extra = EXTRAS.get((module or "").partition(".")[0], ("", ""))
-    return f"the package {package} is not installed: pip install 'palpate[{extra}]'" if extra else None
+    return f"the package {package} is not installed: {install_command(extra)}" if extra else None
+
+
+def install_command(extra: str) -> str:
+    """Return the command that adds an extra to this installation, from where palpate itself was installed.
+
+    Args:
+        extra: name of the extra, such as "view".
+    """
+    from importlib.metadata import distributions  # noqa: PLC0415, it takes long to import and is rarely needed
+
+    records = (found.read_text("direct_url.json") for found in distributions(name="palpate"))
+    origin = json.loads(next(filter(None, records), "{}"))  # empty if palpate came from an index of packages
+    if not (url := origin.get("url", "")):
+        return f"pip install 'palpate[{extra}]'"
+    if not url.startswith("file:"):
+        system = origin["vcs_info"]["vcs"] + "+" if "vcs_info" in origin else ""
+        return f"pip install {shlex.quote(f'palpate[{extra}] @ {system}{url}')}"
+    path = Path(unquote(urlsplit(url).path))
+    place = "." if path == Path.cwd() else str(path)
+    editable = "-e " if origin.get("dir_info", {}).get("editable") else ""
+    return f"pip install {editable}{shlex.quote(f'{place}[{extra}]')}"
 
 
 class LazyModule(ModuleType):

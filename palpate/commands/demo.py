@@ -142,11 +142,9 @@ def demo_command(
         return
     if hidden is not None:
         _print_hidden(hidden)
-    viewer = "" if recording else "pip install 'palpate[view]' && "
-    inspect = console.format_command(f"palpate inspect {shell_path(session)}")
     own_arm = "your own arm, before it gets power (docs/how-to/hardware.md)"
     steps = [
-        (f"{viewer}{inspect}", "see arm, forces and estimates in Rerun"),
+        (f"palpate inspect {shell_path(session)}", "see arm, forces and estimates in Rerun"),
         ("palpate doctor --robot my_arm.yaml", own_arm),
     ]
     if hidden is not None:

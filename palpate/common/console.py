@@ -10,6 +10,7 @@ import shlex
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from rich.table import Table
 
 from palpate.common.failures import JsonOutput
 from palpate.estimation.channel import ChannelKind
+from palpate.robot_io.extras import EXTRAS, install_command
 
 _UNBOUNDED = 10_000  # columns; wider than any table
 # Width in columns if the output is not a terminal and COLUMNS is not set; 80 would squeeze tables.
@@ -135,6 +137,14 @@ def first_that_fits(layouts: Iterable[Table], width: int) -> Table:
     return made
 
 
+# How commands start that are proposed although an extra may be missing, and a module of that extra.
+_NEEDED_MODULES = {
+    "palpate inspect": "rerun",
+    "palpate workbench": "nicegui",
+    "palpate probe --scenario": "mujoco",
+}
+
+
 def format_command(command: str) -> str:
     """Return a command that can be typed here; include the program's folder if it is not on the PATH.
 
@@ -149,19 +159,27 @@ def format_command(command: str) -> str:
 
 
 def next_steps(*commands: tuple[str, str]) -> None:
-    """Show commands to try next, each with what it does.
+    """Show commands to try next, each with what it does; the installation of a missing extra comes first.
 
     Args:
         commands: pairs of a command that can be pasted into a shell (see `shell_path`) and its purpose.
     """
     console = stderr()
     console.print("\n[bold]Next[/bold]")
-    runnable = [(format_command(command), purpose) for command, purpose in commands]
+    runnable = [(_with_missing_extra(command), purpose) for command, purpose in commands]
     width = max(len(command) for command, _ in runnable)
     fits = all(width + len(purpose) + 4 <= console.width for _, purpose in runnable)
     for command, purpose in runnable:
         between = f"\n{' ' * 6}" if console.is_terminal and not fits else " " * (width - len(command) + 2)
         console.print(f"  [cyan]{escape(command)}[/cyan]{between}[dim]{purpose}[/dim]", soft_wrap=True)
+
+
+def _with_missing_extra(command: str) -> str:
+    """Return a command as it can be typed here, behind the installation of its extra if that is missing."""
+    needed = next((module for start, module in _NEEDED_MODULES.items() if command.startswith(start)), None)
+    if needed is None or find_spec(needed):
+        return format_command(command)
+    return f"{format_command(install_command(EXTRAS[needed][1]))} && {format_command(command)}"
 
 
 def has_display() -> bool:

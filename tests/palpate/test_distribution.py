@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from importlib import metadata
 from importlib.metadata import version
 from pathlib import Path, PurePath
 from zipfile import ZipFile
@@ -14,7 +15,7 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.version import Version
 
-from palpate.robot_io.extras import EXTRAS
+from palpate.robot_io.extras import EXTRAS, install_command
 from tests.palpate.cli import ROOT, run_process
 from tests.palpate.presses import write_presses
 
@@ -115,9 +116,10 @@ NEEDS_EXTRA = {
 }
 
 
-def test_missing_extra_is_named_where_it_is_needed(tmp_path):
+def test_missing_extra_is_named_where_it_is_needed(tmp_path, monkeypatch):
     from palpate.commands import COMMANDS
 
+    monkeypatch.chdir(tmp_path)  # where the commands run
     write_presses(tmp_path / "press.csv")
     commands = [
         ["import", "press.csv", "-o", "press.mcap"],
@@ -128,9 +130,16 @@ def test_missing_extra_is_named_where_it_is_needed(tmp_path):
     ]
     helps = [[name, "--help"] for name in COMMANDS]
     told = run_without_extras(tmp_path, *commands, *NEEDS_EXTRA.values(), *helps, prepare=FEW_EFFECTS)
+    seen = set()
     for command, (code, said, _) in zip(commands, told, strict=False):
         assert code == 0, (command, said)
-        assert ("pip install 'palpate[view]'" in said) == (command[0] == "diagnose"), said
+        # The report has no recording; the page and the recording of a session need an installation first.
+        assert (install_command("view") in said) == (command in (commands[2], commands[4])), said
+        for need, extra in (("palpate inspect", "view"), ("palpate workbench", "workbench")):
+            proposals = [line for line in said.splitlines() if need in line]
+            assert all(line.startswith(f"  {install_command(extra)} && {need} ") for line in proposals)
+            seen.update([need] * len(proposals))
+    assert len(seen) == 2
     written = {PurePath(path).name for path in (tmp_path / "out").iterdir()}
     assert {"diagnosis.json", "report.html"} <= written
     assert "revisions.rrd" not in written
@@ -138,20 +147,48 @@ def test_missing_extra_is_named_where_it_is_needed(tmp_path):
     for extra, (code, said, printed) in zip(NEEDS_EXTRA, told, strict=False):
         assert (code, printed) == (2, ""), said
         assert said.splitlines()[-1].startswith("palpate: ")
-        assert said.endswith(f"pip install 'palpate[{extra}]'\n")
+        assert said.endswith(f"{install_command(extra)}\n")
     assert [code for code, *_ in told[len(NEEDS_EXTRA) :]] == [0] * len(COMMANDS)
 
 
-def test_contact_is_analyzed_without_the_rigid_body_model(probed, tmp_path):
+CHECKOUT = {"url": ROOT.as_uri(), "dir_info": {}}
+WHEEL = {"url": "file:///home/me/a%20b/palpate-0.1.0-py3-none-any.whl", "archive_info": {}}
+GIT = {"url": "https://example.org/palpate.git", "vcs_info": {"vcs": "git", "commit_id": "1f"}}
+
+
+@pytest.mark.parametrize(
+    ("origin", "where", "command"),
+    [
+        (None, ROOT, "pip install 'palpate[view]'"),
+        (CHECKOUT | {"dir_info": {"editable": True}}, ROOT.parent, f"pip install -e '{ROOT}[view]'"),
+        (CHECKOUT, ROOT, "pip install '.[view]'"),
+        (WHEEL, ROOT, "pip install '/home/me/a b/palpate-0.1.0-py3-none-any.whl[view]'"),
+        (GIT, ROOT, "pip install 'palpate[view] @ git+https://example.org/palpate.git'"),
+    ],
+)
+def test_extra_is_installed_from_where_palpate_was_installed(monkeypatch, tmp_path, origin, where, command):
+    """An index of packages need not have palpate, and may have another version of it."""
+    folder = tmp_path / "palpate-0.1.0.dist-info"
+    folder.mkdir()
+    if origin is not None:
+        (folder / "direct_url.json").write_text(json.dumps(origin))
+    monkeypatch.chdir(where)
+    found = [metadata.Distribution.at(folder)]
+    monkeypatch.setattr(metadata, "distributions", lambda name: found if name == "palpate" else [])
+    assert install_command("view") == command
+
+
+def test_contact_is_analyzed_without_the_rigid_body_model(probed, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # where the commands run
     (tmp_path / "press.mcap").symlink_to(probed[0])
     commands = [[name, "press.mcap", *more] for name, *more in (["estimate"], ["diagnose", "--out", "out"])]
     joint = ["diagnose", "press.mcap", "--channel", "joint_1", "--out", "out"]
     *done, (code, refusal, _) = run_without_extras(tmp_path, *commands, joint, prepare=FEW_EFFECTS)
     for command, (code_of, said, printed) in zip(commands, done, strict=True):
         assert (code_of, "contact" in printed) == (0, True), (command, said)
-        note = "the joints are left out: the package pin is not installed: pip install 'palpate[arm]'"
+        note = f"the joints are left out: the package pin is not installed: {install_command('arm')}"
         assert note in " ".join(said.split())
-    assert (code, "pip install 'palpate[arm]'" in " ".join(refusal.split())) == (2, True)
+    assert (code, install_command("arm") in " ".join(refusal.split())) == (2, True)
 
 
 def test_make_compiles_only_what_is_imported():
