@@ -9,6 +9,7 @@ the recipe's commit where --from is a git repository, bare or not, else from the
 is developed on or held out follows from its recipe alone, see `split_of`.
 """
 
+import bz2
 import csv
 import fnmatch
 import gzip
@@ -16,6 +17,8 @@ import hashlib
 import io
 import itertools
 import json
+import re
+import struct
 import subprocess
 import sys
 import zipfile
@@ -309,7 +312,109 @@ def read_json(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     return [{name: np.array([row[name] for row in rows], dtype=np.float64) for name in names}]
 
 
+_ROS_NUMBERS = {
+    "bool": "?",
+    "byte": "b",
+    "char": "B",
+    "int8": "b",
+    "uint8": "B",
+    "int16": "h",
+    "uint16": "H",
+    "int32": "i",
+    "uint32": "I",
+    "int64": "q",
+    "uint64": "Q",
+    "float32": "f",
+    "float64": "d",
+    "time": "II",
+    "duration": "ii",
+}
+
+
+def _bag_fields(content: bytes) -> Iterator[tuple[str, bytes]]:
+    """Names and values of the fields of a header of a ROS bag."""
+    at = 0
+    while at < len(content):
+        length = struct.unpack_from("<I", content, at)[0]
+        key, _, value = content[at + 4 : at + 4 + length].partition(b"=")
+        yield key.decode(), value
+        at += 4 + length
+
+
+def _bag_records(content: bytes) -> Iterator[tuple[dict[str, bytes], bytes]]:
+    """Header fields and data of the records of a ROS bag, those in its chunks too."""
+    at = 0
+    while at < len(content):
+        size = struct.unpack_from("<I", content, at)[0]
+        fields = dict(_bag_fields(content[at + 4 : at + 4 + size]))
+        at += 4 + size
+        length = struct.unpack_from("<I", content, at)[0]
+        data = content[at + 4 : at + 4 + length]
+        at += 4 + length
+        if fields["op"] == b"\x05":
+            yield from _bag_records(bz2.decompress(data) if fields["compression"] == b"bz2" else data)
+        else:
+            yield fields, data
+
+
+def _ros_types(kind: str, definition: str) -> dict[str, list[tuple[str, str]]]:
+    """Types and names of the fields of a message and of those in it, by the last part of their type."""
+    first, *others = re.split(r"^=+$", definition, flags=re.MULTILINE)
+    types = {kind.rpartition("/")[2]: first}
+    for other in others:
+        head, _, body = other.strip().partition("\n")
+        types[head.removeprefix("MSG: ").strip().rpartition("/")[2]] = body
+    field = re.compile(
+        r"^\s*([\w/\[\]]+)[ \t]+(\w+)\s*(?:#.*)?$", re.MULTILINE
+    )  # a constant has a "=" as well
+    return {name: field.findall(body) for name, body in types.items()}
+
+
+def _ros_numbers(
+    of: str, types: Mapping[str, list[tuple[str, str]]], data: bytes, at: int, name: str
+) -> tuple[dict[str, float], int]:
+    """Numbers of a field of a message by their names, and where it ends; arrays and texts are left out."""
+    array = re.fullmatch(r"(.+)\[(\d*)\]", of)
+    if array:
+        count, at = (int(array[2]), at) if array[2] else (struct.unpack_from("<I", data, at)[0], at + 4)
+        for _ in range(count):
+            _, at = _ros_numbers(array[1], types, data, at, name)
+        return {}, at
+    if of == "string":
+        return {}, at + 4 + int(struct.unpack_from("<I", data, at)[0])
+    if code := _ROS_NUMBERS.get(of):
+        values = struct.unpack_from(f"<{code}", data, at)
+        number = values[0] + 1e-9 * values[1] if len(values) == 2 else float(values[0])
+        return {name: number}, at + struct.calcsize(f"<{code}")
+    numbers: dict[str, float] = {}
+    for inner, field in types[of.rpartition("/")[2]]:
+        found, at = _ros_numbers(inner, types, data, at, f"{name}.{field}" if name else field)
+        numbers |= found
+    return numbers, at
+
+
+def read_bag(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
+    """Read the numbers of one topic of a ROS 1 bag by their names in the message, as `wrench.force.x`.
+
+    Args:
+        content: bytes of the bag, whose chunks are packed by bz2 or not at all.
+        options: `topic`.
+    """
+    connections: dict[bytes, tuple[str, dict[str, list[tuple[str, str]]]]] = {}
+    rows: list[dict[str, float]] = []
+    for fields, data in _bag_records(content[content.index(b"\n") + 1 :]):
+        if fields["op"] == b"\x07" and fields["topic"].decode() == options["topic"]:
+            about = dict(_bag_fields(data))
+            kind = about["type"].decode()
+            connections[fields["conn"]] = kind, _ros_types(kind, about["message_definition"].decode())
+        elif fields["op"] == b"\x02" and fields["conn"] in connections:
+            kind, types = connections[fields["conn"]]
+            rows.append(_ros_numbers(kind, types, data, 0, "")[0])
+    return [{name: np.array([row[name] for row in rows]) for name in rows[0]}]
+
+
 READERS: dict[str, Reader] = {
+    "bag": read_bag,
     "json": read_json,
     "text": read_text,
     "trials": read_trials,
@@ -359,6 +464,8 @@ def _tables(recipe: Mapping[str, Any], origin: Origin) -> Iterator[tuple[str, li
     """Tables of each file, as `join`, `chain`, `each` and `restarts` make them.
 
     `join`: names under which several files make one table, whose columns are NAME.COLUMN (NAME the first).
+    `apart`: options of those of these files that are read in another way. `clocks`: column with the time of
+    each of these files, and what to add to it [s]; their numbers are interpolated at the times of the first.
     `backwards`: those of these files whose rows are read in reverse order. `chain`: columns that are made of
     others, one below the other. `each`: texts that stand for {} in the recipe's columns, a run each.
     `restarts`: the column that falls where a new run begins.
@@ -369,7 +476,14 @@ def _tables(recipe: Mapping[str, Any], origin: Origin) -> Iterator[tuple[str, li
         tables = reader(origin.read(paths[first]), read)
         if joined:
             parts = zip(joined, paths[first : first + len(joined)], strict=True)
-            joint = {name: reader(origin.read(path), read)[0] for name, path in parts}
+            apart = read.get("apart", {})
+            options = {name: {**read, **apart.get(name, {})} for name in joined}
+            joint = {
+                name: READERS[options[name]["format"]](origin.read(path), options[name])[0]
+                for name, path in parts
+            }
+            if clocks := read.get("clocks"):
+                joint = _on_one_clock(joint, clocks)
             for name in read.get("backwards", []):
                 joint[name] = {column: values[::-1] for column, values in joint[name].items()}
             tables = [_joined(joint)]
@@ -381,6 +495,21 @@ def _tables(recipe: Mapping[str, Any], origin: Origin) -> Iterator[tuple[str, li
         if clock := read.get("restarts"):
             tables = [run for table in tables for run in _split(table, str(clock))]
         yield paths[first], tables
+
+
+def _on_one_clock(parts: Mapping[str, Columns], clocks: Mapping[str, Any]) -> dict[str, Columns]:
+    """Tables at the times of the first of them; a time that another has no part in stays without a number."""
+    times = {name: parts[name][str(clock)] + float(shift) for name, (clock, shift) in clocks.items()}
+    first = next(iter(times.values()))
+
+    def at_first(name: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        order = np.unique(times[name], return_index=True)[1]
+        return np.interp(first, times[name][order], values[order], left=np.nan, right=np.nan)
+
+    return {
+        name: {column: at_first(name, values) for column, values in table.items()}
+        for name, table in parts.items()
+    }
 
 
 def _joined(parts: Mapping[str, Columns]) -> Columns:

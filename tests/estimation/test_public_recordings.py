@@ -1,9 +1,11 @@
 """Recipes of public recordings: conversion, split, ladder and score, on files made here."""
 
+import bz2
 import csv
 import gzip
 import hashlib
 import json
+import struct
 import subprocess
 import zipfile
 from functools import cache
@@ -13,7 +15,16 @@ import openpyxl
 import pytest
 from scipy.io import savemat
 
-from benchmarks.measured.convert import RECIPES, SPLITS, Origin, convert, load_recipe, read_json, split_of
+from benchmarks.measured.convert import (
+    RECIPES,
+    SPLITS,
+    Origin,
+    convert,
+    load_recipe,
+    read_bag,
+    read_json,
+    split_of,
+)
 from benchmarks.measured.ladder import TERMS, Ladder, load, thin
 from benchmarks.measured.score import score, summary
 from palpate.estimation.effects import EFFECTS
@@ -229,6 +240,65 @@ def test_sheets_that_match_or_are_listed_are_runs_in_their_order(tmp_path, sheet
     read = {"format": "workbook", "files": ["a.xlsx"], "sheets": sheets, "skip": 2, "names": 0}
     table = converted(tmp_path, {"time_s": "t", "force_N": "F"}, **read)
     assert (table["run"], table["force_N"]) == ([0, 0, 1, 1], force)
+
+
+WRENCH = """string frame
+uint32[2] counts
+int8 BUSY=3
+time stamp
+Wrench wrench
+================================================================================
+MSG: geometry_msgs/Wrench
+float64 force  # N
+float64 torque
+"""
+
+
+def bag_record(fields, data):
+    """One record of a ROS bag."""
+    header = b"".join(
+        struct.pack("<I", len(key) + 1 + len(value)) + key + b"=" + value for key, value in fields.items()
+    )
+    return struct.pack("<I", len(header)) + header + struct.pack("<I", len(data)) + data
+
+
+def write_bag(path, rows):
+    """A bag of stamps, forces and torques of a topic, and of one message of another topic, in a bz2 chunk."""
+    records = b""
+    for number, topic in ((0, b"/wrench"), (1, b"/other")):
+        about = {b"topic": topic, b"type": b"a_msgs/Reading", b"message_definition": WRENCH.encode()}
+        inner = bag_record(about, b"")
+        size = struct.unpack("<I", inner[:4])[0]
+        fields = {b"op": b"\x07", b"conn": struct.pack("<I", number), b"topic": topic}
+        records += bag_record(fields, inner[4 : 4 + size])
+    for number, (second, nanosecond, force, torque) in [(0, row) for row in rows] + [(1, (9, 9, 9.0, 9.0))]:
+        message = (
+            struct.pack("<I", 3) + b"arm" + struct.pack("<IIIIdd", 7, 8, second, nanosecond, force, torque)
+        )
+        records += bag_record({b"op": b"\x02", b"conn": struct.pack("<I", number)}, message)
+    chunk = bag_record({b"op": b"\x05", b"compression": b"bz2"}, bz2.compress(records))
+    path.write_bytes(b"#ROSBAG V2.0\n" + bag_record({b"op": b"\x03"}, b"   ") + chunk)
+
+
+def test_topic_of_a_bag_is_read_by_the_names_of_its_message(tmp_path):
+    write_bag(tmp_path / "a.bag", [(1, 500_000_000, 2.0, 3.0), (2, 0, 4.0, 5.0)])
+    (columns,) = read_bag((tmp_path / "a.bag").read_bytes(), {"topic": "/wrench"})
+    assert {name: values.tolist() for name, values in columns.items()} == {
+        "stamp": [1.5, 2.0],
+        "wrench.force": [2.0, 4.0],
+        "wrench.torque": [3.0, 5.0],
+    }
+
+
+def test_files_with_clocks_of_their_own_are_joined_at_the_times_of_the_first(tmp_path):
+    write_bag(tmp_path / "a.bag", [(second, 0, 10.0 * second, 0.0) for second in (10, 11, 12, 13)])
+    (tmp_path / "a.txt").write_text("0.5;1\n2.5;5\n")  # ten seconds behind
+    read = {"format": "bag", "topic": "/wrench", "files": ["a.bag", "a.txt"], "join": ["ft", "stage"]}
+    read |= {"apart": {"stage": {"format": "text", "delimiter": ";"}}}
+    read |= {"clocks": {"ft": ["stamp", 0], "stage": ["0", 10.0]}}
+    columns = {"time_s": "ft.stamp", "x_m": "stage.1", "force_N": "ft.wrench.force"}
+    table = converted(tmp_path, columns, **read)
+    assert table == {"time_s": [11, 12], "x_m": [2, 4], "force_N": [110, 120], "run": [0, 0]}
 
 
 def test_speed_is_integrated_and_signs_a_magnitude(tmp_path):
