@@ -80,6 +80,8 @@ class BlockedData:
             signal: one or k values per sample, shape (n,) or (n, k).
         """
         block = self.rows.shape[1]
+        if self._are_samples:
+            return signal
         if block == 1:
             return signal.T.take(self.rows[:, 0], axis=-1).T
         sums = [self._sums @ column for column in np.atleast_2d(signal.T)]
@@ -130,6 +132,13 @@ class BlockedData:
         cache = self.load_cache if LOAD in effect.needs else self.cache
         key = ("at full rate", IdentityKey(effect), *inner.values())
         return cache.get_or_compute(key, lambda: effect.columns(data, inner))
+
+    @cached_property
+    def _are_samples(self) -> bool:
+        """Whether the blocks are the samples themselves, in the same order."""
+        return self.rows.shape == (len(self.data), 1) and np.array_equal(
+            self.rows[:, 0], np.arange(len(self.data))
+        )
 
     @cached_property
     def _sums(self) -> "scipy.sparse.csr_array":

@@ -102,7 +102,7 @@ class FitProblem:
             unit = fit.gains / scale
             with np.errstate(over="ignore"):  # the scaled bound of a tiny column may overflow to infinity
                 low, high = lower / scale, upper / scale
-            bounded = solve_within_bounds(fit.system, fit.system @ unit, low, high)
+            bounded = solve_within_bounds(fit.system, fit.system @ unit, low, high, guess=unit)
             is_low, is_high = bounded == low, bounded == high
             at_bound, at_value = is_low | is_high, np.where(is_low, lower, np.where(is_high, upper, 0.0))
             fit = solve_normal_equations(equations.with_fixed(at_bound, at_value), dof=fit.dof)
@@ -247,7 +247,7 @@ def solve_gains(
     names = list(model.gains)
     min_steps = rounds or (2 if is_nonlinear else 1)
     max_steps = min_steps if model.is_linear_in_gains else max(_MAX_STEPS, min_steps)
-    expected, previous_lifted = np.inf, np.empty(0, dtype=np.int64)
+    linear_fit, previous_lifted = None, np.empty(0, dtype=np.int64)
     parts = parts or model.parts(data, values, problem.blocked.at_full_rate)
     for i in range(max_steps):
         lift_off_rows = model.lift_off_rows(data, values, parts)
@@ -260,11 +260,13 @@ def solve_gains(
         if i and not np.abs(remaining).max() < _DIVERGED * np.abs(data.effort).max():
             break  # the last step diverged, and the next would overflow
         target, columns = remaining, block_slopes
-        if i >= min_steps and np.sum(problem.whiten(target - columns @ gains) ** 2) <= max_ratio * expected:
-            break
+        if linear_fit is not None and i >= min_steps:
+            expected = float(linear_fit.sse.sum())
+            if np.sum(problem.whiten(target - columns @ gains) ** 2) <= max_ratio * expected:
+                break
         linear_fit = problem.solve(columns, target, names, model.held, model.gain_bounds)
-        expected = float(linear_fit.sse.sum())
         values.update(zip(names, linear_fit.gains.tolist(), strict=True))
+    assert linear_fit is not None  # noqa: S101, the first step always fits
     return Solution(model, values, columns, target, linear_fit)
 
 

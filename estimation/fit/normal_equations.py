@@ -44,6 +44,8 @@ class NormalEquations:
             columns: mask of the columns to remove, shape (q,).
             gains: gains of all columns, shape (q,); only those of removed columns are used.
         """
+        if not gains[columns].any():  # a gain of zero has no effort
+            return self.only(~columns)
         shift = np.eye(len(gains) + 1)
         shift[:-1, -1] = np.where(columns, -gains, 0.0)
         prior = self.prior and Information(
@@ -60,7 +62,7 @@ class NormalEquations:
         Returns:
             Matrix (q, q) and right-hand side (q,).
         """
-        return self._systems(self.products.sum(axis=0), scale, 0)
+        return self._systems(self._sums, scale, 0)
 
     def training(self, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the linear systems that leave out each fold, with scaled columns.
@@ -71,7 +73,26 @@ class NormalEquations:
         Returns:
             Matrices (folds, q, q) and right-hand sides (folds, q).
         """
-        return self._systems(self.products.sum(axis=0) - self.products, scale, slice(1, None))
+        return self._systems(self._sums - self.products, scale, slice(1, None))
+
+    @cached_property
+    def scaled(self) -> tuple[FloatArray, FloatArray]:
+        """Products with columns of unit length over all folds, and the factors of the columns (q,).
+
+        Prior information counts as additional rows, so that columns with little data are not scaled up.
+        """
+        squares = self._sums.diagonal().copy()
+        if self.prior is not None:
+            squares[:-1] += self.prior.matrix[0].diagonal()
+        lengths = np.sqrt(squares)
+        lengths[-1] = 1.0  # the target is not scaled
+        scale = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
+        return self.products * scale[:, None] * scale, scale[:-1]
+
+    @cached_property
+    def _sums(self) -> FloatArray:
+        """Cross products over all folds, shape (q + 1, q + 1)."""
+        return np.asarray(self.products.sum(axis=0))
 
     def _systems(
         self, sums: FloatArray, scale: FloatArray, prior: int | slice
@@ -93,10 +114,9 @@ def gram_matrices(parts: Iterable[FloatArray]) -> NormalEquations:
 
 @dataclass(frozen=True)
 class LinearFit:
-    """Linear least-squares fit, with cross-validation on first use."""
+    """Linear least-squares fit, with its errors and cross-validation on first use."""
 
     gains: FloatArray  # gains fitted to all folds, shape (q,)
-    sse: FloatArray  # sum of squared residuals of the fit to all folds, by fold, shape (folds,)
     system: FloatArray  # Gram matrix for columns of unit length, shape (q, q)
     scale: FloatArray  # factors that scale the columns to unit length, zero for fixed gains, shape (q,)
     dof: int  # number of samples in the fit; 0 if unknown
@@ -104,22 +124,28 @@ class LinearFit:
     free: IntArray  # indices of the free gains
 
     @cached_property
+    def sse(self) -> FloatArray:
+        """Sum of squared residuals of the fit to all folds, by fold, shape (folds,)."""
+        scaled, scale = self.equations.scaled
+        return _sse(scaled, self.gains[self.free] / np.where(scale > 0.0, scale, 1.0))
+
+    @cached_property
     def fold_gains(self) -> FloatArray:
         """Gains fitted without each fold, shape (folds, q)."""
-        gains = np.repeat(self.gains[None], len(self.sse), axis=0)
+        gains = np.repeat(self.gains[None], len(self.equations.products), axis=0)
         gains[:, self.free] = self._unit_gains * self.scale[self.free]
         return gains
 
     @cached_property
     def train(self) -> FloatArray:
         """For each fold, sum of squared residuals of the fit without it, in the other folds."""
-        scaled, _ = _scaled(self.equations)
+        scaled, _ = self.equations.scaled
         return _sse(scaled.sum(axis=0) - scaled, self._unit_gains)
 
     @cached_property
     def held_out(self) -> FloatArray:
         """For each fold, sum of squared residuals of the fit without it, in this fold."""
-        return _sse(_scaled(self.equations)[0], self._unit_gains)
+        return _sse(self.equations.scaled[0], self._unit_gains)
 
     @cached_property
     def _unit_gains(self) -> FloatArray:
@@ -156,12 +182,11 @@ def solve_normal_equations(equations: NormalEquations, dof: int = 0) -> LinearFi
         equations: normal equations by fold.
         dof: number of samples, for standard errors; 0 if they are not needed.
     """
-    scaled, scale = _scaled(equations)
+    _, scale = equations.scaled
     system, target = equations.total(scale)
     system = system + _RIDGE * np.eye(len(scale))
     gains = np.asarray(np.linalg.solve(system, target))
-    sse = _sse(scaled, gains)
-    return LinearFit(gains * scale, sse, system, scale, dof, equations, np.arange(len(scale)))
+    return LinearFit(gains * scale, system, scale, dof, equations, np.arange(len(scale)))
 
 
 def held_out_sse(equations: NormalEquations, ridges: FloatArray) -> FloatArray:
@@ -171,7 +196,7 @@ def held_out_sse(equations: NormalEquations, ridges: FloatArray) -> FloatArray:
         equations: normal equations by fold.
         ridges: ridge penalties to try, on columns of unit length, shape (r, q).
     """
-    scaled, scale = _scaled(equations)
+    scaled, scale = equations.scaled
     system, target = equations.training(scale)
     return _sse(scaled, np.array([_shrunken(system, target, ridge) for ridge in ridges]))
 
@@ -183,7 +208,7 @@ def held_out_gains(equations: NormalEquations, ridge: FloatArray) -> FloatArray:
         equations: normal equations by fold.
         ridge: ridge penalty of each gain, on columns of unit length, shape (q,).
     """
-    _, scale = _scaled(equations)
+    _, scale = equations.scaled
     system, target = equations.training(scale)
     return _shrunken(system, target, ridge) * scale
 
@@ -191,21 +216,6 @@ def held_out_gains(equations: NormalEquations, ridge: FloatArray) -> FloatArray:
 def _shrunken(systems: FloatArray, targets: FloatArray, ridge: FloatArray) -> FloatArray:
     pairs = zip(systems + np.diag(ridge), targets, strict=True)
     return np.array([solve_definite(system, target) for system, target in pairs])
-
-
-def _scaled(equations: NormalEquations) -> tuple[FloatArray, FloatArray]:
-    """Scale columns to unit length over all folds; also return the factors (q,).
-
-    Prior information counts as additional rows, so that columns with little data are not scaled up.
-    """
-    products = equations.products
-    squares = products.sum(axis=0).diagonal().copy()
-    if equations.prior is not None:
-        squares[:-1] += equations.prior.matrix[0].diagonal()
-    lengths = np.sqrt(squares)
-    lengths[-1] = 1.0  # the target is not scaled
-    scale = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
-    return products * scale[:, None] * scale, scale[:-1]
 
 
 def _sse(products: FloatArray, gains: FloatArray) -> FloatArray:
