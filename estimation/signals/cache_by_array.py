@@ -15,7 +15,7 @@ from palpate.robot_io.types import FloatArray
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Result = TypeVar("Result")
-_MAX_RESULTS = 4  # results kept for each function
+_MAX_RESULTS = 8  # results kept for each function, so that the joints of an arm are computed once
 _MAX_SAMPLES = 500_000  # samples; longer arrays are not kept alive by a cache
 MAX_BYTES = 64_000_000
 
