@@ -10,7 +10,6 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.effect import (
     AdditiveEffect,
     Effect,
-    Inner,
     MemoryEffect,
     MotionEffect,
     Parameter,
@@ -21,12 +20,7 @@ from palpate.estimation.signals.cache_by_array import IdentityKey
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-Columns = Callable[[AdditiveEffect, ChannelData, Inner], FloatArray]
 Parts = tuple[FloatArray, FloatArray]  # columns (n, p) and known effort (n,), before any sensor
-
-
-def _columns(effect: AdditiveEffect, data: ChannelData, inner: Inner) -> FloatArray:
-    return effect.columns(data, inner)
 
 
 @dataclass(frozen=True)
@@ -329,24 +323,23 @@ class Model:
                 )
         return data
 
-    def parts(self, data: ChannelData, parameters: Parameters, columns_of: Columns = _columns) -> Parts:
+    def parts(self, data: ChannelData, parameters: Parameters, columns_of: "Columns | None" = None) -> Parts:
         """Return the columns and the known effort before any sensor effect.
 
         Args:
             data: the channel with the measured motion.
             parameters: a value for every inner parameter; gains are ignored.
-            columns_of: function that computes an effect's columns, or looks them up.
+            columns_of: function that looks up `columns`; None to compute them.
 
         Returns:
             Effort per unit of each gain, shape (n, p), and effort independent of the gains, shape (n,).
         """
-        data = self.moved(data, parameters)
+        data, columns_of = self.moved(data, parameters), columns_of or Model.columns
         blocks = [np.zeros((0, len(data)))]
         known = np.zeros(len(data))
         for effect in self.additive:
-            inner = own_parameters(effect, parameters)
-            blocks.append(self.relaxed_columns(effect, columns_of(effect, data, inner), data, parameters).T)
-            known = known + effect.known(data, inner)
+            blocks.append(columns_of(self, effect, data, parameters).T)
+            known = known + effect.known(data, own_parameters(effect, parameters))
         return np.concatenate(blocks).T, known  # contiguous columns: later steps work column by column
 
     def parts_after(
@@ -355,7 +348,7 @@ class Model:
         data: ChannelData,
         parameters: Parameters,
         parts: Parts,
-        columns_of: Columns = _columns,
+        columns_of: "Columns | None" = None,
     ) -> Parts:
         """Return `parts` after a change of one effect's inner parameters; other columns are kept if possible.
 
@@ -364,17 +357,40 @@ class Model:
             data: the channel with the measured motion.
             parameters: a value for every inner parameter, after the change.
             parts: result of `parts` before the change.
-            columns_of: function that computes an effect's columns, or looks them up.
+            columns_of: function that looks up `columns`; None to compute them.
         """
         if isinstance(effect, SensorEffect):
             return parts
         if not isinstance(effect, AdditiveEffect) or type(effect).known is not AdditiveEffect.known:
             return self.parts(data, parameters, columns_of)
         moved, columns = self.moved(data, parameters), parts[0].copy("K")
-        own = columns_of(effect, moved, own_parameters(effect, parameters))
         is_own = [gain.startswith(f"{effect.name}.") for gain in self.gains]
-        columns[:, is_own] = self.relaxed_columns(effect, own, moved, parameters)
+        columns[:, is_own] = (columns_of or Model.columns)(self, effect, moved, parameters)
         return columns, parts[1]
+
+    def columns(self, effect: AdditiveEffect, data: ChannelData, parameters: Parameters) -> FloatArray:
+        """Return the effort per unit of each gain of an effect, after the model's memory effects.
+
+        Args:
+            effect: an effect of the model.
+            data: the channel with the motion that acts on the object.
+            parameters: a value for every inner parameter.
+
+        Returns:
+            Shape (n, k) for k gains.
+        """
+        columns = effect.columns(data, own_parameters(effect, parameters))
+        return self.relaxed_columns(effect, columns, data, parameters)
+
+    def memories_of(self, effect: AdditiveEffect) -> list[MemoryEffect]:
+        """Return the memory effects of the model that relax an effect, in order.
+
+        Args:
+            effect: an effect of the model.
+        """
+        if not any(gain.name in effect.elastic for gain in effect.gains):
+            return []
+        return [memory for memory in self.effects if isinstance(memory, MemoryEffect)]
 
     def relaxed_columns(
         self, effect: AdditiveEffect, columns: FloatArray, data: ChannelData, parameters: Parameters
@@ -391,13 +407,16 @@ class Model:
             Shape (n, k).
         """
         elastic = np.array([gain.name in effect.elastic for gain in effect.gains], dtype=np.bool_)
-        memories = [e for e in self.effects if isinstance(e, MemoryEffect)]
-        if not memories or not elastic.any():
+        if not (memories := self.memories_of(effect)):
             return columns
         columns = columns.copy()
         for memory in memories:
             columns[:, elastic] = memory.fade(columns[:, elastic], data, own_parameters(memory, parameters))
         return columns
+
+
+# Function that returns `Model.columns` of a model, or looks them up.
+Columns = Callable[[Model, AdditiveEffect, ChannelData, Parameters], FloatArray]
 
 
 def own_parameters(effect: Effect, parameters: Parameters) -> dict[str, float]:

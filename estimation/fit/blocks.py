@@ -9,7 +9,7 @@ import scipy
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import reading_error
-from palpate.estimation.effect import AdditiveEffect, Inner, Parameters
+from palpate.estimation.effect import AdditiveEffect, Parameters
 from palpate.estimation.model import Model, own_parameters
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.cache_by_array import FitCache, IdentityKey
@@ -119,19 +119,27 @@ class BlockedData:
 
         return cache.get_or_compute((IdentityKey(effect), *inner.values(), *acting_key), compute)
 
-    def at_full_rate(self, effect: AdditiveEffect, data: ChannelData, inner: Inner) -> FloatArray:
-        """Return the columns of an effect at each sample, shape (n, k); cached for the measured motion.
+    def at_full_rate(
+        self, model: Model, effect: AdditiveEffect, data: ChannelData, parameters: Parameters
+    ) -> FloatArray:
+        """Return `Model.columns` at each sample, shape (n, k); cached for the measured motion.
 
         Args:
-            effect: the effect.
+            model: the model.
+            effect: an effect of the model.
             data: the channel, with the motion that acts on the object.
-            inner: values of the inner parameters by name.
+            parameters: a value for every inner parameter.
         """
         if data is not self.data:
-            return effect.columns(data, inner)
+            return model.columns(effect, data, parameters)
+        inner = own_parameters(effect, parameters)
         cache = self.load_cache if LOAD in effect.needs else self.cache
         key = ("at full rate", IdentityKey(effect), *inner.values())
-        return cache.get_or_compute(key, lambda: effect.columns(data, inner))
+        columns = cache.get_or_compute(key, lambda: effect.columns(data, inner))
+        if not (memories := model.memories_of(effect)):
+            return columns
+        key += tuple((IdentityKey(each), *own_parameters(each, parameters).values()) for each in memories)
+        return cache.get_or_compute(key, lambda: model.relaxed_columns(effect, columns, data, parameters))
 
     @cached_property
     def _are_samples(self) -> bool:

@@ -239,15 +239,16 @@ def solve_gains(
         # The column of each gain is averaged over blocks separately and cached between fits.
         inner = {name: parameters.get(name, 0.0) for name in model.inner}
         columns, target = _on_blocks(problem, model, inner)
-        linear_fit = problem.solve(columns, target, list(model.gains), model.held, model.gain_bounds)
-        fitted = dict(zip(model.gains, linear_fit.gains.tolist(), strict=True))
-        return Solution(model, {**fitted, **inner}, columns, target, linear_fit)
+        fit = problem.solve(columns, target, list(model.gains), model.held, model.gain_bounds)
+        fitted = dict(zip(model.gains, fit.gains.tolist(), strict=True))
+        return Solution(model, {**fitted, **inner}, columns, target, fit)
     is_nonlinear = not model.is_linear_in_gains or data.kind is ChannelKind.CONTACT
     values = {name: parameters.get(name, 0.0) for name in (*model.gains, *model.inner)}
     names = list(model.gains)
     min_steps = rounds or (2 if is_nonlinear else 1)
     max_steps = min_steps if model.is_linear_in_gains else max(_MAX_STEPS, min_steps)
-    linear_fit, previous_lifted = None, np.empty(0, dtype=np.int64)
+    linear_fit: LinearFit | None = None
+    previous_lifted = np.empty(0, dtype=np.int64)
     parts = parts or model.parts(data, values, problem.blocked.at_full_rate)
     for i in range(max_steps):
         lift_off_rows = model.lift_off_rows(data, values, parts)
