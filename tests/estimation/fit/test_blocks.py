@@ -279,11 +279,31 @@ def test_column_on_blocks_passes_through_motion_and_sensor_effects(names, parame
 
 def test_full_rate_columns_are_known_only_on_the_measured_motion():
     blocked = block_average(swings(1, runs=1))
-    coulomb, inner = EFFECTS["coulomb_friction"](), {"transition": 0.01}
+    coulomb, inner = EFFECTS["coulomb_friction"](), {"coulomb_friction.transition": 0.01}
+    model = Model("test", (coulomb,))
     moved = replace(blocked.data, velocity=-blocked.data.velocity)
-    first = blocked.at_full_rate(coulomb, blocked.data, inner)
-    assert blocked.at_full_rate(coulomb, blocked.data, inner) is first
-    np.testing.assert_allclose(blocked.at_full_rate(coulomb, moved, inner), -first)
+    first = blocked.at_full_rate(model, coulomb, blocked.data, inner)
+    assert blocked.at_full_rate(model, coulomb, blocked.data, inner) is first
+    np.testing.assert_allclose(blocked.at_full_rate(model, coulomb, moved, inner), -first)
+
+
+def test_full_rate_columns_are_known_for_each_memory_that_relaxes_them():
+    """Only elastic columns depend on the memory."""
+    data = press()
+    blocked = block_average(data)
+    stiffness, damping, memory = (EFFECTS[n]() for n in ("stiffness", "damping", "power_law_relaxation"))
+    model = Model("test", (stiffness, damping, memory))
+    fast, slow = (
+        {"power_law_relaxation.share": 0.5, "power_law_relaxation.alpha": alpha} for alpha in (0.3, 0.6)
+    )
+    first = blocked.at_full_rate(model, stiffness, data, fast)
+    assert blocked.at_full_rate(model, stiffness, data, fast) is first
+    np.testing.assert_allclose(first, model.columns(stiffness, data, fast))
+    other = blocked.at_full_rate(model, stiffness, data, slow)
+    np.testing.assert_allclose(other, model.columns(stiffness, data, slow))
+    assert not np.allclose(first, other)
+    rates = [blocked.at_full_rate(model, damping, data, inner) for inner in (fast, slow)]
+    assert rates[0] is rates[1]
 
 
 class _Known(AdditiveEffect):
