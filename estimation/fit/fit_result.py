@@ -135,7 +135,8 @@ class FitResult(TableDisplay):
         if self.validation is None:
             return held_out_residual(self.problem.blocked, self.solution)
         all_runs, good = self.validation.data, self.validation.good
-        blocked = fit_problem(all_runs, self.model, self.solution.parameters, good, FitCache()).blocked
+        blocks = block_average(all_runs, good)
+        blocked = fit_problem(blocks, self.model, self.solution.parameters).blocked
         rows = blocked.rows[blocked.trusted].ravel()
         rows = rows[~np.isin(all_runs.run[rows], self.training.runs)]
         residual = np.full(len(all_runs), np.nan)
@@ -271,35 +272,35 @@ def fit_model(
         good: samples that a fit may use, shape (n,); None for all.
         cache: columns computed by other fits of this channel.
     """
-    cache = cache or FitCache()
+    blocks = block_average(data, good, cache)
     values = dict.fromkeys(model.gains, 0.0) | {n: inner.beginning for n, inner in model.inner.items()}
     values |= {name: parameters[name] for name in values.keys() & parameters.keys()} | dict(model.held)
-    first = solve_gains(fit_problem(data, model, values, good, cache), model, values, rounds=3)
-    problem = fit_problem(data, model, first.parameters, good, cache)
+    first = solve_gains(fit_problem(blocks, model, values), model, values, rounds=3)
+    problem = fit_problem(blocks, model, first.parameters)
     solution = optimize_inner(problem, first)
-    updated = fit_problem(data, model, solution.parameters, good, cache)
+    updated = fit_problem(blocks, model, solution.parameters)
     if not np.array_equal(updated.blocked.trusted, problem.blocked.trusted):  # the contact boundary moved
         moved = solve_gains(updated, model, solution.parameters)  # on the samples of the new problem
         problem, solution = updated, optimize_inner(updated, moved)
     return FitResult(problem.blocked.data, problem, solution)
 
 
-def fit_problem(
-    data: ChannelData, model: Model, parameters: Mapping[str, float], good: BoolArray | None, cache: FitCache
-) -> FitProblem:
-    """Build the blocks on which a model with these parameters is fitted and scored; see `fit_model`.
+def fit_problem(blocks: BlockedData, model: Model, parameters: Mapping[str, float]) -> FitProblem:
+    """Return the problem in which a model with these parameters is fitted and scored; see `fit_model`.
+
+    It differs from other models' problems by the load of a joint and by the boundaries of a contact.
 
     Args:
-        data: the channel.
+        blocks: blocks of the channel without a derived `load`.
         model: the model.
         parameters: values by "effect.parameter"; gains that are missing count as zero.
-        good: samples that may be used, shape (n,); None for all.
-        cache: arrays that other fits of the channel share.
     """
-    blocked = block_average(with_load(data, model, parameters), good, cache)
-    if data.kind is not ChannelKind.CONTACT:
-        return FitProblem(blocked, WHITE)
-    return FitProblem(exclude_boundaries(blocked, model.moved(blocked.data, parameters)), WHITE)
+    data = with_load(blocks.data, model, parameters)
+    if data is not blocks.data:
+        blocks = replace(blocks, data=data, load_cache=FitCache())
+    if data.kind is ChannelKind.CONTACT and (moved := model.moved(data, parameters)) is not data:
+        blocks = exclude_boundaries(blocks, moved)
+    return FitProblem(blocks, WHITE)
 
 
 def final_solution(fit: FitResult) -> tuple[FitProblem, Solution]:

@@ -27,6 +27,7 @@ _EVALUATIONS = 40
 _SSE_TOLERANCE = 1e-5
 _STEP_TOLERANCE = 1e-4  # smallest step, relative to the distance from the start
 _CONVERGED_RATIO = 1.0001  # largest ratio to the predicted squared error at which a step has converged
+_HOPELESS = 1.1  # ratio to the lowest squared error above which further steps do not make a solution lower
 _CHANGES = (-0.3, -0.1, 0.1, 0.3)  # tried changes of inner parameters, relative to their values
 _STEP = 2e-3  # step of a finite difference
 
@@ -262,7 +263,10 @@ def _nearby_solutions(problem: FitProblem, solution: Solution) -> Iterator[Solut
             continue
         for share in _CHANGES:
             value = float(np.clip(values[name] + share * abs(values[name]), inner.lower, inner.upper))
-            yield solve_gains(problem, model, {**values, name: value}, max_ratio=_CONVERGED_RATIO)
+            changed = {**values, name: value}
+            yield solve_gains(
+                problem, model, changed, max_ratio=_CONVERGED_RATIO, give_up_above=_HOPELESS * solution.sse
+            )
 
 
 def _optimize_once(problem: FitProblem, solution: Solution, tolerance: float, step: float) -> Solution:
