@@ -24,7 +24,8 @@ ARM_MODEL = "rigid_body"
 FITTED_ARM_MODEL = "rigid_body_fitted"
 LOOSE_JOINT_MODEL = "inertia"
 SERVO_MODEL = "position_servo"
-ChannelKey = tuple[str, str, str]  # channel, base model, SHA-256 of the data
+ChannelKey = tuple[str, str]  # channel and base model, in one study
+SavedKey = tuple[str, str, str]  # channel, base model, SHA-256 of the data, in any study
 ALL_CHANNELS = "all"
 _DIGITS = 9  # decimal digits of what identifies data; rounding errors reach the 12th
 _KIND_NAMES = {
@@ -42,7 +43,7 @@ class StudyChannel:
     measured: ChannelData  # the recorded channel
     model: Model  # the base model of this channel
     context: ModelContext  # further information that the model may need
-    sha256: str  # SHA-256 of all measured arrays, up to rounding, and, for a joint, of the arm
+    arm: Arm  # the arm to which the channel belongs
     # Value of `data` if it depends on other channels; None to compute it from this channel.
     prepared: ChannelData | None = None
     # Runs excluded from fitting and used only for scoring; empty for cross-validation.
@@ -69,8 +70,21 @@ class StudyChannel:
 
     @property
     def key(self) -> ChannelKey:
-        """Key that identifies the data and base model of a fit."""
-        return self.name, self.model.name, self.sha256
+        """Key that identifies the channel and its base model within its study."""
+        return self.name, self.model.name
+
+    @cached_property
+    def sha256(self) -> str:
+        """SHA-256 of all measured arrays, up to rounding, the held-out runs, and, for a joint, the arm."""
+        digest = data_sha256(self.measured, self.arm)
+        if not self.held_out:
+            return digest
+        return hashlib.sha256(f"{digest} {self.held_out}".encode()).hexdigest()  # they change all fits
+
+    @property
+    def saved_key(self) -> SavedKey:
+        """Key that identifies the data and base model of what is saved in files."""
+        return (*self.key, self.sha256)
 
     @property
     def kind(self) -> ChannelKind:
@@ -99,7 +113,7 @@ def channel_of(data: ChannelData, model: str, arm: Arm, held_out: tuple[int, ...
     Raises:
         InputError: the model is unknown, lacks required information, or no run is left for fitting.
     """
-    context, sha256 = arm.context_of(data), data_sha256(data, arm)
+    context = arm.context_of(data)
     if held_out:
         if model == FITTED_ARM_MODEL:  # its joints share information from all runs
             raise InputError(f"model '{model}' predicts each run from the others: leave out held_out")
@@ -107,8 +121,7 @@ def channel_of(data: ChannelData, model: str, arm: Arm, held_out: tuple[int, ...
             raise InputError(
                 f"channel '{data.name}': all runs are held out; leave at least one run to fit to"
             )
-        sha256 = hashlib.sha256(f"{sha256} {held_out}".encode()).hexdigest()  # held-out runs change all fits
-    return StudyChannel(data, base_model(data, model, context), context, sha256, held_out=held_out)
+    return StudyChannel(data, base_model(data, model, context), context, arm, held_out=held_out)
 
 
 def base_model(data: ChannelData, model: str, context: ModelContext) -> Model:

@@ -55,7 +55,7 @@ class Revision(BaseModel):
 
     @property
     def key(self) -> tuple[str, str, str]:
-        """Channel, base model and SHA-256 of the data, as in `StudyChannel.key`."""
+        """Channel, base model and SHA-256 of the data, as in `StudyChannel.saved_key`."""
         return self.channel, self.model, self.data_sha256
 
 

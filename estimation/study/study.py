@@ -209,7 +209,8 @@ class ModelStudy(StudyFits):
             InputError: the saved file is damaged, or its numbers differ from this study's fits.
         """
         made = self._diagnoses.get(channel.key)
-        saved = None if made else read_saved_diagnoses(self.folder).get(channel.key)
+        all_saved = {} if made else read_saved_diagnoses(self.folder)
+        saved = all_saved.get(channel.saved_key) if all_saved else None
         if saved is None or saved.baseline is None or channel.held_out:  # their scores are not comparable
             return made or saved
         with self._lock:
@@ -355,7 +356,7 @@ class ModelStudy(StudyFits):
         Args:
             channel: the channel with its base model.
         """
-        same = (revision for revision in reversed(self.revisions) if revision.key == channel.key)
+        same = (revision for revision in reversed(self.revisions) if revision.key == channel.saved_key)
         return next(same, None)
 
     def newest(self, channel: StudyChannel) -> Revision | None:
@@ -449,7 +450,7 @@ class ModelStudy(StudyFits):
             base = self.comparison(channel)
         except InputError as error:
             return ChannelResult(channel, diagnosis, reason=str(error))
-        same = [revision for revision in self.revisions if revision.key == channel.key]
+        same = [revision for revision in self.revisions if revision.key == channel.saved_key]
         numbers = {tuple(revision.effects): revision.number for revision in same}
         chains = [tuple(effects[:count]) for count in range(len(effects) + 1)]
         stages = [
@@ -555,7 +556,9 @@ class ModelStudy(StudyFits):
     ) -> tuple[Revision, ...]:
         """Save each stage after the parent, or after a base model that is already saved."""
         bases = (
-            revision for revision in self.revisions if revision.key == channel.key and not revision.effects
+            revision
+            for revision in self.revisions
+            if revision.key == channel.saved_key and not revision.effects
         )
         before = parent or next(bases, None)
         self.fit(channel, effects)  # raises before anything is saved if an effect cannot be added

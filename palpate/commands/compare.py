@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from typer import Argument, Option
 
@@ -14,10 +14,11 @@ from palpate.common.options import JsonOption, model_names
 from palpate.estimation.estimate import with_unit
 from palpate.estimation.study import ChannelResult
 from palpate.estimation.study.channels import ALL_CHANNELS
+from palpate.estimation.study.comparison import Comparison
 from palpate.estimation.study.other_models import far_better_model
 from palpate.estimation.study.paired_comparison import Extended, compare_pairs
 from palpate.estimation.study.revisions import Revision, user_effects_of
-from palpate.render.build import NAMES, REPORT, result_view, view_of, write_outcome
+from palpate.render.build import NAMES, REPORT, result_view, write_outcome
 from palpate.render.paired import ChannelPairView, PairView, as_data, print_pair
 from palpate.render.terminal import print_comparison, print_files
 from palpate.robot_io.errors import InputError
@@ -137,29 +138,15 @@ def compare_command(
             failures = dict(base.failures)
     compared = [result.shown for result in results if result.shown is not None]
     models = "+".join(dict.fromkeys(result.channel.model.name for result in results))
-    channels = [  # the keys are stable
-        {
-            "channel": comparison.channel,
-            "model": comparison.model,
-            "effort_unit": comparison.effort_unit,
-            "rmse": comparison.rmse,
-            "noise_floor": comparison.noise.value,
-            "noise_source": comparison.noise.source,
-            "noise_at_most": comparison.noise.is_bound,
-            "lack_of_fit": comparison.lack_of_fit,
-            "parameters": {name: parameter.value for name, parameter in comparison.parameters.items()},
-            "parts": {by: list(map(vars, parts)) for by, parts in comparison.parts.items()},
-            "words": list(comparison.words),
-            "patterns": list(map(vars, comparison.patterns)),
-            "kinds": list(map(vars, comparison.kinds)),
-            "not_judged": comparison.exclusion_note,
-        }
-        for comparison in compared
-    ]
-    content = {"file": str(data.file), "model": models, "channels": channels, "failures": failures}
 
-    def show() -> None:
-        print_comparison(console.stdout(), view_of(study, results))
+    def content() -> dict[str, Any]:  # intervals of parameters take long, and the terminal shows none
+        channels = [_as_data(comparison) for comparison in compared]
+        return {"file": str(data.file), "model": models, "channels": channels, "failures": failures}
+
+    if as_json:
+        console.print_json(content())
+    else:
+        print_comparison(console.stdout(), [result_view(each, with_parameters=False) for each in results])
         of_other_data = (
             f"revision {item.number} was saved with an error of {with_unit(item.rmse, item.effort_unit)}: "
             "it was made from other rows or with other import options"
@@ -169,17 +156,36 @@ def compare_command(
         for words in (*of_other_data, *failures.values()):
             console.stdout().print(f"[yellow]{safe(words)}[/yellow]")
 
-    console.present(content, show, as_json=as_json)
     grown = {"revision": [str(item.number) for item in saved_revisions], "folder": folder}
     again = f"palpate compare {data.command_text(channel=channel, model=model, **grown)}"
     if target is not None:
-        written = write_outcome(target, study, results, [again], {RESULT: json_text(content)})
+        written = write_outcome(target, study, results, [again], {RESULT: json_text(content())})
         console.stderr().print(f"\nreport  [bold]{display_path(written['report'])}[/bold]")
     if not as_json:
         zoom = (f"{again} --out FOLDER", "an interactive report")
         stages = (f"palpate revisions {data.command_text(folder=folder)}", "all stages")
         first = [stages] if saved_revisions else _next_steps(data, study, results, model, channel, folder)
         console.next_steps(*first, zoom)
+
+
+def _as_data(comparison: Comparison) -> dict[str, Any]:
+    """Return the comparison of one channel as plain data; the keys are stable."""
+    return {
+        "channel": comparison.channel,
+        "model": comparison.model,
+        "effort_unit": comparison.effort_unit,
+        "rmse": comparison.rmse,
+        "noise_floor": comparison.noise.value,
+        "noise_source": comparison.noise.source,
+        "noise_at_most": comparison.noise.is_bound,
+        "lack_of_fit": comparison.lack_of_fit,
+        "parameters": {name: parameter.value for name, parameter in comparison.parameters.items()},
+        "parts": {by: list(map(vars, parts)) for by, parts in comparison.parts.items()},
+        "words": list(comparison.words),
+        "patterns": list(map(vars, comparison.patterns)),
+        "kinds": list(map(vars, comparison.kinds)),
+        "not_judged": comparison.exclusion_note,
+    }
 
 
 def _compare_pair(  # noqa: PLR0917, what was typed

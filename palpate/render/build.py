@@ -248,17 +248,19 @@ def view_of(
     return StudyView(source.name, tuple(map(result_view, shown)), facts, tuple(commands), notes)
 
 
-def result_view(result: ChannelResult) -> ChannelView:
+def result_view(result: ChannelResult, *, with_parameters: bool = True) -> ChannelView:
     """Make the view of one channel.
 
     Args:
         result: fits, comparison and diagnosis of the channel.
+        with_parameters: whether to compute the parameters of each stage; their intervals take long.
     """
     compared, diagnosis = result.shown, result.diagnosis
     is_said = diagnosis is not None and diagnosis.reason in result.reason
     stages, name = list[StageView](), ""
     for stage in result.stages:
         fitted = stage.fitted
+        estimates = fitted.parameters if with_parameters else {}
         label = f"+ {stage.added}" if stage.added else fitted.model.name
         name = f"{name} {label}" if stage.added and name else f"{fitted.model.name}"
         stages.append(
@@ -269,7 +271,7 @@ def result_view(result: ChannelResult) -> ChannelView:
                 rmse=fitted.rmse,
                 predicted=fitted.predicted,
                 residual=fitted.residual,
-                parameters=tuple(parameter_view(*item) for item in fitted.parameters.items()),
+                parameters=tuple(parameter_view(*item) for item in estimates.items()),
                 effects=fitted.model.effects,
                 equation=equation_of(fitted.model),
                 unphysical=fitted.unphysical,

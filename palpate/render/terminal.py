@@ -122,11 +122,11 @@ def _budget_table(budget: BudgetView, bars: int, *, is_beside: bool) -> Table:
     return made
 
 
-def print_comparison(console: Console, view: StudyView) -> None:
+def print_comparison(console: Console, channels: Sequence[ChannelView]) -> None:
     """Print each channel's error and the noise level, with tables if a model does not fit."""
-    for channel in view.channels:
+    for channel in channels:
         _print_verdict(console, channel.verdict)
-        if channel.parts and (channel.verdict.word != "fits" or len(view.channels) == 1):
+        if channel.parts and (channel.verdict.word != "fits" or len(channels) == 1):
             console.print(parts_table(channel, console.width))
 
 

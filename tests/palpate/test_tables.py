@@ -146,7 +146,7 @@ def test_comparison_and_diagnosis_fit_the_terminal(compared_and_diagnosed, width
     out = io.StringIO()
     terminal = Console(file=out, width=width)
     compared, diagnosed = compared_and_diagnosed
-    print_comparison(terminal, compared)
+    print_comparison(terminal, compared.channels)
     print_diagnosis(terminal, diagnosed)
     assert all(len(line.rstrip()) <= width for line in out.getvalue().splitlines())
     assert {"cubic_stiffness", "depth", "rmse", "parameter"} <= set(out.getvalue().split())
