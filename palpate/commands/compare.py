@@ -262,8 +262,11 @@ def _compare_pair(  # noqa: PLR0917, what was typed
             print_files(console.stdout(), written)
     if not as_json:
         steps = [] if out is not None else [(f"{again} --out FOLDER", "curves, residuals, and a recording")]
-        for measured in map(shell_path, dict.fromkeys(files)):
-            steps.append((f"palpate compare {measured}", "where its base model fails"))
+        alone = [
+            replace(data, file=path).command_text(channel=channel, model=base)
+            for path, base in dict.fromkeys(zip(files, (models[0], models[1] or models[0]), strict=True))
+        ]
+        steps += [(f"palpate compare {each}", "where its base model fails") for each in alone]
         console.next_steps(*steps)
 
 

@@ -178,7 +178,7 @@ def _next_steps(  # noqa: PLR0917, what was typed and found
     only = None if typed["channel"] == ALL_CHANNELS else typed["channel"]
     is_adequate = all(channel.verdict is Verdict.ADEQUATE for channel in diagnosis.channels)
     purpose = "the model beside the measurements" if is_adequate else "where the model fails"
-    yield f"palpate compare {data.command_text(channel=only, folder=out)}", purpose
+    yield f"palpate compare {data.command_text(model=typed['model'], channel=only, folder=out)}", purpose
 
 
 @takes_data

@@ -60,6 +60,12 @@ def test_budget_precedes_the_verdict_and_no_other_base_model_is_advised(applied)
     assert not [words for words in next_commands(applied[0]) if "--model" in words]
 
 
+def test_proposed_comparison_keeps_the_model(hardening):
+    result = run("diagnose", hardening, "--model", "hunt_crossley")
+    (compared,) = [words for words in next_commands(result) if words[0] == "compare"]
+    assert compared[compared.index("--model") + 1] == "hunt_crossley"
+
+
 def test_applying_saves_each_step_and_plots_the_decrease(applied):
     _, folder = applied
     kept = [json.loads(file.read_text()) for file in sorted((folder / "revisions").iterdir())]

@@ -261,6 +261,15 @@ def test_printed_command_can_be_repeated(hardening):
     assert run(*words[:-2]).stdout == result.stdout
 
 
+def test_proposed_commands_keep_model_and_channel(soft, stiff):
+    chosen = ("--model", "hunt_crossley", "--channel", "contact")
+    alone = [words for words in next_commands(run("compare", soft, stiff, *chosen)) if "--out" not in words]
+    files = [words[1] for words in alone]
+    assert files == [str(soft), str(stiff)]
+    for words in alone:
+        assert (words[words.index("--model") + 1], words[words.index("--channel") + 1]) == chosen[1::2]
+
+
 def test_large_differences_are_shown_as_plain_percent(soft, tmp_path):
     hard = write_presses(tmp_path / "hard.csv", force_of=law(2000.0), seed=4)
     assert "N/m (+400 %)." in run("compare", soft, hard).stdout
