@@ -281,6 +281,18 @@ class SensorEffect(Effect):
             Same shape and unit as `effort`.
         """
 
+    def run_deviations(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """Return the changes of the reading by one standard deviation of what differs between runs, (n, k).
+
+        There are none (k = 0) unless the effect is a random effect, with k values for each run.
+
+        Args:
+            effort: true effort, shape (n,).
+            data: the channel.
+            inner: values of the inner parameters by name.
+        """
+        return np.empty((len(data), 0))
+
     def follow(
         self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner
     ) -> tuple[FloatArray, FloatArray]:

@@ -93,6 +93,9 @@ class RunVariation(SensorEffect):
         values = self.values(effort, data, inner)
         return np.asarray(np.sqrt(inner["share"] * np.var(values, axis=0, ddof=1)))
 
+    def run_deviations(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        return self.basis(data, inner) * self.spread(effort, data, inner)
+
     def is_common(self, effort: FloatArray, data: ChannelData, inner: Inner) -> bool:
         """Return whether the mean over runs far exceeds their spread, so that the model lacks a constant.
 
@@ -228,6 +231,9 @@ class RunGain(RunVariation):
         """See `SensorEffect.follow`; the gains of the runs are held fixed."""
         times = 1.0 + inner["share"] * self.values(effort, data, inner)[block_index(data.run)[1]]
         return columns * times, effort * times[:, 0]
+
+    def run_deviations(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        return effort[:, None] * self.spread(effort, data, inner)
 
     def first_part(self, data: ChannelData) -> BoolArray:
         return _first_effort(data)

@@ -4,9 +4,11 @@ Errors of the measured motion change the parameters but leave hardly any residua
 Error Models (1987)). Their contribution is estimated by simulated measurements.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import stdtrit
 
 from palpate.estimation.effect import Parameter
 from palpate.estimation.estimate import Determined, ParameterEstimate
@@ -16,6 +18,7 @@ from palpate.estimation.fit.measurement_model import (
     identify_measurement_model,
     inflate_acceleration_noise,
 )
+from palpate.estimation.signals.blocks import block_index
 from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.statistics.noise import sum_covariance
 from palpate.robot_io.types import FloatArray, IntArray
@@ -35,8 +38,8 @@ def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, Pa
     """Estimate the parameters of a solution with 95 % intervals, by "effect.parameter".
 
     The covariance is a sandwich estimate with derivatives by gains and inner parameters and a prewhitened
-    long-run covariance of the score (Andrews and Monahan 1992). The effect of reading errors of the motion is
-    added to the variance. Held parameters have no error.
+    long-run covariance of the score (Andrews and Monahan 1992). The effects of reading errors of the motion
+    and of differences between runs are added to the variance. Held parameters have no error.
 
     Args:
         problem: data, noise weights and folds of the fit.
@@ -48,6 +51,8 @@ def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, Pa
     errors = _errors(slopes, residual, problem.blocked.run[problem.used])
     measurement = identify_measurement_model(problem.blocked.data)
     errors = np.hypot(errors, _reading_errors(problem, solution, measurement))
+    by_runs = _errors_with_run_differences(problem, solution, names, slopes, residual)
+    errors = np.where(by_runs > errors, by_runs, errors)
     if measurement.filters[1] is None:
         # Change of the prediction with the acceleration corrected by the positions, shape (m,).
         blocked = problem.blocked
@@ -124,6 +129,52 @@ def _reading_errors(problem: FitProblem, solution: Solution, measurement: Measur
         residual = simulated.whiten(blocked.reduce(expected - effort))
         compensations.append(_compensation(slopes, residual))
     return np.asarray(np.sqrt(np.mean(np.square(compensations), axis=0)))
+
+
+def _errors_with_run_differences(
+    problem: FitProblem, solution: Solution, names: Sequence[str], slopes: FloatArray, residual: FloatArray
+) -> FloatArray:
+    """Compute the standard errors (q,) of the mean over all possible runs, if the model has random effects.
+
+    The parameters describe that mean, but only a few runs were recorded. With the derivatives X_r and the
+    changes B_r of the prediction by one standard deviation of each random value in run r, their covariance is
+
+        (sum of X_r' V_r^-1 X_r)^-1,  V_r = sigma^2 I + B_r B_r'
+
+    (N. M. Laird, J. H. Ware, Biometrics 38 (1982)). The errors are enlarged so that 1.96 of them give
+    Student's interval for the number of runs. They are zero without random effects.
+
+    Args:
+        problem: data, noise weights and folds of the fit.
+        solution: the fitted model.
+        names: the q free parameters.
+        slopes: derivatives of the prediction by them, whitened, shape (w, q).
+        residual: whitened residual, shape (w,).
+    """
+    model, known, data = solution.model, solution.parameters, problem.blocked.data
+    errors, deviations, own = np.zeros(len(names)), [], set[str]()
+    for effect in model.sensors:
+        effort = model.without(effect.name).predict(data, known)
+        inner = {parameter.name: known[f"{effect.name}.{parameter.name}"] for parameter in effect.inner}
+        deviations.append(effect.run_deviations(effort, data, inner))
+        own |= {f"{effect.name}.{name}" for name in inner} if deviations[-1].shape[1] else set()
+    if not own:
+        return errors
+    others = [index for index, name in enumerate(names) if name not in own]
+    lengths = np.maximum(np.linalg.norm(slopes[:, others], axis=0), 1e-300)
+    by_run = problem.whiten(problem.blocked.reduce(np.hstack(deviations)))
+    starts = block_index(problem.blocked.run[problem.used])[0]
+    variance = float(residual @ residual) / max(len(residual) - len(names), 1)
+    information = np.zeros((len(others), len(others)))
+    for rows in np.split(np.arange(len(residual)), starts[1:]):
+        columns, deviation = slopes[rows][:, others] / lengths, by_run[rows]
+        inner_product = deviation.T @ deviation + variance * np.eye(deviation.shape[1])
+        shared = deviation.T @ columns
+        information += columns.T @ columns - shared.T @ np.linalg.solve(inner_product, shared)
+    covariance = variance * np.linalg.pinv(information, rcond=_NULL_EIGENVALUE, hermitian=True)
+    few_runs = stdtrit(max(len(starts) - 1, 1), 0.975) / SIGMAS_95
+    errors[others] = few_runs * np.sqrt(np.maximum(np.diag(covariance), 0.0)) / lengths
+    return errors
 
 
 def _compensation(slopes: FloatArray, change: FloatArray) -> FloatArray:

@@ -85,6 +85,10 @@ def channel_view(
     if not stages and diagnosis is not None and diagnosis.final is not None:
         values = diagnosis.final.parameters.items()
         parameters = tuple(parameter_view(name, value) for name, value in values)
+    if diagnosis is not None:
+        shown = {parameter.effect for parameter in parameters}
+        spreads = ((entry.effect, entry.parameters.get("spread")) for entry in diagnosis.accepted)
+        parameters += tuple(parameter_view(f"{n}.spread", v) for n, v in spreads if v and n in shown)
     view = ChannelView(
         name=data.name,
         axes=axes_of(data.kind),
