@@ -150,7 +150,7 @@ def _context_signals(
             raise InputError(f"--context {column}: this column is already used. Unused columns: {listed}")
         name = _signal_name(column)
         if name in _RESERVED_SIGNALS:
-            raise InputError(f"--context {column}: a joint signal has this name; rename the column")
+            name = f"recorded_{name}"
         earlier = signals.setdefault(name, column)
         if earlier != column:
             raise InputError(

@@ -17,7 +17,7 @@ class ContactOffset(MotionEffect):
 
     name = "contact_offset"
     kind = Kind.CONTACT_GEOMETRY
-    physics = "The object's surface lies deeper or higher than assumed."
+    physics = "The object's surface lies deeper or higher than assumed, or the object is preloaded."
     equation = "x_true = x - offset"
     source = "geometry of the probe and the object"
     signature = "all force-depth curves are shifted along the depth, and the force in free air is zero"

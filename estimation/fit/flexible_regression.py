@@ -202,7 +202,12 @@ def smooth_features(blocked: BlockedData, efforts: Sequence[FloatArray]) -> dict
     }
     for name in sorted(_CONTEXT & data.context.keys()):
         columns = blocked.reduce(data.context[name]).reshape(len(x), -1)
-        features[name.replace("_", " ")] = np.hstack([hats(column) for column in columns.T])
+        smooth = np.hstack([hats(column) for column in columns.T])
+        # The only joint of an arm is the channel's own.
+        own = name.removeprefix("joint_") if columns.shape[1] == 1 else ""
+        features |= (
+            {own: np.hstack([features[own], smooth])} if own in features else {name.replace("_", " "): smooth}
+        )
     for name in sorted(data.recorded):
         # Effort that a recorded signal may add, and factors by which it may scale other signals.
         signal = blocked.reduce(data.context[name])

@@ -177,6 +177,13 @@ def test_where_option_selects_rows_and_context_keeps_signals(contact):
     np.testing.assert_allclose(channel.context["temperature_C"], 20 + T[:30])
 
 
+@pytest.mark.parametrize("column", ["load", "joint_velocity"])
+def test_context_column_named_like_a_signal_of_palpate_is_kept_beside_it(contact, column):
+    channel = only(import_file(contact(**{column: 20 + T}), ImportOptions(context=(column,))))
+    np.testing.assert_allclose(channel.context[f"recorded_{column}"], 20 + T)
+    assert channel.recorded == {f"recorded_{column}"}
+
+
 @pytest.mark.parametrize("column", ["température à l'air", "°", "a" * 80])
 def test_session_keeps_a_context_for_any_column_name(contact, tmp_path, column):
     imported = import_file(contact(**{column: 20 + T}), ImportOptions(context=(column,)))
@@ -383,8 +390,6 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         ({"displacement_mm": X}, {}, "'displacement_m' and 'displacement_mm' both hold displacement"),
         ({"run": ["long"] * 47 + ["short"] * 3}, {}, "run 'short' has 3 rows, at least 5"),
         ({"phase": ["hold", "squeeze"] + ["hold"] * 48}, {}, "no phase is called 'squeeze'. Valid"),
-        ({"joint_velocity": 20 + T}, {"context": ("joint_velocity",)}, "rename the column"),
-        ({"load": 20 + T}, {"context": ("load",)}, "rename the column"),
         (TEMPERATURES, {"context": tuple(TEMPERATURES)}, "rename one"),
         *(
             (
