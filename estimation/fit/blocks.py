@@ -39,10 +39,10 @@ _FIRST_SHARE = 0.9  # share of the first contact in a run's contact above which 
 _REST = 0.05  # largest speed of a joint at rest, relative to its usual highest speed
 LOAD = "load"
 LUMPED = "lumped_inertia_effort"  # part of the load that may act on the drive's rotor before the gear
-# Effects with weight, and all effects whose effort is a load. The armature is not among them, because the
-# torque that accelerates a rotor does not pass through the gear.
+# Effects with weight, and all effects whose effort is a load. A spring's force passes through the gear, too.
+# The armature is not among them, because the torque that accelerates a rotor does not.
 HEAVY = frozenset({"pendulum", "rigid_body", "rigid_body_fitted", "payload", "gravity_tilt", "weight"})
-CARRYING = HEAVY | {"inertia"}
+CARRYING = HEAVY | {"inertia", "joint_spring"}
 LUMPED_GAINS = {"inertia": "m", "pendulum": "inertia"}  # gains that contain the inertias of link and rotor
 
 
@@ -370,7 +370,7 @@ def is_moving(data: ChannelData, rows: IntArray) -> BoolArray:
 
 
 def with_load(data: ChannelData, model: Model, parameters: Mapping[str, float]) -> ChannelData:
-    """Add the signal `load` to a joint's channel: the effort of the model's inertia and gravity.
+    """Add the signal `load` to a joint's channel: the effort of the model's inertia, gravity and spring.
 
     If the model has weight, the torque of an inertia that link and rotor may share is a separate signal.
     Without weight it would only scale the load.

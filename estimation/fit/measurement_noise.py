@@ -84,6 +84,7 @@ _DIFFERENCES = (1.0, -3.0, 3.0, -1.0)  # third difference of neighboring reading
 # Quantile up to which differences are used, and the RMS of normal noise up to it in standard deviations.
 _QUANTILE, _RMS_BELOW_QUANTILE = 0.99, 0.9616
 _JUMP_RATIO = 5.0  # ratio to the mean distance between readings above which the motion jumps
+_REVERSAL = 0.1  # speed, relative to the root mean square, below which a joint may reverse
 _WHITE_RATIO = 1.2  # ratio of differences at twice the distance up to which they contain no motion
 _REPEATED = 0.01  # largest difference between runs with the same motion, relative to the range of positions
 # Ratio of the noise from repeated runs to that from neighboring readings above which part of it is slow.
@@ -209,16 +210,20 @@ def free_air_noise(data: ChannelData) -> float | None:
 def fast_noise(data: ChannelData) -> float | None:
     """Estimate white noise from third differences; None if the differences contain slower signals.
 
-    The largest differences are excluded, since the effort may jump, as in a snap-through. P. Hall, J. W. Kay,
-    D. M. Titterington, Biometrika 77 (1990).
+    The largest differences are excluded, since the effort may jump, as in a snap-through, and so are readings
+    of a joint near a reversal, where its friction jumps. P. Hall, J. W. Kay, D. M. Titterington, Biometrika
+    77 (1990).
 
     Args:
         data: the channel.
     """
     efforts = []  # effort in each stretch of smooth motion, without single steps between holds
+    speed = np.abs(data.velocity)
+    may_reverse = (speed < _REVERSAL * rmse(speed)) & (data.kind is not ChannelKind.CONTACT)
     for rows in rows_of_runs(data.run):
         moved = np.abs(np.diff(data.position[rows], prepend=data.position[rows[0]]))
-        efforts += np.split(data.effort[rows], np.flatnonzero(moved > _JUMP_RATIO * moved.mean()))
+        effort = np.where(may_reverse[rows], np.nan, data.effort[rows])
+        efforts += np.split(effort, np.flatnonzero(moved > _JUMP_RATIO * moved.mean()))
     near, far = (size_of_differences(efforts, distance) for distance in (1, 2))
     return near if near and far and 0.0 < far <= _WHITE_RATIO * near else None
 

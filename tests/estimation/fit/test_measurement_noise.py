@@ -71,6 +71,12 @@ def test_differences_of_readings_estimate_joint_noise():
     assert found.value == pytest.approx(NOISE_NM, rel=0.1)
 
 
+@pytest.mark.parametrize("times", [10.0, 100.0])
+def test_friction_that_jumps_at_reversals_is_no_noise(times):
+    data = swings(1, lambda q, v, a: times * NOISE_NM * np.tanh(v / 0.02))
+    assert fast_noise(data) == pytest.approx(NOISE_NM, rel=0.1)
+
+
 def test_sample_and_hold_steps_and_few_jumps_are_no_noise():
     data = swings(2, lambda q, v, a: 0.0 * q)
     position = 0.01 * np.arange(len(data)) // 0.2 * 0.2  # a step every twenty readings
