@@ -210,22 +210,32 @@ def free_air_noise(data: ChannelData) -> float | None:
 def fast_noise(data: ChannelData) -> float | None:
     """Estimate white noise from third differences; None if the differences contain slower signals.
 
-    The largest differences are excluded, since the effort may jump, as in a snap-through, and so are readings
-    of a joint near a reversal, where its friction jumps. P. Hall, J. W. Kay, D. M. Titterington, Biometrika
-    77 (1990).
+    The largest differences are excluded, since the effort may jump, as in a snap-through. If the differences
+    of a joint still contain more than noise, those across its reversals are excluded, where friction jumps.
+    P. Hall, J. W. Kay, D. M. Titterington, Biometrika 77 (1990).
 
     Args:
         data: the channel.
     """
-    efforts = []  # effort in each stretch of smooth motion, without single steps between holds
     speed = np.abs(data.velocity)
-    may_reverse = (speed < _REVERSAL * rmse(speed)) & (data.kind is not ChannelKind.CONTACT)
+    may_reverse = speed < _REVERSAL * rmse(speed)
+    efforts, between_reversals = list[FloatArray](), list[FloatArray]()  # in stretches of smooth motion
     for rows in rows_of_runs(data.run):
         moved = np.abs(np.diff(data.position[rows], prepend=data.position[rows[0]]))
-        effort = np.where(may_reverse[rows], np.nan, data.effort[rows])
-        efforts += np.split(effort, np.flatnonzero(moved > _JUMP_RATIO * moved.mean()))
-    near, far = (size_of_differences(efforts, distance) for distance in (1, 2))
-    return near if near and far and 0.0 < far <= _WHITE_RATIO * near else None
+        jumps = moved > _JUMP_RATIO * moved.mean()  # single steps between holds
+        efforts += np.split(data.effort[rows], np.flatnonzero(jumps))
+        between_reversals += np.split(data.effort[rows], np.flatnonzero(jumps | may_reverse[rows]))
+    noise = _white_noise(efforts, (1, 2))
+    if noise is None and data.kind is not ChannelKind.CONTACT:
+        noise = _white_noise(between_reversals, (1, 2, 4))
+    return noise
+
+
+def _white_noise(efforts: Sequence[FloatArray], distances: Sequence[int]) -> float | None:
+    """Return the noise of neighboring readings, or None if it is larger at a greater distance."""
+    near, *far = (size_of_differences(efforts, distance) for distance in distances)
+    is_white = near and all(size is not None and 0.0 < size <= _WHITE_RATIO * near for size in far)
+    return near if is_white else None
 
 
 def size_of_differences(signals: Sequence[FloatArray], distance: int) -> float | None:
