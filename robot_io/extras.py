@@ -48,8 +48,11 @@ def install_command(extra: str) -> str:
     if not (url := origin.get("url", "")):
         return f"pip install 'palpate[{extra}]'"
     if not url.startswith("file:"):
-        system = origin["vcs_info"]["vcs"] + "+" if "vcs_info" in origin else ""
-        return f"pip install {shlex.quote(f'palpate[{extra}] @ {system}{url}')}"
+        control = origin.get("vcs_info", {})
+        system = control["vcs"] + "+" if control else ""
+        revision = f"@{control['requested_revision']}" if control.get("requested_revision") else ""
+        folder = f"#subdirectory={origin['subdirectory']}" if origin.get("subdirectory") else ""
+        return f"pip install {shlex.quote(f'palpate[{extra}] @ {system}{url}{revision}{folder}')}"
     path = Path(unquote(urlsplit(url).path))
     place = "." if path == Path.cwd() else str(path)
     editable = "-e " if origin.get("dir_info", {}).get("editable") else ""

@@ -70,7 +70,8 @@ def never_repeated(data: ChannelData) -> str | None:
     travel = sum(np.ptp(part) for part in np.array_split(data.position, PIECES))
     if travel >= _MIN_TRAVEL * np.ptp(data.position):
         return None
-    if data.kind is ChannelKind.CONTACT and has_constant_speed(data.velocity[data.engaged]):
+    is_contact = data.kind is ChannelKind.CONTACT and never_returns(data.position, data.run)
+    if is_contact and has_constant_speed(data.velocity[data.engaged]):
         return (
             f"{SINGLE_RUN}, which goes through its motion once at one speed: changes with time, speed and "
             "position cannot be separated, and a damper acts like a constant force; record at least three "

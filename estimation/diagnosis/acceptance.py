@@ -100,7 +100,7 @@ def accept_effects(
         search: the search that led to the model.
         fit: base model and effects; only noise is left.
         measurement: how motion and effort were measured.
-        is_complete: whether a model leaves only noise.
+        is_complete: whether a model counts as complete.
     """
     if not search.added_effects(fit) or not search.is_sensible(fit):
         return search.start
@@ -217,15 +217,14 @@ class FormCriteria:
             explained=size,
             unexplained=self._unexplained,
         )
-        return "" if accounts else "other kinds of effects explain the same error"
+        return "" if accounts else "other kinds of effects explain most of this error"
 
     def _impossible(self, test: FormTest) -> str:
         """State why an effect cannot be accepted, whatever it explains; empty if it can."""
         if not (test.is_known or self._is_as_good):
-            return (
-                f"its form explains only {100.0 * test.share:.0f} % of the error that a flexible law of "
-                f"{test.kind.word} explains"
-            )
+            percent = 100.0 * max(test.share, 0.0)
+            law = f"a flexible law of {test.kind.word}"
+            return f"its form explains only {percent:.0f} % of the error that {law} explains"
         if not self._search.is_sound(self._fit, test.effect):
             return "its fitted parameters are physically impossible or contradict its name"
         if test.kind is Kind.RUN_DIFFERENCES and len(self._fit.data.runs) < _MIN_RUNS:
@@ -380,8 +379,11 @@ def _drop_needless_effects(
     for name in reversed(effects_by_importance(search, fit)):
         reduced = search.without(fit, name)
         explained = np.sqrt(max(reduced.held_out_mean_square - fit.held_out_mean_square, 0.0))
-        is_small = reduced.rmse - fit.rmse < SMALL * (search.start.rmse - fit.rmse)
-        is_small &= bool(explained <= measurement_noise(search.start).value) and is_complete(reduced)
+        is_small = (
+            reduced.rmse - fit.rmse < SMALL * (search.start.rmse - fit.rmse)
+            and explained <= measurement_noise(search.start).value
+            and is_complete(reduced)
+        )
         is_needless = is_small or _is_rounding(search, fit, name) or _has_zero_size(reduced, fit, name)
         is_needless |= bool(explained <= encoder_step_error(reduced, measurement))
         is_needed = not is_needless and search.is_needed(reduced, fit)
@@ -658,16 +660,15 @@ def _rivals(
     """
     effect, without = fit.solution.model.effect(name), search.without(fit, name)
     half = 0.5 * (without.solution.held_out + fit.solution.held_out)
-    alternatives = [
-        candidate for candidate in search.alternatives(fit, name) if candidate.effect.name != name
-    ]
     # Few start values may all miss the best inner parameters, so order the alternatives by adapted ones.
-    adapted = [(candidate.error_with_adapted_inner(fit.problem), candidate) for candidate in alternatives]
+    adapted = [
+        (candidate.error_with_adapted_inner(fit.problem), candidate)
+        for candidate in search.alternatives(fit, name)
+        if candidate.effect.name != name
+        and (_is_missing_weight(search, candidate.effect, effect) or _has_at_most(max_count, candidate, fit))
+    ]
     for error, candidate in sorted(adapted, key=lambda pair: pair[0])[:_MAX_RIVALS]:
-        is_tried = _is_missing_weight(search, candidate.effect, effect) or _has_at_most(
-            max_count, candidate, fit
-        )
-        if not is_tried or error > NEAR * half:
+        if error > NEAR * half:
             continue
         rival = search.with_candidate(candidate)
         if not search.is_sensible(rival):

@@ -231,8 +231,9 @@ def replacing_kinds(search: Search, end: FitResult) -> dict[str, dict[Kind, floa
     """Find the kinds whose flexible law, in place of an effect, describes the data about as well.
 
     A law that the library lacks may then be the right one. Several effects may together imitate it, so each
-    kind also replaces all effects at once. In the place of one effect, the kinds of the other effects are
-    omitted, since their laws can imitate a part of it; so are differences between runs.
+    kind also replaces all effects at once. Differences between runs and the
+    effect's own kind are never tried. In the place of one effect, the kinds of the other effects are omitted
+    too, since their laws can imitate a part of it.
 
     Args:
         search: the search of the channel.

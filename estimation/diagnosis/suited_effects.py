@@ -11,7 +11,8 @@ from palpate.estimation.effect import Effect
 from palpate.estimation.fit.blocks import LOAD, LUMPED
 from palpate.estimation.signals.cache_by_array import IdentityKey
 
-_MOST_EFFECTS = 512  # effects that are kept, about five for each effect of the library
+_MOST_EFFECTS = 512  # effects that are kept
+_MAX_SAMPLES = 100_000  # samples; longer channels are not kept alive by a cache
 _SIGNALS = ("time_s", "run", "position", "velocity", "acceleration", "effort", "phase", "touching")
 
 
@@ -29,14 +30,16 @@ def suited_effect(effect: Effect, data: ChannelData) -> Effect:
     """Return the form of an effect that suits a channel; see `Effect.suited_to`.
 
     The load differs between models of a channel, so that only its presence counts for an effect that does not
-    need it.
+    need it, and nothing is kept for one that does.
 
     Args:
         effect: the effect.
         data: the channel.
     """
+    if LOAD in effect.needs or len(data) > _MAX_SAMPLES:
+        return effect.suited_to(data)
     names = tuple(sorted(data.context))
-    signals = [data.context[name] for name in names if name in effect.needs or name not in {LOAD, LUMPED}]
+    signals = [data.context[name] for name in names if name not in {LOAD, LUMPED}]
     arrays = tuple(map(IdentityKey, [*(getattr(data, name) for name in _SIGNALS), *signals]))
     return _suited(_Suiting(IdentityKey(effect), arrays, names, data))
 

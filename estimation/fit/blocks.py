@@ -372,8 +372,8 @@ def is_moving(data: ChannelData, rows: IntArray) -> BoolArray:
 def with_load(data: ChannelData, model: Model, parameters: Mapping[str, float]) -> ChannelData:
     """Add the signal `load` to a joint's channel: the effort of the model's inertia, gravity and spring.
 
-    If the model has weight, the torque of an inertia that link and rotor may share is a separate signal.
-    Without weight it would only scale the load.
+    If the model has weight or a spring, the torque of an inertia that link and rotor may share is a separate
+    signal. Without them it would only scale the load.
 
     Contacts, channels with a load, and models without masses are returned unchanged.
 

@@ -30,6 +30,7 @@ _STEP = 1e-3  # step of finite differences, relative to an inner parameter's val
 _NULL_EIGENVALUE = 1e-10
 _NULL_SHARE = 1e-6  # share of a parameter in such combinations above which the data do not determine it
 _WIDEST_RATIO = 10.0  # largest uncertainty, relative to the value or the typical values of a parameter
+_HARDLY_ANY = 1e-4  # share of the noise with which hardly any variance is due to noise
 # The slope of a block is a jump if it exceeds 20 times the 95 % quantile over blocks.
 _JUMP_RATIO, _JUMP_QUANTILE = 20.0, 0.95
 
@@ -38,8 +39,9 @@ def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, Pa
     """Estimate the parameters of a solution with 95 % intervals, by "effect.parameter".
 
     The covariance is a sandwich estimate with derivatives by gains and inner parameters and a prewhitened
-    long-run covariance of the score (Andrews and Monahan 1992). The effects of reading errors of the motion
-    and of differences between runs are added to the variance. Held parameters have no error.
+    long-run covariance of the score (Andrews and Monahan 1992). The effect of reading errors of the motion is
+    added to the variance. With differences between runs, the errors are those of the mean over all possible
+    runs. Held parameters have no error.
 
     Args:
         problem: data, noise weights and folds of the fit.
@@ -51,8 +53,7 @@ def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, Pa
     errors = _errors(slopes, residual, problem.blocked.run[problem.used])
     measurement = identify_measurement_model(problem.blocked.data)
     errors = np.hypot(errors, _reading_errors(problem, solution, measurement))
-    by_runs = _errors_with_run_differences(problem, solution, names, slopes, residual)
-    errors = np.where(by_runs > errors, by_runs, errors)
+    errors = _errors_of_mean_run(errors, problem, solution, names, slopes, residual)
     if measurement.filters[1] is None:
         # Change of the prediction with the acceleration corrected by the positions, shape (m,).
         blocked = problem.blocked
@@ -131,20 +132,26 @@ def _reading_errors(problem: FitProblem, solution: Solution, measurement: Measur
     return np.asarray(np.sqrt(np.mean(np.square(compensations), axis=0)))
 
 
-def _errors_with_run_differences(
-    problem: FitProblem, solution: Solution, names: Sequence[str], slopes: FloatArray, residual: FloatArray
+def _errors_of_mean_run(  # noqa: PLR0917
+    errors: FloatArray,
+    problem: FitProblem,
+    solution: Solution,
+    names: Sequence[str],
+    slopes: FloatArray,
+    residual: FloatArray,
 ) -> FloatArray:
-    """Compute the standard errors (q,) of the mean over all possible runs, if the model has random effects.
+    """Enlarge standard errors (q,) to those of the mean over all possible runs, if there are random effects.
 
-    The parameters describe that mean, but only a few runs were recorded. With the derivatives X_r and the
-    changes B_r of the prediction by one standard deviation of each random value in run r, their covariance is
+    Only a few runs were recorded. With the derivatives X_r and the changes B_r of the prediction by one
+    standard deviation of each random value in run r, the covariance of the parameters is
 
         (sum of X_r' V_r^-1 X_r)^-1,  V_r = sigma^2 I + B_r B_r'
 
-    (N. M. Laird, J. H. Ware, Biometrics 38 (1982)). The errors are enlarged so that 1.96 of them give
-    Student's interval for the number of runs. They are zero without random effects.
+    (N. M. Laird, J. H. Ware, Biometrics 38 (1982)). The part of the variance that remains without noise is
+    due to the number of runs; it is enlarged so that 1.96 standard errors give Student's interval.
 
     Args:
+        errors: standard errors for the recorded runs, shape (q,).
         problem: data, noise weights and folds of the fit.
         solution: the fitted model.
         names: the q free parameters.
@@ -152,29 +159,36 @@ def _errors_with_run_differences(
         residual: whitened residual, shape (w,).
     """
     model, known, data = solution.model, solution.parameters, problem.blocked.data
-    errors, deviations, own = np.zeros(len(names)), [], set[str]()
+    deviations, own = list[FloatArray](), set[str]()
     for effect in model.sensors:
         effort = model.without(effect.name).predict(data, known)
         inner = {parameter.name: known[f"{effect.name}.{parameter.name}"] for parameter in effect.inner}
         deviations.append(effect.run_deviations(effort, data, inner))
-        own |= {f"{effect.name}.{name}" for name in inner} if deviations[-1].shape[1] else set()
+        own |= {f"{effect.name}.{name}" for name in inner} if deviations[-1].any() else set()
     if not own:
         return errors
     others = [index for index, name in enumerate(names) if name not in own]
     lengths = np.maximum(np.linalg.norm(slopes[:, others], axis=0), 1e-300)
+    scaled = slopes[:, others] / lengths
     by_run = problem.whiten(problem.blocked.reduce(np.hstack(deviations)))
     starts = block_index(problem.blocked.run[problem.used])[0]
-    variance = float(residual @ residual) / max(len(residual) - len(names), 1)
-    information = np.zeros((len(others), len(others)))
-    for rows in np.split(np.arange(len(residual)), starts[1:]):
-        columns, deviation = slopes[rows][:, others] / lengths, by_run[rows]
-        inner_product = deviation.T @ deviation + variance * np.eye(deviation.shape[1])
-        shared = deviation.T @ columns
-        information += columns.T @ columns - shared.T @ np.linalg.solve(inner_product, shared)
-    covariance = variance * np.linalg.pinv(information, rcond=_NULL_EIGENVALUE, hermitian=True)
+
+    def variances(noise: float) -> FloatArray:
+        information = scaled.T @ scaled
+        for rows in np.split(np.arange(len(residual)), starts[1:]):
+            deviation = by_run[rows]
+            shared = deviation.T @ scaled[rows]
+            inner_product = deviation.T @ deviation + noise * np.eye(deviation.shape[1])
+            information -= shared.T @ np.linalg.solve(inner_product, shared)
+        covariance = noise * np.linalg.pinv(information, rcond=_NULL_EIGENVALUE, hermitian=True)
+        return np.asarray(np.maximum(np.diag(covariance), 0.0) / lengths**2)
+
+    noise = float(residual @ residual) / max(len(residual) - len(names), 1)
     few_runs = stdtrit(max(len(starts) - 1, 1), 0.975) / SIGMAS_95
-    errors[others] = few_runs * np.sqrt(np.maximum(np.diag(covariance), 0.0)) / lengths
-    return errors
+    combined = errors.copy()
+    enlarged = (few_runs**2 - 1.0) * variances(_HARDLY_ANY * noise)
+    combined[others] = np.sqrt(np.maximum(errors[others] ** 2, variances(noise)) + enlarged)
+    return combined
 
 
 def _compensation(slopes: FloatArray, change: FloatArray) -> FloatArray:

@@ -154,6 +154,10 @@ def test_missing_extra_is_named_where_it_is_needed(tmp_path, monkeypatch):
 CHECKOUT = {"url": ROOT.as_uri(), "dir_info": {}}
 WHEEL = {"url": "file:///home/me/a%20b/palpate-0.1.0-py3-none-any.whl", "archive_info": {}}
 GIT = {"url": "https://example.org/palpate.git", "vcs_info": {"vcs": "git", "commit_id": "1f"}}
+TAG = GIT | {
+    "vcs_info": {"vcs": "git", "commit_id": "1f", "requested_revision": "v0.3"},
+    "subdirectory": "arm",
+}
 
 
 @pytest.mark.parametrize(
@@ -164,6 +168,11 @@ GIT = {"url": "https://example.org/palpate.git", "vcs_info": {"vcs": "git", "com
         (CHECKOUT, ROOT, "pip install '.[view]'"),
         (WHEEL, ROOT, "pip install '/home/me/a b/palpate-0.1.0-py3-none-any.whl[view]'"),
         (GIT, ROOT, "pip install 'palpate[view] @ git+https://example.org/palpate.git'"),
+        (
+            TAG,
+            ROOT,
+            "pip install 'palpate[view] @ git+https://example.org/palpate.git@v0.3#subdirectory=arm'",
+        ),
     ],
 )
 def test_extra_is_installed_from_where_palpate_was_installed(monkeypatch, tmp_path, origin, where, command):
