@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import stdtrit
+import scipy
 
 from palpate.estimation.effect import Parameter
 from palpate.estimation.estimate import Determined, ParameterEstimate
@@ -184,7 +184,7 @@ def _errors_of_mean_run(  # noqa: PLR0917
         return np.asarray(np.maximum(np.diag(covariance), 0.0) / lengths**2)
 
     noise = float(residual @ residual) / max(len(residual) - len(names), 1)
-    few_runs = stdtrit(max(len(starts) - 1, 1), 0.975) / SIGMAS_95
+    few_runs = scipy.special.stdtrit(max(len(starts) - 1, 1), 0.975) / SIGMAS_95
     combined = errors.copy()
     enlarged = (few_runs**2 - 1.0) * variances(_HARDLY_ANY * noise)
     combined[others] = np.sqrt(np.maximum(errors[others] ** 2, variances(noise)) + enlarged)
