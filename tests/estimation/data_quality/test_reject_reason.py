@@ -193,6 +193,36 @@ def test_soft_cantilever_cell_needs_no_other_unit(depth_share, force_share, is_d
     assert any("force over depth is" in warning for warning in warnings) == is_doubtful
 
 
+@pytest.mark.parametrize(
+    ("depth", "is_constant_force"),
+    [
+        (lambda share: share, True),  # a pull at one speed
+        (lambda share: share**2, False),  # a pull that becomes faster
+        (
+            lambda share: 1.0 - np.abs(2.0 * share - 1.0),
+            False,
+        ),  # at one speed and back: the damper's force reverses
+    ],
+)
+def test_damper_acts_like_a_constant_force_in_a_pull_at_one_speed(depth, is_constant_force):
+    share = np.linspace(0.0, 1.0, 2000)
+    x = 0.005 * (0.01 + depth(share))
+    v, one = np.gradient(x, 0.01), np.zeros(len(x), np.intp)
+    pull = replace(
+        DATA.select(np.zeros(len(x), np.intp)),
+        time_s=0.01 * np.arange(len(x)),
+        position=x,
+        velocity=v,
+        acceleration=np.gradient(v, 0.01),
+        effort=300.0 * x,
+        run=one,
+    )
+    assert (
+        any("a damper acts like a constant force" in text for text in quality_warnings(pull))
+        == is_constant_force
+    )
+
+
 def joined(first, second):
     """Runs of the second after those of the first."""
     return joined_channels([first, replace(second, time_s=second.time_s + 100.0)])
