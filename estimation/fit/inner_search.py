@@ -27,7 +27,8 @@ _EVALUATIONS = 40
 _SSE_TOLERANCE = 1e-5
 _STEP_TOLERANCE = 1e-4  # smallest step, relative to the distance from the start
 _CONVERGED_RATIO = 1.0001  # largest ratio to the predicted squared error at which a step has converged
-_HOPELESS = 1.1  # ratio to the lowest squared error above which further steps do not make a solution lower
+# Ratio to the lowest squared error above which a trial ends, since further steps rarely make it the lowest.
+_HOPELESS = 1.1
 _CHANGES = (-0.3, -0.1, 0.1, 0.3)  # tried changes of inner parameters, relative to their values
 _STEP = 2e-3  # step of a finite difference
 
