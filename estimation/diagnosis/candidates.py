@@ -1,7 +1,8 @@
 """Screen candidate effects that extend a fitted model, and check fitted parameters for plausibility."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -159,6 +160,7 @@ def screen_effects(
     *,
     starts: Callable[[Effect], Sequence[Inner]] | None = None,
     refined: int = REFINED,
+    restarted: Collection[str] = (),
 ) -> list[Candidate]:
     """Fit each effect as an extension of a model, and sort by the held-out error.
 
@@ -173,6 +175,9 @@ def screen_effects(
         starts: function that returns start values of an effect's inner parameters; by default
             `Effect.starts`.
         refined: number of effects that are always refined; 0 refines none.
+        restarted: effects of the fitted model that may imitate a missing effect, as dry friction with a wide
+            transition imitates viscous friction. Candidates are also fitted with one of these effects at its
+            own start values.
 
     Returns:
         Candidates, the lowest held-out error first.
@@ -181,6 +186,11 @@ def screen_effects(
     inner, known = fit.solution.model.inner, fit.solution.parameters
     zero = {name: 0.0 for name, parameter in inner.items() if parameter.lower < 0.0 < parameter.upper}
     searches, parameter_sets = [], [known, *([{**known, **zero}] if zero else [])]
+    for name in restarted:
+        parameter_sets += [
+            {**known, **{f"{name}.{parameter}": value for parameter, value in start.items()}}
+            for start in _few_starts(fit.solution.model.effect(name), fit.data)
+        ]
     for number, effect in enumerate(effects):
         progress(number / len(effects), effect.name)
         start_values = starts(effect) if starts else effect.starts(fit.data)
@@ -211,13 +221,14 @@ def quick_screen(parent: FitResult, effects: Sequence[Effect]) -> list[Candidate
         parent: the model to extend.
         effects: the candidate effects.
     """
-
-    def few_starts(effect: Effect) -> Sequence[Inner]:
-        starts = effect.starts(parent.data)
-        return starts[:: max(len(starts) // _FEW_STARTS, 1)]
-
-    screened = screen_effects(parent, effects, starts=few_starts, refined=0)
+    starts = partial(_few_starts, data=parent.data)
+    screened = screen_effects(parent, effects, starts=starts, refined=0)
     return [candidate for candidate in screened if candidate.possible]
+
+
+def _few_starts(effect: Effect, data: ChannelData) -> Sequence[Inner]:
+    starts = effect.starts(data)
+    return starts[:: max(len(starts) // _FEW_STARTS, 1)]
 
 
 def screen_product(fit: FitResult, memory: Effect, shapes: Sequence[Effect]) -> Candidate | None:

@@ -154,6 +154,7 @@ class Search:
                 [effect for effect in tried if starts is None or effect.name in starts],
                 lambda share, name: self.progress(f"{what}: {name}", share),
                 starts=start_values,
+                restarted=[effect.name for effect in self.model.effects if effect.inner],
             )
         return self._screened[key]
 

@@ -25,8 +25,8 @@ from palpate.estimation.fit.fit_problem import Solution, solve_gains
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.model import Model
 from tests.estimation.presses import kelvin_voigt, maxwell, session
-from tests.estimation.searches import PRESS
-from tests.estimation.swings import one_way_turns, swings
+from tests.estimation.searches import PRESS, searched
+from tests.estimation.swings import DAMPING, one_way_turns, swings
 
 BASE = ("pendulum", "viscous_friction")
 
@@ -49,6 +49,20 @@ def test_friction_transition_is_a_parameter_only_with_reversals(data, determined
     friction = EFFECTS["coulomb_friction"]()
     assert parameter_count(friction) == 2
     assert determined_count(friction, fit.solution.without_blocks(), fit.problem) == determined
+
+
+def test_base_effect_that_imitates_a_missing_one_is_fitted_anew_beside_it():
+    """Coulomb friction with a wide transition imitates viscous friction."""
+    data = swings(1, lambda q, v, a: 0.05 * np.tanh(v / 0.02))
+    search = searched(
+        data, "viscous_friction", "bouc_wen_hysteresis", base=model("pendulum", "coulomb_friction")
+    )
+    assert search.start.solution.parameters["coulomb_friction.transition"] > 1.0
+    best = search.screen(search.start)[0]
+    parameters = best.search.best.parameters
+    assert best.effect.name == "viscous_friction"
+    assert parameters["viscous_friction.d"] == pytest.approx(DAMPING, rel=0.02)
+    assert parameters["coulomb_friction.force"] == pytest.approx(0.05, rel=0.1)
 
 
 class Made(AdditiveEffect):
