@@ -399,17 +399,28 @@ def read_bag(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     Args:
         content: bytes of the bag, whose chunks are packed by bz2 or not at all.
         options: `topic`.
+
+    Raises:
+        FileNotFoundError: the bag has no message of this topic; the text lists its topics.
     """
+    topics: set[str] = set()
     connections: dict[bytes, tuple[str, dict[str, list[tuple[str, str]]]]] = {}
     rows: list[dict[str, float]] = []
     for fields, data in _bag_records(content[content.index(b"\n") + 1 :]):
-        if fields["op"] == b"\x07" and fields["topic"].decode() == options["topic"]:
+        if fields["op"] == b"\x07":
+            topics.add(fields["topic"].decode())
+            if fields["topic"].decode() != options["topic"]:
+                continue
             about = dict(_bag_fields(data))
             kind = about["type"].decode()
             connections[fields["conn"]] = kind, _ros_types(kind, about["message_definition"].decode())
         elif fields["op"] == b"\x02" and fields["conn"] in connections:
             kind, types = connections[fields["conn"]]
             rows.append(_ros_numbers(kind, types, data, 0, "")[0])
+    if not rows:
+        raise FileNotFoundError(
+            f"topic {options['topic']}: the bag has no message of it; its topics: {', '.join(sorted(topics))}"
+        )
     return [{name: np.array([row[name] for row in rows]) for name in rows[0]}]
 
 

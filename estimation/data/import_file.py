@@ -113,6 +113,12 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> ImportedD
     rows = arrange_rows(columns, fresh=options.fresh, count=options.runs)
     context = _context_signals(columns, rows, options)
     notes = [*columns.notes, *filter(None, ["; ".join(rows.notes)])]
+    notes += [
+        f"column '{name}' is kept as the signal recorded_{_signal_name(name)}, since palpate computes a "
+        f"signal {_signal_name(name)} itself"
+        for name in options.context
+        if _signal_name(name) in _RESERVED_SIGNALS
+    ]
     if any(source.kind is ChannelKind.SERVO for source in sources):
         notes.append(
             "no column holds an effort; goal minus position [rad] is used instead, which is the "
@@ -122,8 +128,7 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> ImportedD
     channels = [_make_channel(source, columns, rows, notes) for source in sources]
     channels = _reverse_reactions(channels, sources, columns, ColumnUnits(table, options), notes)
     channels = [replace(channel, context=context, recorded=frozenset(context)) for channel in channels]
-    free = (name for name in columns.unused if name not in options.context)
-    unused = tuple(name for name in free if _signal_name(name) not in _RESERVED_SIGNALS)
+    unused = tuple(name for name in columns.unused if name not in options.context)
     read = "; ".join(filter(None, [columns.matched, *columns.table.notes]))
     joint_columns = {
         source.name: (columns.name(source.position), columns.name(source.effort))

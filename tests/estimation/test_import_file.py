@@ -179,9 +179,13 @@ def test_where_option_selects_rows_and_context_keeps_signals(contact):
 
 @pytest.mark.parametrize("column", ["load", "joint_velocity"])
 def test_context_column_named_like_a_signal_of_palpate_is_kept_beside_it(contact, column):
-    channel = only(import_file(contact(**{column: 20 + T}), ImportOptions(context=(column,))))
+    path = contact(**{column: 20 + T})
+    assert import_file(path).unused == (column,)
+    imported = import_file(path, ImportOptions(context=(column,)))
+    channel = only(imported)
     np.testing.assert_allclose(channel.context[f"recorded_{column}"], 20 + T)
     assert channel.recorded == {f"recorded_{column}"}
+    assert any(f"'{column}' is kept as the signal recorded_{column}" in note for note in imported.notes)
 
 
 @pytest.mark.parametrize("column", ["température à l'air", "°", "a" * 80])
@@ -618,7 +622,6 @@ def test_column_option_selects_one_of_two(contact):
     chosen = ImportOptions(columns={"displacement_m": "displacement_mm"})
     np.testing.assert_allclose(only(import_file(contact(displacement_mm=2e3 * X), chosen)).position, 2 * X)
     only(import_file(contact(time_s=BACK, run=[0] * 30 + [1] * 20)))
-    assert import_file(contact(joint_velocity=20 + T)).unused == ()
 
 
 def test_slow_press_without_time_uses_row_numbers_and_notes_it(contact):

@@ -288,6 +288,8 @@ def test_topic_of_a_bag_is_read_by_the_names_of_its_message(tmp_path):
         "wrench.force": [2.0, 4.0],
         "wrench.torque": [3.0, 5.0],
     }
+    with pytest.raises(FileNotFoundError, match="topic /missing: .* its topics: /other, /wrench"):
+        read_bag((tmp_path / "a.bag").read_bytes(), {"topic": "/missing"})
 
 
 def test_files_with_clocks_of_their_own_are_joined_at_the_times_of_the_first(tmp_path):
