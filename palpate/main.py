@@ -55,8 +55,10 @@ def run() -> None:
         try:
             from palpate.commands import app  # noqa: PLC0415, only after the prerequisites are checked
         except ModuleNotFoundError as error:
+            from palpate.robot_io.extras import install_command  # noqa: PLC0415, as above
+
             missing = f"the Python package '{error.name or error}' is not installed"
-            sys.exit(_refuse(f"{missing}: pip install palpate (in a checkout: make env)"))
+            sys.exit(_refuse(f"{missing}: {install_command()}"))
         app()
     except KeyboardInterrupt:  # while commands are imported; afterwards the commands handle it
         print("palpate: interrupted", file=sys.stderr)

@@ -35,28 +35,29 @@ def missing_package(module: str | None) -> str | None:
     return f"the package {package} is not installed: {install_command(extra)}" if extra else None
 
 
-def install_command(extra: str) -> str:
-    """Return the command that adds an extra to this installation, from where palpate itself was installed.
+def install_command(extra: str = "") -> str:
+    """Return the command that completes this installation, from where palpate itself was installed.
 
     Args:
-        extra: name of the extra, such as "view".
+        extra: name of the extra to add, such as "view"; empty for the packages that palpate always needs.
     """
     from importlib.metadata import distributions  # noqa: PLC0415, it takes long to import and is rarely needed
 
     records = (found.read_text("direct_url.json") for found in distributions(name="palpate"))
+    what = f"[{extra}]" if extra else ""
     origin = json.loads(next(filter(None, records), "{}"))  # empty if palpate came from an index of packages
     if not (url := origin.get("url", "")):
-        return f"pip install 'palpate[{extra}]'"
+        return f"pip install {shlex.quote(f'palpate{what}')}"
     if not url.startswith("file:"):
         control = origin.get("vcs_info", {})
         system = control["vcs"] + "+" if control else ""
         revision = f"@{control['requested_revision']}" if control.get("requested_revision") else ""
         folder = f"#subdirectory={origin['subdirectory']}" if origin.get("subdirectory") else ""
-        return f"pip install {shlex.quote(f'palpate[{extra}] @ {system}{url}{revision}{folder}')}"
+        return f"pip install {shlex.quote(f'palpate{what} @ {system}{url}{revision}{folder}')}"
     path = Path(unquote(urlsplit(url).path))
     place = "." if path == Path.cwd() else str(path)
     editable = "-e " if origin.get("dir_info", {}).get("editable") else ""
-    return f"pip install {editable}{shlex.quote(f'{place}[{extra}]')}"
+    return f"pip install {editable}{shlex.quote(f'{place}{what}')}"
 
 
 class LazyModule(ModuleType):

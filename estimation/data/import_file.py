@@ -46,8 +46,8 @@ _MIN_SPECIMENS = 2
 _CLOCK_UNITS = (1.0, 1e-3, 1e-6, 1e-9)  # units that a time without a unit may have [s]
 _SAME_SPAN = 1.05  # largest ratio of the durations of two clocks that agree
 _SPECIMENS_NOTE = (
-    "{1} {0} specimens, whose runs are read as runs of one object; --where {2} reads one of them, and "
-    "--fresh-runs states that each run pressed a fresh one"
+    "{1} {0} specimens, whose runs are read as runs of one object: add either --where {2} to read only one "
+    "of them, or --fresh-runs to read all and state that no run affects another"
 )
 _JOINT_KINDS = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
 _CONTRADICTING_INERTIA = 0.1  # variance that a positive inertia explains, relative to a negative damping's

@@ -68,13 +68,13 @@ def candidate_motions(data: ChannelData) -> Iterator[tuple[str, float, ChannelDa
 
 def extent(data: ChannelData) -> str:
     """Describe how far and how fast a channel moves, such as "over 0.5 rad, at up to 2 rad/s"."""
+    from_surface = data.kind is ChannelKind.CONTACT and data.touching is None
     if data.kind.is_angle:
         distance, speed = f"{np.ptp(data.position):.3g} rad", f"{np.abs(data.velocity).max():.3g} rad/s"
     else:
-        position = np.maximum(data.position, 0.0) if data.kind is ChannelKind.CONTACT else data.position
+        position = np.maximum(data.position, 0.0) if from_surface else data.position
         distance, speed = f"{1e3 * np.ptp(position):.3g} mm", f"{1e3 * np.abs(data.velocity).max():.3g} mm/s"
-    preposition = "to a depth of" if data.kind is ChannelKind.CONTACT else "over"
-    return f"{preposition} {distance}, at up to {speed}"
+    return f"{'to a displacement of' if from_surface else 'over'} {distance}, at up to {speed}"
 
 
 FEW_READINGS = "different readings"  # part of the reason for a sensor whose resolution is too coarse

@@ -126,7 +126,7 @@ class LayeredStiffness(AdditiveEffect):
         "piecewise-linear (bilinear) contact stiffness; S. Timoshenko, Vibration Problems in "
         "Engineering (1937), ch. II"
     )
-    signature = "the slope of force over depth jumps at one depth, the same on the way in and out"
+    signature = "the slope of force over depth jumps at one depth; if a layer causes it, also on the way out"
     signals = ("position",)
     channels = frozenset({ChannelKind.CONTACT})
     gains = (Parameter("k2", "{effort}/{position}", -1e12, 1e12, (10.0, 20000.0)),)

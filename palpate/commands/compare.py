@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -139,6 +140,7 @@ def compare_command(
     compared = [result.shown for result in results if result.shown is not None]
     models = "+".join(dict.fromkeys(result.channel.model.name for result in results))
 
+    @cache
     def content() -> dict[str, Any]:  # intervals of parameters take long, and the terminal shows none
         channels = [_as_data(comparison) for comparison in compared]
         return {"file": str(data.file), "model": models, "channels": channels, "failures": failures}

@@ -97,6 +97,8 @@ def print_budget(console: Console, channel: str, budget: BudgetView) -> None:
         ways = ((_ROOMY, True), (_ROOMY, False), (_NARROW, False), (0, False))
         tables = (_budget_table(budget, bars, is_beside=is_beside) for bars, is_beside in ways)
         console.print(Padding(first_that_fits(tables, console.width - 2), (0, 0, 0, 2)))
+        if meanings := "\n".join(budget.form_meanings):
+            console.print(Padding(Text(meanings, style="dim"), (0, 0, 1, 2)))
     for sentence in budget.confusions:
         console.print(Padding(Text(safe_text(sentence), style="yellow"), (0, 0, 1, 2)))
 

@@ -19,6 +19,13 @@ RANGE_MEANING = (
     "The range of a share has two ends: the share that the kind explains alone, and the share that it adds "
     "to all other kinds. The smaller comes first."
 )
+# What the words for a form in a budget mean, as sentences; in the order in which they are explained.
+FORM_MEANINGS = {
+    "exact": "Exact: with this effect, the model leaves only noise, and no other law fits as well.",
+    "approximate": "Approximate: the effect explains at least 80 % of what any law of its kind does, but its "
+    "equation may differ from the true one.",
+    "unknown": "Unknown: the kind is known, but no effect explains enough of its share.",
+}
 NOISE = 1.1  # multiple of the noise level below which an error is within the noise
 _MOST_PARTS = 8
 
@@ -134,6 +141,12 @@ class BudgetView:
     parts: tuple[BudgetPart, ...]  # kinds with the largest share first, then noise and unexplained
     # Sentences on indistinguishable kinds, each with the experiment that separates them.
     confusions: tuple[str, ...] = ()
+
+    @property
+    def form_meanings(self) -> tuple[str, ...]:
+        """Explanations of the words for forms that occur, one sentence each."""
+        forms = {part.form for part in self.parts}
+        return tuple(text for form, text in FORM_MEANINGS.items() if form in forms)
 
 
 def percent(share: float, *, bound: str = "") -> str:

@@ -288,7 +288,7 @@ def test_topic_of_a_bag_is_read_by_the_names_of_its_message(tmp_path):
         "wrench.force": [2.0, 4.0],
         "wrench.torque": [3.0, 5.0],
     }
-    with pytest.raises(FileNotFoundError, match="topic /missing: .* its topics: /other, /wrench"):
+    with pytest.raises(FileNotFoundError, match="its topics: /other, /wrench"):
         read_bag((tmp_path / "a.bag").read_bytes(), {"topic": "/missing"})
 
 

@@ -57,6 +57,13 @@ def printed(found, width):
     return console.file.getvalue()
 
 
+def test_terminal_explains_only_the_forms_that_occur():
+    told = printed(diagnosis(RELAXATION, SHAPE), 120)
+    assert "Approximate: " in told
+    assert "Exact: " in printed(diagnosis(RUNS, SHAPE), 120)
+    assert "Exact: " not in told
+
+
 def test_budget_sentence_states_all_shares_or_noise():
     told = budget_view(diagnosis(RELAXATION, SHAPE, RUNS)).sentence
     assert told == (

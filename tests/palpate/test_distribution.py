@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -185,6 +186,7 @@ def test_extra_is_installed_from_where_palpate_was_installed(monkeypatch, tmp_pa
     found = [metadata.Distribution.at(folder)]
     monkeypatch.setattr(metadata, "distributions", lambda name: found if name == "palpate" else [])
     assert install_command("view") == command
+    assert shlex.split(install_command()) == [word.replace("[view]", "") for word in shlex.split(command)]
 
 
 def test_contact_is_analyzed_without_the_rigid_body_model(probed, tmp_path, monkeypatch):

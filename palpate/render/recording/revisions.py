@@ -157,7 +157,7 @@ def log_budget(recording: rr.RecordingStream, entity: str, budget: BudgetView) -
         "\nShares of the base model's squared error in held-out runs. The line below a bar is the range. "
         + RANGE_MEANING
     ]
-    lines += [f"\n{confusion}" for confusion in budget.confusions]
+    lines += [f"\n{sentence}" for sentence in (*budget.form_meanings, *budget.confusions)]
     recording.log(f"{entity}/words", markdown("\n".join(lines)), static=True)
 
 

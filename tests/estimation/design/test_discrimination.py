@@ -1,11 +1,13 @@
 """Experiment design for discrimination, against refitted rivals and known cases."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from palpate.estimation.base_model import ModelContext
 from palpate.estimation.design.discrimination import Experiment, RivalModels, choose_experiment
-from palpate.estimation.design.next_experiment import candidate_motions
+from palpate.estimation.design.next_experiment import candidate_motions, extent
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.models import MODELS
@@ -36,6 +38,13 @@ def shallow():
     """A stiffening that shows as a square and as a cube alike, as long as nobody presses deeper."""
     data = pressed(0.006, [6.0, 9.0], force=lambda x, v: K * x + C * v + 2e6 * x**3)
     return rivals(data, "cubic_stiffness", "exponential_stiffness")
+
+
+def test_extent_of_a_pulled_element_is_its_range_of_motion():
+    data = pressed(0.006, [6.0])
+    assert extent(data).startswith("to a displacement of 5 mm, at up to 18 mm/s")
+    pulled = replace(data, touching=np.ones(len(data), bool))
+    assert extent(pulled).startswith("over 6 mm")
 
 
 def test_deeper_press_separates_two_stiffenings_and_the_same_press_does_not(shallow):
