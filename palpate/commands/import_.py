@@ -23,6 +23,7 @@ from palpate.estimation.data.import_files import data_files, import_files, read_
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import Table
 from palpate.estimation.data_quality import list_warnings, quality_warnings
+from palpate.estimation.estimate import rounded
 from palpate.estimation.signals.runwise import sample_time
 from palpate.render.palette import phase
 from palpate.render.progress import progress_bar
@@ -88,9 +89,13 @@ def import_command(
                 )
             console.print_json({"files": facts})
             return
-        roles = None
+        previews: list[ImportedData] = []
         for table in read_tables(tables, options.options):
-            roles = print_preview(table, options.options, roles)
+            previews.append(print_preview(table, options.options, previews[-1].roles if previews else None))
+        # Several files are runs of one measurement, so whether they suffice is judged for all together.
+        imported = previews[0] if len(previews) == 1 else import_files(tables, options.options)
+        for warning in plausibility_warnings(imported):
+            console.stdout().print(f"[yellow]{safe(warning)}[/yellow]")
         words = [*map(shell_path, files[:-1]), shell_options(files[-1], **options.given)]
         console.next_steps((" ".join(["palpate import", *words]), "store it as a session"))
         return
@@ -157,8 +162,8 @@ def channel_facts(imported: ImportedData) -> list[dict[str, Any]]:
 
 def print_preview(
     table: Table, options: ImportOptions, like: Mapping[str, str] | None = None
-) -> Mapping[str, str]:
-    """Print what an import would read from a file; return the role of each column.
+) -> ImportedData:
+    """Print what an import would read from a file, and return it.
 
     Args:
         table: the table of the file.
@@ -180,14 +185,16 @@ def print_preview(
         out.print(_columns(table, imported.roles))
     for channel in imported.channels:
         unit, effort = channel.kind.position_unit, channel.kind.effort_unit
-        numbers = ("samples", "time", f"position {unit}", f"effort {effort}")
+        numbers = ("samples", "time", safe(f"position [{unit}]"), safe(f"effort [{effort}]"))
         rate = 1.0 / sample_time(channel.time_s, channel.run)
         title = f"{safe(imported.title(channel.name))}: {count(len(channel.runs), 'run')} at {rate:.4g} Hz"
-        made = console.table(title, "run", *numbers, right=numbers)
+        out.print(f"[bold]{title}[/bold]")
+        made = console.table("", "run", *numbers, right=numbers)
         for run in channel.runs[:_MOST_RUNS]:
             part = channel.select(channel.run == run)
             label = safe(imported.run_labels.get(int(run), str(run)))
-            ranges = (f"{values.min():.2g} to {values.max():.2g}" for values in (part.position, part.effort))
+            ends = ((values.min(), values.max()) for values in (part.position, part.effort))
+            ranges = (f"{rounded(low, 2)} to {rounded(high, 2)}" for low, high in ends)
             made.add_row(label, str(len(part)), duration(float(np.ptp(part.time_s))), *ranges)
         if (more := len(channel.runs) - _MOST_RUNS) > 0:
             made.add_row(f"{more} more")
@@ -200,9 +207,9 @@ def print_preview(
         spans = (f"{phase(n)[0]} {duration(float(np.sum(steps_s[channel.phase == n])))}" for n in codes)
         if phases := ", ".join(spans):
             out.print(f"phases: {phases}")
-    for note in (*imported.notes, *plausibility_warnings(imported)):
+    for note in imported.notes:
         out.print(f"[yellow]{safe(note)}[/yellow]")
-    return imported.roles
+    return imported
 
 
 def plausibility_warnings(imported: ImportedData) -> list[str]:

@@ -182,6 +182,7 @@ def test_equal_columns_of_a_folder_s_files_are_shown_once(tmp_path):
     result = run("import", one_file_a_run(tmp_path), "--look")
     assert result.stdout.count("displacement in mm") == 1
     assert result.stdout.count("contact: 1 run") == 4
+    assert "only one run" not in result.stdout  # the files are four runs of one measurement
 
 
 def test_import_preview_of_ambiguous_columns_asks_for_options(tmp_path):
