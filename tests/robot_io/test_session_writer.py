@@ -28,7 +28,7 @@ from palpate.robot_io.session.shared_log import (
     lock,
     open_memory,
 )
-from tests.robot_io.session_parts import METADATA, TICK, assert_ticks, tick
+from tests.robot_io.session_parts import METADATA, TICK, assert_ticks, tick, ticks
 
 SLOW = Stream("slow", (Column("time_s", "s"), Column("x", "m")))
 ROOT = Path(__file__).resolve().parents[2]
@@ -52,8 +52,8 @@ def samples_on_disk(path, stream="tick"):
 
 
 def append(log, numbers):
-    for number in numbers:
-        log.append("tick", tick(number))
+    for record in ticks(numbers):
+        log.append("tick", record)
 
 
 def pid(log):
@@ -201,11 +201,11 @@ def test_killed_writer_leaves_all_but_the_last_chunk(tmp_path):
 PROGRAM = """
 import os, signal, sys
 from palpate.robot_io.session import SessionWriter
-from tests.robot_io.session_parts import METADATA, TICK, tick
+from tests.robot_io.session_parts import METADATA, TICK, ticks
 
 log = SessionWriter(sys.argv[1], [TICK], METADATA)
-for number in range(5000):
-    log.append("tick", tick(number))
+for record in ticks(range(5000)):
+    log.append("tick", record)
 if sys.argv[2] == "kill":
     os.kill(os.getpid(), signal.SIGKILL)
 if sys.argv[2] == "close":
