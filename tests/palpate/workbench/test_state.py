@@ -40,12 +40,19 @@ def press(tmp_path_factory):
     return write_presses(tmp_path_factory.mktemp("press") / "press.csv")
 
 
+@pytest.fixture(scope="module")
+def study(press):
+    """A study whose fits are kept from test to test; no test may add a revision to it."""
+    return Study(press, keep=False)
+
+
 @pytest.fixture
-def state(press):
-    return WorkbenchState(Study(press, keep=False), "press.csv")
+def state(study):
+    return WorkbenchState(study, "press.csv")
 
 
-def test_selection_is_the_fit_that_add_makes(state, press):
+def test_selection_is_the_fit_that_add_makes(press):
+    state = WorkbenchState(Study(press, keep=False))
     shown = state.choose(state.toggled("cubic_stiffness"))
     change = Study(press, keep=False).add("cubic_stiffness")
     assert shown.fitted.rmse == change.result.stages[-1].rmse
@@ -332,10 +339,8 @@ def test_corrected_columns_are_options_of_the_command(press):
         options_of(columns)
 
 
-def test_checklist_matches_the_reject_reason(press):
-    from dataclasses import replace
-
-    data = Study(press, keep=False).channels[0].data
+def test_checklist_matches_the_reject_reason(study):
+    data = study.channels[0].data
     assert set(checklist(data).values()) == {""}
     assert set(checklist(data)) == set(elements.GATE)
     assert "check the sign" in checklist(replace(data, effort=-data.effort))["excitation"]
@@ -346,8 +351,8 @@ def test_checklist_matches_the_reject_reason(press):
     assert list(checklist(data.select(np.arange(50)))) == ["enough"]
 
 
-def test_curves_are_short_and_keep_their_peaks(press):
-    data = Study(press, keep=False).channels[0].data
+def test_curves_are_short_and_keep_their_peaks(study):
+    data = study.channels[0].data
     motion = DrawnMotion.of(data)
     rows = motion.rows(data.effort, 200)
     assert len(rows) <= 220
