@@ -59,6 +59,7 @@ def test_table_shows_truth_error_and_interval_of_chosen_estimators(probed):
         *("robust", "surface at -", "(truth -50.00"),
     ):
         assert words in shown
+    assert "does not describe" not in shown
     (channel,) = estimate_json(probed[0])["channels"]
     assert [estimate["estimator"] for estimate in channel["estimates"]] == ["lsq", "robust", "ransac"]
     data = estimate_json(probed[0], "--where", "run=1", "--estimator", "lsq,robust")
@@ -73,8 +74,9 @@ def contact_csv(path, force_scale=1.0, names=("time_s", "displacement_m", "force
     return write_table(path, **dict(zip(names, (t, depth, force_scale * force, number), strict=True)))
 
 
-def test_data_file_is_estimated_and_a_poor_fit_is_reported(tmp_path):
+def test_data_file_is_estimated_and_only_a_poor_fit_is_reported(tmp_path):
     data = estimate_json(contact_csv(tmp_path / "mine.csv"), "--estimator", "lsq")
+    assert data["channels"][0]["misfit"]["times"] < 1.5
     parameters = data["channels"][0]["estimates"][0]["parameters"]
     assert parameters["stiffness.k"]["value"] == pytest.approx(400, rel=0.01)
     assert parameters["damping.c"]["value"] == pytest.approx(6, rel=0.05)
@@ -89,27 +91,11 @@ def test_data_file_is_estimated_and_a_poor_fit_is_reported(tmp_path):
     assert estimate_json(file)["channels"][0]["misfit"]["times"] > 30
 
 
-def test_adequate_model_passes_the_residual_checks(probed, tmp_path):
-    for file in (probed[0], contact_csv(tmp_path / "mine.csv")):
-        assert "does not describe" not in run("estimate", file, "--estimator", "lsq").stdout
-        assert estimate_json(file, "--estimator", "lsq")["channels"][0]["misfit"]["times"] < 1.5
-
-
-def test_negative_force_is_turned_and_reported(tmp_path):
-    file = contact_csv(tmp_path / "mine.csv", force_scale=-1.0)
-    kept = run("estimate", file, "--estimator", "lsq", "--unit", "force=1N", "--unit", "displacement=1m")
-    assert "the sign of effort or motion is reversed" in " ".join(kept.stdout.split())
-    turned = run("estimate", file, "--estimator", "lsq")
-    assert "'force_N' is negative in compression: its sign is reversed" in " ".join(turned.stderr.split())
-    assert "sign" not in turned.stdout
-
-
 @pytest.mark.parametrize(
     ("bend", "words"),
     [
         (lambda force: np.full(len(force), 3.0), "the effort never changes"),
         (lambda force: np.minimum(force, 0.5 * force.max()), "the sensor is saturated"),
-        (np.abs, "was rectified"),
     ],
 )
 def test_insufficient_data_are_reported_like_in_the_diagnosis(tmp_path, bend, words):
@@ -136,13 +122,6 @@ def test_columns_and_units_are_given_as_options(tmp_path):
     assert lsq_parameters(file, *options)["stiffness.k"]["value"] == pytest.approx(400, rel=0.01)
 
 
-def test_imported_session_gives_the_estimates_of_its_file(tmp_path):
-    file = contact_csv(tmp_path / "mine.csv")
-    assert run("import", file, "-o", tmp_path / "mine.mcap").exit_code == 0
-    from_file, from_session = estimate_json(file), estimate_json(tmp_path / "mine.mcap")
-    assert from_session["channels"] == from_file["channels"]
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -157,12 +136,6 @@ def test_imported_session_gives_the_estimates_of_its_file(tmp_path):
 )
 def test_bad_options_are_refused(probed, options, words):
     assert_refused(run("estimate", probed[0], *options), *words)
-
-
-def test_free_air_alone_is_no_contact(tmp_path):
-    t = np.arange(100) / 100
-    air = write_table(tmp_path / "air.csv", time_s=t, displacement_m=0 * t - 0.01, force_N=0 * t)
-    assert_refused(run("estimate", air), "contact")
 
 
 @pytest.fixture
@@ -213,8 +186,9 @@ def test_parameter_with_zero_in_its_interval_is_not_determined(tmp_path, damping
     assert ("yes" in said, "not" in said) == (state == "yes", state == "no")
 
 
-@pytest.mark.parametrize("width", [60, 120])
-@pytest.mark.parametrize("model", ["kelvin_voigt", "hunt_crossley", "spring_mass_damper"])
+@pytest.mark.parametrize(
+    ("model", "width"), [("kelvin_voigt", 60), ("hunt_crossley", 120), ("spring_mass_damper", 60)]
+)
 def test_values_are_aligned_with_their_headings(hardening, monkeypatch, model, width):
     monkeypatch.setenv("COLUMNS", str(width))
     lines = run("estimate", hardening, "--model", model).stdout.splitlines()

@@ -134,26 +134,19 @@ def test_laboratory_file_is_diagnosed_or_compared_without_options(
     tmp_path, monkeypatch, write, verdict, truth
 ):
     monkeypatch.chdir(tmp_path)
-    (channel,) = as_json("diagnose" if write in DIAGNOSED else "compare", write(tmp_path))["channels"]
+    result = done("diagnose" if write in DIAGNOSED else "compare", write(tmp_path), "--json")
+    assert "read: " in result.stderr
+    assert "time '" in result.stderr
+    (channel,) = json.loads(result.stdout)["channels"]
     if write in DIAGNOSED:
         assert channel["verdict"] == verdict, channel["reason"]
         found = {name: one["value"] for name, one in channel["final"]["parameters"].items()}
     else:
         found = channel["parameters"]
         assert channel["lack_of_fit"] < 1.1
+        assert len(channel["parts"]["run"]) == 4
     for name, (value, off) in truth.items():
         assert found[name] == pytest.approx(value, rel=off), name
-
-
-@pytest.mark.parametrize("write", LABORATORIES, ids=IDS)
-def test_column_assignment_is_reported(tmp_path, write):
-    path = write(tmp_path)
-    files = sorted(path.iterdir()) if path.is_dir() else [path]
-    result = done("import", *files, "-o", tmp_path / "session.mcap", "--json")
-    (channel,) = json.loads(result.stdout)["channels"]
-    assert channel["runs"] == (1 if channel["kind"] == "revolute" else 4)
-    assert "read: " in result.stderr
-    assert "time '" in result.stderr
 
 
 def test_report_states_how_the_file_was_read(tmp_path, monkeypatch):
