@@ -1,6 +1,7 @@
 """Effects find a truth that was simulated by other means: equations of motion, quadrature, loops."""
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -350,12 +351,18 @@ def scaled(case, name, length, effort):
     return replace(data, **changed), truth
 
 
+@cache
+def made(build):
+    """A case, simulated once for all its scales."""
+    return build()
+
+
 @pytest.mark.parametrize(
     ("built", "scale"),
     [(IN_RAD, "as it is"), *((case, s) for case in CASES for s in list(SCALES)[1:] if case != IN_RAD)],
 )
 def test_simulated_effect_is_recovered_without_its_formula(built, scale):
-    case, name = built(), built.__name__
+    case, name = made(built), built.__name__
     data, truth = scaled(case, name, *SCALES[scale])
     found, left = recover(data, case.base, name)
     for parameter, value in truth.items():
