@@ -12,13 +12,15 @@ import time
 import numpy as np
 import pytest
 
+from palpate.commands import demo
 from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.loop.result import LoopResult, Outcome
 from palpate.control.loop.task import Phase
 from palpate.estimation.data.channels import session_channels
 from palpate.robot_io.files.file_model import parse_yaml
 from palpate.robot_io.robot_file import parse_robot_file
 from palpate.robot_io.session import Session
-from palpate.runs.probing import PLAN, ProbingJob, Watcher, run_probing
+from palpate.runs.probing import PLAN, ProbingJob, ProbingOutcome, Watcher, run_probing
 from palpate.runs.robots import find_robot
 from palpate.sim_backend.scenario import MOST_SEED, Scenario
 from tests.mock_robot import write_mock_files
@@ -218,8 +220,10 @@ def test_largest_seed_is_read_back():
     assert Scenario.load(parse_yaml(scenario.to_yaml(), "session")).seed == MOST_SEED
 
 
-def test_demo_without_contact_is_reported(tmp_path, log_in_process):
-    result = run("demo", "-o", tmp_path / "x.mcap", "--scenario", write_deep(tmp_path))
+def test_demo_without_contact_is_reported(tmp_path, monkeypatch):
+    lost = ProbingOutcome(tmp_path / "x.mcap", LoopResult(Outcome.FINISHED), ("run 0: no touch",))
+    monkeypatch.setattr(demo, "run_probing", lambda job, watcher: lost)
+    result = run("demo", "-o", tmp_path / "x.mcap")
     assert result.exit_code == 1
     assert "no touch" in result.stderr
 
