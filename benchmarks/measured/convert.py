@@ -294,12 +294,13 @@ def read_zip(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 
 
 def read_json(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
-    """Read numbers of a list of records, or series of a list of graphs.
+    """Read numbers of a list of records, series of a list of graphs, or lists by their names.
 
     Args:
         content: bytes of the file.
         options: `records`: key of the list of records, whose keys are the names; or `graphs`: key of a list
-            of phases, and key of the series of a phase; the series of all phases are joined.
+            of phases, and key of the series of a phase; the series of all phases are joined. Without them,
+            each list of numbers is a column.
     """
     table = json.loads(content)
     if "graphs" in options:
@@ -307,6 +308,9 @@ def read_json(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
         graphs = [phase[graph] for phase in table[phases]]
         names = [name for name in graphs[0] if all(isinstance(part[name], list) for part in graphs)]
         return [{name: np.concatenate([part[name] for part in graphs], dtype=np.float64) for name in names}]
+    if "records" not in options:
+        lists = {name: values for name, values in table.items() if isinstance(values, list)}
+        return [{name: np.array(values, dtype=np.float64) for name, values in lists.items()}]
     rows = table[options["records"]]
     names = [name for name, value in rows[0].items() if isinstance(value, int | float)]
     return [{name: np.array([row[name] for row in rows], dtype=np.float64) for name in names}]
