@@ -23,7 +23,14 @@ from palpate.estimation.diagnosis.candidates import (
     determined_count,
     parameter_count,
 )
-from palpate.estimation.diagnosis.forms import AS_MUCH, MOST_OF_LAW, FormTest, PartiallyLinear, form_tests
+from palpate.estimation.diagnosis.forms import (
+    AS_MUCH,
+    MOST_OF_LAW,
+    SLOW,
+    FormTest,
+    PartiallyLinear,
+    form_tests,
+)
 from palpate.estimation.diagnosis.search import LEVEL, NEAR, Search, backward_step
 from palpate.estimation.effect import Effect
 from palpate.estimation.fit.fit_result import FitResult
@@ -540,10 +547,12 @@ def _with_weight(
 ) -> tuple[FitResult, list[FormTest]] | None:
     """Replace a spring or a bias of a joint by its weight if the accepted effects then explain as much.
 
+    An effect with which only noise is left is kept if the weight leaves more.
+
     Returns:
         The model and its form tests as in `accept_forms`; None if the weight is not accepted.
     """
-    base = search.start.solution.held_out
+    base, only_noise = search.start.solution.held_out, SLOW * measurement_noise(search.start).value
     for name in search.added_effects(fit):
         for candidate in _alternatives(search, fit, name, np.inf)[1]:
             if not _is_missing_weight(search, candidate.effect, fit.solution.model.effect(name)):
@@ -551,7 +560,8 @@ def _with_weight(
             end, tests = accept_forms(search, partial, search.with_candidate(candidate), measurement)
             explained, needed = base - end.solution.held_out, base - fit.solution.held_out
             explains_as_much = explained >= (needed if name == OFFSET else AS_MUCH * needed)
-            if candidate.effect.name in search.added_effects(end) and explains_as_much:
+            leaves_more = fit.rmse <= only_noise < end.rmse
+            if candidate.effect.name in search.added_effects(end) and explains_as_much and not leaves_more:
                 return end, tests
     return None
 

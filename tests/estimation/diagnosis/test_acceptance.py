@@ -155,15 +155,26 @@ def test_sensor_fault_that_explains_nearly_all_needs_no_law_that_accounts_for_it
 
 
 @pytest.mark.parametrize(
-    ("name", "left", "replaced"),
-    [(SPRING, 1.4, True), (SPRING, 1.5, False), (BIAS, 1.1, False), (BIAS, 0.9, True)],
+    ("name", "left", "noise", "replaced"),
+    [
+        (SPRING, 1.4, 0.1, True),
+        (SPRING, 1.5, 0.1, False),
+        (SPRING, 1.4, 0.7, False),  # an error of up to 1.05 is noise
+        (SPRING, 1.4, 1.0, True),
+        (BIAS, 1.1, 0.1, False),
+        (BIAS, 0.9, 0.1, True),
+    ],
 )
-def test_weight_replaces_a_bias_only_if_it_fits_better(monkeypatch, name, left, replaced):
-    """A spring is replaced if the weight explains 95 % as much."""
+def test_weight_replaces_a_bias_only_if_it_fits_better(monkeypatch, name, left, noise, replaced):
+    """A spring is replaced if the weight explains 95 % as much, unless only the spring leaves only noise."""
     start, fit, end = (
-        SimpleNamespace(solution=SimpleNamespace(held_out=error, model=SimpleNamespace(effect=EFFECTS.get)))
+        SimpleNamespace(
+            solution=SimpleNamespace(held_out=error, model=SimpleNamespace(effect=EFFECTS.get)),
+            rmse=error**0.5,
+        )
         for error in (10.0, 1.0, left)
     )
+    monkeypatch.setattr(module, "measurement_noise", lambda _: SimpleNamespace(value=noise))
     weight = SimpleNamespace(effect=EFFECTS["weight"]())
     search = SimpleNamespace(start=start, with_candidate=lambda candidate: end)
     search.added_effects = lambda model: ["weight"] if model is end else [name]
