@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,6 +14,8 @@ from palpate.common.files import existing_file, output_folder
 from palpate.common.options import JsonOption, SchedulerOption, WorkersOption
 from palpate.render.progress import sweep_progress
 from palpate.robot_io.errors import InputError, PalpateError
+from palpate.robot_io.extras import install_command
+from palpate.sim_backend.engines import installed_engines
 
 PAPER = "paper"
 SWEEPS = Path("sweeps")
@@ -50,6 +53,8 @@ def sweep_command(
       palpate sweep mine.yaml --plan
       palpate sweep mine.yaml --scheduler tcp://10.0.0.5:8786 --out /shared/mine
     """
+    if not installed_engines() or not find_spec("pinocchio"):
+        raise InputError(f"a sweep simulates arms, which needs more packages: {install_command('sweep')}")
     from palpate.sweep import (  # noqa: PLC0415, its libraries take a second
         RESULTS,
         Case,

@@ -17,7 +17,7 @@ from packaging.requirements import Requirement
 from packaging.version import Version
 
 from palpate.robot_io.extras import EXTRAS, install_command
-from tests.palpate.cli import ROOT, run_process
+from tests.palpate.cli import ROOT, assert_refused, run, run_process
 from tests.palpate.presses import write_presses
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -150,6 +150,13 @@ def test_missing_extra_is_named_where_it_is_needed(tmp_path, monkeypatch):
         assert said.splitlines()[-1].startswith("palpate: ")
         assert said.endswith(f"{install_command(extra)}\n")
     assert [code for code, *_ in told[len(NEEDS_EXTRA) :]] == [0] * len(COMMANDS)
+
+
+def test_sweep_without_a_simulator_is_refused_before_any_case_fails(tmp_path, monkeypatch):
+    """The packages that draw its figures may be there, as dependencies of another project."""
+    monkeypatch.setattr("palpate.commands.sweep.installed_engines", list)
+    assert_refused(run("sweep", "paper", "--out", tmp_path / "paper"), install_command("sweep"))
+    assert [*tmp_path.iterdir()] == []
 
 
 CHECKOUT = {"url": ROOT.as_uri(), "dir_info": {}}
