@@ -188,7 +188,8 @@ class Trial:
     def _tests(self, mutant: Mutant) -> tuple[list[str], list[str]]:
         """Files of tests that name the module or its folder, and the others of the area."""
         files = self._files(mutant.area)
-        module = "palpate." + ".".join(mutant.file.with_suffix("").parts)
+        parts = mutant.file.with_suffix("").parts  # the program's own folder has the package's name already
+        module = ".".join(parts if parts[0] == "palpate" else ("palpate", *parts))
         names = (module, f"{module.rpartition('.')[0]} import", f"import {mutant.file.stem}")
         near = [path for path in files if any(name in path.read_text(encoding="utf-8") for name in names)]
         near.sort(key=lambda path: module not in path.read_text(encoding="utf-8"))
