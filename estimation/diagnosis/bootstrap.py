@@ -15,7 +15,6 @@ import scipy
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.derivatives import grid_step
 from palpate.estimation.design.discrimination import SMALL
-from palpate.estimation.diagnosis.suited_effects import forms_of
 from palpate.estimation.effect import Effect
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from palpate.estimation.fit.fit_result import FitResult
@@ -218,7 +217,7 @@ def bootstrap_samples(
 
 def _forms(model: Model, effect: Effect) -> list[tuple[Model, Effect]]:
     """List each form of an effect with the model in which it replaces the effect."""
-    forms = forms_of(effect)
+    forms = effect.forms()
     if len(forms) == 1:
         return [(model, effect)]
     without = model.without(effect.name)

@@ -8,7 +8,6 @@ import numpy as np
 
 from palpate.estimation.budget.laws import unseen_kinds
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.diagnosis.suited_effects import forms_of, suited_effect
 from palpate.estimation.effect import Effect, Inner, SensorEffect
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.effects.elastic_shape import ToolCompliance
@@ -144,7 +143,7 @@ def applicable_effects(data: ChannelData, model: Model, effects: Iterable[Effect
     skipped = _EXCLUDED[data.kind] | _BASES | present | {"weight" if present & HEAVY else "gravity_tilt"}
     unseen = unseen_kinds(data)
     return tuple(
-        suited_effect(effect, data)
+        effect.suited_to(data)
         for effect in effects
         if effect.name not in skipped
         and not effect.name.startswith(RUN_PREFIX)
@@ -263,9 +262,9 @@ def extended_models(model: Model, effect: Effect) -> list[Model]:
         model: the model to extend.
         effect: the effect to add.
     """
-    after = [model.with_effect(form) for form in forms_of(effect)]
+    after = [model.with_effect(form) for form in effect.forms()]
     if isinstance(effect, SensorEffect) and any(isinstance(e, SensorEffect) for e in model.effects):
-        return [*after, *(model.with_effect(form, first=True) for form in forms_of(effect))]
+        return [*after, *(model.with_effect(form, first=True) for form in effect.forms())]
     return after
 
 

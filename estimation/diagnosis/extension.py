@@ -6,7 +6,6 @@ from palpate.estimation.channel import ChannelData
 from palpate.estimation.data_quality import usable
 from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.diagnosis.candidates import Candidate, screen_effects, screen_product
-from palpate.estimation.diagnosis.suited_effects import forms_of
 from palpate.estimation.effect import Effect
 from palpate.estimation.fit.blocks import LOAD, LUMPED
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
@@ -66,7 +65,7 @@ def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitRes
         others = [
             fit_model(data, best.model.without(other.name).with_effect(form), parameters, good, cache)
             for other in best.model.effects
-            for form in forms_of(other)
+            for form in other.forms()
             if form.form != other.form
         ]
         return replace(min([best, *others], key=_error), validation=parent.validation)

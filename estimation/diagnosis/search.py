@@ -22,7 +22,6 @@ from palpate.estimation.diagnosis.candidates import (
     quick_screen,
     screen_effects,
 )
-from palpate.estimation.diagnosis.suited_effects import suited_effect
 from palpate.estimation.effect import Effect, Inner, SensorEffect
 from palpate.estimation.effects.run_differences import RunVariation
 from palpate.estimation.fit.blocks import BlockedData, block_average, decimate, merge_blocks
@@ -358,7 +357,7 @@ class Search:
         """
         for effect in effects:
             if effect.applies_to(fit.data):
-                (candidate,) = screen_effects(fit, [suited_effect(effect, fit.data)])
+                (candidate,) = screen_effects(fit, [effect.suited_to(fit.data)])
                 fit = self.with_candidate(candidate)
         return fit
 

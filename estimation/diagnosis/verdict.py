@@ -50,7 +50,6 @@ from palpate.estimation.diagnosis.result import (
     stage_numbers,
 )
 from palpate.estimation.diagnosis.search import Search
-from palpate.estimation.diagnosis.suited_effects import suited_effect
 from palpate.estimation.effects.run_differences import RunVariation
 from palpate.estimation.estimate import rounded, with_unit
 from palpate.estimation.fit.fit_result import FitResult
@@ -118,7 +117,7 @@ class Evidence:
         known = self.search.extended
         if (fit, name) not in known:
             effect = next(effect for effect in self.search.effects if effect.name == name)
-            known[fit, name] = fit_extended(self.search.data, fit, suited_effect(effect, fit.training))
+            known[fit, name] = fit_extended(self.search.data, fit, effect.suited_to(fit.training))
         return known[fit, name]
 
     @cached_property

@@ -222,7 +222,6 @@ def solve_gains(
     max_ratio: float = 1.02,
     *,
     parts: Parts | None = None,
-    give_up_above: float = np.inf,
 ) -> Solution:
     """Fit the gains at given inner parameters by Gauss-Newton steps.
 
@@ -234,7 +233,6 @@ def solve_gains(
             nonlinear sensor, steps are repeated until the error agrees with its prediction.
         max_ratio: largest ratio of a squared error to its prediction at which a step has converged.
         parts: result of `Model.parts` at these inner parameters, if known.
-        give_up_above: squared error above which the solution is not wanted, so that the steps end.
     """
     data = problem.blocked.data
     if is_linear_on_blocks(data, model):
@@ -269,8 +267,6 @@ def solve_gains(
                 break
         linear_fit = problem.solve(columns, target, names, model.held, model.gain_bounds)
         values.update(zip(names, linear_fit.gains.tolist(), strict=True))
-        if give_up_above < np.inf and float(linear_fit.sse.sum()) > give_up_above:
-            break
     assert linear_fit is not None  # noqa: S101, the first step always fits
     return Solution(model, values, columns, target, linear_fit)
 

@@ -27,8 +27,6 @@ _EVALUATIONS = 40
 _SSE_TOLERANCE = 1e-5
 _STEP_TOLERANCE = 1e-4  # smallest step, relative to the distance from the start
 _CONVERGED_RATIO = 1.0001  # largest ratio to the predicted squared error at which a step has converged
-# Ratio to the lowest squared error above which a trial ends, since further steps rarely make it the lowest.
-_HOPELESS = 1.1
 _CHANGES = (-0.3, -0.1, 0.1, 0.3)  # tried changes of inner parameters, relative to their values
 _STEP = 2e-3  # step of a finite difference
 
@@ -265,9 +263,7 @@ def _nearby_solutions(problem: FitProblem, solution: Solution) -> Iterator[Solut
         for share in _CHANGES:
             value = float(np.clip(values[name] + share * abs(values[name]), inner.lower, inner.upper))
             changed = {**values, name: value}
-            yield solve_gains(
-                problem, model, changed, max_ratio=_CONVERGED_RATIO, give_up_above=_HOPELESS * solution.sse
-            )
+            yield solve_gains(problem, model, changed, max_ratio=_CONVERGED_RATIO)
 
 
 def _optimize_once(problem: FitProblem, solution: Solution, tolerance: float, step: float) -> Solution:
