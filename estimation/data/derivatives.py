@@ -291,9 +291,9 @@ _EVEN = 1e-4  # relative difference of time steps below which they count as even
 
 @dataclass(frozen=True)
 class LocalFit:
-    """Local polynomial fits around n samples, of one signal or of several."""
+    """Local polynomial fits around n samples."""
 
-    fitted: FloatArray  # position, velocity and acceleration, shape (n, 3), or (k, n, 3) for k signals
+    fitted: FloatArray  # position, velocity and acceleration, shape (n, 3)
     # Their variances for noise of variance 1, shape (n, 3); the variance of a position is also its leverage.
     variance: FloatArray
 
@@ -305,7 +305,7 @@ def local_fits(
 
     Args:
         time_s: times, strictly increasing within a piece, shape (n,) [s].
-        position: positions, shape (n,), or k signals at the same times, shape (k, n).
+        position: positions, shape (n,).
         pieces: rows of each smooth motion.
         centers: for each piece, indices of the samples relative to its start.
         half: number of samples on each side.
@@ -327,7 +327,7 @@ def _fits_by_piece(
     """Fit pieces with different or uneven time steps; see `local_fits`."""
     counts = [len(chosen) for chosen in centers]
     last = np.cumsum(counts)
-    fitted, variance = np.zeros((*position.shape[:-1], last[-1], 3)), np.zeros((last[-1], 3))
+    fitted, variance = np.zeros((2, last[-1], 3))
     uneven, units_s = np.zeros(last[-1], dtype=np.bool_), np.zeros(len(pieces))
     for number, (rows, chosen) in enumerate(zip(pieces, centers, strict=True)):
         times, chosen_rows = time_s[rows], slice(last[number] - counts[number], last[number])
@@ -336,10 +336,8 @@ def _fits_by_piece(
             uneven[chosen_rows], units_s[number] = True, width / 2 * float(times[-1] - times[0]) / len(steps)
             continue
         starts = np.clip(chosen - half, 0, len(times) - width)
-        fit = _even_fit(
-            float(np.mean(steps)) if len(steps) else 1.0, position[..., rows], chosen, starts, width
-        )
-        fitted[..., chosen_rows, :], variance[chosen_rows] = fit.fitted, fit.variance
+        fit = _even_fit(float(np.mean(steps)) if len(steps) else 1.0, position[rows], chosen, starts, width)
+        fitted[chosen_rows], variance[chosen_rows] = fit.fitted, fit.variance
     first, length = np.repeat([(rows.start, rows.stop - rows.start) for rows in pieces], counts, axis=0).T
     unit_s, place = np.repeat(units_s, counts), np.concatenate(centers)
     widths, terms = np.minimum(2 * half + 1, length), np.minimum(DEGREE, length - 1) + 1
@@ -348,7 +346,7 @@ def _fits_by_piece(
         rows_of_degree = np.flatnonzero(uneven & (terms == count))
         rows_of_degree = rows_of_degree[np.argsort(-widths[rows_of_degree], kind="stable")]
         for batch in np.split(rows_of_degree, np.arange(_AT_ONCE, len(rows_of_degree), _AT_ONCE)):
-            fitted[..., batch, :], variance[batch] = _uneven_fit(
+            fitted[batch], variance[batch] = _uneven_fit(
                 time_s,
                 position,
                 centers=(first + place)[batch],
@@ -371,26 +369,24 @@ def _uneven_fit(
     terms: int,
 ) -> tuple[FloatArray, FloatArray]:
     """Accumulate and solve the normal equations of windows with uneven steps."""
-    signals = np.atleast_2d(position)
-    moments, products = np.zeros((2 * terms - 1, len(centers))), np.zeros((terms, len(signals), len(centers)))
-    at_s, at = time_s[centers], signals[:, centers]
+    moments, products = np.zeros((2 * terms - 1, len(centers))), np.zeros((terms, len(centers)))
+    at_s, at = time_s[centers], position[centers]
     for offset in range(width[0]):
         reach = int(np.searchsorted(-width, -offset))
         rows = starts[:reach] + offset
-        scaled_time, value = (time_s[rows] - at_s[:reach]) / unit_s[:reach], signals[:, rows] - at[:, :reach]
+        scaled_time, value = (time_s[rows] - at_s[:reach]) / unit_s[:reach], position[rows] - at[:reach]
         power = np.ones(reach)
         for order in range(2 * terms - 1):
             moments[order, :reach] += power
             if order < terms:
-                products[order, :, :reach] += power * value
+                products[order, :reach] += power * value
             power *= scaled_time
     inverse = _inverse(moments[np.add.outer(np.arange(terms), np.arange(terms))].transpose(2, 0, 1))
-    fitted, variance = np.zeros((*at.shape, 3)), np.zeros((len(centers), 3))
-    fitted[..., : min(3, terms)] = np.einsum("nij,jkn->kni", inverse, products)[..., :3]
-    fitted[..., 0] += at
+    fitted, variance = np.zeros((2, len(centers), 3))
+    fitted[:, : min(3, terms)] = np.einsum("nij,jn->ni", inverse, products)[:, :3]
+    fitted[:, 0] += at
     variance[:, : min(3, terms)] = np.einsum("nii->ni", inverse)[:, :3]
     per_second = np.stack([np.ones(len(centers)), 1 / unit_s, 2 / unit_s**2], axis=1)
-    fitted = fitted.reshape(*position.shape[:-1], len(centers), 3)
     return fitted * per_second, variance * per_second**2
 
 
@@ -455,9 +451,6 @@ def _even_fit(
     step_s: float, position: FloatArray, centers: IntArray, starts: IntArray, width: int
 ) -> LocalFit:
     """Fit windows with even steps: common weights in the middle, and special weights near the ends."""
-    if position.ndim > 1:
-        fits = [_even_fit(step_s, signal, centers, starts, width) for signal in position]
-        return LocalFit(np.stack([fit.fitted for fit in fits]), fits[0].variance)
     place = centers - starts
     middle = even_coefficients(width, width // 2)
     fitted = np.array([np.correlate(position, weights)[starts] for weights in middle]).T

@@ -6,7 +6,6 @@ size of this effect (R. J. Carroll et al., Measurement Error in Nonlinear Models
 D. V. Hinkley, Bootstrap Methods and their Application (1997), ch. 4).
 """
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 
@@ -128,15 +127,13 @@ def _identify(data: ChannelData) -> MeasurementModel:
     rounding = rounding_variance(data.time_s, data.position, piece, step)
     error, half = position_error(data.time_s, data.position, piece, rounding)
     start = data.select(np.arange(min(len(data), _MAX_TRIED)))
-    of_position = _derivatives_by_window(start, start.position, error, (1, 2))
-    velocity, _ = _identify_window(of_position, start.velocity, 1)
+    velocity, _ = _identify_window(start, start.position, error, start.velocity, 1)
     velocity_error, velocity_half = np.zeros(len(data)), half
-    acceleration, difference = _identify_window(of_position, start.acceleration, 2)
+    acceleration, difference = _identify_window(start, start.position, error, start.acceleration, 2)
     if velocity is None:
         velocity_error, velocity_half = position_error(data.time_s, data.velocity, piece, 0.0)
     noise = velocity_error if velocity is None else channel_derivative(data, error, velocity, 1)
-    of_velocity = _derivatives_by_window(start, start.velocity, noise, (1,))
-    derived, excess = _identify_window(of_velocity, start.acceleration, 1)
+    derived, excess = _identify_window(start, start.velocity, noise, start.acceleration, 1)
     is_of_velocity = derived is not None and excess < difference
     acceleration = derived if is_of_velocity else acceleration
     filters = velocity, acceleration
@@ -274,37 +271,10 @@ def _invert_filter(data: ChannelData, derivative: FloatArray, window: int | None
     return 2.0 * smooth - _apply_filter(data, smooth, window, order)
 
 
-def _derivatives_by_window(
-    data: ChannelData, signal: FloatArray, error: FloatArray, orders: Sequence[int]
-) -> dict[int, dict[int, FloatArray]]:
-    """Differentiate a signal (n,) and its reading error with each half window.
-
-    With uneven steps both are fitted together, because the fits of all signals and orders share the times.
-
-    Returns:
-        Derivatives of the signal and of its error, shape (2, n), by half window and order.
-    """
-    both, piece = np.stack([signal, error[: len(data)]]), _pieces(data.time_s, data.run)
-    pieces = list(blocks(piece))
-    centers = [np.arange(rows.stop - rows.start) for rows in pieces]
-    derivatives = {}
-    for window in HALF_WINDOWS:
-        if is_even(data.time_s, piece):
-            by_order = {
-                order: np.stack([channel_derivative(data, each, window, order) for each in both])
-                for order in orders
-            }
-        else:
-            fitted = local_fits(data.time_s, both, pieces, centers, window).fitted
-            by_order = {order: fitted[..., order] for order in orders}
-        derivatives[window] = by_order
-    return derivatives
-
-
 def _identify_window(
-    derivatives: Mapping[int, Mapping[int, FloatArray]], target: FloatArray, order: int
+    data: ChannelData, signal: FloatArray, error: FloatArray, target: FloatArray, order: int
 ) -> tuple[int | None, float]:
-    """Identify the window with which a target (n,) was derived from a signal with a reading error.
+    """Identify the window with which a target (n,) was derived from a signal (n,) with a reading error.
 
     Returns the half width of the window (None if no window fits) and the median squared difference during
     motion. The median ignores differences at the ends of pieces.
@@ -313,9 +283,9 @@ def _identify_window(
     moving = target != 0.0
     if not moving.any():
         return None, np.inf
-    for window, by_order in derivatives.items():
-        derivative, noise = by_order[order]
-        difference = float(np.median((derivative - target)[moving] ** 2))
+    for window in HALF_WINDOWS:
+        noise = channel_derivative(data, error[: len(data)], window, order)
+        difference = float(np.median((channel_derivative(data, signal, window, order) - target)[moving] ** 2))
         limit = max(_NOISE_SHARE * float(np.median(noise**2)), _FORMULA_TOLERANCE * float(np.mean(target**2)))
         if difference <= limit:
             matches.append((difference, window))

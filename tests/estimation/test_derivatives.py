@@ -316,16 +316,3 @@ def test_pieces_of_uneven_samples_are_fitted_at_once_as_alone():
             polynomials.append(fitted[:3] * (1.0, 1.0, 2.0))
     scale = np.abs(polynomials).max(axis=0)
     np.testing.assert_allclose(together.fitted / scale, polynomials / scale, atol=1e-9)
-
-
-@pytest.mark.parametrize("jitter", [0.0, 0.3])
-def test_several_signals_are_fitted_like_each_alone(jitter):
-    rng = np.random.default_rng(0)
-    time_s = 0.01 * (np.arange(60) + jitter * rng.uniform(-1.0, 1.0, 60))
-    signals, pieces = rng.standard_normal((3, 60)), [slice(0, 35), slice(35, 60)]
-    centers = [np.arange(35), np.arange(0, 25, 3)]
-    together = local_fits(time_s, signals, pieces, centers, 4)
-    for signal, fitted in zip(signals, together.fitted, strict=True):
-        alone = local_fits(time_s, signal, pieces, centers, 4)
-        np.testing.assert_allclose(fitted, alone.fitted, rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(together.variance, alone.variance)

@@ -8,7 +8,6 @@ from scipy.signal import freqz, savgol_coeffs
 
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.fit.measurement_model import (
-    _derivatives_by_window,
     _identify_window,
     channel_derivative,
     identify_measurement_model,
@@ -169,8 +168,7 @@ def test_derivative_may_deviate_by_a_thousandth_or_half_its_noise(sign, noise, o
     given = channel_derivative(SMOOTH, position, 10, 1)
     unit = np.sqrt(np.median(channel_derivative(SMOOTH, error, 10, 1) ** 2) if noise else np.mean(given**2))
     given = given + off * unit * np.resize([1.0, -1.0], len(given))
-    derivatives = _derivatives_by_window(SMOOTH, position, error, (1,))
-    assert (_identify_window(derivatives, given, 1)[0] is not None) is known
+    assert (_identify_window(SMOOTH, position, error, given, 1)[0] is not None) is known
 
 
 def test_simulated_encoder_steps_are_equal_at_low_speed():
