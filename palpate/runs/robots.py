@@ -8,18 +8,17 @@ from typing import Any
 
 import yaml
 
-from palpate import sim_backend
 from palpate.common.options import user_effect_files
 from palpate.common.user_effects import user_code
 from palpate.robot_io.clock import Clock
 from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.robot_file import RobotFile, load_robot_file, parse_robot_file
+from palpate.sim_backend import ARMS
 from palpate.sim_backend.drivers import SimulatedBus
 from palpate.sim_backend.emulators.wiring import WiredArm, wire_up
 from palpate.sim_backend.scenario import Scenario
 
-ARMS = Path(sim_backend.__file__).parent / "arms"
 DEFAULT = "follower"
 DEFAULT_SCENARIO = "default"
 EMULATED = "simulated, emulated devices"  # source stated in the session
