@@ -15,6 +15,7 @@ import time
 from collections import Counter, deque
 from contextlib import suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import psutil
@@ -37,6 +38,9 @@ from palpate.runs.probing import TickRecords
 from palpate.sim_backend.emulators.serial_line import PtyLine
 from palpate.sim_backend.emulators.wiring import WiredArm
 from palpate.sim_backend.scenario import load_scenario
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # the tests are no installed package
+
 from tests.wire.faults import Fault, FaultKind, Faults, wire_up_with_faults
 
 SPEEDS_M_S = {"so101": 0.03}  # what its servos can follow; the others probe at 0.1 m/s
