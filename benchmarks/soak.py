@@ -15,7 +15,6 @@ import time
 from collections import Counter, deque
 from contextlib import suppress
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 import psutil
@@ -35,13 +34,10 @@ from palpate.robot_io.robot import build_robot
 from palpate.robot_io.robot_file import load_robot_file
 from palpate.robot_io.types import Measurement, Status
 from palpate.runs.probing import TickRecords
+from palpate.sim_backend.emulators import Fault, FaultKind, Faults
 from palpate.sim_backend.emulators.serial_line import PtyLine
-from palpate.sim_backend.emulators.wiring import WiredArm
+from palpate.sim_backend.emulators.wiring import WiredArm, wire_up
 from palpate.sim_backend.scenario import load_scenario
-
-sys.path.insert(0, str(Path(__file__).parents[1]))  # the tests are no installed package
-
-from tests.wire.faults import Fault, FaultKind, Faults, wire_up_with_faults
 
 SPEEDS_M_S = {"so101": 0.03}  # what its servos can follow; the others probe at 0.1 m/s
 KINDS = tuple(FaultKind[name] for name in ("DROP", "DELAY", "DUPLICATE", "CORRUPT", "LOSE", "REBOOT"))
@@ -126,7 +122,7 @@ def probe(name: str, rng: np.random.Generator, tally: Tally) -> None:
     buses = robot_file.buses.items()
     planned = {bus: faults_of(section.driver, rng) if faulty else [] for bus, section in buses}
     faults = {bus: Faults(some, seed=seed, start_s=clock.now_s()) for bus, some in planned.items()}
-    arm = wire_up_with_faults(robot_file, load_scenario("default"), clock, faults)
+    arm = wire_up(robot_file, load_scenario("default"), clock, faults)
     for wire in arm.wires.values():
         if isinstance(wire, PtyLine):
             wire.stalls = True  # bytes on a serial line do not overtake others

@@ -1,4 +1,4 @@
-"""A CAN bus with emulated motors: their common parts."""
+"""A CAN bus with emulated motors: common parts, and faults of their frames."""
 
 import math
 import os
@@ -11,8 +11,12 @@ import can
 from can.interfaces.virtual import VirtualBus
 
 from palpate.robot_io.drivers.can.motors import MotorMounting
+from palpate.sim_backend.emulators.faults import Device, Fault, FaultKind, Faults, FrameWire
 from palpate.sim_backend.emulators.hardware import EmulatedWire, JointState, Plant
 from palpate.sim_backend.emulators.wiring import WireRequest
+
+_BUS_OFF_ERROR_FRAME = 0x040  # linux/can/error.h: CAN_ERR_BUSOFF
+_STRANGER = 0x7E5  # an id that none of the nodes has
 
 
 def mounting_of(motor: MotorMounting) -> dict[str, float]:
@@ -29,7 +33,7 @@ class EmulatedMotor(ABC):
     """One motor, by its id, on a joint of the plant (from 0).
 
     Its shaft turns `gear_ratio` times for one turn of the joint, negative if reversed, and is at zero when
-    the joint is at `zero_rad` [rad].
+    the joint is at `zero_rad` [rad]. Faults name it by its number.
     """
 
     def __init__(
@@ -37,26 +41,40 @@ class EmulatedMotor(ABC):
     ) -> None:
         self.number = number
         self._joint, self._plant, self._gear_ratio, self._zero_rad = joint, plant, gear_ratio, zero_rad
-        self._heard_s = -math.inf
+        self._heard_s = self._silent_until_s = -math.inf
+        self._stuck: JointState | None = None
 
     @property
     def shaft(self) -> JointState:
-        """Angle, speed and torque of its shaft."""
-        joint, ratio = self._plant.joints[self._joint], self._gear_ratio
-        angle_rad = (joint.position_rad - self._zero_rad) * ratio
-        return JointState(angle_rad, joint.velocity_rad_s * ratio, joint.torque_nm / ratio)
+        """Angle, speed and torque of its shaft as they are."""
+        return self._at_shaft(self._plant.joints[self._joint])
+
+    @property
+    def measured(self) -> JointState:
+        """Angle, speed and torque as measured by the motor."""
+        return self._at_shaft(self._stuck or self._plant.joints[self._joint])
+
+    def _at_shaft(self, motion: JointState) -> JointState:
+        torque_nm = self._plant.joints[self._joint].torque_nm  # which no encoder measures
+        ratio = self._gear_ratio
+        angle_rad = (motion.position_rad - self._zero_rad) * ratio
+        return JointState(angle_rad, motion.velocity_rad_s * ratio, torque_nm / ratio)
 
     def _exert(self, shaft_nm: float) -> None:
         self._plant.set_torque(self._joint, shaft_nm * self._gear_ratio)
 
-    @abstractmethod
     def receive(self, message: can.Message, now_s: float) -> list[can.Message]:
-        """Act on a frame on the bus, and return the answers.
+        """Act on a frame on the bus, unless the motor is starting.
 
         Args:
             message: for this motor or another.
             now_s: emulator's clock [s].
         """
+        return [] if now_s < self._silent_until_s else self._process(message, now_s)
+
+    @abstractmethod
+    def _process(self, message: can.Message, now_s: float) -> list[can.Message]:
+        """Act on a frame on the bus, and return the answers."""
 
     @abstractmethod
     def send_unrequested(self, now_s: float) -> list[can.Message]:
@@ -66,37 +84,92 @@ class EmulatedMotor(ABC):
             now_s: emulator's clock [s].
         """
 
+    def apply_fault(self, fault: Fault, now_s: float) -> None:
+        """Apply a fault of the motor itself: alert, reboot, or an encoder that is stuck from now on.
+
+        Args:
+            fault: fault to apply.
+            now_s: emulator's clock [s].
+        """
+        if fault.kind is FaultKind.ALERT:
+            self._fail()
+        elif fault.kind is FaultKind.STUCK:
+            self._stuck = self._stuck or self._plant.joints[self._joint]
+        elif fault.kind is FaultKind.REBOOT:
+            self._start_up()
+            self._silent_until_s = now_s + fault.delay_s
+        self._drive()
+
+    @abstractmethod
+    def _fail(self) -> None:
+        """Raise a device error."""
+
+    @abstractmethod
+    def _start_up(self) -> None:
+        """Reset to the power-up state."""
+
     @abstractmethod
     def _drive(self) -> None:
         """Apply the commanded torque, if the motor is enabled."""
 
 
-class CanWire(EmulatedWire):
+class CanWire(FrameWire[can.Message]):
     """Nodes on a python-can bus, which is opened by the caller and closed by the wire.
 
-    Where the bus preserves stamps, its frames carry the emulator's time.
+    Faults: a node's frames are dropped, delayed, corrupted, duplicated, reordered or sent under a foreign id;
+    unplug takes the whole bus off (an error frame says bus-off, then nothing more). Where the bus preserves
+    stamps, its frames carry the emulator's time.
     """
 
-    def __init__(self, bus: can.BusABC, nodes: Sequence[EmulatedMotor]) -> None:
+    def __init__(self, bus: can.BusABC, nodes: Sequence[EmulatedMotor], faults: Faults | None = None) -> None:
+        super().__init__(faults)
         self._bus = bus
         self._nodes = tuple(nodes)
+        self._unplugged = False
 
     def receive(self, now_s: float) -> None:
         while (message := self._bus.recv(timeout=0.0)) is not None:
-            for node in () if message.is_error_frame else self._nodes:
-                self._deliver(node, node.receive(message, now_s), now_s)
+            if self._unplugged or message.is_error_frame:
+                continue
+            for node in self._nodes:
+                self._deliver_all(node, node.receive(message, now_s), now_s)
 
     def send(self, now_s: float) -> None:
+        unplugged = self.faults.trigger(FaultKind.UNPLUG, "bus", now_s) is not None
+        if unplugged and not self._unplugged:
+            bus_off = can.Message(arbitration_id=_BUS_OFF_ERROR_FRAME, is_error_frame=True, data=bytes(8))
+            self._put(bus_off, now_s)
+        self._unplugged = unplugged
+        if unplugged:
+            for node in self._nodes:
+                node.send_unrequested(now_s)  # discarded; the watchdog runs regardless
+            return
+        self._deliver_late(now_s)
         for node in self._nodes:
-            self._deliver(node, node.send_unrequested(now_s), now_s)
+            for kind in (FaultKind.ALERT, FaultKind.REBOOT, FaultKind.STUCK):
+                if fault := self.faults.trigger(kind, node.number, now_s):
+                    node.apply_fault(fault, now_s)
+            self._deliver_all(node, node.send_unrequested(now_s), now_s)
 
     def close(self) -> None:
         self._bus.shutdown()
 
-    def _deliver(self, node: EmulatedMotor, frames: Sequence[can.Message], now_s: float) -> None:
-        """Send the frames of a node."""
-        for frame in frames:
-            self._put(frame, now_s)
+    def _deliver_all(self, node: EmulatedMotor, messages: Sequence[can.Message], now_s: float) -> None:
+        for message in messages:
+            self._deliver(node.number, message, now_s)
+
+    def _damaged(self, device: Device, frame: can.Message, now_s: float) -> can.Message:
+        """See `FrameWire._damaged`; CAN's own CRC catches flipped bits, so a damaged frame is shortened."""
+        if self.faults.trigger(FaultKind.CORRUPT, device, now_s):
+            frame.data = frame.data[:3]
+            frame.dlc = 3
+        if self.faults.trigger(FaultKind.WRONG_ID, device, now_s):
+            if frame.is_extended_id:  # the id contains the sender
+                frame.arbitration_id = frame.arbitration_id & ~0xFF00 | 0xFE00
+            else:
+                frame.arbitration_id = _STRANGER
+                frame.data = bytearray([0xFE, *frame.data[1:]])
+        return frame
 
     def _put(self, frame: can.Message, now_s: float) -> None:
         frame.timestamp = now_s
@@ -135,4 +208,4 @@ def make_can_wire(
     # In lockstep, frames carry the time of the simulated clock, otherwise of the wall clock as on an adapter.
     timestamps = "robot" if request.in_lock_step else "wall"
     reach = {"interface": "virtual", "channel": channel, "options": options, "timestamps": timestamps}
-    return CanWire(bus, nodes), reach
+    return CanWire(bus, nodes, request.faults), reach

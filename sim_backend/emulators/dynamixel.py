@@ -5,16 +5,17 @@ and transmission, Fast Sync Read) and "CRC Calculation"; it shares no code with 
 """
 
 from collections.abc import Sequence
-from itertools import takewhile
 from typing import Any
 
 from palpate.robot_io.drivers.dynamixel.tables import DynamixelSettings
-from palpate.sim_backend.emulators.dynamixel_servo import DynamixelMounting, EmulatedServo, Error
+from palpate.sim_backend.emulators.dynamixel_servo import GOALS, DynamixelMounting, EmulatedServo, Error
+from palpate.sim_backend.emulators.faults import FaultKind
 from palpate.sim_backend.emulators.hardware import EmulatedWire
 from palpate.sim_backend.emulators.servo_wire import (
     BROADCAST,
     REBOOT_S,
     InstructionParser,
+    LineServo,
     ServoInstruction,
     ServoReply,
     ServoWire,
@@ -163,7 +164,7 @@ class EmulatedDynamixelLine(ServoWire[EmulatedServo]):
             step = 1 + _word(parameters[2:])
             for start in range(4, len(parameters) - step + 1, step):
                 servo, address = awake.get(parameters[start]), _word(parameters)
-                if servo is not None:
+                if servo is not None and not (servo.deaf and address in GOALS):
                     servo.write(address, parameters[start + 1 : start + step])
         elif code in (_SYNC_READ, _FAST_SYNC_READ) and len(parameters) > 4:
             requested_ids = parameters[4:]
@@ -178,11 +179,19 @@ class EmulatedDynamixelLine(ServoWire[EmulatedServo]):
 
     def _answer_fast(self, answers: Sequence[ServoReply | None], size: int, now_s: float) -> None:
         """Send all answers in one packet, which ends before the first silent servo."""
-        chain = list(takewhile(lambda answer: answer is not None, answers))
-        parts = [(a.servo.id, a.error | a.servo.alert, a.data.ljust(size, b"\0")) for a in chain if a]
-        if chain and chain[0]:
-            packet = fast_status(parts, len(answers))
-            self._outgoing.append(self._transmit(chain[0].servo, packet, now_s))
+        parts: list[tuple[int, int, bytes]] = []
+        senders: list[LineServo] = []
+        for answer in answers:
+            if answer is None or self.faults.trigger(FaultKind.DROP, answer.servo.id, now_s):
+                break
+            data = answer.data.ljust(size, b"\0")
+            parts.append((self._sent_id(answer.servo.id, now_s), answer.error | answer.servo.alert, data))
+            senders.append(answer.servo)
+        if parts:
+            for k in range(len(parts) - 1):
+                if self.faults.trigger(FaultKind.REORDER, parts[k][0], now_s):
+                    parts[k], parts[k + 1] = parts[k + 1], parts[k]
+            self._outgoing.append(self._transmit(senders, fast_status(parts, len(answers)), now_s))
 
 
 def _word(data: bytes) -> int:
@@ -201,5 +210,7 @@ class DynamixelWires(WireMaker):
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
         settings = request.settings_as(_DynamixelSettings)
         baud_rate, start_s = settings.baud_rate, request.start_s
-        line = EmulatedDynamixelLine(settings.servos, request.plant, baud_rate=baud_rate, start_s=start_s)
+        line = EmulatedDynamixelLine(
+            settings.servos, request.plant, request.faults, baud_rate=baud_rate, start_s=start_s
+        )
         return line, {"port": line.path}

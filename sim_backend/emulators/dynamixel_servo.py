@@ -231,6 +231,7 @@ COUNTS = 4096
 VELOCITY_UNIT_RAD_S = 0.229 * 2 * pi / 60
 WATCHDOG_UNIT_S = 0.020
 ALERT = 0x80
+OVERLOAD = 0x20
 CURRENT_CONTROL = 0
 
 
@@ -325,13 +326,15 @@ class EmulatedServo(LineServo):
             self.memory.put(GOAL_CURRENT, 0)
             self._exert()
 
-    def reboot(self, now_s: float, downtime_s: float) -> None:
-        """Lose power for a time; RAM, turns and errors are cleared.
+    def fail(self) -> None:
+        """See `LineServo.fail`; the torque goes off if Shutdown includes the error."""
+        self.memory.put(HARDWARE_ERROR, self.memory.get(HARDWARE_ERROR) | OVERLOAD)
+        if self._shut_down:
+            self.memory.put(TORQUE_ENABLE, 0)
+            self._exert()
 
-        Args:
-            now_s: emulator's clock [s].
-            downtime_s: duration without power [s].
-        """
+    def reboot(self, now_s: float, downtime_s: float) -> None:
+        """See `LineServo.reboot`: RAM, turns and errors are cleared."""
         self.memory.lose_power()
         self._turn_counts = None
         self.awake_s = now_s + downtime_s

@@ -3,7 +3,7 @@
 Written from Feetech's protocol manual and memory table of the SMS/STS series and the data sheet of STS3215;
 it shares no code with the driver but its settings. How the duty cycle follows from the position error is
 Rhoban's measurement (BAM). Goal speeds are understood as "any" or "stop" only. What its D coefficient does is
-not known, and left out.
+not known, and left out. Values below address 40 outlive a restart if they were written while the lock was 0.
 """
 
 from math import isfinite, pi
@@ -75,6 +75,7 @@ MODELS = {  # supply [V], stall torque [N m], no-load speed [rad/s]
     "STS3215-12V": (12.0, 30.0 * _KG_CM, 60 / 0.222 * pi / 180),
 }
 COUNTS = 4096
+EPROM_END = 40
 OVERLOAD = 0x20
 FINE_SPEEDS, ZERO_IS_ANY_SPEED = 0x04, 0x08  # bits of the phase
 _PROTECTED = 0.2  # of the duty cycle, once it is overloaded
@@ -121,6 +122,7 @@ class EmulatedSts(LineServo):
         self.put(5, mounting.id, 1)
         offset = mounting.homing_offset or 0
         self.put(31, abs(offset) | (0x800 if offset < 0 else 0))
+        self._saved = bytes(self._memory[:EPROM_END])
         self.error = 0
         self.supply_v = self._voltage_v
         self._watched: tuple[object, ...] = ()  # state of its control
@@ -177,6 +179,8 @@ class EmulatedSts(LineServo):
         for place, byte in enumerate(data, address):
             if place < len(self._memory) and place not in _READ_ONLY:
                 self._memory[place] = byte
+        if address < EPROM_END and not self.get(55, 1):
+            self._saved = bytes(self._memory[:EPROM_END])
         if self.get(40, 1) and not was_on:
             self.error &= ~OVERLOAD
         self._drive()
@@ -188,12 +192,26 @@ class EmulatedSts(LineServo):
             now_s: emulator's clock [s].
         """
         shaft = self.shaft
-        joint = shaft.state() if shaft else None
-        if (joint, self.error, self.supply_v, self._memory) == self._watched:
+        joint = (shaft.state(), shaft.limp, shaft.backwards) if shaft else None
+        if (joint, self.stuck, self.error, self.supply_v, self._memory) == self._watched:
             return
         self._sample_position()
         self._drive()
-        self._watched = (joint, self.error, self.supply_v, bytes(self._memory))
+        self._watched = (joint, self.stuck, self.error, self.supply_v, bytes(self._memory))
+
+    def fail(self) -> None:
+        self.error |= OVERLOAD
+
+    def reboot(self, now_s: float, downtime_s: float) -> None:
+        """See `LineServo.reboot`; values below address 40 are as last saved, the others as delivered."""
+        for address, size, value in _TABLE:
+            self.put(address, value, size)
+        self._memory[:EPROM_END] = self._saved
+        self.put(48, self.get(16))
+        self.error = 0
+        self.awake_s = now_s + downtime_s
+        self._sample_position()
+        self._drive()
 
     def _sample_position(self) -> None:
         measured = self._measured()
@@ -233,6 +251,7 @@ def _signed(value: int, bit: int) -> int:
     return min(abs(value), (1 << bit) - 1) | (1 << bit if value < 0 else 0)
 
 
+_GOAL = 42
 _PING, _READ, _WRITE, _SYNC_READ, _SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
 
 
@@ -268,7 +287,7 @@ class EmulatedFeetechLine(ServoWire[EmulatedSts]):
             address, size = parameters[:2]
             for start in range(2, len(parameters) - size, size + 1):
                 servo = awake.get(parameters[start])
-                if servo is not None:
+                if servo is not None and not (servo.deaf and address == _GOAL):
                     servo.write(address, parameters[start + 1 : start + 1 + size])
 
 
@@ -282,6 +301,7 @@ class FeetechWires(WireMaker):
         line = EmulatedFeetechLine(
             settings.servos,
             request.plant,
+            request.faults,
             hold=[FeetechServo(id=servo_id, model=settings.servos[0].model) for servo_id in settings.hold],
             baud_rate=settings.baud_rate,
             start_s=request.start_s,

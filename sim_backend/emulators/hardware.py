@@ -89,12 +89,16 @@ class Shaft:
     Attributes:
         beside: the other motor, if two turn the joint.
         torque_nm: torque of the motor [N m].
+        limp: whether the motor exerts no torque for any command.
+        backwards: whether it exerts the opposite torque.
+        slipped_rad: slip angle of its horn on the joint [rad].
     """
 
     def __init__(self, plant: Plant, joint: int) -> None:
         self._plant, self._joint = plant, joint
         self.beside: Shaft | None = None
-        self.torque_nm = 0.0
+        self.torque_nm = self.slipped_rad = 0.0
+        self.limp = self.backwards = False
 
     def exert(self, torque_nm: float) -> None:
         """Set the motor's torque, to which that of a second motor on the joint is added.
@@ -102,7 +106,7 @@ class Shaft:
         Args:
             torque_nm: torque of this motor at the joint [N m].
         """
-        self.torque_nm = torque_nm
+        self.torque_nm = 0.0 if self.limp else -torque_nm if self.backwards else torque_nm
         self._plant.set_torque(self._joint, self._total_torque_nm)
 
     @property
@@ -115,6 +119,8 @@ class Shaft:
         if self.beside:
             off_nm = 0.5 * (state.torque_nm - self._total_torque_nm)
             state = state._replace(torque_nm=self.torque_nm + off_nm)
+        if self.slipped_rad:
+            state = state._replace(position_rad=state.position_rad + self.slipped_rad)
         return state
 
 

@@ -13,7 +13,7 @@ the status is above the id's four bits (0 off, 1 on, 8 and more errors), the las
 registers are read and written through id 7FF, and a CAN timeout that fires switches the motor off with error
 13.
 
-Robstride: frames with 29 bit ids, and parameters. Written from RobStride's "User
+Robstride: frames with 29 bit ids, parameters, and unrequested fault frames. Written from RobStride's "User
 Manual" of RS00 to RS06 (2026-04-28), section 4.1: bits 28 to 24 of an id are the frame's type, bits 7 to 0
 its receiver. A state (type 2) has, from high to low bits, the mode, six fault bits and the motor's id. A
 motor that has a fault, or receives nothing for its canTimeout (3.3.6), goes to reset mode.
@@ -29,6 +29,7 @@ from palpate.sim_backend.emulators.can_line import EmulatedMotor, make_can_wire,
 from palpate.sim_backend.emulators.hardware import EmulatedWire, Plant
 from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
+_ALERT = 6  # MOSFET over temperature
 _TEMPERATURE = 25
 _NO_COMMAND = (0.0, 0.0, 0.0, 0.0, 0.0)  # position, velocity, stiffness, damping, torque
 Limits = tuple[float, float, float]  # of position [rad], velocity [rad/s] and torque [N m]
@@ -83,7 +84,7 @@ class EmulatedMitMotor(EmulatedMotor):
         self._command = _NO_COMMAND
         self._start_up()
 
-    def receive(self, message: can.Message, now_s: float) -> list[can.Message]:
+    def _process(self, message: can.Message, now_s: float) -> list[can.Message]:
         for_me = message.arbitration_id == self.number and not message.is_extended_id
         if not for_me or message.is_remote_frame or len(message.data) != 8:
             return []
@@ -132,15 +133,17 @@ class EmulatedMitMotor(EmulatedMotor):
         """Drop the command after its CAN timeout."""
         self._command = _NO_COMMAND
 
+    def _fail(self) -> None:
+        self.error = _ALERT
+
     def _start_up(self) -> None:
-        """Reset to the power-up state."""
         self.enabled = False
 
     def _reply(self) -> can.Message:
-        shaft = self.shaft
-        position = to_uint(shaft.position_rad, self._position_limit, 16)
-        velocity = to_uint(shaft.velocity_rad_s, self._velocity_limit, 12)
-        torque = to_uint(shaft.torque_nm, self._torque_limit, 12)
+        measured = self.measured
+        position = to_uint(measured.position_rad, self._position_limit, 16)
+        velocity = to_uint(measured.velocity_rad_s, self._velocity_limit, 12)
+        torque = to_uint(measured.torque_nm, self._torque_limit, 12)
         bits = self.number << 56 | position << 40 | velocity << 28 | torque << 16
         data = (bits | _TEMPERATURE << 8 | self.error).to_bytes(8, "big")
         return can.Message(arbitration_id=self._host_id, is_extended_id=False, data=data)
@@ -158,7 +161,7 @@ CUBEMARS_LIMITS = {
 }
 
 
-_LOST = 13  # error: lost communication
+_LOST, _HOT = 13, 11  # errors: lost communication, MOSFET over temperature
 _TIMEOUT, _MODE, _PMAX, _VMAX, _TMAX = 9, 10, 21, 22, 23
 _FLOATS = (_PMAX, _VMAX, _TMAX)
 DAMIAO_MIT, _STEP_S = 1, 50e-6
@@ -181,7 +184,7 @@ class EmulatedDamiao(EmulatedMitMotor):
 
     registers: dict[int, float]
 
-    def receive(self, message: can.Message, now_s: float) -> list[can.Message]:
+    def _process(self, message: can.Message, now_s: float) -> list[can.Message]:
         data = bytes(message.data)
         if message.is_extended_id:
             return []
@@ -190,7 +193,7 @@ class EmulatedDamiao(EmulatedMitMotor):
         if message.arbitration_id == self.number and data == b"\xff" * 7 + b"\xfb":
             self.error = 0
             return [self._reply()]
-        return super().receive(message, now_s) if self.registers[_MODE] == DAMIAO_MIT else []
+        return super()._process(message, now_s) if self.registers[_MODE] == DAMIAO_MIT else []
 
     def _answer_about_register(self, data: bytes) -> list[can.Message]:
         if len(data) != 8 or data[0] + 256 * data[1] != self.number or data[3] not in self.registers:
@@ -207,7 +210,10 @@ class EmulatedDamiao(EmulatedMitMotor):
         return [can.Message(arbitration_id=self._host_id, is_extended_id=False, data=data[:4] + stored)]
 
     def _time_out(self) -> None:
-        self.error, self.enabled = _LOST, False
+        self._fail(_LOST)
+
+    def _fail(self, error: int = _HOT) -> None:
+        self.error, self.enabled = error, False
 
     def _start_up(self) -> None:
         limits = (self._position_limit, self._velocity_limit, self._torque_limit)
@@ -223,6 +229,7 @@ class EmulatedDamiao(EmulatedMitMotor):
 
 
 ROBSTRIDE_HOST = 0xFD
+_HOT_STATE, _HOT_FAULT = 1 << 2, 1 << 0
 _PARAMETERS = {0x7005: "<B", 0x7019: "<f", 0x7028: "<I"}  # run_mode, mechPos, canTimeout
 _RUN_MODE, _POSITION, ROBSTRIDE_TIMEOUT = _PARAMETERS
 
@@ -242,8 +249,9 @@ class EmulatedRobstride(EmulatedMitMotor):
     """One motor, see `EmulatedMitMotor`; `parameters` are the writable ones, by index."""
 
     parameters: dict[int, float]
+    _fault_reports: list[can.Message]  # sent without a request
 
-    def receive(self, message: can.Message, now_s: float) -> list[can.Message]:
+    def _process(self, message: can.Message, now_s: float) -> list[can.Message]:
         number, data = message.arbitration_id, bytes(message.data)
         kind, middle, target = number >> 24, number >> 8 & 0xFFFF, number & 0xFF
         whole = message.is_extended_id and not message.is_remote_frame and len(data) == 8
@@ -252,7 +260,7 @@ class EmulatedRobstride(EmulatedMitMotor):
         self._heard_s = now_s
         if kind == 17:
             index = int.from_bytes(data[:2], "little")
-            known = {**self.parameters, _POSITION: self.shaft.position_rad}
+            known = {**self.parameters, _POSITION: self.measured.position_rad}
             if index not in known:
                 return [self._message(17, 1 << 8 | self.number, data[:2] + bytes(6))]
             packed = struct.pack(_PARAMETERS[index], known[index]).ljust(4, b"\0")
@@ -284,20 +292,38 @@ class EmulatedRobstride(EmulatedMitMotor):
             (self.parameters[index],) = struct.unpack_from(_PARAMETERS[index], data, 4)
             self.timeout_s = self.parameters.get(ROBSTRIDE_TIMEOUT, 0) / 20000 or None
 
+    def send_unrequested(self, now_s: float) -> list[can.Message]:
+        """Check the watchdog, and return the pending fault reports (see `EmulatedMotor.send_unrequested`)."""
+        super().send_unrequested(now_s)
+        reports, self._fault_reports = self._fault_reports, []
+        return reports
+
     def _time_out(self) -> None:
         self.enabled = False
 
+    def _fail(self) -> None:
+        self.error, self.enabled = _HOT_STATE, False
+        self.report_faults(_HOT_FAULT)
+
     def _start_up(self) -> None:
-        self.parameters, self.timeout_s = {_RUN_MODE: 0, ROBSTRIDE_TIMEOUT: 0}, None
+        self.parameters, self.timeout_s, self._fault_reports = {_RUN_MODE: 0, ROBSTRIDE_TIMEOUT: 0}, None, []
         self.error, self.enabled = 0, False
 
+    def report_faults(self, faults: int) -> None:
+        """Report fault bits without a request, with the next `send_unrequested`.
+
+        Args:
+            faults: bits.
+        """
+        self._fault_reports.append(self._message(21, self.number, struct.pack("<II", faults, 0)))
+
     def _reply(self) -> can.Message:
-        shaft = self.shaft
+        measured = self.measured
         data = struct.pack(
             ">4H",
-            to_uint(shaft.position_rad, self._position_limit, 16),
-            to_uint(shaft.velocity_rad_s, self._velocity_limit, 16),
-            to_uint(shaft.torque_nm, self._torque_limit, 16),
+            to_uint(measured.position_rad, self._position_limit, 16),
+            to_uint(measured.velocity_rad_s, self._velocity_limit, 16),
+            to_uint(measured.torque_nm, self._torque_limit, 16),
             251,  # tenths of a degree Celsius
         )
         return self._message(2, 2 * self.enabled << 14 | self.error << 8 | self.number, data)

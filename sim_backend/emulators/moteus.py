@@ -18,7 +18,7 @@ from palpate.sim_backend.emulators.hardware import EmulatedWire, Plant
 from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
 STOPPED, FAULT, POSITION, TIMEOUT = 0, 1, 10, 11
-_CUT = 99  # cut by servo.max_current_A
+HOT, _CUT = 38, 99  # over temperature; cut by servo.max_current_A
 _FORMATS = ("b", "<h", "<i", "<f")
 _LENGTHS = (8, 12, 16, 20, 24, 32, 48, 64)  # that a CAN FD frame can have, from 8 on
 _KP_NM_REV, _KD_NMS_REV = 4.0, 0.05  # as delivered
@@ -51,7 +51,7 @@ class EmulatedMoteus(EmulatedMotor):
         self.mode, self.fault, self.home = STOPPED, 0, 2
         self._command = dict(_DEFAULTS)
 
-    def receive(self, message: can.Message, now_s: float) -> list[can.Message]:
+    def _process(self, message: can.Message, now_s: float) -> list[can.Message]:
         number = message.arbitration_id
         if not message.is_fd or number & 0x7F != self.number:
             return []
@@ -99,12 +99,12 @@ class EmulatedMoteus(EmulatedMotor):
         return [reply]
 
     def _packed(self, register: int, form: int) -> bytes:
-        shaft = self.shaft
+        measured = self.measured
         value = {
             0x00: self.mode,
-            0x01: shaft.position_rad / math.tau if self.known else math.nan,
-            0x02: shaft.velocity_rad_s / math.tau,
-            0x03: shaft.torque_nm,
+            0x01: measured.position_rad / math.tau if self.known else math.nan,
+            0x02: measured.velocity_rad_s / math.tau,
+            0x03: measured.torque_nm,
             0x0C: self.home,
             0x0D: 24.0,
             0x0E: 31.0,
@@ -134,6 +134,12 @@ class EmulatedMoteus(EmulatedMotor):
             self.mode = TIMEOUT
             self._drive()
         return []
+
+    def _fail(self) -> None:
+        self.mode, self.fault = FAULT, HOT
+
+    def _start_up(self) -> None:
+        self.mode, self.fault = STOPPED, 0
 
 
 class MoteusWires(WireMaker):

@@ -7,6 +7,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 from palpate.robot_io.drivers.net_ft import NetFtSettings
+from palpate.sim_backend.emulators.faults import Faults
 from palpate.sim_backend.emulators.hardware import EmulatedWire, Plant
 from palpate.sim_backend.emulators.serial_line import SensorWire, SerialSensor, StreamTimer
 from palpate.sim_backend.emulators.serial_sensors import NEWTONS, check_unit
@@ -50,7 +51,7 @@ class EmulatedNetFt(SerialSensor):
         self._timer = StreamTimer(self.rate_hz)
         self._sequence = self._measurement = 0
 
-    def receive(self, data: bytes, now_s: float) -> bytes:
+    def _process(self, data: bytes, now_s: float) -> bytes:
         if len(data) != 8 or data[:2] != b"\x12\x34" or not self.enabled:
             return b""
         command = data[2] * 256 + data[3]
@@ -74,6 +75,10 @@ class EmulatedNetFt(SerialSensor):
             counts[self._axis] = min(max(value, -_END), _END)
         return record(self._sequence, self._measurement, status, counts)
 
+    def _power_up(self, now_s: float) -> None:
+        """See `SerialSensor._power_up`; nothing is sent until the host requests it again."""
+        self._timer.stop()
+
     def page(self) -> bytes:
         """Return the configuration page netftapi2.xml."""
         values = {
@@ -90,13 +95,14 @@ class EmulatedNetFt(SerialSensor):
 class EmulatedNetFtLine(SensorWire):
     """The network between a sensor and its host, here this machine's own; see `SensorWire`.
 
-    It receives requests at `rdt_port` and serves its page at `http_port`.
+    It receives requests at `rdt_port` and serves its page at `http_port`. A corrupt datagram is truncated,
+    because UDP's checksum lets no flipped bit through.
     """
 
     _sensor: EmulatedNetFt
 
-    def __init__(self, sensor: EmulatedNetFt, plant: Plant) -> None:
-        super().__init__(sensor, plant)
+    def __init__(self, sensor: EmulatedNetFt, plant: Plant, faults: Faults | None = None) -> None:
+        super().__init__(sensor, plant, faults)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._socket.bind(("127.0.0.1", 0))
@@ -125,6 +131,9 @@ class EmulatedNetFtLine(SensorWire):
     def _put(self, frame: bytes, now_s: float) -> None:
         if self._is_open and self._host and frame:
             self._socket.sendto(frame, self._host)
+
+    def _corrupted(self, data: bytes) -> bytes:
+        return self.faults.lose_a_byte(data)
 
 
 def _pages(sensor: EmulatedNetFt) -> type[BaseHTTPRequestHandler]:
@@ -157,5 +166,5 @@ class NetFtWires(WireMaker):
             "xyz".index(settings.axis), settings.capacity_n, settings.counts_per_force, settings.unit
         )
         sensor.sign = -1.0 if settings.reversed else 1.0
-        line = EmulatedNetFtLine(sensor, request.plant)
+        line = EmulatedNetFtLine(sensor, request.plant, request.faults)
         return line, {"host": "127.0.0.1", "rdt_port": line.rdt_port, "http_port": line.http_port}

@@ -61,11 +61,10 @@ class EmulatedOdrive(EmulatedMotor):
         self._start_up()
 
     def _start_up(self) -> None:
-        """Reset to the power-up state."""
         self.state, self.error, self._control_mode = IDLE, 0, 3  # position control, as shipped
         self._input_torque_nm = 0.0
 
-    def receive(self, message: can.Message, now_s: float) -> list[can.Message]:
+    def _process(self, message: can.Message, now_s: float) -> list[can.Message]:
         if message.is_extended_id or message.arbitration_id >> 5 != self.number:
             return []
         self._heard_s = now_s
@@ -121,6 +120,8 @@ class EmulatedOdrive(EmulatedMotor):
 
     def send_unrequested(self, now_s: float) -> list[can.Message]:
         """See `EmulatedMotor.send_unrequested`; estimates, torques and heartbeats, each at its rate."""
+        if now_s < self._silent_until_s:
+            return []
         watchdog_s = math.inf if self.watchdog_s is None else self.watchdog_s
         if self.state == CLOSED_LOOP and now_s - self._heard_s > watchdog_s:
             self._disarm(WATCHDOG_BIT[self._firmware])
@@ -136,9 +137,12 @@ class EmulatedOdrive(EmulatedMotor):
             messages.append(self._heartbeat())
         return [message for message in messages if message is not None]
 
+    def _fail(self) -> None:
+        self._disarm(ALERT_BIT[self._firmware])
+
     def _encoder_estimates(self) -> can.Message:
-        shaft = self.shaft
-        data = struct.pack("<ff", shaft.position_rad / math.tau, shaft.velocity_rad_s / math.tau)
+        measured = self.measured
+        data = struct.pack("<ff", measured.position_rad / math.tau, measured.velocity_rad_s / math.tau)
         return self._message(0x09, data)
 
     def _torque(self) -> can.Message:

@@ -7,7 +7,8 @@ import tty
 from abc import ABC, abstractmethod
 from math import inf
 
-from palpate.sim_backend.emulators.hardware import EmulatedWire, Plant, baud_rate_matches
+from palpate.sim_backend.emulators.faults import Device, FaultKind, Faults, FrameWire
+from palpate.sim_backend.emulators.hardware import Plant, baud_rate_matches
 
 _RANGE_N = 1e3  # reading of a saturated sensor without its own range
 
@@ -61,9 +62,10 @@ class SerialSensor(ABC):
     sign = 1.0
     range_n: float = _RANGE_N  # end of its range [N]
     _timer: StreamTimer
+    _silent_until_s = -inf
 
     def receive(self, data: bytes, now_s: float) -> bytes:
-        """Act on bytes from the host; most gauges only write.
+        """Act on bytes from the host, unless the sensor is starting.
 
         Args:
             data: bytes from the host.
@@ -72,6 +74,10 @@ class SerialSensor(ABC):
         Returns:
             The answer; may be empty.
         """
+        return b"" if now_s < self._silent_until_s else self._process(data, now_s)
+
+    def _process(self, data: bytes, now_s: float) -> bytes:
+        """Act on bytes from the host and return the answer; most gauges only write."""
         return b""
 
     def due(self, now_s: float) -> bool:
@@ -80,7 +86,7 @@ class SerialSensor(ABC):
         Args:
             now_s: emulator's clock [s].
         """
-        return self._timer.due(now_s)
+        return now_s >= self._silent_until_s and self._timer.due(now_s)
 
     @abstractmethod
     def reading(self, force_n: float) -> bytes:
@@ -93,25 +99,68 @@ class SerialSensor(ABC):
             The bytes that the sensor sends.
         """
 
+    def restart(self, now_s: float, silent_s: float) -> None:
+        """Return to the power-up state, after a silence.
 
-class SensorWire(EmulatedWire):
-    """A line with one sensor at its end."""
+        Args:
+            now_s: emulator's clock [s].
+            silent_s: duration of the silence [s].
+        """
+        self._silent_until_s = now_s + silent_s
+        self._power_up(now_s)
 
-    def __init__(self, sensor: SerialSensor, plant: Plant) -> None:
+    def _power_up(self, now_s: float) -> None:  # noqa: B027, a gauge need not have a memory
+        """Reset the host's settings to those of power-up."""
+
+
+class SensorWire(FrameWire[bytes]):
+    """A line with one sensor at its end, and its faults.
+
+    Faults of the sensor: readings dropped, late, corrupt, doubled, reordered; reboot; unplugged; stuck; not a
+    number; saturated; reversed.
+    """
+
+    def __init__(self, sensor: SerialSensor, plant: Plant, faults: Faults | None = None) -> None:
+        super().__init__(faults)
         self._sensor, self._plant = sensor, plant
+        self._stuck_n: float | None = None
+
+    def _corrupted(self, data: bytes) -> bytes:
+        """Return a reading as it arrives after damage."""
+        return self.faults.flip_a_bit(data)
 
     def send(self, now_s: float) -> None:
+        trigger, name = self.faults.trigger, self._sensor.name
+        if trigger(FaultKind.UNPLUG, name, now_s):
+            self.close()
+        if reboot := trigger(FaultKind.REBOOT, name, now_s):
+            self._sensor.restart(now_s, reboot.delay_s)
+        self._deliver_late(now_s)
         if self._sensor.due(now_s):
-            self._put(self._sensor.reading(self._sensor.sign * self._force_n()), now_s)
+            reading = self._sensor.reading(self._sensor.sign * self._force_n(now_s))
+            self._deliver(name, reading, now_s)
 
-    def _force_n(self) -> float:
-        """Return the force within the sensor's range [N]; NaN before the plant's first sample."""
+    def _force_n(self, now_s: float) -> float:
+        trigger, name, limit_n = self.faults.trigger, self._sensor.name, self._sensor.range_n
         force_n = self._plant.force[0] if self._plant.force else float("nan")
-        return min(max(force_n, -self._sensor.range_n), self._sensor.range_n)
+        if trigger(FaultKind.STUCK, name, now_s):
+            self._stuck_n = force_n if self._stuck_n is None else self._stuck_n
+            return self._stuck_n
+        self._stuck_n = None
+        if trigger(FaultKind.NOT_A_NUMBER, name, now_s):
+            return float("nan")
+        if trigger(FaultKind.REVERSED, name, now_s):
+            force_n = -force_n
+        if trigger(FaultKind.SATURATED, name, now_s):
+            return limit_n
+        return min(max(force_n, -limit_n), limit_n)
 
-    @abstractmethod
-    def _put(self, frame: bytes, now_s: float) -> None:
-        """Send bytes to the host, if it is connected."""
+    def _damaged(self, device: Device, frame: bytes, now_s: float) -> bytes:
+        if self.faults.trigger(FaultKind.CORRUPT, device, now_s):
+            frame = self._corrupted(frame)
+        if self.faults.trigger(FaultKind.LOSE, device, now_s):
+            frame = self.faults.lose_a_byte(frame)
+        return frame
 
 
 class PtyLine(SensorWire):
@@ -125,11 +174,12 @@ class PtyLine(SensorWire):
         self,
         sensor: SerialSensor,
         plant: Plant,
+        faults: Faults | None = None,
         *,
         in_lock_step: bool = False,
         baud_rate: int | None = None,
     ) -> None:
-        super().__init__(sensor, plant)
+        super().__init__(sensor, plant, faults)
         self._in_lock_step, self._baud_rate = in_lock_step, baud_rate
         self._unsent = b""
         self._master: int | None
@@ -148,7 +198,11 @@ class PtyLine(SensorWire):
         except OSError:  # nothing has arrived, or the other end is not open
             return
         if data and baud_rate_matches(self._master, self._baud_rate):
-            self._put(self._sensor.receive(data, now_s), now_s)
+            answer = self._sensor.receive(data, now_s)
+            if answer and self._late:  # nothing overtakes on a line
+                self._late.append((max(due_s for due_s, _ in self._late), answer))
+            else:
+                self._put(answer, now_s)
 
     def close(self) -> None:
         """See `EmulatedWire.close`: the host sees a port that has gone."""

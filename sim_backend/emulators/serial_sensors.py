@@ -55,7 +55,7 @@ class EmulatedLoadstar(SerialSensor):
         self._tare_n = self._last_n = 0.0
         self._input = b""
 
-    def receive(self, data: bytes, now_s: float) -> bytes:
+    def _process(self, data: bytes, now_s: float) -> bytes:
         *commands, self._input = (self._input + data).split(b"\r")
         return b"".join(self._answer(command.strip().upper(), now_s) for command in commands)
 
@@ -83,6 +83,10 @@ class EmulatedLoadstar(SerialSensor):
     def reading(self, force_n: float) -> bytes:
         self._last_n = force_n
         return f"{(force_n - self._tare_n) / self._newtons:{self.width}.4f}\r\n".encode()
+
+    def _power_up(self, now_s: float) -> None:
+        self._timer.stop()
+        self._tare_n, self._input = 0.0, b""
 
 
 ADDRESS = 1
@@ -133,7 +137,7 @@ class EmulatedLorenz(SerialSensor):
         self._input = b""
         self._stx_in_a_row = 0
 
-    def receive(self, data: bytes, now_s: float) -> bytes:
+    def _process(self, data: bytes, now_s: float) -> bytes:
         answers = b""
         for byte in data:
             self._stx_in_a_row = self._stx_in_a_row + 1 if byte == 2 else 0
@@ -183,6 +187,10 @@ class EmulatedLorenz(SerialSensor):
         self._counter = (self._counter + 1) % 256
         return sample
 
+    def _power_up(self, now_s: float) -> None:
+        self._timer.stop()
+        self._input = b""
+
 
 _UNITS = {  # command, unit text behind a reading, and its size [N] or [N m]
     "N": ("N", 1.0),
@@ -209,7 +217,7 @@ class EmulatedMark10(SerialSensor):
         self.range_n, self._answer_s = 1.1 * capacity_n, answer_s
         self._input, self._due_s = b"", math.inf
 
-    def receive(self, data: bytes, now_s: float) -> bytes:
+    def _process(self, data: bytes, now_s: float) -> bytes:
         *commands, self._input = (self._input + data).replace(b"\n", b"").split(b"\r")
         return b"".join(self._execute(command.decode("ascii", "replace"), now_s) for command in commands)
 
@@ -228,7 +236,7 @@ class EmulatedMark10(SerialSensor):
 
     def due(self, now_s: float) -> bool:
         """See `SerialSensor.due`: once per request."""
-        is_due = self._due_s <= now_s + 1e-9
+        is_due = self._due_s <= now_s + 1e-9 and now_s >= self._silent_until_s
         self._due_s = math.inf if is_due else self._due_s
         return is_due
 
@@ -236,6 +244,9 @@ class EmulatedMark10(SerialSensor):
         written, newtons = _UNITS[self.unit]
         value = f"{force_n / newtons:.3f}" if math.isfinite(force_n) else "---"
         return f"{value} {written}\r\n".encode()
+
+    def _power_up(self, now_s: float) -> None:
+        self._input, self._due_s = b"", math.inf
 
 
 _RAIL = 0x7FFFFF  # of a 24 bit converter
@@ -264,7 +275,7 @@ class EmulatedCell(SerialSensor):
         self._timer = StreamTimer(rate_hz)
         self._timer.start(0.0)
 
-    def receive(self, data: bytes, now_s: float) -> bytes:
+    def _process(self, data: bytes, now_s: float) -> bytes:
         return cell_line(f"cell 1 nau7802 {self._rate_hz}") * data.count(b"?")
 
     def reading(self, force_n: float) -> bytes:
@@ -274,6 +285,10 @@ class EmulatedCell(SerialSensor):
             return cell_line("fault converter")
         counts = force_n * self._counts_per_n + self._zero if math.isfinite(force_n) else math.inf
         return cell_line(f"{self._counter} {round(min(max(counts, -_RAIL - 1), _RAIL))}")
+
+    def _power_up(self, now_s: float) -> None:
+        """See `SerialSensor._power_up`; it streams again without a request."""
+        self._counter = 0
 
 
 SKIPPED, OVERRANGE, INVALID, RAW = 1, 2, 4, 8  # status bits
@@ -316,7 +331,7 @@ def bota_frame(status: int, values: list[float], time_us: int) -> bytes:
 class EmulatedBota(SerialSensor):
     """One force-torque sensor with a force on one axis (from 0), up to a capacity [N].
 
-    The length of its filter determines its rate.
+    The length of its filter, which determines its rate, is stored in the sensor.
 
     Attributes:
         status: status bits in addition to those of its reading.
@@ -326,7 +341,7 @@ class EmulatedBota(SerialSensor):
 
     def __init__(self, axis: int, capacity_n: float, length: int = 512) -> None:
         self.range_n, self._axis, self.status, self.refused = capacity_n, axis, 0, ""
-        self._length = length
+        self._saved = self._length = length
         self._configures = False
         self.starts_until_s = 0.0
         self._time_us = 0.0
@@ -337,7 +352,7 @@ class EmulatedBota(SerialSensor):
         self._timer = StreamTimer(1e6 / (_STEP_US * self._length))
         self._timer.start(now_s)
 
-    def receive(self, data: bytes, now_s: float) -> bytes:
+    def _process(self, data: bytes, now_s: float) -> bytes:
         word = data.decode("ascii", "replace")
         if now_s < self.starts_until_s or not (self._configures or word == "C"):
             return b""
@@ -366,6 +381,11 @@ class EmulatedBota(SerialSensor):
         status |= OVERRANGE if abs(force_n) >= self.range_n else 0
         values[self._axis] = force_n
         return bota_frame(status, values, round(self._time_us))
+
+    def _power_up(self, now_s: float) -> None:
+        """See `SerialSensor._power_up`; it streams again with its stored settings."""
+        self._length, self._time_us = self._saved, 0.0
+        self._run(now_s)
 
 
 NEWTONS = {"N": 1.0, "kN": 1e3, "lbf": LBF_N, "klbf": 4448.2216152605, "kgf": 9.80665}
@@ -429,6 +449,7 @@ class SerialWires(WireMaker):
         line = PtyLine(
             sensor,
             request.plant,
+            request.faults,
             in_lock_step=request.in_lock_step,
             baud_rate=request.settings_as(SerialLineSettings).baud_rate,
         )

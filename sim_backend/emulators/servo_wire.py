@@ -1,4 +1,4 @@
-"""A half-duplex line of servos at the end of a pseudo terminal, with the time that bytes take."""
+"""A half-duplex line of servos at the end of a pseudo terminal, with the time that bytes take, and faults."""
 
 import errno
 import os
@@ -7,16 +7,18 @@ import select
 import tty
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, isfinite
 from operator import attrgetter
 from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 from palpate.robot_io.drivers.servo.joints import ServoMounting
+from palpate.sim_backend.emulators.faults import Fault, FaultKind, Faults
 from palpate.sim_backend.emulators.hardware import EmulatedWire, JointState, Plant, Shaft, baud_rate_matches
 
 BROADCAST = 0xFE
 REBOOT_S = 0.3  # default duration of a servo's absence
+_SLIP_RAD = 0.1  # slip angle of a horn
 _HELD = JointState(0.0, 0.0, 0.0)  # state of a servo that turns nothing
 
 
@@ -24,6 +26,8 @@ class LineServo(ABC):
     """One servo of a line, powered from a time [s] on; without a shaft it only holds its position.
 
     Attributes:
+        stuck: whether its position sensor has frozen.
+        deaf: whether it heeds no goals.
         heard_s: time of the last instruction on the line, to any servo; it feeds the watchdog [s].
     """
 
@@ -31,6 +35,8 @@ class LineServo(ABC):
         self.id, self.shaft = mounting.id, shaft
         self._zero_rad, self._direction = mounting.zero_rad, -1 if mounting.reversed else 1
         self.awake_s = self.heard_s = now_s
+        self.stuck = self.deaf = False
+        self._frozen: JointState | None = None
 
     def _measured(self) -> JointState | None:
         """Return the readings of its own sensors at its horn, with the joint's torque.
@@ -42,8 +48,11 @@ class LineServo(ABC):
         state = self.shaft.state() if self.shaft else _HELD
         if not isfinite(state.position_rad):
             return None
-        angle_rad = self._direction * (state.position_rad - self._zero_rad)
-        return JointState(angle_rad, self._direction * state.velocity_rad_s, state.torque_nm)
+        self._frozen = (self._frozen or state) if self.stuck else None
+        seen = self._frozen or state
+        speed_rad_s = 0.0 if self.stuck else seen.velocity_rad_s
+        angle_rad = self._direction * (seen.position_rad - self._zero_rad)
+        return JointState(angle_rad, self._direction * speed_rad_s, state.torque_nm)
 
     @property
     @abstractmethod
@@ -61,6 +70,19 @@ class LineServo(ABC):
 
         Args:
             now_s: emulator's clock [s].
+        """
+
+    @abstractmethod
+    def fail(self) -> None:
+        """Raise a device error."""
+
+    @abstractmethod
+    def reboot(self, now_s: float, downtime_s: float) -> None:
+        """Lose power for `downtime_s` [s].
+
+        Args:
+            now_s: emulator's clock [s].
+            downtime_s: duration without power [s].
         """
 
 
@@ -109,8 +131,9 @@ class ServoReply(NamedTuple):
 
 @dataclass(frozen=True)
 class ServoFrame:
-    """Bytes for the wire, and the time at which the last one has been sent."""
+    """Bytes for the wire, their sender, and the time at which the last one has been sent."""
 
+    device: int
     data: bytes
     due_s: float
 
@@ -121,6 +144,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
     Args:
         mountings: servo of each joint, from base to tip, with its second one.
         plant: the arm.
+        faults: faults of the line and its servos, which are named by their ids; None for none so far.
         hold: servos that turn nothing.
         baud_rate: determines the time on the wire [bit/s]; with None, bytes take no time.
         start_s: time from which the servos have power, emulator's clock [s].
@@ -128,6 +152,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
     Attributes:
         servos: the servos by id.
         path: device file for the driver.
+        faults: the faults; more can be added at any time.
         echoes: whether the adapter receives its own bytes, as some do.
     """
 
@@ -138,6 +163,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         self,
         mountings: Sequence[ServoMounting],
         plant: Plant,
+        faults: Faults | None = None,
         *,
         hold: Sequence[ServoMounting] = (),
         baud_rate: int | None,
@@ -163,10 +189,12 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         os.set_blocking(self._master, False)
         self._poll = select.poll()
         self._poll.register(self._master, select.POLLIN)
+        self.faults = faults or Faults(start_s=start_s)
         self._baud_rate = baud_rate
         self._byte_s = 10.0 / baud_rate if baud_rate else 0.0
         self._outgoing: list[ServoFrame] = []
         self._in_use = False  # whether the driver has opened the port
+        self._had_faults = False  # whether faults were planned in the last step
         self._free_s = start_s  # when the line is free again
 
     @staticmethod
@@ -197,11 +225,17 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         return min((frame.due_s for frame in self._outgoing), default=inf)
 
     def receive(self, now_s: float) -> None:
+        planned = self.faults.planned
         for servo in self.servos.values():
+            if planned or self._had_faults:  # once more after the last, to release stuck devices
+                self._apply_faults(servo, now_s)
             servo.watch(now_s)
+        self._had_faults = planned
+        if self.faults.trigger(FaultKind.UNPLUG, "line", now_s):
+            self.close()
         data = self._incoming()
         if self.echoes and data:
-            self._outgoing.append(ServoFrame(data, now_s))
+            self._outgoing.append(ServoFrame(0, data, now_s))
         for instruction in self._receiver.take(data):
             awake = {servo_id: servo for servo_id, servo in self.servos.items() if now_s >= servo.awake_s}
             for servo in awake.values():
@@ -242,13 +276,53 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         self._in_use = True
         return data if data and baud_rate_matches(self._master, self._baud_rate) else b""
 
-    def _answer(self, answers: Iterable[ServoReply], now_s: float) -> None:
-        """Send one packet per answer, in order."""
-        for servo, data, error in answers:
-            packet = self._status(servo.id, error | servo.alert, data)
-            self._outgoing.append(self._transmit(servo, packet, now_s))
+    def _apply_faults(self, servo: LineServo, now_s: float) -> None:
+        """Apply the faults of a servo itself."""
 
-    def _transmit(self, first: LineServo, packet: bytes, now_s: float) -> ServoFrame:
-        """Return a packet behind all that the line is to send, after the return delay of its first servo."""
-        self._free_s = max(self._free_s, now_s) + first.return_delay_s + self._byte_s * len(packet)
-        return ServoFrame(packet, self._free_s)
+        def trigger(kind: FaultKind) -> bool:
+            return self.faults.trigger(kind, servo.id, now_s) is not None
+
+        if trigger(FaultKind.ALERT):
+            servo.fail()
+        if reboot := self.faults.trigger(FaultKind.REBOOT, servo.id, now_s):
+            servo.reboot(now_s, reboot.delay_s or REBOOT_S)
+        servo.stuck, servo.deaf = trigger(FaultKind.STUCK), trigger(FaultKind.DEAF)
+        if shaft := servo.shaft:
+            shaft.limp, shaft.backwards = trigger(FaultKind.LIMP), trigger(FaultKind.REVERSED)
+            shaft.slipped_rad = _SLIP_RAD if trigger(FaultKind.SLIPPED) else 0.0
+
+    def _answer(self, answers: Iterable[ServoReply], now_s: float) -> None:
+        """Send one packet per answer, in order, subject to the faults."""
+        frames = []
+        for servo, data, error in answers:
+            packet = self._status(self._sent_id(servo.id, now_s), error | servo.alert, data)
+            if not self.faults.trigger(FaultKind.DROP, servo.id, now_s):
+                frames.append(self._transmit([servo], packet, now_s))
+        for k in range(len(frames) - 1):
+            if self.faults.trigger(FaultKind.REORDER, frames[k].device, now_s):
+                first, second = frames[k], frames[k + 1]
+                frames[k] = replace(second, due_s=first.due_s)
+                frames[k + 1] = replace(first, due_s=second.due_s)
+        self._outgoing += frames
+
+    def _transmit(self, senders: Sequence[LineServo], packet: bytes, now_s: float) -> ServoFrame:
+        """Append answers of servos to the line."""
+
+        def trigger(kind: FaultKind) -> list[Fault]:
+            faults = (self.faults.trigger(kind, servo.id, now_s) for servo in senders)
+            return [fault for fault in faults if fault]
+
+        if trigger(FaultKind.CORRUPT):
+            packet = self.faults.flip_a_bit(packet)
+        if trigger(FaultKind.LOSE):
+            packet = self.faults.lose_a_byte(packet)
+        if trigger(FaultKind.DUPLICATE):
+            packet += packet
+        self._free_s = max(self._free_s, now_s) + senders[0].return_delay_s
+        self._free_s += self._byte_s * len(packet)
+        late_s = max((fault.delay_s for fault in trigger(FaultKind.DELAY)), default=0.0)
+        return ServoFrame(senders[0].id, packet, self._free_s + late_s)
+
+    def _sent_id(self, servo_id: int, now_s: float) -> int:
+        wrong = self.faults.trigger(FaultKind.WRONG_ID, servo_id, now_s)
+        return (servo_id + 100) % 253 if wrong else servo_id

@@ -1,4 +1,4 @@
-"""Connects emulated devices to every bus of a robot file."""
+"""Connects emulated devices to every bus of a robot file, for tests of the real drivers."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -14,6 +14,7 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import validate
 from palpate.robot_io.registry import Registry
 from palpate.robot_io.robot_file import DeviceSection, RobotFile, parse_robot_file
+from palpate.sim_backend.emulators.faults import Faults
 from palpate.sim_backend.emulators.hardware import EmulatedWire, HardwareEmulator, Plant
 from palpate.sim_backend.hooks import NO_EFFECTS, HiddenEffects
 from palpate.sim_backend.scenario import Scenario
@@ -29,6 +30,7 @@ class WireRequest:
     robot_file: RobotFile  # the arm
     bus: str  # name of the bus
     plant: Plant  # the world with the arm
+    faults: Faults  # what goes wrong on this wire
     start_s: float  # time on the emulator's clock [s]
     in_lock_step: bool  # whether the clock is a simulated one
 
@@ -98,14 +100,18 @@ def wire_up(
     robot_file: RobotFile,
     scenario: Scenario,
     clock: Clock,
+    faults: Mapping[str, Faults] | None = None,
     effects: HiddenEffects = NO_EFFECTS,
 ) -> WiredArm:
     """Emulate every bus of a robot; on a simulated clock the devices run in lockstep with it.
+
+    Faults are given by bus name; effects are hidden in plant and sensors.
 
     Args:
         robot_file: robot file of the real arm.
         scenario: the simulated world.
         clock: simulated, or a real one.
+        faults: faults by bus name.
         effects: hidden in plant and sensors.
 
     Returns:
@@ -123,8 +129,9 @@ def wire_up(
     wires: dict[str, EmulatedWire] = {}
     try:
         for bus, section in robot_file.buses.items():
+            wire_faults = (faults or {}).get(bus) or Faults(start_s=start_s)
             in_lock_step = isinstance(clock, SimulatedClock)
-            request = WireRequest(robot_file, bus, plant, start_s, in_lock_step)
+            request = WireRequest(robot_file, bus, plant, wire_faults, start_s, in_lock_step)
             wires[bus], reach = WIRE_MAKERS[section.driver]().make(request)
             data["buses"][bus].update(reach)  # type: ignore[index]
         text = "# Wired to emulated devices.\n" + yaml.safe_dump(data, sort_keys=False)

@@ -11,11 +11,11 @@ from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.robot import Robot, build_robot
 from palpate.robot_io.robot_file import parse_robot_file
 from palpate.robot_io.types import Command, Measurement
-from palpate.sim_backend.emulators.wiring import WiredArm
+from palpate.sim_backend.emulators import Fault, FaultKind, Faults
+from palpate.sim_backend.emulators.wiring import WiredArm, wire_up
 from palpate.sim_backend.hidden import hidden_effects
 from palpate.sim_backend.imperfection import Imperfection
 from palpate.sim_backend.scenario import load_scenario
-from tests.wire.faults import Fault, FaultKind, Faults, wire_up_with_faults
 
 ROOT = Path(__file__).resolve().parents[2]
 ODRIVE = ROOT / "robots" / "odrive_3dof.yaml"
@@ -87,7 +87,7 @@ class EmulatedRobot:
         self.clock = SimulatedClock()
         self.faults = {"motors": Faults(), "load_cell": Faults()}
         robot_file = parse_robot_file(text, path)
-        self.arm: WiredArm = wire_up_with_faults(
+        self.arm: WiredArm = wire_up(
             robot_file,
             load_scenario("default", ROOT),
             self.clock,

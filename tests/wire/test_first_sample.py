@@ -8,8 +8,8 @@ from palpate.control.loop.result import Outcome
 from palpate.robot_io.errors import DeviceTimeoutError
 from palpate.robot_io.guard import Guard
 from palpate.robot_io.types import Status
+from palpate.sim_backend.emulators import FaultKind
 from tests.control.loop_parts import MemoryLog, SwingTask
-from tests.wire.faults import FaultKind
 from tests.wire.parts import CUBEMARS, DAMIAO, MOTEUS, ODRIVE, ROBSTRIDE
 
 

@@ -7,7 +7,7 @@ from palpate.robot_io.drivers.can.line import CanFrame
 from palpate.robot_io.errors import DeviceError
 from palpate.robot_io.examination import Level
 from palpate.robot_io.types import Command, Status
-from tests.wire.faults import FaultKind
+from palpate.sim_backend.emulators import FaultKind
 from tests.wire.parts import CUBEMARS, DAMIAO, MOTEUS, ROBSTRIDE
 
 PUSH_NM = (3.0, -2.0, 1.0)
@@ -186,7 +186,7 @@ def test_another_host_is_answered(make_robot):
 
 def test_faults_are_named_even_without_a_state_bit(make_robot):
     arm = make_robot(ROBSTRIDE).start()
-    arm.arm.wires["motors"].report_faults(arm.motors[2], 1 << 3 | 1 << 16)
+    arm.motors[2].report_faults(1 << 3 | 1 << 16)
     assert arm.ticks_until(lambda m: m.torque_status is Status.FAULT) <= 3
     assert "joint 3 (motor 3): over voltage, over current in phase A" in arm.problem
     arm.robot.deactivate()

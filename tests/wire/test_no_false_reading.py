@@ -7,9 +7,9 @@ import pytest
 from hypothesis import settings
 
 from palpate.robot_io.types import Status
+from palpate.sim_backend.emulators import FaultKind
 from palpate.sim_backend.emulators.serial_sensors import EmulatedLoadstar
 from tests.wire.fault_matrix.rows import FAMILIES
-from tests.wire.faults import FaultKind
 from tests.wire.parts import READ_SHARE
 
 # Frames that are damaged, their share of all, the tick of the first, most ticks, and ticks after the last.

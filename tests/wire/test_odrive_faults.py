@@ -6,7 +6,7 @@ import pytest
 from palpate.robot_io.drivers.can.line import CanLine, CanLineSettings
 from palpate.robot_io.errors import DeviceError
 from palpate.robot_io.types import Status
-from tests.wire.faults import FaultKind
+from palpate.sim_backend.emulators import FaultKind
 from tests.wire.parts import ODRIVE, V0_5
 
 PUSH_NM = (3.0, -2.0, 1.0)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from palpate.robot_io.errors import DeviceError
+from palpate.sim_backend.emulators import FaultKind
 from palpate.sim_backend.emulators.mit import ROBSTRIDE_TIMEOUT
-from tests.wire.faults import FaultKind
 from tests.wire.parts import CUBEMARS, DAMIAO, MOTEUS, ODRIVE, ROBSTRIDE, SO101, V0_5
 
 TIMEOUT, MODE, VMAX = 9, 10, 22  # registers of a Damiao motor

@@ -16,7 +16,7 @@ from palpate.robot_io.errors import DeviceError
 from palpate.robot_io.robot import build_robot
 from palpate.robot_io.robot_file import parse_robot_file
 from palpate.robot_io.types import Status
-from tests.wire.faults import FaultKind
+from palpate.sim_backend.emulators import FaultKind
 from tests.wire.parts import BOTA, CUBEMARS, LINES, MARK10, NET_FT, ODRIVE
 
 SENSORS = {

@@ -4,7 +4,7 @@ import pytest
 
 from palpate.robot_io.errors import DeviceError
 from palpate.robot_io.examination import Level
-from tests.wire.faults import FaultKind
+from palpate.sim_backend.emulators import FaultKind
 from tests.wire.parts import DYNAMIXEL, SO101
 
 LINES = pytest.mark.parametrize("path", [DYNAMIXEL, SO101], ids=["dynamixel", "feetech"])

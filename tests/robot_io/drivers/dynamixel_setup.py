@@ -8,9 +8,9 @@ from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.drivers.dynamixel.bus import DynamixelBus, DynamixelEncoder, DynamixelTorque
 from palpate.robot_io.robot_file import load_robot_file
 from palpate.sim_backend.emulators.dynamixel import DynamixelMounting, EmulatedDynamixelLine
+from palpate.sim_backend.emulators.faults import Fault
 from palpate.sim_backend.emulators.hardware import HardwareEmulator, Plant
 from palpate.sim_backend.scenario import load_scenario
-from tests.wire.faults import Fault, Faults, install_faults
 
 ROBOT_FILE = Path(__file__).resolve().parents[3] / "robots" / "dynamixel_3dof.yaml"
 TICK_S = 1e-3
@@ -43,7 +43,6 @@ class DynamixelSetup:
         """Put a line of servos that have just got power at the end of the cable."""
         now_s = self.clock.now_s()
         self.line = EmulatedDynamixelLine(self._really, self.plant, baud_rate=self._baud_rate, start_s=now_s)
-        install_faults(self.line, Faults(start_s=now_s))
         self._emulators.append(HardwareEmulator(self.plant, [self.line], self.clock))
         if self._link:
             self._link.unlink(missing_ok=True)

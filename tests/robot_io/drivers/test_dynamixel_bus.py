@@ -11,7 +11,6 @@ from palpate.robot_io.robot_file import load_robot_file
 from palpate.robot_io.types import Status
 from palpate.sim_backend.emulators import dynamixel_servo as table
 from tests.robot_io.drivers.dynamixel_setup import READ_S, ROBOT_FILE, TICK_S, dynamixel_setup
-from tests.wire.faults import fail
 
 FAST, PLAIN = {"fast_sync_read": True}, {"fast_sync_read": False}
 BOTH = pytest.mark.parametrize("way", [FAST, PLAIN], ids=["fast", "plain"])
@@ -215,7 +214,7 @@ def test_servo_that_stays_off_silently_is_named_with_its_error():
     """Some firmware takes the write, says that all is well but for the alert bit, and stays off."""
     with dynamixel_setup() as setup:
         servo = setup.line.servos[2]
-        fail(servo)
+        servo.fail()
         write = servo.write
         servo.write = lambda address, data: 0 if address == table.TORQUE_ENABLE else write(address, data)
         setup.bus.configure()

@@ -16,7 +16,7 @@ from palpate.robot_io.drivers.feetech.feedback import FeetechFeedback, Plausibil
 from palpate.robot_io.drivers.feetech.lerobot import main, read_calibration
 from palpate.robot_io.errors import DeviceError, InputError, LifecycleError
 from palpate.robot_io.types import Command, Status
-from tests.wire.faults import FaultKind, fail
+from palpate.sim_backend.emulators import FaultKind
 from tests.wire.parts import SO101
 
 STALL_NM, NO_LOAD_RAD_S = 30 * 0.0980665, pi / 3 / 0.222
@@ -34,7 +34,7 @@ def test_activation_sets_the_proportional_law_and_keeps_saved_values(arm):
         told = [servo.get(place, 1) for place in (P_GAIN, 22, 23, 26, 27, 33, LEVEL)]
         assert told == [16, 0, 0, 0, 0, 0, 1]
         assert servo.get(TORQUE_ON, 1) == 1
-        arm.arm.wires["motors"].reboot(servo, arm.clock.now_s(), 0.0)
+        servo.reboot(arm.clock.now_s(), 0.0)
         assert [servo.get(place, 1) for place in (P_GAIN, 22, 26)] == [32, 32, 1]  # as its owner has it
 
 
@@ -53,10 +53,10 @@ def test_calibrated_position_limits_make_no_torque(arm, address, beside):
 def test_emulated_fault_ends_with_its_plan(arm):
     arm.start().inject_fault("motors", FaultKind.STUCK, device=2)
     arm.ticks(2)
-    assert arm.arm.wires["motors"].of_servos[2].stuck
+    assert arm.servos[2].stuck
     arm.faults["motors"].clear()
     arm.ticks(2)
-    assert not arm.arm.wires["motors"].of_servos[2].stuck
+    assert not arm.servos[2].stuck
 
 
 def test_holding_servos_stay_where_they_are(arm):
@@ -186,7 +186,7 @@ def test_restart_between_two_readings_is_detected(arm):
     """At stall its torque limit would be 1000, which is what a servo sets when it restarts."""
     arm.robot.configure()
     arm.tick(None)
-    arm.arm.wires["motors"].reboot(arm.servos[2], arm.clock.now_s(), 0.0)
+    arm.servos[2].reboot(arm.clock.now_s(), 0.0)
     assert arm.tick(None).encoder_status is Status.FAULT
     assert "servo 2: torque limit is 1000 instead of 999: it has restarted" in arm.problem
 
@@ -237,7 +237,7 @@ def test_impossible_jump_is_a_damaged_answer(arm):
     ("break_servo", "problem"),
     [
         (lambda servo: servo.put(TORQUE_ON, 0, 1), r"servo 1 \(holds\): has switched its torque off"),
-        (fail, r"servo 1 \(holds\): error: overload"),
+        (lambda servo: servo.fail(), r"servo 1 \(holds\): error: overload"),
         (lambda servo: servo.put(GOAL, 1000), r"servo 1: goal position is 1000 instead of 2048"),
         (lambda servo: servo.put(LIMIT, 900), r"servo 1: torque limit is 900"),
     ],

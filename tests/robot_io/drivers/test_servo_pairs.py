@@ -16,9 +16,9 @@ from palpate.robot_io.examination import Level
 from palpate.robot_io.files.file_model import validate
 from palpate.robot_io.robot_file import parse_robot_file
 from palpate.robot_io.types import Status
+from palpate.sim_backend.emulators import FaultKind
 from palpate.sim_backend.emulators import dynamixel_servo as table
 from tests.robot_io.drivers.dynamixel_setup import dynamixel_setup
-from tests.wire.faults import FaultKind
 from tests.wire.parts import DYNAMIXEL, DYNAMIXEL_PAIR, FEETECH_PAIR, SO101
 
 FAMILIES = {"dynamixel": (DYNAMIXEL, DYNAMIXEL_PAIR, 4), "feetech": (SO101, FEETECH_PAIR, 7)}
@@ -59,11 +59,10 @@ def test_difference_within_the_tolerance_is_shared_without_a_fight(make, family)
     before_rad = arm.ticks(2).joint_position_rad[0]
     arm.ticks(5, (0.0, 0.0, 0.0))
     _, second = shafts(arm)
-    line = arm.arm.wires["motors"]
     for servo in arm.servos.values():
         if servo.shaft is second:
-            line.of_servos[servo.id].slipped_rad, step_rad = 0.03, 2 * pi / 4096
-    line._apply_faults = lambda *_: None  # which would set the horn right
+            servo.shaft.slipped_rad, step_rad = 0.03, 2 * pi / 4096
+    arm.arm.wires["motors"]._apply_faults = lambda *_: None  # which would set the horn right
     measurement = arm.ticks(5)
     assert measurement.encoder_status is Status.OK
     assert measurement.joint_position_rad[0] - before_rad == pytest.approx(0.015, abs=step_rad)

@@ -13,7 +13,7 @@ from palpate.robot_io.drivers.serial_force.gauges import loadstar_stream, patter
 from palpate.robot_io.drivers.serial_force.line import SerialReader
 from palpate.robot_io.drivers.serial_force.lorenz import LorenzStream
 from palpate.robot_io.drivers.serial_force.stream import SensorClock
-from tests.wire.faults import FaultKind
+from palpate.sim_backend.emulators import FaultKind
 from tests.wire.parts import BOTA, CELL, NET_FT, ODRIVE
 
 

@@ -157,7 +157,10 @@ def test_lorenz_sensor_answers_hello_and_streams_until_three_stx():
     assert not sensor.due(0.002)
 
 
-def test_gauge_streams_unasked():
+def test_gauge_streams_unasked_and_stops_after_a_restart():
     gauge = EmulatedGauge(100.0)
     assert gauge.due(1.0)
     assert gauge.reading(-2.5) == b"-2.500 N\r\n"
+    gauge.restart(1.0, 0.5)
+    assert not gauge.due(1.4)
+    assert gauge.due(1.6)

@@ -15,7 +15,6 @@ from palpate.sim_backend.emulators import dynamixel
 from palpate.sim_backend.emulators.dynamixel import DynamixelMounting, EmulatedDynamixelLine
 from palpate.sim_backend.emulators.dynamixel_servo import MODELS
 from palpate.sim_backend.emulators.hardware import HardwareEmulator, JointState
-from tests.wire.faults import fail
 
 BYTE_S = 10 / 4e6
 HAND_ON_S = 0.04  # real time that a pseudo terminal may take
@@ -41,10 +40,10 @@ class Joints:
 class Client:
     """The other end of a line, in time that this class lets pass."""
 
-    def __init__(self, ids=(1, 2, 3), model="XM430-W350"):
+    def __init__(self, ids=(1, 2, 3), faults=None, model="XM430-W350"):
         self.plant = Joints(*[0.1 * servo_id for servo_id in ids])
         mountings = [DynamixelMounting(id=servo_id, model=model) for servo_id in ids]
-        self.line = EmulatedDynamixelLine(mountings, self.plant, baud_rate=4_000_000)
+        self.line = EmulatedDynamixelLine(mountings, self.plant, faults, baud_rate=4_000_000)
         self.port = serial.Serial(self.line.path, 4_000_000, timeout=0)
         self.now_s = 0.0
 
@@ -213,7 +212,7 @@ def test_reboot_clears_ram_and_keeps_eeprom(client):
 
 def test_hardware_error_sets_the_alert_and_disables_torque_until_reboot(client):
     client.write(1, 64, 1)
-    fail(client.line.servos[1])
+    client.line.servos[1].fail()
     assert client.read(1, 64) == (0x80, b"\x00")
     assert client.read(1, 70) == (0x80, b"\x20")
     assert client.write(1, 64, 1) == 0x81

@@ -4,7 +4,7 @@ import pytest
 
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import validate
-from tests.wire.faults import Fault, FaultKind, Faults
+from palpate.sim_backend.emulators import Fault, FaultKind, Faults
 
 
 def hits(faults, kind=FaultKind.DROP, device=1, times_s=range(10)):

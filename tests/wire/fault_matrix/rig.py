@@ -20,9 +20,9 @@ from palpate.robot_io.drivers.can.line import Timestamps
 from palpate.robot_io.drivers.can.motors import MotorBus
 from palpate.robot_io.errors import SessionError
 from palpate.robot_io.guard import Guard
+from palpate.sim_backend.emulators import Fault
 from tests.log_in_process import LogInProcess
 from tests.wire.fault_matrix.rows import FAMILIES, ProgramFault, Row
-from tests.wire.faults import Fault
 from tests.wire.parts import EmulatedRobot
 
 SESSION = "session.mcap"

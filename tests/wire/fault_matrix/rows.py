@@ -10,7 +10,7 @@ from math import ceil
 from pathlib import Path
 
 from palpate.robot_io.guard import Limits
-from tests.wire.faults import Fault, FaultKind
+from palpate.sim_backend.emulators import Fault, FaultKind
 from tests.wire.parts import (
     BOTA,
     CELL,
