@@ -228,8 +228,12 @@ class RunGain(RunVariation):
     def follow(
         self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner
     ) -> tuple[FloatArray, FloatArray]:
-        """See `SensorEffect.follow`; the gains of the runs are held fixed."""
-        times = 1.0 + inner["share"] * self.values(effort, data, inner)[block_index(data.run)[1]]
+        """See `SensorEffect.follow`; the gains of the runs are held fixed at deviations from their mean.
+
+        With share 1, each run determines its whole gain, and the size of the effort would be arbitrary.
+        """
+        own = self.values(effort, data, inner)
+        times = 1.0 + inner["share"] * (own - own.mean())[block_index(data.run)[1]]
         return columns * times, effort * times[:, 0]
 
     def run_deviations(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:

@@ -45,6 +45,15 @@ def test_unseen_run_estimates_its_own_value(name, spread):
     assert np.corrcoef(whole[:, 0], own[:30])[0, 1] > 0.995
 
 
+@pytest.mark.parametrize("start", [2.0, 4.0, 9.0])
+def test_model_describes_the_mean_run_if_each_run_determines_its_own_gain(start):
+    gains = np.array([0.7, 0.9, 1.4])
+    model = Model("m", (EFFECTS["stiffness"](), EFFECTS["run_gain"]()))
+    known = {"stiffness.k": start, "run_gain.share": 1.0}
+    fit = fit_model(presses(np.zeros(3), gains), model, known)
+    assert fit.solution.parameters["stiffness.k"] == pytest.approx(4.0 * gains.mean(), rel=0.005)
+
+
 @pytest.mark.parametrize("name", ["run_offset", "run_gain"])
 def test_equal_runs_have_no_values_of_their_own(name):
     data, effect = presses(np.zeros(30), np.ones(30)), EFFECTS[name]()
