@@ -547,7 +547,7 @@ def _with_weight(
 ) -> tuple[FitResult, list[FormTest]] | None:
     """Replace a spring or a bias of a joint by its weight if the accepted effects then explain as much.
 
-    An effect with which only noise is left is kept if the weight leaves more.
+    The spring or bias is kept if the model with it leaves only noise, and the model with the weight more.
 
     Returns:
         The model and its form tests as in `accept_forms`; None if the weight is not accepted.

@@ -153,7 +153,13 @@ class Search:
                 [effect for effect in tried if starts is None or effect.name in starts],
                 lambda share, name: self.progress(f"{what}: {name}", share),
                 starts=start_values,
-                restarted=[effect.name for effect in self.model.effects if effect.inner],
+                restarted=[
+                    effect.name
+                    for effect in self.model.effects
+                    if effect.inner
+                    and not isinstance(effect, RunVariation)
+                    and self.model.held.keys().isdisjoint(f"{effect.name}.{p.name}" for p in effect.inner)
+                ],
             )
         return self._screened[key]
 

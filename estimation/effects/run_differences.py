@@ -184,6 +184,14 @@ class RunOffset(RunVariation):
 
 
 _TELLING_EFFORT = 0.25  # share of a run's squared effort that its first part contains
+_SPANNED = 1e-6  # share of the squared effort outside the columns' span up to which they can scale it
+_LEAST_SQUARE = 1e-300
+
+
+def _is_spanned(effort: FloatArray, columns: FloatArray) -> bool:
+    """Return whether columns (n, k) can scale an effort (n,)."""
+    left = effort - columns @ np.linalg.lstsq(columns, effort, rcond=None)[0] if columns.size else effort
+    return bool(left @ left <= _SPANNED * (effort @ effort))
 
 
 class RunGain(RunVariation):
@@ -228,12 +236,16 @@ class RunGain(RunVariation):
     def follow(
         self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner
     ) -> tuple[FloatArray, FloatArray]:
-        """See `SensorEffect.follow`; the gains of the runs are held fixed at deviations from their mean.
+        """See `SensorEffect.follow`; the gains of the runs are held fixed.
 
-        With share 1, each run determines its whole gain, and the size of the effort would be arbitrary.
+        If the columns can scale the effort, the gains are centered on their mean, weighted by the squared
+        effort. Otherwise the scale would be arbitrary at share 1, where each run determines its whole gain.
         """
         own = self.values(effort, data, inner)
-        times = 1.0 + inner["share"] * (own - own.mean())[block_index(data.run)[1]]
+        if _is_spanned(effort, columns):
+            first = effort * self.first_part(data)
+            own = own - first @ (data.effort - effort) / max(first @ first, _LEAST_SQUARE)
+        times = 1.0 + inner["share"] * own[block_index(data.run)[1]]
         return columns * times, effort * times[:, 0]
 
     def run_deviations(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:

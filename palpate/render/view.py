@@ -21,8 +21,9 @@ RANGE_MEANING = (
 )
 # What the words for a form in a budget mean, as sentences; in the order in which they are explained.
 FORM_MEANINGS = {
-    "exact": "Exact: with this effect, the model leaves only noise, and no other law fits as well.",
-    "approximate": "Approximate: the effect explains at least 80 % of what any law of its kind does, but its "
+    "exact": "Exact: with this effect, the model leaves only noise, no other law fits as well, and a "
+    "deviation of 5 % from the law would show.",
+    "approximate": "Approximate: the effect explains most of what any law of its kind does, but its "
     "equation may differ from the true one.",
     "unknown": "Unknown: the kind is known, but no effect explains enough of its share.",
 }

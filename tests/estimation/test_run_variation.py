@@ -1,9 +1,12 @@
 """Run variation: a run's first part estimates its own value; equal runs have none."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit.fit_problem import solve_gains
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.model import Model
 from tests.estimation.recover import channel, recover
@@ -45,13 +48,35 @@ def test_unseen_run_estimates_its_own_value(name, spread):
     assert np.corrcoef(whole[:, 0], own[:30])[0, 1] > 0.995
 
 
-@pytest.mark.parametrize("start", [2.0, 4.0, 9.0])
-def test_model_describes_the_mean_run_if_each_run_determines_its_own_gain(start):
-    gains = np.array([0.7, 0.9, 1.4])
+@pytest.mark.parametrize("start", [2.0, 9.0])
+@pytest.mark.parametrize("share", [0.99, 1.0])
+def test_model_describes_the_mean_run_if_runs_have_gains_of_their_own(start, share):
+    gains = np.array([0.8, 1.0, 1.8])
+    data, model = presses(np.zeros(3), gains), Model("m", (EFFECTS["stiffness"](), EFFECTS["run_gain"]()))
+    parameters = {"stiffness.k": start, "run_gain.share": share}
+    problem = fit_model(data, model, parameters).problem
+    for _ in range(20):
+        solution = solve_gains(problem, model, parameters)
+        parameters = solution.parameters
+    assert parameters["stiffness.k"] == pytest.approx(4.0 * gains.mean(), rel=0.02)
+    _, effort = model.linearize(data, parameters)
+    assert effort == pytest.approx(model.predict(data, parameters), abs=0.02)
+
+
+def test_run_without_effort_does_not_change_the_model():
+    data = presses(np.zeros(4), np.array([0.8, 1.0, 1.8, 1e-3]))
+    data = replace(data, position=np.where(data.run == 3, 1e-3, 1.0) * data.position)
     model = Model("m", (EFFECTS["stiffness"](), EFFECTS["run_gain"]()))
-    known = {"stiffness.k": start, "run_gain.share": 1.0}
-    fit = fit_model(presses(np.zeros(3), gains), model, known)
-    assert fit.solution.parameters["stiffness.k"] == pytest.approx(4.0 * gains.mean(), rel=0.005)
+    fit = fit_model(data, model, {"stiffness.k": 2.0, "run_gain.share": 1.0})
+    assert fit.solution.parameters["stiffness.k"] == pytest.approx(4.8, rel=0.02)
+
+
+def test_gains_of_runs_are_not_centered_if_the_model_cannot_scale_its_effort():
+    gains = np.array([0.75, 0.8, 0.85])
+    data, effect = presses(np.zeros(3), gains), EFFECTS["run_gain"]()
+    known, inner = 4.0 * data.position, {"share": 1.0}
+    _, effort = effect.follow(known, np.empty((len(data), 0)), data, inner)
+    assert effort == pytest.approx(effect.sense(known, data, inner))
 
 
 @pytest.mark.parametrize("name", ["run_offset", "run_gain"])
