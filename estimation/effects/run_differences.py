@@ -244,7 +244,7 @@ class RunGain(RunVariation):
         own = self.values(effort, data, inner)
         if _is_spanned(effort, columns):
             first = effort * self.first_part(data)
-            own = own - first @ (data.effort - effort) / max(first @ first, _LEAST_SQUARE)
+            own = own - first @ (data.effort - effort) / max(float(first @ first), _LEAST_SQUARE)
         times = 1.0 + inner["share"] * own[block_index(data.run)[1]]
         return columns * times, effort * times[:, 0]
 
