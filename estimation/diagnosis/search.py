@@ -156,7 +156,7 @@ class Search:
                 restarted=[
                     effect.name
                     for effect in self.model.effects
-                    if effect.inner
+                    if any(p.lower >= 0.0 for p in effect.inner)  # offsets are set to zero anyway
                     and not isinstance(effect, RunVariation)
                     and self.model.held.keys().isdisjoint(f"{effect.name}.{p.name}" for p in effect.inner)
                 ],
