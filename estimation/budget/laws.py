@@ -19,6 +19,7 @@ from palpate.estimation.signals.blocks import has_one_clock, rows_of_runs
 from palpate.estimation.signals.exponential_memory import low_pass, relax
 from palpate.estimation.signals.free_air import zero_in_free_air
 from palpate.estimation.signals.motion import (
+    follows_steps,
     has_constant_speed,
     is_monotonic,
     is_one_pass,
@@ -157,7 +158,10 @@ def flexible_laws(
 
 
 def unseen_kinds(data: ChannelData) -> frozenset[Kind]:
-    """Find the kinds that cannot be distinguished from a law of the position in the motion of a contact.
+    """Find the kinds that a channel cannot show: for a contact, those that its motion does not distinguish.
+
+    No sensor measures the effort of a joint that is a stepwise command. In a contact, a kind may look like a
+    law of the position.
 
     Path memory needs a run that returns. Any memory, and a sensor's characteristic curve without a bias in
     free air, need several passes or speeds. Rate dependence needs more than one speed, else it looks like
@@ -168,7 +172,8 @@ def unseen_kinds(data: ChannelData) -> frozenset[Kind]:
         data: the channel.
     """
     if data.kind is not ChannelKind.CONTACT:
-        return frozenset()
+        is_command = follows_steps(data.velocity, data.effort, data.run)
+        return frozenset({Kind.SENSOR_STATICS} if is_command else ())
     zero = zero_in_free_air(data)
     unseen = {Kind.RATE_DEPENDENCE} if has_constant_speed(data.velocity[data.engaged]) else set[Kind]()
     has_session_time = len(data.runs) > 1 and has_one_clock(data.time_s, data.run)

@@ -62,9 +62,9 @@ from palpate.estimation.fit.measurement_noise import measurement_noise
 from palpate.estimation.kinds import PHYSICAL_KINDS, SENSOR_KINDS
 from palpate.estimation.model import Model
 from palpate.estimation.shared_gains import with_shared_gains
+from palpate.estimation.signals.motion import FEW_LEVELS, follows_steps
 from palpate.estimation.workers import single_threaded, worker_pool
 
-_FEW_LEVELS = 12  # distinct readings; with more, rounding errors average out
 _EXTENSIONS = 3  # best candidates that are tried beside accepted effects
 _MAX_SEARCHES = 3  # searches for a model that can be reached by adding its effects one by one
 _MIN_ADEQUATE = 100  # samples below which a model is not called adequate
@@ -459,12 +459,13 @@ def _too_few_levels(start: FitResult) -> str | None:
     """Explain why an effort with few distinct readings does not allow a diagnosis; None if it does.
 
     Quantization causes an error of up to half a step that repeats if the motion repeats (B. Widrow, I.
-    Kollar, Quantization Noise (2008)).
+    Kollar, Quantization Noise (2008)). A stepwise command is exact and is not rounded.
     """
-    levels = np.unique(start.data.effort)
-    if not 1 < len(levels) <= _FEW_LEVELS:
+    data = start.data
+    levels = np.unique(data.effort)
+    if not 1 < len(levels) <= FEW_LEVELS or follows_steps(data.velocity, data.effort, data.run):
         return None
-    step, unit = float(np.median(np.diff(levels))), start.data.kind.effort_unit
+    step, unit = float(np.median(np.diff(levels))), data.kind.effort_unit
     if start.rmse >= step:
         return None
     return (

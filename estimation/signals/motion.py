@@ -1,4 +1,4 @@
-"""Properties of a motion that determine which laws it can distinguish: monotonic, or with one speed."""
+"""Properties of a motion that determine which laws it can distinguish, such as its speeds and reversals."""
 
 import numpy as np
 
@@ -8,6 +8,11 @@ from palpate.robot_io.types import FloatArray, IntArray
 _MIN_RETURN = 0.02  # least travel against the main direction of a motion that returns, relative to its range
 _MAX_UNEVENNESS = 0.1  # largest time error of a motion at constant speed, relative to a run's duration
 _SAME_SPEED = 0.2  # largest relative difference between speeds that count as equal
+FEW_LEVELS = 12  # largest number of distinct values of an effort that may consist of steps
+_STEP_REACH = 5  # samples before and after a step of the effort whose accelerations are compared
+# Least share of steps that the acceleration follows in their direction, and least ratio of its changes at
+# steps to those at other times. At the zeros of a rounded sine, this ratio is the square root of two.
+_FORWARD, _STEP_RATIO = 0.8, 3.0
 _PARTS, _STEPS = 20, 400  # a hold lasts one of these parts of a run, and begins at any of these steps
 _HOLD_SHARE = 0.05  # largest speed in a hold, relative to the mean speed
 _MOVING_SHARE = 0.3  # speed relative to the largest one below which the motion is at rest or reverses
@@ -95,3 +100,36 @@ def _has_hold(time_s: FloatArray, position: FloatArray) -> bool:
 def _retreat(position: FloatArray) -> float:
     """Return the largest distance of a position (n,) below its running maximum."""
     return float(np.max(np.maximum.accumulate(position) - position))
+
+
+def follows_steps(velocity: FloatArray, effort: FloatArray, run: IntArray) -> bool:
+    """Return whether the acceleration follows an effort of few values, as it follows a stepwise command.
+
+    A real step of the effort changes the acceleration at once and in its own direction. If a sensor rounds an
+    effort that changes continuously, the acceleration changes no more at a step of the readings than at
+    other times.
+
+    Args:
+        velocity: velocity of the joint, shape (n,).
+        effort: effort of the joint, shape (n,).
+        run: run number of each sample, shape (n,).
+    """
+    if len(np.unique(effort)) > FEW_LEVELS:
+        return False
+    at_steps, elsewhere = [np.zeros(0)], [np.zeros(0)]
+    for rows in rows_of_runs(run):
+        if len(rows) < 2 * _STEP_REACH:
+            continue
+        windows = np.lib.stride_tricks.sliding_window_view(velocity[rows], _STEP_REACH)
+        slopes = windows @ (np.arange(_STEP_REACH) - 0.5 * (_STEP_REACH - 1))
+        changes = slopes[_STEP_REACH:] - slopes[:-_STEP_REACH]
+        # The step from the last sample of the earlier window to the first sample of the later one.
+        steps = np.diff(effort[rows])[_STEP_REACH - 1 : len(rows) - _STEP_REACH]
+        is_near = np.convolve(steps != 0.0, np.ones(2 * _STEP_REACH - 1), mode="same") > 0.5
+        at_steps.append((np.sign(steps) * changes)[steps != 0.0])
+        elsewhere.append(changes[~is_near])
+    stepped, others = np.concatenate(at_steps), np.concatenate(elsewhere)
+    if len(stepped) == 0 or len(others) == 0:
+        return False
+    is_followed = np.mean(stepped > 0.0) >= _FORWARD
+    return bool(is_followed and np.median(stepped) > _STEP_RATIO * np.sqrt(np.mean(others**2)))

@@ -41,7 +41,9 @@ module = import_module(
     ],
 )
 def test_few_readings_determine_nothing_below_their_spacing(levels, rmse, said):
-    data = SimpleNamespace(effort=np.tile(levels, 10), kind=SimpleNamespace(effort_unit="N m"))
+    effort = np.tile(levels, 10)
+    still, run = np.zeros(len(effort)), np.zeros(len(effort), dtype=np.int64)
+    data = SimpleNamespace(effort=effort, velocity=still, run=run, kind=SimpleNamespace(effort_unit="N m"))
     found = _too_few_levels(SimpleNamespace(data=data, rmse=rmse))
     assert found is None if said is None else said in found
 

@@ -1,0 +1,75 @@
+"""An effort with few values is either a command that really steps or a continuous effort that is rounded."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data_quality import reject_reason
+from palpate.estimation.diagnosis.candidates import applicable_effects, effect_library
+from palpate.estimation.diagnosis.diagnose import diagnose_channel
+from palpate.estimation.diagnosis.result import Verdict
+from palpate.estimation.kinds import Kind
+from palpate.estimation.signals.motion import follows_steps
+from tests.estimation.searches import ROTOR
+
+RATE_HZ, FINE = 200.0, 20  # samples per second, and integration steps per sample
+INERTIA, DAMPING, COULOMB = 0.02, 0.05, 0.25
+RNG_SEED = 3
+
+
+def motor(torque_levels, switched_every_s, runs=3, coulomb=COULOMB, speed_noise=0.02):
+    """A motor under torques that switch between levels, integrated from rest with Coulomb friction."""
+    rng = np.random.default_rng(RNG_SEED)
+    count, step_s = 1200, 1.0 / (RATE_HZ * FINE)
+    time_s, position, velocity, acceleration, effort = (np.zeros((runs, count)) for _ in range(5))
+    for run in range(runs):
+        angle, speed = 0.0, 0.0
+        for sample in range(count):
+            at_s = sample / RATE_HZ
+            torque = torque_levels[int(at_s / switched_every_s + run) % len(torque_levels)]
+            for _ in range(FINE):
+                friction = coulomb * np.tanh(speed / 0.01) + DAMPING * speed
+                rate = (torque - friction) / INERTIA
+                angle, speed = angle + step_s * speed, speed + step_s * rate
+            time_s[run, sample], effort[run, sample] = at_s, torque
+            position[run, sample], velocity[run, sample], acceleration[run, sample] = angle, speed, rate
+    velocity += rng.normal(0.0, speed_noise, velocity.shape)
+    number = np.repeat(np.arange(runs), count)
+    signals = (each.ravel() for each in (time_s, position, velocity, acceleration, effort))
+    return ChannelData("motor", ChannelKind.REVOLUTE, *signals, number, np.full(runs * count, -1))
+
+
+def test_a_stepwise_command_is_diagnosed_and_no_sensor_is_blamed():
+    data = motor([0.8, -0.8], 0.75)
+    assert len(np.unique(data.effort)) == 2
+    assert reject_reason(data) is None
+    library = effect_library()
+    model = ROTOR
+    assert all(e.kind is not Kind.SENSOR_STATICS for e in applicable_effects(data, model, library))
+    result = diagnose_channel(data, model, library, np.random.default_rng(0))
+    assert result.verdict is Verdict.MISSING
+    assert result.accepted[0].effect in {"coulomb_friction", *result.accepted[0].confused_with}
+    assert max(result.budget, key=lambda entry: entry.share or 0.0).kind is Kind.FRICTION
+
+
+@pytest.mark.parametrize("levels", [[0.5, 1.0], [0.0, 0.4, 0.9, 0.6], [1.0, -1.0, 0.5]])
+def test_real_steps_are_recognized(levels):
+    data = motor(levels, 0.9, runs=2, coulomb=0.1)
+    assert follows_steps(data.velocity, data.effort, data.run)
+
+
+@given(
+    frequency_hz=st.floats(0.2, 2.0),
+    levels=st.integers(2, 11),
+    phase=st.floats(0.0, 6.0),
+    noise=st.floats(0.0, 0.05),
+)
+def test_a_rounded_torque_is_no_command(frequency_hz, levels, phase, noise):
+    time_s = np.arange(2000) / RATE_HZ
+    angle = 2.0 * np.pi * frequency_hz * time_s + phase
+    torque, velocity = np.sin(angle), -np.cos(angle) / (2.0 * np.pi * frequency_hz * INERTIA)
+    velocity += noise * np.ptp(velocity) * np.random.default_rng(RNG_SEED).normal(size=len(velocity))
+    rounded = np.round(0.5 * (levels - 1) * (torque + 1.0))
+    assert not follows_steps(velocity, rounded, np.zeros(len(time_s), dtype=np.int64))
