@@ -110,12 +110,14 @@ def read_text(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
         content: bytes of the file.
         options: `delimiter` (default: blanks), `skip` lines ahead of the numbers (the last of them holds the
             names), `decimal` mark, `encoding`, `key`: number of the column that must hold a number, `width`:
-            numbers of a row where each has a line of its own, `transpose`: each line holds a column.
+            lines of a row where it is written on several, `transpose`: each line holds a column, `blanks`:
+            characters that count as blanks, such as the brackets of arrays.
 
     Returns:
         One table. Rows with fewer cells than the first, or with no number in the key column, are left out.
     """
-    lines = content.decode(options.get("encoding", "utf-8-sig"), "replace").splitlines()
+    text = content.decode(options.get("encoding", "utf-8-sig"), "replace")
+    lines = text.translate(dict.fromkeys(map(ord, options.get("blanks", "")), " ")).splitlines()
     skip, delimiter = options.get("skip", 0), options.get("delimiter")
     names = lines[skip - 1].split(delimiter) if skip else []
     cells = [line.split(delimiter) for line in lines[skip:] if line.strip()]
@@ -158,9 +160,30 @@ def read_matlab(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 
     A field of a structure is named after both, `s.x`; in an array of them or a cell, `s.0.x`, `s.1.x` ...
     An array of three dimensions holds repeated readings; the mean over its last dimension is taken.
+    What objects hold, such as time series, is named by its number among all that the file's objects hold:
+    `objects.19`, `objects.19.0` ...
     """
     del options
-    return [_columns_of(loadmat(io.BytesIO(content)))]
+    arrays = loadmat(io.BytesIO(content))
+    arrays.pop("None", None)  # stands for the objects and holds only where to find them
+    hidden = arrays.pop("__function_workspace__", None)
+    return [_columns_of(arrays if hidden is None else arrays | {"objects": _objects(hidden.tobytes())})]
+
+
+def _objects(workspace: bytes) -> NDArray[np.object_]:
+    """What the objects of a MATLAB file hold, all in one cell.
+
+    Args:
+        workspace: the file's hidden variable. It is a file itself, but for a short header: version, byte
+            order and four more bytes; then variables without names. The first of them holds the objects.
+    """
+    header = workspace[:4].rjust(128, b" ")
+    order = "<" if workspace[2:4] == b"IM" else ">"
+    (size,) = struct.unpack(f"{order}I", workspace[12:16])
+    first = loadmat(io.BytesIO(header + workspace[8 : 16 + size]))["__function_workspace__"]
+    held = first["MCOS"].item()
+    cell: NDArray[np.object_] = held["arr"].item() if held.dtype.names else held
+    return cell
 
 
 def read_numpy(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
@@ -428,8 +451,22 @@ def read_bag(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     return [{name: np.array([row[name] for row in rows]) for name in rows[0]}]
 
 
+def read_binary(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
+    """Read numbers of one type, one after the other, as the column `0`.
+
+    Args:
+        content: bytes of the file.
+        options: `type`: of the numbers, as NumPy names it (`>i2`); `skip`: bytes ahead of them; `count`: how
+            many numbers there are (default: all to the end).
+    """
+    kind = np.dtype(options["type"])
+    numbers = np.frombuffer(content, kind, options.get("count", -1), options.get("skip", 0))
+    return [{"0": numbers.astype(np.float64)}]
+
+
 READERS: dict[str, Reader] = {
     "bag": read_bag,
+    "binary": read_binary,
     "json": read_json,
     "text": read_text,
     "trials": read_trials,
@@ -441,13 +478,13 @@ READERS: dict[str, Reader] = {
 }
 
 
-def _column(tables: Columns, spec: Mapping[str, Any], item: str) -> NDArray[np.float64]:
-    """One output column: factors times columns, or row numbers times `step`; less its start or mean.
+def _column(tables: Columns, spec: Mapping[str, Any], item: str, count: int) -> NDArray[np.float64]:
+    """One output column of `count` rows: factors times columns, or row numbers times `step`.
 
-    `item` stands for {} in the names of columns. `unwrap` is the period of an encoder that starts anew.
+    `zero` is the number of first samples whose mean is subtracted, or `mean` for that of all. `item` stands
+    for {} in the names of columns. `unwrap` is the period of an encoder that starts anew.
     `signed_by` names the column whose sign the values take, where only their size was measured.
     """
-    count = len(next(iter(tables.values())))
     values: NDArray[np.float64] = np.arange(count, dtype=np.float64) * float(spec.get("step", 0.0))
     for name, factor in spec.get("sum", {}).items():
         values = values + float(factor) * tables[str(name).replace("{}", item)]
@@ -576,8 +613,11 @@ def runs_of(recipe: Mapping[str, Any], origin: Origin) -> list[tuple[str, Column
 
 def _output(specs: Mapping[str, Any], table: Columns, item: str, file: int) -> dict[str, NDArray[np.float64]]:
     """Output columns of one table, as `_column` makes them, or as one number `of_file` for each file."""
-    count = len(next(iter(table.values())))
-    columns = {name: _column(table, spec, item) for name, spec in specs.items() if "of_file" not in spec}
+    named = [str(name).replace("{}", item) for spec in specs.values() for name in spec.get("sum", {})]
+    count = len(table[named[0]] if named else next(iter(table.values())))  # others may have other lengths
+    columns = {
+        name: _column(table, spec, item, count) for name, spec in specs.items() if "of_file" not in spec
+    }
     for name in (name for name in specs if name not in columns):
         columns[name] = np.full(count, float(specs[name]["of_file"][file]))
     for name in (name for name, spec in specs.items() if spec.get("integral")):

@@ -4,6 +4,7 @@ import bz2
 import csv
 import gzip
 import hashlib
+import io
 import json
 import struct
 import subprocess
@@ -156,6 +157,34 @@ def test_items_of_a_matlab_cell_are_named_by_their_number(tmp_path):
     assert (table["run"], table["position_rad"]) == ([0, 0, 0, 1, 1, 1], [0, 1, 2, 0, 2, 4])
 
 
+def nameless(value):
+    """A MATLAB file that holds one variable without a name."""
+    file = io.BytesIO()
+    savemat(file, {"q": value})
+    return file.getvalue().replace(b"\1\0\1\0q\0\0\0", b"\1\0\0\0\0\0\0\0", 1)
+
+
+def test_what_objects_of_a_matlab_file_hold_is_named_by_its_number(tmp_path):
+    held = np.empty((3, 1), dtype=object)
+    held[0, 0], held[1, 0], held[2, 0] = np.arange(9.0), "s", np.array([[1.0, 5.0], [2.0, 6.0], [4.0, 7.0]])
+    inner = nameless({"MCOS": held})
+    hidden = np.frombuffer(inner[124:128] + bytes(4) + inner[128:], np.uint8)
+    other = io.BytesIO()
+    savemat(other, {"h": np.array([0.5, 0.0])})
+    (tmp_path / "a.mat").write_bytes(nameless(hidden) + other.getvalue()[128:])
+    columns = {"time_s": {"step": 0.5}, "position_rad": "objects.2", "torque_Nm": "objects.2.1"}
+    table = converted(tmp_path, columns, format="matlab", files=["a.mat"])
+    assert (table["time_s"], table["position_rad"]) == ([0, 0.5, 1], [1, 2, 4])
+    assert table["torque_Nm"] == [5, 6, 7]
+
+
+def test_numbers_of_one_type_are_read_from_where_they_begin(tmp_path):
+    (tmp_path / "a.000").write_bytes(b"head" + np.array([300, -2, 5, 9], dtype=">i2").tobytes())
+    read = {"format": "binary", "type": ">i2", "skip": 6, "count": 2, "files": ["a.000"]}
+    table = converted(tmp_path, {"time_s": {"step": 1.0}, "force_N": {"sum": {"0": 0.5}}}, **read)
+    assert (table["time_s"], table["force_N"]) == ([0, 1], [-1, 2.5])
+
+
 def test_log_of_records_has_a_column_for_each_number():
     log = b'{"motor": "a", "entries": [{"t": 0, "q": 0.5, "goal": null}, {"t": 1, "q": 0.25, "goal": 3}]}'
     (columns,) = read_json(log, {"records": "entries"})
@@ -218,8 +247,9 @@ def test_items_of_an_array_of_structures_are_named_by_their_number(tmp_path):
     [
         ("0,1,2\n3,4,5\n", {"delimiter": ",", "transpose": True}, "1", [(0, 3), (1, 4), (2, 5)]),
         ("\n\n".join("012345") + "\n", {"width": 3}, "2", [(0, 2), (3, 5)]),
+        ("t,F\n0,[1 2\n 3]\n4,[5 6\n 7]\n", {"skip": 1, "width": 2, "blanks": ",[]"}, "3", [(0, 3), (4, 7)]),
     ],
-    ids=["a line for each column", "a line for each number"],
+    ids=["a line for each column", "a line for each number", "an array over two lines"],
 )
 def test_recipe_converts_lines_to_rows(tmp_path, text, read, source, force):
     (tmp_path / "a.txt").write_text(text)
