@@ -16,9 +16,10 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from palpate.calibration.arm_fit import GravityBodies, fit_arm, motion_of
+from palpate.calibration.arm_fit import fit_arm, motion_of
 from palpate.calibration.encoder import fit_encoder
 from palpate.calibration.force import fit_force, read_weighing
+from palpate.control.arm.rigid_body import RigidBody
 from palpate.robot_io.session import Session
 from palpate.runs import calibration as runs
 from palpate.runs.calibration import CalibrationJob
@@ -82,8 +83,8 @@ def arm(kind: str, rng: np.random.Generator, seed: int, folder: Path) -> Found:
     ]
     job = _job(kind, hidden, seed, folder)
     runs.run_motion(job)
-    bodies = GravityBodies.from_urdf(ROBOT.urdf_path, ROBOT.tip_frame)
-    fit = fit_arm(motion_of(Session.open(job.session).samples("tick")), bodies)
+    body = RigidBody.from_urdf(ROBOT.urdf_path, ROBOT.tip_frame)
+    fit = fit_arm(motion_of(Session.open(job.session).samples("tick")), body)
     way = "slow motion" if kind == "gravity" else "torque's motion"
     yield f"pitch, {way}", "rad", fit.tilt_rad.value[0], fit.tilt_rad.std_err[0], pitch
     for j in range(3 if kind == "torque" else 0):

@@ -20,8 +20,6 @@ Gauss-Newton, each joint weighted with its own residual; the covariance allows f
 """
 
 from dataclasses import dataclass, fields
-from pathlib import Path
-from typing import Self
 
 import numpy as np
 
@@ -35,44 +33,6 @@ from palpate.robot_io.calibration.applied import gravity_base_m_s2
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import Samples
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
-
-_UNIT = np.eye(3)
-
-
-@dataclass(frozen=True)
-class GravityBodies:
-    """Models of one arm without gravity, and with 1 m/s^2 along each of the base's axes."""
-
-    weightless: RigidBody
-    along: tuple[RigidBody, RigidBody, RigidBody]
-
-    @classmethod
-    def from_urdf(cls, urdf: str | Path, tip_frame: str) -> Self:
-        """Build the four models of a URDF.
-
-        Args:
-            urdf: path or text.
-            tip_frame: name of the tip's frame.
-        """
-        weightless, x, y, z = (
-            RigidBody.from_urdf(urdf, tip_frame, gravity) for gravity in ((0.0, 0.0, 0.0), *_UNIT)
-        )
-        return cls(weightless, (x, y, z))
-
-    def parts(self, q: FloatArray, v: FloatArray, a: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute the inertial torques, and the torques per unit of gravity.
-
-        Args:
-            q: joint positions, shape (m, n) [rad].
-            v: joint velocities, shape (m, n) [rad/s].
-            a: joint accelerations, shape (m, n) [rad/s^2].
-
-        Returns:
-            I, shape (m, n) [N m], and G, shape (m, n, 3) [N m s^2/m].
-        """
-        rest = np.zeros_like(q)
-        gravity = np.stack([body.inverse_dynamics_batch(q, rest, rest) for body in self.along], axis=2)
-        return self.weightless.inverse_dynamics_batch(q, v, a), gravity
 
 
 def gravity_direction(tilt_rad: FloatArray) -> FloatArray:
@@ -100,11 +60,11 @@ def gravity_direction_derivatives(tilt_rad: FloatArray) -> FloatArray:
     )
 
 
-def design_matrix(bodies: GravityBodies, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+def design_matrix(body: RigidBody, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
     """Compute the columns of the linearized model: gain, Coulomb, viscous, offset of each joint; tilt.
 
     Args:
-        bodies: models of the arm.
+        body: model of the arm.
         q: joint positions, shape (m, n) [rad].
         v: joint velocities, shape (m, n) [rad/s].
         a: joint accelerations, shape (m, n) [rad/s^2].
@@ -112,7 +72,7 @@ def design_matrix(bodies: GravityBodies, q: FloatArray, v: FloatArray, a: FloatA
     Returns:
         Shape (m n, 4 n + 2).
     """
-    inertial, gravity = bodies.parts(q, v, a)
+    inertial, gravity = body.inertial_and_gravity_torques(q, v, a)
     level = np.zeros(2)
     torque = inertial + gravity @ gravity_direction(level)
     slopes = gravity @ gravity_direction_derivatives(level)
@@ -190,12 +150,12 @@ def motion_of(ticks: Samples) -> ArmMotion:
     )
 
 
-def fit_arm(motion: ArmMotion, bodies: GravityBodies) -> ArmFit:
+def fit_arm(motion: ArmMotion, body: RigidBody) -> ArmFit:
     """Fit drives, friction, delay and tilt to a motion.
 
     Args:
         motion: motion and torques.
-        bodies: the arm without gravity, and with gravity along each axis.
+        body: model of the arm.
 
     Returns:
         The parameters with their uncertainties.
@@ -203,7 +163,9 @@ def fit_arm(motion: ArmMotion, bodies: GravityBodies) -> ArmFit:
     Raises:
         InputError: a joint hardly moved, or its load does not change, so that its gain is not identifiable.
     """
-    inertial, gravity = bodies.parts(motion.position_rad, motion.velocity_rad_s, motion.acceleration_rad_s2)
+    inertial, gravity = body.inertial_and_gravity_torques(
+        motion.position_rad, motion.velocity_rad_s, motion.acceleration_rad_s2
+    )
     # Samples near standstill and their neighbors are left out: derivatives smear the jump of friction.
     is_slow = np.abs(motion.velocity_rad_s) <= STANDSTILL_RAD_S
     window = np.ones(2 * _EDGE + 1)
@@ -241,8 +203,8 @@ class _Solver:
         self.joints = inertial.shape[1]
         self.delay = 4 * self.joints  # index of the delay; the tilts follow
 
-    def solve(self) -> tuple[FloatArray, FloatArray]:
-        """Return values and covariance, without tilts that are not identifiable."""
+    def solve(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return values and covariance of the identifiable parameters, and residuals, shape (m, n) [N m]."""
         values = np.zeros(self.delay + 1 + int(self.axes.sum()))
         values[: self.delay : 4] = 1.0
         for _ in range(_MAX_STEPS):
@@ -252,7 +214,9 @@ class _Solver:
             if np.abs(step).max() < _CONVERGED:
                 break
         columns, residual, w, joint = self._linearized(values)
-        return values, sandwich(columns, residual * w**2, w**2, joint).matrix
+        residual_nm = np.full(self.moving.shape, np.nan)
+        residual_nm.T[self.moving.T] = residual  # one joint after the other
+        return values, sandwich(columns, residual * w**2, w**2, joint).matrix, residual_nm
 
     def tilt(self, values: FloatArray) -> FloatArray:
         """Return pitch and roll, 0 if not identifiable.
@@ -263,17 +227,6 @@ class _Solver:
         tilt = np.zeros(2)
         tilt[self.axes] = values[self.delay + 1 :]
         return tilt
-
-    def predicted_nm(self, values: FloatArray) -> FloatArray:
-        """Predict the torques that the drives measure, shape (m, n) [N m].
-
-        Args:
-            values: values of all free parameters.
-        """
-        rigid_nm, _ = self._rigid_torque_and_rate(values)
-        s, c, b, o = values[: self.delay].reshape(-1, 4).T
-        speed = self.motion.velocity_rad_s
-        return np.asarray(s * rigid_nm + c * np.sign(speed) + b * speed - o)
 
     def _rigid_torque_and_rate(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return rigid-body torques with this tilt and delay, (m, n), and their rate without the delay."""
@@ -302,7 +255,7 @@ class _Solver:
         return columns, residual, weight, np.concatenate(joints)
 
 
-def _arm_fit(solver: _Solver, values: FloatArray, covariance: FloatArray) -> ArmFit:
+def _arm_fit(solver: _Solver, values: FloatArray, covariance: FloatArray, residual_nm: FloatArray) -> ArmFit:
     """Compute gain, offset and friction from their ratios, with uncertainties to first order."""
     motion, delay = solver.motion, solver.delay
     ratios, std = values[:delay].reshape(-1, 4), np.sqrt(np.diag(covariance))
@@ -323,7 +276,6 @@ def _arm_fit(solver: _Solver, values: FloatArray, covariance: FloatArray) -> Arm
     difference = motion.measured_nm - motion.sent_nm
     shift = difference.mean(axis=0)
     shift_std = np.sqrt(np.diag(sum_covariance(difference - shift).matrix)) / len(difference)
-    residual = motion.measured_nm - solver.predicted_nm(values)
     return ArmFit(
         gain=UncertainValue(gain, gain**2 * std[first]),
         offset_nm=offset,
@@ -334,7 +286,7 @@ def _arm_fit(solver: _Solver, values: FloatArray, covariance: FloatArray) -> Arm
         viscous_nms_rad=times_gain(2),
         delay_s=UncertainValue(float(values[delay]), float(std[delay])),
         tilt_rad=UncertainValue(tilt, tilt_std),
-        residual_nm=np.where(solver.moving, residual, np.nan),
+        residual_nm=residual_nm,
         position_rad=motion.position_rad,
         velocity_rad_s=motion.velocity_rad_s,
     )

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.calibration.arm_fit import GravityBodies, design_matrix
+from palpate.calibration.arm_fit import design_matrix
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.laws.computed_torque import ComputedTorque
 from palpate.control.laws.gains import TrackingGains
@@ -248,7 +248,6 @@ GRAVITY_MOTION = ExcitationSettings(duration_s=60.0, period_s=30.0, speed_rad_s=
 
 def choose_path(
     body: RigidBody,
-    bodies: GravityBodies,
     start_rad: FloatArray,
     limits: Limits,
     *,
@@ -262,7 +261,6 @@ def choose_path(
 
     Args:
         body: model of the arm.
-        bodies: the arm without gravity, and with gravity along each axis.
         start_rad: present joint positions, shape (n,) [rad].
         limits: limits of the guard.
         settings: size and speed.
@@ -294,7 +292,7 @@ def choose_path(
             each = (JointMotion(*row) for row in zip(*motion, strict=True))
             is_clear = lowest_m(body, motion.position_rad) >= floor_m
             if is_clear and overloaded_joint(body, each, limits) is None:
-                columns = design_matrix(bodies, *motion)
+                columns = design_matrix(body, *motion)
                 norms = np.linalg.norm(columns, axis=0)
                 sign, size = np.linalg.slogdet(columns[:, norms > 0].T @ columns[:, norms > 0])
                 score = float(size) if sign > 0 else -math.inf

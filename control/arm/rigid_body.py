@@ -264,6 +264,24 @@ class RigidBody:
         torques = pin.rneaInParallel(1, pin.ModelPool(self._model, 1), *motion)
         return np.asarray(torques).reshape(self.joint_count, -1).T  # Pinocchio drops an axis of length 1
 
+    def inertial_and_gravity_torques(
+        self, position_rad: FloatArray, velocity_rad_s: FloatArray, acceleration_rad_s2: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Split the torques of `inverse_dynamics_batch` into I + G g, with the gravitational acceleration g.
+
+        Args:
+            position_rad: joint positions, shape (m, n) [rad].
+            velocity_rad_s: joint velocities, shape (m, n) [rad/s].
+            acceleration_rad_s2: joint accelerations, shape (m, n) [rad/s^2].
+
+        Returns:
+            I, shape (m, n) [N m], and G in the axes of the root link, shape (m, n, 3) [N m s^2/m].
+        """
+        jacobians = [pin.jacobianCenterOfMass(self._model, self._data, q).T.copy() for q in position_rad]
+        gravity = -pin.computeTotalMass(self._model) * np.array(jacobians)
+        torque_nm = self.inverse_dynamics_batch(position_rad, velocity_rad_s, acceleration_rad_s2)
+        return torque_nm - gravity @ self._model.gravity.linear, gravity
+
     def with_load(self, mass_kg: float) -> "RigidBody":
         """Copy the arm with a point mass at its tip.
 

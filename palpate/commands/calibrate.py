@@ -9,7 +9,7 @@ import numpy as np
 from plotly.graph_objects import Figure
 from typer import Option
 
-from palpate.calibration.arm_fit import GravityBodies, fit_arm, motion_of
+from palpate.calibration.arm_fit import fit_arm, motion_of
 from palpate.calibration.encoder import fit_encoder
 from palpate.calibration.force import STANDARD_GRAVITY_M_S2, fit_force, read_reference_file, read_weighing
 from palpate.common import console
@@ -22,6 +22,7 @@ from palpate.estimation.data.import_options import parse_pairs
 from palpate.render.calibration import arm_figure, encoder_figure, force_figure, print_calibration
 from palpate.render.progress import motion_progress, weighing_progress
 from palpate.render.report import PLOT_CONFIG
+from palpate.robot_io.calibration.applied import Calibrations
 from palpate.robot_io.calibration.file import Calibration
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.runs import calibration as runs
@@ -237,8 +238,8 @@ def _move_in_free_air(kind: str, options: MotionOptions) -> None:
 
     def analyze(raw: Path) -> Analysis:
         session = fits.open_recorded(raw, kind, robot_file)
-        bodies = GravityBodies.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
-        fit = fit_arm(motion_of(session.samples(STREAM_NAME)), bodies)
+        body = RigidBody.of_robot(robot_file, Calibrations())
+        fit = fit_arm(motion_of(session.samples(STREAM_NAME)), body)
         calibration = fits.make_calibration(kind, fit, robot_file, raw, options.valid_days)
         return calibration, arm_figure(fit), ()
 

@@ -7,7 +7,6 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from palpate.calibration.arm_fit import GravityBodies
 from palpate.calibration.arm_motion import (
     GRAVITY_MOTION,
     TORQUE_MOTION,
@@ -119,11 +118,10 @@ def run_motion(
     settings, robot_file = settings or MOTIONS[job.kind], job.robot_file
     limits = robot_file.limits
     with calibration_setup(job) as arm:
-        body, bodies = arm.body, GravityBodies.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
         rng = np.random.default_rng(0)
         start_rad = _stationary(arm).await_samples().joint_position_rad
-        path = choose_path(body, bodies, start_rad, limits, settings=settings, rng=rng)
-        task = PathTask(body, gains_of(robot_file).tracking, path, travel_speed_rad_s(limits))
+        path = choose_path(arm.body, start_rad, limits, settings=settings, rng=rng)
+        task = PathTask(arm.body, gains_of(robot_file).tracking, path, travel_speed_rad_s(limits))
         guarded = _slowed(limits, SPEED_MARGIN * max(settings.speed_rad_s, 1.0))
         _move(arm, task, guarded, watcher(settings.duration_s + 10.0))
 

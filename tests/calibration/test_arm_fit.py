@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.calibration.arm_fit import ArmMotion, GravityBodies, fit_arm
+from palpate.calibration.arm_fit import ArmMotion, fit_arm
 from palpate.calibration.arm_motion import TORQUE_MOTION, FourierPath, choose_path
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.robot_io.calibration.applied import gravity_base_m_s2
@@ -15,7 +15,6 @@ from palpate.robot_io.robot_file import load_robot_file
 
 ARMS = Path(__file__).resolve().parents[2] / "sim_backend" / "arms"
 ROBOT = load_robot_file(ARMS / "follower" / "follower.yaml")
-BODIES = GravityBodies.from_urdf(ROBOT.urdf_path, ROBOT.tip_frame)
 BODY = RigidBody.from_urdf(ROBOT.urdf_path, ROBOT.tip_frame)
 
 
@@ -24,7 +23,7 @@ HOME_RAD, UPRIGHT_RAD = np.array(ROBOT.home_rad), np.array([1.57, 0.0, 0.0])
 
 def chosen(start_rad=HOME_RAD, limits=ROBOT.limits):
     rng = np.random.default_rng(0)
-    return choose_path(BODY, BODIES, start_rad, limits, settings=TORQUE_MOTION, rng=rng)
+    return choose_path(BODY, start_rad, limits, settings=TORQUE_MOTION, rng=rng)
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +51,7 @@ def test_drive_parameters_are_identified_together(path):
         "coulomb": np.array([0.4, 0.2, 0.02]),
         "viscous": np.array([0.3, 0.1, 0.01]),
     }
-    fit = fit_arm(measured(path, np.random.default_rng(1), pitch=0.04, **hidden), BODIES)
+    fit = fit_arm(measured(path, np.random.default_rng(1), pitch=0.04, **hidden), BODY)
     found = zip(hidden.items(), (fit.gain, fit.offset_nm, fit.coulomb_nm, fit.viscous_nms_rad), strict=True)
     for (name, true), estimate in found:
         assert np.all(np.abs(estimate.value - true) < 4 * estimate.std_err), name
@@ -67,7 +66,7 @@ def test_two_standard_errors_cover_95_percent(path):
     covered = []
     for seed in range(30):
         noise = np.random.default_rng(seed).normal(0, 0.02, clean.measured_nm.shape)
-        fit = fit_arm(replace(clean, measured_nm=clean.measured_nm + noise), BODIES)
+        fit = fit_arm(replace(clean, measured_nm=clean.measured_nm + noise), BODY)
         for estimate, true in ((fit.gain, 1.0), (fit.offset_nm, 0.0), (fit.coulomb_nm, 0.0)):
             covered += [*(np.abs(estimate.value - true) < 2 * estimate.std_err)]
         covered.append(abs(fit.tilt_rad.value[0]) < 2 * fit.tilt_rad.std_err[0])
@@ -75,7 +74,7 @@ def test_two_standard_errors_cover_95_percent(path):
 
 
 def test_planar_motion_does_not_identify_roll(path):
-    fit = fit_arm(measured(path, np.random.default_rng(2)), BODIES)
+    fit = fit_arm(measured(path, np.random.default_rng(2)), BODY)
     assert np.isfinite(fit.tilt_rad.value[0])
     assert np.isnan(fit.tilt_rad.value[1])
 
@@ -83,15 +82,25 @@ def test_planar_motion_does_not_identify_roll(path):
 def test_late_torque_samples_do_not_bias_friction(path):
     time_s, q, v, a, measured_nm, sent_nm = vars(measured(path, np.random.default_rng(3))).values()
     late = ArmMotion(*(part[:-3] for part in (time_s, q, v, a)), measured_nm[3:], sent_nm[3:])
-    fit = fit_arm(late, BODIES)
+    fit = fit_arm(late, BODY)
     assert fit.delay_s.value == pytest.approx(-0.003, abs=4 * fit.delay_s.std_err)
     assert np.all(np.abs(fit.viscous_nms_rad.value) < 4 * fit.viscous_nms_rad.std_err)
+
+
+def test_inertia_of_the_rotors_is_not_read_as_gain_or_tilt(path):
+    rotors = RigidBody.from_urdf(ROBOT.urdf_path, ROBOT.tip_frame, rotor_inertia_kg_m2=(0.5, 0.5, 0.5))
+    clean = measured(path, np.random.default_rng(4))
+    motion = replace(clean, measured_nm=clean.measured_nm + 0.5 * clean.acceleration_rad_s2)
+    fit = fit_arm(motion, rotors)
+    assert np.all(np.abs(fit.gain.value - 1.0) < 4 * fit.gain.std_err)
+    without = fit_arm(motion, BODY)
+    assert without.residual_nm[np.isfinite(without.residual_nm)].std() > 5 * np.nanstd(fit.residual_nm)
 
 
 def test_arm_at_rest_is_refused(path):
     still = FourierPath(path.center_rad, np.zeros((3, 1)), np.zeros((3, 1)), 10.0, 20.0)
     with pytest.raises(InputError, match="joint 1 hardly moves"):
-        fit_arm(measured(still, np.random.default_rng(0)), BODIES)
+        fit_arm(measured(still, np.random.default_rng(0)), BODY)
 
 
 class TestPath:

@@ -7,11 +7,12 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from palpate.calibration.arm_fit import GravityBodies, fit_arm, motion_of
+from palpate.calibration.arm_fit import fit_arm, motion_of
 from palpate.calibration.arm_motion import ExcitationSettings
 from palpate.calibration.encoder import StopSettings, fit_encoder
 from palpate.calibration.force import fit_force, read_weighing
 from palpate.common.files import write_text
+from palpate.control.arm.rigid_body import RigidBody
 from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.study.estimates import estimate_with
 from palpate.estimation.study.sessions import arm_of
@@ -84,8 +85,8 @@ def excited(tmp_path_factory):
     ]
     job = job_in(tmp_path_factory.mktemp("excited"), "torque", effects)
     runs.run_motion(job, SHORT)
-    bodies = GravityBodies.from_urdf(FOLLOWER.urdf_path, FOLLOWER.tip_frame)
-    return job, hidden, fit_arm(motion_of(opened(job).samples("tick")), bodies)
+    body = RigidBody.from_urdf(FOLLOWER.urdf_path, FOLLOWER.tip_frame)
+    return job, hidden, fit_arm(motion_of(opened(job).samples("tick")), body)
 
 
 class TestDrives:

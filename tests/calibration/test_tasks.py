@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.calibration.arm_fit import GravityBodies
 from palpate.calibration.arm_motion import (
     GRAVITY_MOTION,
     TORQUE_MOTION,
@@ -44,7 +43,6 @@ STEP_RAD = 2 * np.pi / 4096
 REST = Measurement(0.0, np.array(FOLLOWER.home_rad), np.zeros(3), np.zeros(3), 0.2, 0.0, 0.0, 0.0)
 SHAKING = REST._replace(joint_velocity_rad_s=np.array([0.0, 0.1, 0.0]))
 BODY = RigidBody.from_urdf(FOLLOWER.urdf_path, FOLLOWER.tip_frame)
-BODIES = GravityBodies.from_urdf(FOLLOWER.urdf_path, FOLLOWER.tip_frame)
 HOME_RAD = np.array(FOLLOWER.home_rad)
 SLOW_RAD_S = (1.15, 1.3, 1.18)
 
@@ -150,7 +148,7 @@ def limited(**limits):
 
 def path_under(settings=TORQUE_MOTION, **limits):
     limits = limited(**limits).limits
-    return choose_path(BODY, BODIES, HOME_RAD, limits, settings=settings, rng=np.random.default_rng(0))
+    return choose_path(BODY, HOME_RAD, limits, settings=settings, rng=np.random.default_rng(0))
 
 
 def test_free_air_motion_runs_under_low_limits(tmp_path, log_in_process):

@@ -218,6 +218,16 @@ def test_load_equals_a_point_mass_at_the_tip():
             assert loaded - bare == pytest.approx(body.tip_jacobian(position)[:3].T @ force, abs=1e-6)
 
 
+def test_torques_are_linear_in_the_gravity_of_any_base():
+    for path in SHIPPED:
+        body = RigidBody.from_urdf(path, "tip", (1.0, -2.0, -9.0))
+        motions = np.swapaxes(random_states(20), 0, 1)[..., : body.joint_count]
+        inertial, gravity = body.inertial_and_gravity_torques(*motions)
+        for direction in ((0.0, 0.0, 0.0), (3.0, 0.0, 0.0), (-1.0, 4.0, -8.0)):
+            torque = RigidBody.from_urdf(path, "tip", direction).inverse_dynamics_batch(*motions)
+            np.testing.assert_allclose(inertial + gravity @ direction, torque, atol=1e-12)
+
+
 def test_rotors_add_to_joint_inertia_only():
     rotors = (0.03, 0.02, 0.01)
     path = SHIPPED[0]
