@@ -1,5 +1,6 @@
 """Find the samples of each run in contact, and estimate the position of the surface."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,85 +91,67 @@ def _drop_short_stretches(mask: BoolArray) -> BoolArray:
 _SOFTEST_START = 3.0  # largest assumed power of the depth in the force law near the surface
 
 
-@dataclass(frozen=True)
-class SurfaceBounds:
-    """Range of positions of the surface that the contacts at one place allow.
-
-    Coordinates are measured along the press direction; a larger coordinate is deeper.
-    """
-
-    highest_m: float  # upper bound of the surface [m]; -inf if no free air was recorded
-    # Shallowest of the samples in free air directly before and after the contacts, at most `first_m` [m].
-    air_m: float
-    first_m: float  # shallowest sample in contact [m]
-    step_m: float  # quantization step of these coordinates; 0 if there is none [m]
-
-    @property
-    def deepest_m(self) -> float:
-        """Deepest position of the surface: half a step below the shallowest sample in contact [m]."""
-        return self.first_m + self.step_m / 2
-
-
 def find_surface(  # noqa: PLR0917
     tip_m: FloatArray,
     speed_m_s: FloatArray,
     force_n: FloatArray,
     run: IntArray,
-    tare: Tare,
-    bounds: SurfaceBounds,
+    contacts: Sequence[Contact],
+    step_m: float,
 ) -> Surface:
     """Estimate the common surface of runs at one place: the zero of a fit of a spring and a damper.
 
     The surface is not deeper than the shallowest sample in contact, since the force of an object may begin
-    more gradually than that of a spring. It is not above the bound from the contact. If the press spans only
-    a few encoder steps, the contact alone determines the surface.
+    more gradually than that of a spring. It is not above a bound from the last sample in free air: if the
+    force of an object grows with a power p of the depth, this sample has the share (x_air / x_max)^p of the
+    largest force, and this force is below the threshold of contact. If the press spans only a few encoder
+    steps, the samples around the contact alone determine the surface.
 
     Args:
-        tip_m: position of the tip along the press direction, samples in contact only, shape (n,) [m].
+        tip_m: position of the tip along the press direction; a larger coordinate is deeper, shape (n,) [m].
         speed_m_s: derivative of that position, shape (n,) [m/s].
         force_n: force above that in free air, positive in compression, shape (n,) [N].
         run: run number of each sample, shape (n,).
-        tare: offset subtracted from the force.
-        bounds: result of `bound_surface`.
-    """
-    if np.ptp(tip_m) < MIN_STEPS * bounds.step_m:
-        # Uniformly distributed between free air and contact.
-        middle_m, width_m = (bounds.air_m + bounds.first_m) / 2, bounds.first_m - bounds.air_m + bounds.step_m
-        return Surface(middle_m, width_m / np.sqrt(12), bounds.highest_m, bounds.deepest_m)
-    columns = np.column_stack([tip_m - bounds.first_m, speed_m_s, np.ones(len(tip_m))])
-    stiffness, _, offset_n = gains = solve(columns, force_n)
-    if stiffness <= 0.0:
-        return Surface(bounds.first_m, float("nan"), bounds.highest_m, bounds.deepest_m)
-    residuals = force_n - columns @ gains
-    covariance = sandwich(columns, residuals, np.ones(len(residuals)), run)
-    deeper_m = -float(offset_n / stiffness)
-    slope = np.array([-deeper_m, 0.0, -1.0]) / stiffness  # derivative of deeper_m by the gains
-    matrix = covariance.matrix + common_error_covariance(columns, tare.index(run), tare.std_err)
-    std_err_m = float(np.sqrt(slope @ matrix @ slope))
-    surface_m = max(bounds.first_m + min(deeper_m, 0.0), bounds.highest_m)
-    return Surface(surface_m, std_err_m, bounds.highest_m, bounds.deepest_m)
-
-
-def bound_surface(
-    tip_m: FloatArray, force_n: FloatArray, contacts: list[Contact], step_m: float
-) -> SurfaceBounds:
-    """Bound the surface by the samples around the contacts at one place.
-
-    If the force of an object grows with a power p of the depth, the last sample in free air has the share
-    (x_air / x_max)^p of the largest force. This force is below the threshold of contact.
-
-    Args:
-        tip_m: position of the tip along the press direction, all samples, shape (n,) [m].
-        force_n: force above that in free air, positive in compression, shape (n,) [N].
         contacts: contacts at one place.
         step_m: quantization step of the coordinates; 0 if there is none [m].
     """
     rows = np.concatenate([contact.rows for contact in contacts])
     free = np.concatenate([contact.free for contact in contacts])
-    first_m, last_m = float(tip_m[rows].min()), float(tip_m[rows].max())
-    if not len(free):
-        return SurfaceBounds(float("-inf"), first_m, first_m, step_m)
-    air_m = min(float(tip_m[free].min()), first_m)
-    touch_n = touch_force_n(max(contact.noise_n for contact in contacts))
-    share = min(touch_n / float(force_n[rows].max()), 0.5) ** (1 / _SOFTEST_START)
-    return SurfaceBounds(air_m - share / (1 - share) * (last_m - air_m) - step_m / 2, air_m, first_m, step_m)
+    pressed_m, pressed_n = tip_m[rows], force_n[rows]
+    first_m, last_m = float(pressed_m.min()), float(pressed_m.max())
+    # Half a step below the shallowest sample in contact.
+    deepest_m, highest_m, air_m = first_m + step_m / 2, float("-inf"), first_m
+    if len(free):
+        air_m = min(float(tip_m[free].min()), first_m)
+        touch_n = touch_force_n(max(contact.noise_n for contact in contacts))
+        share = min(touch_n / float(pressed_n.max()), 0.5) ** (1 / _SOFTEST_START)
+        highest_m = air_m - share / (1 - share) * (last_m - air_m) - step_m / 2
+    if last_m - first_m < MIN_STEPS * step_m:
+        # Uniformly distributed between free air and contact.
+        middle_m, width_m = (air_m + first_m) / 2, first_m - air_m + step_m
+        return Surface(middle_m, width_m / np.sqrt(12), highest_m, deepest_m)
+    columns = np.column_stack([pressed_m - first_m, speed_m_s[rows], np.ones(len(rows))])
+    stiffness, _, offset_n = gains = solve(columns, pressed_n)
+    if stiffness <= 0.0:
+        return Surface(first_m, float("nan"), highest_m, deepest_m)
+    residuals = pressed_n - columns @ gains
+    covariance = sandwich(columns, residuals, np.ones(len(residuals)), run[rows])
+    deeper_m = -float(offset_n / stiffness)
+    slope = np.array([-deeper_m, 0.0, -1.0]) / stiffness  # derivative of deeper_m by the gains
+    tare = tare_of(contacts)
+    matrix = covariance.matrix + common_error_covariance(columns, tare.index(run[rows]), tare.std_err)
+    std_err_m = float(np.sqrt(slope @ matrix @ slope))
+    return Surface(max(first_m + min(deeper_m, 0.0), highest_m), std_err_m, highest_m, deepest_m)
+
+
+def tare_of(contacts: Sequence[Contact]) -> Tare:
+    """Return the force in free air of each run.
+
+    Args:
+        contacts: contacts in order of run number.
+    """
+    return Tare(
+        np.array([contact.run for contact in contacts]),
+        np.array([contact.baseline_n for contact in contacts]),
+        np.array([contact.baseline_std_err_n for contact in contacts]),
+    )

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from palpate.control.loop.task import NO_RUN, Phase
 from palpate.control.loop.tick_record import STREAM_NAME, tick_stream
-from palpate.estimation.channel import ChannelData, ChannelKind, Tare
-from palpate.estimation.data.contact import Contact, bound_surface, find_contacts, find_surface
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.contact import Contact, find_contacts, find_surface, tare_of
 from palpate.estimation.data.derivatives import differentiate, grid_step
 from palpate.estimation.data.units import describe_fault, invalid_rows
 from palpate.estimation.signals.blocks import blocks, number_pieces
@@ -231,7 +231,7 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
         "joint_velocity": velocity,
         "joint_acceleration": acceleration,
         "joint_torque": torque,
-        "contact_force": force_n - _tare(contacts).of(run),  # the sensor's bias does not act on the joints
+        "contact_force": force_n - tare_of(contacts).of(run),  # the sensor's bias does not act on the joints
         "touching": touching,
         DIRECTION: chosen[DIRECTION],
     }
@@ -304,7 +304,6 @@ def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tare
     rows = np.isin(ticks["run"], [contact.run for contact in contacts])
     place = np.cumsum(rows) - 1  # of each sample among the chosen ones
     contacts = [replace(each, rows=place[each.rows], free=place[each.free]) for each in contacts]
-    touching = np.concatenate([contact.rows for contact in contacts])
     chosen = ticks.select(rows)
     time_s, run = chosen["force_at_s"], chosen["run"].astype(np.int64)
     travel_m = np.einsum("ij,ij->i", chosen["tip_position_world_m"], chosen[DIRECTION])
@@ -317,13 +316,10 @@ def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tare
     along_m, speed_m_s, acceleration_m_s2 = _motion_at(
         time_s, chosen["encoder_at_s"], travel_m, run, rounding_m2
     )
-    tare = _tare(contacts)
+    tare = tare_of(contacts)
     above_n = chosen["force_n"] - tare.of(run)
     step_m = float(np.sqrt(12 * rounding_m2))
-    bounds = bound_surface(along_m, above_n, contacts, step_m)
-    surface = find_surface(
-        along_m[touching], speed_m_s[touching], above_n[touching], run[touching], tare, bounds
-    )
+    surface = find_surface(along_m, speed_m_s, above_n, run, contacts, step_m)
     motion = along_m - surface.position_m, speed_m_s, acceleration_m_s2
     samples = time_s, *motion, above_n if tared else chosen["force_n"], run, chosen["phase"].astype(np.int64)
     return ChannelData(
@@ -333,13 +329,4 @@ def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tare
         surface=surface,
         tare=tare if tared else None,
         position_step=step_m,
-    )
-
-
-def _tare(contacts: list[Contact]) -> Tare:
-    """Return the force in free air of each run, in order of run number."""
-    return Tare(
-        np.array([contact.run for contact in contacts]),
-        np.array([contact.baseline_n for contact in contacts]),
-        np.array([contact.baseline_std_err_n for contact in contacts]),
     )
