@@ -37,16 +37,15 @@ class Offset(NamedTuple):
 
 
 class ClockOffset:
-    """Keeps the exchange with the shortest round trip of the last seconds."""
+    """Keeps the exchanges of the last seconds, of which the one with the shortest round trip is the best."""
 
     def __init__(self) -> None:
-        # Sorted by age, each with a shorter round trip than all younger ones; the first is the best.
-        self._exchanges: deque[Offset] = deque()
+        self._exchanges = deque[Offset](maxlen=_MAX_EXCHANGES)
 
     @property
     def best(self) -> Offset | None:
         """Exchange with the shortest round trip of the last seconds; None before the first."""
-        return self._exchanges[0] if self._exchanges else None
+        return min(self._exchanges, key=lambda exchange: exchange.round_trip_s, default=None)
 
     def update(self, t0_s: float, t1_s: float, t2_s: float, t3_s: float) -> None:
         """Add one exchange; time stamps that are not finite or contradict each other are ignored.
@@ -60,12 +59,9 @@ class ClockOffset:
         round_trip_s = (t3_s - t0_s) - (t2_s - t1_s)
         if not (isfinite(round_trip_s) and round_trip_s >= 0.0 and t3_s >= t0_s):
             return
-        exchanges = self._exchanges
-        while exchanges and exchanges[-1].round_trip_s >= round_trip_s:
-            exchanges.pop()
-        exchanges.append(Offset(0.5 * ((t1_s - t0_s) + (t2_s - t3_s)), round_trip_s, t3_s))
-        while exchanges[0].at_s < t3_s - _WINDOW_S or len(exchanges) > _MAX_EXCHANGES:
-            exchanges.popleft()
+        self._exchanges.append(Offset(0.5 * ((t1_s - t0_s) + (t2_s - t3_s)), round_trip_s, t3_s))
+        while self._exchanges[0].at_s < t3_s - _WINDOW_S:
+            self._exchanges.popleft()
 
 
 _WINDOW = 64  # number of recent sequence numbers that are tracked individually
@@ -141,7 +137,8 @@ class Peer:
         Returns:
             Time since then [s]; NaN before the offset is known.
         """
-        return nan if self.offset is None else now_s - (peer_s - self.offset.offset_s)
+        offset = self.offset
+        return nan if offset is None else now_s - (peer_s - offset.offset_s)
 
     def classify(self, frame: Frame, arrived_s: float) -> Arrival:
         """Classify a frame, and count it.
@@ -296,8 +293,8 @@ class Messaging:
         Returns:
             A value for each column.
         """
-        peer = self.peer
-        clocks = (nan, nan) if peer.offset is None else (peer.offset.offset_s, peer.offset.round_trip_s)
+        peer, offset = self.peer, self.peer.offset
+        clocks = (nan, nan) if offset is None else (offset.offset_s, offset.round_trip_s)
         counts = (peer.counts[kind] for kind in Arrival)
         silent = peer.silent(now_s)
         return (now_s, *clocks, peer.age_s(now_s), silent, *counts, self._line.malformed, peer.lost)

@@ -16,7 +16,7 @@ it, so the law itself need not be passive:
    is spent, and so without that controller's sudden drop of force; model updates as the source of energy:
    Willaert et al., "Stability of model-mediated teleoperation: discussion and experiments", EuroHaptics 2012.
 2. **Continuity.** A new law takes over from the present force: the difference fades by at most
-   `largest_jump_n` a step. A surface that moves during contact does so at `surface_speed_m_s`.
+   `largest_jump_n` a step. A surface that moves during contact does so at 10 mm/s.
 
 Pure: no clock, no device. One step takes a few microseconds.
 """
@@ -36,6 +36,11 @@ from palpate.robot_io.types import FloatArray, clip, frozen_array
 # step, with and without contact, so that a law may have memory.
 ForceLaw = Callable[[float, float, float], float]
 
+FORCE_LIMIT_N = 50.0  # largest force
+# E_r, energy that one contact may return beyond its input; k q^2 / 4 lets an encoder of step q [m] begin to
+# press on stiffness k [N/m].
+RESERVE_J = 1e-4
+_SURFACE_SPEED_M_S = 0.01  # speed of the surface to a new position during contact
 _ENERGY_EXPONENT = 4.0  # p: laws up to depth^3 are rendered unchanged
 _ENERGY_STEPS = 2.0  # number of steps of a retracting tip for which the energy must last
 
@@ -57,32 +62,15 @@ class VirtualObject:
         law: the force law.
         point_world_m: any point of the undeformed surface, shape (3,) [m].
         normal_world: outward normal, shape (3,); it is normalized.
-        largest_jump_n: largest change of force by an update in one step [N].
-        surface_speed_m_s: speed of the surface to a new position during contact [m/s].
-        reserve_j: energy that one contact may return beyond its input [J]; k q^2 / 4 lets an encoder of step
-            q [m] begin to press on stiffness k [N/m].
-        force_limit_n: largest force [N].
+        largest_jump_n: largest change of force by an update in one step, positive [N].
 
     Raises:
-        InputError: the normal is zero, or a value is not finite or not positive.
+        InputError: the normal is zero, or a value is not finite.
     """
 
     def __init__(
-        self,
-        law: ForceLaw,
-        point_world_m: FloatArray,
-        normal_world: FloatArray,
-        *,
-        largest_jump_n: float = 0.05,
-        surface_speed_m_s: float = 0.01,
-        reserve_j: float = 1e-4,
-        force_limit_n: float = 50.0,
+        self, law: ForceLaw, point_world_m: FloatArray, normal_world: FloatArray, largest_jump_n: float = 0.05
     ) -> None:
-        settings = (largest_jump_n, surface_speed_m_s, reserve_j, force_limit_n)
-        if not all(math.isfinite(value) and value > 0.0 for value in settings):
-            raise InputError(
-                f"virtual object: jump, speed, reserve and limit must be positive and finite, not {settings}"
-            )
         normal = frozen_array(normal_world, (3,), what="normal of the surface")
         length = math.sqrt(float(normal.dot(normal)))
         if length == 0.0:
@@ -90,8 +78,7 @@ class VirtualObject:
         self._normal = normal / length
         self._law = law
         self._height_m = self._next_height_m = self._along_normal(point_world_m)
-        self._jump_n, self._surface_m_s = largest_jump_n, surface_speed_m_s
-        self._reserve_j, self._limit_n = reserve_j, force_limit_n
+        self._jump_n = largest_jump_n
         self._tip_m = math.nan  # tip position along the normal in the last step
         self._force_n = self._energy_j = self._fading_n = 0.0
         self._updated = False
@@ -129,7 +116,7 @@ class VirtualObject:
         # A surface without contact moves at once; with contact it moves at a limited speed.
         if tip_m >= max(self._height_m, self._next_height_m):
             self._height_m = self._next_height_m
-        max_motion_m = self._surface_m_s * dt_s
+        max_motion_m = _SURFACE_SPEED_M_S * dt_s
         self._height_m += clip(self._next_height_m - self._height_m, -max_motion_m, max_motion_m)
         depth_m = self._height_m - tip_m
         law_n = self._law(depth_m, rate_m_s, dt_s)
@@ -140,8 +127,8 @@ class VirtualObject:
                 self._fading_n = self._force_n - law_n  # difference to the former law's force
             self._fading_n -= clip(self._fading_n, -self._jump_n, self._jump_n)
             distance_m = max(depth_m / _ENERGY_EXPONENT, -_ENERGY_STEPS * rate_m_s * dt_s)
-            energy_limit_n = max(0.0, self._reserve_j + self._energy_j) / distance_m
-            self._force_n = min(max(0.0, law_n + self._fading_n), energy_limit_n, self._limit_n)
+            energy_limit_n = max(0.0, RESERVE_J + self._energy_j) / distance_m
+            self._force_n = min(max(0.0, law_n + self._fading_n), energy_limit_n, FORCE_LIMIT_N)
         else:
             self._force_n = self._energy_j = self._fading_n = law_n = 0.0
         self._tip_m, self._updated = tip_m, False

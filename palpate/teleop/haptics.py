@@ -156,9 +156,7 @@ class _Haptics:
         body, home_rad = RigidBody.of_robot(robot_file), np.array(robot_file.home_rad)
         self._arm = VirtualArm(body, np.array(robot_file.sensor_axis_tip), _DOWN, home_rad)
         surface_m = np.array((0.0, 0.0, job.scene.object.surface_height_m))
-        self._object = VirtualObject(
-            force_law(terms_of(job.scene)), surface_m, -_DOWN, largest_jump_n=job.largest_jump_n
-        )
+        self._object = VirtualObject(force_law(terms_of(job.scene)), surface_m, -_DOWN, job.largest_jump_n)
         self._revision, self._ticks, self._sent, self._read = GUESS, 0, 0, 0
         self._selected: list[tuple[float, ...]] = []
         self._refused: list[str] = []

@@ -5,12 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.control.teleop.virtual_object import VirtualObject
+from palpate.control.teleop.virtual_object import FORCE_LIMIT_N, RESERVE_J, VirtualObject
 from palpate.robot_io.errors import InputError
 
 DT_S = 1e-3
 UP = np.array([0.0, 0.0, 1.0])
-RESERVE_J = 1e-4
 
 
 def nothing(_depth_m, _rate_m_s, _dt_s):
@@ -104,7 +103,7 @@ def contacts(draw):
 @given(contacts())
 def test_contact_energy_never_exceeds_the_reserve(case):
     law, tip, updates = case
-    touches = list(touches_of(VirtualObject(law, np.zeros(3), UP, reserve_j=RESERVE_J), tip, updates))
+    touches = list(touches_of(VirtualObject(law, np.zeros(3), UP), tip, updates))
     inside = np.array([False, *(touch.depth_m > 0.0 for touch in touches), False])
     bounds = np.flatnonzero(inside[1:] != inside[:-1])
     forces = np.array([touch.force_n for touch in touches])
@@ -130,11 +129,11 @@ def test_object_pushes_along_its_normal_within_its_limit():
     forces = [virtual.step(-x * UP, np.zeros(3), DT_S).force_n for x in depth]
     assert forces[4200] == pytest.approx(3000.0 * 0.0079, rel=1e-3)
     normal = np.array([3.0, 0.0, 4.0])
-    virtual = VirtualObject(kelvin_voigt(1e5, 0.0), np.zeros(3), normal, force_limit_n=20.0)
+    virtual = VirtualObject(kelvin_voigt(1e5, 0.0), np.zeros(3), normal)
     for depth in np.linspace(0.0, 0.01, 50):
         touch = virtual.step(-normal / 5.0 * depth, -normal / 5.0 * 0.2, DT_S)
-    assert touch.force_world_n == pytest.approx(normal / 5.0 * 20.0)
-    assert touch.withheld_n == pytest.approx(1e5 * touch.depth_m - 20.0)
+    assert touch.force_world_n == pytest.approx(normal / 5.0 * FORCE_LIMIT_N)
+    assert touch.withheld_n == pytest.approx(1e5 * touch.depth_m - FORCE_LIMIT_N)
 
 
 def test_failing_law_renders_nothing():
@@ -142,10 +141,7 @@ def test_failing_law_renders_nothing():
     assert press(virtual, in_and_out(0.005)).max() == 0.0
 
 
-@pytest.mark.parametrize(
-    ("normal", "point", "settings"),
-    [((0, 0, 0), (0, 0, 0), {}), ((0, 0, 1), (0, np.nan, 0), {}), ((0, 0, 1), (0, 0, 0), {"reserve_j": 0.0})],
-)
-def test_invalid_objects_are_refused(normal, point, settings):
+@pytest.mark.parametrize(("normal", "point"), [((0, 0, 0), (0, 0, 0)), ((0, 0, 1), (0, np.nan, 0))])
+def test_invalid_objects_are_refused(normal, point):
     with pytest.raises(InputError):
-        VirtualObject(nothing, np.array(point, float), np.array(normal, float), **settings)
+        VirtualObject(nothing, np.array(point, float), np.array(normal, float))
