@@ -25,7 +25,7 @@ from palpate.render.terminal import print_files, print_stages
 from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import open_answer
 from palpate.runs.options import ENGINE, SESSIONS, time_stamp
-from palpate.runs.probing import NOBODY, ProbingJob, Watcher, run_probing
+from palpate.runs.probing import NO_WATCHER, ProbingJob, Watcher, run_probing
 from palpate.runs.robots import DEFAULT, DEFAULT_SCENARIO, find_robot
 from palpate.sim_backend.contact_laws.standard import KelvinVoigtLaw
 from palpate.sim_backend.engines import EngineName
@@ -175,7 +175,7 @@ def probe_demo(
     session: Path,
     scenario: Scenario,
     seed: int | None,
-    watcher: Watcher = NOBODY,
+    watcher: Watcher = NO_WATCHER,
     plan: ProbingPlan = PLAN,
     *,
     command_line: str = "palpate demo",

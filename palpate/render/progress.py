@@ -12,6 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from palpate.common import console
 from palpate.common.console import count, duration
 from palpate.control.loop.task import Phase, TaskOutput
+from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates
 from palpate.control.probing.plan import ProbingPlan
 from palpate.robot_io.types import Measurement
 from palpate.runs.probing import MakeWatcher, Watcher
@@ -189,11 +190,12 @@ class _BarUpdater(Watcher):
             console.stderr().print(self._remark)
         self._bar.progress.start()
 
-    def tick(self, measurement: Measurement, output: TaskOutput) -> None:
+    def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
         now_s = time.monotonic()
         if now_s >= self._next_s:
             self._next_s = now_s + _REFRESH_S
             self._bar.update(*self._share(measurement, output))
+        return NO_ESTIMATE
 
 
 @contextmanager

@@ -26,7 +26,7 @@ from palpate.robot_io.calibration.applied import load_calibrations
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.guard import Limits
 from palpate.robot_io.types import FloatArray
-from palpate.runs.probing import NOBODY, MakeWatcher, Watcher
+from palpate.runs.probing import NO_WATCHER, MakeWatcher, Watcher
 from palpate.runs.session import ArmJob, ArmSession, arm_session
 
 KIND = "calibration_kind"  # key of the calibration's kind in the session's metadata
@@ -101,7 +101,9 @@ def describe_motion(kind: str, limits: Limits) -> str:
 
 
 def run_motion(
-    job: CalibrationJob, settings: ExcitationSettings | None = None, watcher: MakeWatcher = lambda _s: NOBODY
+    job: CalibrationJob,
+    settings: ExcitationSettings | None = None,
+    watcher: MakeWatcher = lambda _s: NO_WATCHER,
 ) -> None:
     """Excite the arm in free air and log the motion, for a torque or gravity calibration.
 
@@ -129,7 +131,7 @@ def run_motion(
 def run_stops(
     job: CalibrationJob,
     stops_rad: tuple[FloatArray, FloatArray] | None = None,
-    watcher: MakeWatcher = lambda _s: NOBODY,
+    watcher: MakeWatcher = lambda _s: NO_WATCHER,
 ) -> None:
     """Touch the joints' hard stops and log the motion.
 

@@ -55,31 +55,22 @@ class ProbingJob(ArmJob):
 
 
 class Watcher:
-    """Base class for observers of a run; its methods do nothing."""
+    """Observer of a run, see `palpate.control.loop.tick_record.Observer`; its methods do nothing."""
 
     def started(self) -> None:
         """Called when the arm is ready, before it moves."""
 
-    def tick(self, measurement: Measurement, output: TaskOutput) -> None:
+    def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
         """Called after each tick; must return quickly with a real arm.
 
         Args:
             measurement: measurement of this tick.
             output: the task's output for this measurement.
         """
-
-    def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
-        """Observe a tick for the loop, without estimates.
-
-        Args:
-            measurement: measurement of this tick.
-            output: the task's output for this measurement.
-        """
-        self.tick(measurement, output)
         return NO_ESTIMATE
 
 
-NOBODY = Watcher()
+NO_WATCHER = Watcher()
 MakeWatcher = Callable[[float], Watcher]  # makes a watcher from the approximate duration of a motion [s]
 
 
@@ -135,7 +126,7 @@ def check_duration(plan: ProbingPlan, rate_hz: float) -> None:
         )
 
 
-def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
+def run_probing(job: ProbingJob, watcher: Watcher = NO_WATCHER) -> ProbingOutcome:
     """Run a probing and write the session file, which is complete on return.
 
     Args:
@@ -160,8 +151,8 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
 
     def observe(measurement: Measurement, output: TaskOutput) -> Estimates:
         phases.add(output.phase)
-        watcher.tick(measurement, output)
-        return online.observe(measurement, output) if online else NO_ESTIMATE
+        watched = watcher.observe(measurement, output)
+        return online.observe(measurement, output) if online else watched
 
     calibrations = load_calibrations(robot_file, emulated=job.wired)
     estimated = (lambda: online.estimates) if online else None
@@ -223,7 +214,7 @@ def references_of(session: Session) -> ReferenceTrajectory:
 
 
 def run_replay(
-    job: ReplayJob, references: ReferenceTrajectory, watcher: Watcher = NOBODY
+    job: ReplayJob, references: ReferenceTrajectory, watcher: Watcher = NO_WATCHER
 ) -> tuple[LoopResult, Path | None]:
     """Repeat the references and write a session; return the result and the sealed answer.
 

@@ -17,7 +17,7 @@ from palpate.estimation.study.fitting import Progress
 from palpate.estimation.study.other_models import is_undecided, keep_simplest_rivals
 from palpate.estimation.study.saved_diagnosis import RESULT
 from palpate.robot_io.errors import InputError
-from palpate.runs.probing import NOBODY, ProbingJob, Watcher, run_probing
+from palpate.runs.probing import NO_WATCHER, ProbingJob, Watcher, run_probing
 from palpate.study import Study
 
 DECISIONS = "decisions.jsonl"
@@ -110,7 +110,7 @@ def resolve(  # noqa: PLR0917
     budget: ProbeBudget,
     channel: str | None = None,
     on_decision: Callable[[ProbeDecision], None] = lambda decision: None,
-    watch: Watch = lambda plan: nullcontext(NOBODY),
+    watch: Watch = lambda plan: nullcontext(NO_WATCHER),
     work: Work = lambda channels: nullcontext(lambda what, share: None),
     design: Design = Study.next_probe,
 ) -> ResolveResult:

@@ -185,9 +185,10 @@ def test_ctrl_c_stops_the_arm_keeps_the_session_and_leaves_stdout_to_json(tmp_pa
 @pytest.mark.parametrize(("phase", "touched"), [(Phase.APPROACH, False), (Phase.HOLD, True)])
 def test_stopped_run_states_whether_contact_occurred(tmp_path, log_in_process, phase, touched):
     class Stopper(Watcher):
-        def tick(self, measurement, output):
+        def observe(self, measurement, output):
             if output.phase is phase:
                 signal.raise_signal(signal.SIGINT)
+            return super().observe(measurement, output)
 
     job = ProbingJob(find_robot("follower"), tmp_path / "s.mcap", QUICK_RUN, online=None)
     outcome = run_probing(job, Stopper())
