@@ -54,7 +54,6 @@ _MAX_UNEXPLAINED = (
 )
 OFFSET = "bias"  # name of the effect that is a constant
 _NEARLY_ALL = 0.99  # least share of the error above the noise that a sensor fault or a drift must explain
-_MIN_RUNS = 5  # runs needed to accept a variation between runs in an incomplete model
 _SAME_CURVE = 1e-3  # energy of the difference of two curves, relative to what the effect adds
 
 
@@ -234,8 +233,6 @@ class FormCriteria:
             return f"its form explains only {percent:.0f} % of the error that {law} explains"
         if not self._search.is_sound(self._fit, test.effect):
             return "its fitted parameters are physically impossible or contradict its name"
-        if test.kind is Kind.RUN_DIFFERENCES and len(self._fit.data.runs) < _MIN_RUNS:
-            return f"fewer than {_MIN_RUNS} runs cannot show differences between runs"
         return ""
 
     def _is_clear(self, test: FormTest) -> bool:

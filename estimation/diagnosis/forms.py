@@ -30,7 +30,6 @@ from palpate.estimation.effects.run_differences import RunVariation
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.inner_search import optimize_inner
-from palpate.estimation.fit.measurement_noise import run_heterogeneity
 from palpate.estimation.fit.normal_equations import held_out_sse, nuisance_of
 from palpate.estimation.fit.smoothing_bias import fit_smoothing_bias
 from palpate.estimation.kinds import SENSOR_KINDS, Kind
@@ -368,7 +367,7 @@ def _with_run_differences(
         parameters: start values, found with a free gain and zero of each run.
     """
     search, alone = partial.search, partial.search.fitted(model, parameters)
-    if Kind.RUN_DIFFERENCES not in kinds or run_heterogeneity(alone.problem.blocked, alone.solution) is None:
+    if Kind.RUN_DIFFERENCES not in kinds:
         return alone
     fits = [alone]
     for effect in search.effects:

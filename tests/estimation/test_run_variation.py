@@ -5,10 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from palpate.estimation.diagnosis.candidates import effect_library
+from palpate.estimation.diagnosis.diagnose import diagnose_channel
+from palpate.estimation.diagnosis.result import Verdict
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_problem import solve_gains
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.model import Model
+from tests.estimation.contact_data import base_model
+from tests.estimation.contact_data import channel as pressed
 from tests.estimation.recover import channel, recover
 from tests.estimation.test_effects_recover import REVOLUTE, runs
 
@@ -153,3 +158,23 @@ def test_zeros_of_runs_leave_a_stiffness_as_certain_as_before(count):
     found = fit_model(data, model, {"run_offset.share": 0.95}).parameters["stiffness.k"]
     alone = fit_model(presses(np.zeros(count), np.ones(count)), Model("m", (EFFECTS["stiffness"](),)), {})
     assert np.ptp(found.interval) < 1.3 * np.ptp(alone.parameters["stiffness.k"].interval)
+
+
+@pytest.mark.parametrize("count", [3, 7])
+def test_short_pulls_of_different_specimens_show_their_own_gains(count):
+    """Pulls of 60 readings; each specimen has its own gain and a wave that no law has."""
+    rng = np.random.default_rng(5)
+    gains = np.linspace(0.5, 1.5, count)
+    time_s = np.linspace(0.0, 6.0, 60)
+    parts = []
+    for gain in rng.permutation(gains):
+        stretch_m = 1e-3 * time_s
+        wave = 0.4 * np.sin(rng.uniform(3.0, 5.0) * time_s) * stretch_m / stretch_m[-1]
+        parts.append((time_s, stretch_m, 2e3 * gain * stretch_m + wave + 0.02 * rng.standard_normal(60)))
+    (time_s, stretch_m, force_n), run = runs(parts)
+    data = pressed(force_n, stretch_m, np.full(len(run), 1e-3), time_s, run=run)
+    model = base_model("kelvin_voigt")
+    result = diagnose_channel(data, model, effect_library(), np.random.default_rng(0))
+    assert result.verdict is Verdict.MISSING
+    assert result.accepted[0].effect == "run_gain"
+    assert result.final.rmse < 0.4 * result.baseline.rmse
