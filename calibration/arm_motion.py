@@ -209,26 +209,30 @@ class FourierPath:
         Returns:
             Motion whose parts have shape (m, n).
         """
-        fade, rate, spin = np.array([self._taper(time_s) for time_s in times_s.tolist()]).T[..., None]
-        return self._tapered(times_s[:, None, None] * self._rate + self._phase, fade, rate, spin)
+        taper = np.array([self._taper(time_s) for time_s in times_s.tolist()]).T[..., None]
+        return self._tapered(times_s[:, None, None] * self._rate + self._phase, *taper)
 
     def _taper(self, time_s: float) -> tuple[float, float, float]:
         """Return the share of the full motion and its derivatives; the fade-out mirrors the fade-in."""
         is_first = time_s <= 0.5 * self.duration_s
         since_s = time_s if is_first else self.duration_s - time_s
-        fade, rate, spin = quintic(since_s, _FADE_SHARE * self.duration_s)
-        return fade, rate if is_first else -rate, spin
+        fade, fade_rate, fade_acceleration = quintic(since_s, _FADE_SHARE * self.duration_s)
+        return fade, fade_rate if is_first else -fade_rate, fade_acceleration
 
     def _tapered(
-        self, angle: FloatArray, fade: float | FloatArray, rate: float | FloatArray, spin: float | FloatArray
+        self,
+        angle: FloatArray,
+        fade: float | FloatArray,
+        fade_rate: float | FloatArray,
+        fade_acceleration: float | FloatArray,
     ) -> JointMotion:
         """Return the motion at these angles of the harmonics (..., n, harmonics) [rad]."""
         sine, cosine = self._amplitude * np.sin(angle), self._amplitude * np.cos(angle)
         wave, speed, acceleration = sine.sum(axis=-1), cosine @ self._rate, -(sine @ self._rate**2)
         return JointMotion(
             self.center_rad + fade * wave,
-            fade * speed + rate * wave,
-            fade * acceleration + 2.0 * rate * speed + spin * wave,
+            fade * speed + fade_rate * wave,
+            fade * acceleration + 2.0 * fade_rate * speed + fade_acceleration * wave,
         )
 
 

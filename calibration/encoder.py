@@ -148,7 +148,7 @@ _SETTLE_S = 0.3
 class StopSettings:
     """Settings of the touches of stops."""
 
-    # torque beyond the arm's weight that pushes a joint against its stop, shape (n,) [N m].
+    # Torque beyond the arm's weight that pushes a joint against its stop, shape (n,) [N m].
     push_nm: FloatArray
     lead_rad: FloatArray  # largest lead of the reference over the joint, shape (n,) [rad]
     travel_rad_s: float  # speed of the moves to the stops and back [rad/s]
@@ -171,9 +171,7 @@ class StopSettings:
 class StopTask:
     """Touches every stop several times; see `palpate.control.loop.task.Task`.
 
-    The ticks at a stop are in phase HOLD.
-
-    Runs number the touches of all joints.
+    The ticks at a stop are in phase HOLD. Each touch is a run; runs are numbered over all joints.
 
     Args:
         body: model of the arm.

@@ -63,7 +63,7 @@ class StationaryRobot:
             KeyboardInterrupt: Ctrl-C, or the program was asked to end.
         """
         output = blank_output(self.robot.joint_count, Phase.IDLE, run)
-        none_nm = output.command.joint_torque_nm
+        zero_nm = output.command.joint_torque_nm
         period_s, start_s = 1.0 / self.rate_hz, self.clock.now_s()
         with InterruptFlag() as interrupt:
             for number in range(1, math.ceil(duration_s * self.rate_hz) + 1):
@@ -71,7 +71,7 @@ class StationaryRobot:
                 self.guard.watch(measurement)
                 tripped = self.guard.tripped
                 is_tripped = tripped is not None
-                record = Tick(number, measurement, output, none_nm, is_tripped, NO_ESTIMATE, _NO_DURATIONS)
+                record = Tick(number, measurement, output, zero_nm, is_tripped, NO_ESTIMATE, _NO_DURATIONS)
                 self.log.append(STREAM_NAME, tick_record(record))
                 if tripped:
                     raise SafetyTripError("; ".join(filter(None, (tripped.cause, tripped.remedy))))

@@ -340,7 +340,7 @@ def _orient_signs(
         return result, False, ["; ".join(notes)] if notes else []
     names, quoted = f"'{depth.column}' and '{force.column}' take both signs", shlex.quote(depth.column)
     contact = f"--column displacement={quoted} reads it as a contact"
-    pulls = sides.springy or is_named or POSITION in assigned
+    pulls = sides.elastic or is_named or POSITION in assigned
     if not pulls:
         note = (
             f"{names}, but do not change sign together, as with a damper: they are read as a linear axis; "

@@ -228,10 +228,10 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         fitting = [name for name in free if dimension_by_name[name] in QUANTITIES[quantity]]
         named = [name for name in free if quantity_by_name[name] == quantity]
         # A column whose name or unit says something else is never suggested.
-        silent = [name for name in free if not (quantity_by_name[name] or dimension_by_name[name])]
+        uninformative = [name for name in free if not (quantity_by_name[name] or dimension_by_name[name])]
         if quantity == "displacement" and lengths and not (fitting or named):
             options.append(f"--column position={shlex.quote(lengths[0])} --unit position={unit}")
-        elif candidates := fitting or named or silent:
+        elif candidates := fitting or named or uninformative:
             column = candidates[0 if fitting or named else last]
             free.remove(column)
             options.append(f"--column {quantity}={shlex.quote(column)}")

@@ -157,13 +157,13 @@ def _joined_unit(name: str) -> tuple[str, str] | None:
         for written in (dotted[2], dotted[2].replace(".", "/")):
             if dimension_of(unit := normalize_unit(written)):
                 return dotted[1], unit
-    if stuck := _JOINED_UNIT.fullmatch(name):
-        known = {quantity for quantity, words in WORDS.items() if plain(stuck[1]) in words} - {RUN}
-        for written in (stuck[2], stuck[2][0].lower() + stuck[2][1:]):
+    if match := _JOINED_UNIT.fullmatch(name):
+        known = {quantity for quantity, words in WORDS.items() if plain(match[1]) in words} - {RUN}
+        for written in (match[2], match[2][0].lower() + match[2][1:]):
             dimension = dimension_of(unit := normalize_unit(written))
             fits = any(dimension in QUANTITIES[quantity] for quantity in known)
             if fits and dimension not in PROXIES:
-                return stuck[1], unit
+                return match[1], unit
     return None
 
 

@@ -383,16 +383,16 @@ def _passive_power(
 
     Source: J. C. Willems, Arch. Rational Mech. Anal. 45 (1972), dissipative systems.
     """
-    place = (position - position.mean()) / (float(np.ptp(position)) or 1.0)
-    columns = np.column_stack([place**power for power in range(4)])
+    scaled_position = (position - position.mean()) / (float(np.ptp(position)) or 1.0)
+    columns = np.column_stack([scaled_position**power for power in range(4)])
     signals = np.column_stack([effort, velocity, acceleration])
     effort, velocity, acceleration = (signals - columns @ np.linalg.lstsq(columns, signals, rcond=None)[0]).T
     motion = np.column_stack([velocity, acceleration])
     damping, inertia = np.linalg.lstsq(motion, effort, rcond=None)[0] * motion.std(axis=0)
     if damping < 0.0 < inertia and inertia**2 > _CONTRADICTING_INERTIA * damping**2:
         return 0.0
-    beside = effort - inertia / (acceleration.std() or 1.0) * acceleration
-    return correlation_coefficient(velocity, beside)
+    without_inertia = effort - inertia / (acceleration.std() or 1.0) * acceleration
+    return correlation_coefficient(velocity, without_inertia)
 
 
 def with_arm(channels: Sequence[ChannelData]) -> tuple[ChannelData, ...]:

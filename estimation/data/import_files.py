@@ -115,8 +115,8 @@ def read_tables(paths: Sequence[Path], options: ImportOptions) -> Iterator[Table
             import_table(first, options)
         except InputError:
             with suppress(InputError):  # the first file's fault is the one to report
-                if beside := joined_columns(first, (read_table(more) for more in paths[1:])):
-                    yield beside
+                if joined := joined_columns(first, (read_table(more) for more in paths[1:])):
+                    yield joined
                     return
     yield first
     for path in paths[1:]:

@@ -155,7 +155,7 @@ _HOLD_SPEED = 0.05  # largest speed of a hold, relative to the usual speed
 _REVERSAL_SPEED = 0.3  # least median speed in a reversal, relative to the speed around it (0.5 for a sine)
 _MIN_REST = 3  # least number of samples at rest; a reversal of a triangle wave has fewer
 _EDGE_SPEED = 0.5  # smoothed velocity at the start of a motion, relative to the usual speed
-_SPRINGY = 0.5  # correlation of position and force above which the force follows the position
+_ELASTIC = 0.5  # correlation of position and force above which the force follows the position
 _PHASE_SAMPLES = 9  # samples that determine a phase jointly, so that noise does not create phases
 _PHASES = np.array(  # phase by contact (rows: free air, pressed) and direction of motion (columns)
     [[Phase.RETRACT, Phase.FREE_AIR, Phase.APPROACH], [Phase.UNLOADING, Phase.HOLD, Phase.LOADING]],
@@ -186,7 +186,7 @@ def press_phases(
         pressed = np.asarray(position > 0.0)
     elif pressed is None:
         pressed = np.asarray(force > force_levels(force, position).released)
-        if correlation_coefficient(position[~pressed], force[~pressed]) > _SPRINGY:
+        if correlation_coefficient(position[~pressed], force[~pressed]) > _ELASTIC:
             pressed = np.ones(len(position), dtype=np.bool_)
     usual_speed = _typical_size(velocity)
     is_moving = np.abs(velocity) > _HOLD_SPEED * usual_speed
@@ -255,7 +255,7 @@ class PressSides:
     force: float = 1.0  # factor that makes the force positive in compression: 1 or -1
     zero_m: float = 0.0  # displacement, after multiplication, at which the force begins [m]; often 0
     two_sided: bool = False  # whether the element can also pull: a spring or damper attached at both ends
-    springy: bool = True  # whether the force follows the displacement
+    elastic: bool = True  # whether the force follows the displacement
     never_free: bool = False  # whether no displacement is free air, since the force is nowhere at rest
 
 
@@ -281,11 +281,11 @@ def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
         correlation = correlation_coefficient(displacement, force)
         if is_held and abs(np.mean(displacement)) > np.ptp(displacement):  # includes the element's length
             correlation = np.sign(np.mean(displacement) * np.mean(force))
-        if abs(correlation) > _SPRINGY:
+        if abs(correlation) > _ELASTIC:
             return PressSides(force=float(np.sign(correlation)), two_sided=True, never_free=is_held)
         is_opposed = correlation_coefficient(np.gradient(displacement), force) < _OPPOSED_CORRELATION
         sign = -1.0 if is_opposed else 1.0
-        return PressSides(force=sign, two_sided=True, springy=not is_two_sided, never_free=is_held)
+        return PressSides(force=sign, two_sided=True, elastic=not is_two_sided, never_free=is_held)
     return sides
 
 

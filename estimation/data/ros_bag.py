@@ -30,10 +30,10 @@ def _messages(path: Path) -> Iterator[tuple[str, bytes]]:
     for part in sorted(parts, key=natural_key):
         if part.suffix == ".db3":
             check_size(part, part.stat().st_size)
-            beside = part.with_name(part.name + "-wal")
-            if beside.is_file() and beside.stat().st_size > 0:  # reading its messages would modify the bag
+            journal = part.with_name(part.name + "-wal")
+            if journal.is_file() and journal.stat().st_size > 0:  # reading its messages would modify the bag
                 raise InputError(
-                    f"{part}: messages are still in {beside.name}; end the recording, or join them with: "
+                    f"{part}: messages are still in {journal.name}; end the recording, or join them with: "
                     f"sqlite3 {part.name} 'PRAGMA wal_checkpoint(TRUNCATE)'"
                 )
             read_only = f"{part.resolve().as_uri()}?mode=ro&immutable=1"

@@ -228,7 +228,7 @@ class PairedComparison(TableDisplay):
     @cached_property
     def _slopes(self) -> FloatArray:
         """Derivatives of the first model's effort by its parameters, shape (n, p)."""
-        assert self.first.compared is not None  # noqa: S101, asked for where it is there
+        assert self.first.compared is not None  # noqa: S101, the callers check it
         fitted = self.first.compared.fitted
         return slopes_of(fitted.model, fitted.data, fitted.values)
 

@@ -40,12 +40,14 @@ class ChannelResult(TableDisplay):
     comparison: Comparison | None = None
     # The base model, and one stage for each added effect; empty if the channel cannot be fitted.
     stages: tuple[ModelStage, ...] = ()
-    extended_comparison: Comparison | None = (
-        None  # comparison of the last stage with the measurement; None without effects
-    )
-    # Noise of the channel, to which the errors of all stages refer; None if the channel cannot be fitted.
-    noise: MeasurementNoise | None = None
+    # Comparison of the last stage with the measurement; None without effects.
+    extended_comparison: Comparison | None = None
     reason: str = ""  # why the comparison or added effects are missing; otherwise empty
+
+    @property
+    def noise(self) -> MeasurementNoise | None:
+        """Noise of the channel, to which all errors refer; None if the channel cannot be fitted."""
+        return self.comparison and self.comparison.noise
 
     @property
     def added(self) -> list[str]:

@@ -143,7 +143,7 @@ def clean_text(text: str) -> str:
     """Replace each nonprintable character by a question mark.
 
     Args:
-        text: text to clean_texts.
+        text: the text.
     """
     return "".join(char if char.isprintable() else "?" for char in text)
 

@@ -457,9 +457,7 @@ class ModelStudy(StudyFits):
             ModelStage(self.fit(channel, chain), "".join(chain[-1:]), numbers.get(chain)) for chain in chains
         ]
         extended_comparison = self.comparison(channel, effects) if effects else None
-        return ChannelResult(
-            channel, diagnosis, base, tuple(stages), extended_comparison, self.noise(channel), reason
-        )
+        return ChannelResult(channel, diagnosis, base, tuple(stages), extended_comparison, reason)
 
     def _table(self) -> DisplayTable:
         rows = [

@@ -152,8 +152,8 @@ def run_stops(
         start_rad = _stationary(arm).await_samples().joint_position_rad
         up_rad, approaches = plan_stops(arm.body, start_rad, limits, stops_rad, settings.reach_rad)
         task = StopTask(arm.body, gains_of(job.robot_file).tracking, up_rad, approaches, settings)
-        opened = widen_limits_for_stops(limits, approaches, settings.reach_rad + BEYOND_RAD)
-        _move(arm, task, _slowed(opened, STOP_SPEED_RAD_S), watcher(12.0 * len(approaches)))
+        widened = widen_limits_for_stops(limits, approaches, settings.reach_rad + BEYOND_RAD)
+        _move(arm, task, _slowed(widened, STOP_SPEED_RAD_S), watcher(12.0 * len(approaches)))
 
 
 def run_pose(job: CalibrationJob) -> None:

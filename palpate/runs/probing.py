@@ -37,7 +37,7 @@ from palpate.sim_backend.drivers import SimulatedBus
 from palpate.sim_backend.scenario import Scenario
 
 PLAN = "plan"  # key of the plan's text in the session's metadata
-_OF_LOOP = (  # fields of a loop's result in the JSON output
+_LOOP_FIELDS = (  # fields of a loop's result in the JSON output
     *("ticks", "overruns", "dropped", "unsent", "log_error", "observer_error", "deactivation_error"),
     *("duration_s", "wall_s"),
 )
@@ -104,7 +104,7 @@ class ProbingOutcome:
             "outcome": str(loop.outcome),
             "cause": loop.cause,
             "failed_runs": list(self.failures),
-            **{name: getattr(loop, name) for name in _OF_LOOP},
+            **{name: getattr(loop, name) for name in _LOOP_FIELDS},
         }
 
 

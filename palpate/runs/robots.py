@@ -111,7 +111,7 @@ def emulate(
     *,
     as_built: RobotFile | None = None,
 ) -> WiredArm:
-    """Connect emulated devices to every bus of a robot; the caller must close the arm's bench.
+    """Connect emulated devices to every bus of a robot; the caller must close its emulator.
 
     On a simulated clock the devices run in lockstep with the clock.
 
@@ -138,8 +138,8 @@ def emulate(
     for name, bus in arm.robot_file.buses.items():  # only the addresses of devices change
         known = as_built.buses[name].settings.items()
         data["buses"][name].update(dict(item for item in bus.settings.items() if item not in known))
-    led = parse_robot_file(yaml.safe_dump(data, sort_keys=False), robot_file.path)
-    return replace(arm, robot_file=led)
+    adjusted = parse_robot_file(yaml.safe_dump(data, sort_keys=False), robot_file.path)
+    return replace(arm, robot_file=adjusted)
 
 
 def describe_wires(robot_file: RobotFile) -> str:

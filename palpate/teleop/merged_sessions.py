@@ -186,8 +186,8 @@ class MergedSessions:
         # Start of each touch, and number of the newest touch, 0 before the first.
         begins = touching & ~np.concatenate([[False], touching[:-1]])
         number = np.cumsum(begins)
-        knew = np.concatenate([[False], (haptic["revision"] != GUESS)[begins]])
-        counted = touching & knew[number] & (real_n > _LEAST_N)
+        has_estimate = np.concatenate([[False], (haptic["revision"] != GUESS)[begins]])
+        counted = touching & has_estimate[number] & (real_n > _LEAST_N)
         # Touches that began less than `TOUCH_S` before a missed tick.
         missed = haptic["lateness_s"] > np.median(step_s)
         first = np.convolve(begins, np.ones(round(TOUCH_S / _TICK_S)))[: len(begins)] > 0.0

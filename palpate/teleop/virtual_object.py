@@ -54,12 +54,12 @@ def force_law(terms: Sequence[ContactModel]) -> ForceLaw:
     hidden = [parse_imperfection({"effect": term.name, **entry}) for term, entry in named]
     if others := [entry.name for entry in hidden if not _is_rendered(entry)]:
         raise InputError(f"effect '{others[0]}' does not act between object and tip")
-    answer, time_s = ObjectResponse(hidden_effects(hidden, _ONE_JOINT)), 0.0
+    response, time_s = ObjectResponse(hidden_effects(hidden, _ONE_JOINT)), 0.0
 
     def force_n(depth_m: float, rate_m_s: float, dt_s: float) -> float:
         nonlocal time_s
         time_s += dt_s
-        return answer.force_n(contact, ContactState(time_s, dt_s, depth_m, rate_m_s))
+        return response.force_n(contact, ContactState(time_s, dt_s, depth_m, rate_m_s))
 
     return force_n
 
