@@ -9,8 +9,8 @@ from palpate.control.laws.gains import TouchGains
 from palpate.control.laws.touch import RunningMean, release_force_n, touch_force_n
 from palpate.control.loop.task import TaskOutput
 from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates
-from palpate.estimation.data.derivatives import even_coefficients
 from palpate.estimation.estimator import ContactLaw, OnlineContactLaw, OnlineEstimator
+from palpate.estimation.signals.local_polynomials import fit_weights
 from palpate.robot_io.types import Measurement, Status
 
 _GAIN_COUNT = 3
@@ -64,7 +64,7 @@ class OnlineContactEstimator:
         self._updater.start()
         self._touch_gains = touch
         self._release_n = 0.0
-        self._slope: list[float] = even_coefficients(2 * half_window + 1, half_window)[1].tolist()
+        self._slope: list[float] = fit_weights(2 * half_window + 1, 1)[half_window].tolist()
         self._half = half_window
         self._window: deque[tuple[float, float, float]] = deque(maxlen=2 * half_window + 1)
         self._air = RunningMean()

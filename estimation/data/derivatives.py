@@ -15,7 +15,6 @@ ch. 4).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import groupby, pairwise
 from math import factorial
 
@@ -25,6 +24,7 @@ import scipy
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.signals.blocks import blocks, since_start
 from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
+from palpate.estimation.signals.local_polynomials import DEGREE, even_derivative, fit_weights
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 HALF_WINDOWS = (2, 3, 4, 5, 7, 10, 14, 20, 28, 40, 56, 80)
@@ -285,7 +285,6 @@ def _pilot_window(trials: list[_WindowFit]) -> _WindowFit:
     return trials[max(least - 1, 0)]
 
 
-DEGREE = 3
 _EVEN = 1e-4  # relative difference of time steps below which they count as even
 
 
@@ -403,10 +402,7 @@ def local_derivative(time_s: FloatArray, signal: FloatArray, half: int, order: i
     if len(signal) < width or np.ptp(steps) > _EVEN * steps.max():
         every = np.arange(len(signal))
         return _fits_by_piece(time_s, signal, [slice(0, len(signal))], [every], half).fitted[:, order]
-    by_place = _coefficients_at_each_place(width)[:, order]
-    by_place = by_place * factorial(order) / float(np.mean(steps)) ** order
-    middle = np.correlate(signal, by_place[half])
-    return np.concatenate([by_place[:half] @ signal[:width], middle, by_place[half + 1 :] @ signal[-width:]])
+    return even_derivative(signal, width, order) / float(np.mean(steps)) ** order
 
 
 def uneven_derivative_operator(
@@ -451,39 +447,15 @@ def _even_fit(
     step_s: float, position: FloatArray, centers: IntArray, starts: IntArray, width: int
 ) -> LocalFit:
     """Fit windows with even steps: common weights in the middle, and special weights near the ends."""
-    place = centers - starts
-    middle = even_coefficients(width, width // 2)
-    fitted = np.array([np.correlate(position, weights)[starts] for weights in middle]).T
-    variance = np.tile(np.sum(middle**2, axis=1), (len(centers), 1))
+    place, fitted, variance = centers - starts, *np.empty((2, len(centers), 3))
     ends = np.flatnonzero(place != width // 2)
-    coefficients = _coefficients_at_each_place(width)[place[ends]]
     windows = position[starts[ends, None] + np.arange(width)]
-    fitted[ends] = np.einsum("nkw,nw->nk", coefficients, windows)
-    variance[ends] = np.sum(coefficients**2, axis=2)
-    per_second = np.array([1.0, 1 / step_s, 2 / step_s**2])
-    return LocalFit(fitted * per_second, variance * per_second**2)
-
-
-@lru_cache(maxsize=4096)
-def even_coefficients(width: int, place: int) -> FloatArray:
-    """Return the weights (3, width) of a polynomial's value, slope and half curvature at `place`.
-
-    Args:
-        width: number of evenly spaced samples.
-        place: index of the sample in the window.
-    """
-    basis = (np.arange(width) - place)[:, None] ** np.arange(min(DEGREE, width - 1) + 1.0)
-    coefficients = np.zeros((3, width))
-    fitted = np.linalg.pinv(basis)[:3]
-    coefficients[: len(fitted)] = fitted
-    coefficients.setflags(write=False)
-    return coefficients
-
-
-@lru_cache(maxsize=64)
-def _coefficients_at_each_place(width: int) -> FloatArray:
-    """Return the weights of `even_coefficients` for all places of a window, shape (width, 3, width)."""
-    return np.array([even_coefficients(width, place) for place in range(width)])
+    for order in range(3):
+        weights = fit_weights(width, order) / step_s**order
+        fitted[:, order] = np.correlate(position, weights[width // 2])[starts]
+        fitted[ends, order] = np.einsum("nw,nw->n", weights[place[ends]], windows)
+        variance[:, order] = np.sum(weights**2, axis=1)[place]
+    return LocalFit(fitted, variance)
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:

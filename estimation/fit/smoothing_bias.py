@@ -9,11 +9,11 @@ from functools import lru_cache
 import numpy as np
 import scipy
 
-from palpate.estimation.data.derivatives import even_coefficients
 from palpate.estimation.fit.blocks import BlockedData
 from palpate.estimation.fit.fit_problem import FitProblem, Solution
 from palpate.estimation.fit.normal_equations import LinearFit
 from palpate.estimation.signals.blocks import equal_length_blocks
+from palpate.estimation.signals.local_polynomials import fit_weights
 from palpate.robot_io.types import FloatArray, IntArray
 
 _MOST_TIMES = 3.0  # largest plausible multiple of the expected smoothing bias
@@ -100,7 +100,7 @@ def smoothing_kernel(half: int, order: int, block: int = 1) -> FloatArray:
     Returns:
         Weights of neighboring blocks, symmetric, with sum 1, shape (2 r + 1,).
     """
-    weights = even_coefficients(2 * half + 1, half)[order]
+    weights = fit_weights(2 * half + 1, order)[half]
     for _ in range(order):
         weights = np.cumsum(weights[::-1])[::-1][1:]
     place = (np.arange(len(weights)) - 0.5 * (len(weights) - 1)) / block

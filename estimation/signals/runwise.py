@@ -3,9 +3,8 @@
 from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from functools import lru_cache
 from itertools import permutations
-from math import perm
 
 import numpy as np
 import scipy
@@ -13,6 +12,7 @@ import scipy
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.signals.blocks import block_index, blocks, split_columns
 from palpate.estimation.signals.cache_by_array import cache_by_array
+from palpate.estimation.signals.local_polynomials import even_derivative
 from palpate.robot_io.types import FloatArray, IntArray
 
 _WINDOW = 5  # samples over which a derivative is smoothed
@@ -224,43 +224,18 @@ def smooth_jitter(position: FloatArray, time_s: FloatArray, run: IntArray) -> Fl
     window = 2 * int(0.5 * window_s / sample_time(time_s, run)) + 1
     smoothed = np.array(position, dtype=np.float64)
     if 3 < window <= len(position):
-        smoothed = _apply_local_fit(_local_fit(window, 0), smoothed, run, smoothed)
+        smoothed = _fit_per_run(smoothed, run, window, 0, smoothed)
     smoothed.setflags(write=False)  # the result is cached, and others are cached by it
     return smoothed
 
 
-def _apply_local_fit(weights: FloatArray, signal: FloatArray, run: IntArray, short: FloatArray) -> FloatArray:
-    """Apply a fit to the window of samples around each sample, or to the first or last window of its run.
-
-    Args:
-        weights: result of `_local_fit`, shape (window, window).
-        signal: signal, shape (n,).
-        run: run number of each sample, shape (n,).
-        short: result in runs that are shorter than the window, shape (n,).
-    """
-    result, window = short.copy(), len(weights)
-    half = window // 2
+def _fit_per_run(signal: FloatArray, run: IntArray, width: int, order: int, short: FloatArray) -> FloatArray:
+    """Apply `even_derivative` to each run; runs that are shorter than the window keep the values `short`."""
+    result = short.copy()
     for rows in blocks(run):
-        values = signal[rows]
-        if len(values) >= window:
-            middle = np.correlate(values, weights[half])
-            ends = weights[:half] @ values[:window], weights[-half:] @ values[-window:]
-            result[rows] = np.concatenate([ends[0], middle, ends[1]])
+        if rows.stop - rows.start >= width:
+            result[rows] = even_derivative(signal[rows], width, order)
     return result
-
-
-@cache
-def _local_fit(window: int, order: int) -> FloatArray:
-    """Return the matrix (window, window) that maps a window to a derivative of its cubic fit.
-
-    Args:
-        window: odd number of evenly spaced samples.
-        order: order of the derivative by the index of the sample, 0 for the fit itself.
-    """
-    place, power = np.linspace(-1.0, 1.0, window)[:, None], np.arange(4.0)  # scipy.signal loads too slowly
-    factors = np.array([float(perm(k, order)) for k in range(4)]) / (window // 2) ** order
-    derived: FloatArray = factors * place ** np.maximum(power - order, 0.0)
-    return derived @ np.linalg.pinv(place**power)
 
 
 def direction(
@@ -312,8 +287,7 @@ def derivative(signal: FloatArray, time_s: FloatArray, run: IntArray) -> FloatAr
     Returns:
         Derivative, shape (n,) [unit of the signal / s].
     """
-    weights = _local_fit(_WINDOW, 1) / sample_time(time_s, run)
-    return _apply_local_fit(weights, signal, run, np.zeros(len(signal)))
+    return _fit_per_run(signal, run, _WINDOW, 1, np.zeros(len(signal))) / sample_time(time_s, run)
 
 
 _MAX_LOG = 36.0  # -log(1 - w) at which w equals 1 in double precision

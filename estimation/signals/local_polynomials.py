@@ -1,0 +1,45 @@
+"""Local cubic fits to evenly spaced samples (A. Savitzky, M. Golay, Analytical Chemistry 36 (1964))."""
+
+from functools import lru_cache
+from math import perm
+
+import numpy as np
+
+from palpate.robot_io.types import FloatArray
+
+DEGREE = 3  # of the polynomials, in windows of more samples
+
+
+@lru_cache(maxsize=256)
+def fit_weights(width: int, order: int) -> FloatArray:
+    """Return the weights of a derivative of a local fit at each sample of a window.
+
+    Args:
+        width: number of evenly spaced samples in the window.
+        order: order of the derivative by the index of the sample, 0 for the fit itself.
+
+    Returns:
+        Weights of the samples (columns) for the derivative at each sample (rows), shape (width, width).
+    """
+    half = max(0.5 * (width - 1), 0.5)
+    place = (np.arange(width) - 0.5 * (width - 1))[:, None] / half
+    power = np.arange(min(DEGREE, width - 1) + 1)
+    factors = np.array([perm(k, order) for k in power.tolist()]) / half**order
+    weights: FloatArray = factors * place ** np.maximum(power - order, 0) @ np.linalg.pinv(place**power)
+    weights.setflags(write=False)
+    return weights
+
+
+def even_derivative(signal: FloatArray, width: int, order: int) -> FloatArray:
+    """Differentiate an evenly sampled signal by the index of the sample, shape (n,).
+
+    The fit covers the window around each sample, or the first or last window of the signal.
+
+    Args:
+        signal: signal, shape (n,), n at least `width`.
+        width: odd number of samples in a window.
+        order: order of the derivative, 0 for the smoothed signal.
+    """
+    weights, half = fit_weights(width, order), width // 2
+    ends = weights[:half] @ signal[:width], weights[half + 1 :] @ signal[-width:]
+    return np.concatenate([ends[0], np.correlate(signal, weights[half]), ends[1]])
