@@ -37,7 +37,7 @@ _STAIRCASE = 0.8  # least share of the slowest positions that repeat a neighbor'
 _SLOWEST, _REACH = 0.1, 10  # share of the slowest samples; samples on each side that determine the speed
 _BLOCK = 20_000  # samples whose steps are checked together for evenness
 _IN_MEMORY = 200_000  # samples whose fits are in memory together
-_AT_ONCE = 4096  # samples fitted at once, so that sums of their windows stay in the processor's cache
+_AT_ONCE = 1024  # windows fitted at once, so that they stay in the processor's cache
 
 
 @dataclass(frozen=True)
@@ -339,54 +339,35 @@ def _fits_by_piece(
         fitted[chosen_rows], variance[chosen_rows] = fit.fitted, fit.variance
     first, length = np.repeat([(rows.start, rows.stop - rows.start) for rows in pieces], counts, axis=0).T
     unit_s, place = np.repeat(units_s, counts), np.concatenate(centers)
-    widths, terms = np.minimum(2 * half + 1, length), np.minimum(DEGREE, length - 1) + 1
-    starts = first + np.clip(place - half, 0, length - widths)
-    for count in np.unique(terms[uneven]):
-        rows_of_degree = np.flatnonzero(uneven & (terms == count))
-        rows_of_degree = rows_of_degree[np.argsort(-widths[rows_of_degree], kind="stable")]
-        for batch in np.split(rows_of_degree, np.arange(_AT_ONCE, len(rows_of_degree), _AT_ONCE)):
-            fitted[batch], variance[batch] = _uneven_fit(
-                time_s,
-                position,
-                centers=(first + place)[batch],
-                starts=starts[batch],
-                width=widths[batch],
-                unit_s=unit_s[batch],
-                terms=int(count),
-            )
+    widths = np.minimum(2 * half + 1, length)
+    for width in np.unique(widths[uneven]).tolist():
+        same_width = np.flatnonzero(uneven & (widths == width))
+        for batch in np.split(same_width, np.arange(_AT_ONCE, len(same_width), _AT_ONCE)):
+            starts = first[batch] + np.clip(place[batch] - half, 0, length[batch] - width)
+            rows_of_windows, centers_of_windows = starts[:, None] + np.arange(width), (first + place)[batch]
+            powers, inverse = _uneven_fits(time_s, rows_of_windows, centers_of_windows, unit_s[batch])
+            away = position[rows_of_windows] - position[centers_of_windows, None]
+            coefficients = (inverse @ (powers @ away[..., None]))[:, :3, 0]
+            per_second = np.array([1.0, 1.0, 2.0]) / unit_s[batch, None] ** np.arange(3)
+            terms = coefficients.shape[1]
+            fitted[batch, :terms] = coefficients * per_second[:, :terms]
+            fitted[batch, 0] += position[centers_of_windows]
+            variance[batch, :terms] = np.einsum("nii->ni", inverse)[:, :3] * per_second[:, :terms] ** 2
     return LocalFit(fitted, variance)
 
 
-def _uneven_fit(
-    time_s: FloatArray,
-    position: FloatArray,
-    *,
-    centers: IntArray,
-    starts: IntArray,
-    width: IntArray,
-    unit_s: FloatArray,
-    terms: int,
+def _uneven_fits(
+    time_s: FloatArray, rows: IntArray, centers: IntArray, unit_s: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Accumulate and solve the normal equations of windows with uneven steps."""
-    moments, products = np.zeros((2 * terms - 1, len(centers))), np.zeros((terms, len(centers)))
-    at_s, at = time_s[centers], position[centers]
-    for offset in range(width[0]):
-        reach = int(np.searchsorted(-width, -offset))
-        rows = starts[:reach] + offset
-        scaled_time, value = (time_s[rows] - at_s[:reach]) / unit_s[:reach], position[rows] - at[:reach]
-        power = np.ones(reach)
-        for order in range(2 * terms - 1):
-            moments[order, :reach] += power
-            if order < terms:
-                products[order, :reach] += power * value
-            power *= scaled_time
-    inverse = _inverse(moments[np.add.outer(np.arange(terms), np.arange(terms))].transpose(2, 0, 1))
-    fitted, variance = np.zeros((2, len(centers), 3))
-    fitted[:, : min(3, terms)] = np.einsum("nij,jn->ni", inverse, products)[:, :3]
-    fitted[:, 0] += at
-    variance[:, : min(3, terms)] = np.einsum("nii->ni", inverse)[:, :3]
-    per_second = np.stack([np.ones(len(centers)), 1 / unit_s, 2 / unit_s**2], axis=1)
-    return fitted * per_second, variance * per_second**2
+    """Return the powers of time (n, terms, width) in windows (n, width), and the inverse of their products.
+
+    The times are relative to the centers (n,), in units (n,) [s] that keep the powers of the size of 1.
+    """
+    scaled_time = (time_s[rows] - time_s[centers, None]) / unit_s[:, None]
+    powers = np.ones((len(rows), min(DEGREE, rows.shape[1] - 1) + 1, rows.shape[1]))
+    for power in range(1, powers.shape[1]):
+        np.multiply(powers[:, power - 1], scaled_time, out=powers[:, power])
+    return powers, _inverse(powers @ powers.swapaxes(1, 2))
 
 
 def local_derivative(time_s: FloatArray, signal: FloatArray, half: int, order: int) -> FloatArray:
@@ -420,26 +401,22 @@ def uneven_derivative_operator(
     first = np.array([rows.start for rows in pieces])
     lengths = np.diff(first, append=count)
     spans_s = time_s[first + lengths - 1] - time_s[first]
-    # Window size: at least as many samples as a fit has terms, at most the length of the piece.
-    sizes = np.minimum(lengths, max(2 * half + 1, DEGREE + 1))
-    ends = np.append(0, np.cumsum(np.repeat(np.minimum(2 * half + 1, lengths), lengths)))
+    widths = np.minimum(2 * half + 1, lengths)
+    ends = np.append(0, np.cumsum(np.repeat(widths, lengths)))
     weights, columns = np.zeros(ends[-1]), np.zeros(ends[-1], dtype=np.int64)
     piece = np.repeat(np.arange(len(pieces)), lengths)
-    for size in np.unique(sizes):
-        at = np.flatnonzero(sizes[piece] == size)
-        start, length, span_s = first[piece[at]], lengths[piece[at]], spans_s[piece[at]]
-        width, terms = min(2 * half + 1, int(size)), min(DEGREE, int(size) - 1) + 1
+    for width in np.unique(widths).tolist():
+        at = np.flatnonzero(widths[piece] == width)
+        start, length = first[piece[at]], lengths[piece[at]]
         rows = (start + np.clip(at - start - half, 0, length - width))[:, None] + np.arange(width)
+        unit_s = width / 2 * spans_s[piece[at]] / np.maximum(length - 1, 1)
+        unit_s[unit_s == 0.0] = 1.0
         places = ends[at][:, None] + np.arange(width)
         columns[places] = rows
-        if order >= terms:
-            continue
-        unit_s = width / 2 * span_s / np.maximum(length - 1, 1)
-        unit_s[unit_s == 0.0] = 1.0
-        powers = ((time_s[rows] - time_s[at, None]) / unit_s[:, None])[..., None] ** np.arange(terms)
-        inverse = _inverse(np.einsum("nwi,nwj->nij", powers, powers))
-        derived = np.einsum("nwj,nj->nw", powers, inverse[:, order])
-        weights[places] = derived * factorial(order) / unit_s[:, None] ** order
+        powers, inverse = _uneven_fits(time_s, rows, at, unit_s)
+        if order < len(inverse[0]):
+            derived = (inverse[:, order, None] @ powers)[:, 0]
+            weights[places] = derived * factorial(order) / unit_s[:, None] ** order
     return scipy.sparse.csr_array((weights, columns, ends), shape=(count, count))
 
 
