@@ -83,18 +83,17 @@ class VirtualObject:
         self._force_n = self._energy_j = self._fading_n = 0.0
         self._updated = False
 
-    def update(self, law: ForceLaw, point_world_m: FloatArray | None = None) -> None:
+    def update(self, law: ForceLaw, point_world_m: FloatArray) -> None:
         """Render another law from the next step on.
 
         Args:
             law: force law.
-            point_world_m: a point of the new surface, shape (3,) [m]; None to keep the surface.
+            point_world_m: a point of the new surface, shape (3,) [m].
 
         Raises:
             InputError: the point is not finite.
         """
-        if point_world_m is not None:
-            self._next_height_m = self._along_normal(point_world_m)
+        self._next_height_m = self._along_normal(point_world_m)
         self._law = law
         self._updated = True
 

@@ -47,7 +47,7 @@ class ChannelResult(TableDisplay):
     @property
     def noise(self) -> MeasurementNoise | None:
         """Noise of the channel, to which all errors refer; None if the channel cannot be fitted."""
-        return self.comparison and self.comparison.noise
+        return None if self.comparison is None else self.comparison.noise
 
     @property
     def added(self) -> list[str]:

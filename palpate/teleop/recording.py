@@ -110,8 +110,8 @@ def _entity(parameter: str) -> str:
     return f"parameter/{parameter.replace('.', '_')}"
 
 
-def draw(path: Path, merged: MergedSessions, rendered: ForceComparison, modeled: ForceComparison) -> Path:
-    """Write a PNG with forces over time, felt over real force, and the link; return its path.
+def draw(path: Path, merged: MergedSessions, rendered: ForceComparison, modeled: ForceComparison) -> None:
+    """Write a PNG with forces over time, felt over real force, and the link.
 
     Raises:
         InputError: the file cannot be written.
@@ -165,4 +165,3 @@ def draw(path: Path, merged: MergedSessions, rendered: ForceComparison, modeled:
             figure.savefig(unfinished, dpi=110, format="png")
     finally:
         plt.close(figure)
-    return path

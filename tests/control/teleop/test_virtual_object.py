@@ -66,13 +66,13 @@ def test_unchanged_law_is_rendered_exactly(law):
 @pytest.mark.parametrize("before", [nothing, kelvin_voigt(300.0, 0.0), kelvin_voigt(5000.0, 20.0)])
 def test_next_touch_after_an_update_has_the_new_law(before):
     law, depth = kelvin_voigt(1500.0, 8.0), in_and_out(0.008)
-    forces = press(VirtualObject(before, np.zeros(3), UP), np.tile(depth, 2), {800: (law,)})
+    forces = press(VirtualObject(before, np.zeros(3), UP), np.tile(depth, 2), {800: (law, np.zeros(3))})
     assert forces[len(depth) + 800] == pytest.approx(law(depth[800], 0.0, DT_S), rel=1e-6)
 
 
 def test_stiffness_increase_up_to_double_needs_no_new_touch():
     virtual = VirtualObject(kelvin_voigt(800.0, 0.0), np.zeros(3), UP)
-    forces = press(virtual, in_and_out(0.008), {700: (kelvin_voigt(1500.0, 0.0),)})
+    forces = press(virtual, in_and_out(0.008), {700: (kelvin_voigt(1500.0, 0.0), np.zeros(3))})
     assert forces[990] == pytest.approx(1500.0 * 0.0079, rel=1e-6)
 
 
@@ -80,7 +80,10 @@ def test_update_adds_no_energy_where_the_bare_law_would():
     soft, stiff, depth = kelvin_voigt(300.0, 0.0), kelvin_voigt(6000.0, 0.0), in_and_out(0.008)
     bare = np.array([(soft if i < 700 else stiff)(x, 0.0, DT_S) for i, x in enumerate(depth)])
     assert returned_j(bare, depth) > 0.1  # the test can fail
-    assert returned_j(press(VirtualObject(soft, np.zeros(3), UP), depth, {700: (stiff,)}), depth) <= RESERVE_J
+    assert (
+        returned_j(press(VirtualObject(soft, np.zeros(3), UP), depth, {700: (stiff, np.zeros(3))}), depth)
+        <= RESERVE_J
+    )
 
 
 @st.composite
