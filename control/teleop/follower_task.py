@@ -152,9 +152,9 @@ class FollowerTask:
         on_silence: SilenceAction = SilenceAction.FINISH,
     ) -> None:
         self._hold = HybridController(body, sensor_axis_tip, gains)
-        self._queue, self._probing = queue, probing
+        self._queue, self._make_probing_task = queue, probing
         self._settled, self._on_silence = settled, on_silence
-        self._under_way: ProbingTask | None = None
+        self._probing_task: ProbingTask | None = None
         self._runs = self._base = 0  # runs so far; runs of the targets before the current one
         self._linked = False
         self._events: list[TaskEvent] = []
@@ -181,9 +181,9 @@ class FollowerTask:
             self._linked = self._queue.linked
             text = "the leader responds" if self._linked else "the leader is silent: no new target is started"
             self._events.append(TaskEvent("link_up" if self._linked else "link_silent", text))
-        if self._under_way is None:
+        if self._probing_task is None:
             self._begin(measurement)
-        task = self._under_way
+        task = self._probing_task
         if task is None:
             hold = self._hold.step_joints(measurement, self._posture, dt_s)
             return make_output(
@@ -219,7 +219,7 @@ class FollowerTask:
                 self._finish(TargetState.FAILED, f"target {number}: {failed}")
             else:
                 self._finish(TargetState.DONE, failed)
-            self._under_way = None
+            self._probing_task = None
             self._hold.start(measurement)
         return output._replace(done=False, events=(*events, *self._events))
 
@@ -228,12 +228,12 @@ class FollowerTask:
         if target is None:
             return
         try:
-            task = self._probing(target)
+            task = self._make_probing_task(target)
             task.start(measurement)
         except InputError as error:
             self._finish(TargetState.REFUSED, f"target {short_number(target.number)} refused: {error}")
             return
-        self._under_way, self._base = task, self._runs
+        self._probing_task, self._base = task, self._runs
         self._direction = np.array(target.direction_world)
         text = f"target {short_number(target.number)} begun"
         self._events.append(TaskEvent("target", text, {"target": target.number}))

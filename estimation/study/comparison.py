@@ -78,9 +78,7 @@ def patterns(parts: Mapping[str, Sequence[ErrorPart]], rmse: float) -> tuple[Err
         sizes = [float(np.sqrt(max(part.rmse**2 + mean**2 - 2.0 * mean * part.mean, 0.0))) for part in split]
         centered = zip(split, sizes, strict=True)
         varying[by] = [replace(part, mean=part.mean - mean, rmse=size) for part, size in centered]
-        deviations = np.array([part.mean for part in varying[by]])
-        deviations -= np.average(deviations, weights=weights)
-        spread = float(np.sqrt(np.average(deviations**2, weights=weights)))
+        spread = float(np.sqrt(np.average([part.mean**2 for part in varying[by]], weights=weights)))
         means[by] = spread / centered_rmse if centered_rmse > 0.0 else 0.0
     patterns = [
         ErrorPattern(by, words, share)
@@ -164,7 +162,7 @@ def _bins(signal: FloatArray, unit: str, engaged: BoolArray) -> dict[str, BoolAr
     if not high > low:
         return {}
     edges = np.linspace(low, high, _BINS + 1)
-    bin_index = np.clip(np.digitize(signal, edges[1:-1]), 0, _BINS - 1)
+    bin_index = np.digitize(signal, edges[1:-1])
     labels = [f"{rounded(low)} to {with_unit(high, unit)}".strip() for low, high in pairwise(edges)]
     return {label: (bin_index == i) & engaged for i, label in enumerate(labels)}
 

@@ -34,8 +34,8 @@ from palpate.runs.options import (
     Permission,
     ask_for_pose,
     ask_for_power,
-    joint_angles,
-    numbers,
+    parse_joint_angles,
+    parse_numbers,
     without_question,
 )
 from palpate.runs.session import ArmSession
@@ -99,7 +99,7 @@ def force(
 
     def record(job: runs.CalibrationJob) -> None:
         if weights_kg is not None:
-            masses_kg = numbers("--weights-kg", weights_kg)
+            masses_kg = parse_numbers("--weights-kg", weights_kg)
             if min(masses_kg) < 0:
                 raise InputError(f"--weights-kg {weights_kg!r}: masses must not be negative")
             forces_n = [mass_kg * gravity_m_s2 for mass_kg in masses_kg]
@@ -169,7 +169,7 @@ def encoder(
         raise InputError("--from: that session holds its stops; leave out --lower-stops, --upper-stops")
     pose_rad = None
     if pose is not None:
-        pose_rad = joint_angles("--pose", pose, robot_file)
+        pose_rad = parse_joint_angles("--pose", pose, robot_file)
         body = RigidBody.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
         ranges = zip(pose_rad, *body.position_limits_rad, strict=True)
         for joint, (angle, low, high) in enumerate(ranges, 1):
@@ -181,8 +181,8 @@ def encoder(
     stops = None  # lower and upper ones, NaN where not stated
     if stops_stated:
         none = [np.nan] * robot_file.joint_count
-        lower = none if lower_stops is None else joint_angles("--lower-stops", lower_stops, robot_file)
-        upper = none if upper_stops is None else joint_angles("--upper-stops", upper_stops, robot_file)
+        lower = none if lower_stops is None else parse_joint_angles("--lower-stops", lower_stops, robot_file)
+        upper = none if upper_stops is None else parse_joint_angles("--upper-stops", upper_stops, robot_file)
         for joint, (low, high) in enumerate(zip(lower, upper, strict=True), 1):
             if low >= high:
                 raise InputError(

@@ -26,7 +26,7 @@ from palpate.runs.options import (
     YesOption,
     ask_for_power,
     describe_motion,
-    numbers,
+    parse_numbers,
     probing_plan,
 )
 from palpate.runs.probing import (
@@ -79,7 +79,7 @@ def probe_command(
     settings = {"force_limit_n": force_limit_n, "hold_s": hold_s, "repeats": repeats}
     changes: dict[str, Any] = {key: value for key, value in settings.items() if value is not None}
     if speed_mm_s is not None:
-        speeds_mm_s = numbers("--speed-mm-s", speed_mm_s, ", such as 150,90,60")
+        speeds_mm_s = parse_numbers("--speed-mm-s", speed_mm_s, ", such as 150,90,60")
         if not all(0 < speed <= 1000 for speed in speeds_mm_s):
             raise InputError(f"--speed-mm-s {speed_mm_s!r}: each speed must be above 0 and at most 1000 mm/s")
         changes["speeds_m_s"] = [MILLI * speed for speed in speeds_mm_s]

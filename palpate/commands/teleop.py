@@ -30,7 +30,7 @@ from palpate.runs.options import (
     RunOptions,
     YesOption,
     ask_for_power,
-    numbers,
+    parse_numbers,
     probing_plan,
     time_stamp,
 )
@@ -126,7 +126,7 @@ def follower(
         options.session_file(out, "teleop"),
         plan,
         permission=lambda: ask_for_power(motion, yes=yes),
-        link=_line(name, port, link, key, bad_network),
+        link=_link_settings(name, port, link, key, bad_network),
         on_silence=on_silence,
         diagnose=diagnose,
         **{**options.job, "paced": True},
@@ -223,7 +223,7 @@ def leader(  # noqa: PLR0917, one parameter an option
         extra={SOURCE: "leader"},
     )
     haptics = HapticJob(robot, operator, scene, session, metadata, largest_jump_n=jump_n)
-    line = _line(name, port, link, key, bad_network)
+    line = _link_settings(name, port, link, key, bad_network)
     if isinstance(device, LeaderArm):
         arm = load_robot_file(device.settings.robot)
         torques = ", ".join(f"{torque:g}" for torque in arm.limits.torque_nm)
@@ -282,7 +282,7 @@ def demo(
       palpate teleop demo --out teleop-demo
       palpate teleop demo --out far --scenario hunt_crossley --bad-network 500,20,10
     """
-    _line("arm", 7447, None, None, bad_network)  # checks the option before anything starts
+    _link_settings("arm", 7447, None, None, bad_network)  # checks the option before anything starts
     network = [] if bad_network is None else ["--bad-network", bad_network]
     with console.stderr().status("leader and follower are running (about 30 s)"):
         made = run_demo(out, load_scenario(scenario), network)
@@ -317,12 +317,12 @@ def demo(
         console.say(f"[yellow]{slowness}[/yellow]")
 
 
-def _line(
+def _link_settings(
     name: str, port: int, config: Path | None, key: Path | None, bad_network: str | None
 ) -> LinkSettings:
     impairment = None
     if bad_network is not None:
-        parts = numbers("--bad-network", bad_network, ", such as 500,20,10")
+        parts = parse_numbers("--bad-network", bad_network, ", such as 500,20,10")
         if len(parts) != 3:
             raise InputError(f"--bad-network {bad_network!r}: give delay, jitter [ms] and loss [%]")
         impairment = Impairment(MILLI * parts[0], MILLI * parts[1], PERCENT * parts[2])

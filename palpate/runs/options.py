@@ -140,7 +140,7 @@ class MotionOptions(CalibrateOptions):
     yes: YesOption = False
 
 
-def numbers(option: str, text: str, example: str = "") -> list[float]:
+def parse_numbers(option: str, text: str, example: str = "") -> list[float]:
     """Parse comma-separated numbers; raise `InputError` if invalid or too large.
 
     Args:
@@ -157,7 +157,7 @@ def numbers(option: str, text: str, example: str = "") -> list[float]:
     return values
 
 
-def joint_angles(option: str, text: str, robot_file: RobotFile) -> list[float]:
+def parse_joint_angles(option: str, text: str, robot_file: RobotFile) -> list[float]:
     """Parse one angle per joint [rad], or "home"; raise `InputError` if invalid or of the wrong number.
 
     Args:
@@ -167,7 +167,7 @@ def joint_angles(option: str, text: str, robot_file: RobotFile) -> list[float]:
     """
     if text == "home":
         return list(robot_file.home_rad)
-    angles = numbers(option, text)
+    angles = parse_numbers(option, text)
     if len(angles) != robot_file.joint_count:
         raise InputError(
             f"{option} {text!r}: {len(angles)} angles, the robot has {robot_file.joint_count} joints"

@@ -196,20 +196,20 @@ def references_of(session: Session) -> ReferenceTrajectory:
         raise InputError(f"{session.path}: was not recorded with an arm, so there is no motion to repeat")
     ticks = session.samples(STREAM_NAME)
     speed_rad_s = np.abs(ticks.vector("reference_velocity_rad_s")).max(axis=1)
-    aimed = np.isfinite(ticks.vector("reference_position_rad")).all(axis=1) & np.isfinite(speed_rad_s)
-    known = len(aimed) if aimed.all() else int(np.argmin(aimed))  # there are no references after a stop
-    stands = (ticks["run"][:known] == NO_RUN) & (speed_rad_s[:known] < _STILL_RAD_S)
-    count = int(np.flatnonzero(stands)[-1]) + 1 if stands.any() else 0
-    if not (ticks["run"][:count] != NO_RUN).any():
+    has_reference = np.isfinite(ticks.vector("reference_position_rad")).all(axis=1) & np.isfinite(speed_rad_s)
+    before_stop = np.logical_and.accumulate(has_reference)  # there are no references after a stop
+    at_rest = before_stop & (ticks["run"] == NO_RUN) & (speed_rad_s < _STILL_RAD_S)
+    count = int(np.flatnonzero(at_rest)[-1]) + 1 if at_rest.any() else 0
+    repeated = ticks.select(np.arange(len(ticks)) < count)
+    if not (repeated["run"] != NO_RUN).any():
         raise InputError(f"{session.path}: holds no complete run that ended at rest; nothing to repeat")
-    first = slice(0, count)
     return ReferenceTrajectory(
-        ticks["time_s"][first] - ticks["time_s"][0],
-        ticks.vector("reference_position_rad")[first],
-        ticks.vector("reference_velocity_rad_s")[first],
-        ticks["run"][first].astype(np.int64),
-        ticks["phase"][first].astype(np.int64),
-        ticks["press_direction_world"][first],
+        repeated["time_s"] - repeated["time_s"][0],
+        repeated.vector("reference_position_rad"),
+        repeated.vector("reference_velocity_rad_s"),
+        repeated["run"].astype(np.int64),
+        repeated["phase"].astype(np.int64),
+        repeated["press_direction_world"],
     )
 
 
@@ -243,13 +243,13 @@ def _check_arm(body: RigidBody, recorded: Session) -> None:
     """Raise an error if the arm's tip would be elsewhere in the recorded poses."""
     ticks = recorded.samples(STREAM_NAME)
     rows = np.linspace(0, len(ticks) - 1, 20).astype(int)
-    there_m = ticks.vector("tip_position_world_m")[rows]
-    here_m = np.array([body.tip_pose(q)[0] for q in ticks.vector("joint_position_rad")[rows]])
-    off_m = float(np.nanmax(np.linalg.norm(here_m - there_m, axis=1)))
-    if off_m > _FARTHEST_M:
+    recorded_m = ticks.vector("tip_position_world_m")[rows]
+    tip_m = np.array([body.tip_pose(q)[0] for q in ticks.vector("joint_position_rad")[rows]])
+    distance_m = float(np.nanmax(np.linalg.norm(tip_m - recorded_m, axis=1)))
+    if distance_m > _FARTHEST_M:
         raise InputError(
             f"{recorded.path}: was recorded with another arm: in the same postures, the tip of this "
-            f"arm is up to {1e3 * off_m:.0f} mm away. Name the right arm with --robot"
+            f"arm is up to {1e3 * distance_m:.0f} mm away. Name the right arm with --robot"
         )
 
 

@@ -208,7 +208,7 @@ def arm_session(
             command_line=job.command_line,
             extra={SOURCE: source, "python": python_version(), **extra},
         )
-        log, sealed = stack.enter_context(begun_session(job, robot.joint_count, metadata, scenario, streams))
+        log, sealed = stack.enter_context(begin_session(job, robot.joint_count, metadata, scenario, streams))
         yield ArmSession(job, robot, body, clock, log, sealed, world)
 
 
@@ -229,7 +229,7 @@ def raise_for_end(result: LoopResult) -> None:
 
 
 @contextmanager
-def begun_session(
+def begin_session(
     job: ArmJob,
     joint_count: int,
     metadata: SessionMetadata,

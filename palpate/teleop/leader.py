@@ -23,7 +23,7 @@ from palpate.teleop.virtual_object import DOWN, TargetStates, summarize_estimate
 
 MESSAGE_PERIOD_S = 0.02  # period of intents
 _LINK_RECORD_S, _SHOW_S = 0.1, 0.5
-_FAREWELL_S = 45.0  # time limit for a follower to finish the queued targets
+_FINISH_S = 45.0  # time limit for a follower to finish the queued targets
 _SAME_PLACE_M = 0.005  # places closer than this are the same target
 _START_S = 30.0  # time limit for the haptic process's first message
 Say = Callable[[str], None]
@@ -130,7 +130,7 @@ class _Leader:
                     link = "linked" if self._messaging.linked else "NO LINK"
                     status = f"{self._report.force_n:5.2f} N felt; {trust}; {link}"
                 self._show(status)
-            if now_s > self._ending_s + _FAREWELL_S or (self._ending and not self._messaging.linked):
+            if now_s > self._ending_s + _FINISH_S or (self._ending and not self._messaging.linked):
                 self._over = True
             self._clock.sleep_until(now_s + MESSAGE_PERIOD_S)
         # Request the end of the session, and receive the loop's timing.

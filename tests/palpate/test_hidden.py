@@ -12,7 +12,7 @@ from palpate.robot_io.session import Session, SessionMetadata
 from palpate.runs.hidden_effects import SEAL, command_line, hide
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import find_robot
-from palpate.runs.session import ArmJob, begun_session
+from palpate.runs.session import ArmJob, begin_session
 from palpate.sim_backend.hidden import SealedAnswer, draw_hidden, noise_scale, seal, sealed_path, unseal
 from palpate.sim_backend.imperfection import IMPERFECTIONS, parse_imperfection
 from palpate.sim_backend.scenario import Scenario, load_scenario
@@ -148,7 +148,7 @@ def test_existing_session_gets_no_other_answer(tmp_path, mystery):
     job = ArmJob(find_robot("follower"), mystery)
     with (
         pytest.raises(SessionError, match="exists already"),
-        begun_session(job, 3, SessionMetadata(), load_scenario({"hidden": BIAS})),
+        begin_session(job, 3, SessionMetadata(), load_scenario({"hidden": BIAS})),
     ):
         pass
     assert sealed_path(mystery).read_text() == answer
