@@ -20,6 +20,7 @@ class Score:
     expected: list[str]  # kinds
     kind: str | None  # the largest of the budget
     kind_right: bool
+    kind_stated: bool  # the same, or that an expected kind is said to explain as much in its place
     form_right: bool
     false_names: list[str]
     seconds: float  # by the clock
@@ -54,6 +55,7 @@ def score(recipe: dict[str, Any], channel: dict[str, Any], seconds: float) -> Sc
         for entry in accepted
         if not names & {entry["effect"], *entry.get("confused_with", [])}
     ]
+    kinds = [leading["kind"], *leading.get("replaceable_by", [])] if leading else []
     unknown = leading is not None and leading.get("form") == "unknown"
     fair = channel["verdict"] in expected.get("verdicts", [])  # nothing is missing, or it cannot be said
     baseline, final = channel.get("baseline"), channel.get("final")
@@ -67,7 +69,8 @@ def score(recipe: dict[str, Any], channel: dict[str, Any], seconds: float) -> Sc
         accepted=[entry["effect"] for entry in accepted],
         expected=expected["kinds"],
         kind=leading["kind"] if leading else None,
-        kind_right=fair or (leading is not None and leading["kind"] in expected["kinds"]),
+        kind_right=fair or not set(kinds[:1]).isdisjoint(expected["kinds"]),
+        kind_stated=fair or not set(kinds).isdisjoint(expected["kinds"]),
         form_right=fair or len(wrong) < len(accepted) or (not accepted and unknown),
         false_names=wrong,
         seconds=seconds,
@@ -81,6 +84,7 @@ def summary(results: list[Score]) -> str:
         part = [result for result in results if result.split == split]
         counts = {
             "kind right": sum(result.kind_right for result in part),
+            "kind right or stated as possible": sum(result.kind_stated for result in part),
             "form right or honestly unknown": sum(result.form_right for result in part),
             "a false name": sum(bool(result.false_names) for result in part),
             "refused": sum(result.verdict == "refused" for result in part),

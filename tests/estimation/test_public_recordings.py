@@ -450,7 +450,11 @@ def named(*effects, **more):
 def test_score_takes_the_kind_with_the_largest_share_or_none():
     result = score(RECIPE, named(budget=BUDGET), 1.0)
     assert (result.kind, result.kind_right, result.form_right) == ("friction", True, True)
-    assert not score(RECIPE, named(budget=BUDGET[1:]), 1.0).kind_right
+    wrong = score(RECIPE, named(budget=BUDGET[1:]), 1.0)
+    assert (wrong.kind_right, wrong.kind_stated) == (False, False)
+    replaceable = [{**BUDGET[1], "replaceable_by": ["friction"]}]
+    stated = score(RECIPE, named(budget=replaceable), 1.0)
+    assert (stated.kind_right, stated.kind_stated) == (False, True)
     result = score(RECIPE, named("coulomb_friction"), 1.0)
     assert (result.kind, result.kind_right, result.form_right, result.false_names) == (None, False, True, [])
 
