@@ -5,6 +5,9 @@ from typing import Any
 
 from .convert import split_of
 
+# Laws that are younger than the recipes, each with the law of the same kind whose acceptance includes it.
+_LATER_LAWS = {"softening_stiffness": "power_law_stiffness"}
+
 
 @dataclass(frozen=True)
 class Score:
@@ -43,6 +46,7 @@ def score(recipe: dict[str, Any], channel: dict[str, Any], seconds: float) -> Sc
     """
     expected = recipe["expected"]
     names = {name for group in expected["groups"].values() for name in group}
+    names |= {later for later, earlier in _LATER_LAWS.items() if earlier in names}
     budget: list[dict[str, Any]] = channel.get("budget") or []
     leading = max(budget, key=share_of, default=None)
     accepted = [

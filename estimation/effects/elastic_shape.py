@@ -27,6 +27,7 @@ _STRAIGHT = 0.1  # distance of the exponent from 1 within which the law is pract
 _CLEARLY = 2.0  # standard errors by which a slope must exceed zero
 _SHOWN = 0.03  # share of the upper layer's force that must exceed the sensor's dead band
 _OTHER_SPRINGS = {"hunt_crossley.k", "stress_relaxation.k1"}
+_FEWEST_BENT = 5  # samples within the bend of a softening spring that are needed to see it
 _STEEPEST = 50.0  # limit of b |x|, to avoid overflow
 _STARTS = (0.5, 1.0, 2.0, 4.0, 7.0, 12.0)  # b times the largest |x|
 
@@ -103,6 +104,7 @@ class PowerLawStiffness(AdditiveEffect):
         "exponential_stiffness": "press deeper: an exponential soon outgrows any power",
         "hunt_crossley": "press at two speeds: its damping grows with depth",
         "layered_stiffness": "press deeper: layers have a kink, a power law has none",
+        "softening_stiffness": "press deeper: a power law keeps softening, an exponential becomes straight",
         "contact_offset": "find the surface by a slow touch: an offset bends the curve near the surface only",
     }
 
@@ -134,6 +136,7 @@ class LayeredStiffness(AdditiveEffect):
     inner = (Parameter("depth", "{position}", 0.0, 10.0, (0.001, 0.02)),)
     confused_with = {
         "exponential_stiffness": "press deeper: beyond the kink a layer is straight",
+        "softening_stiffness": "press deeper: layers have a kink, a gradually softening spring has none",
         "cubic_stiffness": "press deeper: beyond the kink a layer is straight, a cubic keeps bending",
         "hunt_crossley": "press deeper: beyond the kink a layer is straight, a power law keeps bending",
     }
@@ -174,6 +177,40 @@ class LayeredStiffness(AdditiveEffect):
 def _has_positive_slope(slope: float, std_err: float) -> bool:
     """Return whether a layer's slope is clearly positive; if its error is unknown, only the sign counts."""
     return slope >= (0.0 if np.isnan(std_err) else _CLEARLY * std_err)
+
+
+class SofteningStiffness(AdditiveEffect):
+    """F = a (1 - exp(-x/d)): in addition to a linear spring, a force that approaches a limit."""
+
+    name = "softening_stiffness"
+    kind = Kind.ELASTIC_SHAPE
+    physics = "The object yields gradually, or its fibers slip one after the other, so stiffness falls."
+    equation = "F = a (1 - exp(-x/d))"
+    source = "E. Voce, J. Inst. Metals 74 (1948): strain hardening that approaches a limit"
+    signature = "the slope of force over depth falls exponentially towards a constant"
+    signals = ("position",)
+    channels = frozenset({ChannelKind.CONTACT})
+    gains = (Parameter("a", "{effort}", 0.0, 1e12, (0.01, 1000.0)),)
+    elastic = ("a",)
+    inner = (Parameter("d", "{position}", 1e-12, 10.0, (1e-4, 0.02), log=True),)
+    confused_with = {
+        "layered_stiffness": "press deeper: layers have a kink, a gradually softening spring has none",
+        "power_law_stiffness": "press deeper: a power law keeps softening, an exponential becomes straight",
+        "plastic_set": "unload: an elastic spring softens in the same way on the way out",
+        "contact_offset": "find the surface by a slow touch: a wrong surface bends the curve near it only",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return -np.expm1(-np.maximum(data.position, 0.0) / inner["d"])[:, None]
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: shares of the deepest indentation."""
+        return start_grid(d=np.array([0.03, 0.07, 0.15, 0.3, 0.6, 1.2]) * data.deepest)
+
+    def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
+        """See `Effect.is_misnamed`: few samples show the bend, so that the law looks like a jump."""
+        near = (data.position > 0.0) & (data.position < parameters[f"{self.name}.d"])
+        return bool(np.count_nonzero(near) < _FEWEST_BENT)
 
 
 class JointSpring(AdditiveEffect):

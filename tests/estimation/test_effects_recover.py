@@ -75,6 +75,17 @@ def exponential_stiffness():
     return RecoveryCase(channel(CONTACT, t, x, force, run=run), ("stiffness",), truth, 0.05)
 
 
+def softening_stiffness():
+    stiffest, softest, reach = 3000.0, 500.0, 0.002  # the slope falls from one to the other
+    depth = np.linspace(0.0, 0.008, 300)
+    law = state(
+        lambda x, f: softest + (stiffest - softest) * np.exp(-x / reach), depth, rtol=1e-10, atol=1e-12
+    )
+    (t, x, force), run = runs([(t, x, np.interp(x, depth, law)) for t, x, _ in press(0.008)])
+    truth = {"d": (reach, 1, 0), "a": ((stiffest - softest) * reach, 0, 1), "stiffness.k": (softest, -1, 1)}
+    return RecoveryCase(channel(CONTACT, t, x, force, run=run), ("stiffness",), truth, 0.05)
+
+
 def relaxation_spectrum():
     fast, slow, sooner, later = 0.4, 0.25, 0.3, 9.0
 
@@ -311,6 +322,7 @@ CASES = (
     tool_compliance,
     power_law_stiffness,
     exponential_stiffness,
+    softening_stiffness,
     relaxation_spectrum,
     power_law_relaxation,
     stress_relaxation,
