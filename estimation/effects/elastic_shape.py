@@ -136,7 +136,7 @@ class LayeredStiffness(AdditiveEffect):
     inner = (Parameter("depth", "{position}", 0.0, 10.0, (0.001, 0.02)),)
     confused_with = {
         "exponential_stiffness": "press deeper: beyond the kink a layer is straight",
-        "softening_stiffness": "press deeper: layers have a kink, a gradually softening spring has none",
+        "softening_stiffness": "read more often near the bend: only a layer has a kink",
         "cubic_stiffness": "press deeper: beyond the kink a layer is straight, a cubic keeps bending",
         "hunt_crossley": "press deeper: beyond the kink a layer is straight, a power law keeps bending",
     }
@@ -194,7 +194,7 @@ class SofteningStiffness(AdditiveEffect):
     elastic = ("a",)
     inner = (Parameter("d", "{position}", 1e-12, 10.0, (1e-4, 0.02), log=True),)
     confused_with = {
-        "layered_stiffness": "press deeper: layers have a kink, a gradually softening spring has none",
+        "layered_stiffness": "read more often near the bend: only a layer has a kink",
         "power_law_stiffness": "press deeper: a power law keeps softening, an exponential becomes straight",
         "plastic_set": "unload: an elastic spring softens in the same way on the way out",
         "contact_offset": "find the surface by a slow touch: a wrong surface bends the curve near it only",
