@@ -25,6 +25,7 @@ from scipy.stats import t
 from palpate.calibration.standstill import UncertainValue, few_sample_factor
 from palpate.estimation.data.table import Table, read_table
 from palpate.estimation.signals.blocks import blocks
+from palpate.estimation.statistics.noise import MAD_TO_SIGMA
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import Session
 from palpate.robot_io.types import BoolArray, FloatArray, Status
@@ -32,7 +33,6 @@ from palpate.robot_io.types import BoolArray, FloatArray, Status
 _SETTLING_SHARE = 0.25  # share of a plateau that is left out if there is no information about settling
 _MIN_SAMPLES = 3  # fewest samples of a plateau
 _OUTLIER = 8.0  # robust standard deviations from which a sample is a converter's glitch
-_NORMAL = 1.4826  # standard deviation of normal noise over its median absolute deviation
 STANDARD_GRAVITY_M_S2 = 9.80665
 _ROLES = ("reading", "reference", "settled")
 _READING_UNITS = {"counts": "count", "count": "count", "n": "N", "v": "V", "mv": "mV", "mv/v": "mV/V"}
@@ -101,7 +101,7 @@ def _is_glitch(piece: FloatArray) -> BoolArray:
     """Return samples far from the median, if most agree; the resolution counts as noise."""
     distance = np.abs(piece - np.median(piece))
     steps = np.diff(np.unique(piece))
-    noise = max(_NORMAL * float(np.median(distance)), float(steps.min()) if len(steps) else 0.0)
+    noise = max(MAD_TO_SIGMA * float(np.median(distance)), float(steps.min()) if len(steps) else 0.0)
     return np.asarray(distance > _OUTLIER * noise if noise else np.zeros(len(piece), dtype=np.bool_))
 
 

@@ -9,6 +9,7 @@ import scipy
 from palpate.control.loop.task import Phase
 from palpate.estimation.signals.blocks import blocks
 from palpate.estimation.statistics.correlation import correlation_coefficient
+from palpate.estimation.statistics.noise import MAD_TO_SIGMA
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -17,7 +18,7 @@ MAX_RUNS = 500  # most runs into which a recording is cut; with more presses, se
 # Thresholds relative to the range of the force: a press rises from below `_RELEASED` to above `_PRESSED`.
 _PRESSED, _RELEASED = 0.1, 0.05
 _SIGMAS = (8.0, 4.0)  # the same thresholds in standard deviations of the noise; the larger ones apply
-_TO_SIGMA = 1.4826 / np.sqrt(2.0)  # converts the median step between samples to sigma of normal noise
+_TO_SIGMA = MAD_TO_SIGMA / np.sqrt(2.0)  # converts the median step between samples to sigma of normal noise
 _MIN_AIR_SHARE = 0.02  # least share of samples in free air that determine a baseline
 _MAX_AIR_RISE = 0.1  # largest rise of the force in free air between two presses, relative to the lower press
 

@@ -9,6 +9,7 @@ from palpate.estimation.model import Model
 from palpate.estimation.signals.runwise import is_even, sample_time
 from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.estimation.statistics.least_squares import solve
+from palpate.estimation.statistics.noise import MAD_TO_SIGMA
 from palpate.robot_io.types import FloatArray
 
 _MAX_DEPTH_M = 0.2  # a deeper indentation means a wrong unit
@@ -26,7 +27,6 @@ _AIR_SIGMAS, _QUANTILE = 4.0, 0.95
 _DEPTH_SLICES = 20  # slices of the depth in which the start of the force is located
 # Least share of the deepest indentation without force, and largest noise relative to a spring's force there.
 _MIN_SILENT, _MAX_NOISE = 0.2, 0.25
-_TO_SIGMA = 1.4826  # ratio of standard deviation to median absolute deviation of normal noise
 _SHIFTS_S = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # tried time offsets of clocks that were started by hand
 # Correlations of depth and force: those of springs exceed the first, those of unrelated signals are below the
 # second.
@@ -180,7 +180,7 @@ def _free_air_level(data: ChannelData) -> tuple[float, float]:
     """Return the level of the effort in free air, and the least distance of a press from it [effort]."""
     air = data.effort[~data.engaged]
     level = float(np.median(air))
-    return level, _AIR_SIGMAS * _TO_SIGMA * float(np.median(np.abs(air - level)))
+    return level, _AIR_SIGMAS * MAD_TO_SIGMA * float(np.median(np.abs(air - level)))
 
 
 def unresolved_inertia(data: ChannelData, model: Model | None) -> str | None:

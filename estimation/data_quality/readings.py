@@ -11,6 +11,7 @@ from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
 from palpate.estimation.signals.motion import follows_steps
 from palpate.estimation.signals.runwise import apply_per_run
 from palpate.estimation.statistics.least_squares import solve
+from palpate.estimation.statistics.noise import MAD_TO_SIGMA
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _STUCK_SHARE = 0.3  # least share of loaded samples at one extreme value of a saturated sensor
@@ -201,7 +202,7 @@ _FOLDED = (
     "the signal was rectified"
 )
 # Converts the median second difference to the standard deviation of normal noise.
-_TO_SIGMA = 1.4826 / np.sqrt(6.0)
+_TO_SIGMA = MAD_TO_SIGMA / np.sqrt(6.0)
 
 
 def rectified(data: ChannelData) -> str | None:

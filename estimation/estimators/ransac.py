@@ -14,7 +14,7 @@ from palpate.estimation.estimators.recursive import INITIAL_VARIANCE, Rls
 from palpate.estimation.fit.irls import Loss
 from palpate.estimation.model import Regression
 from palpate.estimation.statistics.least_squares import solve, solve_subsets
-from palpate.estimation.statistics.noise import robust_sigma
+from palpate.estimation.statistics.noise import MAD_TO_SIGMA, robust_sigma
 from palpate.estimation.statistics.uncertainty import Covariance, sandwich
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray
@@ -159,7 +159,6 @@ _INTERVAL = 6  # samples between two new hypotheses
 _MEMORY = 150  # samples from which hypotheses are drawn
 _STEP = 0.03  # step of a running median per sample
 _LEAD = 0.4  # ratio of medians below which another hypothesis replaces the estimate
-_MEDIAN_TO_SIGMA = 1.4826
 _PREEMPTIVE_CUT = 4.0  # standard deviations
 _SEED = 1
 
@@ -219,7 +218,7 @@ class PreemptiveRansac(Rls):
                 with suppress(np.linalg.LinAlgError):  # samples that determine nothing
                     self._pool[worst_index] = np.linalg.solve(self._rows[rows], self._efforts[rows])
                     self._medians[worst_index] = 2.0 * self._medians[0]
-        limit = self.threshold or _PREEMPTIVE_CUT * _MEDIAN_TO_SIGMA * float(self._medians[0])
+        limit = self.threshold or _PREEMPTIVE_CUT * MAD_TO_SIGMA * float(self._medians[0])
         if is_start or float(distance[0]) <= limit:
             self._pool[0] = super().update(row, effort)
         else:
