@@ -228,9 +228,9 @@ class FormCriteria:
     def _impossible(self, test: FormTest) -> str:
         """State why an effect cannot be accepted, whatever it explains; empty if it can."""
         if not (test.is_known or self._is_as_good):
-            percent = 100.0 * max(test.share, 0.0)
+            percent = int(100.0 * max(test.share, 0.0))  # 79.9 % is not the 80 % that is required
             law = f"a flexible law of {test.kind.word}"
-            return f"its form explains only {percent:.0f} % of the error that {law} explains"
+            return f"its form explains only {percent} % of the error that {law} explains"
         if not self._search.is_sound(self._fit, test.effect):
             return "its fitted parameters are physically impossible or contradict its name"
         return ""
