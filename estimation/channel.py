@@ -184,6 +184,8 @@ class ChannelData:
     touching: BoolArray | None = None
     shared: SharedGains | None = None  # information on gains from other channels; None if there is none
     averaged: int = 1  # number of readings averaged in each sample
+    # Whether the readings that were averaged are a stepwise command, see `is_stepwise_command`.
+    is_command: bool = False
 
     def __post_init__(self) -> None:
         """Check lengths, finiteness, and that the context contains all recorded signals.

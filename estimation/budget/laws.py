@@ -19,10 +19,10 @@ from palpate.estimation.signals.blocks import has_one_clock, rows_of_runs
 from palpate.estimation.signals.exponential_memory import low_pass, relax
 from palpate.estimation.signals.free_air import zero_in_free_air
 from palpate.estimation.signals.motion import (
-    follows_steps,
     has_constant_speed,
     is_monotonic,
     is_one_pass,
+    is_stepwise_command,
     never_returns,
 )
 from palpate.estimation.signals.runwise import derivative, longest_run, running_max, sample_time, shift
@@ -158,10 +158,10 @@ def flexible_laws(
 
 
 def unseen_kinds(data: ChannelData) -> frozenset[Kind]:
-    """Find the kinds that a channel cannot show: for a contact, those that its motion does not distinguish.
+    """Find the kinds that a channel cannot show.
 
-    No sensor measures the effort of a joint that is a stepwise command. In a contact, a kind may look like a
-    law of the position.
+    A joint whose effort is a stepwise command has no effort sensor, so sensor statics are excluded. In a
+    contact, the motion may make a kind look like a law of the position.
 
     Path memory needs a run that returns. Any memory, and a sensor's characteristic curve without a bias in
     free air, need several passes or speeds. Rate dependence needs more than one speed, else it looks like
@@ -172,8 +172,7 @@ def unseen_kinds(data: ChannelData) -> frozenset[Kind]:
         data: the channel.
     """
     if data.kind is not ChannelKind.CONTACT:
-        is_command = follows_steps(data.velocity, data.effort, data.run)
-        return frozenset({Kind.SENSOR_STATICS} if is_command else ())
+        return frozenset({Kind.SENSOR_STATICS} if is_stepwise_command(data) else ())
     zero = zero_in_free_air(data)
     unseen = {Kind.RATE_DEPENDENCE} if has_constant_speed(data.velocity[data.engaged]) else set[Kind]()
     has_session_time = len(data.runs) > 1 and has_one_clock(data.time_s, data.run)

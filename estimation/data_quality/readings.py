@@ -8,7 +8,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.model import Model
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
-from palpate.estimation.signals.motion import follows_steps
+from palpate.estimation.signals.motion import is_stepwise_command
 from palpate.estimation.signals.runwise import apply_per_run
 from palpate.estimation.statistics.least_squares import solve
 from palpate.estimation.statistics.noise import MAD_TO_SIGMA
@@ -54,7 +54,7 @@ def too_coarse(data: ChannelData) -> str | None:
     """Report an effort with too few distinct readings; None otherwise, and for a stepwise command."""
     levels = len(np.unique(data.effort))
     least = _MIN_LEVELS if data.kind is ChannelKind.CONTACT else _MIN_JOINT_LEVELS
-    if levels < least and not follows_steps(data.velocity, data.effort, data.run):
+    if levels < least and not is_stepwise_command(data):
         return f"only {levels} different readings: the sensor's steps are too coarse for this effort"
     return None
 

@@ -62,7 +62,7 @@ from palpate.estimation.fit.measurement_noise import measurement_noise
 from palpate.estimation.kinds import PHYSICAL_KINDS, SENSOR_KINDS
 from palpate.estimation.model import Model
 from palpate.estimation.shared_gains import with_shared_gains
-from palpate.estimation.signals.motion import FEW_LEVELS, follows_steps
+from palpate.estimation.signals.motion import FEW_LEVELS, is_stepwise_command
 from palpate.estimation.workers import single_threaded, worker_pool
 
 _EXTENSIONS = 3  # best candidates that are tried beside accepted effects
@@ -463,7 +463,7 @@ def _too_few_levels(start: FitResult) -> str | None:
     """
     data = start.data
     levels = np.unique(data.effort)
-    if not 1 < len(levels) <= FEW_LEVELS or follows_steps(data.velocity, data.effort, data.run):
+    if not 1 < len(levels) <= FEW_LEVELS or is_stepwise_command(data):
         return None
     step, unit = float(np.median(np.diff(levels))), data.kind.effort_unit
     if start.rmse >= step:

@@ -13,6 +13,7 @@ from palpate.estimation.effect import AdditiveEffect, Parameters
 from palpate.estimation.model import Model, own_parameters
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.cache_by_array import FitCache, IdentityKey
+from palpate.estimation.signals.motion import is_stepwise_command
 from palpate.estimation.signals.runwise import longest_run, sample_time
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -283,6 +284,7 @@ def decimate(blocked: BlockedData) -> ChannelData:
         position_step=0.0,  # means are not quantized
         touching=None if data.touching is None else np.asarray(data.touching[blocked.rows].all(axis=1)),
         averaged=data.averaged * blocked.rows.shape[1],
+        is_command=is_stepwise_command(data),
     )
 
 

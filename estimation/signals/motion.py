@@ -1,8 +1,11 @@
 """Properties of a motion that determine which laws it can distinguish, such as its speeds and reversals."""
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
+from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.signals.blocks import rows_of_runs
+from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
 from palpate.robot_io.types import FloatArray, IntArray
 
 _MIN_RETURN = 0.02  # least travel against the main direction of a motion that returns, relative to its range
@@ -11,8 +14,10 @@ _SAME_SPEED = 0.2  # largest relative difference between speeds that count as eq
 FEW_LEVELS = 12  # largest number of distinct values of an effort that may consist of steps
 _STEP_REACH = 5  # samples before and after a step of the effort whose accelerations are compared
 # Least share of steps that the acceleration follows in their direction, and least ratio of its changes at
-# steps to those at other times. At the zeros of a rounded sine, this ratio is the square root of two.
+# steps to those at other times. A rounded sine gives a ratio of the square root of two.
 _FORWARD, _STEP_RATIO = 0.8, 3.0
+_FEWEST_ROUNDED = 3  # number of values above which an even spacing indicates rounding
+_EVEN = 1e-3  # largest relative difference between the distances of evenly spaced values
 _PARTS, _STEPS = 20, 400  # a hold lasts one of these parts of a run, and begins at any of these steps
 _HOLD_SHARE = 0.05  # largest speed in a hold, relative to the mean speed
 _MOVING_SHARE = 0.3  # speed relative to the largest one below which the motion is at rest or reverses
@@ -102,30 +107,36 @@ def _retreat(position: FloatArray) -> float:
     return float(np.max(np.maximum.accumulate(position) - position))
 
 
-def follows_steps(velocity: FloatArray, effort: FloatArray, run: IntArray) -> bool:
-    """Return whether the acceleration follows an effort of few values, as it follows a stepwise command.
+@cache_by_channel_arrays("velocity", "effort", "run")
+def is_stepwise_command(data: ChannelData) -> bool:
+    """Return whether a joint's effort is a command that changes in steps, such as a motor's voltage.
 
-    A real step of the effort changes the acceleration at once and in its own direction. If a sensor rounds an
+    The acceleration follows a real step of the effort at once and in its direction. If a sensor rounds an
     effort that changes continuously, the acceleration changes no more at a step of the readings than at
-    other times.
+    other times. More than three evenly spaced values may be a rounded measurement of real steps, and are not
+    called a command.
 
     Args:
-        velocity: velocity of the joint, shape (n,).
-        effort: effort of the joint, shape (n,).
-        run: run number of each sample, shape (n,).
+        data: the channel.
     """
-    if len(np.unique(effort)) > FEW_LEVELS:
+    levels = np.unique(data.effort)
+    if data.is_command or data.kind is ChannelKind.CONTACT or len(levels) > FEW_LEVELS:
+        return data.is_command
+    distances = np.diff(levels)
+    if len(levels) > _FEWEST_ROUNDED and np.ptp(distances) < _EVEN * distances.mean():
         return False
     at_steps, elsewhere = [np.zeros(0)], [np.zeros(0)]
-    for rows in rows_of_runs(run):
+    for rows in rows_of_runs(data.run):
         if len(rows) < 2 * _STEP_REACH:
             continue
-        windows = np.lib.stride_tricks.sliding_window_view(velocity[rows], _STEP_REACH)
+        windows = np.lib.stride_tricks.sliding_window_view(data.velocity[rows], _STEP_REACH)
         slopes = windows @ (np.arange(_STEP_REACH) - 0.5 * (_STEP_REACH - 1))
         changes = slopes[_STEP_REACH:] - slopes[:-_STEP_REACH]
         # The step from the last sample of the earlier window to the first sample of the later one.
-        steps = np.diff(effort[rows])[_STEP_REACH - 1 : len(rows) - _STEP_REACH]
-        is_near = np.convolve(steps != 0.0, np.ones(2 * _STEP_REACH - 1), mode="same") > 0.5
+        of_change = slice(_STEP_REACH - 1, len(rows) - _STEP_REACH)
+        steps = np.diff(data.effort[rows])
+        is_near = maximum_filter1d(steps != 0.0, 2 * _STEP_REACH - 1, mode="constant")[of_change]
+        steps = steps[of_change]
         at_steps.append((np.sign(steps) * changes)[steps != 0.0])
         elsewhere.append(changes[~is_near])
     stepped, others = np.concatenate(at_steps), np.concatenate(elsewhere)

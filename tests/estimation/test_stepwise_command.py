@@ -1,5 +1,7 @@
 """An effort with few values is either a command that really steps or a continuous effort that is rounded."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,8 +12,9 @@ from palpate.estimation.data_quality import reject_reason
 from palpate.estimation.diagnosis.candidates import applicable_effects, effect_library
 from palpate.estimation.diagnosis.diagnose import diagnose_channel
 from palpate.estimation.diagnosis.result import Verdict
+from palpate.estimation.fit.blocks import block_average, decimate
 from palpate.estimation.kinds import Kind
-from palpate.estimation.signals.motion import follows_steps
+from palpate.estimation.signals.motion import is_stepwise_command
 from tests.estimation.searches import ROTOR
 
 RATE_HZ, FINE = 200.0, 20  # samples per second, and integration steps per sample
@@ -57,7 +60,44 @@ def test_a_stepwise_command_is_diagnosed_and_no_sensor_is_blamed():
 @pytest.mark.parametrize("levels", [[0.5, 1.0], [0.0, 0.4, 0.9, 0.6], [1.0, -1.0, 0.5]])
 def test_real_steps_are_recognized(levels):
     data = motor(levels, 0.9, runs=2, coulomb=0.1)
-    assert follows_steps(data.velocity, data.effort, data.run)
+    assert is_stepwise_command(data)
+
+
+def test_an_averaged_command_stays_a_command():
+    data = motor([0.0, 0.4, 0.9], 0.935, runs=2, coulomb=0.1)
+    averaged = decimate(block_average(data))
+    assert len(averaged) < len(data)
+    assert len(np.unique(averaged.effort)) > 3
+    assert is_stepwise_command(averaged)
+    assert is_stepwise_command(averaged.of_runs(np.array([1])))
+
+
+@pytest.mark.parametrize("count", [1, 9, 10, 12, 17, 18])
+def test_runs_of_any_length_are_accepted(count):
+    data = motor([0.8, -0.8], 0.75, runs=2)
+    rows = (data.run == 0) | (np.arange(len(data)) % 1200 < count)
+    assert is_stepwise_command(data.select(rows))
+    assert not is_stepwise_command(data.select(np.arange(count)))
+
+
+def test_a_contact_has_a_force_sensor():
+    data = replace(motor([0.8, -0.8], 0.75), kind=ChannelKind.CONTACT)
+    assert not is_stepwise_command(data)
+
+
+@pytest.mark.parametrize(("coulomb", "step"), [(0.05, 0.4), (0.1, 0.3)])
+def test_rounded_measurement_of_a_torque_that_steps_is_no_command(coulomb, step):
+    """A servo moves with a trapezoidal speed, and a coarse sensor measures its torque."""
+    time_s = np.arange(2400) / RATE_HZ
+    corners_s, speeds = [0.0, 0.6, 1.4, 2.0, 2.6, 3.4, 4.0], [0.0, 30.0, 30.0, 0.0, -30.0, -30.0, 0.0]
+    velocity = np.interp(time_s % 4.0, corners_s, speeds)
+    acceleration = np.gradient(velocity, time_s)
+    torque = INERTIA * acceleration + coulomb * np.sign(velocity) + 0.02 * velocity
+    signals = time_s, np.cumsum(velocity) / RATE_HZ, velocity, acceleration, step * np.round(torque / step)
+    run = np.repeat(np.arange(3), 800)
+    data = ChannelData("servo", ChannelKind.REVOLUTE, *signals, run, np.full(len(run), -1))
+    assert 3 < len(np.unique(data.effort)) <= 12
+    assert not is_stepwise_command(data)
 
 
 @given(
@@ -72,4 +112,6 @@ def test_a_rounded_torque_is_no_command(frequency_hz, levels, phase, noise):
     torque, velocity = np.sin(angle), -np.cos(angle) / (2.0 * np.pi * frequency_hz * INERTIA)
     velocity += noise * np.ptp(velocity) * np.random.default_rng(RNG_SEED).normal(size=len(velocity))
     rounded = np.round(0.5 * (levels - 1) * (torque + 1.0))
-    assert not follows_steps(velocity, rounded, np.zeros(len(time_s), dtype=np.int64))
+    signals = time_s, np.cumsum(velocity) / RATE_HZ, velocity, torque / INERTIA, rounded
+    run = np.zeros(len(time_s), dtype=np.int64)
+    assert not is_stepwise_command(ChannelData("joint", ChannelKind.REVOLUTE, *signals, run, run - 1))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.import_file import import_file
 from palpate.estimation.diagnosis.diagnose import _Completeness, _too_few_levels, diagnose, diagnose_channel
 from palpate.estimation.diagnosis.forms import FormTest
@@ -41,9 +42,9 @@ module = import_module(
     ],
 )
 def test_few_readings_determine_nothing_below_their_spacing(levels, rmse, said):
-    effort = np.tile(levels, 10)
-    still, run = np.zeros(len(effort)), np.zeros(len(effort), dtype=np.int64)
-    data = SimpleNamespace(effort=effort, velocity=still, run=run, kind=SimpleNamespace(effort_unit="N m"))
+    effort, number = np.tile(levels, 10), np.zeros(10 * len(levels), dtype=np.int64)
+    clock, still = np.arange(len(effort)) * 0.01, np.zeros(len(effort))
+    data = ChannelData("joint_1", ChannelKind.REVOLUTE, clock, clock, still, still, effort, number, number)
     found = _too_few_levels(SimpleNamespace(data=data, rmse=rmse))
     assert found is None if said is None else said in found
 
