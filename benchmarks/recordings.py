@@ -5,8 +5,9 @@
 DATA_DIR has a folder for each recording with the import.csv.gz that benchmarks/measured/convert.py wrote; a
 recording that it lacks is skipped. With `raw` in the recipe (a list of options) the origin's own files are
 diagnosed instead, so that the reading of files is judged too. Three figures count. The kind with the largest
-share of the budget is an expected one; those are counted apart where it is said that an expected kind
-explains as much in its place. A form is named that the recipe accepts, or the largest kind's form is said to
+share of the budget is an expected one; recordings in which an expected kind is stated to explain as much
+in its place are also counted separately. A form is named that the recipe accepts (or a younger
+effect of the same curve, see measured/score.py), or the largest kind's form is said to
 be unknown. No name is false. Where the recipe has `verdicts`, one of them is right by itself.
 Recordings that are held out are run once, by somebody who did not write the rules.
 """

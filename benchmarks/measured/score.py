@@ -5,7 +5,7 @@ from typing import Any
 
 from .convert import split_of
 
-# Laws that are younger than the recipes, each with the law of the same kind whose acceptance includes it.
+# Effects added after the recipes were written. If a recipe accepts the second name, the first is right.
 _LATER_LAWS = {"softening_stiffness": "power_law_stiffness"}
 
 

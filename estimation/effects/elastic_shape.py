@@ -27,7 +27,7 @@ _STRAIGHT = 0.1  # distance of the exponent from 1 within which the law is pract
 _CLEARLY = 2.0  # standard errors by which a slope must exceed zero
 _SHOWN = 0.03  # share of the upper layer's force that must exceed the sensor's dead band
 _OTHER_SPRINGS = {"hunt_crossley.k", "stress_relaxation.k1"}
-_FEWEST_BENT = 5  # samples within the bend of a softening spring that are needed to see it
+_FEWEST_BENT = 5  # least number of samples of all runs with 0 < x < d, which show the bend
 _STEEPEST = 50.0  # limit of b |x|, to avoid overflow
 _STARTS = (0.5, 1.0, 2.0, 4.0, 7.0, 12.0)  # b times the largest |x|
 
@@ -104,7 +104,7 @@ class PowerLawStiffness(AdditiveEffect):
         "exponential_stiffness": "press deeper: an exponential soon outgrows any power",
         "hunt_crossley": "press at two speeds: its damping grows with depth",
         "layered_stiffness": "press deeper: layers have a kink, a power law has none",
-        "softening_stiffness": "press deeper: a power law keeps softening, an exponential becomes straight",
+        "softening_stiffness": "press deeper: its force becomes straight, a power law keeps softening",
         "contact_offset": "find the surface by a slow touch: an offset bends the curve near the surface only",
     }
 
@@ -195,7 +195,7 @@ class SofteningStiffness(AdditiveEffect):
     inner = (Parameter("d", "{position}", 1e-12, 10.0, (1e-4, 0.02), log=True),)
     confused_with = {
         "layered_stiffness": "read more often near the bend: only a layer has a kink",
-        "power_law_stiffness": "press deeper: a power law keeps softening, an exponential becomes straight",
+        "power_law_stiffness": "press deeper: a power law keeps softening, this force becomes straight",
         "plastic_set": "unload: an elastic spring softens in the same way on the way out",
         "contact_offset": "find the surface by a slow touch: a wrong surface bends the curve near it only",
     }

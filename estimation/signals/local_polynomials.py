@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.robot_io.types import FloatArray
 
-DEGREE = 3  # of the polynomials, in windows of more samples
+DEGREE = 3  # of the polynomials; windows of fewer than four samples have a lower degree
 
 
 @lru_cache(maxsize=256)

@@ -1,7 +1,6 @@
 """Properties of a motion that determine which laws it can distinguish, such as its speeds and reversals."""
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.signals.blocks import rows_of_runs
@@ -135,7 +134,7 @@ def is_stepwise_command(data: ChannelData) -> bool:
         # The step from the last sample of the earlier window to the first sample of the later one.
         of_change = slice(_STEP_REACH - 1, len(rows) - _STEP_REACH)
         steps = np.diff(data.effort[rows])
-        is_near = maximum_filter1d(steps != 0.0, 2 * _STEP_REACH - 1, mode="constant")[of_change]
+        is_near = np.convolve(steps != 0.0, np.ones(2 * _STEP_REACH - 1))[_STEP_REACH - 1 :][of_change] > 0.5
         steps = steps[of_change]
         at_steps.append((np.sign(steps) * changes)[steps != 0.0])
         elsewhere.append(changes[~is_near])

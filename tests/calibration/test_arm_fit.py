@@ -93,7 +93,9 @@ def test_inertia_of_the_rotors_is_not_read_as_gain_or_tilt(path):
     motion = replace(clean, measured_nm=clean.measured_nm + 0.5 * clean.acceleration_rad_s2)
     fit = fit_arm(motion, rotors)
     assert np.all(np.abs(fit.gain.value - 1.0) < 4 * fit.gain.std_err)
+    assert abs(fit.tilt_rad.value[0]) < 4 * fit.tilt_rad.std_err[0]
     without = fit_arm(motion, BODY)
+    assert np.any(np.abs(without.gain.value - 1.0) > 10 * without.gain.std_err)
     assert without.residual_nm[np.isfinite(without.residual_nm)].std() > 5 * np.nanstd(fit.residual_nm)
 
 

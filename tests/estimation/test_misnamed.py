@@ -129,3 +129,10 @@ def test_slow_noise_at_the_end_of_a_range_is_no_curve(share):
         data = channel(force, time_s, way, np.full(count, 1e-3), np.zeros(count, dtype=np.int64))
         flags += EFFECTS["saturation"]().is_misnamed(data, {"saturation.limit": 9.5}, dict, 0.05)
     assert flags <= 1
+
+
+@pytest.mark.parametrize(("bend_m", "is_seen"), [(1e-6, False), (2e-3, True)])
+def test_softening_spring_needs_samples_in_its_bend(bend_m, is_seen):
+    given = {"stiffness.k": 800.0, "softening_stiffness.a": 1.0, "softening_stiffness.d": bend_m}
+    misnamed = EFFECTS["softening_stiffness"]().is_misnamed(session(1, runs=4), given, dict, NOISE_N)
+    assert misnamed is not is_seen

@@ -161,10 +161,11 @@ def test_zeros_of_runs_leave_a_stiffness_as_certain_as_before(count):
 
 
 @pytest.mark.parametrize("count", [3, 7])
-def test_short_pulls_of_different_specimens_show_their_own_gains(count):
+@pytest.mark.parametrize("differ", [True, False])
+def test_short_pulls_show_gains_of_specimens_only_if_they_differ(count, differ):
     """Pulls of 60 readings; each specimen has its own gain and a wave that no law has."""
     rng = np.random.default_rng(5)
-    gains = np.linspace(0.5, 1.5, count)
+    gains = np.linspace(0.5, 1.5, count) if differ else np.ones(count)
     time_s = np.linspace(0.0, 6.0, 60)
     parts = []
     for gain in rng.permutation(gains):
@@ -175,6 +176,9 @@ def test_short_pulls_of_different_specimens_show_their_own_gains(count):
     data = pressed(force_n, stretch_m, np.full(len(run), 1e-3), time_s, run=run)
     model = base_model("kelvin_voigt")
     result = diagnose_channel(data, model, effect_library(), np.random.default_rng(0))
+    if not differ:
+        assert "run_gain" not in [entry.effect for entry in result.accepted]
+        return
     assert result.verdict is Verdict.MISSING
     assert result.accepted[0].effect == "run_gain"
     assert result.final.rmse < 0.4 * result.baseline.rmse

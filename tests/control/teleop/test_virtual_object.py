@@ -5,11 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.control.teleop.virtual_object import FORCE_LIMIT_N, RESERVE_J, VirtualObject
+from palpate.control.teleop.virtual_object import VirtualObject
 from palpate.robot_io.errors import InputError
 
 DT_S = 1e-3
 UP = np.array([0.0, 0.0, 1.0])
+
+RESERVE_J, FORCE_LIMIT_N = 1e-4, 50.0
 
 
 def nothing(_depth_m, _rate_m_s, _dt_s):
