@@ -186,6 +186,9 @@ class ChannelData:
     averaged: int = 1  # number of readings averaged in each sample
     # Whether the readings that were averaged are a stepwise command, see `is_stepwise_command`.
     is_command: bool = False
+    # Units of the columns in the file, by quantity, such as {"displacement": "mm"}; empty if unknown. The
+    # arrays are in SI units, so these do not distinguish channels, and only messages use them.
+    units: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def __post_init__(self) -> None:
         """Check lengths, finiteness, and that the context contains all recorded signals.

@@ -47,6 +47,7 @@ _BRACKETED = re.compile(r"\s*[\[({<]\s*(?!\d+\s*\])([^\])}>]*?)\s*[\])}>]\s*$") 
 _RUN_AFTER_UNIT = re.compile(  # as in "Force (N) Run #1"
     r"(?<=[])}]) (?:run|test|trial|specimen) ?#? ?\d+$", re.IGNORECASE
 )
+_BRACKETED_IN_FRONT = re.compile(r"^\s*[\[({<]\s*([^\])}>]+?)\s*[\])}>]\s*(?=\S)")  # "[mm] Travel"
 _DOTTED_UNIT = re.compile(r"(.*\w)\.{1,2}([^\W\d_][\w.]*)\.")  # brackets as R writes them: "force..N."
 _JOINED_UNIT = re.compile(r"([A-Za-z]*[a-z])(?:\.|(?=[A-Z]))([A-Za-z]+)")  # "ForceN", "Load.N"
 _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
@@ -114,12 +115,13 @@ def split_unit(name: str) -> tuple[str, str]:
     """Split a column's name into the part before its unit and the normalized unit; empty if unknown.
 
     Units are in brackets, after a slash, a comma or "in", or at the end: "Weg / mm", "load_mN", "Load N",
-    "force..N." (R replaces brackets), "ForceN". The number of a run may follow the brackets.
+    "force..N." (R replaces brackets), "ForceN". The number of a run may follow the brackets. Brackets with a
+    unit may also be in front of the name: "[mm] Weg".
 
     Args:
         name: name of a column.
     """
-    name = without_run(unicodedata.normalize("NFKC", name))  # also converts full-width characters
+    name = _unit_behind(without_run(unicodedata.normalize("NFKC", name)))  # converts full-width characters
     match = _BRACKETED.search(name)
     stem, _, last = name.strip().rpartition(" ")
     if joined := _joined_unit(name.strip()):
@@ -151,6 +153,19 @@ def without_run(name: str) -> str:
     return _RUN_AFTER_UNIT.sub("", name)
 
 
+def _unit_behind(name: str) -> str:
+    """Move brackets with a unit from the front of a name to its end: "[mm] Weg" to "Weg [mm]".
+
+    A name that also ends in brackets with a unit is unchanged, and so is one whose brackets hold other text.
+    """
+    front, end = _BRACKETED_IN_FRONT.match(name), _BRACKETED.search(name)
+    if not front or not dimension_of(normalize_unit(front[1])):
+        return name
+    if end and dimension_of(normalize_unit(end[1])):
+        return name
+    return f"{name[front.end() :].rstrip()} [{front[1]}]"
+
+
 def _joined_unit(name: str) -> tuple[str, str] | None:
     """Split names whose unit follows without brackets or blanks, such as "force..N." and "ForceN"."""
     if dotted := _DOTTED_UNIT.fullmatch(name):
@@ -173,7 +188,7 @@ def unknown_unit(name: str) -> str:
     Args:
         name: name of a column.
     """
-    match = _BRACKETED.search(_REPEATED.sub("", unicodedata.normalize("NFKC", name)))
+    match = _BRACKETED.search(_unit_behind(_REPEATED.sub("", unicodedata.normalize("NFKC", name))))
     if match and not dimension_of(normalize_unit(match[1])):
         return match[1]
     return next((word for word in re.findall(r"[a-z]+", name.lower()) if word in _COUNTS), "")

@@ -26,7 +26,13 @@ from palpate.estimation.data.import_rows import (
 from palpate.estimation.data.measured_derivatives import is_difference, mistaken_scale
 from palpate.estimation.data.presses import press_phases
 from palpate.estimation.data.table import Table, read_table
-from palpate.estimation.data.units import MAX_STEP_S, dimension_of, factor_to_si, likely_time_unit
+from palpate.estimation.data.units import (
+    MAX_STEP_S,
+    MIN_STEP_S,
+    dimension_of,
+    factor_to_si,
+    other_time_unit,
+)
 from palpate.estimation.signals.blocks import blocks, number_pieces
 from palpate.estimation.signals.runwise import sample_time
 from palpate.estimation.statistics.correlation import correlation_coefficient
@@ -38,7 +44,6 @@ ARM_MOTION = ("joint_position", "joint_velocity", "joint_acceleration")
 DERIVED_SIGNALS = ("load", "rigid_body_torque", "rigid_body_regressor", "payload_effort_per_kg")
 _MAX_SIGNAL_LENGTH = 50  # characters; a session allows 64 including a prefix
 _RESERVED_SIGNALS = frozenset({*ARM_MOTION, *DERIVED_SIGNALS})
-_MIN_STEP_S = 1e-5  # steps between samples below it, or above `MAX_STEP_S`, are noted
 _SPECIMEN = re.compile(
     r"specimen|sample|probek?(?!\w)|prüfling|éprouvette|échantillon|probeta|试样|試料", re.IGNORECASE
 )
@@ -196,10 +201,11 @@ def _note_time(columns: ColumnAssignment, rows: ImportedRows, user_columns: Coll
     time, step_s = columns.assigned[TIME], sample_time(rows.time_s, rows.run)
     if time.column not in user_columns:
         yield from _note_other_clock(columns)
-    if not _MIN_STEP_S <= step_s <= MAX_STEP_S:
+    if not MIN_STEP_S <= step_s <= MAX_STEP_S:
+        unit = other_time_unit(step_s, float(np.ptp(rows.time_s)), time.factor)
         yield (
             f"column '{time.column}': samples are {step_s:.3g} s apart; if this unit is wrong, give "
-            f"the right one, such as --unit time={likely_time_unit(step_s / time.factor)}"
+            f"the right one, such as --unit time={unit}"
         )
     for part in blocks(rows.run):
         steps_s = np.diff(rows.time_s[part])
@@ -289,7 +295,11 @@ def _make_channel(
     if is_contact and (phase == UNKNOWN_PHASE).all():
         phase = press_phases(position, velocity, effort, rows.run, both_ways)
     motion = rows.time_s, position, velocity, acceleration
-    return ChannelData(source.name, source.kind, *motion, effort, rows.run, phase, touching=both_ways)
+    keys = (TIME, source.position, source.effort)
+    units = {key[0]: columns.assigned[key].unit for key in keys if key in columns}
+    return ChannelData(
+        source.name, source.kind, *motion, effort, rows.run, phase, touching=both_ways, units=units
+    )
 
 
 def _measured_derivative(  # noqa: PLR0917

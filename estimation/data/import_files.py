@@ -151,6 +151,11 @@ def joined_channels(parts: Sequence[ChannelData]) -> ChannelData:
         context={name: np.concatenate([part.context[name] for part in parts]) for name in names},
         recorded=frozenset(first.recorded & set(names)),
         position_step=max(part.position_step for part in parts),
+        units={
+            name: unit
+            for name, unit in first.units.items()
+            if all(part.units.get(name) == unit for part in parts)
+        },
         touching=None if all(part.touching is None for part in parts) else np.concatenate(touching),
         shared=None,
     )

@@ -50,28 +50,61 @@ _WORSE = 1.5
 
 def mistaken_units(data: ChannelData) -> str | None:
     """Report a unit that is probably wrong; None if all are plausible."""
-    if data.kind is ChannelKind.CONTACT:
-        deepest = float(np.abs(data.position).max())
-        if deepest > _MAX_DEPTH_M:
-            return (
-                f"the deepest indentation is {deepest:.3g} m, more than {_MAX_DEPTH_M:g} m; if the "
-                "displacement is in millimeters, use --unit displacement=mm"
-            )
-        slope = float(np.ptp(data.effort)) / max(deepest, 1e-12)
-        least = _MIN_SLOPE_N_M if deepest > _MICROSCOPIC_M else _MIN_MICROSCOPIC_N_M
-        if slope > 0.0 and not least < slope < _MAX_SLOPE_N_M:
-            return (
-                f"force over depth is {slope:.3g} N/m, outside {least:g} to {_MAX_SLOPE_N_M:g} N/m; "
-                "if a unit is wrong, correct it, such as --unit force=mN or --unit displacement=mm"
-            )
-    fast = float(np.quantile(np.abs(data.velocity), 0.9))
-    if data.kind.is_angle and fast > _MAX_SPEED_RAD_S:
+    return (
+        _mistaken_unit_of_contact(data) if data.kind is ChannelKind.CONTACT else _mistaken_unit_of_angle(data)
+    )
+
+
+def _mistaken_unit_of_contact(data: ChannelData) -> str | None:
+    """Report an implausible depth or stiffness, with a unit that would be more plausible."""
+    deepest = float(np.abs(data.position).max())
+    if deepest > _MAX_DEPTH_M:
+        problem = f"the deepest indentation is {deepest:.3g} m, more than {_MAX_DEPTH_M:g} m"
+        if _may_be_si(data, "displacement"):
+            return f"{problem}; if the displacement is in millimeters, use --unit displacement=mm"
         return (
-            f"the joint turns faster than {_MAX_SPEED_RAD_S:g} rad/s: a tenth of the samples exceed "
-            f"{fast:.3g} rad/s; if the angle is in degrees or the time in milliseconds, use --unit "
-            "position=deg or --unit time=ms"
+            f"{problem}; if the displacement is not in {data.units['displacement']}, give its unit with "
+            "--unit displacement=UNIT"
         )
-    return None
+    slope = float(np.ptp(data.effort)) / max(deepest, 1e-12)
+    least = _MIN_SLOPE_N_M if deepest > _MICROSCOPIC_M else _MIN_MICROSCOPIC_N_M
+    if slope == 0.0 or least < slope < _MAX_SLOPE_N_M:
+        return None
+    likely = {"force": "mN"} if slope > least else {"displacement": "mm", "force": "kN"}
+    options = [f"--unit {name}={unit}" for name, unit in likely.items() if _may_be_si(data, name)]
+    example = f", such as {' or '.join(options)}" if options else " with --unit"
+    return (
+        f"force over depth is {slope:.3g} N/m, outside {least:g} to {_MAX_SLOPE_N_M:g} N/m; if a unit is "
+        f"wrong, correct it{example}"
+    )
+
+
+def _mistaken_unit_of_angle(data: ChannelData) -> str | None:
+    """Report an implausible speed of a joint with an angle, with units that would be more plausible."""
+    fast = float(np.quantile(np.abs(data.velocity), 0.9))
+    if not data.kind.is_angle or fast <= _MAX_SPEED_RAD_S:
+        return None
+    problem = (
+        f"the joint turns faster than {_MAX_SPEED_RAD_S:g} rad/s: a tenth of the samples exceed "
+        f"{fast:.3g} rad/s"
+    )
+    if data.units.get("position") == "deg":
+        return f"{problem}; check the unit of the time"
+    if data.units.get("time") == "ms":
+        return f"{problem}; if the angle is in degrees, use --unit position=deg"
+    return (
+        f"{problem}; if the angle is in degrees or the time in milliseconds, use --unit position=deg or "
+        "--unit time=ms"
+    )
+
+
+def _may_be_si(data: ChannelData, quantity: str) -> bool:
+    """Return whether the numbers of a quantity were taken for SI units, or their unit is unknown.
+
+    palpate's own names state SI units, and files that use these names may hold numbers in others. Another
+    unit was stated on purpose.
+    """
+    return data.units.get(quantity) in {None, "m", "N"}
 
 
 def mistaken_times(data: ChannelData) -> str | None:
@@ -281,9 +314,11 @@ def angle_in_degrees(data: ChannelData, model: Model | None) -> str | None:
         quadratic, cubic = (_mean_squared_residual(data, law) for law in ([x, x**2], [x, x**2, x**3]))
         if in_degrees > _EQUIVALENT * cubic or quadratic < _WORSE * in_degrees:
             return None
+    is_unclear = data.units.get("position") != "deg"
     return (
         f"the joint turns {turns:.0f} times, and its effort does not repeat with each turn as gravity does; "
-        "if the angle is in degrees, use --unit position=deg; divide the angle of a motor by the gear ratio"
+        + "if the angle is in degrees, use --unit position=deg; " * is_unclear
+        + "divide the angle of a motor by the gear ratio"
     )
 
 

@@ -283,7 +283,8 @@ def _update_digest(digest: "hashlib._Hash", value: object) -> None:
                 _update_digest(digest, item)
         case _ if is_dataclass(value):
             for field in fields(value):
-                _update_digest(digest, (field.name, getattr(value, field.name)))
+                if field.compare:
+                    _update_digest(digest, (field.name, getattr(value, field.name)))
         case _:
             digest.update(f"{type(value).__name__}={value!r};".encode())
 

@@ -1,14 +1,19 @@
 """Units in names: prefixes, products, and substitutes for an effort."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from palpate.estimation.base_model import NO_ARM
 from palpate.estimation.data.column_names import guess_column, split_unit
 from palpate.estimation.data.file_columns import FileColumns
 from palpate.estimation.data.import_file import import_table
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import table_of
 from palpate.estimation.data.units import SI, dimension_of, normalize_unit
+from palpate.estimation.data_quality import quality_warnings
+from palpate.estimation.study.channels import data_sha256
 from palpate.robot_io.errors import InputError
 
 pa = pytest.importorskip("pyarrow")
@@ -18,7 +23,13 @@ FORCE = 500.0 * X
 G = 9.80665
 
 
-@pytest.mark.parametrize("form", ["Load ({})", "Load [{}]", "Load / {}", "load_{}", "Load {}", "Load in {}"])
+@pytest.mark.parametrize(
+    "form",
+    [
+        *("Load ({})", "Load [{}]", "Load / {}", "load_{}", "Load {}", "Load in {}"),
+        *("[{}] Load", "({}) Load", "[{}] Load (cell 2)"),
+    ],
+)
 @pytest.mark.parametrize(
     ("unit", "newtons"),
     [
@@ -77,6 +88,91 @@ def factor_of(name):
 
 def imported(options=None, **columns):
     return import_table(table_of(FileColumns(pa.table(columns)), "press"), options or ImportOptions())
+
+
+def test_unit_in_front_of_a_name_is_read_as_one_behind_it():
+    behind = imported(**{"Time Elapsed [s]": T, "Travel [um]": 1e6 * X, "Load [N]": FORCE})
+    found = imported(**{"[s] Time Elapsed": T, "(um) Travel": 1e6 * X, "[N] Load": FORCE})
+    np.testing.assert_array_equal(found.channels[0].position, behind.channels[0].position)
+    np.testing.assert_array_equal(found.channels[0].effort, behind.channels[0].effort)
+    np.testing.assert_array_equal(found.channels[0].time_s, behind.channels[0].time_s)
+
+
+def test_units_in_front_of_a_name_and_behind_it_are_both_stated():
+    found = imported(**{"Time [s]": T, "[um] Travel [mm]": 1e3 * X, "Load [N]": FORCE})
+    np.testing.assert_allclose(found.channels[0].position, X, atol=1e-12)
+    assert "column '[um] Travel [mm]' may state two units" in " ".join(found.notes)
+
+
+@pytest.mark.parametrize("name", ["[1] Load N", "(left) Load N", "[Rig 2] Load_N"])
+def test_other_text_in_front_of_a_name_leaves_the_unit_behind_it(name):
+    assert factor_of(name) == ("force", 1.0)
+
+
+@pytest.mark.parametrize(
+    ("unit", "scale", "proposed"),
+    [
+        ("m", 1e3, "--unit displacement=mm"),
+        ("mm", 100.0, "if the displacement is not in mm, give its unit with --unit displacement=UNIT"),
+    ],
+)
+def test_deep_indentation_proposes_no_unit_that_is_set(unit, scale, proposed):
+    depth = scale * X / SI["length"][unit]
+    columns = {"Time [s]": T, "Load [N]": FORCE}
+    by_header = imported(**columns, **{f"Travel [{unit}]": depth})
+    by_option = imported(ImportOptions(units={"displacement": unit}), **columns, Travel=depth)
+    for found in (by_header, by_option):
+        (warning,) = (said for said in quality_warnings(found.channels[0]) if "deepest" in said)
+        assert warning.endswith(proposed)
+
+
+@pytest.mark.parametrize(
+    ("units", "scale", "remedy"),
+    [
+        (("m", "N"), 1e6, "correct it, such as --unit force=mN"),
+        (("mm", "kN"), 1e6, "correct it with --unit"),
+        (("m", "N"), 1e-6, "correct it, such as --unit displacement=mm or --unit force=kN"),
+        (("mm", "N"), 1e-6, "correct it, such as --unit force=kN"),
+    ],
+)
+def test_units_proposed_for_an_implausible_stiffness_make_it_more_plausible(units, scale, remedy):
+    depth, force = X / SI["length"][units[0]], scale * FORCE / SI["force"][units[1]]
+    found = imported(**{"Time [s]": T, f"Travel [{units[0]}]": depth, f"Load [{units[1]}]": force})
+    (warning,) = (said for said in quality_warnings(found.channels[0]) if "force over depth" in said)
+    assert warning.endswith(remedy)
+
+
+def test_degrees_are_not_proposed_for_an_angle_in_degrees():
+    angle = 1e5 * np.sin(3.0 * T)
+    torque = {"Time [s]": T, "Torque [Nm]": np.cos(3.0 * T)}
+    for unit, proposed in (("rad", True), ("deg", False)):
+        found = imported(**torque, **{f"Angle [{unit}]": angle / SI["angle"][unit]})
+        (warning,) = (said for said in quality_warnings(found.channels[0]) if "turns faster" in said)
+        assert ("position=deg" in warning) == proposed
+
+
+@pytest.mark.parametrize(
+    ("unit", "step", "proposed"),
+    [
+        ("s", 800.0, "ms"),
+        ("s", 10.0, "ms"),
+        ("s", 4e3, "us"),
+        ("s", 4e6, "ns"),
+        ("ms", 800.0, "us"),  # 0.8 s in the unit that is set
+        ("s", 1e-6, "h"),  # in minutes, the recording would last 0.02 s
+    ],
+)
+def test_time_unit_that_is_proposed_gives_a_plausible_step(unit, step, proposed):
+    count = np.arange(len(T))
+    found = imported(**{f"Time [{unit}]": step * count, "Travel [mm]": 1e3 * X, "Load [N]": FORCE})
+    (note,) = (said for said in found.notes if "apart; if this unit is wrong" in said)
+    assert note.endswith(f"--unit time={proposed}")
+
+
+def test_unit_of_the_file_does_not_distinguish_data():
+    (channel,) = imported(**{"Time [s]": T, "Travel [mm]": 1e3 * X, "Load [N]": FORCE}).channels
+    assert channel.units == {"time": "s", "displacement": "mm", "force": "N"}
+    assert data_sha256(channel, NO_ARM) == data_sha256(replace(channel, units={}), NO_ARM)
 
 
 def test_units_become_si_and_nm_depends_on_its_partner():
