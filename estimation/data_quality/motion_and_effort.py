@@ -88,14 +88,12 @@ def _mistaken_unit_of_angle(data: ChannelData) -> str | None:
         f"the joint turns faster than {_MAX_SPEED_RAD_S:g} rad/s: a tenth of the samples exceed "
         f"{fast:.3g} rad/s"
     )
-    if data.units.get("position") == "deg":
-        return f"{problem}; check the unit of the time"
-    if data.units.get("time") == "ms":
-        return f"{problem}; if the angle is in degrees, use --unit position=deg"
-    return (
-        f"{problem}; if the angle is in degrees or the time in milliseconds, use --unit position=deg or "
-        "--unit time=ms"
-    )
+    remedies = []
+    if data.units.get("position") != "deg":
+        remedies.append("if the angle is in degrees, use --unit position=deg")
+    if data.units.get("time") not in {None, "s"}:  # a longer unit of time makes the joint slower
+        remedies.append("if the time is in seconds, use --unit time=s")
+    return f"{problem}; {'; '.join(remedies) or 'check the unit of the time'}"
 
 
 def _may_be_si(data: ChannelData, quantity: str) -> bool:
