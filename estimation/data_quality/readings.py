@@ -29,6 +29,9 @@ _LOADED = 0.3  # least effort of a loaded sample, relative to the largest
 _COPIED, _IDENTICAL = 0.8, 1.0 - 1e-9
 _MAX_DIFFERENCE = 0.05  # largest difference between copies of a run, relative to the range of positions
 _MIN_COMPARED = 40  # samples needed to compare the noise of two runs
+# Least number of samples in which a run changes, so that equal readings in all samples are no coincidence.
+_MIN_CHANGES = 40
+_SAME_SPEED = 1e-3  # largest velocity difference of equal runs, relative to the range of velocities
 _MIN_BENDS = 100  # second differences needed to tell noise from a lower limit of the sensor
 # Least share of sign changes between consecutive second differences of noise: 0.73 in white noise, 0.67 in a
 # random walk, and almost none in a smooth curve.
@@ -121,19 +124,58 @@ def stuck_in_air(data: ChannelData) -> str | None:
 
 
 @cache_by_channel_arrays("position", "effort", "run")
-def copied_runs(data: ChannelData) -> dict[int, tuple[int, float]]:
+def copied_runs(data: ChannelData) -> dict[int, tuple[int, float | None]]:
     """Find runs that are copies of others, exactly or except for a small part of their noise.
 
     A held-out copy adds no information, and a fitted copy makes intervals too narrow. Times may differ.
-    Noise does not repeat, so the second differences of two runs are uncorrelated unless one is a copy. Data
-    without noise may repeat, and so may a joint at rest with a coarse sensor; these are not compared.
+    Noise does not repeat, so the second differences of two runs are uncorrelated unless one is a copy. Runs
+    without noise are copies if position and effort are equal in every sample, to the last digit: even if
+    such a motion was repeated, the repeat adds no information. A joint at rest with a coarse sensor may
+    repeat its readings and is not compared.
 
     Args:
         data: the channel.
 
     Returns:
-        Original run and correlation of the noise (1 for equal numbers), by the number of the copy.
+        Original run and correlation of the noise (1 for equal numbers, None without noise), by the number of
+        the copy.
     """
+    return {**{copy: (first, None) for copy, first in _equal_runs(data).items()}, **_copies_by_noise(data)}
+
+
+def _equal_runs(data: ChannelData) -> dict[int, int]:
+    """Find moving runs whose positions and efforts equal those of an earlier run in every sample.
+
+    The velocities must agree as well: a simulated spring has the same readings at every speed.
+
+    Args:
+        data: the channel.
+
+    Returns:
+        Number of the first of several equal runs, by the number of each further one.
+    """
+    span = float(np.ptp(data.position)) if len(data) else 0.0
+    largest_difference = _SAME_SPEED * float(np.ptp(data.velocity)) if len(data) else 0.0
+    first_runs: dict[bytes, list[IntArray]] = {}
+    equal: dict[int, int] = {}
+    for rows in rows_of_runs(data.run):
+        position, effort = data.position[rows], data.effort[rows]
+        changes = np.count_nonzero((np.diff(position) != 0.0) | (np.diff(effort) != 0.0))
+        if np.ptp(position) <= _HELD_RANGE * span or np.ptp(effort) == 0.0 or changes < _MIN_CHANGES:
+            continue
+        # Adding zero turns -0.0 into 0.0, which have different bytes.
+        same_readings = first_runs.setdefault((position + 0.0).tobytes() + (effort + 0.0).tobytes(), [])
+        for first in same_readings:
+            if np.max(np.abs(data.velocity[rows] - data.velocity[first])) <= largest_difference:
+                equal[int(data.run[rows[0]])] = int(data.run[first[0]])
+                break
+        else:
+            same_readings.append(rows)
+    return equal
+
+
+def _copies_by_noise(data: ChannelData) -> dict[int, tuple[int, float]]:
+    """Find runs whose noise is the same as that of an earlier run; see `copied_runs`."""
     span = float(np.ptp(data.position)) if len(data) else 0.0
     by_length: dict[int, list[IntArray]] = {}
     for rows in rows_of_runs(data.run):
@@ -162,17 +204,19 @@ def copied_runs(data: ChannelData) -> dict[int, tuple[int, float]]:
     return copies
 
 
-def copied(copies: Mapping[int, tuple[int, float]]) -> str:
+def copied(copies: Mapping[int, tuple[int, float | None]]) -> str:
     """Describe the runs that are excluded as copies; see `copied_runs`.
 
     Args:
-        copies: original run and correlation of the noise, by the number of the copy.
+        copies: original run and correlation of the noise (None without noise), by the number of the copy.
     """
     (run, (first, match)), count = next(iter(copies.items())), len(copies) - 1
     others = f" (and {count} more)" if count else ""
+    same = "all of its readings are" if match is None else f"{100.0 * match:.0f} % of its noise is"
+    remedy = ", or vary the motion of a simulation" if match is None else ""
     return (
-        f"run {run} is a copy of run {first}{others}: {100.0 * match:.0f} % of its noise is the same, so "
-        "it adds no information and is left out; record it again"
+        f"run {run} is a copy of run {first}{others}: {same} the same, so "
+        f"it adds no information and is left out; record it again{remedy}"
     )
 
 

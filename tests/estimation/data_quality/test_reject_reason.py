@@ -380,6 +380,24 @@ def test_copied_run_is_detected_by_its_noise(correlation, step_n):
     assert set(again.run[usable(again)]) == {0}
 
 
+@pytest.mark.parametrize("step_n", [0.0, 1e-6, 0.5])
+def test_equal_run_without_noise_is_left_out(step_n):
+    """Two runs at their own speeds, and each of them twice."""
+    exact = replace(DATA, effort=stepped(EXACT, step_n)).of_runs(DATA.runs[:2])
+    again = joined(exact, exact)
+    (told,) = (warning for warning in quality_warnings(again) if "copy" in warning)
+    assert "of run 0 (and 1 more): all of its readings are the same, so it adds no information" in told
+    assert set(again.run[usable(again)]) == {0, 1}
+    assert reject_reason(again) is None
+
+
+def test_spring_at_another_speed_is_no_copy():
+    """A spring without noise has equal readings at every speed."""
+    first = replace(DATA, effort=800.0 * np.maximum(X, 0.0)).of_runs(DATA.runs[:1])
+    faster = replace(first, time_s=0.5 * first.time_s, velocity=2.0 * first.velocity)
+    assert usable(joined(first, faster)).all()
+
+
 def test_copied_runs_do_not_narrow_intervals():
     """Four times one run, with differences far below its noise, say no more than the run itself."""
     many = copies()
