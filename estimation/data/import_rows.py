@@ -7,6 +7,7 @@ import numpy as np
 
 from palpate.control.loop.task import Phase
 from palpate.estimation.data.assign_columns import ColumnAssignment, in_blocks
+from palpate.estimation.data.choose_columns import has_levels, is_parameter_named_as_time
 from palpate.estimation.data.column_names import DISPLACEMENT, FORCE, RUN, TIME, guess_columns
 from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.presses import MAX_RUNS, MIN_RUN_ROWS, cut_into, cut_presses, number_recordings
@@ -23,6 +24,7 @@ _GAP, _QUICK = 1.5, 0.75  # least step of a gap and largest step in a burst, rel
 _FEW_GAPS, _MAX_BURST = 0.05, 50  # largest share of gaps; most steps of a gap and its burst
 _CYCLE_RANGE = 0.3  # least share of the position's range that a cycle covers
 _CYCLE_SHARE = 0.8  # least share of the stretches between clock restarts that must be cycles
+_MIN_JUMP = 5.0  # least jump of the position between two tests, relative to its usual step
 _MIN_ROWS = 5  # least number of samples in a run; with fewer the acceleration is meaningless
 _SHOWN_RUNS = 3  # runs that an error message names
 _REPEATED_NOTE = (  # note with the number of rows and the column
@@ -72,6 +74,11 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
             "no time column: rows are assumed to be 1 s apart, so speeds, damping, inertia and relaxation "
             "times are not in seconds; if a column holds the time, add --column time=COLUMN"
         )
+        notes += [
+            _note_parameter(columns, name)
+            for name in columns.unused
+            if is_parameter_named_as_time(columns.table, name)
+        ]
     is_repeated = np.abs(np.diff(time_s, prepend=-np.inf)) < MIN_INCREASE_S
     is_repeated[1:] &= np.diff(run[order]) == 0
     if 0 < np.sum(is_repeated) < _MAX_REPEATED_SHARE * len(order):
@@ -102,6 +109,16 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
             f"--where, or check the column '{columns.run}', which names the runs"
         )
     return replace(rows, time_s=since_start(time_s, run)) if fresh else rows
+
+
+def _note_parameter(columns: ColumnAssignment, name: str) -> str:
+    """Return a note on a column that may be named after the time but holds levels of a parameter."""
+    values, quoted = columns.table.numbers(name), shlex.quote(name)
+    levels, changes = len(np.unique(values)), np.count_nonzero(np.diff(values))
+    note = f"'{name}' is not read as the time, since it keeps each of its {levels} values over many rows"
+    if columns.run is None and changes == levels - 1:  # each value occupies one block of rows
+        note += f"; if each value is a run, add --column {RUN}={quoted}"
+    return f"{note}; if it is the time, add --column time={quoted}"
 
 
 def _numbered_runs(table: Table, column: str) -> tuple[IntArray, dict[int, str]]:
@@ -150,14 +167,17 @@ def _detect_runs(
 ) -> tuple[IntArray, list[str]]:
     """Detect the run of each row if no column states it, and return a note on the method.
 
-    A restart of the clock begins a run; presses of a contact are separated in free air.
+    A restart of the clock begins a run, or without a clock another value of a parameter; presses of a contact
+    are separated in free air.
 
     Raises:
         InputError: the number of presses contradicts the data.
     """
     place = f"{columns.table.path}: --runs {count}"
     is_contact = DISPLACEMENT in columns and FORCE in columns and not columns.two_sided
-    recording = number_recordings(time_s)
+    recording, parameter = number_recordings(time_s), ""
+    if TIME not in columns and count is None:
+        recording, parameter = _tests_by_parameter(columns)
     restarts = int(recording[-1])
     if not restarts and count is None:
         cycle, clock = _cycles(columns)
@@ -180,10 +200,35 @@ def _detect_runs(
     if number == 1:
         return run, []
     reason = "the clock restarts: " if restarts else ""
+    reason = f"the position jumps wherever '{parameter}' changes: " if parameter else reason
     is_cut = is_contact and count != 1
     which = f", one for {'each press' if presses == 1 else f'{presses} presses'}" if is_cut else ""
     remedy = "add --runs N" if is_cut else "name the column that numbers them, --column run=COLUMN"
     return run, [f"{reason}cut into {number} runs{which}; if that is wrong, {remedy}"]
+
+
+def _tests_by_parameter(columns: ColumnAssignment) -> tuple[IntArray, str]:
+    """Number the tests of a table without a clock by a parameter, and return its column.
+
+    The position jumps where another test begins. The rows remain one test, and the column name is empty, if
+    no unused column changes at exactly the largest steps of the position.
+    """
+    one_test = np.zeros(len(columns.table), dtype=np.int64)
+    moved_key = next((key for key in columns.assigned if key[0] in {"displacement", "position"}), None)
+    if moved_key is None:
+        return one_test, ""
+    steps = np.abs(np.diff(columns.values(moved_key)))
+    for name in columns.unused:
+        values = columns.table.numbers(name)
+        if not has_levels(values):
+            continue
+        changes = np.diff(values) != 0.0
+        within = steps[~changes]
+        test = np.append(0, np.cumsum(changes))
+        is_jump = steps[changes].min() > max(within.max(), _MIN_JUMP * float(np.median(within)))
+        if is_jump and test[-1] < MAX_RUNS and np.bincount(test).min() >= MIN_RUN_ROWS:
+            return test, name
+    return one_test, ""
 
 
 def _cycles(columns: ColumnAssignment) -> tuple[IntArray, str]:
@@ -194,7 +239,8 @@ def _cycles(columns: ColumnAssignment) -> tuple[IntArray, str]:
     """
     moved_key = next((key for key in columns.assigned if key[0] in {"displacement", "position"}), None)
     for guess in guess_columns(columns.unused):
-        if guess.key == TIME and moved_key is not None:
+        is_clock = guess.key == TIME and not is_parameter_named_as_time(columns.table, guess.column)
+        if is_clock and moved_key is not None:
             position = columns.values(moved_key)
             cycle = number_recordings(columns.table.numbers(guess.column))
             if not 0 < cycle[-1] < MAX_RUNS or np.bincount(cycle).min() < MIN_RUN_ROWS:

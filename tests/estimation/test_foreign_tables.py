@@ -477,3 +477,65 @@ def test_part_of_a_measurement_is_completed_only_by_another_part(tmp_path):
     (tmp_path / "other_part.csv").write_text("time_s,force_N\n" + lines(t, np.cos(t), delimiter=","))
     with pytest.raises(InputError, match=r"other_part\.csv has the same number of rows and completes it"):
         import_file(part)
+
+
+TESTS = np.tile([2.0, 3.5, 5.0], 2)  # thickness of each specimen
+ONE_LOADING = np.linspace(0.0, 30.0, 40)  # displacement of one test [mm]
+
+
+def specimens_table(folder, name):
+    """Six tests below each other, without a clock; a column states the thickness of the specimen."""
+    thickness = np.repeat(TESTS, len(ONE_LOADING))
+    way = np.tile(ONE_LOADING, len(TESTS))
+    return table_file(folder, f"{name},Force [N],Disp [mm]\n", thickness, 3.0 * thickness * way, way)
+
+
+@pytest.mark.parametrize("name", ["T", "t", "thickness"])
+def test_parameter_of_the_specimen_is_no_clock_and_separates_tests(tmp_path, name):
+    imported = import_file(specimens_table(tmp_path, name))
+    (channel,) = imported.channels
+    assert [np.sum(channel.run == run) for run in channel.runs] == [len(ONE_LOADING)] * len(TESTS)
+    np.testing.assert_allclose(np.diff(channel.time_s[channel.run == 0]), 1.0)
+    notes = " ".join(imported.notes)
+    assert f"the position jumps wherever '{name}' changes: cut into 6 runs" in notes
+    assert ("if it is the time, add --column time=" in notes) == (name != "thickness")
+
+
+def test_parameter_that_forms_one_block_per_value_may_name_runs(tmp_path):
+    level = np.repeat([2.0, 3.5, 5.0], 80)
+    way = np.tile(np.linspace(0.0, 30.0, 120), 2)  # the position jumps elsewhere
+    path = table_file(tmp_path, "T,Force [N],Disp [mm]\n", level, 3.0 * way, way)
+    (note,) = (note for note in import_file(path).notes if "is not read as the time" in note)
+    assert "each of its 3 values" in note
+    assert "if each value is a run, add --column run=T" in note
+    assert import_file(path, ImportOptions(columns={"run": "T"})).run_labels == {
+        0: "2.000000",
+        1: "3.500000",
+        2: "5.000000",
+    }
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("time", ImportOptions()),
+        ("elapsed time", ImportOptions()),
+        ("T [s]", ImportOptions()),
+        ("T", ImportOptions(units={"T": "s"})),
+        ("T", ImportOptions(columns={"time": "T"})),
+    ],
+)
+def test_coarse_clock_with_a_clear_name_is_the_time(tmp_path, name, options):
+    seconds = np.repeat(np.arange(6.0), 40)
+    way = 15.0 - 15.0 * np.cos(np.linspace(0.0, 2.0 * np.pi, 240))
+    path = table_file(tmp_path, f"{name},Force [N],Disp [mm]\n", seconds, 3.0 * way, way)
+    (channel,) = import_file(path, options).channels
+    np.testing.assert_allclose(np.diff(channel.time_s[channel.run == 0]), 1.0 / 40.0)
+
+
+def test_coarse_clock_of_many_ticks_is_the_time(tmp_path):
+    seconds = np.repeat(np.arange(30.0), 8)
+    way = 15.0 - 15.0 * np.cos(np.linspace(0.0, 2.0 * np.pi, 240))
+    path = table_file(tmp_path, "t,Force [N],Disp [mm]\n", seconds, 3.0 * way, way)
+    (channel,) = import_file(path).channels
+    np.testing.assert_allclose(np.diff(channel.time_s[channel.run == 0]), 1.0 / 8.0)
