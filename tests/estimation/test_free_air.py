@@ -117,7 +117,7 @@ def test_memory_of_a_single_run_without_a_hold_is_a_law_of_the_position(hold_s, 
 @pytest.mark.parametrize(
     ("runs", "seen"),
     [
-        ([(1e-3, 0.0, 0.0)] * 3, False),
+        ([(speed, 0.0, 0.0) for speed in (1e-3, 1.01e-3, 0.99e-3)], False),
         ([(1e-3, 0.0, 0.0), (1.1e-3, 0.0, 0.0)], False),
         ([(1e-3, 0.0, 0.0), (2e-3, 0.0, 0.0)], True),  # another speed
         ([(1e-3, 0.0, 0.0), (-1e-3, 0.0, 0.0)], True),  # another way
