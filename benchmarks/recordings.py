@@ -23,6 +23,7 @@ from measured.convert import RECIPES, load_recipe
 from measured.score import Score, score, share_of, summary
 
 _TIME_LIMIT_S = 900
+_BAD_INPUT = 2  # exit code if a recording cannot be read
 
 
 def command_of(recipe: dict[str, Any], file: Path) -> list[str]:
@@ -61,6 +62,8 @@ def answer_of(recipe: dict[str, Any], file: Path, kept: Path | None = None) -> d
         answer = {"stopped": f"no answer in {_TIME_LIMIT_S} s", "seconds": _TIME_LIMIT_S}
     else:
         last = (done.stderr.strip().splitlines() or ["no message"])[-1]
+        if done.exit_code not in {0, _BAD_INPUT}:
+            raise RuntimeError(f"{file}: {last}")  # a fault of the program says nothing about the recording
         answer = {"refused": last} if done.exit_code else dict(json.loads(done.stdout))
         answer["seconds"] = done.wall_s
     if kept is not None:
