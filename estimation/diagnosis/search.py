@@ -116,12 +116,16 @@ class Search:
     def refitted(self, model: Model, parameters: Mapping[str, float]) -> FitResult:
         """Fit a model again from other start values, and keep the better fit.
 
+        The base model keeps its fit, which all commands show.
+
         Args:
             model: the model to fit.
             parameters: start values by "effect.parameter".
         """
-        key, new_fit = _key(model), fit_model(self.data, model, parameters, self.good, self._cache)
-        known = self._fits.get(key)
+        key = _key(model)
+        if key == _key(self.model):
+            return self.start
+        known, new_fit = self._fits.get(key), fit_model(self.data, model, parameters, self.good, self._cache)
         if known is None or new_fit.solution.sse < (1.0 - TIE) * known.solution.sse:
             self._fits[key] = new_fit
             self._screened.pop(key, None)

@@ -304,6 +304,18 @@ def test_fit_is_cached_unless_another_start_lowers_the_error():
     assert reached(search, "torque_ripple") is good
 
 
+def test_base_model_keeps_the_fit_that_all_commands_show():
+    """`compare` and `add` fit the base model from its own start, and check the diagnosis against this fit."""
+    data = swings(1, rippling)
+    ripple = SWING.with_effect(EFFECTS["torque_ripple"]())
+    search = Search(data, ripple, np.ones(len(data), dtype=np.bool_), (), np.random.default_rng(0))
+    shown = fit_model(data, ripple, {}).solution
+    better = fit_model(data, ripple, {"torque_ripple.cycles": 15.0}).solution
+    assert better.sse < 0.9 * shown.sse
+    search.refitted(ripple, better.parameters)
+    assert search.start.solution.sse == pytest.approx(shown.sse)
+
+
 def test_misplaced_effect_is_searched_again_in_smaller_models_too():
     """A pulse that repeats is late by a part of its period, or by that and a whole one."""
     data = session(1, lambda t, x, v, run: 800.0 * np.clip(x, 0.0, None))
