@@ -30,19 +30,18 @@ def reason_of(error: Exception) -> str:
     return os.strerror(number) if number else " ".join(str(error).split())
 
 
-def open_exclusively(path: str, baud_rate: int, write_timeout_s: float | None = None) -> "serial.Serial":
+def open_exclusively(path: str, baud_rate: int) -> "serial.Serial":
     """Open a port with 8 data bits, no parity, 1 stop bit; reading never waits.
 
     Args:
         path: path of the port.
         baud_rate: [bit/s].
-        write_timeout_s: longest time of a write [s]; None leaves it to the system.
 
     Raises:
         DeviceError: there is no such port, no permission, or another program has it.
     """
     try:
-        port = serial.Serial(path, baud_rate, timeout=0, write_timeout=write_timeout_s, exclusive=True)
+        port = serial.Serial(path, baud_rate, timeout=0, exclusive=True)
     except (OSError, ValueError) as error:  # SerialException is an OSError
         raise DeviceError(f"{path}: cannot be opened ({reason_of(error)})") from error
     with suppress(OSError):  # also against programs that do not ask for a lock
@@ -50,6 +49,27 @@ def open_exclusively(path: str, baud_rate: int, write_timeout_s: float | None = 
     with suppress(OSError, ValueError, AttributeError):  # USB adapters otherwise hold bytes back for 16 ms
         port.set_low_latency_mode(True)
     return port
+
+
+def write_at_once(file_descriptor: int, data: bytes) -> None:
+    """Write all bytes to a port that never blocks, without waiting.
+
+    pyserial's own `write` with a time limit also fails if all bytes were sent, but the process was paused.
+
+    Args:
+        file_descriptor: an open port that does not block.
+        data: bytes to send.
+
+    Raises:
+        BlockingIOError: the port did not take all bytes.
+        OSError: the port is gone.
+    """
+    try:
+        sent = os.write(file_descriptor, data)
+    except BlockingIOError:
+        sent = 0
+    if sent != len(data):
+        raise BlockingIOError(errno.EAGAIN, f"took {sent} of {len(data)} bytes; its output is blocked")
 
 
 def close_exclusive(port: "serial.Serial") -> None:
@@ -128,13 +148,11 @@ class SerialPort:
             DeviceError: the port is closed or gone, or its output is blocked.
         """
         try:
-            sent = os.write(self._fd if self._fd >= 0 else self._usable(), data)
-        except BlockingIOError:
-            sent = 0
+            write_at_once(self._fd if self._fd >= 0 else self._usable(), data)
+        except BlockingIOError as error:
+            raise DeviceError(f"{self.path}: {error.strerror}") from error
         except OSError as error:
             raise self._failed(error) from error
-        if sent != len(data):
-            raise DeviceError(f"{self.path}: took {sent} of {len(data)} bytes; its output is blocked")
 
     def read(self) -> bytes:
         """Return received bytes without waiting.

@@ -108,6 +108,33 @@ def test_zeroing_is_confirmed_or_refused(make_robot, answer, refused):
         arm.robot.configure()
 
 
+@pytest.fixture
+def loadstar_line(make_robot):
+    """Line of the force sensor of an arm; the sensor answers only when the simulated clock moves on."""
+    arm = make_robot(ODRIVE)
+    line = arm.robot.buses["load_cell"]
+    line.configure()
+    yield line
+    line.close()
+
+
+def test_request_is_sent_although_the_process_was_paused(loadstar_line, monkeypatch):
+    """Whether a request was sent does not depend on how long the process waited for the processor."""
+    write = os.write
+
+    def write_late(file_descriptor, data):
+        threading.Event().wait(0.3)
+        return write(file_descriptor, data)
+
+    monkeypatch.setattr(os, "write", write_late)
+    loadstar_line.write(b"ID\r")
+
+
+def test_blocked_output_is_a_failure(loadstar_line):
+    with pytest.raises(DeviceError, match=r"serial port .*took \d+ of \d+ bytes; its output is blocked"):
+        loadstar_line.write(b"x" * 10_000_000)
+
+
 # The reader alone, on a pseudo terminal.
 
 

@@ -20,7 +20,7 @@ from palpate.robot_io.examination import Finding, ok
 from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.files.file_model import Capacity, FileModel, NotNegative
 from palpate.robot_io.interfaces import Bus, ForceSensor
-from palpate.robot_io.serial_port import close_exclusive, open_exclusively
+from palpate.robot_io.serial_port import close_exclusive, open_exclusively, write_at_once
 from palpate.robot_io.types import Reading, Status
 
 if TYPE_CHECKING:
@@ -216,7 +216,6 @@ Answer = TypeVar("Answer")
 
 # Share of the age limit from which silence is reported, so that the cause is known at the limit.
 _SILENT_SHARE = 0.5
-_WRITE_S = 0.2  # longer than any request takes to send
 
 
 class ForceLineSettings(FileModel):
@@ -412,8 +411,15 @@ class SerialLine(ForceLine):
 
     def configure(self) -> None:
         """Open the port; raise `DeviceError` if it is not there, not permitted, or in use."""
-        self._port = open_exclusively(self._settings.port, self._settings.baud_rate, _WRITE_S)
+        self._port = open_exclusively(self._settings.port, self._settings.baud_rate)
         self._port.reset_input_buffer()
+
+    def write(self, data: bytes) -> None:
+        """See `ForceLine.write`; a blocked output is a failure, too."""
+        try:
+            write_at_once(self._opened().fileno(), data)
+        except OSError as error:
+            raise DeviceError(f"{self.label}: {error.strerror}") from error
 
     def _close_port(self) -> None:
         if self._port is not None:
