@@ -122,12 +122,10 @@ class FitProblem:
         """
         order, folds = self._by_fold
         if self.noise_model is WHITE and self.weights is None and self.nuisance is None:
-            white = np.empty((columns.shape[1] + 1, len(order)))
-            columns.T.take(order, axis=1, out=white[:-1], mode="clip")
-            target.take(order, out=white[-1], mode="clip")
+            equations = gram_matrices(_rows(columns, target, order[fold]) for fold in folds)
         else:
             white = self._white(np.concatenate([columns.T, target[None]]).T).T.take(order, axis=1)
-        equations = gram_matrices(white[:, rows].T for rows in folds)
+            equations = gram_matrices(white[:, fold].T for fold in folds)
         shared = self.blocked.data.shared  # prior information on gains from other channels
         if shared is None or self.noise_model is not WHITE or not set(shared.names) <= set(names):
             return equations
@@ -137,6 +135,13 @@ class FitProblem:
         matrix[:, np.array(indices)[:, None], indices] = shared.information.matrix
         vector[:, indices] = shared.information.vector
         return NormalEquations(equations.products, Information(matrix, vector))
+
+
+def _rows(columns: FloatArray, target: FloatArray, indices: IntArray) -> FloatArray:
+    """Return some rows of columns and target, shape (rows, q + 1), stored by column."""
+    rows = np.empty((columns.shape[1] + 1, len(indices)))
+    rows[:-1], rows[-1] = columns[indices].T, target[indices]
+    return rows.T
 
 
 @dataclass(frozen=True)
