@@ -11,10 +11,10 @@ from palpate.estimation.data.assign_columns import ColumnAssignment
 from palpate.estimation.data.choose_columns import EFFORTS
 from palpate.estimation.data.column_names import (
     DISPLACEMENT,
-    FORCE,
     QUANTITIES,
     TIME,
     Key,
+    channel_pairs,
     goal_pair,
     guess_columns,
     is_angle,
@@ -82,25 +82,20 @@ def channel_sources(columns: ColumnAssignment) -> list[ChannelSource]:
     Raises:
         InputError: no channel can be made; the message suggests options.
     """
+
+    def turns(motion: Key) -> bool:
+        return columns.assigned[motion].dimension in {"angle", "angle_rate"}
+
+    def fits(motion: Key, effort: Key) -> bool:
+        return effort[0] in ({"torque", "goal"} if turns(motion) else {"force"})
+
     sources = []
-    if DISPLACEMENT in columns and FORCE in columns:
-        sources.append(ChannelSource("contact", ChannelKind.CONTACT, DISPLACEMENT, FORCE))
-    joint_keys = sorted(key for key in columns.assigned if key[0] in {"position", "velocity"})
-    for quantity, joint in joint_keys:
-        if quantity == "position" or ("position", joint) not in columns:
-            is_revolute = columns.assigned[quantity, joint].dimension in {"angle", "angle_rate"}
-            kind = ChannelKind.REVOLUTE if is_revolute else ChannelKind.PRISMATIC
-            effort = ("torque" if is_revolute else "force", joint)
-            if effort in columns and not (sources and effort == sources[0].effort):
-                sources.append(ChannelSource(f"joint_{max(joint, 1)}", kind, (quantity, joint), effort))
-    if not sources:
-        sources = [
-            ChannelSource(f"joint_{max(joint, 1)}", ChannelKind.SERVO, (quantity, joint), ("goal", joint))
-            for quantity, joint in joint_keys
-            if quantity == "position"
-            and columns.assigned[quantity, joint].dimension == "angle"
-            and ("goal", joint) in columns
-        ]
+    for motion, effort in channel_pairs(columns.assigned, fits):
+        kind = ChannelKind.REVOLUTE if turns(motion) else ChannelKind.PRISMATIC
+        kind = ChannelKind.SERVO if effort[0] == "goal" else kind
+        is_contact = motion == DISPLACEMENT
+        name = "contact" if is_contact else f"joint_{max(motion[1], 1)}"
+        sources.append(ChannelSource(name, ChannelKind.CONTACT if is_contact else kind, motion, effort))
     if sources:
         return sources
     _check_dimensions(columns)
@@ -184,16 +179,17 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         "position_m, force_N)"
     )
     dimension_by_name = {name: dimension_of(unit_in_name(name)) for name in table.names}
-    varying = [name for name in table.names if table.varies(name)]
+    varying = [name for name in table.names if _may_vary(table, name)]
     has_effort = any(quantity in EFFORTS for quantity, _ in columns.assigned) or any(
         quantity_by_name[n] in EFFORTS if quantity_by_name[n] else dimension_by_name[n] in _EFFORT_DIMENSIONS
-        for n in varying
+        for n in table.names
+        if table.numeric_share(n) > 0.5
     )
     numbers = [name for name in varying if _COUNTERS.isdisjoint(words_of(name))]
     free = [name for name in numbers if name not in columns.used and quantity_by_name[name] not in _NO_EFFORT]
     positions = [name for name in numbers if quantity_by_name[name] == "position"]
-    angle = next(filter(is_angle, positions), None)
-    lengths = [name for name in positions if not is_angle(name)]
+    angles = [*filter(is_angle, positions)]
+    lengths = [name for name in positions if name not in angles]
     motions = {quantity_by_name[name] or dimension_by_name[name] or "" for name in numbers}
     has_motion = not motions.isdisjoint(_MOTIONS) or any(key[0] in _MOTIONS for key in columns.assigned)
     # The columns of a matrix in a MATLAB file, "data 1" ..., have no names either.
@@ -206,41 +202,96 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
     torque = columns.assigned.get(("torque", 0))
     if torque is not None and joints:
         return f"{needed}; state the joint, as in --column torque_{joints[0]}={shlex.quote(torque.column)}"
-    if angle is not None and (others := [name for name in free if name != angle]):
-        effort = next((n for n in others if quantity_by_name[n] in EFFORTS), others[0])
-        position = (
-            "" if unit_in_name(angle) else f"--column position={shlex.quote(angle)} --unit position=deg "
-        )
-        torque_option = f"--column torque={shlex.quote(effort)} --unit torque=1Nm"
-        return f"{needed}; name the columns, as in {position}{torque_option}"
+    unknown = "" if has_motion else "by names and units, no column seems to hold a motion; "
+    unknown = "which column holds what is not known; " if is_nameless else unknown
+    others = [name for name in free if name not in angles]
+    efforts = [name for name in others if quantity_by_name[name] in EFFORTS]
+    is_torque = bool(efforts) and all(quantity_by_name[name] == "torque" for name in efforts)
+    if (angles and others) or (is_torque and not lengths):
+        options = _joint_options(angles, (efforts or others)[0])
+        return f"{needed}; {unknown}name the columns, as in {' '.join(options)}"
     options = list[str]()
     if TIME not in columns:
         named_clock = next((name for name in numbers if quantity_by_name[name] == "time"), "")
         clocks = [named_clock] if named_clock else _clocks(table, free) if is_nameless else []
         options += [f"--column time={shlex.quote(clocks[0])}"] if clocks else []
         free = [name for name in free if name not in clocks]
-    free = [] if is_nameless and len(free) > _MAX_GUESSED else free
+    # A column whose name or unit says something else is never suggested.
+    uninformative = [name for name in free if not (quantity_by_name[name] or dimension_by_name[name])]
+    if is_nameless:
+        free = [] if len(free) > _MAX_GUESSED else free
+    else:  # a counter, or one of several columns, is no likely motion
+        uninformative = [name for name in uninformative if not _counts(table.numbers(name))]
+        uninformative = uninformative if has_motion or len(uninformative) == 1 else []
+    options += _contact_options(columns, free, uninformative, lengths, quantity_by_name)
+    return f"{needed}; {unknown}name the columns, as in {' '.join(options)}"
+
+
+def _contact_options(
+    columns: ColumnAssignment,
+    free: Sequence[str],
+    uninformative: Collection[str],
+    lengths: Sequence[str],
+    quantity_by_name: Mapping[str, str],
+) -> list[str]:
+    """Return the options that read columns as the displacement and the force of a contact.
+
+    Args:
+        columns: columns of the file.
+        free: names of the columns that may be read.
+        uninformative: those whose names and units mean no quantity.
+        lengths: names of the columns that hold a position along a line.
+        quantity_by_name: quantity of each column according to its name; empty for none.
+    """
+    options, table = list[str](), columns.table
     # Of columns with uninformative names, the smoothest one is suggested as the displacement.
-    free.sort(key=lambda name: np.abs(np.diff(table.numbers(name))).sum() / np.ptp(table.numbers(name)))
+    free = sorted(free, key=lambda n: np.abs(np.diff(table.numbers(n))).sum() / np.ptp(table.numbers(n)))
     for quantity, unit, last in (("displacement", "mm", 0), ("force", "N", -1)):
         if (quantity, 0) in columns:
             continue
-        fitting = [name for name in free if dimension_by_name[name] in QUANTITIES[quantity]]
+        fitting = [name for name in free if dimension_of(unit_in_name(name)) in QUANTITIES[quantity]]
         named = [name for name in free if quantity_by_name[name] == quantity]
-        # A column whose name or unit says something else is never suggested.
-        uninformative = [name for name in free if not (quantity_by_name[name] or dimension_by_name[name])]
         if quantity == "displacement" and lengths and not (fitting or named):
             options.append(f"--column position={shlex.quote(lengths[0])} --unit position={unit}")
-        elif candidates := fitting or named or uninformative:
+        elif candidates := fitting or named or [name for name in free if name in uninformative]:
             column = candidates[0 if fitting or named else last]
             free.remove(column)
             options.append(f"--column {quantity}={shlex.quote(column)}")
             options += [] if fitting else [f"--unit {quantity}={unit}"]
         else:
             options.append(f"--column {quantity}_{unit}=COLUMN")
-    unknown = "" if has_motion else "by names and units, no column seems to hold a motion; "
-    unknown = "which column holds what is not known; " if is_nameless else unknown
-    return f"{needed}; {unknown}name the columns, as in {' '.join(options)}"
+    return options
+
+
+def _joint_options(angles: Sequence[str], effort: str) -> list[str]:
+    """Return the options that read a column as the torque of a joint.
+
+    Args:
+        angles: names of the columns that hold angles.
+        effort: name of the column.
+    """
+    options = [f"--column torque={shlex.quote(effort)}"]
+    if dimension_of(unit_in_name(effort)) not in QUANTITIES["torque"]:
+        options.append("--unit torque=1Nm")
+    if not angles:
+        options.append("--column position_rad=COLUMN")
+    elif len(angles) > 1 or not unit_in_name(angles[0]):
+        options.append(f"--column position={shlex.quote(angles[0])}")
+        options += [] if unit_in_name(angles[0]) else ["--unit position=deg"]
+    return options
+
+
+def _may_vary(table: Table, name: str) -> bool:
+    """Return whether a column holds numbers that are not all equal, or mostly numbers and an invalid cell."""
+    try:
+        return bool(np.ptp(table.numbers(name)) > 0.0)
+    except InputError:
+        return table.numeric_share(name) > 0.5
+
+
+def _counts(values: FloatArray) -> bool:
+    """Return whether values (n,) are whole numbers with equal steps, as those of a counter of rows."""
+    return bool((values == np.round(values)).all() and np.ptp(np.diff(values)) == 0.0)
 
 
 def _suggest_effort(numbers: Sequence[str], free: Sequence[str], quantity_by_name: Mapping[str, str]) -> str:

@@ -3,6 +3,7 @@
 import shlex
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -12,9 +13,9 @@ from palpate.estimation.data.column_names import (
     Key,
     Role,
     RoleGuess,
+    channel_pairs,
     guess_column,
     guess_columns,
-    keys_of_channels,
     quantity_in,
     unit_in_name,
 )
@@ -71,8 +72,8 @@ def choose_columns(
         named = [guess for guess in named if guess.quantity not in JOINT_QUANTITIES or not guess.joint]
     free = [guess for guess in named if table.numeric_share(guess.column) > 0.5]
     available = {*known, *(guess.key for guess in free)}
-    if not (keys_of_channels(available) and TIME in available):
-        keys = keys_of_channels({*known, *(guess.key for guess in named)})
+    if not (_keys_of_channels(available) and TIME in available):
+        keys = _keys_of_channels({*known, *(guess.key for guess in named)})
         for guess in named:  # report the invalid cell if the column would complete a channel
             # An empty column is only meant as a signal if its name states a unit.
             is_signal = guess.unit or any(table.labels(guess.column)[0])
@@ -80,11 +81,11 @@ def choose_columns(
                 table.numbers(guess.column)
     user_guesses = {g for g in free if units.option_names(Role(*g.key, g.unit, shift), g.column)}
     clear = [guess for guess in free if guess.unit or guess.key == TIME or guess in user_guesses]
-    guesses = clear if keys_of_channels({*known, *(guess.key for guess in clear)}) else free
+    guesses = clear if _keys_of_channels({*known, *(guess.key for guess in clear)}) else free
     guesses_of: dict[Key, list[RoleGuess]] = {}
     for guess in guesses:
         guesses_of.setdefault(guess.key, []).append(guess)
-    keys = [key for key in keys_of_channels({*known, *guesses_of}) if key in guesses_of]
+    keys = [key for key in _keys_of_channels({*known, *guesses_of}) if key in guesses_of]
     keys += [  # velocity and acceleration are also read if the user states their unit
         guess.key
         for guess in clear
@@ -104,6 +105,12 @@ def choose_columns(
             f"{table.path}: {', '.join(questions)}; choose with {' '.join(dict.fromkeys(answers))}"
         )
     return chosen
+
+
+def _keys_of_channels(available: Collection[Key]) -> list[Key]:
+    """Return the keys of time, motions and efforts of all channels; empty if there is no channel."""
+    pairs = channel_pairs(available)
+    return [TIME, *chain.from_iterable(pairs)] if pairs else []
 
 
 def is_parameter_named_as_time(table: Table, name: str) -> bool:

@@ -2,7 +2,7 @@
 
 import re
 import unicodedata
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -332,18 +332,19 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
         return guess_column(name)
 
     guesses = list(map(guess_alone, names))
-    # Named joints, such as "/elbow/position", get numbers if they have a position and a torque. A word
-    # without a unit determines a quantity only in such a pair.
+    # Named joints, such as "/elbow/position", get numbers if they have a position and a torque, or a velocity
+    # if the file has no position. A word without a unit determines a quantity only in such a pair.
     named = [
         guess
         for guess in guesses
         if guess.quantity in _MOTION_OR_TORQUE and guess.joint is None and guess.rank < OWN_NAME
     ]
     quantities_by_name = {(guess.joint_name, guess.quantity) for guess in named}
+    motion = "position" if any(guess.quantity == "position" for guess in guesses) else "velocity"
     joints = [
         name
         for name in dict.fromkeys(guess.joint_name for guess in named)
-        if {(name, "position"), (name, "torque")} <= quantities_by_name
+        if {(name, motion), (name, "torque")} <= quantities_by_name
     ]
     number = {name: n for n, name in enumerate(joints, 1)} if len(joints) > 1 else dict.fromkeys(joints)
     # A torque without a joint name may belong to any position.
@@ -352,7 +353,7 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
     )
     # If the names form no channel, the last word of a name without a unit is used too: "Standard force".
     missing = {"time"} - {guess.quantity for guess in guesses}
-    if not keys_of_channels({guess.key for guess in guesses if guess.quantity}):
+    if not channel_pairs({guess.key for guess in guesses if guess.quantity}):
         missing |= {"displacement", "force"} - {guess.quantity for guess in guesses}
         guesses = [_guess_tension_test(guess) if guess.quantity == "" else guess for guess in guesses]
     paired = []
@@ -367,7 +368,7 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Ro
             )
         else:
             paired.append(guess)
-    if keys_of_channels({guess.key for guess in paired if guess.quantity}):
+    if channel_pairs({guess.key for guess in paired if guess.quantity}):
         return paired
     # Otherwise any word of a name is used, such as "Pos" in "motorPosRaw" and "force" in "ForceArray b",
     # unless the names belong to different joints.
@@ -403,30 +404,28 @@ def is_unnamed(name: str) -> bool:
     return _UNNAMED.fullmatch(name) is not None
 
 
-def keys_of_channels(available: Collection[Key]) -> list[Key]:
-    """Return the keys of time and of all channels that the quantities allow; empty if they allow none.
+def channel_pairs(
+    available: Collection[Key], fits: Callable[[Key, Key], bool] = lambda motion, effort: True
+) -> list[tuple[Key, Key]]:
+    """Return motion and effort of each channel that the quantities allow, as keys.
+
+    The velocity of a joint without a position is its motion, since the integral is a position. If there is no
+    other channel, the goals of servos replace the efforts, which were not measured.
 
     Args:
         available: quantities, each with the number of its joint.
+        fits: whether the motion and the effort of a joint belong together.
     """
-    keys: list[Key] = []
-    if DISPLACEMENT in available and FORCE in available:
-        keys += [DISPLACEMENT, FORCE]
-    joints = sorted({joint for quantity, joint in available if quantity == "position"})
+    contact = [(DISPLACEMENT, FORCE)] if {DISPLACEMENT, FORCE} <= {*available} else []
+    joints = sorted({joint for quantity, joint in available if quantity in {"position", "velocity"}})
+    free = {*available} - {effort for _, effort in contact}
+    pairs = [*contact]
     for joint in joints:
-        for effort in (("torque", joint), ("force", joint)):
-            if effort in available and effort not in keys:
-                keys += [("position", joint), effort]
-                break
-    if not keys:  # a servo: the goal error replaces the effort, which was not measured
-        keys = [key for j in joints if ("goal", j) in available for key in (("position", j), ("goal", j))]
-    if not keys and not joints:  # the position is computed as the integral of the velocity
-        moving = sorted({joint for quantity, joint in available if quantity == "velocity"})
-        efforts = {
-            j: [(effort, j) for effort in ("torque", "force") if (effort, j) in available] for j in moving
-        }
-        keys = [key for j in moving for key in [("velocity", j), *efforts[j][:1]] if efforts[j]]
-    return [TIME, *keys] if keys else []
+        motion = ("position" if ("position", joint) in available else "velocity", joint)
+        efforts = (("torque", joint), ("force", joint))
+        pairs += [(motion, effort) for effort in efforts if effort in free and fits(motion, effort)][:1]
+    servos = [(("position", joint), ("goal", joint)) for joint in joints]
+    return pairs or [pair for pair in servos if {*pair} <= {*available} and fits(*pair)]
 
 
 def words_of(name: str) -> list[str]:

@@ -94,6 +94,8 @@ class ColumnUnits:
         A column such as `pos` that is read as a displacement is still called a position, too.
         The name of another column refers only to that column, unless --column gives it another meaning.
         """
+        if not self.options.units:  # the usual case, and a table may have thousands of columns
+            return []
         columns = self.options.columns
         exact = {name for name in self.table.names if name not in columns or name in columns.values()}
         parsed = {name: role_of_option(name, role.shift) for name in self.options.units if name not in exact}
@@ -265,7 +267,8 @@ class ColumnUnits:
         largest, usual = _MAX_RANGE.get(quantity, (np.inf, ""))
         if quantity == "torque" and not CURRENT.isdisjoint(words_of(column)):
             return "A" if span < _MAX_CURRENT_A else "mA"
-        si = "MPa" if "stress" in column.lower() else si_unit(QUANTITIES[quantity][0])
+        turns = quantity in {"velocity", "acceleration"} and not linear
+        si = "MPa" if "stress" in column.lower() else si_unit(QUANTITIES[quantity][int(turns)])
         if holds_counts(column):
             return _COUNT_OF_ENCODER if usual == "deg" else f"0.001{usual or si}"
         return usual if span > largest else si

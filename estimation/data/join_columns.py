@@ -9,7 +9,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from palpate.estimation.data.column_names import guess_columns, is_unnamed, keys_of_channels
+from palpate.estimation.data.column_names import channel_pairs, guess_columns, is_unnamed
 from palpate.estimation.data.file_columns import natural_key, pa
 from palpate.estimation.data.table import Table, read_table
 from palpate.robot_io.errors import InputError
@@ -44,7 +44,7 @@ def joined_columns(first: Table, further: Iterable[Table]) -> Table | None:
 
 
 def _has_channel(table: Table) -> bool:
-    return bool(keys_of_channels({guess.key for guess in guess_columns(table.names) if guess.quantity}))
+    return bool(channel_pairs({guess.key for guess in guess_columns(table.names) if guess.quantity}))
 
 
 def completing_file(table: Table) -> Path | None:

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from palpate.estimation.data.column_names import (
     TIME,
+    channel_pairs,
     guess_columns,
     is_unnamed,
-    keys_of_channels,
     parse_role,
     unit_in_name,
 )
@@ -459,7 +459,7 @@ def decimal_mark(rows: Sequence[Sequence[str]], *, in_doubt: bool = True) -> str
 def _is_measurement(names: Sequence[str]) -> bool:
     """Return whether these names form a channel: a time, a motion and an effort."""
     available = {guess.key for guess in guess_columns(names) if guess.quantity}
-    return TIME in available and bool(keys_of_channels(available))
+    return TIME in available and bool(channel_pairs(available))
 
 
 @dataclass(frozen=True)

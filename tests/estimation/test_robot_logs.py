@@ -281,6 +281,50 @@ def test_no_column_is_proposed_as_a_force_against_its_name(tmp_path, names):
     assert "\n" not in said
 
 
+def refusal(path, names, columns, **options):
+    np.savetxt(path, np.column_stack(columns), delimiter=",", header=names, comments="")
+    with pytest.raises(InputError) as refused:
+        import_file(path, ImportOptions(**options))
+    return str(refused.value)
+
+
+def test_speeds_and_torques_of_named_motors_are_joints_and_the_proposed_units_can_be_read(tmp_path):
+    """A row counter was proposed as a displacement, and then a speed in m/s beside a torque."""
+    path, names = tmp_path / "dyno.csv", ",in_speed,in_torque,volts,out_speed,out_torque"
+    speed = np.cos(5.0 * T)
+    columns = [np.arange(len(T)), speed, 2.0 * speed, 0.1 * T, 3.0 * speed, 4.0 * speed]
+    assert refusal(path, names, columns).endswith("--unit velocity=rad_s --unit torque=Nm")
+    options = ImportOptions(units={"velocity": "rad_s", "torque": "Nm"})
+    slow, fast = import_file(path, options).channels
+    np.testing.assert_allclose([slow.velocity, fast.velocity], [speed, 3.0 * speed])
+    np.testing.assert_allclose([slow.effort, fast.effort], [2.0 * speed, 4.0 * speed])
+
+
+@pytest.mark.parametrize(
+    ("names", "proposed"),
+    [
+        ("time_s,tau,tauIden", "--column torque=tau --unit torque=1Nm --column position_rad=COLUMN"),
+        ("time_s,Torque [Nm],temp", "--column torque='Torque [Nm]' --column position_rad=COLUMN"),
+        ("time_s,Fx,Fz,Tx,Ty,Tz", "--column displacement_mm=COLUMN --column force=Fz --unit force=N"),
+        ("time_s,force,Frame", "--column displacement_mm=COLUMN --column force=force --unit force=N"),
+        (
+            "time_ms,position_slave,force_slave,position_slave_deg,position_master_deg",
+            "--column torque=force_slave --unit torque=1Nm --column position=position_slave_deg",
+        ),
+    ],
+)
+def test_proposed_columns_fit_the_effort_of_the_file(tmp_path, names, proposed):
+    columns = [T, *np.cumsum(np.random.default_rng(0).random((names.count(","), len(T))), axis=1)]
+    if "Frame" in names:
+        columns[-1] = 10.0 * np.arange(len(T))
+    assert refusal(tmp_path / "own.csv", names, columns).endswith(proposed)
+
+
+def test_invalid_cell_of_an_effort_is_reported_although_no_motion_is_found(tmp_path):
+    force = np.where(T[7] == T, 1e200, T)
+    assert "line 9, column 'force': '9.9" in refusal(tmp_path / "own.csv", "time_s,force", [T, force])
+
+
 def test_signal_and_its_target_are_proposed_as_a_servo(tmp_path):
     path = tmp_path / "own.csv"
     header = "timestamp,FR_0_actual,FR_1_target,FR_1_actual,FR_1_error"
