@@ -323,9 +323,11 @@ def read_json(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
         content: bytes of the file.
         options: `records`: key of the list of records, whose keys are the names; or `graphs`: key of a list
             of phases, and key of the series of a phase; the series of all phases are joined. Without them,
-            each list of numbers is a column.
+            each list of numbers is a column. `under`: key of the part of the file that holds all this.
     """
     table = json.loads(content)
+    if "under" in options:
+        table = table[options["under"]]
     if "graphs" in options:
         phases, graph = options["graphs"]
         graphs = [phase[graph] for phase in table[phases]]

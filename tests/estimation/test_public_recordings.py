@@ -191,6 +191,13 @@ def test_log_of_records_has_a_column_for_each_number():
     assert {name: values.tolist() for name, values in columns.items()} == {"t": [0, 1], "q": [0.5, 0.25]}
 
 
+def test_lists_under_a_key_of_a_log_are_columns():
+    log = b'{"specimen": {"force": [9.0]}, "test": {"name": "a", "force": [1, 2], "displacement": [0, 0.5]}}'
+    (columns,) = read_json(log, {"under": "test"})
+    lists = {name: values.tolist() for name, values in columns.items()}
+    assert lists == {"force": [1, 2], "displacement": [0, 0.5]}
+
+
 def test_series_of_all_phases_of_a_log_are_joined():
     phases = [{"graph": {"t": [0, 1], "q": [2, 3], "n": 2}}, {"graph": {"t": [1, 2], "q": [3, 5], "n": 0}}]
     log = json.dumps({"program": 4, "phases": phases}).encode()
