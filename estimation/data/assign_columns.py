@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -26,20 +27,24 @@ from palpate.estimation.data.column_names import (
     TIME,
     Key,
     Role,
+    channel_pairs,
     guess_columns,
+    is_absolute,
     parse_role,
     role_of_option,
     si_unit,
     unit_in_name,
 )
 from palpate.estimation.data.column_units import AssignedColumn, Chosen, ColumnUnits
-from palpate.estimation.data.file_columns import pa
+from palpate.estimation.data.file_columns import list_first, pa
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.presses import MIN_RUN_ROWS, press_sides
 from palpate.estimation.data.table import Table
 from palpate.estimation.data.units import describe_fault, dimension_of, invalid_rows
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
+
+_SHOWN_EFFORTS = 4  # names of further efforts that a note shows
 
 
 @dataclass(frozen=True)
@@ -196,8 +201,34 @@ def assign_columns(table: Table, options: ImportOptions) -> ColumnAssignment:
     units.check_used(chosen)
     assigned, two_sided, sign_notes = _orient_signs(units, assigned, shift)
     phase = options.columns.get(PHASE, PHASE if PHASE in table.names else None)
-    notes += [*position_notes, *sign_notes]
+    notes += [*_note_other_efforts(table, chosen, options), *position_notes, *sign_notes]
     return ColumnAssignment(table, assigned, run, phase, tuple(notes), two_sided, shift)
+
+
+def propose_columns(table: Table) -> dict[str, tuple[str, str]]:
+    """Return quantity and unit of the columns that are read without options, by the column's name.
+
+    Of columns that match equally well, the first is proposed. A quantity may number a joint; a unit is empty
+    if the table does not state it. The result is empty if no columns form a channel.
+
+    Args:
+        table: table of the file.
+
+    Raises:
+        InputError: the names of columns contradict each other, or a required column has a cell that is not a
+            number.
+    """
+    options = ImportOptions()
+    units, shift = ColumnUnits(table, options), joint_shift(table, {})
+    chosen, _ = _assign_own_names(table, options, {}, shift)
+    chosen |= choose_columns(units, chosen, [column for _, column in chosen.values()], shift, ask=False)
+    if not channel_pairs(chosen):
+        return {}
+    with suppress(InputError):  # whether a position belongs to a press or to an axis is left to the user
+        chosen, _ = _press_or_axis(units, chosen)
+    proposed = {column: (role.numbered, units.unit_of(role, column)) for role, column in chosen.values()}
+    run = _run_column(table, options)
+    return proposed | ({run: (RUN, "")} if run else {})
 
 
 def _assign_by_options(table: Table, options: ImportOptions, shift: int) -> Chosen:
@@ -296,6 +327,21 @@ def _press_or_axis(units: ColumnUnits, chosen: Chosen) -> tuple[Chosen, list[str
     return chosen, as_axis
 
 
+def _note_other_efforts(table: Table, chosen: Chosen, options: ImportOptions) -> Iterator[str]:
+    """Yield a note for each effort that further columns with a unit of the same dimension may hold."""
+    used = {column for _, column in chosen.values()} | {*options.context}
+    guesses = [guess for guess in guess_columns(table.names) if guess.column not in used]
+    for key, (role, column) in chosen.items():
+        dimension = dimension_of(unit_in_name(column))
+        alike = (g.column for g in guesses if g.key == key and dimension_of(g.unit) == dimension)
+        others = [f"'{name}'" for name in alike if table.varies(name)]
+        if key[0] in EFFORTS and dimension and others and column not in options.columns.values():
+            yield (
+                f"'{column}' is read as the {key[0]}, and not {list_first(others, _SHOWN_EFFORTS)}; if "
+                f"another column holds it, add --column {role.numbered}=COLUMN"
+            )
+
+
 def _orient_signs(
     units: ColumnUnits, assigned: dict[Key, AssignedColumn], shift: int
 ) -> tuple[dict[Key, AssignedColumn], bool, list[str]]:
@@ -318,8 +364,16 @@ def _orient_signs(
     }
     factors = {DISPLACEMENT: sides.displacement, FORCE: sides.force}
     flipped = {key: assigned[key].column for key in factors if factors[key] < 0.0 and key not in scaled}
+    is_magnitude = is_absolute(force.column) and units.table.numbers(force.column).min() >= 0.0
+    keeps_sign = is_magnitude and flipped.pop(FORCE, None) is not None
     result = assigned | {key: replace(assigned[key], factor=-assigned[key].factor) for key in flipped}
     notes = []
+    if keeps_sign:
+        notes.append(
+            f"'{force.column}' holds absolute values by its name, so its sign is kept, although it falls "
+            f"where '{depth.column}' rises; if another column holds the force with its sign, add "
+            "--column force=COLUMN"
+        )
     if flipped:
         keep = " ".join(f"--unit {key[0]}=1{assigned[key].unit}" for key in flipped)
         are, signs = ("are", "their signs are") if len(flipped) > 1 else ("is", "its sign is")
@@ -327,7 +381,7 @@ def _orient_signs(
         if sides.never_free:  # an element in tension, which is never compressed
             reason = f"'{force.column}' and '{depth.column}' increase in opposite directions"
             signs = f"the sign of '{force.column}' is"
-        notes = [f"{reason}: {signs} reversed; {keep} prevents this"]
+        notes.append(f"{reason}: {signs} reversed; {keep} prevents this")
     if sides.zero_m and not scaled:
         result[DISPLACEMENT] = replace(result[DISPLACEMENT], zero=sides.zero_m)
         notes.append(

@@ -27,6 +27,7 @@ from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.join_columns import completing_file
 from palpate.estimation.data.table import Table
+from palpate.estimation.data.table_layout import clocks_of
 from palpate.estimation.data.text_dialect import NAMELESS
 from palpate.estimation.data.units import dimension_of
 from palpate.estimation.statistics.correlation import correlation_coefficient
@@ -172,7 +173,7 @@ def _check_dimensions(columns: ColumnAssignment) -> None:
 def _suggest_columns(columns: ColumnAssignment) -> str:
     """Describe the columns that channels need, and options for a column that probably is an effort."""
     table = columns.table
-    guesses = {guess.column: guess for guess in guess_columns(table.names)}
+    guesses = {guess.column: guess for guess in guess_columns(table.names, clocks_of(table.columns))}
     quantity_by_name = {name: guesses[name].quantity or quantity_in(name) for name in table.names}
     needed = (
         "a contact needs time_s, displacement_m, force_N; a joint needs time_s, position_rad, torque_Nm (or "
@@ -182,8 +183,7 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
     varying = [name for name in table.names if _may_vary(table, name)]
     has_effort = any(quantity in EFFORTS for quantity, _ in columns.assigned) or any(
         quantity_by_name[n] in EFFORTS if quantity_by_name[n] else dimension_by_name[n] in _EFFORT_DIMENSIONS
-        for n in table.names
-        if table.numeric_share(n) > 0.5
+        for n in varying
     )
     numbers = [name for name in varying if _COUNTERS.isdisjoint(words_of(name))]
     free = [name for name in numbers if name not in columns.used and quantity_by_name[name] not in _NO_EFFORT]

@@ -37,7 +37,7 @@ _START_SHARE = 0.05  # first share of the travel, in which a linear axis already
 
 
 def choose_columns(
-    units: ColumnUnits, known: Collection[Key], reserved: Collection[str], shift: int
+    units: ColumnUnits, known: Collection[Key], reserved: Collection[str], shift: int, *, ask: bool = True
 ) -> Chosen:
     """Choose the columns that form channels together with the known columns.
 
@@ -48,6 +48,7 @@ def choose_columns(
         known: quantities already assigned by palpate's own names or by options.
         reserved: columns of the known quantities, and columns that must not be used.
         shift: number to add to the joint numbers in the file.
+        ask: whether to raise an error for columns that match equally well, or else to choose the first.
 
     Raises:
         InputError: two columns match a required quantity equally well, or a required column has a cell that
@@ -85,7 +86,8 @@ def choose_columns(
     guesses_of: dict[Key, list[RoleGuess]] = {}
     for guess in guesses:
         guesses_of.setdefault(guess.key, []).append(guess)
-    keys = [key for key in _keys_of_channels({*known, *guesses_of}) if key in guesses_of]
+    lengths = {k for k, of in guesses_of.items() if all(dimension_of(g.unit) == "length" for g in of)}
+    keys = [key for key in _keys_of_channels({*known, *guesses_of}, lengths) if key in guesses_of]
     keys += [  # velocity and acceleration are also read if the user states their unit
         guess.key
         for guess in clear
@@ -99,7 +101,7 @@ def choose_columns(
             names = " and ".join(f"'{guess.column}'" for guess in fitting[key][:4])
             questions.append(f"columns {names} may hold {role.numbered}")
             answers.append(f"--column {role.numbered}={shlex.quote(column)}")
-    if questions:
+    if questions and ask:
         answers += [unit for _, unit in units.missing(chosen)]
         raise InputError(
             f"{table.path}: {', '.join(questions)}; choose with {' '.join(dict.fromkeys(answers))}"
@@ -107,9 +109,13 @@ def choose_columns(
     return chosen
 
 
-def _keys_of_channels(available: Collection[Key]) -> list[Key]:
-    """Return the keys of time, motions and efforts of all channels; empty if there is no channel."""
-    pairs = channel_pairs(available)
+def _keys_of_channels(available: Collection[Key], lengths: Collection[Key] = ()) -> list[Key]:
+    """Return the keys of time, motions and efforts of all channels; empty if there is no channel.
+
+    If there is another channel, none consists of a torque and one of the lengths.
+    """
+    pairs = channel_pairs(available, lambda motion, effort: motion not in lengths or effort[0] != "torque")
+    pairs = pairs or channel_pairs(available)
     return [TIME, *chain.from_iterable(pairs)] if pairs else []
 
 

@@ -50,6 +50,7 @@ _RUN_AFTER_UNIT = re.compile(  # as in "Force (N) Run #1"
 _BRACKETED_IN_FRONT = re.compile(r"^\s*[\[({<]\s*([^\])}>]+?)\s*[\])}>]\s*(?=\S)")  # "[mm] Travel"
 _DOTTED_UNIT = re.compile(r"(.*\w)\.{1,2}([^\W\d_][\w.]*)\.")  # brackets as R writes them: "force..N."
 _JOINED_UNIT = re.compile(r"([A-Za-z]*[a-z])(?:\.|(?=[A-Z]))([A-Za-z]+)")  # "ForceN", "Load.N"
+_UNIT_AFTER_CHARACTER = re.compile(r"(.*[\u3040-\u30ff\u3400-\u9fff\uac00-\ud7af])([A-Za-z].*)")  # "扭矩Nm"
 _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _UNIT_AFTER_SIGN = re.compile(r"\s*(?:/|,|:|\||\bin\b)\s*([^\s/,:|]+)\s*$")
 
@@ -167,7 +168,10 @@ def _unit_behind(name: str) -> str:
 
 
 def _joined_unit(name: str) -> tuple[str, str] | None:
-    """Split names whose unit follows without brackets or blanks, such as "force..N." and "ForceN"."""
+    """Split names whose unit follows without brackets or blanks: "force..N.", "ForceN", "扭矩Nm"."""
+    after = _UNIT_AFTER_CHARACTER.fullmatch(name)
+    if after and dimension_of(unit := normalize_unit(after[2])):
+        return after[1], unit
     if dotted := _DOTTED_UNIT.fullmatch(name):
         for written in (dotted[2], dotted[2].replace(".", "/")):
             if dimension_of(unit := normalize_unit(written)):
@@ -220,6 +224,15 @@ def goal_pair(names: Sequence[str]) -> tuple[str, str] | None:
     return next(((signal, goal) for signal, goal in pairs if signal), None)
 
 
+def is_absolute(name: str) -> bool:
+    """Return whether a column holds absolute values, by a word in its name.
+
+    Args:
+        name: name of a column.
+    """
+    return not _ABSOLUTE.isdisjoint(words_of(name))
+
+
 def is_angle(name: str) -> bool:
     """Return whether a column holds an angle, by the unit in its name or else by a word.
 
@@ -241,6 +254,8 @@ def si_unit(dimension: str) -> str:
 
 _COUNTS = frozenset(["counts", "count", "ticks", "raw", "adc", "lsb"])  # numbers without a known unit
 _ANGLES = frozenset("angle angles theta winkel angulo angolo encoder encoders enc".split())  # noqa: SIM905
+_NO_CLOCK = frozenset("pwm duty pulse width esc signal delay interval period latency lag".split())  # noqa: SIM905
+_ABSOLUTE = frozenset(["abs", "absolute", "absolut", "betrag", "magnitude"])
 _ENCODER = frozenset(["encoder", "encoders", "enc"])
 _UNINFORMATIVE = frozenset(
     "actual act measured feedback present ist joint joints state states j value values".split()  # noqa: SIM905
@@ -510,6 +525,7 @@ def _match_words(whole: str, words: Sequence[str], unit: str, *, anywhere: bool)
         if _fits(quantity, unit) and not known.isdisjoint(long):
             return quantity, _BY_WORD
     is_specific = dimension not in {"voltage", "pressure", "strain"}  # these may belong to any quantity
+    is_specific &= dimension != "time" or _NO_CLOCK.isdisjoint(words)
     by_unit = next((quantity for quantity in QUANTITIES if is_specific and _fits(quantity, unit)), "")
     by_pair = next((quantity for quantity in _MOTION_OR_TORQUE if words[-1] in WORDS[quantity]), "")
     if anywhere and not by_pair and dimension is None:

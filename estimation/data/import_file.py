@@ -275,6 +275,12 @@ def _make_channel(
             f"no position column was found: the position is integrated from {name}, from 0 in each run; if a "
             "column holds it, add --column position=COLUMN"
         )
+        if TIME not in columns:
+            notes.append(
+                "neither time nor position is recorded: if each row is a steady state, only effects of "
+                f"{name} can be trusted, and none of position, acceleration or time; add --context COLUMN "
+                "for other conditions of the rows, such as a load"
+            )
     else:
         derived = differentiate(rows.time_s, position, pieces)
         signal = (name, position, derived.velocity)

@@ -80,7 +80,7 @@ _BY_QUANTITY = {
         corriente
         momento coppia corrente
         koppel tork
-        扭矩 转矩 电流
+        扭矩 转矩 轉矩 电流
         トルク 電流
     """,
     "position": """
@@ -102,7 +102,7 @@ _BY_QUANTITY = {
         prędkość
         скорость
         snelheid hız
-        速度
+        速度 转速 轉速
     """,
     "run": "run trial cycle test rep repeat press versuch messung zyklus lauf essai ensayo prova",
 }

@@ -3,6 +3,7 @@
 import asyncio
 import re
 from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,8 @@ import numpy as np
 from nicegui import events, ui
 
 from palpate.common.files import atomic_write, output_folder
-from palpate.estimation.data.column_names import QUANTITIES, RUN, RoleGuess, guess_columns
+from palpate.estimation.data.assign_columns import propose_columns
+from palpate.estimation.data.column_names import QUANTITIES, RUN, guess_columns
 from palpate.estimation.data.file_columns import is_session
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import Table, read_table
@@ -51,17 +53,26 @@ class ColumnGuess:
 
 
 def suggest_columns(table: Table) -> list[ColumnGuess]:
-    """Guess the role of each numeric column from its name, and of the time also from its values."""
+    """Propose the roles of the numeric columns: those that are read without options, or else by their names.
+
+    Args:
+        table: table of the file.
+    """
     guesses = guess_columns(table.names, clocks_of(table.columns))
-    guesses = [guessed for guessed in guesses if table.numeric_share(guessed.column) == 1.0]
-    best = {(each.quantity, each.joint): each for each in sorted(guesses, key=lambda each: each.fit)}
+    proposed = dict[str, tuple[str, str]]()
+    with suppress(InputError):  # the form lets the user resolve what the names leave open
+        proposed = propose_columns(table)
+    if not proposed:
+        best = {(each.quantity, each.joint): each for each in sorted(guesses, key=lambda each: each.fit)}
+        for (quantity, joint), each in best.items():
+            proposed[each.column] = (quantity if joint is None else f"{quantity}_{joint}", each.unit)
     columns = []
     for each in guesses:
-        guessed = each if best[each.quantity, each.joint] is each else RoleGuess(each.column, "")
-        quantity = f"{guessed.quantity}_{guessed.joint}" if guessed.joint is not None else guessed.quantity
-        values = ", ".join(f"{value:.4g}" for value in table.head(_SHOWN).numbers(guessed.column))
-        why = guessed.why if guessed.unit or not quantity else f"{guessed.why}; unit not stated"
-        columns.append(ColumnGuess(guessed.column, quantity, guessed.unit, why, values, each.unit))
+        if table.numeric_share(each.column) == 1.0:
+            quantity, unit = proposed.get(each.column, ("", ""))
+            values = ", ".join(f"{value:.4g}" for value in table.head(_SHOWN).numbers(each.column))
+            why = each.why if unit or not quantity else f"{each.why}; unit not stated"
+            columns.append(ColumnGuess(each.column, quantity, unit, why, values, each.unit))
     if not any(column.quantity == "time" for column in columns):
         for column in columns:
             if not column.quantity and np.all(np.diff(table.numbers(column.name)) > 0.0):

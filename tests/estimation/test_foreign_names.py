@@ -48,6 +48,12 @@ def test_words_of_a_language_choose_among_columns_of_one_unit(tmp_path, names):
     check_press(import_file(write(tmp_path, [head], rows)))
 
 
+def test_units_follow_chinese_names_without_a_blank(tmp_path):
+    check_press(import_file(write(tmp_path, ["時間s,位移mm,力N"])))
+    motor = import_file(write(tmp_path, ["時間s,轉速rpm,轉矩n-m,轉差drpm"], [f"{row},5" for row in ROWS]))
+    assert motor.roles == {"時間s": "time in s", "轉速rpm": "velocity in rpm", "轉矩n-m": "torque in Nm"}
+
+
 @pytest.mark.parametrize("name", ["Position des [mm]", "Position des joint [mm]", "displacement_des_mm"])
 def test_desired_position_is_not_a_measured_one(name):
     assert guess_column(name).quantity in {"", "goal"}

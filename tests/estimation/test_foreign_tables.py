@@ -292,6 +292,9 @@ def test_missing_position_is_integrated_from_the_velocity(tmp_path):
     np.testing.assert_allclose(channel.position, SWING_RAD - SWING_RAD[0], atol=2e-3 * np.ptp(SWING_RAD))
     np.testing.assert_allclose(channel.velocity, speed, atol=1e-6)
     assert any("the position is integrated from 'angular speed [rad/s]'" in note for note in imported.notes)
+    assert not any("steady state" in note for note in imported.notes)
+    steady = import_file(table_file(tmp_path, "torque [Nm],angular speed [rad/s]\n", TORQUE_NM, speed))
+    assert any("only effects of 'angular speed [rad/s]' can be trusted" in note for note in steady.notes)
 
 
 def test_joint_without_a_time_is_read_row_by_row(tmp_path):

@@ -18,6 +18,7 @@ from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import table_of
 from palpate.estimation.study.source import open_source
 from palpate.robot_io.errors import InputError
+from tests.files import saved
 
 DEFINITION = """std_msgs/Header header
 string[] name
@@ -318,6 +319,17 @@ def test_proposed_columns_fit_the_effort_of_the_file(tmp_path, names, proposed):
     if "Frame" in names:
         columns[-1] = 10.0 * np.arange(len(T))
     assert refusal(tmp_path / "own.csv", names, columns).endswith(proposed)
+
+
+def test_clock_of_any_name_is_proposed_as_the_time_and_a_pulse_width_is_not(tmp_path):
+    stamps = [f"10:00:{second:09.6f}" for second in T]
+    rows = [f"{stamp},{volts},1" for stamp, volts in zip(stamps, np.cos(T), strict=True)]
+    path = saved(tmp_path / "log.csv", "\n".join(["horas,volts (V),b0", *rows]))
+    with pytest.raises(InputError, match="as in --column time=horas --column displacement_mm=COLUMN"):
+        import_file(path)
+    names, columns = "PWM (us),speed [rpm],torque [Nm]", np.column_stack([1e3 + T, 1e3 * T, T])
+    np.savetxt(path, columns, delimiter=",", header=names, comments="")
+    assert import_file(path).roles == {"speed [rpm]": "velocity in rpm", "torque [Nm]": "torque in Nm"}
 
 
 def test_invalid_cell_of_an_effort_is_reported_although_no_motion_is_found(tmp_path):

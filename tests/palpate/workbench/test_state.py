@@ -12,6 +12,7 @@ import pytest
 import palpate
 from palpate.commands.workbench import _state
 from palpate.estimation.channel import ChannelKind
+from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import read_table
 from palpate.estimation.data_quality import checklist
@@ -305,6 +306,24 @@ def test_columns_are_guessed(tmp_path, header, expected):
     assert [f"{one.quantity} {one.unit}" for one in found] == expected
     assert all(one.unit in ("", *units_of(one.quantity)) for one in found)
     assert all(one.why.endswith("; unit not stated") is (one.unit == "") for one in found[1:])
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "Time [s],Position [mm],Extension [mm],Load [N],Torque [Nm]",
+        "Time [s],Position [mm],Load [N],Force max [N],Force min [N]",
+        "time [s],angle [deg],velocity [deg/s],torque [Nm],motor current [A]",
+    ],
+)
+def test_proposed_columns_are_those_that_are_read_without_options(tmp_path, header):
+    t = np.arange(0.0, 4.0, 0.01)
+    depth, path = np.abs(np.sin(3.0 * t)), tmp_path / "some.csv"
+    columns = np.column_stack([t, depth, 2.0 * depth, 3.0 * depth, np.cos(t)])
+    np.savetxt(path, columns, delimiter=",", header=header, comments="")
+    options = options_of(suggest_columns(read_table(path)))
+    assert set(options.columns.values()) == set(import_file(path).roles)
+    assert import_file(path, options).roles == import_file(path).roles
 
 
 def test_missing_unit_is_asked_for(press, tmp_path):
