@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.estimation.data.column_names import TIME, guess_columns, parse_role, split_unit
-from palpate.estimation.data.file_columns import FileColumns, check_size, pa, pc
+from palpate.estimation.data.file_columns import FileColumns, check_size, list_first, pa, pc
 from palpate.estimation.data.table_layout import with_run
 from palpate.robot_io.errors import InputError
 
@@ -24,6 +24,7 @@ _MIN_CELL_BYTES = 4  # assumed least number of bytes per value
 _MIN_COLUMNS = 3  # least number of columns of a run: time, motion and effort
 _MAX_LABEL = 60  # characters of a signal's label that are used
 _BATCH_ROWS = 256
+_SHOWN_VARIABLES = 4  # variables that an error message names
 
 
 def read_parquet(path: Path) -> FileColumns:
@@ -81,12 +82,14 @@ def read_npz(path: Path) -> FileColumns:
                     "save it as numbers or text"
                 )
                 raise InputError(f"{path}: column '{name}' {reason}") from error
-            if array.ndim > 0 or parse_role(name):  # others, such as a sampling rate, are not columns
+            if array.ndim > 0:  # others, such as a sampling rate or the angle of a specimen, are not columns
                 arrays[name] = array
     lengths = {len(array) for array in arrays.values() if array.ndim == 1}
     for name in [name for name, array in arrays.items() if array.ndim == 2]:
         matrix = arrays.pop(name)
-        if len(matrix) in lengths:  # other matrices, such as a pose, are not columns
+        if not lengths:
+            arrays |= _vectors(name, matrix)
+        elif len(matrix) in lengths:  # other matrices, such as a pose, are not columns
             arrays |= matrix_columns(name, matrix)
     return FileColumns(arrow_table(arrays, path))
 
@@ -121,8 +124,8 @@ def read_mat(path: Path) -> FileColumns:
         parts = [with_run(arrow_table(columns, path), label) for label, columns in runs]
         return FileColumns(pa.concat_tables(parts, promote_options="permissive"), notes=(note,))
     vectors: dict[str, NDArray[Any]] = {}
-    items = (item for item in content.items() if isinstance(item[0], str) and not item[0].startswith("__"))
-    pending = deque[tuple[str, Any]](items)
+    named = [(k, v) for k, v in content.items() if isinstance(k, str) and not k.startswith("__")]
+    pending = deque[tuple[str, Any]](named)
     while pending:
         name, value = pending.popleft()
         if isinstance(value, Mapping) and {"time", "signals"} <= set(value):
@@ -137,8 +140,10 @@ def read_mat(path: Path) -> FileColumns:
             array = np.array(cells) if len(shapes) == 1 and len(shapes[0]) == 1 else value
             vectors |= _vectors(name, array)
     if not vectors:
+        held = list_first([f"{name} ({_kind_of(value)})" for name, value in named], _SHOWN_VARIABLES)
         raise InputError(
-            f"{path}: holds no vectors; a measurement needs at least three: time, motion and effort"
+            f"{path}: holds no vectors but {held or 'nothing'}; a measurement needs at least three: time, "
+            "motion and effort"
         )
     lengths = [len(vector) for vector in vectors.values()]
     length = max(lengths, key=lambda each: (lengths.count(each), each))
@@ -152,6 +157,16 @@ def _vectors(name: str, array: NDArray[Any]) -> dict[str, NDArray[Any]]:
     if array.dtype.kind in "biuf" and array.ndim == 2 and array.shape[0] != array.shape[1]:
         return matrix_columns(name, array if array.shape[0] > array.shape[1] else array.T)
     return {}
+
+
+def _kind_of(value: object) -> str:
+    """Return what a variable of a MATLAB file is, in words for an error message."""
+    if isinstance(value, Mapping):
+        return "a struct"
+    array = np.asarray(value)
+    if array.dtype.kind not in "biuf":
+        return "an object; save its vectors as variables"
+    return f"numbers of shape {array.shape}" if array.ndim else "one number"
 
 
 def _scope_signals(scope: Mapping[str, Any]) -> list[tuple[str, Any]]:

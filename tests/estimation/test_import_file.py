@@ -15,6 +15,7 @@ from palpate.estimation.data import file_columns
 from palpate.estimation.data.channels import import_streams
 from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_options import ImportOptions, parse_pairs
+from palpate.estimation.data.table import read_table
 from palpate.estimation.study.source import open_source
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files import atomic_write
@@ -76,7 +77,11 @@ def test_all_formats_hold_the_same(tmp_path, contact):
     packed.write_bytes(gzip.compress(csv.read_bytes()))
     parquet, npz = tmp_path / "data.parquet", tmp_path / "data.npz"
     pa.parquet.write_table(pa.table(PRESS), parquet)
-    np.savez(npz, **PRESS)
+    np.savez(npz, **PRESS, angle_deg=30.0, rate=100.0)  # of the specimen and the sensor, not of a sample
+    matrices = tmp_path / "wide.npz"  # such as one row per run
+    np.savez(matrices, time_s=[T], displacement_m=[X], force_N=[F])
+    names = [f"{what}_1_{unit}" for what, unit in (("time", "s"), ("displacement", "m"), ("force", "N"))]
+    assert read_table(matrices).names == tuple(names)
     semicolons = write_csv(tmp_path / "e.csv", PRESS, ";")
     tabs = write_csv(tmp_path / "e.tsv", PRESS, "\t")
     expected = only(import_file(csv))
