@@ -49,7 +49,8 @@ _SAME_CLOCK = 1.0 - 1e-6  # least correlation of two columns that hold the same 
 _MAX_GUESSED = 4  # most columns without names among which motion and effort are guessed
 _MIN_COLUMNS = 3  # least number of columns of which one may be a clock
 _MIN_CHANGING = 0.2  # least share of steps in which a coarse clock changes
-_RISING = 0.9  # least share of steps by which a clock increases, which may restart in each run
+_RISING = 0.8  # least share of steps by which a clock increases, which may restart in each run
+_EVEN = 0.9  # least share of these steps that are nearly equal
 _MAX_UNEVEN = 0.5  # largest relative deviation of most steps of a clock from their median
 _SHOWN_CELLS = 12  # cells of a row that an error message shows
 
@@ -180,7 +181,12 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         "position_m, force_N)"
     )
     dimension_by_name = {name: dimension_of(unit_in_name(name)) for name in table.names}
-    varying = [name for name in table.names if _may_vary(table, name)]
+    # A force with an invalid cell counts as varying, so that the cell is reported when its values are used.
+    varying = [
+        name
+        for name in table.names
+        if table.varies(name) or (quantity_by_name[name] in EFFORTS and _has_invalid_cell(table, name))
+    ]
     has_effort = any(quantity in EFFORTS for quantity, _ in columns.assigned) or any(
         quantity_by_name[n] in EFFORTS if quantity_by_name[n] else dimension_by_name[n] in _EFFORT_DIMENSIONS
         for n in varying
@@ -281,12 +287,13 @@ def _joint_options(angles: Sequence[str], effort: str) -> list[str]:
     return options
 
 
-def _may_vary(table: Table, name: str) -> bool:
-    """Return whether a column holds numbers that are not all equal, or mostly numbers and an invalid cell."""
+def _has_invalid_cell(table: Table, name: str) -> bool:
+    """Return whether most cells of a column are numbers, but not all."""
     try:
-        return bool(np.ptp(table.numbers(name)) > 0.0)
+        table.numbers(name)
     except InputError:
         return table.numeric_share(name) > 0.5
+    return False
 
 
 def _counts(values: FloatArray) -> bool:
@@ -329,7 +336,7 @@ def _suggest_effort(numbers: Sequence[str], free: Sequence[str], quantity_by_nam
 def _is_even(steps: FloatArray) -> bool:
     """Return whether the positive steps (n,) of a column are nearly equal; a clock may restart or pause."""
     rises = steps[steps > 0.0]
-    return bool(np.mean(np.abs(rises / np.median(rises) - 1.0) < _MAX_UNEVEN) > _RISING)
+    return bool(np.mean(np.abs(rises / np.median(rises) - 1.0) < _MAX_UNEVEN) > _EVEN)
 
 
 def _clocks(table: Table, free: list[str]) -> list[str]:
@@ -337,7 +344,11 @@ def _clocks(table: Table, free: list[str]) -> list[str]:
     if len(table.names) < _MIN_COLUMNS or not free:
         return []
     steps = {name: np.diff(table.numbers(name)) for name in free}
-    rising = [name for name in free if np.mean(steps[name] > 0.0) > _RISING and _is_even(steps[name])]
+    share = {name: float(np.mean(steps[name] > 0.0)) for name in free}
+    rising = [name for name in free if share[name] > _RISING and _is_even(steps[name])]
+    rising.sort(key=lambda name: -share[name])
+    always = [name for name in free if share[name] == 1.0]
+    rising = rising or always * (len(always) == 1)  # the clock of a logger may be uneven
     first = free[0]
     if first not in rising and (steps[first] >= 0.0).all() and np.mean(steps[first] > 0.0) > _MIN_CHANGING:
         rising.insert(0, first)

@@ -288,6 +288,13 @@ def test_of_many_columns_without_names_only_the_time_is_suggested(tmp_path):
     assert message.endswith(
         "--column time='column 1' --column displacement_mm=COLUMN --column force_N=COLUMN"
     )
+    table = lines(np.tile(np.arange(8.0), len(TIME_S))[: len(TIME_S)], np.cos(9.0 * TIME_S), FORCE_N)
+    assert "--column time='column 1' --column displacement=" in refusal(saved(tmp_path / "short.csv", table))
+    late = TIME_S + 0.4 * TIME_S[1] * (-1.0) ** np.arange(len(TIME_S))
+    table = lines(np.cos(9.0 * TIME_S), FORCE_N, late)
+    assert "--column time='column 3' --column displacement=" in refusal(saved(tmp_path / "late.csv", table))
+    partly = table.replace("\n", ",1\n", 1).replace("\n", ",\n").replace(",1,", ",1")
+    assert "--column time='column 3' --column displacement=" in refusal(saved(tmp_path / "part.csv", partly))
     uneven = lines(WAY_M, TIME_S**3, FORCE_N, np.cos(TIME_S), np.sin(TIME_S), np.sin(2.0 * TIME_S))
     assert "--column time" not in refusal(saved(tmp_path / "uneven.csv", uneven))
 
