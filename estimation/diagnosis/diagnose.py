@@ -1,7 +1,7 @@
 """Diagnose channels: search for missing effects, test the models, and state the verdict."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import cache, partial, reduce
+from functools import cache, partial
 from zlib import crc32
 
 import numpy as np
@@ -11,11 +11,9 @@ from palpate.estimation.data_quality import reject_reason, usable
 from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.design.next_experiment import FEW_READINGS
 from palpate.estimation.diagnosis.acceptance import (
-    OFFSET,
     accept_effects,
     accept_forms,
     acceptance_criteria,
-    least_explained,
     most_parsimonious,
     smallest_sufficient_model,
 )
@@ -33,7 +31,6 @@ from palpate.estimation.diagnosis.forms import (
     form_tests,
     named_forms,
 )
-from palpate.estimation.diagnosis.random_effects import add_run_variation
 from palpate.estimation.diagnosis.residual_checks import (
     ResidualFinding,
     check_residuals,
@@ -59,17 +56,15 @@ from palpate.estimation.estimate import with_unit
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import MeasurementModel, identify_measurement_model
 from palpate.estimation.fit.measurement_noise import measurement_noise
-from palpate.estimation.kinds import PHYSICAL_KINDS, SENSOR_KINDS
+from palpate.estimation.kinds import PHYSICAL_KINDS
 from palpate.estimation.model import Model
 from palpate.estimation.shared_gains import with_shared_gains
 from palpate.estimation.signals.motion import FEW_LEVELS, is_stepwise_command
 from palpate.estimation.workers import single_threaded, worker_pool
 
 _EXTENSIONS = 3  # best candidates that are tried beside accepted effects
-_MAX_SEARCHES = 3  # searches for a model that can be reached by adding its effects one by one
 _MIN_ADEQUATE = 100  # samples below which a model is not called adequate
 _MAX_VARIANCE_LEFT = 0.8  # largest share of the effort's variance left by an adequate model, noise unknown
-_MAX_LEFT = 0.5  # largest share of the squared error left by a constant that explains most of it
 
 
 def diagnose(
@@ -162,16 +157,11 @@ def diagnose_channel(
             search, checks.measurement, end, complete, checks.residual_finding(end), tests, *partials
         )
 
-    for _ in range(_MAX_SEARCHES):
-        end, tests = _find_effects(search, checks, kinds, coarse_kinds)
-        if not checks.is_complete(end):
-            end, tests = _search_with_offset(search, end, tests, checks, kinds)
-        evidence = evidence_of(end, tests)
-        if not evidence.complete or _is_reached(evidence, checks):
-            break
+    end, tests = _find_effects(search, checks, kinds, coarse_kinds)
+    evidence = evidence_of(end, tests)
+    if evidence.complete and not _is_reached(evidence, checks):
         checks.mark_incomplete(end)
-    else:
-        evidence = evidence_of(*accept_forms(search, kinds(), end, checks.measurement))  # no longer complete
+        evidence = evidence_of(*accept_forms(search, kinds(), end, checks.measurement))
         end = evidence.end
     while name := effect_without_gain(evidence):
         end = search.without(end, name)
@@ -203,9 +193,6 @@ def _find_effects(
             return named_forms(coarse_kinds())
 
         fit = select_effects(search, checks.is_complete, sufficient, forms)
-    varied = add_run_variation(search, fit)
-    if checks.residual_finding(varied) is None:  # otherwise the remaining error may make the runs differ
-        fit = varied
     end, tests = _accept(search, fit, checks, kinds)
     if not fit.is_exact and not checks.is_complete(end):
         coarse_forms = forms()
@@ -214,14 +201,6 @@ def _find_effects(
         if search.is_better(rival, end) and not _is_likelier(search, end, rival):
             end, tests = rival, rival_tests
         end, tests = _extend_accepted(search, end, tests, checks, kinds)
-    # A sensor fault follows its law exactly. If only noise is left but the flexible law of its kind still
-    # adds more than noise and encoder steps cause, the sensor effect imitates another effect.
-    imitations = [test for test in tests if test.kind in SENSOR_KINDS and test.is_imitation]
-    if imitations and checks.is_complete(end):
-        by_steps = encoder_step_error(end, checks.measurement) ** 2
-        names = [test.effect for test in imitations if test.added_by_law > by_steps]
-        reduced = reduce(search.without, names, end)
-        end, tests = accept_forms(search, kinds(), reduced, checks.measurement) if names else (end, tests)
     return end, tests
 
 
@@ -270,59 +249,6 @@ def _is_reached(evidence: Evidence, checks: "_Completeness") -> bool:
     """Return whether a complete model is also complete if its effects are added one by one, as users do."""
     shown = evidence.stages[-1]
     return shown.rmse <= (1.0 + SMALL) * evidence.end.rmse or checks.is_complete(shown)
-
-
-def _search_with_offset(
-    search: Search,
-    end: FitResult,
-    tests: list[FormTest],
-    checks: "_Completeness",
-    kinds: Callable[[], PartiallyLinear],
-) -> tuple[FitResult, list[FormTest]]:
-    """Search again with a constant added to the model, if it explains most of the base model's squared error.
-
-    Effects are accepted by their share of the error. With a large offset all other shares are small. The
-    error is therefore taken relative to the constant, as in a coefficient of determination.
-
-    Args:
-        search: the search of the channel.
-        end: the result of the search; it leaves more than noise.
-        tests: form tests of its effects.
-        checks: tests of completeness.
-        kinds: function that returns the laws of the kinds that account for the error.
-
-    Returns:
-        The base model with the offset and the effects found in addition, and their form tests; the given
-        model and tests if there are none, or if they are not better.
-    """
-    bias = next((effect for effect in search.effects if effect.name == OFFSET), None)
-    present = {effect.name for effect in search.model.effects}
-    if bias is None or OFFSET in present or not bias.applies_to(search.data):
-        return end, tests
-    constant = search.fitted(search.model.with_effect(bias), search.start.solution.parameters)
-    if constant.held_out_mean_square > _MAX_LEFT * search.start.held_out_mean_square:
-        return end, tests
-    offset_search = prepare_search(
-        search.data, constant.solution.model, search.good, search.effects, search.rng, search.progress
-    )
-    offset_checks = _Completeness(offset_search)
-    offset_end, offset_tests = _find_effects(
-        offset_search,
-        offset_checks,
-        cache(lambda: analyze_kinds(offset_search)),
-        cache(lambda: analyze_kinds(offset_search.coarse or offset_search)),
-    )
-    if offset_end is offset_search.start:
-        return end, tests
-    joint = search.fitted(offset_end.solution.model, offset_end.solution.parameters)
-    alone = search.without(joint, OFFSET)
-    if alone.held_out_mean_square - joint.held_out_mean_square < least_explained(search, joint):
-        # The effects found in addition to the constant explain most of its part of the error.
-        joint, offset_tests = accept_forms(search, kinds(), alone, checks.measurement)
-    if not search.is_better(joint, end) or not search.is_sensible(joint):
-        return end, tests
-    constant_tests = [test for test in form_tests(kinds(), joint) if test.effect == OFFSET]
-    return joint, constant_tests + offset_tests
 
 
 def _accept(

@@ -69,7 +69,6 @@ class FormTest:
     added_by_law: float  # mean square that the law explains in addition [effort^2]
     unexplained: float  # mean square that remains with the effect [effort^2]
     unexplained_by_all: float = np.inf  # the same, adjusted for all other kinds that account for the error
-    explained: float = 0.0  # mean square that the effect explains in addition to the named effects [effort^2]
 
     @property
     def share(self) -> float:
@@ -89,15 +88,6 @@ class FormTest:
     def is_closed(self) -> bool:
         """Whether the kind's law adds nothing relevant to the effect."""
         return self.added_by_law < max(_EXACT * self.explained_by_effect, SMALL * self.unexplained)
-
-    @property
-    def is_imitation(self) -> bool:
-        """Whether the kind's law explains a relevant part in addition, so that the effect is an imitation.
-
-        The part that the law adds is compared with `explained`, because flexible laws of other kinds may
-        absorb a part of the effect and make `explained_by_effect` smaller.
-        """
-        return not self.is_closed and self.added_by_law >= _EXACT * self.explained
 
 
 @dataclass(frozen=True)
@@ -465,12 +455,7 @@ def form_tests(partial: PartiallyLinear, end: FitResult, kinds: Kinds = frozense
         # The law of a kind without an effect in the model may absorb this effect.
         beside_named = _form_test(partial, end, effect, frozenset(other.kind for other in own))
         test = max(beside_all, beside_named, key=lambda test: test.share)
-        without = solve_gains(
-            end.problem, end.solution.model.without(effect.name), end.solution.parameters, rounds=2
-        )
-        lost = cross_validated_error(end.problem, without) - cross_validated_error(end.problem, end.solution)
-        explained = lost / max(int(end.problem.used.sum()), 1)
-        tests.append(replace(test, unexplained_by_all=beside_all.unexplained, explained=explained))
+        tests.append(replace(test, unexplained_by_all=beside_all.unexplained))
     tests += [_run_test(partial, end, kinds, e.name) for e in added if isinstance(e, RunVariation)]
     return tests
 

@@ -35,7 +35,6 @@ from palpate.estimation.diagnosis.forms import (
     closest_forms,
     replacing_kinds,
 )
-from palpate.estimation.diagnosis.random_effects import run_standard_deviation
 from palpate.estimation.diagnosis.residual_checks import ResidualFinding, periodic_component
 from palpate.estimation.diagnosis.result import (
     AcceptedEffect,
@@ -44,13 +43,14 @@ from palpate.estimation.diagnosis.result import (
     ChannelDiagnosis,
     FitSummary,
     NoiseFloor,
+    ParameterValue,
     RankedEffect,
     RemainingError,
     Verdict,
     stage_numbers,
 )
 from palpate.estimation.diagnosis.search import Search
-from palpate.estimation.effects.run_differences import RunVariation
+from palpate.estimation.effects.run_differences import RunGain, RunVariation
 from palpate.estimation.estimate import rounded, with_unit
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import MeasurementModel
@@ -379,7 +379,7 @@ def _accepted(evidence: Evidence) -> list[AcceptedEffect]:
     for before, after in pairwise(evidence.stages):
         (name,) = {part.name for part in after.model.effects} - {part.name for part in before.model.effects}
         effect = by_name[name]
-        spread = run_standard_deviation(evidence.end, effect) if isinstance(effect, RunVariation) else None
+        spread = _run_standard_deviation(evidence.end, effect) if isinstance(effect, RunVariation) else None
         p_value = search.p_value(search.without(evidence.end, effect.name), evidence.end)
         accepted.append(
             AcceptedEffect(
@@ -394,6 +394,21 @@ def _accepted(evidence: Evidence) -> list[AcceptedEffect]:
             )
         )
     return accepted
+
+
+def _run_standard_deviation(end: FitResult, effect: RunVariation) -> ParameterValue:
+    """Estimate the standard deviation of a random effect between runs, with its standard error.
+
+    Args:
+        end: the model.
+        effect: the random effect.
+    """
+    model, known, data = end.solution.model, end.solution.parameters, end.data
+    inner = {parameter.name: known[f"{effect.name}.{parameter.name}"] for parameter in effect.inner}
+    value = float(effect.spread(model.without(effect.name).predict(data, known), data, inner)[0])
+    error = value / float(np.sqrt(2.0 * (len(data.runs) - 1)))
+    unit = "1" if isinstance(effect, RunGain) else data.kind.effort_unit
+    return ParameterValue(value=value, std_err=error, unit=unit, at_bound=False)
 
 
 def error_decrease(accepted: Sequence[AcceptedEffect], base_rmse: float, last_rmse: float, unit: str) -> str:

@@ -15,7 +15,7 @@ from palpate.estimation.base_model import ModelContext
 from palpate.estimation.diagnosis import Verdict, diagnose
 from palpate.estimation.diagnosis.candidates import is_misnamed
 from palpate.estimation.diagnosis.extension import fit_extended
-from palpate.estimation.diagnosis.forms import Form, form_tests
+from palpate.estimation.diagnosis.forms import Form
 from palpate.estimation.diagnosis.verdict import insufficient_diagnosis
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_problem import solve_gains
@@ -178,18 +178,6 @@ def test_backlash_is_identified_with_motor_inertia_and_friction():
     for name, truth in (("gap", 0.12), ("motor_inertia", 0.3), ("motor_friction", 0.8)):
         told = entry.parameters[name]
         assert abs(told.value - truth) < 3.0 * told.std_err < 0.2, name
-
-
-def test_sensor_fault_that_deviates_from_its_law_is_not_named(monkeypatch):
-    """A delay to which the law of its kind adds as much as the delay explains imitates something else."""
-
-    def more_in_the_law(partial, end):
-        return [replace(test, added_by_law=test.explained_by_effect) for test in form_tests(partial, end)]
-
-    monkeypatch.setattr(import_module("palpate.estimation.diagnosis.diagnose"), "form_tests", more_in_the_law)
-    found = decide_verdict(swings(4, rubbing, sensor=late), "delay", "coulomb_friction")
-    assert not found.complete
-    assert "delay" not in named(found)
 
 
 NOTHING = {

@@ -12,12 +12,10 @@ from scipy.signal import lfilter
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.import_file import import_file
 from palpate.estimation.diagnosis.diagnose import _Completeness, _too_few_levels, diagnose, diagnose_channel
-from palpate.estimation.diagnosis.forms import FormTest
 from palpate.estimation.diagnosis.result import Verdict
 from palpate.estimation.diagnosis.verdict import insufficient_diagnosis
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.measurement_noise import measurement_noise
-from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model
 from tests.estimation.contact_data import channel
 from tests.estimation.searches import PRESS, SWING, searched
@@ -85,8 +83,6 @@ FLOW = {  # what is true of a channel: what is answered
     "nothing is hidden": ({}, ("base", True, None)),
     "it is exact": ({"exact": True}, ("base", True, None)),
     "an effect is found": ({"found": "a"}, ("a", True, None)),
-    "runs differ": ({"found": "a", "varied": "a+runs"}, ("a+runs", True, None)),
-    "runs and more": ({"found": "a", "varied": "a+runs", "objected": ("a+runs",)}, ("a", True, None)),
     "something is left": ({"found": "a", "complete": False}, ("a", False, None)),
     "something is left that may be rounding": ({"complete": False, "step": "coarse"}, "coarse"),
     "the same, beside an effect": ({"found": "a", "complete": False, "step": "coarse"}, "coarse"),
@@ -133,19 +129,18 @@ class _Named(str):
 
 
 @pytest.mark.parametrize("name", FLOW)
-def test_channel_is_searched_varied_reduced_and_reported(name, monkeypatch):
+def test_channel_is_searched_reduced_and_reported(name, monkeypatch):
     given, expected = FLOW[name]
     base = _Named("base")
     base.is_exact = given.get("exact", False)
     found = _Named(given["found"]) if "found" in given else base
-    objected = given.get("objected", ())
 
     class CompletenessStub:
         def __init__(self, search):
             self.measurement, self.marked = "readings", set()
 
         def residual_finding(self, one):
-            return "objection" if one in objected else None
+            return None
 
         def is_complete(self, one):
             return given.get("complete", True) and one not in self.marked
@@ -178,7 +173,6 @@ def test_channel_is_searched_varied_reduced_and_reported(name, monkeypatch):
         "_is_likelier": lambda *_: False,
         "_is_reached": lambda evidence, judge: evidence.end not in given.get("missed", ()),
         "select_effects": searching,
-        "add_run_variation": lambda tried, one: _Named(given["varied"]) if "varied" in given else one,
         "analyze_kinds": lambda *_: None,
         "named_forms": lambda *_: SimpleNamespace(solution=SimpleNamespace(model=rough, parameters={})),
         "accept_forms": lambda tried, kinds, one, measurement: (one, []),
@@ -348,27 +342,6 @@ def test_error_that_may_all_be_noise_of_unknown_size_allows_no_verdict():
     assert "only an upper bound is known" in found.reason
 
 
-@pytest.mark.parametrize(("lost", "kept"), [(0.9, False), (1.1, True)])
-def test_constant_effect_that_explains_little_is_dropped(lost, kept, monkeypatch):
-    joint, alone, reduced, found = (Mock(name=name) for name in ("joint", "alone", "reduced", "found"))
-    joint.held_out_mean_square, alone.held_out_mean_square = 1.0, 1.0 + lost
-    search = Mock(**{"is_better.return_value": True, "is_sensible.return_value": True})
-    search.effects, search.model.effects = [EFFECTS["bias"]()], ()
-    search.data = swings(1, runs=2)
-    search.start.held_out_mean_square = 10.0
-    search.fitted.side_effect = [Mock(held_out_mean_square=2.0), joint]
-    search.without.return_value = alone
-    monkeypatch.setattr(module, "prepare_search", Mock())
-    monkeypatch.setattr(module, "_Completeness", Mock())
-    monkeypatch.setattr(module, "_find_effects", lambda *_: (found, ["beside"]))
-    monkeypatch.setattr(module, "least_explained", lambda *_: 1.0)
-    monkeypatch.setattr(module, "accept_forms", lambda _, __, fit, ___: (reduced, [fit]))
-    monkeypatch.setattr(module, "form_tests", lambda *_: [SimpleNamespace(effect="bias")])
-    end, tests = module._search_with_offset(search, Mock(), [], Mock(), Mock())
-    assert end is (joint if kept else reduced)
-    assert tests[-1] == ("beside" if kept else alone)
-
-
 @pytest.mark.parametrize(
     ("named", "rivals", "explained", "likelier"),
     [
@@ -423,32 +396,6 @@ def test_model_that_explains_little_beside_slow_noise_is_not_adequate():
     )
     assert told.verdict is Verdict.UNEXPLAINED
     assert "% of the variance of the effort, and only an upper bound of the noise is known" in told.reason
-
-
-@pytest.mark.parametrize(("step", "kept"), [(0.5, True), (0.1, False)])
-def test_sensor_fault_keeps_its_name_if_its_law_adds_only_encoder_steps(step, kept, monkeypatch):
-    """The law adds a mean square of 0.04."""
-    test = FormTest(
-        "bias",
-        Kind.SENSOR_STATICS,
-        explained_by_effect=1.0,
-        explained_by_law=1.0,
-        added_by_law=0.04,
-        unexplained=0.1,
-        explained=1.0,
-    )
-    base, bias = SimpleNamespace(is_exact=False), SimpleNamespace(is_exact=False)
-    search = SimpleNamespace(start=base, data=SimpleNamespace(name="x"), without=lambda fit, name: base)
-    checks = SimpleNamespace(
-        measurement="readings", is_complete=lambda fit: True, residual_finding=lambda fit: None
-    )
-    monkeypatch.setattr(module, "select_effects", lambda *_: bias)
-    monkeypatch.setattr(module, "add_run_variation", lambda search, fit: fit)
-    monkeypatch.setattr(module, "_accept", lambda *_: (bias, [test]))
-    monkeypatch.setattr(module, "accept_forms", lambda search, kinds, fit, measurement: (fit, []))
-    monkeypatch.setattr(module, "encoder_step_error", lambda fit, measurement: step)
-    end, _ = module._find_effects(search, checks, lambda: None, lambda: None)
-    assert end is (bias if kept else base)
 
 
 @pytest.mark.parametrize(

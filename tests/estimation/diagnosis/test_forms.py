@@ -182,13 +182,6 @@ def test_sensor_effects_are_compared_without_the_smoothing_bias(monkeypatch, own
     assert (np.abs(adjusted.nuisance.remove(wave)[problem.used]).max() < 1e-6) == removed
 
 
-@pytest.mark.parametrize(("added", "imitation"), [(0.019, False), (0.021, True)])
-def test_sensor_fault_imitates_if_its_law_adds_part_of_its_explanation(added, imitation):
-    test = FormTest("bias", Kind.SENSOR_STATICS, 0.1, 0.1, added_by_law=added, unexplained=0.1, explained=2.0)
-    assert not test.is_closed
-    assert test.is_imitation is imitation
-
-
 def test_form_of_the_kind_that_explains_as_much_is_its_like():
     """What draws nearly the same, with as few parameters; a spring is of another kind."""
     search = searched(swings(1, rubbing), RUB, "stribeck_friction", SPRING)

@@ -16,7 +16,6 @@ from palpate.estimation.design.next_experiment import (
 )
 from palpate.estimation.diagnosis import diagnose, verdict
 from palpate.estimation.diagnosis.forms import Form, analyze_kinds
-from palpate.estimation.diagnosis.random_effects import add_run_variation, run_standard_deviation
 from palpate.estimation.diagnosis.residual_checks import ResidualFinding
 from palpate.estimation.diagnosis.result import Verdict
 from palpate.estimation.diagnosis.verdict import (
@@ -358,31 +357,23 @@ VARIED = {
 
 
 @pytest.mark.parametrize("name", VARIED)
-def test_run_to_run_variation_is_reported_with_its_spread(name):
+def test_run_to_run_variation_is_named_with_its_spread(name):
     """Of a standard deviation of six draws, the error is a third; what all share is no difference."""
     effect, unit, law = VARIED[name]
-    search = searched(session(8, law, runs=6), "run_gain", "run_offset", "bias", base=PRESS)
-    found = add_run_variation(search, search.start)
-    assert search.added_effects(found) == ([effect] if effect else [])
+    effects = [EFFECTS[name]() for name in ("run_gain", "run_offset", "bias")]
+    data = session(8, law, runs=6)
+    (diagnosis,) = diagnose(data, PRESS, effects, rng=np.random.default_rng(0)).channels
+    assert diagnosis.complete
     if not effect:
-        assert found is search.start
+        assert diagnosis.verdict is Verdict.ADEQUATE
         return
-    told = run_standard_deviation(found, found.solution.model.effects[-1])
-    assert told.value == pytest.approx(float(np.std(DRAWN, ddof=1)), rel=0.25)
-    assert told.std_err == pytest.approx(told.value / np.sqrt(10.0))
-    assert told.unit == unit
-    assert found.rmse == pytest.approx(NOISE_N, rel=0.15)
-    entry = decide_verdict(Evidence(search, measured(search), found, True, None)).accepted[0]
-    assert entry.parameters["spread"] == told
-
-
-def test_effect_that_stood_for_run_variation_is_dropped():
-    """A zero of its own in each run looked like a bias in all of them."""
-    zero = np.array([0.9, 1.0, 1.1, 0.8, 1.2, -1.0])
-    data = session(8, lambda t, x, v, run: kelvin_voigt(x, v) + zero[run])
-    search = searched(data, "run_offset", "bias", base=PRESS)
-    found = add_run_variation(search, reached(search, "bias"))
-    assert search.added_effects(found) == ["run_offset"]
+    (entry,) = diagnosis.accepted
+    spread = entry.parameters["spread"]
+    assert entry.effect == effect
+    assert spread.value == pytest.approx(float(np.std(DRAWN, ddof=1)), rel=0.25)
+    assert spread.std_err == pytest.approx(spread.value / np.sqrt(10.0))
+    assert spread.unit == unit
+    assert diagnosis.final.rmse == pytest.approx(NOISE_N, rel=0.15)
 
 
 def test_unnamed_kind_has_no_share_of_a_named_effect():
