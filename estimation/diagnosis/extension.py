@@ -5,12 +5,11 @@ from dataclasses import dataclass, replace
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data_quality import usable
 from palpate.estimation.design.discrimination import SMALL
-from palpate.estimation.diagnosis.candidates import Candidate, screen_effects, screen_product
+from palpate.estimation.diagnosis.candidates import screen_effects
 from palpate.estimation.effect import Effect
 from palpate.estimation.fit.blocks import LOAD, LUMPED
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from palpate.estimation.fit.fit_result import FitResult, fit_model
-from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.workers import single_threaded
 from palpate.robot_io.types import BoolArray, FloatArray
@@ -25,10 +24,9 @@ def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitRes
     The fit is repeated from several start values if several minima are likely: for pairs such as the position
     of a surface and the curvature of its spring, for effects with many inner parameters, and if the error
     exceeds that of the model without the effect. It is also repeated from other start values of each earlier
-    effect, since that effect may have imitated the added one, and from start values of both factors if a
-    memory and an elastic shape meet. The fit with the lowest held-out error is returned, after the other
-    forms of its effects were tried; a fit with an unphysical gain must have a clearly lower error than a fit
-    without one.
+    effect, since that effect may have imitated the added one. The fit with the lowest held-out error is
+    returned, after the other forms of its effects were tried; a fit with an unphysical gain must have a
+    clearly lower error than a fit without one.
 
     Args:
         data: the channel, with the runs to fit to.
@@ -56,9 +54,6 @@ def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitRes
             _with_restarted(min(fits, key=lambda fit: fit.solution.held_out), name, good)
             for name in (earlier.name for earlier in parent.model.effects if earlier.inner)
         ]
-        pairs = [_product(parent.training_fit, effect, partner) for partner in parent.model.effects]
-        products = [pair.search.best for pair in pairs if pair is not None]
-        fits += [fit_model(data, product.model, product.parameters, good, cache) for product in products]
         best = min(fits, key=_error)
         parameters = best.solution.parameters
         # Each form is first chosen while the other effects are held at their parameters without it.
@@ -74,16 +69,6 @@ def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitRes
 def _error(fit: FitResult) -> float:
     """Return the held-out squared error of a fit, enlarged for an unphysical gain."""
     return fit.solution.held_out * (1.0 + SMALL * (not fit.solution.is_physical)) ** 2
-
-
-def _product(parent: FitResult, effect: Effect, partner: Effect) -> Candidate | None:
-    """Fit an added effect together with one of the model if they are a memory and an elastic shape."""
-    by_kind = {effect.kind: effect, partner.kind: partner}
-    if by_kind.keys() != {Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY} or not (effect.inner and partner.inner):
-        return None
-    without = solve_gains(parent.problem, parent.model.without(partner.name), parent.solution.parameters)
-    reduced = FitResult(parent.data, parent.problem, without)
-    return screen_product(reduced, by_kind[Kind.TIME_MEMORY], [by_kind[Kind.ELASTIC_SHAPE]])
 
 
 def _with_restarted(fit: FitResult, name: str, good: BoolArray) -> FitResult:
