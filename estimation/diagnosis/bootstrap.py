@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.derivatives import grid_step
 from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.effect import Effect
@@ -20,7 +19,7 @@ from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.flexible_regression import fit_flexible
 from palpate.estimation.fit.inner_search import optimize_inner, search_inner
-from palpate.estimation.fit.measurement_model import MeasurementModel, shuffle_noise
+from palpate.estimation.fit.measurement_model import MeasurementModel, shuffle_noise, with_derived_signals
 from palpate.estimation.model import Model
 from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.signals.runwise import shifted_motion
@@ -194,8 +193,8 @@ def bootstrap_samples(
         The simulated data as a fit problem, and the model fitted to them.
     """
     blocked, model, parameters = fit.problem.blocked, fit.solution.model, fit.solution.parameters
-    expected = model.predict(_with_derived(measurement.smoothed_motion, fit.data), parameters)
-    motion = _with_derived(measurement.simulate(rng), fit.data)
+    expected = model.predict(with_derived_signals(measurement.smoothed_motion, fit.data), parameters)
+    motion = with_derived_signals(measurement.simulate(rng), fit.data)
     motion_effect = blocked.reduce(model.predict(motion, parameters) - expected)
     variances = [float(np.var(signal[blocked.trusted])) for signal in (motion_effect, fit.solution.residual)]
     # Errors of the motion cannot cause more than the residual; larger ones contain real motion.
@@ -208,7 +207,7 @@ def bootstrap_samples(
         effort = expected.copy()
         effort[blocked.rows] += shuffle_noise(noise, blocked.run, rng)[:, None]
         effort = np.round(effort / step) * step if step > 0.0 else effort
-        data = replace(_with_derived(measurement.simulate(rng, share), fit.data), effort=effort)
+        data = replace(with_derived_signals(measurement.simulate(rng, share), fit.data), effort=effort)
         problem = FitProblem(
             replace(blocked, data=data, cache=FitCache(), load_cache=FitCache()), fit.problem.noise_model
         )
@@ -237,8 +236,3 @@ def _fill_untrusted(noise: FloatArray, trusted: BoolArray) -> FloatArray:
     filled = noise.copy()
     filled[~trusted] = np.resize(noise[trusted], int(np.sum(~trusted)))
     return filled
-
-
-def _with_derived(motion: ChannelData, fitted: ChannelData) -> ChannelData:
-    """Add the signals that were derived in the fit, such as the load, to a motion."""
-    return replace(motion, context={**fitted.context, **motion.context})

@@ -19,7 +19,7 @@ from palpate.estimation.estimate import with_unit
 from palpate.estimation.fit.blocks import BlockedData, is_moving
 from palpate.estimation.fit.fit_problem import held_out_residual, rmse
 from palpate.estimation.fit.fit_result import FitResult
-from palpate.estimation.fit.measurement_model import MeasurementModel
+from palpate.estimation.fit.measurement_model import MeasurementModel, with_derived_signals
 from palpate.estimation.fit.measurement_noise import (
     MeasurementNoise,
     RunHeterogeneity,
@@ -340,7 +340,10 @@ def _free_air_on_blocks(blocked: BlockedData) -> FloatArray:
 def _motion_noise(fit: FitResult, measurement: MeasurementModel, rng: np.random.Generator) -> float:
     """Return the error of the prediction that errors of the measured motion cause [effort]."""
     motions = (measurement.simulate(rng), measurement.simulate(rng, share=0.0))
-    efforts = [fit.model.predict(motion, fit.solution.parameters) for motion in motions]
+    efforts = [
+        fit.model.predict(with_derived_signals(motion, fit.data), fit.solution.parameters)
+        for motion in motions
+    ]
     return rmse(fit.problem.blocked.reduce(np.subtract(*efforts))[fit.problem.used])
 
 

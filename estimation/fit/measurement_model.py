@@ -321,3 +321,13 @@ def inflate_acceleration_noise(data: ChannelData, reach_s: float = _REACH_S) -> 
         change[rows.start + reach : rows.stop - reach] = bend
     zero = np.zeros(len(data))
     return shifted_motion(data, zero, zero, change)
+
+
+def with_derived_signals(motion: ChannelData, fitted: ChannelData) -> ChannelData:
+    """Add the signals that were derived in a fit, such as the load of a joint, to a motion.
+
+    Args:
+        motion: smoothed or simulated motion of the channel, without these signals.
+        fitted: the channel of the fit.
+    """
+    return replace(motion, context={**fitted.context, **motion.context})

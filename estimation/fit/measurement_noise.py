@@ -6,7 +6,7 @@ are estimated with the base model, so they do not depend on added effects.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from itertools import pairwise
 
@@ -17,7 +17,7 @@ from palpate.estimation.estimate import with_unit
 from palpate.estimation.fit.blocks import BlockedData
 from palpate.estimation.fit.fit_problem import Solution, held_out_residual, rmse
 from palpate.estimation.fit.fit_result import FitResult
-from palpate.estimation.fit.measurement_model import identify_measurement_model
+from palpate.estimation.fit.measurement_model import identify_measurement_model, with_derived_signals
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.robot_io.types import FloatArray, IntArray
 
@@ -157,9 +157,7 @@ def measurement_noise(base: FitResult) -> MeasurementNoise:
     # Compute the change of the prediction with a simulated measurement of the same motion.
     measurement = identify_measurement_model(base.data)
     smooth, simulated = (
-        base.model.predict(
-            replace(motion, context={**base.data.context, **motion.context}), base.solution.parameters
-        )
+        base.model.predict(with_derived_signals(motion, base.data), base.solution.parameters)
         for motion in (measurement.smoothed_motion, measurement.simulate(np.random.default_rng(_SEED)))
     )
     motion_noise = rmse(np.where(base.scored, simulated - smooth, np.nan))

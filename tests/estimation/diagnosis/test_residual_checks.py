@@ -20,6 +20,7 @@ from palpate.estimation.diagnosis.residual_checks import (
     exceeds_noise,
     find_rare_events,
 )
+from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.blocks import BlockedData
 from palpate.estimation.fit.fit_problem import FitProblem, solve_gains
 from palpate.estimation.fit.fit_result import fit_model
@@ -30,7 +31,7 @@ from palpate.estimation.models import MODELS
 from tests.estimation.presses import NOISE_N, colored_noise, kelvin_voigt, session
 from tests.estimation.presses import channel as press_channel
 from tests.estimation.searches import SWING
-from tests.estimation.swings import NOISE_NM, swings
+from tests.estimation.swings import NOISE_NM, read, swings
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
 
@@ -499,3 +500,20 @@ def test_ripple_with_a_phase_in_each_run_must_explain_much(ripple, runs, is_foun
     end = fit_model(replace(quiet, effort=quiet.effort + waves), SWING, {})
     left = residual_checks._error_with_own_waves(end)
     assert left == (pytest.approx(NOISE_NM, rel=0.2) if is_found else None)
+
+
+def test_noise_of_friction_that_grows_with_the_load_is_estimated(monkeypatch):
+    """The load is derived in the fit, so a simulated motion does not have it by itself."""
+    monkeypatch.setattr(residual_checks, "fast_noise", lambda data: None)
+    data = read(
+        swings(5, lambda q, v, a: 0.2 * np.abs(0.05 * a + 2.0 * np.sin(q)) * np.tanh(v / 0.02)), noise=1e-5
+    )
+    friction = EFFECTS["load_dependent_friction"]()
+    fit = fit_model(data, SWING.with_effect(friction), {"load_dependent_friction.transition": 0.02})
+    slow = 0.3 * np.sin(2.0 * np.pi * data.time_s)
+    disturbed = fit_model(
+        replace(data, effort=data.effort + slow), fit.solution.model, fit.solution.parameters
+    )
+    excess = exceeds_noise(disturbed, identify_measurement_model(data), np.random.default_rng(0))
+    assert excess is not None
+    assert excess.acting == pytest.approx(0.3 / np.sqrt(2.0), rel=0.3)
