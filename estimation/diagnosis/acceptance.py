@@ -52,7 +52,7 @@ _MIN_OF_UNEXPLAINED = 0.25  # least mean square of an effect, relative to the un
 _MAX_UNEXPLAINED = (
     0.1  # unexplained mean square, relative to an effect's; with more, another kind may explain it
 )
-OFFSET = "bias"  # name of the effect that is a constant
+_OFFSET = "bias"  # name of the effect that is a constant
 _NEARLY_ALL = 0.99  # least share of the error above the noise that a sensor fault or a drift must explain
 _SAME_CURVE = 1e-3  # energy of the difference of two curves, relative to what the effect adds
 
@@ -192,7 +192,7 @@ class FormCriteria:
         # the total error.
         share_left = remaining / count / partial.budget.base**2
         self._is_as_good = share_left <= min(partial.budget.unexplained / AS_GOOD, 1.0 - MOST_OF_LAW)
-        self._least = least_explained(search, fit)
+        self._least = _least_explained(search, fit)
         # A clear effect is larger than the noise, or than a small share of the base model's error.
         self._smallest = min(
             measurement_noise(search.start).value ** 2, SMALL * search.start.held_out_mean_square
@@ -260,7 +260,7 @@ def unexplained_mean_square(search: Search, fit: FitResult) -> float:
     return max(fit.rmse**2 - measurement_noise(search.start).value ** 2, 0.0)
 
 
-def least_explained(search: Search, fit: FitResult) -> float:
+def _least_explained(search: Search, fit: FitResult) -> float:
     """Return the mean square that each effect of an incomplete model must explain [effort^2].
 
     An effect that explains less than a flexible regression of the residual may imitate the residual.
@@ -556,7 +556,7 @@ def _with_weight(
                 continue
             end, tests = accept_forms(search, partial, search.with_candidate(candidate), measurement)
             explained, needed = base - end.solution.held_out, base - fit.solution.held_out
-            explains_as_much = explained >= (needed if name == OFFSET else AS_MUCH * needed)
+            explains_as_much = explained >= (needed if name == _OFFSET else AS_MUCH * needed)
             leaves_more = fit.rmse <= only_noise < end.rmse
             if candidate.effect.name in search.added_effects(end) and explains_as_much and not leaves_more:
                 return end, tests
@@ -646,7 +646,7 @@ def most_parsimonious(
             for candidate in candidates
             if (
                 _is_missing_weight(search, candidate.effect, effect)
-                and not (name == OFFSET and candidate.held_out > fit.solution.held_out)
+                and not (name == _OFFSET and candidate.held_out > fit.solution.held_out)
             )
             or (effect.kind in SENSOR_KINDS and candidate.effect.kind in PHYSICAL_KINDS)
         ]
