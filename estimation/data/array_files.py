@@ -141,9 +141,9 @@ def read_mat(path: Path) -> FileColumns:
             vectors |= _vectors(name, array)
     if not vectors:
         held = list_first([f"{name} ({_kind_of(value)})" for name, value in named], _SHOWN_VARIABLES)
+        only = f", only {held}" if held else ""
         raise InputError(
-            f"{path}: holds no vectors but {held or 'nothing'}; a measurement needs at least three: time, "
-            "motion and effort"
+            f"{path}: holds no vectors{only}; a measurement needs at least three: time, motion and effort"
         )
     lengths = [len(vector) for vector in vectors.values()]
     length = max(lengths, key=lambda each: (lengths.count(each), each))
@@ -164,6 +164,8 @@ def _kind_of(value: object) -> str:
     if isinstance(value, Mapping):
         return "a struct"
     array = np.asarray(value)
+    if array.dtype.kind == "U":
+        return "text"
     if array.dtype.kind not in "biuf":
         return "an object; save its vectors as variables"
     return f"numbers of shape {array.shape}" if array.ndim else "one number"

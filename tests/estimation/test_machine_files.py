@@ -115,8 +115,14 @@ def test_matlab_structs_matrices_and_cells_give_columns(tmp_path):
     (channel,) = import_file(tmp_path / "press.mat").channels
     np.testing.assert_allclose(channel.effort, FORCE_N)
     savemat(tmp_path / "empty.mat", {"rate": 250.0, "maps": {"torque": np.eye(9)}, "all": np.ones((2, 3, 4))})
-    held = r"no vectors but rate \(one number\), maps \(a struct\), all \(numbers of shape \(2, 3, 4\)\);"
+    held = r"vectors, only rate \(one number\), maps \(a struct\), all \(numbers of shape \(2, 3, 4\)\);"
     with pytest.raises(InputError, match=held):
+        import_file(tmp_path / "empty.mat")
+    savemat(tmp_path / "empty.mat", {"operator": "unknown"})
+    with pytest.raises(InputError, match=r"holds no vectors, only operator \(text\); a measurement"):
+        import_file(tmp_path / "empty.mat")
+    savemat(tmp_path / "empty.mat", {})
+    with pytest.raises(InputError, match="holds no vectors; a measurement needs"):
         import_file(tmp_path / "empty.mat")
     columns = np.column_stack([TIME_S, 1e3 * WAY_M, FORCE_N])
     savemat(tmp_path / "press.mat", {"data": columns, "other": TIME_S, "transform": np.eye(4)})
