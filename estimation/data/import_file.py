@@ -273,7 +273,7 @@ def _make_channel(
         position = np.concatenate(list(integrals))
         notes.append(
             f"no position column was found: the position is integrated from {name}, from 0 in each run; if a "
-            "column holds it, add --column position=COLUMN"
+            f"column holds it, add --column {columns.role(('position', source.joint)).numbered}=COLUMN"
         )
         if TIME not in columns:
             notes.append(

@@ -296,9 +296,11 @@ def test_speeds_and_torques_of_named_motors_are_joints_and_the_proposed_units_ca
     columns = [np.arange(len(T)), speed, 2.0 * speed, 0.1 * T, 3.0 * speed, 4.0 * speed]
     assert refusal(path, names, columns).endswith("--unit velocity=rad_s --unit torque=Nm")
     options = ImportOptions(units={"velocity": "rad_s", "torque": "Nm"})
-    slow, fast = import_file(path, options).channels
+    found = import_file(path, options)
+    slow, fast = found.channels
     np.testing.assert_allclose([slow.velocity, fast.velocity], [speed, 3.0 * speed])
     np.testing.assert_allclose([slow.effort, fast.effort], [2.0 * speed, 4.0 * speed])
+    assert all(any(f"--column position_{joint}=" in note for note in found.notes) for joint in (1, 2))
 
 
 @pytest.mark.parametrize(
