@@ -370,8 +370,8 @@ def _orient_signs(
     notes = []
     if keeps_sign:
         notes.append(
-            f"'{force.column}' holds absolute values by its name, so its sign is kept, although it falls "
-            f"where '{depth.column}' rises; if another column holds the force with its sign, add "
+            f"'{force.column}' holds absolute values according to its name, so its sign is kept, although "
+            f"it falls where '{depth.column}' rises; if another column holds the force with its sign, add "
             "--column force=COLUMN"
         )
     if flipped:

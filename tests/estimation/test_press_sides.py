@@ -153,7 +153,7 @@ def test_absolute_force_keeps_its_sign_and_other_forces_are_named():
     found = imported(**columns)
     np.testing.assert_allclose(found.channels[0].effort, np.abs(force))
     notes = " ".join(found.notes)
-    assert "'absolute_force_N' holds absolute values by its name, so its sign is kept" in notes
+    assert "'absolute_force_N' holds absolute values according to its name, so its sign is kept" in notes
     assert (
         "read as the force, and not 'rf3_N'; if another column holds it, add --column force=COLUMN" in notes
     )
