@@ -45,13 +45,14 @@ DERIVED_SIGNALS = ("load", "rigid_body_torque", "rigid_body_regressor", "payload
 _MAX_SIGNAL_LENGTH = 50  # characters; a session allows 64 including a prefix
 _RESERVED_SIGNALS = frozenset({*ARM_MOTION, *DERIVED_SIGNALS})
 _SPECIMEN = re.compile(
-    r"specimen|sample|probek?(?!\w)|prüfling|éprouvette|échantillon|probeta|试样|試料", re.IGNORECASE
+    r"specimen|sample|probek?(?!\w)|prüfling|éprouvette|échantillon|probeta|试样|試料|motor|actuator|servo",
+    re.IGNORECASE,
 )
 _MIN_SPECIMENS = 2
 _CLOCK_UNITS = (1.0, 1e-3, 1e-6, 1e-9)  # units that a time without a unit may have [s]
 _SAME_SPAN = 1.05  # largest ratio of the durations of two clocks that agree
 _SPECIMENS_NOTE = (
-    "{1} {0} specimens, whose runs are read as runs of one object: add either --where {2} to read only one "
+    "{1} {0} objects, whose runs are read as runs of one object: add either --where {2} to read only one "
     "of them, or --fresh-runs to read all and state that no run affects another"
 )
 _JOINT_KINDS = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})

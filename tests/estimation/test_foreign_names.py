@@ -129,12 +129,13 @@ def test_advice_goes_by_words_and_takes_no_time_for_a_displacement(tmp_path, way
     check_press(by_the_advice(write(tmp_path, [f"time_r,{way},load_r"])))
 
 
-def test_several_specimens_in_a_file_are_noted(tmp_path):
+@pytest.mark.parametrize("column", ["specimen", "Motor"])
+def test_several_specimens_or_motors_in_a_file_are_noted(tmp_path, column):
     rows = [f"S{number},{row}" for number in (1, 2, 3) for row in ROWS]
-    path = write(tmp_path, ["specimen,Time (s),Travel (mm),Load (N)"], rows)
-    (note,) = [note for note in import_file(path).notes if "specimens" in note]
-    assert "'specimen' names 3 specimens" in note
-    assert "--where specimen=S1" in note
+    path = write(tmp_path, [f"{column},Time (s),Travel (mm),Load (N)"], rows)
+    (note,) = [note for note in import_file(path).notes if "3 objects" in note]
+    assert f"'{column}' names 3 objects" in note
+    assert f"--where {column}=S1" in note
 
 
 def test_changing_labels_make_no_table(tmp_path):
