@@ -131,8 +131,16 @@ def test_request_is_sent_although_the_process_was_paused(loadstar_line, monkeypa
 
 
 def test_blocked_output_is_a_failure(loadstar_line):
-    with pytest.raises(DeviceError, match=r"serial port .*took \d+ of \d+ bytes; its output is blocked"):
+    with pytest.raises(
+        DeviceError, match=r"cannot be written to \(took \d+ of \d+ bytes; its output is blocked"
+    ):
         loadstar_line.write(b"x" * 10_000_000)
+
+
+def test_request_to_a_port_that_is_gone_states_the_reason(loadstar_line):
+    loadstar_line._port.close()
+    with pytest.raises(DeviceError, match=r"cannot be written to \(.*port that is not open"):
+        loadstar_line.write(b"ID\r")
 
 
 # The reader alone, on a pseudo terminal.

@@ -418,8 +418,8 @@ class SerialLine(ForceLine):
         """See `ForceLine.write`; a blocked output is a failure, too."""
         try:
             write_at_once(self._opened().fileno(), data)
-        except OSError as error:
-            raise DeviceError(f"{self.label}: {error.strerror}") from error
+        except OSError as error:  # pyserial's own errors have no text of the system
+            raise DeviceError(f"{self.label}: cannot be written to ({error.strerror or error})") from error
 
     def _close_port(self) -> None:
         if self._port is not None:
