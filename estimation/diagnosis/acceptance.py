@@ -208,12 +208,15 @@ class FormCriteria:
         size = self.explained[test.effect]
         if impossible := self._impossible(test):
             return impossible
-        if self._is_clear(test):
+        may_be_zero = _has_zero_size(self._search.without(self._fit, test.effect), self._fit, test.effect)
+        if self._is_clear(test) and not may_be_zero:
             return ""
         if size < self._least:
             return "it explains too little compared with the error that remains"
         if _repeats_another(self._fit, test.effect, self.explained):
             return "another effect of the same kind explains more"
+        if may_be_zero:
+            return "the interval of its size contains zero"
         accounts = _accounts_for_error(
             self._search,
             self._partial,

@@ -18,6 +18,7 @@ from palpate.estimation.signals.blocks import block_index
 from palpate.estimation.signals.free_air import zero_in_free_air
 from palpate.estimation.signals.motion import is_monotonic
 from palpate.estimation.signals.runwise import play
+from palpate.estimation.statistics.correlation import noise_between_samples
 from palpate.robot_io.types import FloatArray, IntArray
 
 _OFF = 0.5  # largest difference of the zero in free air, relative to the fitted offset
@@ -122,6 +123,11 @@ class ForceSensorError(AdditiveEffect):
         return (data.context["contact_torque_per_newton"] * data.context["force_beyond_reading"])[:, None]
 
 
+# Readings in a dead band lie within this share of its width about zero, or within so many standard deviations
+# of the noise. They must be more frequent than equally large readings beside them by a factor.
+_AT_ZERO, _AT_ZERO_SIGMAS, _MORE_AT_ZERO = 0.1, 2.0, 2.0
+
+
 class Deadband(SensorEffect):
     """reading = effort - width * sat(effort / width)."""
 
@@ -142,6 +148,20 @@ class Deadband(SensorEffect):
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         return effort - np.clip(effort, -inner["width"], inner["width"])
+
+    def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
+        """See `Effect.is_misnamed`: readings pass through zero without staying there.
+
+        All efforts within the dead band read zero, so that zero is much more frequent than readings beside
+        it. In free air, every sensor reads zero, so these readings show nothing.
+        """
+        width, size = parameters[f"{self.name}.width"], np.abs(data.effort[data.engaged])
+        sigma = min(noise, noise_between_samples(data.effort, data.run, data.engaged))
+        near = max(_AT_ZERO * width, _AT_ZERO_SIGMAS * sigma)
+        if 2.0 * near > width:  # the noise hides the dead band
+            return False
+        at_zero, beside = np.sum(size <= near), np.sum((size > near) & (size <= 2.0 * near))
+        return bool(at_zero < _MORE_AT_ZERO * beside)
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """See `SensorEffect.slope`: zero within the dead band."""

@@ -90,6 +90,21 @@ def test_bias_agrees_with_the_readings_in_free_air(fitted_n, agrees):
     assert EFFECTS["bias"]().is_misnamed(data, {"bias.offset": fitted_n}, dict, NOISE_N) is not agrees
 
 
+@pytest.mark.parametrize("noise_n", [0.01, 0.1])
+@pytest.mark.parametrize(("hidden_n", "shown"), [(0.5, True), (0.0, False)])
+def test_dead_band_is_misnamed_if_readings_do_not_stay_at_zero(hidden_n, shown, noise_n):
+    data = session(1, lambda t, x, v, run: 800.0 * x.clip(0.0))
+    noise = noise_n * np.random.default_rng(5).standard_normal(len(data))
+    data = replace(data, effort=np.maximum(data.effort - hidden_n, 0.0) + noise)
+    assert EFFECTS["deadband"]().is_misnamed(data, {"deadband.width": 0.5}, dict, 1.0) is not shown
+
+
+def test_dead_band_below_the_noise_is_not_judged_by_its_readings():
+    data = session(1, lambda t, x, v, run: 800.0 * x.clip(0.0))
+    data = replace(data, effort=data.effort + 0.2 * np.random.default_rng(5).standard_normal(len(data)))
+    assert not EFFECTS["deadband"]().is_misnamed(data, {"deadband.width": 0.5}, dict, 1.0)
+
+
 @pytest.mark.parametrize(("width_n", "shown"), [(0.5, True), (50.0, False)])
 def test_hysteresis_is_misnamed_if_all_readings_stay_within_its_gap(width_n, shown):
     given = {"hysteresis.width": width_n}
