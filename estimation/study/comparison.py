@@ -336,7 +336,7 @@ def _words(
                 f"{high.mean:+.3g} {unit} ({high.label}), {low.mean:+.3g} {unit} ({low.label})."
             )
             continue
-        largest = f"By {by}, the error is largest for {worst.label}: {with_unit(worst.rmse, unit)}"
+        largest = f"By {by}, the largest error is {with_unit(worst.rmse, unit)} ({worst.label})"
         if abs(worst.mean) > _MIN_MEAN_SHARE * worst.rmse:
             side = "above" if worst.mean > 0.0 else "below"
             largest += f"; the measurement is {with_unit(abs(worst.mean), unit)} {side} the model on average"

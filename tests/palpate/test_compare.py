@@ -33,7 +33,7 @@ def test_comparison_reports_largest_error_of_a_hardening_object_at_depth(hardeni
     result = done("compare", hardening)
     said = " ".join(result.stdout.split())
     assert re.match(
-        r"kelvin_voigt does not fit contact: [^:]*times the noise\. By \w+, the error is largest for", said
+        r"kelvin_voigt does not fit contact: [^:]*times the noise\. By \w+, the largest error is", said
     )
     assert "palpate diagnose" in result.stderr
 
