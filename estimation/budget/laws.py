@@ -17,7 +17,7 @@ from palpate.estimation.fit.flexible_regression import hats, reversal_memory
 from palpate.estimation.kinds import UNSEEN_IN_ONE_PASS, Kind
 from palpate.estimation.signals.blocks import has_one_clock, rows_of_runs
 from palpate.estimation.signals.exponential_memory import low_pass, relax
-from palpate.estimation.signals.free_air import zero_in_free_air
+from palpate.estimation.signals.free_air import may_have_dead_band, zero_in_free_air
 from palpate.estimation.signals.motion import (
     has_constant_speed,
     is_monotonic,
@@ -26,6 +26,7 @@ from palpate.estimation.signals.motion import (
     never_returns,
 )
 from palpate.estimation.signals.runwise import derivative, longest_run, running_max, sample_time, shift
+from palpate.estimation.statistics.correlation import noise_between_samples
 from palpate.estimation.statistics.least_squares import solve_within_bounds
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -332,16 +333,18 @@ def _sensor_statics(
 ) -> FlexibleLaw:
     """Build the law of a sensor's bias, gain, saturation, dead band and hysteresis.
 
-    A gain is added only if the base model's own gains cannot imitate it. Free air rules out a bias if it
-    shows a correct zero. Hysteresis of the sensor lowers the reading while the effort grows; friction raises
-    it.
+    A gain is added only if the base model's own gains cannot imitate it, and dead bands only if readings may
+    show them. Free air rules out a bias if it shows a correct zero. Hysteresis of the sensor lowers the
+    reading while the effort grows; friction raises it.
     """
     low, high = np.quantile(measured, [0.001, 0.999])
     saturation = [
         -np.maximum(predicted - _FULL_SCALE * high, 0.0) * (high > 0.0),
         -np.minimum(predicted - _FULL_SCALE * low, 0.0) * (low < 0.0),
     ]
+    sigma = noise_between_samples(measured, run, np.ones(len(run), dtype=np.bool_))
     widths = [share * float(np.ptp(predicted)) for share in _DEAD_BANDS]
+    widths = [width for width in widths if may_have_dead_band(measured, width, sigma)]
     linear = [np.ones(len(predicted))] * has_bias
     if base is not None:
         left = _residual(base.columns, predicted, [np.arange(len(predicted))])

@@ -15,7 +15,7 @@ from palpate.estimation.effect import (
 )
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import block_index
-from palpate.estimation.signals.free_air import zero_in_free_air
+from palpate.estimation.signals.free_air import may_have_dead_band, zero_in_free_air
 from palpate.estimation.signals.motion import is_monotonic
 from palpate.estimation.signals.runwise import play
 from palpate.estimation.statistics.correlation import noise_between_samples
@@ -123,11 +123,6 @@ class ForceSensorError(AdditiveEffect):
         return (data.context["contact_torque_per_newton"] * data.context["force_beyond_reading"])[:, None]
 
 
-# Readings in a dead band lie within this share of its width about zero, or within so many standard deviations
-# of the noise. They must be more frequent than equally large readings beside them by a factor.
-_AT_ZERO, _AT_ZERO_SIGMAS, _MORE_AT_ZERO = 0.1, 2.0, 2.0
-
-
 class Deadband(SensorEffect):
     """reading = effort - width * sat(effort / width)."""
 
@@ -152,16 +147,10 @@ class Deadband(SensorEffect):
     def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
         """See `Effect.is_misnamed`: readings pass through zero without staying there.
 
-        All efforts within the dead band read zero, so that zero is much more frequent than readings beside
-        it. In free air, every sensor reads zero, so these readings show nothing.
+        In free air, every sensor reads zero, so these readings show nothing.
         """
-        width, size = parameters[f"{self.name}.width"], np.abs(data.effort[data.engaged])
         sigma = min(noise, noise_between_samples(data.effort, data.run, data.engaged))
-        near = max(_AT_ZERO * width, _AT_ZERO_SIGMAS * sigma)
-        if 2.0 * near > width:  # the noise hides the dead band
-            return False
-        at_zero, beside = np.sum(size <= near), np.sum((size > near) & (size <= 2.0 * near))
-        return bool(at_zero < _MORE_AT_ZERO * beside)
+        return not may_have_dead_band(data.effort[data.engaged], parameters[f"{self.name}.width"], sigma)
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """See `SensorEffect.slope`: zero within the dead band."""

@@ -1,4 +1,4 @@
-"""Estimate the zero and drift of a sensor from readings in free air."""
+"""Find what readings near zero show about a sensor: its zero and drift in free air, and a dead band."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,6 +14,9 @@ _MAX_READINGS = 50  # largest number of readings used at the end of a run
 _MIN_READINGS = 5  # least number of readings at the start and at the end of a run
 _VISIBLE_BIAS = 0.5  # least bias or drift that counts, relative to the noise
 _MIN_SIGMAS = 3.0  # least drift that counts, in standard errors
+# Readings in a dead band lie within this share of its half width about zero, or within so many standard
+# deviations of the noise. They must be more frequent than equally large readings beside them by a factor.
+_AT_ZERO, _AT_ZERO_SIGMAS, _MORE_AT_ZERO = 0.1, 2.0, 2.0
 
 
 @dataclass(frozen=True)
@@ -84,3 +87,20 @@ def _readings_without_contact(data: ChannelData) -> Iterator[FloatArray]:
         margin = int((1.0 - _FREE_SHARE) * len(longest)) + 1
         if len(longest) >= 2 * margin + _MIN_READINGS:
             yield data.effort[longest[margin:-margin]]
+
+
+def may_have_dead_band(readings: FloatArray, half_width: float, sigma: float) -> bool:
+    """Return whether readings stay at zero, as a dead band makes them, or the noise hides whether they do.
+
+    All efforts within the dead band read zero, so that zero is much more frequent than readings beside it.
+
+    Args:
+        readings: readings under load, shape (n,) [effort].
+        half_width: largest effort that reads zero [effort].
+        sigma: standard deviation of the noise [effort].
+    """
+    size, near = np.abs(readings), max(_AT_ZERO * half_width, _AT_ZERO_SIGMAS * sigma)
+    if 2.0 * near > half_width:
+        return True
+    at_zero, beside = np.sum(size <= near), np.sum((size > near) & (size <= 2.0 * near))
+    return bool(at_zero >= _MORE_AT_ZERO * beside)
