@@ -1,13 +1,12 @@
-"""Stepwise search for effects, with backward elimination at each step and restarts from several pairs.
+"""Stepwise search for effects, with backward elimination at each step, and the best pair of effects.
 
 The search starts on a coarse copy of the channel with one sample per block, and with part of the runs if
 there are many. The resulting model is then fitted to all data.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import islice
 
 import numpy as np
 
@@ -42,7 +41,7 @@ FITTED_IN_FULL = 2  # the same on all data, after a search on a coarse copy
 LOOKED_AT = 12  # best candidates from which these are chosen
 _PAIR = 2
 _MAX_LEFT = 0.5  # share of the squared error above which a search for single effects has failed
-BESIDE, PAIRS = 3, 4  # second effects tried with each first effect, and pairs that are fitted jointly
+BESIDE = 3  # second effects tried with each first effect
 _FOLDS = 0.6  # least share of the folds in which an effect must lower the error
 # Least improvement, relative to the residual energy, that needs no permutation test. It is `_CLEAR` for
 # `_MANY_BLOCKS` blocks, inversely proportional to the number of blocks, and never below `_MIN_CLEAR`.
@@ -491,8 +490,8 @@ def select_effects(
 
     Effects are added one by one. If an explainable error remains, the best forms of all kinds are tried
     jointly. If more than half of the error is left even so, the best pair is tried too, since each of two
-    effects alone may only distort the base model's parameters. If more than two effects are needed, the
-    search restarts from pairs, since many effects can imitate almost any error.
+    effects alone may only distort the base model's parameters. A model of more than two effects is reduced to
+    the smallest sufficient one, since many effects can imitate almost any error.
 
     Args:
         whole: the search on all data.
@@ -512,29 +511,16 @@ def select_effects(
         best = whole.ordered([best, refine(_forward_selection(coarse, backward_step(coarse, forms())))])[0]
     enough = is_enough(best)
     if not enough and best.solution.held_out > _MAX_LEFT * whole.start.solution.held_out:
-        pairs = [_forward_selection(coarse, pair) for pair in islice(_pairs(coarse), 1)]
-        best = whole.ordered([best, *map(refine, pairs)])[0]
-    if enough and len(whole.added_effects(best)) > _PAIR:
+        if pair := _best_pair(coarse):
+            best = whole.ordered([best, refine(_forward_selection(coarse, pair))])[0]
+    elif enough and len(whole.added_effects(best)) > _PAIR:
         smaller = backward_step(whole, sufficient(best))
         best = smaller if is_enough(smaller) else best
-    if not enough or len(whole.added_effects(best)) <= _PAIR:
-        return best
-    for first in _pairs(coarse):
-        if set(coarse.added_effects(first)) <= set(whole.added_effects(best)):
-            continue
-        coarse_fit = _forward_selection(coarse, first)
-        if not coarse.is_sensible(coarse_fit):
-            continue
-        known = coarse.fitted(best.solution.model, best.solution.parameters)
-        if coarse_fit.solution.held_out < (1.0 - TIE) * known.solution.held_out:
-            best = whole.ordered([best, refine(coarse_fit)])[0]
-            if is_enough(best):
-                break
     return best
 
 
-def _pairs(coarse: Search) -> Iterator[FitResult]:
-    """Yield pairs of effects, the best first; a pair can succeed where neither effect does alone."""
+def _best_pair(coarse: Search) -> FitResult | None:
+    """Fit the best sensible pair of effects; a pair can succeed where neither effect does alone."""
     pairs = [
         (first, second)
         for first in coarse.screen(coarse.start)
@@ -543,7 +529,7 @@ def _pairs(coarse: Search) -> Iterator[FitResult]:
     ]
     pairs.sort(key=lambda pair: pair[1].held_out)
     fits = (coarse.with_candidate(second) for _, second in pairs[:LOOKED_AT])
-    yield from islice((fit for fit in fits if coarse.is_sensible(fit)), PAIRS)
+    return next(filter(coarse.is_sensible, fits), None)
 
 
 def _refine_on_full_data(whole: Search, rough: FitResult) -> FitResult:

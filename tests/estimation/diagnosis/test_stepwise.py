@@ -175,19 +175,16 @@ def test_samples_decide_only_where_little_is_left(smooth, floor, found):
     assert came_to(sought(world, lambda one: came_to(one) == "a", forms="bc")) == found
 
 
-THREE = {"": 100, "a": 50, "ab": 20, "abc": 10, "d": 99, "de": 9}
-
-
 @pytest.mark.parametrize(
     ("complete", "part", "found"),
     [
-        ({"abc", "de"}, "abc", "de"),  # two explain what three did
-        ({"abc", "ab", "de"}, "ab", "ab"),  # draws from the two show what the third took away
-        ({"abc", "de"}, "ab", "de"),  # those two are not complete
+        ({"abc", "ab"}, "ab", "ab"),  # draws from the two show what the third took away
+        ({"abc"}, "ab", "abc"),  # the two are not complete
+        ({"abc", "ab"}, "abc", "abc"),  # all three are needed
     ],
 )
-def test_pairs_are_tried_where_more_than_two_effects_are_needed(complete, part, found):
-    world = SearchedModels(THREE)
+def test_complete_model_of_more_than_two_effects_is_reduced_to_the_sufficient_one(complete, part, found):
+    world = SearchedModels({"": 100, "a": 50, "ab": 20, "abc": 10})
     assert came_to(sought(world, lambda one: came_to(one) in complete, lambda one: world.at(part))) == found
 
 
@@ -200,8 +197,9 @@ def test_unsound_effects_on_all_data_are_rejected():
     assert "abc" not in whole.fits
 
 
-def test_best_pairs_of_effects_come_first():
+def test_best_sensible_pair_of_effects_is_found():
     left = {"": 100, **dict.fromkeys("abcdef", 99)}
     pairs = {"ab": 30, "ac": 40, "ad": 50, "ae": 10.5, "bc": 10, "cd": 60, "ef": 70}
-    world = SearchedModels({**left, **pairs})
-    assert [came_to(one) for one in module._pairs(world)] == ["bc", "bc", "ae", "ae"]
+    assert came_to(module._best_pair(SearchedModels({**left, **pairs}))) == "bc"
+    assert came_to(module._best_pair(SearchedModels({**left, **pairs}, unsound=["bc"]))) == "ae"
+    assert module._best_pair(SearchedModels({"": 100})) is None
