@@ -305,15 +305,17 @@ def read_trials(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 
 
 def read_zip(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
-    """Read text tables that are packed in one archive, sorted by name.
+    """Read tables that are packed in one archive, sorted by name.
 
     Args:
         content: bytes of the archive.
-        options: `members`: pattern of the names of the tables; the others as in `read_text`.
+        options: `members`: pattern of the names of the tables; `packed`: their format (default `text`); the
+            others as this format takes them.
     """
+    reader = READERS[options.get("packed", "text")]
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         names = sorted(fnmatch.filter(archive.namelist(), options["members"]))
-        return [table for name in names for table in read_text(archive.read(name), options)]
+        return [table for name in names for table in reader(archive.read(name), options)]
 
 
 def read_json(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
@@ -466,6 +468,88 @@ def read_binary(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     return [{"0": numbers.astype(np.float64)}]
 
 
+_TDMS_NUMBERS = {
+    1: "<i1",
+    2: "<i2",
+    3: "<i4",
+    4: "<i8",
+    5: "<u1",
+    6: "<u2",
+    7: "<u4",
+    8: "<u8",
+    9: "<f4",
+    10: "<f8",
+}
+_TDMS_NUMBERS |= {25: "<f4", 26: "<f8", 33: "<u1"}  # with a unit, and truth values
+_TDMS_TEXT, _TDMS_TIME = 32, 68  # of properties; a time has 16 bytes
+
+
+def _tdms_text(content: bytes, at: int) -> tuple[str, int]:
+    """A text of a TDMS file, and where it ends."""
+    start = at + 4
+    end = start + int(struct.unpack_from("<I", content, at)[0])
+    return content[start:end].decode("utf-8", "replace"), end
+
+
+def _tdms_objects(content: bytes, at: int) -> Iterator[tuple[str, tuple[str, int] | None]]:
+    """Objects that a segment lists: path, and type and number of the values that follow, where it says so."""
+    (count,) = struct.unpack_from("<I", content, at)
+    at += 4
+    for _ in range(count):
+        path, at = _tdms_text(content, at)
+        (length,) = struct.unpack_from("<I", content, at)
+        index = None
+        if length not in (0, 0xFFFFFFFF):  # the values are those of the segment before, or there are none
+            kind, _, values = struct.unpack_from("<IIQ", content, at + 4)
+            index = _TDMS_NUMBERS[kind], int(values)
+            at += length - 4
+        (properties,) = struct.unpack_from("<I", content, at + 4)
+        at += 8
+        for _ in range(properties):
+            _, at = _tdms_text(content, at)
+            (kind,) = struct.unpack_from("<I", content, at)
+            if kind == _TDMS_TEXT:
+                at = _tdms_text(content, at + 4)[1]
+            else:
+                at += 4 + (16 if kind == _TDMS_TIME else np.dtype(_TDMS_NUMBERS[kind]).itemsize)
+        yield path, index or (("", 0) if length == 0xFFFFFFFF else None)
+
+
+def read_tdms(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
+    """Read the channels of a TDMS file of LabVIEW: a table for each group, sorted by name.
+
+    Args:
+        content: bytes of the file. Its channels hold numbers, one channel after the other in each segment.
+        options: `groups`: pattern of the names of the groups (default: all).
+    """
+    values: dict[str, list[NDArray[np.float64]]] = {}
+    index: dict[str, tuple[str, int]] = {}
+    order: list[str] = []
+    at = 0
+    while at < len(content):
+        contents, _, length, ahead = struct.unpack_from("<IIQQ", content, at + 4)
+        start, end = at + 28, at + 28 + length
+        if contents & 2:  # it has a list of objects, which replaces the one before if 4 is set
+            order = [] if contents & 4 else order
+            for path, said in _tdms_objects(content, start):
+                index[path] = said or index[path]
+                order = order if path in order else [*order, path]
+        row = sum(np.dtype(index[path][0]).itemsize * index[path][1] for path in order if index[path][1])
+        at = start + ahead
+        while row and at + row <= end:
+            for path in (path for path in order if index[path][1]):
+                kind, count = index[path]
+                numbers = np.frombuffer(content, kind, count, at)
+                values.setdefault(path, []).append(numbers.astype(np.float64))
+                at += numbers.nbytes
+        at = end
+    tables: dict[str, dict[str, NDArray[np.float64]]] = {}
+    for path, parts in values.items():
+        group, channel = re.findall(r"'((?:[^']|'')*)'", path)
+        tables.setdefault(group.strip(), {})[channel] = np.concatenate(parts)
+    return [tables[group] for group in sorted(fnmatch.filter(tables, options.get("groups", "*")))]
+
+
 READERS: dict[str, Reader] = {
     "bag": read_bag,
     "binary": read_binary,
@@ -476,6 +560,7 @@ READERS: dict[str, Reader] = {
     "matlab": read_matlab,
     "numpy": read_numpy,
     "jpk": read_jpk,
+    "tdms": read_tdms,
     "zip": read_zip,
 }
 

@@ -178,6 +178,48 @@ def test_what_objects_of_a_matlab_file_hold_is_named_by_its_number(tmp_path):
     assert table["torque_Nm"] == [5, 6, 7]
 
 
+def test_tables_packed_in_one_archive_may_have_another_format(tmp_path):
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        archive.writestr("bars/a.json", json.dumps({"brand": "a", "strain": [0, 1], "stress": [2, 4]}))
+        archive.writestr("bars/b.json", json.dumps({"brand": "b", "strain": [0, 2], "stress": [1, 3]}))
+    read = {"format": "zip", "packed": "json", "files": ["a.zip"], "members": "bars/*.json"}
+    table = converted(tmp_path, {"time_s": "strain", "force_N": "stress"}, **read)
+    assert (table["time_s"], table["force_N"]) == ([0, 1, 0, 2], [2, 4, 1, 3])
+
+
+def tdms_text(text):
+    return struct.pack("<I", len(text)) + text.encode()
+
+
+def tdms_segment(contents, objects, values):
+    """Segment of a TDMS file of double precision; `objects`: paths, and their number of values."""
+    listed = struct.pack("<I", len(objects)) if objects else b""
+    for path, count in objects.items():
+        index = struct.pack("<IIIQ", 20, 10, 1, count) if count else b"\xff" * 4
+        listed += tdms_text(path) + index
+        listed += struct.pack("<I", 1) + tdms_text("name") + struct.pack("<I", 32) + tdms_text("any")
+    numbers = np.array(values).tobytes()
+    lengths = struct.pack("<QQ", len(listed) + len(numbers), len(listed))
+    return b"TDSm" + struct.pack("<II", contents, 4713) + lengths + listed + numbers
+
+
+def test_channels_of_a_tdms_file_are_columns_of_a_table_for_each_group(tmp_path):
+    new_list, same_list, no_list = 2 + 4 + 8, 2 + 8, 8
+    first = {"/": 0, "/'a'": 0, "/'a'/'t'": 2, "/'a'/'load'": 2}
+    third = {"/'b'": 0, "/'b'/'t'": 1, "/'b'/'load'": 1}
+    content = tdms_segment(new_list, first, [0.0, 1.0, 5.0, 6.0])
+    content += tdms_segment(no_list, {}, [2.0, 3.0, 7.0, 8.0])
+    content += tdms_segment(same_list, {"/'a'/'load'": 1, "/'a'/'t'": 1}, [4.0, 9.0])
+    content += tdms_segment(new_list, third, [0.0, -1.0])
+    (tmp_path / "log.tdms").write_bytes(content)
+    columns = {"time_s": "t", "force_N": "load"}
+    table = converted(tmp_path, columns, format="tdms", files=["log.tdms"])
+    assert (table["time_s"], table["force_N"]) == ([0, 1, 2, 3, 4, 0], [5, 6, 7, 8, 9, -1])
+    assert table["run"] == [0, 0, 0, 0, 0, 1]
+    table = converted(tmp_path, columns, format="tdms", files=["log.tdms"], groups="b")
+    assert (table["time_s"], table["force_N"]) == ([0], [-1])
+
+
 def test_numbers_of_one_type_are_read_from_where_they_begin(tmp_path):
     (tmp_path / "a.000").write_bytes(b"head" + np.array([300, -2, 5, 9], dtype=">i2").tobytes())
     read = {"format": "binary", "type": ">i2", "skip": 6, "count": 2, "files": ["a.000"]}
