@@ -37,8 +37,9 @@ def probe(law, *, surface_m=0.4321, speeds=(0.15, 0.09, 0.06), seed=0, noise_n=N
     rng = np.random.default_rng(seed)
     rows, start_s = [], 0.0
     for number, speed in enumerate(speeds):
-        run = _one_run(law, surface_m, speed, hold_s)
-        rows.append(np.column_stack([run[:, 0] + start_s, run[:, 1:], np.full(len(run), number)]))
+        run = _one_run(law, speed, hold_s)
+        moved = run + np.array([start_s, surface_m, 0.0, 0.0, 0.0])
+        rows.append(np.column_stack([moved, np.full(len(run), number)]))
         start_s = rows[-1][-1, 0] + 0.5
     time_s, along, velocity, force, phase, run = np.concatenate(rows).T
     sensed = np.round((force + noise_n * rng.standard_normal(len(force))) / FORCE_STEP_N) * FORCE_STEP_N
@@ -47,21 +48,20 @@ def probe(law, *, surface_m=0.4321, speeds=(0.15, 0.09, 0.06), seed=0, noise_n=N
 
 
 @cache
-def _one_run(law, surface_m, speed, hold_s):
-    """The motion without noise, which is the same for every seed; nobody may change the array."""
-    position, velocity, phase, since = surface_m - CLEARANCE_M, 0.0, Phase.FREE_AIR, 0.0
+def _one_run(law, speed, hold_s):
+    """The motion from the surface on without noise, the same for every seed; nobody may change the array."""
+    depth, velocity, phase, since = -CLEARANCE_M, 0.0, Phase.FREE_AIR, 0.0
     rows = []
     for step in range(int(6.0 / STEP_S)):
-        depth = position - surface_m
         force = max(law(depth, velocity), 0.0) if depth > 0 else 0.0
         if step % round(TICK_S / STEP_S) == 0:
-            rows.append((step * STEP_S, position, velocity, force, phase))
+            rows.append((step * STEP_S, depth, velocity, force, phase))
             phase, since = _next_phase(phase, since + TICK_S, force, depth, velocity, hold_s)
             if phase is None:
                 break
         push = force + MASS_KG * (_wanted_speed(phase, speed, force) - velocity) / 0.01
         velocity += STEP_S * (push - force) / MASS_KG
-        position += STEP_S * velocity
+        depth += STEP_S * velocity
     return np.array(rows, dtype=float)
 
 
