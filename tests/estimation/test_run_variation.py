@@ -139,13 +139,13 @@ def test_interval_of_a_stiffness_covers_the_mean_of_all_specimens():
     """Six specimens of 4 N m/rad, whose stiffnesses differ by 10 %: Student's interval of their mean."""
     model = Model("m", (EFFECTS["stiffness"](), EFFECTS["viscous_friction"](), EFFECTS["run_gain"]()))
     covered, halves = 0, []
-    for seed in range(40):
+    for seed in range(20):
         gains = 1.0 + 0.1 * np.random.default_rng(seed).standard_normal(6)
         data = presses(np.zeros(6), gains, seed)
         found = fit_model(data, model, {"run_gain.share": 0.95}).parameters["stiffness.k"]
         covered += found.interval[0] <= 4.0 <= found.interval[1]
         halves.append(0.5 * np.ptp(found.interval))
-    assert covered >= 35  # 98.6 % of draws if the interval covers in 95 %
+    assert covered >= 17  # 98.4 % of draws if the interval covers in 95 %
     assert np.mean(halves) == pytest.approx(2.57 * 0.4 / np.sqrt(6.0), rel=0.2)
 
 
@@ -160,8 +160,7 @@ def test_zeros_of_runs_leave_a_stiffness_as_certain_as_before(count):
     assert np.ptp(found.interval) < 1.3 * np.ptp(alone.parameters["stiffness.k"].interval)
 
 
-@pytest.mark.parametrize("count", [3, 7])
-@pytest.mark.parametrize("differ", [True, False])
+@pytest.mark.parametrize(("count", "differ"), [(3, True), (7, False)])
 def test_short_pulls_show_gains_of_specimens_only_if_they_differ(count, differ):
     """Pulls of 60 readings; each specimen has its own gain and a wave that no law has."""
     rng = np.random.default_rng(5)
