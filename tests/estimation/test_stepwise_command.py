@@ -1,6 +1,7 @@
 """An effort with few values is either a command that really steps or a continuous effort that is rounded."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ INERTIA, DAMPING, COULOMB = 0.02, 0.05, 0.25
 RNG_SEED = 3
 
 
+@cache
 def motor(torque_levels, switched_every_s, runs=3, coulomb=COULOMB, speed_noise=0.02):
     """A motor under torques that switch between levels, integrated from rest with Coulomb friction."""
     rng = np.random.default_rng(RNG_SEED)
@@ -45,7 +47,7 @@ def motor(torque_levels, switched_every_s, runs=3, coulomb=COULOMB, speed_noise=
 
 
 def test_a_stepwise_command_is_diagnosed_and_no_sensor_is_blamed():
-    data = motor([0.8, -0.8], 0.75)
+    data = motor((0.8, -0.8), 0.75)
     assert len(np.unique(data.effort)) == 2
     assert reject_reason(data) is None
     library = effect_library()
@@ -57,14 +59,14 @@ def test_a_stepwise_command_is_diagnosed_and_no_sensor_is_blamed():
     assert max(result.budget, key=lambda entry: entry.share or 0.0).kind is Kind.FRICTION
 
 
-@pytest.mark.parametrize("levels", [[0.5, 1.0], [0.0, 0.4, 0.9, 0.6], [1.0, -1.0, 0.5]])
+@pytest.mark.parametrize("levels", [(0.5, 1.0), (0.0, 0.4, 0.9, 0.6), (1.0, -1.0, 0.5)])
 def test_real_steps_are_recognized(levels):
     data = motor(levels, 0.9, runs=2, coulomb=0.1)
     assert is_stepwise_command(data)
 
 
 def test_an_averaged_command_stays_a_command():
-    data = motor([0.0, 0.4, 0.9], 0.935, runs=2, coulomb=0.1)
+    data = motor((0.0, 0.4, 0.9), 0.935, runs=2, coulomb=0.1)
     averaged = decimate(block_average(data))
     assert len(averaged) < len(data)
     assert len(np.unique(averaged.effort)) > 3
@@ -74,14 +76,14 @@ def test_an_averaged_command_stays_a_command():
 
 @pytest.mark.parametrize("count", [1, 9, 10, 12, 17, 18])
 def test_runs_of_any_length_are_accepted(count):
-    data = motor([0.8, -0.8], 0.75, runs=2)
+    data = motor((0.8, -0.8), 0.75, runs=2)
     rows = (data.run == 0) | (np.arange(len(data)) % 1200 < count)
     assert is_stepwise_command(data.select(rows))
     assert not is_stepwise_command(data.select(np.arange(count)))
 
 
 def test_a_contact_has_a_force_sensor():
-    data = replace(motor([0.8, -0.8], 0.75), kind=ChannelKind.CONTACT)
+    data = replace(motor((0.8, -0.8), 0.75), kind=ChannelKind.CONTACT)
     assert not is_stepwise_command(data)
 
 
