@@ -105,7 +105,7 @@ def diagnose_command(
             print_files(console.stdout(), {"result": folder / RESULT, **written})
     if not as_json:
         console.next_steps(
-            *_next_steps(data, study, diagnosis, {"model": model, "channel": channel}, out, apply, plan)
+            *_next_steps(data, study, diagnosis, {"model": model, "channel": channel}, out, plan)
         )
     if exit_code:
         raise typer.Exit(exit_code_of([channel.verdict for channel in diagnosis.channels]))
@@ -120,30 +120,44 @@ def exit_code_of(verdicts: Iterable[Verdict]) -> int:
     return min((EXIT_CODES[verdict] for verdict in verdicts if verdict in EXIT_CODES), default=0)
 
 
+def _model_steps(
+    data: DataArguments, study: Study, diagnosis: StudyDiagnosis, model: str | None, kept: str
+) -> Iterator[tuple[str, str]]:
+    """Suggest how to add the missing effects; where the newest revision has them, how to use it."""
+    improved = [channel for channel in diagnosis.channels if channel.accepted]
+    added = {  # effects of the newest revision of each channel
+        item.channel: revision.effects if (revision := study.latest(study.channel(item.channel))) else []
+        for item in improved
+    }
+    saved = [
+        item for item in improved if set(added[item.channel]) == {entry.effect for entry in item.accepted}
+    ]
+    if saved:
+        yield f"palpate revisions {kept}", "the newest revision has what the base model lacks"
+        yield from console.export_steps(kept, [study.channel(item.channel).kind for item in saved])
+    for item in improved:
+        if item in saved:
+            continue
+        names = " ".join(entry.effect for entry in item.accepted)
+        alone = len(study.source.channels) == 1 or item.channel == "contact"
+        where = "" if alone else f" --channel {item.channel}"
+        where += " --fresh" if added[item.channel] else ""  # else it would build on these
+        it = "it" if len(item.accepted) == 1 else "them"
+        command = f"palpate add {data.command_text(model=model)} {names}{where}"
+        yield command, f"refit with {it}, and save a revision"
+
+
 def _next_steps(  # noqa: PLR0917, what was typed and found
     data: DataArguments,
     study: Study,
     diagnosis: StudyDiagnosis,
     typed: dict[str, str | None],
     out: Path | None,
-    apply: bool,
     plan: Path | None,
 ) -> Iterator[tuple[str, str]]:
     """Suggest commands that follow a diagnosis, the nearest first."""
     again, kept = data.command_text(**typed), data.command_text(folder=out)
-    improved = [channel for channel in diagnosis.channels if channel.accepted]
-    if improved and apply:
-        yield from console.export_steps(kept, [study.channel(item.channel).kind for item in improved])
-        yield f"palpate revisions {kept}", "all revisions"
-    for item in [] if apply else improved:
-        names = " ".join(entry.effect for entry in item.accepted)
-        alone = len(study.source.channels) == 1 or item.channel == "contact"
-        where = "" if alone else f" --channel {item.channel}"
-        newest = study.latest(study.channel(item.channel))
-        where += " --fresh" if newest is not None and newest.effects else ""  # else it would build on these
-        added = f"palpate add {data.command_text(model=typed['model'])} {names}{where}"
-        it = "it" if len(item.accepted) == 1 else "them"
-        yield added, f"refit with {it}, and save a revision"
+    yield from _model_steps(data, study, diagnosis, typed["model"], kept)
     if typed["model"] is None and data.urdf is None:
         for item in diagnosis.channels:
             better = better_explanation(study, study.channel(item.channel), item)

@@ -78,9 +78,15 @@ def test_applying_saves_each_step_and_plots_the_decrease(applied):
         assert (folder / file).stat().st_size > 1000
 
 
-def test_advised_add_starts_fresh_where_revisions_have_effects(applied, hardening):
-    """`palpate add` continues the newest revision, while a diagnosis begins at the base model."""
+def test_no_effect_is_added_again_that_the_newest_revision_has(applied, hardening):
     result = run("diagnose", hardening, "--out", applied[1], "--force")
+    assert [words[0] for words in next_commands(result)] == ["revisions", "export", "compare"]
+
+
+def test_advised_add_starts_fresh_where_revisions_have_other_effects(hardening, tmp_path):
+    """`palpate add` continues the newest revision, while a diagnosis begins at the base model."""
+    done("add", hardening, "quadratic_damping", "--out", tmp_path)
+    result = run("diagnose", hardening, "--out", tmp_path, "--force")
     (added,) = [words for words in next_commands(result) if words[0] == "add"]
     assert added[-2:] == ["cubic_stiffness", "--fresh"]
 
