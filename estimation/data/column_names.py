@@ -212,18 +212,6 @@ def unit_in_name(name: str) -> str:
     return split_unit(_REPEATED.sub("", name))[1]
 
 
-def goal_pair(names: Sequence[str]) -> tuple[str, str] | None:
-    """Return a signal and its goal, the first whose names differ only in words such as "actual" and "target".
-
-    Args:
-        names: names of the columns.
-    """
-    words = {name: set(re.findall(r"[^\W_]+", _CAMEL.sub(" ", name).lower())) for name in names}
-    signals = {frozenset(words[n] - _UNINFORMATIVE): n for n in reversed(names) if words[n] & _UNINFORMATIVE}
-    pairs = ((signals.get(frozenset(words[n] - _GOAL)), n) for n in names if words[n] & _GOAL)
-    return next(((signal, goal) for signal, goal in pairs if signal), None)
-
-
 def is_absolute(name: str) -> bool:
     """Return whether a column holds absolute values, by a word in its name.
 
@@ -254,7 +242,7 @@ def si_unit(dimension: str) -> str:
 
 _COUNTS = frozenset(["counts", "count", "ticks", "raw", "adc", "lsb"])  # numbers without a known unit
 _ANGLES = frozenset("angle angles theta winkel angulo angolo encoder encoders enc".split())  # noqa: SIM905
-_NO_CLOCK = frozenset("pwm duty pulse width esc signal delay interval period latency lag".split())  # noqa: SIM905
+_NO_CLOCK = frozenset(["pwm", "pulse", "esc"])  # a pulse width has a unit of time but is no clock
 _ABSOLUTE = frozenset(["abs", "absolute", "absolut", "betrag", "magnitude"])
 _ENCODER = frozenset(["encoder", "encoders", "enc"])
 _UNINFORMATIVE = frozenset(

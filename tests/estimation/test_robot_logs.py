@@ -12,13 +12,13 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.writer import Writer
 
+from palpate.estimation.data.column_names import guess_column
 from palpate.estimation.data.file_columns import FileColumns, is_session
 from palpate.estimation.data.import_file import import_file, import_table
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import table_of
 from palpate.estimation.study.source import open_source
 from palpate.robot_io.errors import InputError
-from tests.files import saved
 
 DEFINITION = """std_msgs/Header header
 string[] name
@@ -306,45 +306,28 @@ def test_speeds_and_torques_of_named_motors_are_joints_and_the_proposed_units_ca
 @pytest.mark.parametrize(
     ("names", "proposed"),
     [
-        ("time_s,tau,tauIden", "--column torque=tau --unit torque=1Nm --column position_rad=COLUMN"),
-        ("time_s,Torque [Nm],temp", "--column torque='Torque [Nm]' --column position_rad=COLUMN"),
+        ("time_s,tau,tauIden", "--column position_rad=COLUMN --column torque=tau --unit torque=Nm"),
+        ("time_s,Torque [Nm],temp", "--column position_rad=COLUMN --column torque='Torque [Nm]'"),
         ("time_s,Fx,Fz,Tx,Ty,Tz", "--column displacement_mm=COLUMN --column force=Fz --unit force=N"),
         ("time_s,force,Frame", "--column displacement_mm=COLUMN --column force=force --unit force=N"),
         (
             "time_ms,position_slave,force_slave,position_slave_deg,position_master_deg",
-            "--column torque=force_slave --unit torque=1Nm --column position=position_slave_deg",
+            "--column position=position_slave_deg --column torque=force_slave --unit torque=Nm",
         ),
     ],
 )
 def test_proposed_columns_fit_the_effort_of_the_file(tmp_path, names, proposed):
     columns = [T, *np.cumsum(np.random.default_rng(0).random((names.count(","), len(T))), axis=1)]
-    if "Frame" in names:
-        columns[-1] = 10.0 * np.arange(len(T))
     assert refusal(tmp_path / "own.csv", names, columns).endswith(proposed)
 
 
-def test_clock_of_any_name_is_proposed_as_the_time_and_a_pulse_width_is_not(tmp_path):
-    stamps = [f"10:00:{second:09.6f}" for second in T]
-    rows = [f"{stamp},{volts},1" for stamp, volts in zip(stamps, np.cos(T), strict=True)]
-    path = saved(tmp_path / "log.csv", "\n".join(["horas,volts (V),b0", *rows]))
-    with pytest.raises(InputError, match="as in --column time=horas --column displacement_mm=COLUMN"):
-        import_file(path)
+def test_pulse_width_is_no_clock_and_a_period_is(tmp_path):
+    path = tmp_path / "log.csv"
+    for name, is_clock in (("PWM (us)", False), ("period (us)", True)):
+        assert (guess_column(name).quantity == "time") is is_clock
     names, columns = "PWM (us),speed [rpm],torque [Nm]", np.column_stack([1e3 + T, 1e3 * T, T])
     np.savetxt(path, columns, delimiter=",", header=names, comments="")
     assert import_file(path).roles == {"speed [rpm]": "velocity in rpm", "torque [Nm]": "torque in Nm"}
-
-
-def test_invalid_cell_of_an_effort_is_reported_although_no_motion_is_found(tmp_path):
-    force = np.where(T[7] == T, 1e200, T)
-    assert "line 9, column 'force': '9.9" in refusal(tmp_path / "own.csv", "time_s,force", [T, force])
-
-
-def test_signal_and_its_target_are_proposed_as_a_servo(tmp_path):
-    path = tmp_path / "own.csv"
-    header = "timestamp,FR_0_actual,FR_1_target,FR_1_actual,FR_1_error"
-    np.savetxt(path, np.column_stack([T, Q[:, :1], Q, T]), delimiter=",", header=header, comments="")
-    with pytest.raises(InputError, match="--column position=FR_1_actual --column goal=FR_1_target"):
-        import_file(path)
 
 
 def test_data_set_folder_is_its_episodes(episode):
