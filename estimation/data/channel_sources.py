@@ -4,6 +4,8 @@ import shlex
 from collections.abc import Collection
 from dataclasses import dataclass
 
+import numpy as np
+
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.data.assign_columns import ColumnAssignment
 from palpate.estimation.data.choose_columns import EFFORTS
@@ -23,6 +25,7 @@ from palpate.estimation.data.column_units import ColumnUnits
 from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.join_columns import completing_file
+from palpate.estimation.data.table import Table
 from palpate.estimation.data.table_layout import clocks_of
 from palpate.estimation.data.text_dialect import NAMELESS
 from palpate.estimation.data.units import dimension_of
@@ -30,6 +33,8 @@ from palpate.robot_io.errors import InputError
 
 # Usual units of the quantities of a channel.
 _UNITS = {"displacement": "mm", "force": "N", "position": "rad", "torque": "Nm"}
+_MIN_COLUMNS = 3  # least number of columns of which one may be a clock
+_COLUMNS_OF_CONTACT = 2  # displacement and force
 _SHOWN_CELLS = 12  # cells of a row that an error message shows
 
 
@@ -159,7 +164,7 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
     # The columns of a matrix in a MATLAB file, "data 1" ..., have no names either.
     stems = {name.rstrip("0123456789") for name in table.names}
     if NAMELESS in table.notes or (len(stems) == 1 and not any(map(quantity_in, table.names))):
-        example = "--column time_s=COLUMN --column displacement_mm=COLUMN --column force_N=COLUMN"
+        example = _options_in_order(table)
         return f"{needed}; which column holds what is not known; name the columns, as in {example}"
     found: dict[str, str] = {}  # column of each quantity
     guesses = guess_columns(table.names, clocks_of(table.columns))
@@ -191,3 +196,19 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
         if dimension_by_name[found[quantity]] not in QUANTITIES[quantity]:
             options.append(f"--unit {quantity}={unit}")
     return f"{needed}; name the columns, as in {' '.join(options)}"
+
+
+def _options_in_order(table: Table) -> str:
+    """Return options for columns without names: displacement and force in order, a clock as the time."""
+    names = [name for name in table.names if table.varies(name)]
+    clock = next((name for name in names if (np.diff(table.numbers(name)) > 0.0).all()), "")
+    options = []
+    if clock and len(names) >= _MIN_COLUMNS:
+        options.append(f"--column time={shlex.quote(clock)}")
+        names.remove(clock)
+    contact = names if len(names) == _COLUMNS_OF_CONTACT else ["COLUMN"] * _COLUMNS_OF_CONTACT
+    options += [
+        f"--column displacement_mm={shlex.quote(contact[0])}",
+        f"--column force_N={shlex.quote(contact[1])}",
+    ]
+    return " ".join(options)

@@ -273,9 +273,12 @@ def test_seconds_without_whole_seconds_beside_nanoseconds_are_unchanged(tmp_path
     assert np.allclose(channel.time_s, TIME_S, atol=1e-6)
 
 
-def test_columns_without_names_are_not_guessed(tmp_path):
-    message = refusal(saved(tmp_path / "wide.csv", lines(TIME_S, WAY_M, FORCE_N)))
-    assert message.endswith("--column time_s=COLUMN --column displacement_mm=COLUMN --column force_N=COLUMN")
+def test_columns_without_names_are_proposed_in_order_behind_a_clock(tmp_path):
+    message = refusal(saved(tmp_path / "three.csv", lines(FORCE_N, TIME_S, WAY_M)))
+    ending = "--column time='column 2' --column displacement_mm='column 1' --column force_N='column 3'"
+    assert message.endswith(ending)
+    message = refusal(saved(tmp_path / "four.csv", lines(WAY_M, FORCE_N, FORCE_N, WAY_M)))
+    assert message.endswith("as in --column displacement_mm=COLUMN --column force_N=COLUMN")
 
 
 def test_a_column_without_any_cell_is_not_reported_as_invalid(tmp_path):
