@@ -24,7 +24,6 @@ from palpate.estimation.data.column_names import (
 from palpate.estimation.data.column_units import ColumnUnits
 from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.import_options import ImportOptions
-from palpate.estimation.data.join_columns import completing_file
 from palpate.estimation.data.table import Table
 from palpate.estimation.data.table_layout import clocks_of
 from palpate.estimation.data.text_dialect import NAMELESS
@@ -88,12 +87,6 @@ def channel_sources(columns: ColumnAssignment) -> list[ChannelSource]:
     if NAMELESS in table.notes:
         cells = list_first([table.labels(name)[0][0] for name in table.names], _SHOWN_CELLS)
         first_row = f" (the file has no column names; its first row is {cells})"
-    if (path := completing_file(table)) is not None:
-        files = f"{shlex.quote(str(table.path))} {shlex.quote(str(path))}"
-        raise InputError(
-            f"{table.path}: holds only a part of a measurement ({table.listed_names}); {path.name} has "
-            f"the same number of rows and completes it; give both, as in palpate import {files}"
-        )
     if len(table.names) == 1:
         raise InputError(
             f"{table.path}: holds only one column, '{table.names[0]}'; a measurement needs at least three: "
@@ -201,7 +194,8 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
 def _options_in_order(table: Table) -> str:
     """Return options for columns without names: displacement and force in order, a clock as the time."""
     names = [name for name in table.names if table.varies(name)]
-    clock = next((name for name in names if (np.diff(table.numbers(name)) > 0.0).all()), "")
+    clocks = {name for name in names if (np.diff(table.numbers(name)) > 0.0).all()} | clocks_of(table.columns)
+    clock = next((name for name in names if name in clocks), "")
     options = []
     if clock and len(names) >= _MIN_COLUMNS:
         options.append(f"--column time={shlex.quote(clock)}")

@@ -59,7 +59,7 @@ def choose_columns(
     parameters = [
         name
         for name in table.names
-        if name not in reserved and name not in as_time and is_parameter_named_as_time(table, name)
+        if name not in reserved and name not in as_time and _is_parameter_named_as_time(table, name)
     ]
     candidates = [name for name in table.names if name not in parameters]
     guessed = guess_columns(candidates, clocks_of(table.columns))
@@ -119,28 +119,18 @@ def _keys_of_channels(available: Collection[Key], lengths: Collection[Key] = ())
     return [TIME, *chain.from_iterable(pairs)] if pairs else []
 
 
-def is_parameter_named_as_time(table: Table, name: str) -> bool:
+def _is_parameter_named_as_time(table: Table, name: str) -> bool:
     """Return whether a column that may be named after the time, such as "T", holds levels of a parameter.
 
     A thickness or a temperature has few levels, each in many consecutive rows. A clock that is coarser than
     the rows has many. A name with a word for the time, or with a unit of time, is always a clock.
-
-    Args:
-        table: the table.
-        name: name of the column.
     """
     is_clear = quantity_in(name) == TIME[0] or dimension_of(unit_in_name(name)) == "time"
     if is_clear or guess_column(name).key != TIME or name in clocks_of(table.columns):
         return False
-    return table.numeric_share(name) == 1.0 and has_levels(table.numbers(name))
-
-
-def has_levels(values: FloatArray) -> bool:
-    """Return whether a signal has few values, at least two, each in many consecutive rows.
-
-    Args:
-        values: values of a column in the order of the rows, shape (n,).
-    """
+    if table.numeric_share(name) < 1.0:
+        return False
+    values = table.numbers(name)
     changing = np.count_nonzero(np.diff(values)) / max(len(values) - 1, 1)
     return bool(0.0 < changing <= _MAX_CHANGING and len(np.unique(values)) <= _MAX_LEVELS)
 

@@ -21,7 +21,6 @@ from palpate.estimation.data.import_rows import (
     UNKNOWN_PHASE,
     ImportedRows,
     arrange_rows,
-    without_repeated_rows,
 )
 from palpate.estimation.data.measured_derivatives import is_difference, mistaken_scale
 from palpate.estimation.data.presses import press_phases
@@ -113,7 +112,7 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> ImportedD
         texts, index = table.labels(name)
         chosen = chosen_texts(name, given, texts, str(table.path))
         table = table.select(np.isin(index, [texts.index(text) for text in chosen]))
-    columns = without_repeated_rows(assign_columns(table, options))
+    columns = assign_columns(table, options)
     sources = channel_sources(columns)
     check_options_are_used(columns, sources, options)
     rows = arrange_rows(columns, fresh=options.fresh, count=options.runs)

@@ -1,4 +1,4 @@
-"""Tables by people: number marks, equal columns, cycle clocks, odd rows."""
+"""Tables by people: number marks, equal columns, coarse clocks, odd rows."""
 
 import numpy as np
 import openpyxl
@@ -92,25 +92,6 @@ def test_missing_ambiguous_and_unitless_columns_are_asked_for(
     np.testing.assert_allclose(channel.effort, effort, atol=1e-6)
 
 
-def test_cycle_clock_gives_runs_and_no_time(tmp_path):
-    total = np.round(np.arange(600) * 0.01, 6)
-    total[300:] -= 0.01  # where a new step begins the time appears twice
-    cycle = np.arange(600) % 100 * 0.01
-    way = 17.0 - 0.2 * np.sin(np.pi * cycle)  # a position that falls into the object, and a negative force
-    rows = lines(total, cycle, way, -30.0 * (17.0 - way), delimiter=";")
-    path = tmp_path / "cycles.csv"
-    path.write_text(
-        "Gesamtzeit (s);Zykluszeit (s);Position des Kolbens (mm);Kraft (N)\n" + rows.replace(".", ",")
-    )
-    imported = import_file(path)
-    (channel,) = imported.channels
-    assert np.bincount(channel.run).tolist() == [100] * 6
-    assert any("'Zykluszeit (s)' restarts: cut into 6 runs" in note for note in imported.notes)
-    assert np.ptp(channel.time_s) == pytest.approx(np.ptp(total), abs=1e-9)
-    np.testing.assert_allclose(channel.position, 1e-3 * (17.0 - way), atol=2e-6)
-    np.testing.assert_allclose(channel.effort, 30.0 * (17.0 - way), atol=1e-5)
-
-
 def test_step_clock_gives_no_runs(tmp_path):
     step = np.concatenate([np.arange(200), np.arange(200), np.arange(200)]) * 0.01
     way = np.concatenate([np.linspace(0.0, 2.0, 200), np.full(200, 2.0), np.linspace(2.0, 0.0, 200)])
@@ -175,13 +156,6 @@ def test_omitted_lines_are_reported_and_rows_keep_their_numbers(tmp_path):
         import_file(path)
     path.write_text(text)
     assert "1 line of text between the rows is left out; the first is line 302" in import_file(path).read
-
-
-def test_unordered_times_name_the_column_that_orders_them(tmp_path):
-    path = tmp_path / "sorted.csv"
-    cells = [f"{line},{'up' if at < 300 else 'down'}\n" for at, line in enumerate(rows().splitlines())]
-    path.write_text(HEADER.replace("\n", ",level\n") + "".join(cells[300:] + cells[:300]))
-    assert len(by_the_advice(path).channels[0].runs) == 2
 
 
 def test_time_that_is_not_of_the_rows_may_be_left_out(tmp_path):
@@ -465,19 +439,6 @@ def test_repeated_column_is_chosen_by_its_number(tmp_path):
     assert channel.effort == pytest.approx(3.1 * depth, abs=1e-3)
 
 
-def test_part_of_a_measurement_is_completed_only_by_another_part(tmp_path):
-    t = np.arange(600) * 0.01
-    part = tmp_path / "part.csv"
-    part.write_text("time_s,displacement_mm\n" + lines(t, np.sin(t), delimiter=","))
-    whole = "t_s,x_mm,force_N\n" + lines(t, np.sin(t), np.cos(t), delimiter=",")
-    (tmp_path / "a_whole.csv").write_text(whole)
-    with pytest.raises(InputError, match="no channel can be made of columns"):
-        import_file(part)
-    (tmp_path / "other_part.csv").write_text("time_s,force_N\n" + lines(t, np.cos(t), delimiter=","))
-    with pytest.raises(InputError, match=r"other_part\.csv has the same number of rows and completes it"):
-        import_file(part)
-
-
 TESTS = np.tile([2.0, 3.5, 5.0], 2)  # thickness of each specimen
 ONE_LOADING = np.linspace(0.0, 30.0, 40)  # displacement of one test [mm]
 
@@ -490,28 +451,11 @@ def specimens_table(folder, name):
 
 
 @pytest.mark.parametrize("name", ["T", "t", "thickness"])
-def test_parameter_of_the_specimen_is_no_clock_and_separates_tests(tmp_path, name):
+def test_parameter_of_the_specimen_is_no_clock(tmp_path, name):
     imported = import_file(specimens_table(tmp_path, name))
     (channel,) = imported.channels
-    assert [np.sum(channel.run == run) for run in channel.runs] == [len(ONE_LOADING)] * len(TESTS)
     np.testing.assert_allclose(np.diff(channel.time_s[channel.run == 0]), 1.0)
-    notes = " ".join(imported.notes)
-    assert f"the position jumps wherever '{name}' changes: cut into 6 runs" in notes
-    assert ("if it is the time, add --column time=" in notes) == (name != "thickness")
-
-
-def test_parameter_that_forms_one_block_per_value_may_name_runs(tmp_path):
-    level = np.repeat([2.0, 3.5, 5.0], 80)
-    way = np.tile(np.linspace(0.0, 30.0, 120), 2)  # the position jumps elsewhere
-    path = table_file(tmp_path, "T,Force [N],Disp [mm]\n", level, 3.0 * way, way)
-    (note,) = (note for note in import_file(path).notes if "is not read as the time" in note)
-    assert "each of its 3 values" in note
-    assert "if each value is a run, add --column run=T" in note
-    assert import_file(path, ImportOptions(columns={"run": "T"})).run_labels == {
-        0: "2.000000",
-        1: "3.500000",
-        2: "5.000000",
-    }
+    assert "if a column holds the time, add --column time=COLUMN" in " ".join(imported.notes)
 
 
 @pytest.mark.parametrize(

@@ -490,21 +490,6 @@ def test_joint_with_a_clear_sign_decides_for_the_others(tmp_path):
         np.testing.assert_allclose(channel.effort, joint["torque_Nm"])
 
 
-def test_rows_that_a_logger_wrote_twice_are_left_out_and_counted(contact):
-    again = np.append(np.arange(50), np.arange(36, 44))
-    columns = {name: values[again] for name, values in PRESS.items()}
-    imported = import_file(contact(**columns))
-    np.testing.assert_array_equal(only(imported).effort, F)
-    assert "8 of 58 rows left out: each repeats an earlier row, the first in line 52" in imported.notes
-    with_gap = import_file(contact(**{**columns, "force_N": [*F[:20], "", *F[21:], *F[36:44]]}))
-    np.testing.assert_array_equal(only(with_gap).effort, np.delete(F, 20))
-    assert "1 of 58 rows left out: no value in 'force_N', the first in line 22" in with_gap.notes
-    assert "8 of 57 rows left out: each repeats an earlier row, the first in line 52" in with_gap.notes
-    columns["force_N"] = np.append(F, F[36:44] + 1.0)  # another sample of these times
-    with pytest.raises(InputError, match="times must increase"):
-        import_file(contact(**columns))
-
-
 def test_exactly_repeated_simulated_run_is_a_run(contact):
     imported = import_file(contact(**{name: np.tile(values, 3) for name, values in PRESS.items()}))
     assert len(only(imported).runs) == 3
