@@ -186,8 +186,9 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
             options.append(f"--column {quantity}_{unit}=COLUMN")
             continue
         options.append(f"--column {quantity}={shlex.quote(found[quantity])}")
-        if dimension_by_name[found[quantity]] not in QUANTITIES[quantity]:
-            options.append(f"--unit {quantity}={unit}")
+        dimension = dimension_by_name[found[quantity]]
+        if dimension not in QUANTITIES[quantity]:  # a number fixes the unit whatever the name says
+            options.append(f"--unit {quantity}={'1' if dimension else ''}{unit}")
     return f"{needed}; name the columns, as in {' '.join(options)}"
 
 

@@ -47,11 +47,8 @@ _BRACKETED = re.compile(r"\s*[\[({<]\s*(?!\d+\s*\])([^\])}>]*?)\s*[\])}>]\s*$") 
 _RUN_AFTER_UNIT = re.compile(  # as in "Force (N) Run #1"
     r"(?<=[])}]) (?:run|test|trial|specimen) ?#? ?\d+$", re.IGNORECASE
 )
-_BRACKETED_IN_FRONT = re.compile(r"^\s*[\[({<]\s*([^\])}>]+?)\s*[\])}>]\s*(?=\S)")  # "[mm] Travel"
-_DOTTED_UNIT = re.compile(r"(.*\w)\.{1,2}([^\W\d_][\w.]*)\.")  # brackets as R writes them: "force..N."
-_JOINED_UNIT = re.compile(r"([A-Za-z]*[a-z])(?:\.|(?=[A-Z]))([A-Za-z]+)")  # "ForceN", "Load.N"
-_UNIT_AFTER_CHARACTER = re.compile(r"(.*[\u3040-\u30ff\u3400-\u9fff\uac00-\ud7af])([A-Za-z].*)")  # "扭矩Nm"
 _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
+_BRACKETED_IN_FRONT = re.compile(r"^\s*[\[({<]\s*([^\])}>]+?)\s*[\])}>]\s*(?=\S)")  # "[mm] Travel"
 _UNIT_AFTER_SIGN = re.compile(r"\s*(?:/|,|:|\||\bin\b)\s*([^\s/,:|]+)\s*$")
 
 
@@ -115,9 +112,8 @@ def role_of_option(name: str, shift: int) -> Role | None:
 def split_unit(name: str) -> tuple[str, str]:
     """Split a column's name into the part before its unit and the normalized unit; empty if unknown.
 
-    Units are in brackets, after a slash, a comma or "in", or at the end: "Weg / mm", "load_mN", "Load N",
-    "force..N." (R replaces brackets), "ForceN". The number of a run may follow the brackets. Brackets with a
-    unit may also be in front of the name: "[mm] Weg".
+    Units are in brackets, after a slash, a comma or "in", or at the end: "Weg / mm", "load_mN", "Load N".
+    The number of a run may follow the brackets. Brackets with a unit may also be in front: "[mm] Weg".
 
     Args:
         name: name of a column.
@@ -125,8 +121,6 @@ def split_unit(name: str) -> tuple[str, str]:
     name = _unit_behind(without_run(unicodedata.normalize("NFKC", name)))  # converts full-width characters
     match = _BRACKETED.search(name)
     stem, _, last = name.strip().rpartition(" ")
-    if joined := _joined_unit(name.strip()):
-        return joined
     if not match and stem and "/" in last and dimension_of(unit := normalize_unit(last)):
         return stem.removesuffix(" in"), unit
     match = match or _UNIT_AFTER_SIGN.search(name)
@@ -165,25 +159,6 @@ def _unit_behind(name: str) -> str:
     if end and dimension_of(normalize_unit(end[1])):
         return name
     return f"{name[front.end() :].rstrip()} [{front[1]}]"
-
-
-def _joined_unit(name: str) -> tuple[str, str] | None:
-    """Split names whose unit follows without brackets or blanks: "force..N.", "ForceN", "扭矩Nm"."""
-    after = _UNIT_AFTER_CHARACTER.fullmatch(name)
-    if after and dimension_of(unit := normalize_unit(after[2])):
-        return after[1], unit
-    if dotted := _DOTTED_UNIT.fullmatch(name):
-        for written in (dotted[2], dotted[2].replace(".", "/")):
-            if dimension_of(unit := normalize_unit(written)):
-                return dotted[1], unit
-    if match := _JOINED_UNIT.fullmatch(name):
-        known = {quantity for quantity, words in WORDS.items() if plain(match[1]) in words} - {RUN}
-        for written in (match[2], match[2][0].lower() + match[2][1:]):
-            dimension = dimension_of(unit := normalize_unit(written))
-            fits = any(dimension in QUANTITIES[quantity] for quantity in known)
-            if fits and dimension not in PROXIES:
-                return match[1], unit
-    return None
 
 
 def unknown_unit(name: str) -> str:

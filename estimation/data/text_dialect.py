@@ -14,7 +14,6 @@ from palpate.estimation.data.column_names import (
     guess_columns,
     is_unnamed,
     parse_role,
-    unit_in_name,
 )
 from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.units import dimension_of, normalize_unit
@@ -32,7 +31,6 @@ MIN_UNMARKED = 100.0  # least number without a decimal mark that may come before
 _ALIKE = 3  # consecutive lines that are checked to be a table
 MIN_NUMBERS = 2  # least number of numbers in such a line
 _MAX_SETTINGS = 4  # most rows between the names and the numbers
-_UNITS_OF = re.compile(r"\W*(?:(\w[\w ]*?)[ _-])?units?\W+(.+?)\W*", re.IGNORECASE)  # "Force unit: N"
 _COMMENT = "#%/;! \ufeff"
 _COMMENT_SIGNS = frozenset("#%/;!")
 _LABVIEW = ("X_Value", "Y_Unit_Label", "X_Dimension")
@@ -81,7 +79,7 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[TableL
             place, names = header[1] if units_by_row[0] else header[0]
         full_names = _with_units(_clean_names(rows, place, names, width), units)
         titles = tuple(" ".join(cell.split()) for cell in rows[top - 1]) if top else ()
-        yield TableLayout(_with_units_above(rows, top, full_names, decimal), first, top, titles)
+        yield TableLayout(full_names, first, top, titles)
 
 
 def _is_body(body: Sequence[Sequence[str]], decimal: str) -> bool:
@@ -146,25 +144,6 @@ def _with_units(names: Sequence[str], units: Sequence[str]) -> tuple[str, ...]:
     """Append a unit in brackets to each name that has one; missing units are at the end."""
     pairs = zip_longest(names, units, fillvalue="")
     return tuple(f"{name} [{unit}]" if unit else name for name, unit in pairs)
-
-
-def _with_units_above(
-    rows: Sequence[Sequence[str]], top: int, names: Sequence[str], decimal: str
-) -> tuple[str, ...]:
-    """Add units from a preamble to the names, such as "Force unit: N" or "# Units: s mm N"."""
-    units: dict[str, str] = {}
-    for row in _preamble(rows, top, decimal):
-        match = _UNITS_OF.fullmatch(" ".join(cell.strip() for cell in row if cell.strip()))
-        if not match:
-            continue
-        named_units = [normalize_unit(word.strip(_BRACKETS)) for word in re.split(r"[\s,;]+", match[2])]
-        if not all(map(dimension_of, named_units)):
-            continue
-        if match[1] and len(named_units) == 1:
-            units.setdefault(match[1].lower(), named_units[0])
-        elif not match[1] and len(named_units) == len(names) > 1:
-            units = dict(zip((name.lower() for name in names), named_units, strict=True)) | units
-    return _with_units(names, ["" if unit_in_name(name) else units.get(name.lower(), "") for name in names])
 
 
 def preamble_notes(lines: int) -> tuple[str, ...]:

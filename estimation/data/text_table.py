@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.estimation.data.column_names import TIME, guess_columns
 from palpate.estimation.data.file_columns import FileColumns, check_size, most_bytes, pa, pa_csv, pc
 from palpate.estimation.data.quantity_words import FOREIGN_WORDS
 from palpate.estimation.data.table_layout import matching_places, with_run
@@ -52,7 +51,6 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
         InputError: the file is too large, is not text, has no header, or a row has a wrong number of cells.
     """
     content, encoding = _read_text(path)
-    content = _labels_as_header(content)
     dialect = find_dialect(content)
     if dialect is None and (column := _only_column(content)) is not None:
         return column
@@ -92,9 +90,7 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
         repairs |= dict.fromkeys(part_repairs)
     notes += repairs
     titles = tests[0][0].titles if len(parts) == 1 else ()
-    if len(parts) > 1 and (continued := _continued_column(parts, dialect.decimal)):
-        notes.append(f"{len(parts)} parts are read as one recording, because '{continued}' continues")
-    elif len(parts) > 1:
+    if len(parts) > 1:
         parts = [with_run(part, str(number)) for number, part in enumerate(parts, 1)]
         notes.append(f"{len(parts)} tests one after the other, read as runs")
     return FileColumns(
@@ -123,28 +119,6 @@ def _read_text(path: Path) -> tuple[bytes, str]:
     return content, encoding
 
 
-def _labels_as_header(content: bytes) -> bytes:
-    """Convert lines such as "Time: 12 ms, Force: 1.5 N" to a table; other text is unchanged.
-
-    Names and units of the first such line become the header in the line above it. Lines with other labels
-    become empty, so that line numbers are preserved, except if the first line is already a row.
-    """
-    lines = content.splitlines() if _PAIR.search(content[:_LOOKED_AT]) else []
-    first = next((n for n, line in enumerate(lines[:_MAX_LINES_ABOVE]) if len(_PAIR.findall(line)) > 1), None)
-    if first is None:
-        return content
-    labels = [(label, unit) for label, _, unit in _PAIR.findall(lines[first])]
-    rows = list[bytes]()
-    for line in lines[first:]:
-        pairs, rest = _PAIR.findall(line), _PAIR.sub(b"", line).strip(b" ,;|\t")
-        same_labels = not rest and [(label, unit) for label, _, unit in pairs] == labels
-        rows.append(b",".join(number for _, number, _ in pairs) if same_labels else b"")
-    if sum(map(bool, rows)) < max(_MIN_LABELED, len(rows) / 2):
-        return content
-    names = b",".join(b"%b [%b]" % pair if pair[1] else pair[0] for pair in labels)
-    return b"\n".join([*[b""] * (first - 1), names, *rows])
-
-
 _NAMES_IN_QUOTES = re.compile(rb'(?:[^"\r\n]|"[^"]{0,1000}")+')  # one row with quoted line breaks
 
 
@@ -152,32 +126,6 @@ def _one_line(match: re.Match[bytes]) -> bytes:
     """Move quoted line breaks to the end of their row, so that later line numbers are preserved."""
     cells: bytes = match.group()
     return re.sub(rb"[ \t]*\r?\n[ \t]*", b" ", cells) + b"\n" * cells.count(b"\n")
-
-
-def _continued_column(parts: Sequence[pa.Table], decimal: str) -> str:
-    """Return the column that continues from part to part, as in a table split into pages; empty for none.
-
-    The clock continues, or without a clock the motion. A motion that is back at its start begins a new test.
-    """
-    guesses = guess_columns(parts[0].column_names)
-    clocks = [guess.column for guess in guesses if guess.key == TIME]
-    motions = [guess.column for guess in guesses if guess.quantity in {"displacement", "position"}]
-    if len(clocks) > 1 or not (clocks or motions):
-        return ""
-    column = (clocks or motions)[0]
-    ends = []
-    for part in parts:
-        rows = (0, 1, -2, -1)
-        cells = [str(part.column(column)[row].as_py()) for row in rows] if len(part) > 1 else ["", "", "", ""]
-        ends.append([number_of(cell.replace(decimal, ".")) for cell in cells])
-    first, second, last_but_one, last = np.array(ends).T
-    gaps, steps = first[1:] - last[:-1], np.abs([second - first, last - last_but_one])
-    if clocks:
-        usual = np.maximum(steps[0][1:], steps[0][:-1])
-        return column if ((gaps > 0.0) & (gaps <= _ONE_STEP * usual)).all() else ""
-    largest = np.max(steps)
-    returns = np.abs(first[1:] - first[0]) <= _ONE_STEP * largest
-    return column if (np.abs(gaps) <= _ONE_STEP * largest).all() and not returns.any() else ""
 
 
 def _parse_rows(
@@ -196,10 +144,10 @@ def _parse_rows(
         part = _parse(rows, table.names, delimiter)
     except pa.ArrowInvalid as error:
         lines = _line_numbers(content, table.start, end)
-        repaired = _repair_rows(rows.to_pybytes(), lines, table, dialect)
+        completed = _completed_rows(rows.to_pybytes(), lines, table, dialect.delimiter)
         with suppress(pa.ArrowInvalid):
-            if repaired and len(part := _parse(repaired[0], table.names, delimiter)) == len(repaired[1]):
-                return part, repaired[1], repaired[2]
+            if completed and len(part := _parse(completed[0], table.names, delimiter)) == len(lines):
+                return part, lines, completed[1]
         problem = " ".join(str(error).split())[:200]
         invalid: list[pa_csv.InvalidRow] = []
         try:
@@ -224,42 +172,28 @@ def _parse_rows(
     return part, lines, []
 
 
-def _repair_rows(
-    rows: bytes, lines: IntArray, table: TextTable, dialect: TextDialect
-) -> tuple[pa.Buffer, IntArray, list[str]] | None:
-    """Remove lines of words among the rows, and complete rows that end before the last column.
+def _completed_rows(
+    rows: bytes, lines: IntArray, table: TextTable, delimiter: str
+) -> tuple[pa.Buffer, list[str]] | None:
+    """Complete rows that end before the last column, and leave out lines of blanks.
 
     Returns:
-        The repaired text, the line number of each row, and notes; None if the rows cannot be repaired.
+        The completed text and notes; None if there are few incomplete rows, which are then damaged.
     """
-    delimiter = "\t" if dialect.delimiter == BLANKS else dialect.delimiter
     texts = [line for line in rows.decode(errors="replace").splitlines() if line.strip(" ")]
-    if len(texts) != len(lines):
+    lacking = np.array([len(table.names) - len(line_cells(text, delimiter)) for text in texts])
+    short = np.flatnonzero(lacking > 0)
+    few = delimiter == BLANKS or len(short) < _SYSTEMATIC * len(texts)
+    if len(texts) != len(lines) or (len(short) and few):
         return None
-    cells = [line_cells(text, delimiter) for text in texts]
-    decimal = dialect.decimal
-    words = [table.counts and not is_number(row[0], decimal) and is_footer(row, counts=True) for row in cells]
-    row_places = np.flatnonzero(~np.array(words))
-    lacking = [len(table.names) - len(cells[place]) for place in row_places]
-    short = np.flatnonzero(np.array(lacking) > 0)
-    few = len(short) < _SYSTEMATIC * len(row_places) or dialect.delimiter == BLANKS
-    if not len(row_places) or (len(short) and few):
-        return None
-    remarks = []
-    if len(row_places) < len(texts):
-        count, first = len(texts) - len(row_places), int(np.argmax(words))
-        remarks.append(
-            f"{count} line{'s' if count > 1 else ''} of text between the rows {'are' if count > 1 else 'is'} "
-            f"left out; the first is line {lines[first]}: {' '.join(texts[first].split())[:_SHOWN]!r}"
-        )
+    notes = []
     if len(short):
-        remarks.append(
-            f"{len(short)} of {len(row_places)} rows lack their last cells, which are read as empty; the "
-            f"first is in line {lines[row_places[short[0]]]}"
+        notes.append(
+            f"{len(short)} of {len(texts)} rows lack their last cells, which are read as empty; the first is "
+            f"in line {lines[short[0]]}"
         )
-    places = zip(row_places, lacking, strict=True)
-    filled = (texts[place] + delimiter * max(lack, 0) for place, lack in places)
-    return pa.py_buffer("\n".join(filled).encode()), lines[row_places], remarks
+    completed = (text + delimiter * max(lack, 0) for text, lack in zip(texts, lacking.tolist(), strict=True))
+    return pa.py_buffer("\n".join(completed).encode()), notes
 
 
 def _line_numbers(content: bytes, begin: int, end: int, count: int | None = None) -> IntArray:
@@ -334,14 +268,6 @@ def _parse(
     )
 
 
-_PAIR = re.compile(  # a label, its number, and possibly a unit
-    # The repetitions are bounded, since the search in a long cell would otherwise take quadratic time.
-    rb"([A-Za-z\x80-\xff][\w \x80-\xff]{0,60}?)[ \t]{0,8}[:=][ \t]{0,8}([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)"
-    rb"[ \t]?([A-Za-z\xb0-\xff%/]{0,5})(?=[\s,;|]|$)"
-)
-_MAX_LINES_ABOVE, _MIN_LABELED = 100, 5  # most lines above labeled rows; least number of such rows
-
-
 def _end_of_rows(content: bytes, table: TextTable, end: int, delimiter: str) -> int:
     """Return the index of the byte after the last row of a table; lines before `end` may not be rows."""
     begin = table.start
@@ -355,7 +281,6 @@ def _end_of_rows(content: bytes, table: TextTable, end: int, delimiter: str) -> 
 
 
 _ENCODINGS = ("cp1252", "gb18030", "cp932", "cp949", "cp1250", "cp1251")  # after UTF-8 and UTF-16
-_ONE_STEP = 2.0  # largest interval between two parts of a recording, in steps of the clock
 _WITH_UNIT = re.compile(r"(?<![\w.])[+-]?\d+(?:[.,]\d+)? ?[A-Za-zµ°%]{1,6}\b")  # a cell such as "0.5 mm"
 _FEW_ZEROS = 1e-3  # largest share of zero bytes in a text
 _LOST_IN_NUMBER = re.compile(rb"(?<=[\d.])\0+|\0+(?=[-+\d.])")  # zero bytes that stand for lost characters

@@ -47,12 +47,6 @@ def test_words_of_a_language_choose_among_columns_of_one_unit(tmp_path, names):
     check_press(import_file(write(tmp_path, [head], rows)))
 
 
-def test_units_follow_chinese_names_without_a_blank(tmp_path):
-    check_press(import_file(write(tmp_path, ["時間s,位移mm,力N"])))
-    motor = import_file(write(tmp_path, ["時間s,轉速rpm,轉矩n-m,轉差drpm"], [f"{row},5" for row in ROWS]))
-    assert motor.roles == {"時間s": "time in s", "轉速rpm": "velocity in rpm", "轉矩n-m": "torque in Nm"}
-
-
 @pytest.mark.parametrize("name", ["Position des [mm]", "Position des joint [mm]", "displacement_des_mm"])
 def test_desired_position_is_not_a_measured_one(name):
     assert guess_column(name).quantity in {"", "goal"}
@@ -97,12 +91,6 @@ def test_known_word_identifies_the_encoding(tmp_path, head, encoding):
     check_press(imported)
     assert f"text in {encoding}" in imported.read
     assert all(name in imported.read for name in head.split(","))
-
-
-def test_unit_above_the_names_is_not_that_of_another_column(tmp_path):
-    path = write(tmp_path, ["Load unit,kN", "Stiffness unit,N", "Time,Displacement,Force"])
-    with pytest.raises(InputError, match="'Displacement', 'Force' state no units"):
-        import_file(path)
 
 
 def test_column_names_are_found_despite_remarks(tmp_path):

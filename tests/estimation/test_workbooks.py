@@ -111,7 +111,7 @@ def test_readings_beside_their_dates_lack_a_motion(book, other):
     start = datetime(2014, 12, 6, 17, 16)
     rows = [[start + timedelta(seconds=0.05 * row), 2.0 * row, *other] for row in range(40)]
     path = book(S=[("Time", "Force [N]", "Made")[: 2 + len(other)], *rows])
-    with pytest.raises(InputError, match="no column seems to hold a motion"):
+    with pytest.raises(InputError, match="as in --column time=Time --column displacement_mm=COLUMN"):
         import_file(path)
 
 
