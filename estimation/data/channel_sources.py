@@ -174,7 +174,8 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
     if found.keys().isdisjoint(EFFORTS):
         return (
             f"by names and units, no column seems to hold a force or torque; {needed}; if a column holds it, "
-            "or the command of a drive, add --column force_N=COLUMN or --column torque_Nm=COLUMN"
+            "or the command of a drive, add --column force_N=COLUMN or --column torque_Nm=COLUMN; if another "
+            "file with the same rows holds it, give both files"
         )
     turns = "force" not in found or is_angle(found.get("position", ""))
     if turns:
