@@ -30,6 +30,7 @@ from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 _ROUNDING = 1e-7  # share of the effort below which a residual is rounding: single precision resolves 6e-8
 _NAMED_SHARE = 0.4  # least share explained by a named signal, relative to that of the strongest signal
 _MIN_SHARE = 0.01  # least share of the squared error that a named signal must explain
+_MIN_KEPT = 0.5  # least share of the samples that remain if a model moves the boundaries of the contact
 _MIN_IMPROVEMENT = 0.9  # ratio of squared held-out errors below which a correction of smoothing bias is used
 _MIN_PULL = 5.0  # standard errors by which the data must favor a gain beyond its bound to be reported
 _NOISE_RATIO = 1.05  # ratio to the noise level up to which an error counts as noise
@@ -288,7 +289,9 @@ def fit_model(
 def fit_problem(blocks: BlockedData, model: Model, parameters: Mapping[str, float]) -> FitProblem:
     """Return the problem in which a model with these parameters is fitted and scored; see `fit_model`.
 
-    It differs from other models' problems by the load of a joint and by the boundaries of a contact.
+    It differs from other models' problems by the load of a joint and by the boundaries of a contact. The
+    boundaries are not moved if most samples would then be excluded, since a model could otherwise avoid any
+    error by placing all samples at a boundary.
 
     Args:
         blocks: blocks of the channel without a derived `load`.
@@ -299,7 +302,9 @@ def fit_problem(blocks: BlockedData, model: Model, parameters: Mapping[str, floa
     if data is not blocks.data:
         blocks = replace(blocks, data=data, load_cache=FitCache())
     if data.kind is ChannelKind.CONTACT and (moved := model.moved(data, parameters)) is not data:
-        blocks = exclude_boundaries(blocks, moved)
+        inside = exclude_boundaries(blocks, moved)
+        if inside.trusted.sum() > _MIN_KEPT * blocks.trusted.sum():
+            blocks = inside
     return FitProblem(blocks, WHITE)
 
 

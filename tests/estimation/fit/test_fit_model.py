@@ -12,7 +12,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind, Information
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.blocks import block_average, with_load
 from palpate.estimation.fit.fit_problem import held_out_residual, linearize_inner, solve_gains
-from palpate.estimation.fit.fit_result import final_solution, fit_model
+from palpate.estimation.fit.fit_result import final_solution, fit_model, fit_problem
 from palpate.estimation.fit.intervals import _largest_error, estimate_parameters, inner_slopes
 from palpate.estimation.fit.normal_equations import (
     estimate_ar_noise,
@@ -24,7 +24,7 @@ from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
 from palpate.estimation.signals.cache_by_array import FitCache
 from tests.estimation.fits import MODEL, fits
-from tests.estimation.presses import K, kelvin_voigt, session
+from tests.estimation.presses import K, channel, kelvin_voigt, session
 from tests.estimation.swings import DAMPING, INERTIA, NOISE_NM, WEIGHT, read, swings
 
 PRESS, SWING = (MODELS[name]().build(ModelContext()) for name in ("kelvin_voigt", "pendulum"))
@@ -387,3 +387,14 @@ def test_damping_is_distinguished_from_a_delay_of_equal_phase(start_s):
     found = fit_model(data, with_effects(PRESS, "delay"), {"delay.time": start_s}).solution.parameters
     assert found["delay.time"] == pytest.approx(delay_s, rel=0.01)
     assert found["damping.c"] == pytest.approx(damping, rel=0.03)
+
+
+def test_model_that_places_all_samples_at_the_boundary_is_judged_on_all():
+    """A tool as soft as the whole press leaves no depth for the object, and would leave no error."""
+    depth, run = np.tile(np.linspace(1e-3, 5e-3, 200), 4), np.repeat(np.arange(4), 200)
+    data = channel(K * depth, 0.01 * np.arange(800), depth, np.full(800, 0.002), run)
+    blocks, model = block_average(data), with_effects(PRESS, "tool_compliance")
+    soft, stiff = (
+        fit_problem(blocks, model, {"tool_compliance.compliance": share / K}) for share in (1.0, 0.1)
+    )
+    assert soft.used.sum() == stiff.used.sum() == blocks.trusted.sum()
