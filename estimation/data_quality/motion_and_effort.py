@@ -7,7 +7,7 @@ from palpate.estimation.data.measured_derivatives import mistaken_scale
 from palpate.estimation.fit.blocks import HEAVY, LUMPED_GAINS
 from palpate.estimation.model import Model
 from palpate.estimation.signals.runwise import is_even, sample_time
-from palpate.estimation.statistics.correlation import correlation_coefficient
+from palpate.estimation.statistics.correlation import correlation_coefficient, noise_between_samples
 from palpate.estimation.statistics.least_squares import solve
 from palpate.estimation.statistics.noise import MAD_TO_SIGMA
 from palpate.robot_io.types import FloatArray
@@ -24,6 +24,9 @@ _MIN_PRESSED = 0.01  # least share of samples in contact
 # At least one in twenty samples in contact must exceed free air by 4 standard deviations of the noise; of
 # pure noise, 1 in 16 000 does.
 _AIR_SIGMAS, _QUANTILE = 4.0, 0.95
+# Ratio to the noise between neighboring readings above which readings do not look like noise. The colored
+# noise of sensors reaches about 5.
+_SMOOTH = 6.0
 _DEPTH_SLICES = 20  # slices of the depth in which the start of the force is located
 # Least share of the deepest indentation without force, and largest noise relative to a spring's force there.
 _MIN_SILENT, _MAX_NOISE = 0.2, 0.25
@@ -161,8 +164,10 @@ def no_contact(data: ChannelData) -> str | None:
         return "no contact: the displacement is never positive; press the object"
     if not pressed.all():
         air_level, noise = _free_air_level(data)
-        is_noise = np.quantile(np.abs(data.effort[pressed] - air_level), _QUANTILE) < noise
-        if is_noise and misaligned(data) is None:
+        is_small = np.quantile(np.abs(data.effort[pressed] - air_level), _QUANTILE) < noise
+        # Readings that change slowly are not noise: an object may push from above the assumed surface on.
+        is_noise = noise < _AIR_SIGMAS * _SMOOTH * noise_between_samples(data.effort, data.run, ~pressed)
+        if is_small and is_noise and misaligned(data) is None:
             return "no contact: the force while pressed is no more than the noise in free air"
     depth, peak = np.where(pressed, data.position, 0.0), int(np.argmax(np.abs(data.effort))) + 1
     trend = correlation_coefficient(depth, data.effort)

@@ -564,3 +564,13 @@ def test_resting_joint_with_position_noise_is_not_judged(step):
         turned = joint(250.0 * noise, torque)
         assert at_rest(replace(turned, kind=ChannelKind.PRISMATIC)) is not None
     assert at_rest(joint(noise + 3e-4 * np.sin(0.3 * t), torque)) is None
+
+
+@pytest.mark.parametrize(("noise_n", "is_contact"), [(0.01, True), (10.0, False)])
+def test_smooth_force_outside_the_object_is_not_noise(noise_n, is_contact):
+    """A damper pulls on both sides of the assumed surface, as strongly as while pressed."""
+    noise = noise_n * np.random.default_rng(0).standard_normal(len(DATA))
+    swing = 1e-3 * np.sin(10.0 * DATA.time_s)
+    speed = 1e-2 * np.cos(10.0 * DATA.time_s)
+    data = replace(DATA, position=swing, velocity=speed, effort=100.0 * speed + noise)
+    assert ("no contact: the force" in (reject_reason(data) or "")) is not is_contact
