@@ -20,10 +20,10 @@ from tests.estimation.test_effects_recover import REVOLUTE, runs
 NOISE = 0.05
 
 
-def presses(offsets, gains, seed=0):
+def presses(offsets, gains, seed=0, count=400):
     """A spring of 4 N m/rad in runs with zeros and gains of their own."""
     rng = np.random.default_rng(seed)
-    t = np.arange(400) * 5e-3
+    t = np.arange(count) * 5e-3
     parts = []
     for offset, gain in zip(offsets, gains, strict=True):
         q = np.sin(3.0 * t + rng.uniform(0, 6))
@@ -141,7 +141,7 @@ def test_interval_of_a_stiffness_covers_the_mean_of_all_specimens():
     covered, halves = 0, []
     for seed in range(20):
         gains = 1.0 + 0.1 * np.random.default_rng(seed).standard_normal(6)
-        data = presses(np.zeros(6), gains, seed)
+        data = presses(np.zeros(6), gains, seed, count=200)
         found = fit_model(data, model, {"run_gain.share": 0.95}).parameters["stiffness.k"]
         covered += found.interval[0] <= 4.0 <= found.interval[1]
         halves.append(0.5 * np.ptp(found.interval))

@@ -47,7 +47,7 @@ def motor(torque_levels, switched_every_s, runs=3, coulomb=COULOMB, speed_noise=
 
 
 def test_a_stepwise_command_is_diagnosed_and_no_sensor_is_blamed():
-    data = motor((0.8, -0.8), 0.75)
+    data = motor((0.8, -0.8), 0.75, runs=2)
     assert len(np.unique(data.effort)) == 2
     assert reject_reason(data) is None
     library = effect_library()

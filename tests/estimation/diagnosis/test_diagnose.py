@@ -151,7 +151,7 @@ def test_single_hidden_effect_is_named_with_its_size(name):
 
 @pytest.mark.parametrize(
     ("seed", "run_damping"),
-    [(5, 1.0), (6, 1.3), *(pytest.param(*more, marks=pytest.mark.slow) for more in ((5, 1.3), (6, 1.0)))],
+    [(6, 1.3), *(pytest.param(*more, marks=pytest.mark.slow) for more in ((5, 1.0), (5, 1.3), (6, 1.0)))],
 )
 def test_effect_above_the_noise_is_named_beside_a_much_larger_one(seed, run_damping):
     """Without the stiffening, the error is three times the noise, but a twentieth of the base model's.
@@ -396,11 +396,14 @@ def test_blas_libraries_that_are_loaded_later_use_one_thread_too():
     assert set(json.loads(threads)) == {1}
 
 
+RELAXING = ("stress_relaxation", "cubic_stiffness", "lag")
+
+
 @pytest.fixture(scope="module")
 def relaxing_press():
     """Presses onto an object that relaxes in 0.3 s, and their diagnosis."""
     data = pressed(2, lambda t, x, v, run: 600.0 * maxwell(t, x, run, 0.3))
-    return data, decide_verdict(data, *SOME["contact"])
+    return data, decide_verdict(data, *RELAXING)
 
 
 @pytest.mark.parametrize(("time", "length", "force"), [(1e-4, 1e-4, 1e-6), (300.0, 1.0, 1.0)])
@@ -415,7 +418,7 @@ def test_answer_does_not_depend_on_the_scale_of_a_recording(time, length, force,
         acceleration=length / time**2 * data.acceleration,
         effort=force * data.effort,
     )
-    found = decide_verdict(scaled, *SOME["contact"])
+    found = decide_verdict(scaled, *RELAXING)
     assert [entry.effect for entry in found.accepted] == ["stress_relaxation"]
     assert [entry.effect for entry in expected.accepted] == ["stress_relaxation"]
     assert found.final.rmse / force == pytest.approx(expected.final.rmse, rel=0.05)

@@ -336,7 +336,8 @@ def test_error_that_may_all_be_noise_of_unknown_size_allows_no_verdict():
     """Noise that is correlated between samples may be motion, so that only an upper bound of it is known."""
     data = swings(1)
     effort = lfilter([1.0], [1.0, -0.5], np.random.default_rng(0).normal(size=len(data)))
-    (found,) = diagnose(replace(data, effort=effort), SWING, rng=np.random.default_rng(1)).channels
+    few = [EFFECTS[name]() for name in ("coulomb_friction", "bias", "delay", "joint_spring")]
+    (found,) = diagnose(replace(data, effort=effort), SWING, few, rng=np.random.default_rng(1)).channels
     assert found.verdict is Verdict.INSUFFICIENT
     assert "only an upper bound is known" in found.reason
 
