@@ -371,7 +371,14 @@ def made(build):
 
 @pytest.mark.parametrize(
     ("built", "scale"),
-    [(IN_RAD, "as it is"), *((case, s) for case in CASES for s in list(SCALES)[1:] if case != IN_RAD)],
+    [
+        (IN_RAD, "as it is"),
+        *(
+            pytest.param(case, scale, marks=() if (number + size) % 2 else pytest.mark.slow)
+            for number, case in enumerate(each for each in CASES if each != IN_RAD)
+            for size, scale in enumerate(list(SCALES)[1:])
+        ),
+    ],
 )
 def test_simulated_effect_is_recovered_without_its_formula(built, scale):
     case, name = made(built), built.__name__
