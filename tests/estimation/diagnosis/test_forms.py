@@ -94,10 +94,11 @@ def test_elastic_shape_and_relaxation_are_identified_as_a_product():
     """One branch of memory without a shape fits better than each factor alone, and hides the other factor."""
     names = {"power_law_stiffness", "relaxation_spectrum", "run_gain"}
     search = searched(tissue(), *sorted(names), "stress_relaxation", base=PRESS)
-    found = named_forms(analyze_kinds(search))
+    partial = analyze_kinds(search)
+    found = named_forms(partial)
     assert set(search.added_effects(found)) == names
     assert found.solution.parameters["power_law_stiffness.n"] == pytest.approx(1.9, abs=0.05)
-    accepted, _ = accept_forms(search, analyze_kinds(search), found, measured(search))
+    accepted, _ = accept_forms(search, partial, found, measured(search))
     assert set(search.added_effects(accepted)) == names
     flat = found.solution.model.without("power_law_stiffness")
     hidden = fit_model(search.data, flat, found.solution.parameters)
