@@ -157,7 +157,7 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
     # The columns of a matrix in a MATLAB file, "data 1" ..., have no names either.
     stems = {name.rstrip("0123456789") for name in table.names}
     if NAMELESS in table.notes or (len(stems) == 1 and not any(map(quantity_in, table.names))):
-        example = _options_in_order(table)
+        example = _options_without_names(table)
         return f"{needed}; which column holds what is not known; name the columns, as in {example}"
     found: dict[str, str] = {}  # column of each quantity
     guesses = guess_columns(table.names, clocks_of(table.columns))
@@ -193,8 +193,8 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
     return f"{needed}; name the columns, as in {' '.join(options)}"
 
 
-def _options_in_order(table: Table) -> str:
-    """Return options for columns without names: displacement and force in order, a clock as the time."""
+def _options_without_names(table: Table) -> str:
+    """Return options for columns without names: a clock as the time, the smoother other one as the motion."""
     names = [name for name in table.names if table.varies(name)]
     clocks = {name for name in names if (np.diff(table.numbers(name)) > 0.0).all()} | clocks_of(table.columns)
     clock = next((name for name in names if name in clocks), "")
@@ -202,6 +202,7 @@ def _options_in_order(table: Table) -> str:
     if clock and len(names) >= _MIN_COLUMNS:
         options.append(f"--column time={shlex.quote(clock)}")
         names.remove(clock)
+    names.sort(key=lambda name: np.abs(np.diff(table.numbers(name))).sum() / np.ptp(table.numbers(name)))
     contact = names if len(names) == _COLUMNS_OF_CONTACT else ["COLUMN"] * _COLUMNS_OF_CONTACT
     options += [
         f"--column displacement_mm={shlex.quote(contact[0])}",

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.estimation.data.column_names import TIME, guess_columns
 from palpate.estimation.data.file_columns import FileColumns, check_size, most_bytes, pa, pa_csv, pc
 from palpate.estimation.data.quantity_words import FOREIGN_WORDS
 from palpate.estimation.data.table_layout import matching_places, with_run
@@ -90,7 +91,9 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
         repairs |= dict.fromkeys(part_repairs)
     notes += repairs
     titles = tests[0][0].titles if len(parts) == 1 else ()
-    if len(parts) > 1:
+    if len(parts) > 1 and (clock := _continued_clock(parts, dialect.decimal)):
+        notes.append(f"{len(parts)} parts are read as one recording, because '{clock}' continues")
+    elif len(parts) > 1:
         parts = [with_run(part, str(number)) for number, part in enumerate(parts, 1)]
         notes.append(f"{len(parts)} tests one after the other, read as runs")
     return FileColumns(
@@ -126,6 +129,20 @@ def _one_line(match: re.Match[bytes]) -> bytes:
     """Move quoted line breaks to the end of their row, so that later line numbers are preserved."""
     cells: bytes = match.group()
     return re.sub(rb"[ \t]*\r?\n[ \t]*", b" ", cells) + b"\n" * cells.count(b"\n")
+
+
+def _continued_clock(parts: Sequence[pa.Table], decimal: str) -> str:
+    """Return the clock that continues from part to part, as in a table split into pages; empty for none."""
+    clocks = [guess.column for guess in guess_columns(parts[0].column_names) if guess.key == TIME]
+    if len(clocks) != 1 or min(map(len, parts)) < 2:
+        return ""
+    ends = []
+    for part in parts:
+        cells = (str(part.column(clocks[0])[row].as_py()) for row in (0, -2, -1))
+        ends.append([number_of(cell.replace(decimal, ".")) for cell in cells])
+    first, last_but_one, last = np.array(ends).T
+    gaps, steps = first[1:] - last[:-1], last - last_but_one
+    return clocks[0] if ((gaps > 0.0) & (gaps <= _ONE_STEP * steps[:-1])).all() else ""
 
 
 def _parse_rows(
@@ -281,6 +298,7 @@ def _end_of_rows(content: bytes, table: TextTable, end: int, delimiter: str) -> 
 
 
 _ENCODINGS = ("cp1252", "gb18030", "cp932", "cp949", "cp1250", "cp1251")  # after UTF-8 and UTF-16
+_ONE_STEP = 2.0  # largest interval between two parts of a recording, in steps of the clock
 _WITH_UNIT = re.compile(r"(?<![\w.])[+-]?\d+(?:[.,]\d+)? ?[A-Za-zµ°%]{1,6}\b")  # a cell such as "0.5 mm"
 _FEW_ZEROS = 1e-3  # largest share of zero bytes in a text
 _LOST_IN_NUMBER = re.compile(rb"(?<=[\d.])\0+|\0+(?=[-+\d.])")  # zero bytes that stand for lost characters

@@ -117,6 +117,19 @@ def test_matlab_structs_matrices_and_cells_give_columns(tmp_path):
     np.testing.assert_allclose(table.numbers("recorded 2"), FORCE_N)
 
 
+@pytest.mark.parametrize(("gap_s", "runs"), [(0.0, 1), (5.0, 2)])
+def test_pages_of_one_recording_are_one_run(tmp_path, gap_s, runs):
+    path, half = tmp_path / "pages.dat", len(TIME_S) // 2
+    written = rows().splitlines(keepends=True)
+    head = "Time [s],Travel [mm],Load [N]\n"
+    later = [
+        f"{time_s + gap_s},{line.split(',', 1)[1]}" for time_s, line in zip(TIME_S, written, strict=True)
+    ]
+    path.write_text(head + "".join(written[:half]) + "\n" + head + "".join(later[half:]))
+    (channel,) = import_file(path).channels
+    assert (len(channel), len(channel.runs)) == (len(TIME_S), runs)
+
+
 def test_null_bytes_and_blank_lines_do_not_spoil_a_table(tmp_path):
     path = tmp_path / "gel.csv"
     lines = rows().splitlines(keepends=True)

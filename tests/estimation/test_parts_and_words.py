@@ -259,9 +259,10 @@ def test_seconds_without_whole_seconds_beside_nanoseconds_are_unchanged(tmp_path
     assert np.allclose(channel.time_s, TIME_S, atol=1e-6)
 
 
-def test_columns_without_names_are_proposed_in_order_behind_a_clock(tmp_path):
-    message = refusal(saved(tmp_path / "three.csv", lines(FORCE_N, TIME_S, WAY_M)))
-    ending = "--column time='column 2' --column displacement_mm='column 1' --column force_N='column 3'"
+def test_columns_without_names_are_proposed_by_their_shape(tmp_path):
+    noisy = FORCE_N + 0.2 * np.random.default_rng(3).standard_normal(len(FORCE_N))
+    message = refusal(saved(tmp_path / "three.csv", lines(noisy, TIME_S, WAY_M)))
+    ending = "--column time='column 2' --column displacement_mm='column 3' --column force_N='column 1'"
     assert message.endswith(ending)
     message = refusal(saved(tmp_path / "four.csv", lines(WAY_M, FORCE_N, FORCE_N, WAY_M)))
     assert message.endswith("as in --column displacement_mm=COLUMN --column force_N=COLUMN")
