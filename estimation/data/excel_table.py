@@ -5,7 +5,7 @@ import zipfile
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import date, datetime, time, timedelta
+from datetime import date, datetime, timedelta
 from pathlib import Path
 from typing import Any
 from xml.parsers import expat
@@ -72,9 +72,6 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
     if not tables:
         tables = [table for sheet in sheets for table in _tables(sheet, nameless=True)]
         notes.append(NAMELESS)
-    if not tables:  # such as one column of readings beside their dates, which leaves out the motion
-        notes.remove(NAMELESS)
-        tables = [table for sheet in sheets for table in _tables(sheet, dated=True)]
     if not tables:
         raise InputError(f"{path}: no sheet has a row of column names above rows of numbers")
     blocks = [TableBlock(table.title, table.names, len(table.rows)) for table in tables]
@@ -167,28 +164,22 @@ def _extent(sheet: bytes) -> tuple[int, int]:
     return last[0], last[1]
 
 
-def _tables(sheet: CalamineSheet, *, nameless: bool = False, dated: bool = False) -> list[_SheetTable]:
+def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_SheetTable]:
     """Return the tables of a sheet in order.
 
     Args:
         sheet: the sheet.
         nameless: also accept a table of numbers without names.
-        dated: count dates and clock times as numbers, so that a table may have a single column of numbers.
     """
     rows: list[list[Any]] = sheet.to_python(skip_empty_area=True)
     decimal = _decimal_mark(rows)
-
-    def as_text(cell: object) -> str:
-        is_date = dated and isinstance(cell, date | time | timedelta)  # a datetime is a date
-        return "0" if is_date else _text(cell, decimal)
-
     looked_at = set(range(min(len(rows), _LOOKED_AT)))
     for place, row in enumerate(rows):  # examine rows of words and the rows below them
         words = sum(isinstance(cell, str) and cell != "" for cell in row)
         if words > 1 and sum(isinstance(cell, int | float) for cell in row) < MIN_NUMBERS:
             looked_at.update(range(place, min(len(rows), place + _BELOW)))
     places = sorted(looked_at)
-    head = [[as_text(cell) for cell in rows[place]] for place in places]
+    head = [[_text(cell, decimal) for cell in rows[place]] for place in places]
     layouts = list(find_layouts(head, decimal))
     if nameless:
         numbered = numbered_names(len(head[0]) if head else 0)
@@ -204,7 +195,7 @@ def _tables(sheet: CalamineSheet, *, nameless: bool = False, dated: bool = False
         body = {place: rows[place][:width] for place in range(places[layout.first], end)}
         body = {place: row for place, row in body.items() if any(cell != "" for cell in row)}
         while body:
-            if not is_footer([as_text(cell) for cell in body[max(body)]], counts=counts):
+            if not is_footer([_text(cell, decimal) for cell in body[max(body)]], counts=counts):
                 break
             body.popitem()
         filled = list(body.values())

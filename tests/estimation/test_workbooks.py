@@ -106,15 +106,6 @@ def test_cell_times_continue_past_midnight(book, start):
     np.testing.assert_allclose(table.numbers("Time") - 86399.0, 0.25 * np.arange(12), atol=1e-6)
 
 
-@pytest.mark.parametrize("other", [[], [date(2014, 12, 6)]])
-def test_readings_beside_their_dates_lack_a_motion(book, other):
-    start = datetime(2014, 12, 6, 17, 16)
-    rows = [[start + timedelta(seconds=0.05 * row), 2.0 * row, *other] for row in range(40)]
-    path = book(S=[("Time", "Force [N]", "Made")[: 2 + len(other)], *rows])
-    with pytest.raises(InputError, match="as in --column time=Time --column displacement_mm=COLUMN"):
-        import_file(path)
-
-
 def test_formulas_without_results_are_empty_and_dates_stay_dates(book):
     names = ("time_s", "displacement_m", "force_N")
     path = book(S=[names, *([t, 4e-3 * t, "=B2*2"] for t in T.tolist())])
