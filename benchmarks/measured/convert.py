@@ -485,14 +485,14 @@ _TDMS_TEXT, _TDMS_TIME = 32, 68  # of properties; a time has 16 bytes
 
 
 def _tdms_text(content: bytes, at: int) -> tuple[str, int]:
-    """A text of a TDMS file, and where it ends."""
+    """Return a text of a TDMS file and the index after it."""
     start = at + 4
     end = start + int(struct.unpack_from("<I", content, at)[0])
     return content[start:end].decode("utf-8", "replace"), end
 
 
 def _tdms_objects(content: bytes, at: int) -> Iterator[tuple[str, tuple[str, int] | None]]:
-    """Objects that a segment lists: path, and type and number of the values that follow, where it says so."""
+    """Yield the path of each object of a segment, with type and number of its values if they are stated."""
     (count,) = struct.unpack_from("<I", content, at)
     at += 4
     for _ in range(count):

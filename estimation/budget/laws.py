@@ -127,7 +127,7 @@ def flexible_laws(
         _law((Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY), *relaxed(depth * unit_depth), nonnegative=True),
         _law(Kind.INERTIA, acceleration, nonnegative=True),
         *_sensor_dynamics(blocked, base, effort, time_s, used),
-        _sensor_statics(effort, blocked.effort, run, base, has_bias=has_bias),
+        _sensor_statics(effort, blocked.effort, run, base, touching > 0.0, has_bias=has_bias),
     ]
     if (zero is None or not zero.is_steady) and not is_monotonic(position, run):
         laws.append(_drift(time_s, residual, used))
@@ -329,22 +329,28 @@ def _contact_geometry(
 
 
 def _sensor_statics(
-    predicted: FloatArray, measured: FloatArray, run: IntArray, base: BaseColumns | None, *, has_bias: bool
+    predicted: FloatArray,
+    measured: FloatArray,
+    run: IntArray,
+    base: BaseColumns | None,
+    engaged: BoolArray,
+    *,
+    has_bias: bool,
 ) -> FlexibleLaw:
     """Build the law of a sensor's bias, gain, saturation, dead band and hysteresis.
 
-    A gain is added only if the base model's own gains cannot imitate it, and dead bands only if readings may
-    show them. Free air rules out a bias if it shows a correct zero. Hysteresis of the sensor lowers the
-    reading while the effort grows; friction raises it.
+    A gain is added only if the base model's own gains cannot imitate it, and dead bands only if readings
+    under load may show them. Free air rules out a bias if it shows a correct zero. Hysteresis of the sensor
+    lowers the reading while the effort grows; friction raises it.
     """
     low, high = np.quantile(measured, [0.001, 0.999])
     saturation = [
         -np.maximum(predicted - _FULL_SCALE * high, 0.0) * (high > 0.0),
         -np.minimum(predicted - _FULL_SCALE * low, 0.0) * (low < 0.0),
     ]
-    sigma = noise_between_samples(measured, run, np.ones(len(run), dtype=np.bool_))
+    sigma = noise_between_samples(measured, run, engaged)
     widths = [share * float(np.ptp(predicted)) for share in _DEAD_BANDS]
-    widths = [width for width in widths if may_have_dead_band(measured, width, sigma)]
+    widths = [width for width in widths if may_have_dead_band(measured[engaged], width, sigma)]
     linear = [np.ones(len(predicted))] * has_bias
     if base is not None:
         left = _residual(base.columns, predicted, [np.arange(len(predicted))])

@@ -3,6 +3,7 @@
 import shlex
 from collections.abc import Collection
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 
@@ -24,7 +25,6 @@ from palpate.estimation.data.column_names import (
 from palpate.estimation.data.column_units import ColumnUnits
 from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.import_options import ImportOptions
-from palpate.estimation.data.table import Table
 from palpate.estimation.data.table_layout import clocks_of
 from palpate.estimation.data.text_dialect import NAMELESS
 from palpate.estimation.data.units import dimension_of
@@ -33,7 +33,6 @@ from palpate.robot_io.errors import InputError
 # Usual units of the quantities of a channel.
 _UNITS = {"displacement": "mm", "force": "N", "position": "rad", "torque": "Nm"}
 _MIN_COLUMNS = 3  # least number of columns of which one may be a clock
-_COLUMNS_OF_CONTACT = 2  # displacement and force
 _SHOWN_CELLS = 12  # cells of a row that an error message shows
 
 
@@ -148,7 +147,7 @@ def _check_dimensions(columns: ColumnAssignment) -> None:
 
 
 def _suggest_columns(columns: ColumnAssignment) -> str:
-    """Describe the columns that channels need, and options that name them as far as names and units tell."""
+    """Describe the columns that channels need, and propose options from names and units."""
     table = columns.table
     needed = (
         "a contact needs time_s, displacement_m, force_N; a joint needs time_s, position_rad, torque_Nm (or "
@@ -157,8 +156,8 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
     # The columns of a matrix in a MATLAB file, "data 1" ..., have no names either.
     stems = {name.rstrip("0123456789") for name in table.names}
     if NAMELESS in table.notes or (len(stems) == 1 and not any(map(quantity_in, table.names))):
-        example = _options_without_names(table)
-        return f"{needed}; which column holds what is not known; name the columns, as in {example}"
+        example = _options_without_names(columns)
+        return f"{needed}; the meaning of each column is unknown; name the columns, as in {example}"
     found: dict[str, str] = {}  # column of each quantity
     guesses = guess_columns(table.names, clocks_of(table.columns))
     dimension_by_name = {name: dimension_of(unit_in_name(name)) for name in table.names}
@@ -180,7 +179,10 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
     turns = "force" not in found or is_angle(found.get("position", ""))
     if turns:
         found.setdefault("torque", found.get("force", ""))
+    elif "position" in found:
+        found.setdefault("displacement", found["position"])
     options = [f"--column time={shlex.quote(found['time'])}"] if "time" in found else []
+    given = {key[0]: assigned.unit for key, assigned in columns.assigned.items()}
     for quantity in ("position", "torque") if turns else ("displacement", "force"):
         unit = _UNITS[quantity]
         if quantity not in found:
@@ -188,24 +190,32 @@ def _suggest_columns(columns: ColumnAssignment) -> str:
             continue
         options.append(f"--column {quantity}={shlex.quote(found[quantity])}")
         dimension = dimension_by_name[found[quantity]]
-        if dimension not in QUANTITIES[quantity]:  # a number fixes the unit whatever the name says
+        if quantity in given and not unit_in_name(found[quantity]):
+            options.append(f"--unit {quantity}={shlex.quote(given[quantity])}")
+        elif dimension not in QUANTITIES[quantity]:  # the leading 1 overrides the unit in the column's name
             options.append(f"--unit {quantity}={'1' if dimension else ''}{unit}")
     return f"{needed}; name the columns, as in {' '.join(options)}"
 
 
-def _options_without_names(table: Table) -> str:
+def _options_without_names(columns: ColumnAssignment) -> str:
     """Return options for columns without names: a clock as the time, the smoother other one as the motion."""
-    names = [name for name in table.names if table.varies(name)]
-    clocks = {name for name in names if (np.diff(table.numbers(name)) > 0.0).all()} | clocks_of(table.columns)
-    clock = next((name for name in names if name in clocks), "")
+    table, given = columns.table, {key[0] for key in columns.assigned}
+    left = [name for name in table.names if name not in columns.used]
+    valid = [name for name in left if table.varies(name)]
     options = []
-    if clock and len(names) >= _MIN_COLUMNS:
-        options.append(f"--column time={shlex.quote(clock)}")
-        names.remove(clock)
-    names.sort(key=lambda name: np.abs(np.diff(table.numbers(name))).sum() / np.ptp(table.numbers(name)))
-    contact = names if len(names) == _COLUMNS_OF_CONTACT else ["COLUMN"] * _COLUMNS_OF_CONTACT
+    if "time" not in given and len(left) >= _MIN_COLUMNS:
+        clocks = clocks_of(table.columns)
+        is_clock = (name in clocks or (np.diff(table.numbers(name)) > 0.0).all() for name in valid)
+        clock = next(compress(valid, is_clock), None)
+        if clock is not None:
+            options.append(f"--column time={shlex.quote(clock)}")
+            left.remove(clock)
+            valid.remove(clock)
+    valid.sort(key=lambda name: np.abs(np.diff(table.numbers(name))).sum() / np.ptp(table.numbers(name)))
+    needed = [quantity for quantity in ("displacement", "force") if quantity not in given]
+    contact = map(shlex.quote, valid) if len(left) == len(valid) == len(needed) else ["COLUMN"] * len(needed)
     options += [
-        f"--column displacement_mm={shlex.quote(contact[0])}",
-        f"--column force_N={shlex.quote(contact[1])}",
+        f"--column {quantity}_{_UNITS[quantity]}={name}"
+        for quantity, name in zip(needed, contact, strict=True)
     ]
     return " ".join(options)

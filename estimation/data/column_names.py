@@ -217,7 +217,8 @@ def si_unit(dimension: str) -> str:
 
 _COUNTS = frozenset(["counts", "count", "ticks", "raw", "adc", "lsb"])  # numbers without a known unit
 _ANGLES = frozenset("angle angles theta winkel angulo angolo encoder encoders enc".split())  # noqa: SIM905
-_NO_CLOCK = frozenset(["pwm", "pulse", "esc"])  # a pulse width has a unit of time but is no clock
+# Durations that have a unit of time but are no clock.
+_NO_CLOCK = frozenset(["pwm", "pulse", "esc", "delay", "latency", "lag"])
 _ABSOLUTE = frozenset(["abs", "absolute", "absolut", "betrag", "magnitude"])
 _ENCODER = frozenset(["encoder", "encoders", "enc"])
 _UNINFORMATIVE = frozenset(

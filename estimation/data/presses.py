@@ -14,7 +14,7 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 MIN_RUN_ROWS = 20  # least number of rows of a detected run (a press or a block of equal numbers)
-MAX_RUNS = 500  # most runs into which a recording is cut; with more presses, several form one run
+_MAX_RUNS = 500  # most runs into which a recording is cut; with more presses, several form one run
 # Thresholds relative to the range of the force: a press rises from below `_RELEASED` to above `_PRESSED`.
 _PRESSED, _RELEASED = 0.1, 0.05
 _SIGMAS = (8.0, 4.0)  # the same thresholds in standard deviations of the noise; the larger ones apply
@@ -91,7 +91,7 @@ def cut_presses(
         since_peak = displacement[press_peaks[-1] : peak]
         if since_peak[0] - since_peak.min() > _RELEASED * np.ptp(displacement):
             press_peaks.append(peak)
-    presses = max(1, -(-len(press_peaks) // MAX_RUNS))
+    presses = max(1, -(-len(press_peaks) // _MAX_RUNS))
     at = np.array(press_peaks, dtype=np.int64)
     return _cut_between(force, piece, time_s, at, MIN_RUN_ROWS, presses), presses
 

@@ -165,7 +165,7 @@ def no_contact(data: ChannelData) -> str | None:
     if not pressed.all():
         air_level, noise = _free_air_level(data)
         is_small = np.quantile(np.abs(data.effort[pressed] - air_level), _QUANTILE) < noise
-        # Readings that change slowly are not noise: an object may push from above the assumed surface on.
+        # Readings that change slowly are not noise: an object may begin to push above the assumed surface.
         is_noise = noise < _AIR_SIGMAS * _SMOOTH * noise_between_samples(data.effort, data.run, ~pressed)
         if is_small and is_noise and misaligned(data) is None:
             return "no contact: the force while pressed is no more than the noise in free air"

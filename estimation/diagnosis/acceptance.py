@@ -52,7 +52,7 @@ _MIN_OF_UNEXPLAINED = 0.25  # least mean square of an effect, relative to the un
 _MAX_UNEXPLAINED = (
     0.1  # unexplained mean square, relative to an effect's; with more, another kind may explain it
 )
-_RARE = SENSOR_KINDS | {Kind.DRIFT}  # kinds of faults, which are named only if their size is certain
+_FAULT_KINDS = SENSOR_KINDS | {Kind.DRIFT}  # named only if their size is certain
 _OFFSET = "bias"  # name of the effect that is a constant
 _NEARLY_ALL = 0.99  # least share of the error above the noise that a sensor fault or a drift must explain
 _SAME_CURVE = 1e-3  # energy of the difference of two curves, relative to what the effect adds
@@ -209,7 +209,7 @@ class FormCriteria:
         size = self.explained[test.effect]
         if impossible := self._impossible(test):
             return impossible
-        may_be_zero = test.kind in _RARE and _has_zero_size(
+        may_be_zero = test.kind in _FAULT_KINDS and _has_zero_size(
             self._search.without(self._fit, test.effect), self._fit, test.effect
         )
         if self._is_clear(test) and not may_be_zero:
@@ -713,7 +713,7 @@ def _has_zero_size(reduced: FitResult, fit: FitResult, name: str) -> bool:
     """
     effect = fit.solution.model.effect(name)
     is_large = fit.flexible.before.sum() <= 0.5 * reduced.flexible.before.sum()
-    if is_large and effect.kind not in _RARE:
+    if is_large and effect.kind not in _FAULT_KINDS:
         return False
     sizes = [fit.parameters[f"{name}.{parameter.name}"] for parameter in effect.gains or effect.inner[:1]]
     return not any(abs(size.value) > 0.5 * _INTERVAL_RATIO * np.ptp(size.interval) for size in sizes)

@@ -1,4 +1,4 @@
-"""Stepwise search for effects, with backward elimination at each step, and the best pair of effects.
+"""Stepwise search for effects with backward elimination, also from the best pair if single effects fail.
 
 The search starts on a coarse copy of the channel with one sample per block, and with part of the runs if
 there are many. The resulting model is then fitted to all data.

@@ -290,8 +290,8 @@ def fit_problem(blocks: BlockedData, model: Model, parameters: Mapping[str, floa
     """Return the problem in which a model with these parameters is fitted and scored; see `fit_model`.
 
     It differs from other models' problems by the load of a joint and by the boundaries of a contact. The
-    boundaries are not moved if most samples would then be excluded, since a model could otherwise avoid any
-    error by placing all samples at a boundary.
+    boundaries are not moved if half of the samples or more would then be excluded, since a model could
+    otherwise avoid any error by placing all samples at a boundary.
 
     Args:
         blocks: blocks of the channel without a derived `load`.

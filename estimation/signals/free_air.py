@@ -90,9 +90,10 @@ def _readings_without_contact(data: ChannelData) -> Iterator[FloatArray]:
 
 
 def may_have_dead_band(readings: FloatArray, half_width: float, sigma: float) -> bool:
-    """Return whether readings stay at zero, as a dead band makes them, or the noise hides whether they do.
+    """Return whether readings stay at zero, as a dead band makes them, or whether that cannot be seen.
 
-    All efforts within the dead band read zero, so that zero is much more frequent than readings beside it.
+    It cannot be seen if the noise is large, or if no reading is that small. All efforts within the dead band
+    read zero, so that zero is much more frequent than readings beside it.
 
     Args:
         readings: readings under load, shape (n,) [effort].

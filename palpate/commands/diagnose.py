@@ -123,7 +123,7 @@ def exit_code_of(verdicts: Iterable[Verdict]) -> int:
 def _model_steps(
     data: DataArguments, study: Study, diagnosis: StudyDiagnosis, model: str | None, kept: str
 ) -> Iterator[tuple[str, str]]:
-    """Suggest how to add the missing effects; where the newest revision has them, how to use it."""
+    """Suggest commands that add the missing effects, or use the newest revision if it already has them."""
     improved = [channel for channel in diagnosis.channels if channel.accepted]
     added = {  # effects of the newest revision of each channel
         item.channel: revision.effects if (revision := study.latest(study.channel(item.channel))) else []
@@ -133,7 +133,7 @@ def _model_steps(
         item for item in improved if set(added[item.channel]) == {entry.effect for entry in item.accepted}
     ]
     if saved:
-        yield f"palpate revisions {kept}", "the newest revision has what the base model lacks"
+        yield f"palpate revisions {kept}", "the newest revision contains the missing effects"
         yield from console.export_steps(kept, [study.channel(item.channel).kind for item in saved])
     for item in improved:
         if item in saved:
@@ -141,7 +141,7 @@ def _model_steps(
         names = " ".join(entry.effect for entry in item.accepted)
         alone = len(study.source.channels) == 1 or item.channel == "contact"
         where = "" if alone else f" --channel {item.channel}"
-        where += " --fresh" if added[item.channel] else ""  # else it would build on these
+        where += " --fresh" if added[item.channel] else ""  # otherwise it would add to these
         it = "it" if len(item.accepted) == 1 else "them"
         command = f"palpate add {data.command_text(model=model)} {names}{where}"
         yield command, f"refit with {it}, and save a revision"

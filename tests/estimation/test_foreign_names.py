@@ -1,4 +1,4 @@
-"""Names in other languages and encodings, units away from the names, and logs without a table."""
+"""Names in other languages and encodings, remarks above tables, and columns without names."""
 
 import openpyxl
 import pytest

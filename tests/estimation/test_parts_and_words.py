@@ -268,6 +268,23 @@ def test_columns_without_names_are_proposed_by_their_shape(tmp_path):
     assert message.endswith("as in --column displacement_mm=COLUMN --column force_N=COLUMN")
 
 
+@pytest.mark.parametrize("last", ["constant", "one empty cell"])
+def test_clock_of_columns_without_names_is_never_proposed_as_the_motion(tmp_path, last):
+    cells = ["5"] * len(TIME_S) if last == "constant" else [*map(str, FORCE_N[:-1]), ""]
+    rows = zip(TIME_S, WAY_M, cells, strict=True)
+    path = saved(tmp_path / "own.csv", "".join(f"{t},{x},{cell}\n" for t, x, cell in rows))
+    proposed = "--column time='column 1' --column displacement_mm=COLUMN --column force_N=COLUMN"
+    assert refusal(path).endswith(proposed)
+
+
+def test_proposed_columns_keep_the_units_that_are_given(tmp_path):
+    path = saved(tmp_path / "own.csv", "time_s,w,load\n" + lines(TIME_S, WAY_M, FORCE_N))
+    message = refusal(path, columns={"force_kN": "load"})
+    assert message.endswith("--column displacement_mm=COLUMN --column force=load --unit force=kN")
+    path = saved(tmp_path / "own.csv", "time_s,position_1_mm,force_2_N\n" + lines(TIME_S, WAY_M, FORCE_N))
+    assert refusal(path).endswith("--column displacement=position_1_mm --column force=force_2_N")
+
+
 def test_a_column_without_any_cell_is_not_reported_as_invalid(tmp_path):
     rows = "".join(f"{t},{f},\n" for t, f in zip(TIME_S, FORCE_N, strict=True))
     path = saved(tmp_path / "title.csv", "Time (s),Load (N),D105\n" + rows)

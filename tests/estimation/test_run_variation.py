@@ -160,7 +160,7 @@ def test_zeros_of_runs_leave_a_stiffness_as_certain_as_before(count):
     assert np.ptp(found.interval) < 1.3 * np.ptp(alone.parameters["stiffness.k"].interval)
 
 
-@pytest.mark.parametrize(("count", "differ"), [(3, True), (7, False)])
+@pytest.mark.parametrize(("count", "differ"), [(3, True), (3, False)])
 def test_short_pulls_show_gains_of_specimens_only_if_they_differ(count, differ):
     """Pulls of 60 readings; each specimen has its own gain and a wave that no law has."""
     rng = np.random.default_rng(5)

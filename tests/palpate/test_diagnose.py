@@ -78,7 +78,7 @@ def test_applying_saves_each_step_and_plots_the_decrease(applied):
         assert (folder / file).stat().st_size > 1000
 
 
-def test_no_effect_is_added_again_that_the_newest_revision_has(applied, hardening):
+def test_effects_of_the_newest_revision_are_not_suggested_again(applied, hardening):
     result = run("diagnose", hardening, "--out", applied[1], "--force")
     assert [words[0] for words in next_commands(result)] == ["revisions", "export", "compare"]
 

@@ -238,7 +238,7 @@ def test_forms_that_jointly_leave_as_little_as_their_laws_are_named(monkeypatch)
 
 
 def deep_presses(curvature=0.0):
-    """Presses of a spring whose displacement counts from 16 mm above its surface."""
+    """Presses of a spring whose displacement is zero 16 mm above its surface."""
     x, run = np.tile(np.linspace(12e-3, 38e-3, 600), 3), np.repeat(np.arange(3), 600)
     v, noise = np.array([1e-3, 2e-3, 4e-3])[run], np.random.default_rng(0).normal(0.0, 0.3, 1800)
     force = 3e4 * (x - 16e-3).clip(0.0) + curvature * (x - 18e-3).clip(0.0) ** 2 + noise
