@@ -67,7 +67,7 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
         remarks += [f"or {join_names(rivals, 'or')}"] if rivals else []
         names.append(f"{entry.effect} ({'; '.join(remarks)})" if remarks else entry.effect)
     verb = "is" if len(diagnosis.accepted) == 1 else "are"
-    missing = f"{diagnosis.channel}: {join_names(names)} {verb} missing from the model. {error}"
+    missing = f"{diagnosis.channel}: {join_names(names)} {verb} missing from the base model. {error}"
     if diagnosis.complete is not False or diagnosis.remaining is None:
         return f"{missing}{_unrelated_error(diagnosis)}"
     unknown = f" The form of {join_names(kinds)} is not known." if kinds else ""

@@ -41,7 +41,7 @@ def hide(scenario: Scenario, what: str) -> Scenario:
         effect = None if what == RANDOM else what
         return scenario.with_hidden(draw_hidden(scenario.seed, effect=effect, scenario=scenario))
     if not Path(what).suffix:
-        raise InputError(f"hidden '{what}': {IMPERFECTIONS.unknown(what)}; or {RANDOM}, or a YAML file")
+        raise InputError(f"--hidden {what}: {IMPERFECTIONS.unknown(what)}; or {RANDOM}, or a YAML file")
     return scenario.with_hidden(HiddenFile.load(existing_file(Path(what), "hidden")).hidden)
 
 

@@ -54,7 +54,7 @@ def test_unresolved_presliding_is_marked_wherever_it_is_shown(capsys):
         (("compare",), "kelvin_voigt does not fit contact: "),
         (("compare", "--json"), "damping.c would be below"),
         (("add", "bias"), "kelvin_voigt + bias does not fit contact: "),
-        (("diagnose",), "delay (approximate) is missing from the model"),
+        (("diagnose",), "delay (approximate) is missing from the base model"),
         (("estimate",), "outside the physical bounds"),
     ],
 )

@@ -166,7 +166,7 @@ def test_names_of_effects_never_become_markup_of_the_picture(width):
 def test_approximate_form_and_unnamed_kinds_are_marked_beside_names():
     names = [("relaxation_spectrum", "approximate"), ("run_gain", "exact")]
     told = diagnosis_verdict(diagnosis(RELAXATION, RUNS, accepted=names)).sentence
-    assert "relaxation_spectrum (approximate) and run_gain are missing from the model" in told
+    assert "relaxation_spectrum (approximate) and run_gain are missing from the base model" in told
     rest = {"rmse": 0.05, "times_floor": 1.7, "depends_on": []}
     names = [("relaxation_spectrum", "approximate")]
     told = diagnosis_verdict(

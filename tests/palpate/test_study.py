@@ -110,7 +110,10 @@ def study(tmp_path_factory):
         (lambda s: s.add("stress_relaxtion"), r"Did you mean stress_relaxation or "),
         (lambda s: s.add("gremlin"), r"no effect is called 'gremlin'\. Effects of a contact: adhesion, "),
         (lambda s: s.compare()["nope"], "no channel 'nope' is compared. Available: contact"),
-        (lambda s: s.remove("cubic_stiffness"), "'cubic_stiffness': is not in the newest models. They have"),
+        (
+            lambda s: s.remove("cubic_stiffness"),
+            "'cubic_stiffness': the newest models do not have this effect; no effect",
+        ),
         (lambda s: s.export(3), "scenario 3: give a path"),
         (lambda s: s.export("x.yaml", "0"), "revisions='0': give a revision's number"),
         (lambda s: s.export("x.yaml", 7), "no revision 7"),
@@ -128,7 +131,9 @@ def test_zero_values_are_exported(tmp_path):
     for revision in (0, [0]):
         assert not study.export(tmp_path / "w.yaml", revision).scenario.hidden
     assert study.export(tmp_path / "w.yaml", 1).scenario.hidden
-    with pytest.raises(InputError, match=r"'bias': is not in the newest models. contact has cubic_stiffness"):
+    with pytest.raises(
+        InputError, match=r"'bias': the newest models do not have this effect; contact has cubic_stiffness"
+    ):
         study.remove("bias")
 
 
@@ -201,7 +206,7 @@ def test_curve_lies_below_or_above_its_straight_line_at_half_depth(tmp_path, cub
     study = Study(write_presses(tmp_path / "press.csv", cubic=cubic), model="kelvin_voigt", keep=False)
     compared = study.compare()["contact"]
     (words,) = (words for words in compared.words if words.startswith("By depth"))
-    assert "largest for 0.005 to 0.0075 m: " in words
+    assert "N (0.005 to 0.0075 m)" in words
     assert words.endswith(f"N {side} the model on average.")
     for parts in (compared.parts["run"], compared.parts["phase"], compared.parts["direction"]):
         assert sum(part.energy for part in parts) == pytest.approx(1.0)

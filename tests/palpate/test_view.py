@@ -104,7 +104,7 @@ def test_accepted_effect_is_named_for_complete_and_incomplete_models(complete, a
     known["floor"] = known["floor"].model_copy(update={"at_most": at_most})
     found = SimpleNamespace(**known | {"complete": complete, "remaining": rest})
     told = diagnosis_verdict(found).sentence
-    assert "bias is missing from the model." in told
+    assert "bias is missing from the base model." in told
     assert told.endswith(words)
 
 

@@ -144,7 +144,7 @@ def test_adding_continues_the_newest_revision_and_removing_reverts():
     assert study.add("drift").revisions[0].effects == ["cubic_stiffness", "drift"]
     assert study.add("drift", start=0).revisions[0].parent == 0
     assert study.revisions[0].created_utc == "2026-01-02T12:00:00+00:00"
-    with pytest.raises(InputError, match="is not in the newest models"):
+    with pytest.raises(InputError, match="the newest models do not have this effect"):
         study.remove("adhesion")
 
 

@@ -245,7 +245,7 @@ def test_report_has_the_diagnosis_and_added_effects_of_its_batch(
     options |= {"tip_frame": None, "effects": [], "read": asdict(NO_OPTIONS)}
     write_measurement_report([hardening], {"where": {}, "options": options}, tmp_path / "report.html")
     page = " ".join(re.sub(r"<[^>]*>", " ", (tmp_path / "report.html").read_text()).split())
-    assert re.search("cubic_stiffness .{0,80}is missing from the model", page)
+    assert re.search("cubic_stiffness .{0,80}is missing from the base model", page)
     assert "Added since: contact with bias" in page
 
 
