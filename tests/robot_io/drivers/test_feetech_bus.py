@@ -291,7 +291,10 @@ def test_goal_of_an_old_sample_is_relative_to_the_current_joint(arm):
         measurement = arm.tick(None)
         sent = arm.robot.write(Command(np.zeros(3)), arm.clock.now_s())
         arm.clock.sleep_until(arm.clock.now_s() + 0.5 * arm.period_s)
-        np.testing.assert_allclose(arm.drive_torque_nm, sent.joint_torque_nm, atol=0.1)
+        # Relative to the old sample, the goal would be wrong by this torque. A busy machine delays answers.
+        age_s = measurement.time_s - measurement.encoder_at_s
+        by_age_nm = 0.2 / 0.03 * measurement.joint_velocity_rad_s[0] * age_s
+        np.testing.assert_allclose(arm.drive_torque_nm, sent.joint_torque_nm, atol=0.5 * by_age_nm)
     assert measurement.joint_velocity_rad_s[0] > 2.0
     assert measurement.time_s - measurement.encoder_at_s > 0.008
 
