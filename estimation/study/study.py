@@ -328,7 +328,7 @@ class ModelStudy(StudyFits):
             having = [revision for revision in newest if effect in revision.effects]
             if not having:
                 added = (f"{kept.channel} has {', '.join(kept.effects)}" for kept in newest if kept.effects)
-                known = "; ".join(added) or "no effect was added"
+                known = "; ".join(added) or "they have no added effects"
                 raise InputError(f"remove {effect!r}: the newest models do not have this effect; {known}")
             if len(having) > 1:
                 listed = ", ".join(revision.channel for revision in having)

@@ -112,7 +112,7 @@ def study(tmp_path_factory):
         (lambda s: s.compare()["nope"], "no channel 'nope' is compared. Available: contact"),
         (
             lambda s: s.remove("cubic_stiffness"),
-            "'cubic_stiffness': the newest models do not have this effect; no effect",
+            "'cubic_stiffness': the newest models do not have this effect; they have no added",
         ),
         (lambda s: s.export(3), "scenario 3: give a path"),
         (lambda s: s.export("x.yaml", "0"), "revisions='0': give a revision's number"),
