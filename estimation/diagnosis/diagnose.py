@@ -13,16 +13,12 @@ from palpate.estimation.design.next_experiment import FEW_READINGS
 from palpate.estimation.diagnosis.acceptance import (
     accept_effects,
     accept_forms,
-    acceptance_criteria,
     most_parsimonious,
     smallest_sufficient_model,
 )
-from palpate.estimation.diagnosis.bootstrap import (
-    encoder_step_error,
-    improvement_test,
-    lack_of_fit_test,
-)
+from palpate.estimation.diagnosis.bootstrap import encoder_step_error, improvement_test
 from palpate.estimation.diagnosis.candidates import effect_library
+from palpate.estimation.diagnosis.completeness import Completeness
 from palpate.estimation.diagnosis.forms import (
     AS_MUCH,
     FormTest,
@@ -31,12 +27,7 @@ from palpate.estimation.diagnosis.forms import (
     form_tests,
     named_forms,
 )
-from palpate.estimation.diagnosis.residual_checks import (
-    ResidualFinding,
-    check_residuals,
-    exceeds_noise,
-    find_rare_events,
-)
+from palpate.estimation.diagnosis.residual_checks import exceeds_noise
 from palpate.estimation.diagnosis.result import ChannelDiagnosis, Diagnosis
 from palpate.estimation.diagnosis.search import (
     MOST_EFFECTS,
@@ -54,8 +45,7 @@ from palpate.estimation.diagnosis.verdict import (
 from palpate.estimation.effect import Effect
 from palpate.estimation.estimate import with_unit
 from palpate.estimation.fit.fit_result import FitResult
-from palpate.estimation.fit.measurement_model import MeasurementModel, identify_measurement_model
-from palpate.estimation.fit.measurement_noise import measurement_noise
+from palpate.estimation.fit.measurement_model import MeasurementModel
 from palpate.estimation.kinds import PHYSICAL_KINDS
 from palpate.estimation.model import Model
 from palpate.estimation.shared_gains import with_shared_gains
@@ -64,7 +54,6 @@ from palpate.estimation.workers import single_threaded, worker_pool
 
 _EXTENSIONS = 3  # best candidates that are tried beside accepted effects
 _MIN_ADEQUATE = 100  # samples below which a model is not called adequate
-_MAX_VARIANCE_LEFT = 0.8  # largest share of the effort's variance left by an adequate model, noise unknown
 
 
 def diagnose(
@@ -146,7 +135,7 @@ def diagnose_channel(
     if reason := reject_reason(data):
         return insufficient_diagnosis(data, reason)
     search = prepare_search(data, model, usable(data), effects, rng, progress)
-    checks = _Completeness(search)
+    checks = Completeness(search.start, search.rng)
     kinds = cache(lambda: analyze_kinds(search))
     coarse_kinds = cache(lambda: analyze_kinds(search.coarse or search))
 
@@ -178,7 +167,7 @@ def diagnose_channel(
 
 def _find_effects(
     search: Search,
-    checks: "_Completeness",
+    checks: Completeness,
     kinds: Callable[[], PartiallyLinear],
     coarse_kinds: Callable[[], PartiallyLinear],
 ) -> tuple[FitResult, list[FormTest]]:
@@ -208,7 +197,7 @@ def _extend_accepted(
     search: Search,
     end: FitResult,
     tests: list[FormTest],
-    checks: "_Completeness",
+    checks: Completeness,
     kinds: Callable[[], PartiallyLinear],
 ) -> tuple[FitResult, list[FormTest]]:
     """Add effects to an incomplete model of accepted effects, as long as they are all accepted.
@@ -245,14 +234,14 @@ def _is_likelier(search: Search, end: FitResult, rival: FitResult) -> bool:
     return has_physical and not rival_has and explains_as_much
 
 
-def _is_reached(evidence: Evidence, checks: "_Completeness") -> bool:
+def _is_reached(evidence: Evidence, checks: Completeness) -> bool:
     """Return whether a complete model is also complete if its effects are added one by one, as users do."""
     shown = evidence.stages[-1]
     return shown.rmse <= (1.0 + SMALL) * evidence.end.rmse or checks.is_complete(shown)
 
 
 def _accept(
-    search: Search, fit: FitResult, checks: "_Completeness", kinds: Callable[[], PartiallyLinear]
+    search: Search, fit: FitResult, checks: Completeness, kinds: Callable[[], PartiallyLinear]
 ) -> tuple[FitResult, list[FormTest]]:
     """Reduce a model to its accepted effects, and return it with their form tests.
 
@@ -294,91 +283,6 @@ def _improves(search: Search, fit: FitResult, measurement: MeasurementModel) -> 
     if explained <= encoder_step_error(base, measurement) ** 2:
         return False
     return improvement_test(base, fit, measurement, search.rng).is_significant
-
-
-class _Completeness:
-    """Tests whether models leave only noise; each model is tested once."""
-
-    def __init__(self, search: Search) -> None:
-        self._search = search
-        self.measurement = identify_measurement_model(search.data)
-        self.leaves_noise = cache(self._leaves_noise)
-        self._cached_finding = cache(self._evaluate_residuals)
-        self._cleared: list[FitResult] = []
-        self._incomplete: list[FitResult] = []
-
-    def is_complete(self, fit: FitResult) -> bool:
-        """Return whether a model leaves only noise and passes the residual checks.
-
-        Args:
-            fit: the model.
-        """
-        is_known = any(fit is known for known in self._incomplete)
-        return not is_known and self.leaves_noise(fit) and self.residual_finding(fit) is None
-
-    def explains_each_run(self, fit: FitResult) -> bool:
-        """Return whether a model is complete, or would be if its gains could differ between runs.
-
-        An upper bound of the noise does not show that the model explains each run.
-
-        Args:
-            fit: the model.
-        """
-        if self.is_complete(fit):
-            return True
-        is_known = any(fit is known for known in self._incomplete)
-        may_be_complete = not is_known and not measurement_noise(self._search.start).is_bound
-        finding = self.residual_finding(fit) if may_be_complete and self.leaves_noise(fit) else None
-        return finding is not None and finding.fits_each_run
-
-    def residual_finding(self, fit: FitResult) -> ResidualFinding | None:
-        """Return the finding of the residual checks on a model, unless it was withdrawn.
-
-        Args:
-            fit: the model.
-        """
-        return None if any(fit is known for known in self._cleared) else self._cached_finding(fit)
-
-    def clear_finding(self, fit: FitResult) -> None:
-        """Ignore the residual checks of a model.
-
-        Args:
-            fit: the model.
-        """
-        self._cleared.append(fit)
-
-    def mark_incomplete(self, fit: FitResult) -> None:
-        """Treat a model as incomplete, because effects improve it more than bootstrap samples of it.
-
-        Args:
-            fit: the model.
-        """
-        self._incomplete.append(fit)
-
-    def _evaluate_residuals(self, fit: FitResult) -> ResidualFinding | None:
-        if fit.is_exact:
-            return None
-        complete = self.leaves_noise(fit)
-        finding = check_residuals(fit, self.measurement, self._search.rng, complete=complete)
-        if finding is None and complete:
-            finding = find_rare_events(fit, measurement_noise(self._search.start))
-        return finding
-
-    def _leaves_noise(self, fit: FitResult) -> bool:
-        if fit.is_exact:
-            return True
-        if acceptance_criteria(self._search.start, fit).is_outperformed:
-            return False
-        if measurement_noise(self._search.start).is_bound:
-            effort = fit.problem.blocked.effort[fit.problem.used]
-            # The model explains little, and the noise may be smaller than its error.
-            if fit.held_out_mean_square >= _MAX_VARIANCE_LEFT * np.var(effort):
-                return False
-        if fit.rmse <= (1.0 + SMALL) * fit.floor():
-            return True
-        if fit.flexible.explained <= fit.problem.used.sum() * encoder_step_error(fit, self.measurement) ** 2:
-            return True
-        return not lack_of_fit_test(fit, self.measurement, self._search.rng).is_significant
 
 
 def _too_few_levels(start: FitResult) -> str | None:

@@ -10,6 +10,7 @@ from palpate.control.loop.task import Phase
 from palpate.estimation.budget import BudgetEntry, error_budget
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.design.discrimination import SMALL
+from palpate.estimation.diagnosis.completeness import Completeness
 from palpate.estimation.diagnosis.forms import error_of_kinds
 from palpate.estimation.estimate import DisplayTable, ParameterEstimate, TableDisplay, rounded, with_unit
 from palpate.estimation.estimate_channel import UNPHYSICAL
@@ -168,6 +169,8 @@ def _bins(signal: FloatArray, unit: str, engaged: BoolArray) -> dict[str, BoolAr
 
 
 AT_NOISE = 1.1  # ratio to the noise below which an error is within the noise
+# What is said of an error above the noise in which no test shows a missing effect.
+MAY_BE_NOISE = "but no test shows a missing effect; errors of the motion may cause it"
 FAR = 3.0  # ratio to the noise above which a model is far off
 _MAX_SPLITS = 3  # largest number of splits that are described
 _MIN_MEAN_SHARE = 0.1  # mean relative to a part's error below which it is not described
@@ -182,11 +185,12 @@ class Comparison(TableDisplay):
     model: str  # name of the model, with the added effects
     fitted: FitResult  # the fitted model, whose residual is held out
     noise: MeasurementNoise  # noise of the channel, independent of the model
+    is_complete: bool  # whether the error is within the noise, or no test shows a missing effect in it
     # Errors by kind of split (phase, run, direction, speed, depth or position, effort, load).
     parts: Mapping[str, tuple[ErrorPart, ...]]
     words: tuple[str, ...]  # sentences on size and distribution of the error, and the kinds that explain it
-    patterns: tuple[ErrorPattern, ...] = ()  # patterns in the parts of the error; empty if it is noise
-    # Kinds whose flexible laws explain the error, the largest share first; empty if it is noise.
+    patterns: tuple[ErrorPattern, ...] = ()  # patterns in the parts of the error; empty if it is complete
+    # Kinds whose flexible laws explain the error, the largest share first; empty if it is complete.
     kinds: tuple[BudgetEntry, ...] = ()
 
     @property
@@ -198,6 +202,11 @@ class Comparison(TableDisplay):
     def lack_of_fit(self) -> float:
         """Ratio of the error to the noise: about 1 if no effect is missing."""
         return self.rmse / self.noise.value if self.noise.value > 0.0 else float("inf")
+
+    @property
+    def fits(self) -> bool:
+        """Whether no test shows a missing effect, and all parameters are physically possible."""
+        return self.is_complete and not self.fitted.unphysical
 
     @property
     def parameters(self) -> Mapping[str, ParameterEstimate]:
@@ -297,13 +306,17 @@ def compare(fitted: FitResult, model: str, noise: MeasurementNoise) -> Compariso
                 )
         if len(occupied) > 1:
             parts[by] = tuple(occupied)
-    is_noise = fitted.rmse < AT_NOISE * noise.value
-    found_patterns = () if is_noise else patterns(parts, fitted.rmse)
-    kinds: tuple[BudgetEntry, ...] = ()
-    if not is_noise:  # find the kinds whose flexible laws explain the held-out error
+    is_complete, kinds = fitted.rmse < AT_NOISE * noise.value, tuple[BudgetEntry, ...]()
+    if not is_complete:
+        training, rng = fitted.training_fit, np.random.default_rng(0)
         with single_threaded():
-            kinds = error_budget(error_of_kinds(fitted.training_fit), np.random.default_rng(0)).entries
-    first, *where = _words(fitted.rmse, noise, parts, unit)
+            is_complete = Completeness(training, rng).is_complete(training)
+            if not is_complete:  # find the kinds whose flexible laws explain the held-out error
+                kinds = error_budget(error_of_kinds(training), np.random.default_rng(0)).entries
+    found_patterns = () if is_complete else patterns(parts, fitted.rmse)
+    first, *where = _words(fitted.rmse, noise, {} if is_complete else parts, unit)
+    if is_complete and fitted.rmse >= AT_NOISE * noise.value:
+        first = f"{first[:-1]}, {MAY_BE_NOISE}."
     if fitted.unphysical:
         first = f"{first} But {', '.join(fitted.unphysical)}: {UNPHYSICAL}."
     words = [first, *where, *(pattern.sentence for pattern in found_patterns)]
@@ -315,7 +328,9 @@ def compare(fitted: FitResult, model: str, noise: MeasurementNoise) -> Compariso
             shares.append(f"{share} (or {replacing})" if replacing else share)
         listed = ", ".join(shares)
         words.append(f"Kinds of effects that would explain it, as shares of the squared error: {listed}.")
-    return Comparison(data.name, unit, model, fitted, noise, parts, tuple(words), found_patterns, kinds)
+    return Comparison(
+        data.name, unit, model, fitted, noise, is_complete, parts, tuple(words), found_patterns, kinds
+    )
 
 
 def _words(

@@ -20,7 +20,7 @@ from palpate.sweep.case import ADDRESS
 
 TABLE = "table"  # name of its files, without the ending
 FIRST = ("measurement", "files", "group", "channel", "model", "verdict", "reason", "effects", "forms")
-NUMBERS = ("unit", "samples", "runs", "rmse", "noise", "times_noise", "rmse_final", "excluded_share")
+NUMBERS = ("unit", "samples", "runs", "rmse", "noise", "times_noise", "fits", "rmse_final", "excluded_share")
 LAST = ("seconds", "warnings", "error", ADDRESS)
 BUDGET = "budget "
 EVERYTHING = "all"  # name of the group if no field defines groups

@@ -1,6 +1,5 @@
 """`palpate batch`: many recordings at once, one table and one page."""
 
-import math
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,7 +10,6 @@ from typer import Argument, Option
 
 from palpate.common import console, options
 from palpate.common.console import count, display_path, plus_minus, safe, significant
-from palpate.render.view import NOISE
 from palpate.robot_io.errors import InputError
 from palpate.workflows.data_options import StudyOptions
 
@@ -218,13 +216,13 @@ def _warnings(table: "pa.Table") -> Iterator[str]:
             f"{count(number, 'measurement')} {has} the same content as another ({', '.join(copies[0][:2])}); "
             "means and tests count both"
         )
-    names = (texts(table, name) for name in ("channel", "model", "verdict"))
-    times_noise: dict[tuple[str, str], list[float]] = {}
-    for channel, model, verdict, times in zip(*names, floats(table, "times_noise"), strict=True):
-        if channel and not verdict and math.isfinite(times):
-            times_noise.setdefault((channel, model), []).append(times)
-    for (channel, model), every in times_noise.items():
-        missed = [times for times in every if times >= NOISE]
+    names = (texts(table, name) for name in ("channel", "model", "verdict", "fits"))
+    judged: dict[tuple[str, str], list[tuple[bool, float]]] = {}
+    for channel, model, verdict, fits, times in zip(*names, floats(table, "times_noise"), strict=True):
+        if channel and not verdict and fits:
+            judged.setdefault((channel, model), []).append((fits == str(True), times))
+    for (channel, model), every in judged.items():
+        missed = [times for fits, times in every if not fits]
         if missed:
             yield (
                 f"{model} does not fit {channel} in {len(missed)} of {count(len(every), 'measurement')}: "

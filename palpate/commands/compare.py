@@ -181,6 +181,7 @@ def _as_data(comparison: Comparison) -> dict[str, Any]:
         "noise_source": comparison.noise.source,
         "noise_at_most": comparison.noise.is_bound,
         "lack_of_fit": comparison.lack_of_fit,
+        "fits": comparison.fits,
         "parameters": {name: parameter.value for name, parameter in comparison.parameters.items()},
         "parts": {by: list(map(vars, parts)) for by, parts in comparison.parts.items()},
         "words": list(comparison.words),

@@ -11,7 +11,6 @@ from palpate.common.files import existing_data, folder_to_fill, folder_to_read, 
 from palpate.common.options import JsonOption, effect_names
 from palpate.estimation.study import Revisions
 from palpate.estimation.study.channels import ALL_CHANNELS
-from palpate.estimation.study.comparison import AT_NOISE
 from palpate.estimation.study.revisions import user_effects_of
 from palpate.render.build import NAMES, result_view, write_outcome
 from palpate.render.terminal import print_files, print_revisions, print_stages
@@ -79,7 +78,7 @@ def add_command(
         back = f"palpate add {data.command_text(out=out)} EFFECT --from {newest.parent}"
         steps.append((back, "go back, and try another effect"))
     grown = change.result.extended_comparison
-    if grown is None or grown.lack_of_fit >= AT_NOISE:
+    if grown is None or not grown.fits:
         steps.append((f"palpate compare {kept} --revision {newest.number}", "where the model still fails"))
     steps += console.export_steps(kept, [change.result.channel.measured.kind])
     console.present(content, show, steps, as_json=as_json)

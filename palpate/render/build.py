@@ -22,7 +22,7 @@ from palpate.estimation.fit.measurement_noise import MeasurementNoise
 from palpate.estimation.model import Model
 from palpate.estimation.signals.blocks import block_index, blocks, since_start
 from palpate.estimation.study import ChannelResult, ModelStudy
-from palpate.estimation.study.comparison import ErrorPart
+from palpate.estimation.study.comparison import MAY_BE_NOISE, ErrorPart
 from palpate.render.diagnosis import (
     budget_view,
     describe_error_decrease,
@@ -56,6 +56,7 @@ def channel_view(
     *,
     parts: Mapping[str, Sequence[ErrorPart]] | None = None,
     words: Sequence[str] = (),
+    complete: bool = False,
     diagnosis: ChannelDiagnosis | None = None,
     scored: BoolArray | None = None,
     exclusion_note: str = "",
@@ -69,6 +70,7 @@ def channel_view(
         noise: error of a complete model; None if unknown.
         parts: the last stage's error, split by phase, run, speed and so on.
         words: sentences on where the last stage fails.
+        complete: whether no test shows an effect that is missing in the last stage.
         diagnosis: diagnosis of the channel; None if there is none.
         scored: samples whose error counts (n,); by default those where the last stage has a residual.
         exclusion_note: sentence on the excluded samples; by default it states their share.
@@ -108,7 +110,7 @@ def channel_view(
         verdict=VerdictView("", ""),
         parts=parts or {},
     )
-    verdict = _verdict(view, words, diagnosis)
+    verdict = _verdict(view, words, diagnosis, complete=complete)
     share = 100.0 * (1.0 - float(np.mean(scored))) if len(scored) else 0.0
     if not exclusion_note and share >= 0.05:
         exclusion_note = f"{share:.2g} % of the samples are excluded from scoring; the report shades them."
@@ -200,7 +202,9 @@ def equation_of(model: Model) -> str:
     return "\n".join([total, *given, *moved, *faded, *sensed])
 
 
-def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosis | None) -> VerdictView:
+def _verdict(
+    view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosis | None, *, complete: bool
+) -> VerdictView:
     """Make the view of the diagnosis or of the last stage's comparison, including later added effects."""
     if diagnosis is None and not view.stages:
         return VerdictView("", f"{view.name}: nothing was fitted.")
@@ -210,8 +214,9 @@ def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosi
     wrong = unphysical_remarks(view.stages[-1].unphysical) if view.stages else ()
     if diagnosis is None:
         model, times = " ".join(labels), view.times_noise(errors[-1])
-        fits = times < NOISE and not wrong  # a model with impossible parameters never fits
+        fits = complete and not wrong  # a model with impossible parameters never fits
         far = "" if times < NOISE else f"; the error is {times:.1f} times the noise"
+        far += f", {MAY_BE_NOISE}" if far and complete else ""
         text = (
             f"{model} {'fits' if fits else 'does not fit'} {view.name}: {with_unit(errors[-1], unit)} in "
             f"held-out runs, noise {view.noise_text}{far}."
@@ -287,6 +292,7 @@ def result_view(result: ChannelResult, *, with_parameters: bool = True) -> Chann
         result.noise,
         parts=compared.parts if compared is not None else None,
         words=compared.words[1:] if compared is not None else (),
+        complete=compared is not None and compared.is_complete,
         diagnosis=diagnosis,
         exclusion_note=compared.exclusion_note if compared is not None else "",
         notes=(result.reason,) if result.reason and not is_said else (),

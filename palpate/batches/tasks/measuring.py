@@ -93,6 +93,7 @@ def _row(study: Study, channel: StudyChannel, diagnosis: ChannelDiagnosis | None
             "rmse": comparison.rmse,
             "noise": comparison.noise.value,
             "times_noise": comparison.lack_of_fit,
+            "fits": comparison.fits,
             "excluded_share": float(1.0 - np.mean(comparison.scored)),
         }
         row |= {f"budget {entry.kind.word}": entry.share for entry in comparison.kinds}

@@ -11,7 +11,9 @@ from scipy.signal import lfilter
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.import_file import import_file
-from palpate.estimation.diagnosis.diagnose import _Completeness, _too_few_levels, diagnose, diagnose_channel
+from palpate.estimation.diagnosis import completeness
+from palpate.estimation.diagnosis.completeness import Completeness
+from palpate.estimation.diagnosis.diagnose import _too_few_levels, diagnose, diagnose_channel
 from palpate.estimation.diagnosis.result import Verdict
 from palpate.estimation.diagnosis.verdict import insufficient_diagnosis
 from palpate.estimation.effects import EFFECTS
@@ -45,38 +47,6 @@ def test_few_readings_determine_nothing_below_their_spacing(levels, rmse, said):
     data = ChannelData("joint_1", ChannelKind.REVOLUTE, clock, clock, still, still, effort, number, number)
     found = _too_few_levels(SimpleNamespace(data=data, rmse=rmse))
     assert found is None if said is None else said in found
-
-
-@pytest.mark.parametrize(
-    ("exact", "outdone", "rmse", "steps", "unusual", "complete", "drawn"),
-    [
-        (True, True, 2.0, 0.0, True, True, 0),  # nothing is left
-        (False, True, 1.0, 0.0, False, False, 0),  # a law without a name does better
-        (False, False, 1.049, 0.0, True, True, 0),  # within a twentieth of the floor
-        (False, False, 1.051, 0.0, True, False, 1),
-        (False, False, 1.051, 0.0, False, True, 1),  # draws from it show as much
-        (False, False, 1.051, 0.31, True, True, 0),  # steps of the position may make as much
-        (False, False, 1.051, 0.29, True, False, 1),
-    ],
-)
-def test_model_is_complete_if_its_residual_matches_bootstrap_samples(
-    exact, outdone, rmse, steps, unusual, complete, drawn, monkeypatch
-):
-    fit = Mock(is_exact=exact, rmse=rmse, **{"floor.return_value": 1.0, "flexible.explained": 0.9})
-    fit.problem.used = np.ones(10)
-    asked = []
-    monkeypatch.setattr(module, "encoder_step_error", lambda *_: steps)
-    monkeypatch.setattr(module, "acceptance_criteria", lambda *_: SimpleNamespace(is_outperformed=outdone))
-    unlike = SimpleNamespace(is_significant=unusual)
-    monkeypatch.setattr(module, "lack_of_fit_test", lambda *_: asked.append(1) or unlike)
-    monkeypatch.setattr(module, "check_residuals", lambda *_, complete: asked.append(complete) or "why")
-    monkeypatch.setattr(module, "measurement_noise", lambda _: SimpleNamespace(is_bound=False))
-    judge = _Completeness(SimpleNamespace(data=swings(1, runs=2), start=None, rng=None))
-    assert judge.leaves_noise(fit) is judge.leaves_noise(fit) is complete
-    assert asked == [1] * drawn  # each model is judged once
-    assert judge.residual_finding(fit) == judge.residual_finding(fit) == (None if exact else "why")
-    assert asked[drawn:] == ([] if exact else [complete])
-    assert judge.is_complete(fit) is (complete and exact)
 
 
 FLOW = {  # what is true of a channel: what is answered
@@ -136,7 +106,7 @@ def test_channel_is_searched_reduced_and_reported(name, monkeypatch):
     found = _Named(given["found"]) if "found" in given else base
 
     class CompletenessStub:
-        def __init__(self, search):
+        def __init__(self, start, rng):
             self.measurement, self.marked = "readings", set()
 
         def residual_finding(self, one):
@@ -155,7 +125,9 @@ def test_channel_is_searched_reduced_and_reported(name, monkeypatch):
     def fitted(model, parameters):
         return model
 
-    search = SimpleNamespace(start=base, coarse=None, fitted=fitted, is_better=lambda one, other: one < other)
+    search = SimpleNamespace(
+        start=base, coarse=None, rng=None, fitted=fitted, is_better=lambda one, other: one < other
+    )
     beside = given.get("beside", {})
     search.screen = lambda one: [SimpleNamespace(possible=True, model=model) for model in beside.get(one, [])]
     search.is_needed = lambda before, after: after != given.get("needless")
@@ -168,7 +140,7 @@ def test_channel_is_searched_reduced_and_reported(name, monkeypatch):
     stubs = {
         "reject_reason": lambda data: given.get("refused"),
         "prepare_search": lambda *_: search,
-        "_Completeness": CompletenessStub,
+        "Completeness": CompletenessStub,
         "_is_likelier": lambda *_: False,
         "_is_reached": lambda evidence, judge: evidence.end not in given.get("missed", ()),
         "select_effects": searching,
@@ -259,12 +231,14 @@ def test_objection_is_dropped_where_samples_improve_as_much_by_a_clean_model(
     search = SimpleNamespace(data=swings(1, runs=2), start=base, rng=None)
     search.added_effects = lambda fit: ["a"] if fit is whole else []
     search.is_sensible = lambda fit: sensible
-    judge = _Completeness(search)
+    monkeypatch.setattr(completeness, "measurement_noise", lambda _: None)
+    judge = Completeness(Mock(training=search.data), None)
     judge.leaves_noise = lambda fit: fit is whole or noise
-    monkeypatch.setattr(module, "check_residuals", lambda fit, *_, complete: None if fit is whole else "runs")
+    monkeypatch.setattr(
+        completeness, "check_residuals", lambda fit, *_, complete: None if fit is whole else "runs"
+    )
     monkeypatch.setattr(module, "exceeds_noise", lambda *_: excess)
-    monkeypatch.setattr(module, "measurement_noise", lambda _: None)
-    monkeypatch.setattr(module, "find_rare_events", lambda *_: None)
+    monkeypatch.setattr(completeness, "find_rare_events", lambda *_: None)
     monkeypatch.setattr(module, "accept_effects", lambda *_: base)
     monkeypatch.setattr(module, "accept_forms", lambda *_: (base, []))
     assert module._accept(search, whole, judge, lambda: None) == (base, [])
@@ -329,7 +303,7 @@ def test_model_no_better_than_a_constant_is_not_complete_by_a_noise_bound(tmp_pa
     np.savetxt(path, rows, delimiter=",", header="time_s,displacement_m,force_N", comments="", fmt="%.6f")
     (data,) = import_file(path).channels
     search = searched(data, base=PRESS)
-    assert not _Completeness(search).is_complete(search.start)
+    assert not Completeness(search.start, search.rng).is_complete(search.start)
 
 
 def test_error_that_may_all_be_noise_of_unknown_size_allows_no_verdict():
@@ -368,7 +342,7 @@ def test_error_is_compared_with_a_constant_on_the_same_means():
     fit, effort = search.start, search.start.problem.blocked.effort
     assert measurement_noise(fit).is_bound
     assert np.sqrt(fit.held_out_mean_square) < np.std(effort) < fit.rmse
-    assert _Completeness(search).is_complete(fit)
+    assert Completeness(search.start, search.rng).is_complete(fit)
 
 
 @pytest.mark.parametrize(
@@ -396,30 +370,3 @@ def test_model_that_explains_little_beside_slow_noise_is_not_adequate():
     )
     assert told.verdict is Verdict.UNEXPLAINED
     assert "% of the variance of the effort, and only an upper bound of the noise is known" in told.reason
-
-
-@pytest.mark.parametrize(
-    ("changes", "explains"),
-    [
-        ({}, True),  # its gains differ between runs, and nothing else is wrong
-        ({"finding": None}, False),
-        ({"finding": SimpleNamespace(fits_each_run=False)}, False),
-        ({"noisy": False}, False),
-        ({"bound": True}, False),  # an upper bound of the noise shows nothing
-        ({"incomplete": ["fit"]}, False),
-        ({"complete": True, "finding": None, "noisy": False, "bound": True}, True),
-    ],
-    ids=str,
-)
-def test_each_run_is_explained_by_a_complete_model_or_by_other_gains(changes, explains, monkeypatch):
-    given = {"complete": False, "incomplete": [], "noisy": True, "bound": False}
-    given |= {"finding": SimpleNamespace(fits_each_run=True)} | changes
-    monkeypatch.setattr(module, "measurement_noise", lambda _: SimpleNamespace(is_bound=given["bound"]))
-    checks = SimpleNamespace(
-        is_complete=lambda _: given["complete"],
-        leaves_noise=lambda _: given["noisy"],
-        residual_finding=lambda _: given["finding"],
-        _incomplete=given["incomplete"],
-        _search=SimpleNamespace(start=None),
-    )
-    assert _Completeness.explains_each_run(checks, "fit") is explains

@@ -1,0 +1,109 @@
+"""Test whether a model is complete: whether it leaves only noise, without a sign of a missing effect."""
+
+from functools import cache
+
+import numpy as np
+
+from palpate.estimation.design.discrimination import SMALL
+from palpate.estimation.diagnosis.acceptance import acceptance_criteria
+from palpate.estimation.diagnosis.bootstrap import encoder_step_error, lack_of_fit_test
+from palpate.estimation.diagnosis.residual_checks import ResidualFinding, check_residuals, find_rare_events
+from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.fit.measurement_model import identify_measurement_model
+from palpate.estimation.fit.measurement_noise import measurement_noise
+
+# Largest share of the effort's variance that a complete model leaves if the noise is only bounded.
+_MAX_VARIANCE_LEFT = 0.8
+
+
+class Completeness:
+    """Tests whether models leave only noise; each model is tested once."""
+
+    def __init__(self, start: FitResult, rng: np.random.Generator) -> None:
+        """Prepare the tests of a channel's models.
+
+        Args:
+            start: the base model.
+            rng: random generator for bootstrap samples and permutations.
+        """
+        self._start = start
+        self._rng = rng
+        self._noise = measurement_noise(start)
+        self.measurement = identify_measurement_model(start.training)
+        self.leaves_noise = cache(self._leaves_noise)
+        self._cached_finding = cache(self._evaluate_residuals)
+        self._cleared: list[FitResult] = []
+        self._incomplete: list[FitResult] = []
+
+    def is_complete(self, fit: FitResult) -> bool:
+        """Return whether a model leaves only noise and passes the residual checks.
+
+        Args:
+            fit: the model.
+        """
+        is_known = any(fit is known for known in self._incomplete)
+        return not is_known and self.leaves_noise(fit) and self.residual_finding(fit) is None
+
+    def explains_each_run(self, fit: FitResult) -> bool:
+        """Return whether a model is complete, or would be if its gains could differ between runs.
+
+        An upper bound of the noise does not show that the model explains each run.
+
+        Args:
+            fit: the model.
+        """
+        if self.is_complete(fit):
+            return True
+        is_known = any(fit is known for known in self._incomplete)
+        may_be_complete = not is_known and not self._noise.is_bound
+        finding = self.residual_finding(fit) if may_be_complete and self.leaves_noise(fit) else None
+        return finding is not None and finding.fits_each_run
+
+    def residual_finding(self, fit: FitResult) -> ResidualFinding | None:
+        """Return the finding of the residual checks on a model, unless it was withdrawn.
+
+        Args:
+            fit: the model.
+        """
+        return None if any(fit is known for known in self._cleared) else self._cached_finding(fit)
+
+    def clear_finding(self, fit: FitResult) -> None:
+        """Ignore the residual checks of a model.
+
+        Args:
+            fit: the model.
+        """
+        self._cleared.append(fit)
+
+    def mark_incomplete(self, fit: FitResult) -> None:
+        """Treat a model as incomplete, because effects improve it more than bootstrap samples of it.
+
+        Args:
+            fit: the model.
+        """
+        self._incomplete.append(fit)
+
+    def _evaluate_residuals(self, fit: FitResult) -> ResidualFinding | None:
+        if fit.is_exact:
+            return None
+        complete = self.leaves_noise(fit)
+        finding = check_residuals(fit, self.measurement, self._rng, complete=complete)
+        if finding is None and complete:
+            finding = find_rare_events(fit, self._noise)
+        return finding
+
+    def _leaves_noise(self, fit: FitResult) -> bool:
+        if fit.is_exact:
+            return True
+        if acceptance_criteria(self._start, fit).is_outperformed:
+            return False
+        if self._noise.is_bound:
+            effort = fit.problem.blocked.effort[fit.problem.used]
+            # The model explains little, and the noise may be smaller than its error.
+            if fit.held_out_mean_square >= _MAX_VARIANCE_LEFT * np.var(effort):
+                return False
+        if fit.rmse <= (1.0 + SMALL) * fit.floor():
+            return True
+        if fit.flexible.explained <= fit.problem.used.sum() * encoder_step_error(fit, self.measurement) ** 2:
+            return True
+        return not lack_of_fit_test(fit, self.measurement, self._rng).is_significant
