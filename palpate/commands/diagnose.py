@@ -1,7 +1,6 @@
 """`palpate diagnose` and `estimate`: diagnose missing effects, and estimate parameters."""
 
 from collections.abc import Iterable, Iterator
-from functools import cache
 from pathlib import Path
 from typing import Annotated
 
@@ -62,7 +61,7 @@ def diagnose_command(
 
     Verdicts: adequate, missing, unexplained (something is missing, and no known effect explains it), or
     insufficient (the data do not allow a verdict). Errors are computed on runs that were not used for the
-    fit. Overwrites earlier results in the session's folder.
+    fit. Overwrites earlier results of the same channels in the session's folder.
     """
     from palpate.render.progress import diagnosis_progress  # noqa: PLC0415, loads what moves an arm
 
@@ -74,24 +73,23 @@ def diagnose_command(
     with diagnosis_progress([item.name for item in study.chosen(channel)]) as progress:
         diagnosis = study.diagnose(channel, apply=apply, progress=progress)
     following = study.next_probe(diagnosis.channels)
-    content = study.diagnosis_data(diagnosis)
 
-    @cache  # JSON does not need these comparisons of all channels
-    def results() -> list[ChannelResult]:
+    def results(of: StudyDiagnosis) -> list[ChannelResult]:
         return [
             study.result(study.channel(entry.channel), [added.effect for added in entry.accepted], entry)
-            for entry in diagnosis.channels
+            for entry in of.channels
         ]
 
     def show() -> None:
-        print_diagnosis(console.stdout(), view_of(study, results()))
+        print_diagnosis(console.stdout(), view_of(study, results(diagnosis)))
         if study.source.probed and all(item.kind is not ChannelKind.CONTACT for item in study.channels):
             console.warn("no contact: the force never exceeds its level in free air; was anything touched?")
 
-    console.present(content, show, as_json=as_json)
+    console.present(study.diagnosis_data(diagnosis), show, as_json=as_json)
     plan = None
     if folder is not None:
-        texts = {RESULT: json_text(content)}
+        every_channel = study.with_other_channels(diagnosis)  # keeps the verdicts on other channels
+        texts = {RESULT: json_text(study.diagnosis_data(every_channel))}
         if following is not None:
             from palpate.planning.next_probe import plan_text  # noqa: PLC0415, as where it was planned
 
@@ -99,7 +97,7 @@ def diagnose_command(
         repeated = (
             f"palpate diagnose {data.command_text(channel=channel, model=model)}{' --apply' if apply else ''}"
         )
-        written = write_outcome(folder, study, results(), [repeated], texts)
+        written = write_outcome(folder, study, results(every_channel), [repeated], texts)
         if not as_json:
             console.stdout().print()
             print_files(console.stdout(), {"result": folder / RESULT, **written})

@@ -153,8 +153,16 @@ def test_next_commands_name_their_joint(tmp_path):
     torques = 0.05 * a + noise + [[0.4], [0.6]] * np.tanh(v / 0.02)
     joints = {"position_1_rad": q, "torque_1_Nm": torques[0], "position_2_rad": q, "torque_2_Nm": torques[1]}
     data = write_table(tmp_path / "joints.csv", time_s=t, run=run_number, **joints)
-    added = [words for words in next_commands(run("diagnose", data)) if words[0] == "add"]
-    assert [words[-2:] for words in added] == [["--channel", "joint_1"], ["--channel", "joint_2"]]
+    folder = tmp_path / "out"
+    shown = done("diagnose", data, "--out", folder)
+    added = [words for words in next_commands(shown) if words[0] == "add"]
+    assert ["--channel", "joint_1"] in [words[-2:] for words in added]
+    assert ["--channel", "joint_2"] in [words[-2:] for words in added]
+    both = json.loads((folder / "diagnosis.json").read_text())
+    (alone,) = as_json("diagnose", data, "--channel", "joint_2", "--out", folder, "--force")["channels"]
+    assert alone["channel"] == "joint_2"
+    # the verdict on the other channel stays in the file
+    assert json.loads((folder / "diagnosis.json").read_text()) == both
 
 
 def test_user_effect_is_identified_by_its_name(tmp_path):
