@@ -172,9 +172,10 @@ def _parse_rows(
         except pa.ArrowInvalid as parse_error:
             problem = "a line is longer than 1 MiB" if "straddl" in str(parse_error) else problem
         if invalid:
-            cells = f"has {invalid[0].actual_columns} cells and the header {invalid[0].expected_columns}"
+            number, expected = invalid[0].actual_columns, invalid[0].expected_columns
+            cells = f"{number} {'cell' if number == 1 else 'cells'}"
             text = " ".join(invalid[0].text.split())[:_SHOWN]
-            problem = f"line {lines[invalid[0].number - 1]} {cells}: {text!r}"
+            problem = f"line {lines[invalid[0].number - 1]} has {cells} and the header {expected}: {text!r}"
         raise InputError(f"{place}: {problem}") from error
     lines = _line_numbers(content, table.start, end, len(part))
     # A quotation mark without a second one may have swallowed rows of numbers.

@@ -26,6 +26,7 @@ from palpate.estimation.diagnosis.acceptance import (
 )
 from palpate.estimation.diagnosis.bootstrap import encoder_step_error
 from palpate.estimation.diagnosis.extension import fit_extended
+from palpate.estimation.diagnosis.extrapolation import Extrapolation, extrapolation
 from palpate.estimation.diagnosis.forms import (
     SLOW,
     Form,
@@ -200,6 +201,11 @@ class Evidence:
         )
         return hidden <= SMALL**2 * contribution
 
+    @cached_property
+    def extrapolation(self) -> Extrapolation | None:
+        """Error of an incomplete model beyond the motion of other runs; None if it is the smaller part."""
+        return None if self.complete else extrapolation(self.stages[-1])
+
     @property
     def signals(self) -> list[str]:
         """Signals on which the remaining error depends."""
@@ -274,6 +280,8 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
     )
     times = last.rmse / noise.value if noise.value > 0.0 else 1.0
     following = None if evidence.complete else propose_exploring_experiment(evidence.signals, search.data)
+    if following is not None and evidence.extrapolation is not None:
+        following = following.model_copy(update={"instruction": evidence.extrapolation.instruction})
     confused = next((entry.effect for entry in accepted if entry.confused_with), None)
     if confused is not None:
         effect = next(known for known in search.effects if known.name == confused)
@@ -450,6 +458,7 @@ def _reason(
         left = evidence.residual_finding.reason
     elif not evidence.signals and evidence.noise.is_bound:
         left = f"{_explained_variance(evidence)}, and only an upper bound of the noise is known"
+    beyond = f"; {evidence.extrapolation.sentence}" if evidence.extrapolation else ""
     if verdict is Verdict.MISSING:
         decrease = error_decrease(accepted, evidence.stages[0].rmse, last, unit)
         if evidence.leaves_only_noise:
@@ -461,8 +470,8 @@ def _reason(
             nothing = f"the remaining error{times} depends on no recorded signal"
         if evidence.complete:
             return f"{decrease}, and {nothing}{_remarks(evidence)}"
-        return f"{decrease}; {left}"
-    reason = f"the error is {with_unit(last, unit)}; {left}"
+        return f"{decrease}{beyond}; {left}"
+    reason = f"the error is {with_unit(last, unit)}{beyond}; {left}"
     if not ranking or ranking[0].score < SMALL:
         return reason
     best = f"{ranking[0].effect}, removes {100 * ranking[0].score:.0f} % of the error"

@@ -207,7 +207,9 @@ def error_steps_table(channel: ChannelView, width: int, *, narrow: bool = False)
     error = "held-out\nerror" + ("\n" if narrow else " ") + safe(f"[{channel.axes.effort_unit}]")
     revisions = ["" if stage.number is None else str(stage.number) for stage in channel.stages]
     number = ("no." if narrow else "revision",) if any(revisions) else ()
-    evidence = {f"+ {entry.effect}": format_p_value(entry.p_value) for entry in channel.accepted}
+    labels = {label for label, _ in channel.error_steps}
+    tested = [entry for entry in channel.accepted if f"+ {entry.effect}" in labels]
+    evidence = {f"+ {entry.effect}": format_p_value(entry.p_value) for entry in tested}
     last = ("p",) if evidence else ()
     right = (*number, error, "× noise", "p")
     made = table("", *number, "model", error, "× noise", *[""] * (not narrow), *last, right=right)
