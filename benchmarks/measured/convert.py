@@ -550,6 +550,67 @@ def read_tdms(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     return [tables[group] for group in sorted(fnmatch.filter(tables, options.get("groups", "*")))]
 
 
+def read_quoted(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
+    """Read a text table with quoted cells that hold a number or a list of numbers: `name.0`, `name.1` ...
+
+    Args:
+        content: bytes of the file; its first row holds the names.
+        options: `delimiter` (default: comma).
+
+    Returns:
+        One table with the columns whose first cell is a number or a flat list in brackets. A cell that
+        differs from this stays without a number.
+    """
+    text = io.StringIO(content.decode("utf-8-sig", "replace"), newline="")
+    names, *rows = csv.reader(text, delimiter=options.get("delimiter", ","))
+    columns: dict[str, NDArray[np.float64]] = {}
+    for name, cells in zip(names, zip(*rows, strict=True), strict=True):
+        is_list = re.fullmatch(r"\[[^][]+\]", cells[0]) is not None
+        numbers = [re.split(r"[,\s]+", cell.strip("[] \n")) if is_list else [cell] for cell in cells]
+        values = np.full((len(cells), len(numbers[0])), np.nan)
+        for row, found in zip(values, numbers, strict=True):
+            if len(found) == len(row):
+                row[:] = [_number(cell, ".") for cell in found]
+        if np.isfinite(values[0]).all():
+            columns |= {f"{name}.{i}": column for i, column in enumerate(values.T)} if is_list else {}
+            columns |= {} if is_list else {name: values[:, 0]}
+    return [columns]
+
+
+def read_nid(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
+    """Read the curves of a NID file (AFM by Nanosurf): `FRAME.CHANNEL`, such as `Spec forward.Deflection`.
+
+    Args:
+        content: bytes of the file: sections of text, `#!`, then the signed integers of all channels.
+        options: `frames`: those that are read; they must have the same channels in each curve.
+
+    Returns:
+        A table for each curve, whose columns have as many rows as the shortest, from the file's first point.
+    """
+    text, _, data = content.partition(b"#!")
+    sections: dict[str, dict[str, str]] = {}
+    for line in text.decode("latin-1").splitlines():
+        if line.startswith("["):
+            section = sections.setdefault(line.strip()[1:-1], {})
+        elif "=" in line:
+            key, _, value = line.partition("=")
+            section[key] = value
+    curves: list[dict[str, NDArray[np.float64]]] = []
+    at = 0
+    for about in (about for name, about in sections.items() if re.fullmatch(r"DataSet-\d+:\d+", name)):
+        points, lines, bits = (int(about[key]) for key in ("Points", "Lines", "SaveBits"))
+        raw = np.frombuffer(data, f"<i{bits // 8}", points * lines, at).astype(np.float64)
+        at += points * lines * bits // 8
+        if about["Frame"] not in options["frames"]:
+            continue
+        values = (raw / 2.0**bits + 0.5) * float(about["Dim2Range"]) + float(about["Dim2Min"])
+        curves = curves or [{} for _ in range(lines)]
+        for number, (curve, row) in enumerate(zip(curves, values.reshape(lines, points), strict=True)):
+            measured = int(about.get(f"LineDim{number}Points", points))
+            curve[f"{about['Frame']}.{about['Dim2Name']}"] = row[:measured]
+    return [dict(curve) for curve in curves]
+
+
 READERS: dict[str, Reader] = {
     "bag": read_bag,
     "binary": read_binary,
@@ -560,6 +621,8 @@ READERS: dict[str, Reader] = {
     "matlab": read_matlab,
     "numpy": read_numpy,
     "jpk": read_jpk,
+    "nid": read_nid,
+    "quoted": read_quoted,
     "tdms": read_tdms,
     "zip": read_zip,
 }

@@ -220,6 +220,29 @@ def test_channels_of_a_tdms_file_are_columns_of_a_table_for_each_group(tmp_path)
     assert (table["time_s"], table["force_N"]) == ([0], [-1])
 
 
+def test_lists_in_quoted_cells_are_columns_by_their_place(tmp_path):
+    (tmp_path / "a.csv").write_text('t,q,note\n0.5,"[1.0, 2.0]",x\n1,"[3.0, 4.0]",x\n')
+    table = converted(tmp_path, {"time_s": "t", "q_rad": "q.1"}, format="quoted", files=["a.csv"])
+    assert (table["time_s"], table["q_rad"]) == ([0.5, 1], [2, 4])
+
+
+def test_curves_of_a_nid_file_are_runs_in_units_of_its_ranges(tmp_path):
+    channels = {
+        "Spec forward": [[-(2**15), 0, 2**14], [0, 2**14, 0]],
+        "Spec backward": [[0, 0, 0], [0, 0, 0]],
+    }
+    head = "".join(
+        f"[DataSet-1:{i}]\nPoints=3\nLines=2\nSaveBits=16\nFrame={frame}\nDim2Name=Deflection\n"
+        "Dim2Min=-1\nDim2Range=4\nLineDim1Points=2\n"
+        for i, frame in enumerate(channels)
+    )
+    numbers = np.array(list(channels.values()), "<i2").tobytes()
+    (tmp_path / "a.nid").write_bytes(f"[DataSet]\nVersion=2\n{head}#!".encode() + numbers)
+    columns = {"time_s": {"step": 0.1}, "force_N": "Spec forward.Deflection"}
+    table = converted(tmp_path, columns, format="nid", files=["a.nid"], frames=["Spec forward"])
+    assert (table["run"], table["force_N"]) == ([0, 0, 0, 1, 1], [-1, 1, 2, 1, 2])
+
+
 def test_numbers_of_one_type_are_read_from_where_they_begin(tmp_path):
     (tmp_path / "a.000").write_bytes(b"head" + np.array([300, -2, 5, 9], dtype=">i2").tobytes())
     read = {"format": "binary", "type": ">i2", "skip": 6, "count": 2, "files": ["a.000"]}
