@@ -11,14 +11,16 @@ from tests.built_once import built_once
 from tests.few_effects import shorten_budget, try_few_effects
 from tests.log_in_process import LogInProcess
 from tests.palpate.cli import done
+from tests.palpate.computed_once import compute_once
 from tests.palpate.presses import write_presses
 
 
 @pytest.fixture(scope="module", autouse=True)
-def short_budget():
-    """What the commands print has a budget that few combinations were tried for."""
+def short_analyses():
+    """What the commands print has a budget that few combinations were tried for; equal work is done once."""
     with pytest.MonkeyPatch.context() as patch:
         shorten_budget(patch)
+        compute_once(patch)
         yield
 
 

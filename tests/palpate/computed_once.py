@@ -1,0 +1,63 @@
+"""Files read, base models fitted and compared once in a process, though many commands ask for the same.
+
+Only results that depend on nothing but the arguments are kept: the content of a file and how it is read,
+or the measured channel and its base model. The first command computes all of them.
+"""
+
+import pickle
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from palpate.estimation.study import fits, fitting, source
+
+_MOST_KEPT = 40  # results of each function
+
+
+def kept(function: Callable[..., Any], key_of: Callable[..., Hashable]) -> Callable[..., Any]:
+    """`function`, which computes anew only if `key_of` its arguments is new, or None.
+
+    The arguments are kept beside each result, so that no other object gets the identity that is in the key.
+    """
+    known: OrderedDict[Hashable, tuple[Any, Any]] = OrderedDict()
+
+    def from_known(*arguments: Any) -> Any:
+        key = key_of(*arguments)
+        if key is None:
+            return function(*arguments)
+        if key not in known:
+            known[key] = arguments, function(*arguments)
+        known.move_to_end(key)
+        if len(known) > _MOST_KEPT:
+            known.popitem(last=False)
+        return known[key][1]
+
+    return from_known
+
+
+def _file_and_options(path, options):
+    if not Path(path).is_file():
+        return None
+    state = Path(path).stat()
+    return str(path), state.st_ino, state.st_size, state.st_mtime_ns, repr(options)
+
+
+def _channel_and_model(data, model, full_data=None):
+    return id(data), id(full_data), pickle.dumps(model)
+
+
+KEPT = (
+    (source, "import_file", kept(source.import_file, _file_and_options)),
+    (fitting, "fit_base", kept(fitting.fit_base, _channel_and_model)),
+    (fits, "measurement_noise", kept(fits.measurement_noise, id)),
+    (fits, "compare", kept(fits.compare, lambda fit, model, noise: (id(fit), model, id(noise)))),
+)
+
+
+def compute_once(patch: pytest.MonkeyPatch) -> None:
+    """Keep the results of these functions from now on."""
+    for module, name, function in KEPT:
+        patch.setattr(module, name, function)
