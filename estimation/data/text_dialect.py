@@ -5,6 +5,7 @@ import re
 import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import chain, islice, zip_longest
 from pathlib import Path
 
@@ -160,6 +161,7 @@ def numbered_names(count: int) -> tuple[str, ...]:
     return tuple(f"column {number}" for number in range(1, count + 1))
 
 
+@lru_cache(maxsize=1024)  # each cell is tested for several rows with which a table may begin
 def is_number(cell: str, decimal: str) -> bool:
     """Return whether a cell contains a number with this decimal mark.
 
