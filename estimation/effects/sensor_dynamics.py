@@ -16,14 +16,15 @@ from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.exponential_memory import low_pass
 from palpate.estimation.signals.free_air import zero_in_free_air
 from palpate.estimation.signals.motion import is_monotonic
-from palpate.estimation.signals.runwise import sample_time, shift
+from palpate.estimation.signals.runwise import longest_run, sample_time, shift
 from palpate.robot_io.types import FloatArray
 
 
 class Delay(SensorEffect):
     """reading(t) = effort(t - T); T may be a fraction of a sample, as between multiplexed converters.
 
-    T < 0 (the motion is delayed against the effort) is plausible only up to one sample, see `is_misnamed`.
+    T < 0 (the motion is delayed against the effort) is plausible only up to one sample, and T > 0 only up to
+    half of the longest run, see `is_misnamed`.
     """
 
     name = "delay"
@@ -45,8 +46,13 @@ class Delay(SensorEffect):
         return shift(effort, data.time_s, data.run, inner["time"])
 
     def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
-        """See `Effect.is_misnamed`: the effort precedes the motion by more than a sample."""
-        return parameters[f"{self.name}.time"] < -sample_time(data.time_s, data.run)
+        """See `Effect.is_misnamed`: the effort leads by more than a sample, or lags by half of a run or more.
+
+        Within half of a run, the readings show less than half of the effort that the motion causes.
+        """
+        delay_s = parameters[f"{self.name}.time"]
+        longest_s = 0.5 * longest_run(data.time_s, data.run)
+        return not -sample_time(data.time_s, data.run) <= delay_s < longest_s
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: delays from 0.25 to 150 samples, and leads of less than one sample."""

@@ -113,7 +113,7 @@ def is_stepwise_command(data: ChannelData) -> bool:
     The acceleration follows a real step of the effort at once and in its direction. If a sensor rounds an
     effort that changes continuously, the acceleration changes no more at a step of the readings than at
     other times. More than three evenly spaced values may be a rounded measurement of real steps, and are not
-    called a command.
+    called a command, unless the effort is constant in each run: readings of a sensor would change there.
 
     Args:
         data: the channel.
@@ -121,6 +121,8 @@ def is_stepwise_command(data: ChannelData) -> bool:
     levels = np.unique(data.effort)
     if data.is_command or data.kind is ChannelKind.CONTACT or len(levels) > FEW_LEVELS:
         return data.is_command
+    if all(np.ptp(data.effort[rows]) == 0.0 for rows in rows_of_runs(data.run)):
+        return len(levels) > 1
     distances = np.diff(levels)
     if len(levels) > _FEWEST_ROUNDED and np.ptp(distances) < _EVEN * distances.mean():
         return False

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from palpate.estimation.channel import ChannelKind
 from palpate.estimation.effects import EFFECTS
 from tests.estimation.presses import channel, colored_noise, session
 from tests.estimation.test_effect_form import some_channel
@@ -151,3 +152,13 @@ def test_softening_spring_needs_samples_in_its_bend(bend_m, is_seen):
     given = {"stiffness.k": 800.0, "softening_stiffness.a": 1.0, "softening_stiffness.d": bend_m}
     misnamed = EFFECTS["softening_stiffness"]().is_misnamed(session(1, runs=4), given, dict, NOISE_N)
     assert misnamed is not is_seen
+
+
+@pytest.mark.parametrize(
+    ("delay_s", "plausible"), [(-0.0015, False), (-0.0005, True), (0.03, True), (0.24, True), (0.26, False)]
+)
+def test_delay_is_less_than_half_of_a_run(delay_s, plausible):
+    """With a longer delay the readings hardly show what happens in a run of half a second."""
+    data = some_channel(ChannelKind.REVOLUTE)
+    is_misnamed = EFFECTS["delay"]().is_misnamed(data, {"delay.time": delay_s}, dict, NOISE_N)
+    assert is_misnamed is not plausible

@@ -82,6 +82,19 @@ def test_runs_of_any_length_are_accepted(count):
     assert not is_stepwise_command(data.select(np.arange(count)))
 
 
+@pytest.mark.parametrize("levels", [np.arange(3.0, 13.0), (1.5, -0.7)])
+def test_an_effort_that_is_constant_in_each_run_is_a_command(levels):
+    """A motor starts from rest at several voltages, one run for each."""
+    t = np.tile(np.arange(100) * 0.02, len(levels))
+    run = np.repeat(np.arange(len(levels)), 100)
+    voltage = np.asarray(levels)[run]
+    velocity = 5.0 * voltage * (1.0 - np.exp(-t / 0.3))
+    signals = t, 0.0 * t, velocity, np.gradient(velocity, 0.02), voltage
+    data = ChannelData("motor", ChannelKind.REVOLUTE, *signals, run, run)
+    assert is_stepwise_command(data)
+    assert not is_stepwise_command(data.of_runs(np.array([1])))  # a single level shows nothing
+
+
 def test_a_contact_has_a_force_sensor():
     data = replace(motor((0.8, -0.8), 0.75), kind=ChannelKind.CONTACT)
     assert not is_stepwise_command(data)
