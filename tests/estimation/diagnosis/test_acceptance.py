@@ -21,7 +21,7 @@ from palpate.estimation.diagnosis.acceptance import (
     models_by_importance,
 )
 from palpate.estimation.diagnosis.bootstrap import BootstrapTest
-from palpate.estimation.diagnosis.diagnose import _Completeness
+from palpate.estimation.diagnosis.completeness import Completeness
 from palpate.estimation.diagnosis.forms import analyze_kinds, form_tests
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.kinds import Kind
@@ -77,7 +77,8 @@ def searches():
 )
 def test_complete_model_keeps_its_needed_effects(searches, law, found, kept):
     search, measurement = searches(law)
-    end = accept_effects(search, reached(search, *found), measurement, _Completeness(search).is_complete)
+    checks = Completeness(search.start, search.rng)
+    end = accept_effects(search, reached(search, *found), measurement, checks.is_complete)
     assert set(search.added_effects(end)) == kept
 
 
