@@ -1,17 +1,19 @@
-"""Files read, base models fitted and compared once in a process, though many commands ask for the same.
+"""Files read, base models fitted, compared and diagnosed once in a process, though many commands ask for it.
 
 Only results that depend on nothing but the arguments are kept: the content of a file and how it is read,
-or the measured channel and its base model. The first command computes all of them.
+or the measured channel, its base model and the effects. The first command computes all of them.
 """
 
 import pickle
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from palpate.estimation import diagnosis
 from palpate.estimation.study import fits, fitting, source
 
 _MOST_KEPT = 40  # results of each function
@@ -24,12 +26,12 @@ def kept(function: Callable[..., Any], key_of: Callable[..., Hashable]) -> Calla
     """
     known: OrderedDict[Hashable, tuple[Any, Any]] = OrderedDict()
 
-    def from_known(*arguments: Any) -> Any:
-        key = key_of(*arguments)
+    def from_known(*arguments: Any, **options: Any) -> Any:
+        key = key_of(*arguments, **options)
         if key is None:
-            return function(*arguments)
+            return function(*arguments, **options)
         if key not in known:
-            known[key] = arguments, function(*arguments)
+            known[key] = arguments, function(*arguments, **options)
         known.move_to_end(key)
         if len(known) > _MOST_KEPT:
             known.popitem(last=False)
@@ -49,7 +51,18 @@ def _channel_and_model(data, model, full_data=None):
     return id(data), id(full_data), pickle.dumps(model)
 
 
+def _diagnosed(channels, models, effects, *, file, processes, **_):
+    kinds = tuple(type(effect) for effect in effects)
+    return tuple(map(id, channels)), pickle.dumps(models), kinds, file, processes
+
+
+def _copied(function):
+    """The result of `function` as a copy: a study takes fits out of its diagnosis."""
+    return lambda *arguments, **options: deepcopy(function(*arguments, **options))
+
+
 KEPT = (
+    (diagnosis, "diagnose", _copied(kept(diagnosis.diagnose, _diagnosed))),
     (source, "import_file", kept(source.import_file, _file_and_options)),
     (fitting, "fit_base", kept(fitting.fit_base, _channel_and_model)),
     (fits, "measurement_noise", kept(fits.measurement_noise, id)),
