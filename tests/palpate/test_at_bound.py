@@ -48,6 +48,13 @@ def test_unresolved_presliding_is_marked_wherever_it_is_shown(capsys):
     assert "at its bound" in line
 
 
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory):
+    """A data file of presses onto a spring that drives instead of damping."""
+    folder = tmp_path_factory.mktemp("driven")
+    return write_presses(folder / "driven.csv", force_of=lambda x, v: 900 * x - 6 * v)
+
+
 @pytest.mark.parametrize(
     ("command", "said"),
     [
@@ -59,10 +66,9 @@ def test_unresolved_presliding_is_marked_wherever_it_is_shown(capsys):
     ],
 )
 def test_fit_with_negative_damping_is_reported_by_every_command(
-    tmp_path, few_effects, without_figures, command, said
+    tmp_path, few_effects, without_figures, driven, command, said
 ):
-    data = write_presses(tmp_path / "driven.csv", force_of=lambda x, v: 900 * x - 6 * v)
-    result = run(command[0], data, *command[1:], *(("--out", tmp_path) if command[0] == "add" else ()))
+    result = run(command[0], driven, *command[1:], *(("--out", tmp_path) if command[0] == "add" else ()))
     told = " ".join(result.stdout.split())
     assert said in told
     words = "damping.c would be below the physical bound, 0 N s/m: the model lacks"
