@@ -151,7 +151,7 @@ def test_sine_has_no_hold_and_a_hold_is_kept(rate_hz, noise_m):
 def test_line_of_text_between_the_rows_is_named(tmp_path):
     cells = rows().splitlines(keepends=True)
     text = HEADER + "".join([*cells[:300], "--- paused by operator\n", *cells[300:]])
-    with pytest.raises(InputError, match="line 302 has 1 cells and the header 3: '--- paused by operator'"):
+    with pytest.raises(InputError, match="line 302 has 1 cell and the header 3: '--- paused by operator'"):
         import_file(saved(tmp_path / "table.csv", text))
 
 

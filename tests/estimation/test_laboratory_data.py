@@ -310,7 +310,7 @@ GOOD = "Time [s],Way [mm],Load [N]\n" + "".join(f"{i},{i},{i}\n" for i in range(
         (b"\0\x81\x82", "is not a text file; save it as CSV"),
         # A row that is cut off is no footer.
         (f"{GOOD}\nSpecimen 2\n{GOOD}9,9\n".encode(), r"csv, test 2: line 23 has 2 cells and the header 3"),
-        (f"{GOOD}9\n".encode(), "line 11 has 1 cells and the header 3"),
+        (f"{GOOD}9\n".encode(), "line 11 has 1 cell and the header 3"),
     ],
 )
 def test_file_without_a_table_is_named(tmp_path, content, words):
