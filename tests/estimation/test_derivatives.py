@@ -54,25 +54,6 @@ def test_even_sampling_matches_savitzky_golay(count, half_window):
         np.testing.assert_allclose(values, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
 
 
-def test_even_and_uneven_sampling_give_the_same_result():
-    t = np.arange(300) * 1e-3
-    x = np.sin(20 * t) + 1e-3 * np.random.default_rng(1).standard_normal(300)
-    jittered = t + 2e-7 * np.random.default_rng(2).uniform(size=300)  # enough to count as uneven
-    even, uneven = (differentiate(times, x, ONE_PIECE(t), 5) for times in (t, jittered))
-    np.testing.assert_allclose(even.velocity, uneven.velocity, atol=2e-3)
-
-
-def test_derivatives_have_no_phase_error():
-    t = np.arange(2000) * 1e-3
-    found = differentiate(t, np.sin(30 * t), ONE_PIECE(t), 7)
-    true = 30 * np.cos(30 * t)
-    lags = range(-5, 6)
-    inner = slice(100, -100)
-    fits = [np.dot(np.roll(found.velocity, lag)[inner], true[inner]) for lag in lags]
-    assert lags[int(np.argmax(fits))] == 0
-    np.testing.assert_allclose(found.velocity, true, atol=0.01)
-
-
 def test_kink_between_two_pieces_stays_sharp():
     t = np.arange(400) * 1e-3
     x = np.where(t < 0.2, 0.1 * t, 0.02 + 0.9 * (t - 0.2))
@@ -111,24 +92,6 @@ def test_fit_reports_its_noise_gain(steps):
     draws = [local_fit(t, rng.standard_normal(30), centers, 6).fitted for _ in range(3000)]
     expected = local_fit(t, np.zeros(30), centers, 6).variance
     np.testing.assert_allclose(np.var(draws, axis=0), expected, rtol=0.12)
-
-
-def test_window_grows_with_the_noise_and_beats_a_difference():
-    t = np.arange(3000) * 1e-3
-    x = 0.01 * np.sin(15 * t)
-    rng = np.random.default_rng(3)
-    windows = [
-        differentiate(t, x + noise * rng.standard_normal(3000), ONE_PIECE(t)).half_windows[0]
-        for noise in (1e-9, 1e-6, 1e-4)
-    ]
-    assert windows == sorted(windows)
-    assert windows[0] < windows[-1]
-    t = np.arange(3000) * 1e-3
-    rng = np.random.default_rng(4)
-    x = np.round((0.01 * np.sin(15 * t) + 1e-6 * rng.standard_normal(3000)) / 5e-6) * 5e-6
-    true = 0.15 * np.cos(15 * t)
-    found = differentiate(t, x, ONE_PIECE(t)).velocity
-    assert np.std(found - true) < 0.2 * np.std(np.gradient(x, t) - true)
 
 
 @pytest.mark.parametrize("turns_hz", [1.0, 3.0])
@@ -238,21 +201,6 @@ def test_single_derivative_equals_fits_around_all_samples(half, order, count):
         whole = local_fit(time_s, signal, np.arange(count), half).fitted[:, order]
         alone = local_derivative(time_s, signal, half, order)
         np.testing.assert_allclose(alone, whole, rtol=1e-9, atol=1e-9 * np.abs(whole).max())
-
-
-@pytest.mark.parametrize("lengths", [(40, 40, 25), (40, 9, 25)])
-@pytest.mark.parametrize("jitter", [0.0, 0.3])
-def test_several_pieces_are_fitted_as_alone(lengths, jitter):
-    rng, stops = np.random.default_rng(0), np.cumsum(lengths)
-    pieces = [slice(stop - length, stop) for stop, length in zip(stops.tolist(), lengths, strict=True)]
-    time_s = np.arange(stops[-1]) * 0.01 + rng.uniform(0.0, jitter, stops[-1]) * 0.01
-    position, centers = rng.normal(size=stops[-1]), [np.arange(0, length, 3) for length in lengths]
-    together = local_fits(time_s, position, pieces, centers, 6)
-    alone = [
-        local_fit(time_s[rows], position[rows], one, 6) for rows, one in zip(pieces, centers, strict=True)
-    ]
-    assert together.fitted == pytest.approx(np.concatenate([one.fitted for one in alone]))
-    assert together.variance == pytest.approx(np.concatenate([one.variance for one in alone]))
 
 
 def test_long_motion_is_differentiated_in_groups_as_at_once(monkeypatch):
