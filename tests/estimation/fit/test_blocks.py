@@ -53,15 +53,6 @@ def test_short_contact_has_shorter_blocks(seconds, block):
     assert block_length(press(seconds, rate_hz=2000.0)) == block
 
 
-@pytest.mark.parametrize(("rate_hz", "block"), [(100.0, 1), (200.0, 2), (300.0, 3)])
-def test_signal_on_blocks_is_its_mean_over_each(rate_hz, block):
-    data = swings(1, runs=1, rate_hz=rate_hz)
-    blocked = block_average(data)
-    several = np.column_stack([data.position, data.velocity])
-    assert blocked.reduce(several) == pytest.approx(several.reshape(-1, block, 2).mean(axis=1))
-    assert blocked.effort == pytest.approx(data.effort.reshape(-1, block).mean(axis=1))
-
-
 def test_joint_effort_noise_is_no_swing():
     t, noise = np.arange(0.0, 4.0, 1e-3), np.random.default_rng(1).normal(0.0, 1.0, 4000)
     assert block_length(recorded(ChannelKind.REVOLUTE, np.sin(3.0 * t), noise)) == 10
