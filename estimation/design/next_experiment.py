@@ -185,6 +185,20 @@ def _describe_recorded(data: ChannelData) -> str:
     return f"the motion recorded here goes {extent(data)}"
 
 
+def propose_repetition(run: int) -> NextExperiment:
+    """Propose to repeat a run whose motion no other run contains.
+
+    Args:
+        run: number of the run.
+    """
+    return NextExperiment(
+        purpose="predict each run from another one with the same motion",
+        separates=[],
+        instruction=f"repeat the motion of run {run}, so that at least two runs contain it",
+        probe={},
+    )
+
+
 def propose_remedial_experiment(reason: str, kind: ChannelKind) -> NextExperiment:
     """Propose the experiment that makes a rejected channel usable.
 

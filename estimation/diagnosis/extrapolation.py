@@ -18,28 +18,27 @@ class Extrapolation:
     """The part of the held-out error beyond the motion of the runs that were used for the fit."""
 
     share: float  # share of the squared error at motions that only one run contains
-    where: str  # the run and the range with the largest part of it, such as "run 2, at depths above 12 mm"
+    where: str  # the run and the range with the largest part of it, as "run 2, at depths of more than 12 mm"
     run: int  # this run
 
-    @property
-    def sentence(self) -> str:
-        """Clause that states the share and the place."""
-        return (
-            f"{100 * self.share:.0f} % of this squared error lies where only one run moves, most of it in "
-            f"{self.where}, which a fit to the other runs cannot predict reliably"
-        )
+    def describe(self, error: str) -> str:
+        """Return a clause on the share and the place.
 
-    @property
-    def instruction(self) -> str:
-        """Instruction for the next experiment."""
-        return f"repeat the motion of run {self.run}, so that at least two runs contain it"
+        Args:
+            error: name of the error, such as "squared error".
+        """
+        return (
+            f"{100 * self.share:.0f} % of the {error} lies where only one run moves, the largest part of it "
+            f"in {self.where}, which a fit to the other runs cannot predict reliably"
+        )
 
 
 def extrapolation(fit: FitResult) -> Extrapolation | None:
     """Find out whether most of a model's error lies at positions or velocities that only one run contains.
 
     Args:
-        fit: the model, whose residual is held out by run.
+        fit: the model, whose residual is held out. Each run is compared with all others, even if several runs
+            were left out of a fit together.
 
     Returns:
         The extrapolation; None if less than half of the squared error lies there, or if there is one run.
@@ -64,15 +63,19 @@ def extrapolation(fit: FitResult) -> Extrapolation | None:
 
 def _beyond(data: ChannelData, own: BoolArray, others: BoolArray) -> list[tuple[str, BoolArray]]:
     """Return the samples of one run beyond the range of the others at each end, and this range in words."""
-    distance, scale = ("rad", 1.0) if data.kind.is_angle else ("mm", 1e3)
-    position = "depths" if data.kind is ChannelKind.CONTACT else "positions"
+    unit, scale = ("rad", 1.0) if data.kind.is_angle else ("mm", 1e3)
     parts = []
-    signals = ((position, data.position, distance), ("velocities", data.velocity, f"{distance}/s"))
-    for name, signal, unit in signals:
+    for name, signal, unit_of_signal in (
+        ("positions", data.position, unit),
+        ("velocities", data.velocity, f"{unit}/s"),
+    ):
         low, high = float(signal[others].min()), float(signal[others].max())
+        lowest, highest = (with_unit(scale * end, unit_of_signal) for end in (low, high))
         margin = _MARGIN * (high - low)
-        parts += [
-            (f"{name} above {with_unit(scale * high, unit)}", own & (signal > high + margin)),
-            (f"{name} below {with_unit(scale * low, unit)}", own & (signal < low - margin)),
-        ]
+        above, below = own & (signal > high + margin), own & (signal < low - margin)
+        words = f"{name} above {highest}", f"{name} below {lowest}"
+        if data.kind is ChannelKind.CONTACT and signal is data.position:
+            words = f"depths of more than {highest}", f"depths of less than {lowest}"
+            below &= signal > 0.0  # in free air the force does not depend on the distance
+        parts += list(zip(words, (above, below), strict=True))
     return parts

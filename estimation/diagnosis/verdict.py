@@ -14,6 +14,7 @@ from palpate.estimation.design.next_experiment import (
     propose_exploring_experiment,
     propose_kind_separating_experiment,
     propose_remedial_experiment,
+    propose_repetition,
     propose_separating_experiment,
 )
 from palpate.estimation.diagnosis.acceptance import (
@@ -281,7 +282,7 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
     times = last.rmse / noise.value if noise.value > 0.0 else 1.0
     following = None if evidence.complete else propose_exploring_experiment(evidence.signals, search.data)
     if following is not None and evidence.extrapolation is not None:
-        following = following.model_copy(update={"instruction": evidence.extrapolation.instruction})
+        following = propose_repetition(evidence.extrapolation.run)
     confused = next((entry.effect for entry in accepted if entry.confused_with), None)
     if confused is not None:
         effect = next(known for known in search.effects if known.name == confused)
@@ -458,7 +459,8 @@ def _reason(
         left = evidence.residual_finding.reason
     elif not evidence.signals and evidence.noise.is_bound:
         left = f"{_explained_variance(evidence)}, and only an upper bound of the noise is known"
-    beyond = f"; {evidence.extrapolation.sentence}" if evidence.extrapolation else ""
+    error = "remaining squared error" if accepted else "squared error"
+    beyond = f"; {evidence.extrapolation.describe(error)}" if evidence.extrapolation else ""
     if verdict is Verdict.MISSING:
         decrease = error_decrease(accepted, evidence.stages[0].rmse, last, unit)
         if evidence.leaves_only_noise:

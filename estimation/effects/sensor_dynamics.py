@@ -46,9 +46,9 @@ class Delay(SensorEffect):
         return shift(effort, data.time_s, data.run, inner["time"])
 
     def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
-        """See `Effect.is_misnamed`: the effort leads by more than a sample, or lags by half of a run or more.
+        """See `Effect.is_misnamed`: the effort leads by over a sample, or lags by half of the longest run.
 
-        Within half of a run, the readings show less than half of the effort that the motion causes.
+        With a longer delay, most readings of each run belong to motion before the run began.
         """
         delay_s = parameters[f"{self.name}.time"]
         longest_s = 0.5 * longest_run(data.time_s, data.run)

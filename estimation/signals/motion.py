@@ -16,6 +16,9 @@ _STEP_REACH = 5  # samples before and after a step of the effort whose accelerat
 # steps to those at other times. A rounded sine gives a ratio of the square root of two.
 _FORWARD, _STEP_RATIO = 0.8, 3.0
 _FEWEST_ROUNDED = 3  # number of values above which an even spacing indicates rounding
+_HALF = (
+    0.5  # share of the speed by which it changes, and of the runs in which it does, under constant efforts
+)
 _EVEN = 1e-3  # largest relative difference between the distances of evenly spaced values
 _PARTS, _STEPS = 20, 400  # a hold lasts one of these parts of a run, and begins at any of these steps
 _HOLD_SHARE = 0.05  # largest speed in a hold, relative to the mean speed
@@ -113,7 +116,8 @@ def is_stepwise_command(data: ChannelData) -> bool:
     The acceleration follows a real step of the effort at once and in its direction. If a sensor rounds an
     effort that changes continuously, the acceleration changes no more at a step of the readings than at
     other times. More than three evenly spaced values may be a rounded measurement of real steps, and are not
-    called a command, unless the effort is constant in each run: readings of a sensor would change there.
+    called a command, unless the effort is constant in each run while the velocity changes by half or more:
+    readings of a sensor would change there too.
 
     Args:
         data: the channel.
@@ -122,7 +126,9 @@ def is_stepwise_command(data: ChannelData) -> bool:
     if data.is_command or data.kind is ChannelKind.CONTACT or len(levels) > FEW_LEVELS:
         return data.is_command
     if all(np.ptp(data.effort[rows]) == 0.0 for rows in rows_of_runs(data.run)):
-        return len(levels) > 1
+        speeds = [data.velocity[rows] for rows in rows_of_runs(data.run)]
+        accelerates = [np.ptp(speed) > _HALF * np.max(np.abs(speed)) for speed in speeds]
+        return len(levels) > 1 and bool(np.mean(accelerates) > _HALF)
     distances = np.diff(levels)
     if len(levels) > _FEWEST_ROUNDED and np.ptp(distances) < _EVEN * distances.mean():
         return False

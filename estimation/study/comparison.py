@@ -170,7 +170,11 @@ def _bins(signal: FloatArray, unit: str, engaged: BoolArray) -> dict[str, BoolAr
 
 AT_NOISE = 1.1  # ratio to the noise below which an error is within the noise
 # What is said of an error above the noise in which no test shows a missing effect.
-MAY_BE_NOISE = "but no test shows a missing effect; errors of the motion may cause it"
+MAY_BE_NOISE = (
+    "but neither a flexible regression nor the residual checks show a missing effect: the noise may be "
+    "larger than estimated, or the measured motion may have errors"
+)
+ROUNDING = "numerical rounding"  # the error of an exact model
 FAR = 3.0  # ratio to the noise above which a model is far off
 _MAX_SPLITS = 3  # largest number of splits that are described
 _MIN_MEAN_SHARE = 0.1  # mean relative to a part's error below which it is not described
@@ -185,7 +189,8 @@ class Comparison(TableDisplay):
     model: str  # name of the model, with the added effects
     fitted: FitResult  # the fitted model, whose residual is held out
     noise: MeasurementNoise  # noise of the channel, independent of the model
-    is_complete: bool  # whether the error is within the noise, or no test shows a missing effect in it
+    # Whether the error is within the noise, or up to `FAR` times it without a sign of a missing effect.
+    is_complete: bool
     # Errors by kind of split (phase, run, direction, speed, depth or position, effort, load).
     parts: Mapping[str, tuple[ErrorPart, ...]]
     words: tuple[str, ...]  # sentences on size and distribution of the error, and the kinds that explain it
@@ -205,7 +210,7 @@ class Comparison(TableDisplay):
 
     @property
     def fits(self) -> bool:
-        """Whether no test shows a missing effect, and all parameters are physically possible."""
+        """Whether no missing effect shows, see `is_complete`, and all parameters are physically possible."""
         return self.is_complete and not self.fitted.unphysical
 
     @property
@@ -282,11 +287,14 @@ class Comparisons(TableDisplay):
         return DisplayTable("Models compared with the measurement", columns, rows)
 
 
-def compare(fitted: FitResult, model: str, noise: MeasurementNoise) -> Comparison:
+def compare(fitted: FitResult, base: FitResult, model: str, noise: MeasurementNoise) -> Comparison:
     """Compare a fitted model with the measurement, and split the error.
+
+    The completeness test uses the runs of the fit. It says nothing on other runs that are only scored.
 
     Args:
         fitted: the fitted model.
+        base: the base model, to which effects may have been added.
         model: name of the model, with the added effects.
         noise: noise of the channel.
     """
@@ -306,16 +314,21 @@ def compare(fitted: FitResult, model: str, noise: MeasurementNoise) -> Compariso
                 )
         if len(occupied) > 1:
             parts[by] = tuple(occupied)
-    is_complete, kinds = fitted.rmse < AT_NOISE * noise.value, tuple[BudgetEntry, ...]()
-    if not is_complete:
-        training, rng = fitted.training_fit, np.random.default_rng(0)
+    within_noise = fitted.rmse < AT_NOISE * noise.value or fitted.is_exact
+    is_complete, kinds = within_noise, tuple[BudgetEntry, ...]()
+    if not within_noise:
         with single_threaded():
-            is_complete = Completeness(training, rng).is_complete(training)
+            if fitted.validation is None and fitted.rmse <= FAR * noise.value:
+                completeness = Completeness(base.training_fit, np.random.default_rng(0))
+                is_complete = completeness.is_complete(fitted)
             if not is_complete:  # find the kinds whose flexible laws explain the held-out error
-                kinds = error_budget(error_of_kinds(training), np.random.default_rng(0)).entries
+                error = error_of_kinds(fitted.training_fit)
+                kinds = error_budget(error, np.random.default_rng(0)).entries
     found_patterns = () if is_complete else patterns(parts, fitted.rmse)
     first, *where = _words(fitted.rmse, noise, {} if is_complete else parts, unit)
-    if is_complete and fitted.rmse >= AT_NOISE * noise.value:
+    if fitted.is_exact:
+        first = f"The error of {with_unit(fitted.rmse, unit)} is {ROUNDING}."
+    elif is_complete and not within_noise:
         first = f"{first[:-1]}, {MAY_BE_NOISE}."
     if fitted.unphysical:
         first = f"{first} But {', '.join(fitted.unphysical)}: {UNPHYSICAL}."

@@ -302,7 +302,7 @@ class StudyFits(TableDisplay):
             key = channel.key, tuple(effects)
             if key not in self._comparisons:
                 name = " + ".join([channel.model.name, *effects])
-                self._comparisons[key] = compare(fit, name, self.noise(channel))
+                self._comparisons[key] = compare(fit, self.fit(channel), name, self.noise(channel))
             return self._comparisons[key]
 
     @property

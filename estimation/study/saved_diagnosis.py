@@ -42,16 +42,58 @@ def read_saved_diagnoses(folder: Path | None) -> dict[tuple[str, str, str], Chan
     Raises:
         InputError: the file is damaged.
     """
-    file = None if folder is None else folder / RESULT
-    if file is None or not file.exists():
+    saved = _read(folder)
+    if folder is None or saved is None:
         return {}
     try:
-        saved = read_saved(file, _SavedDiagnosis)
         identities = [(channel, saved.judged[channel.channel]) for channel in saved.channels]
-        return {(channel.channel, its.model, its.data_sha256): channel for channel, its in identities}
-    except (ValueError, KeyError) as error:
-        flaw = error if isinstance(error, ValueError) else f"judged.{error}: is missing"
-        raise InputError(f"{file}: is damaged ({flaw}); delete it, or run palpate diagnose again") from error
+    except KeyError as error:
+        raise _damaged(folder / RESULT, f"judged.{error}: is missing") from error
+    return {(channel.channel, its.model, its.data_sha256): channel for channel, its in identities}
+
+
+def with_saved_channels(content: Mapping[str, Any], folder: Path | None) -> dict[str, Any]:
+    """Add a folder's saved verdicts on channels that a new diagnosis does not contain.
+
+    Verdicts on other data are omitted. Those on another base model are kept with the name of that model.
+
+    Args:
+        content: content of the new file, see `ModelStudy.diagnosis_data`.
+        folder: folder of the study; None if the study has none.
+
+    Raises:
+        InputError: the saved file is damaged.
+    """
+    saved = _read(folder)
+    new = {entry["channel"] for entry in content["channels"]}
+    identities, entries = dict(content[IDENTITY]), list(content["channels"])
+    earlier = [] if saved is None else [(entry, saved.judged.get(entry.channel)) for entry in saved.channels]
+    for channel, known in earlier:
+        name = channel.channel
+        data = identities.get(name, {}).get("data_sha256")
+        if name not in new and known is not None and known.data_sha256 == data:
+            identities[name] = known.model_dump(mode="json")
+            entries.append(channel.model_dump(mode="json"))
+    order = list(content[IDENTITY])
+    entries.sort(key=lambda entry: order.index(entry["channel"]))
+    models = dict.fromkeys(identities[entry["channel"]]["model"] for entry in entries)
+    whole = {key: value for key, value in content.items() if key != _CHECKSUM}
+    return with_checksum(whole | {"model": "+".join(models), "channels": entries, IDENTITY: identities})
+
+
+def _read(folder: Path | None) -> _SavedDiagnosis | None:
+    """Read the saved diagnosis of a folder; None without a file."""
+    file = None if folder is None else folder / RESULT
+    if file is None or not file.exists():
+        return None
+    try:
+        return read_saved(file, _SavedDiagnosis)
+    except ValueError as error:
+        raise _damaged(file, error) from error
+
+
+def _damaged(file: Path, flaw: object) -> InputError:
+    return InputError(f"{file}: is damaged ({flaw}); delete it, or run palpate diagnose again")
 
 
 def differs_from_fit(saved: float, fitted: float, std_err: float = 0.0) -> bool:

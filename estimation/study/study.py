@@ -46,6 +46,7 @@ from palpate.estimation.study.saved_diagnosis import (
     differs_from_fit,
     read_saved_diagnoses,
     with_checksum,
+    with_saved_channels,
 )
 from palpate.estimation.workers import release_freed_memory
 from palpate.robot_io.errors import InputError
@@ -199,26 +200,16 @@ class ModelStudy(StudyFits):
         identities = {c.name: {"model": c.model.name, "data_sha256": c.sha256} for c in self.channels}
         return with_checksum(diagnosis.model_dump(mode="json") | {IDENTITY: identities})
 
-    def with_other_channels(self, diagnosis: StudyDiagnosis) -> StudyDiagnosis:
-        """Add the known diagnoses of channels that a diagnosis does not contain, in the order of the study.
-
-        Saved diagnoses that can no longer be read, or that other fits made, are omitted.
+    def diagnosis_to_save(self, diagnosis: StudyDiagnosis) -> dict[str, Any]:
+        """Return the content of the file of a diagnosis, with the saved verdicts on other channels.
 
         Args:
             diagnosis: diagnosis of channels of this study.
+
+        Raises:
+            InputError: the saved file is damaged.
         """
-        entries = {entry.channel: entry for entry in diagnosis.channels}
-        for channel in self.channels:
-            if channel.name not in entries:
-                try:
-                    known = self.known_diagnosis(channel)
-                except InputError:
-                    continue
-                if known is not None:
-                    entries[channel.name] = known
-        order = [channel.name for channel in self.channels]
-        channels = sorted(entries.values(), key=lambda entry: order.index(entry.channel))
-        return diagnosis.model_copy(update={"channels": channels})
+        return with_saved_channels(self.diagnosis_data(diagnosis), self.folder)
 
     def known_diagnosis(self, channel: StudyChannel) -> ChannelDiagnosis | None:
         """Return the computed or saved diagnosis of these data and base model; None if there is none.

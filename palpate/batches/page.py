@@ -194,7 +194,7 @@ def _overview(batch: BatchResult) -> PageSection:
         words = ("Nothing was diagnosed: --diagnose adds verdicts, error budgets and named effects.",)
         return PageSection("Error over noise", (*first, error), errors, words=words)
     columns = (*first, "verdicts", error, "mean budget", "effects named")
-    words = ("A measurement whose error is within the noise has no budget and counts with zero shares.",)
+    words = ("A measurement whose error shows no missing effect has no budget and counts with zero shares.",)
     return PageSection("What is missing where", columns, lines, as_html(figure) if any(bars) else None, words)
 
 

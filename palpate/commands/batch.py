@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -224,10 +225,11 @@ def _warnings(table: "pa.Table") -> Iterator[str]:
     for (channel, model), every in judged.items():
         missed = [times for fits, times in every if not fits]
         if missed:
+            largest = max(missed)
+            reach = f"errors reach {largest:.3g} times the noise, and " if isfinite(largest) else ""
             yield (
                 f"{model} does not fit {channel} in {len(missed)} of {count(len(every), 'measurement')}: "
-                f"errors reach {max(missed):.3g} times the noise, and its parameters may be biased; "
-                "--diagnose says which effect is missing"
+                f"{reach}its parameters may be biased; --diagnose says which effect is missing"
             )
 
 

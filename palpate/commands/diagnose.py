@@ -61,7 +61,7 @@ def diagnose_command(
 
     Verdicts: adequate, missing, unexplained (something is missing, and no known effect explains it), or
     insufficient (the data do not allow a verdict). Errors are computed on runs that were not used for the
-    fit. Overwrites earlier results of the same channels in the session's folder.
+    fit. Overwrites the earlier report in the session's folder, and the saved verdicts on the same channels.
     """
     from palpate.render.progress import diagnosis_progress  # noqa: PLC0415, loads what moves an arm
 
@@ -88,8 +88,12 @@ def diagnose_command(
     console.present(study.diagnosis_data(diagnosis), show, as_json=as_json)
     plan = None
     if folder is not None:
-        every_channel = study.with_other_channels(diagnosis)  # keeps the verdicts on other channels
-        texts = {RESULT: json_text(study.diagnosis_data(every_channel))}
+        try:
+            content = study.diagnosis_to_save(diagnosis)
+        except InputError as error:
+            console.warn(f"verdicts on other channels are not kept: {error}")
+            content = study.diagnosis_data(diagnosis)
+        texts = {RESULT: json_text(content)}
         if following is not None:
             from palpate.planning.next_probe import plan_text  # noqa: PLC0415, as where it was planned
 
@@ -97,7 +101,7 @@ def diagnose_command(
         repeated = (
             f"palpate diagnose {data.command_text(channel=channel, model=model)}{' --apply' if apply else ''}"
         )
-        written = write_outcome(folder, study, results(every_channel), [repeated], texts)
+        written = write_outcome(folder, study, results(diagnosis), [repeated], texts)
         if not as_json:
             console.stdout().print()
             print_files(console.stdout(), {"result": folder / RESULT, **written})

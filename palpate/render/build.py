@@ -22,7 +22,7 @@ from palpate.estimation.fit.measurement_noise import MeasurementNoise
 from palpate.estimation.model import Model
 from palpate.estimation.signals.blocks import block_index, blocks, since_start
 from palpate.estimation.study import ChannelResult, ModelStudy
-from palpate.estimation.study.comparison import MAY_BE_NOISE, ErrorPart
+from palpate.estimation.study.comparison import MAY_BE_NOISE, ROUNDING, ErrorPart
 from palpate.render.diagnosis import (
     budget_view,
     describe_error_decrease,
@@ -70,7 +70,7 @@ def channel_view(
         noise: error of a complete model; None if unknown.
         parts: the last stage's error, split by phase, run, speed and so on.
         words: sentences on where the last stage fails.
-        complete: whether no test shows an effect that is missing in the last stage.
+        complete: whether no missing effect shows in the error of the last stage.
         diagnosis: diagnosis of the channel; None if there is none.
         scored: samples whose error counts (n,); by default those where the last stage has a residual.
         exclusion_note: sentence on the excluded samples; by default it states their share.
@@ -216,7 +216,8 @@ def _verdict(
         model, times = " ".join(labels), view.times_noise(errors[-1])
         fits = complete and not wrong  # a model with impossible parameters never fits
         far = "" if times < NOISE else f"; the error is {times:.1f} times the noise"
-        far += f", {MAY_BE_NOISE}" if far and complete else ""
+        if complete and far:
+            far = f"{far}, {MAY_BE_NOISE}" if view.noise_level > 0.0 else f"; the error is {ROUNDING}"
         text = (
             f"{model} {'fits' if fits else 'does not fit'} {view.name}: {with_unit(errors[-1], unit)} in "
             f"held-out runs, noise {view.noise_text}{far}."

@@ -71,8 +71,8 @@ class DiagnosisCard:
         try:
             diagnosis = await asyncio.to_thread(study.diagnose, name, progress=judge.note, judge=judge)
             if study.folder is not None:
-                content = study.diagnosis_data(study.with_other_channels(diagnosis))
-                write_text(output_folder(study.folder) / RESULT, json_text(content))
+                content = json_text(study.diagnosis_to_save(diagnosis))
+                write_text(output_folder(study.folder) / RESULT, content)
         except PalpateError as error:
             judge.failure = str(error)
         finally:

@@ -31,4 +31,4 @@ def fits(data, model, names=(), effects=None):
 def compare(data, model):
     """The model beside the measurement."""
     fitted = fit_base(data, model)
-    return comparison.compare(fitted, model.name, measurement_noise(fitted))
+    return comparison.compare(fitted, fitted, model.name, measurement_noise(fitted))

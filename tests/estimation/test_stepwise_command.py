@@ -93,6 +93,9 @@ def test_an_effort_that_is_constant_in_each_run_is_a_command(levels):
     data = ChannelData("motor", ChannelKind.REVOLUTE, *signals, run, run)
     assert is_stepwise_command(data)
     assert not is_stepwise_command(data.of_runs(np.array([1])))  # a single level shows nothing
+    steady = replace(data, velocity=5.0 * voltage)  # a constant torque at a constant speed may be a reading
+    assert not is_stepwise_command(steady)
+    assert not is_stepwise_command(replace(data, velocity=np.zeros(len(data))))
 
 
 def test_a_contact_has_a_force_sensor():

@@ -66,7 +66,11 @@ KEPT = (
     (source, "import_file", kept(source.import_file, _file_and_options)),
     (fitting, "fit_base", kept(fitting.fit_base, _channel_and_model)),
     (fits, "measurement_noise", kept(fits.measurement_noise, id)),
-    (fits, "compare", kept(fits.compare, lambda fit, model, noise: (id(fit), model, id(noise)))),
+    (
+        fits,
+        "compare",
+        kept(fits.compare, lambda fit, base, model, noise: (id(fit), id(base), model, id(noise))),
+    ),
 )
 
 

@@ -163,6 +163,26 @@ def test_next_commands_name_their_joint(tmp_path):
     assert alone["channel"] == "joint_2"
     # the verdict on the other channel stays in the file
     assert json.loads((folder / "diagnosis.json").read_text()) == both
+    as_json("diagnose", data, "--channel", "joint_2", "--model", "pendulum", "--out", folder, "--force")
+    mixed = json.loads((folder / "diagnosis.json").read_text())
+    assert mixed["channels"][0] == both["channels"][0]
+    assert mixed["model"] == "inertia+pendulum"
+    assert [mixed["judged"][name]["model"] for name in ("joint_1", "joint_2")] == ["inertia", "pendulum"]
+    (folder / "diagnosis.json").write_text("{}")
+    warned = done("diagnose", data, "--channel", "joint_2", "--out", folder, "--force")
+    assert "verdicts on other channels are not kept" in " ".join(warned.stderr.split())
+    (only,) = json.loads((folder / "diagnosis.json").read_text())["channels"]
+    assert only == alone
+
+
+def test_model_does_not_fit_other_runs_that_are_stiffer(tmp_path):
+    """The runs of the fit show no missing effect, but the held-out run is of another object."""
+    columns = press_columns(write_presses(tmp_path / "press.csv", cubic=0))
+    columns["force_N"][columns["run"] == 2] *= 1.6
+    file = write_table(tmp_path / "other.csv", **columns)
+    (channel,) = as_json("compare", file, "--held-out", 2)["channels"]
+    assert channel["lack_of_fit"] > 10.0
+    assert channel["fits"] is False
 
 
 def test_user_effect_is_identified_by_its_name(tmp_path):

@@ -26,7 +26,7 @@ def test_error_at_depths_of_a_single_run_is_reported(deepest_m, deep):
     assert found.run == deep
     assert found.share > 0.7
     limit_mm = 1e3 * sorted(deepest_m)[1] + 0.1  # where `swing` begins
-    assert f"run {deep}, at depths above {limit_mm:.3g} mm" in found.sentence
+    assert f"run {deep}, at depths of more than {limit_mm:.3g} mm" in found.describe("squared error")
 
 
 @pytest.mark.parametrize("deepest_m", [(0.012, 0.012, 0.007), (0.012, 0.0119, 0.0121), (0.012,)])
@@ -37,5 +37,8 @@ def test_error_at_depths_of_two_runs_or_of_the_only_run_is_not(deepest_m):
 def test_verdict_states_the_extrapolation_and_asks_for_another_such_run():
     verdict = diagnose_channel(presses((0.007, 0.0075, 0.012)), PRESS, (), np.random.default_rng(0))
     assert verdict.verdict is Verdict.UNEXPLAINED
-    assert "of this squared error lies where only one run moves, most of it in run 2" in verdict.reason
+    assert (
+        "of the squared error lies where only one run moves, the largest part of it in run 2"
+        in verdict.reason
+    )
     assert verdict.next_experiment.instruction.startswith("repeat the motion of run 2")
