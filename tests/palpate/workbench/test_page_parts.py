@@ -455,7 +455,7 @@ def diagnosed_state(tmp_path, outcome):
         state.diagnosis = outcome
         return outcome
 
-    study.diagnose, study.diagnosis_data = diagnose, lambda found: {"channels": [found.channel]}
+    study.diagnose, study.diagnosis_to_save = diagnose, lambda found: {"channels": [found.channel]}
     return state
 
 
