@@ -9,6 +9,7 @@ import numpy as np
 from palpate.estimation.budget.laws import COLLINEAR, BaseColumns, FlexibleLaw
 from palpate.estimation.fit.blocks import BlockedData
 from palpate.estimation.kinds import Kind
+from palpate.estimation.signals.motion import is_constant_in_runs
 from palpate.estimation.statistics.least_squares import solve_within_bounds
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -123,11 +124,15 @@ class HeldOutError(SquaredErrors):
 
     @property
     def kinds(self) -> list[Kind]:
-        """Kinds with a law of their own, plus differences between runs if there are several runs."""
+        """Kinds with a law of their own, plus differences between runs if they can be told from the effort.
+
+        This takes several runs, in which the effort changes: an offset of each run fits a constant effort.
+        """
         kinds_with_law = [kind for kind in Kind if any(law.kinds == {kind} for law in self.laws)]
         if Kind.PERIODIC not in kinds_with_law and self._run_columns:
             kinds_with_law.append(Kind.PERIODIC)
-        return [*kinds_with_law, Kind.RUN_DIFFERENCES] if self.runs > 1 else kinds_with_law
+        shows_runs = self.runs > 1 and not is_constant_in_runs(self.blocked.data)
+        return [*kinds_with_law, Kind.RUN_DIFFERENCES] if shows_runs else kinds_with_law
 
     def residual(self, kinds: Kinds) -> FloatArray:
         """See `SquaredErrors.residual`."""

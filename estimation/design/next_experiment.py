@@ -185,14 +185,15 @@ def _describe_recorded(data: ChannelData) -> str:
     return f"the motion recorded here goes {extent(data)}"
 
 
-def propose_repetition(run: int) -> NextExperiment:
+def propose_repetition(run: int, purpose: str) -> NextExperiment:
     """Propose to repeat a run whose motion no other run contains.
 
     Args:
         run: number of the run.
+        purpose: purpose of the experiment.
     """
     return NextExperiment(
-        purpose="predict each run from another one with the same motion",
+        purpose=purpose,
         separates=[],
         instruction=f"repeat the motion of run {run}, so that at least two runs contain it",
         probe={},

@@ -207,6 +207,16 @@ class Evidence:
         """Error of an incomplete model beyond the motion of other runs; None if it is the smaller part."""
         return None if self.complete else extrapolation(self.stages[-1])
 
+    @cached_property
+    def confused_with_runs(self) -> Extrapolation | None:
+        """Error of the base model beyond the motion of other runs, if differences between runs are named.
+
+        A difference of the only run that goes so far looks like a law of the motion, and the reverse.
+        """
+        added = set(self.search.added_effects(self.end))
+        differs = any(e.kind is Kind.RUN_DIFFERENCES for e in self.end.model.effects if e.name in added)
+        return extrapolation(self.stages[0]) if differs else None
+
     @property
     def signals(self) -> list[str]:
         """Signals on which the remaining error depends."""
@@ -281,8 +291,14 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
     )
     times = last.rmse / noise.value if noise.value > 0.0 else 1.0
     following = None if evidence.complete else propose_exploring_experiment(evidence.signals, search.data)
-    if following is not None and evidence.extrapolation is not None:
-        following = propose_repetition(evidence.extrapolation.run)
+    if beyond := evidence.confused_with_runs:
+        purpose = (
+            "tell differences between runs from a law of the motion: "
+            f"{beyond.describe('squared error of the base model')}"
+        )
+        following = propose_repetition(beyond.run, purpose)
+    elif beyond := evidence.extrapolation:
+        following = propose_repetition(beyond.run, "predict each run from another one with the same motion")
     confused = next((entry.effect for entry in accepted if entry.confused_with), None)
     if confused is not None:
         effect = next(known for known in search.effects if known.name == confused)
@@ -461,6 +477,9 @@ def _reason(
         left = f"{_explained_variance(evidence)}, and only an upper bound of the noise is known"
     error = "remaining squared error" if accepted else "squared error"
     beyond = f"; {evidence.extrapolation.describe(error)}" if evidence.extrapolation else ""
+    if evidence.confused_with_runs is not None:
+        base = evidence.confused_with_runs.describe("squared error of the base model")
+        beyond = f"; {base}: a law of the motion may look like this difference between runs"
     if verdict is Verdict.MISSING:
         decrease = error_decrease(accepted, evidence.stages[0].rmse, last, unit)
         if evidence.leaves_only_noise:
@@ -471,7 +490,7 @@ def _reason(
             times = f", {rounded(last / noise, 2)} times the noise," if noise > 0.0 else ""
             nothing = f"the remaining error{times} depends on no recorded signal"
         if evidence.complete:
-            return f"{decrease}, and {nothing}{_remarks(evidence)}"
+            return f"{decrease}, and {nothing}{_remarks(evidence)}{beyond}"
         return f"{decrease}{beyond}; {left}"
     reason = f"the error is {with_unit(last, unit)}{beyond}; {left}"
     if not ranking or ranking[0].score < SMALL:

@@ -11,6 +11,7 @@ from palpate.estimation.effects.torque_ripple import TorqueRipple
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import block_index
 from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
+from palpate.estimation.signals.motion import is_constant_in_runs
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _TELLING = 0.25  # share of a run's samples, from its start, that determine the run's own value
@@ -52,8 +53,12 @@ class RunVariation(SensorEffect):
         """
 
     def applies_to(self, data: ChannelData) -> bool:
-        """See `Effect.applies_to`: at least three runs, since fewer do not determine the variation."""
-        return super().applies_to(data) and len(data.runs) >= _FEWEST_RUNS
+        """See `Effect.applies_to`: at least three runs, in which the effort changes.
+
+        Fewer runs do not determine the variation, and an offset of each run fits any constant effort.
+        """
+        has_runs = len(data.runs) >= _FEWEST_RUNS and not is_constant_in_runs(data)
+        return super().applies_to(data) and has_runs
 
     def first_part(self, data: ChannelData) -> BoolArray:
         """Return the mask of samples that determine their run's values, shape (n,).

@@ -19,6 +19,7 @@ from palpate.estimation.fit.fit_problem import Solution, held_out_residual, rmse
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import identify_measurement_model, with_derived_signals
 from palpate.estimation.signals.blocks import rows_of_runs
+from palpate.estimation.signals.motion import is_constant_in_runs
 from palpate.robot_io.types import FloatArray, IntArray
 
 MIN_RATIO = 1.25  # least ratio of a run's predicted error to its own error; smaller ratios are not tested
@@ -48,9 +49,12 @@ def run_heterogeneity(
         least: least ratio of the error predicted from other runs to the error of runs fitted alone.
 
     Returns:
-        The errors; None if the ratio is smaller, or fewer than two runs are long enough to be fitted.
+        The errors; None if the ratio is smaller, if fewer than two runs are long enough to be fitted, or if
+        the effort is constant in each run, which a zero of each run always fits.
     """
     data = blocked.data
+    if is_constant_in_runs(data):
+        return None
     predicted = held_out_residual(blocked, solution)
     slopes, effort = solution.model.linearize(data, solution.parameters)
     free = [name not in solution.model.held for name in solution.model.gains]
@@ -89,6 +93,7 @@ _WHITE_RATIO = 1.2  # ratio of differences at twice the distance up to which the
 _REPEATED = 0.01  # largest difference between runs with the same motion, relative to the range of positions
 # Ratio of the noise from repeated runs to that from neighboring readings above which part of it is slow.
 _SLOW_NOISE_RATIO = 1.5
+_SHOWS = 1.1  # ratio of the noise to that of the effort above which errors of the motion are stated
 _SEED = 0  # seed of simulated readings: a channel always has the same noise
 
 
@@ -123,11 +128,15 @@ class MeasurementNoise:
     def describe(self, unit: str) -> str:
         """Return the noise in words, such as "at most 0.031 N, from repeated runs".
 
+        The words say so if errors of the measured motion cause a part of the noise that shows.
+
         Args:
             unit: unit of the effort.
         """
         size = with_unit(self.value, unit)
-        return f"{'at most ' if self.is_bound else ''}{size}, from {self.source.value}"
+        motion = self.effort is not None and self.value > _SHOWS * self.effort
+        source = f"{self.source.value} and errors of the motion" if motion else self.source.value
+        return f"{'at most ' if self.is_bound else ''}{size}, from {source}"
 
 
 def measurement_noise(base: FitResult) -> MeasurementNoise:

@@ -109,6 +109,15 @@ def _retreat(position: FloatArray) -> float:
     return float(np.max(np.maximum.accumulate(position) - position))
 
 
+def is_constant_in_runs(data: ChannelData) -> bool:
+    """Return whether the effort does not change within any run.
+
+    Args:
+        data: the channel.
+    """
+    return all(np.ptp(data.effort[rows]) == 0.0 for rows in rows_of_runs(data.run))
+
+
 @cache_by_channel_arrays("velocity", "effort", "run")
 def is_stepwise_command(data: ChannelData) -> bool:
     """Return whether a joint's effort is a command that changes in steps, such as a motor's voltage.
@@ -125,7 +134,7 @@ def is_stepwise_command(data: ChannelData) -> bool:
     levels = np.unique(data.effort)
     if data.is_command or data.kind is ChannelKind.CONTACT or len(levels) > FEW_LEVELS:
         return data.is_command
-    if all(np.ptp(data.effort[rows]) == 0.0 for rows in rows_of_runs(data.run)):
+    if is_constant_in_runs(data):
         speeds = [data.velocity[rows] for rows in rows_of_runs(data.run)]
         accelerates = [np.ptp(speed) > _HALF * np.max(np.abs(speed)) for speed in speeds]
         return len(levels) > 1 and bool(np.mean(accelerates) > _HALF)

@@ -229,6 +229,7 @@ class Comparison(TableDisplay):
         count, whole = int(np.count_nonzero(~self.scored)), len(self.scored)
         if not count:
             return ""
+        fitted_runs = "" if self.fitted.validation is None else "the runs of the fit, "
         is_contact = self.fitted.data.kind is ChannelKind.CONTACT
         reasons = (
             "contact boundaries, sharp corners and stops of the motion"
@@ -237,7 +238,7 @@ class Comparison(TableDisplay):
         )
         return (
             f"{count:,} of {whole:,} samples ({100 * count / whole:.1f} %) are excluded from scoring: "
-            f"{reasons}, starts and ends of runs, invalid readings."
+            f"{fitted_runs}{reasons}, starts and ends of runs, invalid readings."
         )
 
     def _table(self) -> DisplayTable:

@@ -179,11 +179,11 @@ class DataArguments(StudyOptions):
             MODELS[model]
 
     def print_omitted(self) -> None:
-        """Report the held-out runs that a command without model comparison leaves out."""
+        """Report the held-out runs that a command leaves out without scoring on them."""
         if self.held_out:
             words = (
-                f"--held-out {self.held_out}: is ignored here; only palpate compare and add score on these "
-                "runs"
+                f"--held-out {self.held_out}: these runs are left out; only palpate compare and add score on "
+                "them"
             )
             console.stderr().print(words)
 

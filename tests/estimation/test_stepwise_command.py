@@ -98,6 +98,22 @@ def test_an_effort_that_is_constant_in_each_run_is_a_command(levels):
     assert not is_stepwise_command(replace(data, velocity=np.zeros(len(data))))
 
 
+def test_friction_is_named_if_the_command_is_constant_in_each_run():
+    """An offset of each run would fit such a command without any law of the motion."""
+    volts = np.array([3.0, 6.0, 9.0, 12.0, 15.0, 18.0])
+    t, run = np.tile(np.arange(300) * 0.005, 6), np.repeat(np.arange(6), 300)
+    torque = volts[run] - 0.9  # after Coulomb friction
+    speed = torque / 0.05 * (1.0 - np.exp(-0.05 * t / INERTIA))
+    speed += np.random.default_rng(1).normal(0.0, 0.02, len(t))
+    acceleration = torque / INERTIA * np.exp(-0.05 * t / INERTIA)
+    signals = t, np.cumsum(speed) * 0.005, speed, acceleration, volts[run]
+    data = ChannelData("motor", ChannelKind.REVOLUTE, *signals, run, np.full(len(t), -1))
+    result = diagnose_channel(data, ROTOR, effect_library(), np.random.default_rng(0))
+    assert result.verdict is Verdict.MISSING
+    assert "coulomb_friction" in {result.accepted[0].effect, *result.accepted[0].confused_with}
+    assert all(entry.kind is not Kind.RUN_DIFFERENCES for entry in result.budget)
+
+
 def test_a_contact_has_a_force_sensor():
     data = replace(motor((0.8, -0.8), 0.75), kind=ChannelKind.CONTACT)
     assert not is_stepwise_command(data)

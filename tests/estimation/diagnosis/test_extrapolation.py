@@ -6,16 +6,17 @@ import pytest
 from palpate.estimation.diagnosis.diagnose import diagnose_channel
 from palpate.estimation.diagnosis.extrapolation import extrapolation
 from palpate.estimation.diagnosis.result import Verdict
+from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import fit_model
 from tests.estimation.contact_data import channel, swing
 from tests.estimation.searches import PRESS
 
 
-def presses(deepest_m):
-    """Presses of an object that is ten times as stiff below 8 mm, one for each depth."""
+def presses(deepest_m, layer_m=0.008, added=4500.0):
+    """Presses of an object whose stiffness of 500 N/m grows below a layer, one for each depth."""
     parts = [swing(800, deepest_m=deepest) for deepest in deepest_m]
     time_s, depth, velocity = (np.concatenate(part) for part in zip(*parts, strict=True))
-    force = 500.0 * depth + 4500.0 * np.maximum(depth - 0.008, 0.0) + 0.2 * velocity
+    force = 500.0 * depth + added * np.maximum(depth - layer_m, 0.0) + 0.2 * velocity
     force += 0.01 * np.random.default_rng(3).standard_normal(len(force))
     return channel(force, depth, velocity, time_s, run=np.repeat(np.arange(len(deepest_m)), 800))
 
@@ -32,6 +33,17 @@ def test_error_at_depths_of_a_single_run_is_reported(deepest_m, deep):
 @pytest.mark.parametrize("deepest_m", [(0.012, 0.012, 0.007), (0.012, 0.0119, 0.0121), (0.012,)])
 def test_error_at_depths_of_two_runs_or_of_the_only_run_is_not(deepest_m):
     assert extrapolation(fit_model(presses(deepest_m), PRESS, {})) is None
+
+
+def test_difference_of_the_only_deep_run_may_be_a_law_of_the_motion():
+    """A gain of each run explains the run that reaches the stiff layer, but so would the layer."""
+    effects = (EFFECTS["run_gain"](),)
+    data = presses((0.002, 0.0022, 0.006), layer_m=0.003, added=1500.0)
+    found = diagnose_channel(data, PRESS, effects, np.random.default_rng(0))
+    assert [entry.effect for entry in found.accepted] == ["run_gain"]
+    assert "a law of the motion may look like this difference between runs" in found.reason
+    assert found.next_experiment.instruction.startswith("repeat the motion of run 2")
+    assert found.next_experiment.purpose.startswith("tell differences between runs from a law of the motion")
 
 
 def test_verdict_states_the_extrapolation_and_asks_for_another_such_run():
