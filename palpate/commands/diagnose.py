@@ -1,6 +1,7 @@
 """`palpate diagnose` and `estimate`: diagnose missing effects, and estimate parameters."""
 
 from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Annotated
 
@@ -74,14 +75,15 @@ def diagnose_command(
         diagnosis = study.diagnose(channel, apply=apply, progress=progress)
     following = study.next_probe(diagnosis.channels)
 
-    def results(of: StudyDiagnosis) -> list[ChannelResult]:
+    @cache  # JSON does not need these comparisons of all channels
+    def results() -> list[ChannelResult]:
         return [
             study.result(study.channel(entry.channel), [added.effect for added in entry.accepted], entry)
-            for entry in of.channels
+            for entry in diagnosis.channels
         ]
 
     def show() -> None:
-        print_diagnosis(console.stdout(), view_of(study, results(diagnosis)))
+        print_diagnosis(console.stdout(), view_of(study, results()))
         if study.source.probed and all(item.kind is not ChannelKind.CONTACT for item in study.channels):
             console.warn("no contact: the force never exceeds its level in free air; was anything touched?")
 
@@ -101,7 +103,7 @@ def diagnose_command(
         repeated = (
             f"palpate diagnose {data.command_text(channel=channel, model=model)}{' --apply' if apply else ''}"
         )
-        written = write_outcome(folder, study, results(diagnosis), [repeated], texts)
+        written = write_outcome(folder, study, results(), [repeated], texts)
         if not as_json:
             console.stdout().print()
             print_files(console.stdout(), {"result": folder / RESULT, **written})
