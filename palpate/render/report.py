@@ -290,10 +290,15 @@ def _shade(made: go.Figure, channel: ChannelView, place: Place) -> None:
     edges = np.linspace(channel.time_s[0], channel.time_s[-1], _SHADE_CELLS + 1)
     every = np.histogram(channel.time_s, edges)[0]
     out = np.histogram(channel.time_s[~channel.scored], edges)[0] > 0.5 * np.maximum(every, 1)
-    look = {"fillcolor": palette.SHADE, "line_width": 0, "layer": "below", "row": place[0], "col": place[1]}
-    for cells in blocks(out):
-        if out[cells.start]:
-            made.add_vrect(x0=edges[cells.start], x1=edges[cells.stop], **look)
+    x, y = (axis.plotly_name.replace("axis", "") for axis in made.get_subplot(*place))
+    look = {"type": "rect", "fillcolor": palette.SHADE, "line_width": 0, "layer": "below"}
+    where = {"xref": x, "yref": f"{y} domain", "y0": 0, "y1": 1}
+    spans = [
+        {**look, **where, "x0": edges[cells.start], "x1": edges[cells.stop]}
+        for cells in blocks(out)
+        if out[cells.start]
+    ]
+    made.layout.shapes = (*made.layout.shapes, *spans)  # at once, as add_vrect checks the whole figure each time
 
 
 def title_axes(made: go.Figure, place: Place, x: str, y: str) -> None:
