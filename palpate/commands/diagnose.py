@@ -125,7 +125,7 @@ def exit_code_of(verdicts: Iterable[Verdict]) -> int:
 
 
 def _model_steps(
-    data: DataArguments, study: Study, diagnosis: StudyDiagnosis, model: str | None, kept: str
+    data: DataArguments, study: Study, diagnosis: StudyDiagnosis, model: str | None, out: Path | None
 ) -> Iterator[tuple[str, str]]:
     """Suggest commands that add the missing effects, or use the newest revision if it already has them."""
     improved = [channel for channel in diagnosis.channels if channel.accepted]
@@ -137,6 +137,7 @@ def _model_steps(
         item for item in improved if set(added[item.channel]) == {entry.effect for entry in item.accepted}
     ]
     if saved:
+        kept = data.command_text(folder=out)
         yield f"palpate revisions {kept}", "the newest revision contains the missing effects"
         yield from console.export_steps(kept, [study.channel(item.channel).kind for item in saved])
     for item in improved:
@@ -147,7 +148,9 @@ def _model_steps(
         where = "" if alone else f" --channel {item.channel}"
         where += " --fresh" if added[item.channel] else ""  # otherwise it would add to these
         it = "it" if len(item.accepted) == 1 else "them"
-        command = f"palpate add {data.command_text(model=model)} {names}{where}"
+        # a folder without revisions is the user's, and its report is replaced only with --force
+        force = out is not None and not study.revisions
+        command = f"palpate add {data.command_text(model=model, out=out, force=force)} {names}{where}"
         yield command, f"refit with {it}, and save a revision"
 
 
@@ -160,8 +163,8 @@ def _next_steps(  # noqa: PLR0917, what was typed and found
     plan: Path | None,
 ) -> Iterator[tuple[str, str]]:
     """Suggest commands that follow a diagnosis, the nearest first."""
-    again, kept = data.command_text(**typed), data.command_text(folder=out)
-    yield from _model_steps(data, study, diagnosis, typed["model"], kept)
+    again = data.command_text(**typed)
+    yield from _model_steps(data, study, diagnosis, typed["model"], out)
     if typed["model"] is None and data.urdf is None:
         for item in diagnosis.channels:
             better = better_explanation(study, study.channel(item.channel), item)

@@ -9,11 +9,12 @@ from typer import Argument, Option
 from palpate.common import console
 from palpate.common.files import existing_data, folder_to_fill, folder_to_read, output_folder
 from palpate.common.options import JsonOption, effect_names
-from palpate.estimation.study import Revisions
+from palpate.estimation.study import RevisionChange, Revisions
 from palpate.estimation.study.channels import ALL_CHANNELS
 from palpate.estimation.study.revisions import user_effects_of
 from palpate.render.build import NAMES, result_view, write_outcome
 from palpate.render.terminal import print_files, print_revisions, print_stages
+from palpate.study import Study
 from palpate.workflows.data_options import DataArguments, FolderOption, ForceOption, ModelOption, takes_data
 
 
@@ -47,30 +48,14 @@ def add_command(
     study = data.study(model, folder)
     with console.stderr().status("refitting stage by stage"):
         change = study.add(*effects, channel=channel, start=start, fresh=fresh)
-        name = change.result.channel.name
-        others = study.results()
-        results = [change.result if item.channel.name == name else item for item in others]
-    with console.stderr().status("report and recording"):
-        judged = [result.channel.name for result in results if result.diagnosis is not None]
-        which = judged[0] if len(judged) == 1 else ALL_CHANNELS
-        commands = [f"palpate diagnose {data.command_text(out=out, channel=which)}"] if judged else []
-        for result in results:
-            if result.added:
-                begun = data.command_text(
-                    out=out, model=result.channel.model.name, channel=result.channel.name
-                )
-                commands.append(f"palpate add {begun} {' '.join(result.added)} --fresh")
-        written = write_outcome(folder, study, results, commands)
-    for result in results:
-        if result.left_out:
-            console.warn(result.reason)
+    written = _update_report(data, study, change, folder, out)
 
     def show() -> None:
         print_stages(console.stdout(), result_view(replace(change.result, diagnosis=None)))
         print_files(console.stdout(), written)
 
     revisions = [revision.model_dump(mode="json") for revision in change.revisions]
-    content = {"file": str(data.file), "channel": name, "revisions": revisions}
+    content = {"file": str(data.file), "channel": change.result.channel.name, "revisions": revisions}
     newest, kept = change.revisions[-1], data.command_text(folder=out)
     steps = [console.rerun_step(written["recording"])] if "recording" in written else []
     steps.append((f"palpate revisions {kept}", "all revisions"))
@@ -98,17 +83,60 @@ def remove_command(
 ) -> None:
     """Remove an added effect from the newest model, refit, and save the result as a revision.
 
+    Updates report and recording in the revisions folder.
+
     Example:
       palpate remove press.csv bias
     """
-    change = data.study(model, folder_to_read(data.file, folder)).remove(effect_name, channel)
+    kept_in = folder_to_read(data.file, folder)
+    study = data.study(model, kept_in)
+    with console.stderr().status("refitting without it"):
+        change = study.remove(effect_name, channel)
+    written = _update_report(data, study, change, kept_in, folder)
+
+    def show() -> None:
+        print_stages(console.stdout(), result_view(change.result))
+        print_files(console.stdout(), written)
+
     kept = [revision.model_dump(mode="json") for revision in change.revisions]
     console.present(
         {"file": str(data.file), "channel": change.result.channel.name, "revisions": kept},
-        lambda: print_stages(console.stdout(), result_view(change.result)),
+        show,
         [(f"palpate revisions {data.command_text(folder=folder)}", "all revisions")],
         as_json=as_json,
     )
+
+
+def _update_report(
+    data: DataArguments, study: Study, change: RevisionChange, folder: Path, typed_folder: Path | None
+) -> dict[str, Path]:
+    """Write report and recording with the newest model of each channel; return paths by kind.
+
+    Args:
+        data: the measurement, as it was typed.
+        study: study of the measurement.
+        change: the newest revision of one channel.
+        folder: folder of the revisions.
+        typed_folder: the same folder if it was typed; None if it is the default.
+    """
+    changed = change.result.channel.name
+    results = [change.result if item.channel.name == changed else item for item in study.results()]
+    with console.stderr().status("report and recording"):
+        judged = [result.channel.name for result in results if result.diagnosis is not None]
+        which = judged[0] if len(judged) == 1 else ALL_CHANNELS
+        commands = (
+            [f"palpate diagnose {data.command_text(out=typed_folder, channel=which)}"] if judged else []
+        )
+        for result in results:
+            if result.added:
+                chosen = {"model": result.channel.model.name, "channel": result.channel.name}
+                begun = data.command_text(out=typed_folder, **chosen)
+                commands.append(f"palpate add {begun} {' '.join(result.added)} --fresh")
+        written = write_outcome(folder, study, results, commands)
+    for result in results:
+        if result.left_out:
+            console.warn(result.reason)
+    return written
 
 
 @takes_data

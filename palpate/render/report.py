@@ -298,7 +298,10 @@ def _shade(made: go.Figure, channel: ChannelView, place: Place) -> None:
         for cells in blocks(out)
         if out[cells.start]
     ]
-    made.layout.shapes = (*made.layout.shapes, *spans)  # at once, as add_vrect checks the whole figure each time
+    made.layout.shapes = (
+        *made.layout.shapes,
+        *spans,
+    )  # at once, as add_vrect checks the whole figure each time
 
 
 def title_axes(made: go.Figure, place: Place, x: str, y: str) -> None:

@@ -30,6 +30,16 @@ def test_stages_are_saved_continued_and_reverted(hardening, tmp_path):
     assert "kelvin_voigt + cubic_stiffness" in shown
 
 
+def test_report_follows_the_removal_of_an_effect(hardening, tmp_path):
+    add(hardening, tmp_path, "bias", "cubic_stiffness")
+    assert "bias cubic_stiffness --fresh" in (tmp_path / "report.html").read_text()
+    removed = done("remove", hardening, "bias", "--folder", tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    assert "cubic_stiffness --fresh" in page
+    assert "bias cubic_stiffness" not in page
+    assert "report.html" in removed.stdout.replace("\n", "")
+
+
 def test_model_of_the_newest_revision_is_the_default(tmp_path):
     t = np.arange(600) * 0.01
     torque = 0.2 * -9 * np.sin(3 * t) + 0.5 * 3 * np.cos(3 * t) + 2 * np.sin(np.sin(3 * t))

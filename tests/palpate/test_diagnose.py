@@ -194,8 +194,8 @@ def test_user_effect_is_identified_by_its_name(tmp_path):
     (channel,) = json.loads((tmp_path / "found" / "diagnosis.json").read_text())["channels"]
     assert [entry["effect"] for entry in channel["accepted"]] == ["waves"]
     (added,) = [words for words in next_commands(shown) if words[0] == "add"]
-    done(*added, "--out", tmp_path / "grown", "--json")
-    assert f"--effect {file}:Waves" in (tmp_path / "grown" / "report.html").read_text()
+    done(*added, "--json")
+    assert f"--effect {file}:Waves" in (tmp_path / "found" / "report.html").read_text()
 
 
 TIME = "(Parameter('t', 's', %s, %s, (0.1, 0.2)),)"
