@@ -299,8 +299,22 @@ class RigidBody:
         Args:
             position_rad: joint positions, shape (n,) [rad].
         """
-        upper = pin.crba(self._model, self._data, position_rad)
-        return np.asarray(np.triu(upper) + np.triu(upper, 1).T)
+        return np.array(pin.crba(self._model, self._data, position_rad))
+
+    def forward_dynamics(
+        self, position_rad: FloatArray, velocity_rad_s: FloatArray, torque_nm: FloatArray
+    ) -> FloatArray:
+        """Compute the accelerations under joint torques, the inverse of `inverse_dynamics`.
+
+        Args:
+            position_rad: joint positions, shape (n,) [rad].
+            velocity_rad_s: joint velocities, shape (n,) [rad/s].
+            torque_nm: torques of the drives and of forces at the arm, shape (n,) [N m].
+
+        Returns:
+            Accelerations, shape (n,) [rad/s^2].
+        """
+        return np.array(pin.aba(self._model, self._data, position_rad, velocity_rad_s, torque_nm))
 
     def effective_mass(self, position_rad: FloatArray, lever_m: FloatArray) -> float:
         """Compute the effective mass of the tip in one direction, 1 / (b^T M^-1 b).

@@ -233,7 +233,7 @@ def simulate_plan(simulation: PlanSimulation) -> Samples:
         SafetyTripError: the task would stop.
     """
     known, robot_file, body = simulation.known, simulation.arm.robot_file, simulation.arm.body
-    limits = robot_file.limits
+    limits, torque_limits_nm = robot_file.limits, np.array(robot_file.limits.torque_nm)
     plan = ProbingPlan.model_validate_json(simulation.plan_json)
     task = ProbingTask.from_robot_file(robot_file, plan, body=body)
     push = np.array(plan.press_direction_world)
@@ -253,7 +253,7 @@ def simulate_plan(simulation: PlanSimulation) -> Samples:
         measured = Measurement(time_s, position, velocity, torque, force_n, time_s, time_s, time_s)
         if force_n > limits.force_n:  # refuse what the guard would trip on, or what takes too long
             raise InputError(f"the force would exceed {limits.force_n:g} N (limits.force_n)")
-        beyond = np.abs(torque) > np.array(limits.torque_nm)
+        beyond = np.abs(torque) > torque_limits_nm
         if beyond.any():
             raise InputError(f"joint {int(beyond.argmax()) + 1} would exceed its torque (limits.torque_nm)")
         if time_s > LONGEST_S:
@@ -265,12 +265,14 @@ def simulate_plan(simulation: PlanSimulation) -> Samples:
         rows.append(
             (time_s, output.run, output.phase, position, torque, force_n, output.tip_position_world_m)
         )
-        lever_m = tip.jacobian_world[:3].T @ normal
-        mass = body.mass_matrix(position)
+        lever_m = normal @ tip.jacobian_world[:3]
+        acceleration = body.forward_dynamics(position, velocity, torque - lever_m * pushed_n)
         if pushed_n:  # the damper's force also acts within the step
-            mass = mass + known.damping_n_s_m * dt_s * np.outer(lever_m, lever_m)
-        free = torque - body.bias(position, velocity) - lever_m * pushed_n
-        velocity = velocity + dt_s * np.linalg.solve(mass, free)
+            mobility = np.linalg.solve(body.mass_matrix(position), lever_m)
+            damping_s = known.damping_n_s_m * dt_s
+            reduction = damping_s / (1.0 + damping_s * (lever_m @ mobility))
+            acceleration = acceleration - reduction * (lever_m @ acceleration) * mobility
+        velocity = velocity + dt_s * acceleration
         position = position + dt_s * velocity
         time_s += dt_s
     if task.failures:

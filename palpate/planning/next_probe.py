@@ -102,7 +102,9 @@ def next_probe(
     ]
     if not open_questions:
         return _remedy(study, diagnoses, longest_s, progress)
-    offered = feasible(study, progress, processes=processes)
+    # Only models of joints predict anything about other places of the object and other directions.
+    is_joint_open = any(question.channel.kind is not ChannelKind.CONTACT for question in open_questions)
+    offered = feasible(study, progress, processes=processes, elsewhere=is_joint_open)
     single = _planned(offered, ran, study, open_questions, longest_s)
     single = [design.expected(open_questions) for design in single[:FITTED]]
     # Pairs that are more informative than any single experiment, the most informative pairs first.
@@ -237,6 +239,8 @@ def feasible(
     progress: Progress = lambda what, share: None,
     pairs: Sequence[tuple[CandidatePlan, CandidatePlan]] | None = None,
     processes: int = 1,
+    *,
+    elsewhere: bool = True,
 ) -> Iterator[tuple[CandidatePlan, Samples]]:
     """Return the experiments that the arm of a study can do, each with its simulated motion.
 
@@ -245,6 +249,7 @@ def feasible(
         progress: called with the experiment under consideration.
         pairs: pairs to combine, at most `PAIRED` of them; None for the whole catalog.
         processes: number of processes for the rehearsals.
+        elsewhere: whether the catalog includes other places of the object and other directions of pressing.
 
     Raises:
         InputError: see `next_probe`.
@@ -255,7 +260,7 @@ def feasible(
         return
     before, trial = rehearsal
     if pairs is None:
-        considered = _candidates(before, trial)
+        considered = [each for each in _candidates(before, trial) if elsewhere or not each.is_new_location]
     else:
         considered = [plan for pair in pairs if (plan := combine_plans(*pair, before))][:PAIRED]
     simulations = [replace(trial, plan_json=each.plan.model_dump_json()) for each in considered]

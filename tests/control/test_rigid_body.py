@@ -89,6 +89,7 @@ def test_results_are_not_overwritten_by_the_next_call():
         body.mass_matrix,
         body.gravity,
         lambda q: body.bias(q, rate),
+        lambda q: body.forward_dynamics(q, rate, acceleration),
         lambda q: body.regressor(q, rate, acceleration),
         lambda q: body.tip_motion(q, rate).position_world_m,
         lambda q: body.tip_motion(q, rate).rotation_world_tip,
@@ -107,6 +108,7 @@ def test_inverse_dynamics_is_mass_matrix_and_bias():
             torque = body.inverse_dynamics(position, velocity, acceleration)
             mass, bias = body.mass_matrix(position), body.bias(position, velocity)
             assert torque == pytest.approx(mass @ acceleration + bias, abs=1e-10)
+            assert body.forward_dynamics(position, velocity, torque) == pytest.approx(acceleration, abs=1e-9)
             assert np.linalg.eigvalsh(mass).min() > 0.0
             assert body.gravity(position) == pytest.approx(body.bias(position, np.zeros(3)), abs=1e-12)
 

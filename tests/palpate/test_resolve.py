@@ -141,6 +141,11 @@ def test_infeasible_experiments_are_not_proposed(probed):
     assert strongest < robot.limits.force_n
 
 
+def test_other_places_are_rehearsed_only_on_request(probed):
+    assert {candidate.is_new_location for candidate, _ in feasible(probed)} == {True, False}
+    assert {candidate.is_new_location for candidate, _ in feasible(probed, elsewhere=False)} == {False}
+
+
 @pytest.fixture(scope="module")
 def diagnosed(probed):
     return probed.diagnose("joint_1")
