@@ -528,8 +528,13 @@ class ModelStudy(StudyFits):
         return self.result(channel, newest.effects, diagnosis)
 
     def _current(self, channel: StudyChannel) -> StudyChannel:
+        """Return the channel with the base model of its newest revision, or else of its saved diagnosis."""
         newest = self.newest(channel)
-        return channel if newest is None else self.channel_of(newest)
+        if newest is not None:
+            return self.channel_of(newest)
+        saved = () if self.model is not None else read_saved_diagnoses(self.folder)
+        models = [model for name, model, data in saved if (name, data) == (channel.name, channel.sha256)]
+        return self.with_model(channel.name, models[0]) if models else channel
 
     def _check_user_effects(self, revision: Revision) -> None:
         """Raise InputError for a revision with a user-defined effect whose code is missing."""

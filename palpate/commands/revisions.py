@@ -159,6 +159,15 @@ def revisions_command(data: DataArguments, as_json: JsonOption = False, folder: 
             (f"palpate export {data.command_text(**last)}", "as a simulated world"),
         ]
 
+        differing = [
+            str(each.number) for each in revisions if each.data_sha256 != newest[each.channel].data_sha256
+        ]
+        if differing:
+            console.warn(
+                f"revision {', '.join(differing)}: the data differ from those of the newest revision; the "
+                "file, or the options with which it is read, were changed"
+            )
+
     def show() -> None:
         if revisions:
             print_revisions(console.stdout(), revisions)

@@ -40,6 +40,16 @@ def test_report_follows_the_removal_of_an_effect(hardening, tmp_path):
     assert "report.html" in removed.stdout.replace("\n", "")
 
 
+def test_revisions_of_other_data_are_pointed_out(hardening, tmp_path):
+    add(hardening, tmp_path, "bias")
+    assert "data differ" not in run("revisions", hardening, "--folder", tmp_path).stderr
+    shorter = tmp_path / "shorter.csv"
+    shorter.write_text(hardening.read_text().rstrip().rpartition("\n")[0] + "\n")
+    add(shorter, tmp_path, "bias")
+    warned = " ".join(run("revisions", shorter, "--folder", tmp_path).stderr.split())
+    assert "revision 0, 1: the data differ" in warned
+
+
 def test_model_of_the_newest_revision_is_the_default(tmp_path):
     t = np.arange(600) * 0.01
     torque = 0.2 * -9 * np.sin(3 * t) + 0.5 * 3 * np.cos(3 * t) + 2 * np.sin(np.sin(3 * t))

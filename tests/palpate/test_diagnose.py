@@ -168,6 +168,10 @@ def test_next_commands_name_their_joint(tmp_path):
     assert mixed["channels"][0] == both["channels"][0]
     assert mixed["model"] == "inertia+pendulum"
     assert [mixed["judged"][name]["model"] for name in ("joint_1", "joint_2")] == ["inertia", "pendulum"]
+    assert [
+        (result.channel.model.name, result.diagnosis is not None)
+        for result in Study(data, folder=folder).results()
+    ] == [("inertia", True), ("pendulum", True)]
     (folder / "diagnosis.json").write_text("{}")
     warned = done("diagnose", data, "--channel", "joint_2", "--out", folder, "--force")
     assert "verdicts on other channels are not kept" in " ".join(warned.stderr.split())
