@@ -47,7 +47,7 @@ class Tare:
     std_err: FloatArray  # standard error of that mean, shape (r,)
 
     def of(self, run: IntArray) -> FloatArray:
-        """Return the effort to subtract from each sample, shape (n,).
+        """Return the tare of each sample: the effort to subtract, shape (n,).
 
         Args:
             run: number of each sample's run, shape (n,).

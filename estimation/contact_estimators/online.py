@@ -340,7 +340,10 @@ class RobustHuntCrossley(ContactEstimator):
         check_samples(self.name, depth_m, speed_m_s, force_n)
         touching = depth_m > 0.0
         if np.count_nonzero(touching) < _MIN_SAMPLES:
-            raise InputError(f"{self.name}: {np.count_nonzero(touching)} samples in contact are too few")
+            raise InputError(
+                f"{self.name}: {np.count_nonzero(touching)} samples in contact are too few, at least "
+                f"{_MIN_SAMPLES} are needed"
+            )
         speed, force = speed_m_s[touching], force_n[touching]
         unit_m = float(np.median(depth_m[touching]))
         log_depth = np.log(depth_m[touching] / unit_m)

@@ -387,7 +387,7 @@ def is_footer(cells: Sequence[str], *, counts: bool) -> bool:
 
     Args:
         cells: cells of the row, as text.
-        counts: whether the rows of the table begin with a number.
+        counts: whether the first column of the table holds numbers, so that a word there ends the table.
     """
     filled = [cell for cell in cells if cell.strip()]
     numbers = [any(is_number(cell, mark) for mark in NUMBER) for cell in filled]

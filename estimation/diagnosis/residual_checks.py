@@ -221,7 +221,7 @@ class _Condition:
     stretch: IntArray | None = None  # stretch of each block (m,) whose mean is subtracted; None for no mean
 
     def residual(self, values: FloatArray) -> FloatArray:
-        """Return the values (m,); on acting blocks, the mean of each stretch is subtracted."""
+        """Return the values (m,), without the mean of each stretch on the blocks of this condition."""
         if self.stretch is None:
             return values
         left = values.copy()

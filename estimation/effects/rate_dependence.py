@@ -129,7 +129,7 @@ class HuntCrossley(AdditiveEffect):
         return np.column_stack([power, power * data.velocity])
 
     def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
-        """See `Effect.is_misnamed`: only the damper, not the spring, shows a visible power of the depth."""
+        """See `Effect.is_misnamed`: the exponent is visible in the damper only, not in the spring."""
         k, b, n = (parameters[f"{self.name}.{p.name}"] for p in (*self.gains, *self.inner))
         depth = np.maximum(data.position, 0.0)
         bends = []  # rms of spring and damper terms without their parts in proportion to the depth

@@ -99,7 +99,7 @@ class Drift(AdditiveEffect):
     physics = "Warm-up or creep of the sensor changes its zero steadily."
     equation = "reading = effort + d (t - t0)"
     source = "JCGM 200:2012 (VIM), 4.21: instrumental drift"
-    signature = "free air and every run drift steadily with time, not with the time since contact"
+    signature = "readings in free air and in every run drift steadily, whatever the time since contact"
     signals = ("time",)
     one_sided = False
     gains = (

@@ -302,7 +302,7 @@ class Hysteresis(SensorEffect):
     linear = False
 
     def applies_to(self, data: ChannelData) -> bool:
-        """See `Effect.applies_to`: a contact must return, else hysteresis looks like a bias."""
+        """See `Effect.applies_to`: without a retraction, the hysteresis of a contact looks like a bias."""
         is_one_pass = data.kind is ChannelKind.CONTACT and is_monotonic(data.position, data.run)
         return super().applies_to(data) and not is_one_pass
 

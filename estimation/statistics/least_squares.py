@@ -137,8 +137,8 @@ def solve_subsets(
     sample_count, gain_count = columns.shape
     if not gain_count <= size <= sample_count:
         raise InputError(
-            f"subsets of {size} samples: must be between {gain_count} (parameters) and "
-            f"{sample_count} (samples)"
+            f"subsets of {size} samples: the size must be at least {gain_count} (number of parameters) and "
+            f"at most {sample_count} (number of samples)"
         )
     lengths = np.sqrt(np.mean(columns**2, axis=0))
     lengths[lengths == 0.0] = 1.0

@@ -50,10 +50,13 @@ class PageSection:
 
 
 def write_page(batch: BatchResult) -> None:
-    """Write the page; InputError if that is not possible.
+    """Write the page of a batch.
 
     Args:
         batch: result with its table, pooled parameters, differences and outliers.
+
+    Raises:
+        InputError: the page cannot be written.
     """
     names, files = texts(batch.table, "measurement"), texts(batch.table, "files")
     # the channels of a measurement state the same time

@@ -83,7 +83,7 @@ def batch_command(
     share: Annotated[
         list[str] | None,
         Option(
-            help="Effect whose parameters are the same in all channels of a group; may be repeated.",
+            help="Effect whose parameters are assumed equal in all channels of a group; may be repeated.",
             metavar="EFFECT",
             autocompletion=options.effect_names,
         ),

@@ -108,7 +108,7 @@ def compare_command(
 
     Compares the base model; use --revision N for a later one. Errors are computed on runs that were not
     used for the fit. The noise level is the error that a complete model would leave. The model fits if its
-    error is noise, or at most three times the noise without a sign of a missing effect.
+    error is below 1.1 times the noise, or at most three times the noise without a sign of a missing effect.
 
     With OTHER, compares two measurements: how well each model describes the other measurement (fit in %), how
     parameters differ, and the residuals of each model.

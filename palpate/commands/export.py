@@ -177,7 +177,9 @@ def export_command(
         study = data.study(None, place)
         path, force = out or place / _FILES[form][0], force or out is None
         if patch is not None and form in (Format.SCENARIO, Format.FEEDFORWARD):
-            raise InputError(f"--patch {patch}: --format {form} patches no file. Valid: mjcf, urdf, bam")
+            raise InputError(
+                f"--patch {patch}: --format {form} does not use this option. Valid formats: mjcf, urdf, bam"
+            )
         if servo_gain is not None and form in (Format.SCENARIO, Format.FEEDFORWARD):
             raise InputError(f"--servo-gain {servo_gain:g}: only for --format mjcf, urdf, isaaclab or bam")
         if form is Format.SCENARIO:

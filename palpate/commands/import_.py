@@ -51,10 +51,11 @@ def import_command(
     look: Annotated[bool, Option("--look", help="Show what would be read, without storing it.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Convert measurement files to a session; a table must have named columns and one row per sample.
+    """Convert measurement files to a session; a table must have one row per sample.
 
     A contact needs time, displacement (positive into the object) and force (positive in compression); a joint
-    needs time, position and torque. Common column names and units are recognized and reported.
+    needs time, position and torque. Common column names and units are recognized and reported. Columns
+    without a name are called 'column 1', 'column 2' and so on; assign them with --column.
 
     Examples:
       palpate import press.csv --look

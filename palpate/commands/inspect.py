@@ -25,7 +25,9 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
     save: Annotated[
         Path | None, Option(help="Write the recording here instead of opening a window.", metavar="FILE.rrd")
     ] = None,
-    screenshot: Annotated[Path | None, Option(help="Save a picture of the hold.", metavar="FILE.png")] = None,
+    screenshot: Annotated[
+        Path | None, Option(help="Save a picture of the arm during the hold.", metavar="FILE.png")
+    ] = None,
     plots: Annotated[Path | None, Option(help="Save plots in this folder.", metavar="FOLDER")] = None,
     force: Annotated[bool, Option("--force", help="Replace files that already exist.")] = False,
 ) -> None:

@@ -53,7 +53,9 @@ NO_ESTIMATOR = "none"
 def probe_command(
     options: RunOptions,
     *,
-    experiment: Annotated[Path | None, Option(help="Probing plan (YAML) to start from.")] = None,
+    experiment: Annotated[
+        Path | None, Option(help="Probing plan (YAML); the options below replace its values.")
+    ] = None,
     speed_mm_s: Annotated[
         str | None,
         Option(help="Approach speeds, such as 150,90,60; default: the plan's.", metavar="MM/S,..."),

@@ -196,7 +196,7 @@ def kind_of(effect: Effect) -> ChannelKind:
 
 
 def as_data(effect: Effect) -> dict[str, Any]:
-    """Return an effect as plain data with the units of that kind; the keys are stable.
+    """Return an effect as plain data, with units for the channel of `kind_of`; the keys are stable.
 
     Args:
         effect: effect of the library or the user's own.

@@ -62,7 +62,10 @@ def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
     if changed := first_difference(device_identity(recorded, kind), device_identity(robot_file, kind)):
         raise InputError(f"session {path}: was recorded with another device: {changed}")
     if kind in parse_calibrations(session.metadata.calibration, f"{path}, its calibration").kinds:
-        raise InputError(f"session {path}: its readings were corrected by a calibration of kind '{kind}'")
+        raise InputError(
+            f"session {path}: its readings were already corrected by a calibration of kind '{kind}'; record "
+            "a session without this calibration"
+        )
     if STREAM_NAME in session.stream_names:
         checked_ticks(session)
     return session

@@ -334,7 +334,7 @@ _RANSAC = "palpate.sweep.tasks.probing:ransac_errors"
 
 
 def paper_cases() -> dict[str, list[Case]]:
-    """Return all cases of the study by part."""
+    """Return all cases of the paper's sweep, by part."""
     names = ("grid", "clean", "noise", "cubes", "hunt_crossley")
     parts: dict[str, list[Case]] = {}
     for name in names:  # with RANSAC's threshold as in the paper

@@ -106,7 +106,7 @@ class FoxgloveFeed:
 
 
 def online_residual(ticks: Samples) -> FloatArray:
-    """Return force minus the online estimate's, (n,) [N]; NaN without an estimate."""
+    """Return measured force minus estimated force, shape (n,) [N]; NaN without an online estimate."""
     along = np.sum(ticks["tip_position_world_m"] * ticks["press_direction_world"], axis=1)
     speed = np.sum(ticks["tip_velocity_world_m_s"] * ticks["press_direction_world"], axis=1)
     depth = along - ticks["surface_m"]

@@ -88,7 +88,11 @@ class ReadOptions:
 
     @property
     def options(self) -> ImportOptions:
-        """How to read a data file. InputError: one is not of the form NAME=VALUE, or is given twice."""
+        """How to read a data file.
+
+        Raises:
+            InputError: an option is not of the form NAME=VALUE, or is given twice.
+        """
         return ImportOptions(
             columns=parse_pairs(self.column or (), "--column"),
             units=parse_pairs(self.unit or (), "--unit"),

@@ -75,5 +75,5 @@ def test_ransac_failure_states_a_remedy():
     with pytest.raises(InputError, match=r"agree within 1e-09; raise the threshold .* or use 'robust'"):
         fit(regression, threshold=1e-9)
     regression = problem(np.random.default_rng(6), count=9)
-    with pytest.raises(InputError, match="subsets of 50 samples: must be between 2"):
+    with pytest.raises(InputError, match="subsets of 50 samples: the size must be at least 2"):
         fit(regression, subset=50)

@@ -409,7 +409,7 @@ def test_invalid_export_is_refused_in_one_line(swinging, tmp_path):
     out = run(*base, "--format", "mjcf", "--patch", mine, "-o", mine, "--force")
     assert_refused(out, "is the input")
     assert mine.read_text() == HAND_MADE
-    assert_refused(run(*base, "--patch", mine), "patches no file")
+    assert_refused(run(*base, "--patch", mine), "does not use this option. Valid formats: mjcf, urdf, bam")
     bad = saved(tmp_path / "bad.json", "[]")
     assert_refused(run(*base, "--format", "bam", "--patch", bad, "-o", tmp_path / "b.json"), "bad.json")
     bad.write_bytes(b"\xff\xfe\x00")

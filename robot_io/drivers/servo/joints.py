@@ -66,7 +66,7 @@ class ServoMounting(FileModel):
     @model_validator(mode="after")
     def _check_second_servo(self) -> Self:
         if self.second and self.second.second:
-            raise ValueError("second: two servos on a joint at most")
+            raise ValueError("second: a joint can have at most two servos")
         if self.second and self.second.model != self.model:
             raise ValueError(
                 f"second: model {self.second.model} differs from {self.model}; two servos on a joint "

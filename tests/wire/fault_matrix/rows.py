@@ -129,8 +129,8 @@ class Row:
 
 K = FaultKind
 _NO_CHECKSUM = (
-    "a line has no checksum, so a corrupted digit still gives a number. After the first line that is "
-    "not a number, all readings are invalid (slowest of sixteen random sequences)"
+    "a line has no checksum, so a corrupted line may still hold a number, which counts as a reading. Once a "
+    "line is not a number, all readings are invalid. The table gives the slowest of sixteen random sequences"
 )
 _CONFIRMED = (
     "a reading that jumps by more than 1 % of the capacity counts only once the next one confirms it, "
