@@ -290,7 +290,7 @@ STS = {"id": 1, "model": "STS3215-12V"}
         (DynamixelSettings, ONE | {"second": {"id": 4, "model": "XM430-W350"}}, "must have one model"),
         (DynamixelSettings, ONE | {"second": {"id": 4, "mirrored": True}}, "mirrored: is not known"),
         (DynamixelSettings, ONE | {"second": 4}, "servos entry 1.second"),
-        (DynamixelSettings, ONE | {"second": {"id": 4, "second": {"id": 5}}}, "two servos on a joint at"),
+        (DynamixelSettings, ONE | {"second": {"id": 4, "second": {"id": 5}}}, "can have at most two servos"),
         (DynamixelSettings, ONE | {"homing_offset": 1_044_480}, "homing_offset"),
         (FeetechSettings, STS | {"second": {"id": 4, "homing_offset": 2048}}, "second.homing_offset"),
     ],
