@@ -250,7 +250,7 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
     values, errors, _ = _solve(plateaus, used)
     if not values[1] > 0.0:
         raise InputError(
-            f"the reading falls by {abs(1 / values[1]):.4g} if the reference rises by 1 N: reverse its sign"
+            f"the reading falls by {abs(1 / values[1]):.4g} if the reference rises by 1 N: reverse the sign"
         )
     zero, scale, curvature, _, half = np.where(used, values, full_values).tolist()
     errors = np.hypot(errors, _shape_errors(plateaus, used, values))

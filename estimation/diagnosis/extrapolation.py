@@ -18,7 +18,7 @@ class Extrapolation:
     """The part of the held-out error beyond the motion of the runs that were used for the fit."""
 
     share: float  # share of the squared error at motions that only one run contains
-    where: str  # the run and the range with the largest part of it, as "run 2, at depths of more than 12 mm"
+    where: str  # run and range with the largest part, such as "run 2, at depths of more than 12 mm"
     run: int  # this run
 
     def describe(self, error: str) -> str:
@@ -28,8 +28,9 @@ class Extrapolation:
             error: name of the error, such as "squared error".
         """
         return (
-            f"{100 * self.share:.0f} % of the {error} lies where only one run moves, the largest part of it "
-            f"in {self.where}, which a fit to the other runs cannot predict reliably"
+            f"{100 * self.share:.0f} % of the {error} lies at positions or velocities that only one run "
+            f"contains, the largest part of it in {self.where}, which a fit to the other runs cannot predict "
+            "reliably"
         )
 
 

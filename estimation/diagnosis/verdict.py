@@ -211,7 +211,7 @@ class Evidence:
     def confused_with_runs(self) -> Extrapolation | None:
         """Error of the base model beyond the motion of other runs, if differences between runs are named.
 
-        A difference of the only run that goes so far looks like a law of the motion, and the reverse.
+        If only one run contains a motion, the data cannot tell its difference from a law of this motion.
         """
         added = set(self.search.added_effects(self.end))
         differs = any(e.kind is Kind.RUN_DIFFERENCES for e in self.end.model.effects if e.name in added)

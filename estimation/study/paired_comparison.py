@@ -87,7 +87,7 @@ class ComparedModel:
         return cross_correlation(self.residual, self.data.velocity, self.data.run, self.lags)
 
     def noise_ratio_of(self, other: "ComparedModel") -> float:
-        """Return the error of this model on the other measurement, in that measurement's noise levels.
+        """Return the error of this model on the other measurement, relative to the noise of that measurement.
 
         Args:
             other: the side whose measurement is predicted.

@@ -20,7 +20,7 @@ PIXELS = (1600, 1000)  # width and height of a picture
 def inspect_command(  # noqa: PLR0917, one parameter an option
     session: Annotated[Path, Argument(help="Session file (.mcap).")],
     other: Annotated[
-        Path | None, Argument(help="Session of the other side (palpate teleop), shown on the same time line.")
+        Path | None, Argument(help="Session of the other side (palpate teleop), shown on the same timeline.")
     ] = None,
     save: Annotated[
         Path | None, Option(help="Write the recording here instead of opening a window.", metavar="FILE.rrd")
@@ -33,7 +33,7 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
 ) -> None:
     """Show a session in Rerun: arm, object, forces, torques, phases, estimates and events over time.
 
-    The sessions of a leader and its follower (palpate teleop) are shown on one time line.
+    The sessions of a leader and its follower (palpate teleop) are shown on one timeline.
 
     Without a display, the recording is written to the file of --save, or to a file in the session's folder,
     which is overwritten. Rerun opens this file on any machine.

@@ -156,7 +156,7 @@ def follower(
     session = shell_path(job.session)
     steps = {
         f"palpate estimate {session}": "stiffness and damping of every place",
-        f"palpate inspect {session}": "name the leader's session first to show both on one time line",
+        f"palpate inspect {session}": "name the leader's session first to show both on one timeline",
     }
     if not outcome.estimates:
         steps = {"palpate teleop leader": "chooses places to probe"}
@@ -248,7 +248,7 @@ def leader(  # noqa: PLR0917, one parameter an option
             )
         console.say(f"written: [bold]{display_path(session)}[/bold]")
 
-    both = "add the follower's session to show both on one time line"
+    both = "add the follower's session to show both on one timeline"
     again = "the other side sent nothing: run it with the same options"
     inspect = f"palpate inspect {shell_path(session)}"
     steps = [(inspect, both) if outcome.heard else ("palpate teleop follower --help", again)]
@@ -309,7 +309,7 @@ def demo(
     verdicts = [f"target {number} {verdict or 'none before the end'}" for number, verdict in known]
     console.say(f"verdicts of the diagnosis: {', '.join(verdicts) or 'nothing was probed before the end'}")
     console.next_steps(
-        (f"palpate inspect {sessions}", "both sides on one time line"),
+        (f"palpate inspect {sessions}", "both sides on one timeline"),
         (f"palpate estimate {shell_path(made.files['follower'])}", "stiffness and damping of every place"),
     )
     console.say(made.force_summary())

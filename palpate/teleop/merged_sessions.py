@@ -1,4 +1,4 @@
-"""Merge a leader's and a follower's session on one time line, and compute the error of the felt force."""
+"""Merge a leader's and a follower's session on one timeline, and compute the error of the felt force."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

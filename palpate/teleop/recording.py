@@ -1,4 +1,4 @@
-"""Draw leader and follower on the leader's time line: a Rerun recording and a picture."""
+"""Draw leader and follower on the leader's timeline: a Rerun recording and a picture."""
 
 from __future__ import annotations
 
