@@ -67,7 +67,7 @@ def probe_command(
     repeats: Annotated[int | None, Option(help="Repetitions of all speeds; default: the plan's.")] = None,
     out: SessionOutOption = None,
     online: Annotated[
-        str, Option(help=f"Estimator to run while probing:  {', '.join(online_estimators())}, or none.")
+        str, Option(help=f"Estimator to run while probing: {', '.join(online_estimators())}, or none.")
     ] = "rls",
     yes: YesOption = False,
 ) -> None:

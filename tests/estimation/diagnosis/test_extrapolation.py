@@ -31,7 +31,7 @@ def test_error_at_depths_of_a_single_run_is_reported(deepest_m, deep):
 
 
 @pytest.mark.parametrize("deepest_m", [(0.012, 0.012, 0.007), (0.012, 0.0119, 0.0121), (0.012,)])
-def test_error_at_depths_of_two_runs_or_of_the_only_run_is_not(deepest_m):
+def test_error_at_depths_of_two_runs_or_of_the_only_run_is_not_reported(deepest_m):
     assert extrapolation(fit_model(presses(deepest_m), PRESS, {})) is None
 
 

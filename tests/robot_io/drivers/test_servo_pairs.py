@@ -53,7 +53,7 @@ def test_each_servo_exerts_half_and_both_are_one_joint(make, family):
     assert measurement.joint_velocity_rad_s.shape == (3,)
 
 
-def test_difference_within_the_tolerance_is_shared_without_a_fight(make, family):
+def test_difference_within_the_tolerance_causes_no_opposing_torques(make, family):
     arm = make(family).start()
     arm.hold()
     before_rad = arm.ticks(2).joint_position_rad[0]
@@ -109,7 +109,7 @@ def test_feetech_that_ignores_goals_is_named(make):
     assert "servos 2 and 7 (joint 1) exert " in arm.problem
 
 
-def test_torques_small_beside_the_limit_are_no_fight(make):
+def test_torque_difference_that_is_small_beside_the_limit_is_accepted(make):
     """3 % of the joint's 8 N m between them, and half of the larger."""
     arm = make("dynamixel").start()
     arm.inject_fault("motors", FaultKind.LIMP, device=4)
@@ -158,7 +158,7 @@ def test_another_homing_offset_is_refused(make, place):
 
 
 @pytest.mark.parametrize("turns", [-1, 0, 1])
-def test_second_servo_is_in_the_turn_of_the_first(make, turns):
+def test_position_of_the_second_servo_is_in_the_same_turn_as_the_first(make, turns):
     """Whichever turn its zero is stated in, and at the edge of where the first one's is chosen."""
     zero = ("zero_rad: 3.1}", f"zero_rad: {3.1 + 2 * pi * turns:.6f}}}")
     measurement = make("dynamixel", zero).start().tick()
@@ -247,7 +247,7 @@ def test_compared_torques_are_those_of_the_pair(torque_nm, named):
 
 
 @pytest.mark.parametrize(("step_s", "named_at"), [(1e-3, 9), (4e-3, 4)])
-def test_torques_differ_for_ten_milliseconds_and_five_samples_before_it_counts(step_s, named_at):
+def test_torque_difference_counts_after_ten_milliseconds_and_five_samples(step_s, named_at):
     """10 ms after the last equal sample, and in the fifth that differs."""
     pairs = pair_on_the_middle_joint()
     for begun_s in (0.0, 1.0):
