@@ -1,6 +1,5 @@
 """`palpate export` and `report`: write models, recorded data or a report."""
 
-import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from enum import StrEnum
@@ -25,7 +24,6 @@ from palpate.estimation.channel import ChannelKind
 from palpate.estimation.study.revisions import user_effects_of
 from palpate.export.table import ENDINGS, LAYOUT_ENDINGS, PlotProgram, layout_of, recorded_table
 from palpate.render.build import REPORT, is_own_page
-from palpate.render.view import NOISE
 from palpate.robot_io.errors import InputError
 from palpate.workflows.data_options import DataArguments, FolderOption, ModelOption, takes_data
 
@@ -229,12 +227,11 @@ def export_scenario(
     if len(study.revisions) > before:
         console.warn("nothing was added to the contact's model yet: the base model is exported", _ADD)
     for item in kept:
-        times = item.rmse / item.noise_floor if item.noise_floor > 0.0 else math.inf
-        if times >= NOISE:
-            name = " + ".join([item.model, *item.effects])
+        comparison = study.comparison(study.channel_of(item), item.effects)
+        if not comparison.fits:
             console.warn(
-                f"{item.channel}: {name} leaves an error of {times:.3g} times the noise",
-                "; a simulation with this model differs from the measurement",
+                f"{item.channel}: {comparison.model} does not fit: {comparison.words[0]}",
+                " A simulation with this model differs from the measurement.",
             )
     export = study.export(path, [item.number for item in kept])
     numbers, own = [str(each.number) for each in kept], user_effects_of(kept)
