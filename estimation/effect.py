@@ -161,6 +161,14 @@ class Effect(ABC):
         """
         return False
 
+    def describe_physics(self, parameters: Mapping[str, float]) -> str:
+        """Describe the physics at fitted parameters; `physics`, unless their signs mean something else.
+
+        Args:
+            parameters: parameters of the effect by name.
+        """
+        return self.physics
+
     def suited_to(self, data: ChannelData) -> "Effect":
         """Return the form of the effect that suits the signals of a channel; most effects have one form.
 

@@ -1,5 +1,6 @@
 """Elastic shape: springs in parallel with the object, and springs in series with it."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -238,6 +239,16 @@ class JointSpring(AdditiveEffect):
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         return np.column_stack([data.position, np.ones(len(data))])
+
+    def describe_physics(self, parameters: Mapping[str, float]) -> str:
+        """See `Effect.describe_physics`: a spring of negative stiffness is active, or is no spring."""
+        if parameters["k"] >= 0.0:
+            return self.physics
+        return (
+            "The stiffness is negative, so this is no passive spring. A raised weight pushes a joint away "
+            "from one position. The command of a position controller, Kp (setpoint - q), looks the same if "
+            "it is recorded as the effort."
+        )
 
 
 class JointElasticity(MotionEffect):

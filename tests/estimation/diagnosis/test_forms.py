@@ -311,6 +311,14 @@ def test_wide_motion_distinguishes_weight_and_spring(name):
     law = {"weight": lambda q: 2.0 * np.sin(q), "joint_spring": lambda q: 2.0 * q}[name]
     (entry,) = decide(slow_swings(law, 2.5), ROTOR, "joint_spring", "weight", "bias").accepted
     assert entry.effect == name
+    assert entry.physics == EFFECTS[name].physics
+
+
+def test_negative_stiffness_is_not_described_as_a_passive_spring():
+    spring = EFFECTS["joint_spring"]()
+    assert "no passive spring" in spring.describe_physics({"k": -2.0, "preload": 0.1})
+    (entry,) = decide(slow_swings(lambda q: -2.0 * q, 2.5), ROTOR, "joint_spring", "weight", "bias").accepted
+    assert entry.physics == spring.describe_physics({"k": -2.0, "preload": 0.0})
 
 
 @pytest.mark.parametrize("returns", [False, True])
