@@ -113,7 +113,7 @@ def _advice(names: tuple[str, ...], correlation: FloatArray, index: int) -> str:
     strength[index] = 0.0
     if len(names) > 1 and strength.max() > 0.9:
         partner = names[int(np.argmax(strength))]
-        return f"{names[index]} changes together with {partner}; vary speed and depth more independently"
+        return f"{names[index]} is correlated with {partner}; vary speed and depth more independently"
     return "excite it more (faster, deeper, longer) or measure with less noise"
 
 
