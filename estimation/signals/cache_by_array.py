@@ -67,7 +67,7 @@ class _ChannelKey:
 def cache_by_channel_arrays(
     *arrays: str,
 ) -> Callable[[Callable[[ChannelData], Result]], Callable[[ChannelData], Result]]:
-    """Cache a function of a channel that depends only on some of its arrays.
+    """Cache a function of a channel that depends only on some of its arrays; very long ones are not cached.
 
     Args:
         arrays: names of channel fields or of context signals.
@@ -78,6 +78,8 @@ def cache_by_channel_arrays(
 
         @wraps(compute)
         def lookup(data: ChannelData) -> Result:
+            if len(data) > _MAX_SAMPLES:
+                return compute(data)
             chosen = (getattr(data, name) if hasattr(data, name) else data.context[name] for name in arrays)
             return cached(_ChannelKey(tuple(map(IdentityKey, chosen)), data))
 
