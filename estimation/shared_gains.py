@@ -254,7 +254,7 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
         return list(channels)
     joints = [
         arrange_products(
-            fit.problem.normal_equations(fit.solution.columns, fit.solution.target).products,
+            fit.problem.normal_equations([fit.solution.columns], fit.solution.target).products,
             list(fit.solution.model.gains),
             names,
             _residual_rms(fit),

@@ -429,7 +429,7 @@ def _with_law(problem: FitProblem, solution: Solution, columns: FloatArray) -> f
     """Compute the squared held-out error of a model with a flexible law [effort^2]."""
     if columns.shape[1] == 0:
         return solution.held_out
-    equations = problem.normal_equations(np.hstack([solution.columns, columns]), solution.target)
+    equations = problem.normal_equations([solution.columns, columns], solution.target)
     own = solution.columns.shape[1]
     ridges = np.array([[_COLLINEAR] * own + [ridge] * columns.shape[1] for ridge in _RIDGES])
     return min(float(held_out_sse(equations, ridges).sum(axis=1).min()), solution.held_out)

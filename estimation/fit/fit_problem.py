@@ -93,7 +93,7 @@ class FitProblem:
         if any(fixed):
             target, columns = target - columns @ gains, columns[:, free]
         free_names = [name for name in names if name not in held]
-        equations = self.normal_equations(columns, target, free_names)
+        equations = self.normal_equations([columns], target, free_names)
         fit = solve_normal_equations(equations, dof=len(self._by_fold[0]))
         limits = [bounds.get(name, _NO_BOUND) for name in free_names] + [_NO_BOUND] * extra
         if not all(low <= gain <= high for gain, (low, high) in zip(fit.gains.tolist(), limits, strict=True)):
@@ -111,36 +111,42 @@ class FitProblem:
         return fit if free.all() else fit.with_fixed_gains(gains, np.flatnonzero(free))
 
     def normal_equations(
-        self, columns: FloatArray, target: FloatArray, names: Sequence[str] = ()
+        self, parts: Sequence[FloatArray], target: FloatArray, names: Sequence[str] = ()
     ) -> NormalEquations:
         """Return the cross products of prewhitened columns and target, by fold.
 
         Args:
-            columns: effort per unit of each gain, shape (m, q).
+            parts: effort per unit of each gain, shape (m, k) each, with q gains together. They are not joined
+                because the copy could take hundreds of megabytes.
             target: effort to explain, shape (m,).
             names: names of the gains of the first columns, which an arm's channels may share.
         """
         order, folds = self._by_fold
         if self.noise_model is WHITE and self.weights is None and self.nuisance is None:
-            equations = gram_matrices(_rows(columns, target, order[fold]) for fold in folds)
+            equations = gram_matrices(_rows(parts, target, order[fold]) for fold in folds)
         else:
-            white = self._white(np.concatenate([columns.T, target[None]]).T).T.take(order, axis=1)
+            white = self._white(np.concatenate([*(part.T for part in parts), target[None]]).T).T.take(
+                order, axis=1
+            )
             equations = gram_matrices(white[:, fold].T for fold in folds)
         shared = self.blocked.data.shared  # prior information on gains from other channels
         if shared is None or self.noise_model is not WHITE or not set(shared.names) <= set(names):
             return equations
         indices = [list(names).index(name) for name in shared.names]
-        size, count = len(shared.information.matrix), columns.shape[1]
+        size, count = len(shared.information.matrix), equations.products.shape[-1] - 1
         matrix, vector = np.zeros((size, count, count)), np.zeros((size, count))
         matrix[:, np.array(indices)[:, None], indices] = shared.information.matrix
         vector[:, indices] = shared.information.vector
         return NormalEquations(equations.products, Information(matrix, vector))
 
 
-def _rows(columns: FloatArray, target: FloatArray, indices: IntArray) -> FloatArray:
-    """Return some rows of columns and target, shape (rows, q + 1), stored by column."""
-    rows = np.empty((columns.shape[1] + 1, len(indices)))
-    rows[:-1], rows[-1] = columns[indices].T, target[indices]
+def _rows(parts: Sequence[FloatArray], target: FloatArray, indices: IntArray) -> FloatArray:
+    """Return some rows of all parts and of the target, shape (rows, q + 1), stored by column."""
+    ends = np.cumsum([part.shape[1] for part in parts])
+    rows = np.empty((ends[-1] + 1, len(indices)))
+    for part, end in zip(parts, ends, strict=True):
+        rows[end - part.shape[1] : end] = part[indices].T
+    rows[-1] = target[indices]
     return rows.T
 
 

@@ -95,13 +95,8 @@ def fit_flexible(
     blocks = {name: block for name, block in model_features(problem, solution).items() if name not in without}
     bias, _ = fit_smoothing_bias(problem, solution, filters)
     parts, signals = [solution.columns[:, free], bias, *blocks.values()], list(blocks)
-    blocks.clear()
-    widths = [part.shape[1] for part in parts]
-    owner = np.repeat(np.arange(len(parts)) - 2, widths)
-    columns = np.empty((len(target), len(owner)))
-    for end, width in zip(np.cumsum(widths), widths, strict=True):
-        columns[:, end - width : end] = parts.pop(0)  # frees the part; all need hundreds of megabytes
-    equations = problem.normal_equations(columns, target, names)
+    owner = np.repeat(np.arange(len(parts)) - 2, [part.shape[1] for part in parts])
+    equations = problem.normal_equations(parts, target, names)
     without_signals = _fit_ridge(equations, owner, ())
     alone = [_fit_ridge(equations, owner, (number,)) for number in range(len(signals))]
     best = _select_signals(equations, owner, alone, without_signals)
@@ -114,7 +109,8 @@ def fit_flexible(
         residual = np.empty_like(target)
         for fold, gains in enumerate(held_out_gains(equations.only(fit.kept), fit.ridge)):
             test = blocked.fold == fold
-            residual[test] = target[test] - columns[test][:, fit.kept] @ gains
+            columns = np.hstack([part[test] for part in parts])  # of one fold, all need hundreds of megabytes
+            residual[test] = target[test] - columns[:, fit.kept] @ gains
         residuals.append(residual)
     after, before = residuals
     return FlexibleRegression(without_signals.held_out, best.held_out, after, before, by_signal)
