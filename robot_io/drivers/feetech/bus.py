@@ -45,12 +45,10 @@ class FeetechBus(ServoBus[FeetechFeedback]):
         super().__init__(validated, np.array((step_rad, step_rad, step_nm)), context)
         drag_nms_rad = [model.stall_torque_nm / model.no_load_rad_s for model in models]
         self._drag_loads = (np.array(drag_nms_rad) * step_rad / step_nm).tolist()  # load per speed, in counts
-        steps_rad: list[float] = step_rad.tolist()
-        torque_per_count_nm = [
-            stall_nm * validated.duty_per_rad * step
-            for stall_nm, step in zip(self._stall_nm, steps_rad, strict=True)
-        ]
-        self._laws = list(zip(drag_nms_rad, self._stall_nm, torque_per_count_nm, steps_rad, strict=True))
+        drag_nm: list[float] = (np.array(drag_nms_rad) * step_rad).tolist()
+        stiffness_nm: list[float] = (np.array(self._stall_nm) * validated.duty_per_rad * step_rad).tolist()
+        # Drag per speed in counts, stall torque, and torque per count from the position to the goal.
+        self._laws = list(zip(drag_nm, self._stall_nm, stiffness_nm, strict=True))
         self._half_tick_s = 0.5 / context.robot_file.control_rate_hz
         # Largest duty cycle of each servo, in its unit: for its torque at its speed. Those that hold stand
         # still, and may bear what the strongest servo of a joint may.
@@ -72,6 +70,8 @@ class FeetechBus(ServoBus[FeetechFeedback]):
         self._sent_settings = {servo_id: (0, 0, 0, limit, 1) for servo_id, limit in torque_limits.items()}
         self._plausibility = PlausibilityFilter(context.clock, self._sent_settings, self._fastest_counts_s)
         self._servos = {servo.id: servo for servo in validated.turning}
+        # `FeetechFeedback.torque_on` of healthy servos, by whether they are powered.
+        self._torque_on = [(on,) * len(validated.ids) for on in (0, 1)]
 
     def _examine_servo(self, servo_id: int, label: str) -> list[Finding]:
         if servo_id in self._servos:
@@ -94,7 +94,7 @@ class FeetechBus(ServoBus[FeetechFeedback]):
 
     def _is_healthy(self, feedback: FeetechFeedback) -> bool:
         return (
-            feedback.torque_on.count(self._powered) == len(feedback.torque_on)
+            feedback.torque_on == self._torque_on[self._powered]
             and not any(feedback.errors)
             and max(feedback.speed) <= self._fastest_counts_s
             and min(feedback.speed) >= -self._fastest_counts_s
@@ -116,15 +116,15 @@ class FeetechBus(ServoBus[FeetechFeedback]):
         """Compute goals from the servos' control law and predicted positions; see `ServoBus._goals`."""
         if self.sample is None:
             raise LifecycleError("read the servos first: a torque command starts from their positions")
-        ahead_s = self._clock.now_s() - self.sample.sampled_at_s + self._half_tick_s
-        position_rad, velocity_rad_s, _ = self.sample.servo_states.tolist()
+        feedback, asked_at_s = self.sample
+        ahead_s = self._clock.now_s() - asked_at_s + self._half_tick_s
         counts, sent_nm, highest = [], [], tables.COUNTS_PER_REVOLUTION - 1
-        shares_nm, zeros_rad = self._pairs.split_torques(torque_nm), self._joints.offset_rad
-        servos = zip(shares_nm, position_rad, velocity_rad_s, zeros_rad, self._laws, strict=True)
-        for wanted_nm, angle_rad, speed_rad_s, zero_rad, law in servos:
-            drag_nms_rad, stall_nm, torque_per_count_nm, step_rad = law
-            expected_count = (angle_rad + ahead_s * speed_rad_s - zero_rad) / step_rad
-            drag_nm = drag_nms_rad * speed_rad_s
+        shares_nm = self._pairs.split_torques(torque_nm)
+        # Servos that hold come last, and get no goal.
+        servos = zip(self._laws, shares_nm, feedback.position, feedback.speed, strict=False)
+        for (drag_per_speed_nm, stall_nm, torque_per_count_nm), wanted_nm, position, speed in servos:
+            expected_count = position + ahead_s * speed
+            drag_nm = drag_per_speed_nm * speed
             motor_nm = wanted_nm + drag_nm
             if not -stall_nm <= motor_nm <= stall_nm:
                 motor_nm = clip(motor_nm, -stall_nm, stall_nm)

@@ -51,7 +51,7 @@ def _make_feedback(values: tuple[int, ...]) -> FeetechFeedback:
     """Convert raw values, six per servo, one servo after the other; speeds and loads have sign bits."""
     on, goal, position = values[0::6], values[1::6], values[2::6]
     speeds, loads, errors = values[3::6], values[4::6], values[5::6]
-    speed = [value if value < _SPEED_SIGN else tables.PRESENT_SPEED.signed_value(value) for value in speeds]
+    speed = [value if value < _SPEED_SIGN else _SPEED_SIGN - value for value in speeds]
     load = [value if value < _LOAD_SIGN else tables.PRESENT_LOAD.signed_value(value) for value in loads]
     return FeetechFeedback(on, goal, position, speed, load, errors)
 

@@ -13,7 +13,7 @@ import numpy as np
 from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.drivers.joint_bus import BusEncoder, JointBus, check_one_per_joint
 from palpate.robot_io.drivers.servo.feedback import FeedbackReader, FeedbackType
-from palpate.robot_io.drivers.servo.joints import ServoBusSettings, ServoJoints, ServoPairs, ServoSample
+from palpate.robot_io.drivers.servo.joints import ServoBusSettings, ServoJoints, ServoPairs
 from palpate.robot_io.drivers.servo.line import ServoLine, examine_line
 from palpate.robot_io.errors import DeviceError, InputError, LifecycleError
 from palpate.robot_io.examination import Examinable, Finding
@@ -32,7 +32,8 @@ class ServoBus(JointBus, Examinable, Generic[FeedbackType]):
         context: Bus, clock and other context of the driver.
 
     Attributes:
-        sample: Result of the last sync read that all servos answered, or None before the first.
+        sample: Feedback of the last sync read that all servos answered, and the time of its request [s]; None
+            before the first.
     """
 
     def __init__(self, settings: ServoBusSettings[Any], steps: FloatArray, context: DriverContext) -> None:
@@ -51,7 +52,7 @@ class ServoBus(JointBus, Examinable, Generic[FeedbackType]):
         self._powered = False
         self._may_hold = False  # whether the torque may be on; until a command for torque off was confirmed
         self._staged: bytes | None = None
-        self.sample: ServoSample | None = None
+        self.sample: tuple[FeedbackType, float] | None = None
         unknown = Reading(np.full(self.joint_count, np.nan), -np.inf, Status.STALE)
         self.position = self.velocity = self.torque = unknown
         self._goal_fields = [field for servo_id in self._ids for field in (servo_id, 0)]
@@ -143,7 +144,8 @@ class ServoBus(JointBus, Examinable, Generic[FeedbackType]):
         """
         if self._reader is None:
             raise LifecycleError("the servos can be read only between configure and close")
-        feedback, asked_at_s = self._reader.read(deadline_s)
+        sample = self._reader.read(deadline_s)
+        feedback, asked_at_s = sample
         fault_text = ""
         if not self._is_healthy(feedback):
             if problem := self._problem(feedback):
@@ -161,7 +163,7 @@ class ServoBus(JointBus, Examinable, Generic[FeedbackType]):
                 raise DeviceError(disagreement)
             fault_text = fault_text or self._pairs.torque_difference(torque_nm, asked_at_s) or ""
             position_rad, velocity_rad_s, torque_nm = self._pairs.join_pairs(motion)
-        self.sample = ServoSample(asked_at_s, position_rad, velocity_rad_s, torque_nm, motion)
+        self.sample = sample
         self.position = Reading(position_rad, asked_at_s)
         self.velocity = Reading(velocity_rad_s, asked_at_s)
         self.torque = Reading(torque_nm, asked_at_s, Status.FAULT if fault_text else Status.OK)

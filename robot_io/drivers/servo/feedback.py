@@ -136,7 +136,8 @@ class FeedbackReader(Generic[FeedbackType]):
         """
         for request in self._next_requests:
             if now_s - request.asked_at_s > _LATEST_S:
-                self._close(request)
+                if request.asked_at_s > -inf:
+                    self._close(request)
                 self._open.append(request)
                 request.asked_at_s = now_s
                 request.answers.clear()

@@ -9,7 +9,7 @@ one of them has lost its torque or works against the other, which their sum woul
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
-from typing import Annotated, Any, ClassVar, Generic, NamedTuple, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
 from pydantic import Field, StrictBool, field_validator, model_validator
@@ -332,26 +332,12 @@ class ServoPairs:
 _TURN_RAD = 2.0 * np.pi
 
 
-class ServoSample(NamedTuple):
-    """Result of one sync read; positive along the joint axes."""
-
-    sampled_at_s: float  # time of the request [s]
-    position_rad: FloatArray  # shape (n,) [rad]
-    velocity_rad_s: FloatArray  # as the servos derive it, shape (n,) [rad/s]
-    torque_nm: FloatArray  # as the servos show it, shape (n,) [N m]
-    # Position, velocity and torque of every servo, in the order of `ServoBusSettings.turning`; shape (3, m).
-    servo_states: FloatArray
-
-
 class ServoJoints:
     """Converts counts of servos to joint values.
 
     A servo may count over several turns, but starts within one after power-up. `choose_turns` determines the
     joint's turn; from then on the angle is continuous. Positions more than half a turn from the middle of a
     joint's range are ambiguous.
-
-    Attributes:
-        offset_rad: Joint angles at the servos' position 0, including whole turns (m) [rad].
 
     Args:
         mountings: Mounting of each servo that turns a joint (m).
@@ -371,8 +357,7 @@ class ServoJoints:
         self._pairs, self.steps = pairs, steps
         self._middle_rad = np.array(pairs.repeat_for_servos(middle_rad))
         self._zero_rad = np.array([servo.zero_rad for servo in mountings])
-        self._offsets = np.zeros_like(steps)
-        self.offset_rad: list[float] = self._offsets[0].tolist()
+        self._offsets = np.zeros_like(steps)  # joint angles at the servos' position 0, with whole turns
 
     def choose_turns(self, counts: Sequence[Sequence[float]]) -> None:
         """Choose for each servo the turn that is nearest to the middle of its joint's range.
@@ -387,7 +372,6 @@ class ServoJoints:
         turned_rad = shown_rad + _whole_turns(self._middle_rad - shown_rad)
         first_rad = np.array(self._pairs.repeat_for_servos(turned_rad[: self._pairs.joint_count]))
         self._offsets[0] += _whole_turns(first_rad - shown_rad)
-        self.offset_rad = self._offsets[0].tolist()
 
     def motion(self, counts: Sequence[Sequence[float]]) -> FloatArray:
         """Convert counts.

@@ -2,6 +2,9 @@
 
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
 
 from palpate.robot_io.clock import SimulatedClock
 from palpate.robot_io.driver import DriverContext
@@ -15,6 +18,15 @@ from palpate.sim_backend.scenario import load_scenario
 ROBOT_FILE = Path(__file__).resolve().parents[3] / "robots" / "dynamixel_3dof.yaml"
 TICK_S = 1e-3
 READ_S = 0.6e-3  # as the control loop allows
+
+
+class Sample(NamedTuple):
+    """Newest readings of a bus."""
+
+    sampled_at_s: float
+    position_rad: np.ndarray
+    velocity_rad_s: np.ndarray
+    torque_nm: np.ndarray
 
 
 class DynamixelSetup:
@@ -56,7 +68,8 @@ class DynamixelSetup:
     def read(self):
         self.clock.sleep_until(self.clock.now_s() + TICK_S)
         self.bus.poll(self.clock.now_s() + READ_S)
-        return self.bus.sample
+        position, velocity, torque = self.bus.position, self.bus.velocity, self.bus.torque
+        return Sample(position.sampled_at_s, position.value, velocity.value, torque.value)
 
     def tick(self, torque_nm=(0.5, 0.3, 0.1)):
         sample = self.read()

@@ -88,12 +88,12 @@ def test_goals_stay_within_the_count_range_and_clipping_is_reported(arm, count, 
     arm.hold()
     arm.ticks(2)
     motors = arm.robot.buses["motors"]
-    servo_states = motors.sample.servo_states.copy()
-    servo_states[0, 1] = motors._joints.offset_rad[1] + count * motors._joints.steps[0, 1]
-    servo_states[1, 1] = 0.0
-    motors.sample = motors.sample._replace(servo_states=servo_states)
+    feedback, asked_at_s = motors.sample
+    position, speed = list(feedback.position), list(feedback.speed)
+    position[1], speed[1] = count, 0
+    motors.sample = feedback._replace(position=position, speed=speed), asked_at_s
     sent_nm = motors.stage(np.array([0.0, sign * np.sign(motors._joints.steps[0, 1]), 0.0]))
-    _, _, torque_per_count_nm, _ = motors._laws[1]
+    _, _, torque_per_count_nm = motors._laws[1]
     assert abs(sent_nm[1]) == pytest.approx(2 * abs(torque_per_count_nm))
 
 
