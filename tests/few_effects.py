@@ -10,14 +10,14 @@ from palpate.estimation.effects import EFFECTS
 from palpate.estimation.study import fits
 
 FEW = (
-    *("cubic_stiffness", "quadratic_damping", "bias", "lag", "stress_relaxation", "delay", "drift"),
-    *("stiffness", "coulomb_friction", "viscous_friction", "run_gain", "recorded_dependence"),
+    *("cubic_stiffness", "quadratic_damping", "bias", "stress_relaxation", "stiffness"),
+    *("coulomb_friction", "viscous_friction", "run_gain", "recorded_dependence"),
 )
 
 
-def try_few_effects(patch: pytest.MonkeyPatch, *more: str) -> None:
-    """Studies that are made from now on know no other effects but `more`, beside the user's own."""
-    patch.setattr(fits, "effect_library", lambda: tuple(EFFECTS[name]() for name in (*FEW, *more)))
+def try_few_effects(patch: pytest.MonkeyPatch, *more: str, few: tuple[str, ...] = FEW) -> None:
+    """Studies that are made from now on know no other effects but `few` and `more`, beside the user's own."""
+    patch.setattr(fits, "effect_library", lambda: tuple(EFFECTS[name]() for name in (*few, *more)))
     shorten_budget(patch)
 
 

@@ -287,7 +287,7 @@ def test_force_bias_changes_nothing_and_noise_raises_the_touch_threshold():
     ],
 )
 def test_excitation_moves_the_object_and_keeps_the_limit(shape, quantity, stiffness, damping):
-    excitation = Excitation(shape=shape, quantity=quantity, duration_s=2.5)
+    excitation = Excitation(shape=shape, quantity=quantity, duration_s=2.0)
     record, _ = probe(stiffness, damping, speeds_m_s=(0.05,), hold_s=0.4, excitation=excitation)
     begun_s = next(time_s for time_s, event in record.events if event.kind == "excitation")
     excited = record.in_phase(Phase.HOLD) & (record.time_s > begun_s + 0.5)

@@ -13,6 +13,7 @@ from palpate.estimation.data_quality import reject_reason
 from palpate.estimation.diagnosis.candidates import applicable_effects, effect_library
 from palpate.estimation.diagnosis.diagnose import diagnose_channel
 from palpate.estimation.diagnosis.result import Verdict
+from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.blocks import block_average, decimate
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.motion import is_stepwise_command
@@ -21,6 +22,9 @@ from tests.estimation.searches import ROTOR
 RATE_HZ, FINE = 200.0, 20  # samples per second, and integration steps per sample
 INERTIA, DAMPING, COULOMB = 0.02, 0.05, 0.25
 RNG_SEED = 3
+# Friction, what is confused with it, and what could explain an error by its sensor or by its runs instead.
+TRIED = ("coulomb_friction", "quadratic_friction", "bias", "saturation", "delay", "run_offset", "run_gain")
+SOME = tuple(EFFECTS[name]() for name in TRIED)
 
 
 @cache
@@ -53,7 +57,7 @@ def test_a_stepwise_command_is_diagnosed_and_no_sensor_is_blamed():
     library = effect_library()
     model = ROTOR
     assert all(e.kind is not Kind.SENSOR_STATICS for e in applicable_effects(data, model, library))
-    result = diagnose_channel(data, model, library, np.random.default_rng(0))
+    result = diagnose_channel(data, model, SOME, np.random.default_rng(0))
     assert result.verdict is Verdict.MISSING
     assert result.accepted[0].effect in {"coulomb_friction", *result.accepted[0].confused_with}
     assert max(result.budget, key=lambda entry: entry.share or 0.0).kind is Kind.FRICTION
@@ -108,7 +112,7 @@ def test_friction_is_named_if_the_command_is_constant_in_each_run():
     acceleration = torque / INERTIA * np.exp(-0.05 * t / INERTIA)
     signals = t, np.cumsum(speed) * 0.005, speed, acceleration, volts[run]
     data = ChannelData("motor", ChannelKind.REVOLUTE, *signals, run, np.full(len(t), -1))
-    result = diagnose_channel(data, ROTOR, effect_library(), np.random.default_rng(0))
+    result = diagnose_channel(data, ROTOR, SOME, np.random.default_rng(0))
     assert result.verdict is Verdict.MISSING
     assert "coulomb_friction" in {result.accepted[0].effect, *result.accepted[0].confused_with}
     assert all(entry.kind is not Kind.RUN_DIFFERENCES for entry in result.budget)

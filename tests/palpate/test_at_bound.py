@@ -8,6 +8,7 @@ from palpate.estimation.effect import Parameter
 from palpate.estimation.study import ModelStudy
 from palpate.render.build import result_view
 from palpate.render.terminal import print_stages
+from tests.few_effects import try_few_effects
 from tests.palpate.cli import run
 from tests.palpate.presses import write_presses
 
@@ -66,8 +67,9 @@ def driven(tmp_path_factory):
     ],
 )
 def test_fit_with_negative_damping_is_reported_by_every_command(
-    tmp_path, few_effects, without_figures, driven, command, said
+    tmp_path, monkeypatch, without_figures, driven, command, said
 ):
+    try_few_effects(monkeypatch, "delay")
     result = run(command[0], driven, *command[1:], *(("--out", tmp_path) if command[0] == "add" else ()))
     told = " ".join(result.stdout.split())
     assert said in told

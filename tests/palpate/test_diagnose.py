@@ -12,6 +12,7 @@ from palpate.estimation.design.next_experiment import propose_remedial_experimen
 from palpate.estimation.study.saved_diagnosis import RESULT
 from palpate.study import Study
 from tests.estimation.presses import channel, kelvin_voigt, motion
+from tests.few_effects import try_few_effects
 from tests.files import saved
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 from tests.palpate.presses import CUBIC, NOISE_N, press_columns, write_own_effect, write_presses, write_table
@@ -145,7 +146,8 @@ def test_recorded_column_that_explains_the_error_is_named(tmp_path):
     assert "change_warmth" in blamed.stdout
 
 
-def test_next_commands_name_their_joint(tmp_path):
+def test_next_commands_name_their_joint(tmp_path, monkeypatch):
+    try_few_effects(monkeypatch, few=("coulomb_friction", "bias", "joint_spring"))
     run_number, t = np.repeat(np.arange(3), 300), np.tile(np.arange(300) * 0.01, 3)
     w = 2 * np.pi * (0.5 + 0.1 * run_number)
     q, v, a = np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)

@@ -112,7 +112,8 @@ def test_law_describes_its_kind_in_longer_runs(what):
 @pytest.mark.parametrize("tau_s", [0.05, 0.13, 0.3])
 def test_relaxation_law_describes_any_time_constant(tau_s):
     """Six constants over these runs would leave up to 30 times the noise."""
-    error = analysed(press(lambda t, x, v, run: 6000.0 * maxwell(t, x, run, tau_s))).error
+    data = press(lambda t, x, v, run: 6000.0 * maxwell(t, x, run, tau_s))
+    error = error_of_kinds(searched(data, base=PRESS).start)
     assert error.mean_square() > 1000.0 * NOISE_N**2
     assert error.mean_square(frozenset({Kind.TIME_MEMORY})) < 5.0 * NOISE_N**2
 

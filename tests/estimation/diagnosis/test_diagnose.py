@@ -163,7 +163,8 @@ def test_effect_above_the_noise_is_named_beside_a_much_larger_one(seed, run_damp
         damped = v * np.where(run == 2, run_damping, 1.0)
         return kelvin_voigt(x, damped, 6.0 * relaxing(t, x, v, run) + 0.4 * cubic(t, x, v, run))
 
-    found = decide_verdict(session(seed, law, runs=4), *SOME["contact"])
+    effects = ("stress_relaxation", "cubic_stiffness", "layered_stiffness", "bias")
+    found = decide_verdict(session(seed, law, runs=4), *effects)
     first, second = sorted(found.accepted, key=lambda entry: entry.rmse_after, reverse=True)
     assert first.effect == "stress_relaxation"
     assert second.effect in {"cubic_stiffness", "layered_stiffness"}
@@ -172,7 +173,8 @@ def test_effect_above_the_noise_is_named_beside_a_much_larger_one(seed, run_damp
 
 
 def test_backlash_is_identified_with_motor_inertia_and_friction():
-    found = decide_verdict(swings(5, with_a_gap, runs=5), *SOME["joint_1"])
+    confused = ("coulomb_friction", "quadratic_friction", "joint_spring", "delay")
+    found = decide_verdict(swings(5, with_a_gap, runs=5), "backlash", *confused)
     assert named(found) == {"backlash"}
     (entry,) = found.accepted
     for name, truth in (("gap", 0.12), ("motor_inertia", 0.3), ("motor_friction", 0.8)):
@@ -310,9 +312,9 @@ def test_channel_has_the_same_samples_alone_and_among_others(monkeypatch):
     assert of_first != of_second
 
 
-def pulls(law, seed=0, count=1500):
+def pulls(law, seed=0, count=600):
     """Three pulls one way at one speed, with a force (N) of the way (m) and the run."""
-    time_s = np.tile(0.02 * np.arange(count), 3)
+    time_s = np.tile(0.05 * np.arange(count), 3)
     way, run = 5e-4 * time_s, np.repeat(np.arange(3), count)
     force = law(way, run) + np.random.default_rng(seed).normal(0.0, 0.1, len(way))
     return channel(force, time_s, way, np.full(len(way), 5e-4), run)

@@ -70,10 +70,10 @@ def test_best_form_of_each_kind_is_identified():
 
 
 def tissue():
-    """Slow presses and holds of eight specimens whose elastic force stiffens and relaxes in two steps."""
+    """Slow presses and holds of five specimens whose elastic force stiffens and relaxes in two steps."""
     rng, dt = np.random.default_rng(1), 0.2
     depths, forces = [], []
-    for _ in range(8):
+    for _ in range(5):
         speed, deepest = rng.uniform(0.5e-3, 1.5e-3), rng.uniform(5e-3, 9e-3)
         ramp = np.linspace(0.0, deepest, int(deepest / speed / dt))
         depth = np.concatenate([ramp, np.full(50, deepest), ramp[::-1]])
@@ -84,7 +84,7 @@ def tissue():
         depths.append(depth)
         force = rng.uniform(0.6, 1.4) * np.maximum(force @ left, 0.0)
         forces.append(force + rng.normal(0.0, TISSUE_NOISE_N, len(depth)))
-    run = np.repeat(np.arange(8), list(map(len, depths)))
+    run = np.repeat(np.arange(5), list(map(len, depths)))
     time_s = dt * np.arange(len(run)) + 1000.0 * run
     velocity = np.concatenate([np.gradient(depth, dt) for depth in depths])
     return channel(np.concatenate(forces), np.concatenate(depths), velocity, time_s, run=run)

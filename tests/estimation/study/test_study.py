@@ -141,8 +141,8 @@ def test_adding_continues_the_newest_revision_and_removing_reverts():
         (2, 1, "cubic_stiffness", "", ["bias", "cubic_stiffness"]),
         (3, 2, "", "bias", ["cubic_stiffness"]),
     ]
-    assert study.add("drift").revisions[0].effects == ["cubic_stiffness", "drift"]
-    assert study.add("drift", start=0).revisions[0].parent == 0
+    assert study.add("quadratic_damping").revisions[0].effects == ["cubic_stiffness", "quadratic_damping"]
+    assert study.add("quadratic_damping", start=0).revisions[0].parent == 0
     assert study.revisions[0].created_utc == "2026-01-02T12:00:00+00:00"
     with pytest.raises(InputError, match="the newest models do not have this effect"):
         study.remove("adhesion")

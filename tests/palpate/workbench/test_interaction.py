@@ -101,7 +101,7 @@ def browser(monkeypatch):
 def study(tmp_path_factory):
     folder = tmp_path_factory.mktemp("press")
     with pytest.MonkeyPatch.context() as patch:
-        try_few_effects(patch)
+        try_few_effects(patch, "lag", "delay", "drift")
         return Study(write_presses(folder / "press.csv"), folder=folder / "results")
 
 
