@@ -352,15 +352,15 @@ def test_report_after_adding_keeps_the_verdict_and_names_the_addition(tmp_path):
     data, folder = write_presses(tmp_path / "hard.csv"), tmp_path / "out"
     assert run("diagnose", data, "--out", folder).exit_code == 0
     found = json.loads((folder / RESULT).read_text())["channels"][0]
-    added = done("add", data, "layered_stiffness", "--out", folder, "--force", "--json")
+    added = done("add", data, "bias", "--out", folder, "--force", "--json")
     report = words_of(folder / "report.html")
     for words in (
         "MISSING",
         "cubic_stiffness is missing",
         "base model and one effect",
-        "contact with layered_stiffness: the error in held-out runs",
+        "contact with bias: the error in held-out runs",
         f"palpate diagnose {data} --out {folder} --channel contact",
-        "layered_stiffness --fresh",
+        "bias --fresh",
     ):
         assert words in report
     assert json.loads(added.stdout)["revisions"][0]["noise_floor"] == found["noise_floor"]
