@@ -33,8 +33,9 @@ def existing_file(path: Path, what: str) -> Path:
         InputError: the path does not exist, is not a file, or is not readable.
     """
     if path.is_dir():
-        ending = SESSION if what == "session" else ""
-        files = sorted(file for file in path.glob(f"[!.]*{ending}") if file.is_file())
+        # Of any other kind, the first file in the folder may be the wrong one.
+        ending = {"session": SESSION, "URDF": ".urdf"}.get(what)
+        files = sorted(file for file in path.glob(f"[!.]*{ending}") if file.is_file()) if ending else []
         remedy = f"; name a file in it, such as {files[0]}" if files else ""
         raise InputError(f"{what} {path}: is a directory, not a file{remedy}")
     if not path.exists():

@@ -1,6 +1,6 @@
 """Write fitted joints into an MJCF or a URDF: attributes of joints, gravity, and a payload at the tip."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil, degrees
 from posixpath import isabs, join, normpath
@@ -163,9 +163,8 @@ def patch_urdf(
         if each.tag in {"mesh", "texture"} and name and "://" not in name:
             each.set("filename", _moved(name, folder))
     used, left_out = list[str](), list[str]()
-    joints = {element.get("name", ""): element for element in root.findall("joint")}
     for joint in arm.joints:
-        element = _named(place, joints, joint)
+        element = _named(place, root.findall("joint"), joint)
         if joint.values:
             dynamics = element.find("dynamics")
             dynamics = SubElement(element, "dynamics") if dynamics is None else dynamics
@@ -228,8 +227,7 @@ class _Mjcf:
 
     def joint(self, joint: TargetJoint, *, by_name: bool) -> Element:
         if by_name:
-            joints = {each.get("name", ""): each for each in self._joints}
-            return _named(self._place, joints, joint, self._if_included())
+            return _named(self._place, self._joints, joint, self._if_included())
         if joint.number > len(self._joints):
             raise InputError(
                 f"{self._place}: has {len(self._joints)} hinge and slide joints, "
@@ -431,14 +429,18 @@ def _parsed(text: str, place: str, tag: str) -> Element:
     return root
 
 
-def _named(place: str, joints: Mapping[str, Element], joint: TargetJoint, advice: str = "") -> Element:
-    if joint.name not in joints:
+def _named(place: str, joints: Sequence[Element], joint: TargetJoint, advice: str = "") -> Element:
+    found = [each for each in joints if each.get("name") == joint.name]
+    if not found:
+        names = dict.fromkeys(name for each in joints if (name := each.get("name")))
         raise InputError(
             f"{place}: no joint is called '{joint.name}', the name of {joint.channel} "
             f"in the URDF of --urdf (without --urdf: the channel's own). "
-            f"Valid: {', '.join(name for name in joints if name) or 'none'}{advice}"
+            f"Valid: {', '.join(names) or 'none'}{advice}"
         )
-    return joints[joint.name]
+    if len(found) > 1:
+        raise InputError(f"{place}: {len(found)} joints are called '{joint.name}': rename all but one")
+    return found[0]
 
 
 def _inserted(parent: Element, index: int, tag: str) -> Element:

@@ -171,6 +171,7 @@ def test_contradicting_settings_of_the_file_are_kept_and_reported():
     ("text", "words"),
     [
         (HAND_MADE.replace("elbow", "wrist"), "no joint is called 'elbow'"),
+        (HAND_MADE.replace("shoulder", "elbow"), "2 joints are called 'elbow'"),
         ('<!DOCTYPE m [<!ENTITY a "b">]><mujoco/>', "document type"),
         ("<robot/>", "its root is <robot>"),
         ("<mujoco>", "not readable"),
@@ -408,6 +409,9 @@ def test_invalid_export_is_refused_in_one_line(swinging, tmp_path):
     assert_refused(run(*base, "--format", "mjcf", "-o", tmp_path / "x.xml"), "--patch FILE")
     out = run(*base, "--format", "mjcf", "--patch", mine, "-o", mine, "--force")
     assert_refused(out, "is the input")
+    out = run(*base, "--format", "mjcf", "--patch", tmp_path, "-o", tmp_path / "x.xml")
+    assert_refused(out, "is a directory, not a file")
+    assert "such as" not in out.stderr  # the first file here is no MJCF
     assert mine.read_text() == HAND_MADE
     assert_refused(run(*base, "--patch", mine), "does not use this option. Valid formats: mjcf, urdf, bam")
     bad = saved(tmp_path / "bad.json", "[]")
