@@ -227,7 +227,10 @@ def export_scenario(
     if len(study.revisions) > before:
         console.warn("nothing was added to the contact's model yet: the base model is exported", _ADD)
     for item in kept:
-        comparison = study.comparison(study.channel_of(item), item.effects)
+        try:
+            comparison = study.comparison(study.channel_of(item), study.revision(item.number).effects)
+        except InputError:  # an effect of the user's own, whose code was not given
+            continue
         if not comparison.fits:
             console.warn(
                 f"{item.channel}: {comparison.model} does not fit: {comparison.words[0]}",
