@@ -299,7 +299,7 @@ class RigidBody:
         Args:
             position_rad: joint positions, shape (n,) [rad].
         """
-        return np.array(pin.crba(self._model, self._data, position_rad))
+        return np.array(pin.crba(self._model, self._data, position_rad))  # the binding fills both triangles
 
     def forward_dynamics(
         self, position_rad: FloatArray, velocity_rad_s: FloatArray, torque_nm: FloatArray

@@ -267,7 +267,9 @@ def simulate_plan(simulation: PlanSimulation) -> Samples:
         )
         lever_m = normal @ tip.jacobian_world[:3]
         acceleration = body.forward_dynamics(position, velocity, torque - lever_m * pushed_n)
-        if pushed_n:  # the damper's force also acts within the step
+        # The damper's force also acts within the step, which adds c dt b b^T to the mass matrix. Its inverse
+        # follows by the formula of Sherman and Morrison (Ann. Math. Stat. 21, 1950).
+        if pushed_n:
             mobility = np.linalg.solve(body.mass_matrix(position), lever_m)
             damping_s = known.damping_n_s_m * dt_s
             reduction = damping_s / (1.0 + damping_s * (lever_m @ mobility))
