@@ -229,7 +229,7 @@ def stage_numbers(
     final: FitResult,
     spread: ParameterValue | None = None,
 ) -> dict[str, Any]:
-    """Compute the fields of `AcceptedEffect` for the contribution of one effect.
+    """Compute the fields of `AcceptedEffect` that describe one effect and its contribution.
 
     Args:
         effect: name of the effect.
@@ -249,7 +249,15 @@ def stage_numbers(
         if name.startswith(prefix)
     }
     own |= {} if spread is None else {"spread": spread}
-    return {"rmse_before": before.rmse, "rmse_after": after.rmse, "parameters": own}
+    (described,) = (part for part in final.solution.model.effects if part.name == effect)
+    return {
+        "rmse_before": before.rmse,
+        "rmse_after": after.rmse,
+        "parameters": own,
+        "physics": described.describe_physics({name: number.value for name, number in own.items()}),
+        "equation": described.equation,
+        "signature": described.signature,
+    }
 
 
 def _parameters(fit: FitResult) -> Parameters:

@@ -406,18 +406,13 @@ def _accepted(evidence: Evidence) -> list[AcceptedEffect]:
         effect = by_name[name]
         spread = _run_standard_deviation(evidence.end, effect) if isinstance(effect, RunVariation) else None
         p_value = search.p_value(search.without(evidence.end, effect.name), evidence.end)
-        numbers = stage_numbers(effect.name, before, after, evidence.stages[-1], spread)
-        values = {parameter: entry.value for parameter, entry in numbers["parameters"].items()}
         accepted.append(
             AcceptedEffect(
                 effect=effect.name,
                 form=evidence.form(effect.name),
-                **numbers,
+                **stage_numbers(effect.name, before, after, evidence.stages[-1], spread),
                 p_value=p_value,
                 confused_with=list(evidence.rivals[effect.name]),
-                physics=effect.describe_physics(values),
-                equation=effect.equation,
-                signature=effect.signature,
             )
         )
     return accepted

@@ -146,9 +146,7 @@ def keep_simplest_rivals(
             if not is_other and not any(_contains(larger, smaller) for smaller in simpler):
                 kept.append(name)
         first, *rest = [name for name in models if name in kept]
-        effect = known[first]
-        about = {"physics": effect.physics, "equation": effect.equation, "signature": effect.signature}
-        accepted[place] = entry.model_copy(update={"effect": first, "confused_with": rest, **about})
+        accepted[place] = entry.model_copy(update={"effect": first, "confused_with": rest})
         diagnosis = _with_accepted(study, channel, diagnosis, accepted)
     return diagnosis
 
@@ -156,7 +154,7 @@ def keep_simplest_rivals(
 def _with_accepted(
     study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis, accepted: Sequence[AcceptedEffect]
 ) -> ChannelDiagnosis:
-    """Replace the accepted effects, and update the numbers of their fits."""
+    """Replace the accepted effects, and update their descriptions and the numbers of their fits."""
     changed = diagnosis.model_copy(update={"accepted": list(accepted)})
     if diagnosis.baseline is None or diagnosis.final is None or diagnosis.noise_floor is None:
         return changed
