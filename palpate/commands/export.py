@@ -229,7 +229,8 @@ def export_scenario(
     for item in kept:
         try:
             comparison = study.comparison(study.channel_of(item), study.revision(item.number).effects)
-        except InputError:  # an effect of the user's own, whose code was not given
+        except InputError as error:  # for example, the code of a user's own effect was not given
+            console.warn(f"{item.channel}: whether the model fits was not checked: {error}")
             continue
         if not comparison.fits:
             console.warn(
