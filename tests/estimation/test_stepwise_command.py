@@ -12,12 +12,13 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data_quality import reject_reason
 from palpate.estimation.diagnosis.candidates import applicable_effects, effect_library
 from palpate.estimation.diagnosis.diagnose import diagnose_channel
+from palpate.estimation.diagnosis.forms import error_of_kinds
 from palpate.estimation.diagnosis.result import Verdict
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.blocks import block_average, decimate
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.motion import is_stepwise_command
-from tests.estimation.searches import ROTOR
+from tests.estimation.searches import ROTOR, searched
 
 RATE_HZ, FINE = 200.0, 20  # samples per second, and integration steps per sample
 INERTIA, DAMPING, COULOMB = 0.02, 0.05, 0.25
@@ -116,6 +117,7 @@ def test_friction_is_named_if_the_command_is_constant_in_each_run():
     assert result.verdict is Verdict.MISSING
     assert "coulomb_friction" in {result.accepted[0].effect, *result.accepted[0].confused_with}
     assert all(entry.kind is not Kind.RUN_DIFFERENCES for entry in result.budget)
+    assert Kind.RUN_DIFFERENCES not in error_of_kinds(searched(data, base=ROTOR).start).kinds
 
 
 def test_a_contact_has_a_force_sensor():
