@@ -113,8 +113,8 @@ def _advice(names: tuple[str, ...], correlation: FloatArray, index: int) -> str:
     strength[index] = 0.0
     if len(names) > 1 and strength.max() > 0.9:
         partner = names[int(np.argmax(strength))]
-        return f"{names[index]} is correlated with {partner}; vary speed and depth more independently"
-    return "excite it more (faster, deeper, longer) or measure with less noise"
+        return f"{names[index]} is correlated with {partner}; vary speed and position more independently"
+    return "excite it more (faster, farther, longer) or measure with less noise"
 
 
 def assemble(

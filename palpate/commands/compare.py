@@ -24,7 +24,14 @@ from palpate.render.paired import ChannelPairView, PairView, as_data, print_pair
 from palpate.render.terminal import print_comparison, print_files
 from palpate.robot_io.errors import InputError
 from palpate.study import Study
-from palpate.workflows.data_options import DataArguments, FolderOption, ForceOption, ModelOption, takes_data
+from palpate.workflows.data_options import (
+    DataArguments,
+    FolderOption,
+    ForceOption,
+    ModelOption,
+    refuse_idle_force,
+    takes_data,
+)
 
 RESULT, RECORDING = "comparison.json", "sides.rrd"
 PAIR_FILES = {"result": RESULT, "report": REPORT, "recording": RECORDING}  # of two measurements
@@ -118,6 +125,7 @@ def compare_command(
       palpate compare before.csv after.csv --out comparison
       palpate compare a.mcap --model kelvin_voigt --other-model hunt_crossley
     """
+    refuse_idle_force(out, force=force)
     named = {"--model": model, "--other-model": other_model, "--channel": channel}
     if (revision or other_revision) and (given := [name for name, value in named.items() if value]):
         raise InputError(f"--revision sets channel and model: leave out {given[0]}")

@@ -27,7 +27,13 @@ from palpate.render.estimates import as_data, calibration_remark, print_estimate
 from palpate.render.terminal import print_diagnosis, print_files
 from palpate.robot_io.errors import InputError
 from palpate.study import Study
-from palpate.workflows.data_options import DataArguments, ForceOption, ModelOption, takes_data
+from palpate.workflows.data_options import (
+    DataArguments,
+    ForceOption,
+    ModelOption,
+    refuse_idle_force,
+    takes_data,
+)
 
 PLAN = "next-experiment.yaml"
 EXIT_CODES = {Verdict.MISSING: 10, Verdict.UNEXPLAINED: 11, Verdict.INSUFFICIENT: 12}  # 1 to 3 are failures
@@ -66,6 +72,7 @@ def diagnose_command(
     """
     from palpate.render.progress import diagnosis_progress  # noqa: PLC0415, loads what moves an arm
 
+    refuse_idle_force(out, force=force)
     study = data.study(model, out)
     data.print_omitted()
     writes = out is not None or apply or (study.source.session is not None and not as_json)

@@ -15,7 +15,14 @@ from palpate.estimation.study.revisions import user_effects_of
 from palpate.render.build import NAMES, result_view, write_outcome
 from palpate.render.terminal import print_files, print_revisions, print_stages
 from palpate.study import Study
-from palpate.workflows.data_options import DataArguments, FolderOption, ForceOption, ModelOption, takes_data
+from palpate.workflows.data_options import (
+    DataArguments,
+    FolderOption,
+    ForceOption,
+    ModelOption,
+    refuse_idle_force,
+    takes_data,
+)
 
 
 @takes_data
@@ -44,6 +51,7 @@ def add_command(
     Continues from the newest revision, or from the one given by --from. Updates report and recording in the
     revisions folder.
     """
+    refuse_idle_force(out, force=force)
     folder = output_folder(folder_to_fill(data.file, out, NAMES, force=force))
     study = data.study(model, folder)
     with console.stderr().status("refitting stage by stage"):

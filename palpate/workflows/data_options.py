@@ -201,11 +201,20 @@ class DataArguments(StudyOptions):
         return shell_options(self.file, **{**arm, "held-out": self.held_out, **self.given, **more})
 
 
+def refuse_idle_force(out: Path | None, *, force: bool) -> None:
+    """Refuse --force without the folder of --out, in which alone it replaces files."""
+    if force and out is None:
+        raise InputError("--force: replaces files in the folder of --out; add --out FOLDER, or omit --force")
+
+
 def _run_numbers(text: str | None) -> list[int]:
     try:
-        return [int(part) for part in text.split(",")] if text else []
+        runs = [int(part) for part in text.split(",")] if text else []
     except ValueError:
         raise InputError(f"--held-out {text}: give run numbers separated by commas, such as 2,5") from None
+    if len(runs) > len(set(runs)):
+        raise InputError(f"--held-out {text}: a run is named twice; name each run once")
+    return runs
 
 
 takes_data = with_options(DataArguments, "file")

@@ -29,6 +29,7 @@ WHERE = ImportOptions(where={"run": "0,2"})
         (("--tip-frame", "zz"), ("--tip-frame zz", "--urdf")),
         (("--runs", "0"), ("'--runs': '0' should be greater than or equal to 1", "--help")),
         (("--runs", "many"), ("'--runs': 'many' should be a valid integer (see",)),
+        (("--held-out", "1,1"), ("--held-out 1,1: a run is named twice",)),
         (("--held-out", "0,1,2,3"), ("contact", "all runs are held out; leave at least one run to fit to")),
         (("--urdf", "DATA"), ("hardening.csv", "not a readable URDF")),
         (("--urdf", "ARM", "--tip-frame", "zz"), ("arm.urdf: no frame is called 'zz'", "Valid:")),
