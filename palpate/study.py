@@ -155,13 +155,12 @@ class Study(ModelStudy):
         judge: Judge = diagnose,
     ) -> StudyDiagnosis:
         """See `ModelStudy.diagnose`; without `progress`, a notebook shows a bar."""
-        if progress is not None:
-            return super().diagnose(channel, apply=apply, plan=plan, progress=progress, judge=judge)
-        bar = notebook_progress()
+        bar = progress or notebook_progress()
         try:
             return super().diagnose(channel, apply=apply, plan=plan, progress=bar, judge=judge)
         finally:
-            bar("", 1.0)
+            if progress is None:
+                bar("", 1.0)
 
     def workbench(self, port: int = 0, *, browser: bool = True) -> PageAddress:
         """Open the workbench on this study; it runs until this program or notebook ends.
@@ -335,16 +334,7 @@ class Study(ModelStudy):
     def _newest_revisions(
         self, channels: Sequence[StudyChannel], *, refuse_others: bool
     ) -> dict[str, Revision]:
-        """Return the newest revision of each channel that has one, by channel.
-
-        Args:
-            channels: channels of this study.
-            refuse_others: whether to refuse a folder in which a channel has only revisions of other data or
-                of another base model, or in which all revisions are of other channels.
-
-        Raises:
-            InputError: the folder is refused.
-        """
+        """Return each channel's newest revision, by channel; refuse a folder with those of others only."""
         newest = {item.name: kept for item in channels if (kept := self.newest(item)) is not None}
         latest = {revision.channel: revision for revision in self.revisions}
         if not refuse_others or not latest:

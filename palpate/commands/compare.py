@@ -29,27 +29,14 @@ from palpate.workflows.data_options import (
     FolderOption,
     ForceOption,
     ModelOption,
-    refuse_idle_force,
     takes_data,
 )
 
-RESULT, RECORDING = "comparison.json", "sides.rrd"
-PAIR_FILES = {"result": RESULT, "report": REPORT, "recording": RECORDING}  # of two measurements
+RESULT = "comparison.json"
 
 
-def chosen_revisions(study: Study, numbers: Sequence[int]) -> list[Revision]:
-    """Look up revisions by number.
-
-    Args:
-        study: the measurement and its revisions.
-        numbers: numbers of the revisions.
-
-    Returns:
-        each revision once, in the order of the numbers.
-
-    Raises:
-        InputError: one does not exist, or two are of one channel.
-    """
+def _chosen_revisions(study: Study, numbers: Sequence[int]) -> list[Revision]:
+    """Look up revisions by number."""
     saved_revisions = [study.revision(number) for number in dict.fromkeys(numbers)]
     names = [revision.channel for revision in saved_revisions]
     if twice := {name for name in names if names.count(name) > 1}:
@@ -125,7 +112,7 @@ def compare_command(
       palpate compare before.csv after.csv --out comparison
       palpate compare a.mcap --model kelvin_voigt --other-model hunt_crossley
     """
-    refuse_idle_force(out, force=force)
+    data.refuse_idle_force(out, force=force)
     named = {"--model": model, "--other-model": other_model, "--channel": channel}
     if (revision or other_revision) and (given := [name for name, value in named.items() if value]):
         raise InputError(f"--revision sets channel and model: leave out {given[0]}")
@@ -134,7 +121,7 @@ def compare_command(
         _compare_pair(data, other, both, channel, revisions, folder, out, as_json=as_json, force=force)
         return
     study = data.study(model, folder_to_read(data.file, folder))
-    saved_revisions = chosen_revisions(study, revision or ())
+    saved_revisions = _chosen_revisions(study, revision or ())
     target = None
     if out is not None:
         target = output_folder(folder_to_fill(data.file, out, (RESULT, *NAMES), force=force))
@@ -167,7 +154,7 @@ def compare_command(
         for words in (*of_other_data, *failures.values()):
             console.stdout().print(f"[yellow]{safe(words)}[/yellow]")
 
-    grown = {"revision": [str(item.number) for item in saved_revisions], "folder": folder}
+    grown = {"revision": [item.number for item in saved_revisions], "folder": folder}
     again = f"palpate compare {data.command_text(channel=channel, model=model, **grown)}"
     if target is not None:
         written = write_outcome(target, study, results, [again], {RESULT: json_text(content())})
@@ -212,16 +199,12 @@ def _compare_pair(  # noqa: PLR0917, what was typed
     as_json: bool,
     force: bool,
 ) -> None:
-    """Compare two studies, channel by channel; print both sides, and write files if requested.
-
-    Without another file, models of one file are compared. Models of revisions replace base models; without a
-    revision of the second study, the models of the first are fitted to it as well.
-    """
+    """Compare two studies, or two models of one; without a second revision, the first one's model is used."""
     files, read = (data.file, other or data.file), folder_to_read(data.file, folder)
     first = data.study(models[0], read)
     second = replace(data, file=files[1]).study(models[1] or models[0], None if other else read, first)
-    saved_revisions = chosen_revisions(first, revisions[0])
-    other_revisions = chosen_revisions(second, revisions[1]) or saved_revisions
+    saved_revisions = _chosen_revisions(first, revisions[0])
+    other_revisions = _chosen_revisions(second, revisions[1]) or saved_revisions
     grown = _extended(first, saved_revisions), _extended(second, other_revisions)
     names = _names(first, second, grown)
     shared = compare_pairs(first, second, names, grown)
@@ -236,16 +219,14 @@ def _compare_pair(  # noqa: PLR0917, what was typed
             "COLUMN compares the specimens of one file"
         )
     if out is not None:
-        spare_files(out, PAIR_FILES.values(), force=force, keep=files)
+        spare_files(out, (RESULT, REPORT), force=force, keep=files)
     same = files[0] == files[1]
-    numbers, other_numbers = ([str(number) for number in own] for own in revisions)
-    given: dict[str, list[str] | Path | None]
-    given = {"revision": numbers, "other-revision": other_numbers, "folder": folder}
+    given: dict[str, Any] = {"revision": revisions[0], "other-revision": revisions[1], "folder": folder}
     is_of_base_models = same and not any(given.values())
-    given["channel"] = None if channel is None else [channel]
+    given["channel"] = channel
     if is_of_base_models:
         a, b = pairs[0].first, pairs[0].second
-        given |= {"model": [a.channel.model.name], "other-model": [b.channel.model.name]}
+        given |= {"model": a.channel.model.name, "other-model": b.channel.model.name}
     beside = "" if same else f" {shell_path(files[1])}"
     file = shell_path(data.file)
     again = f"palpate compare {file}{beside}{data.command_text(**given).removeprefix(file)}"
@@ -262,18 +243,16 @@ def _compare_pair(  # noqa: PLR0917, what was typed
     content = {"files": [str(file) for file in files], "channels": [as_data(pair) for pair in pairs]}
     console.present(content, lambda: print_pair(console.stdout(), view), as_json=as_json)
     if out is not None:
-        with console.stderr().status("report and recording"):
-            # plotting libraries take long to import
-            from palpate.render.paired_report import document, record_pair  # noqa: PLC0415
+        with console.stderr().status("drawing"):
+            from palpate.render.paired_report import document  # noqa: PLC0415, plotting takes long to import
 
-            output_folder(out)
-            with atomic_write_all({out / RESULT: json_text(content), out / REPORT: document(view)}):
-                record_pair(view, out / RECORDING)
-        written = {what: out / name for what, name in PAIR_FILES.items()}
+            texts = {output_folder(out) / RESULT: json_text(content), out / REPORT: document(view)}
+            with atomic_write_all(texts):
+                pass
         if not as_json:
-            print_files(console.stdout(), written)
+            print_files(console.stdout(), {"result": out / RESULT, "report": out / REPORT})
     if not as_json:
-        steps = [] if out is not None else [(f"{again} --out FOLDER", "curves, residuals, and a recording")]
+        steps = [] if out is not None else [(f"{again} --out FOLDER", "curves and residuals")]
         alone = [
             replace(data, file=path).command_text(channel=channel, model=base)
             for path, base in dict.fromkeys(zip(files, (models[0], models[1] or models[0]), strict=True))
@@ -294,7 +273,7 @@ def _next_steps(  # noqa: PLR0917, what was typed
     newest = [saved for result in results if (saved := study.newest(result.channel)) is not None]
     if newest:
         own = list(dict.fromkeys([*(data.effect or ()), *user_effects_of(newest)]))
-        numbers = [str(revision.number) for revision in newest]
+        numbers = [revision.number for revision in newest]
         since = data.command_text(revision=numbers, folder=folder, effect=own)
         yield f"palpate compare {since}", "with the effects added since"
     elif model is None and data.urdf is None:

@@ -31,7 +31,6 @@ from palpate.workflows.data_options import (
     DataArguments,
     ForceOption,
     ModelOption,
-    refuse_idle_force,
     takes_data,
 )
 
@@ -72,7 +71,7 @@ def diagnose_command(
     """
     from palpate.render.progress import diagnosis_progress  # noqa: PLC0415, loads what moves an arm
 
-    refuse_idle_force(out, force=force)
+    data.refuse_idle_force(out, force=force)
     study = data.study(model, out)
     data.print_omitted()
     writes = out is not None or apply or (study.source.session is not None and not as_json)
@@ -119,15 +118,11 @@ def diagnose_command(
             *_next_steps(data, study, diagnosis, {"model": model, "channel": channel}, out, plan)
         )
     if exit_code:
-        raise typer.Exit(exit_code_of([channel.verdict for channel in diagnosis.channels]))
+        raise typer.Exit(_exit_code_of([channel.verdict for channel in diagnosis.channels]))
 
 
-def exit_code_of(verdicts: Iterable[Verdict]) -> int:
-    """Return the exit code of the most severe verdict; 0 if all channels are adequate.
-
-    Args:
-        verdicts: verdict of each channel.
-    """
+def _exit_code_of(verdicts: Iterable[Verdict]) -> int:
+    """Return the exit code of the most severe verdict; 0 if all channels are adequate."""
     return min((EXIT_CODES[verdict] for verdict in verdicts if verdict in EXIT_CODES), default=0)
 
 

@@ -181,9 +181,9 @@ def export_command(
         if servo_gain is not None and form in (Format.SCENARIO, Format.FEEDFORWARD):
             raise InputError(f"--servo-gain {servo_gain:g}: only for --format mjcf, urdf, isaaclab or bam")
         if form is Format.SCENARIO:
-            made = export_scenario(data, study, path, revision or (), folder, force=force)
+            made = _export_scenario(data, study, path, revision or (), folder, force=force)
         else:
-            made = export_joints(
+            made = _export_joints(
                 data, study, path, revision or (), form, patch, force=force, servo_gain_nm_rad=servo_gain
             )
 
@@ -199,7 +199,7 @@ def export_command(
     console.present({"file": str(data.file), **made.content}, show, made.steps, as_json=as_json)
 
 
-def export_scenario(
+def _export_scenario(
     data: DataArguments,
     study: "Study",
     path: Path,
@@ -208,19 +208,7 @@ def export_scenario(
     *,
     force: bool,
 ) -> _Export:
-    """Write the models as a simulated world, and warn of a model that leaves more than the noise.
-
-    Args:
-        data: the measurement.
-        study: study of this measurement.
-        path: file to write.
-        revisions: numbers of the revisions to export; none for the newest of each channel.
-        folder: folder of the revisions, as typed.
-        force: whether an existing file is replaced.
-
-    Raises:
-        InputError: there is no such revision, or the file cannot be written.
-    """
+    """Write the models as a simulated world, and warn of a model that leaves more than the noise."""
     output_file(path, force=force, keep=[data.file], endings=_FILES[Format.SCENARIO][1])
     before = len(study.revisions)
     kept = study.to_export(revisions)
@@ -238,7 +226,7 @@ def export_scenario(
                 " A simulation with this model differs from the measurement.",
             )
     export = study.export(path, [item.number for item in kept])
-    numbers, own = [str(each.number) for each in kept], user_effects_of(kept)
+    numbers, own = [each.number for each in kept], user_effects_of(kept)
     again = data.command_text(revision=numbers, folder=folder, effect=[*(data.effect or ()), *own])
     steps = [(f"palpate probe --scenario {shell_path(path)}", "probe the model as if it were the object")]
     if study.source.probed and data.file.is_file():
@@ -249,7 +237,7 @@ def export_scenario(
     return _Export(content, [f"scenario  [bold]{display_path(path)}[/bold]"], steps)
 
 
-def export_joints(  # noqa: PLR0917, what was typed
+def _export_joints(  # noqa: PLR0917, what was typed
     data: DataArguments,
     study: "Study",
     path: Path,
@@ -260,21 +248,7 @@ def export_joints(  # noqa: PLR0917, what was typed
     force: bool,
     servo_gain_nm_rad: float | None = None,
 ) -> _Export:
-    """Write the models of the joints as a feedforward or for a simulator, and warn of base models.
-
-    Args:
-        data: the measurement.
-        study: study of this measurement.
-        path: file to write; a feedforward's functions in Python and C are written beside it.
-        revisions: numbers of the revisions to export; none for the newest of each channel.
-        form: format of the file.
-        patch: file to copy and complete; None for the default of this format.
-        force: whether existing files are replaced.
-        servo_gain_nm_rad: torque per goal error of servos [N m/rad]; None if the effort was measured.
-
-    Raises:
-        InputError: there is no such revision, or a file cannot be written.
-    """
+    """Write the models of the joints as a feedforward or for a simulator, and warn of base models."""
     content: dict[str, Any]
     if form is Format.FEEDFORWARD:
         if path.suffix not in _FILES[form][1]:

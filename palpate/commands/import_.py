@@ -84,18 +84,18 @@ def import_command(
                         "rows": len(table),
                         "written": table.notes,
                         "columns": {name: imported.roles.get(name) for name in table.names},
-                        "channels": channel_facts(imported),
-                        "notes": [*imported.notes, *plausibility_warnings(imported)],
+                        "channels": _channel_facts(imported),
+                        "notes": [*imported.notes, *_plausibility_warnings(imported)],
                     }
                 )
             console.print_json({"files": facts})
             return
         previews: list[ImportedData] = []
         for table in read_tables(tables, options.options):
-            previews.append(print_preview(table, options.options, previews[-1].roles if previews else None))
+            previews.append(_print_preview(table, options.options, previews[-1].roles if previews else None))
         # Several files are runs of one measurement, so whether they suffice is judged for all together.
         imported = previews[0] if len(previews) == 1 else import_files(tables, options.options)
-        for warning in plausibility_warnings(imported):
+        for warning in _plausibility_warnings(imported):
             console.stdout().print(f"[yellow]{safe(warning)}[/yellow]")
         words = [*map(shell_path, files[:-1]), shell_options(files[-1], **options.given)]
         console.next_steps((" ".join(["palpate import", *words]), "store it as a session"))
@@ -116,18 +116,18 @@ def import_command(
             ),
             progress=lambda share: bar.update(_READ + (1.0 - _READ) * share, "writing the session"),
         )
-    notes = (*imported.notes, *plausibility_warnings(imported))
+    notes = (*imported.notes, *_plausibility_warnings(imported))
     console.print_read_notes(imported.read, notes)
 
     def show() -> None:
-        for fact in channel_facts(imported):
+        for fact in _channel_facts(imported):
             samples, runs = count(fact["samples"], "sample"), count(fact["runs"], "run")
             lasts = duration(fact["recorded_s"])
             title = safe(imported.title(fact["channel"]))
             console.say(f"{title} ({fact['kind']}): {samples}, {runs}, {lasts}")
         console.say(f"written: [bold]{display_path(session)}[/bold]")
 
-    content = {"session": str(session), "channels": channel_facts(imported), "notes": list(notes)}
+    content = {"session": str(session), "channels": _channel_facts(imported), "notes": list(notes)}
     steps = (
         (f"palpate estimate {shell_path(session)}", "parameters of a model with their intervals"),
         (f"palpate compare {shell_path(session)}", "how well a simple model fits, and where it fails"),
@@ -143,12 +143,8 @@ _MOST_RUNS = 30
 _PAUSE = 10.0  # multiple of the usual time step above which a gap is a pause
 
 
-def channel_facts(imported: ImportedData) -> list[dict[str, Any]]:
-    """Return kind, samples, runs and length of each channel, as plain data.
-
-    Args:
-        imported: the file as it was read.
-    """
+def _channel_facts(imported: ImportedData) -> list[dict[str, Any]]:
+    """Return kind, samples, runs and length of each channel, as plain data."""
     return [
         {
             "channel": channel.name,
@@ -161,19 +157,10 @@ def channel_facts(imported: ImportedData) -> list[dict[str, Any]]:
     ]
 
 
-def print_preview(
+def _print_preview(
     table: Table, options: ImportOptions, like: Mapping[str, str] | None = None
 ) -> ImportedData:
-    """Print what an import would read from a file, and return it.
-
-    Args:
-        table: the table of the file.
-        options: options for reading the file.
-        like: roles of the columns in the previous file; if they are equal, they are not printed again.
-
-    Raises:
-        InputError: it cannot be read; its columns are shown first if they could be read.
-    """
+    """Print what an import would read from a file, and return it."""
     out = console.stdout()
     facts = "; ".join([count(len(table), "row"), *map(safe, table.notes)])
     out.print(f"[bold]{display_path(table.path)}[/bold]: {facts}")
@@ -213,12 +200,8 @@ def print_preview(
     return imported
 
 
-def plausibility_warnings(imported: ImportedData) -> list[str]:
-    """Describe implausible properties of the data of each channel, one sentence each.
-
-    Args:
-        imported: the file as it was read.
-    """
+def _plausibility_warnings(imported: ImportedData) -> list[str]:
+    """Describe implausible properties of the data of each channel, one sentence each."""
     return list_warnings((imported.title(c.name), quality_warnings(c)) for c in imported.channels)
 
 

@@ -22,7 +22,7 @@ def info_command(
 ) -> None:
     """Show the content of a session: time, origin, streams, events, and whether it is complete."""
     opened = open_session(session)
-    data = describe_session(opened)
+    data = _describe_session(opened)
     if as_json:
         console.print_json(data)
         return
@@ -75,12 +75,8 @@ def info_command(
         out.print(table)
 
 
-def describe_session(session: Session) -> dict[str, Any]:
-    """Return the session's facts as plain data; the keys are stable.
-
-    Args:
-        session: the whole session.
-    """
+def _describe_session(session: Session) -> dict[str, Any]:
+    """Return the session's facts as plain data; the keys are stable."""
     metadata, calibrations = session.metadata, list[str]()
     if metadata.calibration:
         from palpate.robot_io.calibration.applied import parse_calibrations  # noqa: PLC0415, takes as long as all else

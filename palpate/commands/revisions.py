@@ -20,7 +20,6 @@ from palpate.workflows.data_options import (
     FolderOption,
     ForceOption,
     ModelOption,
-    refuse_idle_force,
     takes_data,
 )
 
@@ -51,7 +50,7 @@ def add_command(
     Continues from the newest revision, or from the one given by --from. Updates report and recording in the
     revisions folder.
     """
-    refuse_idle_force(out, force=force)
+    data.refuse_idle_force(out, force=force)
     folder = output_folder(folder_to_fill(data.file, out, NAMES, force=force))
     study = data.study(model, folder)
     with console.stderr().status("refitting stage by stage"):
@@ -118,15 +117,7 @@ def remove_command(
 def _update_report(
     data: DataArguments, study: Study, change: RevisionChange, folder: Path, typed_folder: Path | None
 ) -> dict[str, Path]:
-    """Write report and recording with the newest model of each channel; return paths by kind.
-
-    Args:
-        data: the measurement, as it was typed.
-        study: study of the measurement.
-        change: the newest revision of one channel.
-        folder: folder of the revisions.
-        typed_folder: the same folder if it was typed; None if it is the default.
-    """
+    """Write report and recording with the newest model of each channel; return paths by kind."""
     changed = change.result.channel.name
     results = [change.result if item.channel.name == changed else item for item in study.results()]
     with console.stderr().status("report and recording"):
@@ -159,7 +150,7 @@ def revisions_command(data: DataArguments, as_json: JsonOption = False, folder: 
     if revisions:
         first, newest = revisions[0], {revision.channel: revision for revision in revisions}
         added = data.command_text(out=folder, effect=user_effects_of([first]))
-        last = {"revision": [str(revision.number) for revision in newest.values()], "folder": folder}
+        last = {"revision": [revision.number for revision in newest.values()], "folder": folder}
         compared = data.command_text(**last, effect=user_effects_of(list(newest.values())))
         steps = [
             (f"palpate add {added} EFFECT --from {first.number}", "go back to a revision and continue there"),

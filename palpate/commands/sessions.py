@@ -48,7 +48,7 @@ def merge_command(
             raise InputError(f"{path}: is a copy of {same[0]}; its runs would count as repeated measurements")
     file = output_session(out, keep=sessions)
     opened = [open_session(path) for path in sessions]
-    streams = merged_streams(opened)
+    streams = _merged_streams(opened)
     every = [session.metadata for session in opened]
     first, named = every[0], ", ".join(session.path.name for session in opened)
     shared = {
@@ -68,7 +68,7 @@ def merge_command(
     )
     write_session(file, streams, metadata, [event for session in opened for event in session.events])
     samples = {stream.name: len(columns["time_s"]) for stream, columns in streams}
-    console.print_read_notes("", merge_notes(opened))
+    console.print_read_notes("", _merge_notes(opened))
 
     def show() -> None:
         for name, number in samples.items():
@@ -134,18 +134,8 @@ _APART, _SPREADS = 0.05, 3.0  # share of the deepest indentation, and multiple o
 Merged = tuple[Stream, Mapping[str, NDArray[np.generic]]]
 
 
-def merged_streams(sessions: Sequence[Session]) -> list[Merged]:
-    """Concatenate each stream that all sessions have.
-
-    Clocks are not changed. If one clock continues through all sessions, the memory of the object carries
-    over.
-
-    Args:
-        sessions: the sessions, in order.
-
-    Raises:
-        InputError: they are not of one arm, or not of the same streams.
-    """
+def _merged_streams(sessions: Sequence[Session]) -> list[Merged]:
+    """Concatenate each stream that all sessions have."""
     first = sessions[0]
     for session in sessions[1:]:  # refuse sessions of other arms, or with other streams or columns
         if session.metadata.urdf != first.metadata.urdf:
@@ -184,17 +174,8 @@ def _is_incomplete(session: Session) -> bool:
     return bool(is_cut) or NOT_WHOLE in session.metadata.extra
 
 
-def merge_notes(sessions: Sequence[Session]) -> list[str]:
-    """Name incomplete sessions, and contacts that begin at another depth than in the first session.
-
-    The merged session marks neither. It is judged as presses onto one surface: nothing is shifted.
-
-    Args:
-        sessions: the merged sessions, in order.
-
-    Returns:
-        One sentence for each.
-    """
+def _merge_notes(sessions: Sequence[Session]) -> list[str]:
+    """Name incomplete sessions, and contacts that begin at another depth than in the first session."""
     notes = [
         f"{session.path.name}: is incomplete (palpate info says why); the part that exists was merged"
         for session in sessions

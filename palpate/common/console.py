@@ -145,12 +145,8 @@ _NEEDED_MODULES = {
 }
 
 
-def format_command(command: str) -> str:
-    """Return a command that can be typed here; include the program's folder if it is not on the PATH.
-
-    Args:
-        command: command line that starts with the program's name.
-    """
+def _format_command(command: str) -> str:
+    """Return a command that can be typed here; include the program's folder if it is not on the PATH."""
     program, _, rest = command.partition(" ")
     started = Path(sys.argv[0]).parent / program
     if not started.is_file() or shutil.which(program) == str(started.absolute()):
@@ -178,8 +174,8 @@ def _with_missing_extra(command: str) -> str:
     """Return a command as it can be typed here, behind the installation of its extra if that is missing."""
     needed = next((module for start, module in _NEEDED_MODULES.items() if command.startswith(start)), None)
     if needed is None or find_spec(needed):
-        return format_command(command)
-    return f"{format_command(install_command(EXTRAS[needed][1]))} && {format_command(command)}"
+        return _format_command(command)
+    return f"{_format_command(install_command(EXTRAS[needed][1]))} && {_format_command(command)}"
 
 
 def has_display() -> bool:

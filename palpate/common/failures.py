@@ -48,7 +48,7 @@ class OneLineGroup(TyperGroup):
             # Python 3.11 wraps an interrupt that occurs while a class is created.
             if isinstance(error, typer.Abort) or isinstance(error.__cause__, KeyboardInterrupt):
                 sys.exit(report("interrupted", INTERRUPTED, as_json=as_json))
-            sys.exit(report_error(error, as_json=as_json))
+            sys.exit(_report_error(error, as_json=as_json))
         finally:
             remove_empty_folders()
         if code == INTERRUPTED:
@@ -56,13 +56,8 @@ class OneLineGroup(TyperGroup):
         sys.exit(code if isinstance(code, int) else 0)
 
 
-def report_error(error: Exception, *, as_json: bool = False) -> int:
-    """Print one line for `error` and return the exit code that goes with it; see `report`.
-
-    Args:
-        error: the exception that ended the command.
-        as_json: whether to print JSON.
-    """
+def _report_error(error: Exception, *, as_json: bool = False) -> int:
+    """Print one line for `error` and return the exit code that goes with it; see `report`."""
     if os.environ.get(DEBUG_VARIABLE):
         traceback.print_exception(error)
     if isinstance(error, BrokenPipeError):

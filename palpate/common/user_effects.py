@@ -94,7 +94,7 @@ def load_user_effects(texts: Sequence[str]) -> dict[str, Effect]:
     """
     loaded: dict[str, Effect] = {}
     for text in dict.fromkeys(texts):
-        effect = load_user_effect(text)
+        effect = _load_user_effect(text)
         taken = "palpate" if effect.name in EFFECTS else ""
         taken = next((place for place, known in loaded.items() if known.name == effect.name), taken)
         if taken:
@@ -106,15 +106,8 @@ def load_user_effects(texts: Sequence[str]) -> dict[str, Effect]:
     return loaded
 
 
-def load_user_effect(text: str) -> Effect:
-    """Load an effect that the user names on the command line.
-
-    Args:
-        text: text of the form FILE.py:Class.
-
-    Raises:
-        InputError: the file or class does not exist, cannot be run, or is not an effect.
-    """
+def _load_user_effect(text: str) -> Effect:
+    """Load an effect that the user names on the command line."""
     file, _, name = text.rpartition(":")
     if not file or not name.isidentifier():
         raise InputError(f"--effect {text!r}: give file and class, such as my_effects.py:MyEffect ({FORM})")

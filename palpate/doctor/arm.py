@@ -75,17 +75,17 @@ def examine_arm(check: ArmCheck) -> Iterator[Finding]:
             if shift_warning:
                 remedy = "hold the arm in a known pose and compare; else palpate calibrate encoder"
                 yield warn("zeros", shift_warning, remedy)
-            ports = dict(examine_ports(robot_file))
+            ports = dict(_examine_ports(robot_file))
             yield from ports.values()
             closed = {bus for bus, finding in ports.items() if finding.level is Level.FAIL}
-            yield from examine_devices(robot, robot_file, closed)
+            yield from _examine_devices(robot, robot_file, closed)
 
         def powered(robot: Robot) -> Iterator[Finding]:
             return examine_powered(robot, robot_file, body, hand)
 
         stages: list[Callable[[], Iterator[Finding]]] = [
             unpowered,
-            lambda: _with_robot(make, lambda robot: examine_rates(robot, robot_file)),
+            lambda: _with_robot(make, lambda robot: _examine_rates(robot, robot_file)),
         ]
         if check.move:
             stages += [
@@ -130,14 +130,8 @@ def _with_robot(make: Callable[[], Robot], look: Callable[[Robot], Iterator[Find
         yield fail("arm", describe_error(error), "correct the driver")
 
 
-def examine_ports(robot_file: RobotFile) -> Iterator[tuple[str, Finding]]:
-    """Check serial ports (setting `port`) and SocketCAN interfaces (`channel`); yield bus and finding.
-
-    Nothing is opened.
-
-    Args:
-        robot_file: robot file of the arm.
-    """
+def _examine_ports(robot_file: RobotFile) -> Iterator[tuple[str, Finding]]:
+    """Check serial ports (setting `port`) and SocketCAN interfaces (`channel`); yield bus and finding."""
     for name, bus in robot_file.buses.items():
         subject, port, channel = f"port of {name}", bus.settings.get("port"), bus.settings.get("channel")
         if isinstance(port, str) and port.startswith("/"):
@@ -154,14 +148,8 @@ def examine_ports(robot_file: RobotFile) -> Iterator[tuple[str, Finding]]:
             yield name, can_interface(subject, channel, Level.FAIL)
 
 
-def examine_devices(robot: Robot, robot_file: RobotFile, closed: Set[str]) -> Iterator[Finding]:
-    """Configure each part of a new robot and yield its findings; close everything afterwards.
-
-    Args:
-        robot: new robot, not configured.
-        robot_file: robot file of this robot.
-        closed: buses whose port cannot be opened, which has been reported already.
-    """
+def _examine_devices(robot: Robot, robot_file: RobotFile, closed: Set[str]) -> Iterator[Finding]:
+    """Configure each part of a new robot and yield its findings; close everything afterwards."""
     parts: list[tuple[str, Component, str | None]] = [
         *((f"bus {name}", bus, name) for name, bus in robot.buses.items()),
         ("encoder", robot.encoder, robot_file.encoder.bus),
@@ -210,7 +198,7 @@ _MICRO, _MILLI = 1e6, 1e3
 _WARN, _FAIL = Level.WARN, Level.FAIL
 
 
-def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
+def _examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
     """Read a configured robot for half a second at its control rate, without power, and check its samples."""
     period_s, limits = 1.0 / robot_file.control_rate_hz, robot_file.limits
     computed = list(_computed(robot, period_s))

@@ -57,45 +57,32 @@ class ArmOperator:
 
     patience_s = 30.0
 
-    def turn(self, joint: int, words: str) -> None:
-        """Ask for a forward turn of a joint.
+    def say(self, words: str) -> None:
+        """Show an instruction."""
+        console.stderr().print(words)
 
-        Args:
-            joint: index of the joint, from 0.
-            words: description of the turn.
-        """
-        console.stderr().print(f"[bold]Turn joint {joint + 1} by hand[/bold], by about 15 degrees: {words}")
+    def turn(self, joint: int, words: str) -> None:
+        """Ask for a forward turn of a joint, counted from 0."""
+        self.say(f"[bold]Turn joint {joint + 1} by hand[/bold], by about 15 degrees: {words}")
 
     def press(self, words: str) -> None:
-        """Ask for a press against the tool.
-
-        Args:
-            words: where and how to press.
-        """
-        console.stderr().print(f"[bold]Press gently with a finger[/bold] {words}")
+        """Ask for a press against the tool."""
+        self.say(f"[bold]Press gently with a finger[/bold] {words}")
 
     def advance(self, elapsed_s: float) -> None:
-        """Advance the current action; a person needs no such call.
-
-        Args:
-            elapsed_s: time since the current action began [s].
-        """
+        """Continue the current action, which began `elapsed_s` ago [s]; a person needs no such call."""
 
     def rest(self) -> None:
         """Ask to let the arm go back and hold still."""
-        console.stderr().print("Let it go back, and hold still.")
+        self.say("Let it go back, and hold still.")
 
     def leave(self) -> None:
         """Ask to take every hand off the arm."""
-        console.stderr().print("[bold]Hands away from the arm[/bold]")
+        self.say("[bold]Hands away from the arm[/bold]")
 
     def count(self, left_s: int) -> None:
-        """Announce the seconds left until the arm gets power.
-
-        Args:
-            left_s: remaining time [s].
-        """
-        console.stderr().print(f"[bold]Hands away:[/bold] power in {left_s} s")
+        """Announce the seconds left until the arm gets power."""
+        self.say(f"[bold]Hands away:[/bold] power in {left_s} s")
 
 
 class EmulatedOperator(ArmOperator):
@@ -109,6 +96,9 @@ class EmulatedOperator(ArmOperator):
         self._joint: int | None = None
         self._pressing = False
         self._away_m = self._world.truth().tip_position_world_m[2] - _AWAY_M
+
+    def say(self, words: str) -> None:
+        """Print nothing."""
 
     def turn(self, joint: int, words: str) -> None:
         self._joint, self._pressing = joint, False
@@ -134,12 +124,6 @@ class EmulatedOperator(ArmOperator):
         self._world.object.move_surface(self._away_m)
         self._world.place(self._home_rad)
 
-    def leave(self) -> None:
-        """See `ArmOperator.leave`."""
-
-    def count(self, left_s: int) -> None:
-        """See `ArmOperator.count`."""
-
 
 def examine_signs(robot: Robot, body: RigidBody, hand: ArmOperator) -> Iterator[Finding]:
     """Ask for a turn of each joint and a press on the tool, and check the measured signs.
@@ -150,13 +134,13 @@ def examine_signs(robot: Robot, body: RigidBody, hand: ArmOperator) -> Iterator[
         hand: turns the joints and presses the tool.
     """
     for joint in range(robot.joint_count):
-        if not _wait_until(robot, hand, is_still):
+        if not _wait_until(robot, hand, _is_still):
             yield RESTLESS
             return
         angles_rad = _read_for(robot, _START_S)[-1].joint_position_rad
         hand.turn(joint, _tip_motion(body, angles_rad, joint))
         yield _joint_finding(joint, _watch(robot, hand, lambda m: m.joint_position_rad, _MOVED_RAD))
-    if not _wait_until(robot, hand, is_still):
+    if not _wait_until(robot, hand, _is_still):
         yield RESTLESS
         return
     rest_n = _force_n(_read_for(robot, _START_S))
@@ -206,14 +190,8 @@ def _force_finding(pressed_n: float) -> Finding:
     return graded(subject, value, (_FAIL, pressed_n < 0, remedy))
 
 
-def is_still(measurements: list[Measurement]) -> bool:
-    """Return whether no joint moved in the valid samples; False without any valid sample.
-
-    A sample is valid if encoders and force sensor have new readings and report no fault.
-
-    Args:
-        measurements: measurements in time order.
-    """
+def _is_still(measurements: list[Measurement]) -> bool:
+    """Return whether no joint moved in the valid samples; False without any valid sample."""
     fresh = all(any(getattr(m, device) is Status.OK for m in measurements) for device in _DEVICES)
     good = fresh and all(
         max(m.encoder_status, m.force_status) < Status.FAULT and np.isfinite(m.force_n) for m in measurements
@@ -316,7 +294,7 @@ def examine_powered(
         DeviceError: a device failed before the first tick.
         KeyboardInterrupt: the user stopped the check; the arm is at rest.
     """
-    if not _wait_until(robot, hand, is_still):
+    if not _wait_until(robot, hand, _is_still):
         yield RESTLESS
         return
     before = _read_for(robot, 0.1)
@@ -325,11 +303,11 @@ def examine_powered(
         now = _read_for(robot, 1.0)
         spread_n = float(np.std([m.force_n for m in now]))
         touched = max(abs(_force_n(now) - _force_n(before)), spread_n) > _TOUCHED_N
-        if touched or not is_still(now) or not is_still([*before, *now]):
+        if touched or not _is_still(now) or not _is_still([*before, *now]):
             value = "the arm moves or is touched, so it gets no power"
             yield fail("hands away", value, "let the arm rest without anyone touching it, and start again")
             return
-    limits = reduced_limits(robot_file.limits, body)
+    limits = _reduced_limits(robot_file.limits, body)
     guard = Guard(limits, robot_file.safe_state, robot_file.joint_count, body.gravity)
     measured: list[Measurement] = []
 
@@ -368,13 +346,8 @@ def examine_powered(
         yield graded(f"drive of joint {joint}", value, (_FAIL, is_stuck, stuck), (Level.WARN, is_off, remedy))
 
 
-def reduced_limits(limits: Limits, body: RigidBody) -> Limits:
-    """Return limits that trip after little motion or force of a held joint.
-
-    Args:
-        limits: limits of the robot file.
-        body: rigid-body model of the arm.
-    """
+def _reduced_limits(limits: Limits, body: RigidBody) -> Limits:
+    """Return limits that trip after little motion or force of a held joint."""
     weight_nm = np.abs([body.gravity(pose) for pose in random_poses_rad(limits)]).max(axis=0)
     torque_nm = np.minimum(limits.torque_nm, weight_nm + _PUSH_SHARE * np.array(limits.torque_nm))
     tracking_rad = np.minimum(limits.tracking_rad, _TRACKING_RAD)

@@ -18,12 +18,8 @@ from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import read_text
 
 
-def isaaclab_text(arm: TargetArm) -> str:
-    """Write actuator configurations of Isaac Lab, a Python module with one dict `ACTUATORS`.
-
-    Args:
-        arm: terms of the arm, expressed for `SimulatorFormat.ISAACLAB`.
-    """
+def _isaaclab_text(arm: TargetArm) -> str:
+    """Write actuator configurations of Isaac Lab, a Python module with one dict `ACTUATORS`."""
     lines = [
         f'"""Actuators of Isaac Lab, written by palpate export from {as_comment(arm.source)}.',
         "",
@@ -63,17 +59,8 @@ _BAM_MODELS: Mapping[str, tuple[str, ...]] = {
 _OF_BAM = frozenset({"armature", *_BAM_MODELS["m4"]})
 
 
-def bam_texts(arm: TargetArm, patch: Path | None) -> list[str]:
-    """Write parameter files of BAM (better-actuator-models), one for the servo of each joint.
-
-    Args:
-        arm: terms of the arm, expressed for `SimulatorFormat.BAM`.
-        patch: parameter file with the other parameters (actuator, kt, R ...), which are copied; None without
-            such a file.
-
-    Raises:
-        InputError: `patch` is not a parameter file of BAM.
-    """
+def _bam_texts(arm: TargetArm, patch: Path | None) -> list[str]:
+    """Write parameter files of BAM (better-actuator-models), one for the servo of each joint."""
     motor: dict[str, object] = {}
     if patch is not None:
         try:
@@ -146,12 +133,12 @@ def write_simulator(
         several = len(arm.joints) > 1
         texts = {
             (path.with_stem(f"{path.stem}_{joint.channel}") if several else path): text
-            for joint, text in zip(arm.joints, bam_texts(arm, patch), strict=True)
+            for joint, text in zip(arm.joints, _bam_texts(arm, patch), strict=True)
         }
     elif target is SimulatorFormat.ISAACLAB:
         if patch is not None:
             raise InputError(f"--patch {patch}: Isaac Lab's actuators go to a separate file; omit --patch")
-        texts = {path: isaaclab_text(arm)}
+        texts = {path: _isaaclab_text(arm)}
     else:
         tip, axis = np.zeros(3), np.array([0.0, 1.0, 0.0])
         if body is not None:  # the axis of the first joint, pointing along world x or y

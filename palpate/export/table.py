@@ -139,10 +139,7 @@ def layout_of(session: Session, program: PlotProgram) -> str:
 
 
 def _series(plot: Sequence[tuple[Stream, Column]], name: Callable[[str, str], str]) -> list[str]:
-    """Return each curve's name for a viewer; a wide column has one per value.
-
-    Where a message holds many records of a long stream, the first of each is shown.
-    """
+    """Return each curve's name, one per value of a wide column; of a batch, the first record is shown."""
     return [
         name(stream.name, column.name) + ("" if column.width * stream.batch == 1 else f"[{number}]")
         for stream, column in plot

@@ -19,17 +19,8 @@ _DIRECTORIES = ("meshdir", "texturedir")
 _NOT_IN_THEM = ("include", "model")  # MuJoCo looks for these files beside the main file
 
 
-def rebase_mjcf(root: Element, place: str, folder: str) -> None:
-    """Let the asset directories of an MJCF lead back to the original's folder.
-
-    Args:
-        root: element <mujoco>, which is changed.
-        place: origin of the file, for error messages.
-        folder: path from the folder of the copy to that of the original; "." if they are the same.
-
-    Raises:
-        InputError: the file includes others, which MuJoCo would seek beside the copy.
-    """
+def _rebase_mjcf(root: Element, place: str, folder: str) -> None:
+    """Let the asset directories of an MJCF lead back to the original's folder."""
     if folder == ".":
         return
     if (included := root.find(".//include")) is not None:
@@ -114,7 +105,7 @@ def patch_mjcf(
         InputError: the file cannot be read, is no MJCF, lacks a joint, or includes files and goes elsewhere.
     """
     root = _parsed(text, place, "mujoco")
-    rebase_mjcf(root, place, folder)
+    _rebase_mjcf(root, place, folder)
     model = _Mjcf(place, root)
     for joint in arm.joints:
         element = model.joint(joint, by_name=by_name)
@@ -203,13 +194,7 @@ class _Mjcf:
         self._joints = [joint for joint in joints if self.value(joint, "type", "hinge") in _JOINTS]
 
     def value(self, element: Element, name: str, absent: str) -> str:
-        """Return an attribute of an element, from the element itself or its default class.
-
-        Args:
-            element: element of the MJCF.
-            name: name of the attribute.
-            absent: value where neither states it.
-        """
+        """Return an attribute of an element or of its default class, or `absent` where neither states it."""
         if (own := element.get(name)) is not None:
             return own
         tags = {element.tag} if element.tag == "joint" else {element.tag, *_SCALED}
@@ -241,12 +226,7 @@ class _Mjcf:
         return f"; if it is in the included file {' or '.join(names)}, patch that file" if names else ""
 
     def set_joint(self, element: Element, joint: TargetJoint) -> None:
-        """Write one joint's values.
-
-        Args:
-            element: hinge or slide joint.
-            joint: the joint's values in this format.
-        """
+        """Write one joint's values into its hinge or slide joint."""
         number = {key: value.number for key, value in joint.values.items()}
         is_hinge = self.value(element, "type", "hinge") == "hinge"
         angles = [each.get("angle") for each in self._root.findall("compiler") if each.get("angle")]
@@ -342,13 +322,7 @@ class _Mjcf:
             self.left_out.append(f"{joint.channel}: {line}")
 
     def check_servo(self, element: Element, joint: TargetJoint, gain_nm_rad: float) -> None:
-        """Report where the joint's <position> actuator contradicts a fit to goals and positions.
-
-        Args:
-            element: hinge or slide joint.
-            joint: the joint's values in this format.
-            gain_nm_rad: gain of the servo [N m/rad].
-        """
+        """Report where the joint's <position> actuator contradicts a fit to goals and positions."""
         for each in self._actuators(element):
             if each.tag != "position":
                 continue
@@ -378,12 +352,7 @@ class _Mjcf:
             self.left_out.append(f"{joint.channel}: {line}")
 
     def add_payload(self, payload: TermValue, mounting: Mounting) -> None:
-        """Add a point mass at the tip.
-
-        Args:
-            payload: mass [kg].
-            mounting: of the arm, with the tip.
-        """
+        """Add a point mass [kg] at the tip."""
         if payload.number <= 0.0:
             self.left_out.append(_too_light(payload.number))
             return

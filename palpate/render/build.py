@@ -101,7 +101,7 @@ def channel_view(
         run=data.run,
         engaged=data.engaged,
         scored=scored,
-        speeds=run_speeds(data),
+        speeds=_run_speeds(data),
         stages=tuple(stages),
         error_steps=tuple(fall),
         parameters=parameters,
@@ -156,15 +156,8 @@ def concatenated_times(data: ChannelData) -> FloatArray:
     return own_s + (np.cumsum(steps_s) - steps_s)[run]
 
 
-def run_speeds(data: ChannelData) -> dict[int, str]:
-    """Describe each run's speed, the slowest first; empty if all runs have the same speed.
-
-    Args:
-        data: the channel, n samples.
-
-    Returns:
-        Descriptions by run number.
-    """
+def _run_speeds(data: ChannelData) -> dict[int, str]:
+    """Describe each run's speed, the slowest first; empty if all runs have the same speed."""
     if data.kind is not ChannelKind.CONTACT:
         return {}
     speeds = dict[int, float]()

@@ -18,13 +18,8 @@ from palpate.render.view import NOISE, RANGE, BudgetPart, BudgetView, VerdictVie
 _NO_FALL = 0.98  # ratio to the previous error above which the error counts as unchanged
 
 
-def join_names(names: Sequence[str], last: str = "and") -> str:
-    """Join names with commas, and with a word before the last.
-
-    Args:
-        names: names, in order.
-        last: word before the last name.
-    """
+def _join_names(names: Sequence[str], last: str = "and") -> str:
+    """Join names with commas, and with a word before the last."""
     return "".join(names) if len(names) < 2 else f"{', '.join(names[:-1])} {last} {names[-1]}"
 
 
@@ -51,7 +46,7 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
     if not diagnosis.accepted and kinds:
         return (
             f"{diagnosis.channel}: the kind of the missing effect is known, but not its form: "
-            f"{join_names(kinds)}. {error}"
+            f"{_join_names(kinds)}. {error}"
         )
     if not diagnosis.accepted:
         return (
@@ -64,13 +59,13 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
         parts = {name: EFFECTS[name].parts if name in EFFECTS else () for name in entry.confused_with}
         rivals = [f"{name} for both" if entry.effect in parts[name] else name for name in parts]
         remarks = ["approximate"] if entry.form is Form.APPROXIMATE else []
-        remarks += [f"or {join_names(rivals, 'or')}"] if rivals else []
+        remarks += [f"or {_join_names(rivals, 'or')}"] if rivals else []
         names.append(f"{entry.effect} ({'; '.join(remarks)})" if remarks else entry.effect)
     verb = "is" if len(diagnosis.accepted) == 1 else "are"
-    missing = f"{diagnosis.channel}: {join_names(names)} {verb} missing from the base model. {error}"
+    missing = f"{diagnosis.channel}: {_join_names(names)} {verb} missing from the base model. {error}"
     if diagnosis.complete is not False or diagnosis.remaining is None:
         return f"{missing}{_unrelated_error(diagnosis)}"
-    unknown = f" The form of {join_names(kinds)} is not known." if kinds else ""
+    unknown = f" The form of {_join_names(kinds)} is not known." if kinds else ""
     return f"{missing}{_unexplained_error(diagnosis.remaining, diagnosis.floor)}{unknown}"
 
 
@@ -87,7 +82,7 @@ def _dependence(signals: Sequence[str]) -> str:
     """State on which signals an error depends, or that few samples hold it; empty if nothing is known."""
     if RARE_EVENTS in signals:
         return "comes from few samples, as impacts, a breakaway or lost readings do"
-    return f"depends on {join_names(signals)}" if signals else ""
+    return f"depends on {_join_names(signals)}" if signals else ""
 
 
 def _unrelated_error(diagnosis: ChannelDiagnosis) -> str:
@@ -135,7 +130,7 @@ def unphysical_remarks(unphysical: Sequence[str]) -> tuple[str, ...]:
     Args:
         unphysical: descriptions of parameters outside their physical bounds.
     """
-    return (f"But {join_names(unphysical)}: {UNPHYSICAL}.",) if unphysical else ()
+    return (f"But {_join_names(unphysical)}: {UNPHYSICAL}.",) if unphysical else ()
 
 
 def describe_error_decrease(
@@ -151,7 +146,7 @@ def describe_error_decrease(
         unit: unit of the errors.
     """
     first, last = errors[0], errors[-1]
-    subject = f"{channel} with {join_names(added)}: the error in held-out runs"
+    subject = f"{channel} with {_join_names(added)}: the error in held-out runs"
     if last > _NO_FALL * first:
         return f"{subject} does not fall: from {rounded(first)} to {with_unit(last, unit)}."
     times = last / noise if noise > 0.0 else float("inf")

@@ -133,15 +133,8 @@ _BLANK = 0x2800
 Curve = tuple[FloatArray, FloatArray, str]  # x (n,), y (n,), color
 
 
-def draw_characters(first: Curve, second: Curve, width: int, height: int) -> list[Text]:
-    """Draw two curves in one frame, line by line: the first as points "·", the second in Braille.
-
-    Args:
-        first: reference curve, which can be told apart without colors too.
-        second: curve to show.
-        width: width of the drawing [characters].
-        height: height of the drawing [lines].
-    """
+def _draw_characters(first: Curve, second: Curve, width: int, height: int) -> list[Text]:
+    """Draw two curves in one frame, line by line: the first as points "·", the second in Braille."""
     frame = []
     for axis in (0, 1):
         values = np.concatenate([first[axis], second[axis]])
@@ -241,7 +234,7 @@ def print_effect(console: Console, effect: Effect, example: EffectExample | None
     console.print(Padding(labeled(*lines.items()), (0, 0, 0, 2)))
     if example is not None and "utf" in console.encoding:
         console.print()
-        for line in draw_example(example, console.width):
+        for line in _draw_example(example, console.width):
             console.print(Padding(line, (0, 0, 0, 2)), no_wrap=True, crop=True)
     made = table("", "parameter", "unit", "typical", right=("typical",))
     for parameter in (*effect.gains, *effect.inner):
@@ -257,13 +250,8 @@ def print_effect(console: Console, effect: Effect, example: EffectExample | None
         console.print(rivals)
 
 
-def draw_example(example: EffectExample, width: int) -> Iterator[Text]:
-    """Draw an example with characters: effort over position or velocity and, if there is room, over time.
-
-    Args:
-        example: motion and model to draw.
-        width: width of the terminal [characters].
-    """
+def _draw_example(example: EffectExample, width: int) -> Iterator[Text]:
+    """Draw an example with characters: effort over position or velocity and, if there is room, over time."""
     data, axes = example.data, axes_of(example.data.kind)
     before, after = data.effort, example.effort()
     room = width - 4
@@ -283,7 +271,7 @@ def draw_example(example: EffectExample, width: int) -> Iterator[Text]:
     caption = Text.from_markup(f"{what} {marks}")
     yield from [caption] if caption.cell_len <= room else map(Text.from_markup, (what, marks))
     panels = [
-        draw_characters((x, before, palette.BASE), (x, after, palette.MODEL), wide, _TALLEST)
+        _draw_characters((x, before, palette.BASE), (x, after, palette.MODEL), wide, _TALLEST)
         for _, x in curves
     ]
     # side by side, each below its title

@@ -69,7 +69,7 @@ def print_estimates(console: Console, estimates: ChannelEstimates, truth: Truth)
         f"{estimates.channel.name}: {estimates.model.name}, {count(runs, 'run')}, {count(samples, 'sample')}"
     )
     console.print(f"[bold]{safe(title)}[/bold]")
-    console.print(estimate_table(estimates, truth, console.width))
+    console.print(_estimate_table(estimates, truth, console.width))
     for remark in remarks(estimates, truth):
         console.print(Padding(Text.from_markup(safe(remark)), (0, 0, 0, 2), expand=False))
 
@@ -109,54 +109,48 @@ def estimates_view(estimates: ChannelEstimates, truth: Truth) -> ChannelView:
     return replace(view, error_steps=(), verdict=verdict)
 
 
-def estimate_table(estimates: ChannelEstimates, truth: Truth, width: int) -> Table:
-    """Tabulate every estimator's parameters with 95 % intervals, and errors where the truth is known.
-
-    Args:
-        estimates: a channel with its estimates.
-        truth: true parameters, as far as they are known.
-        width: width of the terminal [characters]; a narrow one gets fewer columns.
-    """
-    if len(shown_parameters(estimates.estimates[0])) <= _MOST_ABREAST:
+def _estimate_table(estimates: ChannelEstimates, truth: Truth, width: int) -> Table:
+    """Tabulate every estimator's parameters with 95 % intervals, and errors where the truth is known."""
+    if len(_shown_parameters(estimates.estimates[0])) <= _MOST_ABREAST:
         for columns in (width, min(width, _NARROW - 1)):
             made = _one_row_an_estimator(estimates, truth, columns)
             if natural_width(made) <= width:
                 return made
     # On narrow terminals and for large models, the parameters are listed below their estimator.
-    known = {p.name for p in shown_parameters(estimates.estimates[0]) if p.name in truth}
+    known = {p.name for p in _shown_parameters(estimates.estimates[0]) if p.name in truth}
     numbers = ["value", "95 %", *["truth"] * bool(known)]
     made = table("", "estimator", *numbers, "determined", right=numbers)
     for estimate in estimates.estimates:
         made.add_row(f"[bold]{estimate.estimator}[/bold]")
-        for p in shown_parameters(estimate):
-            name = f"  {safe(short_name(p.name))} {safe(f'[{p.unit}]')}"
-            value, _, half = value_text(p).partition(" ")
+        for p in _shown_parameters(estimate):
+            name = f"  {safe(_short_name(p.name))} {safe(f'[{p.unit}]')}"
+            value, _, half = _value_text(p).partition(" ")
             true = [f"{truth[p.name]:g}" if p.name in known else ""] * bool(known)
             made.add_row(name, value, half, *true, _in_color(_state(estimate, p)))
     return made
 
 
 def _one_row_an_estimator(estimates: ChannelEstimates, truth: Truth, width: int) -> Table:
-    parameters = shown_parameters(estimates.estimates[0])
+    parameters = _shown_parameters(estimates.estimates[0])
     known = {p.name for p in parameters if p.name in truth}
     erring = known if width >= _NARROW else set()
     columns = ["estimator"]
     for parameter in parameters:
-        heading = safe(short_name(parameter.name)) + "\n" + safe(f"[{parameter.unit}]")
+        heading = safe(_short_name(parameter.name)) + "\n" + safe(f"[{parameter.unit}]")
         columns += [heading, *["error"] * (parameter.name in erring)]
     if width >= _WIDE:
         columns += ["rmse\n" + safe(f"[{estimates.channel.kind.effort_unit}]"), "cond.", "used"]
     made = table("", *columns, "determined", right=columns[1:])
     for estimate in estimates.estimates:
         cells = [estimate.estimator]
-        for p in shown_parameters(estimate):
-            cells += [value_text(p), error_text(p, truth)] if p.name in erring else [value_text(p)]
+        for p in _shown_parameters(estimate):
+            cells += [_value_text(p), _error_text(p, truth)] if p.name in erring else [_value_text(p)]
         if width >= _WIDE:
             used = f"{_TO_PERCENT * np.mean(estimate.inliers):.0f} %"
             cells += [f"{estimate.rmse:.3g}", f"{estimate.condition_number:.2f}", used]
         names: dict[str, list[str]] = {}
-        for p in shown_parameters(estimate):
-            names.setdefault(_state(estimate, p), []).append(short_name(p.name))
+        for p in _shown_parameters(estimate):
+            names.setdefault(_state(estimate, p), []).append(_short_name(p.name))
         texts = {_IMPOSSIBLE: "{} impossible", Determined.NO: "not {}", Determined.ROUGHLY: "{} roughly"}
         parts = [_in_color(s, text.format(", ".join(names[s]))) for s, text in texts.items() if s in names]
         made.add_row(*cells, ", ".join(parts) or _in_color(Determined.YES))
@@ -226,7 +220,7 @@ def _remarks_on_fits(estimates: ChannelEstimates) -> Iterator[str]:
                 "touch: the model lacks adhesion, or the object is softer near its surface"
             )
     yield from (f"{name}: {problem}" for name, problem in estimates.failures.items())
-    roomy = len(shown_parameters(estimates.estimates[0])) <= _MOST_ABREAST
+    roomy = len(_shown_parameters(estimates.estimates[0])) <= _MOST_ABREAST
     against: dict[str, list[str]] = {}
     for estimate in estimates.estimates:
         left_out = 1.0 - float(np.mean(estimate.inliers))
@@ -277,7 +271,7 @@ def as_data(estimates: ChannelEstimates, truth: Truth) -> dict[str, Any]:
             data = {"value": p.value, "std_err": p.std_err, "interval": list(p.interval), "unit": p.unit}
             data["determined"] = str(p.determined)
             if p.name in truth:
-                data |= {"truth": truth[p.name], "error_percent": error_percent(p, truth)}
+                data |= {"truth": truth[p.name], "error_percent": _error_percent(p, truth)}
             parameters[p.name] = data
         outcomes.append(
             {
@@ -321,39 +315,27 @@ def markdown_summary(estimates: ChannelEstimates, truth: Truth, heading: str) ->
     best = estimates.best
     rows = [f"**{heading}**: model `{estimates.model.name}`, estimator `{best.estimator}`", ""]
     rows += ["| | found | 95 % interval | truth | error |", "|---|---|---|---|---|"]
-    for p in shown_parameters(best):
+    for p in _shown_parameters(best):
         half = p.half_interval
         interval = f"{significant(p.interval[0], half)} … {significant(p.interval[1], half)}"
-        true, error = (f"{truth[p.name]:g}", error_text(p, truth)) if p.name in truth else ("–", "–")
+        true, error = (f"{truth[p.name]:g}", _error_text(p, truth)) if p.name in truth else ("–", "–")
         value = significant(p.value, half)
-        rows.append(f"| {short_name(p.name)} [{p.unit}] | {value} | {interval} | {true} | {error} |")
+        rows.append(f"| {_short_name(p.name)} [{p.unit}] | {value} | {interval} | {true} | {error} |")
     return "\n".join([*rows, "", *(f"- {remark}" for remark in remarks(estimates, truth))])
 
 
-def shown_parameters(estimate: Estimate) -> list[ParameterEstimate]:
-    """Return all parameters except the surface, which has its own sentence.
-
-    Args:
-        estimate: estimate by one estimator.
-    """
+def _shown_parameters(estimate: Estimate) -> list[ParameterEstimate]:
+    """Return all parameters except the surface, which has its own sentence."""
     return [parameter for parameter in estimate.parameters if parameter.name != OFFSET_NAME]
 
 
-def short_name(parameter: str) -> str:
-    """Return the symbol that equations use, such as "k" for "stiffness.k".
-
-    Args:
-        parameter: "effect.parameter".
-    """
+def _short_name(parameter: str) -> str:
+    """Return the symbol that equations use, such as "k" for "stiffness.k"."""
     return parameter.rpartition(".")[2]
 
 
-def value_text(parameter: ParameterEstimate) -> str:
-    """Format a value and half of its 95 % interval, with the justified number of digits.
-
-    Args:
-        parameter: estimate with its 95 % interval.
-    """
+def _value_text(parameter: ParameterEstimate) -> str:
+    """Format a value and half of its 95 % interval, with the justified number of digits."""
     half = parameter.half_interval
     if parameter.at_bound:
         return f"{significant(parameter.value)} ({AT_BOUND})"
@@ -362,24 +344,14 @@ def value_text(parameter: ParameterEstimate) -> str:
     return plus_minus(parameter.value, half)
 
 
-def error_percent(parameter: ParameterEstimate, truth: Truth) -> float:
-    """Return the deviation from the truth [%]; NaN where the truth is zero.
-
-    Args:
-        parameter: estimate.
-        truth: true parameters by name.
-    """
+def _error_percent(parameter: ParameterEstimate, truth: Truth) -> float:
+    """Return the deviation from the truth [%]; NaN where the truth is zero."""
     true = truth[parameter.name]
     return _TO_PERCENT * (parameter.value - true) / true if true else float("nan")
 
 
-def error_text(parameter: ParameterEstimate, truth: Truth) -> str:
-    """Format the deviation from the truth in percent, absolute where the truth is zero.
-
-    Args:
-        parameter: estimate.
-        truth: true parameters by name.
-    """
+def _error_text(parameter: ParameterEstimate, truth: Truth) -> str:
+    """Format the deviation from the truth in percent, absolute where the truth is zero."""
     if truth[parameter.name] == 0:
         return f"{parameter.value:+z.2g}"
-    return f"{error_percent(parameter, truth):+z.2f} %"
+    return f"{_error_percent(parameter, truth):+z.2f} %"

@@ -72,14 +72,14 @@ class ChannelPairView:
         for letter, side in zip(LETTERS, self.pair, strict=True):
             measured = (side,) if self.sides.is_same_data else self.pair
             fits = (
-                _NOISE_ALONE if _is_only_noise(side, data) else percent_text(side.fit_of(data))
+                _NOISE_ALONE if _is_only_noise(side, data) else _percent_text(side.fit_of(data))
                 for data in measured
             )
             rows.append((f"{letter}'s model", tuple(fits)))
         if np.isfinite(self.sides.agreement_percent):
             only_noise = self.sides.difference_in_noise < _ONLY_NOISE
-            followed = _NOISE_ALONE if only_noise else percent_text(self.sides.agreement_percent)
-            rows.append(("B as measured", (followed, percent_text(_TO_PERCENT))))
+            followed = _NOISE_ALONE if only_noise else _percent_text(self.sides.agreement_percent)
+            rows.append(("B as measured", (followed, _percent_text(_TO_PERCENT))))
         return rows
 
 
@@ -133,10 +133,7 @@ def _words(sides: PairedComparison) -> Iterator[str]:
 
 
 def _is_only_noise(model: ComparedModel, measured: ComparedModel) -> bool:
-    """Return whether the measurement is close to the noise level and the model's residual is only noise.
-
-    The fit [%] to such a measurement depends on its noise rather than on the model.
-    """
+    """Return whether model and noise leave too little for a fit [%], which would depend on the noise."""
     fit = model.fit_of(measured)
     return bool(fit < _POOR and model.noise_ratio_of(measured) < _ONLY_NOISE)
 
@@ -188,16 +185,11 @@ def print_pair(console: Console, view: PairView) -> None:
             fits.add_row(what, *values)
         console.print(fits)
         if channel.sides.differences:
-            console.print(difference_table(channel.sides.differences, console.width))
+            console.print(_difference_table(channel.sides.differences, console.width))
 
 
-def difference_table(differences: Sequence[ParameterDifference], width: int) -> Table:
-    """Tabulate the parameters of both sides with their differences, stacked on a narrow terminal.
-
-    Args:
-        differences: difference of each parameter.
-        width: width of the terminal [characters].
-    """
+def _difference_table(differences: Sequence[ParameterDifference], width: int) -> Table:
+    """Tabulate the parameters of both sides with their differences, stacked on a narrow terminal."""
     made, names = list[Table](), ("A", "B", "B − A")
     for between, narrow in (("", False), ("\n", False), ("\n", True)):
         # with a separator `between`, all numbers share one cell
@@ -220,12 +212,8 @@ def difference_table(differences: Sequence[ParameterDifference], width: int) -> 
     return first_that_fits(made, width)
 
 
-def percent_text(fit: float) -> str:
-    """Format a fit [%], or state that there is none.
-
-    Args:
-        fit: [%]; NaN where there is none.
-    """
+def _percent_text(fit: float) -> str:
+    """Format a fit [%], or state that there is none."""
     return "–" if np.isnan(fit) else f"{fit:.1f}"
 
 

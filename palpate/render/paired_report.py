@@ -1,6 +1,4 @@
-"""Plotly figures, HTML report and Rerun recording of a paired comparison."""
-
-from __future__ import annotations
+"""Plotly figures and HTML report of a paired comparison."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -14,20 +12,14 @@ from palpate.common.console import significant
 from palpate.estimation.estimate import ParameterEstimate
 from palpate.render import palette
 from palpate.render.paired import LETTERS, ChannelPairView, PairView, difference_text
-from palpate.render.recording.file import TIME, plot, recording_file, send_lines, shown_on
-from palpate.render.recording.rerun_modules import rrb
 from palpate.render.report import RUN_TIME, PlotStyle, as_html, draw_curves, rendered, styled, title_axes
 from palpate.render.thinning import rows_by_run, run_curves
 
 COLORS = (palette.MEASURED, palette.OTHER)
 
 
-def state_figure(view: ChannelPairView) -> go.Figure:
-    """Draw both measured efforts, and their models dashed, over position and over velocity.
-
-    Args:
-        view: view of one channel in both measurements.
-    """
+def _state_figure(view: ChannelPairView) -> go.Figure:
+    """Draw both measured efforts, and their models dashed, over position and over velocity."""
     made, axes = make_subplots(1, 2, shared_yaxes=True, horizontal_spacing=0.03), view.views[0].axes
     for column, x in enumerate(("position", "velocity"), start=1):
         for letter, color, channel in zip(LETTERS, COLORS, view.views, strict=True):
@@ -43,12 +35,8 @@ def state_figure(view: ChannelPairView) -> go.Figure:
     return styled(made, 420)
 
 
-def time_figure(view: ChannelPairView) -> go.Figure:
-    """Draw both efforts and residuals over time; if B repeats A, it is drawn at A's times.
-
-    Args:
-        view: view of one channel in both measurements.
-    """
+def _time_figure(view: ChannelPairView) -> go.Figure:
+    """Draw both efforts and residuals over time; if B repeats A, it is drawn at A's times."""
     made = make_subplots(2, 1, shared_xaxes=True, row_heights=[0.6, 0.4], vertical_spacing=0.06)
     first, second = view.views
     unit = first.axes.effort_unit
@@ -67,12 +55,8 @@ def time_figure(view: ChannelPairView) -> go.Figure:
     return styled(made, 520)
 
 
-def residual_figure(view: ChannelPairView) -> go.Figure:
-    """Draw autocorrelations of the residuals and their correlations with velocity, with 99 % bands.
-
-    Args:
-        view: view of one channel in both measurements.
-    """
+def _residual_figure(view: ChannelPairView) -> go.Figure:
+    """Draw autocorrelations of the residuals and their correlations with velocity, with 99 % bands."""
     titles = ("Autocorrelation", "Cross-correlation with the velocity")
     made = make_subplots(1, 2, shared_yaxes=True, horizontal_spacing=0.04, subplot_titles=titles)
     for letter, color, side in zip(LETTERS, COLORS, view.pair, strict=True):
@@ -106,43 +90,10 @@ def document(pair: PairView) -> str:
         return "–" if estimate is None else significant(estimate.value, estimate.std_err)
 
     def plots(view: ChannelPairView) -> dict[str, Markup]:
-        draw = {"state": state_figure, "time": time_figure, "residual": residual_figure}
+        draw = {"state": _state_figure, "time": _time_figure, "residual": _residual_figure}
         return {name: as_html(figure(view)) for name, figure in draw.items()}
 
     filters: dict[str, Callable[..., Any]] = {"value": value, "difference": difference_text}
     models = dict.fromkeys(side.model for channel in pair.channels for side in channel.pair)
     facts = dict(zip(LETTERS, pair.names, strict=True)) | {"models": ", ".join(models)}
     return rendered(_TEMPLATE, filters, title=pair.title, facts=facts, pair=pair, plots=plots)
-
-
-def record_pair(view: PairView, path: Path) -> None:
-    """Write the recording, completely or not at all.
-
-    On timeline `time` each side has its runs one after the other; if B repeats A, it uses A's times.
-
-    Args:
-        view: all channels of both files.
-        path: path of the .rrd file.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
-    tabs, corner = [], rrb.Corner2D.LeftTop
-    for paired in view.channels:
-        axes = paired.views[0].axes
-        titles = {name: getattr(axes, name) for name in ("effort", "residual", "position")}
-        plots = [plot(f"{paired.channel}/{name}", title, legend=corner) for name, title in titles.items()]
-        tabs.append(rrb.Vertical(*plots, row_shares=[3, 2, 1], name=paired.channel))
-    with recording_file(view.title, path, shown_on(*tabs, timeline=TIME)) as recording:
-        for paired in view.channels:
-            for letter, color, channel in zip(LETTERS, COLORS, paired.views, strict=True):
-                overlay = paired.sides.overlay if letter == LETTERS[1] else None
-                time_s = channel.time_s if overlay is None else paired.views[0].time_s
-                effort = channel.effort if overlay is None else overlay
-                measured = {f"{letter} measured": (effort, color, 2.0)}
-                send_lines(recording, f"{paired.channel}/effort/{letter}", time_s, measured)
-                for stage in channel.stages[-1:]:
-                    left = {f"residual of {letter}'s model": (stage.residual, color, 1.0)}
-                    send_lines(recording, f"{paired.channel}/residual/{letter}", channel.time_s, left)
-                motion = {f"{letter}": (channel.position, color, 1.2)}
-                send_lines(recording, f"{paired.channel}/position/{letter}", channel.time_s, motion)

@@ -60,12 +60,12 @@ def print_diagnosis(console: Console, view: StudyView) -> None:
         if number:
             console.print()
         if channel.budget is not None:
-            print_budget(console, channel.name, channel.budget)
-        console.print(headline(channel.verdict))
+            _print_budget(console, channel.name, channel.budget)
+        console.print(_headline(channel.verdict))
         width = console.width - 2  # width of the lines below the heading
         parts: list[RenderableType] = [Text(safe_text(remark)) for remark in channel.verdict.remarks]
         if channel.accepted:
-            parts.append(error_steps_table(channel, width))
+            parts.append(_error_steps_table(channel, width))
         for entry in channel.accepted:
             form = " (approximate form)" if entry.form is Form.APPROXIMATE else ""
             text = f"[bold]{safe(entry.effect)}[/bold]{form}: {safe(entry.physics)}"
@@ -75,7 +75,7 @@ def print_diagnosis(console: Console, view: StudyView) -> None:
                 rivals = f"these data cannot tell it from {', '.join(entry.confused_with)}"
                 parts.append(Padding(Text(safe_text(rivals), style="yellow"), (0, 0, 0, 2)))
         if channel.parameters and (channel.accepted or channel.verdict.word != "unexplained"):
-            parts.append(parameter_table(channel.parameters, width))
+            parts.append(_parameter_table(channel.parameters, width))
         if channel.ranking:
             error, falls = "held-out\n" + safe(f"error [{channel.axes.effort_unit}]"), "error\nfalls by"
             made = table("", "base model and one effect", error, falls, "", right=(error, falls))
@@ -90,7 +90,7 @@ def print_diagnosis(console: Console, view: StudyView) -> None:
         console.print(Padding(Group(*parts), (0, 0, 0, 2)))
 
 
-def print_budget(console: Console, channel: str, budget: BudgetView) -> None:
+def _print_budget(console: Console, channel: str, budget: BudgetView) -> None:
     """Print the error budget: one sentence, a bar for each part, and indistinguishable effects."""
     console.print(Text.from_markup(f"[bold]{safe(channel)}[/bold]  {safe(budget.sentence)}"))
     if len(budget.parts) > 1:
@@ -104,13 +104,7 @@ def print_budget(console: Console, channel: str, budget: BudgetView) -> None:
 
 
 def _budget_table(budget: BudgetView, bars: int, *, is_beside: bool) -> Table:
-    """Tabulate share, range, form and effects of each part.
-
-    Args:
-        budget: shares of the error.
-        bars: width of the terminal that the bars suit [characters]; 0 for no bars.
-        is_beside: whether the effects are beside the form, rather than below it.
-    """
+    """Tabulate share, range, form and effects of each part, with bars for a terminal of width `bars`."""
     last = ("effects",) if is_beside else ()
     made = table("", "", *[""] * bool(bars), "share", _RANGE, "form", *last, right=("share", _RANGE))
     for part in budget.parts:
@@ -129,14 +123,14 @@ def print_comparison(console: Console, channels: Sequence[ChannelView]) -> None:
     for channel in channels:
         _print_verdict(console, channel.verdict)
         if channel.parts and (channel.verdict.word != "fits" or len(channels) == 1):
-            console.print(parts_table(channel, console.width))
+            console.print(_parts_table(channel, console.width))
 
 
 def print_stages(console: Console, channel: ChannelView) -> None:
     """Print the error of each stage, and the last stage's parameters."""
     _print_verdict(console, channel.verdict)
-    console.print(error_steps_table(channel, console.width))
-    console.print(parameter_table(channel.parameters, console.width))
+    console.print(_error_steps_table(channel, console.width))
+    console.print(_parameter_table(channel.parameters, console.width))
 
 
 def print_revisions(console: Console, kept: Sequence[Revision]) -> None:
@@ -154,7 +148,7 @@ def print_revisions(console: Console, kept: Sequence[Revision]) -> None:
         last = [f"[dim]{safe(each.created_utc[:16].replace('T', ' '))}[/dim]"] if roomy else []
         words = (safe(each.channel), model) if roomy else (f"[bold]{safe(each.channel)}[/bold]\n{model}",)
         error = safe(with_unit(each.rmse, each.effort_unit, 4))
-        made.add_row(*number, *words, error, f"[{grade(times)}]{times:.2f}[/]", *last)
+        made.add_row(*number, *words, error, f"[{_grade(times)}]{times:.2f}[/]", *last)
     console.print(made)
 
 
@@ -165,17 +159,13 @@ def print_files(console: Console, written: Mapping[str, Path]) -> None:
 
 
 def _print_verdict(console: Console, verdict: VerdictView) -> None:
-    console.print(headline(verdict))
+    console.print(_headline(verdict))
     for remark in verdict.remarks:
         console.print(Padding(Text(safe_text(remark)), (0, 0, 0, 2)))
 
 
-def headline(verdict: VerdictView) -> Text:
-    """Return the verdict as a colored word, and its sentence with the effects in bold.
-
-    Args:
-        verdict: verdict on one channel.
-    """
+def _headline(verdict: VerdictView) -> Text:
+    """Return the verdict as a colored word, and its sentence with the effects in bold."""
     color = f"bold {COLORS.get(verdict.word, '')}"
     text = Text(safe_text(verdict.sentence))
     for name in filter(None, (*verdict.names, verdict.sentence.partition(":")[0])):
@@ -191,19 +181,13 @@ def safe_text(text: str) -> str:
     return Text.from_markup(safe(text)).plain
 
 
-def grade(times: float) -> str:
+def _grade(times: float) -> str:
     """Return an error's color by its ratio to the noise level."""
     return "green" if times < NOISE else "yellow" if times < FAR else "red"
 
 
-def error_steps_table(channel: ChannelView, width: int, *, narrow: bool = False) -> Table:
-    """Tabulate the held-out error, one row per stage; without bars if narrow.
-
-    Args:
-        channel: channel with its stages.
-        width: width of the terminal [characters].
-        narrow: whether to leave out the bars although they fit.
-    """
+def _error_steps_table(channel: ChannelView, width: int, *, narrow: bool = False) -> Table:
+    """Tabulate the held-out error, one row per stage; without bars if narrow."""
     error = "held-out\nerror" + ("\n" if narrow else " ") + safe(f"[{channel.axes.effort_unit}]")
     revisions = ["" if stage.number is None else str(stage.number) for stage in channel.stages]
     number = ("no." if narrow else "revision",) if any(revisions) else ()
@@ -217,26 +201,20 @@ def error_steps_table(channel: ChannelView, width: int, *, narrow: bool = False)
     for row, (label, value) in enumerate(channel.error_steps):
         times = channel.times_noise(value)
         name = f"{safe(label[:2])}[bold]{safe(label[2:])}[/bold]" if row else safe(label)
-        bar = [_bar(value / worst, grade(times), width)] * (not narrow)
+        bar = [_bar(value / worst, _grade(times), width)] * (not narrow)
         chance = [evidence.get(label, "")] * len(last)
         shown_revision = revisions[row : row + len(number)]
         made.add_row(*shown_revision, name, f"{value:.4g}", f"{times:.2f}", *bar, *chance)
     level = f"[dim]{channel.noise_level:.4g}[/dim]"
     bar = [_bar(channel.noise_level / worst, "bright_black", width)] * (not narrow)
     made.add_row(*[""] * len(number), "[dim]noise level[/dim]", level, "", *bar)
-    return made if narrow or natural_width(made) <= width else error_steps_table(channel, width, narrow=True)
+    return made if narrow or natural_width(made) <= width else _error_steps_table(channel, width, narrow=True)
 
 
-def parameter_table(
+def _parameter_table(
     parameters: Sequence[ParameterView], width: int, *, narrow: bool = False
 ) -> RenderableType:
-    """Tabulate parameters with 95 % intervals; if narrow, with units below effects' names.
-
-    Args:
-        parameters: parameters of the last stage.
-        width: width of the terminal [characters].
-        narrow: whether to put units below the names although they fit beside them.
-    """
+    """Tabulate parameters with 95 % intervals; if narrow, with units below effects' names."""
     if not parameters:
         return Text("The model has no free parameter.", style="dim")
     units = () if narrow else ("unit",)
@@ -248,7 +226,7 @@ def parameter_table(
         else:
             made.add_row(effect + name, *with_interval(parameter), safe(parameter.unit))
     if not narrow and natural_width(made) > width:
-        return parameter_table(parameters, width, narrow=True)
+        return _parameter_table(parameters, width, narrow=True)
     if any(parameter.effect == ContactOffset.name for parameter in parameters):
         note = f"{ContactOffset.name}: depth of the surface below its first estimate"
         return Group(made, Text(note, style="italic dim"))
@@ -267,16 +245,8 @@ def with_interval(view: ParameterView) -> tuple[str, str]:
     return value, f"{significant(view.lower, view.half)} … {significant(view.upper, view.half)}"
 
 
-def parts_table(channel: ChannelView, width: int, *, narrow: bool = False) -> Table:
-    """Tabulate the error of each part relative to the noise level, with the worst part of each kind in bold.
-
-    If narrow, each kind has a row of its own, and there are no bars.
-
-    Args:
-        channel: channel with its split error.
-        width: width of the terminal [characters].
-        narrow: whether to leave out the bars although they fit.
-    """
+def _parts_table(channel: ChannelView, width: int, *, narrow: bool = False) -> Table:
+    """Tabulate the error of each part relative to the noise level, with each kind's worst part in bold."""
     unit = channel.axes.effort_unit
     numbers = ("rmse\n" + safe(f"[{unit}]"), "mean\n" + safe(f"[{unit}]"), "× noise")
     made = table("", *["by"] * (not narrow), "where", *numbers, *[""] * (not narrow), right=numbers)
@@ -291,10 +261,10 @@ def parts_table(channel: ChannelView, width: int, *, narrow: bool = False) -> Ta
             bold = part is worst and times > NOISE
             label = f"[bold]{safe(part.label)}[/bold]" if bold else safe(part.label)
             place = (f"  {label}",) if narrow else (heading if row == 0 else "", label)
-            bar = () if narrow else (_bar(part.rmse / most, grade(times), width),)
+            bar = () if narrow else (_bar(part.rmse / most, _grade(times), width),)
             cells = (*place, f"{part.rmse:.3g}", f"{part.mean:+.2g}", f"{times:.1f}", *bar)
             made.add_row(*cells, end_section=row == len(parts) - 1)
-    return made if narrow or natural_width(made) <= width else parts_table(channel, width, narrow=True)
+    return made if narrow or natural_width(made) <= width else _parts_table(channel, width, narrow=True)
 
 
 def _bar(share: float, color: str, width: int) -> Bar:

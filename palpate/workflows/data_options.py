@@ -1,8 +1,8 @@
 """Options of every command that reads a data file."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
@@ -74,17 +74,10 @@ class ReadOptions:
     ] = None
 
     @property
-    def given(self) -> dict[str, str | list[str] | bool | None]:
-        """The options as `shell_options` takes them."""
-        return {
-            "column": self.column,
-            "unit": self.unit,
-            "where": self.where,
-            "context": self.context,
-            "table": self.table,
-            "fresh-runs": self.fresh_runs,
-            "runs": None if self.runs is None else str(self.runs),
-        }
+    def given(self) -> dict[str, Any]:
+        """All options as `shell_options` takes them."""
+        values = {field.name.replace("_", "-"): getattr(self, field.name) for field in fields(self)}
+        return {name: value for name, value in values.items() if name != "file"}
 
     @property
     def options(self) -> ImportOptions:
@@ -182,6 +175,12 @@ class DataArguments(StudyOptions):
         if model is not None:
             MODELS[model]
 
+    @staticmethod
+    def refuse_idle_force(out: Path | None, *, force: bool) -> None:
+        """Refuse --force without the folder of --out, in which alone it replaces files."""
+        if force and out is None:
+            raise InputError("--force: replaces files in the folder of --out; add --out FOLDER, or omit it")
+
     def print_omitted(self) -> None:
         """Report the held-out runs that a command leaves out without scoring on them."""
         if self.held_out:
@@ -191,20 +190,13 @@ class DataArguments(StudyOptions):
             )
             console.stderr().print(words)
 
-    def command_text(self, **more: str | Path | list[str] | bool | None) -> str:
+    def command_text(self, **more: Any) -> str:  # noqa: ANN401, as `shell_options`
         """Return the file with all options as one would type them again.
 
         Args:
             more: further options, or others instead of those given; see `shell_options`.
         """
-        arm = {"effect": self.effect, "urdf": self.urdf, "tip-frame": self.tip_frame}
-        return shell_options(self.file, **{**arm, "held-out": self.held_out, **self.given, **more})
-
-
-def refuse_idle_force(out: Path | None, *, force: bool) -> None:
-    """Refuse --force without the folder of --out, in which alone it replaces files."""
-    if force and out is None:
-        raise InputError("--force: replaces files in the folder of --out; add --out FOLDER, or omit --force")
+        return shell_options(self.file, **{**self.given, **more})
 
 
 def _run_numbers(text: str | None) -> list[int]:
@@ -221,7 +213,7 @@ takes_data = with_options(DataArguments, "file")
 may_take_data = with_options(DataArguments, "file", file=Path())  # without a file `data.file` is the folder
 
 
-def shell_options(file: Path, **options: str | Path | list[str] | bool | None) -> str:
+def shell_options(file: Path, **options: Any) -> str:  # noqa: ANN401, values of any option
     """Return the file with its options as a command line, for suggested commands.
 
     Args:

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from palpate import main
 from palpate.commands import app, load_command
-from palpate.commands.diagnose import exit_code_of
+from palpate.commands.diagnose import _exit_code_of
 from palpate.common import preflight
 from palpate.common.failures import OneLineGroup
 from palpate.estimation.diagnosis import Verdict
@@ -195,7 +195,7 @@ def test_bad_input_is_refused_with_help_also_as_json(arguments, words):
     ],
 )
 def test_exit_code_of_a_diagnosis_is_that_of_its_worst_verdict(verdicts, code):
-    assert exit_code_of([Verdict(one) for one in verdicts]) == code
+    assert _exit_code_of([Verdict(one) for one in verdicts]) == code
 
 
 def test_exit_code_tells_the_verdict_on_request(few_effects, hardening):

@@ -53,7 +53,7 @@ def diagnosis(*budget, verdict="missing", noise=0.04, unexplained=0.0, free_air=
 
 def printed(found, width):
     console = Console(file=io.StringIO(), width=width)
-    terminal.print_budget(console, "contact", budget_view(found))
+    terminal._print_budget(console, "contact", budget_view(found))
     return console.file.getvalue()
 
 

@@ -13,9 +13,9 @@ from palpate.common.console import AT_REST, FIRST_PROBE
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.doctor import arm as arm_check
 from palpate.doctor import signs
-from palpate.doctor.arm import ArmCheck, examine_arm, examine_devices, examine_ports
+from palpate.doctor.arm import ArmCheck, examine_arm
 from palpate.doctor.limits import examine_limits
-from palpate.doctor.signs import NUDGE_RAD, ArmOperator, EmulatedOperator, NudgeTask, is_still, reduced_limits
+from palpate.doctor.signs import NUDGE_RAD, ArmOperator, EmulatedOperator, NudgeTask
 from palpate.robot_io.calibration.applied import Calibrations
 from palpate.robot_io.errors import SafetyTripError
 from palpate.robot_io.examination import Level
@@ -226,7 +226,7 @@ def test_operator_prompts_state_when_to_release_and_clear_the_arm(capsys):
 def test_blocked_joint_is_released_before_a_large_torque(path):
     robot_file = load_robot_file(path)
     body = RigidBody.of_robot(robot_file)
-    limits = reduced_limits(robot_file.limits, body)
+    limits = signs._reduced_limits(robot_file.limits, body)
     assert max(limits.tracking_rad) < NUDGE_RAD  # else a joint that is held would never be far enough off
     home_nm = np.abs(body.gravity(np.array(robot_file.home_rad)))
     assert np.all(np.array(limits.torque_nm) > home_nm)
@@ -252,9 +252,9 @@ def test_arm_at_its_limits_is_moved_away_from_them(side):
 def test_old_samples_do_not_show_rest():
     rest = Measurement(0.0, np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0, 0.0)
     old = rest._replace(encoder_status=Status.STALE)
-    assert is_still([rest, old, old])  # a sensor may be slower than it is asked
-    assert not is_still([old, old, old])
-    assert not is_still([rest, rest._replace(force_status=Status.FAULT)])
+    assert signs._is_still([rest, old, old])  # a sensor may be slower than it is asked
+    assert not signs._is_still([old, old, old])
+    assert not signs._is_still([rest, rest._replace(force_status=Status.FAULT)])
 
 
 def test_small_motion_stops_when_the_tool_touches():
@@ -291,7 +291,7 @@ def test_nonfinite_samples_are_a_failure(device):
     robot = build_mock_robot()
     robot.buses["world"].faults.not_a_number = {device}
     with robot:
-        (failure,) = failures(arm_check.examine_rates(robot, mock_robot_file()))
+        (failure,) = failures(arm_check._examine_rates(robot, mock_robot_file()))
     assert (failure.subject, failure.text) == (f"{device} samples", "some values are not numbers")
 
 
@@ -426,7 +426,7 @@ def test_user_driver_that_fails_is_a_finding_with_its_line(monkeypatch):
         raise KeyError("rate")
 
     monkeypatch.setattr(MockForce, "configure", configure)
-    (found,) = failures(examine_devices(build_mock_robot(), mock_robot_file(), set()))
+    (found,) = failures(arm_check._examine_devices(build_mock_robot(), mock_robot_file(), set()))
     assert found.subject == "force sensor"
     assert "its driver fails, KeyError: 'rate' (test_doctor_arm.py, line " in found.text
 
@@ -481,7 +481,7 @@ def test_invalid_gains_are_refused_in_the_same_words(tmp_path):
 
 
 def test_missing_port_is_a_failure_with_a_remedy():
-    found = failures(finding for _, finding in examine_ports(load_robot_file(ODRIVE)))
+    found = failures(finding for _, finding in arm_check._examine_ports(load_robot_file(ODRIVE)))
     assert [finding.subject for finding in found] == ["port of motors", "port of load_cell"]
     assert "ip link set can0 up" in found[0].remedy
 

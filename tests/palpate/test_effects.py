@@ -17,8 +17,8 @@ from palpate.estimation.effect import AdditiveEffect, Parameter
 from palpate.estimation.effects import EFFECTS
 from palpate.render.effects import (
     EffectExample,
-    draw_characters,
-    draw_example,
+    _draw_characters,
+    _draw_example,
     kind_of,
     library,
     print_effect,
@@ -100,7 +100,7 @@ def test_every_plain_example_is_drawn_and_visible():
     effort, v = example.effort() - example.data.effort, example.data.velocity
     assert effort[v > 1.0].mean() > 2.0 * -effort[v < -1.0].mean() > 0.0
     assert "over velocity [rad/s]" in next(
-        line.plain for line in draw_example(example, 120) if "over" in line.plain
+        line.plain for line in _draw_example(example, 120) if "over" in line.plain
     )
     effect = EFFECTS["rigid_body"]()
     assert EffectExample.on_simple_motion(effect, kind_of(effect)) is None
@@ -108,10 +108,10 @@ def test_every_plain_example_is_drawn_and_visible():
 
 def test_curve_is_drawn_at_its_coordinates():
     x = np.linspace(0.0, 1.0, 5)
-    lines = [line.plain for line in draw_characters((x, x, "red"), (x, 1.0 - x, "blue"), 4, 4)]
+    lines = [line.plain for line in _draw_characters((x, x, "red"), (x, 1.0 - x, "blue"), 4, 4)]
     assert [line[number] > BLANK for number, line in enumerate(lines)] == [True] * 4
     assert [line[3 - number] for number, line in enumerate(lines)] == ["·"] * 4
-    flat = [line.plain for line in draw_characters((x, x, "red"), (x, np.zeros(5), "blue"), 4, 2)]
+    flat = [line.plain for line in _draw_characters((x, x, "red"), (x, np.zeros(5), "blue"), 4, 2)]
     assert all(char > BLANK for char in flat[-1])
 
 

@@ -12,7 +12,7 @@ from palpate.estimation.estimate import ParameterEstimate
 from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.study.estimates import choose_estimators
 from palpate.estimation.study.source import open_source
-from palpate.render.estimates import value_text
+from palpate.render.estimates import _value_text
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import find_robot
 from palpate.sim_backend.imperfection import IMPERFECTIONS
@@ -258,7 +258,7 @@ def test_value_has_as_many_digits_as_its_uncertainty_allows(value, uncertainty, 
 
 def test_unknown_interval_is_shown_as_unknown():
     unknown = ParameterEstimate("k", "N/m", 5.0, float("nan"), (float("nan"), float("nan")))
-    assert value_text(unknown) == "5 (not determined)"
+    assert _value_text(unknown) == "5 (not determined)"
 
 
 def test_truth_of_the_object_is_not_compared_with_a_joint(probed):

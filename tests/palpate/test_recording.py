@@ -7,7 +7,7 @@ from rerun.chunk import RrdReader
 from palpate.render.build import result_view
 from palpate.render.recording.file import REVISION, TIME, shown_on
 from palpate.render.recording.revisions import HEIGHT, WIDTH, Chart, record_rerun, ticks
-from palpate.render.recording.scene import PICTURES_HZ, PressedBlock, Scene, load_urdf, moving_joints
+from palpate.render.recording.scene import PICTURES_HZ, PressedBlock, Scene, _load_urdf, _moving_joints
 from palpate.render.recording.session import record_session
 from palpate.render.view import StudyView
 from palpate.robot_io.errors import InputError
@@ -62,8 +62,8 @@ def test_phases_and_events_are_logged_as_text(recording):
 
 
 def test_arm_moves_through_all_its_joints_in_order():
-    tree = load_urdf(synthetic.urdf())
-    assert [joint.name for joint in moving_joints(tree)] == ["joint_1", "joint_2", "joint_3"]
+    tree = _load_urdf(synthetic.urdf())
+    assert [joint.name for joint in _moving_joints(tree)] == ["joint_1", "joint_2", "joint_3"]
 
 
 def test_pictures_are_few_and_include_the_last_tick(scene):

@@ -18,11 +18,11 @@ from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate import ParameterEstimate
 from palpate.estimation.study.paired_comparison import ParameterDifference
 from palpate.render.build import view_of
-from palpate.render.estimates import estimate_table
-from palpate.render.paired import difference_table
+from palpate.render.estimates import _estimate_table
+from palpate.render.paired import _difference_table
 from palpate.render.terminal import (
-    error_steps_table,
-    parameter_table,
+    _error_steps_table,
+    _parameter_table,
     print_comparison,
     print_diagnosis,
     print_revisions,
@@ -85,7 +85,7 @@ def estimates_of(path, model):
 @pytest.mark.parametrize("width", [60, 80, 120])
 @pytest.mark.parametrize("model", ["kelvin_voigt", "hunt_crossley"])
 def test_table_of_estimates_breaks_no_word(hardening, model, width):
-    shown = printed(estimate_table(estimates_of(hardening, model), {}, width), width)
+    shown = printed(_estimate_table(estimates_of(hardening, model), {}, width), width)
     assert {"preemptive_ransac", "robust", "±"} <= set(shown.split())
     assert all(len(line) <= width for line in shown.splitlines())
 
@@ -102,12 +102,12 @@ def differing(name, unit, *values):
 def test_tables_of_parameters_break_no_word_and_no_effect_name(width):
     one = ParameterView(LONG, "transition", 0.0123, 0.0113, 0.0133, "N m s^2/rad^2")
     long, short = differing(f"{LONG}.transition", one.unit, 1.0, 2.0), "contact_offset.offset"
-    for made in (parameter_table([one], width), difference_table([long], width)):
+    for made in (_parameter_table([one], width), _difference_table([long], width)):
         lines = printed(made, width).splitlines()
         assert any(LONG in line for line in lines)
         assert any("transition" in line for line in lines)
         assert max(map(len, lines)) <= width
-    shown = printed(difference_table([differing(short, "m", -0.000329, -0.000364)], width), width)
+    shown = printed(_difference_table([differing(short, "m", -0.000329, -0.000364)], width), width)
     assert {short, "-0.000329", "-0.000364", "-0.000035", "±", "m"} <= set(shown.split())
     assert all(len(line.rstrip()) <= width for line in shown.splitlines())
 
@@ -135,7 +135,7 @@ def compared_and_diagnosed(hardening):
 def test_table_of_stages_breaks_no_effect_name(added, width):
     assert any(stage.number is not None for stage in added.stages)
     shown = printed(
-        error_steps_table(replace(added, error_steps=(added.error_steps[0], (f"+ {LONG}", 0.1))), width),
+        _error_steps_table(replace(added, error_steps=(added.error_steps[0], (f"+ {LONG}", 0.1))), width),
         width,
     )
     assert any(f"+ {LONG}" in line for line in shown.splitlines())

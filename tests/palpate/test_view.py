@@ -14,7 +14,7 @@ from palpate.estimation.design.next_experiment import propose_remedial_experimen
 from palpate.estimation.diagnosis import ChannelDiagnosis
 from palpate.estimation.diagnosis.result import NoiseFloor, ParameterValue
 from palpate.render import palette, terminal
-from palpate.render.build import channel_view, concatenated_times, parameter_view, run_speeds
+from palpate.render.build import _run_speeds, channel_view, concatenated_times, parameter_view
 from palpate.render.diagnosis import describe_error_decrease, diagnosis_verdict
 from palpate.render.thinning import join_curves, peak_rows, rows_by_run, run_curves
 from palpate.render.view import StudyView, residual_map
@@ -165,16 +165,16 @@ def contact():
 
 
 def test_runs_are_named_by_speed_from_slow_to_fast(contact):
-    assert run_speeds(contact) == {2: "60 mm/s", 1: "90 mm/s", 0: "150 mm/s"}
-    assert run_speeds(contact.select(contact.run == 0)) == {}
-    assert list(run_speeds(replace(contact, phase=np.full(len(contact), -1)))) == [2, 1, 0]
+    assert _run_speeds(contact) == {2: "60 mm/s", 1: "90 mm/s", 0: "150 mm/s"}
+    assert _run_speeds(contact.select(contact.run == 0)) == {}
+    assert list(_run_speeds(replace(contact, phase=np.full(len(contact), -1)))) == [2, 1, 0]
     nearly = np.where(contact.run == 1, 0.98 * 150 / 90, 1.0) * contact.velocity
-    words = run_speeds(replace(contact, velocity=nearly))
+    words = _run_speeds(replace(contact, velocity=nearly))
     assert words[0] == words[1] != words[2]
     short = (contact.phase != Phase.APPROACH) | (np.arange(len(contact.run)) % 40 == 0)
     slow = contact.select(short)
     slow = replace(slow, velocity=np.where(slow.phase == Phase.APPROACH, 1e-6, slow.velocity))
-    assert min(float(word.split()[0]) for word in run_speeds(slow).values()) > 1.0
+    assert min(float(word.split()[0]) for word in _run_speeds(slow).values()) > 1.0
 
 
 def test_runs_that_each_begin_at_zero_are_shown_in_sequence(contact):

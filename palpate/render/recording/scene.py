@@ -240,7 +240,7 @@ def log_moving_arm(
         return
     entity, prefix = (f"{_ARM}_{name}", f"{name}/") if name else (_ARM, "")
     try:
-        tree = load_urdf(urdf, entity, prefix)
+        tree = _load_urdf(urdf, entity, prefix)
     except (RuntimeError, ValueError, UnicodeEncodeError) as error:
         reason = " ".join(str(error).split())
         raise InputError(f"session '{session}': its URDF cannot be shown ({reason:.200})") from error
@@ -248,27 +248,15 @@ def log_moving_arm(
     child = prefix + tree.root_link().name
     root = rr.Transform3D(translation=base_world_m, parent_frame=ROOT_FRAME, child_frame=child)
     recording.log(f"{entity}/root", root, static=True)
-    for joint, angles in zip(moving_joints(tree), position_rad.T, strict=False):
+    for joint, angles in zip(_moving_joints(tree), position_rad.T, strict=False):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # a measured angle may lie slightly beyond its limit
             columns = joint.compute_transform_columns(angles.tolist(), clamp=False)
         recording.send_columns(f"{entity}/motion/{joint.name}", time_column(time_s), columns)
 
 
-def load_urdf(text: str, entity: str = _ARM, frame_prefix: str = "") -> urdf_reader.UrdfTree:
-    """Read a URDF from its text, because Rerun reads files only.
-
-    Meshes and textures are left out, because the text of an untrusted session may name any file.
-
-    Args:
-        text: text of the URDF.
-        entity: path of the arm.
-        frame_prefix: prefix of the frame names.
-
-    Raises:
-        ValueError: the URDF cannot be used.
-        RuntimeError: the URDF cannot be used.
-    """
+def _load_urdf(text: str, entity: str = _ARM, frame_prefix: str = "") -> urdf_reader.UrdfTree:
+    """Read a URDF from its text, because Rerun reads files only."""
     robot = parse_urdf(text)
     for link in robot.iter("link"):
         for shape in (*link.findall("visual"), *link.findall("collision")):
@@ -285,12 +273,8 @@ def load_urdf(text: str, entity: str = _ARM, frame_prefix: str = "") -> urdf_rea
         )
 
 
-def moving_joints(tree: urdf_reader.UrdfTree) -> list[urdf_reader.UrdfJoint]:
-    """Return the movable joints, from the base outwards.
-
-    Args:
-        tree: URDF tree of the arm.
-    """
+def _moving_joints(tree: urdf_reader.UrdfTree) -> list[urdf_reader.UrdfJoint]:
+    """Return the movable joints, from the base outwards."""
     inward = {joint.child_link: joint for joint in tree.joints()}
 
     def distance(joint: urdf_reader.UrdfJoint) -> int:
