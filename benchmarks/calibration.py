@@ -4,7 +4,6 @@ Every seed draws all hidden values anew. "error" is the largest and the root mea
 mean standard uncertainty, "in 2 std" how many lie within twice their own uncertainty (95 % are expected).
 """
 
-import argparse
 import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -12,9 +11,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.progress import track
-from rich.table import Table
+from harness import arguments, print_table
 
 from palpate.calibration.arm_fit import fit_arm, motion_of
 from palpate.calibration.encoder import fit_encoder
@@ -122,24 +119,24 @@ KINDS: dict[str, Callable[[np.random.Generator, int, Path], Found]] = {
 
 def main() -> None:
     """Run and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = arguments(__doc__)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--kinds", nargs="+", choices=list(KINDS), default=list(KINDS))
     options = parser.parse_args()
-    rows: dict[tuple[str, str], list[tuple[float, float]]] = defaultdict(list)
+    pairs: dict[tuple[str, str], list[tuple[float, float]]] = defaultdict(list)
     for kind in options.kinds:
-        for seed in track(range(options.seeds), description=kind, console=Console(stderr=True)):
+        for seed in range(options.seeds):
             with tempfile.TemporaryDirectory() as folder:
                 found = KINDS[kind](np.random.default_rng(seed), seed, Path(folder))
                 for what, unit, value, stated, hidden in found:
-                    rows[what, unit].append((value - hidden, stated))
-    table = Table("what", "unit", "values", "error, largest", "rms", "stated", "in 2 std")
-    for (what, unit), pairs in rows.items():
-        error, stated = np.abs(np.array(pairs)).T
-        inside = f"{np.sum(error < 2 * stated)} of {len(error)}"
-        rms = f"{np.sqrt(np.mean(error**2)):.2g}"
-        table.add_row(what, unit, str(len(error)), f"{error.max():.2g}", rms, f"{stated.mean():.2g}", inside)
-    Console(width=110).print(table)
+                    pairs[what, unit].append((value - hidden, stated))
+    rows = []
+    for names, errors_and_stated in pairs.items():
+        error, stated = np.abs(np.array(errors_and_stated)).T
+        figures = (f"{value:.2g}" for value in (error.max(), np.sqrt(np.mean(error**2)), stated.mean()))
+        rows.append((*names, len(error), *figures, f"{np.sum(error < 2 * stated)} of {len(error)}"))
+    headers = ("what", "unit", "values", "error, largest", "rms", "stated", "in 2 std")
+    print_table("What calibrations recover", headers, rows)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Disk space of an installation: MB of each distribution, as source and libraries, and as bytecode.
 
 Makes a new environment in a temporary folder, installs palpate there with pip, and adds up the disk blocks of
-all files that each distribution lists. pip and setuptools themselves are not counted.
+all files that each distribution lists. pip and setuptools themselves are not counted. Any Python will do.
 
     python benchmarks/install_size.py                 # the core
     python benchmarks/install_size.py --extras sim    # with an extra
@@ -11,11 +11,10 @@ import json
 import subprocess
 import sys
 import tempfile
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
-import numpy as np
-from harness import ROOT, arguments, print_table
-
+ROOT = Path(__file__).resolve().parents[1]
 NOT_COUNTED = ("pip", "setuptools")
 BLOCK_BYTES = 512  # unit of st_blocks
 LISTING = """
@@ -26,17 +25,17 @@ print(json.dumps({name: [str(each.locate_file(file)) for file in each.files] for
 """
 
 
-def disk_megabytes(files: list[str]) -> np.ndarray:
-    """Return the MB on disk of all files but bytecode, and of bytecode, shape (2,)."""
-    sizes = np.zeros(2)
-    for path in {Path(file).resolve() for file in files if Path(file).exists()}:
-        sizes[int(path.suffix == ".pyc")] += path.stat().st_blocks * BLOCK_BYTES / 1e6
-    return sizes
+def disk_megabytes(paths: list[str]) -> tuple[float, float]:
+    """Return the MB on disk of all files but bytecode, and of bytecode."""
+    files = {Path(path).resolve() for path in paths if Path(path).exists()}
+    sizes = {file: file.stat().st_blocks * BLOCK_BYTES / 1e6 for file in files}
+    bytecode = sum(size for file, size in sizes.items() if file.suffix == ".pyc")
+    return sum(sizes.values()) - bytecode, bytecode
 
 
 def main() -> None:
     """Install, and print one line for each distribution, the largest first."""
-    parser = arguments(__doc__)
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("--extras", default="", help="extras to install, separated by commas")
     parser.add_argument("--least-mb", type=float, default=1.0, help="smaller distributions are added up")
     chosen = parser.parse_args()
@@ -48,12 +47,15 @@ def main() -> None:
         listing = subprocess.run([python, "-c", LISTING], capture_output=True, check=True, cwd=folder).stdout
         named = json.loads(listing).items()
         sizes = {name: disk_megabytes(files) for name, files in named if name not in NOT_COUNTED}
-    rows = sorted(sizes.items(), key=lambda row: -row[1].sum())
-    small = [size for _, size in rows if size.sum() < chosen.least_mb]
-    rows = rows[: len(rows) - len(small)]
-    rows += [(f"{len(small)} others", sum(small, np.zeros(2))), ("all", sum(sizes.values()))]
-    cells = [(name, *(f"{mb:.1f}" for mb in (*size, size.sum()))) for name, size in rows]
-    print_table(f"MB on CPython {sys.version.split()[0]}", ("", "files", "bytecode", "sum"), cells)
+    small = [name for name, size in sizes.items() if sum(size) < chosen.least_mb]
+    rows = sorted(((name, *sizes[name]) for name in sizes.keys() - small), key=lambda row: -sum(row[1:]))
+    rows += [
+        (text, sum(sizes[name][0] for name in names), sum(sizes[name][1] for name in names))
+        for text, names in ((f"{len(small)} others", small), ("all", list(sizes)))
+    ]
+    print(f"MB on CPython {sys.version.split()[0]:16}    files  bytecode       sum")
+    for name, files, bytecode in rows:
+        print(f"{name:30}{files:9.1f} {bytecode:9.1f} {files + bytecode:9.1f}")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """What do many recordings cost, and what do they find together? Plain numpy makes all but the sessions.
 
-python benchmarks/many_recordings.py --part speed --recordings 40  # also workers; 5,000 samples each
+python benchmarks/many_recordings.py --part speed --recordings 40  # of 5,000 samples
 python benchmarks/many_recordings.py --part memory --rows 100000    # the most that the client takes
 python benchmarks/many_recordings.py --part pooled --repeats 5      # half the noise in 40 recordings
 python benchmarks/many_recordings.py --part trend --repeats 20 --years 4
@@ -41,14 +41,7 @@ NOISE_N = 0.02
 
 
 def write_press(path: Path, seed: int, samples: int, hidden: float = 0.0) -> None:
-    """Write five presses of a damped spring; a cubic part has `hidden` times the noise beside the best line.
-
-    Args:
-        path: of the CSV file.
-        seed: of stiffness and noise.
-        samples: of all presses.
-        hidden: RMS of what spring and damper cannot mimic, over the noise.
-    """
+    """Write five presses of a damped spring; a cubic part of `hidden` times the noise."""
     rng = np.random.default_rng(seed)
     count = samples // 5
     t = np.arange(count) / 500.0
@@ -70,13 +63,7 @@ def write_press(path: Path, seed: int, samples: int, hidden: float = 0.0) -> Non
 
 
 def write_log(path: Path, seed: int, coulomb: float) -> None:
-    """Write a night's log of one axis with dry friction: three runs of 5 s; the friction scatters by 4 %.
-
-    Args:
-        path: of the CSV file.
-        seed: of friction and noise.
-        coulomb: mean friction [N m].
-    """
+    """Write a night's log of one axis, three runs of 5 s, whose Coulomb friction [N m] scatters by 4 %."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 5.0, 0.01)
     friction = coulomb * (1.0 + 0.04 * rng.standard_normal())
@@ -90,26 +77,12 @@ def write_log(path: Path, seed: int, coulomb: float) -> None:
 
 
 def write(path: Path, names: str, columns: Sequence[np.ndarray]) -> None:
-    """Write columns as CSV.
-
-    Args:
-        path: of the file.
-        names: header.
-        columns: one a name, each (n,).
-    """
+    """Write columns, each of shape (n,), as CSV with a header of names."""
     np.savetxt(path, np.column_stack(columns), delimiter=",", header=names, comments="", fmt="%.8g")
 
 
 def presses(folder: Path, number: int, samples: int = 5000, hidden: float = 0.0, seed: int = 0) -> Path:
-    """Write a folder of recordings with different seeds.
-
-    Args:
-        folder: made here.
-        number: of recordings.
-        samples: of each.
-        hidden: see `write_press`.
-        seed: of the folder.
-    """
+    """Write a new folder of recordings with different seeds; see `write_press`."""
     folder.mkdir()
     for item in range(number):
         write_press(folder / f"r{item}.csv", 100_000 * seed + item, samples, hidden)
@@ -139,28 +112,14 @@ def speed(folder: Path, number: int) -> None:
         )
         ratio = (used.processor_s - empty.processor_s) / (alone_s * (number - 1) / number)
         print(
-            f"{name}: {number} recordings by two workers {two.wall_s:.1f} s "
-            f"({1000 * two.wall_s / number / 60:.1f} min per 1,000); processor time over that of the work "
-            f"alone ({alone_s / number:.2f} s each) {ratio - 1:+.1%}, beside {empty.processor_s:.1f} s for a "
-            "batch of one"
+            f"{name}: {number} recordings by two workers {two.wall_s:.1f} s, by one {used.wall_s:.1f} s "
+            f"({used.wall_s / two.wall_s:.2f} times); processor time over that of the work alone "
+            f"({alone_s / number:.2f} s each) {ratio - 1:+.1%}, beside {empty.processor_s:.1f} s for one"
         )
 
 
-def workers(folder: Path, number: int) -> None:
-    """Compare two workers with one."""
-    data = presses(folder / "data", number)
-    commands = (run_palpate("batch", data, "--out", folder / f"by{n}", "--workers", n) for n in (1, 2))
-    one_s, two_s = (command.wall_s for command in commands)
-    print(f"one worker {one_s:.1f} s, two workers {two_s:.1f} s: {one_s / two_s:.2f} times")
-
-
 def write_rows(folder: Path, addresses: Sequence[str]) -> None:
-    """Store a row with ten parameters for each address, as a worker does.
-
-    Args:
-        folder: of the results.
-        addresses: of the cases.
-    """
+    """Store a row with ten parameters for each address of a case, as a worker does."""
     store, rng = ResultStore(folder), np.random.default_rng(int(addresses[0][:8], 16))
     row: dict[str, Any] = {"channel": "contact", "model": "kelvin_voigt", "verdict": "", "warnings": ""}
     row |= {"times_noise": 1.0, "seconds": 0.1, "error": "", "seed": 0, "first": True}
@@ -249,12 +208,7 @@ def trend(folder: Path, repeats: int, years: int, seed: int) -> None:
 
 
 def write_session(path: Path, seed: int) -> dict[str, Any]:
-    """Probe one simulated object at three speeds; return the true values of the object.
-
-    Args:
-        path: session file to write.
-        seed: of the object and of all noise; every third object also relaxes, every third also stiffens.
-    """
+    """Probe an object at three speeds, of which every third relaxes or stiffens too; return true values."""
     kind = ("plain", "relaxing", "stiffening")[seed % 3]
     stiffness_n_m = float(400.0 * (1.0 + 0.1 * np.random.default_rng(seed).standard_normal()))
     relaxing = {"effect": "stress_relaxation", "stiffness_n_m": 150.0, "time_s": 0.15}
@@ -302,19 +256,13 @@ def sessions(folder: Path, number: int, seed: int) -> None:
 
 
 def series(values: np.ndarray, errors: np.ndarray) -> Series:
-    """A series of one value a night.
-
-    Args:
-        values: shape (n,).
-        errors: standard errors (n,).
-    """
+    """Make a series of one value a night, of shape (n,), with standard errors (n,)."""
     nights = np.arange(len(values))
     return Series("all", "axis", "p", "N m", nights, nights.astype(float), values, errors)
 
 
 PARTS: dict[str, tuple[Callable[..., None], tuple[str, ...]]] = {  # with the options that each needs
     "speed": (speed, ("recordings",)),
-    "workers": (workers, ("recordings",)),
     "memory": (memory, ("rows",)),
     "pooled": (pooled, ("repeats", "seed")),
     "trend": (trend, ("repeats", "years", "seed")),

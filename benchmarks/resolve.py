@@ -1,13 +1,12 @@
-"""How many probes `palpate resolve` needs, beside a fixed grid of experiments.
+"""How many probes `palpate resolve` needs.
 
     python benchmarks/resolve.py --find 300 --seed 61000 --cases cases.jsonl
-    python benchmarks/resolve.py --cases cases.jsonl --way designed|grid [--first 12] [--out FILE]
+    python benchmarks/resolve.py --cases cases.jsonl [--first 12] [--out FILE]
 
 `--find` hides one effect after the other in the simulated arm's world, at a random place, 1.5 to 10 times the
 noise floor, runs the short probe (two presses at 90 mm/s), and keeps what it leaves undecided in the channel
 in which the effect is: an answer that is a group, or structure without a name. Then each case is resolved in
-that channel with at most three more probes (`--probes`). "grid" runs the experiments that the arm can do in
-the order in which they are listed, and stops once one explanation is left.
+that channel with at most three more probes (`--probes`).
 
 Separated: the hidden effect, and nothing else, is named. Wrong: one other explanation is named.
 
@@ -23,7 +22,6 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -35,7 +33,6 @@ from threadpoolctl import threadpool_limits
 
 from palpate.control.probing.plan import ProbingPlan
 from palpate.estimation.design.discrimination import SMALL
-from palpate.estimation.design.next_experiment import NextExperiment, NextProbe
 from palpate.estimation.diagnosis import ChannelDiagnosis
 from palpate.estimation.study.other_models import is_undecided
 from palpate.planning.next_probe import feasible
@@ -78,15 +75,14 @@ def screen_case(effect: str, seed: int) -> dict[str, Any] | None:
     return case | {"left": _groups(diagnosis)} if is_undecided(diagnosis) else None
 
 
-def resolve_case(way: str, probes: int, case: dict[str, Any]) -> dict[str, Any]:
-    """One case, resolved in one way."""
+def resolve_case(probes: int, case: dict[str, Any]) -> dict[str, Any]:
+    """One case, resolved."""
     begun = time.perf_counter()
     decisions: list[ProbeDecision] = []
-    design = Study.next_probe if way == "designed" else partial(next_listed, [])
     with TemporaryDirectory() as folder, threadpool_limits(1):
         job = _job(case, Path(folder) / "sessions" / "probe.mcap")
         try:
-            done = resolve(job, ProbeBudget(probes, 600.0), case["channel"], decisions.append, design=design)
+            done = resolve(job, ProbeBudget(probes, 600.0), case["channel"], decisions.append)
             end, left = str(done.end), _groups(done.channels[0])
         except PalpateError as error:
             end, left = f"stopped: {error}", [["?"]]
@@ -94,7 +90,6 @@ def resolve_case(way: str, probes: int, case: dict[str, Any]) -> dict[str, Any]:
     decided = end in {"separated", "simplest"}
     right = decided and _by_estimators_names(left) == [[hidden]]
     return case | {
-        "way": way,
         "end": end,
         "left": left,
         "more_probes": len(decisions) - 1,
@@ -142,28 +137,12 @@ def _groups(diagnosis: ChannelDiagnosis) -> list[list[str]]:
     return [[entry.effect, *entry.confused_with] for entry in diagnosis.accepted]
 
 
-def next_listed(
-    done: list[str],
-    study: Study,
-    _diagnoses: Sequence[ChannelDiagnosis],
-    longest_s: float,
-    _progress: object = None,
-) -> NextProbe | None:
-    """Return the first experiment that was not done yet; None if there is none."""
-    for candidate, ticks in feasible(study):
-        if candidate.words not in done and ticks["time_s"][-1] < longest_s:
-            done.append(candidate.words)
-            told = {"purpose": "", "separates": [], "instruction": candidate.words}
-            return NextProbe(candidate.plan, NextExperiment(**told, probe=candidate.settings), "", ())
-    return None
-
-
-def report(way: str, done: Sequence[dict[str, Any]]) -> None:
+def report(done: Sequence[dict[str, Any]]) -> None:
     """Print the figures."""
     tried = [case for case in done if case["undecided_at_first"]]
     right = [case for case in tried if case["separated"]]
     counts = [sum(case["more_probes"] <= number for case in right) for number in (1, 2, 3)]
-    print(f"{way}: {len(tried)} cases; separated within 1, 2, 3 more probes: {counts}; in all {len(right)}")
+    print(f"{len(tried)} cases; separated within 1, 2, 3 more probes: {counts}; in all {len(right)}")
     print(f"  wrong: {sum(case['wrong'] for case in tried)}")
     print(f"  more probes, sum over all cases: {sum(case['more_probes'] for case in tried)}")
     print(f"  seconds of probing, sum over all cases: {sum(case['seconds'] for case in tried):.0f}")
@@ -184,7 +163,6 @@ def main() -> None:
     parser.add_argument("--check", type=Path, help="a file that --out wrote")
     parser.add_argument("--find", type=int, help="hide so many effects, and write what stays undecided")
     parser.add_argument("--seed", type=int, default=0, help="first seed of --find")
-    parser.add_argument("--way", choices=["designed", "grid"], default="designed")
     parser.add_argument("--first", type=int, help="only so many cases")
     parser.add_argument("--probes", type=int, default=4, help="at most, the first among them")
     parser.add_argument("--out", type=Path, help="JSON lines, case a case")
@@ -201,14 +179,14 @@ def main() -> None:
                 write(case)
         return
     cases = [json.loads(line) for line in options.cases.read_text(encoding="utf-8").splitlines()]
-    jobs, done = [(options.way, options.probes, case) for case in cases[: options.first]], []
+    jobs, done = [(options.probes, case) for case in cases[: options.first]], []
     with json_lines(options.out, "a") as write:
         for case in parallel(resolve_case, jobs, options.processes):
             done.append(case)
             word = "separated" if case["separated"] else "WRONG" if case["wrong"] else case["end"]
             print(word, *(case[key] for key in ("hidden", "more_probes", "experiments", "left")), sep=" | ")
             write(case)
-    report(options.way, done)
+    report(done)
 
 
 if __name__ == "__main__":

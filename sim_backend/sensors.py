@@ -287,15 +287,7 @@ class _Amplifier:
         self._behind = [effect for effect in effects if not effect.ahead_of_noise]
 
     def output(self, time_s: float, signal: Sequence[float]) -> list[float]:
-        """Compute the sample that the converter makes of a signal.
-
-        Args:
-            time_s: time of the sample [s].
-            signal: clean signal, in the unit of the sensor.
-
-        Returns:
-            In the same unit, rounded to the converter's steps.
-        """
+        """Compute the sample at a time [s] in the unit of the signal, rounded to the converter's steps."""
         value: Sequence[float] = signal
         for effect in self._ahead:
             value = effect.measure(time_s, value)

@@ -344,21 +344,9 @@ def read_json(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 
 
 _ROS_NUMBERS = {
-    "bool": "?",
-    "byte": "b",
-    "char": "B",
-    "int8": "b",
-    "uint8": "B",
-    "int16": "h",
-    "uint16": "H",
-    "int32": "i",
-    "uint32": "I",
-    "int64": "q",
-    "uint64": "Q",
-    "float32": "f",
-    "float64": "d",
-    "time": "II",
-    "duration": "ii",
+    **{"bool": "?", "byte": "b", "char": "B", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H"},
+    **{"int32": "i", "uint32": "I", "int64": "q", "uint64": "Q", "float32": "f", "float64": "d"},
+    **{"time": "II", "duration": "ii"},
 }
 
 
@@ -468,18 +456,7 @@ def read_binary(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     return [{"0": numbers.astype(np.float64)}]
 
 
-_TDMS_NUMBERS = {
-    1: "<i1",
-    2: "<i2",
-    3: "<i4",
-    4: "<i8",
-    5: "<u1",
-    6: "<u2",
-    7: "<u4",
-    8: "<u8",
-    9: "<f4",
-    10: "<f8",
-}
+_TDMS_NUMBERS = dict(enumerate(["<i1", "<i2", "<i4", "<i8", "<u1", "<u2", "<u4", "<u8", "<f4", "<f8"], 1))
 _TDMS_NUMBERS |= {25: "<f4", 26: "<f8", 33: "<u1"}  # with a unit, and truth values
 _TDMS_TEXT, _TDMS_TIME = 32, 68  # of properties; a time has 16 bytes
 
@@ -673,22 +650,24 @@ def _tables(recipe: Mapping[str, Any], origin: Origin) -> Iterator[tuple[str, li
     `restarts`: the column that falls where a new run begins.
     """
     read, paths = recipe["read"], _files(recipe, origin)
-    reader, joined = READERS[read["format"]], read.get("join", [])
+    joined, apart = read.get("join", []), read.get("apart", {})
     for first in range(0, len(paths), max(len(joined), 1)):
-        tables = reader(origin.read(paths[first]), read)
         if joined:
-            parts = zip(joined, paths[first : first + len(joined)], strict=True)
-            apart = read.get("apart", {})
             options = {name: {**read, **apart.get(name, {})} for name in joined}
-            joint = {
+            parts = {
                 name: READERS[options[name]["format"]](origin.read(path), options[name])[0]
-                for name, path in parts
+                for name, path in zip(joined, paths[first : first + len(joined)], strict=True)
             }
             if clocks := read.get("clocks"):
-                joint = _on_one_clock(joint, clocks)
+                parts = _on_one_clock(parts, clocks)
             for name in read.get("backwards", []):
-                joint[name] = {column: values[::-1] for column, values in joint[name].items()}
-            tables = [_joined(joint)]
+                parts[name] = {column: values[::-1] for column, values in parts[name].items()}
+            columns = {
+                f"{name}.{key}": values for name, part in parts.items() for key, values in part.items()
+            }
+            tables = [columns | {name: part["0"] for name, part in parts.items() if "0" in part}]
+        else:
+            tables = READERS[read["format"]](origin.read(paths[first]), read)
         if chain := read.get("chain"):
             tables = [
                 {name: np.concatenate([table[key] for key in keys]) for name, keys in chain.items()}
@@ -712,12 +691,6 @@ def _on_one_clock(parts: Mapping[str, Columns], clocks: Mapping[str, Any]) -> di
         name: {column: at_first(name, values) for column, values in table.items()}
         for name, table in parts.items()
     }
-
-
-def _joined(parts: Mapping[str, Columns]) -> Columns:
-    """Columns of several tables in one."""
-    table = {f"{name}.{column}": values for name, part in parts.items() for column, values in part.items()}
-    return table | {name: part["0"] for name, part in parts.items() if "0" in part}
 
 
 def _split(table: Columns, clock: str) -> list[Columns]:

@@ -89,10 +89,7 @@ def _fifo(priority: int) -> Iterator[None]:
 
 @contextmanager
 def _locked_memory() -> Iterator[None]:
-    """Lock all pages in memory once they are used; future pages only if no limit makes allocations fail.
-
-    Locking pages before their use would fill the gigabyte that Arrow's allocator only reserves.
-    """
+    """Lock pages once they are used (Arrow only reserves a gigabyte); future pages only without a limit."""
     _require_linux()
     if _locked_kib():  # an existing lock is kept
         yield

@@ -39,12 +39,7 @@ class LineServo(ABC):
         self._frozen: JointState | None = None
 
     def _measured(self) -> JointState | None:
-        """Return the readings of its own sensors at its horn, with the joint's torque.
-
-        Returns:
-            Angle from its position 0 [rad] and speed [rad/s] along its own direction, and torque [N m]; None
-            before the plant's first sample.
-        """
+        """Return angle from position 0 and rate in its own direction, and torque; None before a sample."""
         state = self.shaft.state() if self.shaft else _HELD
         if not isfinite(state.position_rad):
             return None

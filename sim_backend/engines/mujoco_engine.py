@@ -97,11 +97,7 @@ class MujocoEngine(Engine):
         self._update_views()
 
     def _update_views(self) -> None:
-        """Update links, inertia and constraints to the current positions and velocities.
-
-        This is the first half of MuJoCo's step, called after the second half instead of before it, because
-        MuJoCo's own step would leave the links in their earlier state.
-        """
+        """Make the first half of MuJoCo's next step now, so that the links are at the present positions."""
         mujoco.mj_step1(self._model, self._data)
 
     def mass_matrix(self, position_rad: Joints) -> FloatArray:

@@ -23,15 +23,7 @@ class _MaterialImperfection(ContactImperfection, ABC):
 
     @abstractmethod
     def _added_n(self, depth_m: float, rate_m_s: float) -> float:
-        """Compute the added force.
-
-        Args:
-            depth_m: depth of the tip below the surface, above 0 [m].
-            rate_m_s: rate of the depth, positive while pressing in [m/s].
-
-        Returns:
-            Force on the tip along the outward surface normal [N].
-        """
+        """Compute the force on the tip [N] at a depth above 0 [m] and a rate, positive inwards [m/s]."""
 
 
 @dataclass(frozen=True)
@@ -194,12 +186,7 @@ class _AdhesiveBond(_StatefulContact[bool]):
         self._surface = surface
 
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
-        """Subtract the pull of the bond: A below the surface, A (1 + x / neck) above it until it tears.
-
-        Args:
-            state: motion of the tip.
-            force_n: force so far [N].
-        """
+        """Subtract the pull of the bond: A below the surface, A (1 + x / neck) above it until it tears."""
         bond_share = 1.0 + state.depth_m / self._surface.neck_m
         self.tried = state.depth_m > 0.0 or (self.confirmed and bond_share > 0.0)
         return force_n - self._surface.pull_off_n * min(bond_share, 1.0) if self.tried else force_n
@@ -233,15 +220,7 @@ class _BristleFriction(_StatefulContact[tuple[float, float]], MaterialEffect):
         self._friction = friction
 
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
-        """Add the friction state z = f + (z0 - f) exp(-abs(dx) / s) in contact.
-
-        f is the friction force with the sign of the step dx, z0 the state before the step, and s the path
-        over which the state changes.
-
-        Args:
-            state: motion of the tip.
-            force_n: force so far [N].
-        """
+        """Add z = f + (z0 - f) exp(-abs(dx) / s) in contact, with f in the direction of the step dx."""
         before_m, before_n = self.confirmed
         depth_m = max(state.depth_m, 0.0)
         step_m = depth_m - before_m
@@ -295,12 +274,7 @@ class _MaxwellBranch(_StatefulContact[tuple[float, float]], MaterialEffect):
         self._time_s = time_s
 
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
-        """Add F = F0 exp(-h / tau) + k dx (1 - exp(-h / tau)) tau / h, with h the step; none out of contact.
-
-        Args:
-            state: motion of the tip.
-            force_n: force so far [N].
-        """
+        """Add F = F0 exp(-h / tau) + k dx (1 - exp(-h / tau)) tau / h in contact, with h the step."""
         before_m, before_n = self.confirmed
         depth_m = max(state.depth_m, 0.0)
         steps = state.step_s / self._time_s
@@ -340,14 +314,7 @@ class _PlasticIndentation(_StatefulContact[float], MaterialEffect):
         self._surface = surface
 
     def transform_state(self, state: ContactState) -> ContactState:
-        """Lower the surface to the dent, which deepens to s x and fades while nothing presses.
-
-        Args:
-            state: motion of the tip.
-
-        Returns:
-            Motion that the material feels.
-        """
+        """Lower the surface to the dent, which deepens to s x and fades while nothing presses."""
         share, recovery_s = self._surface.share, self._surface.recovery_s
         dent_m, dent_rate_m_s = self.confirmed, 0.0
         if recovery_s:

@@ -22,15 +22,7 @@ class _FrictionImperfection(JointImperfection, ABC):
 
     @abstractmethod
     def _resistance_nm(self, speed_rad_s: float, transmitted_nm: float) -> float:
-        """Compute the largest resistance, see `JointFriction`.
-
-        Args:
-            speed_rad_s: absolute speed of the joint [rad/s].
-            transmitted_nm: drive's torque along the motion, negative where it holds back [N m].
-
-        Returns:
-            0 or more [N m].
-        """
+        """Compute the largest resistance, 0 or more [N m]; see `JointFriction.resistance_nm`."""
 
 
 class HiddenViscousFriction(_FrictionImperfection):
@@ -169,15 +161,7 @@ class _TorqueImperfection(JointImperfection, ABC):
 
     @abstractmethod
     def _torque_nm(self, position_rad: float, drive_nm: float) -> float:
-        """Compute the torque on the link, see `AddedTorque`.
-
-        Args:
-            position_rad: positions of the joint [rad].
-            drive_nm: torque of the drive [N m].
-
-        Returns:
-            Along the joint's axis [N m].
-        """
+        """Compute the torque on the link along the joint's axis [N m]; see `AddedTorque.torque_nm`."""
 
 
 class HiddenJointSpring(_TorqueImperfection):
@@ -264,13 +248,7 @@ class _TransmissionImperfection(JointImperfection, ABC):
 
     @abstractmethod
     def _next_offset_rad(self, offset_rad: float, step_s: float, torque_nm: float) -> float:
-        """Compute how far the encoder is ahead of the link after a step [rad].
-
-        Args:
-            offset_rad: angle of the encoder ahead of the link before the step [rad].
-            step_s: physics step [s].
-            torque_nm: through the transmission, along the joint's axis [N m].
-        """
+        """Compute the lead of the encoder after a step, from that before it and the torque through it."""
 
 
 class _LinkOffset(hooks.JointEffect, hooks.SensorHook):
@@ -283,22 +261,12 @@ class _LinkOffset(hooks.JointEffect, hooks.SensorHook):
         self._offset_rad = 0.0
 
     def joint_torque_nm(self, state: hooks.JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
-        """Move the encoder ahead of the link for this step; the torque passes through unchanged.
-
-        Args:
-            state: motion of the joints.
-            torque_nm: torques so far, along the joint axes, shape (n,) [N m].
-        """
+        """Move the encoder ahead of the link for this step; the torque passes through unchanged."""
         self._offset_rad = self._next_offset_rad(self._offset_rad, state.step_s, torque_nm[self._index])
         return torque_nm
 
     def measure(self, time_s: float, value: Sequence[float]) -> Sequence[float]:
-        """Add to one position how far its encoder is ahead of the link.
-
-        Args:
-            time_s: time of the sample [s].
-            value: positions, shape (n,) [rad].
-        """
+        """Add to one position how far its encoder is ahead of the link."""
         changed = list(value)
         changed[self._index] += self._offset_rad
         return changed

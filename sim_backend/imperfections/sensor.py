@@ -268,15 +268,7 @@ class _PointMass(PlantEffect):
     mass_kg: float
 
     def urdf(self, urdf_text: str, tip_frame: str) -> str:
-        """Add a link with the ball's mass and inertia, 2/5 m r^2, at the far end of its link.
-
-        Args:
-            urdf_text: URDF so far.
-            tip_frame: link at the contact point.
-
-        Raises:
-            InputError: not a URDF.
-        """
+        """Add a link with the ball's mass and inertia, 2/5 m r^2, at the far end of its link."""
         try:
             robot = parse_urdf(urdf_text)
         except ValueError as error:
