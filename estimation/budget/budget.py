@@ -61,15 +61,12 @@ class ErrorBudget:
 
 
 def error_budget(error: SquaredErrors, rng: np.random.Generator, only: Kinds | None = None) -> ErrorBudget:
-    """Divide the base model's held-out error among the kinds of effects.
+    """Divide the base model's held-out error among the kinds of effects that explain any of it.
 
     Args:
         error: held-out errors of sets of kinds.
         rng: resamples runs for the intervals.
         only: kinds among which the error is divided; None to select them.
-
-    Returns:
-        The budget; without entries if no kind explains anything.
     """
     base = error.mean_square()
     if base <= 0.0:
@@ -134,22 +131,14 @@ class _KindSubsets:
     relevant: Kinds
 
     def by_run(self, kinds: Kinds) -> FloatArray:
-        """Return the squared errors of each run for the best subset of these kinds, shape (r,) [effort^2].
-
-        Args:
-            kinds: kinds whose laws may be used.
-        """
+        """Return the squared errors (r,) of each run for the best subset of these kinds [effort^2]."""
         subsets = [
             frozenset(part) for size in range(len(kinds) + 1) for part in combinations(_ordered(kinds), size)
         ]
         return min(map(self.error.by_run, subsets), key=lambda squares: float(squares.sum()))
 
     def best_mean_square(self, kinds: Kinds) -> float:
-        """Return the mean squared error of the best subset of these kinds [effort^2].
-
-        Args:
-            kinds: kinds whose laws may be used.
-        """
+        """Return the mean squared error of the best subset of these kinds [effort^2]."""
         return float(self.by_run(kinds).sum() / self.error.counts.sum())
 
     @property
@@ -159,13 +148,7 @@ class _KindSubsets:
         return best + _ALLOWANCE * (base - best) + _ERROR_ALLOWANCE * best
 
     def smallest_sufficient(self, limit: float) -> list[Kinds]:
-        """Find the smallest sets whose mean squared error is within a limit, the best first.
-
-        Sets with differences between runs come last, since a gain and zero for each run are many parameters.
-
-        Args:
-            limit: highest mean squared error [effort^2].
-        """
+        """Find the smallest sets with an error within a limit, those without run differences first."""
 
         def rank(kinds: Kinds) -> tuple[bool, float]:
             return Kind.RUN_DIFFERENCES in kinds, self.error.mean_square(kinds)
@@ -181,12 +164,7 @@ class _KindSubsets:
         return [frozenset()]
 
     def replacements(self, chosen: Kinds, kind: Kind) -> tuple[Kind, ...]:
-        """Find kinds that explain about as much in the place of a kind, together with the other chosen kinds.
-
-        Args:
-            chosen: kinds that account for the error.
-            kind: the kind to replace.
-        """
+        """Find kinds that explain about as much in the place of a kind, with the other chosen kinds."""
         kept = chosen - {kind}
         without, with_it = self.best_mean_square(kept), self.best_mean_square(chosen)
         limit = without - _REPLACEMENT * (without - with_it)
@@ -197,16 +175,7 @@ class _KindSubsets:
 def _shapley(
     sets: _KindSubsets, chosen: Kinds, counts: FloatArray, weights: FloatArray | None = None
 ) -> FloatArray:
-    """Compute asymmetric Shapley values, shape (samples, k), as shares of the base model's squared error.
-
-    Differences between runs are added last; the other kinds are added in every order.
-
-    Args:
-        sets: errors of sets of kinds.
-        chosen: k kinds.
-        counts: blocks of each run, shape (r, 1).
-        weights: multiplicity of each run in bootstrap samples, shape (r, samples); None for the data.
-    """
+    """Compute asymmetric Shapley values (samples, k): shares of the error, differences between runs last."""
     ordered = _ordered(chosen)
     weights = np.ones((len(counts), 1)) if weights is None else weights
 

@@ -197,15 +197,12 @@ class HeldOutError(SquaredErrors):
 
 
 def fit_each_run(signal: FloatArray, columns: FloatArray, run: IntArray) -> FloatArray:
-    """Fit columns to alternating pieces of each run and predict the others (two-fold cross-validation).
+    """Return the residual (n,) of two-fold fits to alternating pieces of each run, if it is long enough.
 
     Args:
         signal: shape (n,).
         columns: shape (n, k).
         run: number of each sample's run, from 0, shape (n,).
-
-    Returns:
-        The residual, shape (n,); the signal itself in runs too short to be fitted.
     """
     half, residual = _alternating_pieces(run, signal), signal.copy()
     for number in range(int(run.max()) + 1):
@@ -219,10 +216,7 @@ def fit_each_run(signal: FloatArray, columns: FloatArray, run: IntArray) -> Floa
 
 
 def _alternating_pieces(run: IntArray, signal: FloatArray) -> IntArray:
-    """Number the pieces of each run 0, 1, 0, 1 ..., shape (n,).
-
-    All pieces of a run hold about the same energy and time, so that a short peak falls into both halves.
-    """
+    """Number pieces of each run, of equal energy and time, 0, 1, 0, 1 ..., shape (n,)."""
     half = np.empty(len(run), dtype=np.int64)
     for number in range(int(run.max()) + 1):
         rows = np.flatnonzero(run == number)

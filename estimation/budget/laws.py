@@ -92,6 +92,8 @@ def flexible_laws(
 ) -> list[FlexibleLaw]:
     """Build the laws of all kinds that can occur in a channel, and of the interactions between kinds.
 
+    Differences between runs have no columns, see `palpate.estimation.budget.held_out`.
+
     Args:
         blocked: the channel on its blocks.
         base: columns of the model on blocks, which are refitted for the sensor's dynamics; None to keep the
@@ -100,10 +102,6 @@ def flexible_laws(
         residual: residual of the model on blocks, shape (m,); it selects the waves of the periodic law.
         used: blocks that the model is fitted to, shape (m,).
         slope: derivative of the prediction with respect to the position, shape (m,) [effort/position].
-
-    Returns:
-        Laws with at least one column. Differences between runs have no columns, see
-        `palpate.estimation.budget.held_out`.
     """
     data, run = blocked.data, blocked.run
     is_contact = data.kind is ChannelKind.CONTACT
@@ -200,11 +198,7 @@ def _unit(signal: FloatArray) -> FloatArray:
 
 
 def _hinges(signal: FloatArray) -> FloatArray:
-    """Evaluate hinge functions of a signal (m,), which extrapolate linearly; shape (m, k).
-
-    Hat functions would fall to zero outside the range of the training runs, so that they would fail in the
-    held-out run with the largest range.
-    """
+    """Evaluate hinge functions (m, k) of a signal (m,), which extrapolate linearly unlike hat functions."""
     low, high = float(signal.min()), float(signal.max())
     steps = np.quantile(np.abs(signal[signal != 0.0]), _KNOTS) if np.any(signal) else np.zeros(1)
     knots = np.unique(np.concatenate([[0.0], steps, np.max(np.abs(signal)) * np.array(_KNOTS)]))
@@ -233,12 +227,9 @@ def _relaxation(
 def _sensor_dynamics(
     blocked: BlockedData, base: BaseColumns | None, effort: FloatArray, time_s: FloatArray, used: BoolArray
 ) -> list[FlexibleLaw]:
-    """Build the laws of a sensor with a lag, a delay or a lead, for several time constants.
-
-    A model fitted without the sensor's dynamics can be far from the true effort: delayed readings can hide an
-    inertia. If `base` is given, its columns are therefore refitted for each lag and delay, and only time
-    constants near the best one are used.
-    """
+    """Build the laws of a sensor with a lag, a delay or a lead, for several time constants."""
+    # A model fitted without the dynamics can be far from the true effort: delayed readings can hide inertia.
+    # Columns of `base` are therefore refitted for each time constant, and only the best ones are used.
     run = blocked.run
     step = sample_time(time_s, run)
     longest_s = min(_LONGEST_LAG * blocked.data.time_scale, _LONGEST_LAG_S)
@@ -307,13 +298,9 @@ def _friction(
 def _contact_geometry(
     position: FloatArray, depth: FloatArray, touching: FloatArray, run: IntArray
 ) -> list[FlexibleLaw]:
-    """Build laws of a shifted surface, of a plastic set, and of adhesion.
-
-    A deeper surface reduces the force of a spring by a constant, down to zero. A plastic set is a share of
-    the deepest indentation so far. It reduces the strain of a spring by this amount, and the force of a
-    quadratic spring by the difference of squares.
-    """
+    """Build laws of a shifted surface, a plastic set (share of the deepest indentation), and adhesion."""
     after_contact = running_max((position > 0.0).astype(np.float64), run) * (position <= 0.0)
+    # A plastic set reduces a spring's strain, and for a quadratic spring the square of the strain.
     reaches = np.max(position, initial=1e-9) * np.array(_ADHESION_RANGES)
     adhesion = after_contact[:, None] * np.exp(np.minimum(position, 0.0)[:, None] / reaches)
     strain = (_unit(depth) * touching)[:, None]
@@ -337,12 +324,8 @@ def _sensor_statics(
     *,
     has_bias: bool,
 ) -> FlexibleLaw:
-    """Build the law of a sensor's bias, gain, saturation, dead band and hysteresis.
-
-    A gain is added only if the base model's own gains cannot imitate it, and dead bands only if readings
-    under load may show them. Free air rules out a bias if it shows a correct zero. Hysteresis of the sensor
-    lowers the reading while the effort grows; friction raises it.
-    """
+    """Build the law of a sensor's bias, gain, saturation, dead band and hysteresis."""
+    # The model's own gains may imitate a gain; free air shows a bias; hysteresis lowers a growing effort.
     low, high = np.quantile(measured, [0.001, 0.999])
     saturation = [
         -np.maximum(predicted - _FULL_SCALE * high, 0.0) * (high > 0.0),
@@ -373,7 +356,7 @@ def _drift(time_s: FloatArray, residual: FloatArray, used: BoolArray) -> Flexibl
 def periodic_columns(
     position: FloatArray, residual: FloatArray, *, is_angle: bool, run: IntArray | None = None
 ) -> FloatArray:
-    """Select sines and cosines over the position that describe a residual.
+    """Select sines and cosines over the position, (m, 2 waves), that describe a residual.
 
     Wave numbers are whole numbers per turn if a revolute axis covers about a turn, otherwise whole numbers
     over the range. Waves are selected one by one and fitted jointly (orthogonal matching pursuit, Pati et al.
@@ -385,9 +368,6 @@ def periodic_columns(
         is_angle: whether the axis is revolute.
         run: shape (m,), if the waves have their own phase and amplitude in each run; None if all runs share
             them.
-
-    Returns:
-        Shape (m, 2 waves); no columns if the position takes too few values.
     """
     span = float(np.ptp(position))
     if span == 0.0:

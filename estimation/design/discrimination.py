@@ -51,13 +51,10 @@ class RivalModels:
         return cls(data, blocked.trusted, tuple(refits))
 
     def predicted_leads(self, planned: ChannelData) -> FloatArray:
-        """Predict the leads of a planned experiment to first order in the parameters.
+        """Predict the leads of each true model (row) in a planned experiment to first order, (r, r).
 
         Args:
             planned: the channel with the planned motion; its effort is ignored.
-
-        Returns:
-            Shape (r, r); the row is the true model, the column the model compared with it.
         """
         planned_blocks, good = _block_averages(planned)
         combined = joined_channels((self.data, planned_blocks))
@@ -78,14 +75,11 @@ class RivalModels:
         return self._gained_leads(leads, [fit.solution.sse for fit in self.fits])
 
     def simulated_leads(self, planned: ChannelData, rng: np.random.Generator) -> FloatArray:
-        """Simulate the planned experiment with each model as truth, refit all models, and return the leads.
+        """Simulate an experiment with each model as truth (row), refit all, and return the leads, (r, r).
 
         Args:
             planned: the channel with the planned motion; its effort is ignored.
             rng: random generator for the noise of the simulated data.
-
-        Returns:
-            Leads by held-out error, shape (r, r); the row is the true model, the column the compared one.
         """
         planned_blocks, good = _block_averages(planned)
         used = np.concatenate([self.good, good])
@@ -131,11 +125,7 @@ def _block_averages(planned: ChannelData) -> tuple[ChannelData, BoolArray]:
 def _refit_globally(
     data: ChannelData, rival: FitResult, shared: Collection[str], good: BoolArray, cache: FitCache
 ) -> FitResult:
-    """Refit a rival from its parameters and from other start values of effects that not all rivals share.
-
-    A diagnosis searches the whole range of inner parameters. A local refit could leave a law that contains
-    the true law in a worse optimum.
-    """
+    """Refit a rival from its parameters and from other start values of effects that not all rivals share."""
     model = rival.solution.model
     best = fit_model(data, model, rival.solution.parameters, good, cache)
     for effect in model.effects:
@@ -216,16 +206,13 @@ class ExperimentChoice:
 
 
 def choose_experiment(candidates: Sequence[Experiment]) -> ExperimentChoice | None:
-    """Choose the experiment that separates rivals best; of nearly equal ones, the one with most evidence.
+    """Choose the experiment that separates rivals best; None if nothing is expected to separate any.
 
-    Evidence matters because a rival with many parameters can adapt to a weak experiment. If the evidence is
-    unknown, the shortest of the nearly equal experiments is chosen.
+    Of nearly equal ones it is the one with most evidence, because a rival with many parameters can adapt to a
+    weak experiment, or the shortest if the evidence is unknown.
 
     Args:
         candidates: feasible experiments with their expected leads.
-
-    Returns:
-        The choice, or None if no experiment is expected to separate anything.
     """
     useful = [number for number, experiment in enumerate(candidates) if experiment.separates]
     if not useful:

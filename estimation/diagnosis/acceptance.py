@@ -5,8 +5,7 @@ model, an effect is accepted if it explains most of the error that a flexible la
 comparison includes flexible laws of the other kinds (`palpate.estimation.diagnosis.forms`).
 """
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from statistics import NormalDist
 
@@ -58,29 +57,10 @@ _NEARLY_ALL = 0.99  # least share of the error above the noise that a sensor fau
 _SAME_CURVE = 1e-3  # energy of the difference of two curves, relative to what the effect adds
 
 
-@dataclass(frozen=True)
-class AcceptanceCriteria:
-    """Mean squared held-out errors on blocks [effort^2], with and without flexible regressions."""
+def is_outperformed(base: FitResult, fit: FitResult) -> bool:
+    """Return whether the base model beats a model with effects, if both have a flexible regression.
 
-    base: float  # base model
-    named: float  # model with effects
-    base_flexible: float  # base model and a flexible regression on all signals
-    named_flexible: float  # model with effects and a flexible regression
-
-    @property
-    def is_outperformed(self) -> bool:
-        """Whether the base model fits better than the model with effects, both with a flexible regression.
-
-        Gains below a small share of the error that the effects explain are ignored, since no law of a real
-        object is exact.
-        """
-        gain = self.named_flexible - self.base_flexible
-        is_lower = self.base_flexible < AS_GOOD * self.named_flexible
-        return is_lower and gain > _MIN_GAIN * (self.base - self.named)
-
-
-def acceptance_criteria(base: FitResult, fit: FitResult) -> AcceptanceCriteria:
-    """Compute the held-out errors of two models, with and without a flexible regression.
+    No law of a real object is exact, so gains below a small share of what the effects explain are ignored.
 
     Args:
         base: the fitted base model.
@@ -90,12 +70,12 @@ def acceptance_criteria(base: FitResult, fit: FitResult) -> AcceptanceCriteria:
     def mean_square(squared_errors: FloatArray, result: FitResult) -> float:
         return float(squared_errors.sum()) / max(int(result.problem.used.sum()), 1)
 
-    return AcceptanceCriteria(
-        base=mean_square(base.flexible.before, base),
-        named=mean_square(fit.flexible.before, fit),
-        base_flexible=mean_square(base.flexible.held_out, base),
-        named_flexible=mean_square(fit.flexible.held_out, fit),
+    before, after = (mean_square(result.flexible.before, result) for result in (base, fit))
+    flexible_before, flexible_after = (
+        mean_square(result.flexible.held_out, result) for result in (base, fit)
     )
+    gain = flexible_after - flexible_before
+    return flexible_before < AS_GOOD * flexible_after and gain > _MIN_GAIN * (before - after)
 
 
 def accept_effects(
@@ -188,17 +168,18 @@ class FormCriteria:
         effects = [fit.solution.model.effect(test.effect) for test in self.tests]
         budget = partial.budget_with(frozenset(map(partial.kind_of, effects)))
         self._entries = {entry.kind: entry for entry in budget.entries}
-        self._unexplained = unexplained_mean_square(search, fit)
+        noise = measurement_noise(search.start).value
+        self._unexplained = max(fit.rmse**2 - noise**2, 0.0)  # mean square above the noise [effort^2]
         # Whether the effects jointly leave as little error as the laws of all relevant kinds, and little of
         # the total error.
         share_left = remaining / count / partial.budget.base**2
         self._is_as_good = share_left <= min(partial.budget.unexplained / AS_GOOD, 1.0 - MOST_OF_LAW)
-        self._least = _least_explained(search, fit)
+        # An effect that explains less than a flexible regression of the residual may imitate the residual.
+        base, flexible = search.start.held_out_mean_square, fit.flexible.explained / count
+        self._least = max(SMALL * base, flexible, _MIN_OF_UNEXPLAINED * self._unexplained)
         # A clear effect is larger than the noise, or than a small share of the base model's error.
-        self._smallest = min(
-            measurement_noise(search.start).value ** 2, SMALL * search.start.held_out_mean_square
-        )
-        self._unnamed = max(self._unexplained, fit.flexible.explained / count)
+        self._smallest = min(noise**2, SMALL * base)
+        self._unnamed = max(self._unexplained, flexible)
 
     def failed_by(self, test: FormTest) -> str:
         """Return the first criterion that an effect does not meet, as a clause; empty if it meets all.
@@ -206,7 +187,6 @@ class FormCriteria:
         Args:
             test: the form test of the effect, one of `tests`.
         """
-        size = self.explained[test.effect]
         if impossible := self._impossible(test):
             return impossible
         may_be_zero = test.kind in _FAULT_KINDS and _has_zero_size(
@@ -214,22 +194,16 @@ class FormCriteria:
         )
         if self._is_clear(test) and not may_be_zero:
             return ""
+        size = self.explained[test.effect]
         if size < self._least:
             return "it explains too little compared with the error that remains"
-        if _repeats_another(self._fit, test.effect, self.explained):
+        # Two forms of one kind can imitate almost any third form.
+        kinds = {effect.name: effect.kind for effect in self._fit.solution.model.effects}
+        if any(kinds[n] is kinds[test.effect] and other > size for n, other in self.explained.items()):
             return "another effect of the same kind explains more"
         if may_be_zero:
             return "the interval of its size contains zero"
-        accounts = _accounts_for_error(
-            self._search,
-            self._partial,
-            self._fit,
-            test,
-            self._entries,
-            explained=size,
-            unexplained=self._unexplained,
-        )
-        return "" if accounts else "other kinds of effects explain most of this error"
+        return "" if self._accounts_for_error(test) else "other kinds of effects explain most of this error"
 
     def _impossible(self, test: FormTest) -> str:
         """State why an effect cannot be accepted, whatever it explains; empty if it can."""
@@ -242,11 +216,9 @@ class FormCriteria:
         return ""
 
     def _is_clear(self, test: FormTest) -> bool:
-        """Return whether an effect explains most of the error above the noise that is left without it.
-
-        Then no other effect can explain this error in its place. Faults of the sensor and drifts are rare,
-        and therefore need more evidence.
-        """
+        """Return whether an effect explains most of the error above the noise that is left without it."""
+        # Then no other effect can explain this error in its place. Faults of the sensor and drifts are rare,
+        # and therefore need more evidence.
         size = self.explained[test.effect]
         most = MOST_OF_LAW if test.kind in PHYSICAL_KINDS else _NEARLY_ALL
         return (
@@ -255,117 +227,50 @@ class FormCriteria:
             and self._search.is_needed(self._search.without(self._fit, test.effect), self._fit)
         )
 
+    def _accounts_for_error(self, test: FormTest) -> bool:
+        """Return whether an effect's kind accounts for an error that no other kind explains in its place."""
+        fit, partial, base = self._fit, self._partial, self._search.start
+        effect, explained = fit.solution.model.effect(test.effect), self.explained[test.effect]
+        entries = [self._entries[kind] for kind in effect.also | {test.kind} if kind in self._entries]
+        if not entries:
+            return True  # kinds without a flexible law
+        entry = max(entries, key=lambda entry: entry.share)
+        # If another kind can replace this kind, the effect must be distinguishable from it: nearly nothing
+        # remains unexplained, or the effect with its few parameters fits as well as the other kind's law.
+        replacing = [partial.kinds - {entry.kind} | {kind} for kind in entry.replaceable_by]
+        left_by_replacement = min(map(partial.error.mean_square, replacing), default=-np.inf)
+        is_distinct = not entry.replaceable_by or self._unexplained < _MAX_UNEXPLAINED * explained
+        is_distinct |= AS_GOOD * test.unexplained_by_all <= left_by_replacement
+        # Needless laws outside the smallest sufficient set also have shares. These count only if kind and
+        # effect explain as much in the place of a member.
+        is_replacement = any(explained >= least for least in self._replacement_thresholds(entry))
+        is_counted = (entry.kind in partial.kinds or is_replacement) and is_distinct
+        if entry.necessary >= _MIN_SHARE or (entry.share >= _MIN_SHARE and is_counted):
+            return True
+        by_laws = partial.budget.unexplained_by_all * base.held_out_mean_square
+        alone = self._search.fitted(base.solution.model.with_effect(effect), fit.solution.parameters)
+        if alone.held_out_mean_square < by_laws:
+            return True
+        # The predictions of laws are added, so they cannot explain a product of two effects.
+        is_better = fit.held_out_mean_square < AS_GOOD * by_laws
+        without = self._search.without(fit, test.effect)
+        return test.kind in PHYSICAL_KINDS and is_better and without.held_out_mean_square > by_laws
 
-def unexplained_mean_square(search: Search, fit: FitResult) -> float:
-    """Return the mean squared error of a model above the noise [effort^2].
-
-    Args:
-        search: the search of the channel.
-        fit: the model.
-    """
-    return max(fit.rmse**2 - measurement_noise(search.start).value ** 2, 0.0)
-
-
-def _least_explained(search: Search, fit: FitResult) -> float:
-    """Return the mean square that each effect of an incomplete model must explain [effort^2].
-
-    An effect that explains less than a flexible regression of the residual may imitate the residual.
-
-    Args:
-        search: the search of the channel.
-        fit: the model.
-    """
-    return max(
-        SMALL * search.start.held_out_mean_square,
-        fit.flexible.explained / max(int(fit.problem.used.sum()), 1),
-        _MIN_OF_UNEXPLAINED * unexplained_mean_square(search, fit),
-    )
-
-
-def _repeats_another(fit: FitResult, name: str, explained: Mapping[str, float]) -> bool:
-    """Return whether a more important effect has the same kind.
-
-    Two forms of one kind can imitate almost any third form.
-    """
-    kinds = {effect.name: effect.kind for effect in fit.solution.model.effects}
-    return any(kinds[n] is kinds[name] and size > explained[name] for n, size in explained.items())
-
-
-def _accounts_for_error(
-    search: Search,
-    partial: PartiallyLinear,
-    fit: FitResult,
-    test: FormTest,
-    entries: Mapping[Kind, BudgetEntry],
-    *,
-    explained: float,
-    unexplained: float,
-) -> bool:
-    """Return whether an effect's kind accounts for an error that no other kind explains in its place.
-
-    The result is true without a test for kinds without a flexible law, and for an effect that alone leaves
-    less error than the laws of all kinds. It is also true for an effect of the object or the drive if the
-    model leaves less error than these laws, but more than them once the effect is removed: the predictions of
-    laws are added, so they cannot explain a product of two effects. A Shapley share counts only for members
-    of the smallest sufficient set, or if kind and effect explain as much in the place of a member, because
-    needless laws outside the set also have shares. If another kind can replace this kind, the effect must be
-    distinguishable from it: nearly nothing remains unexplained, or the effect with its few parameters fits as
-    well as the other kind's law.
-
-    Args:
-        search: the search that led to the model.
-        partial: flexible laws of the kinds that account for the error.
-        fit: the model with the effect.
-        test: form test of the effect.
-        entries: error budget that includes the effect's kind.
-        explained: mean square that the effect removes in the model [effort^2].
-        unexplained: mean square above the noise that the model leaves [effort^2].
-    """
-    effect, base = fit.solution.model.effect(test.effect), search.start
-    budget_entries = [entries[kind] for kind in effect.also | {test.kind} if kind in entries]
-    if not budget_entries:
-        return True
-    entry = max(budget_entries, key=lambda entry: entry.share)
-    replacing = [partial.kinds - {entry.kind} | {kind} for kind in entry.replaceable_by]
-    left_by_replacement = min(map(partial.error.mean_square, replacing), default=-np.inf)
-    is_distinct = not entry.replaceable_by or unexplained < _MAX_UNEXPLAINED * explained
-    is_distinct |= AS_GOOD * test.unexplained_by_all <= left_by_replacement
-    is_replacement = any(explained >= least for least in _replacement_thresholds(partial, entry))
-    is_counted = (entry.kind in partial.kinds or is_replacement) and is_distinct
-    if entry.necessary >= _MIN_SHARE or (entry.share >= _MIN_SHARE and is_counted):
-        return True
-    by_laws = partial.budget.unexplained_by_all * base.held_out_mean_square
-    alone = search.fitted(base.solution.model.with_effect(effect), fit.solution.parameters)
-    if alone.held_out_mean_square < by_laws:
-        return True
-    is_better = fit.held_out_mean_square < AS_GOOD * by_laws
-    without = search.without(fit, test.effect)
-    return test.kind in PHYSICAL_KINDS and is_better and without.held_out_mean_square > by_laws
-
-
-def _replacement_thresholds(partial: PartiallyLinear, entry: BudgetEntry) -> Iterator[float]:
-    """Yield, for each kind that the effect's kind can replace, the mean square that the effect must explain.
-
-    This is the mean square explained by the replaced kind's law, or most of it if the effect's kind is
-    likelier (an object is likelier than a sensor).
-
-    Args:
-        partial: flexible laws of the kinds that account for the error.
-        entry: budget entry of the effect's kind.
-    """
-    order, left = list(Kind), partial.error.mean_square(partial.kinds)
-    for replaced in partial.budget.entries:
-        if entry.kind in partial.replacements(replaced):
-            by_law = partial.error.mean_square(partial.kinds - {replaced.kind}) - left
-            is_likelier = order.index(entry.kind) < order.index(replaced.kind)
-            yield (MOST_OF_LAW if is_likelier else AS_MUCH) * by_law
+    def _replacement_thresholds(self, entry: BudgetEntry) -> Iterator[float]:
+        """Yield the mean square that an effect must explain to replace each kind: most of that of its law."""
+        order, partial = list(Kind), self._partial
+        left = partial.error.mean_square(partial.kinds)
+        for replaced in partial.budget.entries:
+            if entry.kind in partial.replacements(replaced):
+                by_law = partial.error.mean_square(partial.kinds - {replaced.kind}) - left
+                is_likelier = order.index(entry.kind) < order.index(replaced.kind)
+                yield (MOST_OF_LAW if is_likelier else AS_MUCH) * by_law
 
 
 def smallest_sufficient_model(search: Search, fit: FitResult, measurement: MeasurementModel) -> FitResult:
     """Find the smallest nested model that the full model does not improve significantly.
 
-    Nested models add the effects in order of importance. Each is compared with the full model, because some
-    effects are significant only jointly.
+    Nested models add the effects in order of importance. Some effects are significant only jointly.
 
     Args:
         search: the search of the channel.
@@ -381,11 +286,8 @@ def smallest_sufficient_model(search: Search, fit: FitResult, measurement: Measu
 def _drop_needless_effects(
     search: Search, fit: FitResult, measurement: MeasurementModel, is_complete: CompletenessTest
 ) -> FitResult:
-    """Drop each effect that is small, indistinguishable from rounding, or not significant.
-
-    The least important effect is tested first. An effect is not small, however large the other effects are,
-    if it exceeds the noise, or if the model without it is incomplete.
-    """
+    """Drop each effect that is small, indistinguishable from rounding, or not significant."""
+    # An effect is not small, however large the others are, if it exceeds the noise or completes the model.
     for name in reversed(effects_by_importance(search, fit)):
         reduced = search.without(fit, name)
         explained = np.sqrt(max(reduced.held_out_mean_square - fit.held_out_mean_square, 0.0))
@@ -420,9 +322,9 @@ def effects_by_importance(search: Search, fit: FitResult) -> list[str]:
 
 
 def models_by_importance(search: Search, fit: FitResult) -> list[FitResult]:
-    """List the nested models from one effect to the full model, the most important effect added first.
+    """List the nested models from one effect to the full model in the order of backward elimination.
 
-    Backward elimination gives the order: each step drops the effect whose removal increases the error least.
+    Each step drops the effect whose removal increases the error least.
 
     Args:
         search: the search of the channel.
@@ -438,61 +340,47 @@ def models_by_importance(search: Search, fit: FitResult) -> list[FitResult]:
 def indistinguishable_models(
     search: Search, fit: FitResult, name: str, measurement: MeasurementModel
 ) -> dict[str, FitResult]:
-    """Fit models in which another effect replaces one effect, and keep those that the data do not reject.
+    """Fit models in which another effect replaces one effect, and that the data do not reject, by its name.
+
+    Single alternatives come first, the best first, followed by composite effects that also replace other
+    effects of the model: friction that differs by direction is Coulomb friction and a bias.
 
     Args:
         search: the search of the channel.
         fit: the accepted model.
         name: the effect that is replaced.
         measurement: how motion and effort were measured.
-
-    Returns:
-        Fitted models by the name of the replacing effect: first single alternatives, the best first, then
-        composite effects that also replace other effects of the model. A composite may combine an alternative
-        with the model's other effects: friction that differs by direction is Coulomb friction and a bias.
     """
     models = {
         candidate.effect.name: search.with_candidate(candidate)
         for candidate in _rivals(search, fit, name, measurement)
     }
     for part, model in [(name, fit), *models.items()]:
-        for composite in _composites(search, model, part):
-            replaced = _with_composite(search, model, composite)
+        for composite, replaced in _composites(search, model, part):
             if not improvement_test(replaced, fit, measurement, search.rng).is_significant:
-                models[composite.name] = replaced
+                models[composite] = replaced
     return models
 
 
-def _composites(search: Search, fit: FitResult, name: str) -> list[Effect]:
-    """Return composite effects that combine an effect with other effects of the model."""
+def _composites(search: Search, fit: FitResult, name: str) -> Iterator[tuple[str, FitResult]]:
+    """Yield composite effects, with the model in which each replaces an effect and others of the model."""
     present = {effect.name for effect in fit.solution.model.effects}
-    return [
-        effect
-        for effect in search.effects
-        if name in effect.parts
-        and effect.name not in present
-        and present >= set(effect.parts)
-        and effect.applies_to(fit.data)
-    ]
-
-
-def _with_composite(search: Search, fit: FitResult, composite: Effect) -> FitResult:
-    """Replace the added effects that a composite effect combines."""
-    for part in search.added_effects(fit):
-        fit = search.without(fit, part) if part in composite.parts else fit
-    return search.with_each(fit, [composite])
+    for effect in search.effects:
+        is_new = name in effect.parts and effect.name not in present and present >= set(effect.parts)
+        if is_new and effect.applies_to(fit.data):
+            reduced = fit
+            for part in search.added_effects(fit):
+                reduced = search.without(reduced, part) if part in effect.parts else reduced
+            yield effect.name, search.with_each(reduced, [effect])
 
 
 def similar_forms(search: Search, fit: FitResult, name: str) -> dict[str, FitResult]:
-    """Fit models with another effect of the same kind that explains about as much with no more parameters.
+    """Fit models with another effect of the kind that explains as much with no more parameters, by its name.
 
     Args:
         search: the search of the channel.
         fit: the accepted model.
         name: the effect that is replaced.
-
-    Returns:
-        Fitted models by the name of the replacing effect.
     """
     kind, (limit, alternatives) = fit.solution.model.effect(name).kind, _alternatives(search, fit, name)
     return {
@@ -503,19 +391,16 @@ def similar_forms(search: Search, fit: FitResult, name: str) -> dict[str, FitRes
 
 
 def as_good_effects(search: Search, fit: FitResult, name: str) -> dict[str, FitResult]:
-    """Fit models with an effect of another kind that explains about as much with no more parameters.
+    """Fit models with an effect of another kind that explains as much with no more parameters, by its name.
 
     Only parameters that the data determine count. If a joint never reverses, its friction looks like a bias;
-    over a short range, a weight looks like a spring. A replacement is as good if its squared error is at most
-    1 / `AS_GOOD` times the model's.
+    over a short range, a weight looks like a spring. A replacement's squared error is at most 1 / `AS_GOOD`
+    times the model's.
 
     Args:
         search: the search of the channel.
         fit: the accepted model.
         name: the effect that is replaced.
-
-    Returns:
-        Fitted models by the name of the replacing effect.
     """
     effect = fit.solution.model.effect(name)
     max_count = determined_count(effect, fit.solution, fit.problem)
@@ -530,19 +415,12 @@ def as_good_effects(search: Search, fit: FitResult, name: str) -> dict[str, FitR
 
 
 def _physical_alternatives(search: Search, fit: FitResult, name: str) -> Iterator[FitResult]:
-    """Fit models in which an effect of the object or the drive replaces a sensor effect.
-
-    Sensor faults are rare. A sensor effect is accepted only if no effect of the object or the drive, with no
-    more parameters, explains about as much.
-    """
+    """Fit models in which an effect of the object or the drive, which is likelier, replaces a sensor's."""
     if fit.solution.model.effect(name).kind not in SENSOR_KINDS:
         return
     limit, alternatives = _alternatives(search, fit, name)
-    for candidate in alternatives:
-        if candidate.effect.kind in PHYSICAL_KINDS:
-            alternative = search.with_candidate(candidate)
-            if alternative.solution.held_out <= limit:
-                yield alternative
+    physical = [candidate for candidate in alternatives if candidate.effect.kind in PHYSICAL_KINDS]
+    yield from (model for model in map(search.with_candidate, physical) if model.solution.held_out <= limit)
 
 
 def _with_weight(
@@ -570,12 +448,9 @@ def _with_weight(
 
 
 def _is_missing_weight(search: Search, candidate: Effect, effect: Effect) -> bool:
-    """Return whether a candidate is a joint's weight, which the base model lacks and the effect resembles.
-
-    The weight is likelier than the effect: gravity acts on a joint unless its axis is vertical, but springs
-    and biases are rare. The joint must turn enough to tell a weight from a constant. A bias that fits better
-    than the weight, with fewer parameters, is kept.
-    """
+    """Return whether a candidate is a joint's weight, which the base model lacks and the effect resembles."""
+    # Gravity acts on a joint unless its axis is vertical, but springs and biases are rare. The joint must
+    # turn enough to tell a weight from a constant.
     return (
         candidate.kind is Kind.GRAVITY_LOAD
         and effect.name in candidate.confused_with
@@ -587,11 +462,7 @@ def _is_missing_weight(search: Search, candidate: Effect, effect: Effect) -> boo
 def _alternatives(
     search: Search, fit: FitResult, name: str, max_count: float | None = None
 ) -> tuple[float, list[Candidate]]:
-    """Return alternatives with at most `max_count` determined parameters, and the largest equivalent error.
-
-    An alternative with at most this squared held-out error is equivalent to the effect. By default,
-    `max_count` is the number of the effect's parameters.
-    """
+    """Return the largest held-out error equivalent to `fit`, and alternatives with few parameters."""
     without = search.without(fit, name).solution.held_out
     max_count = parameter_count(fit.solution.model.effect(name)) if max_count is None else max_count
     return without - AS_MUCH * (without - fit.solution.held_out), [
@@ -666,11 +537,8 @@ def most_parsimonious(
 def _rivals(
     search: Search, fit: FitResult, name: str, measurement: MeasurementModel, max_count: float = np.inf
 ) -> Iterator[Candidate]:
-    """Yield candidates with at most `max_count` parameters that may replace an effect without rejection.
-
-    A missing weight may have more parameters. A law that describes the same curve with an additional term is
-    not a rival, since the data set that term to zero.
-    """
+    """Yield candidates with at most `max_count` parameters that may replace an effect without rejection."""
+    # A missing weight may have more parameters.
     effect, without = fit.solution.model.effect(name), search.without(fit, name)
     half = 0.5 * (without.solution.held_out + fit.solution.held_out)
     # Few start values may all miss the best inner parameters, so order the alternatives by adapted ones.
@@ -686,6 +554,7 @@ def _rivals(
         rival = search.with_candidate(candidate)
         if not search.is_sensible(rival):
             continue
+        # A law with further terms that describes the same curve is no rival, since the data set them to zero.
         # One additional parameter may be a position or a phase.
         is_larger = search.size(rival) > search.size(fit) + 1
         if rival.solution.held_out > half or (is_larger and _is_same_curve(rival, fit, without)):
@@ -704,13 +573,9 @@ def _is_same_curve(rival: FitResult, fit: FitResult, without: FitResult) -> bool
 
 
 def _has_zero_size(reduced: FitResult, fit: FitResult, name: str) -> bool:
-    """Return whether the intervals at `LEVEL` of all parameters that scale an effect contain zero.
-
-    These parameters are the effect's gains, or its first inner parameter if it has no gains (a gap, a
-    compliance, a time). The result is false for an effect of the object or the drive that removes more than
-    half of the squared error apart from smoothing bias, because its wide intervals only show that parameters
-    are collinear. A fault is named only if its size is certain.
-    """
+    """Return whether the intervals at `LEVEL` of all parameters that scale an effect contain zero."""
+    # The parameters are the gains, or the first inner parameter of an effect without gains (a gap, a time).
+    # Wide intervals of a large effect of the object or the drive only show that parameters are collinear.
     effect = fit.solution.model.effect(name)
     is_large = fit.flexible.before.sum() <= 0.5 * reduced.flexible.before.sum()
     if is_large and effect.kind not in _FAULT_KINDS:

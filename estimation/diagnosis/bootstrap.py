@@ -48,10 +48,7 @@ class BootstrapTest:
 
     @property
     def is_conclusive(self) -> bool:
-        """Whether the data exceed the samples so clearly that further samples would not change the result.
-
-        The data must exceed the prediction interval of one more normal sample (Student's t).
-        """
+        """Whether the data exceed the prediction interval (Student's t) of one more normal sample."""
         count = len(self.simulated)
         if count < _MIN_SAMPLES:
             return False
@@ -96,10 +93,9 @@ def lack_of_fit_test(
 def encoder_step_error(fit: FitResult, measurement: MeasurementModel) -> float:
     """Compute the error caused by half an encoder step, root mean square on blocks [effort].
 
-    The tip of an arm moves in steps of several encoders. An encoder that hardly turns has an error of up to
-    half a step that repeats in each pass. Bootstrap samples do not contain this error, but a smooth function
-    of the position describes it (B. Widrow, I. Kollar, Quantization Noise (2008)). The step is estimated from
-    the reading errors. The result is 0 if the positions show no steps.
+    An encoder that hardly turns has an error of up to half a step that repeats in each pass. Bootstrap
+    samples do not contain this error, but a smooth function of the position describes it (B. Widrow, I.
+    Kollar, Quantization Noise (2008)). The result is 0 if the positions show no steps.
 
     Args:
         fit: the model.

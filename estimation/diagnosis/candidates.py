@@ -63,8 +63,7 @@ class Candidate:
     def error_with_adapted_inner(self, problem: FitProblem) -> float:
         """Return the squared held-out error with inner parameters adapted to the candidate, to first order.
 
-        The model's inner parameters were fitted without the candidate and absorbed a part of its effect. If
-        they were held fixed, the candidate would seem to explain little.
+        The model's inner parameters, fitted without the candidate, have absorbed a part of its effect.
 
         Args:
             problem: the problem to which the candidate was fitted.
@@ -75,18 +74,14 @@ class Candidate:
 
 
 def cross_validated_error(problem: FitProblem, solution: Solution) -> float:
-    """Compute the squared held-out error with all parameters fitted without the held-out fold.
+    """Compute the sum of squared residuals with all parameters fitted without the held-out fold [effort^2].
 
-    Gains are fitted without each fold, but inner parameters are fitted to all runs, which favors laws with
-    many inner parameters. Derivatives by the inner parameters are therefore added as columns, which gives
-    cross-validation of all parameters to first order.
+    Only gains are fitted without each fold, which favors laws with many inner parameters. Derivatives by the
+    inner parameters are therefore added as columns: a cross-validation of all parameters to first order.
 
     Args:
         problem: the fit problem.
         solution: its solution, with arrays on blocks.
-
-    Returns:
-        Sum of squared residuals [effort^2].
     """
     names = (*solution.model.gains, *solution.model.inner)
     columns = np.column_stack([solution.columns, *inner_slopes(problem, solution)])
@@ -161,11 +156,10 @@ def screen_effects(
     refined: int = REFINED,
     restarted: Collection[str] = (),
 ) -> list[Candidate]:
-    """Fit each effect as an extension of a model, and sort by the held-out error.
+    """Fit each effect as an extension of a model; return candidates, the lowest held-out error first.
 
-    Each effect is fitted at its start values. Promising effects are then refined between these values. An
-    effect with impossible parameters is marked as impossible only after a joint fit with the other
-    parameters.
+    Each effect is fitted at its start values; promising effects are then refined between these values. An
+    effect with impossible parameters is marked as impossible only after a joint fit with the others.
 
     Args:
         fit: the fitted model.
@@ -177,9 +171,6 @@ def screen_effects(
         restarted: effects of the fitted model that may imitate a missing effect, as dry friction with a wide
             transition imitates viscous friction. Candidates are also fitted with one of these effects at its
             own start values.
-
-    Returns:
-        Candidates, the lowest held-out error first.
     """
     # Start at the fitted parameters, and at the same with offsets (parameters that may be zero) set to zero.
     inner, known = fit.solution.model.inner, fit.solution.parameters
@@ -231,7 +222,7 @@ def _few_starts(effect: Effect, data: ChannelData) -> Sequence[Inner]:
 
 
 def screen_product(fit: FitResult, memory: Effect, shapes: Sequence[Effect]) -> Candidate | None:
-    """Fit a law of memory together with an elastic shape, at start values of both.
+    """Fit a law of memory with the best elastic shape, at start values of both; None if no shape is possible.
 
     The memory of a viscoelastic object acts on its elastic force (quasi-linear viscoelasticity; Y. C. Fung,
     Biomechanics (1993), ch. 7). The law is a product, so neither factor can be fitted without the other.
@@ -240,9 +231,6 @@ def screen_product(fit: FitResult, memory: Effect, shapes: Sequence[Effect]) -> 
         fit: the model without both.
         memory: the law of memory.
         shapes: the candidate elastic shapes.
-
-    Returns:
-        The best elastic shape, in a model with the memory; None if no shape is possible.
     """
     pairs: list[Candidate] = []
     for model in extended_models(fit.solution.model, memory):
@@ -254,9 +242,7 @@ def screen_product(fit: FitResult, memory: Effect, shapes: Sequence[Effect]) -> 
 
 
 def extended_models(model: Model, effect: Effect) -> list[Model]:
-    """Extend a model by an effect, in each form of the effect.
-
-    A sensor effect is placed both after and before the model's sensor effects.
+    """Extend a model by each form of an effect; a sensor effect also before the model's sensor effects.
 
     Args:
         model: the model to extend.
@@ -316,12 +302,8 @@ def is_misnamed(effect: Effect, solution: Solution, problem: FitProblem) -> bool
 
 
 def _snaps(solution: Solution, problem: FitProblem) -> bool:
-    """Return whether the object softens too much to be stable with a compliance in series (snap-through).
-
-    With snap-through the force is not a function of the displacement. A motion corrected by the measured
-    force then reproduces this force, whatever its cause. The object's slope is evaluated up to the deepest
-    position of the tip.
-    """
+    """Return whether the object softens too much to be stable with a compliance in series (snap-through)."""
+    # With snap-through, a motion corrected by the measured force reproduces this force, whatever its cause.
     data, parameters, model = problem.blocked.data, solution.parameters, solution.model
     rigid, compliance = model.without(ToolCompliance.name), parameters[f"{ToolCompliance.name}.compliance"]
     deepest = float(np.max(data.position - compliance * data.effort))

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 
 from palpate.estimation.design.discrimination import SMALL
-from palpate.estimation.diagnosis.acceptance import acceptance_criteria
+from palpate.estimation.diagnosis.acceptance import is_outperformed
 from palpate.estimation.diagnosis.bootstrap import encoder_step_error, lack_of_fit_test
 from palpate.estimation.diagnosis.residual_checks import ResidualFinding, check_residuals, find_rare_events
 from palpate.estimation.fit.fit_result import FitResult
@@ -32,8 +32,9 @@ class Completeness:
         self.measurement = identify_measurement_model(start.training)
         self.leaves_noise = cache(self._leaves_noise)
         self._cached_finding = cache(self._evaluate_residuals)
-        self._cleared: list[FitResult] = []
-        self._incomplete: list[FitResult] = []
+        self.cleared = set[FitResult]()  # models whose residual checks are ignored
+        # Models that count as incomplete, because effects improve them more than bootstrap samples of them.
+        self.incomplete = set[FitResult]()
 
     def is_complete(self, fit: FitResult) -> bool:
         """Return whether a model leaves only noise and passes the residual checks.
@@ -41,8 +42,7 @@ class Completeness:
         Args:
             fit: the model.
         """
-        is_known = any(fit is known for known in self._incomplete)
-        return not is_known and self.leaves_noise(fit) and self.residual_finding(fit) is None
+        return fit not in self.incomplete and self.leaves_noise(fit) and self.residual_finding(fit) is None
 
     def explains_each_run(self, fit: FitResult) -> bool:
         """Return whether a model is complete, or would be if its gains could differ between runs.
@@ -54,34 +54,17 @@ class Completeness:
         """
         if self.is_complete(fit):
             return True
-        is_known = any(fit is known for known in self._incomplete)
-        may_be_complete = not is_known and not self._noise.is_bound
+        may_be_complete = fit not in self.incomplete and not self._noise.is_bound
         finding = self.residual_finding(fit) if may_be_complete and self.leaves_noise(fit) else None
         return finding is not None and finding.fits_each_run
 
     def residual_finding(self, fit: FitResult) -> ResidualFinding | None:
-        """Return the finding of the residual checks on a model, unless it was withdrawn.
+        """Return the finding of the residual checks on a model, unless it is ignored.
 
         Args:
             fit: the model.
         """
-        return None if any(fit is known for known in self._cleared) else self._cached_finding(fit)
-
-    def clear_finding(self, fit: FitResult) -> None:
-        """Ignore the residual checks of a model.
-
-        Args:
-            fit: the model.
-        """
-        self._cleared.append(fit)
-
-    def mark_incomplete(self, fit: FitResult) -> None:
-        """Treat a model as incomplete, because effects improve it more than bootstrap samples of it.
-
-        Args:
-            fit: the model.
-        """
-        self._incomplete.append(fit)
+        return None if fit in self.cleared else self._cached_finding(fit)
 
     def _evaluate_residuals(self, fit: FitResult) -> ResidualFinding | None:
         if fit.is_exact:
@@ -95,7 +78,7 @@ class Completeness:
     def _leaves_noise(self, fit: FitResult) -> bool:
         if fit.is_exact:
             return True
-        if acceptance_criteria(self._start, fit).is_outperformed:
+        if is_outperformed(self._start, fit):
             return False
         if self._noise.is_bound:
             effort = fit.problem.blocked.effort[fit.problem.used]

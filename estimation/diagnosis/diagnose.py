@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache, partial
+from itertools import repeat
 from zlib import crc32
 
 import numpy as np
@@ -66,7 +67,7 @@ def diagnose(
     file: str = "",
     processes: int = 1,
 ) -> Diagnosis:
-    """Diagnose each channel.
+    """Diagnose each channel; the result has one entry for each, in the order given.
 
     Args:
         data: one channel or several.
@@ -76,9 +77,6 @@ def diagnose(
         progress: callback that receives the current step and its completed share, from 0 to 1.
         file: name of the data's source, which the result states.
         processes: number of processes for the channels.
-
-    Returns:
-        One entry for each channel, in the order given.
     """
     channels = [data] if isinstance(data, ChannelData) else list(data)
     models = [model] * len(channels) if isinstance(model, Model) else list(model)
@@ -86,23 +84,15 @@ def diagnose(
     channels = with_shared_gains(channels, models)
     seed = int(rng.integers(2**32))  # makes a channel's result independent of the other channels
     seeds = [np.random.default_rng([seed, crc32(channel.name.encode())]) for channel in channels]
-    jobs = list(zip(channels, models, seeds, strict=True))
-    work = partial(_diagnose_job, library)
+    jobs = channels, models, repeat(library), seeds
     with single_threaded():
-        if processes == 1 or len(jobs) == 1:
-            diagnoses = [diagnose_channel(*job[:2], library, job[2], progress) for job in jobs]
+        if processes == 1 or len(channels) == 1:
+            diagnoses = list(map(diagnose_channel, *jobs, repeat(progress)))
         else:
-            with worker_pool(min(processes, len(jobs))) as pool:
-                diagnoses = list(_report_each(pool.map(work, jobs), channels, progress))
+            with worker_pool(min(processes, len(channels))) as pool:
+                diagnoses = list(_report_each(pool.map(diagnose_channel, *jobs), channels, progress))
     name = "+".join(dict.fromkeys(model.name for model in models))
     return Diagnosis(file=file, model=name, channels=diagnoses)
-
-
-def _diagnose_job(
-    effects: tuple[Effect, ...], job: tuple[ChannelData, Model, np.random.Generator]
-) -> ChannelDiagnosis:
-    data, model, rng = job
-    return diagnose_channel(data, model, effects, rng)
 
 
 def _report_each(
@@ -149,7 +139,7 @@ def diagnose_channel(
     end, tests = _find_effects(search, checks, kinds, coarse_kinds)
     evidence = evidence_of(end, tests)
     if evidence.complete and not _is_reached(evidence, checks):
-        checks.mark_incomplete(end)
+        checks.incomplete.add(end)
         evidence = evidence_of(*accept_forms(search, kinds(), end, checks.measurement))
         end = evidence.end
     while name := effect_without_gain(evidence):
@@ -220,11 +210,8 @@ def _extend_accepted(
 
 
 def _is_likelier(search: Search, end: FitResult, rival: FitResult) -> bool:
-    """Return whether a model has an effect of the object or the drive, and explains as much as one without.
-
-    Differences between runs, sensor faults and drifts can imitate what depends on conditions that are
-    constant in each run, such as the direction of its motion.
-    """
+    """Return whether a model, unlike its rival, has a physical effect, and explains about as much."""
+    # Differences between runs, sensor faults and drifts can imitate what is constant in each run.
     has_physical, rival_has = (
         any(fit.solution.model.effect(name).kind in PHYSICAL_KINDS for name in search.added_effects(fit))
         for fit in (end, rival)
@@ -243,17 +230,14 @@ def _is_reached(evidence: Evidence, checks: Completeness) -> bool:
 def _accept(
     search: Search, fit: FitResult, checks: Completeness, kinds: Callable[[], PartiallyLinear]
 ) -> tuple[FitResult, list[FormTest]]:
-    """Reduce a model to its accepted effects, and return it with their form tests.
-
-    A model that leaves only noise is reduced by significance tests of its effects, even if its gains differ
-    between runs, since it then still explains each run.
-    """
+    """Reduce a model to its accepted effects, and return it with their form tests."""
+    # If only gains differ between runs, a model still explains each run, and significance tests apply.
     is_complete, is_explained = checks.is_complete(fit), checks.explains_each_run(fit)
     if is_explained:
         is_as_complete = checks.is_complete if is_complete else checks.explains_each_run
         end = accept_effects(search, fit, checks.measurement, is_as_complete)
         if end is not search.start:
-            checks.mark_incomplete(search.start)
+            checks.incomplete.add(search.start)
             end = most_parsimonious(search, end, checks.measurement, is_as_complete)
             if checks.explains_each_run(end):
                 return end, form_tests(kinds(), end)
@@ -265,12 +249,12 @@ def _accept(
             and search.is_sensible(fit)
             and exceeds_noise(end, checks.measurement, search.rng) is None
         ):  # the complete model improves bootstrap samples of the base model as much as the data
-            checks.clear_finding(end)
+            checks.cleared.add(end)
     if checks.is_complete(search.start):
         # The error of the base model may hide what makes a better model incomplete, such as runs that differ.
         if is_explained or not _improves(search, fit, checks.measurement):
             return search.start, []  # improvements come from noise or from smoothing of the motion
-        checks.mark_incomplete(search.start)
+        checks.incomplete.add(search.start)
     return accept_forms(search, kinds(), fit, checks.measurement)
 
 
@@ -286,11 +270,8 @@ def _improves(search: Search, fit: FitResult, measurement: MeasurementModel) -> 
 
 
 def _too_few_levels(start: FitResult) -> str | None:
-    """Explain why an effort with few distinct readings does not allow a diagnosis; None if it does.
-
-    Quantization causes an error of up to half a step that repeats if the motion repeats (B. Widrow, I.
-    Kollar, Quantization Noise (2008)). A stepwise command is exact and is not rounded.
-    """
+    """Explain why an effort with few distinct readings does not allow a diagnosis; None if it does."""
+    # Quantization errors repeat with the motion (B. Widrow, I. Kollar, 2008); a stepwise command is exact.
     data = start.data
     levels = np.unique(data.effort)
     if not 1 < len(levels) <= FEW_LEVELS or is_stepwise_command(data):

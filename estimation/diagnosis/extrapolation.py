@@ -35,14 +35,11 @@ class Extrapolation:
 
 
 def extrapolation(fit: FitResult) -> Extrapolation | None:
-    """Find out whether most of a model's error lies at positions or velocities that only one run contains.
+    """Find out whether most squared error lies at positions or velocities of only one run; None if not.
 
     Args:
         fit: the model, whose residual is held out. Each run is compared with all others, even if several runs
             were left out of a fit together.
-
-    Returns:
-        The extrapolation; None if less than half of the squared error lies there, or if there is one run.
     """
     data, scored = fit.data, fit.scored
     runs = [run for run in data.runs if np.any(scored & (data.run == run))]

@@ -18,6 +18,8 @@ from palpate.estimation.budget.laws import BaseColumns, FlexibleLaw, flexible_la
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.diagnosis.candidates import (
+    REFINED,
+    Candidate,
     applicable_effects,
     cross_validated_error,
     parameter_count,
@@ -220,16 +222,13 @@ def replacing_kinds(search: Search, end: FitResult) -> dict[str, dict[Kind, floa
     """Find the kinds whose flexible law, in place of an effect, describes the data about as well.
 
     A law that the library lacks may then be the right one. Several effects may together imitate it, so each
-    kind also replaces all effects at once. Differences between runs and the
-    effect's own kind are never tried. In the place of one effect, the kinds of the other effects are omitted
-    too, since their laws can imitate a part of it.
+    kind also replaces all effects at once. Differences between runs and the effect's own kind are never
+    tried, nor, in place of one effect, the other effects' kinds, since their laws can imitate a part of it.
+    The kinds of each added effect have the mean square that their laws leave in addition [effort^2].
 
     Args:
         search: the search of the channel.
         end: the final model.
-
-    Returns:
-        For each added effect, these kinds with the mean square that their laws leave in addition [effort^2].
     """
     names, left = search.added_effects(end), error_of_kinds(end).mean_square()
     own = {name: (effect := end.solution.model.effect(name)).also | {effect.kind} for name in names}
@@ -253,10 +252,7 @@ def replacing_kinds(search: Search, end: FitResult) -> dict[str, dict[Kind, floa
 
 
 def _base_columns(start: FitResult) -> tuple[BaseColumns, FloatArray]:
-    """Linearize the base model with the smoothing bias of derived motion; return columns and target.
-
-    Samples in which the base model alone would lose contact are kept, since with a law the object may push.
-    """
+    """Linearize the base model with the smoothing bias of derived motion; return columns and target."""
     solution, problem = start.solution, start.problem
     model, blocked, parameters = solution.model, problem.blocked, solution.parameters
     slopes, effort = model.linearize(blocked.data, parameters, lift_off_rows=np.empty(0, dtype=np.int64))
@@ -279,8 +275,8 @@ def _base_columns(start: FitResult) -> tuple[BaseColumns, FloatArray]:
 def named_forms(partial: PartiallyLinear) -> FitResult:
     """Fit the base model with the best form of each kind, if it has one, with all parameters jointly.
 
-    If the flexible laws of several sets of kinds explain about as much, the set with the best fitting forms
-    is used. Ties are resolved in favor of the fewest parameters.
+    If the laws of several sets of kinds explain about as much, the set with the best fitting forms is used,
+    and of these the one with the fewest parameters.
 
     Args:
         partial: flexible laws of the kinds that account for the error.
@@ -348,14 +344,7 @@ def _products(partial: PartiallyLinear) -> list[FitResult]:
 def _with_run_differences(
     partial: PartiallyLinear, kinds: Kinds, model: Model, parameters: Mapping[str, float]
 ) -> FitResult:
-    """Fit a model with the effect that describes differences between runs best, or without one.
-
-    Args:
-        partial: flexible laws of the kinds that account for the error.
-        kinds: kinds that the model describes; without differences between runs, no effect is added.
-        model: the model.
-        parameters: start values, found with a free gain and zero of each run.
-    """
+    """Fit a model with the effect that describes differences between runs best, or without one."""
     search, alone = partial.search, partial.search.fitted(model, parameters)
     if Kind.RUN_DIFFERENCES not in kinds:
         return alone
@@ -370,36 +359,42 @@ def _with_run_differences(
     return best if best.rmse < (1.0 - SMALL) * alone.rmse else alone
 
 
-def _best_form(
-    partial: PartiallyLinear, kind: Kind, kinds: Kinds, others: Sequence[tuple[Effect, dict[str, float]]]
-) -> tuple[Effect, dict[str, float]] | None:
-    """Select the simplest form that explains nearly as much as the best form, with its inner parameters."""
+def _screen_kind(
+    partial: PartiallyLinear,
+    kind: Kind,
+    kinds: Kinds,
+    others: Sequence[tuple[Effect, dict[str, float]]] = (),
+    refined: int = REFINED,
+) -> tuple[FitResult, list[Candidate]]:
+    """Fit effects of a kind, adjusted for laws of other kinds; return the fit without, and possible ones."""
     start = partial.search.start
     model, parameters = start.solution.model, dict(start.solution.parameters)
     for effect, inner in others:
         model, parameters = model.with_effect(effect), {**parameters, **inner}
     problem = partial.adjust_problem(frozenset({kind}), kinds, start.problem, start.solution)
-    null = solve_gains(problem, model, parameters, rounds=2)
+    null = FitResult(start.data, problem, solve_gains(problem, model, parameters, rounds=2))
     library = applicable_effects(start.data, model, partial.search.effects)
     effects = [effect for effect in library if kind in effect.also | {effect.kind}]
-    if not effects:
-        return None
-    candidates = [
-        candidate
-        for candidate in screen_effects(FitResult(start.data, problem, null), effects)
-        if candidate.possible
-    ]
-    law_gain = null.held_out - _with_law(problem, null, partial.law_columns(frozenset({kind}), kinds))
-    largest = max((null.held_out - candidate.held_out for candidate in candidates), default=0.0)
+    candidates = screen_effects(null, effects, refined=refined)
+    return null, [candidate for candidate in candidates if candidate.possible]
+
+
+def _best_form(
+    partial: PartiallyLinear, kind: Kind, kinds: Kinds, others: Sequence[tuple[Effect, dict[str, float]]]
+) -> tuple[Effect, dict[str, float]] | None:
+    """Select the simplest form that explains nearly as much as the best form, with its inner parameters."""
+    null, candidates = _screen_kind(partial, kind, kinds, others)
+    left = null.solution.held_out
+    law_gain = left - _with_law(null.problem, null.solution, partial.law_columns(frozenset({kind}), kinds))
+    largest = max((left - candidate.held_out for candidate in candidates), default=0.0)
     if largest <= _MIN_TRIED * law_gain or largest <= 0.0:
         return None
-    near = [candidate for candidate in candidates if null.held_out - candidate.held_out >= AS_MUCH * largest]
+    near = [candidate for candidate in candidates if left - candidate.held_out >= AS_MUCH * largest]
     best = min(near, key=lambda candidate: (parameter_count(candidate.effect), candidate.held_out))
     solution = best.search.best
-    effect = next(candidate for candidate in solution.model.effects if candidate.name == best.effect.name)
-    return effect, {
-        f"{effect.name}.{p.name}": solution.parameters[f"{effect.name}.{p.name}"] for p in effect.inner
-    }
+    effect = solution.model.effect(best.effect.name)
+    names = [f"{effect.name}.{parameter.name}" for parameter in effect.inner]
+    return effect, {name: solution.parameters[name] for name in names}
 
 
 def closest_forms(partial: PartiallyLinear, kind: Kind, kinds: Kinds, count: int = 2) -> list[str]:
@@ -411,18 +406,9 @@ def closest_forms(partial: PartiallyLinear, kind: Kind, kinds: Kinds, count: int
         kinds: all kinds that account for the error.
         count: number of names.
     """
-    start = partial.search.start
-    problem = partial.adjust_problem(frozenset({kind}), kinds, start.problem, start.solution)
-    null = solve_gains(problem, start.solution.model, start.solution.parameters, rounds=2)
-    library = applicable_effects(start.data, start.solution.model, partial.search.effects)
-    effects = [effect for effect in library if kind in effect.also | {effect.kind}]
-    candidates = screen_effects(FitResult(start.data, problem, null), effects, refined=0) if effects else []
-    helpful = [
-        candidate
-        for candidate in candidates
-        if candidate.possible and candidate.held_out < (1.0 - SMALL) * null.held_out
-    ]
-    return [candidate.effect.name for candidate in helpful[:count]]
+    null, candidates = _screen_kind(partial, kind, kinds, refined=0)
+    limit = (1.0 - SMALL) * null.solution.held_out
+    return [candidate.effect.name for candidate in candidates if candidate.held_out < limit][:count]
 
 
 def _with_law(problem: FitProblem, solution: Solution, columns: FloatArray) -> float:

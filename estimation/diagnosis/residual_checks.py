@@ -68,7 +68,7 @@ class ResidualFinding:
 def check_residuals(
     end: FitResult, measurement: MeasurementModel, rng: np.random.Generator, *, complete: bool
 ) -> ResidualFinding | None:
-    """Check the residual of a model for evidence that does not depend on any signal of the data.
+    """Check the residual for evidence that does not depend on any signal of the data; None if there is none.
 
     Args:
         end: the model.
@@ -76,9 +76,6 @@ def check_residuals(
         rng: random generator for bootstrap samples.
         complete: whether no flexible regression improves the model. If one does, only a clear difference
             between runs is reported.
-
-    Returns:
-        The finding, or None if there is none.
     """
     unit = end.data.kind.effort_unit
     heterogeneity = run_heterogeneity(end.problem.blocked, end.solution)
@@ -127,9 +124,7 @@ def _error_with_own_waves(end: FitResult) -> float | None:
 
 
 def periodic_component(end: FitResult) -> tuple[float, float] | None:
-    """Find the strongest spectral line of the residual: frequency [Hz] and share of the variance.
-
-    Runs may differ in phase. The result is None if the line is weak.
+    """Find the residual's strongest spectral line, frequency [Hz] and share of the variance; None if weak.
 
     Args:
         end: the model.
@@ -146,10 +141,7 @@ def _strongest_line(blocked: BlockedData, residual: FloatArray) -> tuple[float, 
 
 
 def _oscillation(end: FitResult) -> ResidualFinding | None:
-    """Report an oscillation of the residual that is not part of the noise; None without one.
-
-    An oscillation within the noise level in free air counts as noise.
-    """
+    """Report an oscillation of the residual that exceeds the noise in free air; None without one."""
     line, unit = periodic_component(end), end.data.kind.effort_unit
     if line is None:
         return None
@@ -323,10 +315,7 @@ def _excess(
 
 
 def _free_air_on_blocks(blocked: BlockedData) -> FloatArray:
-    """Return block averages of the effort before contact about the mean of each run, shape (k,).
-
-    They include blocks that are not used, such as those in which a sensor may still settle.
-    """
+    """Return block averages of the effort before contact about the mean of each run, shape (k,)."""
     data, block, means = blocked.data, blocked.rows.shape[1], [np.empty(0)]
     if data.kind is ChannelKind.CONTACT:
         for rows in rows_before_contact(data):
@@ -350,13 +339,10 @@ def _motion_noise(fit: FitResult, measurement: MeasurementModel, rng: np.random.
 def _white_noise(
     fit: FitResult, residual: FloatArray, measurement: MeasurementModel, rng: np.random.Generator
 ) -> float | None:
-    """Return the standard deviation of the white part of a residual (m,); None if all may be noise.
-
-    Differences of white noise do not depend on the distance. Those of a random walk grow by sqrt(2) if the
-    distance doubles. Faster growth indicates a smooth signal, except over a small part of a run, where it may
-    be the noise of a filtered sensor. Distances exceed the window from which velocity was derived, unless
-    errors of the motion hardly matter. P. Hall, J. W. Kay, D. M. Titterington, Biometrika 77 (1990).
-    """
+    """Return the standard deviation of the white part of a residual (m,); None if all may be noise."""
+    # Differences of white noise do not depend on the distance, and those of a random walk grow by sqrt(2) if
+    # it doubles. Faster growth indicates a smooth signal, except over a small part of a run, where it may be
+    # noise of a filtered sensor. P. Hall, J. W. Kay, D. M. Titterington, Biometrika 77 (1990).
     blocked = fit.problem.blocked
     if white := fast_noise(fit.data):
         return white / float(np.sqrt(blocked.rows.shape[1]))
@@ -387,13 +373,10 @@ def _about_means(residual: FloatArray, run: IntArray, chosen: BoolArray) -> Floa
 
 
 def _without_outliers(residual: FloatArray, run: IntArray, chosen: BoolArray) -> FloatArray:
-    """Return the residual (m,) on chosen blocks about the median of each run, (k,), with limited outliers.
-
-    A late or sticky effort just after a contact is not noise. Outliers are moved to the limit (P. J. Huber,
-    Robust Statistics (1981)), unless most blocks are equal, as those of a coarsely read effort at rest.
-    """
+    """Return the residual on chosen blocks about each run's median, (k,), with outliers moved to a limit."""
     parts = [residual[chosen & (run == number)] for number in np.unique(run[chosen])]
     noise = np.concatenate([part - np.median(part) for part in parts])
+    # P. J. Huber, Robust Statistics (1981). There is no limit if most blocks are equal, as at rest.
     limit = _MAX_DEVIATION * robust_sigma(noise) or np.inf
     return np.asarray(np.clip(noise, -limit, limit))
 

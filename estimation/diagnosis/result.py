@@ -229,7 +229,7 @@ def stage_numbers(
     final: FitResult,
     spread: ParameterValue | None = None,
 ) -> dict[str, Any]:
-    """Compute the fields of `AcceptedEffect` that describe one effect and its contribution.
+    """Compute the fields of `AcceptedEffect`, by name, that describe one effect and its contribution.
 
     Args:
         effect: name of the effect.
@@ -238,9 +238,6 @@ def stage_numbers(
         final: the model with all effects; its parameters are reported, since those of nested models are
             biased.
         spread: standard deviation between runs of a random effect; None for other effects.
-
-    Returns:
-        Values by field name.
     """
     prefix = f"{effect}."
     own = {

@@ -113,9 +113,7 @@ class Search:
         return self._fits[key]
 
     def refitted(self, model: Model, parameters: Mapping[str, float]) -> FitResult:
-        """Fit a model again from other start values, and keep the better fit.
-
-        The base model keeps its fit, which all commands show.
+        """Fit a model again from other start values, and keep the better fit; the base model keeps its own.
 
         Args:
             model: the model to fit.
@@ -167,10 +165,7 @@ class Search:
         return self._screened[key]
 
     def _shortlist(self, fit: FitResult) -> dict[str, list[Inner]] | None:
-        """Select effects and start values by the search on the coarse copy; None to try all.
-
-        Sensor effects that the copy does not resolve are also tried at their own start values.
-        """
+        """Select effects and their start values by the search on the coarse copy; None to try all."""
         if self.coarse is None:
             return None
         ranked = self.coarse.screen(self.coarse.fitted(fit.solution.model, fit.solution.parameters))
@@ -373,8 +368,6 @@ class Search:
     def is_better(self, fit: FitResult, reference: FitResult) -> bool:
         """Check whether a model leaves less error than another, or about as much with fewer parameters.
 
-        A model with more parameters must improve the fit by as much as an added effect must.
-
         Args:
             fit: the model.
             reference: the other model, fitted to the same data.
@@ -411,15 +404,12 @@ class Search:
         return self.p_value(before, after, LEVEL) <= LEVEL
 
     def p_value(self, before: FitResult, after: FitResult, level: float = 1.0) -> float:
-        """Estimate the p-value of an added effect by a max-statistic permutation test over all candidates.
+        """Estimate an effect's p-value by a max-statistic permutation test; 0 if it is clear without a test.
 
         Args:
             before: the model without the effect.
             after: the model with the effect.
             level: significance level; a p-value above it need not be exact.
-
-        Returns:
-            The p-value; 0 for an improvement that is clear without a test.
         """
         used = after.problem.used
         noise = after.flexible.residual[used]
@@ -466,10 +456,7 @@ def prepare_search(  # noqa: PLR0917
 
 
 def _select_runs(blocked: BlockedData) -> BoolArray:
-    """Return the mask (m,) of blocks for a coarse search, from enough runs with small and large efforts.
-
-    If there are many runs, only runs with a trusted block are selected.
-    """
+    """Return the mask (m,) of blocks for a coarse search, from enough runs with small and large efforts."""
     runs = [rows for rows in rows_of_runs(blocked.run) if blocked.trusted[rows].any()]
     stride = min(len(blocked) // _COARSE_BLOCKS, len(runs) // _COARSE_RUNS)
     if stride <= 1:

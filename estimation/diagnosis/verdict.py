@@ -143,10 +143,7 @@ class Evidence:
 
     @cached_property
     def replacing_kinds(self) -> Mapping[str, Mapping[Kind, float]]:
-        """Kinds whose law or effects may replace each accepted effect of a complete model.
-
-        Each has the mean square that it leaves in addition to the model [effort^2].
-        """
+        """Kinds that may replace each effect of a complete model, with the mean square added [effort^2]."""
         search, end = self.search, self.end
         if not self.complete:
             return {name: {} for name in search.added_effects(end)}
@@ -159,9 +156,7 @@ class Evidence:
         return kinds
 
     def form(self, effect: str) -> Form:
-        """Rate how well the form of an accepted effect is known.
-
-        A form is not exact if another effect, or the flexible law of another kind, may replace it.
+        """Rate the form of an accepted effect: not exact if an effect or a law may replace it.
 
         Args:
             effect: name of the effect.
@@ -186,12 +181,8 @@ class Evidence:
         return noise_between_samples(residual, last.data.run, last.scored)
 
     def _is_resolved(self, effect: str) -> bool:
-        """Return whether the noise is so small that it hides only small deviations from the effect's law.
-
-        A test that could not have found a deviation is no evidence for the law. Deviations below `SMALL` of
-        the effect's own contribution are not excluded: an exponential describes a cubic spring with an error
-        of 2 %.
-        """
+        """Return whether the noise hides only deviations below `SMALL` of the effect's own contribution."""
+        # A test that could not have found a deviation is no evidence for the law.
         if self.end.is_exact:
             return True
         without = self.search.without(self.end, effect)
@@ -209,10 +200,7 @@ class Evidence:
 
     @cached_property
     def confused_with_runs(self) -> Extrapolation | None:
-        """Error of the base model beyond the motion of other runs, if differences between runs are named.
-
-        If only one run contains a motion, the data cannot tell its difference from a law of this motion.
-        """
+        """Base model's error beyond other runs' motion, a possible cause of named run differences."""
         added = set(self.search.added_effects(self.end))
         differs = any(e.kind is Kind.RUN_DIFFERENCES for e in self.end.model.effects if e.name in added)
         return extrapolation(self.stages[0]) if differs else None
@@ -228,8 +216,7 @@ class Evidence:
 def effect_without_gain(evidence: Evidence) -> str | None:
     """Return the last effect if its addition does not lower the held-out error that users see; else None.
 
-    The search may have fitted both effects jointly from other start values, and found a minimum that cannot
-    be reached from the simpler model.
+    The search may have found a minimum that cannot be reached from the simpler model.
 
     Args:
         evidence: result of the search, with the tests of the final model.
@@ -257,13 +244,10 @@ def insufficient_diagnosis(data: ChannelData, reason: str) -> ChannelDiagnosis:
 
 
 def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
-    """Determine the verdict on one channel, with numbers from the fits that all commands share.
+    """Determine the verdict on one channel, with the fits that all commands share attached (`take_fits`).
 
     Args:
         evidence: result of the search.
-
-    Returns:
-        The diagnosis of the channel; `take_fits` returns the fits from which its numbers were computed.
     """
     search, end, noise = evidence.search, evidence.end, evidence.noise
     accepted = _accepted(evidence)
@@ -340,14 +324,9 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
 
 
 def _budget(evidence: Evidence) -> tuple[list[BudgetShare], BudgetRest]:
-    """Divide the base model's squared error on blocks into shares, which add up to one.
-
-    Returns:
-        Shares of kinds, and the remaining shares. The kinds are those of the accepted effects if these leave
-        no more error than the laws of all relevant kinds, or if a kind without an accepted effect only
-        imitates them. Otherwise they are all relevant kinds. In a complete model, a kind is replaceable if
-        effects or the flexible law of another kind are indistinguishable from all its effects.
-    """
+    """Divide the base model's squared error on blocks into shares of kinds and a rest, together one."""
+    # The kinds are those of the accepted effects if these leave no more error than the laws of all relevant
+    # kinds, or if a kind without an accepted effect only imitates them; otherwise all relevant kinds.
     search, end, partial = evidence.search, evidence.end, evidence.partial
     effects = [end.solution.model.effect(name) for name in search.added_effects(end)]
     kinds = {effect.name: partial.kind_of(effect) if partial else effect.kind for effect in effects}
@@ -419,12 +398,7 @@ def _accepted(evidence: Evidence) -> list[AcceptedEffect]:
 
 
 def _run_standard_deviation(end: FitResult, effect: RunVariation) -> ParameterValue:
-    """Estimate the standard deviation of a random effect between runs, with its standard error.
-
-    Args:
-        end: the model.
-        effect: the random effect.
-    """
+    """Estimate the standard deviation of a random effect between runs, with its standard error."""
     model, known, data = end.solution.model, end.solution.parameters, end.data
     inner = {parameter.name: known[f"{effect.name}.{parameter.name}"] for parameter in effect.inner}
     value = float(effect.spread(model.without(effect.name).predict(data, known), data, inner)[0])
@@ -434,16 +408,13 @@ def _run_standard_deviation(end: FitResult, effect: RunVariation) -> ParameterVa
 
 
 def error_decrease(accepted: Sequence[AcceptedEffect], base_rmse: float, last_rmse: float, unit: str) -> str:
-    """Describe by how much the accepted effects lower the held-out error.
+    """Describe by how much the accepted effects lower the held-out error, without a full stop.
 
     Args:
         accepted: the accepted effects, each with its indistinguishable alternatives.
         base_rmse: held-out error of the base model [unit].
         last_rmse: held-out error with all accepted effects [unit].
         unit: unit of the effort.
-
-    Returns:
-        A clause without a full stop.
     """
     names = " and ".join(
         f"{entry.effect} (indistinguishable from {' or '.join(entry.confused_with)})"

@@ -94,15 +94,12 @@ class BlockedData:
         return self.cache.get_or_compute("effort", lambda: self.reduce(self.data.effort))
 
     def parts(self, effect: AdditiveEffect, model: Model, parameters: Parameters) -> FloatArray:
-        """Return what an effect of a model adds on blocks, shape (m, k + 1); cached.
+        """Return the effort per unit of each gain of an effect, and that without gains, (m, k + 1); cached.
 
         Args:
             effect: the effect, with k gains.
             model: the model; its effects on motion, memory and sensor act here, and all must be linear.
             parameters: inner parameters of the model by "effect.parameter".
-
-        Returns:
-            Effort per unit of each gain, and in the last column the effort independent of the gains.
         """
         acting, inner = model.coupled_effects, own_parameters(effect, parameters)
         needs = (*effect.needs, *(name for acts in acting for name in acts.needs))
@@ -185,14 +182,11 @@ def _varies_within(effort: FloatArray, block: int) -> bool:
 def block_average(
     data: ChannelData, good: BoolArray | None = None, cache: FitCache | None = None
 ) -> BlockedData:
-    """Divide a channel into blocks of 5 ms (contact) or 10 ms (joint), but at least of one sample.
-
-    They are shorter in short runs and where the effort varies.
+    """Divide a channel into blocks of 5 ms (contact) or 10 ms (joint), shorter in short runs or fast changes.
 
     Blocks at contact boundaries are not trusted: there damping and friction cause a step of the force, which
-    the error of the position can shift. Blocks at sharp corners of a contact's motion, and blocks in which a
-    motion stops or begins within one step of a coarse position, are not trusted either.
-    For a probing arm, blocks in which a joint is at rest or its sensor may still settle are not trusted.
+    the error of the position can shift. Blocks at sharp corners of a contact's motion, where a motion stops
+    or begins within one step of a coarse position, and where a probing arm rests are not trusted either.
 
     Args:
         data: the channel.
@@ -289,11 +283,8 @@ def decimate(blocked: BlockedData) -> ChannelData:
 
 
 def _at_corners(data: ChannelData, rows: IntArray) -> BoolArray:
-    """Return the mask (m,) of contact blocks in which the velocity changes faster than it was sampled.
-
-    A damper causes a jump of the force there, which a derived velocity smears over several samples. In slowly
-    sampled data every change is a corner, and creep and relaxation begin there, so none is excluded.
-    """
+    """Return the mask (m,) of contact blocks in which the velocity changes faster than it was sampled."""
+    # A damper causes a jump of the force there, which a derived velocity smears over several samples.
     if sample_time(data.time_s, data.run) > _SLOW_S:
         return np.zeros(len(rows), dtype=np.bool_)
     sharp = np.zeros(len(data), dtype=np.bool_)
@@ -307,11 +298,8 @@ def _at_corners(data: ChannelData, rows: IntArray) -> BoolArray:
 
 
 def _at_starts(data: ChannelData, rows: IntArray) -> BoolArray:
-    """Return the mask (m,) of blocks at the start of a run, where the object's past is unknown.
-
-    A run that begins in contact depends on an unknown past until the contact ends. If later contacts are
-    negligible, the run is used as if the contact began with it.
-    """
+    """Return the mask (m,) of blocks at the start of a run, where the object's past is unknown."""
+    # If contacts after one at the start are negligible, the run is used as if the contact began with it.
     starts, engaged = np.zeros(len(data), dtype=np.bool_), data.engaged
     for run_rows in rows_of_runs(data.run):
         elapsed_s = data.time_s[run_rows] - data.time_s[run_rows[0]]
@@ -324,12 +312,9 @@ def _at_starts(data: ChannelData, rows: IntArray) -> BoolArray:
 
 
 def _at_stops(data: ChannelData, rows: IntArray) -> BoolArray:
-    """Return the mask (m,) of blocks in which the motion stops or begins within a step of the position.
-
-    Friction reverses there before the position shows a motion. If the motion begins with constant jerk, the
-    first step takes at most 3.8 times as long as the second one. Steps of a single reading are not
-    considered, because the sampling then limits the resolution.
-    """
+    """Return the mask (m,) of blocks in which the motion stops or begins within a step of the position."""
+    # Friction reverses there before the position shows a motion. With constant jerk, the first step takes at
+    # most 3.8 times as long as the second one. For steps of one reading, the sampling limits the resolution.
     hidden = np.zeros(len(data), dtype=np.bool_)
     for run_rows in rows_of_runs(data.run):
         position = data.position[run_rows]
@@ -349,11 +334,8 @@ def _at_stops(data: ChannelData, rows: IntArray) -> BoolArray:
 
 
 def _at_rest(data: ChannelData, rows: IntArray) -> BoolArray:
-    """Return the mask (m,) of blocks in which a probing arm's joint is at rest or its sensor settles.
-
-    Friction at rest depends on how the joint stopped, and the sign of a noisy velocity has no meaning. A slow
-    sensor starts from its earlier reading. In other recordings no block is excluded.
-    """
+    """Return the mask (m,) of blocks in which a probing arm's joint is at rest or its sensor settles."""
+    # Friction at rest depends on how the joint stopped, and a slow sensor starts from its earlier reading.
     if data.kind is ChannelKind.CONTACT or (data.phase < 0).all():
         return np.zeros(len(rows), dtype=np.bool_)
     settling = data.time_s[rows[:, 0]] < data.time_s[0] + _SETTLING_S
@@ -375,9 +357,7 @@ def with_load(data: ChannelData, model: Model, parameters: Mapping[str, float]) 
     """Add the signal `load` to a joint's channel: the effort of the model's inertia, gravity and spring.
 
     If the model has weight or a spring, the torque of an inertia that link and rotor may share is a separate
-    signal. Without them it would only scale the load.
-
-    Contacts, channels with a load, and models without masses are returned unchanged.
+    signal. Contacts, channels with a load, and models without masses are returned unchanged.
 
     Args:
         data: the channel.

@@ -199,9 +199,7 @@ class Solution:
 
 
 def held_out_residual(blocked: BlockedData, solution: Solution) -> FloatArray:
-    """Return the effort minus the prediction of gains fitted to the other folds, shape (n,).
-
-    The residual is NaN outside trusted blocks.
+    """Return effort minus prediction of gains fitted to the other folds, (n,); NaN outside trusted blocks.
 
     Args:
         blocked: the channel on blocks.
@@ -314,7 +312,7 @@ def columns_at(problem: FitProblem, model: Model, parameters: Mapping[str, float
 
 
 def residual_slopes(problem: FitProblem, solution: Solution, ahead: Mapping[str, float]) -> FloatArray:
-    """Compute the change of the whitened residual when inner parameters change and all gains are refitted.
+    """Compute the change (w, k) of the whitened residual when inner parameters change and gains are refitted.
 
     It is the change at fixed gains minus the part that the columns explain. This is the derivative of the
     variable projection except for a term that vanishes with the residual (L. Kaufman, BIT 15 (1975)).
@@ -323,9 +321,6 @@ def residual_slopes(problem: FitProblem, solution: Solution, ahead: Mapping[str,
         problem: data, noise weights and folds of the fit.
         solution: solution at which the change is computed.
         ahead: a changed value of each inner parameter, close to that of the solution, by name.
-
-    Returns:
-        Changes, not divided by the step, shape (w, k).
     """
     data, model, parameters = problem.blocked.data, solution.model, solution.parameters
     gains = np.array([parameters[name] for name in model.gains])
@@ -359,16 +354,13 @@ def is_linear_on_blocks(data: ChannelData, model: Model) -> bool:
 def linearize_inner(
     blocked: BlockedData, model: Model, effect: Effect, parameters: Mapping[str, float]
 ) -> LinearizedParts:
-    """Return a fast evaluation of `Model.parts` as a function of one effect's inner parameters.
+    """Return a fast function of one effect's inner parameters for `Model.parts`; it may return None.
 
     Args:
         blocked: the channel on blocks.
         model: the model.
         effect: the effect whose inner parameters vary.
         parameters: inner parameters of the other effects; missing ones are zero.
-
-    Returns:
-        A function that returns the parts, or None if there is no faster evaluation.
     """
     data, known = blocked.data, list[Parts]()
     if is_linear_on_blocks(data, model):

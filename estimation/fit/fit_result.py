@@ -309,17 +309,14 @@ def fit_problem(blocks: BlockedData, model: Model, parameters: Mapping[str, floa
 
 
 def final_solution(fit: FitResult) -> tuple[FitProblem, Solution]:
-    """Refit the parameters with prewhitening if that is safe.
+    """Refit the parameters with prewhitening if that is safe; return the problem and its solution.
 
-    Prewhitening gives the most accurate parameters, but only if no effect is missing: it would treat a
-    missing effect as colored noise. The result is used only if it is close to the ordinary fit, since with a
-    poor noise model a distant solution may have an equally small residual.
+    Prewhitening gives the most accurate parameters, but would treat a missing effect as colored noise. The
+    result is used only if it is close to the ordinary fit, since with a poor noise model a distant solution
+    may have an equally small residual.
 
     Args:
         fit: the fitted model.
-
-    Returns:
-        The problem, with or without prewhitening, and its solution.
     """
     if fit.training.shared is not None or fit.rmse > _NOISE_RATIO * fit.floor():
         return fit.problem, fit.solution

@@ -60,8 +60,7 @@ class FlexibleRegression:
 def model_features(problem: FitProblem, solution: Solution) -> dict[str, FloatArray]:
     """Return features (m, k) by signal, for the motion and effort of a fitted model.
 
-    The effort before sensor effects is an additional signal, since saturated or delayed readings lose
-    information that the regression needs.
+    With saturated or delayed readings, the regression also needs the effort before sensor effects.
 
     Args:
         problem: data on blocks.
@@ -263,15 +262,12 @@ def _past_effort(effort: FloatArray, time_s: FloatArray, run: IntArray) -> Float
 
 
 def reversal_memory(signal: FloatArray, run: IntArray, share: float) -> FloatArray:
-    """Return the signal minus its play operator, which follows the direction of motion after a path.
+    """Return a signal (n,) minus its play operator, which follows the direction of motion after a path.
 
     Args:
         signal: signal, shape (n,).
         run: run number of each sample, shape (n,).
         share: half width of the play, relative to the signal's range.
-
-    Returns:
-        Shape (n,), in the unit of the signal.
     """
     return signal - play(signal, run, share * float(np.ptp(signal)))
 

@@ -151,10 +151,7 @@ def _solve_at(  # noqa: PLR0917
 
 
 def _midpoints(values: list[float], index: int, inner: Parameter) -> list[float]:
-    """Return the midpoints between a grid value and its neighbors; the values are in ascending order.
-
-    At an end of the grid, a value beyond it at twice the last step is added, within the bounds.
-    """
+    """Return midpoints between a grid value and its neighbors; at an end, a value at twice the last step."""
     value, closer = values[index], list[float]()
     for side, bound in ((-1, inner.lower), (1, inner.upper)):
         if 0 <= index + side < len(values):

@@ -108,11 +108,7 @@ def _without_jumps(slope: FloatArray) -> FloatArray:
 
 
 def _reading_errors(problem: FitProblem, solution: Solution, measurement: MeasurementModel) -> FloatArray:
-    """Simulate the standard errors (q,) due to reading errors of the motion.
-
-    The model's prediction for the smoothed motion is refitted with simulated motions by one Gauss-Newton
-    step.
-    """
+    """Simulate the standard errors (q,) due to reading errors of the motion, by Gauss-Newton steps."""
     rng = np.random.default_rng(_SEED)
     expected = solution.model.predict(measurement.smoothed_motion, solution.parameters)
     compensations = []

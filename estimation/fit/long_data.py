@@ -110,10 +110,7 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
 
 
 def _from_rest_to_rest(data: ChannelData, held_runs: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
-    """Split the channel of a joint that is mostly at rest into motions with some rest before and after.
-
-    The torque at rest depends on how the joint stopped, and contains little information on the motion.
-    """
+    """Split a joint's channel that is mostly at rest into motions with some rest before and after."""
     # Range of the position within `_NEAR_S` of each sample.
     extent, width = np.zeros(len(data)), 2 * int(np.ceil(_NEAR_S / sample_time(data.time_s, data.run))) + 1
     for of_run in rows_of_runs(data.run):
@@ -174,11 +171,7 @@ def _fewer_runs(data: ChannelData, held_runs: IntArray) -> tuple[ChannelData, st
 
 
 def _fewer_stretches(data: ChannelData, held_runs: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
-    """Select stretches of a joint's runs that cover a sufficient range of motion, as separate runs.
-
-    A joint at rest or in small motion contains no information on its friction. Contacts are not cut, since
-    they depend on their past.
-    """
+    """Select stretches of a joint's runs that cover a sufficient range of motion, as separate runs."""
     if data.kind is ChannelKind.CONTACT:
         return data, "", {}
     length = _fitted(data, held_runs) // max(_MIN_PIECES, _MIN_RUNS * _excess(data, held_runs))

@@ -110,9 +110,7 @@ class MeasurementModel:
 
 
 def identify_measurement_model(data: ChannelData) -> MeasurementModel:
-    """Identify the errors of a channel's positions and the filters that derived its derivatives.
-
-    The result is cached for the same motion with another load.
+    """Identify errors of a channel's positions, and filters that derived its derivatives; cached by motion.
 
     Args:
         data: the channel.
@@ -162,15 +160,12 @@ def is_acceleration_resolved(data: ChannelData) -> bool:
 
 
 def shuffle_noise(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> FloatArray:
-    """Return noise with the same spectrum but independent of the motion: shifted in time, random sign.
+    """Return noise (n,) of the same spectrum, independent of the motion: shifted in time, random sign.
 
     Args:
         noise: noise of each sample, shape (n,).
         run: run number of each sample, shape (n,).
         rng: random generator.
-
-    Returns:
-        Noise, shape (n,).
     """
     shuffled = np.empty_like(noise)
     for rows in equal_length_blocks(run):
@@ -260,11 +255,7 @@ def _apply_filter(data: ChannelData, exact: FloatArray, window: int | None, orde
 
 
 def _invert_filter(data: ChannelData, derivative: FloatArray, window: int | None, order: int) -> FloatArray:
-    """Estimate the exact derivative (n,) from a smoothed one by adding back the smoothing error (twicing).
-
-    J. W. Tukey, Exploratory Data Analysis (1977), ch. 16. Noise of the derivative is removed first with the
-    next wider window.
-    """
+    """Estimate the exact derivative (n,) by adding back the smoothing error (J. W. Tukey's twicing, 1977)."""
     if window is None:
         return derivative
     smooth = channel_derivative(data, derivative, wider_window(window, 1), 0)
@@ -274,11 +265,7 @@ def _invert_filter(data: ChannelData, derivative: FloatArray, window: int | None
 def _identify_window(
     data: ChannelData, signal: FloatArray, error: FloatArray, target: FloatArray, order: int
 ) -> tuple[int | None, float]:
-    """Identify the window with which a target (n,) was derived from a signal (n,) with a reading error.
-
-    Returns the half width of the window (None if no window fits) and the median squared difference during
-    motion. The median ignores differences at the ends of pieces.
-    """
+    """Identify the half window that derived a target from a signal (or None), and their difference."""
     matches: list[tuple[float, int]] = []
     moving = target != 0.0
     if not moving.any():

@@ -41,16 +41,14 @@ class RunHeterogeneity:
 def run_heterogeneity(
     blocked: BlockedData, solution: Solution, least: float = MIN_RATIO
 ) -> RunHeterogeneity | None:
-    """Measure how much the runs disagree about the gains and the zero of a model.
+    """Measure how much runs disagree about gains and zero; None below `least`, or with too few long runs.
+
+    The effort must change within runs, because a zero of each run always fits a constant.
 
     Args:
         blocked: the channel on blocks.
         solution: the model fitted to all runs.
         least: least ratio of the error predicted from other runs to the error of runs fitted alone.
-
-    Returns:
-        The errors; None if the ratio is smaller, if fewer than two runs are long enough to be fitted, or if
-        the effort is constant in each run, which a zero of each run always fits.
     """
     data = blocked.data
     if is_constant_in_runs(data):
@@ -126,9 +124,7 @@ class MeasurementNoise:
         return self.effort is None
 
     def describe(self, unit: str) -> str:
-        """Return the noise in words, such as "at most 0.031 N, from repeated runs".
-
-        The words say so if errors of the measured motion cause a part of the noise that shows.
+        """Return the noise in words, with motion errors that matter: "at most 0.031 N, from repeated runs".
 
         Args:
             unit: unit of the effort.
@@ -248,14 +244,12 @@ def _white_noise(efforts: Sequence[FloatArray], distances: Sequence[int]) -> flo
 def size_of_differences(signals: Sequence[FloatArray], distance: int) -> float | None:
     """Return the root mean square of third differences, scaled to the standard deviation of white noise.
 
-    The largest differences, and those of readings that are not finite, are excluded.
+    The largest differences, and those of readings that are not finite, are excluded. The result is None if
+    too few remain.
 
     Args:
         signals: signal of each stretch, shape (n,) each.
         distance: distance between the readings of a difference [samples].
-
-    Returns:
-        Root mean square in the unit of the signals; None for too few readings.
     """
     parts = []
     for signal in signals:

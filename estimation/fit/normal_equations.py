@@ -53,27 +53,18 @@ class NormalEquations:
         )
         return NormalEquations(shift.T @ self.products @ shift, prior).only(~columns)
 
-    def total(self, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the linear system for all folds, with scaled columns.
+    def systems(self, scale: FloatArray, *, by_fold: bool = False) -> tuple[FloatArray, FloatArray]:
+        """Return the matrix (q, q) and right-hand side (q,) of the linear system with scaled columns.
 
         Args:
             scale: factor of each column, shape (q,).
-
-        Returns:
-            Matrix (q, q) and right-hand side (q,).
+            by_fold: whether to leave out each fold in turn; the results then have a first axis (folds,).
         """
-        return self._systems(self._sums, scale, 0)
-
-    def training(self, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the linear systems that leave out each fold, with scaled columns.
-
-        Args:
-            scale: factor of each column, shape (q,).
-
-        Returns:
-            Matrices (folds, q, q) and right-hand sides (folds, q).
-        """
-        return self._systems(self._sums - self.products, scale, slice(1, None))
+        sums, prior = (self._sums - self.products, slice(1, None)) if by_fold else (self._sums, 0)
+        system, target = sums[..., :-1, :-1], sums[..., :-1, -1]
+        if self.prior is not None:
+            system, target = system + self.prior.matrix[prior], target + self.prior.vector[prior]
+        return system * scale[:, None] * scale, target * scale
 
     @cached_property
     def scaled(self) -> tuple[FloatArray, FloatArray]:
@@ -93,14 +84,6 @@ class NormalEquations:
     def _sums(self) -> FloatArray:
         """Cross products over all folds, shape (q + 1, q + 1)."""
         return np.asarray(self.products.sum(axis=0))
-
-    def _systems(
-        self, sums: FloatArray, scale: FloatArray, prior: int | slice
-    ) -> tuple[FloatArray, FloatArray]:
-        system, target = sums[..., :-1, :-1], sums[..., :-1, -1]
-        if self.prior is not None:
-            system, target = system + self.prior.matrix[prior], target + self.prior.vector[prior]
-        return system * scale[:, None] * scale, target * scale
 
 
 def gram_matrices(parts: Iterable[FloatArray]) -> NormalEquations:
@@ -150,7 +133,7 @@ class LinearFit:
     @cached_property
     def _unit_gains(self) -> FloatArray:
         """Free gains of columns of unit length, fitted without each fold, shape (folds, free)."""
-        system, target = self.equations.training(self.scale[self.free])
+        system, target = self.equations.systems(self.scale[self.free], by_fold=True)
         system += _RIDGE * np.eye(len(self.free))
         return np.asarray(np.linalg.solve(system, target[..., None])[..., 0])
 
@@ -183,7 +166,7 @@ def solve_normal_equations(equations: NormalEquations, dof: int = 0) -> LinearFi
         dof: number of samples, for standard errors; 0 if they are not needed.
     """
     _, scale = equations.scaled
-    system, target = equations.total(scale)
+    system, target = equations.systems(scale)
     system = system + _RIDGE * np.eye(len(scale))
     gains = np.asarray(np.linalg.solve(system, target))
     return LinearFit(gains * scale, system, scale, dof, equations, np.arange(len(scale)))
@@ -197,7 +180,7 @@ def held_out_sse(equations: NormalEquations, ridges: FloatArray) -> FloatArray:
         ridges: ridge penalties to try, on columns of unit length, shape (r, q).
     """
     scaled, scale = equations.scaled
-    system, target = equations.training(scale)
+    system, target = equations.systems(scale, by_fold=True)
     return _sse(scaled, np.array([_shrunken(system, target, ridge) for ridge in ridges]))
 
 
@@ -209,7 +192,7 @@ def held_out_gains(equations: NormalEquations, ridge: FloatArray) -> FloatArray:
         ridge: ridge penalty of each gain, on columns of unit length, shape (q,).
     """
     _, scale = equations.scaled
-    system, target = equations.training(scale)
+    system, target = equations.systems(scale, by_fold=True)
     return _shrunken(system, target, ridge) * scale
 
 
@@ -247,13 +230,10 @@ class ArNoise:
         return used
 
     def whiten(self, signal: FloatArray) -> FloatArray:
-        """Prewhiten a signal; only rows in `used` are meaningful.
+        """Prewhiten a signal, keeping its shape; only rows in `used` are meaningful.
 
         Args:
             signal: signal, shape (m,) or (m, k).
-
-        Returns:
-            Prewhitened signal of the same shape.
         """
         order = len(self.coefficients)
         if order == 0:

@@ -27,7 +27,7 @@ def null_improvements(
     observed: float = np.inf,
     most: int = COUNT,
 ) -> FloatArray:
-    """Compute the largest improvement by any candidate on surrogates of the noise.
+    """Compute for surrogates of the noise the largest share (COUNT,) of the error that a candidate explains.
 
     The loop over candidates ends early when more than `most` surrogates reach the observed improvement.
 
@@ -39,9 +39,6 @@ def null_improvements(
         rng: random generator for the surrogates.
         observed: improvement by the best candidate on the data.
         most: largest number of surrogates that may reach it.
-
-    Returns:
-        For each surrogate, the largest share of its error that a candidate explains, shape (COUNT,).
     """
     surrogates = surrogate_residuals(noise, run, rng).astype(np.float32, order="C")
     basis = _orthonormal(base)

@@ -88,7 +88,7 @@ def smoothing_bias(blocked: BlockedData, effort: FloatArray, filters: Differenti
 
 @lru_cache(maxsize=256)
 def smoothing_kernel(half: int, order: int, block: int = 1) -> FloatArray:
-    """Return the weights with which a local polynomial fit averages the derivative that it estimates.
+    """Return weights (2 r + 1,) with which a local polynomial fit averages the derivative that it estimates.
 
     They are repeated sums of the weights of the fit, since a derivative's integral is the fitted signal.
 
@@ -96,9 +96,6 @@ def smoothing_kernel(half: int, order: int, block: int = 1) -> FloatArray:
         half: number of samples on each side in a fit.
         order: order of the derivative.
         block: number of samples in a block.
-
-    Returns:
-        Weights of neighboring blocks, symmetric, with sum 1, shape (2 r + 1,).
     """
     weights = fit_weights(2 * half + 1, order)[half]
     for _ in range(order):
@@ -116,10 +113,7 @@ def smoothing_kernel(half: int, order: int, block: int = 1) -> FloatArray:
 
 
 def _smoothing_residues(signal: FloatArray, kernel: FloatArray, run: IntArray) -> FloatArray:
-    """Apply the high-pass complement of a smoothing kernel to a signal (m,) repeatedly, shape (m, powers).
-
-    The sum of the powers restores the unsmoothed signal (P. H. van Cittert, Z. Physik 69 (1931)).
-    """
+    """Apply a kernel's high-pass complement to a signal (m,) repeatedly, (m, powers): van Cittert (1931)."""
     powers = [signal]
     for _ in range(_POWERS):
         smooth = np.empty_like(signal)

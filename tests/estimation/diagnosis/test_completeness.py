@@ -35,9 +35,7 @@ def test_model_is_complete_if_its_residual_matches_bootstrap_samples(
     fit.problem.used = np.ones(10)
     asked = []
     monkeypatch.setattr(completeness, "encoder_step_error", lambda *_: steps)
-    monkeypatch.setattr(
-        completeness, "acceptance_criteria", lambda *_: SimpleNamespace(is_outperformed=outdone)
-    )
+    monkeypatch.setattr(completeness, "is_outperformed", lambda *_: outdone)
     unlike = SimpleNamespace(is_significant=unusual)
     monkeypatch.setattr(completeness, "lack_of_fit_test", lambda *_: asked.append(1) or unlike)
     monkeypatch.setattr(completeness, "check_residuals", lambda *_, complete: asked.append(complete) or "why")
@@ -70,7 +68,7 @@ def test_each_run_is_explained_by_a_complete_model_or_by_other_gains(changes, ex
         is_complete=lambda _: given["complete"],
         leaves_noise=lambda _: given["noisy"],
         residual_finding=lambda _: given["finding"],
-        _incomplete=given["incomplete"],
+        incomplete=given["incomplete"],
         _noise=SimpleNamespace(is_bound=given["bound"]),
     )
     assert Completeness.explains_each_run(checks, "fit") is explains

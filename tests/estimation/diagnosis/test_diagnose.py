@@ -16,7 +16,6 @@ from palpate.estimation.diagnosis import Verdict, diagnose
 from palpate.estimation.diagnosis.candidates import is_misnamed
 from palpate.estimation.diagnosis.extension import fit_extended
 from palpate.estimation.diagnosis.forms import Form
-from palpate.estimation.diagnosis.verdict import insufficient_diagnosis
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_problem import solve_gains
 from palpate.estimation.fit.fit_result import fit_model
@@ -293,23 +292,6 @@ def test_result_is_read_back_from_its_text_with_progress():
     assert entry.rmse_after < 0.3 * entry.rmse_before
     assert entry.p_value <= 0.01
     assert entry.parameters["k3"].unit == "N/m^3"
-
-
-def test_channel_has_the_same_samples_alone_and_among_others(monkeypatch):
-    module, drawn = import_module("palpate.estimation.diagnosis.diagnose"), []
-
-    def judged(data, model, effects, rng, progress=None):
-        drawn.append((data.name, int(rng.integers(2**62))))
-        return insufficient_diagnosis(data, "not judged")
-
-    monkeypatch.setattr(module, "diagnose_channel", judged)
-    first, second = (replace(swings(1), name=f"joint_{number}") for number in (1, 2))
-    for channels in ([first, second], [second, first], [second]):
-        diagnose(channels, SWING, rng=np.random.default_rng(7))
-    of_second = {number for name, number in drawn if name == "joint_2"}
-    of_first = {number for name, number in drawn if name == "joint_1"}
-    assert len(of_second) == len(of_first) == 1
-    assert of_first != of_second
 
 
 def pulls(law, seed=0, count=600):

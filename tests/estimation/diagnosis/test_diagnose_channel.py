@@ -107,16 +107,13 @@ def test_channel_is_searched_reduced_and_reported(name, monkeypatch):
 
     class CompletenessStub:
         def __init__(self, start, rng):
-            self.measurement, self.marked = "readings", set()
+            self.measurement, self.incomplete = "readings", set()
 
         def residual_finding(self, one):
             return None
 
         def is_complete(self, one):
-            return given.get("complete", True) and one not in self.marked
-
-        def mark_incomplete(self, one):
-            self.marked.add(one)
+            return given.get("complete", True) and one not in self.incomplete
 
     def searching(tried, is_complete, sufficient, forms):
         assert not given.get("exact")  # nothing is left to be searched for
@@ -161,12 +158,14 @@ def test_channel_is_searched_reduced_and_reported(name, monkeypatch):
 
 @pytest.mark.parametrize(("simpler_is_complete", "way"), [(True, "complete"), (False, "forms of a simpler")])
 def test_simplified_model_with_residual_is_judged_by_its_forms(simpler_is_complete, way, monkeypatch):
-    complete = {"whole": True, "simpler": simpler_is_complete, "base": True}
+    incomplete = set() if simpler_is_complete else {"simpler"}
+
+    def is_complete(fit):  # the base model counts as complete until it is marked
+        return fit not in incomplete
+
     judge = SimpleNamespace(
-        measurement="readings", is_complete=complete.__getitem__, explains_each_run=complete.__getitem__
+        measurement="readings", is_complete=is_complete, explains_each_run=is_complete, incomplete=incomplete
     )
-    # the base model counts as complete until it is marked
-    judge.mark_incomplete = lambda fit: complete.update({fit: False})
     monkeypatch.setattr(module, "accept_effects", lambda search, fit, *_: fit)
     monkeypatch.setattr(module, "most_parsimonious", lambda *_: "simpler")
     monkeypatch.setattr(module, "form_tests", lambda partial, end: ["complete"])
@@ -194,14 +193,13 @@ def test_base_model_is_incomplete_if_an_incomplete_one_is_significantly_better(
 ):
     """Runs that differ make the better model incomplete; the base model's error may hide the difference."""
     given = {"significant": True, "sensible": True, "exact": False, "explained": False, "step": 0.1} | changes
-    base = SimpleNamespace(is_exact=given["exact"], held_out_mean_square=1.0)
-    better = SimpleNamespace(held_out_mean_square=0.8)
-    marked = []
+    base, better, marked = Mock(is_exact=given["exact"], held_out_mean_square=1.0), Mock(), set()
+    better.held_out_mean_square = 0.8
     checks = SimpleNamespace(
         measurement="readings",
         is_complete=lambda fit: fit is base and fit not in marked,
         explains_each_run=lambda fit: given["explained"],
-        mark_incomplete=marked.append,
+        incomplete=marked,
     )
     search = SimpleNamespace(start=base, rng=None, is_sensible=lambda fit: given["sensible"])
     search.added_effects = lambda fit: ["a"] if fit is better else []
@@ -212,7 +210,7 @@ def test_base_model_is_incomplete_if_an_incomplete_one_is_significantly_better(
     monkeypatch.setattr(module, "accept_forms", lambda *_: ("reduced", ["test"]))
     end = module._accept(search, better, checks, lambda: None)
     assert end == (("reduced", ["test"]) if is_improved else (base, []))
-    assert marked == ([base] if is_improved else [])
+    assert marked == ({base} if is_improved else set())
 
 
 @pytest.mark.parametrize(
@@ -245,14 +243,14 @@ def test_objection_is_dropped_where_samples_improve_as_much_by_a_clean_model(
     assert judge.is_complete(base) is complete
 
 
+def say_draw(data, model, effects, rng, progress=None):
+    return insufficient_diagnosis(data, f"{rng.random()} {model.effects[0].name} {len(effects)}")
+
+
 @pytest.fixture
 def told_its_draw(monkeypatch):
     """A diagnosis that says the first number that it draws, and the model's first effect."""
-
-    def say(data, model, effects, rng, progress=None):
-        return insufficient_diagnosis(data, f"{rng.random()} {model.effects[0].name} {len(effects)}")
-
-    monkeypatch.setattr(module, "diagnose_channel", say)
+    monkeypatch.setattr(module, "diagnose_channel", say_draw)
 
 
 def test_channel_verdict_is_independent_of_other_channels_and_process(told_its_draw):

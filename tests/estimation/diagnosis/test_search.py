@@ -23,7 +23,7 @@ from palpate.estimation.fit.inner_search import GridSearch
 from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model
-from tests.estimation.presses import NOISE_N, kelvin_voigt, session
+from tests.estimation.presses import NOISE_N, session
 from tests.estimation.searches import PRESS, SWING, measured, reached, searched
 from tests.estimation.swings import INERTIA, WEIGHT, swings
 
@@ -109,20 +109,6 @@ def test_law_with_more_parameters_is_not_named_for_a_small_gain():
     assert search.added_effects(backward_step(search, spring)) == ["bias"]
 
 
-@pytest.mark.parametrize("pulls", [True, False])
-def test_dry_friction_acts_at_the_sides_or_within_the_object(pulls):
-    """At the tool's sides it pulls on the way out, where an object can only push."""
-
-    def law(t, x, v, run):
-        rubbing = 0.8 * np.tanh(v / 1e-3)
-        return kelvin_voigt(x, v) + rubbing * (x > 0) if pulls else kelvin_voigt(x, v, rubbing)
-
-    end = reached(searched(session(1, law), "dry_friction", base=PRESS), "dry_friction")
-    (friction,) = (one for one in end.solution.model.effects if one.name == "dry_friction")
-    assert friction.one_sided is not pulls
-    assert end.rmse < 1.1 * NOISE_N
-
-
 @pytest.mark.parametrize("noise_rad", [1e-5, 3e-5])
 def test_elasticity_is_unbiased_behind_an_acceleration_with_smooth_errors(noise_rad):
     """Neighbours have their errors in common, so that the load seems better known than it is."""
@@ -135,19 +121,6 @@ def test_elasticity_is_unbiased_behind_an_acceleration_with_smooth_errors(noise_
     search = searched(data, "joint_elasticity")
     found = reached(search, "joint_elasticity").solution.parameters["joint_elasticity.compliance"]
     assert found == pytest.approx(compliance, rel=0.06)
-
-
-def test_gain_beyond_its_physical_bound_is_fitted_at_the_bound():
-    """A joint that something drives would have a negative friction; the other gains make up for it."""
-    data = swings(1, lambda q, v, a: -0.5 * v)
-    solution = searched(data).start.solution
-    assert solution.parameters["viscous_friction.d"] == 0.0
-    assert "viscous_friction.d" in solution.fixed
-    columns = solution.columns[:, [name != "viscous_friction.d" for name in solution.model.gains]]
-    used = searched(data).start.problem.used
-    others = np.linalg.lstsq(columns[used], solution.target[used], rcond=None)[0]
-    kept = [solution.parameters[name] for name in solution.model.gains if name != "viscous_friction.d"]
-    np.testing.assert_allclose(kept, others, rtol=1e-6)
 
 
 def left(*effects, held_out=1.0, rmse=1.0, by_fold=(0.0,)):

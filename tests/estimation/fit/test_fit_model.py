@@ -11,7 +11,7 @@ from palpate.estimation.base_model import ModelContext
 from palpate.estimation.channel import ChannelData, ChannelKind, Information
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.blocks import block_average, with_load
-from palpate.estimation.fit.fit_problem import held_out_residual, linearize_inner, solve_gains
+from palpate.estimation.fit.fit_problem import linearize_inner, solve_gains
 from palpate.estimation.fit.fit_result import final_solution, fit_model, fit_problem
 from palpate.estimation.fit.intervals import _largest_error, estimate_parameters, inner_slopes
 from palpate.estimation.fit.normal_equations import (
@@ -125,32 +125,6 @@ def test_blocks_stay_within_runs_and_off_the_contact_edge():
     assert (np.diff(blocked.rows, axis=1) == 3).all()
 
 
-def test_run_that_starts_in_contact_counts_after_release():
-    """What it remembers of the way there was not recorded."""
-    data = session(1)
-    cut = data.select(np.flatnonzero((data.run > 0) | (data.position > 0.006)))
-    assert block_average(cut).trusted[block_average(cut).run == 0].any()  # it presses only once
-    joined = replace(cut, run=np.maximum(cut.run, 1))
-    blocked = block_average(joined)
-    first = blocked.rows[:, 0] < np.sum(cut.run == 0)
-    assert not blocked.trusted[first & joined.engaged[blocked.rows].all(axis=1)].any()
-    assert blocked.trusted[~first].mean() > 0.9
-
-
-def test_held_out_error_of_a_run_is_that_of_a_fit_to_the_others():
-    data = swings(2)
-    found = fit_model(data, SWING, {})
-    error = held_out_residual(found.problem.blocked, found.solution)
-    slopes, _ = SWING.linearize(data, dict.fromkeys(SWING.gains, 0.0))
-    trusted = np.isfinite(error)
-    for run in data.runs:  # every run has a fold of its own
-        others = trusted & (data.run != run)
-        gains = np.linalg.lstsq(slopes[others], data.effort[others], rcond=None)[0]
-        mine = trusted & (data.run == run)
-        expected = data.effort[mine] - slopes[mine] @ gains
-        assert np.sqrt(np.mean((error[mine] - expected) ** 2)) < 0.1 * NOISE_NM
-
-
 def power_law(t, x, v, run):
     return np.where(x > 0, 2.0e4 * np.maximum(x, 0.0) ** 1.7 + 15.0 * v, 0.0).clip(0.0)
 
@@ -190,20 +164,6 @@ def test_inner_parameters_match_scipy_over_all_parameters(model, made, start):
     ours = np.array([solution.parameters[n] for n in names]) / scale
     best = least_squares(residual, ours * 1.002, x_scale="jac", xtol=1e-12, ftol=1e-12)
     assert np.sum(residual(ours) ** 2) <= 1.001 * 2.0 * best.cost
-
-
-@pytest.mark.parametrize(("newton", "metre"), [(1e-7, 1e-5), (1e6, 1.0), (1.0, 1e-3)])
-def test_units_change_nothing(newton, metre):
-    """A contact in other units: the same blocks, the same shares, the same exponent."""
-    data = session(7, power_law)
-    motion = {name: metre * getattr(data, name) for name in ("position", "velocity", "acceleration")}
-    other = replace(data, effort=newton * data.effort, **motion)
-    start = {"power_law_stiffness.n": 1.5}
-    one, two = (fit_model(each, POWER_LAW, start) for each in (data, other))
-    exponent = [each.solution.parameters["power_law_stiffness.n"] for each in (one, two)]
-    assert exponent[1] == pytest.approx(exponent[0], rel=1e-3)
-    assert two.rmse / newton == pytest.approx(one.rmse, rel=1e-3)
-    assert two.floor() / newton == pytest.approx(one.floor(), rel=0.01)
 
 
 def slowly_swung(seed):

@@ -157,7 +157,7 @@ def test_shared_gain_information_applies_with_a_fixed_gain():
     equations = NormalEquations((both.T @ both)[None], known).with_fixed(fixed, np.array([0.0, 3.0, 0.0]))
     stacked, target = np.vstack([COLUMNS, rows]), np.concatenate([TARGET, effort])
     expected = np.linalg.lstsq(stacked[:, ~fixed], target - 3.0 * stacked[:, 1], rcond=None)[0]
-    np.testing.assert_allclose(np.linalg.solve(*equations.total(np.ones(2))), expected)
+    np.testing.assert_allclose(np.linalg.solve(*equations.systems(np.ones(2))), expected)
 
 
 @pytest.mark.parametrize("count", [3, 4])

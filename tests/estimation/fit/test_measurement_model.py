@@ -107,13 +107,6 @@ def test_simulated_joint_steps_match_the_encoder():
     assert abs(np.mean(alike)) < 0.15  # of any sign, as steps at other places are
 
 
-def test_derivatives_without_position_noise_are_kept():
-    data = replace(read(SMOOTH, noise=1e-3), velocity=SMOOTH.velocity, acceleration=SMOOTH.acceleration)
-    drawn = identify_measurement_model(data).simulate(np.random.default_rng(0))
-    assert np.std(drawn.velocity - data.velocity) < 1e-3 * np.std(data.velocity)
-    assert np.std(drawn.acceleration - data.acceleration) < 1e-3 * np.std(data.acceleration)
-
-
 def test_smoothed_motion_is_nearer_the_truth_than_the_reading():
     data = read(swings(2), noise=2e-3)
     true = identify_measurement_model(data).smoothed_motion

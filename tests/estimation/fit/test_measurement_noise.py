@@ -13,7 +13,6 @@ from palpate.estimation.fit.fit_result import FitResult, fit_model
 from palpate.estimation.fit.measurement_noise import (
     NoiseSource,
     fast_noise,
-    free_air_noise,
     measurement_noise,
 )
 from palpate.estimation.fit.permutation import COUNT, null_improvements, surrogate_residuals
@@ -23,12 +22,6 @@ from tests.estimation.presses import long_session as session
 from tests.estimation.searches import SWING
 from tests.estimation.swings import NOISE_NM
 from tests.estimation.swings import long_swings as swings
-
-
-def before_contact(data):
-    """All samples of each run before its first contact."""
-    runs = (np.flatnonzero(data.run == run) for run in np.unique(data.run))
-    return [rows[: int(np.argmax(data.engaged[rows]))] for rows in runs]
 
 
 def noise_of(data, model=MODEL):
@@ -41,15 +34,6 @@ def test_free_air_noise_is_independent_of_the_object(law):
     assert found.source is NoiseSource.FREE_AIR
     assert found.value == pytest.approx(NOISE_N, rel=0.1)
     assert not found.is_bound
-
-
-def test_force_just_before_a_contact_is_not_free_air():
-    """A surface that is set too deep: the object is touched before the recorded contact begins."""
-    quiet = session(4)
-    early = [rows[int(0.95 * len(rows)) :] for rows in before_contact(quiet)]
-    effort = quiet.effort.copy()
-    effort[np.concatenate(early)] += 20.0 * NOISE_N
-    assert free_air_noise(replace(quiet, effort=effort)) == pytest.approx(NOISE_N, rel=0.1)
 
 
 @pytest.mark.parametrize("slow_times", [0.0, 8.0])
