@@ -32,17 +32,10 @@ _CHANGES = (  # factor on the speed, factor on the range, and instruction
 _REVERSAL = (1.0, -1.0, "repeat the motion in the other direction")
 
 
-def candidate_motions(data: ChannelData) -> Iterator[tuple[str, float, ChannelData]]:
-    """Yield changed motions: the instruction, the duration [s], and the channel with the changed motion.
-
-    The effort of the changed channel has no meaning. Nothing is yielded if the context has signals that
-    cannot be computed for the changed motion, such as the regressor of an arm.
-
-    Args:
-        data: the channel.
-    """
+def _candidate_motions(data: ChannelData) -> Iterator[tuple[str, float, ChannelData]]:
+    """Yield changed motions: instruction, duration [s], and the channel; its effort has no meaning."""
     if set(data.context) - set(_ARM_SIGNALS) - data.recorded:
-        return
+        return  # signals that cannot be computed for a changed motion, such as the regressor of an arm
     duration_s = sum(float(np.ptp(data.time_s[data.run == run])) for run in data.runs)
     is_one_way = data.kind is not ChannelKind.CONTACT and never_returns(data.position, data.run)
     for speed_factor, range_factor, instruction in (*_CHANGES, _REVERSAL) if is_one_way else _CHANGES:
@@ -133,7 +126,7 @@ def propose_separating_experiment(
     rivals = RivalModels.of(list(fits.values()))
     offered = [
         Experiment(instruction, duration_s, (rivals.predicted_leads(changed),))
-        for instruction, duration_s, changed in candidate_motions(data)
+        for instruction, duration_s, changed in _candidate_motions(data)
     ]
     choice = choose_experiment(offered)
     if choice is not None:

@@ -288,7 +288,7 @@ def _drop_needless_effects(
 ) -> FitResult:
     """Drop each effect that is small, indistinguishable from rounding, or not significant."""
     # An effect is not small, however large the others are, if it exceeds the noise or completes the model.
-    for name in reversed(effects_by_importance(search, fit)):
+    for name in reversed(_effects_by_importance(search, fit)):
         reduced = search.without(fit, name)
         explained = np.sqrt(max(reduced.held_out_mean_square - fit.held_out_mean_square, 0.0))
         is_small = (
@@ -306,13 +306,8 @@ def _drop_needless_effects(
     return fit
 
 
-def effects_by_importance(search: Search, fit: FitResult) -> list[str]:
-    """List the added effects of a model, the most important first.
-
-    Args:
-        search: the search of the channel.
-        fit: the model with effects.
-    """
+def _effects_by_importance(search: Search, fit: FitResult) -> list[str]:
+    """List the added effects of a model, the most important first."""
     path = [search.start, *models_by_importance(search, fit)]
     return [
         name
@@ -496,7 +491,7 @@ def most_parsimonious(
         measurement: how motion and effort were measured.
         is_complete: whether a model leaves only noise.
     """
-    for name in effects_by_importance(search, fit):
+    for name in _effects_by_importance(search, fit):
         effect = fit.solution.model.effect(name)
         max_count = parameter_count(effect)
         own = [fit.parameters[f"{name}.{parameter.name}"] for parameter in (*effect.gains, *effect.inner)]

@@ -139,22 +139,12 @@ class PartiallyLinear:
         replaced = {e.kind for e in self.budget.entries if named & self.replacements(e)} - named
         return error_budget(self.error, np.random.default_rng(0), self.kinds - replaced | named)
 
-    def adjust_problem(self, own: Kinds, kinds: Kinds, problem: FitProblem, base: Solution) -> FitProblem:
-        """Return a problem adjusted for the laws of all kinds except an effect's own (orthogonal projection).
-
-        For a fault of the sensor, it is also adjusted for the smoothing bias of the motion, which
-        flattens the effort like a lag or a gain.
-
-        Args:
-            own: the effect's own kind or kinds.
-            kinds: all kinds that account for the error.
-            problem: the problem to project.
-            base: the model fitted to this problem.
-        """
+    def _adjust_problem(self, own: Kinds, kinds: Kinds, problem: FitProblem, base: Solution) -> FitProblem:
+        """Return a problem adjusted for the laws of all kinds but an effect's own (orthogonal projection)."""
         others = kinds - own
         blocked = problem.blocked
         bias = np.empty((len(blocked), 0))
-        if own & SENSOR_KINDS:
+        if own & SENSOR_KINDS:  # which flatten the effort like the smoothing of the motion
             bias, _ = fit_smoothing_bias(problem, base, self.search.start.filters)
         shared = [law for law in self.laws if Kind.RUN_DIFFERENCES not in law.kinds]
         columns = [law.columns for law in shared if law.kinds <= others]
@@ -164,13 +154,8 @@ class PartiallyLinear:
         stacked = np.hstack([bias, *columns])
         return replace(problem, nuisance=nuisance_of(stacked, by_run, blocked.run, problem.used))
 
-    def law_columns(self, own: Kinds, kinds: Kinds) -> FloatArray:
-        """Return the columns of the laws of some kinds and of their interactions with others, shape (m, k).
-
-        Args:
-            own: kinds whose laws are used.
-            kinds: other kinds, with which interactions are included.
-        """
+    def _law_columns(self, own: Kinds, kinds: Kinds) -> FloatArray:
+        """Return the columns (m, k) of the laws of some kinds and of their interactions with others."""
         shared = [law for law in self.laws if Kind.RUN_DIFFERENCES not in law.kinds]
         laws = [law.columns for law in shared if own & law.kinds and law.kinds <= kinds | own]
         return np.hstack(laws) if laws else np.empty((len(self.search.start.problem.blocked), 0))
@@ -328,7 +313,7 @@ def _products(partial: PartiallyLinear) -> list[FitResult]:
     """Fit the base model with each law of memory and the elastic shape that suits it best."""
     pair_kinds = frozenset({Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY})
     start, kinds = partial.search.start, partial.kinds | pair_kinds
-    problem = partial.adjust_problem(pair_kinds, kinds, start.problem, start.solution)
+    problem = partial._adjust_problem(pair_kinds, kinds, start.problem, start.solution)
     null = FitResult(start.data, problem, start.solution)
     library = applicable_effects(start.data, start.solution.model, partial.search.effects)
     shapes = [effect for effect in library if effect.kind is Kind.ELASTIC_SHAPE]
@@ -371,7 +356,7 @@ def _screen_kind(
     model, parameters = start.solution.model, dict(start.solution.parameters)
     for effect, inner in others:
         model, parameters = model.with_effect(effect), {**parameters, **inner}
-    problem = partial.adjust_problem(frozenset({kind}), kinds, start.problem, start.solution)
+    problem = partial._adjust_problem(frozenset({kind}), kinds, start.problem, start.solution)
     null = FitResult(start.data, problem, solve_gains(problem, model, parameters, rounds=2))
     library = applicable_effects(start.data, model, partial.search.effects)
     effects = [effect for effect in library if kind in effect.also | {effect.kind}]
@@ -385,7 +370,7 @@ def _best_form(
     """Select the simplest form that explains nearly as much as the best form, with its inner parameters."""
     null, candidates = _screen_kind(partial, kind, kinds, others)
     left = null.solution.held_out
-    law_gain = left - _with_law(null.problem, null.solution, partial.law_columns(frozenset({kind}), kinds))
+    law_gain = left - _with_law(null.problem, null.solution, partial._law_columns(frozenset({kind}), kinds))
     largest = max((left - candidate.held_out for candidate in candidates), default=0.0)
     if largest <= _MIN_TRIED * law_gain or largest <= 0.0:
         return None
@@ -450,10 +435,10 @@ def _form_test(partial: PartiallyLinear, end: FitResult, effect: Effect, kinds: 
     """Compare one effect with the flexible law of its kind, adjusted for laws of the given kinds."""
     model, known = end.solution.model, end.solution.parameters
     own = effect.also | {effect.kind}
-    problem = partial.adjust_problem(own, kinds, end.problem, end.solution)
+    problem = partial._adjust_problem(own, kinds, end.problem, end.solution)
     with_it = solve_gains(problem, model, known, rounds=2)
     without = solve_gains(problem, model.without(effect.name), known, rounds=2)
-    columns = partial.law_columns(own, kinds)
+    columns = partial._law_columns(own, kinds)
     law, both = _with_law(problem, without, columns), _with_law(problem, with_it, columns)
     count = max(int(end.problem.used.sum()), 1)
     # All parameters must be fitted without the held-out run, like those of the law.
@@ -474,10 +459,10 @@ def _run_test(partial: PartiallyLinear, end: FitResult, kinds: Kinds, name: str)
     """Compare a variation between runs with a free gain and zero per run, adjusted for flexible laws."""
     own = frozenset({Kind.RUN_DIFFERENCES})
     model, known = end.solution.model, end.solution.parameters
-    problem = partial.adjust_problem(own, kinds, end.problem, end.solution)
+    problem = partial._adjust_problem(own, kinds, end.problem, end.solution)
     with_it = solve_gains(problem, model, known, rounds=2).held_out
     without = solve_gains(problem, model.without(name), known, rounds=2).held_out
-    free_problem = partial.adjust_problem(frozenset(), kinds | own, end.problem, end.solution)
+    free_problem = partial._adjust_problem(frozenset(), kinds | own, end.problem, end.solution)
     law = solve_gains(free_problem, model.without(name), known, rounds=2).held_out
     count = max(int(end.problem.used.sum()), 1)
     explained_by_effect = (without - with_it) / count

@@ -172,20 +172,13 @@ class Search:
         starts = {}
         for number, candidate in enumerate(ranked):
             effect, best = candidate.effect, candidate.search.best.parameters
-            fine = self.fine_starts(fit, effect)
+            fine = self._fine_starts(fit, effect)
             if fine or number < SHORTLIST:
                 starts[effect.name] = [{p.name: best[f"{effect.name}.{p.name}"] for p in effect.inner}, *fine]
         return starts
 
-    def fine_starts(self, fit: FitResult, effect: Effect) -> list[Inner]:
-        """Return start values of sensor effects that a coarse copy does not resolve.
-
-        These are times of a few blocks, and all start values of nonlinear sensor effects.
-
-        Args:
-            fit: a model of the channel.
-            effect: the effect.
-        """
+    def _fine_starts(self, fit: FitResult, effect: Effect) -> list[Inner]:
+        """Return start values of a sensor effect that a coarse copy does not resolve: short or nonlinear."""
         if not isinstance(effect, SensorEffect):
             return []
         starts = effect.starts(fit.data)
@@ -206,7 +199,7 @@ class Search:
             effect = model.effect(name)
             tried = [
                 solve_gains(fitted.problem, model, {**known, **{f"{name}.{n}": v for n, v in start.items()}})
-                for start in self.fine_starts(fitted, effect)
+                for start in self._fine_starts(fitted, effect)
             ]
             best = min(tried, key=lambda solution: solution.sse, default=fitted.solution)
             if best is not fitted.solution and best.sse < NEAR * fitted.solution.sse:

@@ -225,19 +225,15 @@ class FitResult(TableDisplay):
                 return self.floor()
             all_runs, good = self.validation.data, self.validation.good
             full_fit = fit_model(all_runs, self.model, self.solution.parameters, good)
-            return full_fit.floor_in_runs(np.setdiff1d(all_runs.runs, self.training.runs))
+            return full_fit._floor_in_runs(np.setdiff1d(all_runs.runs, self.training.runs))
 
     def floor(self) -> float:
         """Return the cross-validated error that the flexible regression does not explain [effort]."""
         count = max(int(self.problem.blocked.trusted.sum()), 1)
         return float(np.sqrt(max(self.rmse**2 - max(self.flexible.explained, 0.0) / count, 0.0)))
 
-    def floor_in_runs(self, runs: IntArray) -> float:
-        """Return the noise level in some runs, cross-validated with all runs [effort].
-
-        Args:
-            runs: run numbers.
-        """
+    def _floor_in_runs(self, runs: IntArray) -> float:
+        """Return the noise level in some runs, cross-validated with all runs [effort]."""
         blocked = self.problem.blocked
         chosen = blocked.trusted & np.isin(blocked.run, runs)
         residual = held_out_residual(blocked, self.solution)[blocked.rows[chosen]]

@@ -57,22 +57,16 @@ class FlexibleRegression:
         return float(1.0 - np.sqrt(unexplained))
 
 
-def model_features(problem: FitProblem, solution: Solution) -> dict[str, FloatArray]:
-    """Return features (m, k) by signal, for the motion and effort of a fitted model.
-
-    With saturated or delayed readings, the regression also needs the effort before sensor effects.
-
-    Args:
-        problem: data on blocks.
-        solution: the fitted model.
-    """
+def _model_features(problem: FitProblem, solution: Solution) -> dict[str, FloatArray]:
+    """Return features (m, k) by signal, for the motion and effort of a fitted model."""
+    # Saturated or delayed readings lose information that the regression needs.
     blocked, model = problem.blocked, solution.model
     efforts = [blocked.effort - solution.residual]
     sensors = [sensor for sensor in model.sensors if not sensor.pointwise]
     if sensors:
         unsensed = model.without(*(sensor.name for sensor in sensors))
         efforts.append(blocked.reduce(unsensed.predict(blocked.data, solution.parameters)))
-    return smooth_features(blocked, efforts)
+    return _smooth_features(blocked, efforts)
 
 
 def fit_flexible(
@@ -91,7 +85,9 @@ def fit_flexible(
     free = np.array([name in names for name in all_names], dtype=np.bool_)
     fixed = np.array([solution.parameters[name] for name in all_names]) * ~free
     target = solution.target - solution.columns @ fixed
-    blocks = {name: block for name, block in model_features(problem, solution).items() if name not in without}
+    blocks = {
+        name: block for name, block in _model_features(problem, solution).items() if name not in without
+    }
     bias, _ = fit_smoothing_bias(problem, solution, filters)
     parts, signals = [solution.columns[:, free], bias, *blocks.values()], list(blocks)
     owner = np.repeat(np.arange(len(parts)) - 2, [part.shape[1] for part in parts])
@@ -168,13 +164,8 @@ _TURNS = (0.001, 0.003, 0.01, 0.04, 0.15)  # path lengths of reversal memory, re
 _CONTEXT = frozenset({"joint_position", "joint_velocity", "load"})
 
 
-def smooth_features(blocked: BlockedData, efforts: Sequence[FloatArray]) -> dict[str, FloatArray]:
-    """Return smooth features (m, k) by signal.
-
-    Args:
-        blocked: the channel on its blocks.
-        efforts: predicted effort on blocks, shape (m,), optionally followed by that before sensor effects.
-    """
+def _smooth_features(blocked: BlockedData, efforts: Sequence[FloatArray]) -> dict[str, FloatArray]:
+    """Return smooth features (m, k) by signal, for efforts (m,) after and before sensor effects."""
     data, run, effort = blocked.data, blocked.run, efforts[0]
     x, time_s = blocked.reduce(data.position), blocked.reduce(data.time_s)
     v, a = (blocked.reduce(s * data.engaged) for s in (data.velocity, data.acceleration))

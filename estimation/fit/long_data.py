@@ -81,7 +81,7 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
     shortest = min(map(len, rows_of_runs(moving.run)))
     while len(moving) > _MAX_BLOCKS * block and 2 * block * _MIN_IN_RUN <= shortest:
         tested = max(2 * block, _MIN_IN_BLOCK)
-        variation = within_blocks(moving, tested)
+        variation = _within_blocks(moving, tested)
         if not variation.is_noise(tested):
             break
         block, seen = 2 * block, variation
@@ -129,13 +129,8 @@ def _from_rest_to_rest(data: ChannelData, held_runs: IntArray) -> tuple[ChannelD
     return moving, f", of which the {len(moving):,} in {len(parts)} motions from rest to rest", run_of
 
 
-def within_blocks(data: ChannelData, block: int) -> BlockVariation:
-    """Measure the variation of a channel's effort within blocks.
-
-    Args:
-        data: the channel, n samples.
-        block: number of samples in a block, at least 4.
-    """
+def _within_blocks(data: ChannelData, block: int) -> BlockVariation:
+    """Measure the variation of a channel's effort within blocks of at least four samples."""
     effort = data.effort[_rows(data, block)]
     place = np.arange(block) - 0.5 * (block - 1)
     residual = effort - effort.mean(axis=1, keepdims=True)

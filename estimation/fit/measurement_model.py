@@ -73,7 +73,7 @@ class MeasurementModel:
         if self.filters[0] is not None:
             noise = _filtered(data, error, self.filters[0], 1)
         else:
-            slow = low_frequency_noise(self.velocity_error, self._pieces, self.halves[1], rng)
+            slow = _low_frequency_noise(self.velocity_error, self._pieces, self.halves[1], rng)
             noise = share * (shuffle_noise(self.velocity_error, data.run, rng) + slow)
         velocity, acceleration = self.bent[0] + noise, self.bent[1]
         if self.filters[1] is not None:
@@ -105,7 +105,7 @@ class MeasurementModel:
             target = known[0] + (place - known[0] + span * rng.random()) % span
             nearest = np.minimum(np.searchsorted(known, target), len(fast) - 1)
             return np.asarray(self.error[fast][nearest] * rng.choice([-1.0, 1.0]))
-        slow = low_frequency_noise(self.error, self._pieces, self.halves[0], rng)
+        slow = _low_frequency_noise(self.error, self._pieces, self.halves[0], rng)
         return shuffle_noise(self.error, self.data.run, rng) + slow
 
 
@@ -175,19 +175,10 @@ def shuffle_noise(noise: FloatArray, run: IntArray, rng: np.random.Generator) ->
     return shuffled
 
 
-def low_frequency_noise(error: FloatArray, run: IntArray, half: int, rng: np.random.Generator) -> FloatArray:
-    """Simulate errors (n,) below the cutoff of a smoothing window, with the spectral density just above it.
-
-    Reading errors also have frequencies below the cutoff, where they are part of the smooth motion. The
-    cutoff is the frequency at which a cubic fit to 2 h + 1 samples passes half of a wave's amplitude: R. W.
-    Schafer, IEEE Signal Processing Magazine 28 (2011).
-
-    Args:
-        error: reading errors, shape (n,).
-        run: run number of each sample, shape (n,).
-        half: number of samples on each side in a window.
-        rng: random generator.
-    """
+def _low_frequency_noise(error: FloatArray, run: IntArray, half: int, rng: np.random.Generator) -> FloatArray:
+    """Simulate errors (n,) below a smoothing window's cutoff, of the spectral density just above it."""
+    # Below the cutoff, reading errors are part of the smooth motion. A cubic fit to 2 h + 1 samples passes there
+    # half of a wave's amplitude or more: R. W. Schafer, IEEE Signal Processing Magazine 28 (2011).
     edge = min(0.5 * 4.0 / max(3.2 * half - 4.6, 1.0), 0.25)  # [cycles per sample]
     slow = np.zeros_like(error)
     for rows in equal_length_blocks(run) if error.any() else ():

@@ -40,7 +40,7 @@ def null_improvements(
         observed: improvement by the best candidate on the data.
         most: largest number of surrogates that may reach it.
     """
-    surrogates = surrogate_residuals(noise, run, rng).astype(np.float32, order="C")
+    surrogates = _surrogate_residuals(noise, run, rng).astype(np.float32, order="C")
     basis = _orthonormal(base)
     explained, count = _explained(surrogates, basis), base.shape[1]
     residual = np.sum(surrogates**2, axis=0) - explained
@@ -59,14 +59,8 @@ def null_improvements(
     return best
 
 
-def surrogate_residuals(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> FloatArray:
-    """Generate surrogates of the noise by random shifts in time and random signs, shape (w, COUNT).
-
-    Args:
-        noise: residuals, shape (w,).
-        run: run number of each residual, shape (w,).
-        rng: random generator for the surrogates.
-    """
+def _surrogate_residuals(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> FloatArray:
+    """Generate surrogates of the noise by random shifts in time and random signs, (w, COUNT)."""
     surrogates = np.empty((COUNT, len(noise)))
     for number in np.unique(run):
         rows = np.flatnonzero(run == number)

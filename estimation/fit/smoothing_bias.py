@@ -44,20 +44,14 @@ def fit_smoothing_bias(
         held = {name: solution.parameters[name] for name in solution.fixed}
         fit = problem.solve(np.hstack([solution.columns, bias]), solution.target, names, held)
         is_better = fit.held_out.sum() <= solution.held_out
-        if is_better and is_plausible_bias(bias, fit.gains[len(names) :]):
+        if is_better and _is_plausible_bias(bias, fit.gains[len(names) :]):
             return bias, fit
     return bias[:, :0], None
 
 
-def is_plausible_bias(bias: FloatArray, gains: FloatArray) -> bool:
-    """Check that the fitted smoothing bias is at most a few times the expected bias.
-
-    With arbitrary gains, columns of smoothing bias could imitate a missing law, such as a spring.
-
-    Args:
-        bias: columns of smoothing bias, shape (m, k) [effort].
-        gains: fitted gains of the columns, shape (k,).
-    """
+def _is_plausible_bias(bias: FloatArray, gains: FloatArray) -> bool:
+    """Check that the fitted smoothing bias is at most a few times the bias expected from the filters."""
+    # With arbitrary gains, columns of smoothing bias could imitate a missing law, such as a spring.
     expected = bias[:, -1]  # smoothing bias of the effort for the widest window
     return bool(np.sum((bias @ gains) ** 2) <= _MOST_TIMES**2 * np.sum(expected**2))
 

@@ -7,7 +7,7 @@ import pytest
 
 from palpate.estimation.base_model import ModelContext
 from palpate.estimation.design.discrimination import Experiment, RivalModels, choose_experiment
-from palpate.estimation.design.next_experiment import candidate_motions, extent
+from palpate.estimation.design.next_experiment import _candidate_motions, extent
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.models import MODELS
@@ -116,12 +116,12 @@ def test_experiment_that_separates_most_pairs_is_preferred():
 
 def test_recorded_motion_is_offered_faster_slower_and_further(shallow):
     data = shallow.data
-    faster, slower, further, nearer = (moved for _, _, moved in candidate_motions(data))
+    faster, slower, further, nearer = (moved for _, _, moved in _candidate_motions(data))
     for moved, speed in ((faster, 3.0), (slower, 1.0 / 3.0)):
         derived = np.gradient(moved.position[:200], moved.time_s[:200])
         assert moved.velocity[5:190] == pytest.approx(derived[5:190], abs=1e-3 * speed)
     assert further.position.max() > 1.4 * data.position.max() > 2.0 * nearer.position.max()
-    assert "mm/s" in next(iter(candidate_motions(data)))[0]
+    assert "mm/s" in next(iter(_candidate_motions(data)))[0]
 
 
 def test_evidence_of_two_experiments_adds_up():

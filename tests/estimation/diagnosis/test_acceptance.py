@@ -11,10 +11,10 @@ from palpate.estimation.budget import BudgetEntry
 from palpate.estimation.diagnosis import acceptance as module
 from palpate.estimation.diagnosis.acceptance import (
     FormCriteria,
+    _effects_by_importance,
     accept_effects,
     accept_forms,
     as_good_effects,
-    effects_by_importance,
     indistinguishable_models,
     is_outperformed,
     models_by_importance,
@@ -179,13 +179,13 @@ def test_effect_that_drives_a_base_gain_out_of_bounds_is_not_accepted(searches, 
 def test_effects_are_ordered_by_improvement(searches):
     search, _ = searches("a spring and a friction")
     end = reached(search, RUB, SPRING)
-    assert effects_by_importance(search, end) == [SPRING, RUB]
+    assert _effects_by_importance(search, end) == [SPRING, RUB]
     assert [set(search.added_effects(one)) for one in models_by_importance(search, end)] == [
         {SPRING},
         {RUB, SPRING},
     ]
     assert models_by_importance(search, search.start) == []
-    assert effects_by_importance(search, search.start) == []
+    assert _effects_by_importance(search, search.start) == []
 
 
 def test_flexible_law_outperforms_effects_only_if_it_explains_what_they_do_not(searches):

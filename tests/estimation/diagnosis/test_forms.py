@@ -179,7 +179,7 @@ def test_sensor_effects_are_compared_without_the_smoothing_bias(monkeypatch, own
     partial, problem = analyze_kinds(search), search.start.problem
     wave = np.sin(problem.blocked.reduce(problem.blocked.data.time_s))
     monkeypatch.setattr(forms, "fit_smoothing_bias", lambda *_: (wave[:, None], None))
-    adjusted = partial.adjust_problem(frozenset({own}), partial.kinds, problem, search.start.solution)
+    adjusted = partial._adjust_problem(frozenset({own}), partial.kinds, problem, search.start.solution)
     assert (np.abs(adjusted.nuisance.remove(wave)[problem.used]).max() < 1e-6) == removed
 
 

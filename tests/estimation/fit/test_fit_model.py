@@ -268,8 +268,8 @@ def test_noise_floor_of_all_runs_is_the_floor_and_of_some_their_own():
     noise = np.random.default_rng(1).normal(0.0, 3.0 * NOISE_NM, len(data))
     base = Model("pendulum", (EFFECTS["pendulum"](), EFFECTS["viscous_friction"]()))
     found = fit_model(replace(data, effort=data.effort + noise * last), base, {})
-    assert found.floor_in_runs(data.runs) == pytest.approx(found.floor(), rel=0.01)
-    quiet, loud = found.floor_in_runs(data.runs[:-1]), found.floor_in_runs(data.runs[-1:])
+    assert found._floor_in_runs(data.runs) == pytest.approx(found.floor(), rel=0.01)
+    quiet, loud = found._floor_in_runs(data.runs[:-1]), found._floor_in_runs(data.runs[-1:])
     assert quiet == pytest.approx(NOISE_NM, rel=0.7)
     assert loud == pytest.approx(np.sqrt(10.0) * NOISE_NM, rel=0.2)
 

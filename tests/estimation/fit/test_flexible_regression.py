@@ -11,12 +11,12 @@ from palpate.estimation.fit.blocks import block_average
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.fit.flexible_regression import (
     _fit_ridge,
+    _model_features,
     _past_effort,
     _select_signals,
+    _smooth_features,
     fit_flexible,
     hats,
-    model_features,
-    smooth_features,
 )
 from palpate.estimation.fit.normal_equations import gram_matrices, nuisance_of
 from palpate.estimation.model import Model
@@ -124,7 +124,7 @@ def left(columns, law):
 @pytest.fixture(scope="module")
 def swung():
     blocked, own = signals(SWUNG)
-    return own, smooth_features(blocked, [own["e"]])
+    return own, _smooth_features(blocked, [own["e"]])
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -156,7 +156,7 @@ PRESS_LAWS = {
 @pytest.mark.parametrize("name", PRESS_LAWS)
 def test_contact_law_covers_the_touched_depth(name):
     blocked, own = signals(PRESSED)
-    columns = smooth_features(blocked, [own["e"]])
+    columns = _smooth_features(blocked, [own["e"]])
     own["furthest"] = np.concatenate([np.maximum.accumulate(own["x"][own["run"] == r]) for r in range(6)])
     own["touched"] = own["furthest"] > 0
     signal, law = PRESS_LAWS[name]
@@ -202,7 +202,7 @@ def test_residual_is_explained_by_its_signal(name):
     others = fit_flexible(one.problem, one.solution, MEASURED, without=[name])
     assert name not in others.by_signal
     assert others.held_out.sum() > (1.3 if nothing else 1.0) * found.held_out.sum()
-    assert set(model_features(one.problem, one.solution)) == set(found.by_signal)
+    assert set(_model_features(one.problem, one.solution)) == set(found.by_signal)
 
 
 def test_explained_share_of_noise_is_small_and_bounded():

@@ -9,7 +9,7 @@ from palpate.estimation.effects.elastic_shape import CubicStiffness, Stiffness
 from palpate.estimation.effects.rate_dependence import Damping
 from palpate.estimation.fit import long_data
 from palpate.estimation.fit.blocks import block_average
-from palpate.estimation.fit.long_data import shortened, within_blocks
+from palpate.estimation.fit.long_data import _within_blocks, shortened
 from palpate.estimation.model import Model
 from palpate.estimation.study import ModelStudy
 from palpate.estimation.study.fitting import fit_base
@@ -96,8 +96,8 @@ def test_faster_motion_needs_a_higher_rate(quick_hz, least_hz, most_hz):
 
 def test_tone_above_the_new_rate_is_no_noise(recording):
     tone = 0.5 * NOISE_N * np.sin(2 * np.pi * 50.0 * recording.time_s)
-    quiet = within_blocks(recording, 40)
-    loud = within_blocks(channel(recording.position, recording.effort + tone, recording.run), 40)
+    quiet = _within_blocks(recording, 40)
+    loud = _within_blocks(channel(recording.position, recording.effort + tone, recording.run), 40)
     assert quiet.is_noise(40)
     assert not loud.is_noise(40)
     assert loud.departure == pytest.approx(np.hypot(NOISE_N, 0.5 * NOISE_N / np.sqrt(2)), rel=0.02)

@@ -9,9 +9,9 @@ from scipy.signal import freqz, savgol_coeffs
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.fit.measurement_model import (
     _identify_window,
+    _low_frequency_noise,
     channel_derivative,
     identify_measurement_model,
-    low_frequency_noise,
     shuffle_noise,
 )
 from tests.estimation.presses import channel, motion
@@ -204,15 +204,15 @@ def test_hidden_noise_is_simulated_up_to_half_the_window_response(half):
     frequency, power = np.fft.rfftfreq(500), 0.0
     white = np.fft.rfft(rng.normal(size=(20, 500)), axis=1) * (frequency > edge)
     error = np.fft.irfft(white, 500, axis=1).ravel()
-    drawn = [low_frequency_noise(error, run, half, rng).reshape(20, 500) for _ in range(10)]
+    drawn = [_low_frequency_noise(error, run, half, rng).reshape(20, 500) for _ in range(10)]
     power = np.mean([np.abs(np.fft.rfft(one, axis=1)) ** 2 for one in drawn], axis=(0, 1)) / 500.0
     assert power[0] == pytest.approx(0.0, abs=1e-12)
     assert power[(frequency > 0.0) & (frequency < 0.85 * edge)].mean() == pytest.approx(1.0, rel=0.25)
     assert power[frequency > 1.25 * edge].max() < 1e-12
     whole = np.random.default_rng(1).normal(size=10_000)  # hides nothing: little is added
-    assert np.std(low_frequency_noise(whole, run, half, rng)) < 0.8 * np.sqrt(2.0 * edge)
-    assert not low_frequency_noise(np.zeros(10_000), run, half, rng).any()
-    assert np.isfinite(low_frequency_noise(whole, np.repeat(np.arange(2500), 4), 200, rng)).all()
+    assert np.std(_low_frequency_noise(whole, run, half, rng)) < 0.8 * np.sqrt(2.0 * edge)
+    assert not _low_frequency_noise(np.zeros(10_000), run, half, rng).any()
+    assert np.isfinite(_low_frequency_noise(whole, np.repeat(np.arange(2500), 4), 200, rng)).all()
 
 
 def test_noiseless_derivatives_are_recognized_and_debiased():

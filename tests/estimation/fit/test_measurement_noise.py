@@ -15,7 +15,7 @@ from palpate.estimation.fit.measurement_noise import (
     fast_noise,
     measurement_noise,
 )
-from palpate.estimation.fit.permutation import COUNT, null_improvements, surrogate_residuals
+from palpate.estimation.fit.permutation import COUNT, _surrogate_residuals, null_improvements
 from tests.estimation.fits import MODEL, cubic, fits
 from tests.estimation.presses import NOISE_N
 from tests.estimation.presses import long_session as session
@@ -136,7 +136,7 @@ RUN = np.repeat([0, 1], 500)
 def test_surrogates_keep_values_and_spectrum_of_the_noise():
     rng = np.random.default_rng(3)
     noise = np.convolve(rng.normal(size=1004), np.ones(5), "valid")
-    made = surrogate_residuals(noise, RUN, rng)
+    made = _surrogate_residuals(noise, RUN, rng)
     assert np.sort(np.abs(made[:500]), axis=0) == pytest.approx(
         np.sort(np.abs(noise[:500]))[:, None] + np.zeros(COUNT)
     )

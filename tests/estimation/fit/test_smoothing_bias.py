@@ -7,7 +7,7 @@ from palpate.estimation.data.derivatives import local_derivative
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.fit.flexible_regression import fit_flexible
-from palpate.estimation.fit.smoothing_bias import fit_smoothing_bias, is_plausible_bias, smoothing_kernel
+from palpate.estimation.fit.smoothing_bias import _is_plausible_bias, fit_smoothing_bias, smoothing_kernel
 from palpate.estimation.model import Model
 from tests.estimation.swings import NOISE_NM, smoothed, within
 from tests.estimation.swings import long_swings as swings
@@ -76,4 +76,4 @@ def test_kernel_smooths_like_the_differentiation_window(order, block, least, len
     ],
 )
 def test_plausible_smoothing_bias_is_at_most_three_times_expected(gains, is_plausible):
-    assert is_plausible_bias(np.array([[5.0, 1.0], [-5.0, -1.0]]), np.array(gains)) is is_plausible
+    assert _is_plausible_bias(np.array([[5.0, 1.0], [-5.0, -1.0]]), np.array(gains)) is is_plausible
