@@ -27,7 +27,7 @@ from palpate.estimation.fit.blocks import BlockedData, block_average, decimate, 
 from palpate.estimation.fit.fit_problem import Solution, columns_at, solve_gains
 from palpate.estimation.fit.fit_result import FitResult, fit_model
 from palpate.estimation.fit.permutation import COUNT, null_improvements
-from palpate.estimation.model import Model
+from palpate.estimation.model import Model, own_parameters
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.signals.runwise import sample_time
@@ -174,7 +174,7 @@ class Search:
             effect, best = candidate.effect, candidate.search.best.parameters
             fine = self._fine_starts(fit, effect)
             if fine or number < SHORTLIST:
-                starts[effect.name] = [{p.name: best[f"{effect.name}.{p.name}"] for p in effect.inner}, *fine]
+                starts[effect.name] = [own_parameters(effect, best), *fine]
         return starts
 
     def _fine_starts(self, fit: FitResult, effect: Effect) -> list[Inner]:
@@ -314,9 +314,7 @@ class Search:
         effect = fit.solution.model.effect(name)
         solution, problem = fit.solution, fit.problem
         if isinstance(effect, RunVariation):
-            inner = {
-                parameter.name: solution.parameters[f"{name}.{parameter.name}"] for parameter in effect.inner
-            }
+            inner = own_parameters(effect, solution.parameters)
             reduced = solve_gains(problem, solution.model.without(name), solution.parameters)
             expected = reduced.model.predict(fit.data, reduced.parameters)
             if effect.is_common(expected, fit.data, inner) or effect.is_gradual(expected, fit.data, inner):

@@ -58,6 +58,7 @@ from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import MeasurementModel
 from palpate.estimation.fit.measurement_noise import MeasurementNoise, free_air_noise, measurement_noise
 from palpate.estimation.kinds import Kind, separating_experiment
+from palpate.estimation.model import own_parameters
 from palpate.estimation.statistics.correlation import noise_between_samples
 
 _MOST_RANKED = 3  # most candidates that are added alone to the base model
@@ -400,8 +401,8 @@ def _accepted(evidence: Evidence) -> list[AcceptedEffect]:
 def _run_standard_deviation(end: FitResult, effect: RunVariation) -> ParameterValue:
     """Estimate the standard deviation of a random effect between runs, with its standard error."""
     model, known, data = end.solution.model, end.solution.parameters, end.data
-    inner = {parameter.name: known[f"{effect.name}.{parameter.name}"] for parameter in effect.inner}
-    value = float(effect.spread(model.without(effect.name).predict(data, known), data, inner)[0])
+    predicted, inner = model.without(effect.name).predict(data, known), own_parameters(effect, known)
+    value = float(effect.spread(predicted, data, inner)[0])
     error = value / float(np.sqrt(2.0 * (len(data.runs) - 1)))
     unit = "1" if isinstance(effect, RunGain) else data.kind.effort_unit
     return ParameterValue(value=value, std_err=error, unit=unit, at_bound=False)

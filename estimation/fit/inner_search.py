@@ -16,7 +16,7 @@ from palpate.estimation.fit.fit_problem import (
     residual_slopes,
     solve_gains,
 )
-from palpate.estimation.model import Model
+from palpate.estimation.model import Model, own_parameters
 from palpate.robot_io.types import FloatArray
 
 _HALVINGS = 3
@@ -113,10 +113,7 @@ def refine_inner(problem: FitProblem, model: Model, effect: Effect, searched: Gr
     """
     solutions = list(searched.solutions)
     parts_at = linearize_inner(problem.blocked, model, effect, solutions[0].parameters)
-    grid = [
-        {p.name: solution.parameters[f"{effect.name}.{p.name}"] for p in effect.inner}
-        for solution in solutions
-    ]
+    grid = [own_parameters(effect, solution.parameters) for solution in solutions]
     for inner in effect.inner * (1 if len(effect.inner) == 1 else 2) if len(grid) > 1 else ():
         for number in range(_HALVINGS + _PARABOLAS):
             best = min(range(len(solutions)), key=lambda i: solutions[i].sse)
@@ -145,9 +142,9 @@ def _solve_at(  # noqa: PLR0917
     inner: Mapping[str, float],
     parts_at: LinearizedParts,
 ) -> Solution:
-    own_parameters = {f"{effect.name}.{name}": value for name, value in inner.items()}
+    values = {**parameters, **{f"{effect.name}.{name}": value for name, value in inner.items()}}
     # One step from fitted gains is sufficient to rank candidates; promising ones are fitted completely later.
-    return solve_gains(problem, model, {**parameters, **own_parameters}, rounds=1, parts=parts_at(inner))
+    return solve_gains(problem, model, values, rounds=1, parts=parts_at(inner))
 
 
 def _midpoints(values: list[float], index: int, inner: Parameter) -> list[float]:

@@ -18,6 +18,7 @@ from palpate.estimation.fit.measurement_model import (
     identify_measurement_model,
     inflate_acceleration_noise,
 )
+from palpate.estimation.model import own_parameters
 from palpate.estimation.signals.blocks import block_index
 from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.statistics.noise import sum_covariance
@@ -158,7 +159,7 @@ def _errors_of_mean_run(  # noqa: PLR0917
     deviations, own = list[FloatArray](), set[str]()
     for effect in model.sensors:
         effort = model.without(effect.name).predict(data, known)
-        inner = {parameter.name: known[f"{effect.name}.{parameter.name}"] for parameter in effect.inner}
+        inner = own_parameters(effect, known)
         deviations.append(effect.run_deviations(effort, data, inner))
         own |= {f"{effect.name}.{name}" for name in inner} if deviations[-1].any() else set()
     if not own:

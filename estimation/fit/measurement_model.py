@@ -177,8 +177,8 @@ def shuffle_noise(noise: FloatArray, run: IntArray, rng: np.random.Generator) ->
 
 def _low_frequency_noise(error: FloatArray, run: IntArray, half: int, rng: np.random.Generator) -> FloatArray:
     """Simulate errors (n,) below a smoothing window's cutoff, of the spectral density just above it."""
-    # Below the cutoff, reading errors are part of the smooth motion. A cubic fit to 2 h + 1 samples passes there
-    # half of a wave's amplitude or more: R. W. Schafer, IEEE Signal Processing Magazine 28 (2011).
+    # Below the cutoff, reading errors are part of the smooth motion: a cubic fit to 2 h + 1 samples passes
+    # half of a wave's amplitude or more (R. W. Schafer, IEEE Signal Processing Magazine 28 (2011)).
     edge = min(0.5 * 4.0 / max(3.2 * half - 4.6, 1.0), 0.25)  # [cycles per sample]
     slow = np.zeros_like(error)
     for rows in equal_length_blocks(run) if error.any() else ():
