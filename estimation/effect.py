@@ -14,6 +14,7 @@ from itertools import product
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import reading_error
@@ -117,6 +118,9 @@ class Effect(ABC):
     # Nonlinear parameters (exponent, speed, time), searched within their bounds.
     inner: ClassVar[tuple[Parameter, ...]] = ()
     essential: ClassVar[tuple[str, ...]] = ()  # gains whose absence would leave another, simpler effect
+    # Start values of inner parameters, as multiples of a scale of the motion or the effort: the name of a
+    # property of `ChannelData`, and the multiples. By default they are spread over the typical range.
+    start_multiples: ClassVar[Mapping[str, tuple[str, ArrayLike]]] = {}
     path: ClassVar[str] = ""  # inner parameter, a path length; at zero another, simpler effect remains
     # Signals of `ChannelData.context` that the effect requires.
     needs: ClassVar[tuple[str, ...]] = ()
@@ -126,7 +130,7 @@ class Effect(ABC):
     form: int = 0  # index of this form, see `forms`
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """Return start values of the inner parameters; subclasses override it if the scale needs the data.
+        """Return start values of the inner parameters; see `start_multiples` and `Parameter.typical`.
 
         Args:
             data: the channel.
@@ -134,6 +138,13 @@ class Effect(ABC):
         Returns:
             At least one start; `({},)` for an effect without inner parameters.
         """
+        if self.start_multiples:
+            lower = {p.name: p.lower for p in self.inner}
+            scaled = (
+                (name, getattr(data, scale) * np.array(m))
+                for name, (scale, m) in self.start_multiples.items()
+            )
+            return start_grid(**{name: np.maximum(values, lower[name]) for name, values in scaled})
         count = 9 if len(self.inner) == 1 else 5
         return start_grid(**{p.name: p.spread(count) for p in self.inner})
 

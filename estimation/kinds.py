@@ -41,57 +41,56 @@ PHYSICAL_KINDS = frozenset(Kind) - SENSOR_KINDS - {Kind.RUN_DIFFERENCES, Kind.DR
 # In a single pass at one speed, these kinds cannot be distinguished from a law of the position, where the
 # effort and the sensor's reading are functions of the position. They need a reversal, a hold or a second
 # speed.
-UNSEEN_IN_ONE_PASS = frozenset(
-    {
-        Kind.RATE_DEPENDENCE,
-        Kind.FRICTION,
-        Kind.TIME_MEMORY,
-        Kind.INERTIA,
-        Kind.SENSOR_DYNAMICS,
-        Kind.SENSOR_STATICS,
-        Kind.DRIFT,
-    }
-)
+UNSEEN_IN_ONE_PASS = SENSOR_KINDS | {
+    Kind.RATE_DEPENDENCE,
+    Kind.FRICTION,
+    Kind.TIME_MEMORY,
+    Kind.INERTIA,
+    Kind.DRIFT,
+}
 
 # Experiments that separate two kinds, if one of them can replace the other.
 _SEPARATING = {
-    frozenset({Kind.RATE_DEPENDENCE, Kind.SENSOR_DYNAMICS}): "move at two speeds that differ by a factor of "
-    "five: the force of a damper grows with the speed, the delay of a reading does not change",
-    frozenset(
-        {Kind.RATE_DEPENDENCE, Kind.TIME_MEMORY}
-    ): "hold the position for several times the longest move: relaxation continues, but a damper's "
-    "force ends with the motion",
-    frozenset({Kind.RATE_DEPENDENCE, Kind.FRICTION}): "move at a tenth of the speed: dry friction stays, "
-    "viscous forces fall to a tenth",
-    frozenset({Kind.ELASTIC_SHAPE, Kind.SENSOR_STATICS}): "check the force sensor with known weights",
-    frozenset({Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY}): "press to one depth at two speeds, and hold there",
-    frozenset(
-        {Kind.ELASTIC_SHAPE, Kind.CONTACT_GEOMETRY}
-    ): "press again on the same spot, and slowly through the first touch",
-    frozenset(
-        {Kind.ELASTIC_SHAPE, Kind.PERIODIC}
-    ): "move over a wider range: a ripple repeats, a spring does not",
-    frozenset(
-        {Kind.FRICTION, Kind.TIME_MEMORY}
-    ): "stop halfway and hold: relaxation continues at rest, friction does not change",
-    frozenset(
-        {Kind.FRICTION, Kind.CONTACT_GEOMETRY}
-    ): "press twice on the same spot: a permanent set moves the second touch",
-    frozenset({Kind.DRIFT, Kind.TIME_MEMORY}): (
+    (Kind.RATE_DEPENDENCE, Kind.SENSOR_DYNAMICS): (
+        "move at two speeds that differ by a factor of five: the force of a damper grows with the speed, "
+        "the delay of a reading does not change"
+    ),
+    (Kind.RATE_DEPENDENCE, Kind.TIME_MEMORY): (
+        "hold the position for several times the longest move: relaxation continues, but a damper's force "
+        "ends with the motion"
+    ),
+    (Kind.RATE_DEPENDENCE, Kind.FRICTION): (
+        "move at a tenth of the speed: dry friction stays, viscous forces fall to a tenth"
+    ),
+    (Kind.ELASTIC_SHAPE, Kind.SENSOR_STATICS): "check the force sensor with known weights",
+    (Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY): "press to one depth at two speeds, and hold there",
+    (Kind.ELASTIC_SHAPE, Kind.CONTACT_GEOMETRY): (
+        "press again on the same spot, and slowly through the first touch"
+    ),
+    (Kind.ELASTIC_SHAPE, Kind.PERIODIC): "move over a wider range: a ripple repeats, a spring does not",
+    (Kind.FRICTION, Kind.TIME_MEMORY): (
+        "stop halfway and hold: relaxation continues at rest, friction does not change"
+    ),
+    (Kind.FRICTION, Kind.CONTACT_GEOMETRY): (
+        "press twice on the same spot: a permanent set moves the second touch"
+    ),
+    (Kind.DRIFT, Kind.TIME_MEMORY): (
         "record the unloaded sensor for as long as a run: drift continues without a load, relaxation does not"
     ),
-    frozenset({Kind.DRIFT, Kind.RUN_DIFFERENCES}): "repeat the first run at the end",
-    frozenset(
-        {Kind.CONTACT_GEOMETRY, Kind.TIME_MEMORY}
-    ): "press again after a long rest: a set stays, relaxation recovers",
-    frozenset({Kind.GRAVITY_LOAD, Kind.ELASTIC_SHAPE}): "move over a wider range: gravity repeats "
-    "once a turn",
-    frozenset({Kind.GRAVITY_LOAD, Kind.SENSOR_STATICS}): "hold the joint at two angles half a turn "
-    "apart: the torque of a weight changes sign, a bias does not",
-    frozenset({Kind.CONTACT_GEOMETRY, Kind.SENSOR_STATICS}): "check the force sensor with known weights",
-    frozenset({Kind.FRICTION, Kind.SENSOR_STATICS}): "move slowly through the same positions in both "
-    "directions: friction reverses, the error of a sensor does not",
-    frozenset({Kind.INERTIA, Kind.SENSOR_DYNAMICS}): "repeat the motion at another acceleration",
+    (Kind.DRIFT, Kind.RUN_DIFFERENCES): "repeat the first run at the end",
+    (Kind.CONTACT_GEOMETRY, Kind.TIME_MEMORY): (
+        "press again after a long rest: a set stays, relaxation recovers"
+    ),
+    (Kind.GRAVITY_LOAD, Kind.ELASTIC_SHAPE): "move over a wider range: gravity repeats once a turn",
+    (Kind.GRAVITY_LOAD, Kind.SENSOR_STATICS): (
+        "hold the joint at two angles half a turn apart: the torque of a weight changes sign, a bias does not"
+    ),
+    (Kind.CONTACT_GEOMETRY, Kind.SENSOR_STATICS): "check the force sensor with known weights",
+    (Kind.FRICTION, Kind.SENSOR_STATICS): (
+        "move slowly through the same positions in both directions: friction reverses, the error of a "
+        "sensor does not"
+    ),
+    (Kind.INERTIA, Kind.SENSOR_DYNAMICS): "repeat the motion at another acceleration",
 }
 
 
@@ -103,4 +102,4 @@ def separating_experiment(first: Kind, second: Kind) -> str:
         second: kind of the effect that may be confused with it.
     """
     general = "repeat the motion with other speeds, ranges and holds, so that the two act at different times"
-    return _SEPARATING.get(frozenset({first, second}), general)
+    return _SEPARATING.get((first, second)) or _SEPARATING.get((second, first), general)

@@ -1,7 +1,7 @@
 """Physically consistent fit of a whole arm: information on gains that its joints share."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import reduce
 from operator import add
 
@@ -19,58 +19,47 @@ from palpate.estimation.model import Model
 from palpate.robot_io.types import FloatArray
 
 
-@dataclass(frozen=True)
-class JointNormalEquations:
-    """Cross products of one joint's columns and torque, by fold."""
-
-    # Shape (folds, s + k + 1, s + k + 1): first the s shared columns in the same order for all joints (zero
-    # if the joint's torque does not depend on them), then the joint's own k columns, last the torque.
-    products: FloatArray
-    shared: int  # number of shared columns s
-    sigma: float  # standard deviation of the joint's noise in a sample [N m]
-
-
-def arrange_products(
-    products: FloatArray, names: Sequence[str], shared: Sequence[str], sigma: float
-) -> JointNormalEquations:
-    """Reorder the cross products of one joint: shared columns, own columns, torque.
+def arrange_products(products: FloatArray, names: Sequence[str], shared: Sequence[str]) -> FloatArray:
+    """Reorder the cross products of one joint: s shared columns, k own columns, torque.
 
     Args:
         products: shape (folds, q + 1, q + 1); the last row and column belong to the torque.
         names: names of the q columns.
         shared: names of the shared columns in their common order; those missing in `names` become zero. All
             other columns are the joint's own, in the order of `names`.
-        sigma: standard deviation of the joint's noise [N m].
+
+    Returns:
+        Shape (folds, s + k + 1, s + k + 1).
     """
     own_names = [name for name in names if name not in set(shared)]
     index_by_name = {name: index for index, name in enumerate([*shared, *own_names])}
     indices = np.array([*(index_by_name[name] for name in names), len(index_by_name)])
     ordered = np.zeros((len(products), len(index_by_name) + 1, len(index_by_name) + 1))
     ordered[:, indices[:, None], indices] = products
-    return JointNormalEquations(ordered, len(shared), sigma)
+    return ordered
 
 
-def shared_information(joint: JointNormalEquations) -> Information:
+def shared_information(products: FloatArray, shared: int, sigma: float) -> Information:
     """Compute the information of one joint on the shared parameters, with its own gains profiled out.
 
     Args:
-        joint: normal equations of one joint.
+        products: cross products of the joint, see `arrange_products`.
+        shared: number of shared columns s.
+        sigma: standard deviation of the joint's noise in a sample [N m].
 
     Returns:
         Matrix (1 + folds, s, s) and vector (1 + folds, s): [0] from all folds, [1 + f] without fold f.
     """
-    total = joint.products.sum(axis=0, keepdims=True)
-    total = np.concatenate([total, total - joint.products]) / joint.sigma**2
-    return Information(total[:, :-1, :-1], total[:, :-1, -1]).about(np.arange(joint.shared))
+    total = products.sum(axis=0, keepdims=True)
+    total = np.concatenate([total, total - products]) / sigma**2
+    return Information(total[:, :-1, :-1], total[:, :-1, -1]).about(np.arange(shared))
 
 
-def information_of_others(
-    joints: Sequence[JointNormalEquations], prior: Information
-) -> tuple[Information, ...]:
+def information_of_others(by_joint: Sequence[Information], prior: Information) -> tuple[Information, ...]:
     """Return for each joint the information on the shared parameters from all other joints and the prior.
 
     Args:
-        joints: cross products of all joints, with the same folds.
+        by_joint: information of each joint, with the same folds.
         prior: prior of the shared parameters, matrix (s, s) or (1 + folds, s, s), for example from
             `consistent_information`.
 
@@ -79,7 +68,6 @@ def information_of_others(
         without fold f. Add it to the joint's own sums over the same folds after division by its sigma^2, or
         add `times(sigma**2)` to the undivided sums. The fit of this joint then equals the fit of all joints.
     """
-    by_joint = [shared_information(joint) for joint in joints]
     return tuple(sum([*by_joint[:j], *by_joint[j + 1 :]], start=prior) for j in range(len(by_joint)))
 
 
@@ -252,18 +240,13 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
         fits.append(fit_model(data, model, {}, usable(data)))
     if len({fit.problem.blocked.folds for fit in fits}) > 1:
         return list(channels)
-    joints = [
-        arrange_products(
-            fit.problem.normal_equations([fit.solution.columns], fit.solution.target).products,
-            list(fit.solution.model.gains),
-            names,
-            _residual_rms(fit),
-        )
-        for fit in fits
-    ]
-    by_joint = [shared_information(joint) for joint in joints]
+    by_joint = []
+    for fit in fits:
+        products = fit.problem.normal_equations([fit.solution.columns], fit.solution.target).products
+        ordered = arrange_products(products, list(fit.solution.model.gains), names)
+        by_joint.append(shared_information(ordered, len(names), _residual_rms(fit)))
     prior = consistent_information(effect.arm, effect.urdf, reduce(add, by_joint))
-    information = information_of_others(joints, prior)
+    information = information_of_others(by_joint, prior)
     prepared = list(channels)
     for number, fit, others in zip(arm_channels, fits, information, strict=True):
         shared_names = [name for name in names if name in fit.solution.model.gains]

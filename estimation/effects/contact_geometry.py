@@ -13,8 +13,6 @@ from palpate.robot_io.types import FloatArray
 
 
 class ContactOffset(MotionEffect):
-    """The true depth is x - offset; the offset is positive if the surface lies deeper than assumed."""
-
     name = "contact_offset"
     kind = Kind.CONTACT_GEOMETRY
     physics = "The object's surface lies deeper or higher than assumed, or the object is preloaded."
@@ -23,7 +21,8 @@ class ContactOffset(MotionEffect):
     signature = "all force-depth curves are shifted along the depth, and the force in free air is zero"
     signals = ("position",)
     channels = frozenset({ChannelKind.CONTACT})
-    inner = (Parameter("offset", "{position}", -1.0, 1.0, (-1e-3, 1e-3)),)
+    inner = (Parameter("offset", "{position}", -1.0, 1.0, (-1e-3, 1e-3)),)  # positive for a deeper surface
+    start_multiples = {"offset": ("deepest", (-0.5, -0.2, -0.08, -0.03, -0.01, 0.01, 0.03, 0.08, 0.2, 0.5))}
     confused_with = {
         "bias": "record free air: a sensor's bias also appears there, an offset does not",
         "adhesion": "watch the force just before contact is lost: adhesion pulls",
@@ -32,15 +31,8 @@ class ContactOffset(MotionEffect):
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
         return replace(data, position=data.position - inner["offset"])
 
-    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: shares of the deepest indentation, with both signs."""
-        shares = (-0.5, -0.2, -0.08, -0.03, -0.01, 0.01, 0.03, 0.08, 0.2, 0.5)
-        return start_grid(offset=np.array(shares) * data.deepest)
-
 
 class Adhesion(AdditiveEffect):
-    """F = -f in contact; after the tool leaves the surface (x < 0), F decays as exp(x / reach)."""
-
     name = "adhesion"
     kind = Kind.CONTACT_GEOMETRY
     physics = "After the touch, the object attracts the tool until the tool has left the surface."
@@ -52,6 +44,7 @@ class Adhesion(AdditiveEffect):
     one_sided = False
     gains = (Parameter("force", "{effort}", 0.0, 1e12, (0.05, 5.0)),)
     inner = (Parameter("reach", "{position}", 1e-09, 10.0, (0.0001, 0.005), log=True),)
+    start_multiples = {"reach": ("deepest", np.geomspace(0.003, 0.3, 9))}
     confused_with = {
         "contact_offset": "retract slowly beyond the surface: only adhesion pulls there",
         "bias": "record free air before the touch: a bias also appears there",
@@ -68,32 +61,23 @@ class Adhesion(AdditiveEffect):
         neck = np.exp(np.minimum(data.position, 0.0) / inner["reach"])
         return -(touched * neck)[:, None]
 
-    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: shares of the deepest indentation."""
-        return start_grid(reach=np.geomspace(0.003, 0.3, 9) * data.deepest)
-
 
 _TOUCHING = 1e-300  # depth of a contact without strain
 
 
 class PlasticSet(MotionEffect):
-    """Permanent indentation in proportion to the deepest one so far: x_true = x - share * max(x so far).
+    """If the surface sinks, the tool loses contact within the dent.
 
-    The share `kept` of a run's dent remains when the next run begins. If the surface sinks, the tool loses
-    contact within the dent. A second form (`_AtTheTool`) describes a material that crushes inside, such as
-    foam. It stays in contact with the tool, so that damping also acts within the dent.
+    A second form (`_AtTheTool`) describes a material that crushes inside, such as foam. It stays in contact
+    with the tool, so that damping also acts within the dent.
     """
 
     name = "plastic_set"
     kind = Kind.CONTACT_GEOMETRY
     physics = "Part of the indentation is permanent: contact ends deeper than it began."
-    equation = (
-        "x_true = x - dent, v_true = x_true', dent = share max_t(x); the next run starts with kept dent"
-    )
+    equation = "x_true = x - dent, v_true = x_true', dent = share max_t(x); the next run has kept dent"
     source = "permanent set in indentation; K. L. Johnson, Contact Mechanics (1985), ch. 6"
-    signature = (
-        "force reaches zero at a positive depth on the way out, and the next press on the spot begins there"
-    )
+    signature = "force reaches zero at a positive depth on the way out; the next press begins there"
     signals = ("position", "past motion")
     channels = frozenset({ChannelKind.CONTACT})
     inner = (
@@ -116,11 +100,9 @@ class PlasticSet(MotionEffect):
         )
 
     def forms(self) -> tuple["PlasticSet", ...]:
-        """See `Effect.forms`: a surface that sinks, or one that stays in contact with the tool."""
         return PlasticSet(), _AtTheTool()
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: dents that recover before the next run, and dents that remain."""
         share, kept = self.inner
         return start_grid(share=share.spread(10), kept=kept.spread(2))
 

@@ -34,8 +34,6 @@ _STARTS = (0.5, 1.0, 2.0, 4.0, 7.0, 12.0)  # b times the largest |x|
 
 
 class Stiffness(AdditiveEffect):
-    """F = k x; in a contact the spring acts only for x > 0."""
-
     name = "stiffness"
     kind = Kind.ELASTIC_SHAPE
     physics = "A spring pushes back in proportion to how far it is displaced."
@@ -55,16 +53,12 @@ class Stiffness(AdditiveEffect):
 
 
 class CubicStiffness(AdditiveEffect):
-    """F = k3 x^3; in a contact only for x > 0."""
-
     name = "cubic_stiffness"
     kind = Kind.ELASTIC_SHAPE
     physics = "The spring becomes stiffer (or softer) with displacement."
     equation = "F = k3 x^3"
     source = "G. Duffing, Erzwungene Schwingungen bei veränderlicher Eigenfrequenz (1918)"
-    signature = (
-        "the slope of effort over position grows with displacement, equally on both sides, at any speed"
-    )
+    signature = "the slope of effort over position grows with displacement, on both sides, at any speed"
     signals = ("position",)
     gains = (Parameter("k3", "{effort}/{position}^3", -1e13, 1e13, (1.0, 1e9)),)
     elastic = ("k3",)
@@ -81,20 +75,13 @@ class CubicStiffness(AdditiveEffect):
 
 
 class PowerLawStiffness(AdditiveEffect):
-    """F = k |x|^n sign(x), in addition to other springs; in a contact only for x > 0.
-
-    n = 1.5 is Hertz's contact of a sphere, n = 2 Sneddon's contact of a cone. For n < 1 the spring softens,
-    as rubber does in tension (L. R. G. Treloar, The Physics of Rubber Elasticity (1975)).
-    """
+    """n = 1.5 is Hertz's contact of a sphere, n = 2 Sneddon's of a cone; with n < 1 the spring softens."""
 
     name = "power_law_stiffness"
     kind = Kind.ELASTIC_SHAPE
     physics = "With depth, more (or less) of the object carries the load, so the force curve bends."
     equation = "F = k |x|^n sign(x)"
-    source = (
-        "H. Hertz, J. reine angew. Mathematik 92 (1882): n = 3/2; I. N. Sneddon, Int. J. Engineering Sci. 3 "
-        "(1965): n by the shape of the indenter"
-    )
+    source = "H. Hertz, J. reine angew. Math. 92 (1882): n = 3/2; I. N. Sneddon, Int. J. Eng. Sci. 3 (1965)"
     signature = "effort over position is a straight line on logarithmic axes, at any speed"
     signals = ("position",)
     gains = (Parameter("k", "{effort}/{position}^n", 0.0, 1e40, (10.0, 1e12)),)
@@ -119,22 +106,18 @@ class PowerLawStiffness(AdditiveEffect):
 
 
 class LayeredStiffness(AdditiveEffect):
-    """F = k2 max(x - d, 0): a second spring acts beyond depth d."""
-
     name = "layered_stiffness"
     kind = Kind.ELASTIC_SHAPE
     physics = "Below a certain depth a stiffer or softer layer carries load too, or the specimen yields."
     equation = "F = k2 max(x - d, 0)"
-    source = (
-        "piecewise-linear (bilinear) contact stiffness; S. Timoshenko, Vibration Problems in "
-        "Engineering (1937), ch. II"
-    )
+    source = "S. Timoshenko, Vibration Problems in Engineering (1937), ch. II: piecewise-linear stiffness"
     signature = "the slope of force over depth jumps at one depth; if a layer causes it, also on the way out"
     signals = ("position",)
     channels = frozenset({ChannelKind.CONTACT})
     gains = (Parameter("k2", "{effort}/{position}", -1e12, 1e12, (10.0, 20000.0)),)
     elastic = ("k2",)
     inner = (Parameter("depth", "{position}", 0.0, 10.0, (0.001, 0.02)),)
+    start_multiples = {"depth": ("deepest", np.linspace(0.1, 0.85, 11))}
     confused_with = {
         "exponential_stiffness": "press deeper: beyond the kink a layer is straight",
         "softening_stiffness": "read more often near the bend: only a layer has a kink",
@@ -144,10 +127,6 @@ class LayeredStiffness(AdditiveEffect):
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         return np.maximum(data.position - inner["depth"], 0.0)[:, None]
-
-    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: fractions of the deepest indentation."""
-        return start_grid(depth=np.linspace(0.1, 0.85, 11) * data.deepest)
 
     def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
         """See `Effect.is_misnamed`: the data do not show that both layers push.
@@ -181,8 +160,6 @@ def _has_positive_slope(slope: float, std_err: float) -> bool:
 
 
 class SofteningStiffness(AdditiveEffect):
-    """F = a (1 - exp(-x/d)): in addition to a linear spring, a force that approaches a limit."""
-
     name = "softening_stiffness"
     kind = Kind.ELASTIC_SHAPE
     physics = "The object yields gradually, or its fibers slip one after the other, so stiffness falls."
@@ -194,6 +171,7 @@ class SofteningStiffness(AdditiveEffect):
     gains = (Parameter("a", "{effort}", 0.0, 1e12, (0.01, 1000.0)),)
     elastic = ("a",)
     inner = (Parameter("d", "{position}", 1e-12, 10.0, (1e-4, 0.02), log=True),)
+    start_multiples = {"d": ("deepest", (0.03, 0.07, 0.15, 0.3, 0.6, 1.2))}
     confused_with = {
         "layered_stiffness": "read more often near the bend: only a layer has a kink",
         "power_law_stiffness": "press deeper: a power law keeps softening, this force becomes straight",
@@ -204,10 +182,6 @@ class SofteningStiffness(AdditiveEffect):
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         return -np.expm1(-np.maximum(data.position, 0.0) / inner["d"])[:, None]
 
-    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: shares of the deepest indentation."""
-        return start_grid(d=np.array([0.03, 0.07, 0.15, 0.3, 0.6, 1.2]) * data.deepest)
-
     def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
         """See `Effect.is_misnamed`: few samples show the bend, so that the law looks like a jump."""
         near = (data.position > 0.0) & (data.position < parameters[f"{self.name}.d"])
@@ -215,8 +189,6 @@ class SofteningStiffness(AdditiveEffect):
 
 
 class JointSpring(AdditiveEffect):
-    """effort = k q + p: a spring whose rest position is q = -p / k."""
-
     name = "joint_spring"
     kind = Kind.ELASTIC_SHAPE
     physics = "A balancing spring, or a cable that bends with the joint, pulls the joint to one position."
@@ -252,11 +224,9 @@ class JointSpring(AdditiveEffect):
 
 
 class JointElasticity(MotionEffect):
-    """q_true = q - load / k: under load the link lags behind the motor, which the encoder measures."""
-
     name = "joint_elasticity"
     kind = Kind.ELASTIC_SHAPE
-    physics = "Gears, shafts and belts twist under the load, so that the link lags the motor."
+    physics = "Gears, shafts and belts twist under the load, so that the link lags the measured motor."
     equation = "q_true = q - c load, with its derivatives"
     source = "M. W. Spong, J. Dyn. Sys. Meas. Control 109 (1987)"
     signature = "errors grow with the second derivative of the load: at fast changes, not at slow ones"
@@ -289,7 +259,6 @@ class JointElasticity(MotionEffect):
         )
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: deflections from 0.03 % to 30 % of the standard deviation of the position."""
         load = float(np.std(data.context["load"])) or 1.0
         span = float(np.std(data.position)) or 1.0
         return start_grid(compliance=np.geomspace(3e-4, 0.3, 10) * span / load)
@@ -307,8 +276,6 @@ _CHANGES = {
 
 
 class ToolCompliance(MotionEffect):
-    """x_true = x - c F: the tip is less deep than the encoders indicate."""
-
     name = "tool_compliance"
     kind = Kind.ELASTIC_SHAPE
     also = frozenset({Kind.TIME_MEMORY})  # a spring in series with a damper relaxes
@@ -333,7 +300,6 @@ class ToolCompliance(MotionEffect):
         )
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: deflections from a thousandth of the range of depth to the whole range."""
         yielding = float(np.ptp(data.position) / (np.ptp(data.effort) or 1.0))
         return start_grid(compliance=np.geomspace(1e-3, 1.0, 7) * yielding)
 
@@ -347,10 +313,7 @@ def _smooth_force(data: ChannelData) -> Motion:
 
 
 class ExponentialStiffness(AdditiveEffect):
-    """F = a (exp(b |x|) - 1 - b |x|) sign(x): the nonlinear part of Fung's law for fibrous tissue.
-
-    The linear part a b x of Fung's law belongs to `stiffness`.
-    """
+    """The nonlinear part of Fung's law for fibrous tissue; its linear part a b x belongs to `stiffness`."""
 
     name = "exponential_stiffness"
     kind = Kind.ELASTIC_SHAPE
@@ -374,6 +337,5 @@ class ExponentialStiffness(AdditiveEffect):
         return np.asarray(np.sign(pressed) * (np.expm1(steep) - steep))[:, None]
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: from nearly linear to steep within the range of motion."""
         deepest = float(np.max(np.abs(data.position), initial=0.0)) or 1.0
         return start_grid(b=np.clip(np.array(_STARTS) / deepest, 1e-3, 1e9))

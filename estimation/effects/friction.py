@@ -14,27 +14,21 @@ TRANSITION = Parameter("transition", "{position}/s", 1e-9, 1e3, (1e-4, 0.05), lo
 
 
 class CoulombFriction(AdditiveEffect):
-    """effort = f tanh(v / transition): a constant force against the motion."""
-
     name = "coulomb_friction"
     kind = Kind.FRICTION
     physics = "Dry surfaces rub with a constant force against the motion."
     equation = "effort = f tanh(v/transition)"
-    source = (
-        "C. A. Coulomb, Théorie des machines simples (1785); smoothed as in Andersson et al., "
-        "Tribology Int. 40 (2007)"
-    )
+    source = "C. A. Coulomb, Théorie des machines simples (1785); Andersson et al., Tribology Int. 40 (2007)"
     signature = "effort jumps where the velocity changes sign, by the same amount at any speed and position"
     signals: ClassVar[tuple[str, ...]] = ("direction",)
     channels = JOINTS
     gains: ClassVar[tuple[Parameter, ...]] = (Parameter("force", "{effort}", 0.0, 1e12, (0.001, 50.0)),)
     inner: ClassVar[tuple[Parameter, ...]] = (TRANSITION,)
+    start_multiples = {"transition": ("rms_speed", (0.003, 0.01, 0.03, 0.08))}
     confused_with = {
         "bias": "reverse the motion: friction then acts the other way, a bias does not",
         "position_dependent_friction": "move over a wide range",
-        "presliding_friction": (
-            "stop and creep back and forth: presliding depends on the path, not on the speed"
-        ),
+        "presliding_friction": "stop and creep back and forth: presliding depends on the path, not on speed",
         "stribeck_friction": "move very slowly: Stribeck friction rises towards zero speed",
         "load_dependent_friction": "repeat with another load: Coulomb friction stays",
         "asymmetric_friction": "let the joint rest: a bias remains, asymmetric friction vanishes",
@@ -45,14 +39,8 @@ class CoulombFriction(AdditiveEffect):
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         return np.tanh(data.velocity / inner["transition"])[:, None]
 
-    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: transitions at small shares of the rms speed."""
-        return start_grid(transition=np.array((0.003, 0.01, 0.03, 0.08)) * data.rms_speed)
-
 
 class AsymmetricFriction(CoulombFriction):
-    """effort = f+ for v > 0 and -f- for v < 0, plus d+ v or d- v for the direction of motion."""
-
     name = "asymmetric_friction"
     physics = "Gears and seals rub differently forwards and backwards."
     equation = "effort = f+ (v>0) - f- (v<0) + d+ v (v>0) + d- v (v<0)"
@@ -87,7 +75,7 @@ _SHARES = (1.0, 0.6)
 
 
 class LoadDependentFriction(CoulombFriction):
-    """effort = mu |load| tanh(v / transition); the load is the effort of the joint without friction.
+    """The load is the effort of the joint without friction.
 
     The torque that accelerates the rotor does not pass through the gear, so it is not part of the load (see
     Hamon et al.). If the model has one inertia for rotor and link, the link's share of it is a parameter.
@@ -133,11 +121,7 @@ class _WithRotor(LoadDependentFriction):
 
 
 class PositionDependentFriction(AdditiveEffect):
-    """effort = (f + s sin(n q) + c cos(n q)) tanh(v / transition).
-
-    For n = 1 it repeats once a turn (an eccentric seal, a bent shaft). With less than one wave within the
-    range of motion, it describes any friction that varies smoothly with position.
-    """
+    """With less than a wave in the range of motion, it is any friction that varies smoothly with position."""
 
     name = "position_dependent_friction"
     kind = Kind.FRICTION
@@ -155,9 +139,7 @@ class PositionDependentFriction(AdditiveEffect):
     essential = ("sine", "cosine")
     inner = (Parameter("cycles", "1/{position}", 1e-3, 1e5, (0.5, 10.0), log=True), TRANSITION)
     confused_with = {
-        "torque_ripple": (
-            "compare both directions: ripple keeps its sign, friction changes sign with the motion"
-        ),
+        "torque_ripple": "compare both directions: ripple keeps its sign, friction does not",
         "load_dependent_friction": "repeat with another load at the same places",
         "coulomb_friction": "move over a wide range",
     }
@@ -172,7 +154,6 @@ class PositionDependentFriction(AdditiveEffect):
         return np.column_stack([sliding, sliding * np.sin(angle), sliding * np.cos(angle)])
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: from half a wave to ten waves within the range of motion."""
         waves = np.array((0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0))
         cycles = 2.0 * np.pi * waves / data.range_of_motion
         return start_grid(cycles=cycles, transition=np.array((0.01, 0.05)) * data.rms_speed)
@@ -184,15 +165,12 @@ _SEEN = 0.5
 
 
 class StribeckFriction(AdditiveEffect):
-    """effort = (fc + (fs - fc) exp(-(v/vs)^2)) tanh(v / transition); gains: fc and the rise fs - fc."""
-
     name = "stribeck_friction"
     kind = Kind.FRICTION
     physics = "At low speed the lubricant film breaks down and friction rises."
     equation = "effort = (fc + rise exp(-(v/vs)^2)) tanh(v/transition)"
     source = (
-        "R. Stribeck, VDI-Zeitschrift 46 (1902); B. Armstrong-Hélouvry, Control of Machines with "
-        "Friction (1991)"
+        "Stribeck, VDI-Zeitschrift 46 (1902); Armstrong-Hélouvry, Control of Machines with Friction (1991)"
     )
     signature = "effort falls with rising speed just after each reversal, then levels off"
     signals = ("velocity", "direction")
@@ -203,6 +181,10 @@ class StribeckFriction(AdditiveEffect):
     )
     essential = ("rise",)
     inner = (Parameter("speed", "{position}/s", 1e-09, 1000.0, (0.001, 1.0), log=True), TRANSITION)
+    start_multiples = {
+        "speed": ("rms_speed", np.geomspace(0.04, 1.2, 6)),
+        "transition": ("rms_speed", (0.003, 0.01, 0.03)),
+    }
     confused_with = {
         "coulomb_friction": "move very slowly, and at several speeds",
         "viscous_friction": "move very slowly, and at several speeds",
@@ -212,11 +194,6 @@ class StribeckFriction(AdditiveEffect):
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         sliding = np.tanh(data.velocity / inner["transition"])
         return np.column_stack([sliding, sliding * np.exp(-((data.velocity / inner["speed"]) ** 2))])
-
-    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: shares of the rms speed."""
-        speed = np.geomspace(0.04, 1.2, 6) * data.rms_speed
-        return start_grid(speed=speed, transition=np.array((0.003, 0.01, 0.03)) * data.rms_speed)
 
     def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
         """See `Effect.is_misnamed`: friction never rises visibly, since the rise lies within the transition.

@@ -29,7 +29,6 @@ class KnownRigidBody(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, 0), since there are no gains."""
         return np.zeros((len(data), 0))
 
     def known(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -74,7 +73,6 @@ class RigidBodyFitted(AdditiveEffect):
         )
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `AdditiveEffect.columns`; shape (n, len(chosen)). The channel has the chosen columns only."""
         return data.context["rigid_body_regressor"][:, : len(self.gains)]
 
     def known(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -144,8 +142,6 @@ def _is_known(data: ChannelData) -> bool:
 
 
 class Payload(AdditiveEffect):
-    """effort = m * (effort per kilogram at the tip), computed from the arm's kinematics."""
-
     name = "payload"
     kind = Kind.GRAVITY_LOAD
     physics = "The arm carries a load, whose weight and inertia act on every joint."
@@ -167,12 +163,10 @@ class Payload(AdditiveEffect):
 
 
 class Pendulum(AdditiveEffect):
-    """torque = J a + g1 sin(q), q = 0 hanging straight down."""
-
     name = "pendulum"
     kind = Kind.GRAVITY_LOAD
     physics = "A body turns about a horizontal axis."
-    equation = "torque = J a + g1 sin(q)"
+    equation = "torque = J a + g1 sin(q), q = 0 hanging straight down"
     source = "C. Huygens, Horologium Oscillatorium (1673)"
     signature = "torque follows the sine of the angle, whatever the speed"
     signals = ("position", "acceleration")
@@ -191,15 +185,12 @@ class Pendulum(AdditiveEffect):
 
 
 class Weight(AdditiveEffect):
-    """torque = g1 sin(q) + g2 cos(q), where the zero of the angle q is arbitrary.
-
-    It is for joints whose model has no weight. For an arm, the kinematics give the weight.
-    """
+    """It is for joints whose model has no weight; for an arm, the kinematics give the weight."""
 
     name = "weight"
     kind = Kind.GRAVITY_LOAD
     physics = "The joint's axis is not vertical, and the center of mass of its load is off the axis."
-    equation = "torque = g1 sin(q) + g2 cos(q)"
+    equation = "torque = g1 sin(q) + g2 cos(q), with an arbitrary zero of the angle q"
     source = "C. Huygens, Horologium Oscillatorium (1673)"
     signature = "effort follows the sine of the angle, at any speed, and repeats once per turn"
     signals = ("position",)

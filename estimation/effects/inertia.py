@@ -10,8 +10,6 @@ from palpate.robot_io.types import FloatArray
 
 
 class Inertia(AdditiveEffect):
-    """effort = m a."""
-
     name = "inertia"
     kind = Kind.INERTIA
     physics = "Mass resists acceleration."
@@ -31,8 +29,6 @@ class Inertia(AdditiveEffect):
 
 
 class Armature(AdditiveEffect):
-    """effort = Ja a, with the acceleration of the joint itself."""
-
     name = "armature"
     kind = Kind.INERTIA
     physics = "The motor's rotor accelerates too; its inertia is multiplied by the square of the gear ratio."
@@ -56,7 +52,7 @@ _FELT = 0.2  # least rms speed that the neighbor adds, relative to the joint's o
 
 
 class JointCoupling(AdditiveEffect):
-    """effort = J (a_i + r a_j) + d (v_i + r v_j) + f tanh((v_i + r v_j) / transition).
+    """Coupling of joint i to its neighbor j.
 
     In a wrist with a coupled gear train, the motor of joint i turns by the sum of two joint angles. Its rotor
     inertia and its friction follow that sum. Without motion of joint j, the effect is the same as `armature`,
@@ -68,14 +64,9 @@ class JointCoupling(AdditiveEffect):
 
     name = "joint_coupling"
     kind = Kind.INERTIA
-    physics = (
-        "The motor of this joint also turns when the neighboring joint moves, as in the wrists of many arms."
-    )
+    physics = "The motor of this joint also turns when the neighboring joint moves, as in many wrists."
     equation = "effort = J (a_i + r a_j) + d (v_i + r v_j) + f tanh((v_i + r v_j)/transition), j beside i"
-    source = (
-        "M. Gautier, A. Janot, P. O. Vandanjon, IEEE Trans. Control Systems Tech. 21 (2013): coupling of "
-        "joints 5 and 6 of the TX40"
-    )
+    source = "M. Gautier, A. Janot, P. O. Vandanjon, IEEE Trans. Control Systems Tech. 21 (2013): TX40 arm"
     signature = "effort appears while this joint rests and the neighboring joint moves, in any posture"
     signals = ("other joints", "velocity", "direction", "acceleration")
     channels = JOINTS
@@ -96,7 +87,6 @@ class JointCoupling(AdditiveEffect):
         self._neighbor = neighbor
 
     def suited_to(self, data: ChannelData) -> "JointCoupling":
-        """See `Effect.suited_to`: with the neighbor whose motion explains more of the effort."""
         velocity = data.context["joint_velocity"]
         joint = int(np.argmin(np.sum((velocity - data.velocity[:, None]) ** 2, axis=0)))
         neighbors = [j for j in (joint + 1, joint - 1) if 0 <= j < velocity.shape[1]]
@@ -105,7 +95,6 @@ class JointCoupling(AdditiveEffect):
         return JointCoupling(min(neighbors, key=lambda j: _residual_sse(data, joint, j)))
 
     def applies_to(self, data: ChannelData) -> bool:
-        """See `Effect.applies_to`: to an arm with at least two joints."""
         if not super().applies_to(data):
             return False
         velocity = data.context["joint_velocity"]
@@ -122,7 +111,6 @@ class JointCoupling(AdditiveEffect):
         return float(np.mean(turned**2)) < _FELT**2 * float(np.mean(data.velocity**2))
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: coupling ratios of both signs."""
         transition = np.minimum(np.array((0.01, 0.05)) * data.rms_speed, 1.0)
         return start_grid(ratio=(1.0, -1.0, 0.4, -0.4), transition=transition)
 

@@ -31,20 +31,17 @@ _PLAIN = 1e-3  # least relative squared difference from Coulomb friction, else t
 
 
 class PreslidingFriction(AdditiveEffect):
-    """effort = f s; s tends to the sign of motion over the path `presliding` and is constant at rest."""
-
     name = "presliding_friction"
     kind = Kind.FRICTION
     physics = "Asperities and cables stretch like springs before they slide, and stay stretched at rest."
     equation = "effort = f s, ds/dq = (1 - s sign(v))/presliding, s = 0 at first"
     source = "P. R. Dahl, A Solid Friction Model, Aerospace Corp. TOR-158 (1968)"
-    signature = (
-        "after a reversal, effort changes over a distance, independent of speed; at rest it keeps its value"
-    )
+    signature = "after a reversal, effort changes over a distance, at any speed; at rest it keeps its value"
     signals: ClassVar[tuple[str, ...]] = ("direction", "past motion")
     channels = JOINTS
     gains: ClassVar[tuple[Parameter, ...]] = (Parameter("force", "{effort}", 0.0, 1e12, (0.001, 50.0)),)
     inner = (Parameter("presliding", "{position}", 1e-9, 10.0, (1e-4, 0.1), log=True),)
+    start_multiples = {"presliding": ("range_of_motion", np.geomspace(1e-3, 0.3, 9))}
     path = "presliding"
     confused_with = {
         "coulomb_friction": "stop and creep back and forth: presliding depends on the path, not on the speed",
@@ -67,21 +64,10 @@ class PreslidingFriction(AdditiveEffect):
         )
         return float(np.sum((built - plain) ** 2)) < _PLAIN * float(np.sum(built**2))
 
-    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: from a thousandth to a third of the range of motion."""
-        (path,) = self.inner
-        return start_grid(
-            presliding=np.maximum(np.geomspace(1e-3, 0.3, 9) * data.range_of_motion, path.lower)
-        )
-
 
 class LoadDependentPresliding(PreslidingFriction):
-    """effort = mu |load| s; s as in `presliding_friction`."""
-
     name = "load_dependent_presliding"
-    physics = (
-        "Cables over pulleys and loaded teeth rub in proportion to their load, and stay stretched at rest."
-    )
+    physics = "Cables on pulleys and loaded teeth rub in proportion to the load, and stay stretched at rest."
     equation = "effort = mu |load| s, ds/dq = (1 - s sign(v))/presliding"
     source = (
         "P. R. Dahl, Aerospace Corp. TOR-158 (1968); L. Euler, Mém. Acad. Berlin 18 (1762): capstan; "
@@ -108,24 +94,18 @@ def _touches(data: ChannelData) -> IntArray:
 
 
 class DryFriction(AdditiveEffect):
-    """F = f s; the state s tends to the direction of motion over a short path and is constant at rest.
+    """The state s tends to the direction of motion over a short path and is constant at rest.
 
-    Each contact begins without strain, s = 0. At speeds below `transition`, a film between the surfaces
-    yields, and s tends to less than the sign of the motion. At the lower bound of the path, only the film is
-    left: s = tanh(v/transition), which is zero at rest.
+    At speeds below `transition`, a film between the surfaces yields, and s tends to less than the sign of the
+    motion. At the lower bound of the path, only the film is left: s = tanh(v/transition), zero at rest.
     """
 
     name = "dry_friction"
     kind = Kind.FRICTION
     physics = "Tool and object, or the layers of the object, rub with a force that does not depend on speed."
     equation = "F = f s, ds/dx = (tanh(v/transition) - s) sign(v)/presliding while pressed, s = 0 at touch"
-    source = (
-        "P. R. Dahl, A Solid Friction Model, Aerospace Corp. TOR-158 (1968); "
-        "Andersson et al., Tribology Int. 40 (2007)"
-    )
-    signature = (
-        "force is higher by a constant while moving in than while moving out at the same depth, at any speed"
-    )
+    source = "P. R. Dahl, Aerospace Corp. TOR-158 (1968); Andersson et al., Tribology Int. 40 (2007)"
+    signature = "at the same depth, force is higher by a constant while moving in than out, at any speed"
     signals = ("direction", "past motion")
     channels = frozenset({ChannelKind.CONTACT})
     gains = (Parameter("force", "{effort}", 0.0, 1e12, (0.05, 5.0)),)
@@ -151,7 +131,6 @@ class DryFriction(AdditiveEffect):
         return np.where(data.engaged, s, 0.0)[:, None]
 
     def forms(self) -> tuple["DryFriction", ...]:
-        """See `Effect.forms`: friction within the object, which can only push, or at the tool's sides."""
         return DryFriction(), _AtTheSides()
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
@@ -174,25 +153,18 @@ class _AtTheSides(DryFriction):
 
 
 class BoucWenHysteresis(AdditiveEffect):
-    """effort = f w with the normalized Bouc-Wen state w in [-1, 1]; see `bouc_wen`.
+    """In a contact it acts only for x > 0, and each contact begins without strain.
 
-    In a contact it acts only for x > 0, and each contact begins without strain. With sharpness 1 and
-    unloading 1 it is Dahl's law. With a high sharpness it is an elastic, perfectly plastic spring.
+    With sharpness 1 and unloading 1 it is Dahl's law. With a high sharpness it is an elastic, perfectly
+    plastic spring. See `bouc_wen` for the normalized state w in [-1, 1].
     """
 
     name = "bouc_wen_hysteresis"
     kind = Kind.FRICTION
     physics = "Internal friction of rubber, wire ropes or structures acts as a spring that yields."
-    equation = (
-        "effort = f w, dw/dx = (1 - |w|^n)/path while it grows, (1 + unloading |w|^n)/path on its return"
-    )
-    source = (
-        "Y.-K. Wen, J. Eng. Mech. Div. ASCE 102 (1976); normalized as in F. Ikhouane, J. Rodellar, Systems "
-        "with Hysteresis (2007), ch. 2"
-    )
-    signature = (
-        "effort over position forms loops of the same height at any speed; small loops lie inside large ones"
-    )
+    equation = "effort = f w, dw/dx = (1 - |w|^n)/path while it grows, (1 + unloading |w|^n)/path on return"
+    source = "Y.-K. Wen, J. Eng. Mech. ASCE 102 (1976); Ikhouane, Rodellar, Systems with Hysteresis (2007)"
+    signature = "effort over position forms loops of equal height at any speed; small loops lie in large ones"
     signals = ("direction", "past motion")
     gains = (Parameter("force", "{effort}", 0.0, 1e12, (0.001, 50.0)),)
     inner = (
@@ -215,7 +187,6 @@ class BoucWenHysteresis(AdditiveEffect):
         return np.where(data.engaged, states, 0.0)[:, None]
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: paths from a hundredth to half of the range of motion."""
         paths = np.geomspace(0.01, 0.5, 5) * data.range_of_motion
         return start_grid(
             path=np.maximum(paths, self.inner[0].lower), sharpness=(1.0, 3.0), unloading=(0.0, 1.0)
@@ -264,7 +235,6 @@ class Backlash(MotionEffect):
         )
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: gaps from a thousandth to a third of the range, with and without a motor."""
         span = data.range_of_motion
         return tuple(
             {"gap": float(part * span), "motor_inertia": 0.5 * motor, "motor_friction": motor}

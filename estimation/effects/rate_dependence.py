@@ -9,8 +9,6 @@ from palpate.robot_io.types import FloatArray
 
 
 class Damping(AdditiveEffect):
-    """F = c v; in a contact the damper acts only for x > 0."""
-
     name = "damping"
     kind = Kind.RATE_DEPENDENCE
     physics = "A dashpot resists in proportion to speed."
@@ -31,8 +29,6 @@ class Damping(AdditiveEffect):
 
 
 class ViscousFriction(AdditiveEffect):
-    """effort = d v."""
-
     name = "viscous_friction"
     kind = Kind.RATE_DEPENDENCE
     physics = "Oil and bearings resist in proportion to speed."
@@ -54,8 +50,6 @@ class ViscousFriction(AdditiveEffect):
 
 
 class QuadraticDamping(AdditiveEffect):
-    """F = c2 v |v| for x > 0."""
-
     name = "quadratic_damping"
     kind = Kind.RATE_DEPENDENCE
     physics = "Displaced fluid resists with the square of speed."
@@ -75,8 +69,6 @@ class QuadraticDamping(AdditiveEffect):
 
 
 class QuadraticFriction(AdditiveEffect):
-    """effort = d2 v |v|."""
-
     name = "quadratic_friction"
     kind = Kind.RATE_DEPENDENCE
     physics = "Air, oil churning and motor fans resist with the square of speed."
@@ -96,17 +88,14 @@ class QuadraticFriction(AdditiveEffect):
 
 
 class HuntCrossley(AdditiveEffect):
-    """F = k x^n + b x^n v for x > 0; both terms vanish at the surface, so the force does not jump there."""
+    """Both terms vanish at the surface, so that the force does not jump there."""
 
     name = "hunt_crossley"
     kind = Kind.RATE_DEPENDENCE
     also = frozenset({Kind.ELASTIC_SHAPE})
     physics = "Contact grows with depth, and spring and damping grow with the contact."
     equation = "F = k x^n + b x^n v"
-    source = (
-        "K. H. Hunt, F. R. E. Crossley, Coefficient of Restitution Interpreted as Damping in Vibroimpact, "
-        "J. Appl. Mech. 42 (1975)"
-    )
+    source = "K. H. Hunt, F. R. E. Crossley, J. Appl. Mech. 42 (1975): restitution as damping in vibroimpact"
     signature = "effort curves upwards with depth, and loading and unloading differ more at larger depth"
     signals = ("position", "velocity")
     channels = frozenset({ChannelKind.CONTACT})

@@ -144,7 +144,6 @@ class RunVariation(SensorEffect):
         return columns - own[:, :-1], effort + own[:, -1]
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.slope`."""
         return self.follow(effort, columns, data, inner)[0]
 
     def _predict(self, residual: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
@@ -167,13 +166,9 @@ def _least_squares(basis: FloatArray, rows: BoolArray, target: FloatArray, start
 
 
 class RunOffset(RunVariation):
-    """reading = effort + b_r in run r; b_r is Gaussian and estimated from the run's first part."""
-
     name = "run_offset"
     kind = Kind.RUN_DIFFERENCES
-    physics = (
-        "The sensor was tared, mounted or reset before each run, each time with a slightly different zero."
-    )
+    physics = "The sensor was tared, mounted or reset before each run, each time with another zero."
     equation = "reading = effort + b_r, b_r ~ N(0, spread^2)"
     source = "C. R. Henderson, Biometrics 31 (1975): best linear unbiased prediction in mixed models"
     signature = "each run has its own constant offset"
@@ -200,10 +195,7 @@ def _is_spanned(effort: FloatArray, columns: FloatArray) -> bool:
 
 
 class RunGain(RunVariation):
-    """reading = (1 + b_r) effort in run r; b_r is Gaussian and estimated from the run's first part.
-
-    The first part contains a quarter of the run's squared effort, since free air does not show a gain.
-    """
+    """The first part contains a quarter of the run's squared effort, since free air does not show a gain."""
 
     name = "run_gain"
     kind = Kind.RUN_DIFFERENCES
@@ -271,13 +263,9 @@ def _first_effort(data: ChannelData) -> BoolArray:
 
 
 class RunRipple(RunVariation):
-    """reading = effort + s_r sin(n q) + c_r cos(n q) in run r, estimated from the run's first part."""
-
     name = "run_ripple"
     kind = Kind.RUN_DIFFERENCES
-    physics = (
-        "Magnets and teeth cause ripple, and the encoder's zero is the position at which it was switched on."
-    )
+    physics = "Magnets and teeth cause ripple, and the encoder's zero is where it was switched on."
     equation = "reading = effort + s_r sin(n q) + c_r cos(n q), s_r and c_r of each run"
     source = "J. Holtz, L. Springob, IEEE Trans. Industrial Electronics 43 (1996)"
     signature = "a wave over position with the same wavelength in all runs and a different phase in each"
@@ -298,7 +286,7 @@ class RunRipple(RunVariation):
 
 
 class RecordedDependence(SensorEffect):
-    """reading = (1 + c u) effort, where u is the standardized recorded column.
+    """Scaling by recorded columns.
 
     `suited_to` creates one parameter for each recorded column, named after it.
 
@@ -336,7 +324,6 @@ class RecordedDependence(SensorEffect):
         return RecordedDependence(tuple(column for column in statistics if column[2] > 0.0))
 
     def applies_to(self, data: ChannelData) -> bool:
-        """See `Effect.applies_to`: at least one recorded column varies."""
         varies = any(float(np.ptp(data.context[name])) > 0.0 for name in data.recorded)
         return super().applies_to(data) and varies
 
@@ -347,7 +334,6 @@ class RecordedDependence(SensorEffect):
         return gain.reshape(-1, *([1] * (effort.ndim - 1))) * effort
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: a change of either sign in one column at a time."""
         names = [parameter.name for parameter in self.inner]
         return tuple(
             {name: change if name == changed else 0.0 for name in names}

@@ -55,15 +55,12 @@ class Delay(SensorEffect):
         return not -sample_time(data.time_s, data.run) <= delay_s < longest_s
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: delays from 0.25 to 150 samples, and leads of less than one sample."""
         step = sample_time(data.time_s, data.run)
         late = np.geomspace(0.25, 150.0, 13)
         return start_grid(time=step * np.array((*-late[late < 1.0][::-1], 0.0, *late)))
 
 
 class Lag(SensorEffect):
-    """reading' = (effort - reading) / tau."""
-
     name = "lag"
     kind = Kind.SENSOR_DYNAMICS
     physics = "A filter in the sensor smooths and delays its readings."
@@ -83,7 +80,6 @@ class Lag(SensorEffect):
         return low_pass(effort, data.time_s, data.run, inner["tau"])
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: time constants from 0.2 to 400 samples."""
         return start_grid(tau=sample_time(data.time_s, data.run) * np.geomspace(0.2, 400.0, 14))
 
 
@@ -92,8 +88,6 @@ _SIGMAS = 3.0  # largest difference of the rate in standard errors; the larger l
 
 
 class Drift(AdditiveEffect):
-    """reading = effort + d (t - t0), with the time t of the whole session."""
-
     name = "drift"
     kind = Kind.DRIFT
     physics = "Warm-up or creep of the sensor changes its zero steadily."

@@ -11,7 +11,6 @@ from palpate.estimation.effect import (
     Parameter,
     Parameters,
     SensorEffect,
-    start_grid,
 )
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import block_index
@@ -26,8 +25,6 @@ _TAILS = (0.01, 0.99)  # quantiles that define the range of the readings
 
 
 class Bias(AdditiveEffect):
-    """reading = effort + b."""
-
     name = "bias"
     kind = Kind.SENSOR_STATICS
     physics = "The sensor reads a constant value when no force acts."
@@ -65,15 +62,11 @@ class Bias(AdditiveEffect):
 
 
 class TorqueGain(SensorEffect):
-    """reading = gain * effort."""
-
     name = "torque_gain"
     kind = Kind.SENSOR_STATICS
     physics = "The torque constant or the gear ratio in use differs from the true one."
     equation = "reading = gain effort"
-    source = (
-        "M. Gautier, S. Briot, J. Dyn. Sys. Meas. Control 136 (2014): global identification of drive gains"
-    )
+    source = "M. Gautier, S. Briot, J. Dyn. Sys. Meas. Control 136 (2014): identification of drive gains"
     signature = "all of the effort is scaled by one factor; only a model with a known mass can show it"
     signals = ("effort",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
@@ -88,7 +81,6 @@ class TorqueGain(SensorEffect):
     pointwise = True
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: gains that are densest near one, since most constants are nearly right."""
         deviations = np.array([0.003, 0.01, 0.03, 0.1, 0.25, 0.5])
         return tuple({"gain": float(gain)} for gain in np.exp([*-deviations[::-1], *deviations]))
 
@@ -124,8 +116,6 @@ class ForceSensorError(AdditiveEffect):
 
 
 class Deadband(SensorEffect):
-    """reading = effort - width * sat(effort / width)."""
-
     name = "deadband"
     kind = Kind.SENSOR_STATICS
     physics = "Friction or a threshold in the sensor hides the first part of any effort."
@@ -134,6 +124,7 @@ class Deadband(SensorEffect):
     signature = "readings are zero for small efforts, and too small by a constant for others"
     signals = ("effort",)
     inner = (Parameter("width", "{effort}", 1e-15, 1e9, (0.001, 1.0), log=True),)
+    start_multiples = {"width": ("largest_effort", np.geomspace(0.01, 0.4, 8))}
     confused_with = {
         "contact_offset": "probe slowly near the surface",
         "bias": "look at both signs of effort",
@@ -153,29 +144,18 @@ class Deadband(SensorEffect):
         return not may_have_dead_band(data.effort[data.engaged], parameters[f"{self.name}.width"], sigma)
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.slope`: zero within the dead band."""
         return np.where(np.abs(effort) > inner["width"], 1.0, 0.0)[:, None] * columns
-
-    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: shares of the largest reading."""
-        return start_grid(width=np.geomspace(0.01, 0.4, 8) * data.largest_effort)
 
 
 class ForceDeadband(AdditiveEffect):
-    """effort = w J^T p in contact with press direction p: the force hidden by the force sensor's dead band.
-
-    In the contact channel a dead band looks like a deeper surface; the joints carry the hidden force.
-    """
+    """In the contact channel a dead band looks like a deeper surface; the joints carry the hidden force."""
 
     name = "force_deadband"
     kind = Kind.SENSOR_STATICS
     physics = "The force sensor does not show the first part of any force, but the joints carry it."
-    equation = "effort = w J^T p while touching"
+    equation = "effort = w J^T p while touching, p the press direction"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 2: threshold; J^T F by virtual work"
-    signature = (
-        "in contact, the errors of all joints match one additional force at the tip, which does not grow "
-        "with the contact force"
-    )
+    signature = "in contact, the errors of all joints match one force at the tip, however hard it presses"
     signals = ("load",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (Parameter("width", "N", 0.0, 1e12, (0.01, 10.0)),)
@@ -204,8 +184,6 @@ _ABOVE_NOISE = 2.0  # ratio to the variance of white noise below which readings 
 
 
 class Saturation(SensorEffect):
-    """reading = clip(effort, -limit, limit)."""
-
     name = "saturation"
     kind = Kind.SENSOR_STATICS
     physics = "Beyond its range, the sensor shows the limit of the range."
@@ -214,6 +192,7 @@ class Saturation(SensorEffect):
     signature = "the largest readings are cut off flat at one value"
     signals = ("effort",)
     inner = (Parameter("limit", "{effort}", 1e-15, 1e9, (0.1, 100.0), log=True),)
+    start_multiples = {"limit": ("largest_effort", (0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 0.99))}
     confused_with = {
         "layered_stiffness": "press less: readings below the limit are correct",
         "cubic_stiffness": "press less: readings below the limit are correct",
@@ -224,7 +203,6 @@ class Saturation(SensorEffect):
         return np.clip(effort, -inner["limit"], inner["limit"])
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.slope`: zero beyond the limit."""
         return np.where(np.abs(effort) < inner["limit"], 1.0, 0.0)[:, None] * columns
 
     def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
@@ -240,11 +218,6 @@ class Saturation(SensorEffect):
             _follows_a_curve(above[beyond], signals[beyond], data.run[beyond])
             for signals in (number[:, None], motion)
         )
-
-    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: shares of the largest reading."""
-        shares = (0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 0.99)
-        return start_grid(limit=np.array(shares) * data.largest_effort)
 
 
 def _follows_a_curve(readings: FloatArray, signals: FloatArray, run: IntArray) -> bool:
@@ -277,11 +250,10 @@ _STILL = 0.1  # change relative to the width below which an effort counts as con
 
 
 class Hysteresis(SensorEffect):
-    """reading = play(effort, width).
+    """After a reversal, the reading is constant until the effort has changed by twice the width.
 
-    After a reversal, the reading is constant until the effort has changed by twice the width. The initial
-    state within this gap depends on the past: a reading stays high after a press. For a contact, the initial
-    state is taken from the readings in free air. A joint has no free air and starts in the middle of the gap.
+    The initial state within this gap depends on the past: a reading stays high after a press. For a contact,
+    it is taken from the readings in free air. A joint has no free air and starts in the middle of the gap.
     """
 
     name = "hysteresis"
@@ -292,6 +264,7 @@ class Hysteresis(SensorEffect):
     signature = "readings are low while the effort rises and high while it falls, at any speed"
     signals = ("past effort",)
     inner = (Parameter("width", "{effort}", 1e-15, 1e9, (0.001, 1.0), log=True),)
+    start_multiples = {"width": ("largest_effort", np.geomspace(0.01, 0.3, 7))}
     confused_with = {
         "bouc_wen_hysteresis": "reverse slowly at several loads: a sensor's loops all have the same width",
         "backlash": "reverse slowly at several loads: a gap is crossed in position, a hysteresis in effort",
@@ -334,10 +307,6 @@ class Hysteresis(SensorEffect):
             slopes[(held & first)[last]] = 0.0
         return slopes, reading
 
-    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: shares of the largest reading."""
-        return start_grid(width=np.geomspace(0.01, 0.3, 7) * data.largest_effort)
-
 
 def _first_readings(effort: FloatArray, data: ChannelData, width: float) -> FloatArray:
     """Return the mean reading of each run before the effort changes, shape (runs,) or (runs, p).
@@ -364,10 +333,7 @@ _SHARES = (0.01, 0.05, 0.2)  # start values of the noise, in steps
 
 
 class Quantisation(SensorEffect):
-    """reading = step * round((effort + noise) / step), averaged over the noise before quantization.
-
-    Near an edge the noise decides between two readings; between edges it has no effect.
-    """
+    """Near an edge the noise decides between two readings; between edges it has no effect."""
 
     name = "quantisation"
     kind = Kind.SENSOR_STATICS

@@ -77,10 +77,7 @@ class StressRelaxation(_Relaxation, AdditiveEffect):
     kind = Kind.TIME_MEMORY
     physics = "Part of the elastic force relaxes with time, as in flesh, rubber and foam."
     equation = "F = k1 z, z' = x' - z/tau, x only while pressed"
-    source = (
-        "C. Zener, Elasticity and Anelasticity of Metals (1948): standard linear solid; Y. C. Fung, "
-        "Biomechanics (1993), ch. 7"
-    )
+    source = "C. Zener, Elasticity and Anelasticity of Metals (1948); Y. C. Fung, Biomechanics (1993), ch. 7"
     signature = "force falls during a hold at constant depth, and is lower on the way out than on the way in"
     signals = ("past motion",)
     channels = frozenset({ChannelKind.CONTACT})
@@ -101,7 +98,6 @@ class StressRelaxation(_Relaxation, AdditiveEffect):
         return self.relaxed(memory, pressed, data)[:, None]
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: time constants from four samples to three times the longest run."""
         return start_grid(tau=_time_constants(data, 9, 3.0))
 
 
@@ -120,10 +116,7 @@ class PowerLawRelaxation(_Relaxation, MemoryEffect):
         "R. L. Bagley, P. J. Torvik, J. Rheology 27 (1983); B. Fabry et al., Phys. Rev. Lett. 87 (2001): "
         "scale-free relaxation of cells"
     )
-    signature = (
-        "force in a hold falls by the same amount in each decade of time; the peak grows as a small "
-        "power of speed"
-    )
+    signature = "force in a hold falls equally in each decade of time; its peak is a small power of speed"
     signals = ("past motion",)
     channels = frozenset({ChannelKind.CONTACT})
     inner = (Parameter("share", "1", 0.0, 1.0, (0.1, 0.9)), Parameter("alpha", "1", 0.01, 0.99, (0.1, 0.6)))
@@ -208,7 +201,6 @@ class RelaxationSpectrum(_Relaxation, MemoryEffect):
         }
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: time constants from four samples to the duration of the longest run."""
         times = _time_constants(data, 4, 1.0)
         return tuple(
             {"fast": fast, "slow": slow, "fast_time": float(sooner), "slow_time": float(later)}

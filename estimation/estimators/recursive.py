@@ -169,11 +169,7 @@ class _Noise:
         self._floor = self._share = 0.0
 
     def variance(self, effort: float) -> float:
-        """Return the variance of the noise at an effort.
-
-        Args:
-            effort: predicted effort.
-        """
+        """Return the variance of the noise at a predicted effort."""
         return self._floor + self._share * effort * effort + _ROUNDING2 * effort * effort
 
     @property
@@ -182,13 +178,7 @@ class _Noise:
         return self._errors / self._count if self._count else 0.0
 
     def update(self, error: float, effort: float, *, clip: bool) -> None:
-        """Update the noise model with one error.
-
-        Args:
-            error: measured minus predicted effort.
-            effort: predicted effort.
-            clip: whether to clip the error at `_CLIP_SIGMAS` standard deviations, as a possible outlier.
-        """
+        """Update by an error (measured minus predicted effort); `clip` limits that of a possible outlier."""
         square, error2 = effort * effort, error * error
         if clip:
             error2 = min(error2, _CLIP_SIGMAS**2 * self.variance(effort))

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator, Mapping
+from functools import lru_cache
 from hashlib import sha256
 from math import isfinite
 from pathlib import Path
@@ -82,10 +83,17 @@ def with_saved_channels(content: Mapping[str, Any], folder: Path | None) -> dict
 
 
 def _read(folder: Path | None) -> _SavedDiagnosis | None:
-    """Read the saved diagnosis of a folder; None without a file."""
+    """Return the saved diagnosis of a folder, read again only if the file changed; None without a file."""
     file = None if folder is None else folder / RESULT
     if file is None or not file.exists():
         return None
+    state = file.stat()
+    return _read_version(file, (state.st_mtime_ns, state.st_size, state.st_ino))
+
+
+@lru_cache(maxsize=1)
+def _read_version(file: Path, version: tuple[int, ...]) -> _SavedDiagnosis:
+    """Read one version of a file; a report asks for it several times for each channel."""
     try:
         return read_saved(file, _SavedDiagnosis)
     except ValueError as error:
@@ -142,11 +150,11 @@ def read_saved(file: Path, model: type[Saved]) -> Saved:
         first = error.errors(include_url=False, include_input=False)[0]
         where = ".".join(clean_text(str(part)) for part in first["loc"])
         raise ValueError(f"{where}: {first['msg']}" if where else first["msg"]) from error
-    for text in _texts(saved.model_dump(mode="json")):
+    for place, text in _texts(saved.model_dump(mode="json")):
         if len(text) > MAX_TEXT_LENGTH:
-            raise ValueError(f"a text has {len(text)} characters, at most {MAX_TEXT_LENGTH}")
+            raise ValueError(f"{place}: has {len(text)} characters, at most {MAX_TEXT_LENGTH}")
         if text != clean_text(text):
-            raise ValueError(f"the text {text!a:.60} has characters that cannot be printed")
+            raise ValueError(f"{place}: the text {text!a:.60} has characters that cannot be printed")
     if checksum is None:
         raise ValueError(f"{_CHECKSUM}: is missing, as in files of earlier versions")
     if checksum != _checksum(content):
@@ -190,12 +198,12 @@ def clean_text(text: str) -> str:
     return "".join(char if char.isprintable() else "?" for char in text)
 
 
-def _texts(content: Any) -> Iterator[str]:  # noqa: ANN401, whatever JSON can hold
+def _texts(content: Any, place: str = "") -> Iterator[tuple[str, str]]:  # noqa: ANN401, whatever JSON can hold
+    """Yield the place and the text of each key and string; a key comes before the places that contain it."""
     if isinstance(content, str):
-        yield content
-    elif isinstance(content, Mapping):
-        for key, value in content.items():
-            yield from (key, *_texts(value))
-    elif isinstance(content, list):
-        for value in content:
-            yield from _texts(value)
+        yield place, content
+    elif isinstance(content, Mapping | list):
+        for key, value in content.items() if isinstance(content, Mapping) else enumerate(content):
+            if isinstance(key, str):
+                yield f"a key of {place or 'the file'}", key
+            yield from _texts(value, f"{place}.{key}".removeprefix("."))

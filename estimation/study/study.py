@@ -368,8 +368,7 @@ class ModelStudy(StudyFits):
         Args:
             channel: the channel with its base model.
         """
-        same = (revision for revision in reversed(self.revisions) if revision.key == channel.saved_key)
-        return next(same, None)
+        return next(reversed(self._revisions_of(channel)), None)
 
     def newest(self, channel: StudyChannel) -> Revision | None:
         """Return the newest revision of a channel's data, of any base model unless the study names one.
@@ -379,12 +378,9 @@ class ModelStudy(StudyFits):
         """
         if self.model is not None:
             return self.latest(channel)
-        same = (
-            revision
-            for revision in reversed(self.revisions)
-            if (revision.channel, revision.data_sha256) == (channel.name, channel.sha256)
-        )
-        return next(same, None)
+        identity = channel.name, channel.sha256
+        newest_first = reversed(self.revisions)
+        return next((each for each in newest_first if (each.channel, each.data_sha256) == identity), None)
 
     def revision(self, number: int) -> Revision:
         """Return a revision by its number.
@@ -462,14 +458,17 @@ class ModelStudy(StudyFits):
             base = self.comparison(channel)
         except InputError as error:
             return ChannelResult(channel, diagnosis, reason=str(error))
-        same = [revision for revision in self.revisions if revision.key == channel.saved_key]
-        numbers = {tuple(revision.effects): revision.number for revision in same}
+        numbers = {tuple(each.effects): each.number for each in self._revisions_of(channel)}
         chains = [tuple(effects[:count]) for count in range(len(effects) + 1)]
         stages = [
             ModelStage(self.fit(channel, chain), "".join(chain[-1:]), numbers.get(chain)) for chain in chains
         ]
         extended_comparison = self.comparison(channel, effects) if effects else None
         return ChannelResult(channel, diagnosis, base, tuple(stages), extended_comparison, reason)
+
+    def _revisions_of(self, channel: StudyChannel) -> list[Revision]:
+        """Return the revisions of a channel's data and base model, oldest first."""
+        return [revision for revision in self.revisions if revision.key == channel.saved_key]
 
     def _table(self) -> DisplayTable:
         rows = [
@@ -570,12 +569,7 @@ class ModelStudy(StudyFits):
         self, channel: StudyChannel, effects: Sequence[str], parent: Revision | None
     ) -> tuple[Revision, ...]:
         """Save each stage after the parent, or after a base model that is already saved."""
-        bases = (
-            revision
-            for revision in self.revisions
-            if revision.key == channel.saved_key and not revision.effects
-        )
-        before = parent or next(bases, None)
+        before = parent or next((each for each in self._revisions_of(channel) if not each.effects), None)
         self.fit(channel, effects)  # raises before anything is saved if an effect cannot be added
         kept: list[Revision] = []
         try:

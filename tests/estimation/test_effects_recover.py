@@ -149,7 +149,7 @@ def dahl(path):
         speed = np.interp(now, t, v)
         return (speed - abs(speed) * z) / path
 
-    return state(change, t, max_step=t[1] - t[0], rtol=1e-6)
+    return state(change, t, max_step=4 * (t[1] - t[0]), rtol=1e-6)
 
 
 def presliding_friction():
@@ -174,7 +174,7 @@ def wen(rise, across, along, n):
         speed = np.interp(now, t, v)
         return rise * speed - across * abs(speed) * abs(z) ** (n - 1) * z - along * speed * abs(z) ** n
 
-    return state(change, t, max_step=t[1] - t[0], rtol=1e-6)
+    return state(change, t, max_step=4 * (t[1] - t[0]), rtol=1e-6)
 
 
 def bouc_wen_hysteresis():
@@ -238,7 +238,7 @@ def run_ripple():
     rng = np.random.default_rng(2)
     parts = []
     for _ in range(4):
-        t = np.arange(800) * 2e-3
+        t = np.arange(400) * 4e-3
         q, v = 1.5 * np.sin(3 * t), 4.5 * np.cos(3 * t)
         parts.append((t, q, v, 0.4 * v + 0.7 * np.sin(18 * q + rng.uniform(0, 2 * np.pi))))
     (t, q, v, torque), run = runs(parts)

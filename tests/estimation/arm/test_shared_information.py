@@ -6,7 +6,6 @@ import pytest
 from palpate.estimation.arm.inertial_parameters import base_parameters
 from palpate.estimation.channel import Information
 from palpate.estimation.shared_gains import (
-    JointNormalEquations,
     arrange_products,
     information_of_others,
     shared_information,
@@ -41,15 +40,16 @@ class SharedArm:
         self.torque = self.columns @ (self.base.grouping @ other_bodies(rng, self.body.parameters))
         self.torque += 0.4 * np.sign(v) + SIGMA * colored_noise(rng, self.fold, JOINTS)
         self.prior = urdf_information(self.base, self.body.parameters)
-        self.moments = [self.of_joint(j, self.columns[:, j], self.own[j]) for j in range(JOINTS)]
+        self.products = [self.products_of(j, self.columns[:, j], self.own[j]) for j in range(JOINTS)]
+        self.information = [self.of_joint(j, self.products[j]) for j in range(JOINTS)]
 
-    def of_joint(self, joint, shared, own, torque=None):
-        torque = self.torque if torque is None else torque
-        rows = np.column_stack([shared, own, torque[:, joint]])
+    def products_of(self, joint, shared, own, torque=None):
+        rows = np.column_stack([shared, own, (self.torque if torque is None else torque)[:, joint]])
         parts = [rows[self.fold == f] for f in range(FOLDS)]
-        return JointNormalEquations(
-            np.stack([part.T @ part for part in parts]), shared.shape[1], SIGMA[joint]
-        )
+        return np.stack([part.T @ part for part in parts])
+
+    def of_joint(self, joint, products, more=0):
+        return shared_information(products, len(self.base.columns) + more, SIGMA[joint])
 
     def stacked(self, used):
         """All gains by least squares of all joints' rows, the prior as more rows: an independent way."""
@@ -81,8 +81,8 @@ def close(found, expected):
 
 @pytest.mark.parametrize("joint", range(JOINTS))
 def test_one_joint_with_shared_information_matches_the_joint_fit(arm, joint):
-    others = information_of_others(arm.moments, arm.prior)[joint]
-    products = arm.moments[joint].products
+    others = information_of_others(arm.information, arm.prior)[joint]
+    products = arm.products[joint]
     total = np.concatenate([[products.sum(axis=0)], products.sum(axis=0) - products]) / SIGMA[joint] ** 2
     b = len(arm.base.columns)
     system = total[:, :-1, :-1].copy()
@@ -98,7 +98,7 @@ def test_one_joint_with_shared_information_matches_the_joint_fit(arm, joint):
             close(one[b:], own[joint])
     # Fitted with those alone, not divided by its noise, it predicts held-out folds as all together.
     felt = np.flatnonzero(arm.base.affects_joint[joint])
-    others = information_of_others(arm.moments, arm.prior)[joint].about(felt).times(SIGMA[joint] ** 2)
+    others = others.about(felt).times(SIGMA[joint] ** 2)
     columns = np.column_stack([arm.columns[:, joint][:, felt], arm.own[joint]])
     for f in range(FOLDS):
         used, s = arm.fold != f, len(felt)
@@ -122,8 +122,8 @@ def test_moments_in_another_order_are_equivalent(arm):
     }
     rows = np.column_stack([*(picked[name] for name in mixed), arm.torque[:, joint]])
     products = np.stack([rows[arm.fold == f].T @ rows[arm.fold == f] for f in range(FOLDS)])
-    found = arrange_products(products, mixed, names, SIGMA[joint])
-    np.testing.assert_allclose(found.products, arm.moments[joint].products, atol=1e-9)
+    found = arrange_products(products, mixed, names)
+    np.testing.assert_allclose(found, arm.products[joint], atol=1e-9)
 
 
 def test_shared_parameters_without_masses_need_no_prior(arm):
@@ -132,16 +132,18 @@ def test_shared_parameters_without_masses_need_no_prior(arm):
     coupled[:, 4, 0], coupled[:, 5, 0] = rng.normal(size=(2, len(arm.fold)))
     columns = np.concatenate([arm.columns, coupled], axis=2)
     torque = arm.torque + 0.5 * coupled[:, :, 0]
-    moments = [arm.of_joint(j, columns[:, j], arm.own[j], torque) for j in range(JOINTS)]
+    products = (arm.products_of(j, columns[:, j], arm.own[j], torque) for j in range(JOINTS))
+    known = [arm.of_joint(j, each, more=1) for j, each in enumerate(products)]
     unknown = Information(np.pad(arm.prior.matrix, (0, 1)), np.pad(arm.prior.vector, (0, 1)))
-    both = information_of_others(moments, unknown)[4] + shared_information(moments[4])
+    both = information_of_others(known, unknown)[4] + known[4]
     assert minimum(both)[:, -1] == pytest.approx(0.5, abs=0.01)
 
 
 def test_dependent_own_columns_do_no_harm(arm):
     """Viscous friction twice says no more of the base parameters than once."""
-    twice = arm.of_joint(1, arm.columns[:, 1], np.repeat(arm.own[1], 2, axis=1))
+    twice = arm.of_joint(1, arm.products_of(1, arm.columns[:, 1], np.repeat(arm.own[1], 2, axis=1)))
     one, two = (
-        information_of_others([moments, arm.moments[2]], arm.prior)[1] for moments in (arm.moments[1], twice)
+        information_of_others([known, arm.information[2]], arm.prior)[1]
+        for known in (arm.information[1], twice)
     )
     close(minimum(two), minimum(one))

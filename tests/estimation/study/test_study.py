@@ -20,7 +20,7 @@ from palpate.estimation.diagnosis.extension import PackedFit
 from palpate.estimation.diagnosis.residual_checks import exceeds_noise
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.measurement_model import identify_measurement_model
-from palpate.estimation.study import ModelStudy, fits, fitting
+from palpate.estimation.study import ModelStudy, fits, fitting, saved_diagnosis
 from palpate.estimation.study.channels import channel_of
 from palpate.estimation.study.saved_diagnosis import RESULT, with_checksum
 from palpate.robot_io.errors import InputError
@@ -248,6 +248,18 @@ def test_diagnosis_changed_by_hand_is_refused(pressed, tmp_path):
     again = ModelStudy(session(4, cubic), folder=tmp_path)
     with pytest.raises(InputError, match=r"damaged \(sha256: .* changed after palpate wrote it"):
         again.known_diagnosis(again.channels[0])
+
+
+def test_saved_diagnosis_is_read_again_only_after_a_change(pressed, tmp_path, monkeypatch):
+    study, found = pressed
+    (tmp_path / RESULT).write_text(json.dumps(study.diagnosis_data(found)))
+    read, plain = [], saved_diagnosis.read_saved
+    monkeypatch.setattr(saved_diagnosis, "read_saved", lambda *args: read.append(args) or plain(*args))
+    first, second = (saved_diagnosis.read_saved_diagnoses(tmp_path) for _ in range(2))
+    assert (list(first.values()), len(read)) == (found.channels, 1)
+    assert second == first
+    forge(tmp_path / RESULT, lambda content: content.update(channels=[]))
+    assert saved_diagnosis.read_saved_diagnoses(tmp_path) == {}
 
 
 def test_numbers_of_a_forged_revision_are_checked_against_the_data(tmp_path):
