@@ -196,46 +196,30 @@ def test_diagnosis_names_the_effect_and_an_added_effect_has_a_size_in_every_row(
     assert abs(sizes["plain.csv"]) < 2e5
 
 
-def write_outlier(folder):
-    """Presses of six specimens, of which the last is twice as stiff."""
+def test_page_links_outliers_to_reports_that_are_written_once_or_to_their_command(without_figures, tmp_path):
+    """Six specimens in one file, of which the last is twice as stiff."""
+    tables, data, out = [], tmp_path / "all.csv", tmp_path / "out"
     for number, k in enumerate((398.0, 400.0, 401.0, 399.0, 402.0, 800.0)):
         law = lambda x, v, k=k: k * x + 6.0 * v  # noqa: E731
-        yield write_presses(folder / f"r {number}.csv", speeds_m_s=(0.08, 0.06), force_of=law, seed=number)
-
-
-def test_page_links_outliers_to_their_reports_which_are_written_once(without_figures, tmp_path):
-    folder = tmp_path / "recordings"
-    folder.mkdir()
-    list(write_outlier(folder))
-    said = as_json("batch", folder, "--out", tmp_path / "out", "--workers", 1, "--reports", 1)
+        press = write_presses(tmp_path / "one.csv", speeds_m_s=(0.08, 0.06), force_of=law, seed=number)
+        head, *lines = press.read_text().splitlines()
+        tables += [f"{line},no {number}" for line in lines]
+    data.write_text("\n".join([f"{head},specimen", *tables]))
+    batch = ("batch", data, "--split", "specimen", "--out", out, "--workers", 1, "--reports")
+    said = as_json(*batch, 1)
     ((name, report),) = said["reports"].items()
-    assert name == "r 5.csv"
-    page = (tmp_path / "out" / "index.html").read_text()
-    assert f'<a href="{report}">report</a>' in page
-    text = (tmp_path / "out" / report).read_text()
-    assert "r 5.csv" in text
-    (tmp_path / "out" / report).write_text(f"marked {text}")
-    assert palpate.batch(folder, out=tmp_path / "out", workers=1, reports=1).reports == said["reports"]
-    assert (tmp_path / "out" / report).read_text().startswith("marked ")
-    done("batch", folder, "--out", tmp_path / "out", "--workers", 1, "--reports", 0)
-    page = (tmp_path / "out" / "index.html").read_text()
+    assert name == "all.csv specimen=no 5"
+    assert f'<a href="{report}">report</a>' in (out / "index.html").read_text()
+    text = (out / report).read_text()
+    stiffness = re.search(r"stiffness k (\S+) ± ", " ".join(re.sub(r"<[^>]*>", " ", text).split()))[1]
+    assert float(stiffness) == pytest.approx(800.0, rel=0.01)
+    (out / report).write_text(f"marked {text}")
+    assert as_json(*batch, 1)["reports"] == said["reports"]
+    assert (out / report).read_text().startswith("marked ")
+    done(*batch, 0)
+    page = html.unescape((out / "index.html").read_text())
     assert report not in page
-    assert "palpate report" in page
-
-
-def test_report_of_a_part_of_a_file_selects_it(tmp_path):
-    tables = []
-    for number, press in enumerate(write_outlier(tmp_path)):
-        with press.open() as file:
-            tables += [{**row, "specimen": f"no {number}"} for row in csv.DictReader(file)]
-    with (tmp_path / "all.csv").open("w") as file:
-        writer = csv.DictWriter(file, tables[0])
-        writer.writeheader()
-        writer.writerows(tables)
-    options = ("--split", "specimen", "--out", tmp_path / "out", "--workers", 1, "--reports", 0)
-    done("batch", tmp_path / "all.csv", *options)
-    page = html.unescape((tmp_path / "out" / "index.html").read_text())
-    assert f"palpate report {tmp_path}/all.csv --where 'specimen=no 5'" in page
+    assert f"palpate report {data} --where 'specimen=no 5'" in page
 
 
 def test_report_has_the_diagnosis_and_added_effects_of_its_batch(
@@ -315,39 +299,35 @@ def write_lerobot(folder, torques_Nm):
     return folder
 
 
-def test_each_episode_of_a_lerobot_data_set_is_a_measurement(tmp_path):
+OF_JOINT = ("--unit", "position=deg", "--unit", "torque=Nm", "--add", "coulomb_friction", "--workers", 1)
+
+
+def test_each_episode_of_a_lerobot_data_set_is_a_measurement_and_unlike_ones_share_no_law(tmp_path):
     torques = (0.2, 0.4, 0.3)
-    folder = write_lerobot(tmp_path / "set", torques)
+    folder, out = write_lerobot(tmp_path / "set", torques), tmp_path / "out"
     names = [f"file-000.parquet run={episode}" for episode in range(3)]
     assert [each.name for each in find_measurements([folder])] == names
     (file,) = folder.glob("data/**/*.parquet")
     assert [each.name for each in find_measurements([file])] == ["file-000.parquet"]  # a file is one
-    units = ("--unit", "position=deg", "--unit", "torque=Nm")
-    done("batch", folder, *units, "--add", "coulomb_friction", "--out", tmp_path / "out", "--workers", 1)
-    told = {row["run"]: float(row["coulomb_friction.force [N m]"]) for row in rows(tmp_path / "out")}
+    batch = ("batch", folder, *OF_JOINT, "--out", out, "--share")
+    said = done(*batch, "coulomb_friction").stdout
+    told = {row["run"]: float(row["coulomb_friction.force [N m]"]) for row in rows(out)}
     assert told == {str(episode): pytest.approx(torque, rel=0.01) for episode, torque in enumerate(torques)}
+    assert "coulomb_friction.force in 3 estimates is not shared" in " ".join(said.split())
+    assert "contradicted" in (out / "index.html").read_text()
+    assert_refused(run(*batch, "backlash"), "--share backlash", "Available:", "coulomb_friction")
 
 
-def test_law_is_shared_only_where_recordings_agree(tmp_path):
-    units = ("--unit", "position=deg", "--unit", "torque=Nm", "--share", "coulomb_friction", "--workers", 1)
-    same = ("batch", write_lerobot(tmp_path / "same", (0.3,) * 3), "--model", "inertia", *units)
-    same = (*same, "--add", "coulomb_friction", "--out", tmp_path / "out")
+def test_law_is_shared_where_recordings_agree(tmp_path):
+    folder = write_lerobot(tmp_path / "same", (0.3,) * 3)
+    same = ("batch", folder, "--model", "inertia", *OF_JOINT, "--share", "coulomb_friction")
+    same = (*same, "--out", tmp_path / "out")
     (shared,) = (each for each in as_json(*same)["shared"] if each["parameter"] == "coulomb_friction.force")
     alone = [float(row["coulomb_friction.force std_err [N m]"]) for row in rows(tmp_path / "out")]
     assert not shared["contradicted"]
     assert shared["count"] == 3
     assert abs(shared["value"] - 0.3) < 4 * shared["std_err"]
     assert shared["std_err"] == pytest.approx(np.mean(alone) / 3**0.5, rel=0.1)
-    unlike = write_lerobot(tmp_path / "unlike", (0.3, 0.3, 0.31))
-    options = (*units, "--model", "inertia", "--add", "coulomb_friction")
-    said = done("batch", unlike, *options, "--out", tmp_path / "no").stdout
-    assert "coulomb_friction.force in 3 estimates is not shared" in " ".join(said.split())
-    assert "contradicted" in (tmp_path / "no" / "index.html").read_text()
-    refused = run("batch", unlike, *options, "--share", "backlash", "--out", tmp_path / "no")
-    assert_refused(refused, "--share backlash", "Available:", "coulomb_friction")
-    refused = run("batch", unlike, *options, "--share", "relaxation", "--out", tmp_path / "new")
-    assert_refused(refused, "relaxation", "stress_relaxation")
-    assert not (tmp_path / "new").exists()
 
 
 def test_equal_file_names_are_distinguished_and_binary_is_no_list(tmp_path):
@@ -426,6 +406,7 @@ def test_table_of_failures_has_their_rows(tmp_path):
         (("--pool",), "--pool: 1 measurement given; at least 5 are needed"),
         (("--model", "kelvin"), "kelvin_voigt"),
         (("--add", "cubic"), "cubic_stiffness"),
+        (("--share", "relaxation"), "stress_relaxation"),
     ],
 )
 def test_invalid_settings_are_refused_before_the_first_measurement(specimens, tmp_path, options, words):
@@ -506,20 +487,6 @@ def test_names_that_are_no_utf8_are_rows_too(tmp_path):
     run("batch", good, broken, "--out", tmp_path / "out", "--workers", 1)
     told = {row["measurement"]: bool(row["error"]) for row in rows(tmp_path / "out")}
     assert told == {"good?.csv": False, "broken?.csv": True}
-
-
-def test_script_that_calls_a_batch_needs_no_guard(specimens, tmp_path):
-    file = next(specimens.glob("[!b]*.csv"))
-    script = tmp_path / "script.py"
-    script.write_text(
-        f"import palpate\nresult = palpate.batch({str(file)!r}, out='out', workers=1)\n"
-        "print(result.table.num_rows, result.errors)\n"
-    )
-    ended = subprocess.run(
-        [sys.executable, script], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=100
-    )
-    assert "Traceback" not in ended.stderr
-    assert (ended.returncode, ended.stdout) == (0, "1 {}\n")
 
 
 @pytest.mark.parametrize("labels", [(1234567.5, 1234568.5), ("plate  1", "plate  2"), (7, 8.0), ("", "x")])

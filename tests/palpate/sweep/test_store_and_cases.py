@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import subprocess
 import sys
 from collections import deque
 from contextlib import suppress
@@ -16,6 +17,7 @@ from palpate.sweep import RESULTS, Case, Cluster, ResultStore, case, refuse_othe
 from palpate.sweep.case import code_version
 from palpate.sweep.rows import BOUND, HIGH, LOW, TRUE, error_table, errors_of
 from palpate.sweep.runner import run_one
+from tests.palpate.cli import ROOT
 
 BASE = Case("tests.palpate.sweep.slow_work:work", {"k": 500, "noise": [0.0, 0.1]}, 1)
 
@@ -204,19 +206,27 @@ def test_named_pipe_is_not_read(tmp_path):
         ResultStore(tmp_path).finished()
 
 
-def test_failed_case_stores_its_error_and_is_not_repeated(tmp_path):
-    store = ResultStore(tmp_path)
-    case = Case("tests.palpate.sweep.slow_work:failing", {"what": "luck"}, 3)
-    progress = []
-    report = run_cases([case, case], store, Cluster(workers=1), lambda *now: progress.append(now))
-    assert (report.finished_before, report.finished_now, report.failures) == (0, 1, ())
-    assert progress == [(0, 1), (1, 1)]
-    (row,) = store.rows([case.address])
+SCRIPT = """
+from pathlib import Path
+from palpate.sweep import Case, Cluster, ResultStore, run_cases
+case, progress = Case("tests.palpate.sweep.slow_work:failing", {"what": "luck"}, 3), []
+report = run_cases([case, case], ResultStore(Path()), Cluster(workers=1), lambda *now: progress.append(now))
+print((report.finished_before, report.finished_now, report.failures), progress)
+"""  # runs once, although it has no guard by `__name__`
+
+
+def test_failed_case_of_a_script_stores_its_error_and_is_not_repeated(tmp_path):
+    (tmp_path / "script.py").write_text(SCRIPT)
+    ended = subprocess.run(
+        [sys.executable, "script.py"], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True, text=True, check=False, timeout=100,
+    )  # fmt: skip
+    assert (ended.stdout, "Traceback" in ended.stderr) == ("(0, 1, ()) [(0, 1), (1, 1)]\n", False)
+    store, failed = ResultStore(tmp_path), Case("tests.palpate.sweep.slow_work:failing", {"what": "luck"}, 3)
+    (row,) = store.rows([failed.address])
     assert row["error"].startswith("ValueError: no luck")
     assert row["seed"] == 3
-    assert run_cases([case], store).finished_before == 1
-    # The stored one is not asked for
-    assert run_cases([Case(case.task, case.parameters, 4)], store, Cluster(workers=1)).finished_before == 0
+    assert run_cases([failed], store).finished_before == 1
 
 
 def test_result_with_other_column_types_is_refused_by_name(tmp_path):
