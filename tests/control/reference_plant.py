@@ -8,30 +8,38 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 
-from palpate.control.arm.dh import DhRow, DhTable
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.robot_io.types import Measurement
-from tests.control.dh_urdf import LinkInertia, dh_to_urdf
 
 SUBSTEP_S = 0.00025
-TABLE = DhTable(
-    name="test_arm",
-    rows=(
-        DhRow(name="base", type="fixed", alpha_rad=-np.pi / 2),
-        DhRow(name="joint_1", type="revolute", a_m=0.32),
-        DhRow(name="joint_2", type="revolute", a_m=0.28),
-        DhRow(name="joint_3", type="revolute", a_m=0.12),
-    ),
-)
+RODS = ((1.8, 0.32), (1.2, 0.28), (0.5, 0.12))  # mass [kg] and length [m]
+JOINT = """
+  <link name="joint_{i}_link"><inertial><origin xyz="{middle} 0 0"/><mass value="{mass}"/>
+    <inertia ixx="2e-4" iyy="{across}" izz="{across}" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="joint_{i}" type="{kind}"><parent link="{parent}"/><child link="joint_{i}_link"/>
+    <origin {origin}/><axis xyz="{axis}"/><limit lower="{low}" upper="{high}" effort="99" velocity="9"/>
+  </joint>"""
+TIP = """<link name="tip"/>
+  <joint name="end" type="fixed"><parent link="joint_3_link"/><child link="tip"/><origin {origin}/></joint>"""
 
 
-def slender(mass_kg: float, length_m: float) -> LinkInertia:
-    """A rod along x from the joint on."""
-    across = mass_kg * length_m**2 / 12
-    return LinkInertia(mass_kg, (length_m / 2, 0.0, 0.0), (2e-4, across, across, 0.0, 0.0, 0.0))
+def arm_urdf(
+    origins=('xyz="0 0 0"', 'xyz="0.32 0 0"', 'xyz="0.28 0 0"', 'xyz="0.12 0 0"'),
+    axes=("0 1 0",) * 3,
+    kinds=("revolute",) * 3,
+    limits=((-np.pi, np.pi),) * 3,
+) -> str:
+    """An arm of three slender rods along x; the origins are those of its joints and of its tip."""
+    text, parent = "", "base_link"
+    for i, (mass, length) in enumerate(RODS):
+        rod = {"mass": mass, "middle": length / 2, "across": mass * length**2 / 12}
+        joint = {"origin": origins[i], "axis": axes[i], "kind": kinds[i], "parent": parent}
+        text += JOINT.format(i=i + 1, low=limits[i][0], high=limits[i][1], **joint, **rod)
+        parent = f"joint_{i + 1}_link"
+    return f'<robot name="arm"><link name="base_link"/>{text}{TIP.format(origin=origins[3])}</robot>'
 
 
-URDF = dh_to_urdf(TABLE, (slender(1.8, 0.32), slender(1.2, 0.28), slender(0.5, 0.12)))
+URDF = arm_urdf()
 TOOL_AXIS_TIP = np.array([1.0, 0.0, 0.0])
 TORQUE_LIMIT_NM = np.array([60.0, 40.0, 20.0])
 DOWN = np.array([0.0, 0.0, -1.0])

@@ -83,9 +83,9 @@ def test_parts_add_up():
 
 
 def send_a_mass(push_of) -> tuple[float, float]:
-    """A unit mass sent 1 m away: how far it overshoots, and where it is after 20 s."""
+    """A unit mass sent 1 m away: how far it overshoots, and where it is after 8 s."""
     position, velocity, furthest = 0.0, 0.0, 0.0
-    for _ in range(20_000):
+    for _ in range(8_000):
         velocity += push_of(1.0 - position, -velocity) * DT_S
         position += velocity * DT_S
         furthest = max(furthest, position)
@@ -173,13 +173,3 @@ def test_missing_gains_get_defaults():
 def test_invalid_gain_names_file_line_and_key(text, message):
     with pytest.raises(InputError, match=message):
         gains_of(file_with(f"gains: {text}\n"))
-
-
-def test_shipped_arms_have_valid_gains():
-    from pathlib import Path
-
-    from palpate.robot_io.robot_file import load_robot_file
-
-    arms = Path(__file__).resolve().parents[2] / "sim_backend" / "arms"
-    for name in ("leader", "follower"):
-        gains_of(load_robot_file(arms / name / f"{name}.yaml"))

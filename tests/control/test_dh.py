@@ -6,68 +6,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from palpate.control.arm.dh import DhRow, DhTable, check_dh_table
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import parse_yaml
 from palpate.robot_io.robot_file import load_robot_file
-from tests.control.dh_urdf import LinkInertia, dh_to_urdf
-from tests.control.reference_plant import TABLE
 
 ROOT = Path(__file__).resolve().parents[2]
-TABLES = sorted([*(ROOT / "sim_backend" / "arms").glob("*/*.dh.yaml"), *(ROOT / "robots").glob("*.dh.yaml")])
-
-angles = st.floats(-3.2, 3.2)
-lengths = st.floats(-0.6, 0.6)
-rows = st.lists(
-    st.tuples(st.sampled_from(["revolute", "prismatic", "fixed"]), angles, lengths, lengths, angles),
-    min_size=1,
-    max_size=6,
-).filter(lambda found: any(kind != "fixed" for kind, *_ in found))
 ARMS = ROOT / "sim_backend" / "arms"
 ROBOT_FILES = sorted(
     [*ARMS.glob("*/follower.yaml"), *ARMS.glob("*/leader.yaml"), *ROOT.glob("robots/*3dof.yaml")]
 )
-
-
-def table_of(found) -> DhTable:
-    return DhTable(
-        name="random",
-        rows=tuple(
-            DhRow(name=f"row_{i}", type=kind, theta_rad=theta, d_m=d, a_m=a, alpha_rad=alpha)
-            for i, (kind, theta, d, a, alpha) in enumerate(found)
-        ),
-    )
-
-
-def assert_same_tip(table: DhTable, body: RigidBody, position: np.ndarray) -> None:
-    frame = table.tip_frame(position)
-    tip, rotation = body.tip_pose(position)
-    assert frame[:3, 3] == pytest.approx(tip, abs=1e-9)
-    assert frame[:3, :3] == pytest.approx(rotation, abs=1e-9)
-
-
-@pytest.mark.parametrize("path", TABLES, ids=lambda path: path.name)
-def test_shipped_table_describes_the_shipped_urdf(path):
-    table = DhTable.load(path)
-    body = RigidBody.from_urdf(path.with_name(path.name.replace(".dh.yaml", ".urdf")), "tip")
-    for position in np.random.default_rng(1).uniform(-2.5, 2.5, (20, 3)):
-        assert_same_tip(table, body, position)
-
-
-def test_both_shipped_arms_have_a_table():
-    assert len(TABLES) >= 2
-
-
-@given(rows, st.integers(0, 2**32 - 1))
-def test_table_and_its_urdf_have_the_same_kinematics(found, seed):
-    table = table_of(found)
-    body = RigidBody.from_urdf(dh_to_urdf(table), "tip")
-    assert body.joint_names == tuple(row.name for row in table.joint_rows)
-    assert_same_tip(table, body, np.random.default_rng(seed).uniform(-2, 2, table.joint_count))
 
 
 def test_one_revolute_row_by_hand():
@@ -75,16 +25,6 @@ def test_one_revolute_row_by_hand():
     frame = row.transform(0.0).homogeneous
     assert frame[:3, 3] == pytest.approx((0.0, 0.3, 0.1), abs=1e-12)  # x has turned onto y
     assert frame[:3, 2] == pytest.approx((1.0, 0.0, 0.0), abs=1e-12)  # and z onto the old x
-
-
-def test_masses_arrive_in_the_dynamics():
-    inertia = LinkInertia(2.0, (0.1, 0.02, -0.03), (0.01, 0.02, 0.025, 0.001, 0.002, -0.001))
-    body = RigidBody.from_urdf(dh_to_urdf(TABLE, [inertia] * 3), "tip")
-    parameters = body.parameters.reshape(3, 10)
-    assert parameters[:, 0] == pytest.approx([2.0] * 3)
-    assert parameters[1, 1:4] == pytest.approx(2.0 * np.array(inertia.center_m))
-    with pytest.raises(InputError, match="inertias: 2 given, the table has 3 joints"):
-        dh_to_urdf(TABLE, [inertia] * 2)
 
 
 @pytest.mark.parametrize(
@@ -106,7 +46,7 @@ def test_invalid_table_is_one_clear_line(text, message):
 
 def test_number_of_positions_must_fit():
     with pytest.raises(InputError, match="joint positions"):
-        TABLE.tip_frame(np.zeros(2))
+        DhTable(name="a", rows=(DhRow(name="j", type="revolute"),)).tip_frame(np.zeros(2))
 
 
 def check(robot):

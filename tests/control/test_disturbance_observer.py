@@ -61,6 +61,7 @@ FRICTION = [
     for joint in (1, 2)
 ]
 LOAD = [{"effect": "load_dependent_friction", "joint": joint, "load_share": 0.2} for joint in (1, 2)]
+NEAR = kelvin_voigt(10_000.0, 0.0, surface_m=0.16)
 LOAD += [{"effect": "payload", "joint": 3, "mass_kg": 0.5}]
 
 
@@ -69,7 +70,7 @@ LOAD += [{"effect": "payload", "joint": 3, "mass_kg": 0.5}]
     [
         ("follower", kelvin_voigt(1000.0) | NOISY | {"hidden": ADHESION}, 0.15, (-6.0, -4.5)),  # it does pull
         ("follower", kelvin_voigt(500.0, 200.0) | NOISY | {"arm": {"mass_scale": 0.8}}, 0.15, (-1.0, 0.0)),
-        ("leader", kelvin_voigt(10_000.0, 0.0) | NOISY | {"arm": {"mass_scale": 1.2}}, 0.05, (-1.0, 0.0)),
+        ("leader", NEAR | NOISY | {"arm": {"mass_scale": 1.2}}, 0.05, (-1.0, 0.0)),
         ("follower", kelvin_voigt(2000.0) | {"hidden": FRICTION}, 0.15, (-1.0, 0.0)),
         ("follower", kelvin_voigt(2000.0) | {"hidden": LOAD}, 0.15, (-1.0, 0.0)),
     ],

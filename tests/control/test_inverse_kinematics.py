@@ -8,26 +8,21 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from palpate.control.arm.dh import DhRow, DhTable
 from palpate.control.arm.inverse_kinematics import Elbow, PlanarArm
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.robot_io.errors import InputError
-from tests.control.dh_urdf import dh_to_urdf
-from tests.control.reference_plant import DOWN, TABLE, TOOL_AXIS_TIP, test_arm
+from tests.control.reference_plant import DOWN, TOOL_AXIS_TIP, arm_urdf, test_arm
 
 ARMS = Path(__file__).resolve().parents[2] / "sim_backend" / "arms"
 
 
 def tilted_arm() -> RigidBody:
     """Offsets in every angle, an axis turned over, and a plane that is no coordinate plane."""
-    rows = (
-        DhRow(name="base", type="fixed", theta_rad=0.5, d_m=0.2, a_m=0.1, alpha_rad=1.1),
-        DhRow(name="a", type="revolute", theta_rad=0.3, a_m=0.3, alpha_rad=math.pi),
-        DhRow(name="b", type="revolute", theta_rad=-0.4, a_m=0.25, d_m=0.02),
-        DhRow(name="c", type="revolute", theta_rad=1.0, a_m=0.1),
-        DhRow(name="tool", type="fixed", theta_rad=0.2, a_m=0.05),
+    origins = (
+        *('xyz="0.1 0.2 0.3" rpy="0.4 0.3 1.1"', 'xyz="0.3 0.02 0.1" rpy="0 0.3 0"'),
+        *('xyz="0.2 0 -0.1" rpy="0 -0.4 0"', 'xyz="0.1 0 0.05" rpy="0 0.2 0"'),
     )
-    return RigidBody.from_urdf(dh_to_urdf(DhTable(name="tilted", rows=rows)), "tip")
+    return RigidBody.from_urdf(arm_urdf(origins, axes=("0 1 0", "0 -1 0", "0 1 0")), "tip")
 
 
 BODIES = {
@@ -73,20 +68,14 @@ def test_unreachable_target_names_the_reach_and_its_edge_is_near_singular():
     assert not arm.solve(np.array([0.4, 0.0, 0.0]), DOWN, Elbow.POSITIVE).near_singular
 
 
-def with_joint_2(**changes) -> RigidBody:
-    rows = list(TABLE.rows)
-    rows[2] = rows[2].model_copy(update=changes)
-    return RigidBody.from_urdf(dh_to_urdf(DhTable(name="odd", rows=tuple(rows))), "tip")
-
-
 @pytest.mark.parametrize(
-    ("body", "message"),
+    ("arm", "message"),
     [
-        (with_joint_2(alpha_rad=0.2), "axis of 'joint_3' is not parallel to that of 'joint_1'"),
-        (with_joint_2(type="prismatic"), "needs 3 revolute joints; this arm has: revolute, prismatic"),
-        (with_joint_2(a_m=0.0), "above 0"),
+        ({"axes": ("0 1 0", "0 1 0", "0 1 0.2")}, "axis of 'joint_3' is not parallel to that of 'joint_1'"),
+        ({"kinds": ("revolute", "prismatic", "revolute")}, "3 revolute joints; this arm has: revolute, pris"),
+        ({"origins": ('xyz="0 0 0"', 'xyz="0.3 0 0"', 'xyz="0 0 0"', 'xyz="0.1 0 0"')}, "above 0"),
     ],
 )
-def test_other_arms_are_refused(body, message):
+def test_other_arms_are_refused(arm, message):
     with pytest.raises(InputError, match=message):
-        PlanarArm(body, TOOL_AXIS_TIP)
+        PlanarArm(RigidBody.from_urdf(arm_urdf(**arm), "tip"), TOOL_AXIS_TIP)

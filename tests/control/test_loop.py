@@ -79,19 +79,6 @@ def test_steps_are_one_period_apart():
     assert task.dts_s == pytest.approx([1.0 / RATE_HZ] * 30)
 
 
-def test_two_thousand_ticks_end_after_two_thousand_periods():
-    arm = MockArm()
-    arm.plant.advance = lambda time_s: setattr(arm.plant, "time_s", time_s)  # it stands still, quickly
-    result, _ = run(arm, SwingTask(done_at=2_000, torque_nm=0.0), log=_Silent())
-    assert result.ticks == 2_000
-    assert arm.clock.now_s() == pytest.approx(2.0, abs=1e-10)
-
-
-class _Silent(MemoryLog):
-    def append(self, stream_name, record) -> None:
-        pass
-
-
 class _LateClock(SimulatedClock):
     """Wakes the loop up late, each time by another amount."""
 

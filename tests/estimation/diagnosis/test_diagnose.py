@@ -316,6 +316,12 @@ def test_tool_is_valid_beside_stiffening_and_misnamed_beside_softening(law, misn
     assert is_misnamed(model.effects[-1], found.solution, found.problem) is misnamed
 
 
+def test_effect_that_explains_everything_is_not_named_if_it_imitates_another():
+    """A damper that grows with the square of the depth is a Hunt-Crossley contact without its spring."""
+    data = pressed(4, lambda t, x, v, run: 4e5 * x.clip(0.0) ** 2 * v)
+    assert named(decide_verdict(data, "hunt_crossley")) == set()
+
+
 def test_snapping_or_softening_objects_are_not_named():
     found = decide_verdict(pulls(snapping), "tool_compliance", "cubic_stiffness", "plastic_set", "bias")
     assert not found.complete

@@ -13,7 +13,6 @@ from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PacketHan
 from palpate.robot_io.clock import MonotonicClock
 from palpate.sim_backend.emulators import dynamixel
 from palpate.sim_backend.emulators.dynamixel import DynamixelMounting, EmulatedDynamixelLine
-from palpate.sim_backend.emulators.dynamixel_servo import MODELS
 from palpate.sim_backend.emulators.hardware import HardwareEmulator, JointState
 
 BYTE_S = 10 / 4e6
@@ -229,16 +228,6 @@ def test_indirect_data_maps_the_configured_addresses(client):
     client.write(1, 225, 1)
     assert client.read(1, 65) == (0, b"\x01")
     assert client.write(1, 168, 10, 0) == 4  # EEPROM cannot be stood for
-
-
-@pytest.mark.parametrize("model", sorted(MODELS))
-def test_every_model_has_its_own_number_and_limits(model):
-    client = Client(model=model)
-    number = int.from_bytes(client.say("ff ff fd 00 01 03 00 01")[9:11], "little")
-    assert number == MODELS[model].number
-    _, limit = client.read(1, 38, 2)
-    assert int.from_bytes(limit, "little") == MODELS[model].current_limit
-    client.close()
 
 
 def test_bytes_take_time_on_the_line(client):
