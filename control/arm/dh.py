@@ -51,28 +51,16 @@ class DhRow(FileModel):
     a_m: Number = 0.0  # shift along the new x [m]
     alpha_rad: Number = 0.0  # turn about the new x [rad]
 
-    @property
-    def before_joint(self) -> "pin.SE3":
-        """Transform before the joint's motion."""
-        return pin.SE3(pin.utils.rotate("z", self.theta_rad), np.zeros(3))
-
-    @property
-    def after_joint(self) -> "pin.SE3":
-        """Transform after the joint's motion."""
-        return pin.SE3(pin.utils.rotate("x", self.alpha_rad), np.array([self.a_m, 0.0, self.d_m]))
-
     def transform(self, position: float = 0.0) -> "pin.SE3":
         """Compute frame i in frame i-1.
 
         Args:
             position: position of the joint [rad or m]; ignored for a fixed row.
         """
-        motion = pin.SE3.Identity()
-        if self.type == "revolute":
-            motion.rotation = pin.utils.rotate("z", position)
-        elif self.type == "prismatic":
-            motion.translation = np.array([0.0, 0.0, position])
-        return self.before_joint * motion * self.after_joint
+        theta_rad = self.theta_rad + (position if self.type == "revolute" else 0.0)
+        d_m = self.d_m + (position if self.type == "prismatic" else 0.0)
+        about_z = pin.SE3(pin.utils.rotate("z", theta_rad), np.array([0.0, 0.0, d_m]))
+        return about_z * pin.SE3(pin.utils.rotate("x", self.alpha_rad), np.array([self.a_m, 0.0, 0.0]))
 
 
 class DhTable(FileModel):
@@ -86,19 +74,14 @@ class DhTable(FileModel):
         names = [row.name for row in self.rows]
         if len(set(names)) != len(names):
             raise ValueError(f"two rows have the same name: {', '.join(names)}")
-        if not any(row.type != "fixed" for row in self.rows):
+        if not self.joint_count:
             raise ValueError("no row is a joint; type is one of revolute, prismatic, fixed")
         return self
 
     @property
-    def joint_rows(self) -> tuple[DhRow, ...]:
-        """Rows that move, in the order of joint positions."""
-        return tuple(row for row in self.rows if row.type != "fixed")
-
-    @property
     def joint_count(self) -> int:
         """Number of joints n."""
-        return len(self.joint_rows)
+        return sum(row.type != "fixed" for row in self.rows)
 
     def tip_frame(self, position_rad: FloatArray) -> FloatArray:
         """Compute the forward kinematics.

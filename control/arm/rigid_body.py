@@ -338,18 +338,6 @@ class RigidBody:
         """
         return np.array(pin.computeGeneralizedGravity(self._model, self._data, position_rad))
 
-    def bias(self, position_rad: FloatArray, velocity_rad_s: FloatArray) -> FloatArray:
-        """Compute C(q, v) v + g(q).
-
-        Args:
-            position_rad: joint positions, shape (n,) [rad].
-            velocity_rad_s: joint velocities, shape (n,) [rad/s].
-
-        Returns:
-            Torques, shape (n,) [N m].
-        """
-        return np.array(pin.nonLinearEffects(self._model, self._data, position_rad, velocity_rad_s))
-
     def regressor(
         self, position_rad: FloatArray, velocity_rad_s: FloatArray, acceleration_rad_s2: FloatArray
     ) -> FloatArray:

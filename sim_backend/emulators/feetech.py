@@ -33,7 +33,7 @@ class FeetechParser(InstructionParser):
             total = pending[3] + 4
             if len(pending) < total:
                 return None
-            if inverted_sum(pending[2 : total - 1]) != pending[total - 1]:
+            if _inverted_sum(pending[2 : total - 1]) != pending[total - 1]:
                 del pending[0]
                 continue
             packet = bytes(pending[:total])
@@ -42,15 +42,8 @@ class FeetechParser(InstructionParser):
         return None
 
 
-def inverted_sum(content: bytes | bytearray) -> int:
-    """Compute the checksum of the bytes between header and checksum.
-
-    Args:
-        content: bytes between header and checksum.
-
-    Returns:
-        One byte: all bits of their sum inverted.
-    """
+def _inverted_sum(content: bytes | bytearray) -> int:
+    """Compute the checksum of the bytes between header and checksum: all bits of their sum inverted."""
     return 255 - sum(content) % 256
 
 
@@ -66,7 +59,7 @@ def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
         The packet, with its checksum.
     """
     content = bytes((servo_id, len(data) + 2, error)) + data
-    return b"\xff\xff" + content + bytes((inverted_sum(content),))
+    return b"\xff\xff" + content + bytes((_inverted_sum(content),))
 
 
 _KG_CM = 0.0980665

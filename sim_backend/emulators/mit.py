@@ -35,17 +35,8 @@ _NO_COMMAND = (0.0, 0.0, 0.0, 0.0, 0.0)  # position, velocity, stiffness, dampin
 Limits = tuple[float, float, float]  # of position [rad], velocity [rad/s] and torque [N m]
 
 
-def to_uint(value: float, limit: float, bits: int) -> int:
-    """Encode a number by the manual: (x - x_min) (2^bits - 1) / (x_max - x_min), truncated to an integer.
-
-    Args:
-        value: value in the unit of its limit; clipped at it.
-        limit: end of the range.
-        bits: number of bits of the integer.
-
-    Returns:
-        From 0 to 2^bits - 1.
-    """
+def _to_uint(value: float, limit: float, bits: int) -> int:
+    """Encode a clipped number by the manual: (x + limit) (2^bits - 1) / (2 limit), truncated."""
     value = min(max(value, -limit), limit)
     return int((value + limit) * ((1 << bits) - 1) / (2 * limit))
 
@@ -141,9 +132,9 @@ class EmulatedMitMotor(EmulatedMotor):
 
     def _reply(self) -> can.Message:
         measured = self.measured
-        position = to_uint(measured.position_rad, self._position_limit, 16)
-        velocity = to_uint(measured.velocity_rad_s, self._velocity_limit, 12)
-        torque = to_uint(measured.torque_nm, self._torque_limit, 12)
+        position = _to_uint(measured.position_rad, self._position_limit, 16)
+        velocity = _to_uint(measured.velocity_rad_s, self._velocity_limit, 12)
+        torque = _to_uint(measured.torque_nm, self._torque_limit, 12)
         bits = self.number << 56 | position << 40 | velocity << 28 | torque << 16
         data = (bits | _TEMPERATURE << 8 | self.error).to_bytes(8, "big")
         return can.Message(arbitration_id=self._host_id, is_extended_id=False, data=data)
@@ -321,9 +312,9 @@ class EmulatedRobstride(EmulatedMitMotor):
         measured = self.measured
         data = struct.pack(
             ">4H",
-            to_uint(measured.position_rad, self._position_limit, 16),
-            to_uint(measured.velocity_rad_s, self._velocity_limit, 16),
-            to_uint(measured.torque_nm, self._torque_limit, 16),
+            _to_uint(measured.position_rad, self._position_limit, 16),
+            _to_uint(measured.velocity_rad_s, self._velocity_limit, 16),
+            _to_uint(measured.torque_nm, self._torque_limit, 16),
             251,  # tenths of a degree Celsius
         )
         return self._message(2, 2 * self.enabled << 14 | self.error << 8 | self.number, data)

@@ -166,8 +166,6 @@ def test_missing_gains_get_defaults():
         ("{contact: {mas_kg: 2}}", r"arm.yaml line \d+, gains.contact.mas_kg: .*did you mean 'mass_kg'"),
         ("{contact: {mass_kg: -2}}", r"gains.contact.mass_kg: .*greater than 0 \(is -2\)"),
         ("{tracking: {bandwidth_rad_s: 20, integral_rate_1_s: 15}}", r"gains.tracking: .*too fast"),
-        ("{touch: {debounce_samples: 0}}", "gains.touch.debounce_samples"),
-        ("{contact: {loading_aim: 0.5}}", "gains.contact.loading_aim"),
     ],
 )
 def test_invalid_gain_names_file_line_and_key(text, message):

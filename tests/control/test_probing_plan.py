@@ -34,15 +34,12 @@ def test_every_target_gets_every_repeat_of_every_speed_and_a_unit_direction():
     [
         ("speeds_m_s: []", "plan.yaml line 1, speeds_m_s"),
         ("speeds_m_s: [0.1, -0.1]", "speeds_m_s entry 2: .*greater than 0"),
-        ("speeds_m_s: [10]", "speeds_m_s entry 1: .*less than or equal to 1 "),
         ("force_limit: 5", "force_limit: .*did you mean 'force_limit_n'"),
         ("force_limit_n: 1e-300", "force_limit_n: .*greater than or equal to 0.01"),
-        ("force_limit_n: true", "force_limit_n: expected a number"),
         ("press_direction_world: [0, 0, 0]", "has no direction"),
         ("excitation: {amplitude_n: 4.5}", r"at most 4 N for force_limit_n 10\.0 N"),
         ("{speeds_m_s: [0.5], acceleration_m_s2: 2}", r"approach_clearance_m 0\.03 m .*at least 0\.0938 m"),
         ("retract_m: 0.002", "retract_m 0.002 m is too short"),
-        ("hold_s: soon", "hold_s: expected a number"),
     ],
 )
 def test_invalid_plan_is_one_clear_line(text, message, tmp_path):

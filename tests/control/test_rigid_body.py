@@ -88,7 +88,6 @@ def test_results_are_not_overwritten_by_the_next_call():
         body.tip_jacobian,
         body.mass_matrix,
         body.gravity,
-        lambda q: body.bias(q, rate),
         lambda q: body.forward_dynamics(q, rate, acceleration),
         lambda q: body.regressor(q, rate, acceleration),
         lambda q: body.tip_motion(q, rate).position_world_m,
@@ -106,11 +105,14 @@ def test_inverse_dynamics_is_mass_matrix_and_bias():
     for body in bodies():
         for position, velocity, acceleration in random_states():
             torque = body.inverse_dynamics(position, velocity, acceleration)
-            mass, bias = body.mass_matrix(position), body.bias(position, velocity)
+            mass, still = body.mass_matrix(position), np.zeros(3)
+            bias = body.inverse_dynamics(position, velocity, still)
             assert torque == pytest.approx(mass @ acceleration + bias, abs=1e-10)
             assert body.forward_dynamics(position, velocity, torque) == pytest.approx(acceleration, abs=1e-9)
             assert np.linalg.eigvalsh(mass).min() > 0.0
-            assert body.gravity(position) == pytest.approx(body.bias(position, np.zeros(3)), abs=1e-12)
+            assert body.gravity(position) == pytest.approx(
+                body.inverse_dynamics(position, still, still), abs=1e-12
+            )
 
 
 def test_gravity_is_the_gradient_of_potential_energy():
