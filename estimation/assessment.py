@@ -126,7 +126,6 @@ def assemble(
     residuals: FloatArray | None = None,
     gain_count: int | None = None,
     inliers: BoolArray | None = None,
-    history: FloatArray | None = None,
     details: dict[str, float] | None = None,
 ) -> Estimate:
     """Assemble an `Estimate` and assess its parameters.
@@ -139,7 +138,6 @@ def assemble(
         residuals: effort minus prediction, shape (n,); None to compute them by the linear problem.
         gain_count: number of gains, which are the first parameters; None if all are gains.
         inliers: mask of the samples used, shape (n,); None for all.
-        history: see `Estimate`.
         details: see `Estimate`.
     """
     names, jacobian, effort = regression.names, regression.columns, regression.effort
@@ -172,6 +170,5 @@ def assemble(
         assessment.identifiability,
         assessment.note,
         covariance.matrix,
-        history,
         details or {},
     )

@@ -63,8 +63,6 @@ class Estimate:
     identifiability: Identifiability  # see `Identifiability`
     note: str  # one sentence for the reader
     covariance: FloatArray  # of the parameters, shape (m, m); NaN where unknown
-    # For recursive estimators, gains after each sample, shape (n, p); else None.
-    history: FloatArray | None = None
     # Method-specific figures, such as trials or skipped subsets.
     details: dict[str, float] = field(default_factory=dict)
     unphysical: tuple[str, ...] = ()  # gains whose whole interval lies outside the physical bounds

@@ -176,7 +176,6 @@ def _combine(searched: SampleFit, data: ChannelData, rows: BoolArray, estimate: 
         residuals=estimate.residuals,
         gain_count=gain_count,
         inliers=estimate.inliers,
-        history=estimate.history,
         details=estimate.details,
     )
 

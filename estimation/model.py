@@ -36,18 +36,12 @@ class Regression:
     run: IntArray | None = None
 
     def __post_init__(self) -> None:
-        """Check the shapes.
+        """Check the number of samples.
 
         Raises:
-            InputError: the shapes do not match, or there are fewer samples than the gains need.
+            InputError: there are fewer samples than the gains need.
         """
         samples, gains = self.columns.shape
-        if self.effort.shape != (samples,) or len(self.names) != gains or len(self.units) != gains:
-            raise InputError(
-                f"regression: columns {self.columns.shape}, effort {self.effort.shape}, names {self.names}"
-            )
-        if self.run is not None and self.run.shape != (samples,):
-            raise InputError(f"regression: run has shape {self.run.shape}, expected ({samples},)")
         if samples <= gains:
             raise InputError(f"regression: {samples} samples cannot determine {gains} parameters")
 

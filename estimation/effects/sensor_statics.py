@@ -4,14 +4,7 @@ import numpy as np
 import scipy
 
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.effect import (
-    AdditiveEffect,
-    Errors,
-    Inner,
-    Parameter,
-    Parameters,
-    SensorEffect,
-)
+from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, Parameters, SensorEffect
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import block_index
 from palpate.estimation.signals.free_air import may_have_dead_band, zero_in_free_air

@@ -65,11 +65,10 @@ class RecursiveEstimator(OnlineEstimator):
         column_rms = np.sqrt(np.mean(rows**2, axis=0))
         std = _INITIAL_EFFORT / np.where(column_rms > 0, column_rms, 1.0)
         self._begin(np.maximum(self.variance, std**2))
-        history, kalman_gains = np.empty((count, gain_count)), np.empty((count, gain_count))
+        kalman_gains = np.empty((count, gain_count))
         for index in range(count):
-            history[index] = self.update(rows[index], efforts[index])
+            gains = self.update(rows[index], efforts[index])
             kalman_gains[index] = self._kalman_gain
-        gains = history[-1]
         residuals = regression.effort - regression.columns @ gains
         # Sensitivity (n, p) of the last gains to each sample's noise: each later sample t multiplies an error
         # of the gains by (I - K_t h_t).
@@ -83,7 +82,7 @@ class RecursiveEstimator(OnlineEstimator):
                 break
         summed = sum_covariance(sensitivities * residuals[:, None], regression.run)
         covariance = Covariance(summed.matrix, max(1.0, summed.effective_count - gain_count))
-        return assemble(self.name, regression, gains, covariance, history=history)
+        return assemble(self.name, regression, gains, covariance)
 
 
 class Rls(RecursiveEstimator):

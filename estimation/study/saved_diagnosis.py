@@ -44,13 +44,8 @@ def read_saved_diagnoses(folder: Path | None) -> dict[tuple[str, str, str], Chan
         InputError: the file is damaged.
     """
     saved = _read(folder)
-    if folder is None or saved is None:
-        return {}
-    try:
-        identities = [(channel, saved.judged[channel.channel]) for channel in saved.channels]
-    except KeyError as error:
-        raise _damaged(folder / RESULT, f"judged.{error}: is missing") from error
-    return {(channel.channel, its.model, its.data_sha256): channel for channel, its in identities}
+    known = [] if saved is None else [(entry, saved.judged.get(entry.channel)) for entry in saved.channels]
+    return {(entry.channel, its.model, its.data_sha256): entry for entry, its in known if its is not None}
 
 
 def with_saved_channels(content: Mapping[str, Any], folder: Path | None) -> dict[str, Any]:
@@ -97,11 +92,8 @@ def _read_version(file: Path, version: tuple[int, ...]) -> _SavedDiagnosis:
     try:
         return read_saved(file, _SavedDiagnosis)
     except ValueError as error:
-        raise _damaged(file, error) from error
-
-
-def _damaged(file: Path, flaw: object) -> InputError:
-    return InputError(f"{file}: is damaged ({flaw}); delete it, or run palpate diagnose again")
+        flaw = f"{file}: is damaged ({error}); delete it, or run palpate diagnose again"
+        raise InputError(flaw) from error
 
 
 def differs_from_fit(saved: float, fitted: float, std_err: float = 0.0) -> bool:

@@ -8,7 +8,6 @@ from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
-from palpate.robot_io.errors import InputError
 from tests.estimation import presses
 from tests.estimation.contact_data import base_model, channel
 from tests.estimation.presses import NOISE_N, K, kelvin_voigt, maxwell, motion, session
@@ -31,13 +30,6 @@ def test_contact_pushes_only_while_pressed_and_a_two_sided_spring_pulls():
     np.testing.assert_array_equal(EFFECTS["damping"]().columns(data, {})[:, 0], data.velocity)
 
 
-def test_hunt_crossley_with_exponent_1_is_a_spring_without_damping():
-    data = around_the_surface()
-    columns = EFFECTS["hunt_crossley"]().columns(data, {"n": 1.0})
-    np.testing.assert_allclose(columns[:, 0], EFFECTS["stiffness"]().columns(data, {})[:, 0])
-    assert columns[3, 1] == pytest.approx(0.001 * 0.1)
-
-
 def test_offset_moves_the_surface():
     data = around_the_surface()
     deeper = EFFECTS["contact_offset"]().move(data, {"offset": 0.002})
@@ -54,23 +46,12 @@ def test_units_follow_the_channel():
     assert dict(zip(model.gains, model.units(revolute), strict=True))["damping.c"] == "N m s/rad"
 
 
-@pytest.mark.parametrize("name", ["kelvin_voigt", "hunt_crossley"])
-def test_detected_surface_is_refined_by_the_fit(name):
-    assert "contact_offset.offset" not in base_model(name).inner
-    assert "contact_offset.offset" in base_model(name, surface_found=True).inner
-
-
 @pytest.mark.parametrize("name", list(MODELS))
 def test_every_base_model_has_a_description(name):
     model = MODELS[name]
     assert model.name == name
     assert model.channels <= frozenset(ChannelKind)
     assert model.__doc__
-
-
-def test_unknown_model_lists_the_valid_ones():
-    with pytest.raises(InputError, match=r"no model is called 'kelvin'.*kelvin_voigt"):
-        MODELS["kelvin"]
 
 
 def two_presses():

@@ -10,7 +10,7 @@ INERTIA, NOISE_NM = 0.05, 0.01
 def joints(friction_nm=(0.0, 0.0), seed=0):
     """Two joints with inertia and Coulomb friction [N m], four runs each."""
     rng = np.random.default_rng(seed)
-    run, t = np.repeat(np.arange(4), 600), np.tile(np.arange(600) * 0.01, 4)
+    run, t = np.repeat(np.arange(4), 300), np.tile(np.arange(300) * 0.02, 4)
     w = 2 * np.pi * (0.5 + 0.1 * run)
     q, v, a = np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)
     return tuple(

@@ -218,9 +218,11 @@ def forge(file: Path, change: Callable[[dict], object]) -> None:
     file.write_text(json.dumps(with_checksum(content)))
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
+def test_numbers_of_a_forged_diagnosis_are_checked_against_the_data(pressed, tmp_path):
+    study, found = pressed
+    content = study.diagnosis_data(found)
+    again = ModelStudy(session(4, cubic), folder=tmp_path)
+    for change, words in (
         (lambda entry: entry.update(noise_floor=0.5), "its noise is 0.5, but these data give 0.0"),
         (lambda entry: entry["baseline"].update(rmse=9.0), "its error is 9, but these data give"),
         (lambda entry: entry["final"].update(rmse=9.0), "its error is 9, but these data give"),
@@ -228,16 +230,13 @@ def forge(file: Path, change: Callable[[dict], object]) -> None:
             lambda entry: entry["final"]["parameters"]["cubic_stiffness.k3"].update(value=1.0),
             r"its cubic_stiffness\.k3 is 1, but these data give",
         ),
-    ],
-)
-def test_numbers_of_a_forged_diagnosis_are_checked_against_the_data(change, words, pressed, tmp_path):
-    study, found = pressed
-    (tmp_path / RESULT).write_text(json.dumps(study.diagnosis_data(found)))
-    again = ModelStudy(session(4, cubic), folder=tmp_path)
-    assert again.known_diagnosis(again.channels[0]) == found.channels[0]
-    forge(tmp_path / RESULT, lambda content: change(content["channels"][0]))
-    with pytest.raises(InputError, match=words):
-        again.known_diagnosis(again.channels[0])
+    ):
+        (tmp_path / RESULT).unlink(missing_ok=True)
+        (tmp_path / RESULT).write_text(json.dumps(content))
+        assert again.known_diagnosis(again.channels[0]) == found.channels[0]
+        forge(tmp_path / RESULT, lambda content, change=change: change(content["channels"][0]))
+        with pytest.raises(InputError, match=words):
+            again.known_diagnosis(again.channels[0])
 
 
 def test_diagnosis_changed_by_hand_is_refused(pressed, tmp_path):
@@ -262,16 +261,14 @@ def test_saved_diagnosis_is_read_again_only_after_a_change(pressed, tmp_path, mo
     assert saved_diagnosis.read_saved_diagnoses(tmp_path) == {}
 
 
-def test_numbers_of_a_forged_revision_are_checked_against_the_data(tmp_path):
-    ModelStudy(session(4, cubic), folder=tmp_path).add("cubic_stiffness")
-    study = ModelStudy(session(4, cubic), folder=tmp_path)
-    study.check(study.revision(1))
-    forge(
-        tmp_path / "revisions" / "0001.json",
-        lambda content: content["parameters"]["stiffness.k"].update(value=777.0),
-    )
-    with pytest.raises(InputError, match=r"revision 1: its stiffness\.k is 777, but these data give"):
-        study.check(study.revision(1))
+def test_numbers_of_a_forged_revision_are_checked_against_the_data(pressed):
+    study, _ = pressed
+    made = study.add("cubic_stiffness", fresh=True).revisions[-1]
+    study.check(made)
+    k = made.parameters["stiffness.k"].model_copy(update={"value": 777.0})
+    forged = made.model_copy(update={"parameters": made.parameters | {"stiffness.k": k}})
+    with pytest.raises(InputError, match=r"revision \d+: its stiffness\.k is 777, but these data give"):
+        study.check(forged)
 
 
 def test_concurrent_threads_fit_a_model_once(monkeypatch):
