@@ -106,10 +106,7 @@ _ROUNDING = 1e-13  # relative to the given body: smaller eigenvalues are not phy
 
 
 def _unit_pseudo_inertias() -> FloatArray:
-    """Return P for a unit of each parameter, shape (10, 4, 4).
-
-    The order is Pinocchio's: m, h (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
-    """
+    """Return P for a unit of each parameter, shape (10, 4, 4), in Pinocchio's order (as `_NAMES`)."""
     units = np.zeros((PARAMETERS, 4, 4))
     units[0, 3, 3] = 1.0
     for axis in range(3):

@@ -190,12 +190,11 @@ def assign_columns(table: Table, options: ImportOptions) -> ColumnAssignment:
     efforts = [column for (quantity, _), (_, column) in chosen.items() if quantity in EFFORTS]
     motions = [column for key, (_, column) in chosen.items() if key != TIME and column not in efforts]
     time = chosen[TIME][1] if TIME in chosen else None
-    table, rate_notes = with_one_rate(table, time, efforts, motions, run)
+    table, rate_notes = _with_one_rate(table, time, efforts, motions, run)
     notes += rate_notes
     units = ColumnUnits(table, options)
     chosen, position_notes = _press_or_axis(units, chosen)
     chosen = dict(sorted(chosen.items(), key=lambda item: table.names.index(item[1][1])))
-    units.check_force_of_angle(chosen)
     units.check_known(chosen)
     assigned = {key: units.assign(role, name) for key, (role, name) in chosen.items()}
     units.check_used(chosen)
@@ -232,11 +231,7 @@ def propose_columns(table: Table) -> dict[str, tuple[str, str]]:
 
 
 def _assign_by_options(table: Table, options: ImportOptions, shift: int) -> Chosen:
-    """Assign the columns that the user names.
-
-    Raises:
-        InputError: there is no such column or quantity.
-    """
+    """Assign the columns that the user names."""
     chosen: Chosen = {}
     for name, column in options.columns.items():
         if column not in table.names:
@@ -269,11 +264,7 @@ def _run_column(table: Table, options: ImportOptions) -> str | None:
 def _assign_own_names(
     table: Table, options: ImportOptions, chosen: Chosen, shift: int
 ) -> tuple[Chosen, list[str]]:
-    """Add columns whose names state quantity and unit, such as force_N, and note duplicates.
-
-    Raises:
-        InputError: two columns of the same quantity have different values.
-    """
+    """Add columns whose names state quantity and unit, such as force_N, and note duplicates."""
     notes = []
     for name in table.names:
         role = parse_role(name, shift)
@@ -291,14 +282,7 @@ def _assign_own_names(
 
 
 def _press_or_axis(units: ColumnUnits, chosen: Chosen) -> tuple[Chosen, list[str]]:
-    """Decide whether a position belongs to a press or to a linear axis.
-
-    Returns:
-        The columns, with the position as a displacement if it belongs to a press, and notes on the decision.
-
-    Raises:
-        InputError: the column's name states no unit and the position may belong to either.
-    """
+    """Read a position as a displacement if it belongs to a press, not to a linear axis, with a note."""
     if DISPLACEMENT in chosen or not {POSITION, FORCE} <= set(chosen) or ("torque", 0) in chosen:
         return chosen, []
     table, (role, column) = units.table, chosen[POSITION]
@@ -345,13 +329,10 @@ def _note_other_efforts(table: Table, chosen: Chosen, options: ImportOptions) ->
 def _orient_signs(
     units: ColumnUnits, assigned: dict[Key, AssignedColumn], shift: int
 ) -> tuple[dict[Key, AssignedColumn], bool, list[str]]:
-    """Make displacement and force positive in compression, and detect elements that can pull.
+    """Make displacement and force positive in compression, with notes, and detect elements that can pull.
 
     A unit with a number, such as 1N, prevents a change of sign. A displacement named by --column belongs to a
     contact.
-
-    Returns:
-        The columns, whether the element is attached at both ends, and notes.
     """
     if DISPLACEMENT not in assigned or FORCE not in assigned:
         return assigned, False, []
@@ -424,27 +405,14 @@ _SLOW = 2.0  # ratio to the slowest rate up to which an effort counts as slow
 _SHARED = 0.5  # least share of the slowest column's values that must be in complete rows
 
 
-def with_one_rate(
+def _with_one_rate(
     table: Table, time: str | None, efforts: Sequence[str], motions: Sequence[str], run: str | None
 ) -> tuple[Table, list[str]]:
-    """Select or interpolate rows so that all columns in use have a value in each row.
+    """Select or interpolate rows so that all columns in use have a value in each row; return a note on it.
 
     If each sensor wrote its own rows, hardly any row is complete. The other columns are then interpolated at
     the times of an effort, because interpolation would change its noise, or at those of the slowest column.
     Without a time, only complete rows are selected.
-
-    Args:
-        table: the table.
-        time: name of the time column, which has a value in every row, or None.
-        efforts: names of the force and torque columns in use.
-        motions: names of the other columns in use.
-        run: name of the run column, or None.
-
-    Returns:
-        The table, and a note on what was done (none if it is unchanged).
-
-    Raises:
-        InputError: interpolation is impossible because runs or times are not in order.
     """
     names = (*efforts, *motions)
     filled_by_name = {name: table.filled_rows(name) for name in (*([time] if time else ()), *names)}

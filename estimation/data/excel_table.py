@@ -165,12 +165,7 @@ def _extent(sheet: bytes) -> tuple[int, int]:
 
 
 def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_SheetTable]:
-    """Return the tables of a sheet in order.
-
-    Args:
-        sheet: the sheet.
-        nameless: also accept a table of numbers without names.
-    """
+    """Return the tables of a sheet in order; `nameless` also accepts a table of numbers without names."""
     rows: list[list[Any]] = sheet.to_python(skip_empty_area=True)
     decimal = _decimal_mark(rows)
     looked_at = set(range(min(len(rows), _LOOKED_AT)))

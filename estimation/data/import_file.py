@@ -30,7 +30,7 @@ from palpate.estimation.data.units import (
     MIN_STEP_S,
     dimension_of,
     factor_to_si,
-    other_time_unit,
+    likely_time_unit,
 )
 from palpate.estimation.signals.blocks import blocks, number_pieces
 from palpate.estimation.signals.runwise import sample_time
@@ -148,11 +148,7 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> ImportedD
 def _context_signals(
     columns: ColumnAssignment, rows: ImportedRows, options: ImportOptions
 ) -> dict[str, FloatArray]:
-    """Return the columns to keep as context, shape (n,) each, by the names of their signals.
-
-    Raises:
-        InputError: a column is already used or not numeric, or two signals would have the same name.
-    """
+    """Return the columns to keep as context, shape (n,) each, by the names of their signals."""
     signals: dict[str, str] = {}
     for column in options.context:
         if column in columns.used:
@@ -202,10 +198,10 @@ def _note_time(columns: ColumnAssignment, rows: ImportedRows, user_columns: Coll
     if time.column not in user_columns:
         yield from _note_other_clock(columns)
     if not MIN_STEP_S <= step_s <= MAX_STEP_S:
-        unit = other_time_unit(step_s, float(np.ptp(rows.time_s)), time.factor)
+        unit = likely_time_unit(step_s / time.factor)
         yield (
             f"column '{time.column}': samples are {step_s:.3g} s apart; if this unit is wrong, give "
-            f"the right one, such as --unit time={unit}"
+            f"the right one, such as --unit time={unit if unit != time.unit else 'min'}"
         )
     for part in blocks(rows.run):
         steps_s = np.diff(rows.time_s[part])

@@ -1,18 +1,19 @@
 """Import several data files, each with one or more runs, as one measurement."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from palpate.estimation.channel import ChannelData
-from palpate.estimation.data.file_columns import is_bag, natural_key
+from palpate.estimation.data.column_names import is_unnamed
+from palpate.estimation.data.file_columns import is_bag, natural_key, pa
 from palpate.estimation.data.import_file import ImportedData, import_table, with_arm
 from palpate.estimation.data.import_options import ImportOptions
-from palpate.estimation.data.join_columns import joined_columns
 from palpate.estimation.data.table import ENDINGS, Table, read_table
 from palpate.robot_io.errors import InputError
 
@@ -115,12 +116,33 @@ def read_tables(paths: Sequence[Path], options: ImportOptions) -> Iterator[Table
             import_table(first, options)
         except InputError:
             with suppress(InputError):  # the first file's fault is the one to report
-                if joined := joined_columns(first, (read_table(more) for more in paths[1:])):
+                if joined := _side_by_side(first, (read_table(more) for more in paths[1:])):
                     yield joined
                     return
     yield first
     for path in paths[1:]:
         yield read_table(path, options.table)
+
+
+def _side_by_side(first: Table, further: Iterable[Table]) -> Table | None:
+    """Join tables side by side; None if they differ in their rows, or in a column that both have.
+
+    A column without a name is named after its file, such as `tau_3` for the third column of tau.csv,
+    or `tau` for its only column.
+    """
+    columns, files = dict[str, Any](), list[str]()
+    for table in chain([first], further):
+        if len(table) != len(first) or table.decimal != first.decimal:
+            return None
+        stem = table.path.name.split(".")[0]
+        for number, name in enumerate(table.names, 1):
+            own_name = stem if len(table.names) == 1 else f"{stem}_{number}"
+            column, called = table.columns.column(name), own_name if is_unnamed(name) else name
+            if not columns.setdefault(called, column).equals(column):
+                return None
+        files.append(table.path.name)
+    word = f"{len(files)} files with the same rows are joined side by side: {', '.join(files)}"
+    return replace(first, path=first.path.parent, columns=pa.table(columns), notes=(word, *first.notes))
 
 
 def joined_channels(parts: Sequence[ChannelData]) -> ChannelData:
@@ -141,9 +163,7 @@ def joined_channels(parts: Sequence[ChannelData]) -> ChannelData:
     names = [name for name in first.context if all(s.get(name) == shapes[0][name] for s in shapes)]
     signals = ("time_s", "position", "velocity", "acceleration", "effort", "phase")
     arrays: dict[str, Any] = {name: np.concatenate([getattr(p, name) for p in parts]) for name in signals}
-    touching = [
-        np.zeros(len(part), dtype=np.bool_) if part.touching is None else part.touching for part in parts
-    ]
+    touching = [np.zeros(len(p), dtype=np.bool_) if p.touching is None else p.touching for p in parts]
     return replace(
         first,
         **arrays,
@@ -151,11 +171,7 @@ def joined_channels(parts: Sequence[ChannelData]) -> ChannelData:
         context={name: np.concatenate([part.context[name] for part in parts]) for name in names},
         recorded=frozenset(first.recorded & set(names)),
         position_step=max(part.position_step for part in parts),
-        units={
-            name: unit
-            for name, unit in first.units.items()
-            if all(part.units.get(name) == unit for part in parts)
-        },
+        units={n: unit for n, unit in first.units.items() if all(p.units.get(n) == unit for p in parts)},
         touching=None if all(part.touching is None for part in parts) else np.concatenate(touching),
         shared=None,
     )

@@ -120,13 +120,7 @@ def _times(columns: ColumnAssignment) -> FloatArray:
 def _detect_runs(
     columns: ColumnAssignment, time_s: FloatArray, count: int | None
 ) -> tuple[IntArray, list[str]]:
-    """Detect the run of each row if no column states it, and return a note on the method.
-
-    A restart of the clock begins a run; presses of a contact are separated in free air.
-
-    Raises:
-        InputError: the number of presses contradicts the data.
-    """
+    """Detect runs, which begin at restarts of the clock and between presses, with a note on the method."""
     place = f"{columns.table.path}: --runs {count}"
     is_contact = DISPLACEMENT in columns and FORCE in columns and not columns.two_sided
     recording = number_recordings(time_s)

@@ -24,7 +24,7 @@ _MAX_AIR_RISE = 0.1  # largest rise of the force in free air between two presses
 
 
 @dataclass(frozen=True)
-class ForceLevels:
+class _ForceLevels:
     """Force levels [N] that separate a press from free air."""
 
     pressed: float  # force above which the tool is in contact
@@ -32,19 +32,14 @@ class ForceLevels:
     free: float  # force in free air
 
 
-def force_levels(force: FloatArray, displacement: FloatArray) -> ForceLevels:
-    """Estimate the force levels of a contact.
-
-    Args:
-        force: force, positive in compression, shape (n,) [N].
-        displacement: displacement, positive into the object, shape (n,) [m].
-    """
+def _force_levels(force: FloatArray, displacement: FloatArray) -> _ForceLevels:
+    """Estimate the force levels of a contact from force (n,) [N] and displacement (n,) [m]."""
     outside = displacement <= 0.0
     free = force[outside] if np.mean(outside) > _MIN_AIR_SHARE else force
     base = float(np.median(free) if free is not force else np.quantile(force, _MIN_AIR_SHARE))
     span = float(np.quantile(force, 0.98)) - base
     noise = _TO_SIGMA * float(np.median(np.abs(np.diff(force)))) if len(force) > 1 else 0.0
-    return ForceLevels(
+    return _ForceLevels(
         base + max(_PRESSED * span, min(_SIGMAS[0] * noise, 0.5 * span)),
         base + max(_RELEASED * span, min(_SIGMAS[1] * noise, 0.25 * span)),
         base,
@@ -77,7 +72,7 @@ def cut_presses(
     Returns:
         Run number of each sample, shape (n,), and the number of presses per run.
     """
-    levels, peaks = force_levels(force, displacement), list[int]()
+    levels, peaks = _force_levels(force, displacement), list[int]()
     for rows in blocks(piece):  # find the largest force of each press
         sides = np.where(force[rows] > levels.pressed, 1, np.where(force[rows] < levels.released, -1, 0))
         decided = np.flatnonzero(sides)
@@ -117,7 +112,7 @@ def cut_into(  # noqa: PLR0917
     peaks, properties = scipy.signal.find_peaks(padded, prominence=0.0)
     prominence = properties["prominences"]
     smooth_force = np.asarray(scipy.ndimage.median_filter(force, 5))
-    is_pressed = smooth_force[peaks - 1] > force_levels(force, displacement).released
+    is_pressed = smooth_force[peaks - 1] > _force_levels(force, displacement).released
     is_press = is_pressed & (prominence > _RELEASED * np.ptp(depth))
     press_peaks = np.sort(peaks[is_press][np.argsort(prominence[is_press])[::-1][:count]]) - 1
     run = _cut_between(force, piece, time_s, press_peaks, 1) if len(press_peaks) else piece
@@ -186,7 +181,7 @@ def press_phases(
     if pressed is None and position.min() <= 0.0:
         pressed = np.asarray(position > 0.0)
     elif pressed is None:
-        pressed = np.asarray(force > force_levels(force, position).released)
+        pressed = np.asarray(force > _force_levels(force, position).released)
         if correlation_coefficient(position[~pressed], force[~pressed]) > _ELASTIC:
             pressed = np.ones(len(position), dtype=np.bool_)
     usual_speed = _typical_size(velocity)
@@ -330,7 +325,7 @@ def _find_zero(displacement: FloatArray, force: FloatArray) -> float:
     if correlation_coefficient(displacement, force) < _PRESS_CORRELATION:
         return 0.0  # there is no evidence of a press
     low, high = np.quantile(displacement, _TAILS)
-    levels = force_levels(force, displacement if low < 0.0 < high else np.ones_like(displacement))
+    levels = _force_levels(force, displacement if low < 0.0 < high else np.ones_like(displacement))
     free = displacement[force <= levels.released]
     in_air = len(free) >= _MIN_SAMPLES and np.ptp(free) > _MIN_AIR_RANGE * (high - low)
     if high > 0.0 and not (low > high - low and in_air):

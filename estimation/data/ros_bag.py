@@ -201,11 +201,7 @@ def _joint_states(path: Path) -> list[_MessageGroup]:
 
 
 def _parse_layout(topic: str, message: bytes) -> _MessageGroup:
-    """Locate the arrays in a message (OMG CDR: a number begins at a multiple of its size).
-
-    Raises:
-        struct.error: the message ends too early.
-    """
+    """Locate the arrays in a message (OMG CDR: a number begins at a multiple of its size)."""
     order = "<" if message[1] & 1 else ">"
     place = _CDR_BYTES + _STAMP_BYTES
 

@@ -351,16 +351,9 @@ def _with_decimal_points(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArr
 
 
 def _read_zip(path: Path, selected: str) -> FileColumns:
-    """Read the longest table of a ZIP archive; other files with its columns are further runs.
+    """Read the longest (or selected) table of a ZIP archive; other files with its columns are further runs.
 
     Each file is unpacked under a name of its own, never under its path in the archive.
-
-    Args:
-        path: path of the archive.
-        selected: path in the archive of a file with the columns to read; empty for the longest table.
-
-    Raises:
-        InputError: the archive is too large, is encrypted, or holds no table.
     """
     with zipfile.ZipFile(path) as archive, tempfile.TemporaryDirectory() as folder:
         members = [entry for entry in archive.infolist() if _is_data(entry.filename)]

@@ -228,11 +228,7 @@ def clocks_of(columns: pa.Table) -> frozenset[str]:
 
 
 def _days(text: pa.ChunkedArray) -> tuple[FloatArray, str]:
-    """Return the days since the first day, and a note on the order of day and month.
-
-    Raises:
-        ValueError: a text is not a date in either order.
-    """
+    """Return the days since the first day, and a note on the order of day and month; or raise ValueError."""
     coded = text.combine_chunks().dictionary_encode()
     texts = coded.dictionary.to_pylist()
     read: dict[str, FloatArray] = {}

@@ -102,11 +102,7 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
 
 
 def _read_text(path: Path) -> tuple[bytes, str]:
-    """Return the text of a file as UTF-8 without old line ends, and its encoding if it was another one.
-
-    Raises:
-        InputError: the file is too large, empty or not text, or its first line is too long.
-    """
+    """Return the text of a file as UTF-8 without old line ends, and its encoding if it was another one."""
     open_file = gzip.open if path.name.lower().endswith(".gz") else open
     with open_file(path, "rb") as file:
         packed: bytes = file.read(most_bytes(path) + 1)
@@ -148,11 +144,7 @@ def _continued_clock(parts: Sequence[pa.Table], decimal: str) -> str:
 def _parse_rows(
     content: bytes, table: TextTable, end: int, dialect: TextDialect, place: str
 ) -> tuple[pa.Table, IntArray, list[str]]:
-    """Parse the rows of a table without a copy; also return the line of each row, and notes on repairs.
-
-    Raises:
-        InputError: a row has a wrong number of cells, or is too long.
-    """
+    """Parse the rows of a table without a copy; also return the line of each row, and notes on repairs."""
     rows, delimiter = pa.py_buffer(content).slice(table.start, end - table.start), dialect.delimiter
     if delimiter == BLANKS:
         tabbed = re.sub(rb"[ \t]+", b"\t", content[table.start : end])  # one tab for each stretch of blanks
@@ -193,11 +185,7 @@ def _parse_rows(
 def _completed_rows(
     rows: bytes, lines: IntArray, table: TextTable, delimiter: str
 ) -> tuple[pa.Buffer, list[str]] | None:
-    """Complete rows that end before the last column, and leave out lines of blanks.
-
-    Returns:
-        The completed text and notes; None if there are few incomplete rows, which are then damaged.
-    """
+    """Complete rows that end before the last column, with a note; None for few rows, which are damaged."""
     texts = [line for line in rows.decode(errors="replace").splitlines() if line.strip(" ")]
     lacking = np.array([len(table.names) - len(line_cells(text, delimiter)) for text in texts])
     short = np.flatnonzero(lacking > 0)

@@ -269,9 +269,6 @@ def _motion_at(
 
     Derivatives are computed at the sample times. Interpolated positions would have correlated errors, which
     `differentiate` would treat as motion.
-
-    Raises:
-        InputError: most sample times do not increase.
     """
     if not sample_time(sampled_at_s, run) > 0.0:
         raise InputError("column 'encoder_at_s': its times do not increase from sample to sample")

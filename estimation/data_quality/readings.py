@@ -144,15 +144,9 @@ def copied_runs(data: ChannelData) -> dict[int, tuple[int, float | None]]:
 
 
 def _equal_runs(data: ChannelData) -> dict[int, int]:
-    """Find moving runs whose positions and efforts equal those of an earlier run in every sample.
+    """Find moving runs whose readings equal those of an earlier run in every sample; see `copied_runs`.
 
     The velocities must agree as well: a simulated spring has the same readings at every speed.
-
-    Args:
-        data: the channel.
-
-    Returns:
-        Number of the first of several equal runs, by the number of each further one.
     """
     span = float(np.ptp(data.position)) if len(data) else 0.0
     largest_difference = _SAME_SPEED * float(np.ptp(data.velocity)) if len(data) else 0.0

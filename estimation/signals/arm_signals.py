@@ -105,14 +105,7 @@ def with_rigid_body(
 def _arm_torques(
     body: "RigidBody", position: FloatArray, velocity: FloatArray, acceleration: FloatArray
 ) -> _ArmTorques:
-    """Compute the torques that all joints of an arm share, once for all of its channels.
-
-    Args:
-        body: the arm.
-        position: joint positions, shape (n, joints) or (n,) for one joint [rad].
-        velocity: joint velocities, likewise [rad/s].
-        acceleration: joint accelerations, likewise [rad/s^2].
-    """
+    """Compute the torques along a motion, (n, joints) or (n,) each, once for all channels of an arm."""
     q, v, a = (values.reshape(len(values), -1) for values in (position, velocity, acceleration))
     rigid_body = body.inverse_dynamics_batch(q, v, a)
     payload = body.with_load(1.0).inverse_dynamics_batch(q, v, a) - rigid_body
@@ -130,16 +123,7 @@ def _arm_torques(
 
 @cache_by_array
 def _levers(body: "RigidBody", position: FloatArray, direction: FloatArray) -> FloatArray:
-    """Compute the torques of all joints for one newton along the press direction p, J^T p.
-
-    Args:
-        body: the arm.
-        position: joint positions, shape (n, joints) [rad].
-        direction: press directions in world axes, shape (n, 3).
-
-    Returns:
-        Torques per newton, shape (n, joints) [m].
-    """
+    """Compute the torques per newton, J^T p (n, joints) [m], for press directions p (n, 3) in world axes."""
     jacobians = np.array([body.tip_jacobian(row)[:3] for row in position])
     levers_m: FloatArray = np.einsum("nij,ni->nj", jacobians, direction)
     return levers_m
@@ -148,15 +132,7 @@ def _levers(body: "RigidBody", position: FloatArray, direction: FloatArray) -> F
 def _with_slopes(
     name: str, dynamics: Dynamics, motion: Motion, joint: int, values: FloatArray | None = None
 ) -> dict[str, FloatArray]:
-    """Return a signal along the motion and its derivatives by one joint's position and acceleration.
-
-    Args:
-        name: name of the signal.
-        dynamics: function of position, velocity and acceleration, each (n, joints), that computes it.
-        motion: the motion.
-        joint: index of the joint, from 0.
-        values: the signal along the motion; None to compute it.
-    """
+    """Return a signal along the motion and its derivatives by one joint's position and acceleration."""
     q, v, a = motion
     axis = np.zeros(q.shape[1])
     axis[joint] = 1.0
@@ -178,14 +154,6 @@ def _unread_force(data: ChannelData, levers_m: FloatArray, unexplained: FloatArr
     Joints are weighted by their levers and their noise, estimated from neighboring samples. A normal prior
     with the size of the largest reading bounds the result if no joint has a lever. In free air the true force
     is zero.
-
-    Args:
-        data: the channel of any joint.
-        levers_m: torques per newton at the tip, shape (n, joints) [m].
-        unexplained: torques minus those of the rigid bodies, shape (n, joints) [N m].
-
-    Returns:
-        Force, shape (n,) [N].
     """
     in_contact, force_n = data.context["touching"], data.context["contact_force"]
     unexplained = unexplained - levers_m * force_n[:, None]

@@ -90,7 +90,7 @@ def fading_memory(
     for rate, weight in zip(rates.tolist(), weights.tolist(), strict=True):
         decay, added = np.exp(-wait_s * rate), _remaining_share(steps_s * rate) * change
         added[:, later] -= decay[later] * strain[:, runs.last_row[:-1]]
-        memory[:, rows] += weight * linear_recursion(decay[rows], added.T[rows]).T
+        memory[:, rows] += weight * _linear_recursion(decay[rows], added.T[rows]).T
     return memory.T.reshape(signal.shape)
 
 
@@ -197,22 +197,14 @@ def _even_memory(
     initial = np.zeros((k, pieces, len(rates)))
     inflow = (response * pause_decay).swapaxes(0, 1)[:-1]
     for rate_index in range(len(rates)):
-        initial[:, 1:, rate_index] = linear_recursion(decay[:-1, rate_index], inflow[:, :, rate_index]).T
+        initial[:, 1:, rate_index] = _linear_recursion(decay[:-1, rate_index], inflow[:, :, rate_index]).T
     memory = changes @ np.where(_LAGS >= 0, ((weights * remaining) @ powers)[_LAGS], 0.0)
     memory += initial.reshape(-1, len(rates)) @ (weights[:, None] * powers)
     return memory.reshape(k, -1).take(runs.padded_index, axis=1)
 
 
-def linear_recursion(decay: FloatArray, added: FloatArray) -> FloatArray:
-    """Solve y[i] = decay[i] y[i-1] + added[i] with y[-1] = 0 as a banded triangular system.
-
-    Args:
-        decay: factors, shape (n,).
-        added: inputs, shape (n,) or (n, k).
-
-    Returns:
-        Solution y in the shape of `added`.
-    """
+def _linear_recursion(decay: FloatArray, added: FloatArray) -> FloatArray:
+    """Solve y[i] = decay[i] y[i-1] + added[i], (n,) or (n, k), y[-1] = 0, as a banded triangular system."""
     if not added.size:
         return added
     bands = np.zeros((2, len(decay)), order="F")

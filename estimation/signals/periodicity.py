@@ -174,8 +174,7 @@ def _common_wave_number(
 ) -> tuple[float, tuple[int, ...]]:
     """Return the largest common divisor of nearly all wave numbers, and their multiples of it.
 
-    The waves may deviate from multiples by a fifth of the resolution. Waves that are not multiples come from
-    slow changes with position.
+    Waves that are not multiples come from slow changes with position.
     """
     max_divisor = int(waves[0] / (_MIN_REPEATS * resolution)) if len(waves) else 0
     for divisor in range(1, max_divisor + 1):
