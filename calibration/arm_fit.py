@@ -61,16 +61,13 @@ def gravity_direction_derivatives(tilt_rad: FloatArray) -> FloatArray:
 
 
 def design_matrix(body: RigidBody, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-    """Compute the columns of the linearized model: gain, Coulomb, viscous, offset of each joint; tilt.
+    """Compute the linearized model, shape (m n, 4 n + 2): gain, Coulomb, viscous, offset each; tilt.
 
     Args:
         body: model of the arm.
         q: joint positions, shape (m, n) [rad].
         v: joint velocities, shape (m, n) [rad/s].
         a: joint accelerations, shape (m, n) [rad/s^2].
-
-    Returns:
-        Shape (m n, 4 n + 2).
     """
     inertial, gravity = body.inertial_and_gravity_torques(q, v, a)
     level = np.zeros(2)
@@ -128,11 +125,7 @@ class ArmMotion:
 
 
 def motion_of(ticks: Samples) -> ArmMotion:
-    """Extract the part of a session in which the arm followed the path.
-
-    Raises:
-        InputError: there is too little motion.
-    """
+    """Extract the part of a session in which the arm followed the path; raise `InputError` if too short."""
     excited = ticks.select(ticks["run"] == 0)
     channels = joint_channels(excited)
     if not channels or len(channels[0]) < _MIN_SAMPLES:
@@ -156,9 +149,6 @@ def fit_arm(motion: ArmMotion, body: RigidBody) -> ArmFit:
     Args:
         motion: motion and torques.
         body: model of the arm.
-
-    Returns:
-        The parameters with their uncertainties.
 
     Raises:
         InputError: a joint hardly moved, or its load does not change, so that its gain is not identifiable.
@@ -219,11 +209,7 @@ class _Solver:
         return values, sandwich(columns, residual * w**2, w**2, joint).matrix, residual_nm
 
     def tilt(self, values: FloatArray) -> FloatArray:
-        """Return pitch and roll, 0 if not identifiable.
-
-        Args:
-            values: values of all free parameters.
-        """
+        """Return pitch and roll [rad] in the values of all free parameters, 0 if not identifiable."""
         tilt = np.zeros(2)
         tilt[self.axes] = values[self.delay + 1 :]
         return tilt

@@ -53,14 +53,11 @@ def straight_path(start_rad: FloatArray, end_rad: FloatArray) -> FloatArray:
 
 
 def cap_speed(speed_rad_s: float, limits: Limits) -> FloatArray:
-    """Limit a speed to a share of the joints' velocity limits.
+    """Limit a speed to a share of the joints' velocity limits, shape (n,) [rad/s].
 
     Args:
         speed_rad_s: intended speed [rad/s].
         limits: limits of the guard.
-
-    Returns:
-        Speed of each joint, shape (n,) [rad/s].
     """
     return np.minimum(speed_rad_s, SHARE * np.array(limits.velocity_rad_s))
 
@@ -71,15 +68,12 @@ def travel_speed_rad_s(limits: Limits) -> float:
 
 
 def overloaded_joint(body: RigidBody, motions: Iterable[JointMotion], limits: Limits) -> int | None:
-    """Find the first joint that would need nearly all of its torque limit.
+    """Find the first joint, from 0, that would need nearly all of its torque limit; None without one.
 
     Args:
         body: model of the arm.
         motions: motions of all joints.
         limits: limits of the guard.
-
-    Returns:
-        Index of the joint from 0; None if there is none.
     """
     for motion in motions:
         share = np.abs(body.inverse_dynamics(*motion)) / np.array(limits.torque_nm)
@@ -89,14 +83,11 @@ def overloaded_joint(body: RigidBody, motions: Iterable[JointMotion], limits: Li
 
 
 def joint_range(limits: Limits, margin_rad: float) -> tuple[FloatArray, FloatArray]:
-    """Compute the position range that keeps a distance from the limits.
+    """Compute the lowest and highest positions that keep a distance from the limits, shape (n,) [rad].
 
     Args:
         limits: limits of the guard.
         margin_rad: distance [rad].
-
-    Returns:
-        Lowest and highest positions, shape (n,) each [rad].
 
     Raises:
         InputError: a joint's range is too small.
@@ -141,15 +132,12 @@ def check_lift_path(body: RigidBody, start_rad: FloatArray, up_rad: FloatArray, 
 
 
 def highest_posture(body: RigidBody, low: FloatArray, high: FloatArray) -> FloatArray:
-    """Find the posture whose joints and tip stand highest, on a grid over the joints' ranges.
+    """Find the posture (n,) [rad] whose joints and tip stand highest, on a grid over the joints' ranges.
 
     Args:
         body: model of the arm.
         low: lowest positions, shape (n,) [rad].
         high: highest positions, shape (n,) [rad].
-
-    Returns:
-        Joint positions, shape (n,) [rad].
     """
     posture = np.clip(np.zeros(body.joint_count), low, high)
     for _ in range(2):  # joint by joint, since for a chain the sum of heights has one maximum
@@ -203,13 +191,10 @@ class FourierPath:
         return self._tapered(self._rate * time_s + self._phase, *self._taper(time_s))
 
     def sample(self, times_s: FloatArray) -> JointMotion:
-        """Compute the motion at many times at once.
+        """Compute the motion at many times at once; its parts have shape (m, n).
 
         Args:
             times_s: time since the start, shape (m,) [s].
-
-        Returns:
-            Motion whose parts have shape (m, n).
         """
         taper = np.array([self._taper(time_s) for time_s in times_s.tolist()]).T[..., None]
         return self._tapered(times_s[:, None, None] * self._rate + self._phase, *taper)
@@ -389,14 +374,11 @@ class FreeMotion:
         return self._torque.step(measurement, motion, self._no_contact, dt_s)
 
     def at_rest(self, measurement: Measurement, waited_s: float) -> bool:
-        """Return whether the arm stands still.
+        """Return whether the arm stands still; raise `SafetyTripError` if it still moves after 2 s.
 
         Args:
             measurement: state of the arm.
             waited_s: time since its motion should have ended [s].
-
-        Raises:
-            SafetyTripError: the arm still moves after `_REST_WAIT_S`.
         """
         is_at_rest = float(np.abs(measurement.joint_velocity_rad_s).max()) < _REST_RAD_S
         if not is_at_rest and waited_s > _REST_WAIT_S:
@@ -473,9 +455,6 @@ class PathTask:
         Args:
             measurement: state of the arm.
             dt_s: time since the last tick [s].
-
-        Returns:
-            Command, reference and events.
         """
         self._time_s += dt_s
         if self._time_s < self._begin_s:

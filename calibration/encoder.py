@@ -42,7 +42,7 @@ def plan_stops(
     stops_rad: tuple[FloatArray, FloatArray],
     reach_rad: float,
 ) -> tuple[FloatArray, tuple[StopApproach, ...]]:
-    """Plan a raised pose, and the approaches that start from it.
+    """Plan a raised pose, shape (n,) [rad], and the approaches that start from it.
 
     For each joint, choose the side and pose with the largest ground clearance among those that the torque
     limits can hold. No part goes lower than in the start pose.
@@ -53,9 +53,6 @@ def plan_stops(
         limits: limits of the guard.
         stops_rad: lower and upper stops, shape (n,) each [rad], NaN where there is none.
         reach_rad: largest apparent motion of a joint beyond its stop [rad].
-
-    Returns:
-        The raised pose, shape (n,) [rad], and the approaches.
 
     Raises:
         InputError: a joint has no stop that can be reached without touching the ground.

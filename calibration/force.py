@@ -177,11 +177,7 @@ EVENT = "reference_force"
 
 
 def read_weighing(session: Session) -> Plateaus:
-    """Read the plateaus of a session of a weighing.
-
-    Raises:
-        InputError: the session holds no reference forces.
-    """
+    """Read the plateaus of a weighing's session; raise `InputError` without reference forces."""
     forces_n = {e.data["run"]: float(e.data["force_n"]) for e in session.events if e.kind == EVENT and e.data}
     if not forces_n:
         raise InputError(
@@ -232,9 +228,6 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
         plateaus: mean readings under known forces.
         reference_rel_std: standard uncertainty of all references together, as a share of them [-].
 
-    Returns:
-        The characteristic with its uncertainties.
-
     Raises:
         InputError: too few plateaus or forces, or the sensor answers with the wrong sign or not at all.
     """
@@ -277,13 +270,10 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
 
 
 def check_references(reference_n: Sequence[float] | FloatArray) -> None:
-    """Check that the planned forces suffice for a fit.
+    """Raise `InputError` if there are too few plateaus or different forces for a fit.
 
     Args:
         reference_n: force of each plateau [N].
-
-    Raises:
-        InputError: there are too few plateaus or different forces.
     """
     levels = _levels(reference_n)
     if levels < _MIN_LEVELS or len(reference_n) < 4 + _MIN_SPARE:

@@ -30,25 +30,19 @@ class DriverContext:
     section: KeyPath = ()  # path of the driver's settings in the robot file, for errors
 
     def settings_as(self, model: type[SettingsModel], settings: Mapping[str, object]) -> SettingsModel:
-        """Validate the driver's settings.
+        """Validate the driver's settings; raise `InputError` with file, line, key, value and valid values.
 
         Args:
             model: the driver's own pydantic model.
             settings: section of the robot file.
-
-        Raises:
-            InputError: a setting is invalid; the error names file, line, key, value and valid values.
         """
         return validate(model, settings, self.robot_file.document, self.section)
 
     def bus_as(self, bus_type: type[BusType]) -> BusType:
-        """Return the device's bus, checked.
+        """Return the device's bus; raise `InputError` if it has none, or one of another class.
 
         Args:
             bus_type: class that the bus must have.
-
-        Raises:
-            InputError: the device has no bus, or a bus of another class.
         """
         if isinstance(self.bus, bus_type):
             return self.bus

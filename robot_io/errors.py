@@ -68,8 +68,5 @@ def one_line(text: object) -> str:
 
     Args:
         text: anything.
-
-    Returns:
-        Printable text.
     """
     return "".join(char if char.isprintable() else "?" for char in " ".join(str(text).split()))

@@ -23,18 +23,10 @@ class Component:
     """
 
     def configure(self) -> None:
-        """Open the device and check that it is the expected one.
-
-        Raises:
-            DeviceError: the device is absent or not the expected model.
-        """
+        """Open the device; raise `DeviceError` if it is absent or not the expected model."""
 
     def activate(self) -> None:
-        """Prepare for commands; program the device's own watchdog and read it back.
-
-        Raises:
-            DeviceError: the device refused.
-        """
+        """Prepare for commands, program and read back the own watchdog; raise `DeviceError` if refused."""
 
     def deactivate(self) -> None:
         """Switch the torque off. Works in every state, also after a failure, and can be called again."""
@@ -48,26 +40,20 @@ class Bus(Component, ABC):
 
     @abstractmethod
     def poll(self, deadline_s: float) -> None:
-        """Read the newest samples of all devices on this bus.
+        """Read the newest samples of all devices on this bus; raise `DeviceError` if the bus itself failed.
 
         A device that does not answer keeps its old sample, whose reading then has `Status.STALE`.
 
         Args:
             deadline_s: end of waiting, robot's clock; a past deadline means no waiting [s].
-
-        Raises:
-            DeviceError: the bus itself failed (unplugged, bus-off).
         """
 
     @abstractmethod
     def flush(self, deadline_s: float) -> None:
-        """Send the commands staged by the devices on this bus.
+        """Send the commands staged by the devices on this bus; raise `DeviceError` if the bus itself failed.
 
         Args:
             deadline_s: end of waiting, robot's clock [s].
-
-        Raises:
-            DeviceError: the bus itself failed.
         """
 
 
@@ -130,11 +116,7 @@ class ManagedDevice(ABC):
 
     @abstractmethod
     def configure(self) -> None:
-        """Open the device.
-
-        Raises:
-            DeviceError: a device is absent or not the expected model.
-        """
+        """Open the device; raise `DeviceError` if one is absent or not the expected model."""
 
     @abstractmethod
     def close(self) -> None:

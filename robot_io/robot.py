@@ -188,14 +188,11 @@ class Robot(ManagedDevice):
         )
 
     def write(self, command: Command, deadline_s: float) -> Command:
-        """Send joint torques.
+        """Send joint torques; return what was sent, after resolution and range of the drives.
 
         Args:
             command: shape (n,) [N m].
             deadline_s: end of sending, robot's clock [s].
-
-        Returns:
-            What was sent, after resolution and range of the drives.
 
         Raises:
             LifecycleError: the robot is not active.

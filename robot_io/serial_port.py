@@ -121,11 +121,7 @@ class SerialPort:
         return byte_count * 10.0 / self.baud_rate
 
     def open(self) -> None:
-        """Open the port for this program alone, and forget earlier failures.
-
-        Raises:
-            DeviceError: there is no such port, no permission, or another program has it.
-        """
+        """Open the port for this program alone, and forget failures; raise `DeviceError` if that fails."""
         self.close()
         self._serial = open_exclusively(self.path, self.baud_rate)
         self._fd, self._poll = self._serial.fileno(), select.poll()
@@ -139,13 +135,10 @@ class SerialPort:
             close_exclusive(port)
 
     def write(self, data: bytes) -> None:
-        """Send bytes.
+        """Send bytes; raise `DeviceError` if the port is closed or gone, or its output is blocked.
 
         Args:
             data: data to send.
-
-        Raises:
-            DeviceError: the port is closed or gone, or its output is blocked.
         """
         try:
             write_at_once(self._fd if self._fd >= 0 else self._usable(), data)
@@ -155,11 +148,7 @@ class SerialPort:
             raise self._failed(error) from error
 
     def read(self) -> bytes:
-        """Return received bytes without waiting.
-
-        Raises:
-            DeviceError: the port is closed or gone.
-        """
+        """Return received bytes without waiting; raise `DeviceError` if the port is closed or gone."""
         try:
             return os.read(self._fd if self._fd >= 0 else self._usable(), _CHUNK)
         except BlockingIOError:
@@ -168,16 +157,10 @@ class SerialPort:
             raise self._failed(error) from error
 
     def wait(self, deadline_s: float) -> bytes:
-        """Wait for bytes.
+        """Wait for bytes and return them, none at the deadline; raise `DeviceError` if the port is gone.
 
         Args:
             deadline_s: end of the wait, robot's clock [s].
-
-        Returns:
-            Received bytes; empty at the deadline.
-
-        Raises:
-            DeviceError: the port is closed or gone.
         """
         if isinstance(self._clock, SimulatedClock):
             data = self.read()
@@ -197,11 +180,7 @@ class SerialPort:
         return data
 
     def read_all(self) -> bytes:
-        """Return all received bytes without waiting.
-
-        Raises:
-            DeviceError: the port is closed or gone.
-        """
+        """Return all received bytes without waiting; raise `DeviceError` if the port is closed or gone."""
         if not self._poll.poll(0) and self._fd >= 0:  # in most ticks; faster than a read that fails
             return b""
         received = b""

@@ -59,15 +59,12 @@ class Command(NamedTuple):
 def frozen_array(
     values: ArrayLike, shape: tuple[int, ...] | None = None, *, what: str = "array"
 ) -> FloatArray:
-    """Copy values into a read-only float array.
+    """Copy values into a read-only float array; raise `InputError` for another shape or if not finite.
 
     Args:
         values: few numbers.
         shape: required shape; None for any.
         what: name of the array in errors.
-
-    Raises:
-        InputError: wrong shape or a value that is not finite.
     """
     array = np.array(values, dtype=np.float64)
     if shape is not None and array.shape != shape:

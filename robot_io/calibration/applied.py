@@ -45,14 +45,11 @@ _SETTINGS_OUTSIDE_IDENTITY = frozenset(
 
 
 def device_identity(robot_file: RobotFile, kind: str) -> dict[str, object]:
-    """Describe the device that a calibration belongs to, with its bus; gravity belongs to the drives.
+    """Return driver and settings of a calibration's device, with its bus; gravity belongs to the drives.
 
     Args:
         robot_file: robot with the device.
         kind: kind of the calibration.
-
-    Returns:
-        Driver and settings.
     """
     key = "torque" if kind == "gravity" else kind
     section: DeviceSection = getattr(robot_file, key)
@@ -66,15 +63,12 @@ def device_identity(robot_file: RobotFile, kind: str) -> dict[str, object]:
 def first_difference(
     expected: Mapping[str, object], actual: Mapping[str, object], at: str = ""
 ) -> str | None:
-    """Describe the first setting in which two identities differ.
+    """Return key and values of the first setting in which two identities differ; None if they are equal.
 
     Args:
         expected: identity in the calibration.
         actual: identity of the robot.
         at: prefix of the keys.
-
-    Returns:
-        Key and both values; None if the identities are equal.
     """
     for key in (*expected, *(key for key in actual if key not in expected)):
         before, now = expected.get(key), actual.get(key)
@@ -87,16 +81,10 @@ def first_difference(
 
 
 def urdf_sha256(robot_file: RobotFile) -> str:
-    """Hash the robot's URDF.
+    """Return the SHA-256 of the robot's URDF; raise `InputError` if the URDF cannot be read.
 
     Args:
         robot_file: names the URDF.
-
-    Returns:
-        Hexadecimal SHA-256.
-
-    Raises:
-        InputError: the URDF cannot be read.
     """
     try:
         return hashlib.sha256(robot_file.urdf_path.read_bytes()).hexdigest()
@@ -115,14 +103,11 @@ _LARGE_ZERO_SHIFT_RAD = 0.2
 
 
 def find_implausible_value(calibration: Calibration, limits: Limits) -> str | None:
-    """Describe the first value of a calibration that cannot belong to this arm.
+    """Describe the first value of a calibration that cannot belong to this arm; None if there is none.
 
     Args:
         calibration: calibration to check.
         limits: limits of the arm.
-
-    Returns:
-        Value and largest plausible value; None if all values are plausible.
     """
     if isinstance(calibration, ForceCalibration):
         values, limit_n = calibration.values, limits.force_n
@@ -155,16 +140,13 @@ def find_implausible_value(calibration: Calibration, limits: Limits) -> str | No
 
 
 def find_large_zero_shift(calibration: Calibration) -> str | None:
-    """Describe large shifts of joint zeros, which a person must confirm; they are not rejected.
+    """Describe large shifts of joint zeros, which a person must confirm; None if there are none.
 
     Any zero is possible, but with a wrong zero the arm moves to unexpected places. A large shift usually
     means that the arm was in another pose, or at another stop, than stated.
 
     Args:
         calibration: calibration of any kind.
-
-    Returns:
-        Joints, shifts and consequence; None if no zero is shifted far.
     """
     if not isinstance(calibration, EncoderCalibration):
         return None
@@ -212,14 +194,11 @@ class Calibrations:
 
 
 def gravity_base_m_s2(pitch_rad: float, roll_rad: float) -> tuple[float, float, float]:
-    """Compute the gravity vector in the axes of a tilted base; see `GravityValues`.
+    """Compute the gravity vector in the axes of a tilted base, shape (3,) [m/s^2]; see `GravityValues`.
 
     Args:
         pitch_rad: pitch about the base's y axis [rad].
         roll_rad: roll about the base's x axis [rad].
-
-    Returns:
-        Shape (3,) [m/s^2].
     """
     across = GRAVITY_M_S2 * cos(pitch_rad)
     return (GRAVITY_M_S2 * sin(pitch_rad), -across * sin(roll_rad), -across * cos(roll_rad))
@@ -265,14 +244,11 @@ def load_calibrations(
 
 
 def parse_calibrations(text: str, origin: str = "calibration") -> Calibrations:
-    """Read the calibrations of a session from `Calibrations.text`; robot and date are not checked.
+    """Read `Calibrations.text` of a session, without checks of robot and date, or raise `InputError`.
 
     Args:
         text: YAML.
         origin: name of the text in errors.
-
-    Raises:
-        InputError: the text is invalid.
     """
     document = parse_yaml(text, origin, len(CALIBRATION_KINDS) * MAX_BYTES * 2)
     unknown = [key for key in document.data if key not in CALIBRATION_KINDS]

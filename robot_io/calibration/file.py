@@ -257,14 +257,11 @@ CALIBRATION_KINDS = tuple(CALIBRATIONS)
 
 
 def calibration_from(document: YamlDocument, kind: str | None = None) -> Calibration:
-    """Read the calibration in a document, or under one of its keys.
+    """Read the calibration in a document or under one of its keys; raise `InputError` if it is invalid.
 
     Args:
         document: YAML.
         kind: key of the calibration; None for the whole document.
-
-    Raises:
-        InputError: the first problem, with file, line, key and valid values.
     """
     at = () if kind is None else (kind,)
     data = document.data if kind is None else document.data.get(kind)

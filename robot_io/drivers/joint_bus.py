@@ -13,15 +13,12 @@ from palpate.robot_io.types import FloatArray, Reading
 
 
 def check_one_per_joint(context: DriverContext, count: int, devices: str) -> None:
-    """Check that a bus has as many drives as the arm has joints.
+    """Raise `InputError` if a bus has more or fewer drives than the arm has joints.
 
     Args:
         context: Context of the bus.
         count: Number of its drives.
         devices: Name for messages, such as "motors".
-
-    Raises:
-        InputError: There are more or fewer.
     """
     joint_count = context.robot_file.joint_count
     if count != joint_count:
@@ -61,11 +58,7 @@ class JointBus(Bus):
 
     @abstractmethod
     def stage(self, torque_nm: FloatArray) -> FloatArray:
-        """See `JointTorque.stage_torque`.
-
-        Raises:
-            LifecycleError: the torque is off.
-        """
+        """See `JointTorque.stage_torque`; raise `LifecycleError` while the torque is off."""
 
 
 class _BusDevice:
@@ -168,13 +161,10 @@ class RequestQueue:
             self._requested_s.append(now_s)
 
     def answer(self, arrived_s: float) -> bool:
-        """Remove the request to which an answer belongs; `answered_s` becomes its time.
+        """Remove the answered request, whose time becomes `answered_s`; return whether one was open.
 
         Args:
             arrived_s: When the answer arrived, robot's clock [s].
-
-        Returns:
-            Whether a request was open.
         """
         self._expire(arrived_s)
         if not self._open_s:

@@ -134,16 +134,13 @@ class MoteusState:
 
 
 def encode_torque(host_id: int, motor_id: int, torque_nm: float, watchdog_s: float) -> CanFrame:
-    """Command a torque at the output that holds for a time.
+    """Command a torque at the output that holds for a time; raise `InputError` if it is not a number.
 
     Args:
         host_id: CAN id of the sender.
         motor_id: CAN id of the controller.
         torque_nm: torque at the output [N m].
         watchdog_s: time for which the torque holds [s].
-
-    Raises:
-        InputError: it is not a number.
     """
     if not isfinite(torque_nm):
         raise InputError(f"torque {torque_nm} N m is not finite")
@@ -154,13 +151,10 @@ def encode_torque(host_id: int, motor_id: int, torque_nm: float, watchdog_s: flo
 
 
 def decode_state(frame: CanFrame) -> MoteusState:
-    """Decode the answer of a controller.
+    """Decode the answer of a controller; raise `ProtocolError` for another length or answer.
 
     Args:
         frame: received frame.
-
-    Raises:
-        ProtocolError: the length is wrong, or the frame is not the requested answer.
     """
     expect_length(frame, "moteus state", _ANSWER.size)
     head, mode, floats_head, turns, speed, torque, integers_head, home, volts, celsius, fault = (

@@ -73,13 +73,10 @@ class RdtRecord(NamedTuple):
 
 
 def decode_record(datagram: bytes) -> RdtRecord:
-    """Return the record in a datagram.
+    """Return the record in a datagram; raise `ProtocolError` for another size.
 
     Args:
         datagram: received datagram.
-
-    Raises:
-        ProtocolError: the datagram has another size.
     """
     if len(datagram) != RECORD_SIZE:
         raise ProtocolError(f"a record must have {RECORD_SIZE} bytes, but this one has {len(datagram)}")
@@ -147,13 +144,10 @@ class NetFtConfiguration(NamedTuple):
 
 
 def parse_configuration(page: bytes) -> NetFtConfiguration:
-    """Return the configuration on a page.
+    """Return the configuration on a page; raise `ProtocolError` if a value is missing or invalid.
 
     Args:
         page: netftapi2.xml.
-
-    Raises:
-        ProtocolError: a value is missing or invalid.
     """
     text = page.decode("utf-8", "replace")
     try:
@@ -221,14 +215,7 @@ class _Socket:
         self.fileno, self.close = self._socket.fileno, self._socket.close
 
     def read(self, size: int) -> bytes:
-        """Read one datagram; none if the network reports that no program receives at the sensor's port.
-
-        Args:
-            size: most bytes to take.
-
-        Returns:
-            The datagram, empty if none has arrived.
-        """
+        """Read one datagram; none if none has come, or no program receives at the sensor's port."""
         with suppress(BlockingIOError, ConnectionRefusedError):
             return self._socket.recv(size)
         return b""
@@ -260,11 +247,7 @@ class NetFtLine(ForceLine):
             raise DeviceError(f"{self.label}: cannot be reached ({error})") from error
 
     def read_configuration(self) -> NetFtConfiguration:
-        """Read the sensor's configuration from its web server.
-
-        Raises:
-            DeviceError: the sensor does not answer in time, or its answer is not a configuration.
-        """
+        """Read the configuration from the sensor's web server; raise `DeviceError` without a valid one."""
         host, port = self._settings.host, self._settings.http_port
         where = f"http://{host}:{port}{PAGE}"
         connection = HTTPConnection(host, port, timeout=_PATIENCE_S)
@@ -312,11 +295,7 @@ class NetFt(SerialForceSensor, Examinable):
     _bus: NetFtLine
 
     def configure(self) -> None:
-        """Read the sensor's configuration, and start the records.
-
-        Raises:
-            DeviceError: it does not answer, its forces have another scale, or it sends no records.
-        """
+        """Start the records; raise `DeviceError` if none come, or the sensor's configuration differs."""
         settings, configuration = self._settings, self._bus.read_configuration()
         newtons_per_count = newtons_per(configuration.unit) / configuration.counts_per_force
         stated = newtons_per(settings.unit) / settings.counts_per_force

@@ -162,14 +162,11 @@ class Heartbeat:
 
 
 def odrive_id(node_id: int, command: OdriveCommand) -> int:
-    """Return the arbitration id of a command to, or a message from, an axis.
+    """Return the arbitration id of an axis's command or message; raise `InputError` for a wrong node id.
 
     Args:
         node_id: node id of the axis, 0 to 63.
         command: command or message.
-
-    Raises:
-        InputError: the node id has more than six bits.
     """
     if not 0 <= node_id <= MAX_NODE_ID:
         raise InputError(f"node id {node_id} is not from 0 to {MAX_NODE_ID}")
@@ -177,7 +174,7 @@ def odrive_id(node_id: int, command: OdriveCommand) -> int:
 
 
 def decode_heartbeat(frame: CanFrame, firmware: Firmware) -> Heartbeat:
-    """Decode a heartbeat of either generation.
+    """Decode a heartbeat of either generation; raise `ProtocolError` for a wrong length or state.
 
     Bytes 0 to 3 are the axis error and byte 4 the state. Then 0.5 has flags for motor, encoder and
     controller, and 0.6 has the results of procedures and trajectories, which are not used.
@@ -185,9 +182,6 @@ def decode_heartbeat(frame: CanFrame, firmware: Firmware) -> Heartbeat:
     Args:
         frame: received frame.
         firmware: generation of the axis.
-
-    Raises:
-        ProtocolError: wrong length, or a state that does not exist.
     """
     expect_length(frame, "heartbeat", 8)
     data = frame.data
@@ -209,9 +203,6 @@ def decode_two_floats(frame: CanFrame, what: str) -> tuple[float, float]:
         frame: received frame.
         what: name of its content in errors.
 
-    Returns:
-        Both numbers.
-
     Raises:
         ProtocolError: wrong length, or not finite.
     """
@@ -223,16 +214,10 @@ def decode_two_floats(frame: CanFrame, what: str) -> tuple[float, float]:
 
 
 def decode_version(frame: CanFrame) -> tuple[int, int, int]:
-    """Decode the firmware version (0.6).
+    """Decode major, minor and revision number of the firmware (0.6); raise `ProtocolError` if too short.
 
     Args:
         frame: received frame.
-
-    Returns:
-        Major, minor and revision number.
-
-    Raises:
-        ProtocolError: wrong length.
     """
     expect_length(frame, "version", 8)
     return frame.data[4], frame.data[5], frame.data[6]
@@ -255,14 +240,11 @@ def encode_command(node_id: int, command: OdriveCommand, *values: float) -> CanF
 
 
 def encode_input_torque(node_id: int, torque_nm: float) -> CanFrame:
-    """Command a motor torque [N m]; it feeds the axis's watchdog.
+    """Command a motor torque [N m], which feeds the watchdog; raise `InputError` if it is no 32 bit float.
 
     Args:
         node_id: node id of the axis.
         torque_nm: torque of the motor [N m].
-
-    Raises:
-        InputError: the torque cannot be represented by a 32 bit float.
     """
     try:
         data = _FLOAT.pack(torque_nm)

@@ -10,13 +10,10 @@ _BYTES_PER_PACKED_BYTE = 20  # allowed in addition; noisy measurements need 2 to
 
 
 def max_unpacked_bytes(packed_bytes: int) -> int:
-    """Compute how much memory a packed file may take.
+    """Compute how much memory a packed file may take [bytes].
 
     Args:
         packed_bytes: size of the file.
-
-    Returns:
-        Largest unpacked size [bytes].
     """
     return _ALLOWED_BYTES + _BYTES_PER_PACKED_BYTE * packed_bytes
 
@@ -26,23 +23,17 @@ def replace_undecodable(text: str) -> str:
 
     Args:
         text: text from a file's name.
-
-    Returns:
-        Text that can be encoded.
     """
     return text.encode("utf-8", "replace").decode("utf-8")
 
 
 @contextmanager
 def atomic_write(path: Path, *, replace: bool = True) -> Iterator[Path]:
-    """Write a file under a temporary name, and rename it once it is complete.
+    """Write a file under a temporary name, which is yielded, and rename it once it is complete.
 
     Args:
         path: final name of the file.
         replace: whether an existing file is replaced.
-
-    Yields:
-        The temporary name.
 
     Raises:
         FileExistsError: a file exists and is not to be replaced.
@@ -71,13 +62,10 @@ def atomic_write(path: Path, *, replace: bool = True) -> Iterator[Path]:
 
 @contextmanager
 def reserve_name(path: Path) -> Iterator[None]:
-    """Reserve a file name by a second file, while this program creates the file.
+    """Reserve a file name while it is created; raise `FileExistsError` if another program has it.
 
     Args:
         path: name of the file.
-
-    Raises:
-        FileExistsError: another program has reserved the name.
     """
     reservation = path.with_name(f".{path.name}.taken")
     reservation.touch(exist_ok=False)

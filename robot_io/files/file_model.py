@@ -45,11 +45,7 @@ class YamlDocument:
     lines: Mapping[KeyPath, int]
 
     def line_of(self, key_path: KeyPath) -> int:
-        """Find the line of a key, or of the nearest existing part of its path.
-
-        Returns:
-            Line from 1.
-        """
+        """Find the line, from 1, of a key or of the nearest existing part of its path."""
         while key_path and key_path not in self.lines:
             key_path = key_path[:-1]
         return self.lines.get(key_path, 1)
@@ -76,15 +72,12 @@ def load_yaml(path: str | Path, max_bytes: int = MAX_YAML_BYTES) -> YamlDocument
 
 
 def parse_yaml(text: str, origin: str, max_bytes: int = MAX_YAML_BYTES) -> YamlDocument:
-    """Read YAML from text.
+    """Read YAML from text; raise `InputError` if it is too large, or not the strict YAML of this module.
 
     Args:
         text: YAML.
         origin: name of the text in errors.
         max_bytes: largest size.
-
-    Raises:
-        InputError: the text is too large, or not the strict YAML of this module.
     """
     if len(text) > max_bytes:
         raise InputError(f"{origin}: larger than {max_bytes} bytes, the limit for such a file")
@@ -254,14 +247,11 @@ TorqueConstant = Annotated[Number, between(1e-3, 100.0, "N m/A")]
 
 
 def problem_at(key: str, text: str) -> PydanticCustomError:
-    """Make an error of a model about a key below it, whose line the message then names.
+    """Make an error, to be raised in a validator, about a key below a model; the message names its line.
 
     Args:
         key: key, such as `values.scale`.
         text: the problem.
-
-    Returns:
-        The error, to be raised in a validator.
     """
     return PydanticCustomError("problem_at", "{text}", {"text": text, "key": key})
 
@@ -286,13 +276,10 @@ class FileModel(BaseModel):
 
     @classmethod
     def load(cls, source: "str | Path | YamlDocument") -> Self:
-        """Read a file of this kind.
+        """Read a file of this kind; raise `InputError` with file, line, key and valid values.
 
         Args:
             source: path of a YAML file, or a document that was read already.
-
-        Raises:
-            InputError: the file is invalid; the error names file, line, key and valid values.
         """
         document = source if isinstance(source, YamlDocument) else load_yaml(source)
         return validate(cls, document.data, document)
@@ -318,16 +305,13 @@ Model = TypeVar("Model", bound=BaseModel)
 def validate(
     model: type[Model], data: object, document: YamlDocument | None = None, at: KeyPath = ()
 ) -> Model:
-    """Make a model from data.
+    """Make a model from data; raise `InputError` with the place of the first problem, and how many follow.
 
     Args:
         model: class of the model.
         data: data to validate.
         document: YAML that holds the data; None for data made by a program.
         at: path of the data in the document.
-
-    Raises:
-        InputError: the first problem with file and line, and the number of further ones.
     """
     try:
         return model.model_validate(data)
@@ -380,9 +364,6 @@ def input_error(
         key_path: path of the key.
         problem: description.
         value: value that is wrong, if any.
-
-    Returns:
-        The error, to be raised.
     """
     places = [document.origin] if document else []
     if document and key_path and key_path[:1] in document.lines:

@@ -91,13 +91,10 @@ def joints_to_root(robot: Element, link: str) -> list[Element]:
 
 
 def last_link(robot: Element) -> str:
-    """Find the link at the end of the longest chain of joints; of several, the one named last.
+    """Return the link at the end of the longest chain of joints; of several, the one named last.
 
     Args:
         robot: root of a URDF from `parse_urdf`.
-
-    Returns:
-        Name of the link.
     """
     names = [link.get("name", "") for link in robot.findall("link")]
     return max(reversed(names), key=lambda name: len(joints_to_root(robot, name)), default="")

@@ -177,13 +177,10 @@ class Guard:
         return self._finished
 
     def too_old(self, measurement: Measurement) -> tuple[str, ...]:
-        """Describe each device without a young enough sample; never trips.
+        """Describe each device without a young enough sample, one line each; never trips.
 
         Args:
             measurement: measurement to check.
-
-        Returns:
-            One line per device.
         """
         return self._checks.too_old(measurement)
 
@@ -239,7 +236,7 @@ class Guard:
         return self._trip
 
     def limit(self, command: Command, measurement: Measurement, dt_s: float) -> Command:
-        """Limit a command, or replace it by the safe state once tripped.
+        """Limit a command, or replace it by the safe state once tripped; return what may be sent.
 
         Trips on a command that is not finite. A measurement that was not checked yet is checked first.
 
@@ -247,9 +244,6 @@ class Guard:
             command: command of the controller.
             measurement: measurement of this tick.
             dt_s: time since the previous tick [s].
-
-        Returns:
-            The command that may be sent.
         """
         if measurement is not self._watched:
             self.watch(measurement)

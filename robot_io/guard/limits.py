@@ -164,13 +164,10 @@ class LimitChecks:
         return None
 
     def too_old(self, measurement: Measurement) -> tuple[str, ...]:
-        """Describe each device without a young enough sample, whatever the sample holds.
+        """Describe each device without a young enough sample in one line, whatever the sample holds.
 
         Args:
             measurement: measurement to check.
-
-        Returns:
-            One line a device.
         """
         time_s, ok = measurement.time_s, Status.OK
         problems = (
@@ -181,13 +178,10 @@ class LimitChecks:
         return tuple(problem.text for problem in problems if problem)
 
     def motion_is_known(self, measurement: Measurement) -> bool:
-        """Return whether position and velocity can be acted on, wherever they are.
+        """Return whether position and velocity are young, healthy and finite, wherever they are.
 
         Args:
             measurement: measurement to check.
-
-        Returns:
-            True if they are young, healthy and finite.
         """
         values = measurement.joint_velocity_rad_s.tolist() + measurement.joint_position_rad.tolist()
         age_s = measurement.time_s - measurement.encoder_at_s

@@ -71,15 +71,7 @@ class _Joint:
     def begin(
         self, time_s: float, position_rad: float, reference_rad: float, torque_nm: float, force_n: float
     ) -> None:
-        """Store a changed or first reading.
-
-        Args:
-            time_s: time of the sample, robot's clock [s].
-            position_rad: position of the encoder [rad].
-            reference_rad: reference position of the controller [rad].
-            torque_nm: measured by its drive [N m].
-            force_n: force of the force sensor [N].
-        """
+        """Store a changed or first reading [s, rad, rad, N m, N]."""
         if self.samples:
             self.step_rad = min(self.step_rad, abs(position_rad - self.position_rad))
         before_s, before_rad, reference_before_rad = self.marks[1]
@@ -96,22 +88,12 @@ class _Joint:
         return max(self.least_rad, _STEPS * self.step_rad) if known else self.unknown_rad
 
     def is_suspect(self, time_s: float, moved_rad: float) -> bool:
-        """Return whether a working encoder would have shown this motion of the reference, without friction.
-
-        Args:
-            time_s: robot's clock [s].
-            moved_rad: motion of the reference [rad].
-        """
+        """Return whether a working encoder would have shown this motion [rad], without friction."""
         still = self.samples >= _SAMPLES and time_s - self.since_s >= self.still_s - 1e-9
         return still and abs(moved_rad) > self.visible_rad
 
     def was_stopped(self, time_s: float, moved_rad: float) -> bool:
-        """Return whether the joint followed its reference until it stopped, while the reference continued.
-
-        Args:
-            time_s: robot's clock [s].
-            moved_rad: motion of the reference [rad].
-        """
+        """Return whether the joint followed until it stopped, while the reference continued [s, rad]."""
         way_rad = self.followed_rad
         if abs(way_rad) <= self.visible_rad or not _FOLLOWED[0] < self.before_rad / way_rad < _FOLLOWED[1]:
             return False
@@ -147,13 +129,10 @@ class StuckEncoders:
             joint.samples, joint.suspect = 0, False
 
     def trusted(self, measurement: Measurement) -> list[bool]:
-        """Determine for which joints the velocity can be trusted.
+        """Return for each joint (n,) whether its velocity can be trusted: not while suspect and unchanged.
 
         Args:
             measurement: measurement of this tick.
-
-        Returns:
-            False for suspect joints whose reading has not changed since, shape (n,).
         """
         positions_rad = measurement.joint_position_rad.tolist()
         for joint, position_rad in zip(self._joints, positions_rad, strict=True):
@@ -244,13 +223,10 @@ class StuckForce:
         self._rests = False  # whether the sensor is known to repeat values
 
     def problem(self, measurement: Measurement) -> Problem | None:
-        """Check one tick; a repeated sample is ignored.
+        """Return the problem of a stuck force in this tick, or None; a repeated sample is ignored.
 
         Args:
             measurement: measurement of this tick.
-
-        Returns:
-            The problem of a stuck force, or None.
         """
         sampled_at_s, force_n = measurement.force_at_s, measurement.force_n
         if not sampled_at_s > self._sampled_at_s:
@@ -342,12 +318,7 @@ class _Drive:
         self.count = self.jumps = 0
 
     def widen(self, torque_nm: float, *, is_next: bool) -> None:
-        """Include a command in the range, in this interval or as the first of the next one.
-
-        Args:
-            torque_nm: commanded torque [N m].
-            is_next: whether a new interval begins with this command.
-        """
+        """Include a command [N m] in the range, in this interval or as the first of the next one."""
         if is_next:
             self.before_nm, self.sent_nm = self.sent_nm, (torque_nm, torque_nm)
         low_nm, high_nm = self.sent_nm
@@ -359,11 +330,7 @@ class _Drive:
         self.high_nm = high_nm if high_nm > before_high_nm else before_high_nm
 
     def shows(self, measured_nm: float) -> None:
-        """Store the newest reading, and update the mean jump.
-
-        Args:
-            measured_nm: measured torque of the drive [N m].
-        """
+        """Store the newest reading [N m], and update the mean jump."""
         jump_nm = abs(measured_nm - self.measured_nm)
         self.measured_nm = measured_nm
         if jump_nm > 0.0:

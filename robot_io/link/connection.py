@@ -299,11 +299,7 @@ def _certified(config: "zenoh.Config") -> bool:
 
 
 def _restrict_to_this_machine(config: "zenoh.Config", settings: LinkSettings) -> None:
-    """Disable zenoh's default listeners, and reject endpoints on other machines.
-
-    Raises:
-        InputError: an endpoint is on another machine, or the search for peers in the network is enabled.
-    """
+    """Disable zenoh's default listeners; raise `InputError` if other machines could still connect."""
     if config.get_json(_LISTEN) == zenoh.Config().get_json(_LISTEN):
         config.insert_json5(_LISTEN, json.dumps([f"{_LOOPBACK}:{settings.port}"]))
     open_to = [endpoint for endpoint in _endpoints(config) if not _is_local(endpoint)]

@@ -79,14 +79,11 @@ def load_seal(path: Path, topic: str) -> FrameCode:
 
 
 def check_secret(path: Path, what: str) -> None:
-    """Raise an error if other users can read a file with a secret.
+    """Raise `InputError` if a file with a secret does not exist, or other users can read it.
 
     Args:
         path: the file.
         what: name of the file in the error.
-
-    Raises:
-        InputError: other users can read it, or it does not exist.
     """
     try:
         mode = stat.S_IMODE(path.stat().st_mode)
@@ -137,11 +134,7 @@ class Frame(NamedTuple):
 
     @property
     def message(self) -> Message:
-        """Decode the message.
-
-        Raises:
-            FrameError: the content is not valid for its kind.
-        """
+        """Decode the message; raise `FrameError` if the content is not valid for its kind."""
         if not 0 <= self.kind < len(_WIRE):
             raise FrameError(f"no message has the number {self.kind}")
         try:

@@ -67,13 +67,10 @@ class WireType(Generic[T]):
         return data
 
     def decode(self, data: bytes) -> T:
-        """Decode what `encode` made.
+        """Decode what `encode` made; raise `ProtocolError` if it is another message, or a value is invalid.
 
         Args:
             data: a protobuf message.
-
-        Raises:
-            ProtocolError: the bytes are not such a message, or a value is invalid.
         """
         try:
             return self._value_of(self._message.FromString(data))
@@ -127,14 +124,11 @@ _MOST_COUNT = _LEADERS * _NUMBERS  # a double holds all of them
 
 
 def target_number(leader: int, count: int) -> int:
-    """Make a target's number, which no other leader uses.
+    """Make a target's number, which no other leader uses; raise `InputError` for too many targets.
 
     Args:
         leader: random number of the leading program, of which 31 bits count.
         count: number of targets that it has given so far.
-
-    Raises:
-        InputError: there are too many targets.
     """
     if not 0 <= count < _NUMBERS:
         raise InputError(f"target {count}: a leader may choose at most {_NUMBERS} targets")
@@ -142,13 +136,10 @@ def target_number(leader: int, count: int) -> int:
 
 
 def short_number(number: int) -> int:
-    """Return the short number of a target, which users see.
+    """Return the short number of a target, its position in the leader's sequence, which users see.
 
     Args:
         number: number of the target, which includes the leader's random bits.
-
-    Returns:
-        Position of the target in the leader's sequence.
     """
     return number % _NUMBERS
 

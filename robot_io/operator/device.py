@@ -52,11 +52,7 @@ class OperatorDevice(ManagedDevice):
         self._is_open = self._is_active = False
 
     def configure(self) -> None:
-        """Open the device; positions can be read, and no force is rendered.
-
-        Raises:
-            DeviceError: it is absent or not the expected model.
-        """
+        """Open the device, without a force; raise `DeviceError` if it is absent or another model."""
         if self._is_open:
             raise LifecycleError(f"{self.name}: configured already")
         try:
@@ -67,34 +63,21 @@ class OperatorDevice(ManagedDevice):
         self._is_open = True
 
     def activate(self) -> None:
-        """Prepare for forces.
-
-        Raises:
-            DeviceError: the device refused.
-            LifecycleError: not configured.
-        """
+        """Prepare for forces; raise `DeviceError` if refused, `LifecycleError` if not configured."""
         self._expect(self._is_open, "activate", "configured")
         self._power(on=True)
         self._is_active = True
 
     def read(self) -> HandState:
-        """Read the state of the tip.
-
-        Raises:
-            LifecycleError: not configured.
-            DeviceError: the device has disappeared.
-        """
+        """Read the tip's state; raise `DeviceError` if it is gone, `LifecycleError` if not configured."""
         self._expect(self._is_open, "read", "configured")
         return self._hand()
 
     def set_force(self, force_world_n: FloatArray) -> FloatArray:
-        """Push the hand with a force until the next call.
+        """Push the hand until the next call; return the force within the device's range, shape (3,) [N].
 
         Args:
             force_world_n: shape (3,) [N].
-
-        Returns:
-            The rendered force, within the device's range; shape (3,) [N].
 
         Raises:
             InputError: not three finite values; the last force holds.
@@ -167,14 +150,7 @@ class ModeledHand(OperatorDevice):
 
     @abstractmethod
     def _goal(self, now_s: float) -> tuple[FloatArray, FloatArray, bool]:
-        """Compute the goal at a time; called in the order of time.
-
-        Args:
-            now_s: on the device's clock [s].
-
-        Returns:
-            Position (3,) [m] and velocity (3,) [m/s] in world axes, and whether the button is held.
-        """
+        """Compute the goal's position, velocity (3,) [m, m/s] and button; called in the order of time."""
 
     def _hand(self) -> HandState:
         now_s = self.clock.now_s()

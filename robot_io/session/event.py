@@ -57,14 +57,11 @@ class SessionMetadata:
 
     @classmethod
     def from_strings(cls, strings: Mapping[str, str], extra: Mapping[str, str]) -> "SessionMetadata":
-        """Convert the header's text back.
+        """Convert the header's text back; raise `SessionError` if a value is invalid.
 
         Args:
             strings: texts made by `to_strings`.
             extra: the other texts.
-
-        Raises:
-            SessionError: a value is invalid.
         """
         seed = strings.get("seed", "")
         try:
@@ -142,13 +139,10 @@ def _to_json_value(value: object) -> object:
 
 
 def decode_event(data: bytes) -> Event:
-    """Decode what `encode_event` made.
+    """Decode what `encode_event` made; raise `SessionError` if it is not an event.
 
     Args:
         data: a message.
-
-    Raises:
-        SessionError: the bytes are not an event.
     """
     try:
         message = _EventMessage.FromString(data)

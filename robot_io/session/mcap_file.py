@@ -116,16 +116,10 @@ class GrowingFile:
         self.read_bytes = len(MCAP0_MAGIC)
 
     def read(self, data: bytes) -> Scan:
-        """Read new data.
+        """Read new data; return new messages and all metadata so far; raise `SessionError` if damaged.
 
         Args:
             data: the file from `read_bytes` on.
-
-        Returns:
-            New messages, and all metadata so far.
-
-        Raises:
-            SessionError: the file is damaged.
         """
         scanner, content = self._scanner, self._scanner.content
         content.messages.clear()

@@ -45,13 +45,10 @@ class Session:
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> "Session":
-        """Read a session file.
+        """Read a session file; raise `SessionError` if it is unreadable, another file, or damaged.
 
         Args:
             path: path of the file.
-
-        Raises:
-            SessionError: the file cannot be read, is not a session, or was damaged after it was finished.
         """
         place = Path(path)
         try:
@@ -90,13 +87,10 @@ class Session:
         return tuple(self._samples)
 
     def samples(self, stream_name: str) -> Samples:
-        """Return one stream's samples.
+        """Return one stream's samples; raise `InputError` if there is no such stream.
 
         Args:
             stream_name: name of the stream.
-
-        Raises:
-            InputError: the session has no such stream.
         """
         if stream_name not in self._samples:
             valid = ", ".join(self._samples) or "none"
@@ -143,11 +137,7 @@ class SessionTail:
         self.complete = False
 
     def read(self) -> Samples | None:
-        """Return the stream's last samples; None before the first.
-
-        Raises:
-            SessionError: the file cannot be read, or is damaged.
-        """
+        """Return the last samples, None before the first; raise `SessionError` if the file is unreadable."""
         try:
             with self._path.open("rb") as file:
                 file.seek(self._file.read_bytes)

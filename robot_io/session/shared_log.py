@@ -94,14 +94,11 @@ class RingBuffer:
 
     @staticmethod
     def size_bytes(dtype: np.dtype[np.void], slots: int) -> int:
-        """Compute the memory that a ring needs.
+        """Compute the memory that a ring needs, in whole cache lines [bytes].
 
         Args:
             dtype: data type of a record.
             slots: number of records.
-
-        Returns:
-            A whole number of cache lines [bytes].
         """
         return _aligned(_aligned(_HEADER + slots * dtype.itemsize) + 8 * slots)
 
@@ -142,13 +139,10 @@ class RingBuffer:
         self._counters[_HEAD] = head + 1
 
     def pop(self, at_most: int) -> tuple[np.ndarray[Any, np.dtype[np.uint64]], RecordArray]:
-        """Consumer: take out the oldest records.
+        """Consumer: take out copies of the oldest sequence numbers and records, shape (n,) each.
 
         Args:
             at_most: largest number of records.
-
-        Returns:
-            Copies of the sequence numbers, shape (n,), and of the records, shape (n,).
         """
         tail = self._counters[_TAIL]
         available = self._counters[_HEAD] - tail
@@ -248,14 +242,11 @@ class SharedLog:
 
 
 def open_memory(streams: Sequence[Stream], ring_slots: int) -> int:
-    """Allocate anonymous memory for a `SharedLog`; it is freed with the last process that uses it.
+    """Allocate anonymous memory for a `SharedLog`, freed with its last process; return its descriptor.
 
     Args:
         streams: streams of the session.
         ring_slots: records of each ring.
-
-    Returns:
-        File descriptor.
 
     Raises:
         SessionError: there is not enough memory.
@@ -282,13 +273,10 @@ def _unlinked_file() -> int:
 
 
 def check_streams(streams: Sequence[Stream]) -> None:
-    """Check that streams can be in one session.
+    """Raise `InputError` if a stream's name appears twice, or is that of the event stream.
 
     Args:
         streams: streams to check.
-
-    Raises:
-        InputError: a name appears twice, or is the name of the event stream.
     """
     names = [stream.name for stream in streams]
     twice = sorted({name for name in names if names.count(name) > 1})

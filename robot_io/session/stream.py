@@ -101,13 +101,10 @@ class Stream:
         return np.dtype([(c.name, c.scalar_dtype, c.shape) for c in self.columns])
 
     def records(self, columns: Mapping[str, ArrayLike]) -> RecordArray:
-        """Combine columns into records.
+        """Combine columns into records of `dtype`, shape (n,).
 
         Args:
             columns: arrays of shape (n,) or (n, width), all of the same length n.
-
-        Returns:
-            Structured array of `dtype`, shape (n,).
 
         Raises:
             InputError: a column is missing, unknown, of another length or shape, or not a number.
@@ -119,13 +116,10 @@ class Stream:
         return records
 
     def arrays(self, columns: Mapping[str, ArrayLike]) -> dict[str, NDArray[Any]]:
-        """Convert columns to arrays that fit the stream.
+        """Convert columns to arrays that fit the stream; raise `InputError` as `records` does.
 
         Args:
             columns: columns as for `records`.
-
-        Raises:
-            InputError: as for `records`.
         """
         names = {column.name for column in self.columns}
         if names != set(columns):
@@ -154,13 +148,10 @@ def streams_to_json(streams: tuple[Stream, ...]) -> str:
 
 
 def streams_from_json(text: str) -> tuple[Stream, ...]:
-    """Read what `streams_to_json` wrote.
+    """Read what `streams_to_json` wrote; raise `SessionError` if it describes no valid streams.
 
     Args:
         text: JSON.
-
-    Raises:
-        SessionError: the text describes no valid streams.
     """
     try:
         return tuple(

@@ -94,13 +94,10 @@ class WireFormat:
         return np.concatenate(parts)
 
     def encode(self, records: RecordArray) -> list[bytes]:
-        """Encode records.
+        """Encode records as messages, of which only the last may hold less than a batch.
 
         Args:
             records: records of the stream's dtype, shape (n,).
-
-        Returns:
-            Messages; only the last may hold less than a batch.
         """
         size, whole_count = self.dtype.itemsize, len(records) // self.stream.batch
         messages = np.tile(self._template, whole_count).view(self.dtype)
@@ -112,13 +109,10 @@ class WireFormat:
         return [data[start : start + size] for start in range(0, len(data), size)] + last
 
     def decode(self, messages: bytes) -> dict[str, NDArray[Any]]:
-        """Decode messages.
+        """Decode messages to columns of shape (n,) or (n, width).
 
         Args:
             messages: messages made by `encode`, joined.
-
-        Returns:
-            Columns of shape (n,) or (n, width).
 
         Raises:
             SessionError: the bytes are not messages of this form.
@@ -192,11 +186,7 @@ class Decoder:
             self._decode()
 
     def columns(self) -> dict[str, NDArray[Any]]:
-        """Return the columns of all messages, of shape (n,) or (n, width).
-
-        Raises:
-            SessionError: messages are not of this form.
-        """
+        """Return all columns, shape (n,) or (n, width); raise `SessionError` if a message is invalid."""
         self._decode()
         if self._error is not None:
             raise self._error

@@ -158,11 +158,7 @@ class SessionWriter:
         return None
 
     def close(self) -> None:
-        """Empty the rings, finish the file and wait for it. A second call does nothing.
-
-        Raises:
-            UnloggedError: not all of it reached the disk.
-        """
+        """Empty the rings, finish the file, wait for it; raise `UnloggedError` if data are missing."""
         if self._closed:
             return
         self._closed = True
@@ -199,13 +195,10 @@ class SessionWriter:
 
 
 def new_session_path(path: str | os.PathLike[str]) -> Path:
-    """Return the path, with its folder made, if no file is there yet.
+    """Return the path of a new file, with its folder made, or raise `SessionError`.
 
     Args:
         path: path of the session that is to be written.
-
-    Raises:
-        SessionError: a file is there, or the folder cannot be made.
     """
     new = Path(path)
     try:
@@ -238,9 +231,6 @@ def write_session(
         metadata: origin of the session.
         events: events in the order of their times.
         progress: called with the share of the records that is written, 0 to 1.
-
-    Returns:
-        The path.
 
     Raises:
         InputError: the arrays do not fit their streams.

@@ -45,13 +45,10 @@ _FRAME = re.compile(
 
 
 def encode_line(message: "can.Message") -> bytes:
-    """Return the line for a frame.
+    """Return the line for a frame, ended by CR.
 
     Args:
         message: frame, at most 8 data bytes.
-
-    Returns:
-        The line, ended by CR.
     """
     kind, digits = ("r" if message.is_remote_frame else "t"), 3
     if message.is_extended_id:
@@ -117,14 +114,11 @@ class SlcanBus:
             raise
 
     def send(self, message: "can.Message", timeout: float | None = None) -> None:
-        """Hand a frame to the adapter at once.
+        """Hand a frame to the adapter at once; raise `DeviceError` if the port failed, or its buffer is full.
 
         Args:
             message: the frame.
             timeout: not used.
-
-        Raises:
-            DeviceError: the port has failed, or its buffer is full.
         """
         self._write(encode_line(message))
 
@@ -179,15 +173,12 @@ class CanFrame(NamedTuple):
 
 
 def expect_length(frame: CanFrame, what: str, *lengths: int) -> None:
-    """Check the number of data bytes.
+    """Raise `ProtocolError` if the number of data bytes is not one of `lengths`.
 
     Args:
         frame: received frame.
         what: name of its content in errors.
         *lengths: numbers of bytes that are valid.
-
-    Raises:
-        ProtocolError: the number is not one of `lengths`.
     """
     if len(frame.data) not in lengths:
         valid = " or ".join(map(str, lengths))
@@ -268,11 +259,7 @@ class CanLine:
         return self._settings.bitrate
 
     def open(self) -> None:
-        """Open the adapter.
-
-        Raises:
-            DeviceError: there is no such adapter, it cannot be opened, or its port is in use.
-        """
+        """Open the adapter; raise `DeviceError` if it is absent or cannot be opened, or is in use."""
         settings = self._settings
         lock = None if settings.interface == SLCAN else PortLock(settings.channel)
         try:
@@ -308,14 +295,11 @@ class CanLine:
         return self._bus is not None
 
     def send(self, frame: CanFrame, deadline_s: float) -> None:
-        """Hand a frame to the adapter.
+        """Hand a frame to the adapter; raise `DeviceError` if it refuses, is closed or bus-off.
 
         Args:
             frame: frame to send.
             deadline_s: end of the retries while the adapter refuses the frame, robot's clock [s].
-
-        Raises:
-            DeviceError: the adapter refused it before the deadline, is closed or bus-off.
         """
         bus = self._opened()
         if self.bus_off:

@@ -95,11 +95,7 @@ class MotorBus(JointBus, Examinable):
 
     @abstractmethod
     def _store_frame(self, joint: int, frame: CanFrame, at_s: float) -> bool:
-        """Store the state of a joint from its frame; return False if the protocol has no such frame.
-
-        Raises:
-            ProtocolError: the frame violates the protocol.
-        """
+        """Store a frame's state; return False if it is unknown, raise `ProtocolError` if it is invalid."""
 
     @abstractmethod
     def _encode_shaft(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
@@ -345,11 +341,7 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
         return f"joint {joint + 1} (motor {self._motor_ids[joint]})"
 
     def _receive_all(self) -> None:
-        """Open the adapter and receive a state of every motor.
-
-        Raises:
-            DeviceError: it cannot be opened, a motor is silent, or two motors have the same id.
-        """
+        """Open the adapter, receive a state of every motor with an id of its own, or raise `DeviceError`."""
         self.line.open()
         self._unrequested = [0] * self.joint_count
         self._request_states(range(self.joint_count))
@@ -446,12 +438,9 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
         return [self._encode_torque(joint, 0.0)[0] for joint in range(self.joint_count)]
 
     def _send_confirmed(self, frames: list[CanFrame], problem: str, *, enabled: bool) -> None:
-        """Send frames, two or more to each motor, and wait until each has answered twice.
+        """Send frames, two or more to each motor, until each has answered twice, or raise `DeviceError`.
 
         A motor that reports its mode must report `enabled`, or an error.
-
-        Raises:
-            DeviceError: a motor has not answered in this way.
         """
         self._answers, self._unrequested = [0] * self.joint_count, [0] * self.joint_count
         self._send_all(frames)

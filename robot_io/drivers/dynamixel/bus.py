@@ -16,13 +16,10 @@ from palpate.robot_io.types import FloatArray
 
 
 def count_steps(servos: Sequence[ServoSettings]) -> FloatArray:
-    """Compute the size of one count of each servo along its joint's axis.
+    """Compute one count of each servo along its joint's axis [rad, rad/s, N m], shape (3, m).
 
     Args:
         servos: m servos that turn joints.
-
-    Returns:
-        Position [rad], velocity [rad/s] and torque [N m], shape (3, m).
     """
     direction = np.array([servo.direction for servo in servos])
     per_ampere = [servo.torque_constant_nm_a or servo.servo_model.torque_constant_nm_a for servo in servos]

@@ -37,14 +37,11 @@ _OF_WORDS = [(entry << 8) & 0xFF00 ^ _TABLE[entry >> 8] ^ low for entry in _TABL
 
 
 def crc16(data: bytes, start: int = 0) -> int:
-    """Compute the checksum of `data`, two bytes at a time.
+    """Compute the CRC-16 of `data`, from 0 to FFFF, two bytes at a time.
 
     Args:
         data: Bytes that it covers.
         start: Checksum of the bytes before `data`.
-
-    Returns:
-        The CRC-16, from 0 to FFFF.
     """
     crc, word_table, count = start, _OF_WORDS, len(data) // 2
     for word in struct.unpack_from(f">{count}H", data):
@@ -95,16 +92,10 @@ class DynamixelStatus(ServoAnswer):
 
 
 def decode_status(packet: bytes) -> DynamixelStatus:
-    """Decode a status packet.
+    """Decode sender, error and parameters; raise `ProtocolError` if damaged, or not a status packet.
 
     Args:
         packet: The whole packet and nothing else.
-
-    Returns:
-        Sender, error and parameters.
-
-    Raises:
-        ProtocolError: It is not a status packet, or its checksum is wrong.
     """
     if len(packet) < _HEAD + _LEAST_STATUS_LENGTH or not packet.startswith(HEADER):
         raise ProtocolError(f"not a packet: {packet[:16].hex(' ')}")
@@ -214,9 +205,6 @@ class FastReply:
 
         Args:
             data: bytes received so far.
-
-        Returns:
-            Number of servos.
         """
         return min(max(0, (len(data) - _FAST_HEAD) // self._part), len(self._ids) - 1)
 
@@ -240,13 +228,10 @@ class FastReply:
         return data[_FAST_HEAD:] if is_valid else None
 
     def decode(self, packet: bytes) -> list[DynamixelStatus]:
-        """Split a whole answer.
+        """Split a whole answer into the servos' parts, in the order in which they were asked.
 
         Args:
             packet: The whole packet and nothing else.
-
-        Returns:
-            Each servo's part, in the order in which they were asked.
 
         Raises:
             ProtocolError: It is not such an answer, a checksum is wrong, or a part is another servo's.

@@ -50,13 +50,10 @@ class DynamixelFeedback(NamedTuple):
 
 
 def decode_feedback(packets: Sequence[DynamixelStatus]) -> DynamixelFeedback:
-    """Decode the block at the end of each servo's answer.
+    """Decode the block at the end of each servo's answer; raise `ProtocolError` if a servo refused.
 
     Args:
         packets: An answer of at least `FEEDBACK_SIZE` bytes from each servo.
-
-    Raises:
-        ProtocolError: A servo refused to be read.
     """
     for packet in packets:
         if packet.refusal:
@@ -163,16 +160,10 @@ class DynamixelAccess(RegisterAccess):
         return data[0] | data[1] << 8, data[2]
 
     def setup_problems(self, servo: ServoSettings) -> Iterator[tuple[str, str]]:
-        """Find invalid settings of a servo.
+        """Yield each invalid setting of a servo, and its remedy; raise `DeviceError` as `read` does.
 
         Args:
             servo: Its settings in the robot file.
-
-        Yields:
-            The problem, and its remedy.
-
-        Raises:
-            DeviceError: as for `read`.
         """
         drive_mode = self.read(servo.id, tables.DRIVE_MODE)
         for trouble in [text for bit, text in tables.DRIVE_MODE_PROBLEMS.items() if drive_mode & bit][:1]:
@@ -212,11 +203,7 @@ class DynamixelLine(ServoLine):
         self.current_limits: list[int] = []
 
     def identify(self) -> None:
-        """Ping the servos and compare them with the settings.
-
-        Raises:
-            DeviceError: a servo is missing, is another model, is too old, or has a wrong setup.
-        """
+        """Compare the servos with the settings; raise `DeviceError` if one is silent, old or different."""
         self._check_all_present()
         servos = [(servo, servo.servo_model) for servo in self._settings.turning]
         know_fast = [self._identify(servo) >= model.fast_sync_read_firmware for servo, model in servos]
@@ -244,11 +231,7 @@ class DynamixelLine(ServoLine):
         return feedback_reader(self.port, self.clock, self.ids, indirect_data, fast=self._fast)
 
     def prepare_feedback(self) -> None:
-        """Map the data of each tick, and set return delay and watchdog; the torque is off from here on.
-
-        Raises:
-            DeviceError: a servo did not accept a setting.
-        """
+        """Switch off, map the data of a tick, set delay and watchdog; raise `DeviceError` if one refuses."""
         # Padding comes first: a request can start at any padding byte, so that answers to different requests
         # differ in length and a late answer cannot be taken for a new one.
         block = [register.address + byte for register in _FEEDBACK_REGISTERS for byte in range(register.size)]
@@ -285,15 +268,12 @@ class DynamixelLine(ServoLine):
 
 
 def examine_servo(access: DynamixelAccess, servo: ServoSettings, label: str) -> Iterator[Finding]:
-    """Examine model, firmware, supply, temperature, errors and setup of one servo.
+    """Examine model, firmware, supply, temperature, errors and setup of a servo, or raise `DeviceError`.
 
     Args:
         access: Access to its registers.
         servo: Its settings in the robot file.
         label: Label for messages.
-
-    Raises:
-        DeviceError: It does not answer, or the port failed.
     """
     read = access.read
     number, firmware = access.servo_label(servo.id)

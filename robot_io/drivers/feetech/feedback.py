@@ -117,13 +117,10 @@ class PlausibilityFilter:
         return feedback
 
     def problem(self, feedback: FeetechFeedback) -> str | None:
-        """Compare goals with those sent, and positions with the last ones, which plausible ones replace.
+        """Return what is implausible in goals or positions; None, and remember the positions, if nothing is.
 
         Args:
             feedback: Feedback of all servos.
-
-        Returns:
-            What is implausible, or None.
         """
         now_s = self._clock.now_s()
         largest_step = _MARGIN_COUNTS + self._fastest_counts_s * (now_s - self._last_s)
@@ -140,12 +137,7 @@ class PlausibilityFilter:
 
 
 class _WholeAnswer:
-    """Form of the answers of all servos to a request for `size` bytes, one after the other.
-
-    Args:
-        size: Number of bytes from each servo.
-        settings: Settings sent to each servo, by its id, in the order of the answers.
-    """
+    """Form of the answers of all servos to a request for `size` bytes, one after the other."""
 
     def __init__(self, size: int, settings: Mapping[int, Settings]) -> None:
         padding = size - FEEDBACK_SIZE
@@ -169,15 +161,7 @@ class _WholeAnswer:
         self._expected = int.from_bytes(expected, "little")
 
     def decode(self, data: bytes) -> FeetechFeedback | None:
-        """Decode the feedback of all servos.
-
-        Args:
-            data: Received bytes.
-
-        Returns:
-            Feedback; None if the bytes are not just the answers of all servos, undamaged, with the settings
-            that were sent, and with positive positions.
-        """
+        """Decode all feedback; None unless it is intact, with sent settings and positive positions."""
         if len(data) != self._packets.size:
             return None
         if int.from_bytes(data, "little") & self._mask != self._expected:

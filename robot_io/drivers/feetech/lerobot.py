@@ -56,14 +56,7 @@ class LerobotCalibration(RootModel[Annotated[dict[str, LerobotMotor], Field(min_
 
 
 def read_calibration(path: Path) -> dict[str, LerobotMotor]:
-    """Read a calibration file of LeRobot's.
-
-    Returns:
-        The joints, by LeRobot's names.
-
-    Raises:
-        InputError: it cannot be read, or is not such a file; the error states the first problem.
-    """
+    """Read the joints in a LeRobot calibration, by name; raise `InputError` with the first problem."""
     try:
         return validate(LerobotCalibration, json.loads(read_text(path))).root
     except (OSError, ValueError, RecursionError, InputError) as error:
@@ -71,13 +64,10 @@ def read_calibration(path: Path) -> dict[str, LerobotMotor]:
 
 
 def main(arguments: list[str]) -> int:
-    """Print a line of a robot file for each joint.
+    """Print a line of a robot file for each joint; return the exit code, 2 for bad input.
 
     Args:
         arguments: arguments of the command, the path of a calibration file.
-
-    Returns:
-        Exit code: 0, or 2 for bad input.
     """
     if len(arguments) != 1:
         print("usage: python -m palpate.robot_io.drivers.feetech.lerobot CALIBRATION.json", file=sys.stderr)

@@ -51,13 +51,10 @@ def byte_sum(data: bytes, start: int = 0) -> int:
 
 
 def are_intact(packets: Iterable[bytes]) -> bool:
-    """Check the checksums of packets of at most 256 bytes.
+    """Check whether the checksums of packets of at most 256 bytes are right.
 
     Args:
         packets: Whole packets and nothing else.
-
-    Returns:
-        Whether all are right.
     """
     return {total & 0xFF for total in map(adler32, packets, repeat(0))} == {WHOLE_SUM}
 
@@ -72,16 +69,10 @@ def error_names(value: int) -> str:
 
 
 def decode_status(packet: bytes) -> ServoAnswer:
-    """Decode a status packet.
+    """Decode sender, error and parameters; raise `ProtocolError` if damaged, or not a status packet.
 
     Args:
         packet: The whole packet and nothing else.
-
-    Returns:
-        Sender, error and parameters.
-
-    Raises:
-        ProtocolError: It is not a status packet, or its checksum is wrong.
     """
     size = len(packet)
     if size < AROUND or not packet.startswith(HEADER):

@@ -72,11 +72,7 @@ class FeetechLine(ServoLine):
         self.torque_limits = torque_limits
 
     def identify(self) -> None:
-        """Ping the servos and compare them with the settings.
-
-        Raises:
-            DeviceError: a servo is missing, is another model, or has a wrong setup.
-        """
+        """Compare the servos with the settings; raise `DeviceError` if one is silent or different."""
         self._check_all_present()
         for servo_id in self.ids:
             self.registers.write_unconfirmed(servo_id, tables.LOCK, 1)
@@ -88,13 +84,10 @@ class FeetechLine(ServoLine):
                 raise DeviceError(f"servo {servo.id}: {trouble}")
 
     def identify_servo(self, servo: FeetechServo) -> ServoIdentity:
-        """Read the identity of a servo.
+        """Read the identity of a servo; raise `DeviceError` if its model or its way to count differs.
 
         Args:
             servo: Its settings in the robot file.
-
-        Raises:
-            DeviceError: It is another model, or counts differently from what is required.
         """
         read, servo_id = self.registers.read, servo.id
         servo.refuse_other_model(read(servo_id, tables.MODEL_NUMBER))
@@ -125,11 +118,7 @@ class FeetechLine(ServoLine):
             write(servo_id, tables.TORQUE_LIMIT, self.torque_limits[servo_id])
 
     def switch_on(self) -> dict[int, int]:
-        """Switch the torque on, each servo at its present position; return these goals by id.
-
-        Raises:
-            DeviceError: a servo refused, or has an error.
-        """
+        """Switch the torque on at the present positions; return them by id, or raise `DeviceError`."""
         registers, goals = self.registers, {}
         for servo_id in self.ids:
             goals[servo_id] = registers.read(servo_id, tables.PRESENT_POSITION)
@@ -155,15 +144,12 @@ def identity_problem(servo: FeetechServo, identity: ServoIdentity) -> str | None
 
 
 def examine_servo(line: FeetechLine, servo: FeetechServo, label: str) -> Finding:
-    """Examine model, supply, temperature, errors and setup of one servo.
+    """Examine model, supply, temperature, errors and setup of a servo; return the most severe finding.
 
     Args:
         line: Its line.
         servo: Its settings in the robot file.
         label: Label for messages.
-
-    Returns:
-        The most severe finding.
 
     Raises:
         DeviceError: It does not answer, is another model, has a wrong setup, or the port failed.

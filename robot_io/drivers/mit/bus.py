@@ -124,11 +124,7 @@ class MitBus(PolledMotorBus[MitState]):
         return self._register_values[0]
 
     def configure(self) -> None:
-        """Open the adapter and receive a state of every motor, with the torque off.
-
-        Raises:
-            DeviceError: the adapter cannot be opened, or a motor is silent or differs from the robot file.
-        """
+        """Read a state of every motor, torque off; raise `DeviceError` if one is silent or differs."""
         self._receive_all()
         # Compare the ranges of the numbers on the wire with the robot file.
         for joint, ranges in enumerate(self._ranges):
@@ -196,11 +192,7 @@ class MitBus(PolledMotorBus[MitState]):
         self._begin_commands()
 
     def _set_up(self) -> None:
-        """Set mode and CAN timeout, and clear an expired timeout.
-
-        Raises:
-            DeviceError: a motor rejected them, or has another error.
-        """
+        """Set mode and CAN timeout, clear an expired timeout; raise `DeviceError` if one is rejected."""
         dialect = self._dialect
         timeout = round(self._settings.watchdog_s / TIMEOUT_STEP_S)
         for joint in range(self.joint_count):
@@ -222,13 +214,10 @@ class MitBus(PolledMotorBus[MitState]):
         )
 
     def _check_watchdogs(self) -> None:
-        """Test the watchdogs: send nothing for longer than a motor may keep its torque.
+        """Let all watchdogs expire; raise `DeviceError` if a motor keeps its torque, or never shows any.
 
         A motor that reports its mode must have left motor mode. Any other motor exerts a small torque before
         the silence. Afterwards it is asked by the frame that enters motor mode, because it may have left it.
-
-        Raises:
-            DeviceError: a motor keeps its torque, or shows no torque at all.
         """
         reports_mode = bool(self._dialect.activation_registers)
         trial_nm = [

@@ -145,7 +145,7 @@ class MitFrames:
         return CanFrame(motor_id, self._COMMANDS[order])
 
     def torque(self, motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[CanFrame, float]:
-        """Make the frame for a torque at the output shaft, clipped to the range.
+        """Make the frame for a torque at the shaft, clipped to the range; return also the torque sent [N m].
 
         Zero lies halfway between two numbers, because their count is even; it is encoded as plus half a step.
 
@@ -153,9 +153,6 @@ class MitFrames:
             motor_id: id of the receiver.
             torque_nm: torque at the output shaft [N m].
             ranges: ranges of the motor's model.
-
-        Returns:
-            The frame, and the torque after rounding [N m].
 
         Raises:
             InputError: the torque is not a number.
@@ -257,15 +254,12 @@ class MitFrames:
         return CanFrame(REGISTERS_ID, data + struct.pack(register.format, number))
 
     def register_value(self, frame: CanFrame, motor_id: int, register: MotorRegister) -> float:
-        """Parse the value in an answer.
+        """Parse the value in an answer, in the register's own unit.
 
         Args:
             frame: the received frame.
             motor_id: CAN id of its sender.
             register: the register that was requested.
-
-        Returns:
-            The value in the register's own unit.
 
         Raises:
             ProtocolError: the value belongs to another register, or the register does not exist.

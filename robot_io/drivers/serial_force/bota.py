@@ -62,13 +62,10 @@ def find_answer_code(command: bytes, received: bytes | bytearray) -> int | None:
 
 
 def crc16(data: bytes) -> int:
-    """Compute the CRC-16 of X.25, least significant bit first.
+    """Compute the CRC-16 of X.25, from 0 to FFFF, least significant bit first.
 
     Args:
         data: bytes covered by the checksum.
-
-    Returns:
-        The checksum, from 0 to FFFF.
     """
     # `crc_hqx` has the same polynomial, most significant bit first.
     return int(f"{crc_hqx(data.translate(_REVERSED), 0xFFFF):016b}"[::-1], 2) ^ 0xFFFF
@@ -87,13 +84,10 @@ class BotaSample(NamedTuple):
 
 
 def decode_frame(frame: bytes) -> BotaSample:
-    """Decode a frame.
+    """Decode a frame; raise `ProtocolError` for a wrong size, header, CRC or value.
 
     Args:
         frame: received frame, with header and CRC.
-
-    Raises:
-        ProtocolError: another size or header, a wrong CRC, or a value is not a number.
     """
     if len(frame) != FRAME_SIZE or frame[0] != _HEADER:
         raise ProtocolError(f"no frame: {frame[:40]!r}")
@@ -194,11 +188,7 @@ class Bota(SerialForceSensor, Examinable):
     _bus: SerialLine
 
     def configure(self) -> None:
-        """Configure the sensor and start its stream.
-
-        Raises:
-            DeviceError: the sensor does not answer or refuses a command, or the line is too slow.
-        """
+        """Set the sensor up and start it; raise `DeviceError` if it refuses, or the line is too slow."""
         settings, baud_rate = self._settings, self._bus.baud_rate
         if baud_rate not in BAUD_RATE_CODES or settings.rate_hz * FRAME_SIZE * _BITS > baud_rate:
             needed = settings.rate_hz * FRAME_SIZE * _BITS

@@ -147,11 +147,7 @@ _PINGS = 4
 
 
 def parse_model(answer: str) -> str:
-    """Return the interface model from the answer to MODEL.
-
-    Raises:
-        ProtocolError: the model is unknown.
-    """
+    """Return the interface model from the answer to MODEL; raise `ProtocolError` if it is unknown."""
     for model in MODELS:
         if model in answer.upper():
             return model
@@ -159,11 +155,7 @@ def parse_model(answer: str) -> str:
 
 
 def parse_number(text: str) -> float:
-    """Parse a decimal number in the interface's format.
-
-    Raises:
-        ProtocolError: the text is not a decimal number.
-    """
+    """Parse a decimal number in the interface's format; raise `ProtocolError` if it is not one."""
     if not _NUMBER.fullmatch(text.strip()):
         raise ProtocolError(f"not a number: '{text[:40]}'")
     return float(text)
@@ -257,13 +249,10 @@ _GAUGE_ANSWER_S, _TWICE = 0.3, 2
 
 
 def parse_reading(line: str) -> tuple[str, str]:
-    """Return the number as text, and its unit.
+    """Return the number as text, and its unit; raise `ProtocolError` if the line is not a reading.
 
     Args:
         line: received line.
-
-    Raises:
-        ProtocolError: the line is not a reading.
     """
     match = _READING.fullmatch(line)
     if match is None:

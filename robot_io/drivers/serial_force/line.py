@@ -277,11 +277,7 @@ class ForceLine(Bus):
             self._port = None
 
     def write(self, data: bytes) -> None:
-        """Send bytes to the sensor.
-
-        Raises:
-            DeviceError: the port failed.
-        """
+        """Send bytes to the sensor; raise `DeviceError` if the port failed."""
         try:
             self._opened().write(data)
         except OSError as error:
@@ -290,7 +286,7 @@ class ForceLine(Bus):
     def ask(
         self, question: bytes, parse_reply: Callable[[bytes], Answer | None], timeout_s: float
     ) -> Answer | None:
-        """Send `question` and pass received bytes to `parse_reply` until it returns an answer or times out.
+        """Send `question`; return what `parse_reply` finds in the received bytes, or None if it times out.
 
         Must be called before `listen`.
 
@@ -298,9 +294,6 @@ class ForceLine(Bus):
             question: bytes for the sensor.
             parse_reply: parses all received bytes into an answer, or None.
             timeout_s: longest wait [s].
-
-        Returns:
-            The answer, or None.
 
         Raises:
             DeviceError: the port failed.
@@ -363,13 +356,10 @@ class ForceLine(Bus):
         """See `Bus.flush`; a tick sends nothing to a sensor."""
 
     def reading(self, *, reversed_sign: bool) -> Reading:
-        """Return the newest sample as a reading.
+        """Return the newest sample, compression positive [N], shape (1,); NaN and stale before the first.
 
         Args:
             reversed_sign: whether the sensor counts tension as positive.
-
-        Returns:
-            Shape (1,), compression positive [N]; NaN and stale before the first.
         """
         if self.sample is None:
             return Reading(np.full(1, np.nan), -np.inf, Status.STALE)

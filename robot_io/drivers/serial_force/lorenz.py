@@ -64,13 +64,10 @@ class SensorHeader:
 
 
 def checksums(content: bytes) -> tuple[int, int]:
-    """Compute checksum and weighted checksum of a telegram's content.
+    """Compute checksum and weighted checksum of a telegram's content, each from 0 to 255.
 
     Args:
         content: content of a telegram, between STX and the checksums.
-
-    Returns:
-        Both, each from 0 to 255.
     """
     plain = weighted = 0
     for byte in content:
@@ -81,16 +78,10 @@ def checksums(content: bytes) -> tuple[int, int]:
 
 
 def encode_telegram(telegram: Telegram) -> bytes:
-    """Encode a telegram.
+    """Encode and stuff a telegram; raise `InputError` for more than 255 parameters.
 
     Args:
         telegram: telegram to send.
-
-    Returns:
-        Its bytes, stuffed.
-
-    Raises:
-        InputError: more than 255 parameters.
     """
     count = len(telegram.parameters)
     if count > 255:
@@ -115,11 +106,7 @@ class TelegramReader:
         self.rejected = 0
 
     def feed(self, data: bytes) -> list[Telegram]:
-        """Process received bytes, and return the telegrams that are now complete.
-
-        Returns:
-            The telegrams, oldest first.
-        """
+        """Process received bytes; return the telegrams that are now complete, oldest first."""
         telegrams = []
         for byte in data:
             if not self._process_byte(byte):
@@ -148,11 +135,7 @@ class TelegramReader:
 
 
 def decode_header_block(parameters: Sequence[int]) -> SensorHeader:
-    """Decode the block "rotor header" from the answer to READ_CONFIG.
-
-    Raises:
-        ProtocolError: wrong block, length or checksum.
-    """
+    """Decode the block "rotor header" of READ_CONFIG; raise `ProtocolError` for another or damaged block."""
     if (
         len(parameters) != _BLOCK + 1
         or parameters[0] != ROTOR_HEADER_BLOCK
@@ -288,11 +271,7 @@ class Lorenz(SerialForceSensor, Examinable):
     _settings: LorenzSettings
 
     def configure(self) -> None:
-        """Identify the sensor, and start the stream.
-
-        Raises:
-            DeviceError: it does not answer, or is another sensor.
-        """
+        """Identify the sensor and start the stream; raise `DeviceError` if it is silent or another one."""
         settings = self._settings
         self._bus.write(STOP_STREAM)
         # Ask up to twice: the end of a stream may have damaged the first telegram after it.

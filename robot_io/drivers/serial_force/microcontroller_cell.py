@@ -38,13 +38,10 @@ _RATE_ERROR = 0.1  # relative error of the converters' own oscillators
 
 
 def verified_text(line: bytes) -> str:
-    """Return the text of a line before its CRC.
+    """Return the text of a line before its CRC; raise `ProtocolError` if that is wrong or missing.
 
     Args:
         line: received line.
-
-    Raises:
-        ProtocolError: the CRC is wrong or missing.
     """
     text, star, digits = line.rpartition(b"*")
     if not star or digits != b"%04X" % crc_hqx(text, 0xFFFF):
@@ -53,13 +50,10 @@ def verified_text(line: bytes) -> str:
 
 
 def parse_sample(line: bytes) -> tuple[int, int]:
-    """Parse counter and counts of a line.
+    """Parse counter and counts of a line; raise `ProtocolError` if it is damaged, or not a sample.
 
     Args:
         line: received line.
-
-    Raises:
-        ProtocolError: the line is damaged, or is not a sample.
     """
     match = _SAMPLE.fullmatch(verified_text(line))
     if (

@@ -47,14 +47,11 @@ class SensorClock:
         self._now_s += elapsed_s * self._rate
 
     def sampled_at_s(self, arrived_at_s: float, *, prompt: bool) -> float:
-        """Compute the latest possible sampling time of the newest reading.
+        """Compute the latest possible sampling time of the newest reading, host's clock [s].
 
         Args:
             arrived_at_s: arrival time, host's clock [s].
             prompt: whether the arrival time is exact; otherwise the reading may have arrived later.
-
-        Returns:
-            Time on the host's clock [s].
         """
         if arrived_at_s - self._arrived_s > self._longest_gap_s:
             self.restart()
@@ -183,16 +180,10 @@ def newtons_per(unit: str) -> float:
 
 
 def check_unit(unit: str | None) -> str | None:
-    """Check a unit from a robot file, for pydantic.
+    """Return a unit from a robot file, for pydantic; raise `ValueError` if it is unknown.
 
     Args:
         unit: unit in the robot file, or None.
-
-    Returns:
-        The same.
-
-    Raises:
-        ValueError: the unit is unknown.
     """
     if unit is not None:
         try:
@@ -203,13 +194,10 @@ def check_unit(unit: str | None) -> str | None:
 
 
 def decode_text(line: bytes) -> str:
-    """Decode a line as text, stripped.
+    """Decode a line as text, stripped; raise `ProtocolError` if it is not printable ASCII.
 
     Args:
         line: received line.
-
-    Raises:
-        ProtocolError: the line contains characters other than printable ASCII.
     """
     if not all(32 <= byte < 127 or byte == 9 for byte in line):
         raise ProtocolError(f"not a line of text: {line[:40]!r}")
@@ -237,11 +225,7 @@ class ReadingStream(ABC):
 
     @abstractmethod
     def feed(self, data: bytes) -> list[float]:
-        """Process received bytes, and return the samples that are now complete.
-
-        Returns:
-            Forces [N] in the sensor's own sign, oldest first.
-        """
+        """Process received bytes; return the complete forces, in the sensor's sign, oldest first [N]."""
 
 
 class LineSplitter:
@@ -252,11 +236,7 @@ class LineSplitter:
         self._skipping = False  # while skipping a line whose beginning was missing or too long
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Process received bytes, and return the lines that are now complete.
-
-        Returns:
-            The lines, without their ends.
-        """
+        """Process received bytes; return the lines that are now complete, without their ends."""
         *lines, self._unfinished = (self._unfinished + data).replace(b"\r", b"\n").split(b"\n")
         if lines and self._skipping:
             lines, self._skipping = lines[1:], False

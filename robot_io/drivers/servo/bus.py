@@ -83,14 +83,7 @@ class ServoBus(JointBus, Examinable, Generic[FeedbackType]):
 
     @abstractmethod
     def _goals(self, torque_nm: list[float]) -> tuple[list[int], FloatArray]:
-        """Compute the goals of the servos that turn joints.
-
-        Args:
-            torque_nm: torques of the joints (n) [N m].
-
-        Returns:
-            Goals in the servos' unit (m), and the joint torques that these exert (n) [N m].
-        """
+        """Compute goals (m) [servo's unit] for joint torques (n) [N m], and the torques that they exert."""
 
     # Common to all makers.
 

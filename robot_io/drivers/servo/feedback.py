@@ -129,11 +129,7 @@ class FeedbackReader(Generic[FeedbackType]):
         return newest
 
     def _ask(self, now_s: float) -> float:
-        """Send a request whose length differs from all unanswered ones.
-
-        Returns:
-            Time of the request [s]; minus infinity if every length is in use.
-        """
+        """Send a request of unused length; return its time [s], minus infinity if all are in use."""
         for request in self._next_requests:
             if now_s - request.asked_at_s > _LATEST_S:
                 if request.asked_at_s > -inf:
@@ -176,16 +172,7 @@ class FeedbackReader(Generic[FeedbackType]):
             self._open.remove(request)
 
     def _decode_whole(self, request: FeedbackRequest, data: bytes) -> FeedbackType | None:
-        """Decode all answers to the only open request at once, as in most ticks.
-
-        Args:
-            request: the request.
-            data: bytes that have come.
-
-        Returns:
-            Feedback of all servos; None if the bytes are not exactly these answers, all of them valid. Then
-            `_answers` parses them.
-        """
+        """Decode all answers to the only open request at once; None if the bytes are anything else."""
         return None
 
     def _oldest_open(self, servo_id: int | None = None) -> FeedbackRequest | None:

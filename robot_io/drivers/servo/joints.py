@@ -194,13 +194,10 @@ class ServoPairs:
         self._alike_at_s, self._count = [inf] * len(self.joints), [0] * len(self.joints)
 
     def repeat_for_servos(self, joint_values: Sequence[float]) -> list[float]:
-        """Repeat a value of each joint, such as a limit, for each servo.
+        """Repeat a value of each joint, such as a limit, for each servo, shape (m,).
 
         Args:
             joint_values: values of the joints, shape (n,).
-
-        Returns:
-            Values for the servos, shape (m,).
         """
         return [*joint_values, *(joint_values[joint] for joint in self.joints)]
 
@@ -218,13 +215,10 @@ class ServoPairs:
         ]
 
     def limit_to_weaker(self, largest_nm: Sequence[float]) -> list[float]:
-        """Limit both servos of a pair to what the weaker one can exert.
+        """Limit both servos of a pair to what the weaker one can exert, shape (m,) [N m].
 
         Args:
             largest_nm: Largest torque of each servo (m) [N m].
-
-        Returns:
-            Permitted torque of each servo (m) [N m].
         """
         weaker_nm = list(largest_nm[: self.joint_count])
         for joint, second_nm in zip(self.joints, largest_nm[self.joint_count :], strict=True):
@@ -232,13 +226,10 @@ class ServoPairs:
         return self.repeat_for_servos(weaker_nm)
 
     def sum_pairs(self, servo_states: Sequence[float]) -> Sequence[float]:
-        """Add the values of the two servos of a pair, such as torques.
+        """Add the values of the two servos of a pair, such as torques; shape (n,).
 
         Args:
             servo_states: shape (m,).
-
-        Returns:
-            Values of the joints, shape (n,).
         """
         if not self.joints:
             return servo_states
@@ -248,13 +239,10 @@ class ServoPairs:
         return joint_values
 
     def join_pairs(self, motion: FloatArray) -> FloatArray:
-        """Average the positions and velocities of pairs, and add their torques.
+        """Average the positions and velocities of pairs, and add their torques; shape (3, n).
 
         Args:
             motion: positions [rad], velocities [rad/s] and torques [N m] of the servos, shape (3, m).
-
-        Returns:
-            The same quantities of the joints, shape (3, n).
         """
         joined: FloatArray = np.array([self.sum_pairs(row) for row in motion.tolist()])
         joined[:2] *= self._share[: self.joint_count]
@@ -266,13 +254,10 @@ class ServoPairs:
         return ahead
 
     def examine(self, position_rad: FloatArray) -> list[Finding]:
-        """Compare the two servos of each pair.
+        """Compare the two servos of each pair; a remedy states the second zero that would align them.
 
         Args:
             position_rad: Positions of all servos (m) [rad].
-
-        Returns:
-            Angle difference of each pair, and the zero of the second servo that removes it.
         """
         findings = []
         ahead_rad = self._ahead_rad(position_rad)
@@ -287,13 +272,10 @@ class ServoPairs:
         return findings
 
     def disagreement(self, position_rad: FloatArray) -> str | None:
-        """Name a pair of servos whose angles disagree.
+        """Describe a pair of servos whose angles disagree; None if all agree.
 
         Args:
             position_rad: Positions of all servos (m) [rad].
-
-        Returns:
-            Description of the problem, or None.
         """
         for label, ahead_rad in zip(self._labels, self._ahead_rad(position_rad), strict=True):
             if not abs(ahead_rad) <= self._tolerance_rad:
@@ -304,14 +286,11 @@ class ServoPairs:
         return None
 
     def torque_difference(self, torque_nm: FloatArray, time_s: float) -> str | None:
-        """Name a pair whose torques have differed for `unresponsive_drive_s`.
+        """Describe a pair whose torques have differed for `unresponsive_drive_s`; None without one.
 
         Args:
             torque_nm: Measured torques of all servos (m) [N m].
             time_s: When they were measured [s].
-
-        Returns:
-            Description of the problem, or None.
         """
         for k, joint in enumerate(self.joints):
             first_nm, second_nm = float(torque_nm[joint]), float(torque_nm[self.joint_count + k])
@@ -374,13 +353,10 @@ class ServoJoints:
         self._offsets[0] += _whole_turns(first_rad - shown_rad)
 
     def motion(self, counts: Sequence[Sequence[float]]) -> FloatArray:
-        """Convert counts.
+        """Convert counts to positions [rad], speeds [rad/s] and torques [N m] of the joints, shape (3, m).
 
         Args:
             counts: Counts of position, velocity and torque, shape (3, m).
-
-        Returns:
-            Positions [rad], velocities [rad/s] and torques [N m] along the joint axes, shape (3, m).
         """
         motion: FloatArray = np.array(counts, dtype=np.float64)
         motion *= self.steps

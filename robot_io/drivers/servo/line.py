@@ -25,13 +25,10 @@ class Register:
     sign_bit: int | None = None  # sign bit, if the other bits are the magnitude
 
     def encode(self, value: int) -> bytes:
-        """Encode a value.
+        """Encode a value; raise `ProtocolError` if it does not fit.
 
         Args:
             value: number to write, in the register's unit.
-
-        Raises:
-            ProtocolError: the value does not fit.
         """
         number = value
         if self.sign_bit is not None:
@@ -46,16 +43,10 @@ class Register:
             raise ProtocolError(f"{value} does not fit into {self.name} ({self.size} bytes)") from error
 
     def decode(self, data: bytes) -> int:
-        """Decode a value.
+        """Decode a value in the register's unit; raise `ProtocolError` for another number of bytes.
 
         Args:
             data: bytes as they were read.
-
-        Returns:
-            The value in the register's unit.
-
-        Raises:
-            ProtocolError: the number of bytes is not the register's size.
         """
         if len(data) != self.size:
             raise ProtocolError(f"{self.name} has {len(data)} bytes instead of {self.size}")
@@ -92,14 +83,11 @@ class RegisterAccess:
         self._alert = False  # of the last value that was read
 
     def ping(self, servo_id: int, size: int = 0) -> bytes:
-        """Request the identity of a servo.
+        """Request the identity of a servo; return the data of its answer.
 
         Args:
             servo_id: id of the servo.
             size: Number of bytes of its answer.
-
-        Returns:
-            Data of the answer.
 
         Raises:
             DeviceTimeoutError: No answer.
@@ -162,23 +150,20 @@ class RegisterAccess:
         self.write_bytes(servo_id, register.address, register.encode(value), f"setting {register.name}")
 
     def write_bytes(self, servo_id: int, address: int, data: bytes, what: str) -> None:
-        """Set consecutive bytes, and wait for the confirmation.
+        """Set consecutive bytes, and wait for the confirmation; raise `DeviceError` as `write` does.
 
         Args:
             servo_id: id of the servo.
             address: address of the first byte.
             data: new bytes.
             what: name of the step in errors.
-
-        Raises:
-            DeviceError: as for `write`.
         """
         self._check(self._ask(servo_id, self._dialect.write(servo_id, address, data), 0), what)
 
     def write_and_verify(
         self, servo_id: int, register: Register, value: int, *, is_stored: bool = False
     ) -> None:
-        """Set a register, and read it back.
+        """Set a register and read it back; raise `DeviceError` as `write` does, or if the value differs.
 
         Args:
             servo_id: id of the servo.
@@ -186,9 +171,6 @@ class RegisterAccess:
             value: New value, in the servo's unit.
             is_stored: Whether the register keeps its value without power. Its memory wears out with each
                 writing, so it is only set if it differs.
-
-        Raises:
-            DeviceError: as for `write`, or it has another value afterwards.
         """
         if is_stored and self.read(servo_id, register) == value:
             return
@@ -262,13 +244,10 @@ class PingResult(NamedTuple):
 
 
 def join_ids(ids: Iterable[int]) -> str:
-    """Join ids for a message.
+    """Join ids for a message, such as "1, 2, 3".
 
     Args:
         ids: ids of servos.
-
-    Returns:
-        Text such as "1, 2, 3".
     """
     return ", ".join(map(str, ids))
 
@@ -303,11 +282,7 @@ class ServoLine(ABC):
 
     @abstractmethod
     def prepare(self) -> None:
-        """Write the settings for a run, and read them back; the torque is off from here on.
-
-        Raises:
-            DeviceError: a servo did not accept a setting.
-        """
+        """Switch off, write the settings for a run, read them back; raise `DeviceError` if they differ."""
 
     @abstractmethod
     def switch_on(self) -> object:
@@ -327,16 +302,10 @@ class ServoLine(ABC):
         raise DeviceError(f"the torque may still be on: {problem}; {self.unreachable_note}")
 
     def ping_each(self, registers: RegisterAccess) -> PingResult:
-        """Ping each servo of the settings separately.
+        """Ping each servo of the settings separately; raise `DeviceError` if the port failed.
 
         Args:
             registers: Access to the line, perhaps at another baud rate than that of the settings.
-
-        Returns:
-            Number of answers of each servo, and ids whose answers were damaged.
-
-        Raises:
-            DeviceError: The port failed.
         """
         counts = {servo_id: registers.count_answers(servo_id, self.ping_size) for servo_id in self.ids}
         damaged = tuple(servo_id for servo_id, (answers, bad) in counts.items() if bad and not answers)
@@ -375,15 +344,12 @@ TOO_HOT = "let it cool down; see what it pushes against, and lower its load"
 def examine_line(
     settings: ServoBusSettings[Any], line: ServoLine, examine_servo: Callable[[int, str], Iterable[Finding]]
 ) -> list[Finding]:
-    """Find the servos on the line, and examine every servo of the robot file.
+    """Find the servos on the line, examine each of the robot file; raise `DeviceError` if the port failed.
 
     Args:
         settings: Settings in the robot file.
         line: The line, whose port stays open.
         examine_servo: Examines one servo that answers, by its id and label.
-
-    Raises:
-        DeviceError: The port failed.
     """
     answers, damaged = _ping_all(line, line.port)
     if not any(answers[servo_id] for servo_id in line.ids) and not damaged:

@@ -59,13 +59,10 @@ class PacketStream(ABC, Generic[PacketType]):
         return True
 
     def feed(self, data: bytes) -> list[PacketType]:
-        """Process received bytes.
+        """Process received bytes; return the packets that are complete now, oldest first.
 
         Args:
             data: Bytes in the order of their arrival, cut anywhere.
-
-        Returns:
-            The packets that are complete now, oldest first.
         """
         buffer = self.pending + data
         packets: list[PacketType] = []
@@ -128,15 +125,12 @@ class ServoProtocol(ABC):
         """
 
     def encode_packet(self, servo_id: int, instruction: int, parameters: bytes = b"") -> bytes:
-        """Encode an instruction packet.
+        """Encode an instruction packet; raise `ProtocolError` for an impossible id or too many bytes.
 
         Args:
             servo_id: Servo that is addressed, or `BROADCAST_ID` for all.
             instruction: Code of the instruction.
             parameters: Its parameters, not stuffed.
-
-        Raises:
-            ProtocolError: No servo can have this id, or the packet would be too long.
         """
         if not (0 <= servo_id <= LARGEST_ID or servo_id == BROADCAST_ID):
             raise ProtocolError(f"{servo_id} is not a servo id: 0 to {LARGEST_ID}, or {BROADCAST_ID} for all")
@@ -171,14 +165,11 @@ class ServoProtocol(ABC):
         return self.encode_packet(BROADCAST_ID, _SYNC_READ, self.words(address, size) + bytes(servo_ids))
 
     def sync_write(self, address: int, data: Mapping[int, bytes]) -> bytes:
-        """Write at the same address of several servos, different bytes to each, without answers.
+        """Write at one address of several servos, without answers; raise `ProtocolError` for unequal sizes.
 
         Args:
             address: address of the first byte.
             data: Bytes by servo id.
-
-        Raises:
-            ProtocolError: The bytes are not of equal number.
         """
         sizes = {len(value) for value in data.values()}
         if len(sizes) != 1:
