@@ -363,7 +363,7 @@ def fit_encoder(
         if np.any(range_rad > max(10 * resolution, 2e-3)):
             joint = int(np.argmax(range_rad))
             raise InputError(
-                f"joint {joint + 1} moved by {range_rad[joint]:.2g} rad: the arm must stand still in the pose"
+                f"joint {joint + 1} moved by {range_rad[joint]:.2g} rad: the arm must stand still"
             )
         means = position.mean(axis=0)
         half_ranges = 0.5 * range_rad / np.sqrt(3.0)

@@ -74,7 +74,7 @@ def find_plateaus(reading: FloatArray, reference_n: FloatArray, settled: BoolArr
     long_enough = [number for number, piece in enumerate(pieces) if len(piece) >= _MIN_SAMPLES]
     if not long_enough:
         raise InputError(
-            f"no plateau has {_MIN_SAMPLES} settled samples: the reference must stay constant for a while"
+            f"no plateau has {_MIN_SAMPLES} settled samples: keep the reference constant for a while"
         )
     return plateaus_of([references[i] for i in long_enough], [pieces[i] for i in long_enough])
 
@@ -180,9 +180,7 @@ def read_weighing(session: Session) -> Plateaus:
     """Read the plateaus of a weighing's session; raise `InputError` without reference forces."""
     forces_n = {e.data["run"]: float(e.data["force_n"]) for e in session.events if e.kind == EVENT and e.data}
     if not forces_n:
-        raise InputError(
-            f"{session.path}: holds no reference forces, so it is not from palpate calibrate force"
-        )
+        raise InputError(f"{session.path}: holds no reference forces: not from palpate calibrate force")
     ticks = session.samples("tick")
     fresh = ticks.select(ticks["force_status"] == Status.OK)
     pieces = [fresh["force_n"][fresh["run"] == run] for run in forces_n]
@@ -243,7 +241,7 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
     values, errors, _ = _solve(plateaus, used)
     if not values[1] > 0.0:
         raise InputError(
-            f"the reading falls by {abs(1 / values[1]):.4g} if the reference rises by 1 N: reverse the sign"
+            f"the reading falls by {abs(1 / values[1]):.4g} per newton of reference: reverse the sign"
         )
     zero, scale, curvature, _, half = np.where(used, values, full_values).tolist()
     errors = np.hypot(errors, _shape_errors(plateaus, used, values))

@@ -76,7 +76,7 @@ class Robot(ManagedDevice):
     ) -> None:
         if encoder.joint_count != torque.joint_count:
             raise InputError(
-                f"{name}: the encoder has {encoder.joint_count} joints, the drives have {torque.joint_count}"
+                f"{name}: the encoder has {encoder.joint_count} joints, the drives {torque.joint_count}"
             )
         self.encoder, self.torque, self.force = encoder, torque, force
         self.buses = dict(buses)

@@ -151,11 +151,7 @@ def find_large_zero_shift(calibration: Calibration) -> str | None:
     if not isinstance(calibration, EncoderCalibration):
         return None
     offsets = enumerate(calibration.values.offset.value, 1)
-    far = [
-        f"joint {joint} by {offset:+.3g} rad"
-        for joint, offset in offsets
-        if abs(offset) > _LARGE_ZERO_SHIFT_RAD
-    ]
+    far = [f"joint {k} by {by:+.3g} rad" for k, by in offsets if abs(by) > _LARGE_ZERO_SHIFT_RAD]
     if not far:
         return None
     return (
@@ -253,9 +249,7 @@ def parse_calibrations(text: str, origin: str = "calibration") -> Calibrations:
     document = parse_yaml(text, origin, len(CALIBRATION_KINDS) * MAX_BYTES * 2)
     unknown = [key for key in document.data if key not in CALIBRATION_KINDS]
     if unknown:
-        raise InputError(
-            f"{origin}: '{unknown[0]}' is not a calibration. Valid: {', '.join(CALIBRATION_KINDS)}"
-        )
+        raise InputError(f"{origin}: '{unknown[0]}' is no calibration. Valid: {', '.join(CALIBRATION_KINDS)}")
     calibrations = {kind: calibration_from(document, kind) for kind in document.data}
     return Calibrations(**calibrations, text=text)  # type: ignore[arg-type]
 

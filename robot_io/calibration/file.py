@@ -65,7 +65,7 @@ class Quantities(FileModel):
     def _check_lengths(self) -> "Quantities":
         if len(self.value) != len(self.std_err):
             raise ValueError(
-                f"has {len(self.value)} values and {len(self.std_err)} uncertainties; give one each per joint"
+                f"has {len(self.value)} values, {len(self.std_err)} uncertainties; give one per joint"
             )
         return self
 
@@ -267,9 +267,7 @@ def calibration_from(document: YamlDocument, kind: str | None = None) -> Calibra
     data = document.data if kind is None else document.data.get(kind)
     stated = data.get("kind") if isinstance(data, Mapping) else None
     if stated is None and isinstance(data, Mapping):
-        raise InputError(
-            f"{document.origin}: is not a calibration, 'kind' is missing. Valid: {', '.join(CALIBRATIONS)}"
-        )
+        raise InputError(f"{document.origin}: its 'kind' is missing. Valid: {', '.join(CALIBRATIONS)}")
     model = CALIBRATIONS.get(stated) if isinstance(stated, str) else None
     if model is None:
         raise input_error(document, (*at, "kind"), f"Valid: {', '.join(CALIBRATIONS)}", stated)

@@ -127,9 +127,9 @@ class OdriveBus(MotorBus):
         self._heartbeats = [None] * self.joint_count
         self._motion_at_s, self._torque_at_s = [-inf] * self.joint_count, [-inf] * self.joint_count
         self._request_all(OdriveCommand.BUS_VOLTAGE_CURRENT, OdriveCommand.GET_VERSION)
+        count = self.joint_count
         self._wait_for(
-            lambda: self._all_answered() and len(self._supply_v) == self.joint_count,
-            self._heartbeat_timeout_s,
+            lambda: self._all_answered() and len(self._supply_v) == count, self._heartbeat_timeout_s
         )
         unseen = f"CAN cannot read these settings, which each axis needs: {'; '.join(self._setup_commands)}"
         return [*map(self._observe, range(self.joint_count)), ok("set over USB", unseen)]
@@ -194,9 +194,8 @@ class OdriveBus(MotorBus):
         return _LOST_HEARTBEATS * self._settings.heartbeat_s
 
     def _state_frames(self, state: AxisState) -> list[CanFrame]:
-        return [
-            odrive.encode_command(axis.node_id, OdriveCommand.SET_AXIS_STATE, state) for axis in self._axes
-        ]
+        set_state = OdriveCommand.SET_AXIS_STATE
+        return [odrive.encode_command(axis.node_id, set_state, state) for axis in self._axes]
 
     def _request_all(self, *messages: OdriveCommand) -> None:
         """Request messages from every axis."""
@@ -330,9 +329,8 @@ class OdriveBus(MotorBus):
                 beat = odrive.decode_heartbeat(frame, self._settings.firmware)
                 self._heartbeats[joint], self._heartbeat_at_s[joint] = beat, at_s
                 names = odrive.axis_error_names(beat.axis_error, self._settings.firmware)
-                self._motion_is_wrong[joint] = (
-                    "encoder" in beat.component_errors or not _ENCODER_ERRORS.isdisjoint(names)
-                )
+                is_wrong = "encoder" in beat.component_errors or not _ENCODER_ERRORS.isdisjoint(names)
+                self._motion_is_wrong[joint] = is_wrong
             case OdriveCommand.BUS_VOLTAGE_CURRENT:
                 self._supply_v[joint], _ = odrive.decode_two_floats(frame, "bus voltage and current")
                 self._answered_at_s[joint] = at_s

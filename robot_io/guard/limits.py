@@ -142,10 +142,8 @@ class LimitChecks:
         )
         if problem is not None:
             return problem
-        positions, velocities = (
-            measurement.joint_position_rad.tolist(),
-            measurement.joint_velocity_rad_s.tolist(),
-        )
+        positions = measurement.joint_position_rad.tolist()
+        velocities = measurement.joint_velocity_rad_s.tolist()
         for (joint, low, high, fastest), position, velocity in zip(
             self._motion_limits, positions, velocities, strict=True
         ):
@@ -202,7 +200,7 @@ class LimitChecks:
             distance = abs(position - reference)
             if not distance <= limit:
                 return Problem(
-                    f"joint {joint} is {distance:.4g} rad from its reference, limit {limit:.4g} rad", _LAGS
+                    f"joint {joint} is {distance:.4g} rad off its reference, limit {limit:.4g} rad", _LAGS
                 )
         return None
 

@@ -173,9 +173,8 @@ class StuckEncoders:
                 changed_nm = abs(torques_nm[i] - joint.torque_nm)
                 unfelt = abs(measurement.force_n - joint.force_n) <= self._unfelt_n
                 stopped = unfelt and joint.was_stopped(time_s, moved_rad)
-                self.is_proven = changed_nm > self._torques_nm[i] * (
-                    _STOPPED_SHARE if stopped else _TORQUE_SHARE
-                )
+                share = _STOPPED_SHARE if stopped else _TORQUE_SHARE
+                self.is_proven = changed_nm > self._torques_nm[i] * share
                 self.suspicion = (
                     f"encoder of joint {i + 1}: stuck at {joint.position_rad:.4g} rad (or the joint is "
                     f"jammed) while its reference moved by {abs(moved_rad):.2g} rad and its torque by "
@@ -243,9 +242,7 @@ class StuckForce:
         if not is_long or self._rests or not self._has_moved(measurement):
             return None
         count = self._row + 1
-        problem = (
-            f"force sensor: stuck at {force_n:.4g} N, {count} equal samples in a row while the arm moved"
-        )
+        problem = f"force sensor: stuck at {force_n:.4g} N, {count} equal samples while the arm moved"
         return Problem(problem, _SENSOR_REMEDY)
 
     def _has_moved(self, measurement: Measurement) -> bool:

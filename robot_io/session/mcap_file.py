@@ -142,9 +142,8 @@ class _Scanner:
         self._size = file.seek(0, SEEK_END)
         file.seek(max(self._size - len(MCAP0_MAGIC), 0))
         self.closed = self._size > len(MCAP0_MAGIC) and file.read() == MCAP0_MAGIC
-        self._bytes_left = (
-            min(MAX_DATA_BYTES, max_unpacked_bytes(self._size)) if self._size else MAX_DATA_BYTES
-        )
+        unpacked = max_unpacked_bytes(self._size) if self._size else MAX_DATA_BYTES
+        self._bytes_left = min(MAX_DATA_BYTES, unpacked)
 
     def run(self) -> None:
         file = self._file

@@ -140,9 +140,7 @@ class WireFormat:
         """View whole messages as records of `dtype`; raise `SessionError` if a tag differs."""
         raw, tags = np.frombuffer(messages, np.uint8).reshape(-1, self.dtype.itemsize), self._is_tag
         if (raw[:, tags] != self._template[tags]).any():
-            raise SessionError(
-                f"stream '{self.stream.name}': the fields of a message do not match the stream's columns"
-            )
+            raise SessionError(f"stream '{self.stream.name}': a message's fields do not match its columns")
         return raw.reshape(-1).view(self.dtype)
 
     def descriptor_set(self) -> bytes:

@@ -146,7 +146,7 @@ def test_tracking_error_is_judged_against_the_previous_reference():
 
     task = Spoilt(jump, 50, torque_nm=0.0)
     result, log = run(MockArm(), task)
-    assert "from its reference" in result.cause
+    assert "off its reference" in result.cause
     assert result.cause.endswith("See palpate doctor --move")  # what to do is said once, last, to everybody
     assert log.texts("trip") == [result.cause]
     assert task.steps == 50

@@ -359,7 +359,7 @@ class TestBuilding:
 
     def test_encoder_and_drives_must_agree_about_the_joints(self, robot, bus, monkeypatch):
         monkeypatch.setattr(type(robot.encoder), "joint_count", 2)
-        with pytest.raises(InputError, match="the encoder has 2 joints, the drives have 3"):
+        with pytest.raises(InputError, match="the encoder has 2 joints, the drives 3"):
             Robot(robot.encoder, robot.torque, robot.force, {"world": bus}, SimulatedClock(), "odd")
 
     def test_drives_must_fit_the_robot_file(self, robot, monkeypatch):

@@ -277,7 +277,7 @@ def test_gauge_switched_to_another_unit_is_named(make_robot):
     arm.ticks(10, None)
     arm.sensor.unit = "N"
     arm.ticks(20, None)
-    assert "the gauge reads in N, but it read in lbF when it was configured" in arm.problem
+    assert "the gauge reads in N; when configured, it read in lbF" in arm.problem
 
 
 def test_lost_answer_is_requested_again_at_once(make_robot):

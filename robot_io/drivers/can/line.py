@@ -96,9 +96,7 @@ class SlcanBus:
     def __init__(self, channel: str, bitrate: int | None, clock: Clock) -> None:
         path, at, baud_rate = channel.partition("@")
         if at and not baud_rate.isdecimal():
-            raise ValueError(
-                f"channel {channel}: after @, give a baud rate such as 3000000 instead of '{baud_rate}'"
-            )
+            raise ValueError(f"channel {channel}: after @, give a baud rate like 3000000, not '{baud_rate}'")
         if bitrate is not None and bitrate not in _SPEEDS:
             raise ValueError(f"bitrate {bitrate}: not supported. Valid: {', '.join(map(str, _SPEEDS))}")
         self._port = SerialPort(path, int(baud_rate or _USUAL_BAUD_RATE), clock)

@@ -61,9 +61,8 @@ class DynamixelBus(ServoBus[DynamixelFeedback]):
         self._line.prepare_feedback()
         steps_nm = np.abs(self._joints.steps[2])
         limits_nm: list[float] = (np.array(self._line.current_limits) * steps_nm).tolist()
-        self._largest_current = (
-            (self._pairs.limit_to_weaker(limits_nm) / steps_nm + 1e-9).astype(int).tolist()
-        )
+        counts = self._pairs.limit_to_weaker(limits_nm) / steps_nm + 1e-9
+        self._largest_current = counts.astype(int).tolist()
         return self._line.feedback_reader()
 
     def _counts(self, feedback: DynamixelFeedback) -> Sequence[Sequence[float]]:
@@ -87,10 +86,10 @@ class DynamixelBus(ServoBus[DynamixelFeedback]):
 
     def _goals(self, torque_nm: list[float]) -> tuple[list[int], FloatArray]:
         counts, sent_nm = [], []
-        shares = zip(
-            self._pairs.split_torques(torque_nm), self._torque_steps_nm, self._largest_current, strict=True
-        )
-        for torque, step, largest in shares:
+        shares_nm = self._pairs.split_torques(torque_nm)
+        for torque, step, largest in zip(
+            shares_nm, self._torque_steps_nm, self._largest_current, strict=True
+        ):
             count = round(torque / step)
             count = -largest if count < -largest else min(count, largest)
             counts.append(count)

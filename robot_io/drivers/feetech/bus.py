@@ -53,10 +53,8 @@ class FeetechBus(ServoBus[FeetechFeedback]):
         # Largest duty cycle of each servo, in its unit: for its torque at its speed. Those that hold stand
         # still, and may bear what the strongest servo of a joint may.
         limits, pairs = context.robot_file.limits, self._pairs
-        servo_nm, speed_rad_s = (
-            pairs.split_torques(limits.torque_nm),
-            pairs.repeat_for_servos(limits.velocity_rad_s),
-        )
+        servo_nm = pairs.split_torques(limits.torque_nm)
+        speed_rad_s = pairs.repeat_for_servos(limits.velocity_rad_s)
         servos = zip(servo_nm, speed_rad_s, drag_nms_rad, self._stall_nm, strict=True)
         turning = [(torque + drag * speed) / stall for torque, speed, drag, stall in servos]
         held = max(torque / stall for torque, stall in zip(servo_nm, self._stall_nm, strict=True))
@@ -64,9 +62,8 @@ class FeetechBus(ServoBus[FeetechFeedback]):
         counts = [min(ceil(duty / tables.DUTY_PER_LOAD), tables.LARGEST_LIMIT) for duty in duties]
         torque_limits = dict(zip(validated.ids, counts, strict=True))
         self._line = FeetechLine(validated, torque_limits, self._port, context.clock)
-        self._fastest_counts_s = (
-            _FASTEST_SHARE * max(model.no_load_rad_s for model in models) / POSITION_STEP_RAD
-        )
+        fastest_rad_s = max(model.no_load_rad_s for model in models)
+        self._fastest_counts_s = _FASTEST_SHARE * fastest_rad_s / POSITION_STEP_RAD
         self._sent_settings = {servo_id: (0, 0, 0, limit, 1) for servo_id, limit in torque_limits.items()}
         self._plausibility = PlausibilityFilter(context.clock, self._sent_settings, self._fastest_counts_s)
         self._servos = {servo.id: servo for servo in validated.turning}

@@ -46,9 +46,7 @@ class MitBus(PolledMotorBus[MitState]):
         answer_ids = {motor.motor_id: validated.answer_ids(motor) for motor in validated.motors}
         self._frames = validated.dialect.frames(validated.host, answer_ids)
         self._alarms = [0] * len(validated.motors)  # errors reported without a request
-        self._register_asked: tuple[int, MotorRegister] | None = (
-            None  # joint and register of a pending request
-        )
+        self._register_asked: tuple[int, MotorRegister] | None = None  # joint and register
         self._register_values: list[float] = []
 
     def _joint_of(self, frame: CanFrame) -> int | None:
@@ -142,7 +140,7 @@ class MitBus(PolledMotorBus[MitState]):
                 stated_rad = self._position_rad[joint]
                 if not abs(reported_rad - stated_rad) <= _SAME_POSITION_RAD:
                     problem = (
-                        f"its {register.name} is {reported_rad:.3f} rad at the joint, but its messages report"
+                        f"its {register.name} is {reported_rad:.3f} rad at the joint, its messages report"
                     )
                     remedy = "turn it back, or state its 'ranges'"
                     raise self._motor_error(joint, f"{problem} {stated_rad:.3f}: {remedy}")

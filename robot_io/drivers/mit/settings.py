@@ -213,22 +213,18 @@ class MitBusSettings(CanLineSettings):
             raise ValueError(f"motors: ids {ids} are not all different")
         if max(ids) > self.dialect.largest_id:
             raise ValueError(
-                f"motors: ids {ids}: the largest id of a motor of '{self.maker}' is {self.dialect.largest_id}"
+                f"motors: ids {ids}: the largest id of '{self.maker}' is {self.dialect.largest_id}"
             )
         if self.maker is Maker.ROBSTRIDE and self.host > LARGEST_ROBSTRIDE_HOST:
             raise ValueError(
-                f"host_id {self.host}: must be at most {LARGEST_ROBSTRIDE_HOST} for Robstride's motors"
+                f"host_id {self.host}: Robstride's motors allow at most {LARGEST_ROBSTRIDE_HOST}"
             )
         if self.ask_with == "enter" and self.dialect.activation_registers:
-            raise ValueError(
-                f"ask_with 'enter': not allowed for motors of '{self.maker}', because it would power them"
-            )
+            raise ValueError(f"ask_with 'enter': would power motors of '{self.maker}'")
         if self.dialect.has_answer_ids and self.host_id is not None:
             raise ValueError("host_id: Damiao motors have an 'answer_id' each instead")
         if not self.dialect.has_answer_ids and any(motor.answer_id is not None for motor in self.motors):
-            raise ValueError(
-                f"motors: only Damiao motors have an 'answer_id'; give '{self.maker}' motors one 'host_id'"
-            )
+            raise ValueError(f"motors: only Damiao's have an 'answer_id'; give '{self.maker}' one 'host_id'")
         # An answer under a motor's id would be a command to it.
         has_own = self.dialect.has_answer_ids
         answer_ids = [self.answer_ids(motor)[0] for motor in self.motors] if has_own else [self.host]

@@ -193,9 +193,7 @@ class Bota(SerialForceSensor, Examinable):
         if baud_rate not in BAUD_RATE_CODES or settings.rate_hz * FRAME_SIZE * _BITS > baud_rate:
             needed = settings.rate_hz * FRAME_SIZE * _BITS
             valid = ", ".join(str(rate) for rate in BAUD_RATE_CODES if rate >= needed)
-            raise self._error(
-                f"a line of {baud_rate} bit/s cannot carry {settings.rate_hz} samples/s. Valid: {valid}"
-            )
+            raise self._error(f"{baud_rate} bit/s cannot carry {settings.rate_hz} samples/s. Valid: {valid}")
         for command in (CONFIGURE, communication_setup(baud_rate), filter_setup(settings.rate_hz), RUN):
             self._command(command)
         self._identified = (

@@ -290,9 +290,7 @@ class Mark10Stream(LineStream):
             self._new_unit_count = self._new_unit_count + 1 if unit == self._new_unit else 1
             self._new_unit = unit
             if self._new_unit_count >= _TWICE:  # not just a damaged letter
-                self.fault_text = (
-                    f"the gauge reads in {unit}, but it read in {self._unit} when it was configured"
-                )
+                self.fault_text = f"the gauge reads in {unit}; when configured, it read in {self._unit}"
             raise ProtocolError(f"reading in {unit} instead of {self._unit}")
         self._new_unit_count, self.fault_text = 0, ""
         return number, self._newtons

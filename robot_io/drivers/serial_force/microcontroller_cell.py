@@ -159,7 +159,7 @@ class MicrocontrollerCell(SerialForceSensor, Examinable):
         rate_hz = int(rate)
         if rate_hz != settings.rate_hz:
             raise self._error(
-                f"the {chip} delivers {rate_hz} samples/s, but the robot file states {settings.rate_hz}"
+                f"the {chip} delivers {rate_hz} samples/s, the robot file states {settings.rate_hz}"
             )
         self._identified = (
             f"{chip}, {rate_hz} samples/s, load cell of {settings.capacity_n:.4g} N according to the robot "

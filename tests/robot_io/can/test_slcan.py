@@ -179,7 +179,7 @@ def test_adapter_has_one_owner_and_checks_its_settings(adapter):
     adapter.line.close()
     for changes, problem in (
         ({"bitrate": 33_333}, "Valid: 10000"),
-        ({"channel": f"{adapter.path}@fast"}, "give a baud rate such as 3000000 instead of 'fast'"),
+        ({"channel": f"{adapter.path}@fast"}, "give a baud rate like 3000000, not 'fast'"),
         ({"options": {"sleep_after_open": 0}}, "sleep_after_open"),
     ):
         with pytest.raises(DeviceError, match=problem):

@@ -151,7 +151,7 @@ def test_time_must_not_go_backwards(guard):
 def test_tracking_error_trips_beyond_its_limit(guard, reference, trips):
     guard.watch(measured(), None if reference is None else np.array(reference))
     assert bool(guard.tripped) == trips
-    assert not trips or "from its reference" in guard.tripped.cause
+    assert not trips or "off its reference" in guard.tripped.cause
 
 
 def test_reference_may_come_later_in_the_tick(guard):
@@ -659,7 +659,7 @@ def test_suspect_encoder_is_named_by_whatever_stops_the_arm(guard):
     tick = watch_many(guard, 400, lambda k: SPEED * min(k, 100), lambda k: SPEED * k, lambda k: 0.0)
     assert tick == 301  # the tracking limit of 0.1 rad
     first, second = guard.tripped.cause.split("; ")
-    assert first == "joint 1 is 0.1005 rad from its reference, limit 0.1 rad"
+    assert first == "joint 1 is 0.1005 rad off its reference, limit 0.1 rad"
     assert second.startswith("encoder of joint 1: stuck at 0.05 rad (or the joint is jammed)")
 
 

@@ -107,7 +107,7 @@ def test_restarted_counter_is_named_before_its_samples_are_too_old(make_robot):
     arm.ticks(100, None)
     arm.sensor._sequence = 0
     arm.ticks(5, None)
-    assert "restarted its counter" in arm.problem
+    assert "sensor's counter restarted" in arm.problem
 
 
 def test_repeated_old_records_are_no_restart():
@@ -127,7 +127,7 @@ def test_repeated_old_records_are_no_restart():
 def test_fifty_old_records_or_three_of_the_first_are_a_restart(first, old, is_named):
     """No network repeats so many; far from its beginning, a counter shows nothing else."""
     stream, _ = fed((1000, 7000, 0, [0] * 6), *((first + k, 7 * k, 0, [0] * 6) for k in range(old)))
-    assert ("restarted its counter" in stream.fault_text) == is_named
+    assert ("sensor's counter restarted" in stream.fault_text) == is_named
 
 
 PAGE = EmulatedNetFt(2, 100.0, 1e6, "N").page()

@@ -167,7 +167,7 @@ def test_another_unit_is_no_reading_and_is_named_when_repeated():
     assert stream.feed(b"1.00 N\r\n1.00 n\r\n1.00 M\r\n") == [1.0]
     assert (stream.rejected, stream.fault_text) == (2, "")
     assert stream.feed(b"0.22 lbF\r\n0.22 lbF\r\n") == []
-    assert stream.fault_text == "the gauge reads in lbF, but it read in N when it was configured"
+    assert stream.fault_text == "the gauge reads in lbF; when configured, it read in N"
     assert stream.feed(b"1.00 N\r\n") == [1.0]
     assert not stream.fault_text
     stream.feed(b"*22\r\n")
