@@ -113,7 +113,9 @@ class NetFtStream(ReadingStream):
             self._old += 1
             is_beginning = record.sequence <= _BEGINNING and last.sequence > 2 * _BEGINNING
             if self._old >= (_OLD_BEGINNING if is_beginning else _OLD_RECORDS):
-                self.fault_text = "the sensor's counter restarted, or stands still: has it restarted?"
+                self.fault_text = (
+                    "the sensor's counter restarted, or it measures nothing new: has it restarted?"
+                )
             return []
         self._old = 0
         self.sensor_clock.advance(steps * self._period_s)

@@ -1,5 +1,5 @@
-"""The probing session that the calibration tests share."""
+"""Sessions without a process for each."""
 
-from tests.palpate.conftest import log_in_process, probed
+from tests.palpate.conftest import log_in_process
 
-__all__ = ["log_in_process", "probed"]
+__all__ = ["log_in_process"]

@@ -61,26 +61,28 @@ def test_drive_parameters_are_identified_together(path):
 
 
 def test_two_standard_errors_cover_95_percent(path):
-    """30 recordings of 10 values; the band is wide enough for that number of draws."""
+    """15 recordings of 10 values; the band is wide enough for that number of draws."""
     clean = measured(path, np.random.default_rng(0), noise=0.0, duration=15.0)
     covered = []
-    for seed in range(30):
+    for seed in range(15):
         noise = np.random.default_rng(seed).normal(0, 0.02, clean.measured_nm.shape)
         fit = fit_arm(replace(clean, measured_nm=clean.measured_nm + noise), BODY)
         for estimate, true in ((fit.gain, 1.0), (fit.offset_nm, 0.0), (fit.coulomb_nm, 0.0)):
             covered += [*(np.abs(estimate.value - true) < 2 * estimate.std_err)]
         covered.append(abs(fit.tilt_rad.value[0]) < 2 * fit.tilt_rad.std_err[0])
-    assert 0.90 < np.mean(covered) < 0.99
+    assert 0.90 < np.mean(covered) < 0.995
 
 
 def test_planar_motion_does_not_identify_roll(path):
-    fit = fit_arm(measured(path, np.random.default_rng(2)), BODY)
+    fit = fit_arm(measured(path, np.random.default_rng(2), duration=15.0), BODY)
     assert np.isfinite(fit.tilt_rad.value[0])
     assert np.isnan(fit.tilt_rad.value[1])
 
 
 def test_late_torque_samples_do_not_bias_friction(path):
-    time_s, q, v, a, measured_nm, sent_nm = vars(measured(path, np.random.default_rng(3))).values()
+    time_s, q, v, a, measured_nm, sent_nm = vars(
+        measured(path, np.random.default_rng(3), duration=15.0)
+    ).values()
     late = ArmMotion(*(part[:-3] for part in (time_s, q, v, a)), measured_nm[3:], sent_nm[3:])
     fit = fit_arm(late, BODY)
     assert fit.delay_s.value == pytest.approx(-0.003, abs=4 * fit.delay_s.std_err)
@@ -89,7 +91,7 @@ def test_late_torque_samples_do_not_bias_friction(path):
 
 def test_inertia_of_the_rotors_is_not_read_as_gain_or_tilt(path):
     rotors = RigidBody.from_urdf(ROBOT.urdf_path, ROBOT.tip_frame, rotor_inertia_kg_m2=(0.5, 0.5, 0.5))
-    clean = measured(path, np.random.default_rng(4))
+    clean = measured(path, np.random.default_rng(4), duration=15.0)
     motion = replace(clean, measured_nm=clean.measured_nm + 0.5 * clean.acceleration_rad_s2)
     fit = fit_arm(motion, rotors)
     assert np.all(np.abs(fit.gain.value - 1.0) < 4 * fit.gain.std_err)
@@ -109,7 +111,7 @@ class TestPath:
     def test_path_stays_within_limits_and_above_the_floor(self, path):
         limits = ROBOT.limits
         floor = BODY.heights_m(np.array(ROBOT.home_rad))[1:].min()
-        for time_s in np.linspace(0, path.duration_s, 700):
+        for time_s in np.linspace(0, path.duration_s, 250):
             motion = path.at(time_s)
             assert np.all(motion.position_rad > limits.position_min_rad)
             assert np.all(motion.position_rad < limits.position_max_rad)
@@ -129,14 +131,14 @@ class TestPath:
             np.testing.assert_allclose(path.at(time_s).position_rad, path.center_rad)
 
     def test_path_is_repeatable_for_equal_seeds(self, path):
-        times = np.linspace(-1.0, path.duration_s + 1.0, 300)
+        times = np.linspace(-1.0, path.duration_s + 1.0, 100)
         each = [path.at(time_s) for time_s in times]
         np.testing.assert_allclose(path.sample(times), np.swapaxes(each, 0, 1), atol=1e-12)
         assert np.array_equal(chosen().at(7.0).position_rad, path.at(7.0).position_rad)
 
     def test_path_is_smaller_near_limits(self):
         small = chosen(UPRIGHT_RAD)
-        for time_s in np.linspace(0, small.duration_s, 700):
+        for time_s in np.linspace(0, small.duration_s, 250):
             assert BODY.heights_m(small.at(time_s).position_rad)[1:].min() > 0.55 - 0.02
 
     def test_arm_at_its_highest_posture_is_refused(self):

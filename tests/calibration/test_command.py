@@ -3,10 +3,11 @@ import shutil
 
 import pytest
 
-from palpate.robot_io.session import Session
+from palpate.robot_io.session import Session, write_session
 from palpate.runs.robots import find_robot
 from tests.palpate.cli import assert_refused, done, run
 from tests.robot_io.calibration.parts import load_calibration
+from tests.robot_io.session_parts import METADATA
 
 pytestmark = pytest.mark.usefixtures("log_in_process")
 KG = (0, 1, 2, 3, 2, 1, 0)
@@ -52,7 +53,7 @@ def test_recorded_weighing_is_evaluated_again_from_its_session(tmp_path):
     assert json.loads(again.stdout)["values"] == first["values"]
 
 
-def test_zeros_from_a_pose_move_nothing(tmp_path):
+def test_zeros_from_a_pose_move_nothing_and_a_large_shift_is_reported(tmp_path):
     session, out = tmp_path / "p.mcap", tmp_path / "p.yaml"
     result = done("calibrate", "encoder", "--pose", "home", "--session", session, "-o", out)
     assert load_calibration(out).values.offset.value == pytest.approx((0, 0, 0), abs=1e-4)
@@ -60,13 +61,10 @@ def test_zeros_from_a_pose_move_nothing(tmp_path):
     assert "check again" not in result.stdout
     assert "cp -r" in result.stderr  # what is installed is nobody's to edit
     assert "palpate probe --robot my_follower/follower.yaml" in result.stderr
-
-
-def test_large_zero_shift_is_reported(tmp_path):
-    options = ("--pose", "1.5,1.5,1.5", "-o", tmp_path / "p.yaml", "--session", tmp_path / "p.mcap")
-    result = done("calibrate", "encoder", *options)
+    far = tmp_path / "far.yaml"
+    result = done("calibrate", "encoder", "--pose", "1.5,1.5,1.5", "--from", session, "-o", far)
     assert "check again" in result.stdout
-    for joint, offset in enumerate(load_calibration(tmp_path / "p.yaml").values.offset.value, 1):
+    for joint, offset in enumerate(load_calibration(far).values.offset.value, 1):
         assert (f"joint {joint} by" in result.stdout) == (abs(offset) > 0.2)
 
 
@@ -95,9 +93,10 @@ def test_invalid_options_are_refused_in_one_line(tmp_path, monkeypatch, argument
     assert not (tmp_path / "sessions").exists()  # refused before anything is recorded
 
 
-def test_unsuitable_session_is_refused(probed, tmp_path):
+def test_unsuitable_session_is_refused(tmp_path):
+    other = write_session(tmp_path / "probe.mcap", [], METADATA)
     for kind in ("force", "encoder", "torque", "gravity"):
-        result = run("calibrate", kind, "--from", probed[0], "-o", tmp_path / "c.yaml")
+        result = run("calibrate", kind, "--from", other, "-o", tmp_path / "c.yaml")
         assert_refused(result, "is from no calibration", f"palpate calibrate {kind}")
     session = tmp_path / "p.mcap"
     run("calibrate", "encoder", "--pose", "home", "--session", session, "-o", tmp_path / "p.yaml")
@@ -139,18 +138,13 @@ def test_existing_names_stay_in_the_robot_file_line(tmp_path, monkeypatch):
     assert "palpate probe --robot 'my arm.yaml'" in result.stderr
 
 
-def test_refusal_leaves_no_empty_folder(tmp_path, monkeypatch):
+def test_refusal_leaves_no_empty_folder_and_keeps_existing_ones(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").mkdir()
     assert_refused(run("calibrate", "encoder", "--from", "missing.mcap"), "no such file")
     assert_refused(run("calibrate", "force", "-o", "new/sub/x.yaml", "--weights-kg", "0,1"), "plateaus")
+    assert_refused(run("calibrate", "force", "-o", "mine/new/x.yaml", "--weights-kg", "0,1"), "plateaus")
     assert_refused(run("probe", "--robot", "follower", "-o", "new/x.mcap", "--force-limit-n", 1e9), "force")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_refusal_keeps_existing_empty_folders(tmp_path):
-    (tmp_path / "mine").mkdir()
-    out = tmp_path / "mine" / "new" / "x.yaml"
-    assert_refused(run("calibrate", "force", "-o", out, "--weights-kg", "0,1"), "plateaus")
     assert [path.name for path in tmp_path.rglob("*")] == ["mine"]
 
 

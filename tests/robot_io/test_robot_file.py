@@ -5,7 +5,7 @@ import re
 
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.robot_io.errors import InputError
@@ -178,7 +178,6 @@ def check(text):
     return message
 
 
-@settings(max_examples=100)
 @given(st.sampled_from(PLACES), VALUES)
 def test_any_value_anywhere_gives_a_robot_or_an_input_error(place, value):
     def replace(container, key):
@@ -199,7 +198,6 @@ def test_missing_part_is_named(place):
         assert f"{'.'.join(map(str, place))}: is missing" in message
 
 
-@settings(max_examples=100)
 @given(st.sampled_from(PLACES), st.text(max_size=12), VALUES)
 def test_extra_key_gives_a_robot_or_an_input_error(place, key, value):
     def add(container, _):

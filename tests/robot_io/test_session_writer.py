@@ -93,9 +93,11 @@ def test_file_deleted_during_writing_is_reported(meanwhile, tmp_path):
 
 def test_logged_data_are_read_back(tmp_path):
     path = tmp_path / "new" / "s.mcap"
-    with SessionWriter(path, [TICK, SLOW], METADATA) as log:
+    with SessionWriter(path, [TICK, replace(SLOW, batch=50)], METADATA) as log:
         append(log, range(3000))
         log.append("slow", np.array((2.5, -1.0), SLOW.dtype)[()])
+        for number in range(130):
+            log.append("slow", (3.0 + number, float(number)))
         data = {"force_n": np.float64(31.0), "joints": np.arange(2), 3: Path("x")}
         log.event(1.25, "trip", "force over 30 N", data)
         log.event(-1.0, "mark", "")
@@ -104,7 +106,7 @@ def test_logged_data_are_read_back(tmp_path):
     assert session.metadata == METADATA
     assert session.stream_names == ("tick", "slow")
     assert_ticks(session.samples("tick"), range(3000))
-    assert session.samples("slow")["x"].tolist() == [-1.0]
+    assert session.samples("slow")["x"].tolist() == list(range(-1, 130))
     trip, mark = session.events
     assert (trip.time_s, trip.kind, trip.text) == (1.25, "trip", "force over 30 N")
     assert trip.data == {"force_n": 31.0, "joints": [0, 1], "3": "x"}
@@ -156,20 +158,12 @@ def test_whole_ring_reaches_the_file_at_the_end(tmp_path):
     assert_ticks(Session.open(tmp_path / "s.mcap").samples("tick"), range(3000))
 
 
-@pytest.mark.parametrize("slots", [1, 4])
-def test_simulated_time_waits_instead_of_dropping(tmp_path, slots):
-    with SessionWriter(tmp_path / "s.mcap", [TICK], METADATA, ring_slots=slots, wait_for_room=True) as log:
+def test_simulated_time_waits_instead_of_dropping(tmp_path):
+    with SessionWriter(tmp_path / "s.mcap", [TICK], METADATA, ring_slots=1, wait_for_room=True) as log:
         append(log, range(20))
     session = Session.open(tmp_path / "s.mcap")
     assert session.dropped == 0
     assert_ticks(session.samples("tick"), range(20))
-
-
-def test_stream_of_a_long_session_is_logged_record_by_record(tmp_path):
-    with SessionWriter(tmp_path / "s.mcap", [replace(SLOW, batch=50)], METADATA) as log:
-        for number in range(130):
-            log.append("slow", (float(number), 0.0))
-    assert Session.open(tmp_path / "s.mcap").samples("slow")["time_s"].tolist() == list(range(130))
 
 
 def test_slow_stream_is_written_during_the_session(tmp_path):
@@ -421,7 +415,7 @@ with SessionWriter(path, [TICK], METADATA) as log:
 
 def test_only_one_program_can_create_a_session(tmp_path):
     path = tmp_path / "s.mcap"
-    firsts = (0, 1000, 2000)
+    firsts = (0, 1000)
     begun = [
         subprocess.Popen(
             [sys.executable, "-c", RACE, str(path), str(first)],
@@ -429,7 +423,7 @@ def test_only_one_program_can_create_a_session(tmp_path):
         )
         for first in firsts
     ]  # fmt: skip
-    assert [one.stdout.readline() for one in begun] == ["ready\n"] * 3
+    assert [one.stdout.readline() for one in begun] == ["ready\n"] * 2
     for one in begun:
         one.stdin.write("go\n")
         one.stdin.flush()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.control.loop.loop import FIRST_SAMPLE_S, run_loop
+from palpate.control.loop.loop import run_loop
 from palpate.control.loop.result import Outcome
 from palpate.robot_io.errors import DeviceTimeoutError
 from palpate.robot_io.guard import Guard
@@ -33,7 +33,7 @@ def begin(arm):
 
 
 @pytest.mark.parametrize("robot_file", [ODRIVE, CUBEMARS], ids=["odrive", "cubemars"])
-@pytest.mark.parametrize("pause_s", [0.0, 0.5, 3.0])
+@pytest.mark.parametrize("pause_s", [0.0, 0.5])
 def test_loop_starts_with_new_samples_after_any_pause(make_robot, robot_file, pause_s):
     arm = make_robot(robot_file)
     arm.robot.configure()
@@ -47,15 +47,16 @@ def test_loop_starts_with_new_samples_after_any_pause(make_robot, robot_file, pa
 
 
 @pytest.mark.parametrize("robot_file", [ODRIVE, CUBEMARS], ids=["odrive", "cubemars"])
-def test_motor_silent_before_the_loop_is_named_and_power_stays_off(make_robot, robot_file):
+def test_motor_silent_before_the_loop_is_named_and_power_stays_off(make_robot, robot_file, monkeypatch):
+    monkeypatch.setattr("palpate.control.loop.loop.FIRST_SAMPLE_S", 0.3)
     arm = make_robot(robot_file)
     arm.robot.configure()
     arm.inject_fault("motors", FaultKind.DROP, device=2)
-    arm.clock.sleep_until(arm.clock.now_s() + 0.5)
+    arm.clock.sleep_until(arm.clock.now_s() + 0.2)
     begun_s = arm.clock.now_s()
     with pytest.raises(DeviceTimeoutError, match=r"encoder: newest sample is .* s old.*joint [23]"):
         begin(arm)
-    assert arm.clock.now_s() - begun_s == pytest.approx(FIRST_SAMPLE_S, abs=0.1)
+    assert arm.clock.now_s() - begun_s == pytest.approx(0.3, abs=0.05)
     assert not arm.drive_torque_nm.any()
 
 

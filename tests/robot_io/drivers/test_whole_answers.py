@@ -37,10 +37,9 @@ def recorded(arm):
 
 @pytest.mark.parametrize("robot_file", [DYNAMIXEL, SO101], ids=["dynamixel", "feetech"])
 def test_batch_decoding_equals_single_decoding_and_rejects_damage(make_robot, robot_file):
-    _, answers = recorded(make_robot(robot_file))
+    reader, answers = recorded(make_robot(robot_file))
     assert len(answers) >= TICKS
     assert [feedback for _, _, feedback, _ in answers] == [expected for *_, expected in answers]
-    reader, answers = recorded(make_robot(robot_file))
     request, data, feedback, _ = answers[-1]
     assert reader._decode_whole(request, data) == feedback
     for place in range(len(data)):
