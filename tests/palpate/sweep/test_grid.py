@@ -38,14 +38,10 @@ def test_every_combination_is_one_case_and_each_repeat_has_its_own_seed(tmp_path
     assert {tuple(case.parameters["plan"]["speeds_m_s"]) for case in cases} == {(0.09,), (0.02, 0.01)}
 
 
-def test_range_includes_its_end_in_spite_of_rounding(tmp_path):
+def test_range_includes_its_end_and_only_noisy_runs_are_drawn_repeatedly(tmp_path):
     law = ONE["objects"][0] | {"damping_n_s_m": {"from": 0, "to": 0.3, "step": 0.1}}
-    cases = grid(tmp_path, objects=[law], repeats=1).cases()
-    assert [case.parameters["law"]["damping_n_s_m"] for case in cases] == [0.0, 0.1, 0.2, 0.3]
-
-
-def test_only_noisy_runs_are_drawn_repeatedly(tmp_path):
-    cases = grid(tmp_path, noise_percent=[0, 5], draws=4, repeats=1).cases()
+    cases = list(grid(tmp_path, objects=[law], noise_percent=[0, 5], draws=4, repeats=1).cases())
+    assert [case.parameters["law"]["damping_n_s_m"] for case in cases[::2]] == [0.0, 0.1, 0.2, 0.3]
     assert {case.parameters["noise_percent"]: case.parameters["draws"] for case in cases} == {0: 1, 5: 4}
 
 
@@ -56,12 +52,8 @@ def test_all_estimators_are_those_that_suit_the_model(tmp_path):
     assert power.parameters["model"] == "hunt_crossley"
     assert "double_stage_rls" not in linear.parameters["estimators"]
     assert {"double_stage_rls", "robust"} <= set(power.parameters["estimators"])
-
-
-def test_diagnosis_replaces_the_estimators(tmp_path):
-    assert {case.task for case in grid(tmp_path, diagnose=True, hidden=["none", "random"]).cases()} == {
-        DIAGNOSE
-    }
+    diagnosed = grid(tmp_path, diagnose=True, hidden=["none", "random"]).cases()
+    assert {case.task for case in diagnosed} == {DIAGNOSE}
 
 
 LONG = {"from": 0, "to": 99_999, "step": 1}
@@ -76,37 +68,22 @@ def objects(**numbers):
     [
         ({"speed_mm_s": [[90]]}, "speed_mm_s.*did you mean 'speeds_mm_s'"),
         ({"objects": [{"name": "kelvin_voit"}]}, "kelvin_voigt"),
-        ({"objects": [{"name": "kelvin_voigt", "stiffness_n_m": -5, "damping_n_s_m": 0}]}, "stiffness_n_m"),
-        (
-            {
-                "objects": [
-                    {"name": "kelvin_voigt", "stiffness_n_m": {"from": 1, "to": 2}, "damping_n_s_m": 0}
-                ]
-            },
-            "step",
-        ),
+        (objects(stiffness_n_m=-5), "stiffness_n_m"),
+        (objects(stiffness_n_m={"from": 1, "to": 2}), "step"),
         ({"objects": []}, "objects"),
         (objects(stiffness_n_m=[]), "objects: a list or range of numbers is empty"),
         (objects(stiffness_n_m={"from": 2, "to": 1, "step": 1}), "is empty"),
         (objects(stiffness_n_m={"from": 0, "to": float("inf"), "step": 1}), "finite"),
         (objects(stiffness_n_m={"from": 0, "to": 1e6, "step": 1e-9}), "1e.15 numbers"),
-        (
-            objects(
-                stiffness_n_m={"from": 0, "to": 1e300, "step": 1e-300}
-            ),  # no whole number holds its length
-            r"inf numbers from 0 to 1e.300; at most 1000000",
-        ),
+        (objects(stiffness_n_m={"from": 0, "to": 1e300, "step": 1e-300}), "inf numbers.*; at most 1000000"),
         (objects(stiffness_n_m=dict(LONG), damping_n_s_m=dict(LONG)), "1e.10 objects"),
-        ({"speeds_mm_s": [[0]]}, "speeds_mm_s"),
         ({"speeds_mm_s": [50, 20]}, r"speeds_mm_s.*\[\[50, 20\]\] for one run.*\[\[50\], \[20\]\] for a run"),
         ({"estimators": ["lsqq"]}, "did you mean 'lsq'"),
         ({"estimators": [{"name": "ransac", "treshold": 1}]}, "treshold"),
         ({"estimators": [{"threshold": 1}]}, "no estimator"),
-        ({"estimators": [{"name": "ransac", "threshold": -1}]}, "must be positive"),
         ({"hidden": ["stress_relaxtion"]}, "stress_relaxation"),
         ({"hidden": [[{"effect": "bias"}]]}, "channel: is missing"),
         ({"model": "kelvin"}, "kelvin_voigt"),
-        ({"robot": "nobody"}, "nobody"),
         ({"scenario": "nowhere"}, "nowhere"),
         ({"plan": {"hold": 1}}, "hold_s"),
         ({"plan": {"hold_s": 1e9}}, "the plan takes 8.33e.05 h or more"),
@@ -161,30 +138,10 @@ def test_equation_3_gives_table_1(cube):
     assert cube.stiffness_n_m == pytest.approx(cube.k_equation_3, rel=1e-4)
 
 
-TABLE_2 = """
-A 5021.53 4939.1 5034.99 115.11 313.81 74.25
-B 7424.5 7311.2 7259.26 84.02 119.2 4.39
-"""  # k and then c by least squares, RANSAC and SPRLS
-
-
-def test_estimates_on_the_cubes_are_those_of_the_paper():
-    for cube, line in zip(CUBES, TABLE_2.split("\n")[1:-1], strict=True):
-        name, *numbers = line.split()
-        assert cube.name == name
-        estimates = [of[method] for of in (cube.k, cube.c) for method in ("lsq", "ransac", "sprls")]
-        assert estimates == [float(number) for number in numbers]
-
-
 def test_grid_without_settings_repeats_the_paper_s_runs(tmp_path):
     found = grid(tmp_path)
-    assert found.speeds_mm_s == ((150.0, 90.0, 60.0),)
+    assert (found.speeds_mm_s, found.noise_std_n) == (((150.0, 90.0, 60.0),), (0.02,))
     assert [case.seed for case in found.cases()] == [1, 2, 3]
-    assert (found.noise_std_n, found.noise_percent, found.draws, found.diagnose) == (
-        (0.02,),
-        (0.0,),
-        1,
-        False,
-    )
 
 
 def test_estimates_and_worst_errors_are_drawn_beside_the_paper_s():
@@ -199,13 +156,8 @@ def test_estimates_and_worst_errors_are_drawn_beside_the_paper_s():
         for seed in (-1, 1)
     ]
     section = paper.grid_section(rows, rows[:1])
-    assert section.tables[0].rows[-1] == (
-        "lsq (our best)",
-        None,
-        *map(pytest.approx, (2.0,)),
-        None,
-        pytest.approx(3.0),
-    )
+    best = ("lsq (our best)", None, pytest.approx(2.0), None, pytest.approx(3.0))
+    assert section.tables[0].rows[-1] == best
     assert [len(table.rows) for table in section.tables] == [3, 3, 1]
     assert section.words[0].startswith("There are 12 probing runs.")
     assert section.words[-1].endswith("the estimate of lsq is then at most 0.250 N s/m.")
@@ -228,14 +180,7 @@ def test_estimates_and_worst_errors_are_drawn_beside_the_paper_s():
             assert line.get_label() == method
             np.testing.assert_allclose(line.get_xydata(), [(x, percent[column_]) for x in sorted(others)])
         assert (ransac.get_ydata()[0], lsq.get_ydata()[0]) == papers[column_]
-        figure_name, paper_texts = ("4b", "4c")[column_], axes_of[column_ + 2].texts
-        assert axes_of[column_].get_title("left").startswith(f"{figure_name}: dots RANSAC, rings LSQ")
-        assert [text.get_text() for text in paper_texts] == ["paper, RANSAC, worst", "paper, LSQ, worst"]
-        assert tuple(text.get_position()[1] for text in paper_texts) == papers[column_]
         assert axes_of[column_ + 2].get_ylabel() == f"worst error of {name[-1]} [%]"
-        assert axes_of[column_ + 2].yaxis.get_major_formatter()(0.01) == "0.01"
-        np.testing.assert_allclose(axes_of[column_ + 2].get_yticks(), 10.0 ** np.arange(-3, 3))
-    assert [text.get_text() for text in axes_of[2].get_legend().get_texts()] == list(worst)
 
 
 def test_torques_of_all_joints_are_compared(monkeypatch):
@@ -330,16 +275,8 @@ def test_noise_section_compares_mean_errors_with_their_bounds():
         section.drawing.axes, ((0.5, 1.0), (1.0, 2.0)), (0.797885, 1.595769), strict=True
     ):
         lsq, *_, bound = axes.get_lines()
-        assert axes.get_xlabel() == "noise [% of the force]"
         np.testing.assert_allclose(lsq.get_xydata(), np.transpose([(5.0, 10.0), errors]))
         np.testing.assert_allclose(bound.get_xydata(), [(5.0, least), (10.0, least)], rtol=1e-5)
-    names = [text.get_text() for text in section.drawing.axes[0].get_legend().get_texts()]
-    assert names == ["lsq", "ransac", paper.SPRLS, paper.SPRLS_ZERO, "bound"]
-
-
-def labels(axes):
-    """Its labels below and beside it."""
-    return axes.get_xlabel(), axes.get_ylabel()
 
 
 def test_transition_is_drawn_around_the_touch_of_the_second_run():
@@ -356,20 +293,10 @@ def test_transition_is_drawn_around_the_touch_of_the_second_run():
     assert "joint 1 changes from 1.0 to 0.0 N m without overshoot" in section.words[0]
     assert "falls from 5.0 to -2.0 N m, rises to 7.0 N m for one tick" in section.words[0]
     above, below = section.drawing.axes
-    assert labels(above) == ("", "change of torque [N m]")
-    assert labels(below) == ("time since the touch was detected [ms]", "contact force [N]")
-    assert len(above.get_legend().get_texts()) == 3
     since_ms = np.arange(-60.0, 200.0)
-    *torques, touch = above.get_lines()
-    for line in torques:
-        np.testing.assert_allclose(
-            line.get_xydata(), np.transpose([since_ms, np.where(since_ms < 0.0, 0.0, -1.0)]), atol=1e-9
-        )
-    force, limit, same_touch = below.get_lines()
-    expected = np.transpose([since_ms, np.maximum(0.0, 0.1 * since_ms)])
-    np.testing.assert_allclose(force.get_xydata(), expected, atol=1e-9)
-    assert [list(limit.get_ydata()), list(touch.get_xdata())] == [[10.0, 10.0], [0.0, 0.0]]
-    assert list(same_touch.get_xdata()) == [0.0, 0.0]
+    fall_nm, force_n = np.where(since_ms < 0.0, 0.0, -1.0), np.maximum(0.0, 0.1 * since_ms)
+    for line, y in (*((line, fall_nm) for line in above.get_lines()[:3]), (below.get_lines()[0], force_n)):
+        np.testing.assert_allclose(line.get_xydata(), np.transpose([since_ms, y]), atol=1e-9)
 
 
 def test_force_is_drawn_over_displacement_beside_the_model_and_all_peaks():
@@ -385,9 +312,6 @@ def test_force_is_drawn_over_displacement_beside_the_model_and_all_peaks():
     assert section.tables[0].rows == (tuple(map(pytest.approx, (100.0, 150.0, 15.0, 12.0, 12.0, 7.0))),)
     assert "in 1 of 3 runs. Their peaks reach 12.0 N and exceed 10.5 N for at most 7 ms" in section.words[1]
     by_depth, by_jump = section.drawing.axes
-    assert labels(by_depth) == ("displacement [mm]", "force [N]")
-    assert labels(by_jump) == ("c·v at the set speed [N]", "highest measured force [N]")
-    assert len(by_depth.get_legend().get_texts()) == 3
     left, right = by_depth.get_lines(), by_jump.get_lines()
     for run, speed_mm_s in enumerate((150, 90, 60)):
         measured, model = left[2 * run : 2 * run + 2]
@@ -396,10 +320,6 @@ def test_force_is_drawn_over_displacement_beside_the_model_and_all_peaks():
         np.testing.assert_allclose(model.get_xydata(), [(0.0, touch_n), (4.0, touch_n + 2.0)])
     peaks = [line.get_xydata()[0] for line in right[:3]]
     np.testing.assert_allclose(peaks, [(15.0, 12.0), (9.0, 10.0), (6.0, 9.0)])
-    equal = right[3].get_xydata()
-    np.testing.assert_allclose(equal[:, 0], equal[:, 1])
-    assert equal[0, 0] == 0.0
-    assert {tuple(lines[-1].get_ydata()) for lines in (left, right)} == {(10.0, 10.0)}
 
 
 def test_torques_of_the_first_run_are_drawn_from_its_start():
@@ -417,9 +337,6 @@ def test_torques_of_the_first_run_are_drawn_from_its_start():
             np.testing.assert_allclose(line.get_xydata(), [[0.1 * k, nm + k] for k in range(4)], atol=1e-9)
         (contact,) = axes.patches
         assert (contact.get_x(), contact.get_x() + contact.get_width()) == pytest.approx((0.1, 0.2))
-        low, high = axes.get_ylim()
-        assert low < 10.0 * joint < 20.0 * joint + 3.0 < high
-    assert [axes.get_ylabel() for axes in drawn] == [f"joint {joint} [N m]" for joint in (1, 2, 3)]
 
 
 def test_hunt_crossley_errors_are_drawn_with_their_bounds():
@@ -441,7 +358,7 @@ def test_hunt_crossley_errors_are_drawn_with_their_bounds():
         for points, _, (bars,) in axes.containers:
             np.testing.assert_allclose(points.get_xydata(), [[1.5, error]], atol=1e-9)
             np.testing.assert_allclose(bars.get_segments()[0], [[1.5, low], [1.5, high]], atol=1e-9)
-        assert labels(axes) == ("exponent n", f"error of {name} [%]")
+        assert axes.get_ylabel() == f"error of {name} [%]"
 
 
 def test_ransac_map_states_each_error_at_its_settings():
@@ -459,17 +376,13 @@ def test_ransac_map_states_each_error_at_its_settings():
         assert best[1:] == (0.1, 5, 1000, 8.5, 1.0)  # the smallest sum of both
         assert papers[1:] == (0.01, 5, 1000, 10.6, 1.0)
     assert len(section.more[0].rows) == len(rows) + 1
-    above, _, _, below, *_, bar = section.drawing.axes
-    assert bar.get_ylabel() == "error of k divided by the bound"
+    above, _, _, below, *_ = section.drawing.axes
     for axes, shown, heights in (
         (above, [["11", "8.5"], ["9.9", "1.5"]], ["5", "9"]),  # from below: subsets of 5, and of 9
         (below, [[">999", "999"], ["11", "8.5"]], ["100", "1000"]),
     ):
         np.testing.assert_array_equal(np.reshape([text.get_text() for text in axes.texts], (2, 2)), shown)
-        assert [text.get_position() for text in axes.texts] == [(0, 0), (1, 0), (0, 1), (1, 1)]
         assert [label.get_text() for label in axes.get_yticklabels()] == heights
-        assert [label.get_text() for label in axes.get_xticklabels()] == ["0.01", "0.1"]
-    assert [text.get_color() == "white" for text in above.texts] == [True, True, True, False]
 
 
 def made_up(estimator, k, percent=0.0, **more):

@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from palpate.robot_io.errors import InputError, PalpateError
-from palpate.sweep import RESULTS, Case, Cluster, ResultStore, case, refuse_other_files, run_cases, runner
+from palpate.sweep import Case, Cluster, ResultStore, case, run_cases, runner
 from palpate.sweep.case import code_version
 from palpate.sweep.rows import BOUND, HIGH, LOW, TRUE, error_table, errors_of
 from palpate.sweep.runner import run_one
@@ -35,7 +35,9 @@ def test_address_depends_on_all_inputs(other):
     assert other.address != BASE.address
 
 
-def test_parameter_order_does_not_change_the_address():
+def test_address_depends_neither_on_parameter_order_nor_exists_without_json_form():
+    with pytest.raises(ValueError, match="JSON compliant"):
+        _ = Case(BASE.task, {"k": float("nan")}).address
     assert Case(BASE.task, {"noise": [0.0, 0.1], "k": 500}, 1).address == BASE.address
 
 
@@ -190,16 +192,6 @@ def test_dropped_results_are_gone_and_others_stay(tmp_path, packed):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_folder_is_used_only_if_it_is_new_or_has_results(tmp_path):
-    for folder in (tmp_path / "new", tmp_path):
-        refuse_other_files(folder)
-    (tmp_path / "thesis.txt").touch()
-    with pytest.raises(InputError, match="holds other files"):
-        refuse_other_files(tmp_path)
-    ResultStore(tmp_path / RESULTS)
-    refuse_other_files(tmp_path)
-
-
 def test_named_pipe_is_not_read(tmp_path):
     os.mkfifo(tmp_path / "a.parquet")
     with pytest.raises(InputError, match="not a regular file"):
@@ -296,11 +288,6 @@ def test_case_that_crashes_its_worker_is_reported_and_others_finish(tmp_path):
     assert report.finished_now == 3
     rows = ResultStore(tmp_path).rows([case.address for case in cases])
     assert [(row["seed"], row["square"]) for row in rows] == [(0, 0), (2, 4), (3, 9)]
-
-
-def test_parameter_without_json_form_has_no_address():
-    with pytest.raises(ValueError, match="JSON compliant"):
-        _ = Case(BASE.task, {"k": float("nan")}).address
 
 
 def test_error_table_is_in_percent_and_marks_the_smallest_worst_error():
