@@ -38,11 +38,6 @@ def test_comparison_reports_largest_error_of_a_hardening_object_at_depth(hardeni
     assert "palpate diagnose" in result.stderr
 
 
-def test_adequate_model_is_reported_as_adequate(tmp_path):
-    result = run("compare", write_presses(tmp_path / "plain.csv", cubic=0))
-    assert "kelvin_voigt fits contact" in result.stdout
-
-
 def test_folder_gets_the_numbers_and_a_report(hardening, tmp_path):
     result = done("compare", hardening, "--out", tmp_path / "there", "--json")
     kept = json.loads((tmp_path / "there" / "comparison.json").read_text())

@@ -6,16 +6,12 @@ import re
 import numpy as np
 import pytest
 
-from palpate.estimation.channel import ChannelKind
-from palpate.estimation.data_quality import reject_reason
-from palpate.estimation.design.next_experiment import propose_remedial_experiment
 from palpate.estimation.study.saved_diagnosis import RESULT
 from palpate.study import Study
-from tests.estimation.presses import channel, kelvin_voigt, motion
 from tests.few_effects import try_few_effects
 from tests.files import saved
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
-from tests.palpate.presses import CUBIC, NOISE_N, press_columns, write_own_effect, write_presses, write_table
+from tests.palpate.presses import CUBIC, press_columns, write_own_effect, write_presses, write_table
 
 # What needs the whole library is made before: a module's fixture.
 pytestmark = pytest.mark.usefixtures("few_effects", "without_figures")
@@ -120,12 +116,6 @@ def test_more_files_are_requested_only_for_too_few_runs(tmp_path):
     assert [words[0] for words in next_commands(result)] == ["estimate"]
 
 
-def test_one_run_is_fitted_where_the_other_is_held_out(tmp_path):
-    two = write_presses(tmp_path / "two.csv", speeds_m_s=(0.02, 0.04), cubic=0.0)
-    (channel,) = as_json("compare", two, "--held-out", 1)["channels"]
-    assert channel["rmse"] == pytest.approx(NOISE_N, rel=0.1)
-
-
 def rewritten(path, name, values, change):
     """The file with one more column, a number for each run, and with rows changed by that."""
     columns = press_columns(path)
@@ -204,7 +194,6 @@ def test_user_effect_is_identified_by_its_name(tmp_path):
     assert f"--effect {file}:Waves" in (tmp_path / "found" / "report.html").read_text()
 
 
-TIME = "(Parameter('t', 's', %s, %s, (0.1, 0.2)),)"
 OWN_EFFECT = """
 import numpy as np
 from palpate.estimation.channel import ChannelKind
@@ -229,20 +218,19 @@ class Nameless(AdditiveEffect):
 
 
 INVALID_BODIES = [
-    ("def columns(self, data, inner): return np.ones(3)", ("odd", "shape")),
     ("def known(self, data): return np.zeros(len(data))", ("odd", "known() takes 2 positional")),
     ("def known(self, data, inner): return np.zeros(3)", ("odd", "known returns an array of shape (3,)")),
     ("def columns(self, data, inner): return 1j * data.position[:, None]", ("complex128", "real number")),
     ("def columns(self, data, inner): return 'hello'", ("odd", "real numbers")),
-    ("def columns(self, data, inner): data.position[:] = 0.0", ("odd", "read-only", "mine.py")),
     ("def is_misnamed(self, data, parameters): return 1", ("is_misnamed() takes 3 positional",)),
     ("def suited_to(self, data): return None", ("suited_to", "same name")),
-    (f"inner = {TIME % (0, 1)}; starts = lambda self, data: ({{}},)", ("starts returns", "t")),
-    (f"inner = {TIME % (1, 0)}", ("'t'", "ascending")),
+    (
+        "inner = (Parameter('t', 's', 0, 1, (0.1, 0.2)),); starts = lambda self, data: ({},)",
+        ("starts returns", "t"),
+    ),
     ("def simpler(self, columns): raise KeyError('a')", ("odd", "KeyError")),
     ("name = 'bias'", ("'bias' is taken", "another name")),
     ("name = 7", ("mine.py:Odd", "its name is 7", "lower-case letters")),
-    ("name = ''", ("mine.py:Odd", "its name is ''")),
     (r"name = '[red]x\x1b[2J'", ("mine.py:Odd", r"its name is '[red]x\x1b[2J'")),
     ("gains = 5", ("mine.py:Odd", "its gains are 5", "tuple of Parameter")),
     ("gains = (Parameter('a', 'N', '0', 1.0, (0.1, 1.0)),)", ("mine.py", "TypeError")),
@@ -281,13 +269,6 @@ def test_output_of_a_user_effect_is_separated_from_results(hardening, tmp_path):
     assert len(json.loads(result.stdout)["revisions"]) == 2
     assert "at import\n" in result.stderr
     assert "from columns\n" in result.stderr
-
-
-def test_coarse_resolution_proposes_a_larger_effort():
-    time_s, x, v, run = motion(np.random.default_rng(0))
-    reason = reject_reason(channel(np.round(kelvin_voigt(x, v) / 4.0) * 4.0, time_s, x, v, run))
-    assert "finer" in propose_remedial_experiment(reason, ChannelKind.CONTACT).instruction
-    assert "finer" not in propose_remedial_experiment("it rests", ChannelKind.REVOLUTE).instruction
 
 
 def test_reason_for_no_named_effect_is_shown_and_reported(tmp_path):

@@ -15,7 +15,6 @@ from tests.free_port import free_port
 from tests.palpate.cli import ROOT
 from tests.palpate.planted import install_program, planted_modules
 from tests.palpate.presses import write_presses
-from tests.palpate.sessions import QUICK
 
 GRID = """
 objects: [{name: kelvin_voigt, stiffness_n_m: 500, damping_n_s_m: 10}]
@@ -55,8 +54,7 @@ def run_in(folder: Path, program: Path, *arguments) -> subprocess.CompletedProce
 
 @pytest.mark.parametrize(
     "arguments",
-    [
-        ("probe", "--out", "new.mcap", "--experiment", QUICK),
+    [  # the leader, below, also starts the process that writes a session
         ("doctor", "--wire", "--robot", str(ROOT / "robots" / "dynamixel_3dof.yaml")),
         ("sweep", "grid.yaml", "--workers", "1", "--out", "swept"),
         pytest.param(("diagnose", "press.csv"), marks=pytest.mark.slow),

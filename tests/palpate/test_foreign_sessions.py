@@ -60,8 +60,10 @@ def test_unordered_ticks_are_reported(tmp_path):
     assert_nobody_reads(session, r"tick \d+, column 'time_s': is .* s earlier than the previous tick")
 
 
-@pytest.mark.parametrize("device", ["encoder", "torque", "force"])
-@pytest.mark.parametrize("change", [np.zeros_like, np.flip, lambda time_s: time_s // 0.1 * 0.1])
+@pytest.mark.parametrize(
+    ("device", "change"),
+    [("encoder", np.zeros_like), ("torque", np.flip), ("force", lambda time_s: time_s // 0.1 * 0.1)],
+)
 def test_stopped_clock_is_reported(change, device, tmp_path):
     columns, data = columns_and_data()
     data[f"{device}_at_s"] = change(data[f"{device}_at_s"])

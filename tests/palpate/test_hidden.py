@@ -188,9 +188,7 @@ def test_hidden_effects_require_the_simulator(tmp_path):
     assert_refused(result, "buses.world.scenario.hidden", "belongs in a scenario file")
 
 
-@pytest.mark.parametrize(
-    ("name", "channel"), [("coulomb_friction", "joint_3"), ("delay", "contact"), ("adhesion", "contact")]
-)
+@pytest.mark.parametrize(("name", "channel"), [("coulomb_friction", "joint_3"), ("adhesion", "contact")])
 def test_probing_finishes_with_any_hidden_effect(name, channel, tmp_path):
     scenario = load_scenario("default")
     entry = IMPERFECTIONS[name].at_strength(16.0, channel, noise_scale(scenario), np.random.default_rng(5))

@@ -17,7 +17,7 @@ from palpate.runs.robots import find_robot
 from palpate.sim_backend.drivers import SimTorque
 from tests.log_in_process import LogInProcess
 from tests.palpate.cli import run
-from tests.palpate.sessions import QUICK_RUN
+from tests.palpate.sessions import QUICK, QUICK_RUN
 
 
 @pytest.fixture
@@ -137,7 +137,7 @@ ROOM_BYTES = 300_000  # to the writer process a file that may not grow is a disk
 def probe_with(writer, path, monkeypatch):
     """Probe once, and write the session with a writer that fails."""
     monkeypatch.setattr(run_session, "SessionWriter", writer)
-    return run("probe", "-o", path, "--speed-mm-s", 150, "--hold-s", 0.2, "--online", "none")
+    return run("probe", "-o", path, "--experiment", QUICK, "--online", "none")
 
 
 class SmallDisk(SessionWriter):

@@ -171,14 +171,6 @@ def test_residual_is_white_only_for_a_complete_model(soft, hardening):
     assert found.second.autocorrelation.outside > 0.5
 
 
-def test_two_models_of_one_measurement_have_no_difference_interval(hardening):
-    found = sides(hardening, hardening, first="kelvin_voigt", second="hunt_crossley")
-    assert found.is_same_data
-    assert np.isnan(found.agreement_percent)
-    assert all(one.differs is None for one in found.differences)
-    assert found.fit_matrix[1][1] > found.fit_matrix[0][0]
-
-
 def test_other_times_are_no_repetition(soft, tmp_path):
     quick = write_presses(tmp_path / "quick.csv", speeds_m_s=(0.05, 0.06, 0.09, 0.07), force_of=law(400.0))
     assert sides(soft, quick).overlay is None

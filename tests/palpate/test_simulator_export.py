@@ -348,20 +348,16 @@ def test_servo_without_torques_is_exported_with_its_gain_and_moves_as_recorded(t
     for options, said in ((), "with --servo-gain"), (("--servo-gain", -1), "must be above 0"):
         refused = run(*base, *options)
         assert (refused.exit_code, said in refused.stderr) == (2, True)
-    (damping, friction) = as_json(*base, "--servo-gain", 30)["used"]
-    exported_text = out.read_text()
+    made = as_json(*base, "--servo-gain", 30)
+    (damping, friction), exported_text = made["used"], out.read_text()
     assert "N m s/rad" in damping
     assert float(damping.split()[3]) == pytest.approx(0.6, rel=0.03)
     assert float(friction.split()[3]) == pytest.approx(0.8, rel=0.03)
-    assert not any(
-        "kp" in line or "kv" in line for line in as_json(*base, "--servo-gain", 30, "--force")["left_out"]
-    )
+    assert not any("kp" in line or "kv" in line for line in made["left_out"])
+    mine.write_text(nominal.replace('kp="30"', 'kp="30" kv="2"'))
     other = as_json(*base, "--servo-gain", 40, "--force")["left_out"]
     assert any("kp 30 of <position> is kept, but the servo's gain is 40" in line for line in other)
-    mine.write_text(nominal.replace('kp="30"', 'kp="30" kv="2"'))
-    assert any(
-        "kv 2 of <position>" in line for line in as_json(*base, "--servo-gain", 30, "--force")["left_out"]
-    )
+    assert any("kv 2 of <position>" in line for line in other)
     true = follow(hidden, 9)[1]
     before, after = (np.std(follow(text, 9)[1] - true) for text in (nominal, exported_text))
     assert after < 4e-4 < 0.01 * before  # of the order of the noise
@@ -374,18 +370,16 @@ def test_servo_gain_is_refused_with_measured_torque(swinging, tmp_path):
     assert_refused(run(*base, "--format", "feedforward"), "only for --format mjcf")
 
 
-@pytest.mark.parametrize("form", ["bam", "feedforward"])
-def test_joint_without_a_revision_gets_its_base_model_with_a_warning(swinging, tmp_path, form):
+def test_joint_without_a_revision_gets_its_base_model_with_a_warning(swinging, tmp_path):
     data, folder = swinging
-    out = tmp_path / ("out.yaml" if form == "feedforward" else "out")
-    base = ("export", data, "--format", form, "-o", out, "--force")
+    base = ("export", data, "--format", "feedforward", "-o", tmp_path / "out.yaml", "--force")
     (tmp_path / "empty").mkdir()
     plain = run(*base, "--folder", tmp_path / "empty")
     assert "no effect was added to joint_1: the base model is exported" in " ".join(plain.stderr.split())
     assert "no effect was added" not in run(*base, "--folder", folder / "study").stderr
 
 
-def test_adequate_joint_is_exported_without_advice_to_diagnose(tmp_path):
+def test_adequate_joint_is_exported_without_advice_to_diagnose(few_effects, tmp_path):
     rng, t = np.random.default_rng(4), np.tile(np.arange(0.0, 4.0, 0.02), 4)
     run_number = np.repeat(np.arange(4), 200)
     rate = np.array([1.1, 1.7, 2.6, 3.5])[run_number]
