@@ -111,9 +111,7 @@ def _describe_session(session: Session) -> dict[str, Any]:
         "simulated": bool(metadata.scenario),
         "extra": dict(metadata.extra),
         "duration_s": max((stream["duration_s"] for stream in streams), default=0.0),
-        "truncated": session.truncated,
-        "unclosed": session.unclosed,
-        "dropped": session.dropped,
+        **{name: getattr(session, name) for name in ("truncated", "unclosed", "dropped")},
         "streams": streams,
         "events": [vars(event) for event in session.events],
     }

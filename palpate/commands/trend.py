@@ -157,10 +157,7 @@ def _update(  # noqa: PLR0917, what was typed
                 "kind": change.kind,
                 "first": labels[series.rows[change.first]],
                 "last": labels[series.rows[change.last]],
-                "before": change.before,
-                "after": change.after,
-                "std_err": change.std_err,
-                "p_value": change.p_value,
+                **{name: getattr(change, name) for name in ("before", "after", "std_err", "p_value")},
             }
             for series, own in tested
             for change in own

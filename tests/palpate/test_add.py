@@ -51,7 +51,7 @@ def test_revisions_of_other_data_are_pointed_out(hardening, tmp_path):
 
 
 def test_model_of_the_newest_revision_is_the_default(tmp_path):
-    t = np.arange(600) * 0.01
+    t = np.arange(300) * 0.02
     torque = 0.2 * -9 * np.sin(3 * t) + 0.5 * 3 * np.cos(3 * t) + 2 * np.sin(np.sin(3 * t))
     torque += np.random.default_rng(0).normal(0, 0.01, len(t))
     joint = write_table(tmp_path / "joint.csv", time_s=t, position_rad=np.sin(3 * t), torque_Nm=torque)

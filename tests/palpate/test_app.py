@@ -16,7 +16,7 @@ from palpate.common import preflight
 from palpate.common.failures import OneLineGroup
 from palpate.estimation.diagnosis import Verdict
 from palpate.estimation.effects import EFFECTS
-from palpate.robot_io.errors import DeviceError, InputError
+from palpate.robot_io.errors import DeviceError, InputError, UnloggedError
 from tests.palpate.cli import ROOT, assert_refused, done, run, run_process
 
 # Python 3.11 wraps whatever `__set_name__` raises, as in the imports of a command, in a RuntimeError.
@@ -60,6 +60,7 @@ def test_every_command_explains_itself(command):
         (InputError("value 3 is wrong"), 2, ("value 3 is wrong",)),
         (InputError("spread\nover\nlines"), 2, ("spread over lines",)),
         (DeviceError("the cable is out"), 1, ("the cable is out",)),
+        (UnloggedError("the writer ended with -9"), 1, ("the writer ended with -9",)),
         (PermissionError(13, "Permission denied", "/some/file"), 2, ("/some/file", "Permission denied")),
         (ImportError("libgomp.so.1: cannot open object"), 1, ("libgomp.so.1", "apt install libgomp1")),
         (ImportError("cannot import name 'x'"), 1, ("internal error", "cannot import name")),

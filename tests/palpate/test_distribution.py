@@ -117,25 +117,33 @@ NEEDS_EXTRA = {
 }
 
 
-def test_missing_extra_is_named_where_it_is_needed(tmp_path, monkeypatch):
+def test_missing_extra_is_named_where_it_is_needed(probed, tmp_path, monkeypatch):
     from palpate.commands import COMMANDS
 
     monkeypatch.chdir(tmp_path)  # where the commands run
     write_presses(tmp_path / "press.csv")
+    (tmp_path / "arm.mcap").symlink_to(probed[0])
     commands = [
         ["import", "press.csv", "-o", "press.mcap"],
         *([name, "press.mcap"] for name in ("info", "estimate", "compare")),
         ["diagnose", "press.csv", "--apply", "--out", "out"],
         ["report", "press.csv"],
         ["export", "press.mcap", "--stream", "contact", "-o", "press.parquet"],
+        ["diagnose", "arm.mcap", "--out", "arm"],
     ]
+    arm = install_command("arm")
+    joint = ["diagnose", "arm.mcap", "--channel", "joint_1", "--out", "arm"]
     helps = [[name, "--help"] for name in COMMANDS]
-    told = run_without_extras(tmp_path, *commands, *NEEDS_EXTRA.values(), *helps, prepare=FEW_EFFECTS)
+    every = (*commands, *NEEDS_EXTRA.values(), joint, *helps)
+    told = run_without_extras(tmp_path, *every, prepare=FEW_EFFECTS)
     seen = set()
-    for command, (code, said, _) in zip(commands, told, strict=False):
+    for command, (code, said, printed) in zip(commands, told, strict=False):
         assert code == 0, (command, said)
         # The report has no recording; the page and the recording of a session need an installation first.
-        assert (install_command("view") in said) == (command in (commands[2], commands[4])), said
+        assert (install_command("view") in said) == (command[0] in {"estimate", "diagnose"}), said
+        if "arm.mcap" in command:  # the contact needs no rigid-body model
+            assert "contact" in printed
+            assert f"left out: the package pin is not installed: {arm}" in " ".join(said.split())
         for need, extra in (("palpate inspect", "view"), ("palpate workbench", "workbench")):
             proposals = [line for line in said.splitlines() if need in line]
             assert all(line.startswith(f"  {install_command(extra)} && {need} ") for line in proposals)
@@ -149,7 +157,9 @@ def test_missing_extra_is_named_where_it_is_needed(tmp_path, monkeypatch):
         assert (code, printed) == (2, ""), said
         assert said.splitlines()[-1].startswith("palpate: ")
         assert said.endswith(f"{install_command(extra)}\n")
-    assert [code for code, *_ in told[len(NEEDS_EXTRA) :]] == [0] * len(COMMANDS)
+    (code, refusal, _), *helped = told[len(NEEDS_EXTRA) :]
+    assert (code, arm in " ".join(refusal.split())) == (2, True)
+    assert [code for code, *_ in helped] == [0] * len(COMMANDS)
 
 
 def test_sweep_without_a_simulator_is_refused_before_any_case_fails(tmp_path, monkeypatch):
@@ -194,19 +204,6 @@ def test_extra_is_installed_from_where_palpate_was_installed(monkeypatch, tmp_pa
     monkeypatch.setattr(metadata, "distributions", lambda name: found if name == "palpate" else [])
     assert install_command("view") == command
     assert shlex.split(install_command()) == [word.replace("[view]", "") for word in shlex.split(command)]
-
-
-def test_contact_is_analyzed_without_the_rigid_body_model(probed, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # where the commands run
-    (tmp_path / "press.mcap").symlink_to(probed[0])
-    commands = [[name, "press.mcap", *more] for name, *more in (["estimate"], ["diagnose", "--out", "out"])]
-    joint = ["diagnose", "press.mcap", "--channel", "joint_1", "--out", "out"]
-    *done, (code, refusal, _) = run_without_extras(tmp_path, *commands, joint, prepare=FEW_EFFECTS)
-    for command, (code_of, said, printed) in zip(commands, done, strict=True):
-        assert (code_of, "contact" in printed) == (0, True), (command, said)
-        note = f"the joints are left out: the package pin is not installed: {install_command('arm')}"
-        assert note in " ".join(said.split())
-    assert (code, install_command("arm") in " ".join(refusal.split())) == (2, True)
 
 
 def test_make_compiles_only_what_is_imported():

@@ -264,7 +264,7 @@ def test_small_motion_stops_when_the_tool_touches():
     task.start(rest)
     task.step(rest, 0.01)
     touched = iter([rest._replace(force_n=8.0)] * 5)
-    with pytest.raises(SafetyTripError, match="something is in the way"):
+    with pytest.raises(SafetyTripError, match="remove the obstacle"):
         list(map(partial(task.step, dt_s=0.01), touched))
 
 
@@ -434,7 +434,7 @@ def test_user_driver_that_fails_is_a_finding_with_its_line(monkeypatch):
 def test_user_sensor_cannot_be_emulated_and_a_missing_driver_is_named_first(tmp_path, monkeypatch):
     robot, module = with_own_driver(tmp_path, monkeypatch)
     assert_refused(
-        run("doctor", *robot, "--wire", "--drivers", module), "own.yaml", "load_cell", "without --wire"
+        run("doctor", *robot, "--wire", "--drivers", module), "own.yaml", "load_cell", "omit --wire"
     )
     missing = "no force sensor driver is called 'bad_gauge'"
     assert_refused(run("probe", *robot, "--wire", "-o", tmp_path / "s.mcap"), missing)

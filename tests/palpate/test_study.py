@@ -137,19 +137,6 @@ def test_zero_values_are_exported(tmp_path):
         study.remove("bias")
 
 
-def test_each_result_prints_as_a_small_table(few_effects, study):
-    found = study.diagnose()
-    shown = [study, study.compare(), study.compare()["contact"], found, study.fit("contact")]
-    shown += [study.estimate(["lsq"])[0], study.results()[0], study.revisions]
-    for one in shown:
-        lines = str(one).splitlines()
-        assert max(map(len, lines)) <= 115
-        assert repr(one) == str(one)
-        assert all(line.strip() for line in lines)
-        assert "array(" not in str(one)
-    assert "cubic_stiffness" in str(found)
-
-
 def test_held_out_runs_judge_the_fit_to_the_others(tmp_path):
     file, effects = write_presses(tmp_path / "p.csv"), ["cubic_stiffness"]
     study = Study(file, held_out=[1, 3], keep=False)
