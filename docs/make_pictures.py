@@ -21,7 +21,7 @@ from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.study.estimates import PREFERRED, estimate_with
 from palpate.render.estimates import estimates_view
 from palpate.render.recording.file import capture_screenshot
-from palpate.render.report import position_figure
+from palpate.render.report import state_figure
 from palpate.sim_backend.scenario import load_scenario
 from palpate.study import Study
 
@@ -78,7 +78,7 @@ def draw_measured(file: Path, folder: Path) -> None:
     """A soft specimen under an indenter, with the simple model that does not describe it."""
     channel = import_file(file, ImportOptions(where={"source_file": "230515_hold"})).channels[0]
     found = estimate_with(channel, "kelvin_voigt", PREFERRED)
-    draw(position_figure(estimates_view(found, {})), 900, PICTURES / "soft-indentation.png", folder)
+    draw(state_figure(estimates_view(found, {})), 900, PICTURES / "soft-indentation.png", folder)
 
 
 def draw(figure: go.Figure, width: int, picture: Path, folder: Path) -> None:

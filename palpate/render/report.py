@@ -79,14 +79,12 @@ class PlotStyle:
     shown: bool = True  # whether it is visible before a click on its name in the legend
 
 
-def figure(channel: ChannelView | StudyView) -> go.Figure:
+def figure(channel: ChannelView) -> go.Figure:
     """Draw everything about one channel in one figure, for a notebook.
 
     Args:
-        channel: one channel, or a study.
+        channel: channel with its stages.
     """
-    if isinstance(channel, StudyView):
-        channel = channel.channels[0]
     specs = [[{}, {}], [{"colspan": 2}, None], [{"colspan": 2}, None]]
     titles = ("Error in held-out runs", "Over position", "Over time", "")
     made = make_subplots(
@@ -122,17 +120,6 @@ def time_figure(channel: ChannelView) -> go.Figure:
     _draw_time(made, channel, (1, 1))
     _draw_residuals(made, channel, (2, 1))
     return styled(made, 540)
-
-
-def position_figure(channel: ChannelView) -> go.Figure:
-    """Draw measured effort and each model over position.
-
-    Args:
-        channel: channel with its stages.
-    """
-    made = make_subplots(1, 1)
-    _draw_state(made, channel, (1, 1), channel.position, channel.axes.position)
-    return styled(made, 424)
 
 
 def state_figure(channel: ChannelView) -> go.Figure:

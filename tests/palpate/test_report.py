@@ -32,7 +32,8 @@ DARK = "--blink-settings=preferredColorScheme=0"
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    return Study(write_presses(tmp_path_factory.mktemp("report") / "<b>hard.csv"), keep=False)
+    presses = tmp_path_factory.mktemp("report") / "<b>hard.csv"
+    return Study(write_presses(presses, speeds_m_s=(0.04, 0.08, 0.06)), keep=False)
 
 
 @pytest.fixture(scope="module")
@@ -209,7 +210,7 @@ class TestFigures:
         first, last = report.map_figure(result_view(result)).data
         assert (first.zmin, first.zmax) == (last.zmin, last.zmax)
         assert np.nanstd(last.z) < 0.5 * np.nanstd(first.z)
-        shown = report.figure(StudyView("f", (result_view(result),)))
+        shown = report.figure(result_view(result))
         assert {trace.type for trace in shown.data} == {"bar", "scatter"}
         titles = [note.text for note in shown.layout.annotations]
         assert {"Error in held-out runs", "Over position", "Over time"} <= set(titles)

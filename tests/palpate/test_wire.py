@@ -123,9 +123,9 @@ def test_doctor_and_calibration_refuse_mixed_robots_too(mixed, tmp_path):
 def arm(tmp_path_factory):
     """A robot file of real drivers that names a calibration made with --wire."""
     folder = tmp_path_factory.mktemp("wired")
-    shipped = (ROOT / "robots/dynamixel_3dof.yaml").read_text()
+    shipped = (ROOT / "robots/odrive_3dof.yaml").read_text()
     path = folder / "arm.yaml"
-    path.write_text(shipped.replace(": dynamixel_3dof.", f": {ROOT}/robots/dynamixel_3dof."))
+    path.write_text(shipped.replace("urdf: ..", f"urdf: {ROOT}").replace("dh: ..", f"dh: {ROOT}"))
     out = folder / "e.yaml"
     options = ("--wire", "--pose", "home", "-o", out, "--session", folder / "e.mcap")
     result = done("calibrate", "encoder", "--robot", path, *options)
