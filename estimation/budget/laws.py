@@ -96,8 +96,7 @@ def flexible_laws(
 
     Args:
         blocked: the channel on its blocks.
-        base: columns of the model on blocks, which are refitted for the sensor's dynamics; None to keep the
-            fit.
+        base: columns of the model, refitted for the sensor's dynamics; None to keep the fit.
         effort: prediction of the model on blocks, shape (m,) [N or N m].
         residual: residual of the model on blocks, shape (m,); it selects the waves of the periodic law.
         used: blocks that the model is fitted to, shape (m,).
@@ -366,8 +365,7 @@ def periodic_columns(
         position: shape (m,) [rad or m].
         residual: shape (m,) [effort].
         is_angle: whether the axis is revolute.
-        run: shape (m,), if the waves have their own phase and amplitude in each run; None if all runs share
-            them.
+        run: shape (m,), for waves with their own phase and amplitude in each run; None for common waves.
     """
     span = float(np.ptp(position))
     if span == 0.0:

@@ -128,8 +128,7 @@ def improvement_test(
         after: the alternative model.
         measurement: how motion and effort were measured.
         rng: random generator for the bootstrap samples.
-        effect: name of the single effect that `after` adds to `before`, whose inner parameters are then
-            searched on each sample; empty for other models.
+        effect: the only effect that `after` adds, whose inner parameters are searched on each sample; or "".
     """
     model, known = after.solution.model, after.solution.parameters
     observed = 1.0 - float(np.sqrt(after.solution.held_out / max(before.solution.held_out, 1e-300)))

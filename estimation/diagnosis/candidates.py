@@ -165,12 +165,10 @@ def screen_effects(
         fit: the fitted model.
         effects: the candidate effects.
         progress: callback that receives the completed share and the name of the current effect.
-        starts: function that returns start values of an effect's inner parameters; by default
-            `Effect.starts`.
+        starts: returns start values of an effect's inner parameters; by default `Effect.starts`.
         refined: number of effects that are always refined; 0 refines none.
-        restarted: effects of the fitted model that may imitate a missing effect, as dry friction with a wide
-            transition imitates viscous friction. Candidates are also fitted with one of these effects at its
-            own start values.
+        restarted: effects of the model that are also tried at their own start values, since they may imitate
+            a missing effect, as dry friction with a wide transition imitates viscous friction.
     """
     # Start at the fitted parameters, and at the same with offsets (parameters that may be zero) set to zero.
     inner, known = fit.solution.model.inner, fit.solution.parameters

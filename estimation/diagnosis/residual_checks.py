@@ -74,8 +74,7 @@ def check_residuals(
         end: the model.
         measurement: how motion and effort were measured.
         rng: random generator for bootstrap samples.
-        complete: whether no flexible regression improves the model. If one does, only a clear difference
-            between runs is reported.
+        complete: whether no flexible regression improves it; else only clear differences between runs count.
     """
     unit = end.data.kind.effort_unit
     heterogeneity = run_heterogeneity(end.problem.blocked, end.solution)

@@ -235,8 +235,7 @@ def stage_numbers(
         effect: name of the effect.
         before: the model without the effect.
         after: the model with the effect, all parameters refitted.
-        final: the model with all effects; its parameters are reported, since those of nested models are
-            biased.
+        final: the model with all effects, whose parameters are reported (those of `after` are biased).
         spread: standard deviation between runs of a random effect; None for other effects.
     """
     prefix = f"{effect}."

@@ -82,15 +82,10 @@ class Evidence:
     coarse: PartiallyLinear | None = None  # the same on a coarse copy
 
     @cached_property
-    def path(self) -> list[FitResult]:
-        """The nested models up to the final model, the most important effect first."""
-        return models_by_importance(self.search, self.end)
-
-    @cached_property
     def stages(self) -> list[FitResult]:
-        """The base model, followed by one fit per effect in the order of `path`, each made by `extended`."""
+        """The base model, followed by one fit per effect by importance, each made by `extended`."""
         stages = [self.search.start]
-        for fit in self.path:
+        for fit in models_by_importance(self.search, self.end):
             present = {effect.name for effect in stages[-1].model.effects}
             (name,) = set(self.search.added_effects(fit)) - present
             stages.append(self.extended(stages[-1], name))

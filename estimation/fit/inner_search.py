@@ -178,7 +178,7 @@ def _parabola_minimum(values: list[float], sse: list[float], inner: Parameter) -
 
 
 @dataclass(frozen=True)
-class Scale:
+class _Scale:
     """Transformation between an inner parameter and a number of order one."""
 
     parameter: Parameter
@@ -195,21 +195,13 @@ class Scale:
         return self.number(self.parameter.lower), self.number(self.parameter.upper)
 
     def number(self, value: float) -> float:
-        """Map a value to the search scale.
-
-        Args:
-            value: value of the inner parameter, in its unit.
-        """
+        """Map a value of the inner parameter, in its unit, to the search scale."""
         if self.by_ratio:
             return float(np.log(max(value, 1e-300) / self.start))
         return (value - self.start) / self._unit
 
     def value(self, number: float) -> float:
-        """Map a point of the search scale to a value.
-
-        Args:
-            number: point on the search scale.
-        """
+        """Map a point of the search scale to a value of the inner parameter."""
         return float(self.start * np.exp(number)) if self.by_ratio else self.start + number * self._unit
 
     @property
@@ -263,7 +255,7 @@ def _nearby_solutions(problem: FitProblem, solution: Solution) -> Iterator[Solut
 def _optimize_once(problem: FitProblem, solution: Solution, tolerance: float, step: float) -> Solution:
     """Optimize once; parameters at a bound are held there, since they would shorten the others' steps."""
     scales = {
-        name: Scale(parameter, solution.parameters[name])
+        name: _Scale(parameter, solution.parameters[name])
         for name, parameter in solution.model.inner.items()
         if name not in solution.model.held and parameter.lower < solution.parameters[name] < parameter.upper
     }

@@ -32,7 +32,7 @@ _THIRD_DIFFERENCE = 20.0  # sum of the squares of (1, -3, 3, -1), the weights of
 
 
 @dataclass(frozen=True)
-class BlockVariation:
+class _BlockVariation:
     """Variation of an effort within blocks."""
 
     # Root mean square deviation from a straight line, corrected for the degrees of freedom of the line.
@@ -41,11 +41,7 @@ class BlockVariation:
     count: int  # number of samples
 
     def is_noise(self, block: int) -> bool:
-        """Return whether the variation is so close to noise that averaging loses no relevant information.
-
-        Args:
-            block: number of samples in a block.
-        """
+        """Return whether averaging over so many samples loses no relevant information, but noise."""
         error = _STANDARD_ERRORS * np.sqrt(4.6 / self.count)  # error of a mean of squared third differences
         return bool(self.departure**2 <= self.noise**2 * (1.0 + _MAX_LOST / block + error))
 
@@ -129,14 +125,14 @@ def _from_rest_to_rest(data: ChannelData, held_runs: IntArray) -> tuple[ChannelD
     return moving, f", of which the {len(moving):,} in {len(parts)} motions from rest to rest", run_of
 
 
-def _within_blocks(data: ChannelData, block: int) -> BlockVariation:
+def _within_blocks(data: ChannelData, block: int) -> _BlockVariation:
     """Measure the variation of a channel's effort within blocks of at least four samples."""
     effort = data.effort[_rows(data, block)]
     place = np.arange(block) - 0.5 * (block - 1)
     residual = effort - effort.mean(axis=1, keepdims=True)
     residual -= np.outer(residual @ place / (place @ place), place)
     noise = float(np.mean(np.diff(effort, 3, axis=1) ** 2)) / _THIRD_DIFFERENCE
-    return BlockVariation(
+    return _BlockVariation(
         float(np.sqrt(np.mean(residual**2) * block / (block - 2))), float(np.sqrt(noise)), effort.size
     )
 

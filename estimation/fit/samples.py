@@ -57,8 +57,7 @@ def fit_samples(
         data: whole runs of the channel, since effects with memory need all samples.
         rows: mask of the samples to fit, shape (n,); None for all.
         loss: loss function; `Loss.CAUCHY` and `Loss.BIWEIGHT` are robust against outliers.
-        searched: results of earlier searches on these samples, by whether they are robust; the function adds
-            its own result.
+        searched: results of earlier searches on these samples, by whether they are robust; extended here.
     """
     count = len(data)
     used = np.ones(count, dtype=np.bool_) if rows is None else rows

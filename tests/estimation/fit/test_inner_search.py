@@ -9,9 +9,9 @@ from palpate.estimation.effect import Parameter
 from palpate.estimation.fit import inner_search
 from palpate.estimation.fit.inner_search import (
     GridSearch,
-    Scale,
     _midpoints,
     _parabola_minimum,
+    _Scale,
     refine_inner,
     search_inner,
 )
@@ -75,7 +75,7 @@ def test_each_fold_is_judged_at_inner_parameters_of_the_others():
     ],
 )
 def test_search_variables_are_of_order_one(start, log, value, number):
-    scale = Scale(Parameter("width", "m", -100.0, 100.0, (2.0, 50.0), log=log), start)
+    scale = _Scale(Parameter("width", "m", -100.0, 100.0, (2.0, 50.0), log=log), start)
     assert scale.number(value) == pytest.approx(number)
     assert scale.value(number) == pytest.approx(value)
     assert scale.number(start) == 0.0
