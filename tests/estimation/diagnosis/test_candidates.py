@@ -296,42 +296,34 @@ def test_inner_parameter_costs_as_much_as_a_gain_where_runs_differ():
     assert by_all[1] > by_all[0]
 
 
-@pytest.mark.parametrize(("share", "snaps"), [(0.002, False), (0.05, True), (0.5, True)])
-def test_tool_that_snaps_through_in_over_one_percent_of_samples_is_rejected(share, snaps):
+def snaps(data, compliance, edge, side):
+    """Whether a tool snaps through an object that loses twice its stiffness at depths beyond an edge."""
+
+    def predict(moved, _):
+        beyond = moved.position - edge
+        return np.where(side * beyond > 0.0, -2.0 / compliance * beyond, 0.0)
+
+    model = SimpleNamespace(predict=predict, without=lambda _: model)
+    solution = SimpleNamespace(parameters={"tool_compliance.compliance": compliance}, model=model)
+    return _snaps(solution, SimpleNamespace(blocked=SimpleNamespace(data=data)))
+
+
+@pytest.mark.parametrize(("share", "is_rejected"), [(0.002, False), (0.05, True), (0.5, True)])
+def test_tool_that_snaps_through_in_over_one_percent_of_samples_is_rejected(share, is_rejected):
     """Where the object softens faster than the tool gives, the force is no function of the way."""
     data, compliance = session(1), 1e-6
-    pressed = data.position[
-        data.engaged & (data.position <= np.max(data.position - compliance * data.effort))
-    ]
-    edge = np.quantile(pressed, share)
-
-    class Object:
-        def without(self, _):
-            return self
-
-        def predict(self, moved, _):
-            return np.where(moved.position < edge, -2.0 / compliance * (moved.position - edge), 0.0)
-
-    solution = SimpleNamespace(parameters={"tool_compliance.compliance": compliance}, model=Object())
-    assert _snaps(solution, SimpleNamespace(blocked=SimpleNamespace(data=data))) is snaps
+    deepest = np.max(data.position - compliance * data.effort)
+    edge = np.quantile(data.position[data.engaged & (data.position <= deepest)], share)
+    assert snaps(data, compliance, edge, -1.0) is is_rejected
 
 
-@pytest.mark.parametrize(("share", "snaps"), [(0.98, True), (1.05, False)])
-def test_object_deeper_than_its_tip_came_cannot_snap_through(share, snaps):
+@pytest.mark.parametrize(("share", "is_rejected"), [(0.98, True), (1.05, False)])
+def test_object_deeper_than_its_tip_came_cannot_snap_through(share, is_rejected):
     """The tool gives by a third of the way; it softens from a share of the tip's deepest position on."""
     data = session(1)
     compliance = float(np.max(data.position) / np.max(data.effort)) / 3.0
     edge = share * np.max(data.position - compliance * data.effort)
-
-    class Object:
-        def without(self, _):
-            return self
-
-        def predict(self, moved, _):
-            return np.where(moved.position > edge, -2.0 / compliance * (moved.position - edge), 0.0)
-
-    solution = SimpleNamespace(parameters={"tool_compliance.compliance": compliance}, model=Object())
-    assert _snaps(solution, SimpleNamespace(blocked=SimpleNamespace(data=data))) is snaps
+    assert snaps(data, compliance, edge, 1.0) is is_rejected
 
 
 @pytest.mark.parametrize(

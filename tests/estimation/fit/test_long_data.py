@@ -8,7 +8,6 @@ from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.effects.elastic_shape import CubicStiffness, Stiffness
 from palpate.estimation.effects.rate_dependence import Damping
 from palpate.estimation.fit import long_data
-from palpate.estimation.fit.blocks import block_average
 from palpate.estimation.fit.long_data import _within_blocks, shortened
 from palpate.estimation.model import Model
 from palpate.estimation.study import ModelStudy
@@ -102,15 +101,6 @@ def test_tone_above_the_new_rate_is_no_noise(recording):
     assert not loud.is_noise(40)
     assert loud.departure == pytest.approx(np.hypot(NOISE_N, 0.5 * NOISE_N / np.sqrt(2)), rel=0.02)
     assert quiet.noise == pytest.approx(NOISE_N, rel=0.02)
-
-
-def test_samples_next_to_the_surface_are_excluded(recording):
-    short, *_ = shortened(recording)
-    touches = np.flatnonzero(short.engaged[1:] != short.engaged[:-1])
-    trusted = block_average(short).trusted
-    assert len(touches) >= RUNS
-    assert not trusted[touches].any()
-    assert not trusted[touches + 1].any()
 
 
 def test_evenly_spaced_runs_are_selected(recording, monkeypatch):

@@ -91,16 +91,6 @@ def test_only_selected_rows_count_and_least_squares_is_not_robust():
     assert np.std(found.residuals) < 0.03
 
 
-def test_surface_position_is_found():
-    rng = np.random.default_rng(3)
-    t, x, v = swing()
-    data = channel(800 * x + 30 * v + 0.02 * rng.standard_normal(len(t)), x + 0.0004, v, t)
-    data = replace(data, touching=np.ones(len(t), dtype=bool))
-    offset = estimated(data, surface_found=True)["contact_offset.offset"]
-    assert offset.unit == "m"
-    assert abs(offset.value - 0.0004) < 4 * offset.std_err < 5e-5
-
-
 def test_search_that_ends_at_a_bound_is_reported():
     t, x, v = swing()
     data = channel(1e9 * x**5, x, v, t)  # an exponent beyond what the effect allows
