@@ -219,26 +219,6 @@ def _few_starts(effect: Effect, data: ChannelData) -> Sequence[Inner]:
     return starts[:: max(len(starts) // _FEW_STARTS, 1)]
 
 
-def screen_product(fit: FitResult, memory: Effect, shapes: Sequence[Effect]) -> Candidate | None:
-    """Fit a law of memory with the best elastic shape, at start values of both; None if no shape is possible.
-
-    The memory of a viscoelastic object acts on its elastic force (quasi-linear viscoelasticity; Y. C. Fung,
-    Biomechanics (1993), ch. 7). The law is a product, so neither factor can be fitted without the other.
-
-    Args:
-        fit: the model without both.
-        memory: the law of memory.
-        shapes: the candidate elastic shapes.
-    """
-    pairs: list[Candidate] = []
-    for model in extended_models(fit.solution.model, memory):
-        for inner in memory.starts(fit.data):
-            start = fit.solution.parameters | {f"{memory.name}.{n}": value for n, value in inner.items()}
-            parent = FitResult(fit.data, fit.problem, solve_gains(fit.problem, model, start, rounds=2))
-            pairs += quick_screen(parent, shapes)[:1]
-    return min(pairs, key=lambda pair: pair.held_out, default=None)
-
-
 def extended_models(model: Model, effect: Effect) -> list[Model]:
     """Extend a model by each form of an effect; a sensor effect also before the model's sensor effects.
 

@@ -22,9 +22,10 @@ from palpate.estimation.diagnosis.candidates import (
     Candidate,
     applicable_effects,
     cross_validated_error,
+    extended_models,
     parameter_count,
+    quick_screen,
     screen_effects,
-    screen_product,
 )
 from palpate.estimation.diagnosis.search import TIE, Search
 from palpate.estimation.effect import Effect
@@ -311,16 +312,23 @@ def _forms_of(partial: PartiallyLinear, kinds: Kinds) -> FitResult:
 
 def _products(partial: PartiallyLinear) -> list[FitResult]:
     """Fit the base model with each law of memory and the elastic shape that suits it best."""
+    # The memory of a viscoelastic object acts on its elastic force (quasi-linear viscoelasticity; Y. C. Fung,
+    # Biomechanics (1993), ch. 7). The law is a product, so neither factor can be fitted without the other.
     pair_kinds = frozenset({Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY})
     start, kinds = partial.search.start, partial.kinds | pair_kinds
     problem = partial._adjust_problem(pair_kinds, kinds, start.problem, start.solution)
-    null = FitResult(start.data, problem, start.solution)
     library = applicable_effects(start.data, start.solution.model, partial.search.effects)
     shapes = [effect for effect in library if effect.kind is Kind.ELASTIC_SHAPE]
     fits = []
     for memory in (effect for effect in library if effect.kind is Kind.TIME_MEMORY):
-        if (pair := screen_product(null, memory, shapes)) is not None:
-            best = pair.search.best
+        pairs = list[Candidate]()
+        for model in extended_models(start.solution.model, memory):
+            for inner in memory.starts(start.data):
+                values = start.solution.parameters | {f"{memory.name}.{n}": v for n, v in inner.items()}
+                alone = FitResult(start.data, problem, solve_gains(problem, model, values, rounds=2))
+                pairs += quick_screen(alone, shapes)[:1]
+        if pairs:
+            best = min(pairs, key=lambda pair: pair.held_out).search.best
             best = optimize_inner(problem, solve_gains(problem, best.model, best.parameters))
             fits.append(_with_run_differences(partial, kinds, best.model, best.parameters))
     return fits
