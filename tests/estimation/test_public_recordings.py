@@ -10,7 +10,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.io import savemat
 
 from benchmarks.measured.convert import (
     RECIPES,
@@ -95,29 +94,6 @@ def test_conversion_scales_zeroes_and_numbers_runs(tmp_path):
     np.testing.assert_allclose(table["force_N"][:6], 2 * np.arange(6) + np.arange(6) + 6.5)
 
 
-def test_conversion_unwraps_an_encoder_that_restarts(tmp_path):
-    turned = np.linspace(0.0, 60.0, 31) - 5.0
-    wrapped = (turned + 12.5) % 25.0 - 12.5
-    np.savez(tmp_path / "a.npz", time=np.arange(31.0), q=wrapped)
-    columns = {"time_s": "time", "position_rad": {"sum": {"q": 2.0}, "unwrap": 50.0}, "raw_rad": "q"}
-    table = converted(tmp_path, columns, format="numpy", files=["a.npz"])
-    np.testing.assert_allclose(table["position_rad"], 2.0 * turned, atol=1e-6)
-    np.testing.assert_allclose(table["raw_rad"], wrapped, atol=1e-6)
-
-
-def test_joined_matlab_files_are_chained_and_cut_to_a_range(tmp_path):
-    cell = np.empty((1, 1), dtype=object)
-    cell[0, 0] = np.arange(3.0, 0.0, -1.0)
-    savemat(tmp_path / "a.mat", {"up": np.arange(4.0), "down": cell})
-    savemat(tmp_path / "b.mat", {"up": 10.0 * np.arange(4.0), "down": cell})
-    read = {"format": "matlab", "files": ["a.mat", "b.mat"], "join": ["x", "f"]}
-    read |= {"within": {"x_m": [0.5, 2.5]}, "chain": {"x": ["x.up", "x.down"], "f": ["f.up", "f.down"]}}
-    table = converted(tmp_path, {"time_s": {"step": 0.1}, "x_m": "x", "force_N": "f"}, **read)
-    assert table["x_m"] == [1, 2, 2, 1]
-    assert table["force_N"] == [10, 20, 2, 1]
-    assert table["time_s"] == [0.1, 0.2, 0.5, 0.6]
-
-
 WRENCH = """string frame
 uint32[2] counts
 int8 BUSY=3
@@ -165,16 +141,6 @@ def test_files_with_clocks_of_their_own_are_joined_at_the_times_of_the_first(tmp
     columns = {"time_s": "ft.stamp", "x_m": "stage.1", "force_N": "ft.wrench.force"}
     table = converted(tmp_path, columns, **read)
     assert table == {"time_s": [11, 12], "x_m": [2, 4], "force_N": [110, 120], "run": [0, 0]}
-
-
-def test_speed_is_integrated_and_signs_a_magnitude(tmp_path):
-    speed = np.array([0.0, 1.0, 2.0, -1.0, -1.0])
-    np.savez(tmp_path / "a.npz", time=0.5 * np.arange(5), v=speed, current=np.arange(1.0, 6.0))
-    columns = {"time_s": "time", "position_rad": {"sum": {"v": 2.0}, "integral": True}}
-    columns |= {"torque_Nm": {"sum": {"current": 3.0}, "signed_by": "v"}}
-    table = converted(tmp_path, columns, format="numpy", files=["a.npz"])
-    np.testing.assert_allclose(table["position_rad"], [0.0, 0.5, 2.0, 2.5, 1.5])
-    np.testing.assert_allclose(table["torque_Nm"], [0.0, 6.0, 9.0, -12.0, -15.0])
 
 
 def test_conversion_reads_the_commit_and_not_the_work_tree(tmp_path):

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -126,6 +127,26 @@ def test_failed_criterion_is_stated(searches, law, found, failed, reason):
     criteria = FormCriteria(search, analyze_kinds(search), reached(search, *found))
     stated = criteria.failed_by(next(test for test in criteria.tests if test.effect == failed))
     assert reason in stated if reason else stated == ""
+
+
+@pytest.mark.parametrize(
+    ("taken", "repeated"),
+    [
+        # Two forms of a kind draw almost any third; effects of two kinds may each have a name.
+        ({RUB: 3.0, "position_dependent_friction": 2.0, SQUARE: 1.0}, "position_dependent_friction"),
+        # Of two curves over one signal the better one is named.
+        ({"cubic_stiffness": 1.0, "exponential_stiffness": 2.0, "damping": 0.1}, "cubic_stiffness"),
+    ],
+)
+def test_each_kind_has_one_name_while_error_remains(taken, repeated):
+    effects = [EFFECTS[name]() for name in taken]
+    criteria = object.__new__(FormCriteria)
+    vars(criteria).update(explained=taken, _least=0.0)
+    criteria._fit = SimpleNamespace(solution=SimpleNamespace(model=SimpleNamespace(effects=effects)))
+    criteria._impossible, criteria._is_clear = lambda _: "", lambda _: False
+    criteria._accounts_for_error = lambda _: True
+    failed = [effect.name for effect in effects if criteria.failed_by(Mock(effect=effect.name))]
+    assert failed == [repeated]
 
 
 @pytest.mark.parametrize(("wander", "kept"), [(0.01, {BIAS}), (0.06, set())])

@@ -133,12 +133,6 @@ def test_residual_far_above_noise_is_not_called_noise(swung, ratio, effort_nm, l
     assert (diagnosis.rest.unexplained > 0.0) == (ratio > 1.5 and effort_nm is not None)
 
 
-def test_no_form_is_exact_while_the_model_is_incomplete(known):
-    """The remaining error is small, but follows a signal."""
-    assert known(complete=True)[0].accepted[0].form is Form.EXACT
-    assert {effect.form for effect in known(complete=False)[0].accepted} == {Form.APPROXIMATE}
-
-
 @pytest.mark.parametrize(
     ("share", "half_step", "said"),
     [
