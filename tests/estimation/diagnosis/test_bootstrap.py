@@ -202,6 +202,19 @@ def test_statistic_is_the_share_of_the_held_out_error():
     assert np.abs(left.simulated).max() < 0.05
 
 
+def test_samples_are_drawn_from_the_model_under_test(monkeypatch):
+    drawn_from, (before, after) = [], small_friction()
+
+    def draws(fit, *rest):
+        drawn_from.append(fit)
+        return bootstrap_samples(fit, *rest)
+
+    monkeypatch.setattr(bootstrap, "bootstrap_samples", draws)
+    improvement(before, after)
+    assert drawn_from
+    assert all(fit is before for fit in drawn_from)
+
+
 def arm_read(data, encoders):
     """The channel with its position read by encoders of (step, share of the way that each makes)."""
     shown = sum(step * np.round(share * data.position / step + 0.3) for step, share in encoders)
