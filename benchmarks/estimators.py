@@ -14,7 +14,6 @@ from functools import partial
 
 import numpy as np
 import statsmodels.api as sm
-from filterpy.kalman import KalmanFilter
 from harness import arguments, print_table
 from presses import Noise, Press
 from scipy.optimize import least_squares
@@ -84,15 +83,6 @@ def rlm(press: Press, force_n: FloatArray, _seed: int) -> FloatArray:
     return np.asarray(model.fit().params)
 
 
-def filterpy_kalman(press: Press, force_n: FloatArray, _seed: int) -> FloatArray:
-    """Filterpy's Kalman filter as recursive least squares."""
-    kalman = KalmanFilter(dim_x=2, dim_z=1)
-    kalman.P *= 1e8
-    for row, force in zip(press.regression(force_n).columns, force_n, strict=True):
-        kalman.update(force, R=1.0, H=row[None, :])
-    return np.asarray(kalman.x[:, 0])
-
-
 def ransac(seed: int) -> RANSACRegressor:
     """RANSAC of scikit-learn with a threshold of three times the noise."""
     line = LinearRegression(fit_intercept=False)
@@ -110,9 +100,8 @@ OTHERS: Mapping[str, Method] = {
     "sklearn TheilSenRegressor": partial(scikit, theil_sen),
     "scipy cauchy": cauchy,
     "statsmodels RLM": rlm,
-    "filterpy KalmanFilter": filterpy_kalman,
 }
-SLOW = ("sklearn TheilSenRegressor", "filterpy KalmanFilter")
+SLOW = ("sklearn TheilSenRegressor",)
 
 
 def errors(method: Method, press: Press, noise: Noise, draws: int) -> tuple[FloatArray, float]:

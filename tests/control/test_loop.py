@@ -27,21 +27,17 @@ def run(arm, task, log=None, **options):
     return run_loop(arm.robot, arm.guard, task, arm.clock, log, rate_hz=RATE_HZ, **options), log
 
 
-def test_finished_task_ends_the_run_with_the_torque_off():
-    arm, task = MockArm(), SwingTask(done_at=200)
+def test_finished_task_is_recorded_tick_by_tick_and_ends_with_the_torque_off():
+    arm, task = MockArm(), SwingTask(done_at=50, torque_nm=0.1)
     result, log = run(arm, task)
     assert result.outcome is Outcome.FINISHED
-    assert (result.cause, result.ticks, result.overruns) == ("", 200, 0)
+    assert (result.cause, result.ticks, result.overruns) == ("", 50, 0)
     assert arm.robot.state is RobotState.CONFIGURED
     assert not arm.bus.powered
-    assert len(log.records) == 200
+    assert len(log.records) == 50
     assert task.started_from is not None
+    assert task.dts_s == pytest.approx([1.0 / RATE_HZ] * 50)
     result.raise_for_trip()  # nothing to raise
-
-
-def test_records_contain_measurement_reference_and_command():
-    arm = MockArm()
-    _, log = run(arm, SwingTask(done_at=50, torque_nm=0.1))
     assert np.allclose(log.column("torque_commanded_nm"), 0.1)
     assert np.array_equal(log.column("torque_sent_nm"), arm.sent_nm)
     assert np.array_equal(log.column("phase"), [Phase.LOADING] * 50)
@@ -50,13 +46,8 @@ def test_records_contain_measurement_reference_and_command():
     assert np.allclose(np.diff(log.column("time_s")), 1e-3)
     assert np.isnan(log.column("stiffness_n_m")).all()
     assert np.array_equal(log.column("torque_measured_nm")[1:], arm.sent_nm[:-1])  # the plant obeyed
-
-
-def test_task_events_are_logged_at_their_tick():
-    _, log = run(MockArm(), SwingTask(done_at=10))
-    assert [(time_s, text) for time_s, kind, text in log.events if kind == "touch"] == [
-        (log.column("time_s")[2], "touched")
-    ]
+    touches = [(time_s, text) for time_s, kind, text in log.events if kind == "touch"]
+    assert touches == [(log.column("time_s")[2], "touched")]
 
 
 def test_task_reference_is_recorded_in_its_columns():
@@ -71,12 +62,6 @@ def test_task_reference_is_recorded_in_its_columns():
     assert checked_output(aimed, (3,)) is aimed
     plain = TaskOutput(*aimed[:8])
     assert (plain.run, plain.done) == (-1, False)
-
-
-def test_steps_are_one_period_apart():
-    task = SwingTask(done_at=30)
-    run(MockArm(), task)
-    assert task.dts_s == pytest.approx([1.0 / RATE_HZ] * 30)
 
 
 class _LateClock(SimulatedClock):

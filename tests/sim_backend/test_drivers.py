@@ -68,14 +68,6 @@ def test_sent_torque_has_drive_resolution_and_range():
         assert world_of(robot).truth().drive_torque_nm == pytest.approx(sent)
 
 
-def test_second_read_in_the_same_tick_is_stale_and_keeps_the_sample():
-    with build() as robot:
-        first, second = robot.read(0.0), robot.read(0.0)
-    assert (first.force_status, second.force_status) == (Status.OK, Status.STALE)
-    assert second.force_n == first.force_n
-    assert second.force_at_s == first.force_at_s
-
-
 def test_arm_stands_on_its_rest_and_falls_when_switched_off_elsewhere():
     with build() as robot:
         world, clock = world_of(robot), robot.clock
@@ -162,7 +154,6 @@ def changed_robot_file(tmp_path, old, new):
     [
         ("scenario: default", "scenario: defaul", "no scenario 'defaul'"),
         ("scenario: default", "scenery: default", "buses.world.scenery: .*did you mean 'scenario'"),
-        ("scenario: default", "scenario: {seed: -1}", "seed: "),
         ("{driver: sim_force, bus", "{driver: sim_force, noise: 1, bus", "force.noise: is not"),
         ("{driver: sim_force, bus: world}", "{driver: sim_force}", "bus whose driver is 'pybullet'"),
     ],

@@ -23,7 +23,7 @@ def resting(stiffness_depth_m=0.02, **sensors):
     return world
 
 
-@pytest.mark.parametrize("rate_hz", [1000.0, 500.0, 80.0, 333.0])
+@pytest.mark.parametrize("rate_hz", [1000.0, 333.0])
 def test_samples_come_at_the_sensor_s_own_rate(rate_hz):
     world = resting(force={"rate_hz": rate_hz})
     times = np.array([sample.sampled_at_s for sample in sample_each_step(world, world.force_sensor, 1.0)])
