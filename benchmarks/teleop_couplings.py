@@ -1,4 +1,4 @@
-"""Five couplings of a leader and a follower on one axis, over a link that delays and loses packets.
+"""Five couplings of a leader and a follower on one simulated axis, over a link that delays and loses packets.
 
 They were compared to choose the coupling of `palpate teleop`, see docs/explanation/couplings.md. Positions
 are positive into the object. A coupling has two sides that exchange small packets; each side is stepped on
@@ -28,15 +28,18 @@ after a constant delay. Lost, late and repeated packets therefore all look like 
   follower, which presses autonomously at several speeds and returns a model of the object. The rendered force
   comes from that model without delay, and is passive for any input from the link (`VirtualObject`). Mitra and
   Niemeyer, "Model-mediated telemanipulation", IJRR 27(2), 2008; the architecture of the paper's figure 1.
+
+In the simulation (`run`) a hand holds the leader's device, the follower's arm meets an object, and a link
+delays, jitters and loses packets each way. Device, arm and object share no code with what renders forces.
 """
 
 import heapq
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -48,46 +51,29 @@ Packet = tuple[float, ...]  # what one side sends the other in a step
 _MAX_AGE_STEPS = 10_000  # largest age behind the newest packet, in steps; older packets are ignored
 
 
-class PacketChannel(ABC):
-    """One side's end of the link, without I/O: `take` received packets, then call `packet` once per step."""
+class LatestPacketChannel:
+    """One side's end of the link, which returns the newest packet; an overtaken packet is dropped."""
+
+    def __init__(self) -> None:
+        self._newest = -1
+        self._packet: Packet | None = None
 
     def take(self, number: int, packet: Packet) -> None:
-        """Store a received packet.
-
-        Args:
-            number: step of the sender in which it was sent.
-            packet: ignored if a value is not finite.
-        """
+        """Store a received packet, sent in step `number` of the sender; ignore one that is not finite."""
         if math.isfinite(sum(packet)):
             self._store(number, packet)
 
-    @abstractmethod
     def _store(self, number: int, packet: Packet) -> None:
-        """Store a finite packet."""
+        if number > self._newest:
+            self._newest, self._packet = number, packet
 
-    @abstractmethod
     def packet(self) -> Packet | None:
         """Return the packet of this step; None before the first. Call it once per step."""
-
-
-class LatestPacketChannel(PacketChannel):
-    """Channel that returns the newest packet; an overtaken packet is dropped."""
-
-    def __init__(self) -> None:
-        self._number = -1
-        self._packet: Packet | None = None
-
-    def _store(self, number: int, packet: Packet) -> None:
-        if number > self._number:
-            self._number, self._packet = number, packet
-
-    def packet(self) -> Packet | None:
-        """See `PacketChannel.packet`."""
         return self._packet
 
 
-class PlayoutBuffer(PacketChannel):
-    """Playout buffer that delays each packet to the largest delay so far.
+class PlayoutBuffer(LatestPacketChannel):
+    """Channel that delays each packet to the largest delay so far.
 
     So jitter becomes a constant delay, as wave variables require (Kosuge, Murayama and Takeo, "Bilateral
     feedback control of telemanipulators via computer network", IROS 1996). A lost packet is replaced by the
@@ -95,10 +81,10 @@ class PlayoutBuffer(PacketChannel):
     """
 
     def __init__(self) -> None:
+        super().__init__()
         self._waiting: list[tuple[int, Packet]] = []
-        self._step = self._played = self._newest = -1
+        self._step = self._played = -1
         self._delay_steps = -math.inf  # from sending to arrival, in steps counted from different starts
-        self._packet: Packet | None = None
 
     def _store(self, number: int, packet: Packet) -> None:
         if number <= self._played or number < self._newest - _MAX_AGE_STEPS:
@@ -108,7 +94,6 @@ class PlayoutBuffer(PacketChannel):
         heapq.heappush(self._waiting, (number, packet))
 
     def packet(self) -> Packet | None:
-        """See `PacketChannel.packet`."""
         self._step += 1
         while self._waiting and self._waiting[0][0] + self._delay_steps <= self._step:
             self._played, self._packet = heapq.heappop(self._waiting)
@@ -157,34 +142,15 @@ class Coupling:
     name: str
     leader: Callable[[], CouplingSide]
     follower: Callable[[], CouplingSide]
-    channel: Callable[[], PacketChannel] = LatestPacketChannel  # one for each side
+    channel: Callable[[], LatestPacketChannel] = LatestPacketChannel  # one for each side
 
 
-@dataclass(frozen=True)
-class PositionTracking:
-    """The follower's position control, common to all couplings: F = K (x_des - x) + B (v_des - v)."""
-
-    stiffness_n_m: float = 8000.0
-    damping_n_s_m: float = 120.0
-
-    def __post_init__(self) -> None:
-        for value in (self.stiffness_n_m, self.damping_n_s_m):
-            if not 0.0 <= value < math.inf:
-                raise InputError(
-                    f"tracking: stiffness and damping must be finite and not negative (are {value})"
-                )
-
-    def force_n(self, position_error_m: float, velocity_error_m_s: float) -> float:
-        """Compute the tracking force [N].
-
-        Args:
-            position_error_m: desired minus actual position [m].
-            velocity_error_m_s: desired minus actual velocity [m/s].
-        """
-        return self.stiffness_n_m * position_error_m + self.damping_n_s_m * velocity_error_m_s
+STIFFNESS_N_M, DAMPING_N_S_M = 8000.0, 120.0  # of the follower's position control, common to all couplings
 
 
-TRACKING = PositionTracking()
+def tracking_n(error_m: float, error_m_s: float) -> float:
+    """Compute the tracking force from desired minus actual position [m] and velocity [m/s]."""
+    return STIFFNESS_N_M * error_m + DAMPING_N_S_M * error_m_s
 
 
 class DirectLeader(CouplingSide):
@@ -199,7 +165,7 @@ class DirectFollower(CouplingSide):
 
     def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
         desired_m, desired_m_s = newest or (port.position_m, 0.0)
-        force_n = TRACKING.force_n(desired_m - port.position_m, desired_m_s - port.velocity_m_s)
+        force_n = tracking_n(desired_m - port.position_m, desired_m_s - port.velocity_m_s)
         return force_n, (port.force_n,)
 
 
@@ -214,8 +180,8 @@ class FourChannelSide(CouplingSide):
 
     def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
         other_m, other_m_s, other_n = newest or (port.position_m, port.velocity_m_s, 0.0)
-        tracking_n = TRACKING.force_n(other_m - port.position_m, other_m_s - port.velocity_m_s)
-        return tracking_n + self._sign * other_n, tuple(port)
+        force_n = tracking_n(other_m - port.position_m, other_m_s - port.velocity_m_s)
+        return force_n + self._sign * other_n, tuple(port)
 
 
 FOUR_CHANNEL = Coupling(
@@ -236,23 +202,14 @@ class PassivityObserver:
         self._output_j = 0.0
 
     def add_work(self, work_j: float) -> None:
-        """Add the work that this end did on the link in a step; negative if the link did work on this end.
-
-        Args:
-            work_j: positive if this end worked on the link [J].
-        """
+        """Add the work of this end on the link in a step; negative if the link did work on this end [J]."""
         if work_j > 0.0:
             self.input_j += work_j
         else:
             self._output_j -= work_j
 
     def allowed_share(self, output_j: float, other_input_j: float) -> float:
-        """Return the share, 0 to 1, of a withdrawal that is covered by the other end's known input.
-
-        Args:
-            output_j: energy to be taken out [J].
-            other_input_j: energy put in by the other end, as known here [J].
-        """
+        """Return the share, 0 to 1, of a withdrawal [J] that the other end's known input [J] covers."""
         available_j = max(0.0, RESERVE_J + other_input_j - self._output_j)
         return 1.0 if output_j <= available_j else available_j / output_j
 
@@ -269,7 +226,7 @@ class TimeDomainLeader(CouplingSide):
         if math.isnan(self._point_m):
             self._point_m = self._position_m = port.position_m
         force_n, other_input_j = newest or (0.0, 0.0)
-        stiffness = TRACKING.stiffness_n_m
+        stiffness = STIFFNESS_N_M
         stretch_m = port.position_m - self._point_m
         step_m = clip(stretch_m - force_n / stiffness, -_MAX_SPEED_M_S * dt_s, _MAX_SPEED_M_S * dt_s)
         step_m *= self._observer.allowed_share(-stiffness * (stretch_m - step_m) * step_m, other_input_j)
@@ -305,7 +262,7 @@ class TimeDomainFollower(CouplingSide):
 
     def _force_n(self, port: DevicePort, step_m: float, dt_s: float) -> float:
         """Return the tracking force [N] after the desired position has moved by `step_m` [m]."""
-        return TRACKING.force_n(self._desired_m + step_m - port.position_m, step_m / dt_s - port.velocity_m_s)
+        return tracking_n(self._desired_m + step_m - port.position_m, step_m / dt_s - port.velocity_m_s)
 
 
 TIME_DOMAIN = Coupling("time-domain passivity", TimeDomainLeader, TimeDomainFollower)
@@ -323,23 +280,13 @@ class WavePort:
         self._sent = self._sent_j = self._used = self._used_j = 0.0
 
     def send(self, wave: float, dt_s: float) -> Packet:
-        """Return the packet for a wave [sqrt(W)]: the wave, its integral, and the energy sent so far [J].
-
-        Args:
-            wave: outgoing wave [sqrt(W)].
-            dt_s: step [s].
-        """
+        """Return the packet for a wave [sqrt(W)]: the wave, its integral, and the energy sent so far [J]."""
         self._sent += wave * dt_s
         self._sent_j += 0.5 * wave * wave * dt_s
         return wave, self._sent, self._sent_j
 
     def receive(self, newest: Packet | None, dt_s: float) -> float:
-        """Return the wave to use in this step [sqrt(W)].
-
-        Args:
-            newest: packet of the other end, or None.
-            dt_s: step [s].
-        """
+        """Return the wave to use in this step [sqrt(W)], from the newest packet of the other end."""
         if newest is None:
             return 0.0
         wave, sent, sent_j = newest
@@ -381,11 +328,11 @@ class WaveFollower(CouplingSide):
     def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
         wave = self._end.receive(newest, dt_s)
         position_error_m = 0.0 if math.isnan(self._desired_m) else self._desired_m - port.position_m
-        yielding_n_s_m = IMPEDANCE_N_S_M + TRACKING.stiffness_n_m * dt_s
+        yielding_n_s_m = IMPEDANCE_N_S_M + STIFFNESS_N_M * dt_s
         free_m_s = self._root * wave / IMPEDANCE_N_S_M  # desired velocity without force
-        force_n = (
-            TRACKING.stiffness_n_m * position_error_m + yielding_n_s_m * (free_m_s - port.velocity_m_s)
-        ) / (1.0 + yielding_n_s_m / IMPEDANCE_N_S_M)
+        force_n = (STIFFNESS_N_M * position_error_m + yielding_n_s_m * (free_m_s - port.velocity_m_s)) / (
+            1.0 + yielding_n_s_m / IMPEDANCE_N_S_M
+        )
         desired_m_s = free_m_s - force_n / IMPEDANCE_N_S_M
         self._desired_m = port.position_m + position_error_m + desired_m_s * dt_s
         return force_n, self._end.send(wave - self._root * force_n / IMPEDANCE_N_S_M, dt_s)
@@ -400,72 +347,39 @@ _CLEARANCE_M = 0.005
 _RETRACT_M_S = 0.05
 
 
-@dataclass(frozen=True)
-class ObjectModel:
-    """Model of an object, which the follower fits and the leader renders."""
-
-    # Function from samples (n, 3) of position [m], velocity [m/s] and compression [N] to parameters.
-    fit: Callable[[FloatArray], Packet]
-    # Function from parameters to force law and surface position [m].
-    law: Callable[[Packet], tuple[ForceLaw, float]]
-    guess: Packet  # parameters before the first probing
+_SPEEDS_M_S, _FORCE_LIMIT_N = (0.06, 0.04, 0.02), 8.0  # of the follower's presses
+_GUESS = (500.0, 5.0, 0.0)  # stiffness [N/m], damping [N s/m] and surface [m] before the first probing
 
 
-def _fit_kelvin_voigt(samples: FloatArray) -> Packet:
-    """Fit stiffness [N/m], damping [N s/m] and surface [m] of F = k (x - x0) + c v by least squares."""
+def _fit(samples: FloatArray) -> Packet:
+    """Fit F = k (x - x0) + c v to samples (n, 3) of position [m], velocity [m/s] and compression [N]."""
     position, velocity, force = samples.T
     columns = np.column_stack([position, velocity, np.ones_like(position)])
     (stiffness, damping, offset), *_ = np.linalg.lstsq(columns, force)
     return float(stiffness), float(damping), float(-offset / stiffness)
 
 
-def _kelvin_voigt(parameters: Packet) -> tuple[ForceLaw, float]:
-    """Make the law F = k x + c dx/dt, clipped at zero, and its surface [m]."""
+def _law(parameters: Packet) -> tuple[ForceLaw, FloatArray]:
+    """Make the law F = k x + c dx/dt, clipped at zero, and a point of its surface, shape (3,) [m]."""
     stiffness_n_m, damping_n_s_m, surface_m = parameters
 
     def force_n(depth_m: float, rate_m_s: float, _dt_s: float) -> float:
         return max(0.0, stiffness_n_m * depth_m + damping_n_s_m * rate_m_s) if depth_m > 0.0 else 0.0
 
-    return force_n, surface_m
-
-
-KELVIN_VOIGT = ObjectModel(
-    fit=_fit_kelvin_voigt,
-    law=_kelvin_voigt,
-    guess=(500.0, 5.0, 0.0),
-)
-
-
-@dataclass(frozen=True)
-class ProbingMotion:
-    """Speeds and force limit of the follower's presses."""
-
-    speeds_m_s: tuple[float, ...] = (0.06, 0.04, 0.02)
-    force_limit_n: float = 8.0
-
-    def __post_init__(self) -> None:
-        if not self.speeds_m_s or not all(0.0 < v < math.inf for v in (*self.speeds_m_s, self.force_limit_n)):
-            raise InputError(f"{self}: speeds and force limit must be finite and above 0")
+    return force_n, surface_m * _AXIS
 
 
 class ModelMediatedLeader(CouplingSide):
-    """Leader that renders the model, and requests a probing at its first touch.
+    """Leader that renders the model, and requests a probing at its first touch."""
 
-    Args:
-        model: kind of model.
-    """
-
-    def __init__(self, model: ObjectModel) -> None:
-        self._law = model.law
-        law, surface_m = model.law(model.guess)
-        self.virtual = VirtualObject(law, surface_m * _AXIS, -_AXIS)
+    def __init__(self) -> None:
+        self.virtual = VirtualObject(*_law(_GUESS), -_AXIS)
         self._target = self._answered = 0.0
 
     def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
         if newest is not None and newest[0] > self._answered:
             self._answered = newest[0]
-            law, surface_m = self._law(newest[1:])
-            self.virtual.update(law, surface_m * _AXIS)
+            self.virtual.update(*_law(newest[1:]))
         touch = self.virtual.step(port.position_m * _AXIS, port.velocity_m_s * _AXIS, dt_s)
         if touch.depth_m > 0.0:
             self._target = 1.0
@@ -480,19 +394,15 @@ class ProbingStage(Enum):
     RETRACT = "retract"
 
 
-@dataclass
 class ModelMediatedFollower(CouplingSide):
     """Follower that presses a target at each speed up to the force limit, and returns a model."""
 
-    model: ObjectModel
-    motion_plan: ProbingMotion
-    stage: ProbingStage = ProbingStage.IDLE
-    _answer: Packet = (0.0,)
-    _target: float = 0.0
-    _presses: int = 0
-    _desired_m: float | None = None
-    _touched_m: float = 0.0
-    _samples: list[DevicePort] = field(default_factory=list)
+    def __init__(self) -> None:
+        self.stage = ProbingStage.IDLE
+        self._answer: Packet = (0.0,)
+        self._target, self._presses, self._touched_m = 0.0, 0, 0.0
+        self._desired_m: float | None = None
+        self._samples: list[DevicePort] = []
 
     def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
         if self._desired_m is None:
@@ -501,7 +411,7 @@ class ModelMediatedFollower(CouplingSide):
             self._target, self._presses, self.stage = newest[0], 0, ProbingStage.PRESS
         speed_m_s = self._work(port)
         self._desired_m += speed_m_s * dt_s
-        force_n = TRACKING.force_n(self._desired_m - port.position_m, speed_m_s - port.velocity_m_s)
+        force_n = tracking_n(self._desired_m - port.position_m, speed_m_s - port.velocity_m_s)
         return force_n, self._answer
 
     def _work(self, port: DevicePort) -> float:
@@ -511,16 +421,16 @@ class ModelMediatedFollower(CouplingSide):
                 self._touched_m = port.position_m
             self._samples.append(port)
         if self.stage is ProbingStage.PRESS:
-            if port.force_n >= self.motion_plan.force_limit_n:
+            if port.force_n >= _FORCE_LIMIT_N:
                 self.stage = ProbingStage.RETRACT
-            return self.motion_plan.speeds_m_s[self._presses]
+            return _SPEEDS_M_S[self._presses]
         if self.stage is ProbingStage.RETRACT:
             if port.position_m < self._touched_m - _CLEARANCE_M:
                 self._presses += 1
-                if self._presses < len(self.motion_plan.speeds_m_s):
+                if self._presses < len(_SPEEDS_M_S):
                     self.stage = ProbingStage.PRESS
                     return -_RETRACT_M_S
-                answer = (self._target, *self.model.fit(np.array(self._samples)))
+                answer = (self._target, *_fit(np.array(self._samples)))
                 if np.isfinite(answer).all():  # otherwise the last model stays
                     self._answer = answer
                 self._samples.clear()
@@ -529,13 +439,174 @@ class ModelMediatedFollower(CouplingSide):
         return 0.0
 
 
-def model_mediated(model: ObjectModel = KELVIN_VOIGT) -> Coupling:
-    """Make the coupling for a kind of object."""
-    return Coupling(
-        "model-mediated",
-        lambda: ModelMediatedLeader(model),
-        lambda: ModelMediatedFollower(model, ProbingMotion()),
-    )
+MODEL_MEDIATED = Coupling("model-mediated", ModelMediatedLeader, ModelMediatedFollower)
+COUPLINGS = (DIRECT, FOUR_CHANNEL, TIME_DOMAIN, WAVE_VARIABLES, MODEL_MEDIATED)
 
 
-COUPLINGS = (DIRECT, FOUR_CHANNEL, TIME_DOMAIN, WAVE_VARIABLES, model_mediated())
+T = TypeVar("T")
+_ROUNDING_S = 1e-9
+
+
+@dataclass(frozen=True)
+class LinkFaults:
+    """What the link does to packets, each way."""
+
+    delay_s: float = 0.0
+    jitter_s: float = 0.0  # largest additional delay, uniformly distributed; packets may overtake each other
+    loss: float = 0.0  # share of packets that never come, independently
+
+    def __str__(self) -> str:
+        return f"{1e3 * self.delay_s:.0f} ms + {1e3 * self.jitter_s:.0f} ms, {100 * self.loss:.0f} %"
+
+
+class DelayLine(Generic[T]):
+    """One direction of the link, for packets of any kind."""
+
+    def __init__(self, faults: LinkFaults, rng: np.random.Generator) -> None:
+        self._faults, self._rng = faults, rng
+        self._under_way: list[tuple[float, int, T]] = []
+        self._number = -1
+
+    def send(self, packet: T, time_s: float) -> None:
+        """Put a packet on the way at `time_s` [s]."""
+        self._number += 1
+        late, lost = self._rng.random(2)
+        if lost >= self._faults.loss:
+            arrives_s = time_s + self._faults.delay_s + late * self._faults.jitter_s
+            heapq.heappush(self._under_way, (arrives_s, self._number, packet))
+
+    def arrived(self, time_s: float) -> list[tuple[int, T]]:
+        """Packets that have arrived by `time_s` [s] since the last call, each with its number."""
+        arrived = []
+        while self._under_way and self._under_way[0][0] <= time_s + _ROUNDING_S:
+            arrived.append(heapq.heappop(self._under_way)[1:])
+        return arrived
+
+
+DT_S = 1e-3
+SUBSTEP_S = 0.25e-3
+SUBSTEPS = round(DT_S / SUBSTEP_S)
+DEVICE_LIMIT_N = 60.0  # of both devices' motors
+WALL_M = 0.25  # neither device goes further
+START_M = -0.02
+FORCE_NOISE_N = 0.02
+ENCODER_STEP_M = 5e-6
+
+
+@dataclass(frozen=True)
+class SpringDamper:
+    """F = k x + c v, never pulling."""
+
+    k: float
+    c: float
+
+    def push_n(self, x: float, v: float) -> float:
+        """Compression [N] at depth `x` [m] and rate `v` [m/s]."""
+        return max(0.0, self.k * x + self.c * v) if x > 0.0 else 0.0
+
+
+@dataclass
+class Mass:
+    """A mass on a rail with friction, between two walls."""
+
+    mass_kg: float
+    friction_n_s_m: float
+    x: float
+    v: float = 0.0
+
+    def advance(self, force_n: float, dt_s: float) -> None:
+        """Semi-implicit Euler over one substep."""
+        self.v += dt_s * (force_n - self.friction_n_s_m * self.v) / self.mass_kg
+        self.x += dt_s * self.v
+        if abs(self.x) > WALL_M:
+            self.x, self.v = math.copysign(WALL_M, self.x), 0.0
+
+
+@dataclass(frozen=True)
+class HandArm:
+    """Spring and damper of a human arm towards where it wants to be (de Vlugt et al., Biol. Cybern. 2002)."""
+
+    plan: Callable[[float], tuple[float, float]]  # time [s] to position [m] and velocity [m/s]
+    stiffness_n_m: float = 600.0
+    damping_n_s_m: float = 12.0
+
+    def force_n(self, time_s: float, x: float, v: float) -> float:
+        """Push on the device [N]."""
+        wanted_m, wanted_m_s = self.plan(time_s)
+        return self.stiffness_n_m * (wanted_m - x) + self.damping_n_s_m * (wanted_m_s - v)
+
+
+def presses(
+    depth_m: float, clear_m: float, times_s: tuple[tuple[float, float], ...], ramp_s: float = 0.5
+) -> Callable[[float], tuple[float, float]]:
+    """A plan: `depth_m` inside between each pair of times, `clear_m` outside otherwise; smooth ramps."""
+
+    def plan(time_s: float) -> tuple[float, float]:
+        share = rate = 0.0
+        for begin_s, end_s in times_s:
+            for at_s, sign in ((begin_s, 1.0), (end_s, -1.0)):
+                u = min(1.0, max(0.0, (time_s - at_s) / ramp_s))
+                share += sign * u * u * (3.0 - 2.0 * u)
+                rate += sign * 6.0 * u * (1.0 - u) / ramp_s
+        way_m = depth_m + clear_m
+        return -clear_m + way_m * share, way_m * rate
+
+    return plan
+
+
+# True values of each step, free of sensors: felt is the leader's motor against the hand, positive outwards;
+# driven is the follower's motor.
+TRACE = ("time_s", "hand_m", "hand_m_s", "felt_n", "follower_m", "object_n", "driven_n")
+
+
+def run(
+    coupling: Coupling,
+    thing: SpringDamper,
+    hand: HandArm,
+    faults: LinkFaults,
+    duration_s: float,
+    seed: int = 0,
+) -> dict[str, np.ndarray]:
+    """Let a hand, which yields to forces, work on an object through a coupling.
+
+    Returns:
+        The columns of `TRACE`, one value a step.
+    """
+    rng = np.random.default_rng(seed)
+    to_leader, to_follower = DelayLine[Packet](faults, rng), DelayLine[Packet](faults, rng)
+    noise_n = FORCE_NOISE_N * np.random.default_rng([seed, 1]).standard_normal(round(duration_s / DT_S))
+    leader, follower = coupling.leader(), coupling.follower()
+    channels = coupling.channel(), coupling.channel()
+    device, arm, rows = Mass(0.15, 0.5, START_M), Mass(1.0, 5.0, START_M), []
+    for tick, noise in enumerate(noise_n):
+        time_s = tick * DT_S
+        hand_n, push_n = hand.force_n(time_s, device.x, device.v), thing.push_n(arm.x, arm.v)
+        for channel, line in zip(channels, (to_leader, to_follower), strict=True):
+            for number, packet in line.arrived(time_s):
+                channel.take(number, packet)
+        at_leader, at_follower = (channel.packet() for channel in channels)
+        led_n, aim = leader.step(DevicePort(_read(device.x), device.v, hand_n), at_leader, DT_S)
+        at_arm = DevicePort(_read(arm.x), arm.v, push_n + noise)
+        driven_n, answer = follower.step(at_arm, at_follower, DT_S)
+        to_follower.send(aim, time_s)
+        to_leader.send(answer, time_s)
+        led_n, driven_n = (clip(force_n, -DEVICE_LIMIT_N, DEVICE_LIMIT_N) for force_n in (led_n, driven_n))
+        rows.append((time_s, device.x, device.v, -led_n, arm.x, push_n, driven_n))
+        for substep in range(SUBSTEPS):
+            at_s = time_s + substep * SUBSTEP_S
+            device.advance(led_n + hand.force_n(at_s, device.x, device.v), SUBSTEP_S)
+            arm.advance(driven_n - thing.push_n(arm.x, arm.v), SUBSTEP_S)
+    return dict(zip(TRACE, np.array(rows).T, strict=True))
+
+
+def _read(position_m: float) -> float:
+    """What an encoder shows."""
+    return round(position_m / ENCODER_STEP_M) * ENCODER_STEP_M
+
+
+def returned_energy_j(trace: dict[str, np.ndarray]) -> np.ndarray:
+    """Energy that the leader's motor has given to the hand, above what it took; at each step [J].
+
+    Everything behind that motor begins at rest: if it is passive, this never rises above zero.
+    """
+    return np.concatenate([[0.0], np.cumsum(-trace["felt_n"][:-1] * np.diff(trace["hand_m"]))])
