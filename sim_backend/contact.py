@@ -23,15 +23,12 @@ class ObjectResponse:
         self._tools = effects.tool
 
     def force_n(self, law: ObjectLaw, state: ContactState, engine_force_n: float | None = None) -> float:
-        """Compute the force at a state, and update the effects' memories.
+        """Compute the force on the tip along the surface normal [N], and update the effects' memories.
 
         Args:
             law: contact law of the object.
             state: motion of the tip.
             engine_force_n: force that the engine exerts, which replaces the law [N]; None if it exerts none.
-
-        Returns:
-            Force on the tip along the surface normal [N].
         """
         answer_n: Callable[[ContactState], float] = partial(self._object_n, law, engine_force_n)
         for tool in self._tools:
@@ -165,13 +162,10 @@ class TipContact:
         self._last_speed_m_s = None
 
     def compression_n(self, sensor_axis_tip: Sequence[float]) -> float:
-        """Compute the part of the force along the sensor axis: the force times the cosine of the tool's tilt.
+        """Compute the force along the sensor axis, by the tilt of the tool; positive in compression [N].
 
         Args:
             sensor_axis_tip: unit vector in the tip frame along which the tool pushes.
-
-        Returns:
-            Positive in compression [N].
         """
         x, y, z, w = self._quaternion
         a, b, c = sensor_axis_tip

@@ -131,13 +131,10 @@ class SealedAnswer:
 
 
 def sealed_path(session: str | Path) -> Path:
-    """Return the path of a session's sealed answer.
+    """Return the path of a session's sealed answer: its whole name with a suffix.
 
     Args:
         session: path of the session file.
-
-    Returns:
-        The session's whole name with a suffix.
     """
     return Path(f"{session}{SUFFIX}")
 

@@ -39,7 +39,7 @@ class ContactEffect(ABC):
 
     @abstractmethod
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
-        """Compute the force after the effect.
+        """Compute the force on the tip along the surface normal after the effect [N].
 
         Called at each physics step, with or without contact, in the order of the list. With a compliant tool
         it is called several times per step, with a solver's trial motions. `commit_state` stores the state.
@@ -47,9 +47,6 @@ class ContactEffect(ABC):
         Args:
             state: motion of the tip.
             force_n: force so far [N].
-
-        Returns:
-            Force on the tip along the surface normal [N].
         """
 
     def commit_state(self) -> None:  # noqa: B027, most effects have no memory
@@ -60,13 +57,10 @@ class MaterialEffect(ContactEffect):
     """Part of the object's material, added to the law before the sum is limited to pushing."""
 
     def transform_state(self, state: ContactState) -> ContactState:
-        """Compute the motion that acts on law and effects; a changed geometry enters here.
+        """Compute the motion that acts on the material; a changed geometry enters here.
 
         Args:
             state: motion of the tip.
-
-        Returns:
-            Motion that acts on the material.
         """
         return state
 
@@ -95,7 +89,7 @@ class JointEffect(ABC):
 
     @abstractmethod
     def joint_torque_nm(self, state: JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
-        """Compute the torques that reach the links; called once at each physics step.
+        """Compute the torques that reach the links in a physics step, shape (n,) [N m].
 
         The drive's torque sensor does not measure the change, just as a motor current does not include
         bearing friction.
@@ -103,9 +97,6 @@ class JointEffect(ABC):
         Args:
             state: motion of the joints.
             torque_nm: torques so far, along the joint axes, shape (n,) [N m].
-
-        Returns:
-            Shape (n,) [N m].
         """
 
     def restart(self) -> None:  # noqa: B027, most effects have no memory
@@ -126,16 +117,13 @@ class JointFriction:
     resistance_nm: Callable[[float, float], float]
 
     def friction_nm(self, state: JointStepState, limit_nm: Sequence[float]) -> Sequence[float]:
-        """Add the resistance to that of one joint; called once at each physics step.
+        """Add the resistance to that of one joint in a physics step, shape (n,), 0 or more [N m].
 
         As with `JointEffect`, the drive's torque sensor does not measure it.
 
         Args:
             state: motion of the joints.
             limit_nm: sum so far, shape (n,) [N m].
-
-        Returns:
-            Shape (n,), 0 or more [N m].
         """
         i, changed = self.index, list(limit_nm)
         velocity_rad_s, drive_nm = state.velocity_rad_s[i], state.drive_torque_nm[i]

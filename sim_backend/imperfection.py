@@ -60,13 +60,10 @@ class Imperfection(FileModel, ABC):
 
     @abstractmethod
     def effects(self, joint_count: int) -> HiddenEffects:
-        """Make the simulated effect.
+        """Make the simulated effect, with its own memory.
 
         Args:
             joint_count: number of joints of the arm.
-
-        Returns:
-            The effect, with its own memory.
 
         Raises:
             InputError: the arm has no such joint.

@@ -11,25 +11,19 @@ LOADED = ("joint_1", "joint_2")
 
 
 def channel_of(joint: int) -> str:
-    """Return the channel of a joint.
+    """Return the channel of a joint, such as "joint_1".
 
     Args:
         joint: number from 1.
-
-    Returns:
-        Such as "joint_1".
     """
     return f"{_JOINT}{joint}"
 
 
 def joint_of(channel: str) -> int:
-    """Return the joint of a channel, the inverse of `channel_of`.
+    """Return the joint of a channel, from 1; the inverse of `channel_of`.
 
     Args:
         channel: such as "joint_1".
-
-    Returns:
-        Number from 1.
 
     Raises:
         InputError: it is not the channel of a joint.
@@ -101,48 +95,36 @@ class NoiseScale:
         return self.joints[joint - 1]
 
     def depth_left(self, strength: float, share: float) -> float:
-        """Compute the share of the depth left at the same force when a second spring takes a part of it.
+        """Compute the share of the depth left at the same force if a second spring takes a part of it.
 
         Args:
             strength: part of the second spring's force that the first cannot mimic, as a multiple of the
                 noise floor.
             share: share of this part in the second spring's force.
-
-        Returns:
-            At most 1.
         """
         return max(1.0 - strength * self.contact_noise_n / (share * self.force_n), 0.25)
 
     def noise(self, channel: str) -> float:
-        """Return the noise floor of a sample.
+        """Return the noise floor of a sample, its standard deviation in the channel's unit.
 
         Args:
             channel: channel of the sensor.
-
-        Returns:
-            Standard deviation in the unit of the channel.
         """
         return self.contact_noise_n if channel == CONTACT else self.joint_noise_nm
 
     def peak(self, channel: str) -> float:
-        """Return the largest magnitude of the signal.
+        """Return the largest magnitude of the signal, in the channel's unit.
 
         Args:
             channel: channel of the sensor.
-
-        Returns:
-            In the unit of the channel.
         """
         return self.force_n if channel == CONTACT else self.joint(channel).peak_nm
 
     def rate(self, channel: str) -> float:
-        """Return the root mean square of the signal's rate.
+        """Return the root mean square of the signal's rate, in the channel's unit per second.
 
         Args:
             channel: channel of the sensor.
-
-        Returns:
-            In the unit of the channel per second.
         """
         if channel == CONTACT:  # the other half is indistinguishable from damping
             return 0.5 * self.force_n / self.depth_m * self.speed_m_s

@@ -167,13 +167,10 @@ class SampledSensor(ABC):
         self._samples.append(self._measure(time_s, signal))
 
     def read(self, time_s: float) -> SensorSample | None:
-        """Return the newest sample that has arrived; stale if it was returned before.
+        """Return the newest sample that has arrived, stale if it was returned before; None before the first.
 
         Args:
             time_s: now [s].
-
-        Returns:
-            The sample; None before the first.
         """
         arrived_s = time_s - self._delay_s + _SAME_TIME_S
         for sample in reversed(self._samples):
@@ -204,13 +201,10 @@ class GaussianNoise:
         self._block: list[float] = []
 
     def add_to(self, signal: Sequence[float]) -> Sequence[float]:
-        """Add the next numbers to a signal.
+        """Add the next numbers to a signal, and return it.
 
         Args:
             signal: clean signal.
-
-        Returns:
-            Noisy signal.
         """
         if not self._std:
             return signal

@@ -252,15 +252,12 @@ class World:
     def inverse_dynamics(
         self, position_rad: ArrayLike, velocity_rad_s: ArrayLike, acceleration_rad_s2: ArrayLike
     ) -> FloatArray:
-        """Compute torques of a motion in free air, by the engine's own recursive Newton-Euler.
+        """Compute torques of a motion in free air, by the engine's own recursion, shape (n,) [N m].
 
         Args:
             position_rad: shape (n,) [rad].
             velocity_rad_s: shape (n,) [rad/s].
             acceleration_rad_s2: shape (n,) [rad/s^2].
-
-        Returns:
-            Shape (n,) [N m].
 
         Raises:
             InputError: wrong number of joints.

@@ -84,13 +84,10 @@ class DhTable(FileModel):
         return sum(row.type != "fixed" for row in self.rows)
 
     def tip_frame(self, position_rad: FloatArray) -> FloatArray:
-        """Compute the forward kinematics.
+        """Compute the last frame in the world by forward kinematics, shape (4, 4).
 
         Args:
             position_rad: joint positions, shape (n,) [rad or m].
-
-        Returns:
-            The last frame in the world, shape (4, 4).
 
         Raises:
             InputError: wrong number of positions.

@@ -89,15 +89,12 @@ class PlanarArm:
     def solve(
         self, tip_position_world_m: FloatArray, tool_direction_world: FloatArray, elbow: Elbow
     ) -> IkSolution:
-        """Compute joint positions for a tip position and a tool direction.
+        """Compute joint positions for a tip position and a tool direction, and how singular they are.
 
         Args:
             tip_position_world_m: shape (3,) [m].
             tool_direction_world: shape (3,), of any length.
             elbow: bending direction of the elbow.
-
-        Returns:
-            Joint positions, and how near they are to a singularity.
 
         Raises:
             InputError: the point cannot be reached, or point or direction are outside the plane.
@@ -117,9 +114,6 @@ class PlanarArm:
 
         Args:
             position_rad: joint positions, shape (3,) [rad].
-
-        Returns:
-            Sign of the bend.
         """
         turn = self._rest[1] - self._rest[0] + self.signs[1] * float(position_rad[1])
         return Elbow.POSITIVE if math.sin(turn) >= 0.0 else Elbow.NEGATIVE
@@ -127,16 +121,13 @@ class PlanarArm:
     def absolute_angles(
         self, u_m: float, w_m: float, tool_rad: float, elbow: Elbow
     ) -> tuple[float, float, float]:
-        """Compute the links' absolute angles for a tip position in the plane.
+        """Compute the links' absolute angles a1, a2, a3 for a tip position in the plane [rad].
 
         Args:
             u_m: first coordinate of the tip in the plane [m].
             w_m: second coordinate [m].
             tool_rad: angle of the tool [rad].
             elbow: bending direction of the elbow.
-
-        Returns:
-            Angles a1, a2, a3 [rad].
 
         Raises:
             InputError: the wrist is out of reach.
@@ -159,13 +150,10 @@ class PlanarArm:
         return first, first + bend, third
 
     def joint_positions(self, angles_rad: tuple[float, float, float]) -> tuple[float, float, float]:
-        """Convert the links' absolute angles to joint positions.
+        """Convert the links' absolute angles to joint positions, not wrapped [rad].
 
         Args:
             angles_rad: a1, a2, a3 [rad].
-
-        Returns:
-            Joint positions [rad], not wrapped.
         """
         a1, a2, a3 = angles_rad
         rest1, rest2, rest3 = self._rest
@@ -185,13 +173,10 @@ class PlanarArm:
         return from_shoulder_m + self._shoulder
 
     def plane_direction(self, direction_world: FloatArray) -> tuple[float, float, float]:
-        """Project a world direction onto the plane.
+        """Project a world direction onto the plane: unit coordinates u and w, and the angle [rad].
 
         Args:
             direction_world: shape (3,); must lie in the plane.
-
-        Returns:
-            Unit coordinates u and w, and the angle [rad].
 
         Raises:
             InputError: the direction does not lie in the plane.
@@ -200,13 +185,10 @@ class PlanarArm:
         return math.cos(angle), math.sin(angle), angle
 
     def plane_point(self, point_world_m: FloatArray) -> tuple[float, float]:
-        """Project a world point onto the plane.
+        """Project a world point onto the plane: coordinates u and w [m].
 
         Args:
             point_world_m: shape (3,) [m].
-
-        Returns:
-            Coordinates u and w [m].
         """
         return float(point_world_m @ self._u_axis), float(point_world_m @ self._w_axis)
 

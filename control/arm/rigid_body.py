@@ -183,14 +183,11 @@ class RigidBody:
         return frozen_array(self._model.velocityLimit)
 
     def tip_motion(self, position_rad: FloatArray, velocity_rad_s: FloatArray) -> TipMotion:
-        """Compute pose, velocity and Jacobian of the tip.
+        """Compute pose, velocity and Jacobian of the tip in the world frame.
 
         Args:
             position_rad: joint positions, shape (n,) [rad].
             velocity_rad_s: joint velocities, shape (n,) [rad/s].
-
-        Returns:
-            Motion of the tip in the world frame.
         """
         jacobian = self.tip_jacobian(position_rad)
         placement = pin.updateFramePlacement(self._model, self._data, self._tip)
@@ -198,13 +195,10 @@ class RigidBody:
         return TipMotion(position, rotation, jacobian[:3].dot(velocity_rad_s), jacobian)
 
     def tip_pose(self, position_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute the pose of the tip.
+        """Compute position, shape (3,) [m], and rotation, shape (3, 3), of the tip in the world frame.
 
         Args:
             position_rad: joint positions, shape (n,) [rad].
-
-        Returns:
-            Position, shape (3,) [m], and rotation, shape (3, 3), in the world frame.
         """
         pin.forwardKinematics(self._model, self._data, position_rad)
         placement = pin.updateFramePlacement(self._model, self._data, self._tip)
@@ -250,15 +244,12 @@ class RigidBody:
     def inverse_dynamics_batch(
         self, position_rad: FloatArray, velocity_rad_s: FloatArray, acceleration_rad_s2: FloatArray
     ) -> FloatArray:
-        """Compute `inverse_dynamics` of many samples at once, in a third of the time.
+        """Compute `inverse_dynamics` of many samples at once, in a third of the time, shape (m, n) [N m].
 
         Args:
             position_rad: joint positions, shape (m, n) [rad].
             velocity_rad_s: joint velocities, shape (m, n) [rad/s].
             acceleration_rad_s2: joint accelerations, shape (m, n) [rad/s^2].
-
-        Returns:
-            Torques, shape (m, n) [N m].
         """
         motion = (position_rad.T, velocity_rad_s.T, acceleration_rad_s2.T)
         torques = pin.rneaInParallel(1, pin.ModelPool(self._model, 1), *motion)
@@ -304,27 +295,21 @@ class RigidBody:
     def forward_dynamics(
         self, position_rad: FloatArray, velocity_rad_s: FloatArray, torque_nm: FloatArray
     ) -> FloatArray:
-        """Compute the accelerations under joint torques, the inverse of `inverse_dynamics`.
+        """Compute the accelerations under joint torques, shape (n,) [rad/s^2].
 
         Args:
             position_rad: joint positions, shape (n,) [rad].
             velocity_rad_s: joint velocities, shape (n,) [rad/s].
             torque_nm: torques of the drives and of forces at the arm, shape (n,) [N m].
-
-        Returns:
-            Accelerations, shape (n,) [rad/s^2].
         """
         return np.array(pin.aba(self._model, self._data, position_rad, velocity_rad_s, torque_nm))
 
     def effective_mass(self, position_rad: FloatArray, lever_m: FloatArray) -> float:
-        """Compute the effective mass of the tip in one direction, 1 / (b^T M^-1 b).
+        """Compute the effective mass of the tip in one direction, 1 / (b^T M^-1 b), 0 if it is fixed [kg].
 
         Args:
             position_rad: joint positions, shape (n,) [rad].
             lever_m: b, speed of the tip in that direction per joint velocity, shape (n,) [m].
-
-        Returns:
-            Effective mass [kg]; 0 if the tip cannot move in that direction.
         """
         inverse = pin.computeMinverse(self._model, self._data, position_rad)
         mobility_1_kg = float(lever_m.dot(inverse).dot(lever_m))
@@ -341,7 +326,7 @@ class RigidBody:
     def regressor(
         self, position_rad: FloatArray, velocity_rad_s: FloatArray, acceleration_rad_s2: FloatArray
     ) -> FloatArray:
-        """Compute the regressor Y(q, v, a), for which the inverse dynamics is Y @ `parameters`.
+        """Compute the regressor Y(q, v, a), shape (n, 10 n): inverse dynamics is Y @ `parameters`.
 
         Ten columns per link: mass [kg], first moments [kg m] (x, y, z), inertias about the joint's frame [kg
         m^2] (xx, xy, yy, xz, yz, zz). Source: Atkeson, An and Hollerbach, IJRR 5(3), 1986.
@@ -350,9 +335,6 @@ class RigidBody:
             position_rad: joint positions, shape (n,) [rad].
             velocity_rad_s: joint velocities, shape (n,) [rad/s].
             acceleration_rad_s2: joint accelerations, shape (n,) [rad/s^2].
-
-        Returns:
-            Shape (n, 10 n).
         """
         motion = (position_rad, velocity_rad_s, acceleration_rad_s2)
         regressor = pin.computeJointTorqueRegressor(self._model, self._data, *motion)
@@ -365,16 +347,13 @@ class RigidBody:
         velocity_rad_s: FloatArray,
         acceleration_rad_s2: FloatArray,
     ) -> FloatArray:
-        """Compute one joint's row of `regressor` for many samples, in half the time.
+        """Compute one joint's row of `regressor` for many samples, in half the time, shape (m, 10 n).
 
         Args:
             joint: index of the joint, from 0.
             position_rad: joint positions, shape (m, n) [rad].
             velocity_rad_s: joint velocities, shape (m, n) [rad/s].
             acceleration_rad_s2: joint accelerations, shape (m, n) [rad/s^2].
-
-        Returns:
-            Shape (m, 10 n).
         """
         count, compute = self.joint_count, pin.computeJointTorqueRegressor
         rows = np.empty((len(position_rad), 10 * count))

@@ -122,16 +122,13 @@ class ComputedTorque:
     def step(
         self, measurement: Measurement, motion: JointMotion, contact_torque_nm: FloatArray, dt_s: float
     ) -> FloatArray:
-        """Compute torques that follow a motion and balance the force at the tip.
+        """Compute torques that follow a motion and balance the force at the tip, shape (n,) [N m].
 
         Args:
             measurement: state of the arm.
             motion: reference of the joints.
             contact_torque_nm: torque that balances the contact force, shape (n,) [N m].
             dt_s: length of the step [s].
-
-        Returns:
-            Joint torques, shape (n,) [N m].
         """
         position, velocity = measurement.joint_position_rad, measurement.joint_velocity_rad_s
         correction = self._pid.step(motion.position_rad - position, motion.velocity_rad_s - velocity, dt_s)

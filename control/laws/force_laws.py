@@ -41,11 +41,7 @@ class Compliance(NamedTuple):
 
 
 def within_bounds(compliance: Compliance) -> Compliance:
-    """Clip a compliance to the range in which the force laws are stable.
-
-    Returns:
-        The nearest compliance within the bounds.
-    """
+    """Clip a compliance to the range in which the force laws are stable."""
     stiffness_n_m, damping_n_s_m = compliance
     return Compliance(
         clip(stiffness_n_m, *_STIFFNESS_BOUNDS_N_M), clip(damping_n_s_m, *_DAMPING_BOUNDS_N_S_M)
@@ -112,29 +108,23 @@ class Admittance:
     damping_n_s_m: float
 
     def acceleration(self, force_error_n: float, speed_m_s: float, dt_s: float) -> float:
-        """Compute the acceleration over the next step (backward Euler, stable for any damping).
+        """Compute the acceleration over the next step, by backward Euler, which is stable [m/s^2].
 
         Args:
             force_error_n: desired minus measured force [N]; positive moves into the object.
             speed_m_s: speed of the reference, positive into the object [m/s].
             dt_s: length of the step [s].
-
-        Returns:
-            Acceleration of the reference [m/s^2].
         """
         push_n = force_error_n - self.damping_n_s_m * speed_m_s
         return push_n / (self.mass_kg + self.damping_n_s_m * dt_s)
 
 
 def scheduled_admittance(compliance: Compliance, gains: ContactGains) -> Admittance:
-    """Choose virtual mass and damping for an object.
+    """Choose virtual mass and damping for an object, with the damping ratio of the gains.
 
     Args:
         compliance: compliance of the object, or an estimate of it.
         gains: gains of the force law.
-
-    Returns:
-        An admittance with the damping ratio of the gains.
     """
     stiffness_n_m, damping_n_s_m = compliance
     mass_kg = max(gains.mass_kg, damping_n_s_m / gains.reaction_rad_s)
@@ -145,7 +135,7 @@ def scheduled_admittance(compliance: Compliance, gains: ContactGains) -> Admitta
 def loading_acceleration(
     speed_m_s: float, speed_limit_m_s: float, room_n: float, compliance: Compliance, gains: ContactGains
 ) -> float:
-    """Compute the acceleration for loading at the set speed below the force limit.
+    """Compute the acceleration for loading at the set speed below the force limit [m/s^2].
 
     Args:
         speed_m_s: speed of the reference, positive into the object [m/s].
@@ -153,9 +143,6 @@ def loading_acceleration(
         room_n: force limit minus the force of the object's spring at the present depth [N].
         compliance: compliance of the object.
         gains: gains of the force law.
-
-    Returns:
-        Acceleration of the reference [m/s^2].
     """
     stiffness_n_m, damping_n_s_m = compliance
     room_n -= stiffness_n_m * max(speed_m_s, 0.0) * gains.latency_s

@@ -88,10 +88,7 @@ class Gains(FileModel):
 
 
 def gains_of(robot_file: RobotFile) -> Gains:
-    """Read the gains of a robot file.
-
-    Returns:
-        Validated gains.
+    """Read and validate the gains of a robot file.
 
     Raises:
         InputError: a gain is invalid; the error names file, line, key and valid values.

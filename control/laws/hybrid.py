@@ -76,13 +76,10 @@ class ContactSwitch:
         self.in_contact = False
 
     def update(self, force_n: float) -> bool:
-        """Update the state with one new force sample.
+        """Update the state with one new force sample, and return whether there is contact.
 
         Args:
             force_n: above the free-air mean [N].
-
-        Returns:
-            Whether there is contact.
         """
         is_change = force_n < self.release_force_n if self.in_contact else force_n > self.touch_force_n
         self._count = self._count + 1 if is_change else 0

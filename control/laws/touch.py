@@ -32,7 +32,7 @@ def release_force_n(touch_n: float, gains: "TouchGains") -> float:
 
 
 def free_air_problem(force_n: float, touch_n: float, force_limit_n: float, gains: "TouchGains") -> str | None:
-    """Describe why no object can be probed with this free-air force.
+    """Describe why no object can be probed with this free-air force, with a remedy; None if one can.
 
     The force in free air is tared. If an object causes it, all later forces have this error. An object below
     the touch force is not detected.
@@ -42,9 +42,6 @@ def free_air_problem(force_n: float, touch_n: float, force_limit_n: float, gains
         touch_n: touch force above it [N].
         force_limit_n: force limit of the plan [N].
         gains: gains with the largest shares of the force limit.
-
-    Returns:
-        Problem and remedy, or None.
     """
     limit = f"force_limit_n {force_limit_n:g} N"
     limit_n = gains.bias_share * force_limit_n

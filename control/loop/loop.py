@@ -89,9 +89,6 @@ def first_measurement(robot: Robot, guard: Guard, clock: Clock, period_s: float)
         clock: real or simulated time.
         period_s: time between reads [s].
 
-    Returns:
-        The first measurement with young samples of all devices.
-
     Raises:
         DeviceTimeoutError: a device has no young sample within `FIRST_SAMPLE_S`; the error names it.
     """

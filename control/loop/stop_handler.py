@@ -121,10 +121,6 @@ class StopHandler:
 
 
 def one_line(error: Exception) -> str:
-    """Write an exception on one line, with its type unless the text is meant for users.
-
-    Returns:
-        Its text without line breaks.
-    """
+    """Write an exception without line breaks, with its type unless the text is meant for users."""
     text = " ".join(str(error).split())
     return text if isinstance(error, PalpateError) else f"{type(error).__name__}: {text}"

@@ -83,9 +83,6 @@ class Task(Protocol):
         Args:
             measurement: state of the arm.
             dt_s: time since the previous tick [s]; a multiple of the period after an overrun.
-
-        Returns:
-            Command, reference and events of the tick.
         """
 
 
@@ -101,7 +98,7 @@ def make_output(
     done: bool = False,
     events: tuple[TaskEvent, ...] = (),
 ) -> TaskOutput:
-    """Make the output of a task that follows a motion of the joints.
+    """Make the output of a task that follows a motion of the joints, with the measured tip motion.
 
     Args:
         command: joint torques.
@@ -113,9 +110,6 @@ def make_output(
         run: number of the probing run, or `NO_RUN`.
         done: whether the task has ended.
         events: events of the tick.
-
-    Returns:
-        The output, with the measured tip motion.
     """
     position_m, velocity_m_s = tip.position_world_m, tip.velocity_world_m_s
     reference = (motion.position_rad, motion.velocity_rad_s)
@@ -139,14 +133,11 @@ def blank_output(joint_count: int, phase: Phase, run: int = NO_RUN) -> TaskOutpu
 
 
 def checked_output(output: object, joints: tuple[int]) -> TaskOutput:
-    """Check types and shapes of a task's output; the guard checks values.
+    """Check types and shapes of a task's output, and return it; the guard checks values.
 
     Args:
         output: return value of `Task.step`.
         joints: shape of the joints' arrays, (n,).
-
-    Returns:
-        The same object.
 
     Raises:
         TypeError: the output is not a `TaskOutput`, or a field has the wrong type.

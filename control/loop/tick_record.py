@@ -79,13 +79,10 @@ _values = attrgetter(*(attribute for attribute, *_ in _COLUMNS))
 
 
 def tick_stream(joint_count: int) -> Stream:
-    """Describe the columns of a tick.
+    """Describe the columns of a tick: the stream "tick", whose records `tick_record` makes.
 
     Args:
         joint_count: number of joints n of the arm.
-
-    Returns:
-        The stream "tick", whose records `tick_record` makes.
     """
     columns = (
         Column(name, unit, width or joint_count, text, *dtype)
@@ -97,11 +94,7 @@ def tick_stream(joint_count: int) -> Stream:
 
 
 def tick_record(tick: Tick) -> tuple[object, ...]:
-    """Make one record of `tick_stream`.
-
-    Returns:
-        A value for each column, in their order.
-    """
+    """Make one record of `tick_stream`: a value for each column, in their order."""
     return (*_values(tick), *tick.estimates, *tick.durations)
 
 
@@ -161,14 +154,11 @@ class Journal:
         return self._log.dropped
 
     def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
-        """Ask the observer for its estimates.
+        """Ask the observer for its estimates, NaN if there are none.
 
         Args:
             measurement: state of the arm.
             output: the task's output for this measurement.
-
-        Returns:
-            Online estimates, NaN if there are none.
         """
         if self._observer is None:
             return NO_ESTIMATE

@@ -156,13 +156,10 @@ class TickGrid:
         return self.start_s + self.index * self.period_s
 
     def advance(self, now_s: float) -> int:
-        """Advance to the next tick.
+        """Advance to the next tick; return the number of periods to it, more than 1 after an overrun.
 
         Args:
             now_s: end of the current tick, loop's clock [s].
-
-        Returns:
-            Number of periods to the next tick: 1, or more after an overrun.
         """
         previous = self.index
         self.index = previous + 1

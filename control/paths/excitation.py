@@ -86,13 +86,10 @@ class Profile:
             self._scale = 1.0 / float(np.abs(np.cos(self._phases + times * self._rates).sum(axis=1)).max())
 
     def at(self, time_s: float) -> ProfilePoint:
-        """Compute the profile at a time.
+        """Compute the profile and its derivatives at a time.
 
         Args:
             time_s: time since its start [s].
-
-        Returns:
-            Value and derivatives.
         """
         # The wave between -1 and 1, with its derivatives by time.
         angle = self._phases + time_s * (self._rates + 0.5 * self._sweep * time_s)
@@ -120,7 +117,7 @@ def position_amplitude_m(
     force_limit_n: float,
     speed_limit_m_s: float,
 ) -> tuple[float, float]:
-    """Compute amplitude and offset of a position profile on an object of about this compliance.
+    """Compute amplitude [m] and offset [-] of a position profile on an object of this compliance.
 
     The highest frequency determines the force's amplitude. The offset reduces the spring's force by as much,
     so that the sum stays below the limit. Neither wave nor fade-in exceeds the speed limit, and the fade-in
@@ -132,9 +129,6 @@ def position_amplitude_m(
         damping_n_s_m: damping of the object [N s/m].
         force_limit_n: force limit [N].
         speed_limit_m_s: speed limit [m/s].
-
-    Returns:
-        Amplitude [m] and offset [-].
     """
     rate = math.tau * excitation.high_hz
     impedance_n_m = math.hypot(stiffness_n_m, rate * damping_n_s_m)

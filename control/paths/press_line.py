@@ -55,15 +55,12 @@ class PressLine:
     def reach_m(
         self, goal_m: float, near_rad: FloatArray, limits_rad: tuple[FloatArray, FloatArray]
     ) -> float:
-        """Compute how far the tip can travel from the start, to within 2 mm.
+        """Compute how far the tip can travel from the start, to within 2 mm [m].
 
         Args:
             goal_m: farthest travel of interest, negative for a travel backwards [m].
             near_rad: joint positions near the start, shape (3,) [rad].
             limits_rad: lowest and highest joint positions, shape (3,) each [rad].
-
-        Returns:
-            Travel that can be reached [m].
         """
         steps = math.ceil(abs(goal_m) / _REACH_STEP_M)
         reached_m, positions = 0.0, near_rad.tolist()

@@ -176,13 +176,10 @@ class JointPath:
         return self._moves[index].brake_at(since_s, acceleration_limit_rad_s2)
 
     def passed_rad(self, time_s: float) -> tuple[FloatArray, ...]:
-        """List the points already passed, the last one first, as a path back.
+        """List the points already passed, the last one first, as a path back, shape (n,) each [rad].
 
         Args:
             time_s: time since the start [s].
-
-        Returns:
-            Joint positions, shape (n,) each [rad].
         """
         return self._points[self._move_at(time_s)[0] :: -1]
 
@@ -222,13 +219,10 @@ class SpeedBlend:
         self._end_travel_m = self._during(total_s).travel_m
 
     def at(self, time_s: float) -> LineState:
-        """Compute the motion at a time.
+        """Compute the motion along the line at a time.
 
         Args:
             time_s: time since the start [s].
-
-        Returns:
-            Motion along the line.
         """
         if time_s >= self.duration_s:
             after_s = time_s - self.duration_s
@@ -294,13 +288,10 @@ class LineReturn:
         self.duration_s = self._stop_at_s + self._stop.duration_s
 
     def at(self, time_s: float) -> LineState:
-        """Compute the motion at a time.
+        """Compute the motion along the line at a time.
 
         Args:
             time_s: time since the start [s].
-
-        Returns:
-            Motion along the line.
         """
         if time_s < self._stop_at_s:
             return self._cruise.at(time_s)

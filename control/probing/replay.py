@@ -94,9 +94,6 @@ class ReplayTask:
         Args:
             measurement: state of the arm.
             dt_s: time since the last tick [s].
-
-        Returns:
-            Command, reference and events.
         """
         self._time_s += dt_s
         since_s = self._time_s - self._move_to_start.duration_s - _SETTLE_S

@@ -63,7 +63,7 @@ def probing_sites(
     *,
     velocity_limits_rad_s: FloatArray | None = None,
 ) -> list[ProbingSite]:
-    """Compute the sites of a plan, with the elbow on its present side, and check the speeds on press lines.
+    """Compute the sites of all targets, with the elbow on its present side, and check their speeds.
 
     Args:
         arm: geometry of the arm.
@@ -72,9 +72,6 @@ def probing_sites(
         position_rad: present joint positions, shape (3,) [rad].
         limits_rad: lowest and highest joint positions, shape (3,) each [rad].
         velocity_limits_rad_s: the guard's velocity limits, shape (3,) [rad/s]; None for any.
-
-    Returns:
-        One site per target.
 
     Raises:
         InputError: an approach start or the search distance after it is out of reach, or the guard would trip

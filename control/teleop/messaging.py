@@ -117,25 +117,19 @@ class Peer:
         return not now_s - self._fresh_at_s <= _SILENT_S  # true for NaN as well
 
     def age_s(self, now_s: float) -> float:
-        """Compute the age of the newest fresh frame's content.
+        """Compute the age of the newest fresh frame's content; NaN if it is not known [s].
 
         Args:
             now_s: own clock [s].
-
-        Returns:
-            Age [s]; NaN before the first frame, or if the offset is unknown.
         """
         return self.since_s(self._sent_s, now_s)
 
     def since_s(self, peer_s: float, now_s: float) -> float:
-        """Compute the time elapsed since a time of the peer's clock.
+        """Compute the time since a time of the peer's clock; NaN before the offset is known [s].
 
         Args:
             peer_s: peer's clock [s].
             now_s: own clock [s].
-
-        Returns:
-            Time since then [s]; NaN before the offset is known.
         """
         offset = self.offset
         return nan if offset is None else now_s - (peer_s - offset.offset_s)
@@ -229,11 +223,7 @@ class Messaging:
         self._resubscribe_s = self._begun_s + _RESUBSCRIBE_S
 
     def receive(self) -> bool:
-        """Process all received frames.
-
-        Returns:
-            Whether `linked` has changed.
-        """
+        """Process all received frames, and return whether `linked` has changed."""
         for at_s, frame in self._line.receive():
             # The sender has not received this program's frames, or the frame is a replay.
             if frame.heard_sender != self._line.sender:
@@ -264,11 +254,7 @@ class Messaging:
         return self.linked != was
 
     def problem(self) -> str:
-        """Describe, once, why nothing may be received from the peer.
-
-        Returns:
-            One sentence; empty if there is nothing new.
-        """
+        """Describe, once, why nothing may be received from the peer; empty if there is nothing new."""
         now_s, line = self._clock.now_s(), self._line
         if line.malformed and "refused" not in self._reported:
             self._reported.add("refused")
@@ -285,13 +271,10 @@ class Messaging:
         return f"no message arrived for {_UNHEARD_S:g} s: {line.advice}"
 
     def record(self, now_s: float) -> tuple[object, ...]:
-        """Make one record of `LINK_STREAM`.
+        """Make one record of `LINK_STREAM`, a value for each column.
 
         Args:
             now_s: time on this side's clock [s].
-
-        Returns:
-            A value for each column.
         """
         peer, offset = self.peer, self.peer.offset
         clocks = (nan, nan) if offset is None else (offset.offset_s, offset.round_trip_s)

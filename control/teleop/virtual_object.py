@@ -100,15 +100,12 @@ class VirtualObject:
     def step(
         self, tip_position_world_m: FloatArray, tip_velocity_world_m_s: FloatArray, dt_s: float
     ) -> RenderedForce:
-        """Compute the force that the tip feels until the next step.
+        """Compute the force that the tip feels until the next step, with depth and energy.
 
         Args:
             tip_position_world_m: shape (3,) [m].
             tip_velocity_world_m_s: shape (3,) [m/s].
             dt_s: time until the next step [s].
-
-        Returns:
-            Force, depth and energy.
         """
         tip_m = float(self._normal.dot(tip_position_world_m))
         rate_m_s = -float(self._normal.dot(tip_velocity_world_m_s))

@@ -17,14 +17,11 @@ class ObjectLaw(FileModel, ABC):
 
     @abstractmethod
     def material_force_n(self, depth_m: float, rate_m_s: float) -> float:
-        """Compute the force of the material below the surface.
+        """Compute the force of the material below the surface [N]; negative where it would have to pull.
 
         Args:
             depth_m: depth of the tip below the undeformed surface, positive [m].
             rate_m_s: rate of the depth, positive while pressing in [m/s].
-
-        Returns:
-            Force [N]; negative where the material would have to pull.
         """
 
     def force_n(self, depth_m: float, rate_m_s: float) -> float:

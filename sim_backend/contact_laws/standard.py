@@ -20,14 +20,11 @@ class EngineContact(ObjectLaw):
     damping_n_s_m: Number = Field(ge=0, le=1e4)  # contactDamping [N s/m]
 
     def material_force_n(self, depth_m: float, rate_m_s: float) -> float:
-        """Compute the nominal force of the engine's contact, which never pulls.
+        """Compute the nominal force of the engine's contact, which never pulls [N].
 
         Args:
             depth_m: depth of the tip below the surface [m].
             rate_m_s: rate of the depth [m/s].
-
-        Returns:
-            Force [N].
         """
         return max(self.stiffness_n_m * depth_m + self.damping_n_s_m * rate_m_s, 0.0)
 

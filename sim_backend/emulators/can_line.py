@@ -191,15 +191,12 @@ _numbers = count()
 def make_can_wire(
     request: WireRequest, motors: Sequence[Any], make: Callable[[int, Any], EmulatedMotor]
 ) -> tuple[EmulatedWire, dict[str, Any]]:
-    """Make a bus with one emulated motor per joint; see `WireMaker.make`.
+    """Make a bus with one emulated motor per joint, and its settings; see `WireMaker.make`.
 
     Args:
         request: the bus to emulate.
         motors: settings of each, from base to tip.
         make: makes a node from joint (from 0) and settings.
-
-    Returns:
-        Wire and settings.
     """
     nodes = [make(joint, motor) for joint, motor in enumerate(motors)]
     channel = f"palpate-{os.getpid()}-{next(_numbers)}"

@@ -34,9 +34,6 @@ def checksum(data: bytes) -> int:
 
     Args:
         data: bytes that it covers.
-
-    Returns:
-        The remainder, from 0 to FFFF.
     """
     remainder = 0
     for byte in data:
@@ -83,15 +80,12 @@ class DynamixelParser(InstructionParser):
 
 
 def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
-    """Make a status packet.
+    """Make a status packet with its checksum.
 
     Args:
         servo_id: id of the sender.
         error: number, with the alert bit.
         data: parameters.
-
-    Returns:
-        The packet, with its checksum.
     """
     body = (bytes((STATUS_INSTRUCTION, error)) + data).replace(_START, _STUFFED)
     length = len(body) + 2

@@ -150,13 +150,10 @@ class Memory:
                 self.put(item.address, item.initial)
 
     def get(self, address: int) -> int:
-        """Return the value of an item.
+        """Return the value of an item, signed if the item's range goes below zero.
 
         Args:
             address: address of the item.
-
-        Returns:
-            The value, signed if the item's range goes below zero.
         """
         item = self._items[address]
         signed = item.low is not None and item.low < 0
@@ -169,21 +166,18 @@ class Memory:
         self._bytes[address : address + item.size] = data
 
     def read(self, address: int, size: int) -> bytes | Error:
-        """Read consecutive bytes for an instruction.
+        """Read consecutive bytes for an instruction, or return why they cannot be read.
 
         Args:
             address: address of the first byte.
             size: bytes.
-
-        Returns:
-            The bytes, or why they cannot be read.
         """
         if size < 1 or address + size > len(self._bytes):
             return Error.ACCESS
         return bytes(self._bytes[self._resolve(current)] for current in range(address, address + size))
 
     def write(self, address: int, data: bytes, allowed: Callable[[ControlTableItem, int], Error]) -> Error:
-        """Write whole consecutive items at an address.
+        """Write whole consecutive items at an address, and return the error.
 
         `allowed` decides for an item and its new value whether the servo accepts it now.
 
@@ -191,9 +185,6 @@ class Memory:
             address: address of the first byte.
             data: bytes to write.
             allowed: judges an item and its new value.
-
-        Returns:
-            The error, if any.
         """
         current, end = address, address + len(data)
         while current < end:
@@ -268,27 +259,21 @@ class EmulatedServo(LineServo):
         return self._model.number.to_bytes(2, "little") + bytes((firmware,))
 
     def read(self, address: int, size: int) -> bytes | Error:
-        """Answer a read, with the newest sample of the sensors.
+        """Answer a read, with the newest sample of the sensors, or return why it cannot be answered.
 
         Args:
             address: address of the first byte.
             size: bytes.
-
-        Returns:
-            The bytes, or why they cannot be read.
         """
         self._sample_position()
         return self.memory.read(address, size)
 
     def write(self, address: int, data: bytes) -> Error:
-        """Execute a write.
+        """Execute a write, and return the error.
 
         Args:
             address: address of the first byte.
             data: bytes to write.
-
-        Returns:
-            The error, if any.
         """
         mode = self.memory.get(OPERATING_MODE)
         error = self.memory.write(address, data, self._allowed)

@@ -48,15 +48,12 @@ def _inverted_sum(content: bytes | bytearray) -> int:
 
 
 def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
-    """Make a status packet.
+    """Make a status packet with its checksum.
 
     Args:
         servo_id: id of the sender.
         error: bits.
         data: parameters.
-
-    Returns:
-        The packet, with its checksum.
     """
     content = bytes((servo_id, len(data) + 2, error)) + data
     return b"\xff\xff" + content + bytes((_inverted_sum(content),))
@@ -122,14 +119,11 @@ class EmulatedSts(LineServo):
         self._sample_position()
 
     def get(self, address: int, size: int = 2) -> int:
-        """Return a value of the memory.
+        """Return a value of the memory, without a sign.
 
         Args:
             address: address of the first byte.
             size: bytes, 1 or 2.
-
-        Returns:
-            The value, without a sign.
         """
         low = self._memory[address]
         return low if size == 1 else low | self._memory[address + 1] << 8

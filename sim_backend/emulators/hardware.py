@@ -239,9 +239,6 @@ def baud_rate_matches(master: int, baud_rate: int | None) -> bool:
     Args:
         master: file descriptor of the device's end.
         baud_rate: baud rate of the device [bit/s]; None for any.
-
-    Returns:
-        Whether the rates agree; always for None.
     """
     speed = getattr(termios, f"B{baud_rate}", None)
     return speed is None or termios.tcgetattr(master)[4] == speed

@@ -20,16 +20,13 @@ _LOOK_S = 0.01  # whether it is to end, in real time
 
 
 def record(sequence: int, measurement: int, status: int, counts: list[int]) -> bytes:
-    """Make one RDT record.
+    """Make one RDT record of 36 bytes, most significant first.
 
     Args:
         sequence: number of the record.
         measurement: number of the internal measurement.
         status: bits.
         counts: three forces, three torques.
-
-    Returns:
-        36 bytes, most significant first.
     """
     words = [sequence % 2**32, measurement % 2**32, status, *(count % 2**32 for count in counts)]
     return b"".join(word.to_bytes(4, "big") for word in words)

@@ -65,14 +65,11 @@ class SerialSensor(ABC):
     _silent_until_s = -inf
 
     def receive(self, data: bytes, now_s: float) -> bytes:
-        """Act on bytes from the host, unless the sensor is starting.
+        """Act on bytes from the host, unless the sensor is starting, and return the answer.
 
         Args:
             data: bytes from the host.
             now_s: emulator's clock [s].
-
-        Returns:
-            The answer; may be empty.
         """
         return b"" if now_s < self._silent_until_s else self._process(data, now_s)
 
@@ -90,13 +87,10 @@ class SerialSensor(ABC):
 
     @abstractmethod
     def reading(self, force_n: float) -> bytes:
-        """Encode one reading of the stream.
+        """Encode one reading of the stream as the bytes that the sensor sends.
 
         Args:
             force_n: force with the sensor's own sign [N]; NaN if there is none.
-
-        Returns:
-            The bytes that the sensor sends.
         """
 
     def restart(self, now_s: float, silent_s: float) -> None:

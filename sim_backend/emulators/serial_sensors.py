@@ -104,16 +104,13 @@ def _checksums(content: bytes) -> bytes:
 
 
 def telegram(command: int, to: int, parameters: bytes = b"", sender: int = ADDRESS) -> bytes:
-    """Make a telegram of a sensor: STX, and the content with every 02 doubled.
+    """Make a telegram of a sensor with its checksums: STX, and the content with every 02 doubled.
 
     Args:
         command: number.
         to: receiver.
         parameters: bytes.
         sender: address of the sensor.
-
-    Returns:
-        The telegram, with both checksums.
     """
     content = bytes((command, to, sender, len(parameters))) + parameters
     return b"\x02" + (content + _checksums(content)).replace(b"\x02", b"\x02\x02")
@@ -253,13 +250,10 @@ _RAIL = 0x7FFFFF  # of a 24 bit converter
 
 
 def cell_line(text: str) -> bytes:
-    """Make a line of the firmware.
+    """Make a line of the firmware, with checksum and end.
 
     Args:
         text: text without checksum and line end.
-
-    Returns:
-        The line, with checksum and end.
     """
     return text.encode() + f"*{crc_hqx(text.encode(), 0xFFFF):04X}\n".encode()
 
@@ -297,13 +291,10 @@ _TEMPERATURE_C = 31.5  # of the sensor
 
 
 def bota_crc(data: bytes) -> int:
-    """Compute the CRC-16 of X.25: x^16 + x^12 + x^5 + 1, reflected, FFFF at the start.
+    """Compute the inverted CRC-16 of X.25: x^16 + x^12 + x^5 + 1, reflected, FFFF at the start.
 
     Args:
         data: bytes that it covers.
-
-    Returns:
-        The remainder, inverted, from 0 to FFFF.
     """
     remainder = 0xFFFF
     for byte in data:
@@ -314,15 +305,12 @@ def bota_crc(data: bytes) -> int:
 
 
 def bota_frame(status: int, values: list[float], time_us: int) -> bytes:
-    """Make one frame: three forces, three torques.
+    """Make one frame with its checksum: three forces, three torques.
 
     Args:
         status: bits.
         values: three forces [N], three torques [N m].
         time_us: sensor's clock [us].
-
-    Returns:
-        The frame, with its checksum.
     """
     data = struct.pack("<H6fIf", status, *values, time_us % 2**32, _TEMPERATURE_C)
     return b"\xaa" + data + struct.pack("<H", bota_crc(data))

@@ -22,7 +22,7 @@ def dynamics_urdf(
     tip_radius_m: float,
     sensor_axis_tip: Sequence[float],
 ) -> str:
-    """Remove visuals, meshes and collision shapes from a URDF, and add one sphere behind the tip frame.
+    """Reduce a URDF to the engine's: without visuals, meshes and shapes, with a sphere behind the tip.
 
     The sphere touches a surface with the tip frame's origin. It is a shape of the last moving link, because
     PyBullet lets links behind a fixed joint pass through static bodies. A link without <inertial> gets no
@@ -34,9 +34,6 @@ def dynamics_urdf(
         mass_scale: factor on all masses and inertias [-].
         tip_radius_m: radius of the sphere [m].
         sensor_axis_tip: unit vector in the tip frame along which the tool pushes.
-
-    Returns:
-        The URDF for the engine.
 
     Raises:
         InputError: the text is not a URDF, has an invalid number, or lacks the link of the tip frame.
