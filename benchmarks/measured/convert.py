@@ -35,7 +35,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.io import loadmat
 
 Columns = Mapping[str, NDArray[np.float64]]
-Reader = Callable[[bytes, Mapping[str, Any]], list[Columns]]
+Reader = Callable[[bytes, Mapping[str, Any]], list[Columns]]  # of a file's bytes and the recipe's options
 
 RECIPES = Path(__file__).parent / "recipes"
 SPLITS = ("develop", "held_out")
@@ -106,12 +106,10 @@ def _named(rows: NDArray[np.float64], names: list[str]) -> Columns:
 def read_text(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     """Read a text table.
 
-    Args:
-        content: bytes of the file.
-        options: `delimiter` (default: blanks), `skip` lines ahead of the numbers (the last of them holds the
-            names), `decimal` mark, `encoding`, `key`: number of the column that must hold a number, `width`:
-            lines of a row where it is written on several, `transpose`: each line holds a column, `blanks`:
-            characters that count as blanks, such as the brackets of arrays.
+    Options: `delimiter` (default: blanks), `skip` lines ahead of the numbers (the last of them holds the
+    names), `decimal` mark, `encoding`, `key`: number of the column that must hold a number, `width`:
+    lines of a row where it is written on several, `transpose`: each line holds a column, `blanks`:
+    characters that count as blanks, such as the brackets of arrays.
 
     Returns:
         One table. Rows with fewer cells than the first, or with no number in the key column, are left out.
@@ -135,10 +133,8 @@ def read_text(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 def read_workbook(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     """Read sheets of an Excel file; `skip` as in `read_text`.
 
-    Args:
-        content: bytes of the file.
-        options: `sheet`: number of the sheet (default 0), or `sheets`: pattern of the names of several, or a
-            list of names.
+    Options: `sheet`: number of the sheet (default 0), or `sheets`: pattern of the names of several, or a
+    list of names.
     """
     book = python_calamine.CalamineWorkbook.from_filelike(io.BytesIO(content))
     chosen = book.sheet_names[options.get("sheet", 0) :][:1]
@@ -257,9 +253,7 @@ def _jpk_channel(
 def read_jpk(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     """Read the curves of a JPK force file or map: `time`, `height`, `deflection`, `force`, `segment`.
 
-    Args:
-        content: bytes of the archive.
-        options: `height`: name of the channel with the height (default `height`).
+    Options: `height`: name of the channel with the height (default `height`).
     """
     curves: list[Columns] = []
     end = "segment-header.properties"
@@ -307,10 +301,8 @@ def read_trials(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 def read_zip(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     """Read tables that are packed in one archive, sorted by name.
 
-    Args:
-        content: bytes of the archive.
-        options: `members`: pattern of the names of the tables; `packed`: their format (default `text`); the
-            others as this format takes them.
+    Options: `members`: pattern of the names of the tables; `packed`: their format (default `text`); the
+    others as this format takes them.
     """
     reader = READERS[options.get("packed", "text")]
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
@@ -321,11 +313,9 @@ def read_zip(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 def read_json(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     """Read numbers of a list of records, series of a list of graphs, or lists by their names.
 
-    Args:
-        content: bytes of the file.
-        options: `records`: key of the list of records, whose keys are the names; or `graphs`: key of a list
-            of phases, and key of the series of a phase; the series of all phases are joined. Without them,
-            each list of numbers is a column. `under`: key of the part of the file that holds all this.
+    Options: `records`: key of the list of records, whose keys are the names; or `graphs`: key of a list
+    of phases, and key of the series of a phase; the series of all phases are joined. Without them,
+    each list of numbers is a column. `under`: key of the part of the file that holds all this.
     """
     table = json.loads(content)
     if "under" in options:
@@ -415,9 +405,7 @@ def _ros_numbers(
 def read_bag(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     """Read the numbers of one topic of a ROS 1 bag by their names in the message, as `wrench.force.x`.
 
-    Args:
-        content: bytes of the bag, whose chunks are packed by bz2 or not at all.
-        options: `topic`.
+    Its chunks are packed by bz2 or not at all. Options: `topic`.
 
     Raises:
         FileNotFoundError: the bag has no message of this topic; the text lists its topics.
@@ -446,10 +434,8 @@ def read_bag(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 def read_binary(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     """Read numbers of one type, one after the other, as the column `0`.
 
-    Args:
-        content: bytes of the file.
-        options: `type`: of the numbers, as NumPy names it (`>i2`); `skip`: bytes ahead of them; `count`: how
-            many numbers there are (default: all to the end).
+    Options: `type`: of the numbers, as NumPy names it (`>i2`); `skip`: bytes ahead of them; `count`: how
+    many numbers there are (default: all to the end).
     """
     kind = np.dtype(options["type"])
     numbers = np.frombuffer(content, kind, options.get("count", -1), options.get("skip", 0))
@@ -495,9 +481,8 @@ def _tdms_objects(content: bytes, at: int) -> Iterator[tuple[str, tuple[str, int
 def read_tdms(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     """Read the channels of a TDMS file of LabVIEW: a table for each group, sorted by name.
 
-    Args:
-        content: bytes of the file. Its channels hold numbers, one channel after the other in each segment.
-        options: `groups`: pattern of the names of the groups (default: all).
+    Its channels hold numbers, one channel after the other in each segment. Options: `groups`: pattern of the
+    names of the groups (default: all).
     """
     values: dict[str, list[NDArray[np.float64]]] = {}
     index: dict[str, tuple[str, int]] = {}
@@ -530,9 +515,7 @@ def read_tdms(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 def read_quoted(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     """Read a text table with quoted cells that hold a number or a list of numbers: `name.0`, `name.1` ...
 
-    Args:
-        content: bytes of the file; its first row holds the names.
-        options: `delimiter` (default: comma).
+    Its first row holds the names. Options: `delimiter` (default: comma).
 
     Returns:
         One table with the columns whose first cell is a number or a flat list in brackets. A cell that
@@ -557,9 +540,8 @@ def read_quoted(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 def read_nid(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     """Read the curves of a NID file (AFM by Nanosurf): `FRAME.CHANNEL`, such as `Spec forward.Deflection`.
 
-    Args:
-        content: bytes of the file: sections of text, `#!`, then the signed integers of all channels.
-        options: `frames`: those that are read; they must have the same channels in each curve.
+    It has sections of text, `#!`, then the signed integers of all channels. Options: `frames`: those that are
+    read; they must have the same channels in each curve.
 
     Returns:
         A table for each curve, whose columns have as many rows as the shortest, from the file's first point.
