@@ -8,6 +8,7 @@ lag a rehearsal would predict motions that no real arm makes. No device is opene
 import math
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -197,22 +198,19 @@ def simulate_plans(simulations: Sequence[PlanSimulation], processes: int = 1) ->
     """
     known = {trial: _known[trial] for trial in simulations if trial in _known}
     new = [trial for trial in simulations if trial not in known]
-    if processes == 1 or len(new) < 2:
+    parallel = processes > 1 and len(new) > 1
+    with worker_pool(min(processes, len(new))) if parallel else nullcontext() as pool:
+        coming = {trial: pool.submit(_simulate_or_none, trial) for trial in new} if pool else {}
         for trial in simulations:
-            yield _cache_simulation(trial, known[trial] if trial in known else _simulate_or_none(trial))
-        return
-    with worker_pool(min(processes, len(new))) as pool:
-        coming = {trial: pool.submit(_simulate_or_none, trial) for trial in new}
-        for trial in simulations:
-            yield _cache_simulation(trial, coming[trial].result() if trial in coming else known[trial])
-
-
-def _cache_simulation(simulation: PlanSimulation, ticks: Samples | None) -> Samples | None:
-    _known[simulation] = ticks
-    _known.move_to_end(simulation)
-    if len(_known) > _KEPT:
-        _known.popitem(last=False)
-    return ticks
+            if trial in coming:
+                ticks = coming[trial].result()
+            else:
+                ticks = known[trial] if trial in known else _simulate_or_none(trial)
+            _known[trial] = ticks
+            _known.move_to_end(trial)
+            if len(_known) > _KEPT:
+                _known.popitem(last=False)
+            yield ticks
 
 
 def _simulate_or_none(simulation: PlanSimulation) -> Samples | None:

@@ -105,11 +105,7 @@ def check_can_be_emulated(robot_file: RobotFile) -> None:
 
 
 def emulate(
-    robot_file: RobotFile,
-    scenario: Scenario,
-    clock: Clock,
-    *,
-    as_built: RobotFile | None = None,
+    robot_file: RobotFile, scenario: Scenario, clock: Clock, *, as_built: RobotFile | None = None
 ) -> WiredArm:
     """Connect emulated devices to every bus of a robot; the caller must close its emulator.
 

@@ -233,11 +233,15 @@ def test_report_has_the_diagnosis_and_added_effects_of_its_batch(
     assert "Added since: contact with bias" in page
 
 
-def test_terminal_reports_the_number_of_inadequate_measurements(hardening, tmp_path):
-    plain = write_presses(tmp_path / "plain.csv", cubic=0.0)
-    said = " ".join(done("batch", hardening, plain, "--out", tmp_path / "out").stdout.split())
-    assert "kelvin_voigt does not fit contact in 1 of 2 measurements: errors reach" in said
-    pooled = as_json("batch", hardening, plain, "--out", tmp_path / "out")["pooled"]
+def test_terminal_reports_the_number_of_inadequate_measurements_and_copies(hardening, tmp_path):
+    plain, copy = write_presses(tmp_path / "plain.csv", cubic=0.0), tmp_path / "copy.csv"
+    copy.write_bytes(plain.read_bytes())
+    batch = ("batch", hardening, plain, copy, "--out", tmp_path / "out")
+    said = " ".join(done(*batch).stdout.split())
+    assert "kelvin_voigt does not fit contact in 1 of 3 measurements: errors reach" in said
+    same = "1 measurement has the same content as another (copy.csv, plain.csv); means and tests count both"
+    assert same in said
+    pooled = as_json(*batch)["pooled"]
     low, high = next(entry["effects"]["interval"] for entry in pooled if entry["parameter"] == "stiffness.k")
     found = re.search(r"stiffness.k: mean \S+ ± (\S+) N/m \(95 %\)", said)
     assert float(found[1]) == pytest.approx((high - low) / 2, rel=0.06)
@@ -285,16 +289,10 @@ def write_lerobot(folder, torques_Nm):
         a = -0.726 * np.sin(1.1 * t) - 2.523 * np.sin(2.9 * t + 1.0)
         noise = 0.01 * rng.standard_normal(len(t))
         torque = (0.05 + 0.01 * episode) * a + 0.1 * v + coulomb * np.tanh(v / 0.01) + noise
-        parts.append(
-            pa.table(
-                {
-                    "timestamp": t.astype(np.float32),
-                    "episode_index": np.full(len(t), episode),
-                    "observation.state": pa.array(np.degrees(q)[:, None].tolist()),
-                    "observation.effort": pa.array(torque[:, None].tolist()),
-                }
-            )
-        )
+        columns = {"timestamp": t.astype(np.float32), "episode_index": np.full(len(t), episode)}
+        lists = {"observation.state": np.degrees(q), "observation.effort": torque}
+        columns |= {name: pa.array(values[:, None].tolist()) for name, values in lists.items()}
+        parts.append(pa.table(columns))
     pq.write_table(pa.concat_tables(parts), folder / "data" / "chunk-000" / "file-000.parquet")
     return folder
 
@@ -358,23 +356,11 @@ def test_sessions_and_a_damaged_one_are_measurements_too(probed, tmp_path):
 
 
 def test_time_of_a_measurement_counts_once_for_all_channels(tmp_path):
-    cells = {
-        "measurement": ["a", "a", "b"],
-        "channel": ["joint_1", "joint_2", ""],
-        "seconds": [2.0, 2.0, 1.0],
-    }
+    cells = {"measurement": list("aab"), "channel": ["joint_1", "joint_2", ""], "seconds": [2.0, 2.0, 1.0]}
     empty = {name: [""] * 3 for name in ("files", "group", "model", "verdict", "effects", "error")}
     table = pa.table(cells | empty | {"times_noise": [1.0, 1.0, None]})
     write_page(BatchResult(tmp_path, table, 2, 2, (), (), ()))
     assert "processor time</b> 3.0 s" in " ".join((tmp_path / "index.html").read_text().split())
-
-
-def test_copies_of_a_measurement_are_mentioned(specimens, tmp_path):
-    copies = [tmp_path / "a.csv", tmp_path / "b.csv"]
-    for copy in copies:
-        copy.write_bytes((specimens / "s0_soft.csv").read_bytes())
-    said = " ".join(done("batch", *copies, "--out", tmp_path / "out", "--workers", 1).stdout.split())
-    assert "1 measurement has the same content as another (a.csv, b.csv); means and tests count both" in said
 
 
 def test_batch_stopped_before_the_first_result_continues(specimens, tmp_path, monkeypatch):

@@ -147,12 +147,7 @@ def test_failed_night_does_not_hide_a_step_and_is_stated(tmp_path):
     (entry,) = said["left_out"]
     assert (entry["series"], entry["at"], entry["value"]) == ("coulomb_friction.torque", "2026-01-11", 19.0)
     assert "1 isolated value left out" in run("trend", tmp_path / "nightly").stdout
-
-
-def test_ten_measurements_with_one_isolated_are_a_series(tmp_path):
-    values = 0.2 + 0.003 * np.random.default_rng(6).standard_normal(10)
-    values[4] = 19.0
-    write_table(tmp_path / "nightly", values, DAYS[:10], 0.001)
+    write_table(tmp_path / "nightly", values[1:11], DAYS[:10], 0.001)  # nine besides the isolated one suffice
     said = as_json("trend", tmp_path / "nightly", "--parameter", "coulomb_friction.torque")
     assert (said["tested"], len(said["left_out"])) == (1, 1)
 
@@ -194,7 +189,6 @@ def test_single_date_is_refused_and_a_constant_date_column_is_skipped(tmp_path):
     assert_refused(run("trend", tmp_path / "nightly"), "all 40 measurements have 2026-01-01")
     write_table(tmp_path / "first", np.array([0.2]), [DAYS[0]])
     assert as_json("trend", tmp_path / "first")["tested"] == 0
-    write_table(tmp_path / "nightly", 0.2 + 0.001 * np.arange(40), [DAYS[0]] * 40)
     table = pq.read_table(tmp_path / "nightly" / "table.parquet")
     table = table.append_column("timestamp", pa.array([float(number) for number in range(40)]))
     assert time_axis(table)[2] == "timestamp"
@@ -206,9 +200,8 @@ def test_invalid_trend_tables_are_reported(tmp_path):
     assert_refused(run("trend", tmp_path), "contains no table from palpate batch")
     assert_refused(run("trend", tmp_path / "few", "--date", "channel"), "--date channel: give dates")
     assert_refused(run("trend", tmp_path / "few", "--date", "night"), "no such column")
-    assert_refused(
-        run("trend", tmp_path / "few", "--parameter", "mass"), "--parameter mass", "Available: none"
-    )
+    refused = run("trend", tmp_path / "few", "--parameter", "mass")
+    assert_refused(refused, "--parameter mass", "Available: none")
     (tmp_path / "table.csv").write_text("a,b\n1,2\n")
     assert_refused(run("trend", tmp_path / "table.csv"), "lacks the columns")
     (tmp_path / "table.csv").write_bytes(b"\xed\x92\xff,\xfe\n1,2\n")

@@ -37,18 +37,10 @@ def probed(scenario: dict, plan: ProbingPlan = FAST) -> Samples:
     return Samples.from_records(stream, np.array(arm.log.records, stream.dtype))
 
 
-@pytest.mark.parametrize(
-    "scenario",
-    [
-        {},
-        {
-            "object": {
-                "law": {"name": "hunt_crossley", "stiffness": 7000.0, "damping": 4000.0, "exponent": 1.5}
-            }
-        },
-    ],
-    ids=["kelvin_voigt", "hunt_crossley"],
-)
+POWER = {"name": "hunt_crossley", "stiffness": 7000.0, "damping": 4000.0, "exponent": 1.5}
+
+
+@pytest.mark.parametrize("scenario", [{}, {"object": {"law": POWER}}], ids=["kelvin_voigt", "hunt_crossley"])
 def test_first_session_estimate_is_the_object(scenario):
     found, world = estimate_object(probed(scenario), 4), load_scenario(scenario)
     assert found.model[0].name == world.object.law.name
