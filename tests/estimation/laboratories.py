@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from functools import cache
-from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -52,47 +51,11 @@ def plain(folder):
     return path
 
 
-def instron(folder):
-    """Bluehill: a preamble in quotes, names, then units, all cells in quotes."""
-    text = '"Test type","Compression"\n"Operator","A, B"\n"Specimen label","7"\n\n'
-    text += '"Time","Compressive extension","Compressive load"\n"(s)","(mm)","(N)"\n'
-    rows = zip(*si_prefixed(*presses()), strict=True)
-    path = folder / "Specimen_RawData_1.csv"
-    path.write_text(text + "".join(",".join(f'"{value:.5f}"' for value in row) + "\n" for row in rows))
-    return path
-
-
 def zwick(folder):
     """testXpert in German: cp1252, semicolons, decimal commas, units below the names."""
     text = "Prüfprotokoll;;\nPrüfer;Müller;\nPrüftemperatur;23,5;°C\n\n"
     text += "Prüfzeit;Standardweg;Standardkraft\ns;mm;N\n" + comma(lines(si_prefixed(*presses()), ";"))
     return saved(folder / "Schaum 12.TRA", text.encode("cp1252"))
-
-
-def texture_analyser(folder):
-    """Exponent of a TA.XT: grams, the force first, units below the names."""
-    t, x, f = presses()
-    path = folder / "gel.txt"
-    path.write_text("Force\tDistance\tTime\n(g)\t(mm)\t(sec)\n" + lines((f / 9.80665e-3, 1e3 * x, t), "\t"))
-    return path
-
-
-def mark_10(folder):
-    """IntelliMESUR: readings are numbered; pounds and inches."""
-    t, x, f = presses()
-    text = "Serial Number:,3456789\nDate:,2024-05-02\n\nReading,Load [lbF],Travel [in],Time [s]\n"
-    columns = (np.arange(len(t)) + 1.0, f / 4.4482216, x / 0.0254, t)
-    return saved(folder / "mark.csv", text + lines(columns, form="{:.7g}"))
-
-
-def servo_hydraulic(folder):
-    """MTS and TestResources: words around the names, time in ms, blanks at the ends of lines."""
-    t, x, f = presses()
-    text = "MTS793|MPT|ENU|1|2|.|/|:|1|0|0|A\n\nData Acquisition: Timed\t\t\tTime:\t12.5\tSec\n"
-    text += "Running Time (msec)\tAxial Displacement (mm)\tAxial Force (mN)\t\n"
-    path = folder / "specimen.dat"
-    path.write_text(text + lines((1e3 * t, 1e3 * x, 1e3 * f), "\t").replace("\r\n", "\t\r\n"))
-    return path
 
 
 def labview(folder):
@@ -105,12 +68,6 @@ def labview(folder):
     text += "Delta_X\t0,004\t0,004\t\n***End_of_Header***\t\t\t\nX_Value\tLoad Cell\tStroke\tComment\n"
     t, x, f = presses()
     return saved(folder / "press.lvm", text + comma(lines((t, f, 1e3 * x), "\t", "{:.6f}")))
-
-
-def unicode_tabs(folder):
-    """Excel's "Unicode text": UTF-16 with tabs."""
-    text = "Zeit / s\tWeg / mm\tKraft / N\r\n" + comma(lines(si_prefixed(*presses()), "\t"))
-    return saved(folder / "unicode.txt", text.encode("utf-16"))
 
 
 def excel(folder):
@@ -143,25 +100,6 @@ def side_by_side(folder):
         sheet.active.append(plain[:-1])
     sheet.save(folder / "side by side.xlsx")
     return folder / "side by side.xlsx"
-
-
-def numbered_columns(folder):
-    """The same as text, told apart by a number behind each name."""
-    tests = [si_prefixed(*presses((speed,))) for speed in SPEEDS_M_S]
-    names = [name.format(n) for n in "1234" for name in ("Time {} s", "Way {} mm", "Load {} N")]
-    rows = zip_longest(*(map("{:.5f}".format, column) for test in tests for column in test), fillvalue="")
-    return saved(folder / "numbered.csv", "\n".join(map(",".join, [names, *rows])) + "\n")
-
-
-def one_after_the_other(folder):
-    """TestWorks: each specimen has its preamble and its header; a summary ends the file."""
-    text = ""
-    for number, speed in enumerate(SPEEDS_M_S, 1):
-        t, x, f = presses((speed,))
-        text += f"Sample I. D.:\tfoam.mss\r\nSpecimen Number:\t{number}\r\n\r\n"
-        text += "Crosshead \tLoad \tTime \r\n(in)\t(lbf)\t(sec)\r\n"
-        text += lines((x / 0.0254, f / 4.4482216, t), "\t", "{:.7f}") + "\r\n"
-    return saved(folder / "foam.txt", (text + "Mean peak:\t0.72\tlbf\r\n").encode())
 
 
 def by_the_clock(folder):
@@ -213,21 +151,8 @@ def joint_log(folder):
 PRESSED = {"stiffness.k": (STIFFNESS, 0.005), "damping.c": (DAMPING, 0.05)}
 STIFFENING = {"stiffness.k": (STIFFNESS, 0.05), "cubic_stiffness.k3": (CUBIC, 0.05)}
 MOVED = {"inertia.m": (0.02, 0.03), "viscous_friction.d": (0.1, 0.03)}
-Laboratory = Callable[[Path], Path]
-LABORATORIES: dict[Laboratory, tuple[str, dict[str, tuple[float, float]]]] = {
+LABORATORIES: dict[Callable[[Path], Path], tuple[str, dict[str, tuple[float, float]]]] = {
     plain: ("adequate", PRESSED),
-    instron: ("adequate", PRESSED),
-    zwick: ("adequate", PRESSED),
-    texture_analyser: ("adequate", PRESSED),
-    mark_10: ("adequate", PRESSED),
-    servo_hydraulic: ("adequate", PRESSED),
-    labview: ("adequate", PRESSED),
-    unicode_tabs: ("adequate", PRESSED),
-    excel: ("adequate", PRESSED),
-    side_by_side: ("adequate", PRESSED),
-    numbered_columns: ("adequate", PRESSED),
-    one_after_the_other: ("adequate", PRESSED),
-    by_the_clock: ("adequate", PRESSED),
     one_file_a_run: ("missing", STIFFENING),
     savetxt: ("adequate", PRESSED),
     joint_log: ("adequate", MOVED),

@@ -18,7 +18,16 @@ from palpate.estimation.data.table import read_table
 from palpate.estimation.data.text_table import as_utf8
 from palpate.estimation.study.source import open_source
 from palpate.robot_io.errors import InputError
-from tests.estimation.laboratories import excel, one_file_a_run, presses, side_by_side, zwick
+from tests.estimation.laboratories import (
+    SPEEDS_M_S,
+    by_the_clock,
+    excel,
+    labview,
+    one_file_a_run,
+    presses,
+    side_by_side,
+    zwick,
+)
 from tests.files import saved, write_csv
 
 TIME, WAY, LOAD = "Time [s]", "Travel [mm]", "Load [N]"
@@ -39,6 +48,33 @@ def some(values, every, start=0):
 def contact_of(path, **options):
     (channel,) = import_file(path, ImportOptions(**options)).channels
     return channel
+
+
+PROBES, FOAMS = (tuple(f"{name} {n}" for n in of) for name, of in (("Probe", "1234"), ("Foam", "ABCD")))
+
+
+@pytest.mark.parametrize(
+    ("write", "labels", "words"),
+    [
+        (
+            zwick,
+            (),
+            "displacement 'Standardweg [mm]'; semicolons; decimal commas; 3 lines above the header; cp1252",
+        ),
+        (labview, (), "displacement 'Stroke [Millimeters]'; decimal commas"),
+        (by_the_clock, (), "clock times converted to seconds"),
+        (excel, PROBES, "sheets 'Probe 1', 'Probe 2', 'Probe 3', 'Probe 4' of 5"),
+        (side_by_side, FOAMS, "4 tests side by side"),
+    ],
+)
+def test_presses_are_read_from_files_of_machines(tmp_path, write, labels, words):
+    imported = import_file(write(tmp_path))
+    (channel,) = imported.channels
+    assert tuple(imported.run_labels.values()) == (labels or ("0", "1", "2", "3"))
+    parts = [presses((speed,)) for speed in SPEEDS_M_S] if labels else [presses()]
+    np.testing.assert_allclose(channel.position, np.concatenate([x for _, x, _ in parts]), atol=1e-8)
+    np.testing.assert_allclose(channel.effort, np.concatenate([f for _, _, f in parts]), atol=1e-4)
+    assert all(word in imported.read for word in words.split("; ")), imported.read
 
 
 def test_presses_of_one_file_are_runs_with_phases(press):
@@ -234,17 +270,11 @@ def test_files_of_a_folder_are_runs_in_numerical_order(tmp_path):
         open_source(folder)
 
 
-def test_sheets_with_the_same_columns_are_runs(tmp_path):
-    imported = import_file(excel(tmp_path))
-    assert list(imported.run_labels.values()) == ["Probe 1", "Probe 2", "Probe 3", "Probe 4"]
-    assert "sheets 'Probe 1', 'Probe 2', 'Probe 3', 'Probe 4' of 5" in imported.read
-
-
-def test_sheets_with_reordered_columns_are_runs_and_others_are_named(tmp_path):
+def test_sheets_with_the_same_columns_are_runs_and_others_are_named(tmp_path):
     book = openpyxl.Workbook()
     for sheet, names in (
         (book.active, "sxF"),
-        (book.create_sheet("B"), "Fsx"),
+        (book.create_sheet("B"), "sxF"),
         (book.create_sheet("C"), "sx"),
     ):
         sheet.append([{"s": "Time (s)", "x": "Way (mm)", "F": "Load (N)"}[name] for name in names])
@@ -351,18 +381,6 @@ def test_misplaced_thousands_comma_is_refused(tmp_path):
         read_table(path).numbers("Kraft [N]")
 
 
-def test_import_notes_state_the_file_format(tmp_path):
-    read = import_file(zwick(tmp_path)).read
-    for words in (
-        "displacement 'Standardweg [mm]'",
-        "semicolons",
-        "decimal commas",
-        "3 lines above the header",
-        "cp1252",
-    ):
-        assert words in read
-
-
 @pytest.mark.parametrize(
     ("cells", "seconds"),
     [
@@ -429,12 +447,6 @@ def test_time_unit_is_inferred_from_the_sample_step(press, scale, unit):
     imported = import_file(press(**{TIME: None, "__time": 1.7e9 * (scale == 1.0) + scale * presses()[0]}))
     assert np.ptp(imported.channels[0].time_s) == pytest.approx(np.ptp(presses()[0]), rel=1e-6)
     assert f"'__time' states no unit and is read in {unit}, from its sample step" in imported.notes[0]
-
-
-def test_tests_side_by_side_are_called_by_their_headings(tmp_path):
-    imported = import_file(side_by_side(tmp_path))
-    assert list(imported.run_labels.values()) == ["Foam A", "Foam B", "Foam C", "Foam D"]
-    assert "4 tests side by side" in imported.read
 
 
 SWING = {"time_s": np.arange(400) * 0.01, "position_1_rad": np.sin(0.02 * np.arange(400))}

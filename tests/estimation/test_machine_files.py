@@ -26,7 +26,19 @@ LAYOUTS = {
     "units above names": "(s),(mm),(N)\n" + NAMES + rows(),
     "units alone": "s;mm;N\n" + rows(";", ","),
     "units in brackets between blanks": "Raw Data\nTime Displacement Force\n(s) (mm) (N)\n" + rows(" "),
-    "quoted": '"Time","Extension","Load"\n"(s)","(mm)","(N)"\n\n' + rows(),
+    "quoted": '"Operator","A, B"\n\n"Time","Extension","Load"\n"(s)","(mm)","(N)"\n\n' + rows(),
+    "grams, and the force first": "Force\tDistance\tTime\n(g)\t(mm)\t(sec)\n"
+    + "".join(f"{f / 9.80665e-3:.6f}\t{x:.6f}\t{t:.6f}\n" for t, x, f in PRESS),
+    "pounds and inches of numbered readings": (
+        "Serial Number:,3456789\nDate:,2024-05-02\n\nReading,Load [lbF],Travel [in],Time [s]\n"
+    )
+    + "".join(f"{n},{f / 4.4482216:.9f},{x / 25.4:.9f},{t}\n" for n, (t, x, f) in enumerate(PRESS, 1)),
+    "words around the names": (
+        "MTS793|MPT|ENU|1|2|.|/|:|1|0|0|A\n\nData Acquisition: Timed\t\t\tTime:\t12.5\tSec\n"
+        "Running Time (msec)\tAxial Displacement (mm)\tAxial Force (mN)\t\n"
+    )
+    + "".join(f"{1e3 * t:.6f}\t{x:.6f}\t{1e3 * f:.6f}\t\n" for t, x, f in PRESS),
+    "a mark below the names": "Routine\n\n" + HEADER + "eoh\n" + rows(),
     "names over two lines": '"Time\n[s]","Way\r\n(mm)","Force\n[N]"\n' + rows(),
     "dashes below names": "Time [s]  Way [mm]  Force [N]\n--------  --------  ---------\n" + rows("  "),
     "a channel below a name": "Time (s),Travel (mm),Load (N)\n,,Channel 2\n" + rows(),
@@ -64,7 +76,7 @@ LAYOUTS = {
     },
 }
 TESTS = {"results above, headers numbered": 2, "metadata between tests": 3}
-ENCODINGS = [("quoted", "utf-8-sig"), ("units of products", "utf-16"), ("Zwick", "cp1252")]
+ENCODINGS = [("quoted", "utf-8-sig"), ("slashes", "utf-16"), ("Zwick", "cp1252")]
 
 
 @pytest.mark.parametrize(("layout", "encoding"), [*((layout, "utf-8") for layout in LAYOUTS), *ENCODINGS])
