@@ -17,21 +17,11 @@ from palpate.estimation.data.column_units import ColumnUnits
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
-from palpate.estimation.data.import_rows import (
-    UNKNOWN_PHASE,
-    ImportedRows,
-    arrange_rows,
-)
+from palpate.estimation.data.import_rows import UNKNOWN_PHASE, ImportedRows, arrange_rows
 from palpate.estimation.data.measured_derivatives import is_difference, mistaken_scale
 from palpate.estimation.data.presses import press_phases
 from palpate.estimation.data.table import Table, read_table
-from palpate.estimation.data.units import (
-    MAX_STEP_S,
-    MIN_STEP_S,
-    dimension_of,
-    factor_to_si,
-    likely_time_unit,
-)
+from palpate.estimation.data.units import MAX_STEP_S, MIN_STEP_S, dimension_of, factor_to_si, likely_time_unit
 from palpate.estimation.signals.blocks import blocks, number_pieces
 from palpate.estimation.signals.runwise import sample_time
 from palpate.estimation.statistics.correlation import correlation_coefficient

@@ -9,13 +9,7 @@ from functools import lru_cache
 from itertools import chain, islice, zip_longest
 from pathlib import Path
 
-from palpate.estimation.data.column_names import (
-    TIME,
-    channel_pairs,
-    guess_columns,
-    is_unnamed,
-    parse_role,
-)
+from palpate.estimation.data.column_names import TIME, channel_pairs, guess_columns, is_unnamed, parse_role
 from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.units import dimension_of, normalize_unit
 from palpate.robot_io.errors import InputError
@@ -474,7 +468,7 @@ def same_columns(blocks: Sequence[TableBlock], selected: str, place: Path) -> tu
         titles = ", ".join(dict.fromkeys(block.title for block in blocks))
         raise InputError(f"--table {selected}: {place} has no such table. Available: {titles}")
     longest = max(titled, key=lambda block: (_is_measurement(block.names), block.rows))
-    chosen = [n for n, block in enumerate(blocks) if sorted(block.names) == sorted(longest.names)]
+    chosen = [number for number, block in enumerate(blocks) if block.names == longest.names]
     omitted = [block for number, block in enumerate(blocks) if number not in chosen]
     if not omitted:
         return chosen, []

@@ -15,7 +15,7 @@ import numpy as np
 from palpate.estimation.data.column_names import TIME, guess_columns
 from palpate.estimation.data.file_columns import FileColumns, check_size, most_bytes, pa, pa_csv, pc
 from palpate.estimation.data.quantity_words import FOREIGN_WORDS
-from palpate.estimation.data.table_layout import matching_places, with_run
+from palpate.estimation.data.table_layout import with_run
 from palpate.estimation.data.text_dialect import (
     BLANKS,
     NAMELESS,
@@ -86,7 +86,7 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     for number, (table, end) in enumerate(tests, 1):
         place = f"{path}, test {number}" if len(tests) > 1 else str(path)
         part, part_lines, part_repairs = _parse_rows(content, table, end, dialect, place)
-        parts.append(part.select(matching_places(table.names, tests[0][0].names)))
+        parts.append(part)
         lines.append(part_lines)
         repairs |= dict.fromkeys(part_repairs)
     notes += repairs

@@ -142,31 +142,28 @@ def time_offset(data: ChannelData, model: Model | None) -> str | None:
         return None
     columns = model.regression(data, {}).columns
 
-    def fit_shifted(delay_s: float) -> tuple[FloatArray, float]:
-        """Return the residuals of the shifted model, and their root mean square."""
+    def fit_shifted(delay_s: float) -> tuple[float, FloatArray]:
+        """Return the root mean square residual of the shifted model, and the residuals."""
         shifted = shift(columns, data.time_s, data.run, delay_s)[rows]
         residuals = data.effort[rows] - shifted @ solve(shifted, data.effort[rows])
-        return residuals, float(np.sqrt(np.mean(residuals**2)))
+        return float(np.sqrt(np.mean(residuals**2))), residuals
 
-    def compare(delay_s: float) -> tuple[float, float]:
-        """Return the root mean square residual of the shifted model, and its noise."""
-        residuals, size = fit_shifted(delay_s)
-        return size, noise_between_samples(residuals, data.run[rows], np.ones(len(residuals), dtype=np.bool_))
-
-    recorded, noise = compare(0.0)
+    (recorded, residuals), every = fit_shifted(0.0), np.ones(np.count_nonzero(rows), dtype=np.bool_)
+    noise = noise_between_samples(residuals, data.run[rows], every)
     if recorded < _MIN_GAIN * noise:
         return None
     grid_s = np.linspace(-max_s, max_s, _COARSE)
-    rough_s, width_s = grid_s[np.argmin([fit_shifted(s)[1] for s in grid_s.tolist()])], grid_s[1] - grid_s[0]
+    rough_s, width_s = grid_s[np.argmin([fit_shifted(s)[0] for s in grid_s.tolist()])], grid_s[1] - grid_s[0]
     best_s = float(
         scipy.optimize.minimize_scalar(
-            lambda delay_s: fit_shifted(delay_s)[1],
+            lambda delay_s: fit_shifted(delay_s)[0],
             bounds=(rough_s - width_s, rough_s + width_s),
             method="bounded",
             options={"xatol": 0.1 * step_s},
         ).x
     )
-    error, noise = compare(best_s)
+    error, residuals = fit_shifted(best_s)
+    noise = noise_between_samples(residuals, data.run[rows], every)
     is_noise = 0.0 < error < _MAX_EXCESS * noise and recorded > _MIN_GAIN * error
     if not is_noise or np.sum(rows) * ((recorded / error) ** 2 - 1.0) < _MIN_CHI2:
         return None

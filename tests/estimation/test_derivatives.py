@@ -63,7 +63,7 @@ def test_kink_between_two_pieces_stays_sharp():
     assert np.abs(together - np.where(t < 0.2, 0.1, 0.9)).max() > 0.1
 
 
-@pytest.mark.parametrize("noise", [1e-7, 2e-6, 5e-5])
+@pytest.mark.parametrize("noise", [1e-7, 5e-5])
 @pytest.mark.parametrize("rate", [5.0, 15.0, 60.0])
 def test_chosen_window_is_nearly_optimal(rate, noise):
     """Neither for velocity nor for acceleration, each with a window of its own."""
@@ -89,9 +89,9 @@ def test_fit_with_repeated_times_stays_within_its_samples():
 def test_fit_reports_its_noise_gain(steps):
     t, centers = np.cumsum(steps), np.array([0, 3, 15, 29])
     rng = np.random.default_rng(6)
-    draws = [local_fit(t, rng.standard_normal(30), centers, 6).fitted for _ in range(3000)]
+    draws = [local_fit(t, rng.standard_normal(30), centers, 6).fitted for _ in range(1500)]
     expected = local_fit(t, np.zeros(30), centers, 6).variance
-    np.testing.assert_allclose(np.var(draws, axis=0), expected, rtol=0.12)
+    np.testing.assert_allclose(np.var(draws, axis=0), expected, rtol=0.15)
 
 
 @pytest.mark.parametrize("turns_hz", [1.0, 3.0])

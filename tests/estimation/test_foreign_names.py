@@ -5,7 +5,6 @@ import pytest
 
 from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_options import ImportOptions
-from palpate.estimation.data.units import dimension_of, normalize_unit
 from palpate.robot_io.errors import InputError
 from tests.estimation.press_tables import by_the_advice, check_press, rows
 
@@ -101,15 +100,6 @@ def test_several_specimens_or_motors_in_a_file_are_noted(tmp_path, column):
     (note,) = [note for note in import_file(path).notes if "3 objects" in note]
     assert f"'{column}' names 3 objects" in note
     assert f"--where {column}=S1" in note
-
-
-@pytest.mark.parametrize(
-    ("written", "unit"),
-    [("rad.s", "rad_s"), ("mm.s", "mm_s"), ("kN.m", "kNm"), ("N.mm", "Nmm"), ("m.s", "m_s")],
-)
-def test_point_within_a_unit_is_a_slash_or_a_product(written, unit):
-    assert normalize_unit(written) == unit
-    assert dimension_of(unit) is not None
 
 
 def test_rows_that_end_early_are_left_out_without_a_time(tmp_path):

@@ -214,12 +214,6 @@ def test_cells_of_an_open_document_that_repeat_beyond_the_limit_are_refused(tmp_
         read_table(sheet_file(tmp_path / "bomb.ods", rows))
 
 
-def test_a_mark_below_the_header_is_no_table(tmp_path):
-    table = "Routine\n\n" + HEADER + "eoh\n" + lines(TIME_S, 1e3 * WAY_M, FORCE_N)
-    (channel,) = import_file(saved(tmp_path / "marked.csv", table)).channels
-    assert np.allclose(channel.effort, FORCE_N, atol=1e-6)
-
-
 def test_signals_of_a_scope_have_the_names_of_their_labels(tmp_path):
     time = np.arange(300) / 100.0
     signals = np.empty(2, dtype=object)

@@ -64,7 +64,7 @@ def test_a_stepwise_command_is_diagnosed_and_no_sensor_is_blamed():
     assert max(result.budget, key=lambda entry: entry.share or 0.0).kind is Kind.FRICTION
 
 
-@pytest.mark.parametrize("levels", [(0.5, 1.0), (0.0, 0.4, 0.9, 0.6), (1.0, -1.0, 0.5)])
+@pytest.mark.parametrize("levels", [(0.5, 1.0), (0.0, 0.4, 0.9, 0.6)])
 def test_real_steps_are_recognized(levels):
     data = motor(levels, 0.9, runs=2, coulomb=0.1)
     assert is_stepwise_command(data)

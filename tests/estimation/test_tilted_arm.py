@@ -43,8 +43,7 @@ def swinging(joint, dip_rad, swing_rad=0.1, noise_nm=0.0):
     return with_rigid_body(data, RigidBody.from_urdf(URDF, "tip"), joint)
 
 
-@pytest.mark.parametrize("joint", [0, 1, 2])
-@pytest.mark.parametrize("dip_rad", [0.14, -0.6])
+@pytest.mark.parametrize(("joint", "dip_rad"), [(0, 0.14), (1, -0.6), (2, -0.6)])
 def test_tilted_base_equals_tilted_gravity(joint, dip_rad):
     data = swinging(joint, dip_rad)
     tilt = EFFECTS["gravity_tilt"]().suited_to(data)
@@ -89,12 +88,11 @@ def channel_of(torque_of, tmp_path):
     return import_table(table_of(FileColumns(pa.table(columns)), tmp_path)).channels[0]
 
 
-@pytest.mark.parametrize("model", ["inertia", "pendulum", "spring_mass_damper"])
 @pytest.mark.parametrize(
-    "torque_of",
+    ("model", "torque_of"),
     [
-        lambda position: 0.5 * np.sign(np.gradient(position)),
-        lambda position: np.random.default_rng(0).normal(size=len(position)),
+        ("pendulum", lambda position: 0.5 * np.sign(np.gradient(position))),
+        ("spring_mass_damper", lambda position: np.random.default_rng(0).normal(size=len(position))),
     ],
     ids=["dry friction", "noise"],
 )

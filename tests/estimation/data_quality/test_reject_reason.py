@@ -244,6 +244,7 @@ def test_missing_value_codes_are_neither_a_unit_nor_saturation():
 
 
 def test_plausible_data_give_no_warning():
+    assert contaminated(DATA.of_runs(DATA.runs[:1]), model("kelvin_voigt")) is None
     assert quality_warnings(DATA) == []
     assert quality_warnings(swinging(), model("pendulum")) == []
     assert reject_reason(replace(DATA, run=0 * DATA.run)) is None
@@ -325,12 +326,9 @@ JUDGED = {
     "a joint's single recording that repeats itself": lambda: one_recording(np.sin),
     "a joint that is braked in two runs": braked_in_two_runs,
     "a recording that is no probing arm's": lambda: moving_in_one_run(phase=-1),
-    "every other sample of each other run": lambda: at_rates(1, 2),
     "rates a factor of ten apart": lambda: at_rates(1, 3, 10),
     "times over three decades": logarithmic_in_time,
     "steps of 64 a turn": lambda: coarsely_read(2 * np.pi / 64),
-    "steps of 1024 a turn": lambda: coarsely_read(2 * np.pi / 1024),
-    "a noisy angle": lambda: coarsely_read(0.0, noise=0.02),
     "noise and steps": lambda: coarsely_read(0.02, noise=0.02),
     "a depth in steps": press(position=stepped(X, 3e-4)),
     "a velocity that noise is in": press(
@@ -338,7 +336,6 @@ JUDGED = {
     ),
     "a zero beyond the readings": press(effort=F - F.min()),
     "a zero a little off": press(effort=F + 0.02),
-    "a zero far off": press(effort=F + 0.3),
     "a dead band about zero": press(effort=np.sign(F) * np.maximum(np.abs(F) - 0.5, 0.0)),
     "no force below zero": press(effort=np.maximum(F - 0.5, 0.0)),
     "no noise, and an offset": press(effort=0.7 + EXACT),
@@ -349,7 +346,6 @@ JUDGED = {
     "one press made again without noise": lambda: replace(
         copies(), effort=copies(replace(DATA, effort=EXACT)).effort
     ),
-    "the same in small steps": lambda: copies(replace(DATA, effort=stepped(EXACT, 1e-6))),
     "the same in large steps": lambda: copies(replace(DATA, effort=stepped(EXACT, 0.5))),
     "levels without a motion between them": static_levels,
     "one sign behind a dead band": one_signed_behind_a_dead_band,
@@ -361,8 +357,7 @@ def test_harmless_anomalies_do_not_prevent_a_diagnosis(name):
     assert reject_reason(JUDGED[name]()) is None
 
 
-@pytest.mark.parametrize("step", [0.0, 0.05])
-@pytest.mark.parametrize("factor", [0.1, 0.5, 2.0, 30.0])
+@pytest.mark.parametrize(("factor", "step"), [(0.1, 0.05), (0.5, 0.0), (2.0, 0.05), (30.0, 0.0)])
 def test_wrong_velocity_is_detected_through_encoder_steps(factor, step):
     data = coarsely_read(step)
     reason = reject_reason(replace(data, velocity=factor * data.velocity))
@@ -411,13 +406,12 @@ def test_copied_runs_do_not_narrow_intervals():
         assert of_four[name].value == pytest.approx(parameter.value, rel=1e-9)
 
 
-@pytest.mark.parametrize("correlation", [0.0, 0.6])
 @pytest.mark.parametrize(
-    "change",
+    ("change", "correlation"),
     [
-        lambda force, noise: force + 0.2 * noise,
-        lambda force, noise: 1.01 * force + 0.05,
-        lambda force, noise: np.round(force, 2),
+        (lambda force, noise: force + 0.2 * noise, 0.6),
+        (lambda force, noise: 1.01 * force + 0.05, 0.0),
+        (lambda force, noise: np.round(force, 2), 0.6),
     ],
     ids=["noise added", "scaled and offset", "rounded"],
 )
@@ -432,8 +426,7 @@ def test_copy_that_differs_by_less_than_its_noise_is_left_out(change, correlatio
     assert set(both.run[~usable(both)]) == {6}
 
 
-@pytest.mark.parametrize("correlation", [0.0, 0.6])
-@pytest.mark.parametrize("corner_n", [0.0, 20.0])
+@pytest.mark.parametrize(("correlation", "corner_n"), [(0.0, 0.0), (0.0, 20.0), (0.6, 20.0)])
 def test_repeated_motion_is_no_copy(correlation, corner_n):
     """The very same positions, to the last digit, with other noise and a jump of the force."""
     first, second = (session(3, correlation=correlation), session(4, correlation=correlation))
@@ -448,8 +441,7 @@ def test_repeated_motion_is_no_copy(correlation, corner_n):
     assert quality_warnings(both) == []
 
 
-@pytest.mark.parametrize("step_n", [0.0, 0.01, 0.02])
-@pytest.mark.parametrize("correlation", [0.0, 0.6])
+@pytest.mark.parametrize(("step_n", "correlation"), [(0.0, 0.0), (0.02, 0.0), (0.01, 0.6)])
 def test_converter_that_clips_free_air_passes_and_one_that_folds_it_fails(step_n, correlation):
     made = session(3, correlation=correlation)
     force = stepped(made.effort, step_n)
@@ -486,7 +478,6 @@ def round_and_round(q, v, a):
 
 TURNS = {
     "a weight in degrees": ("pendulum", lambda: swinging(180.0 / np.pi), True),
-    "a weight in hundredths": ("pendulum", lambda: swinging(100.0), True),
     "degrees where no weight is known": ("inertia", lambda: swinging(180.0 / np.pi), True),
     "radians": ("pendulum", swinging, False),
     "radians where no weight is known": ("inertia", swinging, False),
@@ -519,10 +510,6 @@ def test_glitches_are_excluded_and_steps_are_preserved():
     assert not good[[300, 900]].any()
     assert good.mean() > 0.99
     assert usable(replace(DATA, effort=np.where(COUNT > 1000, 5.0, 0.0) + F)).all()
-
-
-def test_good_measurement_has_no_quality_warning():
-    assert contaminated(DATA.of_runs(DATA.runs[:1]), model("kelvin_voigt")) is None
 
 
 @pytest.mark.parametrize(
