@@ -183,10 +183,7 @@ def _scope_signals(scope: Mapping[str, Any]) -> list[tuple[str, Any]]:
 
 
 def _struct_runs(content: Mapping[str, Any]) -> list[tuple[str, dict[str, NDArray[Any]]]]:
-    """Return the structs of a MATLAB file that are runs, with their labels; empty for fewer than two.
-
-    Runs have a clock, at least two other columns, and the same columns. They are cells, or fields of structs.
-    """
+    """Return the structs of a MATLAB file with a clock and the same columns, which are runs, by label."""
     groups: dict[tuple[str, ...], list[tuple[str, dict[str, NDArray[Any]]]]] = {}
     items = ((str(name), value) for name, value in content.items() if not str(name).startswith("__"))
     pending = deque[tuple[str, Any]](items)

@@ -110,10 +110,7 @@ def choose_columns(
 
 
 def _keys_of_channels(available: Collection[Key], lengths: Collection[Key] = ()) -> list[Key]:
-    """Return the keys of time, motions and efforts of all channels; empty if there is no channel.
-
-    If there is another channel, none consists of a torque and one of the lengths.
-    """
+    """Return the keys of all channels; a torque goes with one of the lengths only if nothing else does."""
     pairs = channel_pairs(available, lambda motion, effort: motion not in lengths or effort[0] != "torque")
     pairs = pairs or channel_pairs(available)
     return [TIME, *chain.from_iterable(pairs)] if pairs else []
@@ -159,10 +156,7 @@ def is_pressed(position: FloatArray, force: FloatArray) -> bool:
 
 
 def _best_matches(table: Table, key: Key, guesses: list[RoleGuess]) -> list[RoleGuess]:
-    """Return the columns with the best fitting names and different values.
-
-    Of several times, only those that increase are used, if there are any.
-    """
+    """Return the columns with the best fitting names and different values; a time preferably increases."""
     if len(guesses) > 1:
         guesses = [guess for guess in guesses if len(table.labels(guess.column)[0]) > 1] or guesses
     if len(guesses) > 1 and key == TIME:

@@ -44,7 +44,7 @@ _SYNONYMS = {"depth": "displacement", "angle": "position"}
 _NAME = re.compile(rf"({'|'.join([*QUANTITIES, *_SYNONYMS])})(?:_(\d+))?(?:_(.+))?", re.IGNORECASE)
 _REPEATED = re.compile(r" \(\d+\)$")  # number of a repeated name, which a table adds
 _BRACKETED = re.compile(r"\s*[\[({<]\s*(?!\d+\s*\])([^\])}>]*?)\s*[\])}>]\s*$")  # excludes indices
-_RUN_AFTER_UNIT = re.compile(  # as in "Force (N) Run #1"
+RUN_AFTER_UNIT = re.compile(  # as in "Force (N) Run #1"
     r"(?<=[])}]) (?:run|test|trial|specimen) ?#? ?\d+$", re.IGNORECASE
 )
 _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
@@ -118,7 +118,8 @@ def split_unit(name: str) -> tuple[str, str]:
     Args:
         name: name of a column.
     """
-    name = _unit_behind(without_run(unicodedata.normalize("NFKC", name)))  # converts full-width characters
+    name = unicodedata.normalize("NFKC", name)  # converts full-width characters
+    name = _unit_behind(RUN_AFTER_UNIT.sub("", name))
     match = _BRACKETED.search(name)
     stem, _, last = name.strip().rpartition(" ")
     if not match and stem and "/" in last and dimension_of(unit := normalize_unit(last)):
@@ -139,20 +140,8 @@ def split_unit(name: str) -> tuple[str, str]:
     return name, ""
 
 
-def without_run(name: str) -> str:
-    """Remove the number of a run after the unit, as in "Force (N) Run #1".
-
-    Args:
-        name: name of a column.
-    """
-    return _RUN_AFTER_UNIT.sub("", name)
-
-
 def _unit_behind(name: str) -> str:
-    """Move brackets with a unit from the front of a name to its end: "[mm] Weg" to "Weg [mm]".
-
-    A name that also ends in brackets with a unit is unchanged, and so is one whose brackets hold other text.
-    """
+    """Move a unit in brackets, if it is the only one, from the front of a name to its end: "Weg [mm]"."""
     front, end = _BRACKETED_IN_FRONT.match(name), _BRACKETED.search(name)
     if not front or not dimension_of(normalize_unit(front[1])):
         return name

@@ -229,10 +229,7 @@ class ColumnUnits:
         return "s" if column in clocks_of(self.table.columns) else unit_in_name(column)
 
     def _likely_unit(self, role: Role, column: str, *, linear: bool = False) -> str:
-        """Return the SI unit, or the usual laboratory unit if the numbers are too large for SI.
-
-        `linear` states that the position belongs to a linear axis, whose effort is a force.
-        """
+        """Return the SI unit (`linear`: of a linear axis), or the laboratory's if numbers are too large."""
         values = self.table.numbers(column) if self.table.numeric_share(column) == 1.0 else np.zeros(1)
         span = float(np.ptp(values))
         if role.quantity == "time":

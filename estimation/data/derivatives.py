@@ -232,10 +232,6 @@ class _WindowFit:
         A fit is the best linear estimate in its window. Its covariance with the fit of a narrower window is
         therefore its own variance, and the variance of their difference is the difference of the variances
         (C. L. Mallows, Some Comments on C_p, Technometrics 15 (1973), for a derivative).
-
-        Args:
-            pilot: fit with the pilot window.
-            order: order of the derivative, 1 or 2.
         """
         squared_difference = np.mean((self.fitted[:, order] - pilot.fitted[:, order]) ** 2)
         variance = np.mean(2 * self.variance[:, order] - pilot.variance[:, order])
@@ -359,10 +355,7 @@ def _fits_by_piece(
 def _uneven_fits(
     time_s: FloatArray, rows: IntArray, centers: IntArray, unit_s: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the powers of time (n, terms, width) in windows (n, width), and the inverse of their products.
-
-    The times are relative to the centers (n,), in units (n,) [s] that keep the powers of the size of 1.
-    """
+    """Return the powers of time (n, terms, width) in windows (n, width), and inverses of their products."""
     scaled_time = (time_s[rows] - time_s[centers, None]) / unit_s[:, None]
     powers = np.ones((len(rows), min(DEGREE, rows.shape[1] - 1) + 1, rows.shape[1]))
     for power in range(1, powers.shape[1]):

@@ -132,10 +132,7 @@ def _column(path: Path, name: str, cells: list[Any], decimal: str) -> pa.Array:
 
 
 def _extent(sheet: bytes) -> tuple[int, int]:
-    """Return the largest row and column number of a cell in a sheet's XML; 0 for other XML.
-
-    A cell of an OpenDocument sheet states no place, but how often it and its row are repeated.
-    """
+    """Return the largest row and column of a cell in XML; OpenDocument states how often cells repeat."""
     last, current = [0, 0], [0, 0]
 
     def begin(name: str, attributes: dict[str, str]) -> None:

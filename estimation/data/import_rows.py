@@ -103,10 +103,7 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
 
 
 def _numbered_runs(table: Table, column: str) -> tuple[IntArray, dict[int, str]]:
-    """Return the run number of each row, shape (n,), and the name of each run, from the column of runs.
-
-    The numbers are those of the file if they are distinct whole numbers, else in order of appearance.
-    """
+    """Return the run number of each row, shape (n,): that of the file, or by appearance; and the names."""
     names, index = table.labels(column)
     in_file = [int(name) for name in names if name.isdecimal() and len(name) <= _MAX_DIGITS]
     numbers = in_file if len(set(in_file)) == len(names) else range(len(names))  # "1" and "01" are two runs
@@ -146,10 +143,7 @@ def _detect_runs(
 
 
 def _spread_repeated_times(time_s: FloatArray, run: IntArray) -> FloatArray:
-    """Distribute rows with equal times evenly up to the next time, for clocks coarser than the row rate.
-
-    A run whose clock never advances, or decreases, is unchanged.
-    """
+    """Distribute rows with equal times evenly up to the next time, for clocks coarser than the row rate."""
     spread_s = time_s.copy()
     for rows in blocks(run):
         read = time_s[rows]

@@ -9,7 +9,7 @@ from datetime import date
 
 import numpy as np
 
-from palpate.estimation.data.column_names import RUN, guess_columns, split_unit, without_run
+from palpate.estimation.data.column_names import RUN, RUN_AFTER_UNIT, guess_columns, split_unit
 from palpate.estimation.data.file_columns import pa, pc
 from palpate.estimation.data.text_dialect import MISSING
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
@@ -32,7 +32,7 @@ def find_tests(names: Sequence[str]) -> list[dict[str, int]]:
     Returns:
         For each test, the index of each column by its name; empty for a single test.
     """
-    if tests := _repeated_names([without_run(name) for name in names]):
+    if tests := _repeated_names([RUN_AFTER_UNIT.sub("", name) for name in names]):
         return tests
     plain = []
     for name in names:

@@ -331,11 +331,7 @@ def _nameless_dialect(lines: list[tuple[int, str]]) -> TextDialect | None:
 
 
 def _sample_lines(content: bytes) -> list[tuple[int, str]]:
-    """Return position and text of the lines that determine the dialect.
-
-    These are the first lines of the file, and each later line of words with the lines below it. A truncated
-    last line is omitted.
-    """
+    """Return position and text of the file's first lines, and of later lines of words and those below."""
     lines: list[tuple[int, str]] = []
 
     def take(begin: int, end: int, most: int) -> int:

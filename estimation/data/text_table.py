@@ -227,10 +227,7 @@ def number_of(text: object) -> float:
 
 
 def _only_column(content: bytes) -> FileColumns | None:
-    """Read lines with one number each, perhaps below a name; None for other text.
-
-    Such a column is a part of a measurement, whose other columns are in further files.
-    """
+    """Read lines with one number each, perhaps below a name, as a part of a measurement; or None."""
     lines = [line.strip() for line in content.decode(errors="replace").splitlines()]
     filled = [number for number, line in enumerate(lines) if line]
     decimal = "," if any("," in lines[n] for n in filled[1:_ALIKE]) else "."

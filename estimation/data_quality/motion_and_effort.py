@@ -100,11 +100,7 @@ def _mistaken_unit_of_angle(data: ChannelData) -> str | None:
 
 
 def _may_be_si(data: ChannelData, quantity: str) -> bool:
-    """Return whether the numbers of a quantity were taken for SI units, or their unit is unknown.
-
-    palpate's own names state SI units, and files that use these names may hold numbers in others. Another
-    unit was stated on purpose.
-    """
+    """Return whether numbers may be in another unit: SI, as palpate's names state, may be wrong."""
     return data.units.get(quantity) in {None, "m", "N"}
 
 

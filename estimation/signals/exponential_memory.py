@@ -171,11 +171,7 @@ def _remaining_share(ratio: FloatArray) -> FloatArray:
 def _even_memory(
     strain: FloatArray, runs: _Runs, step_s: float, rates: FloatArray, weights: FloatArray
 ) -> FloatArray:
-    """Relax evenly sampled strains (k, n); see `fading_memory`.
-
-    Within a piece of samples, one matrix product for all rates gives the response to the piece's changes.
-    The state from earlier pieces is propagated from piece to piece for each rate separately, and then added.
-    """
+    """Relax evenly sampled strains (k, n) by matrix products within pieces, and by recursion between them."""
     powers = np.exp(-step_s * np.outer(rates, np.arange(_PIECE_LENGTH)))
     remaining = _remaining_share(step_s * rates)
     pieces, last_pieces, k = runs.last_piece[-1] + 1, runs.last_piece, len(strain)

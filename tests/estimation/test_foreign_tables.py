@@ -245,12 +245,6 @@ def test_missing_position_is_integrated_from_the_velocity(tmp_path):
     assert any("only effects of 'angular speed [rad/s]' can be trusted" in note for note in steady.notes)
 
 
-def test_joint_without_a_time_is_read_row_by_row(tmp_path):
-    imported = import_file(table_file(tmp_path, "angle [rad],torque [Nm]\n", SWING_RAD, TORQUE_NM))
-    np.testing.assert_array_equal(np.diff(imported.channels[0].time_s), 1.0)
-    assert any("damping, inertia and relaxation times are not in seconds" in note for note in imported.notes)
-
-
 def test_velocity_is_read_with_a_user_unit(tmp_path):
     t = np.linspace(0.0, 10.0, 1000)
     path = table_file(

@@ -193,7 +193,7 @@ def test_context_column_named_like_a_signal_of_palpate_is_kept_beside_it(contact
     assert any(f"'{column}' is kept as the signal recorded_{column}" in note for note in imported.notes)
 
 
-@pytest.mark.parametrize("column", ["température à l'air", "°", "a" * 80])
+@pytest.mark.parametrize("column", ["température à l'air", "a" * 80])
 def test_session_keeps_a_context_for_any_column_name(contact, tmp_path, column):
     imported = import_file(contact(**{column: 20 + T}), ImportOptions(context=(column,)))
     place = tmp_path / "kept.mcap"
@@ -272,14 +272,6 @@ def test_pairs_are_parsed():
             parse_pairs(wrong, "--column")
     with pytest.raises(InputError, match="is given twice"):
         parse_pairs(["a=1", "a=2"], "--unit")
-
-
-def test_very_wide_file_is_refused_briefly(tmp_path):
-    file = tmp_path / "wide.csv"
-    file.write_text(",".join(f"c{i}" for i in range(120)) + "\n" + ",".join("0" * 120) + "\n")
-    text = refusal(file)
-    assert "c19 and 100 more" in text
-    assert len(text) < 600
 
 
 @pytest.mark.parametrize("name", ["big.csv", "big.csv.gz", "big.npz", "big.parquet"])

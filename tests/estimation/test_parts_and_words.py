@@ -70,14 +70,6 @@ def test_a_current_is_not_preferred_to_a_torque_without_units(tmp_path):
     assert "--unit position=rad --unit torque=A" in refusal(current)
 
 
-def test_the_command_of_a_drive_may_be_read_as_the_effort(tmp_path):
-    path = saved(tmp_path / "drive.csv", "t,rpm,duty\n" + lines(TIME_S, np.sin(TIME_S), np.cos(TIME_S)))
-    assert "or the command of a drive, add --column force_N=COLUMN or --column torque_Nm=" in refusal(path)
-    options = {"columns": {"velocity": "rpm", "torque": "duty"}, "units": {"torque": "1Nm"}}
-    (channel,) = import_file(path, ImportOptions(**options)).channels
-    assert channel.kind is ChannelKind.REVOLUTE
-
-
 @pytest.mark.parametrize(
     ("names", "sizes", "said"),
     [

@@ -98,7 +98,6 @@ def test_pulling_element_is_stored_as_one(tmp_path):
     assert again.engaged.all()
 
 
-@pytest.mark.parametrize("names", [("displacement_m", "force_N"), ("Travel [m]", "Load [N]")])
 @pytest.mark.parametrize(
     ("way", "force", "said"),
     [
@@ -108,9 +107,9 @@ def test_pulling_element_is_stored_as_one(tmp_path):
         (-1.0, 1.0, "is negative in compression: its sign is reversed; --unit displacement=1m prevents"),
     ],
 )
-def test_press_is_turned_so_that_compression_is_positive(names, way, force, said):
+def test_press_is_turned_so_that_compression_is_positive(way, force, said):
     x = PRESS_X + 0.0035  # hardly any way in free air, which would be on the other side
-    found = imported(time_s=PRESS_T, run=PRESS_RUN, **dict(zip(names, (way * x, force * PUSH), strict=True)))
+    found = imported(time_s=PRESS_T, run=PRESS_RUN, displacement_m=way * x, force_N=force * PUSH)
     (channel,) = found.channels
     np.testing.assert_allclose(channel.position, x)
     np.testing.assert_allclose(channel.effort, PUSH)
