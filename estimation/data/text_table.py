@@ -291,12 +291,8 @@ _LOST_IN_NUMBER = re.compile(rb"(?<=[\d.])\0+|\0+(?=[-+\d.])")  # zero bytes tha
 _CONTROLS = bytes(set(range(32)) - set(b"\t\n\r\f\x1a\x1b")) + b"\x7f\x81\x8d\x8f\x90\x9d"  # not in a text
 _LOOKED_AT = 1 << 16  # bytes
 _OTHER_FORMATS = (  # first bytes of other file types, and the remedy
-    (b"\x89PNG", "is a picture; save the measurements themselves"),
-    (b"\xff\xd8\xff", "is a picture; save the measurements themselves"),
-    (b"%PDF", "is a PDF; save the measurements themselves"),
     (b"PK\x03\x04", "is a packed archive, perhaps a workbook: rename it to end in .xlsx or .npz"),
     (b"\x1f\x8b", "is compressed: rename it to end in .gz"),
-    (b"PAR1", "is a Parquet file: rename it to end in .parquet"),
 )
 
 

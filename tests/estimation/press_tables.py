@@ -4,10 +4,13 @@ import shlex
 from itertools import pairwise
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
-from palpate.estimation.data.import_file import import_file
+from palpate.estimation.data.file_columns import FileColumns
+from palpate.estimation.data.import_file import import_file, import_table
 from palpate.estimation.data.import_options import ImportOptions, parse_pairs
+from palpate.estimation.data.table import table_of
 from palpate.robot_io.errors import InputError
 from tests.estimation.laboratories import presses
 
@@ -20,6 +23,16 @@ def rows(delimiter=",", decimal=".", *, before="", behind=""):
     cells = np.column_stack([TIME_S, 1e3 * WAY_M, FORCE_N])
     texts = (delimiter.join(f"{value:.6f}" for value in row) for row in cells)
     return "".join(before + text.replace(".", decimal) + behind + "\n" for text in texts)
+
+
+def lines(*columns, delimiter=",", form="{:.6f}"):
+    """Rows of a table."""
+    return "".join(delimiter.join(map(form.format, row)) + "\n" for row in zip(*columns, strict=True))
+
+
+def imported(options=None, **columns):
+    """What is read of columns in memory."""
+    return import_table(table_of(FileColumns(pa.table(columns)), "press"), options or ImportOptions())
 
 
 def check_press(imported, tests=1):

@@ -16,13 +16,8 @@ from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.presses import press_phases
 from palpate.estimation.data.table import read_table
 from palpate.robot_io.errors import InputError
-from tests.estimation.press_tables import FORCE_N, TIME_S, WAY_M, by_the_advice
+from tests.estimation.press_tables import FORCE_N, TIME_S, WAY_M, by_the_advice, lines
 from tests.files import saved, write_csv
-
-
-def lines(*columns, delimiter=",", form="{:.6f}"):
-    """Rows of a table."""
-    return "".join(delimiter.join(map(form.format, row)) + "\n" for row in zip(*columns, strict=True))
 
 
 def table_file(folder, header, *columns, **form):

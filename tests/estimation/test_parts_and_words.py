@@ -15,13 +15,8 @@ from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import read_table
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files import atomic_write
-from tests.estimation.press_tables import FORCE_N, HEADER, TIME_S, WAY_M
+from tests.estimation.press_tables import FORCE_N, HEADER, TIME_S, WAY_M, lines
 from tests.files import saved
-
-
-def lines(*columns):
-    """Rows of numbers separated by commas."""
-    return "".join(",".join(f"{value:.6f}" for value in row) + "\n" for row in zip(*columns, strict=True))
 
 
 def refusal(path, **options):

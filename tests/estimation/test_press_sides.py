@@ -9,11 +9,8 @@ from palpate.estimation.base_model import ModelContext
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.data.channels import import_streams
 from palpate.estimation.data.choose_columns import is_pressed
-from palpate.estimation.data.file_columns import FileColumns
-from palpate.estimation.data.import_file import import_table
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.presses import cut_presses, press_sides
-from palpate.estimation.data.table import table_of
 from palpate.estimation.data_quality import quality_warnings, reject_reason
 from palpate.estimation.estimate_channel import estimate_channel
 from palpate.estimation.estimators import ESTIMATORS
@@ -22,9 +19,9 @@ from palpate.estimation.study.channels import channels_for_model
 from palpate.estimation.study.source import open_source
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import SessionMetadata, write_session
+from tests.estimation.press_tables import imported
 from tests.estimation.presses import kelvin_voigt, motion
 
-pa = pytest.importorskip("pyarrow")
 T = np.arange(3000) * 0.005
 RUN = np.repeat([0, 1, 2], 1000)
 W = 3.0 + RUN
@@ -33,10 +30,6 @@ NOISE = np.random.default_rng(0).normal(0.0, 0.05, len(T))
 SPRING, DAMPER, FRICTION = 800.0 * X + 5.0 * V, 60.0 * V + 5.0 * X, 8.0 * np.sign(V) + 3.0 * V
 PRESS_T, PRESS_X, PRESS_V, PRESS_RUN = motion(np.random.default_rng(0))
 PUSH = kelvin_voigt(PRESS_X, PRESS_V) + np.random.default_rng(1).normal(0.0, 0.05, len(PRESS_X))
-
-
-def imported(options=None, **columns):
-    return import_table(table_of(FileColumns(pa.table(columns)), "press"), options or ImportOptions())
 
 
 def element(force, options=None, **changed):

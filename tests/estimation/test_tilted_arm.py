@@ -9,9 +9,6 @@ import pytest
 from palpate import sim_backend
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.data.file_columns import FileColumns
-from palpate.estimation.data.import_file import import_table
-from palpate.estimation.data.table import table_of
 from palpate.estimation.diagnosis import Verdict, diagnose
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.effects.gravity_load import KnownRigidBody
@@ -19,6 +16,7 @@ from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.model import Model
 from palpate.estimation.signals.arm_signals import with_rigid_body
 from palpate.estimation.study.estimates import estimate_with
+from tests.estimation.press_tables import imported
 
 URDF = Path(sim_backend.__file__).parent / "arms/follower/follower.urdf"
 HOME_RAD = np.array([0.87, -1.47, -0.98])
@@ -74,18 +72,17 @@ def test_joint_on_a_tilted_base_is_no_pendulum():
     assert tilt.applies_to(replace(arm, context={}))  # a single joint
 
 
-pa = pytest.importorskip("pyarrow")
 N = 2500
 MOVES = slice(2000, 2400)
 
 
-def channel_of(torque_of, tmp_path):
+def channel_of(torque_of):
     """A joint at rest at zero, that swings once; `torque_of` gives the torque while it does."""
     position, torque = np.zeros(N), np.zeros(N)
     position[MOVES] = 0.3 * (1.0 - np.cos(np.linspace(0.0, 2.0 * np.pi, 400)))
     torque[MOVES] = torque_of(position[MOVES])
     columns = {"time_s": np.arange(N) / 1000.0, "position_rad": position, "torque_Nm": torque}
-    return import_table(table_of(FileColumns(pa.table(columns)), tmp_path)).channels[0]
+    return imported(**columns).channels[0]
 
 
 @pytest.mark.parametrize(
@@ -96,28 +93,23 @@ def channel_of(torque_of, tmp_path):
     ],
     ids=["dry friction", "noise"],
 )
-def test_parameters_without_own_signal_are_undetermined(torque_of, model, tmp_path):
-    found = estimate_with(channel_of(torque_of, tmp_path), model, list(ESTIMATORS))
+def test_parameters_without_own_signal_are_undetermined(torque_of, model):
+    found = estimate_with(channel_of(torque_of), model, list(ESTIMATORS))
     for one in found.estimates:
         assert not any(p.std_err < 1e-9 for p in one.parameters), (one.estimator, one.parameters)
     assert found.best.estimator != "robust" or found.best.identifiability != "none"
 
 
-def test_badly_scaled_columns_keep_recursive_estimates_real(tmp_path):
-    rng, time_s = (
-        np.random.default_rng(1),
-        np.arange(60) * 1e-6,
-    )  # accelerations of 1e12 beside positions of 1
+def test_badly_scaled_columns_keep_recursive_estimates_real():
+    rng, time_s = np.random.default_rng(1), np.arange(60) * 1e-6  # accelerations of 1e12
     x = rng.normal(size=60)
     columns = {"time_s": time_s, "position_rad": x, "torque_Nm": 300.0 * x + 0.01 * rng.normal(size=60)}
-    channel = import_table(table_of(FileColumns(pa.table(columns)), tmp_path)).channels[0]
+    channel = imported(**columns).channels[0]
     assert estimate_with(channel, "spring_mass_damper", ["cusum_rls"]).estimates
 
 
-def test_exact_law_is_fitted_to_the_last_digit(tmp_path):
-    found = estimate_with(
-        channel_of(lambda position: 0.5 * position, tmp_path), "spring_mass_damper", ["lsq"]
-    )
+def test_exact_law_is_fitted_to_the_last_digit():
+    found = estimate_with(channel_of(lambda position: 0.5 * position), "spring_mass_damper", ["lsq"])
     stiffness = found.best.parameters[-1]
     assert (found.best.identifiability, stiffness.value) == ("good", pytest.approx(0.5, abs=1e-9))
     assert stiffness.std_err < 1e-9

@@ -7,16 +7,13 @@ import pytest
 
 from palpate.estimation.base_model import NO_ARM
 from palpate.estimation.data.column_names import guess_column, split_unit
-from palpate.estimation.data.file_columns import FileColumns
-from palpate.estimation.data.import_file import import_table
 from palpate.estimation.data.import_options import ImportOptions
-from palpate.estimation.data.table import table_of
 from palpate.estimation.data.units import SI, dimension_of, normalize_unit
 from palpate.estimation.data_quality import quality_warnings
 from palpate.estimation.study.channels import data_sha256
 from palpate.robot_io.errors import InputError
+from tests.estimation.press_tables import imported
 
-pa = pytest.importorskip("pyarrow")
 T = np.arange(400) * 0.01
 X = 0.004 * (1.0 - np.cos(3.0 * T))
 FORCE = 500.0 * X
@@ -81,10 +78,6 @@ def test_words_are_not_read_as_units(unit):
 def factor_of(name):
     unit = split_unit(name)[1]
     return dimension_of(unit), SI[dimension_of(unit)][unit]
-
-
-def imported(options=None, **columns):
-    return import_table(table_of(FileColumns(pa.table(columns)), "press"), options or ImportOptions())
 
 
 def test_unit_in_front_of_a_name_is_read_as_one_behind_it():
