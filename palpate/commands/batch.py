@@ -22,17 +22,25 @@ if TYPE_CHECKING:
 _MOST_SHOWN = 8  # errors, outliers and parameters in the terminal; the page has all
 
 
+_DATA = "Folder, files, pattern in quotes, or a CSV list with a column 'file' and further fields."
+
+
 @dataclass(frozen=True, kw_only=True)
 class BatchArguments(StudyOptions):
     """Measurements of a batch, and the options that belong to all of them, as the user typed them."""
 
-    data: Annotated[
-        list[str],
-        Argument(
-            help="Folder, files, pattern in quotes, or a CSV list with a column 'file' and further fields.",
-            metavar="FOLDER|FILES|LIST.csv",
-        ),
-    ]
+    data: Annotated[list[str], Argument(help=_DATA, metavar="FOLDER|FILES|LIST.csv")]
+
+
+_MODEL = (
+    "Base model, or 'suggest' to choose the one that fits a few measurements best; default: the "
+    "usual one of each channel."
+)
+_POOL = "Combine the evidence of all measurements, to detect effects too small for one of them."
+_METADATA = "CSV file with further fields; its rows are matched by a column 'file' or by shared fields."
+_JOIN = "Treat files with the same text in this field as one measurement."
+_SPLIT = "Treat rows with the same text in this column as one measurement."
+_SHARE = "Effect whose parameters are assumed equal in all channels of a group; may be repeated."
 
 
 @options.with_options(BatchArguments, "data")
@@ -42,51 +50,21 @@ def batch_command(
     out: Annotated[
         Path, Option("--out", "-o", help="Output folder; an interrupted batch in it is continued.")
     ],
-    model: Annotated[
-        str | None,
-        Option(
-            help="Base model, or 'suggest' to choose the one that fits a few measurements best; default: the "
-            "usual one of each channel.",
-            autocompletion=options.model_names,
-        ),
-    ] = None,
+    model: Annotated[str | None, Option(help=_MODEL, autocompletion=options.model_names)] = None,
     diagnose: Annotated[
         bool, Option("--diagnose", help="Also find out which effects are missing (takes longer).")
     ] = False,
-    pool: Annotated[
-        bool,
-        Option(
-            "--pool",
-            help="Combine the evidence of all measurements, to detect effects too small for one of them.",
-        ),
-    ] = False,
+    pool: Annotated[bool, Option("--pool", help=_POOL)] = False,
     add: options.AddOption = None,
     pattern: options.PatternOption = None,
-    metadata: Annotated[
-        Path | None,
-        Option(
-            help="CSV file with further fields; its rows are matched by a column 'file' or by shared fields.",
-            metavar="FILE",
-        ),
-    ] = None,
-    join: Annotated[
-        str | None,
-        Option(help="Treat files with the same text in this field as one measurement.", metavar="FIELD"),
-    ] = None,
-    split: Annotated[
-        str | None,
-        Option(help="Treat rows with the same text in this column as one measurement.", metavar="COLUMN"),
-    ] = None,
+    metadata: Annotated[Path | None, Option(help=_METADATA, metavar="FILE")] = None,
+    join: Annotated[str | None, Option(help=_JOIN, metavar="FIELD")] = None,
+    split: Annotated[str | None, Option(help=_SPLIT, metavar="COLUMN")] = None,
     group: Annotated[
         str | None, Option(help="Compare groups of measurements by this field.", metavar="FIELD")
     ] = None,
     share: Annotated[
-        list[str] | None,
-        Option(
-            help="Effect whose parameters are assumed equal in all channels of a group; may be repeated.",
-            metavar="EFFECT",
-            autocompletion=options.effect_names,
-        ),
+        list[str] | None, Option(help=_SHARE, metavar="EFFECT", autocompletion=options.effect_names)
     ] = None,
     workers: options.WorkersOption = None,
     scheduler: options.SchedulerOption = None,

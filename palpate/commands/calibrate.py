@@ -60,31 +60,26 @@ The arm moves under its guard. Ctrl-C brings it to rest, and no calibration is w
 )
 
 
+_COLUMN = "Column of a role: reading, reference, or settled (0 in rows to ignore)."
+_WEIGHTS_KG = "Masses to put on the sensor, in this order, such as 0,1,2,4,2,1,0."
+_REFERENCE_PERCENT = "Standard uncertainty that all references share."
+
+
 @group.command()
 @with_options(CalibrateOptions)
 def force(
     options: CalibrateOptions,
     *,
-    column: Annotated[
-        list[str] | None,
-        Option(
-            help="Column of a role: reading, reference, or settled (0 in rows to ignore).",
-            metavar="ROLE=COLUMN",
-        ),
-    ] = None,
+    column: Annotated[list[str] | None, Option(help=_COLUMN, metavar="ROLE=COLUMN")] = None,
     reading_unit: Annotated[
         str | None, Option(help="Unit of the readings, if the column's name does not end with it.")
     ] = None,
-    weights_kg: Annotated[
-        str | None,
-        Option(help="Masses to put on the sensor, in this order, such as 0,1,2,4,2,1,0.", metavar="KG,..."),
-    ] = None,
+    weights_kg: Annotated[str | None, Option(help=_WEIGHTS_KG, metavar="KG,...")] = None,
     gravity_m_s2: Annotated[
         float, Option(help="Gravitational acceleration at the site.", min=9.7, max=9.9)
     ] = (STANDARD_GRAVITY_M_S2),
     reference_percent: Annotated[
-        float,
-        Option(help="Standard uncertainty that all references share.", metavar="PERCENT", min=0, max=50),
+        float, Option(help=_REFERENCE_PERCENT, metavar="PERCENT", min=0, max=50)
     ] = 0.0,
 ) -> None:
     """Calibrate scale, zero and curvature of the force sensor, from weights or a file; report hysteresis.
@@ -139,18 +134,15 @@ def force(
     _calibrate("force", options, record, analyze)
 
 
+_POSE = "Pose in which the arm is held: 'home', or one angle per joint; nothing moves."
+
+
 @group.command()
 @with_options(MotionOptions)
 def encoder(
     options: MotionOptions,
     *,
-    pose: Annotated[
-        str | None,
-        Option(
-            help="Pose in which the arm is held: 'home', or one angle per joint; nothing moves.",
-            metavar="RAD,...",
-        ),
-    ] = None,
+    pose: Annotated[str | None, Option(help=_POSE, metavar="RAD,...")] = None,
     lower_stops: Annotated[
         str | None, Option(help="Lower hard stops; default: the URDF's limits.", metavar="RAD,...")
     ] = None,

@@ -64,33 +64,22 @@ def _names(first: Study, second: Study, grown: tuple[Extended, Extended]) -> tup
     return str(paths[0]), str(paths[1])
 
 
+_OTHER = "Second measurement, such as a simulated twin, a repetition after a change, or another specimen."
+_OTHER_MODEL = "Base model of OTHER; without OTHER, a second model of FILE."
+_REVISION = "Compare this revision instead of the base model (palpate revisions)."
+_OTHER_REVISION = "Revision of OTHER; default: the same model is fitted to both."
+
+
 @takes_data
 def compare_command(
     data: DataArguments,
     *,
-    other: Annotated[
-        Path | None,
-        Argument(
-            help="Second measurement, such as a simulated twin, a repetition after a change, or another "
-            "specimen."
-        ),
-    ] = None,
+    other: Annotated[Path | None, Argument(help=_OTHER)] = None,
     model: ModelOption = None,
-    other_model: Annotated[
-        str | None,
-        Option(
-            help="Base model of OTHER; without OTHER, a second model of FILE.", autocompletion=model_names
-        ),
-    ] = None,
+    other_model: Annotated[str | None, Option(help=_OTHER_MODEL, autocompletion=model_names)] = None,
     channel: Annotated[str | None, Option(help="Only this channel, such as contact.")] = None,
-    revision: Annotated[
-        list[int] | None,
-        Option(help="Compare this revision instead of the base model (palpate revisions).", metavar="N"),
-    ] = None,
-    other_revision: Annotated[
-        list[int] | None,
-        Option(help="Revision of OTHER; default: the same model is fitted to both.", metavar="N"),
-    ] = None,
+    revision: Annotated[list[int] | None, Option(help=_REVISION, metavar="N")] = None,
+    other_revision: Annotated[list[int] | None, Option(help=_OTHER_REVISION, metavar="N")] = None,
     folder: FolderOption = None,
     as_json: JsonOption = False,
     out: Annotated[

@@ -68,19 +68,14 @@ class HiddenDemo:
         }
 
 
+_SCENARIO = f"Simulated world: a file, or one of {', '.join(shipped_scenarios())}."
+_SEED = "Seed of simulated noise and hidden effects; default: random."
+
+
 def demo_command(
-    scenario: Annotated[
-        str,
-        Option(
-            help=f"Simulated world: a file, or one of {', '.join(shipped_scenarios())}.",
-            autocompletion=scenario_names,
-        ),
-    ] = DEFAULT_SCENARIO,
+    scenario: Annotated[str, Option(help=_SCENARIO, autocompletion=scenario_names)] = DEFAULT_SCENARIO,
     engine: Annotated[EngineName | None, Option(help=ENGINE)] = None,
-    seed: Annotated[
-        int | None,
-        Option(help="Seed of simulated noise and hidden effects; default: random.", min=0, max=MOST_SEED),
-    ] = None,
+    seed: Annotated[int | None, Option(help=_SEED, min=0, max=MOST_SEED)] = None,
     out: SessionOutOption = None,
     as_json: JsonOption = False,
 ) -> None:

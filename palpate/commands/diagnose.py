@@ -39,6 +39,9 @@ EXIT_CODES = {Verdict.MISSING: 10, Verdict.UNEXPLAINED: 11, Verdict.INSUFFICIENT
 MOST_ASKED = 3  # largest number of unused columns to suggest
 
 
+_EXIT_CODE = "Exit code 10 if missing, else 11 if unexplained, else 12 if insufficient, else 0."
+
+
 @takes_data
 def diagnose_command(
     data: DataArguments,
@@ -50,13 +53,7 @@ def diagnose_command(
     apply: Annotated[
         bool, Option("--apply", help="Add the missing effects, and save each step as a revision.")
     ] = False,
-    exit_code: Annotated[
-        bool,
-        Option(
-            "--exit-code",
-            help="Exit code 10 if missing, else 11 if unexplained, else 12 if insufficient, else 0.",
-        ),
-    ] = False,
+    exit_code: Annotated[bool, Option("--exit-code", help=_EXIT_CODE)] = False,
     as_json: JsonOption = False,
     out: Annotated[
         Path | None, Option(help=f"Write {RESULT}, report and more to this folder.", metavar="FOLDER")
@@ -204,19 +201,17 @@ def _next_steps(  # noqa: PLR0917, what was typed and found
     yield f"palpate compare {data.command_text(model=typed['model'], channel=only, folder=out)}", purpose
 
 
+_ESTIMATOR = (
+    f"One or more of {', '.join(ESTIMATORS)}, separated by commas. [default: {','.join(DEFAULT_ESTIMATORS)}]"
+)
+
+
 @takes_data
 def estimate_command(
     data: DataArguments,
     *,
     model: ModelOption = None,
-    estimator: Annotated[
-        str | None,
-        Option(
-            help=f"One or more of {', '.join(ESTIMATORS)}, separated by commas. "
-            f"[default: {','.join(DEFAULT_ESTIMATORS)}]",
-            autocompletion=estimator_names,
-        ),
-    ] = None,
+    estimator: Annotated[str | None, Option(help=_ESTIMATOR, autocompletion=estimator_names)] = None,
     every: Annotated[bool, Option("--all", help="Use all estimators.")] = False,
     as_json: JsonOption = False,
 ) -> None:

@@ -29,27 +29,16 @@ QUESTION = (
 _SUBJECT_WIDTH = 20
 
 
+_ROBOT = "Robot file of the arm to check before it gets power."
+_AS_BUILT = "With --wire: emulate the devices that this robot file describes."
+_MOVE = "Check the signs of joints and force: by hand, then, after a confirmation, under power."
+
+
 def doctor_command(  # noqa: PLR0917, one parameter an option
-    robot: Annotated[
-        str | None,
-        Option(
-            help="Robot file of the arm to check before it gets power.",
-            metavar="FILE",
-            autocompletion=robot_names,
-        ),
-    ] = None,
+    robot: Annotated[str | None, Option(help=_ROBOT, metavar="FILE", autocompletion=robot_names)] = None,
     wire: Annotated[bool, Option("--wire", help="Emulate the arm's devices, without any hardware.")] = False,
-    as_built: Annotated[
-        str | None,
-        Option(help="With --wire: emulate the devices that this robot file describes.", metavar="FILE"),
-    ] = None,
-    move: Annotated[
-        bool,
-        Option(
-            "--move",
-            help="Check the signs of joints and force: by hand, then, after a confirmation, under power.",
-        ),
-    ] = False,
+    as_built: Annotated[str | None, Option(help=_AS_BUILT, metavar="FILE")] = None,
+    move: Annotated[bool, Option("--move", help=_MOVE)] = False,
     drivers: Annotated[
         list[str] | None, Option(help="Python package with your own drivers.", metavar="PACKAGE")
     ] = None,

@@ -14,21 +14,13 @@ from palpate.render.effects import EffectExample, as_data, kind_of, library, pri
 from palpate.robot_io.errors import InputError
 from palpate.sim_backend.imperfection import IMPERFECTIONS
 
+_NAME = "Effect to show in detail, with a drawing."
+_ON = "Session or data file; the effect is drawn on its motion, beside the fitted model."
+
 
 def effects_command(
-    name: Annotated[
-        str | None,
-        Argument(
-            help="Effect to show in detail, with a drawing.", metavar="[NAME]", autocompletion=effect_names
-        ),
-    ] = None,
-    on: Annotated[
-        Path | None,
-        Option(
-            help="Session or data file; the effect is drawn on its motion, beside the fitted model.",
-            metavar="FILE",
-        ),
-    ] = None,
+    name: Annotated[str | None, Argument(help=_NAME, metavar="[NAME]", autocompletion=effect_names)] = None,
+    on: Annotated[Path | None, Option(help=_ON, metavar="FILE")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """List the effects that a model may lack, or show one effect with its equation and a drawing.

@@ -66,57 +66,32 @@ class _Export(NamedTuple):
     advice: str = ""  # for people, on stderr
 
 
+_REVISION = "Export these revisions; default: the newest of each channel."
+_FORM = (
+    "Output format: a simulated world; joint torques as a table and as functions in Python and "
+    "C; or joints for MuJoCo, a URDF, Isaac Lab or BAM."
+)
+_PATCH = (
+    "MJCF, URDF (default: --urdf) or BAM parameter file to copy and complete; the original stays as it is."
+)
+_SERVO_GAIN = "Torque per goal error of the servos, for data with goal and position but no torque."
+_STREAM = "Write this stream or channel as a table instead, such as tick, events or contact."
+_LAYOUT = "Write a layout file for viewing the session in Foxglove or PlotJuggler."
+_OUT = "File to write: scenario or feedforward (.yaml), simulator file, or table (.csv, .parquet)."
+
+
 @takes_data
 def export_command(
     data: DataArguments,
     *,
-    revision: Annotated[
-        list[int] | None,
-        Option(help="Export these revisions; default: the newest of each channel.", metavar="N"),
-    ] = None,
-    form: Annotated[
-        Format,
-        Option(
-            "--format",
-            help="Output format: a simulated world; joint torques as a table and as functions in Python and "
-            "C; or joints for MuJoCo, a URDF, Isaac Lab or BAM.",
-        ),
-    ] = Format.SCENARIO,
-    patch: Annotated[
-        Path | None,
-        Option(
-            help=(
-                "MJCF, URDF (default: --urdf) or BAM parameter file to copy and complete; the original "
-                "stays as it is."
-            ),
-            metavar="FILE",
-        ),
-    ] = None,
-    servo_gain: Annotated[
-        float | None,
-        Option(
-            help="Torque per goal error of the servos, for data with goal and position but no torque.",
-            metavar="NM_PER_RAD",
-        ),
-    ] = None,
-    stream: Annotated[
-        str | None,
-        Option(help="Write this stream or channel as a table instead, such as tick, events or contact."),
-    ] = None,
-    layout: Annotated[
-        PlotProgram | None,
-        Option(help="Write a layout file for viewing the session in Foxglove or PlotJuggler."),
-    ] = None,
+    revision: Annotated[list[int] | None, Option(help=_REVISION, metavar="N")] = None,
+    form: Annotated[Format, Option("--format", help=_FORM)] = Format.SCENARIO,
+    patch: Annotated[Path | None, Option(help=_PATCH, metavar="FILE")] = None,
+    servo_gain: Annotated[float | None, Option(help=_SERVO_GAIN, metavar="NM_PER_RAD")] = None,
+    stream: Annotated[str | None, Option(help=_STREAM)] = None,
+    layout: Annotated[PlotProgram | None, Option(help=_LAYOUT)] = None,
     folder: FolderOption = None,
-    out: Annotated[
-        Path | None,
-        Option(
-            "--out",
-            "-o",
-            help="File to write: scenario or feedforward (.yaml), simulator file, or table (.csv, .parquet).",
-            metavar="FILE",
-        ),
-    ] = None,
+    out: Annotated[Path | None, Option("--out", "-o", help=_OUT, metavar="FILE")] = None,
     force: Annotated[bool, Option("--force", help="Replace a file that already exists.")] = False,
     as_json: JsonOption = False,
 ) -> None:

@@ -35,18 +35,17 @@ _READ = 0.6  # share of the import's time spent on reading
 _MOST_NAMES = 5  # largest number of file names stored in the session
 
 
+_FILES = (
+    "Measurements: text (.csv ...), .xlsx, .parquet, .npz, a ROS 2 bag, or a folder of these. "
+    "Several files are runs of one measurement."
+)
+
+
 @with_options(ReadOptions)
 def import_command(
     options: ReadOptions,
     *,
-    files: Annotated[
-        list[Path],
-        Argument(
-            help="Measurements: text (.csv ...), .xlsx, .parquet, .npz, a ROS 2 bag, or a folder of these. "
-            "Several files are runs of one measurement.",
-            metavar="FILE",
-        ),
-    ],
+    files: Annotated[list[Path], Argument(help=_FILES, metavar="FILE")],
     out: SessionOutOption = None,
     look: Annotated[bool, Option("--look", help="Show what would be read, without storing it.")] = False,
     as_json: JsonOption = False,

@@ -49,6 +49,9 @@ MILLI = 1e-3
 NO_ESTIMATOR = "none"
 
 
+_SPEED_MM_S = "Approach speeds, such as 150,90,60; default: the plan's."
+
+
 @with_options(RunOptions)
 def probe_command(
     options: RunOptions,
@@ -56,10 +59,7 @@ def probe_command(
     experiment: Annotated[
         Path | None, Option(help="Probing plan (YAML); the options below replace its values.")
     ] = None,
-    speed_mm_s: Annotated[
-        str | None,
-        Option(help="Approach speeds, such as 150,90,60; default: the plan's.", metavar="MM/S,..."),
-    ] = None,
+    speed_mm_s: Annotated[str | None, Option(help=_SPEED_MM_S, metavar="MM/S,...")] = None,
     force_limit_n: Annotated[
         float | None, Option(help="Load up to this force; default: the plan's.", metavar="N")
     ] = None,
@@ -207,16 +207,16 @@ def replay_command(
     raise_for_end(result)
 
 
+_SECONDS = "Maximum probing time; the first probe always runs."
+
+
 @with_options(RunOptions)
 def resolve_command(
     options: RunOptions,
     *,
     experiment: Annotated[Path | None, Option(help="Plan (YAML) of the first probe.")] = None,
     probes: Annotated[int, Option(help="Maximum number of probes, including the first.", min=1, max=50)] = 4,
-    seconds: Annotated[
-        float,
-        Option(help="Maximum probing time; the first probe always runs.", metavar="S", min=1.0, max=36000.0),
-    ] = 300.0,
+    seconds: Annotated[float, Option(help=_SECONDS, metavar="S", min=1.0, max=36000.0)] = 300.0,
     channel: Annotated[str | None, Option(help="Explain only this channel, such as joint_2.")] = None,
     out: Annotated[Path | None, Option("--out", "-o", help="Folder for sessions.", metavar="FOLDER")] = None,
     yes: YesOption = False,

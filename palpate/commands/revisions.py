@@ -23,19 +23,16 @@ from palpate.workflows.data_options import (
     takes_data,
 )
 
+_EFFECTS = "Effects to add, in order."
+_START = "Continue from this revision instead of the newest."
+
 
 @takes_data
 def add_command(
     data: DataArguments,
     *,
-    effects: Annotated[
-        list[str],
-        Argument(help="Effects to add, in order.", metavar="EFFECT...", autocompletion=effect_names),
-    ],
-    start: Annotated[
-        int | None,
-        Option("--from", help="Continue from this revision instead of the newest.", metavar="REVISION"),
-    ] = None,
+    effects: Annotated[list[str], Argument(help=_EFFECTS, metavar="EFFECT...", autocompletion=effect_names)],
+    start: Annotated[int | None, Option("--from", help=_START, metavar="REVISION")] = None,
     fresh: Annotated[bool, Option("--fresh", help="Start again from the base model.")] = False,
     model: ModelOption = None,
     channel: Annotated[str | None, Option(help="Channel to add the effects to, such as joint_2.")] = None,

@@ -22,6 +22,9 @@ SWEEPS = Path("sweeps")
 _SAMPLE = 4  # cases to run for an estimate of the cost
 
 
+_PLAN = "Show the number of remaining cases and the time they need; if none is done, run a few to measure it."
+
+
 def sweep_command(
     what: Annotated[str, Argument(help="paper, or a YAML file with your own grid.", metavar="paper|FILE")],
     *,
@@ -31,16 +34,7 @@ def sweep_command(
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     limit: Annotated[int | None, Option(help="Run only the first N cases.", min=1)] = None,
-    plan: Annotated[
-        bool,
-        Option(
-            "--plan",
-            help=(
-                "Show the number of remaining cases and the time they need; if none is done, run a few "
-                "to measure it."
-            ),
-        ),
-    ] = False,
+    plan: Annotated[bool, Option("--plan", help=_PLAN)] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Probe many simulated objects, estimate with every method, and write figures, tables and a web page.

@@ -55,34 +55,18 @@ virtual object is updated with this model.
 
 [bold]palpate teleop demo --out DIR[/bold] runs both on this machine, without a device or an arm."""
 )
-
-
 NameOption = Annotated[
     str, Option("--name", help="Name of the pair of leader and follower; the same on both sides.")
 ]
 PortOption = Annotated[
     int, Option("--port", help="Port on this machine's loopback; used if --link is not given.")
 ]
-LinkOption = Annotated[
-    Path | None,
-    Option("--link", help="zenoh configuration (JSON5): endpoints, router, certificates.", metavar="FILE"),
-]
-KeyOption = Annotated[
-    Path | None,
-    Option(
-        "--key",
-        help="Secret key file, the same on both sides; messages signed with another key are refused.",
-        metavar="FILE",
-    ),
-]
-BadNetworkOption = Annotated[
-    str | None,
-    Option(
-        "--bad-network",
-        help="For tests: delay and jitter (ms) and loss (%) of this side's messages, such as 500,20,10.",
-        metavar="MS,MS,%",
-    ),
-]
+_LINK = "zenoh configuration (JSON5): endpoints, router, certificates."
+LinkOption = Annotated[Path | None, Option("--link", help=_LINK, metavar="FILE")]
+_KEY = "Secret key file, the same on both sides; messages signed with another key are refused."
+KeyOption = Annotated[Path | None, Option("--key", help=_KEY, metavar="FILE")]
+_BAD_NETWORK = "For tests: delay and jitter (ms) and loss (%) of this side's messages, such as 500,20,10."
+BadNetworkOption = Annotated[str | None, Option("--bad-network", help=_BAD_NETWORK, metavar="MS,MS,%")]
 
 
 @group.command()
@@ -164,32 +148,20 @@ def follower(
     raise_for_end(outcome.loop)
 
 
+_OPERATOR = f"{', '.join(OPERATOR_DEVICES)}, or a YAML file with the settings of one of these."
+_ROBOT = "Virtual arm that the operator moves: shipped, or a file."
+_SCENARIO = "Virtual object that the operator feels before the first estimate."
+_JUMP_N = "Largest change of force per millisecond when the model is updated [N]."
+
+
 @group.command()
 def leader(  # noqa: PLR0917, one parameter an option
-    operator: Annotated[
-        str,
-        Option(
-            "--operator",
-            help=f"{', '.join(OPERATOR_DEVICES)}, or a YAML file with the settings of one of these.",
-            metavar="DEVICE|FILE",
-        ),
-    ] = "keyboard",
-    robot: Annotated[
-        str,
-        Option(help="Virtual arm that the operator moves: shipped, or a file.", autocompletion=robot_names),
-    ] = "leader",
+    operator: Annotated[str, Option("--operator", help=_OPERATOR, metavar="DEVICE|FILE")] = "keyboard",
+    robot: Annotated[str, Option(help=_ROBOT, autocompletion=robot_names)] = "leader",
     scenario: Annotated[
-        str,
-        Option(
-            help="Virtual object that the operator feels before the first estimate.",
-            metavar="WORLD",
-            autocompletion=scenario_names,
-        ),
+        str, Option(help=_SCENARIO, metavar="WORLD", autocompletion=scenario_names)
     ] = "default",
-    jump_n: Annotated[
-        float,
-        Option(help="Largest change of force per millisecond when the model is updated [N].", metavar="N"),
-    ] = 0.05,
+    jump_n: Annotated[float, Option(help=_JUMP_N, metavar="N")] = 0.05,
     name: NameOption = "arm",
     port: PortOption = 7447,
     link: LinkOption = None,
@@ -258,17 +230,15 @@ def leader(  # noqa: PLR0917, one parameter an option
         raise typer.Exit(1)
 
 
+_DEMO_SCENARIO = (
+    f"Simulated object of the follower: a scenario file, or one of {', '.join(shipped_scenarios())}."
+)
+
+
 @group.command()
 def demo(
     out: Annotated[Path, Option("--out", "-o", help="Output folder.", metavar="DIR")],
-    scenario: Annotated[
-        str,
-        Option(
-            help="Simulated object of the follower: a scenario file, or one of "
-            f"{', '.join(shipped_scenarios())}.",
-            autocompletion=scenario_names,
-        ),
-    ] = "stiff",
+    scenario: Annotated[str, Option(help=_DEMO_SCENARIO, autocompletion=scenario_names)] = "stiff",
     bad_network: BadNetworkOption = None,
     as_json: JsonOption = False,
 ) -> None:

@@ -20,38 +20,28 @@ PAGE = "trend.html"
 CHANGED = 10  # exit code, the same as of a diagnosis with missing effects
 
 
+_DATE = (
+    "Field with dates (ISO 8601) or numbers; default: date, day, night, time, datetime or "
+    "timestamp, otherwise the order of the rows."
+)
+_PARAMETER = "Only this parameter, such as coulomb_friction.force; may be repeated."
+_OUT = "First process the recordings, and write the results to this folder."
+_GROUP = "Follow each group of measurements with the same value of this field separately."
+
+
 def trend_command(
     data: Annotated[
         Path, Argument(help="Folder or table of palpate batch, or with --out a folder of recordings.")
     ],
     *,
-    date: Annotated[
-        str | None,
-        Option(
-            help="Field with dates (ISO 8601) or numbers; default: date, day, night, time, datetime or "
-            "timestamp, otherwise the order of the rows.",
-            metavar="FIELD",
-        ),
-    ] = None,
-    parameter: Annotated[
-        list[str] | None,
-        Option(help="Only this parameter, such as coulomb_friction.force; may be repeated.", metavar="NAME"),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        Option("--out", "-o", help="First process the recordings, and write the results to this folder."),
-    ] = None,
+    date: Annotated[str | None, Option(help=_DATE, metavar="FIELD")] = None,
+    parameter: Annotated[list[str] | None, Option(help=_PARAMETER, metavar="NAME")] = None,
+    out: Annotated[Path | None, Option("--out", "-o", help=_OUT)] = None,
     model: Annotated[
         str | None, Option(help="Base model to fit to the recordings.", autocompletion=model_names)
     ] = None,
     pattern: PatternOption = None,
-    group: Annotated[
-        str | None,
-        Option(
-            help="Follow each group of measurements with the same value of this field separately.",
-            metavar="FIELD",
-        ),
-    ] = None,
+    group: Annotated[str | None, Option(help=_GROUP, metavar="FIELD")] = None,
     add: AddOption = None,
     follow: Annotated[
         bool, Option("--follow", help="Keep running, and test again whenever there are new data.")

@@ -29,6 +29,9 @@ _HIDDEN = (  # one of these is hidden in it
 )
 
 
+_FOXGLOVE = "Also serve a running probe to Foxglove on this port."
+
+
 @may_take_data
 def workbench_command(
     data: DataArguments,
@@ -36,10 +39,7 @@ def workbench_command(
     model: ModelOption = None,
     port: Annotated[int, Option(min=0, max=65535, help="Port on this machine; 0 selects a free one.")] = 8090,
     no_browser: Annotated[bool, Option("--no-browser", help="Only print the address.")] = False,
-    foxglove: Annotated[
-        int | None,
-        Option(min=0, max=65535, help="Also serve a running probe to Foxglove on this port.", metavar="PORT"),
-    ] = None,
+    foxglove: Annotated[int | None, Option(min=0, max=65535, help=_FOXGLOVE, metavar="PORT")] = None,
     riddle: Annotated[
         bool, Option("--riddle", help="Hide an effect in a simulated object that you then diagnose.")
     ] = False,

@@ -21,18 +21,10 @@ def effect_names() -> list[str]:
     return list(EFFECTS)
 
 
-AddOption = Annotated[
-    list[str] | None,
-    Option(
-        help="Effect to fit to every measurement; may be repeated.",
-        metavar="EFFECT",
-        autocompletion=effect_names,
-    ),
-]
-PatternOption = Annotated[
-    str | None,
-    Option(help="Pattern of the file names, whose parts become fields, such as '{specimen}_{day}.csv'."),
-]
+_ADD = "Effect to fit to every measurement; may be repeated."
+AddOption = Annotated[list[str] | None, Option(help=_ADD, metavar="EFFECT", autocompletion=effect_names)]
+_PATTERN = "Pattern of the file names, whose parts become fields, such as '{specimen}_{day}.csv'."
+PatternOption = Annotated[str | None, Option(help=_PATTERN)]
 WorkersOption = Annotated[
     int | None, Option(help="Number of processes on this machine; default: one per core.", min=1, max=1000)
 ]

@@ -22,56 +22,36 @@ FolderOption = Annotated[
 ForceOption = Annotated[
     bool, Option("--force", help="Replace existing files of the same names in the folder of --out.")
 ]
-ModelOption = Annotated[
-    str | None,
-    Option(
-        help="Base model, such as kelvin_voigt (an unknown name prints the list); default: the usual one "
-        "of each channel.",
-        autocompletion=model_names,
-    ),
-]
+_MODEL = (
+    "Base model, such as kelvin_voigt (an unknown name prints the list); default: the usual one "
+    "of each channel."
+)
+ModelOption = Annotated[str | None, Option(help=_MODEL, autocompletion=model_names)]
+
+
+_COLUMN = "Column of a quantity in the file, such as force_N=load, run=trial or phase=state."
+_UNIT = "Unit of a quantity or column, such as force=mN or time=ms."
+_WHERE = "Use only rows with this text in a column, such as specimen=P002; for a session, run=0,2."
+_FRESH_RUNS = "Each run pressed a fresh specimen or spot, so no run affects another."
+_TABLE = "Table to read: name of its sheet or line number of its header; default: the longest."
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReadOptions:
     """How to read a data file, as the user typed it."""
 
-    column: Annotated[
-        list[str] | None,
-        Option(
-            help="Column of a quantity in the file, such as force_N=load, run=trial or phase=state.",
-            metavar="NAME=COLUMN",
-        ),
-    ] = None
-    unit: Annotated[
-        list[str] | None,
-        Option(help="Unit of a quantity or column, such as force=mN or time=ms.", metavar="NAME=UNIT"),
-    ] = None
-    where: Annotated[
-        list[str] | None,
-        Option(
-            help="Use only rows with this text in a column, such as specimen=P002; for a session, run=0,2.",
-            metavar="COLUMN=TEXT",
-        ),
-    ] = None
+    column: Annotated[list[str] | None, Option(help=_COLUMN, metavar="NAME=COLUMN")] = None
+    unit: Annotated[list[str] | None, Option(help=_UNIT, metavar="NAME=UNIT")] = None
+    where: Annotated[list[str] | None, Option(help=_WHERE, metavar="COLUMN=TEXT")] = None
     context: Annotated[
         list[str] | None, Option(help="Another numeric column to use as a signal.", metavar="COLUMN")
     ] = None
-    fresh_runs: Annotated[
-        bool,
-        Option("--fresh-runs", help="Each run pressed a fresh specimen or spot, so no run affects another."),
-    ] = False
+    fresh_runs: Annotated[bool, Option("--fresh-runs", help=_FRESH_RUNS)] = False
     runs: Annotated[
         int | None, Option(min=1, help="Number of presses in a recording; default: detected.", metavar="N")
     ] = None
 
-    table: Annotated[
-        str | None,
-        Option(
-            help="Table to read: name of its sheet or line number of its header; default: the longest.",
-            metavar="TABLE",
-        ),
-    ] = None
+    table: Annotated[str | None, Option(help=_TABLE, metavar="TABLE")] = None
 
     @property
     def given(self) -> dict[str, Any]:
@@ -97,14 +77,14 @@ class ReadOptions:
         )
 
 
+_EFFECT = "Add your own effect to the candidates; the file is executed."
+
+
 @dataclass(frozen=True, kw_only=True)
 class StudyOptions(ReadOptions):
     """How to read and model a data file, as the user typed it."""
 
-    effect: Annotated[
-        list[str] | None,
-        Option(help="Add your own effect to the candidates; the file is executed.", metavar="FILE.py:CLASS"),
-    ] = None
+    effect: Annotated[list[str] | None, Option(help=_EFFECT, metavar="FILE.py:CLASS")] = None
     urdf: Annotated[
         Path | None, Option(help="URDF of the arm, for models that need one.", metavar="FILE")
     ] = None
@@ -113,22 +93,19 @@ class StudyOptions(ReadOptions):
     ] = None
 
 
+_FILE = "Session (.mcap), folder of sessions, or data file (.csv, .xlsx, .parquet, .npz ...)."
+_HELD_OUT = (
+    "Runs to exclude from fitting, such as 2,5; compare and add score models on these only. "
+    "Default: each run is predicted from the others."
+)
+
+
 @dataclass(frozen=True, kw_only=True)
 class DataArguments(StudyOptions):
     """The file of a command with its options, as the user typed them."""
 
-    file: Annotated[
-        Path,
-        Argument(help="Session (.mcap), folder of sessions, or data file (.csv, .xlsx, .parquet, .npz ...)."),
-    ]
-    held_out: Annotated[
-        str | None,
-        Option(
-            help="Runs to exclude from fitting, such as 2,5; compare and add score models on these only. "
-            "Default: each run is predicted from the others.",
-            metavar="RUNS",
-        ),
-    ] = None
+    file: Annotated[Path, Argument(help=_FILE)]
+    held_out: Annotated[str | None, Option(help=_HELD_OUT, metavar="RUNS")] = None
 
     def study(
         self, model: str | None = None, folder: Path | None = None, like: "Study | None" = None
