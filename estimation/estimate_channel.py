@@ -109,7 +109,7 @@ def estimate_channel(
         if estimate.identifiability is not Identifiability.GOOD:
             note = f"{estimate.note}; {note}"
         estimate = replace(estimate, note=note, unphysical=tuple(unphysical_gains))
-    return mark_coarse(estimate, data, used)
+    return _mark_coarse(estimate, data, used)
 
 
 def _check_samples(data: ChannelData, model: Model, used: BoolArray) -> None:
@@ -180,14 +180,8 @@ def _combine(searched: SampleFit, data: ChannelData, rows: BoolArray, estimate: 
     )
 
 
-def mark_coarse(estimate: Estimate, data: ChannelData, rows: BoolArray) -> Estimate:
-    """Remove the intervals and state the reason if the motion spans too few encoder steps for a slope.
-
-    Args:
-        estimate: the estimate.
-        data: the channel.
-        rows: samples that were fitted, a mask of shape (n,).
-    """
+def _mark_coarse(estimate: Estimate, data: ChannelData, rows: BoolArray) -> Estimate:
+    """Remove the intervals and state the reason if the motion spans too few encoder steps for a slope."""
     if steps_spanned(data, rows) >= MIN_STEPS:
         return estimate
     unknown = float("nan")

@@ -66,7 +66,7 @@ _TOUCHING = 1e-300  # depth of a contact without strain
 
 
 class PlasticSet(MotionEffect):
-    """If the surface sinks, the tool loses contact within the dent.
+    """Dent of a surface that sinks, so that the tool loses contact within the dent.
 
     A second form (`_AtTheTool`) describes a material that crushes inside, such as foam. It stays in contact
     with the tool, so that damping also acts within the dent.

@@ -75,8 +75,6 @@ class CubicStiffness(AdditiveEffect):
 
 
 class PowerLawStiffness(AdditiveEffect):
-    """n = 1.5 is Hertz's contact of a sphere, n = 2 Sneddon's of a cone; with n < 1 the spring softens."""
-
     name = "power_law_stiffness"
     kind = Kind.ELASTIC_SHAPE
     physics = "With depth, more (or less) of the object carries the load, so the force curve bends."
@@ -86,6 +84,7 @@ class PowerLawStiffness(AdditiveEffect):
     signals = ("position",)
     gains = (Parameter("k", "{effort}/{position}^n", 0.0, 1e40, (10.0, 1e12)),)
     elastic = ("k",)
+    # 1.5 for the contact of a sphere (Hertz), 2 for that of a cone (Sneddon); below 1 the spring softens.
     inner = (Parameter("n", "1", 0.3, 6.0, (0.4, 4.0)),)
     confused_with = {
         "cubic_stiffness": "press deeper: a power law and a cubic diverge",

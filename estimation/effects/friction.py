@@ -75,7 +75,7 @@ _SHARES = (1.0, 0.6)
 
 
 class LoadDependentFriction(CoulombFriction):
-    """The load is the effort of the joint without friction.
+    """Friction in proportion to the load, which is the effort of the joint without friction.
 
     The torque that accelerates the rotor does not pass through the gear, so it is not part of the load (see
     Hamon et al.). If the model has one inertia for rotor and link, the link's share of it is a parameter.
@@ -121,8 +121,6 @@ class _WithRotor(LoadDependentFriction):
 
 
 class PositionDependentFriction(AdditiveEffect):
-    """With less than a wave in the range of motion, it is any friction that varies smoothly with position."""
-
     name = "position_dependent_friction"
     kind = Kind.FRICTION
     physics = "Eccentric gears, bent guides and worn tracks rub more at some places than at others."
@@ -137,6 +135,7 @@ class PositionDependentFriction(AdditiveEffect):
         Parameter("cosine", "{effort}", -1e12, 1e12, (0.001, 5.0)),
     )
     essential = ("sine", "cosine")
+    # With less than a wave in the range of motion, it fits any friction that varies smoothly with position.
     inner = (Parameter("cycles", "1/{position}", 1e-3, 1e5, (0.5, 10.0), log=True), TRANSITION)
     confused_with = {
         "torque_ripple": "compare both directions: ripple keeps its sign, friction does not",

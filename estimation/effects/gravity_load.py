@@ -185,8 +185,6 @@ class Pendulum(AdditiveEffect):
 
 
 class Weight(AdditiveEffect):
-    """It is for joints whose model has no weight; for an arm, the kinematics give the weight."""
-
     name = "weight"
     kind = Kind.GRAVITY_LOAD
     physics = "The joint's axis is not vertical, and the center of mass of its load is off the axis."
@@ -209,4 +207,5 @@ class Weight(AdditiveEffect):
         return np.column_stack([np.sin(data.position), np.cos(data.position)])
 
     def applies_to(self, data: ChannelData) -> bool:
-        return super().applies_to(data) and "payload_effort_per_kg" not in data.context
+        """See `Effect.applies_to`: not to the joint of an arm, whose kinematics give the weight."""
+        return super().applies_to(data) and _OF_ARM not in data.context

@@ -94,7 +94,7 @@ def _touches(data: ChannelData) -> IntArray:
 
 
 class DryFriction(AdditiveEffect):
-    """The state s tends to the direction of motion over a short path and is constant at rest.
+    """Dry friction whose state s tends to the direction of motion over a short path.
 
     At speeds below `transition`, a film between the surfaces yields, and s tends to less than the sign of the
     motion. At the lower bound of the path, only the film is left: s = tanh(v/transition), zero at rest.
@@ -153,7 +153,7 @@ class _AtTheSides(DryFriction):
 
 
 class BoucWenHysteresis(AdditiveEffect):
-    """In a contact it acts only for x > 0, and each contact begins without strain.
+    """Bouc-Wen hysteresis; in a contact it acts only for x > 0, and each contact begins without strain.
 
     With sharpness 1 and unloading 1 it is Dahl's law. With a high sharpness it is an elastic, perfectly
     plastic spring. See `bouc_wen` for the normalized state w in [-1, 1].

@@ -88,8 +88,6 @@ class QuadraticFriction(AdditiveEffect):
 
 
 class HuntCrossley(AdditiveEffect):
-    """Both terms vanish at the surface, so that the force does not jump there."""
-
     name = "hunt_crossley"
     kind = Kind.RATE_DEPENDENCE
     also = frozenset({Kind.ELASTIC_SHAPE})
@@ -99,7 +97,7 @@ class HuntCrossley(AdditiveEffect):
     signature = "effort curves upwards with depth, and loading and unloading differ more at larger depth"
     signals = ("position", "velocity")
     channels = frozenset({ChannelKind.CONTACT})
-    gains = (
+    gains = (  # both terms vanish at the surface, so that the force does not jump there
         Parameter("k", "{effort}/{position}^n", 0.0, 1e12, (10.0, 1e6)),
         Parameter("b", "{effort} s/{position}^(n+1)", 0.0, 1e12, (1.0, 1e6)),
     )

@@ -195,8 +195,6 @@ def _is_spanned(effort: FloatArray, columns: FloatArray) -> bool:
 
 
 class RunGain(RunVariation):
-    """The first part contains a quarter of the run's squared effort, since free air does not show a gain."""
-
     name = "run_gain"
     kind = Kind.RUN_DIFFERENCES
     physics = "Specimens, spots or battery voltages differ: the whole effort of a run is scaled."
@@ -249,7 +247,7 @@ class RunGain(RunVariation):
         return effort[:, None] * self.spread(effort, data, inner)
 
     def first_part(self, data: ChannelData) -> BoolArray:
-        return _first_effort(data)
+        return _first_effort(data)  # by effort instead of samples, since free air does not show a gain
 
 
 @cache_by_channel_arrays("effort", "run")

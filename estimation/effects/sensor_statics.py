@@ -141,7 +141,7 @@ class Deadband(SensorEffect):
 
 
 class ForceDeadband(AdditiveEffect):
-    """In the contact channel a dead band looks like a deeper surface; the joints carry the hidden force."""
+    """Force hidden by the force sensor's dead band; in the contact channel it looks like a deeper surface."""
 
     name = "force_deadband"
     kind = Kind.SENSOR_STATICS
@@ -243,7 +243,7 @@ _STILL = 0.1  # change relative to the width below which an effort counts as con
 
 
 class Hysteresis(SensorEffect):
-    """After a reversal, the reading is constant until the effort has changed by twice the width.
+    """Reading that stays constant after a reversal until the effort has changed by twice the width.
 
     The initial state within this gap depends on the past: a reading stays high after a press. For a contact,
     it is taken from the readings in free air. A joint has no free air and starts in the middle of the gap.
@@ -326,8 +326,6 @@ _SHARES = (0.01, 0.05, 0.2)  # start values of the noise, in steps
 
 
 class Quantisation(SensorEffect):
-    """Near an edge the noise decides between two readings; between edges it has no effect."""
-
     name = "quantisation"
     kind = Kind.SENSOR_STATICS
     physics = "The converter has a finite resolution."
@@ -335,7 +333,7 @@ class Quantisation(SensorEffect):
     source = "B. Widrow, I. Kollár, Quantization Noise (2008)"
     signature = "readings take few values, and are constant between jumps"
     signals = ("effort",)
-    inner = (
+    inner = (  # near an edge the noise decides between two readings, between edges it has no effect
         Parameter("step", "{effort}", 1e-15, 1e9, (0.001, 1.0), log=True),
         Parameter("noise", "{effort}", 1e-18, 1e9, (0.0001, 0.1), log=True),
     )

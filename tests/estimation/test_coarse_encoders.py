@@ -1,16 +1,14 @@
 """Presses that span few steps of the encoders."""
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
 
 from palpate.estimation.data.tick_channels import contact_channels
 from palpate.estimation.estimate import Identifiability
-from palpate.estimation.estimate_channel import estimate_channel
-from palpate.estimation.estimators import ESTIMATORS
-from tests.estimation.contact_data import base_model
+from tests.estimation import contact_data
 from tests.estimation.little_probe import kelvin_voigt, probe, ticks
 
 STEP_RAD = 2 * np.pi / 4096
@@ -38,15 +36,13 @@ def pressed(stiffness, seed):
     return channel, surface_m
 
 
-def estimated(channel, name="lsq"):
-    model = base_model("kelvin_voigt", surface_found=True)
-    return estimate_channel(channel, model, ESTIMATORS[name](), rng=np.random.default_rng(0))
+estimated = partial(contact_data.estimated, surface_found=True)
 
 
 @pytest.mark.parametrize("name", ["lsq", "robust", "rls"])
 def test_press_of_few_encoder_steps_is_reported_as_undetermined(name):
     channel, _ = pressed(7100.0, 0)
-    found = estimated(channel, name)
+    found = estimated(channel, by=name)
     assert found.identifiability is Identifiability.NONE
     assert "steps of the encoder" in found.note
     assert not np.isfinite(found["stiffness.k"].interval).any()

@@ -58,21 +58,26 @@ def runs(parts):
     return [np.concatenate(signal) for signal in zip(*parts, strict=True)], number
 
 
+def pressed(parts):
+    """A contact of several runs of time, depth and force."""
+    (t, x, force), run = runs(list(parts))
+    return channel(CONTACT, t, x, force, run=run)
+
+
 def power_law_stiffness():
     modulus, radius = 5e3, 0.01  # a sphere on soft rubber
-    parts = [(t, x, 4 / 3 * modulus * np.sqrt(radius) * x**1.5) for t, x, _ in press(0.006)]
-    (t, x, force), run = runs(parts)
-    truth = {"n": 1.5, "k": (4 / 3 * modulus * np.sqrt(radius), -1.5, 1)}
-    return RecoveryCase(channel(CONTACT, t, x, force, run=run), (), truth, 0.03)
+    k = 4 / 3 * modulus * np.sqrt(radius)
+    data = pressed((t, x, k * x**1.5) for t, x, _ in press(0.006))
+    return RecoveryCase(data, (), {"n": 1.5, "k": (k, -1.5, 1)}, 0.03)
 
 
 def exponential_stiffness():
     at_rest, steep = 40.0, 350.0  # dF/dx = E0 + b F
     depth = np.linspace(0.0, 0.008, 300)
     law = state(lambda x, f: at_rest + steep * f, depth, rtol=1e-10, atol=1e-12)
-    (t, x, force), run = runs([(t, x, np.interp(x, depth, law)) for t, x, _ in press(0.008)])
+    data = pressed((t, x, np.interp(x, depth, law)) for t, x, _ in press(0.008))
     truth = {"b": (steep, -1, 0), "a": (at_rest / steep, 0, 1), "stiffness.k": (at_rest, -1, 1)}
-    return RecoveryCase(channel(CONTACT, t, x, force, run=run), ("stiffness",), truth, 0.05)
+    return RecoveryCase(data, ("stiffness",), truth, 0.05)
 
 
 def softening_stiffness():
@@ -81,9 +86,9 @@ def softening_stiffness():
     law = state(
         lambda x, f: softest + (stiffest - softest) * np.exp(-x / reach), depth, rtol=1e-10, atol=1e-12
     )
-    (t, x, force), run = runs([(t, x, np.interp(x, depth, law)) for t, x, _ in press(0.008)])
+    data = pressed((t, x, np.interp(x, depth, law)) for t, x, _ in press(0.008))
     truth = {"d": (reach, 1, 0), "a": ((stiffest - softest) * reach, 0, 1), "stiffness.k": (softest, -1, 1)}
-    return RecoveryCase(channel(CONTACT, t, x, force, run=run), ("stiffness",), truth, 0.05)
+    return RecoveryCase(data, ("stiffness",), truth, 0.05)
 
 
 def relaxation_spectrum():
@@ -105,11 +110,9 @@ def relaxation_spectrum():
             for now in t
         ]
         parts.append((t, x, np.array(force)))
-    (t, x, force), run = runs(parts)
-    data = channel(CONTACT, t, x, force, run=run)
     truth = {"fast": fast, "slow": slow, "fast_time": sooner, "slow_time": later}
     truth["power_law_stiffness.n"] = 2.2
-    return RecoveryCase(data, ("power_law_stiffness",), truth, 0.05)
+    return RecoveryCase(pressed(parts), ("power_law_stiffness",), truth, 0.05)
 
 
 def power_law_relaxation():
@@ -120,10 +123,8 @@ def power_law_relaxation():
         done = np.minimum(ramp_s / np.maximum(t, 1e-12), 1.0)  # share of the time since the start in the ramp
         grown = 2 * k * rate**2 * t ** (2 - alpha) * beta(2, 1 - alpha) * betainc(2, 1 - alpha, done)
         parts.append((t, x, (1 - share) * k * x**2 + share * grown))
-    (t, x, force), run = runs(parts)
-    data = channel(CONTACT, t, x, force, run=run)
     truth = {"share": share, "alpha": alpha, "power_law_stiffness.n": 2.0}
-    return RecoveryCase(data, ("power_law_stiffness",), truth, 0.05)
+    return RecoveryCase(pressed(parts), ("power_law_stiffness",), truth, 0.05)
 
 
 def stress_relaxation():
@@ -136,9 +137,7 @@ def stress_relaxation():
             return branch * rate * (now < ramp_s) - force / tau
 
         parts.append((t, x, spring * x + state(change, t, atol=1e-10, max_step=ramp_s / 20)))
-    (t, x, force), run = runs(parts)
-    data = channel(CONTACT, t, x, force, run=run)
-    return RecoveryCase(data, ("stiffness",), {"k1": (branch, -1, 1), "tau": tau}, 0.03)
+    return RecoveryCase(pressed(parts), ("stiffness",), {"k1": (branch, -1, 1), "tau": tau}, 0.03)
 
 
 def dahl(path):
@@ -260,10 +259,8 @@ def run_offset():
 
 def run_gain():
     gains = 1.0 + 0.2 * np.random.default_rng(4).standard_normal(10)
-    parts = [(t, x, gain * 700.0 * x) for gain in gains for t, x, _ in press(0.01, ramps_s=(1.0,))]
-    (t, x, force), run = runs(parts)
-    data = channel(CONTACT, t, x, force, run=run)
-    return RecoveryCase(data, ("stiffness",), {"share": 1.0}, 0.05)
+    parts = ((t, x, gain * 700.0 * x) for gain in gains for t, x, _ in press(0.01, ramps_s=(1.0,)))
+    return RecoveryCase(pressed(parts), ("stiffness",), {"share": 1.0}, 0.05)
 
 
 def recorded_dependence():
@@ -317,28 +314,7 @@ def tool_compliance():
     return RecoveryCase(data, ("stiffness", "damping"), truth, 0.05)
 
 
-CASES = (
-    joint_elasticity,
-    tool_compliance,
-    power_law_stiffness,
-    exponential_stiffness,
-    softening_stiffness,
-    relaxation_spectrum,
-    power_law_relaxation,
-    stress_relaxation,
-    presliding_friction,
-    load_dependent_presliding,
-    bouc_wen_hysteresis,
-    loaded_backlash,
-    delay,
-    position_dependent_friction,
-    torque_ripple,
-    run_ripple,
-    run_offset,
-    run_gain,
-    recorded_dependence,
-    joint_coupling,
-)
+CASES = [build for name, build in list(globals().items()) if name in EFFECTS]
 # Of position and effort: cells under an atomic force microscope, and a press.
 SCALES = {"as it is": (1.0, 1.0), "nanonewtons": (1e-3, 1e-8), "kilonewtons": (3.0, 1e4)}
 IN_RAD = load_dependent_presliding  # beside it is a weight, which goes with an angle in rad

@@ -1,6 +1,7 @@
 """A force sensor with an offset: its tare, and the tare error in intervals."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,10 +11,8 @@ from palpate.control.loop.task import Phase
 from palpate.estimation.channel import Tare
 from palpate.estimation.data.contact import find_contacts
 from palpate.estimation.data.tick_channels import contact_channels
-from palpate.estimation.estimate_channel import estimate_channel
-from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.statistics.uncertainty import common_error_covariance
-from tests.estimation.contact_data import base_model
+from tests.estimation import contact_data
 from tests.estimation.little_probe import hunt_crossley, kelvin_voigt, probe, ticks
 
 SURFACE_M = 0.4321
@@ -28,9 +27,7 @@ def biased(law, bias_n=BIAS_N, **settings):
     return ticks(recorded)
 
 
-def estimated(channel, model, name="lsq"):
-    context = base_model(model, surface_found=True)
-    return estimate_channel(channel, context, ESTIMATORS[name](), rng=np.random.default_rng(0))
+estimated = partial(contact_data.estimated, surface_found=True)
 
 
 def misses_m(channel, found):
