@@ -24,7 +24,6 @@ _MIN_CELL_BYTES = 4  # assumed least number of bytes per value
 _MIN_COLUMNS = 3  # least number of columns of a run: time, motion and effort
 _MAX_LABEL = 60  # characters of a signal's label that are used
 _BATCH_ROWS = 256
-_SHOWN_VARIABLES = 4  # variables that an error message names
 
 
 def read_parquet(path: Path) -> FileColumns:
@@ -140,7 +139,7 @@ def read_mat(path: Path) -> FileColumns:
             array = np.array(cells) if len(shapes) == 1 and len(shapes[0]) == 1 else value
             vectors |= _vectors(name, array)
     if not vectors:
-        held = list_first([f"{name} ({_kind_of(value)})" for name, value in named], _SHOWN_VARIABLES)
+        held = list_first([f"{name} ({_kind_of(value)})" for name, value in named])
         only = f", only {held}" if held else ""
         raise InputError(
             f"{path}: holds no vectors{only}; a measurement needs at least three: time, motion and effort"

@@ -43,8 +43,6 @@ from palpate.estimation.data.units import describe_fault, dimension_of, invalid_
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
-_SHOWN_EFFORTS = 4  # names of further efforts that a note shows
-
 
 @dataclass(frozen=True)
 class ColumnAssignment:
@@ -320,7 +318,7 @@ def _note_other_efforts(table: Table, chosen: Chosen, options: ImportOptions) ->
         others = [f"'{name}'" for name in alike if table.varies(name)]
         if key[0] in EFFORTS and dimension and others and column not in options.columns.values():
             yield (
-                f"'{column}' is read as the {key[0]}, and not {list_first(others, _SHOWN_EFFORTS)}; if "
+                f"'{column}' is read as the {key[0]}, and not {list_first(others)}; if "
                 f"another column holds it, add --column {role.numbered}=COLUMN"
             )
 

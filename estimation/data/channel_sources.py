@@ -29,7 +29,6 @@ from palpate.robot_io.errors import InputError
 
 # Usual units of the quantities of a channel.
 _UNITS = {"displacement": "mm", "force": "N", "position": "rad", "torque": "Nm"}
-_SHOWN_CELLS = 12  # cells of a row that an error message shows
 
 
 @dataclass(frozen=True)
@@ -80,7 +79,7 @@ def channel_sources(columns: ColumnAssignment) -> list[ChannelSource]:
     _check_dimensions(columns)
     table, first_row = columns.table, ""
     if NAMELESS in table.notes:
-        cells = list_first([table.labels(name)[0][0] for name in table.names], _SHOWN_CELLS)
+        cells = list_first([table.labels(name)[0][0] for name in table.names])
         first_row = f" (the file has no column names; its first row is {cells})"
     if len(table.names) == 1:
         raise InputError(

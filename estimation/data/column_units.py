@@ -49,7 +49,6 @@ _MAX_RANGE = {  # largest plausible range in SI, and the likely unit of a larger
     "position": (4.0 * np.pi, "deg"),
     "goal": (4.0 * np.pi, "deg"),
 }
-_SHOWN_COLUMNS = 8  # columns without a unit that an error message names
 _WITHOUT_UNIT = {"-", "1"}  # text in brackets that states a ratio, as in "Strain (-)"
 _MAX_STRAIN = 2.0  # largest range of a strain without a unit that is read as a ratio
 _LARGE_UNITS = tuple(unit for _, unit in _MAX_RANGE.values())
@@ -182,7 +181,7 @@ class ColumnUnits:
             InputError: a unit is unknown; the message suggests likely units.
         """
         if missing := self.missing(chosen):
-            columns = list_first([f"'{column}'" for column, _ in missing], _SHOWN_COLUMNS)
+            columns = list_first([f"'{column}'" for column, _ in missing])
             unknown = next(filter(None, (unknown_unit(column) for column, _ in missing)), "")
             known = f" that is known ('{unknown}' is not)" if unknown else ""
             by_quantity = {option.partition("=")[0]: option for _, option in missing}

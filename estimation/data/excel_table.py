@@ -93,7 +93,7 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
             parts.append(with_run(joined.slice(begin, len(table.rows)), label))
             begin += len(table.rows)
         joined = pa.concat_tables(parts)
-    listed = list_first([repr(name) for name in names], 5)
+    listed = list_first([repr(name) for name in names])
     notes += [f"sheet{'s' if len(names) > 1 else ''} {listed} of {len(book.sheet_names)}", *omitted]
     notes += preamble_notes(first.rows_above)
     numbers = np.array([number for table in same_tables for number in table.numbers], dtype=np.int64)

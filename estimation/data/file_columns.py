@@ -44,7 +44,7 @@ class FileColumns:
     row_word: str = "row"  # unit of these numbers: "row" or "line"
 
 
-def list_first(items: Sequence[str], most: int) -> str:
+def list_first(items: Sequence[str], most: int = 8) -> str:
     """Join items by commas for a message; " ..." stands for those beyond the first ones.
 
     Args:

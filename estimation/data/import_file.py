@@ -175,7 +175,7 @@ def chosen_texts(name: str, given: str, texts: Collection[str], place: str) -> l
     text = " ".join(given.split())
     parts = [text] if text in texts else [part.strip() for part in text.split(",")]
     if not set(parts) <= set(texts):
-        examples = list_first([text or "empty cells" for text in sorted(texts)], 8)
+        examples = list_first([text or "empty cells" for text in sorted(texts)])
         raise InputError(f"--where {name}={text}: {place} has no such row. Available: {examples}")
     return parts
 

@@ -22,7 +22,6 @@ _MAX_REPEATED_SHARE = 0.05  # largest share of rows that may repeat the time of 
 _GAP, _QUICK = 1.5, 0.75  # least step of a gap and largest step in a burst, relative to the usual step
 _FEW_GAPS, _MAX_BURST = 0.05, 50  # largest share of gaps; most steps of a gap and its burst
 _MIN_ROWS = 5  # least number of samples in a run; with fewer the acceleration is meaningless
-_SHOWN_RUNS = 3  # runs that an error message names
 _REPEATED_NOTE = (  # note with the number of rows and the column
     "repeats times: {0} rows are spaced evenly up to the next time; if this column is not the time of each "
     "row, add --context {1} to read it as another signal"
@@ -61,7 +60,7 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
         run, labels = _numbered_runs(table, columns.run)
         notes = []
         if count is not None:  # `columns.run` may be no column of the file but name its parts
-            given = list_first(list(labels.values()), _SHOWN_RUNS)
+            given = list_first(list(labels.values()))
             raise InputError(f"--runs {count}: the file already gives the runs ('{columns.run}': {given})")
     order = np.argsort(run, kind="stable")
     time_s = _times(columns)[order]

@@ -27,82 +27,42 @@ def plain(text: str) -> str:
     return without_accents(text).lower()
 
 
-# One line per language: English, German, French, Spanish, Italian and Portuguese, Polish and Czech, Russian,
-# Dutch and Swedish, Turkish, Chinese, Japanese, Korean. Words for strain and stress are excluded.
+# English, German, French, Spanish, Italian and Portuguese, Polish and Czech, Dutch and Swedish, Turkish; last
+# line: Russian, Chinese, Japanese, Korean. Words for strain and stress are excluded.
 _BY_QUANTITY = {
     "time": """
-        t time times timestamp sec seconds clock millis micros
-        zeit prüfzeit testzeit messzeit
-        temps durée
-        tiempo
-        tempo
-        czas čas
-        время
-        tijd tid
-        zaman süre saat
-        时间 時間 试验时间
-        試験時間
-        시간
+        t time times timestamp sec seconds clock millis micros zeit prüfzeit testzeit messzeit temps durée
+        tiempo tempo czas čas tijd tid zaman süre saat
+        время 时间 時間 试验时间 試験時間 시간
     """,
     "displacement": """
         x z d depth disp displ displacement indentation deformation stroke extension compression travel
-        distance crosshead traverse deflection elongation
-        weg standardweg traversenweg hub kolbenweg verformung verschiebung eindringtiefe längenänderung
-        déplacement allongement enfoncement course
-        desplazamiento extensión alargamiento carrera
-        spostamento allungamento corsa deslocamento alongamento
-        przemieszczenie wydłużenie ugięcie posuv posunutí prodloužení
-        перемещение удлинение
-        verplaatsing förskjutning
+        distance crosshead traverse deflection elongation weg standardweg traversenweg hub kolbenweg
+        verformung verschiebung eindringtiefe längenänderung déplacement allongement enfoncement course
+        desplazamiento extensión alargamiento carrera spostamento allungamento corsa deslocamento
+        alongamento przemieszczenie wydłużenie ugięcie posuv posunutí prodloužení verplaatsing förskjutning
         uzama deplasman yerdeğiştirme
-        位移 变位 变形 伸长 行程 横梁位移
-        変位 伸び ストローク
-        변위
+        перемещение удлинение 位移 变位 变形 伸长 行程 横梁位移 変位 伸び ストローク 변위
     """,
     "force": """
-        f fz fn force load loadcell forcez
-        kraft standardkraft prüfkraft normalkraft last
-        charge
-        fuerza carga
-        forza carico força
-        siła obciążenie síla
-        сила нагрузка усилие
-        kracht
-        kuvvet yük
-        力 载荷 荷载 负荷 试验力 力值
-        荷重 試験力
-        하중
+        f fz fn force load loadcell forcez kraft standardkraft prüfkraft normalkraft last charge fuerza
+        carga forza carico força siła obciążenie síla kracht kuvvet yük
+        сила нагрузка усилие 力 载荷 荷载 负荷 试验力 力值 荷重 試験力 하중
     """,
     "torque": """
-        iq tau tor trq torque torques effort efforts cur current currents
-        moment drehmoment strom motorstrom
-        couple courant
-        corriente
-        momento coppia corrente
-        koppel tork
-        扭矩 转矩 轉矩 电流
-        トルク 電流
+        iq tau tor trq torque torques effort efforts cur current currents moment drehmoment strom motorstrom
+        couple courant corriente momento coppia corrente koppel tork
+        扭矩 转矩 轉矩 电流 トルク 電流
     """,
     "position": """
-        q ang angle angles theta pos position positions encoder encoders enc
-        winkel
-        posición ángulo
-        posizione angolo posição
-        pozycja kąt
-        положение угол
-        konum
-        位置 角度
+        q ang angle angles theta pos position positions encoder encoders enc winkel posición ángulo
+        posizione angolo posição pozycja kąt konum
+        положение угол 位置 角度
     """,
     "velocity": """
-        v vel dq qd velocity speed omega rpm
-        geschwindigkeit
-        vitesse
-        velocidad
-        velocità velocidade
-        prędkość
-        скорость
+        v vel dq qd velocity speed omega rpm geschwindigkeit vitesse velocidad velocità velocidade prędkość
         snelheid hız
-        速度 转速 轉速
+        скорость 速度 转速 轉速
     """,
     "run": "run trial cycle test rep repeat press versuch messung zyklus lauf essai ensayo prova",
 }

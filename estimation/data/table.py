@@ -388,7 +388,7 @@ def _read_zip(path: Path, selected: str) -> FileColumns:
         names = [PurePosixPath(label).name for label in labels]
         names = names if len(set(names)) == len(names) else labels
         parts = [with_run(part, name) for part, name in zip(parts, names, strict=True)]
-        notes.insert(0, f"{len(parts)} files of the archive, read as runs: {list_first(labels, 3)}")
+        notes.insert(0, f"{len(parts)} files of the archive, read as runs: {list_first(labels)}")
     else:
         notes.insert(0, f"file '{labels[0]}' of the archive")
     notes += [f"{len(faults)} files not read, the first: {faults[0]}"] if faults else []

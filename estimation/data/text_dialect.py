@@ -470,7 +470,7 @@ def same_columns(blocks: Sequence[TableBlock], selected: str, place: Path) -> tu
         return chosen, []
     sizes = [f"'{block.title}' ({block.rows:,} row{'s' * (block.rows != 1)})" for block in omitted]
     option = f"--table {shlex.quote(omitted[0].title)}"
-    note = f"tables not read because their columns differ: {list_first(sizes, 5)}; {option} selects one"
+    note = f"tables not read because their columns differ: {list_first(sizes)}; {option} selects one"
     # A line of words among the rows, such as a remark with as many cells, looks like column names.
     alike = (block for block in omitted if len(block.names) == len(longest.names))
     doubtful = next((block.title for block in alike if not _is_measurement(block.names)), "")
