@@ -22,17 +22,16 @@ from palpate.estimation.data.measured_derivatives import is_difference, mistaken
 from palpate.estimation.data.presses import press_phases
 from palpate.estimation.data.table import Table, read_table
 from palpate.estimation.data.units import MAX_STEP_S, MIN_STEP_S, dimension_of, factor_to_si, likely_time_unit
+from palpate.estimation.signals.arm_signals import ARM_MOTION, PAYLOAD, REGRESSOR, TORQUE
 from palpate.estimation.signals.blocks import blocks, number_pieces
 from palpate.estimation.signals.runwise import sample_time
 from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
-ARM_MOTION = ("joint_position", "joint_velocity", "joint_acceleration")
-# Derived signals of a joint; a column with such a name would be mistaken for the signal that a model needs.
-DERIVED_SIGNALS = ("load", "rigid_body_torque", "rigid_body_regressor", "payload_effort_per_kg")
 _MAX_SIGNAL_LENGTH = 50  # characters; a session allows 64 including a prefix
-_RESERVED_SIGNALS = frozenset({*ARM_MOTION, *DERIVED_SIGNALS})
+# A column with the name of a derived signal would be mistaken for the signal that a model needs.
+_RESERVED_SIGNALS = frozenset({*ARM_MOTION, "load", TORQUE, REGRESSOR, PAYLOAD})
 _SPECIMEN = re.compile(
     r"specimen|sample|probek?(?!\w)|prüfling|éprouvette|échantillon|probeta|试样|試料|motor|actuator|servo",
     re.IGNORECASE,

@@ -23,7 +23,7 @@ CONTACT_LEVER = "contact_torque_per_newton"
 UNREAD_FORCE = "force_beyond_reading"
 TILT = "tilt_effort_per_rad"
 WEIGHT = "weight_effort"
-_MOTION = ("joint_position", "joint_velocity", "joint_acceleration")
+ARM_MOTION = ("joint_position", "joint_velocity", "joint_acceleration")
 Motion = tuple[FloatArray, FloatArray, FloatArray]  # position, velocity, acceleration, each (n, joints)
 Dynamics = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 _STEP_RAD = 1e-4
@@ -66,10 +66,10 @@ def with_rigid_body(
     Raises:
         InputError: the context lacks the motion of all joints, or their number differs from the body's.
     """
-    missing = [name for name in _MOTION if name not in data.context]
+    missing = [name for name in ARM_MOTION if name not in data.context]
     if missing:
         raise InputError(f"channel '{data.name}': the rigid body needs {', '.join(missing)} of all joints")
-    q, v, a = (data.context[name].reshape(len(data), -1) for name in _MOTION)
+    q, v, a = (data.context[name].reshape(len(data), -1) for name in ARM_MOTION)
     if q.shape[1] != body.joint_count:
         raise InputError(
             f"channel '{data.name}': motion of {q.shape[1]} joints, but the URDF has {body.joint_count}"
@@ -81,7 +81,7 @@ def with_rigid_body(
             return body.joint_regressor(joint, *motion)[:, regressor]
 
         context |= _with_slopes(REGRESSOR, chosen, (q, v, a), joint)
-    arm = _arm_torques(body, *(data.context[name] for name in _MOTION))
+    arm = _arm_torques(body, *(data.context[name] for name in ARM_MOTION))
 
     def torque(*motion: FloatArray) -> FloatArray:
         return body.inverse_dynamics_batch(*motion)[:, joint]

@@ -16,9 +16,8 @@ _STEP_REACH = 5  # samples before and after a step of the effort whose accelerat
 # steps to those at other times. A rounded sine gives a ratio of the square root of two.
 _FORWARD, _STEP_RATIO = 0.8, 3.0
 _FEWEST_ROUNDED = 3  # number of values above which an even spacing indicates rounding
-_HALF = (
-    0.5  # share of the speed by which it changes, and of the runs in which it does, under constant efforts
-)
+# Share of the speed by which it changes, and of the runs in which it does, under constant efforts.
+_HALF = 0.5
 _EVEN = 1e-3  # largest relative difference between the distances of evenly spaced values
 _PARTS, _STEPS = 20, 400  # a hold lasts one of these parts of a run, and begins at any of these steps
 _HOLD_SHARE = 0.05  # largest speed in a hold, relative to the mean speed

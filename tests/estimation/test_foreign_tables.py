@@ -199,17 +199,7 @@ def test_run_number_may_follow_the_unit(tmp_path, runs):
     names = ",".join(f'"Position (m) Run #{n}","Force (N) Run #{n}"' for n in range(1, runs + 1))
     (channel,) = import_file(table_file(tmp_path, names + "\n", *(way, force) * runs)).channels
     assert (channel.name, len(channel.runs), channel.position.max()) == ("contact", runs, pytest.approx(5e-3))
-
-
-def test_run_number_ends_a_name_and_is_part_of_it(tmp_path):
-    path = tmp_path / "lab.csv"
-    way, force = np.linspace(0.0, 5.0, 200), np.linspace(0.0, 5.0, 200)
-    rows = lines(way, 1e-3 * way, force, 2.0 * force)
-    path.write_text('Time (s),Position (m),"Force (N) Test 10Hz filtered","Load (N) Run #1"\n' + rows)
-    options = ImportOptions(columns={"force": "Load (N) Run #1", "displacement": "Position (m)"})
-    (channel,) = import_file(path, options).channels
-    assert channel.effort.max() == pytest.approx(10.0)
-    assert split_unit("Force (N) Test 10Hz filtered") == ("Force (N) Test 10Hz filtered", "")
+    assert split_unit("Force (N) Test 10Hz filtered")[1] == ""  # but it may be part of a name
 
 
 @pytest.mark.parametrize(("delimiter", "decimal"), [(",", "."), (";", ","), (" ", ","), ("\t", ".")])

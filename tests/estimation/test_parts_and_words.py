@@ -233,13 +233,6 @@ def test_nanoseconds_are_added_to_whole_seconds(tmp_path):
     assert np.allclose(np.diff(channel.time_s), np.diff(TIME_S), atol=1e-6)
 
 
-def test_seconds_without_whole_seconds_beside_nanoseconds_are_unchanged(tmp_path):
-    header = "time [s],nsec,displacement [mm],force [N]\n"
-    path = saved(tmp_path / "own.csv", header + lines(TIME_S, 1e9 * TIME_S, 1e3 * WAY_M, FORCE_N))
-    (channel,) = import_file(path).channels
-    assert np.allclose(channel.time_s, TIME_S, atol=1e-6)
-
-
 def test_proposed_columns_keep_the_units_that_are_given(tmp_path):
     path = saved(tmp_path / "own.csv", "time_s,w,load\n" + lines(TIME_S, WAY_M, FORCE_N))
     message = refusal(path, columns={"force_kN": "load"})

@@ -132,19 +132,19 @@ def test_units_proposed_for_an_implausible_stiffness_make_it_more_plausible(unit
     assert warning.endswith(remedy)
 
 
-def test_only_units_that_make_a_joint_slower_are_proposed():
-    milliseconds = {"Time [ms]": T, "Torque [Nm]": np.cos(3.0 * T), "Angle [deg]": 1e4 * np.sin(3.0 * T)}
-    (warning,) = (said for said in quality_warnings(imported(**milliseconds).channels[0]) if "turns" in said)
-    assert warning.endswith("rad/s; if the time is in seconds, use --unit time=s")
-
-
-def test_degrees_are_not_proposed_for_an_angle_in_degrees():
-    angle = 1e5 * np.sin(3.0 * T)
-    torque = {"Time [s]": T, "Torque [Nm]": np.cos(3.0 * T)}
-    for unit, proposed in (("rad", True), ("deg", False)):
-        found = imported(**torque, **{f"Angle [{unit}]": angle / SI["angle"][unit]})
-        (warning,) = (said for said in quality_warnings(found.channels[0]) if "turns faster" in said)
-        assert ("position=deg" in warning) == proposed
+@pytest.mark.parametrize(
+    ("time", "angle", "remedy"),
+    [
+        ("s", "rad", "; if the angle is in degrees, use --unit position=deg"),
+        ("s", "deg", "; check the unit of the time"),
+        ("ms", "deg", "; if the time is in seconds, use --unit time=s"),
+    ],
+)
+def test_only_units_that_make_a_joint_slower_are_proposed(time, angle, remedy):
+    turns = 1e5 * np.sin(3.0 * T) / SI["angle"][angle]
+    found = imported(**{f"Time [{time}]": T, "Torque [Nm]": np.cos(3.0 * T), f"Angle [{angle}]": turns})
+    (warning,) = (said for said in quality_warnings(found.channels[0]) if "turns faster" in said)
+    assert warning.endswith(remedy)
 
 
 @pytest.mark.parametrize(

@@ -178,18 +178,13 @@ IMPLAUSIBLE = {  # what is said of it, and how often
 }
 
 
-def softer(depth_share, force_share):
-    """A press that is scaled in depth and force, with its derivatives."""
-    motion = {name: depth_share * getattr(DATA, name) for name in ("position", "velocity", "acceleration")}
-    return replace(DATA, effort=force_share * F, **motion)
-
-
 @pytest.mark.parametrize(
     ("depth_share", "force_share", "is_doubtful"), [(1e-4, 1e-9, False), (1.0, 1e-5, True)]
 )
 def test_soft_cantilever_cell_needs_no_other_unit(depth_share, force_share, is_doubtful):
     """Micrometers and nanonewtons give some mN/m; as much over millimeters is a mistake."""
-    warnings = quality_warnings(softer(depth_share, force_share))
+    motion = {name: depth_share * getattr(DATA, name) for name in ("position", "velocity", "acceleration")}
+    warnings = quality_warnings(replace(DATA, effort=force_share * F, **motion))
     assert any("force over depth is" in warning for warning in warnings) == is_doubtful
 
 
