@@ -49,9 +49,6 @@ def assess_parameters(
         effort: measured effort, shape (n,).
         covariance: covariance of the values.
         gain_count: number of gains, which are the first parameters.
-
-    Returns:
-        Identifiability, a sentence on it, and the state of each parameter.
     """
     column_rms = np.sqrt(np.mean(jacobian**2, axis=0))
     lengths = np.where(column_rms > 0, column_rms, 1.0) * np.sqrt(len(jacobian))

@@ -97,13 +97,12 @@ class Information:
 
 
 def pseudo_inverse(matrices: FloatArray) -> FloatArray:
-    """Compute the pseudo-inverse of symmetric matrices, independently of the units of their columns.
+    """Compute pseudo-inverses (..., k, k) of symmetric matrices, whatever the units of their columns.
+
+    Directions whose relative eigenvalue is at most 1e-13 have inverse zero.
 
     Args:
         matrices: symmetric, shape (..., k, k).
-
-    Returns:
-        Shape (..., k, k); directions whose relative eigenvalue is at most 1e-13 have inverse zero.
     """
     scale = np.sqrt(np.diagonal(matrices, axis1=-2, axis2=-1))
     scale = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)

@@ -79,13 +79,10 @@ class Parameter:
         return not self.lower + margin < value < self.upper - margin
 
     def spread(self, count: int) -> FloatArray:
-        """Return evenly spaced values over the typical range, on a logarithmic scale if `log` is set.
+        """Return ascending values (count,) over the typical range, spaced evenly, or by ratio with `log`.
 
         Args:
             count: number of values.
-
-        Returns:
-            Shape (count,), in the parameter's unit, ascending.
         """
         low, high = self.typical
         return np.geomspace(low, high, count) if self.log else np.linspace(low, high, count)
@@ -130,13 +127,10 @@ class Effect(ABC):
     form: int = 0  # index of this form, see `forms`
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """Return start values of the inner parameters; see `start_multiples` and `Parameter.typical`.
+        """Return start values of the inner parameters, at least one; see `start_multiples`.
 
         Args:
             data: the channel.
-
-        Returns:
-            At least one start; `({},)` for an effect without inner parameters.
         """
         if self.start_multiples:
             lower = {p.name: p.lower for p in self.inner}
@@ -149,13 +143,10 @@ class Effect(ABC):
         return start_grid(**{p.name: p.spread(count) for p in self.inner})
 
     def simpler(self, columns: FloatArray) -> FloatArray:
-        """Return the columns of the simpler effect that remains without the essential gains.
+        """Return the columns (n, k) of the simpler effect that remains without the essential gains.
 
         Args:
             columns: columns of all gains, shape (n, len(gains)).
-
-        Returns:
-            Shape (n, k), k below len(gains), or equal where nothing is essential.
         """
         return columns[:, [p.name not in self.essential for p in self.gains]]
 
@@ -226,26 +217,20 @@ class AdditiveEffect(Effect):
 
     @abstractmethod
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """Return the effort per unit of each gain.
+        """Return the effort per unit of each gain, shape (n, len(gains)), positive in compression.
 
         Args:
             data: the channel, with the motion that acts on the object; positive into the object or along the
                 joint.
             inner: values of the inner parameters by name.
-
-        Returns:
-            Shape (n, len(gains)) [effort / unit of the gain]; effort in compression is positive.
         """
 
     def known(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """Return the effort that this effect adds independently of its gains; zero for most effects.
+        """Return the effort (n,) that this effect adds independently of its gains; zero for most effects.
 
         Args:
             data: the channel, with the motion that acts on the object.
             inner: values of the inner parameters by name.
-
-        Returns:
-            Shape (n,), in the unit of the effort.
         """
         return np.zeros(len(data))
 
@@ -268,15 +253,12 @@ class MemoryEffect(Effect):
 
     @abstractmethod
     def fade(self, elastic: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """Return the remaining elastic efforts after relaxation, computed run by run.
+        """Return the remaining elastic efforts (n, k) after relaxation, computed run by run.
 
         Args:
             elastic: elastic efforts, one per column, shape (n, k).
             data: the channel.
             inner: values of the inner parameters by name.
-
-        Returns:
-            Shape (n, k), in the unit of `elastic`.
         """
 
 
@@ -289,15 +271,12 @@ class SensorEffect(Effect):
 
     @abstractmethod
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """Return the reading of the sensor, computed run by run.
+        """Return the reading of the sensor, in the shape of the effort, computed run by run.
 
         Args:
             effort: true effort, shape (n,), or (n, p) with p columns.
             data: the channel.
             inner: values of the inner parameters by name.
-
-        Returns:
-            Same shape and unit as `effort`.
         """
 
     def run_deviations(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
@@ -315,16 +294,13 @@ class SensorEffect(Effect):
     def follow(
         self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the results of `slope` and `sense` together, since they often share computations.
+        """Return the results of `slope` and of `sense`, which often share computations.
 
         Args:
             effort: true effort, shape (n,).
             columns: changes of the effort, shape (n, p).
             data: the channel.
             inner: values of the inner parameters by name.
-
-        Returns:
-            Changes of the reading, shape (n, p), and the reading, shape (n,).
         """
         if self.linear:
             sensed = self.sense(np.column_stack([columns, effort]), data, inner)
@@ -332,16 +308,13 @@ class SensorEffect(Effect):
         return self.slope(effort, columns, data, inner), self.sense(effort, data, inner)
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """Return the change of the reading along each column: a secant over 1 % of the effort.
+        """Return the change (n, p) of the reading along each column: a secant over 1 % of the effort.
 
         Args:
             effort: true effort, shape (n,).
             columns: changes of the effort, shape (n, p).
             data: the channel.
             inner: values of the inner parameters by name.
-
-        Returns:
-            Shape (n, p), in the unit of `columns`.
         """
         if self.linear:
             return self.sense(columns, data, inner)

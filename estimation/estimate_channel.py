@@ -58,7 +58,7 @@ def estimate_channel(
     rows: BoolArray | None = None,
     searched: dict[bool, Solution] | None = None,
 ) -> Estimate:
-    """Estimate all parameters of a model that is linear in its gains.
+    """Estimate the gains, then the inner parameters, of a model that is linear in its gains.
 
     `fit_samples` estimates the inner parameters (the position of the surface, an exponent) with the
     estimator's loss. The estimator then estimates the gains. The errors of the gains include the uncertainty
@@ -69,11 +69,8 @@ def estimate_channel(
         model: model to estimate.
         estimator: method that estimates the gains.
         rng: see `Estimator.fit`.
-        rows: samples to use, shape (n,); None for `fitting_rows`.
+        rows: samples to use, shape (n,), to which the result's arrays refer; None for `fitting_rows`.
         searched: fits of other estimators to the same samples, see `fit_samples`.
-
-    Returns:
-        Gains, then inner parameters, named "effect.parameter"; the arrays contain only the samples used.
 
     Raises:
         InputError: there are too few samples, all efforts are zero, or the estimator cannot use the samples.
@@ -226,7 +223,7 @@ def describe_steps(data: ChannelData, rows: BoolArray) -> str:
 
 
 def rounding_errors(model: Model, data: ChannelData, rows: BoolArray, parameters: Parameters) -> FloatArray:
-    """Simulate the parameter errors caused by the encoder's quantization.
+    """Simulate r errors (m, r) of the m parameters due to the encoder's steps; r = 0 if these are fine.
 
     The residuals do not show these errors. During a hold the position error is constant, and quantization
     makes a derived velocity noisy. Least squares then underestimates the stiffness (R. J. Carroll et al.,
@@ -238,10 +235,6 @@ def rounding_errors(model: Model, data: ChannelData, rows: BoolArray, parameters
         data: the channel.
         rows: samples used in the fit, a mask of shape (n,).
         parameters: fitted parameters, by "effect.parameter".
-
-    Returns:
-        Errors of the m gains and inner parameters in r simulations, shape (m, r); r = 0 if the grid is fine
-        enough.
     """
     if steps_spanned(data, rows) > _MAX_STEPS:
         return np.zeros((len(parameters), 0))
@@ -271,16 +264,13 @@ def unphysical(
     columns: FloatArray,
     effort: FloatArray,
 ) -> dict[str, str]:
-    """Describe the gains whose whole interval lies outside their physical bounds, by name.
+    """Describe each gain whose whole interval lies outside its physical bounds, by "effect.parameter".
 
     Args:
         gains: gains by "effect.parameter", in column order.
         estimates: estimates of the gains; other parameters among them are ignored.
         columns: effort per unit of each gain, shape (n, p).
         effort: fitted effort, shape (n,).
-
-    Returns:
-        A sentence for each unphysical gain, by "effect.parameter".
     """
     parts = np.sqrt(np.mean(columns**2, axis=0) / max(float(np.mean(effort**2)), 1e-300))
     shares, descriptions = dict(zip(gains, parts.tolist(), strict=True)), {}

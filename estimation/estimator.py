@@ -45,14 +45,11 @@ class OnlineEstimator(Estimator):
 
     @abstractmethod
     def update(self, row: FloatArray, effort: float) -> FloatArray:
-        """Update the gains by one sample.
+        """Update the gains (p,) by one sample, and return them in a new array.
 
         Args:
             row: one row of the columns, shape (p,).
             effort: measured effort of this sample.
-
-        Returns:
-            The updated gains, shape (p,); the estimator never writes to this array again.
         """
 
 
@@ -136,15 +133,12 @@ class OnlineContactLaw(ContactEstimator):
 
     @abstractmethod
     def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
-        """Update the law by one sample in contact.
+        """Update the law by one sample in contact; None before the first estimate.
 
         Args:
             depth_m: distance of the tip beyond the position of the first contact [m].
             speed_m_s: speed, positive into the object [m/s].
             force_n: force, positive in compression [N].
-
-        Returns:
-            The updated law; None before the first estimate.
         """
 
     def fit(

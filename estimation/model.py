@@ -141,14 +141,11 @@ class Model:
         return all(effect.linear for effect in self.sensors)
 
     def regression(self, data: ChannelData, inner: Parameters) -> Regression:
-        """Return the linear regression problem at fixed inner parameters.
+        """Return the linear problem at fixed inner parameters, with the known effort subtracted.
 
         Args:
             data: the channel.
             inner: a value for each of `self.inner`.
-
-        Returns:
-            The columns and the measured effort minus its known part.
 
         Raises:
             InputError: a sensor effect of the model is not linear.
@@ -229,7 +226,7 @@ class Model:
         return slopes
 
     def lift_off_rows(self, data: ChannelData, parameters: Parameters, parts: Parts) -> IntArray:
-        """Return the samples of a contact where the object would have to pull, so that contact is lost.
+        """Return the rows (k,) of a contact where the object would have to pull, so that contact is lost.
 
         In these samples the sum of the one-sided effects is negative and is set to zero. Samples that are
         known to be in contact are not among them.
@@ -238,9 +235,6 @@ class Model:
             data: the channel.
             parameters: a value for every gain.
             parts: result of `parts` for the same data and inner parameters.
-
-        Returns:
-            Row indices, shape (k,); empty for a joint.
         """
         if data.kind is not ChannelKind.CONTACT:
             return np.empty(0, dtype=np.int64)
@@ -255,16 +249,13 @@ class Model:
         parts: Parts | None = None,
         lift_off_rows: IntArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the derivatives of the prediction by the gains, and the prediction.
+        """Return the derivatives (n, p) of the prediction by the gains, and the prediction (n,).
 
         Args:
             data: the channel; its effort is used only by effects that need it (tool compliance).
             parameters: a value for every gain and inner parameter.
             parts: result of `parts` for the same data and inner parameters, if known.
             lift_off_rows: result of `lift_off_rows` for the same arguments, if known.
-
-        Returns:
-            Derivatives of the effort by each gain, shape (n, p), and the effort, shape (n,).
         """
         parts = parts or self.parts(data, parameters)
         rows = self.lift_off_rows(data, parameters, parts) if lift_off_rows is None else lift_off_rows
@@ -318,15 +309,12 @@ class Model:
         return data
 
     def parts(self, data: ChannelData, parameters: Parameters, columns_of: "Columns | None" = None) -> Parts:
-        """Return the columns and the known effort before any sensor effect.
+        """Return the columns (n, p) and the known effort (n,) before any sensor effect.
 
         Args:
             data: the channel with the measured motion.
             parameters: a value for every inner parameter; gains are ignored.
             columns_of: function that looks up `columns`; None to compute them.
-
-        Returns:
-            Effort per unit of each gain, shape (n, p), and effort independent of the gains, shape (n,).
         """
         data, columns_of = self.moved(data, parameters), columns_of or Model.columns
         blocks = [np.zeros((0, len(data)))]
@@ -363,15 +351,12 @@ class Model:
         return columns, parts[1]
 
     def columns(self, effect: AdditiveEffect, data: ChannelData, parameters: Parameters) -> FloatArray:
-        """Return the effort per unit of each gain of an effect, after the model's memory effects.
+        """Return the effort per unit of each of an effect's k gains, after the memory effects, (n, k).
 
         Args:
             effect: an effect of the model.
             data: the channel with the motion that acts on the object.
             parameters: a value for every inner parameter.
-
-        Returns:
-            Shape (n, k) for k gains.
         """
         columns = effect.columns(data, own_parameters(effect, parameters))
         return self.relaxed_columns(effect, columns, data, parameters)
@@ -389,16 +374,13 @@ class Model:
     def relaxed_columns(
         self, effect: AdditiveEffect, columns: FloatArray, data: ChannelData, parameters: Parameters
     ) -> FloatArray:
-        """Return an effect's columns after the model's memory effects relaxed the elastic ones.
+        """Return an effect's columns (n, k) after the model's memory effects relaxed the elastic ones.
 
         Args:
             effect: effect to which the columns belong.
             columns: effort per unit of each of its gains, shape (n, k).
             data: the channel.
             parameters: a value for every inner parameter.
-
-        Returns:
-            Shape (n, k).
         """
         elastic = np.array([gain.name in effect.elastic for gain in effect.gains], dtype=np.bool_)
         if not (memories := self.memories_of(effect)):

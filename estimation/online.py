@@ -74,26 +74,19 @@ class OnlineContactEstimator:
         self.in_contact = False
 
     def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
-        """Process one tick; see `palpate.control.loop.tick_record.Observer`.
-
-        Returns:
-            The newest estimates; NaN before the first.
-        """
+        """Return the newest estimates after a tick, NaN before the first; see `tick_record.Observer`."""
         if measurement.force_status is not Status.OK or measurement.encoder_status is not Status.OK:
             return self.estimates
         along_m = float(output.tip_position_world_m.dot(output.press_direction_world))
         return self.update(measurement.force_at_s, along_m, measurement.force_n)
 
     def update(self, time_s: float, along_m: float, force_n: float) -> Estimates:
-        """Process one sample.
+        """Process one sample, and return the newest estimates.
 
         Args:
             time_s: time of the sample [s].
             along_m: position of the tip along the press direction [m].
             force_n: force, positive in compression [N].
-
-        Returns:
-            See `observe`.
         """
         net_force_n = force_n - self._air.mean
         if self.in_contact:

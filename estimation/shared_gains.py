@@ -20,16 +20,13 @@ from palpate.robot_io.types import FloatArray
 
 
 def arrange_products(products: FloatArray, names: Sequence[str], shared: Sequence[str]) -> FloatArray:
-    """Reorder the cross products of one joint: s shared columns, k own columns, torque.
+    """Reorder the cross products of one joint: shared columns, own columns, torque.
 
     Args:
         products: shape (folds, q + 1, q + 1); the last row and column belong to the torque.
         names: names of the q columns.
         shared: names of the shared columns in their common order; those missing in `names` become zero. All
             other columns are the joint's own, in the order of `names`.
-
-    Returns:
-        Shape (folds, s + k + 1, s + k + 1).
     """
     own_names = [name for name in names if name not in set(shared)]
     index_by_name = {name: index for index, name in enumerate([*shared, *own_names])}
@@ -75,7 +72,7 @@ URDF_SPREAD = 1.0  # relative uncertainty of the URDF's pseudo-inertias: 1 means
 
 
 def urdf_information(base: BaseParameters, urdf: FloatArray, at: FloatArray | None = None) -> Information:
-    """Compute the prior on the base parameters from the URDF: `URDF_SPREAD`^-2 D, to second order.
+    """Compute the prior on the b base parameters from the URDF: `URDF_SPREAD`^-2 D, to second order.
 
     D is the entropic divergence, see `Divergence`. It does not depend on units or frames, and its weight is
     negligible against thousands of samples. Inertial parameters that affect no torque are profiled out.
@@ -84,9 +81,6 @@ def urdf_information(base: BaseParameters, urdf: FloatArray, at: FloatArray | No
         base: the arm's base parameters.
         urdf: inertial parameters of the URDF, shape (10 links,); `nearest_bodies` makes them consistent.
         at: consistent parameters at which D is expanded, shape (10 links,); None for those of the URDF.
-
-    Returns:
-        Information on the base parameters, matrix (b, b) and vector (b,).
     """
     divergence = Divergence(nearest_bodies(urdf))
     point = divergence.origin if at is None else at
@@ -98,16 +92,13 @@ def urdf_information(base: BaseParameters, urdf: FloatArray, at: FloatArray | No
 
 
 def consistent_information(base: BaseParameters, urdf: FloatArray, total: Information) -> Information:
-    """Expand the URDF prior at the consistent fit, so that a linear fit with it is physically consistent.
+    """Expand the URDF prior at each consistent fit, so that linear fits with it are physically consistent.
 
     Args:
         base: the arm's base parameters.
         urdf: see `urdf_information`.
         total: information of all joints on the base parameters from f sets of runs: matrix (f, b, b), vector
             (f, b).
-
-    Returns:
-        The prior for each set of runs: matrix (f, b, b) and vector (f, b).
     """
     divergence, grouping = Divergence(nearest_bodies(urdf)), base.grouping
     expanded = []
@@ -125,15 +116,14 @@ _FINAL_TOLERANCE = 1e-12  # the same at the last point of the path
 
 
 def fit_bodies(information: Information, divergence: Divergence, precision: float) -> FloatArray:
-    """Minimize the objective with penalty weight * D, for weights that decrease to the final precision.
+    """Find the consistent inertial parameters (10 links,) that minimize the objective plus precision * D.
+
+    The weight of D decreases to the precision step by step.
 
     Args:
         information: quadratic objective of the data, matrix (10 links, 10 links) and vector (10 links,).
         divergence: divergence D from the prior's inertial parameters.
         precision: final weight of D.
-
-    Returns:
-        Physically consistent inertial parameters of all links, shape (10 links,).
     """
     problem = _Problem(information, divergence)
     inertial = divergence.origin
@@ -152,15 +142,12 @@ class _Problem:
         self._root = _root(information.matrix)
 
     def descend(self, inertial: FloatArray, precision: float, tolerance: float) -> FloatArray:
-        """Minimize the cost by damped Newton steps.
+        """Return the parameters (10 links,) at which damped Newton steps minimize the cost.
 
         Args:
             inertial: consistent inertial parameters to start from, shape (10 links,).
             precision: weight of the divergence from the prior's parameters.
             tolerance: squared Newton decrement at which the search ends, as a share of the precision.
-
-        Returns:
-            The minimizing inertial parameters, shape (10 links,).
         """
         cost = self._cost(inertial, precision)
         for _ in range(_MAX_STEPS):

@@ -52,11 +52,7 @@ def end_with_parent() -> None:
 
 @cache
 def _controller() -> Any:  # noqa: ANN401
-    """Find the loaded BLAS libraries, only once because it takes longer than some fits.
-
-    Returns:
-        The controller, or None without threadpoolctl.
-    """
+    """Find the loaded BLAS libraries, only once because it takes long; None without threadpoolctl."""
     import scipy.linalg.lapack  # noqa: F401, PLC0415, has a BLAS of its own, which must be loaded to be found
 
     try:

@@ -323,16 +323,13 @@ class RobustHuntCrossley(ContactEstimator):
     def settle(
         self, depth_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray, rng: np.random.Generator
     ) -> tuple[IrlsResult, float]:
-        """Estimate ln(k u^n), b / k and n with their residuals, for a unit of depth u.
+        """Estimate ln(k u^n), b / k and n with their residuals, and return the unit of depth u [m], too.
 
         Args:
             depth_m: indentation of each sample, positive into the object, shape (n,) [m].
             speed_m_s: rate of indentation, shape (n,) [m/s].
             force_n: measured force, positive in compression, shape (n,) [N].
             rng: random generator for random subsets.
-
-        Returns:
-            The result of `irls`, and the unit of depth u [m].
 
         Raises:
             InputError: too few samples are in contact, or no pair of them has a positive stiffness.

@@ -156,14 +156,11 @@ def default_model(channel: ChannelData, arm: Arm) -> str:
 
 
 def model_to_estimate(source: DataSource, model: str | None) -> dict[str, str]:
-    """Select the channels and models to estimate: contacts if there are any, otherwise joints.
+    """Return the models to estimate by channel: of contacts if there are any, otherwise of joints.
 
     Args:
         source: the measurement.
         model: name of the base model; None for the usual one.
-
-    Returns:
-        Name of the model by channel.
 
     Raises:
         InputError: the model is unknown, or describes none of the channels, such as a probing without
@@ -244,13 +241,12 @@ def suited_names(name: str, effects: Sequence[Effect], channels: Sequence[Channe
 def data_sha256(data: ChannelData, arm: Arm) -> str:
     """Compute the SHA-256 of all inputs of a fit except its model.
 
+    Rounding errors, which differ between processors and versions of libraries, do not change it, nor do
+    phases, which are derived with thresholds.
+
     Args:
         data: the measured channel.
         arm: the arm to which it belongs; ignored for a contact.
-
-    Returns:
-        64 hexadecimal digits. Rounding errors, which differ between processors and versions of libraries, do
-        not change them, nor do phases, which are derived with thresholds.
     """
     digest = hashlib.sha256()
     _update_digest(digest, replace(data, phase=np.full(len(data), -1)))

@@ -115,13 +115,10 @@ _BINS = 4
 
 
 def splits(data: ChannelData) -> dict[str, dict[str, BoolArray]]:
-    """Split samples by phase, run, direction, speed, depth, effort, load and recorded columns.
+    """Return masks (n,) of the parts of each split of the samples, by label, if it has at least two parts.
 
     Args:
         data: the channel.
-
-    Returns:
-        Masks of samples, shape (n,), by label, for each split with at least two parts.
     """
     known = {int(phase): phase.name.lower().replace("_", " ") for phase in Phase}
     phases = {known[p]: data.phase == p for p in np.unique(data.phase).tolist() if p in known}

@@ -78,7 +78,7 @@ def _replace_effect(names: Sequence[str], place: str, rival: str, parts: Sequenc
 def rivals_of(
     study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis
 ) -> list[dict[str, FitResult]]:
-    """Fit the rival models of each open question.
+    """Fit the rival models of each open question, by the names of their effects, the best first.
 
     Models that cannot be fitted are omitted. If part of the error remains and no candidate is significant,
     the candidates that reduce the error most are compared.
@@ -87,9 +87,6 @@ def rivals_of(
         study: the measurement and its fits.
         channel: the channel with its base model.
         diagnosis: the diagnosis of that channel.
-
-    Returns:
-        For each question, fits by the names of their effects, the best first.
     """
     if not is_undecided(diagnosis):
         return []

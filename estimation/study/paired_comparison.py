@@ -87,13 +87,10 @@ class ComparedModel:
         return cross_correlation(self.residual, self.data.velocity, self.data.run, self.lags)
 
     def noise_ratio_of(self, other: "ComparedModel") -> float:
-        """Return the error of this model on the other measurement, relative to the noise of that measurement.
+        """Return the error of this model on the other measurement, relative to its noise; NaN if unknown.
 
         Args:
             other: the side whose measurement is predicted.
-
-        Returns:
-            The ratio; NaN if a prediction is impossible.
         """
         scored = self._scored(other)
         if scored is None or other.compared is None:

@@ -32,13 +32,10 @@ class _SavedDiagnosis(Diagnosis):
 
 
 def read_saved_diagnoses(folder: Path | None) -> dict[tuple[str, str, str], ChannelDiagnosis]:
-    """Read the saved diagnosis of a folder.
+    """Read the saved diagnoses of a folder, by channel, base model and SHA-256 of the data.
 
     Args:
         folder: folder of the study; None if the study has none.
-
-    Returns:
-        Diagnoses by channel, base model and SHA-256 of the data; empty without a file.
 
     Raises:
         InputError: the file is damaged.

@@ -161,7 +161,7 @@ class ModelStudy(StudyFits):
         longest_s: float = LONGEST_S,
         progress: fitting.Progress = lambda what, share: None,
     ) -> NextProbe | None:
-        """Plan the experiment that best separates the models that the diagnoses leave undecided.
+        """Plan the experiment that best separates the undecided models; None if none can, or without an arm.
 
         `diagnose` adds the plan to its result. Plans are cached by verdicts and effects.
 
@@ -169,9 +169,6 @@ class ModelStudy(StudyFits):
             diagnosed: diagnoses of channels of this study.
             longest_s: longest duration of the experiment [s].
             progress: callback that receives the current step and its completed share, from 0 to 1.
-
-        Returns:
-            The probe; None without a probing arm, or if no feasible probe separates the models.
 
         Raises:
             InputError: the robot file or plan stored in the session is not valid.
