@@ -58,16 +58,6 @@ def test_constant_disturbance_is_rejected():
     assert np.abs(errors[-1]).max() < 2e-5
 
 
-def test_reset_forgets_the_disturbance():
-    plant = plant_above(height_m=0.2)
-    still = JointMotion(plant.position_rad.copy(), NONE, NONE)
-    controller = ComputedTorque(test_arm(), TrackingGains())
-    follow(plant, controller, lambda _: still, 0.5, np.array([1.0, -0.5, 0.2]))
-    controller.reset()
-    torque = controller.step(plant_above(height_m=0.2).measure(), still, NONE, TICK_S)
-    assert torque == pytest.approx(test_arm().gravity(still.position_rad), abs=1e-9)
-
-
 def pid(**changes) -> Pid:
     settings = {"kp": 100.0, "ki": 50.0, "kd": 10.0, "output_limit": 1e9}
     return Pid(2, **(settings | changes))

@@ -48,14 +48,6 @@ def test_invalid_plan_is_one_clear_line(text, message, tmp_path):
     assert "\n" not in str(caught.value)
 
 
-def test_plan_is_read_from_its_file(tmp_path):
-    path = saved(tmp_path / "plan.yaml", "speeds_m_s: [0.05]\nexcitation: {shape: chirp}\n")
-    plan = ProbingPlan.load(path)
-    assert plan.speeds_m_s == (0.05,)
-    assert plan.excitation.shape == "chirp"
-    assert plan.force_limit_n == 10.0
-
-
 def test_shortest_time_counts_every_run():
     plan = ProbingPlan(
         speeds_m_s=(0.1, 0.05),
@@ -87,7 +79,6 @@ def test_plan_beyond_guard_limits_is_refused_in_one_line(plan, message):
     "plan",
     [
         {"force_limit_n": 54.0, "joint_speed_rad_s": 5.4},
-        {"force_limit_n": 54.0, "excitation": Excitation(quantity="force", amplitude_n=10.0)},
         {"force_limit_n": 54.0, "excitation": Excitation(quantity="position", amplitude_n=10.0)},
     ],
 )

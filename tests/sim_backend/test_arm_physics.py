@@ -38,16 +38,6 @@ def test_pybullet_agrees_with_the_arm_model_on_inverse_dynamics(name):
         assert np.allclose(ours, body.inverse_dynamics(q, qd, qdd), rtol=0, atol=1e-9)
 
 
-def test_shipped_arms_differ_in_lengths_and_masses():
-    follower, leader = (reference(name)[0] for name in ARM_NAMES)
-    lengths = [
-        [np.linalg.norm(m.jointPlacements[i].translation) for i in (1, 2, 3)] for m in (follower, leader)
-    ]
-    masses = [[inertia.mass for inertia in m.inertias[1:]] for m in (follower, leader)]
-    assert (np.abs(np.subtract(*lengths)) > 0.005).all()
-    assert (np.abs(np.subtract(*masses)) > 0.05).all()
-
-
 @pytest.mark.parametrize("name", ARM_NAMES)
 def test_falling_arm_conserves_energy(name):
     model, data = reference(name)

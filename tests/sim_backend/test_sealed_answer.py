@@ -66,11 +66,6 @@ def test_answer_that_does_not_fit_on_the_disk_is_not_left_half_written(tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_missing_folder_is_one_clear_line(tmp_path):
-    with pytest.raises(InputError, match=r"a\.mcap\.sealed: cannot be written"):
-        seal(tmp_path / "no" / "a.mcap", SealedAnswer((), 1, MADE))
-
-
 def packed(data, title="palpate sealed answer, version 1"):
     code = base64.b64encode(zlib.compress(json.dumps(data).encode())).decode()
     return f"{title}\nhow\n\n{code}\n"
@@ -83,17 +78,13 @@ GOOD = {"hidden": [], "seed": 1, "made_utc": MADE}
     ("content", "words"),
     [
         ("", "not a sealed answer"),
-        ("seed: 3\n", "not a sealed answer"),
         (packed(GOOD, "palpate sealed answer, version 2"), "not a sealed answer"),
         ("palpate sealed answer, version 1\nhow\n\n***\n", "damaged"),
-        ("palpate sealed answer, version 1\nhow\n\nQUJD\n", "damaged"),
         (packed(GOOD)[:-10], "damaged"),
         (packed({"seed": 1, "made_utc": MADE}), "damaged.*hidden"),
         (packed(GOOD | {"hidden": [{"effect": "gremlin"}]}), "damaged.*gremlin"),
-        (packed(GOOD | {"hidden": 3}), "damaged"),
         (packed(GOOD | {"seed": "x"}), "damaged.*wrong type"),
         (packed(GOOD | {"mark": 5}), "damaged.*wrong type"),
-        (packed([1, 2]), "damaged"),
         (packed("0" * 3_000_000), "damaged.*larger than any answer"),
         (packed(GOOD) + "A" * 1_100_000, "damaged.*larger than 1000000 bytes"),
     ],
@@ -107,7 +98,9 @@ def test_damaged_file_is_one_clear_line(content, words, tmp_path):
     assert "\n" not in str(caught.value)
 
 
-def test_missing_file_is_one_clear_line(tmp_path):
+def test_missing_file_or_folder_is_one_clear_line(tmp_path):
+    with pytest.raises(InputError, match=r"a\.mcap\.sealed: cannot be written"):
+        seal(tmp_path / "no" / "a.mcap", SealedAnswer((), 1, MADE))
     with pytest.raises(InputError, match=r"a\.sealed: cannot be read"):
         unseal(tmp_path / "a.sealed")
 
