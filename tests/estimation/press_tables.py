@@ -43,12 +43,18 @@ def check_press(imported, tests=1):
     np.testing.assert_allclose(channel.effort, np.tile(FORCE_N, tests), atol=1e-6)
 
 
-def by_the_advice(path):
-    """What is read with the options that a refusal says, word for word."""
+def refusal(path, **options):
+    """The line that refuses a file."""
     with pytest.raises(InputError) as caught:
-        import_file(path)
+        import_file(path, ImportOptions(**options))
     text = str(caught.value)
     assert "\n" not in text
+    return text
+
+
+def by_the_advice(path):
+    """What is read with the options that a refusal says, word for word."""
+    text = refusal(path)
     said = list(pairwise(shlex.split(text[text.index("--") :])))
     columns, units = (
         parse_pairs([value for at, value in said if at == option], option)

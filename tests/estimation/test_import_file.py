@@ -20,6 +20,7 @@ from palpate.estimation.study.source import open_source
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files import atomic_write
 from palpate.robot_io.session import SessionMetadata, write_session
+from tests.estimation.press_tables import refusal
 from tests.files import write_csv
 
 T = np.arange(50) * 0.01
@@ -37,14 +38,6 @@ def contact(tmp_path):
 def only(imported):
     (channel,) = imported.channels
     return channel
-
-
-def refusal(path, **options):
-    with pytest.raises(InputError) as caught:
-        import_file(path, ImportOptions(**options))
-    text = str(caught.value)
-    assert "\n" not in text
-    return text
 
 
 def test_contact(contact):

@@ -15,14 +15,8 @@ from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import read_table
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files import atomic_write
-from tests.estimation.press_tables import FORCE_N, HEADER, TIME_S, WAY_M, lines
+from tests.estimation.press_tables import FORCE_N, HEADER, TIME_S, WAY_M, lines, refusal
 from tests.files import saved
-
-
-def refusal(path, **options):
-    with pytest.raises(InputError) as caught:
-        import_file(path, ImportOptions(**options))
-    return str(caught.value)
 
 
 def test_files_with_one_column_each_are_joined(tmp_path):

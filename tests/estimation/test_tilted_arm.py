@@ -126,7 +126,7 @@ def body():
 def resting(joint, force_n, n=5):
     """An arm that stands still in random postures and presses downwards."""
     rng = np.random.default_rng(3)
-    zeros, q = np.zeros(n), rng.uniform(-1, 1, (n, 3))
+    q, rest, number = rng.uniform(-1, 1, (n, 3)), np.zeros((3, n)), np.zeros(n, dtype=np.int64)
     context = {
         "joint_position": q,
         "joint_velocity": np.zeros((n, 3)),
@@ -134,18 +134,8 @@ def resting(joint, force_n, n=5):
         "contact_force": np.full(n, force_n),
         "press_direction_world": np.tile(PRESS, (n, 1)),
     }
-    return ChannelData(
-        f"joint_{joint + 1}",
-        ChannelKind.REVOLUTE,
-        np.arange(n) * 0.1,
-        q[:, joint],
-        zeros,
-        zeros,
-        zeros,
-        zeros.astype(int),
-        zeros.astype(int),
-        context,
-    )
+    signals = np.arange(n) * 0.1, q[:, joint], *rest, number, number, context
+    return ChannelData(f"joint_{joint + 1}", ChannelKind.REVOLUTE, *signals)
 
 
 @pytest.mark.parametrize("joint", [0, 1, 2])

@@ -8,6 +8,8 @@ from scipy.signal import lfilter
 
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.estimation.arm.inertial_parameters import inertial_of, nearest_bodies, pseudo_inertias
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.signals.arm_signals import ARM_MOTION
 
 TIP = "tip"
 JOINTS = 7
@@ -75,6 +77,15 @@ def motion(rng, *, runs=4, seconds=10.0, rate_hz=100.0, size=1.0, moving=range(J
         )
     whole = tuple(np.concatenate([part[i] for part in parts]) for i in range(3))
     return whole, np.repeat(np.arange(runs), len(t))
+
+
+def joint_channels(time_s, motion, torque, run):
+    """Channels of all joints of an arm, from positions, velocities, accelerations and torques (n, joints)."""
+    context = dict(zip(ARM_MOTION, motion, strict=True))
+    return [
+        ChannelData(f"joint_{j + 1}", ChannelKind.REVOLUTE, time_s, *signals, run, 0 * run - 1, context)
+        for j, signals in enumerate(zip(*(part.T for part in (*motion, torque)), strict=True))
+    ]
 
 
 def regressor(body, q, v, a):

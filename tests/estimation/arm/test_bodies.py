@@ -93,10 +93,8 @@ def test_divergence_is_independent_of_units():
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e6])
 def test_best_bodies_minimize_the_penalized_error(scale):
     """No small change of the bodies lowers the cost, from hardly any data to nearly no noise."""
-    rng, origin = (
-        np.random.default_rng(4),
-        np.concatenate([point_masses(np.random.default_rng(s)) for s in (1, 2)]),
-    )
+    rng = np.random.default_rng(4)
+    origin = np.concatenate([point_masses(np.random.default_rng(seed)) for seed in (1, 2)])
     rows = rng.normal(size=(12, 20))  # not enough to determine all
     target = rows @ other_bodies(rng, origin, 0.5) - 3.0  # and partly what no bodies would do
     information = Information(scale * rows.T @ rows, scale * rows.T @ target)

@@ -8,14 +8,22 @@ import pytest
 
 from palpate.estimation.arm.inertial_parameters import base_parameters
 from palpate.estimation.base_model import Arm, ModelContext
-from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data_quality import usable
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
 from palpate.estimation.shared_gains import with_shared_gains
-from tests.estimation.arm.panda import JOINTS, TIP, motion, other_bodies, panda, panda_urdf, regressor
+from tests.estimation.arm.panda import (
+    JOINTS,
+    TIP,
+    joint_channels,
+    motion,
+    other_bodies,
+    panda,
+    panda_urdf,
+    regressor,
+)
 
 BRIEF = {"runs": 2, "seconds": 1.0}
 COULOMB = (0.4, 0.0, 0.8, 0.0, 0.3, 0.0, 0.2)  # [N m]: friction in some joints only
@@ -26,19 +34,7 @@ def arm_channels(bodies, *, seed=0, noise=0.05, coulomb=COULOMB, moving=range(JO
     rng = np.random.default_rng(seed)
     (q, v, a), run = motion(rng, moving=moving, **{"runs": 4, "seconds": 5.0, **of_motion})
     torque = regressor(panda(), q, v, a) @ bodies + coulomb * np.sign(v) + rng.normal(0, noise, q.shape)
-    context = {"joint_position": q, "joint_velocity": v, "joint_acceleration": a}
-    return [
-        ChannelData(
-            f"joint_{j + 1}",
-            ChannelKind.REVOLUTE,
-            0.01 * np.arange(len(q)),
-            *(part[:, j] for part in (q, v, a, torque)),
-            run=run,
-            phase=np.full(len(q), -1),
-            context=context,
-        )
-        for j in range(JOINTS)
-    ]
+    return joint_channels(0.01 * np.arange(len(q)), (q, v, a), torque, run)
 
 
 def fitted_models():
@@ -92,10 +88,7 @@ def test_joints_share_base_parameters_and_identify_friction_and_noise(together):
 
 
 def test_unmodeled_friction_does_not_bias_shared_information(bodies):
-    friction, offset = (
-        np.array([1.5, 2.0, 1.5, 1.0, 0.5, 0.5, 0.5]),
-        np.array([0.0, 1.0, -1.0, 0.0, 0.5, 0.0, 0.0]),
-    )
+    friction, offset = (1.5, 2.0, 1.5, 1.0, 0.5, 0.5, 0.5), (0.0, 1.0, -1.0, 0.0, 0.5, 0.0, 0.0)
     channels = arm_channels(bodies, seed=3, coulomb=friction, runs=3, seconds=2.0)
     channels = [replace(data, effort=data.effort + offset[j]) for j, data in enumerate(channels)]
     shared = with_shared_gains(prepared(channels), fitted_models())

@@ -5,11 +5,11 @@ import pytest
 
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.estimation.base_model import Arm, ModelContext
-from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.diagnosis import Verdict, diagnose
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.models import MODELS
 from palpate.robot_io.errors import InputError
+from tests.estimation.arm.panda import joint_channels
 
 URDF = (Path(__file__).parents[3] / "sim_backend" / "arms" / "follower" / "follower.urdf").read_text()
 TIP = "tip"
@@ -30,25 +30,7 @@ def arm(seed, extra=lambda body, q, v, a: 0.0, runs=4, count=900):
     q, v, a = (np.concatenate([part[i] for part in parts]) for i in range(3))
     torque = np.array([body.inverse_dynamics(*row) for row in zip(q, v, a, strict=True)])
     torque = torque + extra(body, q, v, a) + rng.normal(0, 0.02, torque.shape)
-    run, context = (
-        np.repeat(np.arange(runs), count),
-        {"joint_position": q, "joint_velocity": v, "joint_acceleration": a},
-    )
-    return [
-        ChannelData(
-            f"joint_{j + 1}",
-            ChannelKind.REVOLUTE,
-            np.tile(t, runs),
-            q[:, j],
-            v[:, j],
-            a[:, j],
-            torque[:, j],
-            run,
-            np.full(len(q), -1),
-            context,
-        )
-        for j in range(3)
-    ]
+    return joint_channels(np.tile(t, runs), (q, v, a), torque, np.repeat(np.arange(runs), count))
 
 
 def answer(channels, model, joint, *names):
@@ -69,22 +51,10 @@ def weight(body, q, v, a):
 
 
 def test_payload_signal_agrees_with_the_potential_energy_at_rest():
-    channels = arm(0, count=50)
-    still = [
-        ChannelData(
-            **{
-                **vars(c),
-                "context": {
-                    **c.context,
-                    "joint_velocity": 0 * c.context["joint_velocity"],
-                    "joint_acceleration": 0 * c.context["joint_acceleration"],
-                },
-            }
-        )
-        for c in channels
-    ]
-    body = RigidBody.from_urdf(URDF, TIP)
-    expected = weight(body, channels[0].context["joint_position"], None, None) / 0.4
+    position = arm(0, count=50)[0].context["joint_position"]
+    rest, run = np.zeros_like(position), np.zeros(len(position), dtype=np.int64)
+    still = joint_channels(0.005 * np.arange(len(run)), (position, rest, rest), rest, run)
+    expected = weight(RigidBody.from_urdf(URDF, TIP), position, None, None) / 0.4
     for joint in range(3):
         ready = MODELS["rigid_body"]().prepare(still[joint], ModelContext(joint, Arm(URDF, TIP)))
         assert ready.context["payload_effort_per_kg"] == pytest.approx(expected[:, joint], abs=1e-5)

@@ -20,7 +20,7 @@ from palpate.estimation.data_quality import (
 from palpate.estimation.data_quality.motion_and_effort import at_rest, late_touch
 from palpate.estimation.models import MODELS
 from palpate.estimation.study.estimates import estimate_with
-from tests.estimation.presses import kelvin_voigt
+from tests.estimation.presses import channel, kelvin_voigt
 from tests.estimation.presses import long_session as session
 
 DATA = session(3)
@@ -193,29 +193,15 @@ def test_soft_cantilever_cell_needs_no_other_unit(depth_share, force_share, is_d
     [
         (lambda share: share, True),  # a pull at one speed
         (lambda share: share**2, False),  # a pull that becomes faster
-        (
-            lambda share: 1.0 - np.abs(2.0 * share - 1.0),
-            False,
-        ),  # at one speed and back: the damper's force reverses
+        (lambda share: 1.0 - np.abs(2.0 * share - 1.0), False),  # and back: the damper's force reverses
     ],
 )
 def test_damper_acts_like_a_constant_force_in_a_pull_at_one_speed(depth, is_constant_force):
     share = np.linspace(0.0, 1.0, 2000)
     x = 0.005 * (0.01 + depth(share))
-    v, one = np.gradient(x, 0.01), np.zeros(len(x), np.intp)
-    pull = replace(
-        DATA.select(np.zeros(len(x), np.intp)),
-        time_s=0.01 * np.arange(len(x)),
-        position=x,
-        velocity=v,
-        acceleration=np.gradient(v, 0.01),
-        effort=300.0 * x,
-        run=one,
-    )
-    assert (
-        any("a damper acts like a constant force" in text for text in quality_warnings(pull))
-        == is_constant_force
-    )
+    pull = channel(300.0 * x, 0.01 * np.arange(2000), x, np.gradient(x, 0.01), np.zeros(2000, np.intp))
+    said = " ".join(quality_warnings(pull))
+    assert ("a damper acts like a constant force" in said) == is_constant_force
 
 
 def joined(first, second):
