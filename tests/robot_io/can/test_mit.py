@@ -61,17 +61,6 @@ def test_end_of_a_range_is_known_on_either_side(position, velocity, at_end):
     assert FRAMES.state(CanFrame(0, data), AK80_9).at_range_end == at_end
 
 
-@given(st.integers(0, 65535), st.integers(0, 4095), st.integers(0, 4095), st.integers(0, 255))
-def test_state_matches_a_bit_packer(position, velocity, torque, error):
-    data = bitstruct.pack("u8u16u12u12u8u8", 3, position, velocity, torque, 25, error)
-    state = FRAMES.state(CanFrame(0, data), AK80_9)
-    assert state.motor_id == 3
-    assert state.error == error
-    assert state.position_rad == pytest.approx(-12.5 + 25 * position / 65535)
-    assert state.velocity_rad_s == pytest.approx(-50 + 100 * velocity / 4095)
-    assert state.torque_nm == pytest.approx(-18 + 36 * torque / 4095)
-
-
 @given(st.floats(-30, 30))
 def test_encoded_torque_matches_the_motor_resolution(torque_nm):
     frame, sent_nm = FRAMES.torque(7, torque_nm, AK80_9)

@@ -61,20 +61,6 @@ def test_heartbeat_matches_the_dbc(firmware, error, state, more, names, parts):
     assert beat.component_errors == parts
 
 
-def test_firmware_versions_read_the_same_bytes_differently():
-    frame = CanFrame(0x21, bytes((0, 0, 0, 0, 1, 1, 0, 0)))
-    assert odrive.decode_heartbeat(frame, Firmware.V0_5).component_errors == ("motor",)
-    assert odrive.decode_heartbeat(frame, Firmware.V0_6).component_errors == ()
-
-
-@pytest.mark.parametrize(("place", "part"), [(5, "motor"), (6, "encoder"), (7, "controller")])
-def test_each_part_has_its_own_error_flag(place, part):
-    data = bytearray(8)
-    data[place] = 1
-    beat = odrive.decode_heartbeat(CanFrame(0x21, bytes(data)), Firmware.V0_5)
-    assert beat.component_errors == (part,)
-
-
 def test_unnamed_error_bit_is_shown_as_a_number():
     assert axis_error_names(0x80, Firmware.V0_6) == ("unknown bit 0x00000080",)
 
@@ -113,19 +99,6 @@ def test_other_commands_match_the_dbc():
         "Velocity_Limit": 12.5,
         "Current_Limit": 40,
     }
-    version = by_dbc(
-        Firmware.V0_6,
-        "Version",
-        Protocol_Version=2,
-        Hw_Version_Major=4,
-        Hw_Version_Minor=4,
-        Hw_Version_Variant=58,
-        Fw_Version_Major=0,
-        Fw_Version_Minor=6,
-        Fw_Version_Revision=10,
-        Fw_Version_Unreleased=0,
-    )
-    assert odrive.decode_version(version) == (0, 6, 10)
     assert odrive.encode_command(NODE, OdriveCommand.GET_VERSION) == CanFrame(0x20, b"", remote=True)
 
 
