@@ -323,12 +323,7 @@ _SETTLE_S = 0.3
 
 
 class FreeMotion:
-    """Tracks a joint motion in free air, stops if the force changes, and makes the output of the task.
-
-    Args:
-        body: model of the arm.
-        gains: gains of the tracking.
-    """
+    """Tracks a joint motion in free air, stops if the force changes, and makes the output of the task."""
 
     def __init__(self, body: RigidBody, gains: TrackingGains) -> None:
         self.body = body
@@ -418,12 +413,6 @@ class PathTask:
     """Moves to a path, follows it and moves back; see `palpate.control.loop.task.Task`.
 
     The path's ticks are run 0.
-
-    Args:
-        body: model of the arm.
-        gains: gains of the tracking.
-        path: path to follow.
-        travel_rad_s: speed of the fastest joint on the moves to the path and back [rad/s].
     """
 
     def __init__(self, body: RigidBody, gains: TrackingGains, path: FourierPath, travel_rad_s: float) -> None:

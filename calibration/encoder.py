@@ -169,13 +169,6 @@ class StopTask:
     """Touches every stop several times; see `palpate.control.loop.task.Task`.
 
     The ticks at a stop are in phase HOLD. Each touch is a run; runs are numbered over all joints.
-
-    Args:
-        body: model of the arm.
-        gains: gains of the tracking.
-        up_rad: pose between the approaches, shape (n,) [rad].
-        approaches: approaches to the stops.
-        settings: torque, speed and number of touches.
     """
 
     def __init__(

@@ -48,14 +48,6 @@ class Robot(ManagedDevice):
     says so. As a context manager it configures on entry and closes on exit, torque off first; activation is
     always explicit. Each bus is polled and flushed once per tick.
 
-    Args:
-        encoder: encoder of all joints.
-        torque: drives of all joints.
-        force: force sensor at the tool.
-        buses: buses by name.
-        clock: clock of the robot.
-        name: name of the robot, for errors.
-
     Attributes:
         bus_errors: why the last `read` could not use a bus, by its name; empty if all buses worked.
         bus_delays: why the last `read` got nothing new from a bus in time, by its name.

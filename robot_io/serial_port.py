@@ -92,11 +92,6 @@ class SerialPort:
     """A serial port, 8 data bits, no parity, 1 stop bit: each byte takes ten bits of the baud rate.
 
     After a failure it is closed, and `failure` says why; it can be opened again.
-
-    Args:
-        path: path of the port.
-        baud_rate: [bit/s].
-        clock: clock of the robot.
     """
 
     def __init__(self, path: str, baud_rate: int, clock: Clock) -> None:

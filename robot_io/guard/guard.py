@@ -32,11 +32,6 @@ class SafeStop:
     The braking torque is limited to its value at the velocity limit, so that a wrong velocity causes no jerk.
     It is not rate-limited, so that a wrong torque ends at once.
 
-    Args:
-        limits: limits of the arm.
-        safe_state: damping and times.
-        gravity_nm: gravity model, or None.
-
     Attributes:
         duration_s: time from the trip until the torque must go off [s].
     """
@@ -129,9 +124,6 @@ class Guard:
     cannot be trusted there is nothing to brake against: the torque is zero.
 
     Args:
-        limits: limits of the arm.
-        safe_state: settings of the safe stop.
-        joint_count: number of joints n.
         gravity_nm: gives the torques that hold the arm still at joint positions, both shape (n,); called
             while stopping only.
 

@@ -106,9 +106,6 @@ class LimitChecks:
 
     Every comparison is written so that NaN fails it. Plain floats are several times faster than arrays for a
     few joints, and this runs in every tick.
-
-    Args:
-        limits: limits of the arm.
     """
 
     def __init__(self, limits: Limits) -> None:

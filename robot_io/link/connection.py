@@ -60,11 +60,7 @@ class Impairment:
 
 
 class NetworkEmulator:
-    """Delays and loses frames; frames may overtake each other.
-
-    Args:
-        impairment: delay, jitter, loss and seed.
-    """
+    """Delays and loses frames; frames may overtake each other."""
 
     def __init__(self, impairment: Impairment) -> None:
         self._impairment, self._generator = impairment, np.random.default_rng(impairment.seed)
@@ -132,13 +128,7 @@ class LinkSettings:
 class LinkConnection:
     """One end of the line; sends and receives frames.
 
-    Args:
-        role: role of this side.
-        settings: name, port, configuration and key.
-        clock: clock of this side.
-
     Attributes:
-        role: role of this side.
         sender: random number in every frame of this end.
         malformed: number of received frames that were invalid, or of another version or key.
         refused: why the newest of these was refused; empty before the first.

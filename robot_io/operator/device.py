@@ -37,10 +37,6 @@ class OperatorDevice(ManagedDevice):
     """A device of an operator, found by its `name`. As a context manager, it opens and closes itself.
 
     A new device implements `_open` and the four methods after it; lifecycle and checks are the same for all.
-
-    Args:
-        settings: settings of the class's own `Settings`.
-        clock: clock of this side.
     """
 
     name: ClassVar[str]  # how files and options call it

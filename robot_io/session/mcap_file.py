@@ -253,11 +253,6 @@ class McapFile:
     """Writes a session to an empty binary file, which the caller closes.
 
     Every method may raise OSError if the file cannot be written; its content up to then can be read.
-
-    Args:
-        file: open for writing.
-        streams: streams of the session.
-        metadata: metadata of the session.
     """
 
     def __init__(self, file: IO[bytes], streams: Sequence[Stream], metadata: SessionMetadata) -> None:

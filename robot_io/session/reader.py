@@ -119,8 +119,6 @@ class SessionTail:
     """Reads one stream of a session that is still being written; each call reads only what is new.
 
     Args:
-        path: path of the session file.
-        stream_name: name of the stream.
         last: number of records that are kept, so that a long session does not fill the memory.
 
     Attributes:

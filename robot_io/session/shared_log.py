@@ -77,8 +77,6 @@ class RingBuffer:
 
     Args:
         memory: shared, of `size_bytes(dtype, slots)`, zero at first.
-        dtype: data type of a record.
-        slots: number of records.
     """
 
     def __init__(self, memory: memoryview, dtype: np.dtype[np.void], slots: int) -> None:
@@ -176,13 +174,7 @@ _BLOCK = _WORDS + _FAILURE_BYTES
 
 
 class SharedLog:
-    """Shared memory with rings and state; both sides know its layout from streams and number of slots.
-
-    Args:
-        memory: file descriptor of `open_memory`.
-        streams: streams of the session.
-        ring_slots: records of each ring.
-    """
+    """Shared memory with rings and state; both sides know its layout from streams and number of slots."""
 
     def __init__(self, memory: int, streams: Sequence[Stream], ring_slots: int) -> None:
         layout = _layout(streams, ring_slots)

@@ -38,11 +38,7 @@ _WIRE_TYPE = {8: _FIXED64, 4: _FIXED32, 1: _VARINT}  # by size; a bool is a vari
 
 
 class WireFormat:
-    """Encodes and decodes the records of one stream.
-
-    Args:
-        stream: stream of the records.
-    """
+    """Encodes and decodes the records of one stream."""
 
     def __init__(self, stream: Stream) -> None:
         self.stream = stream
@@ -161,7 +157,6 @@ class Decoder:
     """Decodes the messages of one stream while they arrive, so that they need not be held beside the columns.
 
     Args:
-        wire: format of the stream.
         max_bytes: upper limit of the total length of all messages, for which address space is reserved.
     """
 

@@ -42,9 +42,6 @@ class SessionWriter:
     """Writes records and events of one session, for one thread of one program.
 
     Args:
-        path: the new session file; folders above it are made.
-        streams: the streams of the session.
-        metadata: origin of the session.
         ring_slots: records that each stream's ring holds while the disk is slow.
         wait_for_room: let `append` wait when the ring is full instead of dropping. For simulated time, which
             stands still meanwhile; never for a real robot.

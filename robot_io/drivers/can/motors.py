@@ -275,15 +275,7 @@ StateType = TypeVar("StateType")
 
 
 class PolledMotorBus(MotorBus, Generic[StateType]):
-    """Motors that answer each frame with their state, and switch their torque off without commands.
-
-    Args:
-        line: How the adapter is opened.
-        mountings: How each motor moves its joint (n).
-        context: Bus, clock and other context of the driver.
-        motor_ids: Id of each motor (n).
-        watchdog_s: Time after the last command until their torque goes off [s].
-    """
+    """Motors that answer each frame with their state, and switch their torque off without commands."""
 
     def __init__(
         self,

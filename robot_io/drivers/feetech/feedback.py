@@ -60,9 +60,7 @@ class PlausibilityFilter:
     """Check that rejects implausible feedback of the servos of this bus.
 
     Args:
-        clock: The robot's clock.
         settings: Settings sent to each servo, by its id, in the order of the answers.
-        fastest_counts_s: Largest plausible speed of a joint [counts/s].
     """
 
     def __init__(self, clock: Clock, settings: Mapping[int, Settings], fastest_counts_s: float) -> None:
@@ -172,14 +170,7 @@ class _WholeAnswer:
 
 
 class FeetechReader(FeedbackReader[FeetechFeedback]):
-    """Reads the feedback of all servos.
-
-    Args:
-        port: An open port.
-        clock: Clock of the deadlines.
-        settings: Settings sent to each servo, by its id; they are asked in this order.
-        plausibility: Check of their feedback.
-    """
+    """Reads the feedback of all servos, asked in the order of their settings."""
 
     _packets: FeetechStatusReader
 

@@ -50,10 +50,7 @@ class FeetechLine(ServoLine):
     """See `ServoLine`.
 
     Args:
-        settings: Settings in the robot file.
         torque_limits: Largest duty cycle of each servo, in its unit, by id.
-        port: Port of the line; it may be opened later.
-        clock: Clock of the deadlines.
     """
 
     dialect = protocol.DIALECT

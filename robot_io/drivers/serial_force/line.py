@@ -60,12 +60,6 @@ class SerialReader:
     A reading that is late by the sensor's own time gets an earlier time, and a requested reading gets the
     time of its request; see `ReadingStream`.
 
-    Args:
-        file_descriptor: an open port that does not block.
-        stream: parser of the bytes.
-        clock: robot's clock.
-        capacity_n: end of the sensor's range [N].
-
     Attributes:
         newest: the newest reading; None before the first.
         failure: why the port can no longer be read, or None.

@@ -176,7 +176,6 @@ class LorenzStream(ReadingStream):
     flipped bit in a value is not detected.
 
     Args:
-        newtons_per_count: newtons in one count.
         rate_hz: sample rate [Hz]; a sample waits for the next counter for one period, 0 by default.
     """
 

@@ -26,10 +26,8 @@ class ServoBus(JointBus, Examinable, Generic[FeedbackType]):
     """Servos on one half-duplex line, one or two per joint; base of each maker's bus.
 
     Args:
-        settings: Settings in the robot file.
         steps: Size of one count of each of the m joint servos along the joint axes, shape (3, m):
             position [rad], velocity [rad/s] and torque [N m].
-        context: Bus, clock and other context of the driver.
 
     Attributes:
         sample: Feedback of the last sync read that all servos answered, and the time of its request [s]; None

@@ -43,9 +43,6 @@ class FeedbackReader(Generic[FeedbackType]):
     arrives or the oldest request is 0.1 s old.
 
     Args:
-        port: An open port.
-        clock: Clock of the deadlines.
-        servo_ids: Servos that are asked, in this order.
         asking: Request for each number of bytes that can be requested from each servo, the smallest first.
         packets: Parser of the received bytes.
         decode: Converts the packets of all servos, in their order, to feedback; raises ProtocolError if one

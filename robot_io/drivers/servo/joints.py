@@ -317,8 +317,6 @@ class ServoJoints:
     joint's range are ambiguous.
 
     Args:
-        mountings: Mounting of each servo that turns a joint (m).
-        pairs: Pairs of servos that turn one joint.
         middle_rad: Middle of each joint's range (n) [rad].
         steps: Size of one count of each servo along the joint axes, shape (3, m): position [rad], velocity
             [rad/s] and torque [N m].

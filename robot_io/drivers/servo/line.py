@@ -70,13 +70,7 @@ _OVERHEAD = 12  # largest number of bytes of a packet in addition to its data
 
 
 class RegisterAccess:
-    """Reads and writes registers, by any servo protocol.
-
-    Args:
-        dialect: The protocol.
-        port: Port of the line; it may be opened later.
-        clock: Clock of the deadlines.
-    """
+    """Reads and writes registers, by any servo protocol."""
 
     def __init__(self, dialect: ServoProtocol, port: SerialPort, clock: Clock) -> None:
         self._dialect, self._port, self._clock = dialect, port, clock
@@ -253,14 +247,7 @@ def join_ids(ids: Iterable[int]) -> str:
 
 
 class ServoLine(ABC):
-    """Configures servos and switches their torque on and off; calls may take milliseconds.
-
-    Args:
-        settings: Settings in the robot file.
-        registers: Access to single servos on `port`.
-        port: Port of the line; it may be opened later.
-        clock: Clock of the deadlines.
-    """
+    """Configures servos and switches their torque on and off; calls may take milliseconds."""
 
     dialect: ClassVar[ServoProtocol]
     torque_enable: ClassVar[Register]  # 0 is off

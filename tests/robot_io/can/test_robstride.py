@@ -1,6 +1,5 @@
 """Robstride's frames and moteus' registers against examples of the makers and independent packers."""
 
-
 import bitstruct
 import pytest
 from hypothesis import given
