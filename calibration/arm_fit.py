@@ -277,10 +277,8 @@ def _arm_fit(solver: _Solver, values: FloatArray, covariance: FloatArray, residu
 
 
 def _means(values: FloatArray) -> FloatArray:
-    """Return the means of blocks of `BLOCK` samples, along the first axis.
-
-    Both sides of a linear equation may be filtered alike. This removes the controller's response to the
-    encoders' noise, which affects the measured torque and, smoothed differently, the acceleration.
-    """
+    """Return the means of blocks of `BLOCK` samples, along the first axis."""
+    # Both sides of a linear equation may be filtered alike. This removes the controller's response to the
+    # encoders' noise, which affects the measured torque and, smoothed differently, the acceleration.
     count = len(values) // BLOCK
     return np.asarray(values[: count * BLOCK].reshape(count, BLOCK, *values.shape[1:]).mean(axis=1))

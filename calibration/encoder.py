@@ -290,11 +290,9 @@ class StopTask:
             )
 
     def _pushing_torque_nm(self, measurement: Measurement, motion: JointMotion, dt_s: float) -> FloatArray:
-        """Compute torques that hold the other joints and push this one towards its reference.
-
-        The tracking of this joint must not act on the others through the mass matrix, because a stop would
-        shake them.
-        """
+        """Compute torques that hold the other joints and push this one towards its reference."""
+        # The tracking of this joint must not act on the others through the mass matrix, because a stop would
+        # shake them.
         joint = self._approach.joint
         position, speed = measurement.joint_position_rad[joint], measurement.joint_velocity_rad_s[joint]
         own_position, own_speed = motion.position_rad.copy(), motion.velocity_rad_s.copy()

@@ -286,10 +286,8 @@ def _levels(reference_n: Sequence[float] | FloatArray) -> int:
 
 
 def _shape_errors(plateaus: Plateaus, used: BoolArray, values: FloatArray) -> FloatArray:
-    """Return the change of the values in the file by the next power of the reading, shape (5,).
-
-    The mean slope does not depend on the shape; all other values refer to one point, the zero.
-    """
+    """Return the change of the values in the file by the next power of the reading, shape (5,)."""
+    # The mean slope does not depend on the shape; all other values refer to one point, the zero.
     extended, has_curvature = used.copy(), bool(used[_CURVATURE])
     extended[_CUBIC if has_curvature else _CURVATURE] = True
     if len(plateaus) <= extended.sum():

@@ -364,8 +364,8 @@ class CalibratedEncoder(_Calibrated[JointEncoder], JointEncoder):
 class CalibratedTorque(_Calibrated[JointTorque], JointTorque):
     """Drive with torque = gain reading + offset; its command is (torque - command offset) / gain.
 
-    A command never exceeds `limit_nm` (n), even if the calibration enlarges a torque. A zero torque is commanded
-    as the value that gives zero torque by the calibration.
+    A command never exceeds `limit_nm` (n), even if the calibration enlarges a torque. A zero torque is
+    commanded as the value that gives zero torque by the calibration.
     """
 
     def __init__(self, driver: JointTorque, calibration: TorqueCalibration, limit_nm: ArrayLike) -> None:

@@ -80,9 +80,8 @@ def test_planar_motion_does_not_identify_roll(path):
 
 
 def test_late_torque_samples_do_not_bias_friction(path):
-    time_s, q, v, a, measured_nm, sent_nm = vars(
-        measured(path, np.random.default_rng(3), duration=15.0)
-    ).values()
+    motion = measured(path, np.random.default_rng(3), duration=15.0)
+    time_s, q, v, a, measured_nm, sent_nm = vars(motion).values()
     late = ArmMotion(*(part[:-3] for part in (time_s, q, v, a)), measured_nm[3:], sent_nm[3:])
     fit = fit_arm(late, BODY)
     assert fit.delay_s.value == pytest.approx(-0.003, abs=4 * fit.delay_s.std_err)

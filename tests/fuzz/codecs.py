@@ -183,11 +183,7 @@ def is_wrong_fast_reply(data: bytes, _seen: bytes, accepted) -> bool:
 
 _MIT, _DAMIAO = MitFrames(0, {}), DamiaoFrames(0, {})
 _RANGES = DIALECTS[Maker.CUBEMARS].models["AK70-10"]
-_MIT_FIELDS = (
-    (12.5, 16),
-    (50.0, 12),
-    (25.0, 12),
-)  # range and bits of position, velocity, torque, by the manual
+_MIT_FIELDS = ((12.5, 16), (50.0, 12), (25.0, 12))  # range and bits of position, velocity, torque
 
 
 def mit_frame(rng: Rng, _number: int) -> bytes:

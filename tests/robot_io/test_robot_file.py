@@ -102,9 +102,8 @@ def test_arm_may_rest_at_its_limits():
 def test_unknown_key_gets_a_hint_its_line_and_the_number_of_further_errors():
     with pytest.raises(InputError) as caught:
         parse_robot_file(ROBOT_YAML.replace("force_n: 30", "force_N: 30"), "m.yaml")
-    assert str(caught.value).startswith(
-        "m.yaml line 18, limits.force_N: is not known; did you mean 'force_n'? Valid: "
-    )
+    said = "m.yaml line 18, limits.force_N: is not known; did you mean 'force_n'? Valid: "
+    assert str(caught.value).startswith(said)
     with pytest.raises(InputError, match=r"\(and 2 more\)$"):
         parse_robot_file(changed(name=None, tip_frame=None, urdf=None), "m.yaml")
 

@@ -210,7 +210,6 @@ def test_damiao_motors_with_the_factory_master_id_are_named(make_robot):
 def test_encoder_fault_invalidates_the_velocity(make_robot, path, fail, said):
     arm = make_robot(path).start()
     fail(arm.motors[0])
-    arm.ticks_until(
-        lambda measurement: measurement.encoder_status is Status.FAULT, 12 if path is ODRIVE else 3
-    )
+    most = 12 if path is ODRIVE else 3
+    arm.ticks_until(lambda measurement: measurement.encoder_status is Status.FAULT, most)
     assert said in arm.robot.bus_errors["motors"]

@@ -131,9 +131,7 @@ def test_request_is_sent_although_the_process_was_paused(loadstar_line, monkeypa
 
 
 def test_blocked_output_is_a_failure(loadstar_line):
-    with pytest.raises(
-        DeviceError, match=r"cannot be written to \(took \d+ of \d+ bytes; its output is blocked"
-    ):
+    with pytest.raises(DeviceError, match=r"be written to \(took \d+ of \d+ bytes; its output is blocked"):
         loadstar_line.write(b"x" * 10_000_000)
 
 

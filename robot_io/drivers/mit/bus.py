@@ -212,11 +212,9 @@ class MitBus(PolledMotorBus[MitState]):
         )
 
     def _check_watchdogs(self) -> None:
-        """Let all watchdogs expire; raise `DeviceError` if a motor keeps its torque, or never shows any.
-
-        A motor that reports its mode must have left motor mode. Any other motor exerts a small torque before
-        the silence. Afterwards it is asked by the frame that enters motor mode, because it may have left it.
-        """
+        """Let all watchdogs expire; raise `DeviceError` if a motor keeps its torque, or never shows any."""
+        # A motor that reports its mode must have left motor mode. Any other motor exerts a small torque
+        # before the silence, and is asked afterwards by the frame that enters motor mode.
         reports_mode = bool(self._dialect.activation_registers)
         trial_nm = [
             _TRIAL_SHARE * ranges.torque_nm * abs(motor.signed_ratio)

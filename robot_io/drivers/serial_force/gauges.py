@@ -219,10 +219,8 @@ class Loadstar(SerialForceSensor, Examinable):
         self._bus.write(STREAM)
 
     def _ask(self, question: bytes, *, may_be_yes: bool = False) -> str:
-        """Return the answer; raise `DeviceError` if it is negative or missing.
-
-        An unexpected "yes" is a late answer to the ping, and is skipped.
-        """
+        """Return the answer; raise `DeviceError` if it is negative or missing."""
+        # An unexpected "yes" is a late answer to the ping, and is skipped.
 
         def take(line: bytes) -> str | None:
             text = decode_text(line)

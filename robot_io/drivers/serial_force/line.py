@@ -180,10 +180,8 @@ class SerialReader:
         return samples[discarded:]
 
     def _is_plausible(self, force_n: float) -> bool:
-        """Return whether a reading is near the last one, confirms a jump, or continues a confirmed one.
-
-        The very first reading counts as a jump, because its line may be incomplete.
-        """
+        """Return whether a reading is near the last one, confirms a jump, or continues a confirmed one."""
+        # The very first reading counts as a jump, because its line may be incomplete.
         last_n, held_n, jump_n = self._last_n, self._held_n, self._jump_n
         is_near = abs(force_n - last_n) <= jump_n
         before_n, step_before_n = (last_n, self._step_n) if isnan(held_n) else (held_n, held_n - last_n)

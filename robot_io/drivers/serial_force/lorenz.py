@@ -215,11 +215,9 @@ class LorenzStream(ReadingStream):
         return abs(counts - self._last_counts) < _NEAR_COUNTS <= min(distances)
 
     def _search(self, buffer: bytes, index: int) -> tuple[int, bool]:
-        """Return where a row of fitting counters begins, or where to continue when more bytes arrive.
-
-        A ramp of the force can also increase by one, and a lost or damaged byte of the true row leaves two of
-        its steps. So a row is accepted only if no other row has as many steps.
-        """
+        """Return where a row of fitting counters begins, or where to continue when more bytes arrive."""
+        # A ramp of the force can also increase by one, and a lost or damaged byte of the true row leaves two
+        # of its steps. So a row is accepted only if no other row has as many steps.
         while index + 3 * _SYNC_SAMPLES + 2 <= len(buffer):
             rows = (buffer[index + shift :: 3][:_SYNC_SAMPLES] for shift in range(3))
             # Number of times that each row increases by one.

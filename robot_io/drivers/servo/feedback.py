@@ -173,10 +173,8 @@ class FeedbackReader(Generic[FeedbackType]):
         return None
 
     def _oldest_open(self, servo_id: int | None = None) -> FeedbackRequest | None:
-        """Return the first unanswered request, of this servo if given.
-
-        An answer without a usable length, damaged or a refusal, belongs to this request or a later one.
-        """
+        """Return the first unanswered request, of this servo if given."""
+        # An answer without a usable length, damaged or a refusal, belongs to this request or a later one.
         return next((request for request in self._open if servo_id not in request.answers), None)
 
     def _answers(self, data: bytes) -> Iterator[tuple[FeedbackRequest, Sequence[ServoAnswer]]]:

@@ -90,15 +90,12 @@ def test_other_commands_match_the_dbc():
     database = DBC[Firmware.V0_6]
     state = odrive.encode_command(NODE, OdriveCommand.SET_AXIS_STATE, AxisState.CLOSED_LOOP_CONTROL)
     assert database.decode_message(state.can_id, state.data) == {"Axis_Requested_State": 8}
-    mode = odrive.encode_command(
-        NODE, OdriveCommand.SET_CONTROLLER_MODE, odrive.TORQUE_CONTROL, odrive.PASSTHROUGH
-    )
+    modes = odrive.TORQUE_CONTROL, odrive.PASSTHROUGH
+    mode = odrive.encode_command(NODE, OdriveCommand.SET_CONTROLLER_MODE, *modes)
     assert database.decode_message(mode.can_id, mode.data) == {"Control_Mode": 1, "Input_Mode": 1}
     limits = odrive.encode_command(NODE, OdriveCommand.SET_LIMITS, 12.5, 40.0)
-    assert database.decode_message(limits.can_id, limits.data) == {
-        "Velocity_Limit": 12.5,
-        "Current_Limit": 40,
-    }
+    limit = {"Velocity_Limit": 12.5, "Current_Limit": 40}
+    assert database.decode_message(limits.can_id, limits.data) == limit
     assert odrive.encode_command(NODE, OdriveCommand.GET_VERSION) == CanFrame(0x20, b"", remote=True)
 
 

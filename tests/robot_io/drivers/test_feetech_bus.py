@@ -217,9 +217,7 @@ def test_impossible_speed_is_a_fault(arm, counts_s):
     servo = arm.servos[3]
     servo._sample_position = lambda: servo.put(58, abs(counts_s) | (0x8000 if counts_s < 0 else 0))
     assert arm.ticks(2, None).encoder_status is Status.FAULT
-    assert re.search(
-        r"servo 3 \(joint 2\): reports -?[0-9.]+ rad/s, but its maximum is 9.43 rad/s", arm.problem
-    )
+    assert re.search(r"servo 3 .*: reports -?[0-9.]+ rad/s, but its maximum is 9.43 rad/s", arm.problem)
 
 
 def test_impossible_jump_is_a_damaged_answer(arm):

@@ -77,9 +77,8 @@ def test_no_answer_is_dated_later_than_its_request(damaged, fast, servos, period
             except DeviceTimeoutError:
                 continue
             seen += 1
-            assert dated_s <= min(line.asked_at_s[position] for position in feedback.position) + 1e-9, (
-                tenths_ms
-            )
+            asked_s = min(line.asked_at_s[position] for position in feedback.position)
+            assert dated_s <= asked_s + 1e-9, tenths_ms
         assert seen > 0
 
 

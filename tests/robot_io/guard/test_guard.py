@@ -59,9 +59,8 @@ def limited(guard, command, measurement, dt_s=DT):
 @pytest.mark.parametrize(("joints", "damped"), [(3, (2.0, 1.0)), (2, (2.0, 1.0, 0.5)), (3, (2.0, 1.0, 0.5))])
 def test_limits_and_safe_state_of_another_joint_count_are_refused(joints, damped):
     safe_state = SafeState(damping_nms_rad=damped, stop_time_s=0.05)
-    with pytest.raises(
-        InputError, match=f"{joints} joints, but its limits have 2 and its safe state {len(damped)}"
-    ):
+    said = f"{joints} joints, but its limits have 2 and its safe state {len(damped)}"
+    with pytest.raises(InputError, match=said):
         Guard(LIMITS, safe_state, joints)
 
 
@@ -228,12 +227,9 @@ class TestLimiting:
         assert f"the controller's torque for joint 2 is {bad}" in guard.tripped.cause
 
     def test_results_are_immutable(self, guard):
-        for command in (
-            guard.limit(torque(0, 0), measured(), DT),
-            guard.limit(torque(nan, 0), measured(), DT),
-        ):
+        for wanted in (torque(0, 0), torque(nan, 0)):
             with pytest.raises(ValueError, match="read-only"):
-                command.joint_torque_nm[0] = 1.0
+                guard.limit(wanted, measured(), DT).joint_torque_nm[0] = 1.0
 
     @given(
         st.lists(st.tuples(st.floats(-100, 100), st.floats(-100, 100)), min_size=1, max_size=30),
