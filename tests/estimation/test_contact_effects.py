@@ -62,11 +62,16 @@ def two_presses():
     return channel(force, depth, np.gradient(depth, 0.01), t, run=np.repeat([2, 5], 100))
 
 
-def test_dent_persists_to_the_next_press_in_time_for_any_run_numbers():
+def test_dent_persists_to_the_next_press_in_time_until_the_clock_restarts():
     data = two_presses()
-    dented = data.position - EFFECTS["plastic_set"]().move(data, {"share": 0.1, "kept": 1.0}).position
-    assert dented[:100] == pytest.approx(np.full(100, 0.1))
-    assert dented[100] == 0.0
+    apart = replace(data, time_s=np.tile(data.time_s[100:], 2))
+    kept, fresh = (
+        each.position - EFFECTS["plastic_set"]().move(each, {"share": 0.1, "kept": 1.0}).position
+        for each in (data, apart)
+    )
+    assert kept[:100] == pytest.approx(np.full(100, 0.1))  # for any run numbers
+    assert kept[100] == fresh[0] == fresh[100] == 0.0
+    assert fresh[50:100] == pytest.approx(np.full(50, 0.05))
 
 
 def test_plastic_indentation_separates_or_damps_the_tool():
@@ -79,14 +84,6 @@ def test_plastic_indentation_separates_or_damps_the_tool():
         spring, damper = (EFFECTS[name]().columns(moved, {})[:, 0] for name in ("stiffness", "damping"))
         assert spring == pytest.approx([0.0, 0.35, 0.7, 0.2, 0.0, 0.0])
         assert damper[1:5] == pytest.approx(damped)
-
-
-def test_plastic_indentation_is_reset_when_the_clock_restarts():
-    data = two_presses()
-    apart = replace(data, time_s=np.tile(data.time_s[100:], 2))
-    dented = apart.position - EFFECTS["plastic_set"]().move(apart, {"share": 0.1, "kept": 1.0}).position
-    assert dented[0] == dented[100] == 0.0
-    assert dented[50:100] == pytest.approx(np.full(50, 0.05))
 
 
 def test_hysteresis_of_a_sensor_is_the_same_for_one_or_many_columns():

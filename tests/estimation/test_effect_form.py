@@ -63,7 +63,6 @@ def test_effect_has_physics_signals_kind_and_parameters_with_units_and_bounds(na
         assert other in EFFECTS, f"{name} is confused with '{other}', which is no effect"
         assert other != name
         assert len(experiment) > 10
-    effect = EFFECTS[name]
     parameters = effect.gains + effect.inner
     assert parameters or effect.needs  # without any, it must bring a signal
     assert len({p.name for p in parameters}) == len(parameters)
@@ -78,9 +77,10 @@ def test_effect_has_physics_signals_kind_and_parameters_with_units_and_bounds(na
 @EVERY
 def test_effect_keeps_its_form_on_data_and_starts_within_the_bounds(name):
     effect: Effect = EFFECTS[name]()
+    inner, bounds = inner_values(effect), {p.name: p for p in effect.inner}
     for kind in effect.channels:
         data = some_channel(kind)
-        inner = inner_values(effect)
+        both = np.column_stack([data.effort, data.position])
         if isinstance(effect, AdditiveEffect):
             columns = effect.columns(data, inner)
             assert columns.shape == (len(data), len(effect.gains))
@@ -89,17 +89,12 @@ def test_effect_keeps_its_form_on_data_and_starts_within_the_bounds(name):
         elif isinstance(effect, MotionEffect):
             assert len(effect.move(data, inner)) == len(data)
         elif isinstance(effect, MemoryEffect):
-            both = np.column_stack([data.effort, data.position])
             assert np.isfinite(effect.fade(both, data, inner)).all()
             assert effect.fade(both, data, inner).shape == (len(data), 2)
         elif isinstance(effect, SensorEffect):
             assert effect.sense(data.effort, data, inner).shape == (len(data),)
-            both = np.column_stack([data.effort, data.position])
             assert effect.sense(both, data, inner).shape == (len(data), 2)
-    effect = EFFECTS[name]()
-    bounds = {p.name: p for p in effect.inner}
-    for kind in effect.channels:
-        starts = effect.starts(some_channel(kind))
+        starts = effect.starts(data)
         assert starts
         for start in starts:
             assert set(start) == set(bounds)

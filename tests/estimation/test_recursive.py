@@ -9,12 +9,8 @@ from tests.estimation.problems import TRUTH, motion, problem, values
 ONLINE = pytest.mark.parametrize("estimator", [Rls(), Ewrls(), Sprls()], ids=lambda e: e.name)
 
 
-def feed(estimator, columns, effort):
-    estimator.start(columns.shape[1])
-    return feed_on(estimator, columns, effort)
-
-
-def feed_on(estimator, columns, effort):
+def feed(estimator, columns, effort, *, afresh=True):
+    estimator.start(columns.shape[1]) if afresh else None
     return np.array([estimator.update(row, float(value)) for row, value in zip(columns, effort, strict=True)])
 
 
@@ -45,7 +41,7 @@ def test_ewrls_does_not_run_away_at_rest():
     estimator = Ewrls()
     feed(estimator, columns, 2.5 + 0.02 * rng.standard_normal(len(columns)))
     moving = motion()[0]
-    after = feed_on(estimator, moving, moving @ TRUTH)
+    after = feed(estimator, moving, moving @ TRUTH, afresh=False)
     assert np.all(np.abs(after) < 1e5)
     np.testing.assert_allclose(after[-1], TRUTH, rtol=0.01)
 
@@ -70,13 +66,12 @@ def test_sprls_follows_a_sudden_change_sooner_than_rls():
 
 def test_sprls_is_unsteady_in_noise_as_in_the_paper():
     noise = {"noise": 0.0, "share": 0.3, "count": 900}
-    tight = [
-        values(Sprls(0.0, 0.0).fit(problem(np.random.default_rng(s), **noise), rng=None)) for s in range(10)
-    ]
-    loose = [
-        values(Sprls(20.0, 1.0).fit(problem(np.random.default_rng(s), **noise), rng=None)) for s in range(10)
-    ]
-    assert np.all(np.std(loose, axis=0) > 1.5 * np.std(tight, axis=0))
+    problems = [problem(np.random.default_rng(seed), **noise) for seed in range(10)]
+    tight, loose = (
+        np.std([values(each.fit(one, rng=None)) for one in problems], axis=0)
+        for each in (Sprls(0.0, 0.0), Sprls(20.0, 1.0))
+    )
+    assert np.all(loose > 1.5 * tight)
 
 
 @ONLINE
