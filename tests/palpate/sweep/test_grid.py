@@ -221,25 +221,15 @@ def test_cube_text_names_the_largest_difference_of_the_paper_s_methods():
     assert lsq["c [N s/m], paper"] == first.c["lsq"]
 
 
-def test_row_without_an_estimator_is_no_estimate():
+def test_rows_without_an_estimate_count_nowhere_and_numbers_are_checked():
     row = {"estimator": "lsq", "error": ""}
     assert estimated([row, {"error": ""}, row | {"problem": "slow"}, row | {"error": "too few"}]) == [row]
-
-
-@pytest.mark.parametrize("value", [True, "1.0"])
-def test_result_that_is_no_number_is_refused(value):
+    row = {TRUE + name: 1.0 for name in (SURFACE, paper.K, paper.C)}
+    assert parameters_of([row | {SURFACE: 1.0, paper.K: 2.0, paper.C: None}]) == [paper.K]
     np.testing.assert_array_equal(column([{"x": 1}, {"x": None}, {}], "x"), [1.0, np.nan, np.nan])
-    with pytest.raises(InputError, match=rf"results: 'x' is '?{value}'?, which is not a number"):
-        column([{"x": 1.0}, {"x": value}], "x")
-
-
-def test_surface_and_unestimated_parameters_have_no_errors():
-    row = {TRUE + name: 1.0 for name in (SURFACE, paper.K, paper.C)} | {
-        SURFACE: 1.0,
-        paper.K: 2.0,
-        paper.C: None,
-    }
-    assert parameters_of([row]) == [paper.K]
+    for value in (True, "1.0"):
+        with pytest.raises(InputError, match=rf"results: 'x' is '?{value}'?, which is not a number"):
+            column([{"x": 1.0}, {"x": value}], "x")
 
 
 def test_errors_are_drawn_in_percent():

@@ -4,7 +4,7 @@ import pytest
 
 from palpate.runs.robots import find_robot
 from palpate.teleop.leader import LeaderOutcome
-from tests.palpate.cli import assert_refused, done, run
+from tests.palpate.cli import assert_refused, run
 
 
 @pytest.mark.parametrize(
@@ -60,9 +60,3 @@ def test_leader_without_a_peer_fails_whatever_it_prints(options, tmp_path, monke
     result = run("teleop", "leader", "--operator", "mouse", "-o", tmp_path / "leader.mcap", *options)
     assert result.exit_code == 1
     assert ('"heard": false' in result.output) is bool(options)
-
-
-def test_help_lists_all_three_commands():
-    result = done("teleop")
-    for name in ("leader", "follower", "demo"):
-        assert name in result.output

@@ -11,15 +11,13 @@ import pytest
 from nicegui import Client, core, events, ui
 from nicegui.page import page
 
-from palpate.estimation.channel import ChannelKind
-from palpate.estimation.effect import Parameter
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate import with_unit
 from palpate.robot_io.errors import InputError
 from palpate.study import Study
 from palpate.workbench import effects as effects_module
 from palpate.workbench import elements, plots
-from palpate.workbench.effects import EffectRows, _slider, open_gallery
+from palpate.workbench.effects import EffectRows, open_gallery
 from palpate.workbench.elements import Plot
 from palpate.workbench.layout import lay_out_page
 from palpate.workbench.page import Page
@@ -101,7 +99,7 @@ def browser(monkeypatch):
 def study(tmp_path_factory):
     folder = tmp_path_factory.mktemp("press")
     with pytest.MonkeyPatch.context() as patch:
-        try_few_effects(patch, "lag", "delay", "drift")
+        try_few_effects(patch, "lag", "delay", "drift", "power_law_stiffness")
         return Study(write_presses(folder / "press.csv"), folder=folder / "results")
 
 
@@ -391,35 +389,19 @@ def test_gallery_simulates_an_effect_with_sliders(opened, browser, state):
         assert [text for text in browser.texts() if text.startswith("k3 = ")]
         await browser.send(browser.all(ui.dialog)[0], "hide")
         assert not browser.all(ui.dialog)
-        await open_gallery(state, "lag")
-        (slider,) = browser.all(ui.slider, aria_label="lag.tau")
-        for step, value in ((0.0, 0.001), (50.0, 0.2**0.5 * 0.001**0.5), (100.0, 0.2)):  # its typical range
+        # linear over a narrow typical range, logarithmic over decades
+        for name, step, value, unit in (
+            ("power_law_stiffness.n", 75.0, 3.1, "1"),
+            ("lag.tau", 0.0, 0.001, "s"),
+            ("lag.tau", 50.0, 0.2**0.5 * 0.001**0.5, "s"),
+        ):
+            effect, _, parameter = name.partition(".")
+            await open_gallery(state, effect)
+            slider = browser.all(ui.slider, aria_label=name)[-1]
             await browser.send(slider, "update:modelValue", step)
-            assert f"tau = {with_unit(value, 's')}" in browser.texts()
+            assert f"{parameter} = {with_unit(value, unit)}" in browser.texts()
 
     opened(work)
-
-
-def test_slider_over_a_narrow_range_is_linear(browser):
-    async def work():
-        example = SimpleNamespace(
-            effect=SimpleNamespace(name="mine", gains=()),
-            values={"mine.a": 1.5},
-            data=SimpleNamespace(kind=ChannelKind.CONTACT),
-        )
-        restyled = []
-        _slider(
-            Parameter("a", "rad", -9.0, 9.0, (1.0, 3.0)),
-            SimpleNamespace(example=example, update=lambda: restyled.append(example.values["mine.a"])),
-            SimpleNamespace(restyle=lambda _: None),
-        )
-        (slider,) = browser.all(ui.slider)
-        assert (slider.value, browser.texts()) == (25.0, ["a = 1.5 rad"])
-        assert (slider.props["min"], slider.props["max"]) == (0.0, 100.0)
-        await browser.send(slider, "update:modelValue", 75.0)
-        assert (restyled, browser.texts()) == ([2.5], ["a = 2.5 rad"])
-
-    browser.use(work)
 
 
 def test_cursors_read_the_curves_and_runs_are_chosen(opened, browser, state):

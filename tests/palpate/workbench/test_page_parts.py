@@ -78,14 +78,9 @@ def test_error_fits_if_neither_noise_nor_a_flexible_regression_is_below(
     assert ("damping.c would be below 0" in shown["wrong"]) is bool(unphysical)
     judged = dict(shown)
     card.preview(3.0, "N", noise)
-    assert ">3 N</b>" in shown["number"]
-    assert ">at these values</span>" in shown["number"]
     assert shown["wrong"] == ""
     card.show(of)  # known already
     assert shown == judged
-    card.show(SimpleNamespace(**{**vars(of), "is_rough": True, "fitted": SimpleNamespace(**vars(fitted))}))
-    assert "≈ 1 N</b>" in shown["number"]
-    assert "preview, refining" in shown["number"]
 
 
 @pytest.fixture(scope="module")
@@ -96,8 +91,10 @@ def data(tmp_path_factory):
     return Study(six, keep=False).channels[0].data
 
 
-def test_model_is_drawn_over_position_and_velocity(data):
-    motion = DrawnMotion.of(data)
+def test_model_is_drawn_over_position_and_velocity_and_the_residual_on_the_base_model_s_axis(data):
+    motion, left = DrawnMotion.of(data), np.linspace(-2.0, 1.0, len(data))
+    axis = time_figure(motion, (data.effort - left, left), None)["layout"]["yaxis2"]
+    assert axis["range"] == pytest.approx([-2.3, 2.3])
     figure = state_figure(motion, 2.0 * data.effort)
     traces = figure["data"]
     assert [trace["name"] for trace in traces] == ["measured", "model"] * 2
@@ -128,13 +125,6 @@ def test_residuals_of_both_models_share_a_color_scale(data):
     assert unknown[0]["zmax"] == 1.0
 
 
-def test_residual_axis_holds_the_base_model_s_residual(data):
-    motion, left = DrawnMotion.of(data), np.linspace(-2.0, 1.0, len(data))
-    axis = time_figure(motion, (data.effort - left, left), None)["layout"]["yaxis2"]
-    assert axis["range"] == pytest.approx([-2.3, 2.3])
-    assert time_figure(motion, None, None)["layout"]["yaxis2"]["range"] == [-1.0, 1.0]
-
-
 def test_plot_sends_what_it_was_told_once_the_browser_is_ready(browser):
     async def work():
         plot, sent = Plot({"data": [{"y": [1]}, {"y": [2]}], "layout": {}}), []
@@ -153,16 +143,11 @@ def test_plot_sends_what_it_was_told_once_the_browser_is_ready(browser):
 
 
 def test_thumbnail_fills_its_area():
-    x = np.array([1.0, 2.0, 3.0])
-    svg = thumbnail_svg(
-        x, [(np.array([0.0, 5.0, 10.0]), "red"), (np.array([5.0, 5.0, 5.0]), "blue")], 104, 54
-    )
-    assert re.findall(r'points="([^"]*)"', svg) == [
-        "2.0,52.0 52.0,27.0 102.0,2.0",
-        "2.0,27.0 52.0,27.0 102.0,27.0",
-    ]
+    x, rising, level = np.array([1.0, 2.0, 3.0]), np.array([0.0, 5.0, 10.0]), np.full(3, 5.0)
+    svg = thumbnail_svg(x, [(rising, "red"), (level, "blue")], 104, 54)
+    drawn = ["2.0,52.0 52.0,27.0 102.0,2.0", "2.0,27.0 52.0,27.0 102.0,27.0"]
+    assert re.findall(r'points="([^"]*)"', svg) == drawn
     assert re.findall('stroke="(.*?)"', svg) == ["red", "blue"]
-    assert 'viewBox="0 0 104 54"' in svg
     flat = thumbnail_svg(np.zeros(2), [(np.ones(2), "red")], 104, 54)
     assert '"2.0,52.0 2.0,52.0"' in flat
 
