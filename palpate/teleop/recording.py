@@ -117,13 +117,11 @@ def draw(path: Path, merged: MergedSessions, rendered: ForceComparison, modeled:
         InputError: the file cannot be written.
     """
     import matplotlib as mpl  # noqa: PLC0415, takes half a second to import
+    from matplotlib.figure import Figure  # noqa: PLC0415
 
     mpl.rcdefaults()  # ignores a matplotlibrc in the current folder
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt  # noqa: PLC0415
-
-    figure, axes = plt.subplots(3, 1, figsize=(11, 10), layout="constrained")
-    over_time, over_force, line = axes
+    figure = Figure(figsize=(11, 10), layout="constrained")
+    over_time, over_force, line = axes = figure.subplots(3, 1)
     haptic, start_s = merged.haptic, float(merged.haptic["time_s"][0])
     hand_s = haptic["time_s"] - start_s
     over_time.plot(hand_s, haptic["force_n"], color=palette.MODEL, lw=1.2, label="felt")
@@ -160,8 +158,5 @@ def draw(path: Path, merged: MergedSessions, rendered: ForceComparison, modeled:
     line.legend(loc="upper left", frameon=False)
     for axis in axes:
         axis.spines[["top", "right"]].set_visible(False)
-    try:
-        with atomic_write(path) as unfinished:
-            figure.savefig(unfinished, dpi=110, format="png")
-    finally:
-        plt.close(figure)
+    with atomic_write(path) as unfinished:
+        figure.savefig(unfinished, dpi=110, format="png")
