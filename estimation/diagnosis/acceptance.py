@@ -48,9 +48,7 @@ _MIN_GAIN = 0.01
 _INTERVAL_RATIO = NormalDist().inv_cdf(1.0 - 0.5 * LEVEL) / NormalDist().inv_cdf(0.975)
 _MIN_SHARE = 0.02  # least share of the error that a kind must account for
 _MIN_OF_UNEXPLAINED = 0.25  # least mean square of an effect, relative to the unexplained one
-_MAX_UNEXPLAINED = (
-    0.1  # unexplained mean square, relative to an effect's; with more, another kind may explain it
-)
+_MAX_UNEXPLAINED = 0.1  # unexplained mean square, relative to an effect's, that another kind may not explain
 _FAULT_KINDS = SENSOR_KINDS | {Kind.DRIFT}  # named only if their size is certain
 _OFFSET = "bias"  # name of the effect that is a constant
 _NEARLY_ALL = 0.99  # least share of the error above the noise that a sensor fault or a drift must explain

@@ -23,7 +23,7 @@ from palpate.estimation.fit.measurement_model import MeasurementModel, shuffle_n
 from palpate.estimation.model import Model
 from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.signals.runwise import shifted_motion
-from palpate.robot_io.types import BoolArray, FloatArray
+from palpate.robot_io.types import FloatArray
 
 DRAWS = 19  # largest number of bootstrap samples; the data exceed all 19 by chance once in twenty
 _MIN_SAMPLES = 4  # least number of samples before a test may stop early
@@ -194,8 +194,9 @@ def bootstrap_samples(
     variances = [float(np.var(signal[blocked.trusted])) for signal in (motion_effect, fit.solution.residual)]
     # Errors of the motion cannot cause more than the residual; larger ones contain real motion.
     share = min(1.0, float(np.sqrt(variances[1] / max(variances[0], 1e-300))))
-    noise = _estimate_noise(fit, share**2 * variances[0]) if effort_noise is None else effort_noise
-    noise = _fill_untrusted(noise, blocked.trusted)
+    noise = _estimate_noise(fit, share**2 * variances[0]) if effort_noise is None else effort_noise.copy()
+    # The error of untrusted blocks is more than noise.
+    noise[~blocked.trusted] = np.resize(noise[blocked.trusted], int(np.sum(~blocked.trusted)))
     # The residual already contains the effort's quantization error; given noise does not.
     step = 0.0 if effort_noise is None else grid_step(np.sort(fit.data.effort))
     while True:
@@ -224,10 +225,3 @@ def _estimate_noise(fit: FitResult, by_motion: float) -> FloatArray:
     variance = float(np.var(residual[fit.problem.blocked.trusted]))
     noise: FloatArray = np.sqrt(max(1.0 - by_motion / max(variance, 1e-300), _MIN_NOISE)) * residual
     return noise
-
-
-def _fill_untrusted(noise: FloatArray, trusted: BoolArray) -> FloatArray:
-    """Replace the noise (m,) of blocks whose error is more than noise by the noise of trusted blocks."""
-    filled = noise.copy()
-    filled[~trusted] = np.resize(noise[trusted], int(np.sum(~trusted)))
-    return filled

@@ -30,12 +30,7 @@ from palpate.estimation.diagnosis.forms import (
 )
 from palpate.estimation.diagnosis.residual_checks import exceeds_noise
 from palpate.estimation.diagnosis.result import ChannelDiagnosis, Diagnosis
-from palpate.estimation.diagnosis.search import (
-    Progress,
-    Search,
-    prepare_search,
-    select_effects,
-)
+from palpate.estimation.diagnosis.search import Progress, Search, prepare_search, select_effects
 from palpate.estimation.diagnosis.verdict import (
     Evidence,
     decide_verdict,

@@ -174,9 +174,7 @@ class ChannelDiagnosis(TableDisplay, _Entry):
     complete: bool | None = None
     remaining: RemainingError | None = None  # error of the final model
     depends_on: list[str] = Field(default_factory=list)  # the same as in `remaining`
-    next_experiment: NextExperiment | None = (
-        None  # the most informative next experiment; None if none would help
-    )
+    next_experiment: NextExperiment | None = None  # the most informative one; None if none would help
     # How a very long recording was averaged, and why no information is lost; empty otherwise.
     averaged: str = ""
     warnings: list[str] = Field(default_factory=list)  # implausible properties of the data, with their values
@@ -223,11 +221,7 @@ class Diagnosis(_Entry):
 
 
 def stage_numbers(
-    effect: str,
-    before: FitResult,
-    after: FitResult,
-    final: FitResult,
-    spread: ParameterValue | None = None,
+    effect: str, before: FitResult, after: FitResult, final: FitResult, spread: ParameterValue | None = None
 ) -> dict[str, Any]:
     """Compute the fields of `AcceptedEffect`, by name, that describe one effect and its contribution.
 

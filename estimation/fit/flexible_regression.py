@@ -12,11 +12,7 @@ import numpy as np
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.fit.blocks import BlockedData
 from palpate.estimation.fit.fit_problem import FitProblem, Solution
-from palpate.estimation.fit.normal_equations import (
-    NormalEquations,
-    held_out_gains,
-    held_out_sse,
-)
+from palpate.estimation.fit.normal_equations import NormalEquations, held_out_gains, held_out_sse
 from palpate.estimation.fit.smoothing_bias import DifferentiationFilter, fit_smoothing_bias
 from palpate.estimation.signals.blocks import since_start
 from palpate.estimation.signals.exponential_memory import low_pass, relax

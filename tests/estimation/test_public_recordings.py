@@ -11,14 +11,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from benchmarks.measured.convert import (
-    RECIPES,
-    SPLITS,
-    Origin,
-    convert,
-    load_recipe,
-    split_of,
-)
+from benchmarks.measured.convert import RECIPES, SPLITS, Origin, convert, load_recipe, split_of
 from benchmarks.measured.ladder import TERMS, Ladder, load
 from benchmarks.measured.score import score, summary
 from palpate.estimation.effects import EFFECTS

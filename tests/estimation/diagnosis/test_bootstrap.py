@@ -277,11 +277,6 @@ def test_motion_error_in_samples_does_not_exceed_the_data():
     assert 0.3 < np.mean(energies(fit, 6)) < 1.5
 
 
-def test_errors_of_other_blocks_apply_beyond_noise():
-    noise, trusted = np.array([1.0, 2.0, 30.0, 40.0, 50.0]), np.array([True, True, False, False, False])
-    assert bootstrap._fill_untrusted(noise, trusted).tolist() == [1.0, 2.0, 1.0, 2.0, 1.0]
-
-
 def test_samples_of_a_model_with_derived_load_include_it():
     rubbing = EFFECTS["load_dependent_friction"]()
     law = lambda q, v, a: 0.2 * np.abs(0.05 * a + 2.0 * np.sin(q)) * np.tanh(v / 0.02)  # noqa: E731

@@ -201,11 +201,6 @@ def test_sensor_fault_is_tried_before_and_after_another_in_each_form():
     assert [one.effects[-1].form for one in extended_models(Model("m", (bias,)), forms[0])] == [0, 1]
 
 
-@pytest.mark.parametrize(("name", "count"), [("bias", 1), ("coulomb_friction", 2), ("lag", 1)])
-def test_size_of_an_effect_is_its_number_of_parameters(name, count):
-    assert parameter_count(EFFECTS[name]()) == count
-
-
 NAMES = ("bias", "coulomb_friction", "joint_spring", "torque_ripple")
 
 

@@ -135,11 +135,6 @@ def power_law(t, x, v, run):
             lambda: swings(6, lambda q, v, a: 0.4 * np.tanh(v / 0.05)),
             {"coulomb_friction.transition": 0.2},
         ),
-        (
-            with_effects(SWING, "torque_ripple"),
-            lambda: swings(6, lambda q, v, a: 0.3 * np.sin(9.0 * q)),
-            {"torque_ripple.cycles": 9.2},
-        ),
     ],
 )
 def test_inner_parameters_match_scipy_over_all_parameters(model, made, start):

@@ -186,20 +186,11 @@ def scipy_gains(one, made, data, known):
 
 CASES = {
     "a joint": ("revolute", ("stiffness", "damping"), lambda x, v: 3.0 * x + 0.5 * v, {}, 1e-6),
-    "a joint behind a delay": ("revolute", ("stiffness", "damping", "delay"), lambda x, v: 3.0 * x + 0.5 * v,
-                               {"delay.time": 0.013}, 1e-6),
         "a joint with effort that is known": (
         "revolute",
         ("stiffness", "counterweight", "torque_gain"),
         lambda x, v: 1.5 * (3.0 * x + 5.0 * x**2 + 0.2),
         {"torque_gain.gain": 1.5},
-        1e-6,
-    ),
-    "the same behind a delay": (
-        "revolute",
-        ("stiffness", "counterweight", "delay"),
-        lambda x, v: 3.0 * x + 5.0 * x**2 + 0.2,
-        {"delay.time": 0.013},
         1e-6,
     ),
     "an object that can only push": ("contact", ("stiffness", "damping"),

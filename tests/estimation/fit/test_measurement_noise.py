@@ -10,11 +10,7 @@ from scipy import stats
 
 from palpate.estimation.diagnosis.result import NoiseFloor
 from palpate.estimation.fit.fit_result import FitResult, fit_model
-from palpate.estimation.fit.measurement_noise import (
-    NoiseSource,
-    fast_noise,
-    measurement_noise,
-)
+from palpate.estimation.fit.measurement_noise import NoiseSource, fast_noise, measurement_noise
 from palpate.estimation.fit.permutation import COUNT, _surrogate_residuals, null_improvements
 from tests.estimation.fits import MODEL, cubic, fits
 from tests.estimation.presses import NOISE_N
