@@ -48,7 +48,7 @@ _MIN_GAIN = 0.01
 _INTERVAL_RATIO = NormalDist().inv_cdf(1.0 - 0.5 * LEVEL) / NormalDist().inv_cdf(0.975)
 _MIN_SHARE = 0.02  # least share of the error that a kind must account for
 _MIN_OF_UNEXPLAINED = 0.25  # least mean square of an effect, relative to the unexplained one
-_MAX_UNEXPLAINED = 0.1  # unexplained mean square, relative to an effect's, that another kind may not explain
+_MAX_UNEXPLAINED = 0.1  # unexplained mean square, relative to an effect's, above which another may explain it
 _FAULT_KINDS = SENSOR_KINDS | {Kind.DRIFT}  # named only if their size is certain
 _OFFSET = "bias"  # name of the effect that is a constant
 _NEARLY_ALL = 0.99  # least share of the error above the noise that a sensor fault or a drift must explain
@@ -419,13 +419,8 @@ def _physical_alternatives(search: Search, fit: FitResult, name: str) -> Iterato
 def _with_weight(
     search: Search, partial: PartiallyLinear, fit: FitResult, measurement: MeasurementModel
 ) -> tuple[FitResult, list[FormTest]] | None:
-    """Replace a spring or a bias of a joint by its weight if the accepted effects then explain as much.
-
-    The spring or bias is kept if the model with it leaves only noise, and the model with the weight more.
-
-    Returns:
-        The model and its form tests as in `accept_forms`; None if the weight is not accepted.
-    """
+    """Replace a joint's spring or bias by its weight if the accepted effects then explain as much."""
+    # The spring or bias is kept if the model with it leaves only noise, and the model with the weight more.
     base, only_noise = search.start.solution.held_out, SLOW * measurement_noise(search.start).value
     for name in search.added_effects(fit):
         for candidate in _alternatives(search, fit, name, np.inf)[1]:

@@ -162,15 +162,14 @@ class PartiallyLinear:
         return np.hstack(laws) if laws else np.empty((len(self.search.start.problem.blocked), 0))
 
 
-def analyze_kinds(search: Search, only: Kinds | None = None) -> PartiallyLinear:
+def analyze_kinds(search: Search) -> PartiallyLinear:
     """Determine the kinds that account for the base model's held-out error.
 
     Args:
         search: the search of the channel.
-        only: the kinds, if they are known; None to select them.
     """
     error = error_of_kinds(search.start)
-    budget = error_budget(error, np.random.default_rng(0), only)
+    budget = error_budget(error, np.random.default_rng(0))
     return PartiallyLinear(search, tuple(error.laws), budget, error)
 
 
@@ -390,18 +389,17 @@ def _best_form(
     return effect, {name: solution.parameters[name] for name in names}
 
 
-def closest_forms(partial: PartiallyLinear, kind: Kind, kinds: Kinds, count: int = 2) -> list[str]:
-    """List the effects of a kind that explain most, adjusted for laws of the other kinds, the best first.
+def closest_forms(partial: PartiallyLinear, kind: Kind, kinds: Kinds) -> list[str]:
+    """List the two effects of a kind that explain most, adjusted for laws of the other kinds, the best first.
 
     Args:
         partial: flexible laws of the kinds that account for the error.
         kind: the kind whose effects are compared.
         kinds: all kinds that account for the error.
-        count: number of names.
     """
     null, candidates = _screen_kind(partial, kind, kinds, refined=0)
     limit = (1.0 - SMALL) * null.solution.held_out
-    return [candidate.effect.name for candidate in candidates if candidate.held_out < limit][:count]
+    return [candidate.effect.name for candidate in candidates if candidate.held_out < limit][:2]
 
 
 def _with_law(problem: FitProblem, solution: Solution, columns: FloatArray) -> float:

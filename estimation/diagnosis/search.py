@@ -276,14 +276,13 @@ class Search:
             return self.refitted(solution.model, solution.parameters)
         return self.fitted(solution.model, solution.parameters)
 
-    def extensions(self, fit: FitResult, count: int = FITTED) -> list[FitResult]:
+    def extensions(self, fit: FitResult) -> list[FitResult]:
         """Fit the most promising extensions of a model by one effect, in the order of `ordered`.
 
         Args:
             fit: the model to extend.
-            count: number of candidates that are fitted.
         """
-        count = count if self.coarse is None else min(count, FITTED_IN_FULL)
+        count = FITTED if self.coarse is None else FITTED_IN_FULL
         # Sort the candidates by their error after the model's other parameters adapted to first order.
         possible = [candidate for candidate in self.screen(fit) if candidate.possible][:LOOKED_AT]
         follow = bool(fit.solution.model.inner)

@@ -4,7 +4,7 @@ It estimates how much of a model's error any function of the signals can explain
 The smoothing bias of derived motion counts as noise, see `smoothing_bias`.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,7 +66,7 @@ def _model_features(problem: FitProblem, solution: Solution) -> dict[str, FloatA
 
 
 def fit_flexible(
-    problem: FitProblem, solution: Solution, filters: DifferentiationFilter, without: Collection[str] = ()
+    problem: FitProblem, solution: Solution, filters: DifferentiationFilter
 ) -> FlexibleRegression:
     """Fit the flexible regression jointly with the model's gains, with cross-validation.
 
@@ -74,16 +74,13 @@ def fit_flexible(
         problem: data on blocks, whose noise is assumed to be white.
         solution: the fitted model.
         filters: windows that derived velocity and acceleration.
-        without: signals that the regression must not use.
     """
     blocked, all_names = problem.blocked, list(solution.model.gains)
     names = [name for name in all_names if name not in solution.fixed]
     free = np.array([name in names for name in all_names], dtype=np.bool_)
     fixed = np.array([solution.parameters[name] for name in all_names]) * ~free
     target = solution.target - solution.columns @ fixed
-    blocks = {
-        name: block for name, block in _model_features(problem, solution).items() if name not in without
-    }
+    blocks = _model_features(problem, solution)
     bias, _ = fit_smoothing_bias(problem, solution, filters)
     parts, signals = [solution.columns[:, free], bias, *blocks.values()], list(blocks)
     owner = np.repeat(np.arange(len(parts)) - 2, [part.shape[1] for part in parts])

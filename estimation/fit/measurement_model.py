@@ -271,7 +271,7 @@ def _identify_window(
     return best, least
 
 
-def inflate_acceleration_noise(data: ChannelData, reach_s: float = _REACH_S) -> ChannelData:
+def inflate_acceleration_noise(data: ChannelData) -> ChannelData:
     """Correct the acceleration so that its average over a time agrees with the measured positions.
 
     The correction is the second difference of the measured positions minus that of the integrated
@@ -279,7 +279,6 @@ def inflate_acceleration_noise(data: ChannelData, reach_s: float = _REACH_S) -> 
 
     Args:
         data: the channel.
-        reach_s: time on each side over which positions are compared [s].
     """
     integrate = scipy.integrate.cumulative_trapezoid
     change = np.zeros(len(data))
@@ -287,7 +286,7 @@ def inflate_acceleration_noise(data: ChannelData, reach_s: float = _REACH_S) -> 
         time_s = data.time_s[rows]
         if len(time_s) < 2:
             continue
-        reach = max(int(reach_s / float(np.median(np.diff(time_s))) + 0.5), _MIN_STEPS)
+        reach = max(int(_REACH_S / float(np.median(np.diff(time_s))) + 0.5), _MIN_STEPS)
         if len(time_s) <= 2 * reach:
             continue
         velocity = data.velocity[rows.start] + integrate(data.acceleration[rows], time_s, initial=0.0)

@@ -120,19 +120,15 @@ def correlation_coefficient(x: FloatArray, y: FloatArray) -> float:
 
 
 def noise_between_samples(residuals: FloatArray, run: IntArray, inliers: BoolArray) -> float:
-    """Estimate the noise of residuals, which changes from sample to sample, unlike the error of most models.
+    """Estimate the noise of residuals, which changes from sample to sample [effort]; NaN without neighbors.
 
     It is estimated from differences of neighboring inliers, sigma = rms(difference) / sqrt(2) (J. von
-    Neumann, Annals of Mathematical Statistics 12, 1941). A model error that changes as fast as the samples
-    counts as noise.
+    Neumann, Annals of Mathematical Statistics 12, 1941). A model error that changes as fast counts as noise.
 
     Args:
         residuals: effort minus prediction, in order of time within each run, shape (n,).
         run: run of each sample, shape (n,).
         inliers: mask of the samples to use, shape (n,).
-
-    Returns:
-        Standard deviation of the noise [effort]; NaN without two neighboring inliers.
     """
     pairs = (run[1:] == run[:-1]) & inliers[1:] & inliers[:-1]
     return float(np.sqrt(np.mean(np.diff(residuals)[pairs] ** 2) / 2)) if pairs.any() else float("nan")
@@ -151,14 +147,11 @@ def fit_percent(measured: FloatArray, modeled: FloatArray) -> float:
     """Compute the fit 100 (1 - |y - ym| / |y - mean(y)|) [%]: 100 is perfect, 0 as good as the mean.
 
     It is 100 % minus the normalized root mean square error of system identification (L. Ljung, System
-    Identification, 2nd ed., 1999; `compare` of its toolbox).
+    Identification, 2nd ed., 1999; `compare` of its toolbox), and NaN for a constant measurement.
 
     Args:
         measured: measured signal y, NaN is ignored, shape (n,).
         modeled: signal ym of the model, NaN is ignored, shape (n,).
-
-    Returns:
-        The fit; negative for a model that is worse than the mean, NaN for a constant measurement.
     """
     known = np.isfinite(measured) & np.isfinite(modeled)
     y, ym = measured[known], modeled[known]

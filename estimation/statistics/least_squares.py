@@ -15,15 +15,12 @@ _MIN_RATIO = 1e-12  # least ratio of the smallest to the largest eigenvalue of a
 
 
 def solve(columns: FloatArray, effort: FloatArray, weights: FloatArray | None = None) -> FloatArray:
-    """Minimize |weights * (effort - columns @ gains)|.
+    """Minimize |weights * (effort - columns @ gains)|; gains (p,) of minimum norm if undetermined.
 
     Args:
         columns: effort per unit of each gain, shape (n, p).
         effort: effort to explain, shape (n,).
         weights: factor of each residual (1 / sigma), shape (n,); None for equal weights.
-
-    Returns:
-        Gains, shape (p,); of minimum norm for columns of unit length if these do not determine them.
     """
     if weights is not None:
         columns, effort = columns * weights[:, None], effort * weights
@@ -71,10 +68,10 @@ def solve_within_bounds(
     upper: FloatArray,
     guess: FloatArray | None = None,
 ) -> FloatArray:
-    """Minimize x' system x / 2 - moment' x within bounds by block principal pivoting.
+    """Minimize x' system x / 2 - moment' x within bounds by block principal pivoting, shape (q,).
 
     J. J. Judice, F. M. Pires, Computers and Operations Research 21 (1994). With lower bounds of zero and no
-    upper bounds, this is nonnegative least squares.
+    upper bounds, this is nonnegative least squares. Values at a bound are equal to it.
 
     Args:
         system: symmetric positive definite matrix for columns of about unit size, shape (q, q).
@@ -82,9 +79,6 @@ def solve_within_bounds(
         lower: lower bounds, -inf for none, shape (q,).
         upper: upper bounds, inf for none, shape (q,).
         guess: minimum of a similar problem, whose active bounds are tried first, shape (q,).
-
-    Returns:
-        The minimum, shape (q,); values at a bound are equal to it.
     """
     fewest_wrong, patience = len(moment) + 1, _PATIENCE
     low, high = np.zeros((2, len(moment)), dtype=np.bool_)
@@ -119,7 +113,7 @@ def solve_within_bounds(
 def solve_subsets(
     columns: FloatArray, effort: FloatArray, size: int, trials: int, rng: np.random.Generator
 ) -> FloatArray:
-    """Solve random subsets of samples by least squares.
+    """Solve random subsets of samples by least squares; return gains of those not degenerate, (k, p).
 
     Args:
         columns: effort per unit of each gain, shape (n, p).
@@ -127,9 +121,6 @@ def solve_subsets(
         size: number of samples in a subset, at least p and at most n.
         trials: number of subsets.
         rng: random generator for the subsets.
-
-    Returns:
-        Gains of each subset that is not degenerate, shape (k, p), k at most `trials`.
 
     Raises:
         InputError: the size is out of range, or all subsets are degenerate.

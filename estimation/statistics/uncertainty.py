@@ -94,14 +94,13 @@ def unknown_covariance(parameter_count: int) -> Covariance:
 
 
 def cramer_rao(slopes: FloatArray, sigma: FloatArray) -> FloatArray:
-    """Compute the Cramer-Rao bound diag((J' S^-1 J)^-1)^(1/2) of standard errors; C. R. Rao (1945).
+    """Compute the Cramer-Rao bound (p,) of standard errors, diag((J' S^-1 J)^-1)^(1/2); C. R. Rao (1945).
+
+    The bound of a parameter without influence is given as 0.
 
     Args:
         slopes: derivatives J of the signal by the parameters, shape (n, p).
         sigma: standard deviation of the noise of each sample, shape (n,).
-
-    Returns:
-        Smallest possible standard errors, shape (p,); 0 for a parameter without influence.
     """
     weighted = slopes / sigma[:, None]
     sizes = np.linalg.norm(weighted, axis=0)

@@ -344,8 +344,7 @@ def test_extensions_are_sensible_promising_and_ordered(monkeypatch):
     assert [search.added_effects(one) for one in made][:2] == [[RIPPLE], [COULOMB]]
     assert len(made) == 2  # a bias lowers nothing, and no drag is negative
     assert made == search.ordered(made)
-    assert [search.added_effects(one) for one in search.extensions(search.start, 1)] == [[RIPPLE]]
-    assert len(replace(search, coarse=search).extensions(search.start, 4)) == 2
+    assert len(replace(search, coarse=search).extensions(search.start)) == 2
     monkeypatch.setattr(type(search), "is_sensible", lambda self, one: self.added_effects(one) != [RIPPLE])
     assert search.added_effects(search.extensions(search.start)[0]) == [COULOMB]
 

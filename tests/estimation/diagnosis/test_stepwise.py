@@ -52,10 +52,10 @@ class SearchedModels:
     def without(self, one, name):
         return self.at(one.names - {name})
 
-    def extensions(self, one, count=4):
+    def extensions(self, one):
         more = [names for names in self._left if len(names - one.names) == 1 and one.names < names]
         more = [names for names in more if all(name.islower() for name in names)]
-        return self.ordered([self.at(names) for names in more])[:count]
+        return self.ordered([self.at(names) for names in more])[:4]
 
     def ordered(self, made):
         return sorted(made, key=lambda one: one.solution.held_out)
