@@ -22,7 +22,7 @@ from palpate.estimation.data.column_names import (
 from palpate.estimation.data.column_units import Chosen, ColumnUnits
 from palpate.estimation.data.table import Table
 from palpate.estimation.data.table_layout import clocks_of
-from palpate.estimation.data.units import dimension_of, factor_to_si
+from palpate.estimation.data.units import SI, dimension_of
 from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
@@ -186,7 +186,7 @@ def have_equal_values(table: Table, key: Key, first: tuple[str, str], second: tu
         return False
     try:
         values, other_values = (
-            factor_to_si(unit, dimension, column) * table.numbers(column) for column, unit in (first, second)
+            SI[dimension][unit] * table.numbers(column) for column, unit in (first, second)
         )
     except InputError:
         return False

@@ -33,7 +33,6 @@ from palpate.estimation.data.table_layout import clocks_of
 from palpate.estimation.data.units import (
     SI,
     dimension_of,
-    factor_to_si,
     is_scaled,
     likely_time_unit,
     normalize_unit,
@@ -161,7 +160,7 @@ class ColumnUnits:
             )
         elif not user_unit or not (self.is_scaled_by_user(role, column) or _agree(role, named_unit, unit)):
             note = _note_on_name(role, column, named_unit, unit) or note
-        factor = scale * factor_to_si(unit, dimension, f"column '{column}'")
+        factor = scale * SI[dimension][unit]
         return AssignedColumn(column, dimension, user_unit if scale != 1.0 else unit, factor, note)
 
     def missing(self, chosen: Chosen) -> list[tuple[str, str]]:

@@ -21,7 +21,7 @@ from palpate.estimation.data.import_rows import UNKNOWN_PHASE, ImportedRows, arr
 from palpate.estimation.data.measured_derivatives import is_difference, mistaken_scale
 from palpate.estimation.data.presses import press_phases
 from palpate.estimation.data.table import Table, read_table
-from palpate.estimation.data.units import MAX_STEP_S, MIN_STEP_S, dimension_of, factor_to_si, likely_time_unit
+from palpate.estimation.data.units import MAX_STEP_S, MIN_STEP_S, SI, likely_time_unit
 from palpate.estimation.signals.arm_signals import ARM_MOTION, PAYLOAD, REGRESSOR, TORQUE
 from palpate.estimation.signals.blocks import blocks, number_pieces
 from palpate.estimation.signals.runwise import sample_time
@@ -214,7 +214,7 @@ def _note_other_clock(columns: ColumnAssignment) -> Iterator[str]:
         if not all((np.diff(clock) > 0.0).all() for clock in (time_s, times)):
             continue
         unit = unit_in_name(name)
-        factors = [factor_to_si(unit, "time", name)] if dimension_of(unit) == "time" else _CLOCK_UNITS
+        factors = [SI["time"][unit]] if unit in SI["time"] else _CLOCK_UNITS
         spans_s = [factor * np.ptp(times) for factor in factors]
         span_s = min(spans_s, key=lambda span: abs(np.log(span / np.ptp(time_s))))
         if not 1.0 / _SAME_SPAN < span_s / np.ptp(time_s) < _SAME_SPAN:

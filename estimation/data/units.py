@@ -8,7 +8,6 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
 _PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6}
@@ -196,26 +195,6 @@ def likely_time_unit(step: float, span: float = math.inf) -> str:
     return units[number - 1] if is_too_short and number > 0 else units[number]
 
 
-def factor_to_si(unit: str, dimension: str, where: str) -> float:
-    """Return the factor from a unit to SI.
-
-    Args:
-        unit: unit in any spelling.
-        dimension: key of `SI`.
-        where: context for the error message, such as "--unit force_N".
-
-    Raises:
-        InputError: the unit does not have this dimension.
-    """
-    units = SI[dimension]
-    try:
-        return units[normalize_unit(unit)]
-    except KeyError:
-        raise InputError(
-            f"{where}: '{unit}' is not a unit of {dimension.replace('_', ' ')}. Valid: {', '.join(units)}"
-        ) from None
-
-
 def is_scaled(unit: str) -> bool:
     """Return whether a unit begins with a number, such as "-1N".
 
@@ -247,7 +226,7 @@ def scaled_unit(unit: str, own: str) -> tuple[float, str]:
     if whole and dimension in {"current", "voltage", "pressure", "strain"}:
         read = own or normalize_unit(below)
         if dimension_of(read) == dimension:
-            return scale * factor_to_si(read, dimension, read) / factor, normalize_unit(whole)
+            return scale * SI[dimension][read] / factor, normalize_unit(whole)
     return scale, base_unit
 
 

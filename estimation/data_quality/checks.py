@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 
 from palpate.estimation.channel import ChannelData
+from palpate.estimation.data.units import MIN_STEP_S
 from palpate.estimation.data_quality import motion_and_effort, readings, sampling
 from palpate.estimation.fit.blocks import block_average, block_length
 from palpate.estimation.fit.normal_equations import ORDER, ArNoise
@@ -24,7 +25,6 @@ _MIN_SPIKE = 0.2  # size relative to the effort's range below which outliers are
 # for a missing value or a wrong digit. Above `_HUGE` even one that is excluded spoils the numerical precision
 # of a fit (measured: 1e8).
 _CODE, _HUGE = 20.0, 1e6
-_MIN_STEP_S = 1e-5  # step between samples below which the unit of time is doubtful
 
 
 def usable(data: ChannelData) -> BoolArray:
@@ -219,7 +219,7 @@ def _check_blocks(data: ChannelData, good: BoolArray) -> str | None:
         step_s = sample_time(data.time_s, data.run)
         unit = f", or check the unit of time: samples are {step_s:.2g} s apart"
         reason = f"fewer than two runs have {least} samples or more; record longer runs"
-        return reason + (unit if step_s < _MIN_STEP_S else "")
+        return reason + (unit if step_s < MIN_STEP_S else "")
     blocked = block_average(data, good)
     if not blocked.can_hold_out:
         if not good.all() and block_average(data).can_hold_out:
