@@ -45,10 +45,9 @@ class _SheetTable:
     """Table of one sheet."""
 
     sheet: str  # name of the sheet
-    names: tuple[str, ...]  # column names
+    layout: TableLayout
     rows: list[list[Any]]  # cells below the names
     rows_above: int  # number of filled rows above the names, if it is the first table of the sheet
-    titles: tuple[str, ...]  # cells of the row above the names
     decimal: str  # decimal mark of numbers that are stored as text
     numbers: list[int]  # row numbers in the sheet
     title: str  # name of the sheet, with the row number of the names if the sheet holds several tables
@@ -74,17 +73,18 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
         notes.append(NAMELESS)
     if not tables:
         raise InputError(f"{path}: no sheet has a row of column names above rows of numbers")
-    blocks = [TableBlock(table.title, table.names, len(table.rows)) for table in tables]
+    blocks = [TableBlock(table.title, table.layout.names, len(table.rows)) for table in tables]
     chosen, omitted = same_columns(blocks, selected, path)
     same_tables = [tables[place] for place in chosen]
     first = max(same_tables, key=lambda table: len(table.rows))
+    layout = first.layout
     rows = [row for table in same_tables for row in table.rows]
-    cells_by_column = ([row[place] for row in rows] for place in range(len(first.names)))
+    cells_by_column = ([row[place] for row in rows] for place in range(len(layout.names)))
     columns = [
         _column(path, name, cells, first.decimal)
-        for name, cells in zip(first.names, cells_by_column, strict=True)
+        for name, cells in zip(layout.names, cells_by_column, strict=True)
     ]
-    joined = pa.table(columns, names=list(first.names))
+    joined = pa.table(columns, names=list(layout.names))
     names = list(dict.fromkeys(table.sheet for table in same_tables))
     if len(same_tables) > 1:  # each sheet, or each table of a sheet, is a run
         parts, begin = [], 0
@@ -97,7 +97,7 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
     notes += [f"sheet{'s' if len(names) > 1 else ''} {listed} of {len(book.sheet_names)}", *omitted]
     notes += preamble_notes(first.rows_above)
     numbers = np.array([number for table in same_tables for number in table.numbers], dtype=np.int64)
-    return FileColumns(joined, first.decimal, tuple(notes), first.titles, numbers)
+    return FileColumns(joined, first.decimal, tuple(notes), layout.titles, numbers)
 
 
 def _check_workbook(path: Path) -> None:
@@ -192,8 +192,7 @@ def _tables(sheet: CalamineSheet, *, nameless: bool = False) -> list[_SheetTable
         numbers = [above + place for place in body]
         mark = _decimal_mark(filled)
         title = sheet.name + f":{above + places[layout.header]}" * (len(layouts) > 1)
-        made = _SheetTable(sheet.name, layout.names, filled, rows_above, layout.titles, mark, numbers, title)
-        tables.append(made)
+        tables.append(_SheetTable(sheet.name, layout, filled, rows_above, mark, numbers, title))
     return [table for table in tables if table.rows]
 
 

@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from palpate.robot_io.errors import InputError
 from palpate.robot_io.extras import LazyModule
+from palpate.robot_io.files.atomic_write import max_unpacked_bytes
+from palpate.robot_io.types import IntArray
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -12,17 +20,6 @@ if TYPE_CHECKING:
     import pyarrow.csv as pa_csv
 else:
     pa, pc, pa_csv = map(LazyModule, ("pyarrow", "pyarrow.compute", "pyarrow.csv"))
-
-
-import os
-from collections.abc import Sequence
-from contextlib import suppress
-from dataclasses import dataclass
-from pathlib import Path
-
-from palpate.robot_io.errors import InputError
-from palpate.robot_io.files.atomic_write import max_unpacked_bytes
-from palpate.robot_io.types import IntArray
 
 __all__ = ["pa", "pa_csv", "pc"]
 
