@@ -24,9 +24,14 @@ def recorded():
     return probe(kelvin_voigt(800.0, 40.0), surface_m=SURFACE_M)
 
 
+def contact(truth, **changed):
+    """The one contact of a probe with changed columns."""
+    (channel,) = contact_channels(ticks(truth, **changed), tared=False)
+    return channel
+
+
 def test_contact_has_depth_speed_and_force():
-    (channel,) = contact_channels(ticks(recorded()), tared=False)
-    truth = recorded()
+    channel, truth = contact(recorded()), recorded()
     assert (channel.name, channel.kind) == ("contact", ChannelKind.CONTACT)
     np.testing.assert_allclose(channel.position, truth.true_along_m - SURFACE_M, atol=2e-5)
     np.testing.assert_array_equal(channel.effort, truth.force_n)
@@ -36,19 +41,16 @@ def test_contact_has_depth_speed_and_force():
 
 def test_surface_is_detected_within_its_error():
     for seed in range(3):
-        again = probe(kelvin_voigt(800.0, 40.0), surface_m=SURFACE_M, seed=seed)
-        (channel,) = contact_channels(ticks(again), tared=False)
-        assert abs(channel.surface.position_m - SURFACE_M) < 4 * channel.surface.std_err_m < 1e-4
-    (channel,) = contact_channels(
-        ticks(probe(hunt_crossley(5000.0, 8000.0, 1.4), surface_m=SURFACE_M)), tared=False
-    )
-    assert 0 <= channel.surface.position_m - SURFACE_M < 1e-3
+        surface = contact(probe(kelvin_voigt(800.0, 40.0), surface_m=SURFACE_M, seed=seed)).surface
+        assert abs(surface.position_m - SURFACE_M) < 4 * surface.std_err_m < 1e-4
+    surface = contact(probe(hunt_crossley(5000.0, 8000.0, 1.4), surface_m=SURFACE_M)).surface
+    assert 0 <= surface.position_m - SURFACE_M < 1e-3
 
 
 def test_touch_hardly_disturbs_the_velocity():
     """A dashpot takes the speed away within milliseconds."""
     truth = probe(kelvin_voigt(500.0, 100.0), surface_m=SURFACE_M)
-    (channel,) = contact_channels(ticks(truth), tared=False)
+    channel = contact(truth)
     touches = [np.flatnonzero(fitting_rows(channel) & (channel.run == run))[:8] for run in channel.runs]
     after = np.concatenate(touches)
     assert np.std(channel.velocity[after] - truth.true_speed_m_s[after]) < 0.02 * 0.15
@@ -61,9 +63,9 @@ def test_rows_in_contact_are_chosen_by_time_and_not_by_force():
     pressed = (truth.true_along_m > SURFACE_M) & (true_n > 0)
     assert not rows[~pressed].any()
     assert rows[pressed].mean() > 0.97
-    for contact in find_contacts(truth.force_n, truth.run, truth.phase):
-        assert np.all(np.diff(contact.rows) == 1)
-        assert contact.noise_n == pytest.approx(NOISE_N, rel=0.3)
+    for found in find_contacts(truth.force_n, truth.run, truth.phase):
+        assert np.all(np.diff(found.rows) == 1)
+        assert found.noise_n == pytest.approx(NOISE_N, rel=0.3)
 
 
 def test_bounces_and_offsets_are_no_contact():
@@ -77,9 +79,7 @@ def test_bounces_and_offsets_are_no_contact():
     truth = recorded()
     retracted = truth.phase == Phase.RETRACT
     held = replace(truth, force_n=np.where(retracted, np.maximum(truth.force_n, 0.3), truth.force_n))
-    (channel,) = contact_channels(ticks(held), tared=False)
-    assert abs(channel.surface.position_m - SURFACE_M) < 1e-4
-    truth = recorded()
+    assert abs(contact(held).surface.position_m - SURFACE_M) < 1e-4
     air = truth.phase == Phase.FREE_AIR
     only_air = Probe(**{name: values[air] for name, values in vars(truth).items()})
     assert contact_channels(ticks(only_air), tared=False) == ()
@@ -90,7 +90,7 @@ def test_late_force_sample_gets_the_motion_of_its_time():
     truth = recorded()
     at = truth.time_s + late_s
     shifted = 800.0 * np.interp(at, truth.time_s, truth.true_along_m - SURFACE_M)
-    (channel,) = contact_channels(ticks(truth, force_at_s=at), tared=False)
+    channel = contact(truth, force_at_s=at)
     rows = fitting_rows(channel)
     np.testing.assert_allclose(800.0 * channel.position[rows], shifted[rows], atol=0.02)
     np.testing.assert_array_equal(channel.time_s, at)
@@ -100,14 +100,11 @@ def test_faulty_samples_and_ticks_between_runs_are_left_out():
     truth = recorded()
     status = np.zeros(len(truth.time_s), np.int32)
     status[::2] = Status.STALE
-    (channel,) = contact_channels(ticks(truth, force_status=status), tared=False)
+    channel = contact(truth, force_status=status)
     assert len(channel) == np.count_nonzero(status == Status.OK)
     np.testing.assert_array_equal(channel.effort, truth.force_n[1::2])
-    truth = recorded()
-    between = truth.run.copy()
-    between[truth.phase == Phase.FREE_AIR] = -1
-    (channel,) = contact_channels(ticks(truth, run=between.astype(np.int32)), tared=False)
-    assert len(channel) == np.count_nonzero(between >= 0)
+    between = np.where(truth.phase == Phase.FREE_AIR, -1, truth.run)
+    assert len(contact(truth, run=between.astype(np.int32))) == np.count_nonzero(between >= 0)
 
 
 def test_two_places_are_two_channels():
@@ -163,7 +160,6 @@ def test_joint_knows_the_contact_point_and_has_no_force_in_free_air():
     in_air = truth.phase == Phase.FREE_AIR
     assert abs(np.mean(biased[in_air])) < 0.1 * NOISE_N
     assert biased.max() == pytest.approx(truth.force_n.max(), rel=0.02)
-    truth = recorded()
     touching = joint_channels(ticks(truth))[0].context["touching"] == 1.0
     assert np.mean(touching) > 0.2
     assert np.all(truth.force_n[touching] > 0.0)
