@@ -142,17 +142,11 @@ class BusSettings(FileModel):
     start_rad: tuple[Number, Number, Number] | None = None
 
 
-class MockDevice(Component):
+class NotedLifecycle:
     """Counts its lifecycle on the bus, and fails there when it is told to."""
 
-    device = ""
-
-    def __init__(self, settings: object, context: DriverContext) -> None:
-        context.settings_as(FileModel, settings)
-        self.bus = context.bus_as(MockBus)
-
-    def read(self) -> Reading:
-        return self.bus.readings[self.device]
+    device: str
+    bus: "MockBus"
 
     def configure(self) -> None:
         self.bus.note(self.device, "configure")
@@ -167,14 +161,25 @@ class MockDevice(Component):
         self.bus.note(self.device, "close")
 
 
-class MockBus(Bus):
+class MockDevice(NotedLifecycle, Component):
+    """One device of the bus."""
+
+    def __init__(self, settings: object, context: DriverContext) -> None:
+        context.settings_as(FileModel, settings)
+        self.bus = context.bus_as(MockBus)
+
+    def read(self) -> Reading:
+        return self.bus.readings[self.device]
+
+
+class MockBus(NotedLifecycle, Bus):
     """Owns the plant; samples it when polled, drives it when flushed."""
 
-    name = "mock_bus"
+    name, device = "mock_bus", "bus"
 
     def __init__(self, settings: object, context: DriverContext) -> None:
         chosen = context.settings_as(BusSettings, settings)
-        self.clock = context.clock
+        self.bus, self.clock = self, context.clock
         start_rad = np.array(chosen.start_rad or context.robot_file.home_rad)
         self.plant = MockPlant(start_rad, chosen.stiffness_n_m, chosen.damping_n_s_m)
         self.plant.time_s = self.clock.now_s()
@@ -198,18 +203,6 @@ class MockBus(Bus):
             self.powered = step == "activate"
             self.staged_nm = np.zeros(3)
             self._drive()
-
-    def configure(self) -> None:
-        self.note("bus", "configure")
-
-    def activate(self) -> None:
-        self.note("bus", "activate")
-
-    def deactivate(self) -> None:
-        self.note("bus", "deactivate")
-
-    def close(self) -> None:
-        self.note("bus", "close")
 
     def poll(self, deadline_s: float) -> None:
         self.polls += 1
