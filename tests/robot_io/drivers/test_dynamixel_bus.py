@@ -25,14 +25,6 @@ def active(request):
         yield setup
 
 
-@pytest.fixture
-def fast():
-    with dynamixel_setup() as setup:
-        setup.start()
-        setup.tick()
-        yield setup
-
-
 # Setting up
 
 
@@ -184,24 +176,24 @@ def test_unordered_answers_are_sorted_by_id_or_refused(active):
 # Faults of the servos: named, and nothing that they show is believed
 
 
-def test_nonfatal_hardware_error_is_a_fault_of_the_drives_alone(fast):
-    fast.line.servos[3].memory.put(table.SHUTDOWN, 0)
-    fast.befall(kind="alert", device=3, times=1)
+def test_nonfatal_hardware_error_is_a_fault_of_the_drives_alone(active):
+    active.line.servos[3].memory.put(table.SHUTDOWN, 0)
+    active.befall(kind="alert", device=3, times=1)
     with pytest.raises(DeviceError, match=r"servo 3.*overload"):
-        fast.tick()
-    assert fast.torque.read_torque().status is Status.FAULT
-    assert fast.encoder.read_position().status is Status.OK
-    assert fast.encoder.read_position().sampled_at_s == fast.bus.torque.sampled_at_s
+        active.tick()
+    assert active.torque.read_torque().status is Status.FAULT
+    assert active.encoder.read_position().status is Status.OK
+    assert active.encoder.read_position().sampled_at_s == active.bus.torque.sampled_at_s
 
 
-def test_hardware_error_keeps_the_torque_off_until_a_reboot(fast):
-    fast.befall(kind="alert", device=2, times=1)
+def test_hardware_error_keeps_the_torque_off_until_a_reboot(active):
+    active.befall(kind="alert", device=2, times=1)
     with pytest.raises(DeviceError):
-        fast.tick()
-    fast.torque.deactivate()
-    fast.bus.activate()
+        active.tick()
+    active.torque.deactivate()
+    active.bus.activate()
     with pytest.raises(DeviceError, match=r"servo 2: setting torque enable.*overload; it must be rebooted"):
-        fast.torque.activate()
+        active.torque.activate()
 
 
 def test_servo_that_stays_off_silently_is_named_with_its_error():
