@@ -41,37 +41,33 @@ _METADATA = "CSV file with further fields; its rows are matched by a column 'fil
 _JOIN = "Treat files with the same text in this field as one measurement."
 _SPLIT = "Treat rows with the same text in this column as one measurement."
 _SHARE = "Effect whose parameters are assumed equal in all channels of a group; may be repeated."
+_OUT = "Output folder; an interrupted batch in it is continued."
+_DIAGNOSE = "Also find out which effects are missing (takes longer)."
+_GROUP = "Compare groups of measurements by this field."
+_REPORTS = "Number of outliers for which to write a report; the page links to it."
 
 
 @options.with_options(BatchArguments, "data")
 def batch_command(
     data: BatchArguments,
     *,
-    out: Annotated[
-        Path, Option("--out", "-o", help="Output folder; an interrupted batch in it is continued.")
-    ],
+    out: Annotated[Path, Option("--out", "-o", help=_OUT)],
     model: Annotated[str | None, Option(help=_MODEL, autocompletion=options.model_names)] = None,
-    diagnose: Annotated[
-        bool, Option("--diagnose", help="Also find out which effects are missing (takes longer).")
-    ] = False,
+    diagnose: Annotated[bool, Option("--diagnose", help=_DIAGNOSE)] = False,
     pool: Annotated[bool, Option("--pool", help=_POOL)] = False,
     add: options.AddOption = None,
     pattern: options.PatternOption = None,
     metadata: Annotated[Path | None, Option(help=_METADATA, metavar="FILE")] = None,
     join: Annotated[str | None, Option(help=_JOIN, metavar="FIELD")] = None,
     split: Annotated[str | None, Option(help=_SPLIT, metavar="COLUMN")] = None,
-    group: Annotated[
-        str | None, Option(help="Compare groups of measurements by this field.", metavar="FIELD")
-    ] = None,
+    group: Annotated[str | None, Option(help=_GROUP, metavar="FIELD")] = None,
     share: Annotated[
         list[str] | None, Option(help=_SHARE, metavar="EFFECT", autocompletion=options.effect_names)
     ] = None,
     workers: options.WorkersOption = None,
     scheduler: options.SchedulerOption = None,
     retry: Annotated[bool, Option("--retry", help="Retry measurements that could not be evaluated.")] = False,
-    reports: Annotated[
-        int, Option(help="Number of outliers for which to write a report; the page links to it.", min=0)
-    ] = 3,
+    reports: Annotated[int, Option(help=_REPORTS, min=0)] = 3,
     as_json: options.JsonOption = False,
 ) -> None:
     """Estimate and compare many measurements, and write a table and a web page.

@@ -63,6 +63,8 @@ The arm moves under its guard. Ctrl-C brings it to rest, and no calibration is w
 _COLUMN = "Column of a role: reading, reference, or settled (0 in rows to ignore)."
 _WEIGHTS_KG = "Masses to put on the sensor, in this order, such as 0,1,2,4,2,1,0."
 _REFERENCE_PERCENT = "Standard uncertainty that all references share."
+_READING_UNIT = "Unit of the readings, if the column's name does not end with it."
+_GRAVITY_M_S2 = "Gravitational acceleration at the site."
 
 
 @group.command()
@@ -71,13 +73,9 @@ def force(
     options: CalibrateOptions,
     *,
     column: Annotated[list[str] | None, Option(help=_COLUMN, metavar="ROLE=COLUMN")] = None,
-    reading_unit: Annotated[
-        str | None, Option(help="Unit of the readings, if the column's name does not end with it.")
-    ] = None,
+    reading_unit: Annotated[str | None, Option(help=_READING_UNIT)] = None,
     weights_kg: Annotated[str | None, Option(help=_WEIGHTS_KG, metavar="KG,...")] = None,
-    gravity_m_s2: Annotated[
-        float, Option(help="Gravitational acceleration at the site.", min=9.7, max=9.9)
-    ] = (STANDARD_GRAVITY_M_S2),
+    gravity_m_s2: Annotated[float, Option(help=_GRAVITY_M_S2, min=9.7, max=9.9)] = STANDARD_GRAVITY_M_S2,
     reference_percent: Annotated[
         float, Option(help=_REFERENCE_PERCENT, metavar="PERCENT", min=0, max=50)
     ] = 0.0,
@@ -135,6 +133,9 @@ def force(
 
 
 _POSE = "Pose in which the arm is held: 'home', or one angle per joint; nothing moves."
+_LOWER_STOPS = "Lower hard stops; default: the URDF's limits."
+_UPPER_STOPS = "Upper hard stops; default: the URDF's limits."
+_KNOWN_MRAD = "Standard uncertainty of stops or pose."
 
 
 @group.command()
@@ -143,15 +144,9 @@ def encoder(
     options: MotionOptions,
     *,
     pose: Annotated[str | None, Option(help=_POSE, metavar="RAD,...")] = None,
-    lower_stops: Annotated[
-        str | None, Option(help="Lower hard stops; default: the URDF's limits.", metavar="RAD,...")
-    ] = None,
-    upper_stops: Annotated[
-        str | None, Option(help="Upper hard stops; default: the URDF's limits.", metavar="RAD,...")
-    ] = None,
-    known_mrad: Annotated[
-        float, Option(help="Standard uncertainty of stops or pose.", metavar="MRAD", min=0, max=100)
-    ] = 1.0,
+    lower_stops: Annotated[str | None, Option(help=_LOWER_STOPS, metavar="RAD,...")] = None,
+    upper_stops: Annotated[str | None, Option(help=_UPPER_STOPS, metavar="RAD,...")] = None,
+    known_mrad: Annotated[float, Option(help=_KNOWN_MRAD, metavar="MRAD", min=0, max=100)] = 1.0,
 ) -> None:
     """Calibrate the zeros of the encoders, against hard stops (slowly, at low torque) or in a known pose."""
     robot_file, stops_stated = options.robot_file, lower_stops is not None or upper_stops is not None

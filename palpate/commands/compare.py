@@ -68,6 +68,7 @@ _OTHER = "Second measurement, such as a simulated twin, a repetition after a cha
 _OTHER_MODEL = "Base model of OTHER; without OTHER, a second model of FILE."
 _REVISION = "Compare this revision instead of the base model (palpate revisions)."
 _OTHER_REVISION = "Revision of OTHER; default: the same model is fitted to both."
+_OUT = "Write comparison.json and an HTML report to this folder."
 
 
 @takes_data
@@ -82,9 +83,7 @@ def compare_command(
     other_revision: Annotated[list[int] | None, Option(help=_OTHER_REVISION, metavar="N")] = None,
     folder: FolderOption = None,
     as_json: JsonOption = False,
-    out: Annotated[
-        Path | None, Option(help="Write comparison.json and an HTML report to this folder.", metavar="FOLDER")
-    ] = None,
+    out: Annotated[Path | None, Option(help=_OUT, metavar="FOLDER")] = None,
     force: ForceOption = False,
 ) -> None:
     """Compare a model with the measurement: how large its error is, and where it is largest.

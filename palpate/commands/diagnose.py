@@ -40,6 +40,9 @@ MOST_ASKED = 3  # largest number of unused columns to suggest
 
 
 _EXIT_CODE = "Exit code 10 if missing, else 11 if unexplained, else 12 if insufficient, else 0."
+_CHANNEL = f"Only this channel, such as joint_2; default: {ALL_CHANNELS}."
+_APPLY = "Add the missing effects, and save each step as a revision."
+_OUT = f"Write {RESULT}, report and more to this folder."
 
 
 @takes_data
@@ -47,17 +50,11 @@ def diagnose_command(
     data: DataArguments,
     *,
     model: ModelOption = None,
-    channel: Annotated[
-        str | None, Option(help=f"Only this channel, such as joint_2; default: {ALL_CHANNELS}.")
-    ] = None,
-    apply: Annotated[
-        bool, Option("--apply", help="Add the missing effects, and save each step as a revision.")
-    ] = False,
+    channel: Annotated[str | None, Option(help=_CHANNEL)] = None,
+    apply: Annotated[bool, Option("--apply", help=_APPLY)] = False,
     exit_code: Annotated[bool, Option("--exit-code", help=_EXIT_CODE)] = False,
     as_json: JsonOption = False,
-    out: Annotated[
-        Path | None, Option(help=f"Write {RESULT}, report and more to this folder.", metavar="FOLDER")
-    ] = None,
+    out: Annotated[Path | None, Option(help=_OUT, metavar="FOLDER")] = None,
     force: ForceOption = False,
 ) -> None:
     """Diagnose whether a model lacks a physical effect, which effect, and how certain the answer is.

@@ -32,6 +32,7 @@ _SUBJECT_WIDTH = 20
 _ROBOT = "Robot file of the arm to check before it gets power."
 _AS_BUILT = "With --wire: emulate the devices that this robot file describes."
 _MOVE = "Check the signs of joints and force: by hand, then, after a confirmation, under power."
+_DRIVERS = "Python package with your own drivers."
 
 
 def doctor_command(  # noqa: PLR0917, one parameter an option
@@ -39,9 +40,7 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
     wire: Annotated[bool, Option("--wire", help="Emulate the arm's devices, without any hardware.")] = False,
     as_built: Annotated[str | None, Option(help=_AS_BUILT, metavar="FILE")] = None,
     move: Annotated[bool, Option("--move", help=_MOVE)] = False,
-    drivers: Annotated[
-        list[str] | None, Option(help="Python package with your own drivers.", metavar="PACKAGE")
-    ] = None,
+    drivers: Annotated[list[str] | None, Option(help=_DRIVERS, metavar="PACKAGE")] = None,
     yes: Annotated[bool, Option("--yes", help="With --wire: do not ask before the arm gets power.")] = False,
     as_json: JsonOption = False,
 ) -> None:

@@ -259,6 +259,9 @@ def _export_joints(  # noqa: PLR0917, what was typed
     return _Export(content | {"used": used, "left_out": left_out}, lines)
 
 
+_FORCE = "Replace the file even if palpate did not write it."
+
+
 @takes_data
 def report_command(
     data: DataArguments,
@@ -266,9 +269,7 @@ def report_command(
     model: ModelOption = None,
     folder: FolderOption = None,
     out: Annotated[Path, Option("--out", "-o", help="Page to write.", metavar="FILE.html")] = Path(REPORT),
-    force: Annotated[
-        bool, Option("--force", help="Replace the file even if palpate did not write it.")
-    ] = False,
+    force: Annotated[bool, Option("--force", help=_FORCE)] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Write measurement, models and saved diagnosis to one self-contained HTML page.

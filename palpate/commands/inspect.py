@@ -17,17 +17,16 @@ BOTH = "both.rrd"  # name of a leader's and a follower's recording
 PIXELS = (1600, 1000)  # width and height of a picture
 
 
+_OTHER = "Session of the other side (palpate teleop), shown on the same timeline."
+_SAVE = "Write the recording here instead of opening a window."
+_SCREENSHOT = "Save a picture of the arm during the hold."
+
+
 def inspect_command(  # noqa: PLR0917, one parameter an option
     session: Annotated[Path, Argument(help="Session file (.mcap).")],
-    other: Annotated[
-        Path | None, Argument(help="Session of the other side (palpate teleop), shown on the same timeline.")
-    ] = None,
-    save: Annotated[
-        Path | None, Option(help="Write the recording here instead of opening a window.", metavar="FILE.rrd")
-    ] = None,
-    screenshot: Annotated[
-        Path | None, Option(help="Save a picture of the arm during the hold.", metavar="FILE.png")
-    ] = None,
+    other: Annotated[Path | None, Argument(help=_OTHER)] = None,
+    save: Annotated[Path | None, Option(help=_SAVE, metavar="FILE.rrd")] = None,
+    screenshot: Annotated[Path | None, Option(help=_SCREENSHOT, metavar="FILE.png")] = None,
     plots: Annotated[Path | None, Option(help="Save plots in this folder.", metavar="FOLDER")] = None,
     force: Annotated[bool, Option("--force", help="Replace files that already exist.")] = False,
 ) -> None:

@@ -50,25 +50,22 @@ NO_ESTIMATOR = "none"
 
 
 _SPEED_MM_S = "Approach speeds, such as 150,90,60; default: the plan's."
+_EXPERIMENT = "Probing plan (YAML); the options below replace its values."
+_FORCE_LIMIT_N = "Load up to this force; default: the plan's."
+_ONLINE = f"Estimator to run while probing: {', '.join(online_estimators())}, or none."
 
 
 @with_options(RunOptions)
 def probe_command(
     options: RunOptions,
     *,
-    experiment: Annotated[
-        Path | None, Option(help="Probing plan (YAML); the options below replace its values.")
-    ] = None,
+    experiment: Annotated[Path | None, Option(help=_EXPERIMENT)] = None,
     speed_mm_s: Annotated[str | None, Option(help=_SPEED_MM_S, metavar="MM/S,...")] = None,
-    force_limit_n: Annotated[
-        float | None, Option(help="Load up to this force; default: the plan's.", metavar="N")
-    ] = None,
+    force_limit_n: Annotated[float | None, Option(help=_FORCE_LIMIT_N, metavar="N")] = None,
     hold_s: Annotated[float | None, Option(help="Hold duration; default: the plan's.", metavar="S")] = None,
     repeats: Annotated[int | None, Option(help="Repetitions of all speeds; default: the plan's.")] = None,
     out: SessionOutOption = None,
-    online: Annotated[
-        str, Option(help=f"Estimator to run while probing: {', '.join(online_estimators())}, or none.")
-    ] = "rls",
+    online: Annotated[str, Option(help=_ONLINE)] = "rls",
     yes: YesOption = False,
 ) -> None:
     """Probe an object: approach at several speeds, touch it, load to a force, hold, retract.

@@ -25,6 +25,7 @@ from palpate.workflows.data_options import (
 
 _EFFECTS = "Effects to add, in order."
 _START = "Continue from this revision instead of the newest."
+_OUT = "Write revisions and pictures to this folder."
 
 
 @takes_data
@@ -37,9 +38,7 @@ def add_command(
     model: ModelOption = None,
     channel: Annotated[str | None, Option(help="Channel to add the effects to, such as joint_2.")] = None,
     as_json: JsonOption = False,
-    out: Annotated[
-        Path | None, Option(help="Write revisions and pictures to this folder.", metavar="FOLDER")
-    ] = None,
+    out: Annotated[Path | None, Option(help=_OUT, metavar="FOLDER")] = None,
     force: ForceOption = False,
 ) -> None:
     """Add effects, refit, show how the held-out error falls, and save each step as a revision.
@@ -73,13 +72,14 @@ def add_command(
     console.present(content, show, steps, as_json=as_json)
 
 
+_EFFECT_NAME = "Effect to remove."
+
+
 @takes_data
 def remove_command(
     data: DataArguments,
     *,
-    effect_name: Annotated[
-        str, Argument(help="Effect to remove.", metavar="EFFECT", autocompletion=effect_names)
-    ],
+    effect_name: Annotated[str, Argument(help=_EFFECT_NAME, metavar="EFFECT", autocompletion=effect_names)],
     model: ModelOption = None,
     channel: Annotated[str | None, Option(help="Channel of the effect, such as joint_2.")] = None,
     folder: FolderOption = None,

@@ -23,14 +23,13 @@ _SAMPLE = 4  # cases to run for an estimate of the cost
 
 
 _PLAN = "Show the number of remaining cases and the time they need; if none is done, run a few to measure it."
+_OUT = "Output folder; an interrupted sweep in it is continued."
 
 
 def sweep_command(
     what: Annotated[str, Argument(help="paper, or a YAML file with your own grid.", metavar="paper|FILE")],
     *,
-    out: Annotated[
-        Path | None, Option("--out", "-o", help="Output folder; an interrupted sweep in it is continued.")
-    ] = None,
+    out: Annotated[Path | None, Option("--out", "-o", help=_OUT)] = None,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     limit: Annotated[int | None, Option(help="Run only the first N cases.", min=1)] = None,

@@ -55,12 +55,10 @@ virtual object is updated with this model.
 
 [bold]palpate teleop demo --out DIR[/bold] runs both on this machine, without a device or an arm."""
 )
-NameOption = Annotated[
-    str, Option("--name", help="Name of the pair of leader and follower; the same on both sides.")
-]
-PortOption = Annotated[
-    int, Option("--port", help="Port on this machine's loopback; used if --link is not given.")
-]
+_NAME = "Name of the pair of leader and follower; the same on both sides."
+NameOption = Annotated[str, Option("--name", help=_NAME)]
+_PORT = "Port on this machine's loopback; used if --link is not given."
+PortOption = Annotated[int, Option("--port", help=_PORT)]
 _LINK = "zenoh configuration (JSON5): endpoints, router, certificates."
 LinkOption = Annotated[Path | None, Option("--link", help=_LINK, metavar="FILE")]
 _KEY = "Secret key file, the same on both sides; messages signed with another key are refused."
@@ -69,15 +67,16 @@ _BAD_NETWORK = "For tests: delay and jitter (ms) and loss (%) of this side's mes
 BadNetworkOption = Annotated[str | None, Option("--bad-network", help=_BAD_NETWORK, metavar="MS,MS,%")]
 
 
+_ON_SILENCE = "What to do with the current target if the leader is silent."
+
+
 @group.command()
 @with_options(RunOptions)
 def follower(
     options: RunOptions,
     *,
     experiment: Annotated[Path | None, Option(help="Probing plan (YAML) for every target.")] = None,
-    on_silence: Annotated[
-        SilenceAction, Option(help="What to do with the current target if the leader is silent.")
-    ] = SilenceAction.FINISH,
+    on_silence: Annotated[SilenceAction, Option(help=_ON_SILENCE)] = SilenceAction.FINISH,
     diagnose: Annotated[bool, Option(help="Diagnose which effects the contact law lacks.")] = True,
     name: NameOption = "arm",
     port: PortOption = 7447,

@@ -27,29 +27,25 @@ _DATE = (
 _PARAMETER = "Only this parameter, such as coulomb_friction.force; may be repeated."
 _OUT = "First process the recordings, and write the results to this folder."
 _GROUP = "Follow each group of measurements with the same value of this field separately."
+_DATA = "Folder or table of palpate batch, or with --out a folder of recordings."
+_MODEL = "Base model to fit to the recordings."
+_FOLLOW = "Keep running, and test again whenever there are new data."
+_EXIT_CODE = f"Exit code {CHANGED} if something changes, else 0."
 
 
 def trend_command(
-    data: Annotated[
-        Path, Argument(help="Folder or table of palpate batch, or with --out a folder of recordings.")
-    ],
+    data: Annotated[Path, Argument(help=_DATA)],
     *,
     date: Annotated[str | None, Option(help=_DATE, metavar="FIELD")] = None,
     parameter: Annotated[list[str] | None, Option(help=_PARAMETER, metavar="NAME")] = None,
     out: Annotated[Path | None, Option("--out", "-o", help=_OUT)] = None,
-    model: Annotated[
-        str | None, Option(help="Base model to fit to the recordings.", autocompletion=model_names)
-    ] = None,
+    model: Annotated[str | None, Option(help=_MODEL, autocompletion=model_names)] = None,
     pattern: PatternOption = None,
     group: Annotated[str | None, Option(help=_GROUP, metavar="FIELD")] = None,
     add: AddOption = None,
-    follow: Annotated[
-        bool, Option("--follow", help="Keep running, and test again whenever there are new data.")
-    ] = False,
+    follow: Annotated[bool, Option("--follow", help=_FOLLOW)] = False,
     every_s: Annotated[float, Option(help="Time between two tests of --follow [s].", min=0.1)] = 30.0,
-    exit_code: Annotated[
-        bool, Option("--exit-code", help=f"Exit code {CHANGED} if something changes, else 0.")
-    ] = False,
+    exit_code: Annotated[bool, Option("--exit-code", help=_EXIT_CODE)] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Find parameters that step or drift by more than their scatter, and report when and by how much.

@@ -30,6 +30,7 @@ _HIDDEN = (  # one of these is hidden in it
 
 
 _FOXGLOVE = "Also serve a running probe to Foxglove on this port."
+_RIDDLE = "Hide an effect in a simulated object that you then diagnose."
 
 
 @may_take_data
@@ -40,9 +41,7 @@ def workbench_command(
     port: Annotated[int, Option(min=0, max=65535, help="Port on this machine; 0 selects a free one.")] = 8090,
     no_browser: Annotated[bool, Option("--no-browser", help="Only print the address.")] = False,
     foxglove: Annotated[int | None, Option(min=0, max=65535, help=_FOXGLOVE, metavar="PORT")] = None,
-    riddle: Annotated[
-        bool, Option("--riddle", help="Hide an effect in a simulated object that you then diagnose.")
-    ] = False,
+    riddle: Annotated[bool, Option("--riddle", help=_RIDDLE)] = False,
 ) -> None:
     """Serve a local web page on which you tick effects and see how error, curves and parameters change.
 

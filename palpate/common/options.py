@@ -25,16 +25,13 @@ _ADD = "Effect to fit to every measurement; may be repeated."
 AddOption = Annotated[list[str] | None, Option(help=_ADD, metavar="EFFECT", autocompletion=effect_names)]
 _PATTERN = "Pattern of the file names, whose parts become fields, such as '{specimen}_{day}.csv'."
 PatternOption = Annotated[str | None, Option(help=_PATTERN)]
-WorkersOption = Annotated[
-    int | None, Option(help="Number of processes on this machine; default: one per core.", min=1, max=1000)
-]
-SchedulerOption = Annotated[
-    str | None, Option(help="Run on the workers of this dask scheduler.", metavar="ADDRESS")
-]
+_WORKERS = "Number of processes on this machine; default: one per core."
+WorkersOption = Annotated[int | None, Option(help=_WORKERS, min=1, max=1000)]
+_SCHEDULER = "Run on the workers of this dask scheduler."
+SchedulerOption = Annotated[str | None, Option(help=_SCHEDULER, metavar="ADDRESS")]
 JsonOption = Annotated[bool, Option("--json", help="Print the result as JSON.")]
-SessionOutOption = Annotated[
-    Path | None, Option("--out", "-o", help="Session file to write; default: a new one in sessions/.")
-]
+_SESSION_OUT = "Session file to write; default: a new one in sessions/."
+SessionOutOption = Annotated[Path | None, Option("--out", "-o", help=_SESSION_OUT)]
 _KEYWORD, _NONE = Parameter.KEYWORD_ONLY, Parameter.empty
 
 

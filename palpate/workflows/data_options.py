@@ -16,12 +16,10 @@ from palpate.robot_io.errors import InputError
 if TYPE_CHECKING:
     from palpate.study import Study
 
-FolderOption = Annotated[
-    Path | None, Option(help="Folder of the revisions; default: beside the data.", metavar="FOLDER")
-]
-ForceOption = Annotated[
-    bool, Option("--force", help="Replace existing files of the same names in the folder of --out.")
-]
+_FOLDER = "Folder of the revisions; default: beside the data."
+FolderOption = Annotated[Path | None, Option(help=_FOLDER, metavar="FOLDER")]
+_FORCE = "Replace existing files of the same names in the folder of --out."
+ForceOption = Annotated[bool, Option("--force", help=_FORCE)]
 _MODEL = (
     "Base model, such as kelvin_voigt (an unknown name prints the list); default: the usual one "
     "of each channel."
@@ -34,6 +32,8 @@ _UNIT = "Unit of a quantity or column, such as force=mN or time=ms."
 _WHERE = "Use only rows with this text in a column, such as specimen=P002; for a session, run=0,2."
 _FRESH_RUNS = "Each run pressed a fresh specimen or spot, so no run affects another."
 _TABLE = "Table to read: name of its sheet or line number of its header; default: the longest."
+_CONTEXT = "Another numeric column to use as a signal."
+_RUNS = "Number of presses in a recording; default: detected."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,13 +43,9 @@ class ReadOptions:
     column: Annotated[list[str] | None, Option(help=_COLUMN, metavar="NAME=COLUMN")] = None
     unit: Annotated[list[str] | None, Option(help=_UNIT, metavar="NAME=UNIT")] = None
     where: Annotated[list[str] | None, Option(help=_WHERE, metavar="COLUMN=TEXT")] = None
-    context: Annotated[
-        list[str] | None, Option(help="Another numeric column to use as a signal.", metavar="COLUMN")
-    ] = None
+    context: Annotated[list[str] | None, Option(help=_CONTEXT, metavar="COLUMN")] = None
     fresh_runs: Annotated[bool, Option("--fresh-runs", help=_FRESH_RUNS)] = False
-    runs: Annotated[
-        int | None, Option(min=1, help="Number of presses in a recording; default: detected.", metavar="N")
-    ] = None
+    runs: Annotated[int | None, Option(min=1, help=_RUNS, metavar="N")] = None
 
     table: Annotated[str | None, Option(help=_TABLE, metavar="TABLE")] = None
 
@@ -78,6 +74,8 @@ class ReadOptions:
 
 
 _EFFECT = "Add your own effect to the candidates; the file is executed."
+_URDF = "URDF of the arm, for models that need one."
+_TIP_FRAME = "Tip frame in this URDF; default: tip, otherwise the last link."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,12 +83,8 @@ class StudyOptions(ReadOptions):
     """How to read and model a data file, as the user typed it."""
 
     effect: Annotated[list[str] | None, Option(help=_EFFECT, metavar="FILE.py:CLASS")] = None
-    urdf: Annotated[
-        Path | None, Option(help="URDF of the arm, for models that need one.", metavar="FILE")
-    ] = None
-    tip_frame: Annotated[
-        str | None, Option(help="Tip frame in this URDF; default: tip, otherwise the last link.")
-    ] = None
+    urdf: Annotated[Path | None, Option(help=_URDF, metavar="FILE")] = None
+    tip_frame: Annotated[str | None, Option(help=_TIP_FRAME)] = None
 
 
 _FILE = "Session (.mcap), folder of sessions, or data file (.csv, .xlsx, .parquet, .npz ...)."
