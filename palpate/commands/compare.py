@@ -157,10 +157,7 @@ def compare_command(
 def _as_data(comparison: Comparison) -> dict[str, Any]:
     """Return the comparison of one channel as plain data; the keys are stable."""
     return {
-        "channel": comparison.channel,
-        "model": comparison.model,
-        "effort_unit": comparison.effort_unit,
-        "rmse": comparison.rmse,
+        **{name: getattr(comparison, name) for name in ("channel", "model", "effort_unit", "rmse")},
         "noise_floor": comparison.noise.value,
         "noise_source": comparison.noise.source,
         "noise_at_most": comparison.noise.is_bound,

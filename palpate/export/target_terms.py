@@ -39,14 +39,6 @@ def _mean(p: FitSummary, name: str = "") -> float:
     return max(0.5 * (p[f"{name}forward"] + p[f"{name}backward"]), 0.0)
 
 
-def _asymmetric(dry: Sequence[str], viscous: str) -> TargetTerm:
-    """Average the friction of both directions."""
-    return TargetTerm(
-        lambda p: {**dict.fromkeys(dry, _mean(p)), viscous: _mean(p, "viscous_")},
-        "friction is the same in both directions: their mean is exported",
-    )
-
-
 _ONE_LEVEL = "dry friction has one level at all speeds: the rise at low speed is left out"
 _AT_ONCE = "dry friction changes sign at once: the path over which it builds up is left out"
 _NO_PLACE = "dry friction has one level everywhere: its variation with position is left out"
@@ -68,58 +60,61 @@ REASONS: Mapping[str, str] = {
 SILENT = frozenset({"rigid_body"})  # stated in the arm's own file
 _TILT = {"tilt": "rad"}
 
+
+def _friction(dry: Sequence[str], viscous: str) -> dict[str, TargetTerm | str]:
+    """Return the terms of dry and viscous friction for a target with these names for their levels."""
+
+    def level(fitted: str, lost: str = "") -> TargetTerm:
+        return _named(lost, **dict.fromkeys(dry, fitted))
+
+    return {
+        "asymmetric_friction": TargetTerm(
+            lambda p: {**dict.fromkeys(dry, _mean(p)), viscous: _mean(p, "viscous_")},
+            "friction is the same in both directions: their mean is exported",
+        ),
+        "coulomb_friction": level("force"),
+        "damping": _named(**{viscous: "c"}),
+        "position_dependent_friction": level("level", _NO_PLACE),
+        "presliding_friction": level("force", _AT_ONCE),
+        "stribeck_friction": level("coulomb", _ONE_LEVEL),
+        "viscous_friction": _named(**{viscous: "d"}),
+    }
+
+
+_NO_LOADS = dict.fromkeys(("load_dependent_friction", "load_dependent_presliding"), _NO_LOAD)
 TABLE: Mapping[SimulatorFormat, Mapping[str, TargetTerm | str]] = {
     SimulatorFormat.MJCF: {
+        **_friction(("frictionloss",), "damping"),
+        **_NO_LOADS,
         "armature": _named(armature="inertia"),
-        "asymmetric_friction": _asymmetric(("frictionloss",), "damping"),
         "backlash": _named("the motor's share of inertia and friction stays with the first joint", gap="gap"),
-        "coulomb_friction": _named(frictionloss="force"),
         "cubic_stiffness": _named(cubic="k3"),
-        "damping": _named(damping="c"),
         "delay": _named(sensor_delay_s="time"),
         "gravity_tilt": TargetTerm(lambda p: {"tilt_rad": p["tilt"]}, units=_TILT),
         "joint_elasticity": "needs a second body behind a spring",
         "joint_spring": _named(stiffness="k", preload="preload"),
-        "load_dependent_friction": _NO_LOAD,
-        "load_dependent_presliding": _NO_LOAD,
         "payload": _named(payload_kg="mass"),
-        "position_dependent_friction": _named(_NO_PLACE, frictionloss="level"),
-        "presliding_friction": _named(_AT_ONCE, frictionloss="force"),
         "quadratic_friction": _named(damping_quadratic="d2"),
         "stiffness": _named(stiffness="k"),
-        "stribeck_friction": _named(_ONE_LEVEL, frictionloss="coulomb"),
         "torque_gain": TargetTerm(lambda p: {"gear": 1.0 / p["gain"]}),
         "torque_ripple": "only a <dcmotor> has cogging",
-        "viscous_friction": _named(damping="d"),
     },
     SimulatorFormat.URDF: {
+        **_friction(("friction",), "damping"),
+        **_NO_LOADS,
         "armature": "a URDF has no inertia of a rotor",
-        "asymmetric_friction": _asymmetric(("friction",), "damping"),
-        "coulomb_friction": _named(friction="force"),
-        "damping": _named(damping="c"),
         "gravity_tilt": "a URDF has no gravity: tilt the base where the arm is placed in the world",
-        "load_dependent_friction": _NO_LOAD,
-        "load_dependent_presliding": _NO_LOAD,
         "payload": _named(payload_kg="mass"),
-        "position_dependent_friction": _named(_NO_PLACE, friction="level"),
-        "presliding_friction": _named(_AT_ONCE, friction="force"),
-        "stribeck_friction": _named(_ONE_LEVEL, friction="coulomb"),
         "torque_gain": _GAIN,
-        "viscous_friction": _named(damping="d"),
     },
     SimulatorFormat.ISAACLAB: {
+        **_friction(("friction", "dynamic_friction"), "viscous_friction"),
+        **_NO_LOADS,
         "armature": _named(armature="inertia"),
-        "asymmetric_friction": _asymmetric(("friction", "dynamic_friction"), "viscous_friction"),
         "backlash": "needs a second joint in the USD",
-        "coulomb_friction": _named(friction="force", dynamic_friction="force"),
-        "damping": _named(viscous_friction="c"),
         "delay": _LATE,
         "gravity_tilt": "is set in the scene: SimulationCfg(gravity=...)",
-        "load_dependent_friction": _NO_LOAD,
-        "load_dependent_presliding": _NO_LOAD,
         "payload": "is a mass of the USD: add a rigid body at the tip, or randomize_rigid_body_mass",
-        "position_dependent_friction": _named(_NO_PLACE, friction="level", dynamic_friction="level"),
-        "presliding_friction": _named(_AT_ONCE, friction="force", dynamic_friction="force"),
         "stribeck_friction": TargetTerm(
             lambda p: {
                 "friction": max(p["coulomb"] + p["rise"], p["coulomb"]),
@@ -128,19 +123,14 @@ TABLE: Mapping[SimulatorFormat, Mapping[str, TargetTerm | str]] = {
             "static friction ends as soon as the joint moves, not gradually around the Stribeck speed",
         ),
         "torque_gain": _GAIN,
-        "viscous_friction": _named(viscous_friction="d"),
     },
     SimulatorFormat.BAM: {
+        **_friction(("friction_base",), "friction_viscous"),
         "armature": _named(armature="inertia"),
-        "asymmetric_friction": _asymmetric(("friction_base",), "friction_viscous"),
-        "coulomb_friction": _named(friction_base="force"),
-        "damping": _named(friction_viscous="c"),
         "delay": _LATE,
         # BAM's load is the difference of motor and external torque, twice the load of a joint in balance
         "load_dependent_friction": TargetTerm(lambda p: {"load_friction_base": 0.5 * p["mu"]}),
         "payload": "is a mass of the arm, not of the servo",
-        "position_dependent_friction": _named(_NO_PLACE, friction_base="level"),
-        "presliding_friction": _named(_AT_ONCE, friction_base="force"),
         "stribeck_friction": TargetTerm(
             lambda p: {
                 "friction_base": p["coulomb"],
@@ -150,7 +140,6 @@ TABLE: Mapping[SimulatorFormat, Mapping[str, TargetTerm | str]] = {
             }
         ),
         "torque_gain": _GAIN,
-        "viscous_friction": _named(friction_viscous="d"),
     },
 }
 OF_ARM = frozenset({"tilt_rad", "payload_kg"})  # values of the whole arm
