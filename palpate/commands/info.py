@@ -103,10 +103,9 @@ def _describe_session(session: Session) -> dict[str, Any]:
         )
     return {
         "file": str(session.path),
-        "created_utc": metadata.created_utc,
-        "software_version": metadata.software_version,
-        "command_line": metadata.command_line,
-        "seed": metadata.seed,
+        **{
+            key: getattr(metadata, key) for key in ("created_utc", "software_version", "command_line", "seed")
+        },
         "calibrations": calibrations,
         "simulated": bool(metadata.scenario),
         "extra": dict(metadata.extra),
