@@ -30,7 +30,13 @@ from palpate.estimation.diagnosis.forms import (
 )
 from palpate.estimation.diagnosis.residual_checks import exceeds_noise
 from palpate.estimation.diagnosis.result import ChannelDiagnosis, Diagnosis
-from palpate.estimation.diagnosis.search import Progress, Search, prepare_search, select_effects
+from palpate.estimation.diagnosis.search import (
+    MOST_EFFECTS,
+    Progress,
+    Search,
+    prepare_search,
+    select_effects,
+)
 from palpate.estimation.diagnosis.verdict import (
     Evidence,
     decide_verdict,
@@ -47,6 +53,7 @@ from palpate.estimation.shared_gains import with_shared_gains
 from palpate.estimation.signals.motion import FEW_LEVELS, is_stepwise_command
 from palpate.estimation.workers import single_threaded, worker_pool
 
+_EXTENSIONS = 3  # best candidates that are tried beside accepted effects
 _MIN_ADEQUATE = 100  # samples below which a model is not called adequate
 
 
@@ -172,6 +179,33 @@ def _find_effects(
         rival, rival_tests = accept_forms(search, kinds(), forms_fit, checks.measurement)
         if search.is_better(rival, end) and not _is_likelier(search, end, rival):
             end, tests = rival, rival_tests
+        end, tests = _extend_accepted(search, end, tests, checks, kinds)
+    return end, tests
+
+
+def _extend_accepted(
+    search: Search,
+    end: FitResult,
+    tests: list[FormTest],
+    checks: Completeness,
+    kinds: Callable[[], PartiallyLinear],
+) -> tuple[FitResult, list[FormTest]]:
+    """Add effects to an incomplete model of accepted effects, as long as they are all accepted.
+
+    The search selects the effects that fit best jointly. If some of them are not accepted, it may have missed
+    the effects that explain their part of the error.
+    """
+    while not checks.is_complete(end) and len(accepted := search.added_effects(end)) < MOST_EFFECTS:
+        possible = [candidate for candidate in search.screen(end) if candidate.possible][:_EXTENSIONS]
+        tried = (
+            accept_forms(search, kinds(), extended, checks.measurement)
+            for extended in map(search.with_candidate, possible)
+            if search.is_needed(end, extended)
+        )
+        longer = next((pair for pair in tried if set(accepted) < set(search.added_effects(pair[0]))), None)
+        if longer is None:
+            break
+        end, tests = longer
     return end, tests
 
 

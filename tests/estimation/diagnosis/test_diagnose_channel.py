@@ -61,6 +61,31 @@ FLOW = {  # what is true of a channel: what is answered
     "the same, and nothing is left": ({"step": "coarse"}, ("base", True)),
     "the best forms leave less": ({"found": "b", "forms": "a", "complete": False}, ("a", False)),
     "they leave more": ({"found": "a", "forms": "b", "complete": False}, ("a", False)),
+    "an effect is found beside those accepted": (
+        {"found": "a", "beside": {"a": ["a+b"]}, "complete": False},
+        ("a+b", False),
+    ),
+    "effects are found one after the other, behind others that are not accepted": (
+        {"found": "a", "beside": {"a": ["b", "c", "a+d"], "a+d": ["a+d+e"]}, "complete": False},
+        ("a+d+e", False),
+    ),
+    "the fourth candidate is not tried": (
+        {"found": "a", "beside": {"a": ["b", "c", "d", "a+e"]}, "complete": False},
+        ("a", False),
+    ),
+    "four effects are enough": (
+        {"found": "a+b+c+d", "beside": {"a+b+c+d": ["a+b+c+d+e"]}, "complete": False},
+        ("a+b+c+d", False),
+    ),
+    "an effect in place of those accepted": (
+        {"found": "a", "beside": {"a": ["b"]}, "complete": False},
+        ("a", False),
+    ),
+    "an effect that is not needed": (
+        {"found": "a", "beside": {"a": ["a+c"]}, "needless": "a+c", "complete": False},
+        ("a", False),
+    ),
+    "only one effect bears a name": ({"beside": {"base": ["s"]}, "complete": False}, ("s", False)),
     "an effect gains nothing in the shown steps": ({"found": "a+b", "idle": {"a+b": "b"}}, ("a", True)),
     "a minimum that the shown steps miss": ({"found": "a", "missed": ("a",)}, ("a", False)),
     "it cannot say": ({"refused": "too short"}, "too short"),
@@ -100,8 +125,12 @@ def test_channel_is_searched_reduced_and_reported(name, monkeypatch):
     search = SimpleNamespace(
         start=base, coarse=None, rng=None, fitted=fitted, is_better=lambda one, other: one < other
     )
+    beside = given.get("beside", {})
+    search.screen = lambda one: [SimpleNamespace(possible=True, model=model) for model in beside.get(one, [])]
+    search.is_needed = lambda before, after: after != given.get("needless")
     search.data, search.progress = swings(1, runs=2), lambda what, share: None
     search.added_effects = lambda one: [] if one == "base" else one.split("+")
+    search.with_candidate = lambda option: _Named(option.model)
     search.without = lambda one, name: _Named(one.removesuffix(f"+{name}"))
     rough = given.get("forms", "base")
 
