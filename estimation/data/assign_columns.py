@@ -29,6 +29,7 @@ from palpate.estimation.data.column_names import (
     Role,
     channel_pairs,
     guess_columns,
+    is_absolute,
     parse_role,
     role_of_option,
     si_unit,
@@ -342,8 +343,16 @@ def _orient_signs(
     }
     factors = {DISPLACEMENT: sides.displacement, FORCE: sides.force}
     flipped = {key: assigned[key].column for key in factors if factors[key] < 0.0 and key not in scaled}
+    is_magnitude = is_absolute(force.column) and units.table.numbers(force.column).min() >= 0.0
+    keeps_sign = is_magnitude and flipped.pop(FORCE, None) is not None
     result = assigned | {key: replace(assigned[key], factor=-assigned[key].factor) for key in flipped}
     notes = []
+    if keeps_sign:
+        notes.append(
+            f"'{force.column}' holds absolute values according to its name, so its sign is kept, although "
+            f"it falls where '{depth.column}' rises; if another column holds the force with its sign, add "
+            "--column force=COLUMN"
+        )
     if flipped:
         keep = " ".join(f"--unit {key[0]}=1{assigned[key].unit}" for key in flipped)
         are, signs = ("are", "their signs are") if len(flipped) > 1 else ("is", "its sign is")

@@ -176,6 +176,15 @@ def unit_in_name(name: str) -> str:
     return split_unit(_REPEATED.sub("", name))[1]
 
 
+def is_absolute(name: str) -> bool:
+    """Return whether a column holds absolute values, by a word in its name.
+
+    Args:
+        name: name of a column.
+    """
+    return not _ABSOLUTE.isdisjoint(words_of(name))
+
+
 def is_angle(name: str) -> bool:
     """Return whether a column holds an angle, by the unit in its name or else by a word.
 
@@ -199,6 +208,7 @@ _COUNTS = frozenset(["counts", "count", "ticks", "raw", "adc", "lsb"])  # number
 _ANGLES = frozenset("angle angles theta winkel angulo angolo encoder encoders enc".split())  # noqa: SIM905
 # Durations that have a unit of time but are no clock.
 _NO_CLOCK = frozenset(["pwm", "pulse", "esc", "delay", "latency", "lag"])
+_ABSOLUTE = frozenset(["abs", "absolute", "absolut", "betrag", "magnitude"])
 _ENCODER = frozenset(["encoder", "encoders", "enc"])
 _UNINFORMATIVE = frozenset(
     "actual act measured feedback present ist joint joints state states j value values".split()  # noqa: SIM905
