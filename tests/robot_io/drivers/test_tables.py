@@ -12,6 +12,13 @@ from palpate.robot_io.drivers.servo.line import Register
 from palpate.sim_backend.emulators import feetech as emulated_sts
 from palpate.sim_backend.emulators.dynamixel_servo import MODELS, control_table
 
+DYNAMIXEL = """
+9 return delay time 1, 10 drive mode 1, 11 operating mode 1, 12 secondary id 1, 20 homing offset -4,
+31 temperature limit 1, 32 max voltage limit 2, 34 min voltage limit 2, 38 current limit 2,
+64 torque enable 1, 68 status return level 1, 70 hardware error status 1,
+98 bus watchdog -1, 102 goal current -2, 126 present current -2, 128 present velocity -4,
+132 present position -4, 144 present input voltage 2, 146 present temperature 1
+"""  # address, name, bytes (minus: signed)
 FEETECH = """
 0 firmware version 2, 3 model number 2, 7 return delay time 1, 8 response status level 1,
 9 min position limit 2, 11 max position limit 2, 13 max temperature limit 1,
@@ -24,16 +31,21 @@ FEETECH = """
 """  # bytes/sign bit
 
 
-def stated(entry):
-    """A register of the table above."""
-    address, *name, form = entry.split()
-    size, _, sign_bit = form.partition("/")
-    return Register(" ".join(name), int(address), int(size), sign_bit=int(sign_bit) if sign_bit else None)
+def stated(text):
+    """Registers by name."""
+    found = {}
+    for entry in text.replace("\n", " ").split(","):
+        address, *name, form = entry.split()
+        size, _, sign_bit = form.partition("/")
+        sign = int(sign_bit) if sign_bit else None
+        found[" ".join(name)] = Register(" ".join(name), int(address), abs(int(size)), int(size) < 0, sign)
+    return found
 
 
-def test_feetech_addresses_match_the_manual():
-    known = [one for one in vars(feetech).values() if isinstance(one, Register)]
-    assert sorted(known, key=lambda one: one.address) == [*map(stated, FEETECH.split(","))]
+@pytest.mark.parametrize(("tables", "text"), [(dynamixel, DYNAMIXEL), (feetech, FEETECH)])
+def test_register_addresses_match_the_manual(tables, text):
+    known = [one for one in vars(tables).values() if isinstance(one, Register)]
+    assert {one.name: one for one in known} == stated(text)
 
 
 @pytest.mark.parametrize("name", dynamixel.MODELS)
