@@ -173,7 +173,9 @@ def fit_arm(motion: ArmMotion, body: RigidBody) -> ArmFit:
                 f"{STANDSTILL_RAD_S} rad/s"
             )
         if spread < _MIN_TORQUE_NM:
-            raise InputError(f"joint {joint} carries the same load everywhere: its gain is unknown")
+            raise InputError(
+                f"joint {joint} carries the same load everywhere: its torque gain cannot be identified"
+            )
     tilt_norms = np.linalg.norm((gravity @ gravity_direction_derivatives(np.zeros(2))).reshape(-1, 2), axis=0)
     axes = np.asarray(tilt_norms > _MIN_TILT_EFFECT * max(float(tilt_norms.max()), _MIN_TORQUE_NM))
     solver = _Solver(motion, inertial, gravity, moving, axes)

@@ -26,7 +26,11 @@ class Component:
         """Open the device; raise `DeviceError` if it is absent or not the expected model."""
 
     def activate(self) -> None:
-        """Prepare for commands, program and read back the own watchdog; raise `DeviceError` if refused."""
+        """Prepare for commands; program the device's own watchdog and read it back.
+
+        Raises:
+            DeviceError: the device refused.
+        """
 
     def deactivate(self) -> None:
         """Switch the torque off. Works in every state, also after a failure, and can be called again."""

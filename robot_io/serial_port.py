@@ -152,7 +152,7 @@ class SerialPort:
             raise self._failed(error) from error
 
     def wait(self, deadline_s: float) -> bytes:
-        """Wait for bytes and return them, none at the deadline; raise `DeviceError` if the port is gone.
+        """Wait for bytes and return them, none at the deadline; raise `DeviceError` if closed or gone.
 
         Args:
             deadline_s: end of the wait, robot's clock [s].

@@ -89,7 +89,7 @@ class JointEffect(ABC):
 
     @abstractmethod
     def joint_torque_nm(self, state: JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
-        """Compute the torques that reach the links in a physics step, shape (n,) [N m].
+        """Compute the torques that reach the links, shape (n,) [N m]; called once at each physics step.
 
         The drive's torque sensor does not measure the change, just as a motor current does not include
         bearing friction.
@@ -117,7 +117,7 @@ class JointFriction:
     resistance_nm: Callable[[float, float], float]
 
     def friction_nm(self, state: JointStepState, limit_nm: Sequence[float]) -> Sequence[float]:
-        """Add the resistance to that of one joint in a physics step, shape (n,), 0 or more [N m].
+        """Add the resistance of one joint, shape (n,), 0 or more [N m]; called once at each physics step.
 
         As with `JointEffect`, the drive's torque sensor does not measure it.
 

@@ -305,11 +305,14 @@ class RigidBody:
         return np.array(pin.aba(self._model, self._data, position_rad, velocity_rad_s, torque_nm))
 
     def effective_mass(self, position_rad: FloatArray, lever_m: FloatArray) -> float:
-        """Compute the effective mass of the tip in one direction, 1 / (b^T M^-1 b), 0 if it is fixed [kg].
+        """Compute the effective mass of the tip in one direction, 1 / (b^T M^-1 b) [kg].
 
         Args:
             position_rad: joint positions, shape (n,) [rad].
             lever_m: b, speed of the tip in that direction per joint velocity, shape (n,) [m].
+
+        Returns:
+            Effective mass [kg]; 0 if the tip cannot move in that direction.
         """
         inverse = pin.computeMinverse(self._model, self._data, position_rad)
         mobility_1_kg = float(lever_m.dot(inverse).dot(lever_m))

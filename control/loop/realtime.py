@@ -89,7 +89,10 @@ def _fifo(priority: int) -> Iterator[None]:
 
 @contextmanager
 def _locked_memory() -> Iterator[None]:
-    """Lock pages once they are used (Arrow only reserves a gigabyte); future pages only without a limit."""
+    """Lock pages once they are used, since Arrow reserves a gigabyte that it never uses.
+
+    Future pages are locked only if no limit could make an allocation fail.
+    """
     _require_linux()
     if _locked_kib():  # an existing lock is kept
         yield

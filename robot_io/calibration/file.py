@@ -65,7 +65,7 @@ class Quantities(FileModel):
     def _check_lengths(self) -> "Quantities":
         if len(self.value) != len(self.std_err):
             raise ValueError(
-                f"has {len(self.value)} values, {len(self.std_err)} uncertainties; give one per joint"
+                f"has {len(self.value)} values, {len(self.std_err)} uncertainties; give one of each per joint"
             )
         return self
 

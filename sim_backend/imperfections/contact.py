@@ -220,7 +220,10 @@ class _BristleFriction(_StatefulContact[tuple[float, float]], MaterialEffect):
         self._friction = friction
 
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
-        """Add z = f + (z0 - f) exp(-abs(dx) / s) in contact, with f in the direction of the step dx."""
+        """Add z = f + (z0 - f) exp(-abs(dx) / s) in contact.
+
+        f is the friction in the direction of the step dx, z0 the force before it, and s the slip distance.
+        """
         before_m, before_n = self.confirmed
         depth_m = max(state.depth_m, 0.0)
         step_m = depth_m - before_m

@@ -248,7 +248,13 @@ class _TransmissionImperfection(JointImperfection, ABC):
 
     @abstractmethod
     def _next_offset_rad(self, offset_rad: float, step_s: float, torque_nm: float) -> float:
-        """Compute the lead of the encoder after a step, from that before it and the torque through it."""
+        """Compute by how much the encoder leads the link after a step [rad].
+
+        Args:
+            offset_rad: lead before the step [rad].
+            step_s: duration of the step [s].
+            torque_nm: torque from the drive to the link, along the joint axis [N m].
+        """
 
 
 class _LinkOffset(hooks.JointEffect, hooks.SensorHook):

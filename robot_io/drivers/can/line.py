@@ -293,7 +293,7 @@ class CanLine:
         return self._bus is not None
 
     def send(self, frame: CanFrame, deadline_s: float) -> None:
-        """Hand a frame to the adapter; raise `DeviceError` if it refuses, is closed or bus-off.
+        """Hand a frame to the adapter; raise `DeviceError` if closed, bus-off, or refused until then.
 
         Args:
             frame: frame to send.

@@ -275,7 +275,7 @@ StateType = TypeVar("StateType")
 
 
 class PolledMotorBus(MotorBus, Generic[StateType]):
-    """Motors that answer each frame with their state, and switch their torque off without commands."""
+    """Motors that answer each frame with their state, and switch off `watchdog_s` after the last command."""
 
     def __init__(
         self,

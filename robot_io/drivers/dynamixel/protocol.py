@@ -238,7 +238,9 @@ class FastReply:
             # The first mismatch shows whose part it is; the last checksum covers all parts.
             ends = zip(self._ids, range(_FAST_HEAD + self._part, self.size, self._part), strict=False)
             damaged = (i for i, end in ends if packet[end - 2 : end] != _checksum(packet[: end - 2]))
-            raise ProtocolError(f"CRC mismatch in servo {next(damaged, self._ids[-1])}'s part of a sync read")
+            raise ProtocolError(
+                f"CRC mismatch in servo {next(damaged, self._ids[-1])}'s part of a fast sync read"
+            )
         errors, ids = packet[_FAST_HEAD :: self._part], packet[_FAST_HEAD + 1 :: self._part]
         if ids != self._ids:
             answered, asked = next(pair for pair in zip(ids, self._ids, strict=True) if pair[0] != pair[1])

@@ -60,7 +60,9 @@ class PlausibilityFilter:
     """Check that rejects implausible feedback of the servos of this bus.
 
     Args:
+        clock: The robot's clock.
         settings: Settings sent to each servo, by its id, in the order of the answers.
+        fastest_counts_s: Largest plausible speed of a joint [counts/s].
     """
 
     def __init__(self, clock: Clock, settings: Mapping[int, Settings], fastest_counts_s: float) -> None:

@@ -220,11 +220,13 @@ class MitBusSettings(CanLineSettings):
                 f"host_id {self.host}: Robstride's motors allow at most {LARGEST_ROBSTRIDE_HOST}"
             )
         if self.ask_with == "enter" and self.dialect.activation_registers:
-            raise ValueError(f"ask_with 'enter': would power motors of '{self.maker}'")
+            raise ValueError(f"ask_with 'enter' is not allowed: it would power motors of '{self.maker}'")
         if self.dialect.has_answer_ids and self.host_id is not None:
             raise ValueError("host_id: Damiao motors have an 'answer_id' each instead")
         if not self.dialect.has_answer_ids and any(motor.answer_id is not None for motor in self.motors):
-            raise ValueError(f"motors: only Damiao's have an 'answer_id'; give '{self.maker}' one 'host_id'")
+            raise ValueError(
+                f"motors: only Damiao's have an 'answer_id'; give '{self.maker}' one 'host_id' for all"
+            )
         # An answer under a motor's id would be a command to it.
         has_own = self.dialect.has_answer_ids
         answer_ids = [self.answer_ids(motor)[0] for motor in self.motors] if has_own else [self.host]

@@ -50,7 +50,7 @@ class SerialReader:
 
     If more time than usual passes between two reads of the port, the arrival of the bytes is unknown, and
     they get the time of the earlier read. So a reader that falls behind shows an old sample, never a fresh
-    one.
+    one. The range ends at `capacity_n`.
 
     Many protocols have no checksum. After damaged data the next two readings are discarded, and more of them
     if damage recurs. A jump by more than 1 % of the capacity is accepted only with the next reading, if that

@@ -349,10 +349,13 @@ class ServoJoints:
         self._offsets[0] += _whole_turns(first_rad - shown_rad)
 
     def motion(self, counts: Sequence[Sequence[float]]) -> FloatArray:
-        """Convert counts to positions [rad], speeds [rad/s] and torques [N m] of the joints, shape (3, m).
+        """Convert counts to positions [rad], speeds [rad/s] and torques [N m] along the joint axes.
 
         Args:
-            counts: Counts of position, velocity and torque, shape (3, m).
+            counts: Counts of position, velocity and torque of m servos, shape (3, m).
+
+        Returns:
+            Shape (3, m).
         """
         motion: FloatArray = np.array(counts, dtype=np.float64)
         motion *= self.steps

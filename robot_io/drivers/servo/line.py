@@ -269,7 +269,10 @@ class ServoLine(ABC):
 
     @abstractmethod
     def prepare(self) -> None:
-        """Switch off, write the settings for a run, read them back; raise `DeviceError` if they differ."""
+        """Write the settings for a run and read them back; raise `DeviceError` if they differ.
+
+        The torque is off from here on.
+        """
 
     @abstractmethod
     def switch_on(self) -> object:
