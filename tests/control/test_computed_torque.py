@@ -7,9 +7,10 @@ from palpate.control.laws.computed_torque import ComputedTorque, Pid
 from palpate.control.laws.gains import Gains, TrackingGains, gains_of
 from palpate.control.paths.trajectory import JointMotion, JointMove
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.robot_file import parse_robot_file
+from palpate.robot_io.robot_file import load_robot_file, parse_robot_file
 from tests.control.probing_runs import TICK_S, plant_above
 from tests.control.reference_plant import test_arm
+from tests.control.simulated_arms import ARMS
 from tests.mock_robot import ROBOT_YAML
 
 NONE = np.zeros(3)
@@ -56,6 +57,16 @@ def test_constant_disturbance_is_rejected():
     errors = follow(plant, ComputedTorque(test_arm(), TrackingGains()), lambda _: still, 2.0, push)
     assert np.abs(errors).max() > 1e-3  # it was felt
     assert np.abs(errors[-1]).max() < 2e-5
+
+
+def test_reset_forgets_the_disturbance():
+    plant = plant_above(height_m=0.2)
+    still = JointMotion(plant.position_rad.copy(), NONE, NONE)
+    controller = ComputedTorque(test_arm(), TrackingGains())
+    follow(plant, controller, lambda _: still, 0.5, np.array([1.0, -0.5, 0.2]))
+    controller.reset()
+    torque = controller.step(plant_above(height_m=0.2).measure(), still, NONE, TICK_S)
+    assert torque == pytest.approx(test_arm().gravity(still.position_rad), abs=1e-9)
 
 
 def pid(**changes) -> Pid:
@@ -156,8 +167,15 @@ def test_missing_gains_get_defaults():
         ("{contact: {mas_kg: 2}}", r"arm.yaml line \d+, gains.contact.mas_kg: .*did you mean 'mass_kg'"),
         ("{contact: {mass_kg: -2}}", r"gains.contact.mass_kg: .*greater than 0 \(is -2\)"),
         ("{tracking: {bandwidth_rad_s: 20, integral_rate_1_s: 15}}", r"gains.tracking: .*too fast"),
+        ("{touch: {debounce_samples: 0}}", "gains.touch.debounce_samples"),
+        ("{contact: {loading_aim: 0.5}}", "gains.contact.loading_aim"),
     ],
 )
 def test_invalid_gain_names_file_line_and_key(text, message):
     with pytest.raises(InputError, match=message):
         gains_of(file_with(f"gains: {text}\n"))
+
+
+@pytest.mark.parametrize("name", ["leader", "follower"])
+def test_shipped_arms_have_valid_gains(name):
+    gains_of(load_robot_file(ARMS / name / f"{name}.yaml"))

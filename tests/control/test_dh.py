@@ -27,6 +27,14 @@ def test_one_revolute_row_by_hand():
     assert frame[:3, 2] == pytest.approx((1.0, 0.0, 0.0), abs=1e-12)  # and z onto the old x
 
 
+def test_one_prismatic_row_by_hand():
+    row = DhRow(name="j", type="prismatic", theta_rad=np.pi / 2, d_m=0.1, a_m=0.3, alpha_rad=np.pi / 2)
+    expected = [[0, 0, 1, 0], [1, 0, 0, 0.3], [0, 1, 0, 0.35], [0, 0, 0, 1]]  # 0.25 m further along z
+    assert DhTable(name="a", rows=(row,)).tip_frame(np.array([0.25])) == pytest.approx(
+        np.array(expected), abs=1e-12
+    )
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -34,6 +34,7 @@ def test_every_target_gets_every_repeat_of_every_speed_and_a_unit_direction():
     [
         ("speeds_m_s: []", "plan.yaml line 1, speeds_m_s"),
         ("speeds_m_s: [0.1, -0.1]", "speeds_m_s entry 2: .*greater than 0"),
+        ("speeds_m_s: [10]", "speeds_m_s entry 1: .*less than or equal to 1 "),
         ("force_limit: 5", "force_limit: .*did you mean 'force_limit_n'"),
         ("force_limit_n: 1e-300", "force_limit_n: .*greater than or equal to 0.01"),
         ("press_direction_world: [0, 0, 0]", "has no direction"),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.control.loop.loop import run_loop
+from palpate.control.loop.loop import FIRST_SAMPLE_S, run_loop
 from palpate.control.loop.result import Outcome
 from palpate.robot_io.errors import DeviceTimeoutError
 from palpate.robot_io.guard import Guard
@@ -48,6 +48,7 @@ def test_loop_starts_with_new_samples_after_any_pause(make_robot, robot_file, pa
 
 @pytest.mark.parametrize("robot_file", [ODRIVE, CUBEMARS], ids=["odrive", "cubemars"])
 def test_motor_silent_before_the_loop_is_named_and_power_stays_off(make_robot, robot_file, monkeypatch):
+    assert FIRST_SAMPLE_S == 1.0
     monkeypatch.setattr("palpate.control.loop.loop.FIRST_SAMPLE_S", 0.3)
     arm = make_robot(robot_file)
     arm.robot.configure()

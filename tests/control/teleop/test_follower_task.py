@@ -112,7 +112,7 @@ def test_lost_link_in_contact_ends_as_configured_and_keeps_the_queue(on_silence,
     assert rig.plant.contact_force_n() == 0.0
 
 
-@pytest.mark.parametrize("phase", [Phase.MOVE, Phase.APPROACH, Phase.HOLD])
+@pytest.mark.parametrize("phase", [Phase.MOVE, Phase.FREE_AIR, Phase.APPROACH, Phase.LOADING, Phase.HOLD])
 def test_target_can_be_canceled_at_any_time(phase):
     rig = FollowerRig()
     rig.queue.take(intent(NEAR))
