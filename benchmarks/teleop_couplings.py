@@ -475,6 +475,11 @@ class DelayLine(Generic[T]):
             arrives_s = time_s + self._faults.delay_s + late * self._faults.jitter_s
             heapq.heappush(self._under_way, (arrives_s, self._number, packet))
 
+    @property
+    def next_s(self) -> float:
+        """Time of the next arrival [s]; infinite if no packet is under way."""
+        return self._under_way[0][0] if self._under_way else float("inf")
+
     def arrived(self, time_s: float) -> list[tuple[int, T]]:
         """Packets that have arrived by `time_s` [s] since the last call, each with its number."""
         arrived = []

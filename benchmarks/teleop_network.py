@@ -18,15 +18,14 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 import yaml
 from harness import PALPATE, arguments
+from teleop_couplings import DelayLine, LinkFaults
 
-from palpate.robot_io.link.connection import Impairment, NetworkEmulator
 from palpate.robot_io.session import Session
 from palpate.sim_backend.scenario import load_scenario
 from palpate.teleop.demo import script, write_worlds
@@ -39,11 +38,10 @@ ADDRESSES = ("10.99.0.1", "10.99.0.2")
 _TUNSETIFF, _IFF_TUN, _IFF_NO_PI = 0x400454CA, 0x0001, 0x1000  # Linux, linux/if_tun.h
 _CLONE_NEWNET = 0x40000000  # Linux, sched.h
 _DEVICE, _MOST_BYTES = "link0", 65536
-_LOOK_S = 5e-4  # interval at which the relay looks for packets that are due
 
 
 @contextmanager
-def namespaces(impairment: Impairment) -> Iterator[tuple[str, ...]]:
+def namespaces(faults: LinkFaults, seed: int = 0) -> Iterator[tuple[str, ...]]:
     """Both namespaces, with the relay between them, as long as the context is open.
 
     Raises:
@@ -54,7 +52,7 @@ def namespaces(impairment: Impairment) -> Iterator[tuple[str, ...]]:
     try:
         for name in NAMES:
             _ip("netns", "add", name)
-        relay = context.Process(target=_relay, args=(impairment, ready), daemon=True)
+        relay = context.Process(target=_relay, args=(faults, seed, ready), daemon=True)
         relay.start()
         if not ready.wait(10.0):
             raise OSError("the relay has not begun")
@@ -85,18 +83,18 @@ def _device(name: str) -> int:
     return device
 
 
-def _relay(impairment: Impairment, ready) -> None:  # noqa: ANN001
+def _relay(faults: LinkFaults, seed: int, ready) -> None:  # noqa: ANN001
     devices = [_device(name) for name in NAMES]
     ready.set()
-    networks = [NetworkEmulator(replace(impairment, seed=2 * impairment.seed + way)) for way in (0, 1)]
+    line = DelayLine[tuple[int, bytes]](faults, np.random.default_rng(seed))
     while True:
-        for device in select.select(devices, [], [], _LOOK_S)[0]:
-            way = devices.index(device)
-            networks[way].put(os.read(device, _MOST_BYTES), time.monotonic())
-        for network, opposite in zip(networks, devices[::-1], strict=True):
-            for packet in network.due(time.monotonic()):
-                with suppress(OSError):  # the other side is not up yet
-                    os.write(opposite, packet)
+        come, _, _ = select.select(devices, [], [], min(1.0, max(0.0, line.next_s - time.monotonic())))
+        for device in come:
+            opposite = devices[1 - devices.index(device)]
+            line.send((opposite, os.read(device, _MOST_BYTES)), time.monotonic())
+        for _, (device, packet) in line.arrived(time.monotonic()):
+            with suppress(OSError):  # the other side is not up yet
+                os.write(device, packet)
 
 
 def main() -> None:
@@ -108,13 +106,12 @@ def main() -> None:
     parser.add_argument("--over", choices=("tcp", "udp"), default="udp")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    delay_s, jitter_s = 1e-3 * options.delay_ms, 1e-3 * options.jitter_ms
-    impairment = Impairment(delay_s, jitter_s, options.loss, options.seed)
-    with tempfile.TemporaryDirectory() as folder, namespaces(impairment):
+    faults = LinkFaults(1e-3 * options.delay_ms, 1e-3 * options.jitter_ms, options.loss)
+    with tempfile.TemporaryDirectory() as folder, namespaces(faults, options.seed):
         merged = run(Path(folder), options.over)
         link = merged.leader.samples("link")
         rendered = merged.compare_rendered_to_real(load_scenario("stiff"))
-        print(f"over {options.over}, {impairment}, each way of every IP packet")
+        print(f"over {options.over}, {faults} (delay + jitter, loss) each way of every IP packet")
         share, count = rendered.settled().share, len(rendered.real_n)
         counts = ", ".join(f"{link[kind][-1]} {kind}" for kind in ("fresh", "late", "reordered", "lost"))
         print(f"felt force: {100 * share:.2g} % rms from the real one, {count} samples")

@@ -32,7 +32,8 @@ from palpate.workflows.data_options import (
     takes_data,
 )
 
-RESULT = "comparison.json"
+RESULT, RECORDING = "comparison.json", "sides.rrd"
+PAIR_FILES = {"result": RESULT, "report": REPORT, "recording": RECORDING}  # of two measurements
 
 
 def _chosen_revisions(study: Study, numbers: Sequence[int]) -> list[Revision]:
@@ -204,7 +205,7 @@ def _compare_pair(  # noqa: PLR0917, what was typed
             "COLUMN compares the specimens of one file"
         )
     if out is not None:
-        spare_files(out, (RESULT, REPORT), force=force, keep=files)
+        spare_files(out, PAIR_FILES.values(), force=force, keep=files)
     same = files[0] == files[1]
     given: dict[str, Any] = {"revision": revisions[0], "other-revision": revisions[1], "folder": folder}
     is_of_base_models = same and not any(given.values())
@@ -228,16 +229,17 @@ def _compare_pair(  # noqa: PLR0917, what was typed
     content = {"files": [str(file) for file in files], "channels": [as_data(pair) for pair in pairs]}
     console.present(content, lambda: print_pair(console.stdout(), view), as_json=as_json)
     if out is not None:
-        with console.stderr().status("drawing"):
-            from palpate.render.paired_report import document  # noqa: PLC0415, plotting takes long to import
+        with console.stderr().status("report and recording"):
+            # plotting libraries take long to import
+            from palpate.render.paired_report import document, record_pair  # noqa: PLC0415
 
             texts = {output_folder(out) / RESULT: json_text(content), out / REPORT: document(view)}
             with atomic_write_all(texts):
-                pass
+                record_pair(view, out / RECORDING)
         if not as_json:
-            print_files(console.stdout(), {"result": out / RESULT, "report": out / REPORT})
+            print_files(console.stdout(), {what: out / name for what, name in PAIR_FILES.items()})
     if not as_json:
-        steps = [] if out is not None else [(f"{again} --out FOLDER", "curves and residuals")]
+        steps = [] if out is not None else [(f"{again} --out FOLDER", "curves, residuals, and a recording")]
         alone = [
             replace(data, file=path).command_text(channel=channel, model=base)
             for path, base in dict.fromkeys(zip(files, (models[0], models[1] or models[0]), strict=True))

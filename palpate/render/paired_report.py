@@ -1,4 +1,6 @@
-"""Plotly figures and HTML report of a paired comparison."""
+"""Plotly figures, HTML report and Rerun recording of a paired comparison."""
+
+from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +14,8 @@ from palpate.common.console import significant
 from palpate.estimation.estimate import ParameterEstimate
 from palpate.render import palette
 from palpate.render.paired import LETTERS, ChannelPairView, PairView, difference_text
+from palpate.render.recording.file import TIME, plot, recording_file, send_lines, shown_on
+from palpate.render.recording.rerun_modules import rrb
 from palpate.render.report import RUN_TIME, PlotStyle, as_html, draw_curves, rendered, styled, title_axes
 from palpate.render.thinning import rows_by_run, run_curves
 
@@ -97,3 +101,36 @@ def document(pair: PairView) -> str:
     models = dict.fromkeys(side.model for channel in pair.channels for side in channel.pair)
     facts = dict(zip(LETTERS, pair.names, strict=True)) | {"models": ", ".join(models)}
     return rendered(_TEMPLATE, filters, title=pair.title, facts=facts, pair=pair, plots=plots)
+
+
+def record_pair(view: PairView, path: Path) -> None:
+    """Write the recording, completely or not at all.
+
+    On timeline `time` each side has its runs one after the other; if B repeats A, it uses A's times.
+
+    Args:
+        view: all channels of both files.
+        path: path of the .rrd file.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    tabs, corner = [], rrb.Corner2D.LeftTop
+    for paired in view.channels:
+        axes = paired.views[0].axes
+        titles = {name: getattr(axes, name) for name in ("effort", "residual", "position")}
+        plots = [plot(f"{paired.channel}/{name}", title, legend=corner) for name, title in titles.items()]
+        tabs.append(rrb.Vertical(*plots, row_shares=[3, 2, 1], name=paired.channel))
+    with recording_file(view.title, path, shown_on(*tabs, timeline=TIME)) as recording:
+        for paired in view.channels:
+            for letter, color, channel in zip(LETTERS, COLORS, paired.views, strict=True):
+                overlay = paired.sides.overlay if letter == LETTERS[1] else None
+                time_s = channel.time_s if overlay is None else paired.views[0].time_s
+                effort = channel.effort if overlay is None else overlay
+                measured = {f"{letter} measured": (effort, color, 2.0)}
+                send_lines(recording, f"{paired.channel}/effort/{letter}", time_s, measured)
+                for stage in channel.stages[-1:]:
+                    left = {f"residual of {letter}'s model": (stage.residual, color, 1.0)}
+                    send_lines(recording, f"{paired.channel}/residual/{letter}", channel.time_s, left)
+                motion = {f"{letter}": (channel.position, color, 1.2)}
+                send_lines(recording, f"{paired.channel}/position/{letter}", channel.time_s, motion)

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 
 from palpate.estimation.estimate import ParameterEstimate
 from palpate.estimation.study.paired_comparison import ParameterDifference, compare_pairs
@@ -241,6 +242,8 @@ def test_command_prints_and_writes_the_same(soft, stiff, tmp_path):
     assert "--channel contact" in report  # the command that makes the report again
     assert "soft.csv and stiff.csv" in report
     assert all(title in report for title in ("Force over displacement", "Autocorrelation", "B as measured"))
+    entities = {chunk.entity_path for chunk in RrdReader(tmp_path / "sides.rrd").stream().to_chunks()}
+    assert {"/contact/effort/A", "/contact/effort/B", "/contact/residual/B"} <= entities
 
 
 def test_printed_command_can_be_repeated(hardening):
