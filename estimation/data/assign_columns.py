@@ -193,6 +193,7 @@ def assign_columns(table: Table, options: ImportOptions) -> ColumnAssignment:
     units = ColumnUnits(table, options)
     chosen, position_notes = _press_or_axis(units, chosen)
     chosen = dict(sorted(chosen.items(), key=lambda item: table.names.index(item[1][1])))
+    units.check_force_of_angle(chosen)
     units.check_known(chosen)
     assigned = {key: units.assign(role, name) for key, (role, name) in chosen.items()}
     units.check_used(chosen)

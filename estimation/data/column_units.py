@@ -202,6 +202,28 @@ class ColumnUnits:
                 )
             raise InputError(f"{self.table.path}: {problem}")
 
+    def check_force_of_angle(self, chosen: Chosen) -> None:
+        """Check that no joint has an angle and a force if there is no other channel.
+
+        Raises:
+            InputError: the lever arm is needed to convert a force to a torque.
+        """
+        if DISPLACEMENT in chosen or any(quantity in {"torque", "goal"} for quantity, _ in chosen):
+            return
+        for (quantity, joint), (role, column) in chosen.items():
+            if quantity != "position" or ("force", joint) not in chosen:
+                continue
+            force_role, force = chosen["force", joint]
+            unit = self.unit_of(force_role, force)
+            in_n = SI["force"].get(unit)
+            if dimension_of(self.unit_of(role, column)) == "angle" and (in_n or not unit):
+                torque = Role("torque", joint, "", role.shift).numbered
+                raise InputError(
+                    f"{self.table.path}: column '{column}' is an angle and '{force}' a force, not a torque; "
+                    f"if the force acts on a lever arm of 0.1 m, use --column {torque}={shlex.quote(force)} "
+                    f"--unit {torque}={0.1 * (in_n or 1.0):g}Nm"
+                )
+
     def check_used(self, chosen: Chosen) -> None:
         """Check that each --unit applies to a column in use, since others would be ignored silently.
 

@@ -15,7 +15,7 @@ import pyarrow as pa
 from python_calamine import CalamineSheet, CalamineWorkbook
 
 from palpate.estimation.data.file_columns import FileColumns, check_size, list_first
-from palpate.estimation.data.table_layout import with_run
+from palpate.estimation.data.table_layout import matching_places, with_run
 from palpate.estimation.data.text_dialect import (
     MIN_NUMBERS,
     NAMELESS,
@@ -78,7 +78,10 @@ def read_excel_table(path: Path, selected: str) -> FileColumns:
     same_tables = [tables[place] for place in chosen]
     first = max(same_tables, key=lambda table: len(table.rows))
     layout = first.layout
-    rows = [row for table in same_tables for row in table.rows]
+    rows = list[list[Any]]()
+    for table in same_tables:
+        order = matching_places(table.layout.names, layout.names)
+        rows += [[row[n] for n in order] for row in table.rows]
     cells_by_column = ([row[place] for row in rows] for place in range(len(layout.names)))
     columns = [
         _column(path, name, cells, first.decimal)

@@ -21,7 +21,7 @@ from palpate.estimation.data.import_rows import UNKNOWN_PHASE, ImportedRows, arr
 from palpate.estimation.data.measured_derivatives import is_difference, mistaken_scale
 from palpate.estimation.data.presses import press_phases
 from palpate.estimation.data.table import Table, read_table
-from palpate.estimation.data.units import MAX_STEP_S, MIN_STEP_S, SI, likely_time_unit
+from palpate.estimation.data.units import MAX_STEP_S, MIN_STEP_S, SI, other_time_unit
 from palpate.estimation.signals.arm_signals import ARM_MOTION, PAYLOAD, REGRESSOR, TORQUE
 from palpate.estimation.signals.blocks import blocks, number_pieces
 from palpate.estimation.signals.runwise import sample_time
@@ -187,10 +187,10 @@ def _note_time(columns: ColumnAssignment, rows: ImportedRows, user_columns: Coll
     if time.column not in user_columns:
         yield from _note_other_clock(columns)
     if not MIN_STEP_S <= step_s <= MAX_STEP_S:
-        unit = likely_time_unit(step_s / time.factor)
+        unit = other_time_unit(step_s, float(np.ptp(rows.time_s)), time.factor)
         yield (
             f"column '{time.column}': samples are {step_s:.3g} s apart; if this unit is wrong, give "
-            f"the right one, such as --unit time={unit if unit != time.unit else 'min'}"
+            f"the right one, such as --unit time={unit}"
         )
     for part in blocks(rows.run):
         steps_s = np.diff(rows.time_s[part])

@@ -69,6 +69,18 @@ def stack_tests(
     return pa.concat_tables(parts, promote_options="permissive"), np.concatenate(rows)
 
 
+def matching_places(names: Sequence[str], reference: Sequence[str]) -> list[int]:
+    """Return the index in `names` of each reference name; repeated names keep their order.
+
+    Args:
+        names: names of columns.
+        reference: the same names in another order.
+    """
+    by_name = sorted(range(len(names)), key=names.__getitem__)
+    by_reference = sorted(range(len(reference)), key=reference.__getitem__)
+    return [place for _, place in sorted(zip(by_reference, by_name, strict=True))]
+
+
 def with_run(columns: pa.Table, label: str) -> pa.Table:
     """Add a run column with a label, or append the label to the values of an existing run column.
 

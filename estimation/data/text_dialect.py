@@ -464,7 +464,7 @@ def same_columns(blocks: Sequence[TableBlock], selected: str, place: Path) -> tu
         titles = ", ".join(dict.fromkeys(block.title for block in blocks))
         raise InputError(f"--table {selected}: {place} has no such table. Available: {titles}")
     longest = max(titled, key=lambda block: (_is_measurement(block.names), block.rows))
-    chosen = [number for number, block in enumerate(blocks) if block.names == longest.names]
+    chosen = [n for n, block in enumerate(blocks) if sorted(block.names) == sorted(longest.names)]
     omitted = [block for number, block in enumerate(blocks) if number not in chosen]
     if not omitted:
         return chosen, []

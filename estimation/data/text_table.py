@@ -15,7 +15,7 @@ import numpy as np
 from palpate.estimation.data.column_names import TIME, guess_columns
 from palpate.estimation.data.file_columns import FileColumns, check_size, most_bytes, pa, pa_csv, pc
 from palpate.estimation.data.quantity_words import FOREIGN_WORDS
-from palpate.estimation.data.table_layout import with_run
+from palpate.estimation.data.table_layout import matching_places, with_run
 from palpate.estimation.data.text_dialect import (
     BLANKS,
     NAMELESS,
@@ -86,7 +86,7 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     for number, (table, end) in enumerate(tests, 1):
         place = f"{path}, test {number}" if len(tests) > 1 else str(path)
         part, part_lines, part_repairs = _parse_rows(content, table, end, dialect, place)
-        parts.append(part)
+        parts.append(part.select(matching_places(table.names, tests[0][0].names)))
         lines.append(part_lines)
         repairs |= dict.fromkeys(part_repairs)
     notes += repairs
@@ -291,8 +291,12 @@ _LOST_IN_NUMBER = re.compile(rb"(?<=[\d.])\0+|\0+(?=[-+\d.])")  # zero bytes tha
 _CONTROLS = bytes(set(range(32)) - set(b"\t\n\r\f\x1a\x1b")) + b"\x7f\x81\x8d\x8f\x90\x9d"  # not in a text
 _LOOKED_AT = 1 << 16  # bytes
 _OTHER_FORMATS = (  # first bytes of other file types, and the remedy
+    (b"\x89PNG", "is a picture; save the measurements themselves"),
+    (b"\xff\xd8\xff", "is a picture; save the measurements themselves"),
+    (b"%PDF", "is a PDF; save the measurements themselves"),
     (b"PK\x03\x04", "is a packed archive, perhaps a workbook: rename it to end in .xlsx or .npz"),
     (b"\x1f\x8b", "is compressed: rename it to end in .gz"),
+    (b"PAR1", "is a Parquet file: rename it to end in .parquet"),
 )
 
 

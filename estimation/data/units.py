@@ -17,6 +17,7 @@ _INCH = 0.0254
 MAX_STEP_S = 0.5  # step between samples above which another unit of time is more likely
 MIN_STEP_S = 1e-5  # step between samples below which another unit of time is more likely
 MIN_RECORDING_S = 1.0  # shortest plausible duration of a recording
+_SLOW_STEP_S = 1.0  # longest step between samples of a slow recording, in a unit of time that is proposed
 
 
 def _with_prefixes(unit: str, prefixes: str) -> dict[str, float]:
@@ -193,6 +194,29 @@ def likely_time_unit(step: float, span: float = math.inf) -> str:
     number = next((n for n, unit in enumerate(units[:3]) if step * _TIME[unit] <= MAX_STEP_S), 3)
     is_too_short = span * _TIME[units[number]] < MIN_RECORDING_S
     return units[number - 1] if is_too_short and number > 0 else units[number]
+
+
+def other_time_unit(step_s: float, span_s: float, factor: float) -> str:
+    """Return the unit of time to propose if the one in use gives an implausible step between samples.
+
+    It is the unit with the most plausible step and duration; of equally plausible ones, the unit that is
+    closest to the one in use. The unit in use is never returned.
+
+    Args:
+        step_s: step between samples in the unit in use, converted to seconds.
+        span_s: time from the first to the last sample, converted likewise.
+        factor: factor of the unit in use to seconds.
+    """
+
+    def distance(unit: str) -> tuple[float, float]:
+        ratio = _TIME[unit] / factor
+        step, span = max(ratio * step_s, SMALLEST), max(ratio * span_s, SMALLEST)
+        excess = (
+            max(step / _SLOW_STEP_S, 1.0) * max(MIN_STEP_S / step, 1.0) * max(MIN_RECORDING_S / span, 1.0)
+        )
+        return excess, abs(math.log(ratio))
+
+    return min((unit for unit in _TIME if not math.isclose(_TIME[unit], factor)), key=distance)
 
 
 def is_scaled(unit: str) -> bool:

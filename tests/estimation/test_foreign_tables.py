@@ -64,7 +64,7 @@ def test_equal_columns_in_two_units_are_read_once(tmp_path):
     ("names", "columns", "kind", "position", "effort"),
     [
         (  # it asks for the force's lever arm
-            *("angle_deg,force_N", (np.degrees(SWING_RAD), TORQUE_NM)),
+            *("angle_deg,force_feedback", (np.degrees(SWING_RAD), TORQUE_NM)),
             *(ChannelKind.REVOLUTE, SWING_RAD, 0.1 * TORQUE_NM),
         ),
         (

@@ -268,11 +268,11 @@ def test_files_of_a_folder_are_runs_in_numerical_order(tmp_path):
         open_source(folder)
 
 
-def test_sheets_with_the_same_columns_are_runs_and_others_are_named(tmp_path):
+def test_sheets_with_reordered_columns_are_runs_and_others_are_named(tmp_path):
     book = openpyxl.Workbook()
     for sheet, names in (
         (book.active, "sxF"),
-        (book.create_sheet("B"), "sxF"),
+        (book.create_sheet("B"), "Fsx"),
         (book.create_sheet("C"), "sx"),
     ):
         sheet.append([{"s": "Time (s)", "x": "Way (mm)", "F": "Load (N)"}[name] for name in names])
@@ -331,8 +331,12 @@ GOOD = "Time [s],Way [mm],Load [N]\n" + "".join(f"{i},{i},{i}\n" for i in range(
 @pytest.mark.parametrize(
     ("content", "words"),
     [
+        (b"\x89PNG\r\n\x1a\n\0\0", "is a picture"),
+        (b"\xff\xd8\xff\xe0\0\x10JFIF", "is a picture"),
+        (b"%PDF-1.7\n\0\xff\x81", "is a PDF"),
         (b"PK\x03\x04\x14\0\0", "end in .xlsx"),
         (b"\x1f\x8b\x08\0\x81", "end in .gz"),
+        (b"PAR1\x15\0\x81", "end in .parquet"),
         (b"\0\x81\x82", "is not a text file; save it as CSV"),
         # A row that is cut off is no footer.
         (f"{GOOD}\nSpecimen 2\n{GOOD}9,9\n".encode(), r"csv, test 2: line 23 has 2 cells and the header 3"),

@@ -150,11 +150,12 @@ def test_only_units_that_make_a_joint_slower_are_proposed(time, angle, remedy):
 @pytest.mark.parametrize(
     ("unit", "step", "proposed"),
     [
+        ("s", 800.0, "ms"),
         ("s", 10.0, "ms"),
         ("s", 4e3, "us"),
         ("s", 4e6, "ns"),
         ("ms", 800.0, "us"),  # 0.8 s in the unit that is set
-        ("s", 1e-6, "min"),
+        ("s", 1e-6, "h"),  # in minutes, the recording would last 0.02 s
     ],
 )
 def test_time_unit_that_is_proposed_gives_a_plausible_step(unit, step, proposed):

@@ -75,9 +75,11 @@ def test_times_of_a_frame_are_seconds(tmp_path, kind):
     np.testing.assert_allclose(table.numbers("Time") - 86399.0, 0.25 * np.arange(12), atol=1e-6)
 
 
-def test_repeated_names_on_each_sheet_keep_their_columns(book):
+def test_repeated_names_in_another_order_keep_their_columns(book):
+    first, other = NAMES, (NAMES[1], NAMES[0], NAMES[2])
     rows = [[[t, 2 * t, k * t, t, 3 * t, (k + 1) * t] for t in T] for k in (4, 6)]
-    table = read_table(book(A=[NAMES * 2, *rows[0]], B=[NAMES * 2, *rows[1]]))
+    rows[1] = [[row[place] for place in (1, 0, 2, 4, 3, 5)] for row in rows[1]]
+    table = read_table(book(A=[first * 2, *rows[0]], B=[other * 2, *rows[1]]))
     names, index = table.labels("run")
     for run, (way, load) in {"A 1": (2, 4), "B 1": (2, 6), "A 2": (3, 5), "B 2": (3, 7)}.items():
         one = table.select(index == names.index(run))
