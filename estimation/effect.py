@@ -81,6 +81,8 @@ class Parameter:
     def spread(self, count: int) -> FloatArray:
         """Return ascending values (count,) over the typical range, spaced evenly, or by ratio with `log`.
 
+        They are in the parameter's unit.
+
         Args:
             count: number of values.
         """

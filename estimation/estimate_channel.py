@@ -58,10 +58,11 @@ def estimate_channel(
     rows: BoolArray | None = None,
     searched: dict[bool, Solution] | None = None,
 ) -> Estimate:
-    """Estimate the gains, then the inner parameters, of a model that is linear in its gains.
+    """Estimate all parameters of a model that is linear in its gains.
 
     `fit_samples` estimates the inner parameters (the position of the surface, an exponent) with the
-    estimator's loss. The estimator then estimates the gains. The errors of the gains include the uncertainty
+    estimator's loss. The estimator then estimates the gains. The result lists the gains, then the inner
+    parameters, named "effect.parameter". The errors of the gains include the uncertainty
     of the inner parameters.
 
     Args:

@@ -36,12 +36,18 @@ class Regression:
     run: IntArray | None = None
 
     def __post_init__(self) -> None:
-        """Check the number of samples.
+        """Check the shapes.
 
         Raises:
-            InputError: there are fewer samples than the gains need.
+            InputError: the shapes do not match, or there are fewer samples than the gains need.
         """
         samples, gains = self.columns.shape
+        if self.effort.shape != (samples,) or len(self.names) != gains or len(self.units) != gains:
+            raise InputError(
+                f"regression: columns {self.columns.shape}, effort {self.effort.shape}, names {self.names}"
+            )
+        if self.run is not None and self.run.shape != (samples,):
+            raise InputError(f"regression: run has shape {self.run.shape}, expected ({samples},)")
         if samples <= gains:
             raise InputError(f"regression: {samples} samples cannot determine {gains} parameters")
 
@@ -229,7 +235,7 @@ class Model:
         """Return the rows (k,) of a contact where the object would have to pull, so that contact is lost.
 
         In these samples the sum of the one-sided effects is negative and is set to zero. Samples that are
-        known to be in contact are not among them.
+        known to be in contact are not among them. A joint has no such rows.
 
         Args:
             data: the channel.

@@ -323,8 +323,12 @@ def _sensor_statics(
     *,
     has_bias: bool,
 ) -> FlexibleLaw:
-    """Build the law of a sensor's bias, gain, saturation, dead band and hysteresis."""
-    # The model's own gains may imitate a gain; free air shows a bias; hysteresis lowers a growing effort.
+    """Build the law of a sensor's bias, gain, saturation, dead band and hysteresis.
+
+    A gain is added only if the base model's own gains cannot imitate it, and dead bands only if readings
+    under load may show them. Free air rules out a bias if it shows a correct zero. Hysteresis of the sensor
+    lowers the reading while the effort grows; friction raises it.
+    """
     low, high = np.quantile(measured, [0.001, 0.999])
     saturation = [
         -np.maximum(predicted - _FULL_SCALE * high, 0.0) * (high > 0.0),

@@ -13,6 +13,8 @@ from palpate.robot_io.types import FloatArray
 
 
 class ContactOffset(MotionEffect):
+    """Shift of the surface; the offset is positive if the surface lies deeper than assumed."""
+
     name = "contact_offset"
     kind = Kind.CONTACT_GEOMETRY
     physics = "The object's surface lies deeper or higher than assumed, or the object is preloaded."
@@ -21,7 +23,7 @@ class ContactOffset(MotionEffect):
     signature = "all force-depth curves are shifted along the depth, and the force in free air is zero"
     signals = ("position",)
     channels = frozenset({ChannelKind.CONTACT})
-    inner = (Parameter("offset", "{position}", -1.0, 1.0, (-1e-3, 1e-3)),)  # positive for a deeper surface
+    inner = (Parameter("offset", "{position}", -1.0, 1.0, (-1e-3, 1e-3)),)
     start_multiples = {"offset": ("deepest", (-0.5, -0.2, -0.08, -0.03, -0.01, 0.01, 0.03, 0.08, 0.2, 0.5))}
     confused_with = {
         "bias": "record free air: a sensor's bias also appears there, an offset does not",
@@ -75,7 +77,9 @@ class PlasticSet(MotionEffect):
     name = "plastic_set"
     kind = Kind.CONTACT_GEOMETRY
     physics = "Part of the indentation is permanent: contact ends deeper than it began."
-    equation = "x_true = x - dent, v_true = x_true', dent = share max_t(x); the next run has kept dent"
+    equation = (
+        "x_true = x - dent, v_true = x_true', dent = share max_t(x); the next run starts with kept * dent"
+    )
     source = "permanent set in indentation; K. L. Johnson, Contact Mechanics (1985), ch. 6"
     signature = "force reaches zero at a positive depth on the way out; the next press begins there"
     signals = ("position", "past motion")

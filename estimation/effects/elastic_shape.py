@@ -58,7 +58,9 @@ class CubicStiffness(AdditiveEffect):
     physics = "The spring becomes stiffer (or softer) with displacement."
     equation = "F = k3 x^3"
     source = "G. Duffing, Erzwungene Schwingungen bei veränderlicher Eigenfrequenz (1918)"
-    signature = "the slope of effort over position grows with displacement, on both sides, at any speed"
+    signature = (
+        "the slope of effort over position grows with displacement, equally on both sides, at any speed"
+    )
     signals = ("position",)
     gains = (Parameter("k3", "{effort}/{position}^3", -1e13, 1e13, (1.0, 1e9)),)
     elastic = ("k3",)

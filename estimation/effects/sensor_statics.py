@@ -148,7 +148,10 @@ class ForceDeadband(AdditiveEffect):
     physics = "The force sensor does not show the first part of any force, but the joints carry it."
     equation = "effort = w J^T p while touching, p the press direction"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 2: threshold; J^T F by virtual work"
-    signature = "in contact, the errors of all joints match one force at the tip, however hard it presses"
+    signature = (
+        "in contact, the errors of all joints match one additional force at the tip, which does not grow "
+        "with the contact force"
+    )
     signals = ("load",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (Parameter("width", "N", 0.0, 1e12, (0.01, 10.0)),)

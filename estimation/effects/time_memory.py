@@ -116,7 +116,10 @@ class PowerLawRelaxation(_Relaxation, MemoryEffect):
         "R. L. Bagley, P. J. Torvik, J. Rheology 27 (1983); B. Fabry et al., Phys. Rev. Lett. 87 (2001): "
         "scale-free relaxation of cells"
     )
-    signature = "force in a hold falls equally in each decade of time; its peak is a small power of speed"
+    signature = (
+        "force in a hold falls by the same amount in each decade of time; its peak grows as a small "
+        "power of speed"
+    )
     signals = ("past motion",)
     channels = frozenset({ChannelKind.CONTACT})
     inner = (Parameter("share", "1", 0.0, 1.0, (0.1, 0.9)), Parameter("alpha", "1", 0.01, 0.99, (0.1, 0.6)))

@@ -182,11 +182,14 @@ def _varies_within(effort: FloatArray, block: int) -> bool:
 def block_average(
     data: ChannelData, good: BoolArray | None = None, cache: FitCache | None = None
 ) -> BlockedData:
-    """Divide a channel into blocks of 5 ms (contact) or 10 ms (joint), shorter in short runs or fast changes.
+    """Divide a channel into blocks of 5 ms (contact) or 10 ms (joint), but at least of one sample.
+
+    They are shorter in short runs and where the effort varies.
 
     Blocks at contact boundaries are not trusted: there damping and friction cause a step of the force, which
-    the error of the position can shift. Blocks at sharp corners of a contact's motion, where a motion stops
-    or begins within one step of a coarse position, and where a probing arm rests are not trusted either.
+    the error of the position can shift. Blocks at sharp corners of a contact's motion, and blocks in which a
+    motion stops or begins within one step of a coarse position, are not trusted either.
+    For a probing arm, blocks in which a joint is at rest or its sensor may still settle are not trusted.
 
     Args:
         data: the channel.

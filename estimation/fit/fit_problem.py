@@ -314,8 +314,9 @@ def columns_at(problem: FitProblem, model: Model, parameters: Mapping[str, float
 def residual_slopes(problem: FitProblem, solution: Solution, ahead: Mapping[str, float]) -> FloatArray:
     """Compute the change (w, k) of the whitened residual when inner parameters change and gains are refitted.
 
-    It is the change at fixed gains minus the part that the columns explain. This is the derivative of the
-    variable projection except for a term that vanishes with the residual (L. Kaufman, BIT 15 (1975)).
+    It is the change at fixed gains minus the part that the columns explain, not divided by the step. Divided
+    by it, it is the derivative of the variable projection except for a term that vanishes with the residual
+    (L. Kaufman, BIT 15 (1975)).
 
     Args:
         problem: data, noise weights and folds of the fit.
@@ -354,7 +355,9 @@ def is_linear_on_blocks(data: ChannelData, model: Model) -> bool:
 def linearize_inner(
     blocked: BlockedData, model: Model, effect: Effect, parameters: Mapping[str, float]
 ) -> LinearizedParts:
-    """Return a fast function of one effect's inner parameters for `Model.parts`; it may return None.
+    """Return a fast evaluation of `Model.parts` as a function of one effect's inner parameters.
+
+    The function returns the parts, or None if nothing is faster than `Model.parts`.
 
     Args:
         blocked: the channel on blocks.

@@ -137,12 +137,24 @@ def _errors_of_mean_run(  # noqa: PLR0917
     slopes: FloatArray,
     residual: FloatArray,
 ) -> FloatArray:
-    """Enlarge standard errors (q,), with random effects, to those of the mean over all possible runs."""
-    # With the derivatives X_r and the changes B_r of the prediction by one standard deviation of each random
-    # value in run r, the covariance of the parameters is
-    #     (sum of X_r' V_r^-1 X_r)^-1,  V_r = sigma^2 I + B_r B_r'
-    # (N. M. Laird, J. H. Ware, Biometrics 38 (1982)). The part that remains without noise is due to the
-    # number of runs; it is enlarged so that 1.96 standard errors give Student's interval.
+    """Enlarge standard errors (q,) to those of the mean over all possible runs, if there are random effects.
+
+    Only a few runs were recorded. With the derivatives X_r and the changes B_r of the prediction by one
+    standard deviation of each random value in run r, the covariance of the parameters is
+
+        (sum of X_r' V_r^-1 X_r)^-1,  V_r = sigma^2 I + B_r B_r'
+
+    (N. M. Laird, J. H. Ware, Biometrics 38 (1982)). The part of the variance that remains without noise is
+    due to the number of runs; it is enlarged so that 1.96 standard errors give Student's interval.
+
+    Args:
+        errors: standard errors for the recorded runs, shape (q,).
+        problem: data, noise weights and folds of the fit.
+        solution: the fitted model.
+        names: the q free parameters.
+        slopes: derivatives of the prediction by them, whitened, shape (w, q).
+        residual: whitened residual, shape (w,).
+    """
     model, known, data = solution.model, solution.parameters, problem.blocked.data
     deviations, own = list[FloatArray](), set[str]()
     for effect in model.sensors:

@@ -256,7 +256,11 @@ def _invert_filter(data: ChannelData, derivative: FloatArray, window: int | None
 def _identify_window(
     data: ChannelData, signal: FloatArray, error: FloatArray, target: FloatArray, order: int
 ) -> tuple[int | None, float]:
-    """Identify the half window that derived a target from a signal (or None), and their difference."""
+    """Identify the window with which a target (n,) was derived from a signal (n,) with a reading error.
+
+    Returns the half width of the window (None if no window fits) and the median squared difference during
+    motion. The median ignores differences at the ends of pieces.
+    """
     matches: list[tuple[float, int]] = []
     moving = target != 0.0
     if not moving.any():

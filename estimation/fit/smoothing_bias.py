@@ -84,7 +84,8 @@ def smoothing_bias(blocked: BlockedData, effort: FloatArray, filters: Differenti
 def smoothing_kernel(half: int, order: int, block: int = 1) -> FloatArray:
     """Return weights (2 r + 1,) with which a local polynomial fit averages the derivative that it estimates.
 
-    They are repeated sums of the weights of the fit, since a derivative's integral is the fitted signal.
+    They are repeated sums of the weights of the fit, since a derivative's integral is the fitted signal. The
+    result has the weights of neighboring blocks; it is symmetric, with sum 1.
 
     Args:
         half: number of samples on each side in a fit.

@@ -147,7 +147,8 @@ def fit_percent(measured: FloatArray, modeled: FloatArray) -> float:
     """Compute the fit 100 (1 - |y - ym| / |y - mean(y)|) [%]: 100 is perfect, 0 as good as the mean.
 
     It is 100 % minus the normalized root mean square error of system identification (L. Ljung, System
-    Identification, 2nd ed., 1999; `compare` of its toolbox), and NaN for a constant measurement.
+    Identification, 2nd ed., 1999; `compare` of its toolbox). It is negative if worse than the
+    mean, and NaN for a constant measurement.
 
     Args:
         measured: measured signal y, NaN is ignored, shape (n,).

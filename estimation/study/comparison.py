@@ -9,6 +9,7 @@ import numpy as np
 from palpate.control.loop.task import Phase
 from palpate.estimation.budget import BudgetEntry, error_budget
 from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.diagnosis.completeness import Completeness
 from palpate.estimation.diagnosis.forms import error_of_kinds
 from palpate.estimation.estimate import DisplayTable, ParameterEstimate, TableDisplay, rounded, with_unit
@@ -353,7 +354,14 @@ def _words(
     times = error / noise.value if noise.value > 0.0 else float("inf")
     sentences = [f"The error of {with_unit(error, unit)} is {times:.1f} times the noise ({level})."]
     for by in sorted(parts, key=lambda by: -_contrast(parts[by]))[:_MAX_SPLITS]:
-        worst = max(parts[by], key=lambda part: part.rmse)
+        worst, least = (pick(parts[by], key=lambda part: part.rmse) for pick in (max, min))
+        if worst.rmse <= (1.0 + SMALL) * least.rmse:  # all errors are equally large: compare their means
+            high, low = (pick(parts[by], key=lambda part: part.mean) for pick in (max, min))
+            sentences.append(
+                f"It has the same size at any {by}; measured minus modeled is on average "
+                f"{high.mean:+.3g} {unit} ({high.label}), {low.mean:+.3g} {unit} ({low.label})."
+            )
+            continue
         largest = f"By {by}, the largest error is {with_unit(worst.rmse, unit)} ({worst.label})"
         if abs(worst.mean) > _MIN_MEAN_SHARE * worst.rmse:
             side = "above" if worst.mean > 0.0 else "below"

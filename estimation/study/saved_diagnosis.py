@@ -41,8 +41,13 @@ def read_saved_diagnoses(folder: Path | None) -> dict[tuple[str, str, str], Chan
         InputError: the file is damaged.
     """
     saved = _read(folder)
-    known = [] if saved is None else [(entry, saved.judged.get(entry.channel)) for entry in saved.channels]
-    return {(entry.channel, its.model, its.data_sha256): entry for entry, its in known if its is not None}
+    if folder is None or saved is None:
+        return {}
+    try:
+        identities = [(entry, saved.judged[entry.channel]) for entry in saved.channels]
+    except KeyError as error:
+        raise _damaged(folder / RESULT, f"{IDENTITY}.{error}: is missing") from error
+    return {(entry.channel, its.model, its.data_sha256): entry for entry, its in identities}
 
 
 def with_saved_channels(content: Mapping[str, Any], folder: Path | None) -> dict[str, Any]:
@@ -89,8 +94,11 @@ def _read_version(file: Path, version: tuple[int, ...]) -> _SavedDiagnosis:
     try:
         return read_saved(file, _SavedDiagnosis)
     except ValueError as error:
-        flaw = f"{file}: is damaged ({error}); delete it, or run palpate diagnose again"
-        raise InputError(flaw) from error
+        raise _damaged(file, error) from error
+
+
+def _damaged(file: Path, flaw: object) -> InputError:
+    return InputError(f"{file}: is damaged ({flaw}); delete it, or run palpate diagnose again")
 
 
 def differs_from_fit(saved: float, fitted: float, std_err: float = 0.0) -> bool:

@@ -133,7 +133,10 @@ def _words(sides: PairedComparison) -> Iterator[str]:
 
 
 def _is_only_noise(model: ComparedModel, measured: ComparedModel) -> bool:
-    """Return whether model and noise leave too little for a fit [%], which would depend on the noise."""
+    """Return whether the measurement is close to the noise level and the model's residual is only noise.
+
+    The fit [%] to such a measurement depends on its noise rather than on the model.
+    """
     fit = model.fit_of(measured)
     return bool(fit < _POOR and model.noise_ratio_of(measured) < _ONLY_NOISE)
 

@@ -79,6 +79,22 @@ def test_unexcited_and_correlated_parameters_are_reported(name):
             assert words in found.note
 
 
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"effort": np.zeros(9)}, r"columns \(10, 2\), effort \(9,\)"),
+        ({"names": ("k",)}, r"names \('k',\)"),
+        ({"units": ("N/m",)}, "columns"),
+        ({"run": np.zeros(9, dtype=np.int64)}, r"run has shape \(9,\), expected \(10,\)"),
+    ],
+)
+def test_regression_refuses_shapes_that_do_not_match(change, words):
+    with pytest.raises(InputError, match=f"regression: .*{words}"):
+        Regression(
+            **{"columns": np.ones((10, 2)), "effort": np.zeros(10), "names": NAMES, "units": UNITS} | change
+        )
+
+
 @EVERY
 def test_correlated_noise_widens_the_intervals(name):
     white = fit(name, problem(np.random.default_rng(5), noise=0.004))

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from palpate.estimation.fit.measurement_noise import MeasurementNoise, NoiseSource
 from palpate.estimation.kinds import Kind
 from palpate.estimation.study import ErrorPart, ModelStudy
-from palpate.estimation.study.comparison import patterns
+from palpate.estimation.study.comparison import _words, patterns
 from tests.palpate.presses import press_rows
 
 SPEEDS = (0.02, 0.04, 0.08, 0.03)
@@ -30,6 +31,18 @@ def swings(extra):
     noise = np.random.default_rng(0).normal(0, 0.01, len(t))
     torque = 0.2 * a + 2.0 * np.sin(q) + extra(q, v) + noise
     return {"time_s": t, "run": run, "position_rad": q, "torque_Nm": torque}
+
+
+def test_means_are_compared_where_all_errors_have_the_same_size():
+    noise = MeasurementNoise(0.1, NoiseSource.NEIGHBORS, None, 0.0)
+    moving = part("moving in", 0.4, 0.50), part("moving out", -0.4, 0.51)
+    for by, parts, words in (
+        ("direction", moving, "is on average +0.4 N (moving in), -0.4 N (moving out)."),
+        ("depth", (part("shallow", 0.1, 0.2), part("deep", 0.4, 0.6)), "By depth, the largest error is 0.6"),
+    ):
+        _, sentence = _words(0.5, noise, {by: parts}, "N")
+        assert sentence.startswith("It has the same size at any direction") == (by == "direction")
+        assert words in sentence
 
 
 RUBBING = presses(lambda x, v: 400 * x + 6 * v + 0.3 * np.tanh(v / 0.0005))

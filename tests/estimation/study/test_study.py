@@ -249,6 +249,15 @@ def test_diagnosis_changed_by_hand_is_refused(pressed, tmp_path):
         again.known_diagnosis(again.channels[0])
 
 
+def test_saved_channel_without_identity_is_damaged(pressed, tmp_path):
+    study, found = pressed
+    (tmp_path / RESULT).write_text(json.dumps(study.diagnosis_data(found)))
+    forge(tmp_path / RESULT, lambda content: content["judged"].clear())
+    again = ModelStudy(session(4, cubic), folder=tmp_path)
+    with pytest.raises(InputError, match=r"damaged \(judged\.'contact': is missing\); delete it"):
+        again.known_diagnosis(again.channels[0])
+
+
 def test_saved_diagnosis_is_read_again_only_after_a_change(pressed, tmp_path, monkeypatch):
     study, found = pressed
     (tmp_path / RESULT).write_text(json.dumps(study.diagnosis_data(found)))
