@@ -3,7 +3,8 @@
 from palpate.control.loop.task import Phase
 from palpate.estimation.kinds import Kind
 
-FONT = "Inter, Source Sans 3, Helvetica Neue, Liberation Sans, Arial, sans-serif"
+# CSS drops the whole list if a name that has a word of digits is not quoted.
+FONT = "Inter, 'Source Sans 3', 'Helvetica Neue', 'Liberation Sans', Arial, sans-serif"
 MEASURED = "#3f86c8"
 BASE = "#8d99a6"  # revision 0, and commanded values
 MODEL = "#de7a26"

@@ -201,3 +201,9 @@ def test_rerun_shows_a_bar_for_each_part_and_the_sentence(tmp_path):
     assert ends[2] / ends[0] == pytest.approx(0.04 / 0.61)
     (text,) = columns["/contact/words", "text"]
     assert view.sentence in text[0]
+
+
+def test_names_of_fonts_are_valid_in_css():
+    """A browser ignores the whole list if a word of an unquoted name begins with a digit."""
+    for name in palette.FONT.split(","):
+        assert re.fullmatch(r"'[^']+'|[A-Za-z-][\w-]*(?: [A-Za-z-][\w-]*)*", name.strip())
