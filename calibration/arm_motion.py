@@ -68,7 +68,9 @@ def travel_speed_rad_s(limits: Limits) -> float:
 
 
 def overloaded_joint(body: RigidBody, motions: Iterable[JointMotion], limits: Limits) -> int | None:
-    """Find the first joint, from 0, that would need nearly all of its torque limit; None without one.
+    """Return the most loaded joint (from 0) of the first motion that overloads one; None if none does.
+
+    A joint is overloaded if it needs nearly all of its torque limit.
 
     Args:
         body: model of the arm.
@@ -130,7 +132,7 @@ def check_lift_path(body: RigidBody, start_rad: FloatArray, up_rad: FloatArray, 
 
 
 def highest_posture(body: RigidBody, low: FloatArray, high: FloatArray) -> FloatArray:
-    """Find the posture (n,) [rad] whose joints and tip stand highest, on a grid over the joints' ranges.
+    """Search joint by joint, on a grid, for the posture (n,) [rad] with the largest sum of heights.
 
     Args:
         body: model of the arm.

@@ -41,7 +41,7 @@ def free_air_problem(force_n: float, touch_n: float, force_limit_n: float, gains
         force_n: mean force in free air [N].
         touch_n: touch force above it [N].
         force_limit_n: force limit of the plan [N].
-        gains: gains with the largest shares of the force limit.
+        gains: gains, with the allowed shares of the force limit.
     """
     limit = f"force_limit_n {force_limit_n:g} N"
     limit_n = gains.bias_share * force_limit_n

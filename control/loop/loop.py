@@ -121,7 +121,11 @@ class _Loop:
         self._stopped_output = blank_output(*self._joints, Phase.STOPPED)  # while the guard commands
 
     def run(self, measurement: Measurement) -> None:
-        """Run from the start of the task to torque off, with a first measurement of young samples."""
+        """Run from the start of the task to torque off.
+
+        Args:
+            measurement: first measurement, with fresh samples.
+        """
         self._measurement = measurement
         self._guard.watch(measurement)
         if not self._guard.tripped:

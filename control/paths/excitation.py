@@ -119,9 +119,9 @@ def position_amplitude_m(
 ) -> tuple[float, float]:
     """Compute amplitude [m] and offset [-] of a position profile on an object of this compliance.
 
-    The highest frequency determines the force's amplitude. The offset reduces the spring's force by as much,
-    so that the sum stays below the limit. Neither wave nor fade-in exceeds the speed limit, and the fade-in
-    needs at most a third of the force on the object's damper.
+    The highest frequency determines the force's amplitude. The offset reduces the spring's force by this
+    amplitude, so that the sum stays below the limit. Neither wave nor fade-in exceeds the speed limit, and
+    the fade-in needs at most a third of the force on the object's damper.
 
     Args:
         excitation: shape, frequencies and force amplitude.

@@ -71,7 +71,7 @@ class TargetQueue:
             self._cancelled = self._current is not None
 
     def begin(self) -> Target | None:
-        """Start and return the next target; None if there is none or the link is silent."""
+        """Start and return the next target; None if none waits, one is probed, or the link is silent."""
         with self._lock:
             waiting = (n for n, state in self._states.items() if state is TargetState.QUEUED)
             number = next(waiting, None) if self.linked and self._current is None else None

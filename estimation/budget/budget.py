@@ -148,7 +148,10 @@ class _KindSubsets:
         return best + _ALLOWANCE * (base - best) + _ERROR_ALLOWANCE * best
 
     def smallest_sufficient(self, limit: float) -> list[Kinds]:
-        """Find the smallest sets with an error within a limit, those without run differences first."""
+        """Find the smallest sets with an error within a limit, those without run differences first.
+
+        If there is none, the best set of the largest size is returned.
+        """
 
         def rank(kinds: Kinds) -> tuple[bool, float]:
             return Kind.RUN_DIFFERENCES in kinds, self.error.mean_square(kinds)

@@ -197,7 +197,9 @@ class HeldOutError(SquaredErrors):
 
 
 def fit_each_run(signal: FloatArray, columns: FloatArray, run: IntArray) -> FloatArray:
-    """Return the residual (n,) of two-fold fits to alternating pieces of each run, if it is long enough.
+    """Return the residual (n,) of two-fold fits to alternating pieces of each run.
+
+    Runs that are too short are returned unchanged.
 
     Args:
         signal: shape (n,).

@@ -208,8 +208,8 @@ class ExperimentChoice:
 def choose_experiment(candidates: Sequence[Experiment]) -> ExperimentChoice | None:
     """Choose the experiment that separates rivals best; None if nothing is expected to separate any.
 
-    Of nearly equal ones it is the one with most evidence, because a rival with many parameters can adapt to a
-    weak experiment, or the shortest if the evidence is unknown.
+    Among nearly equal ones, the one with the most evidence is chosen, because a rival with many parameters
+    can adapt to a weak experiment, or the shortest if the evidence is unknown.
 
     Args:
         candidates: feasible experiments with their expected leads.

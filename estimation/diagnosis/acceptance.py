@@ -333,7 +333,7 @@ def models_by_importance(search: Search, fit: FitResult) -> list[FitResult]:
 def indistinguishable_models(
     search: Search, fit: FitResult, name: str, measurement: MeasurementModel
 ) -> dict[str, FitResult]:
-    """Fit models in which another effect replaces one effect, and that the data do not reject, by its name.
+    """Fit models in which another effect replaces one effect, and that the data do not reject; keyed by it.
 
     Single alternatives come first, the best first, followed by composite effects that also replace other
     effects of the model: friction that differs by direction is Coulomb friction and a bias.
@@ -368,7 +368,7 @@ def _composites(search: Search, fit: FitResult, name: str) -> Iterator[tuple[str
 
 
 def similar_forms(search: Search, fit: FitResult, name: str) -> dict[str, FitResult]:
-    """Fit models with another effect of the kind that explains as much with no more parameters, by its name.
+    """Fit models with another effect of the kind that explains as much with no more parameters; keyed by it.
 
     Args:
         search: the search of the channel.
@@ -384,7 +384,7 @@ def similar_forms(search: Search, fit: FitResult, name: str) -> dict[str, FitRes
 
 
 def as_good_effects(search: Search, fit: FitResult, name: str) -> dict[str, FitResult]:
-    """Fit models with an effect of another kind that explains as much with no more parameters, by its name.
+    """Fit models with an effect of another kind that explains as much with no more parameters; keyed by it.
 
     Only parameters that the data determine count. If a joint never reverses, its friction looks like a bias;
     over a short range, a weight looks like a spring. A replacement's squared error is at most 1 / `AS_GOOD`

@@ -209,11 +209,13 @@ def replacing_kinds(search: Search, end: FitResult) -> dict[str, dict[Kind, floa
     A law that the library lacks may then be the right one. Several effects may together imitate it, so each
     kind also replaces all effects at once. Differences between runs and the effect's own kind are never
     tried, nor, in place of one effect, the other effects' kinds, since their laws can imitate a part of it.
-    The kinds of each added effect have the mean square that their laws leave in addition [effort^2].
 
     Args:
         search: the search of the channel.
         end: the final model.
+
+    Returns:
+        For each added effect, the replacing kinds with the mean square error that they add [effort^2].
     """
     names, left = search.added_effects(end), error_of_kinds(end).mean_square()
     own = {name: (effect := end.solution.model.effect(name)).also | {effect.kind} for name in names}

@@ -46,7 +46,7 @@ def read_saved_diagnoses(folder: Path | None) -> dict[tuple[str, str, str], Chan
     try:
         identities = [(entry, saved.judged[entry.channel]) for entry in saved.channels]
     except KeyError as error:
-        raise _damaged(folder / RESULT, f"{IDENTITY}.{error}: is missing") from error
+        raise _damaged(folder / RESULT, f"{IDENTITY}: has no entry for {error.args[0]}") from error
     return {(entry.channel, its.model, its.data_sha256): entry for entry, its in identities}
 
 
@@ -149,7 +149,7 @@ def read_saved(file: Path, model: type[Saved]) -> Saved:
         raise ValueError(f"{where}: {first['msg']}" if where else first["msg"]) from error
     for place, text in _texts(saved.model_dump(mode="json")):
         if len(text) > MAX_TEXT_LENGTH:
-            raise ValueError(f"{place}: has {len(text)} characters, at most {MAX_TEXT_LENGTH}")
+            raise ValueError(f"{place}: has {len(text)} characters; at most {MAX_TEXT_LENGTH} are allowed")
         if text != clean_text(text):
             raise ValueError(f"{place}: the text {text!a:.60} has characters that cannot be printed")
     if checksum is None:

@@ -191,7 +191,7 @@ def _force_finding(pressed_n: float) -> Finding:
 
 
 def _is_still(measurements: list[Measurement]) -> bool:
-    """Return whether no joint moved in the valid samples; False without any valid sample."""
+    """Return whether no joint moved; False if a sample is faulty or a device has no valid one."""
     fresh = all(any(getattr(m, device) is Status.OK for m in measurements) for device in _DEVICES)
     good = fresh and all(
         max(m.encoder_status, m.force_status) < Status.FAULT and np.isfinite(m.force_n) for m in measurements

@@ -150,7 +150,7 @@ class DataArguments(StudyOptions):
     def refuse_idle_force(out: Path | None, *, force: bool) -> None:
         """Refuse --force without the folder of --out, in which alone it replaces files."""
         if force and out is None:
-            raise InputError("--force: replaces files in the folder of --out; add --out FOLDER, or omit it")
+            raise InputError("--force has no effect without --out; add --out FOLDER, or omit --force")
 
     def print_omitted(self) -> None:
         """Report the held-out runs that a command leaves out without scoring on them."""

@@ -249,7 +249,9 @@ def parse_calibrations(text: str, origin: str = "calibration") -> Calibrations:
     document = parse_yaml(text, origin, len(CALIBRATION_KINDS) * MAX_BYTES * 2)
     unknown = [key for key in document.data if key not in CALIBRATION_KINDS]
     if unknown:
-        raise InputError(f"{origin}: '{unknown[0]}' is no calibration. Valid: {', '.join(CALIBRATION_KINDS)}")
+        raise InputError(
+            f"{origin}: '{unknown[0]}' is not a kind of calibration. Valid: {', '.join(CALIBRATION_KINDS)}"
+        )
     calibrations = {kind: calibration_from(document, kind) for kind in document.data}
     return Calibrations(**calibrations, text=text)  # type: ignore[arg-type]
 

@@ -88,7 +88,7 @@ class _Joint:
         return max(self.least_rad, _STEPS * self.step_rad) if known else self.unknown_rad
 
     def is_suspect(self, time_s: float, moved_rad: float) -> bool:
-        """Return whether a working encoder would have shown this motion [rad], without friction."""
+        """Return whether a reading rests too long although a working encoder would have shown this motion."""
         still = self.samples >= _SAMPLES and time_s - self.since_s >= self.still_s - 1e-9
         return still and abs(moved_rad) > self.visible_rad
 

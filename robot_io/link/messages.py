@@ -124,7 +124,7 @@ _MOST_COUNT = _LEADERS * _NUMBERS  # a double holds all of them
 
 
 def target_number(leader: int, count: int) -> int:
-    """Make a target's number, which no other leader uses; raise `InputError` for too many targets.
+    """Make a target's number, practically unique among leaders; raise `InputError` for too many targets.
 
     Args:
         leader: random number of the leading program, of which 31 bits count.

@@ -88,7 +88,7 @@ class Stream:
         if len(names) > MAX_COLUMNS:
             raise InputError(f"stream '{self.name}': {len(names)} columns, at most {MAX_COLUMNS}")
         if not isinstance(self.batch, int) or self.batch < 1:
-            raise InputError(f"stream '{self.name}': batch {self.batch!r:.20} is no number of records")
+            raise InputError(f"stream '{self.name}': batch {self.batch!r:.20} must be a positive integer")
         if (size := self.batch * self.dtype.itemsize) > MAX_RECORD_BYTES:
             what = "a record" if self.batch == 1 else f"{self.batch} records"
             raise InputError(f"stream '{self.name}': {what} of {size} bytes, at most {MAX_RECORD_BYTES}")

@@ -129,7 +129,7 @@ def test_force_option_replaces_outputs_but_never_inputs(without_figures, hardeni
 @pytest.mark.parametrize("command", [("diagnose", "DATA"), ("compare", "DATA"), ("add", "DATA", "bias")])
 def test_force_without_a_folder_is_refused(command, hardening):
     told = run(*(hardening if word == "DATA" else word for word in command), "--force")
-    assert_refused(told, "--force: replaces files in the folder of --out")
+    assert_refused(told, "--force has no effect without --out")
 
 
 def test_plots_and_pictures_replace_neither_files_nor_each_other(session, tmp_path):

@@ -134,7 +134,7 @@ def test_servos_with_other_ids_are_detected(bolted, subject, level, said, refuse
         (ODRIVE, *(LINES[0], LINES[1].replace(r"(?P<unit>\w+)", "((a+)+)")), "may never end"),
         (CUBEMARS, "model: AK60-6", "model: AK60-7", "AK60-6"),
         (CUBEMARS, "motor_id: 2", "motor_id: 1", "not all different"),
-        (CUBEMARS, "motor_id: 2,", "motor_id: 2, answer_id: 18,", "only Damiao's have an 'answer_id'"),
+        (CUBEMARS, "motor_id: 2,", "motor_id: 2, answer_id: 18,", "only Damiao motors have an 'answer_id'"),
         (CUBEMARS, "watchdog_s: 0.1", "watchdog_s: 0.1\n    host_id: 3", "host_id 3 is already in use"),
         (DAMIAO, "watchdog_s: 0.1", "watchdog_s: 0.1\n    host_id: 0", "host_id"),
         (DAMIAO, "motor_id: 1,", "motor_id: 1, answer_id: 2,", "answer_id 2 is already in use"),

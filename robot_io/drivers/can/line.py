@@ -293,11 +293,14 @@ class CanLine:
         return self._bus is not None
 
     def send(self, frame: CanFrame, deadline_s: float) -> None:
-        """Hand a frame to the adapter; raise `DeviceError` if closed, bus-off, or refused until then.
+        """Hand a frame to the adapter.
 
         Args:
             frame: frame to send.
             deadline_s: end of the retries while the adapter refuses the frame, robot's clock [s].
+
+        Raises:
+            DeviceError: the adapter is closed or bus-off, or refuses the frame until the deadline.
         """
         bus = self._opened()
         if self.bus_off:

@@ -430,7 +430,7 @@ class PolledMotorBus(MotorBus, Generic[StateType]):
         return [self._encode_torque(joint, 0.0)[0] for joint in range(self.joint_count)]
 
     def _send_confirmed(self, frames: list[CanFrame], problem: str, *, enabled: bool) -> None:
-        """Send frames, two or more to each motor, until each has answered twice, or raise `DeviceError`."""
+        """Send frames, two or more to each motor, and wait for two answers of each; raise `DeviceError`."""
         # A motor that reports its mode must report `enabled`, or an error.
         self._answers, self._unrequested = [0] * self.joint_count, [0] * self.joint_count
         self._send_all(frames)

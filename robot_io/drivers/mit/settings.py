@@ -225,7 +225,7 @@ class MitBusSettings(CanLineSettings):
             raise ValueError("host_id: Damiao motors have an 'answer_id' each instead")
         if not self.dialect.has_answer_ids and any(motor.answer_id is not None for motor in self.motors):
             raise ValueError(
-                f"motors: only Damiao's have an 'answer_id'; give '{self.maker}' one 'host_id' for all"
+                f"motors: only Damiao motors have an 'answer_id'; give '{self.maker}' one 'host_id' for all"
             )
         # An answer under a motor's id would be a command to it.
         has_own = self.dialect.has_answer_ids

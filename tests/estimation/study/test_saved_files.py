@@ -57,7 +57,7 @@ def test_written_values_are_read(tmp_path):
 @pytest.mark.parametrize("path", list(texts_of(KEPT)), ids=str)
 def test_every_text_is_short(path, tmp_path):
     long = written(tmp_path, changed(KEPT, path, "a" * (MAX_TEXT_LENGTH + 1)))
-    with pytest.raises(ValueError, match=f"^{'.'.join(map(str, path))}: has 4001 characters, at most 4000"):
+    with pytest.raises(ValueError, match=f"^{'.'.join(map(str, path))}: has 4001 characters; at most 4000"):
         read_saved(long, Revision)
 
 

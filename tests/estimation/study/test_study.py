@@ -254,7 +254,7 @@ def test_saved_channel_without_identity_is_damaged(pressed, tmp_path):
     (tmp_path / RESULT).write_text(json.dumps(study.diagnosis_data(found)))
     forge(tmp_path / RESULT, lambda content: content["judged"].clear())
     again = ModelStudy(session(4, cubic), folder=tmp_path)
-    with pytest.raises(InputError, match=r"damaged \(judged\.'contact': is missing\); delete it"):
+    with pytest.raises(InputError, match=r"damaged \(judged: has no entry for contact\); delete it"):
         again.known_diagnosis(again.channels[0])
 
 

@@ -221,7 +221,7 @@ def test_session_text_matches_the_report(tmp_path):
     assert again == found
     assert again.kinds == KINDS
     assert parse_calibrations("") == Calibrations()
-    with pytest.raises(InputError, match="'spam' is no calibration"):
+    with pytest.raises(InputError, match="'spam' is not a kind of calibration"):
         parse_calibrations("spam: 1")
 
 
