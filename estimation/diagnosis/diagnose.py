@@ -52,6 +52,7 @@ from palpate.estimation.model import Model
 from palpate.estimation.shared_gains import with_shared_gains
 from palpate.estimation.signals.motion import FEW_LEVELS, is_stepwise_command
 from palpate.estimation.workers import single_threaded, worker_pool
+from palpate.robot_io.errors import InputError
 
 _EXTENSIONS = 3  # best candidates that are tried beside accepted effects
 _MIN_ADEQUATE = 100  # samples below which a model is not called adequate
@@ -77,9 +78,14 @@ def diagnose(
         progress: callback that receives the current step and its completed share, from 0 to 1.
         file: name of the data's source, which the result states.
         processes: number of processes for the channels.
+
+    Raises:
+        InputError: the number of models is not that of the channels.
     """
     channels = [data] if isinstance(data, ChannelData) else list(data)
     models = [model] * len(channels) if isinstance(model, Model) else list(model)
+    if len(models) != len(channels):
+        raise InputError(f"{len(channels)} channels, but {len(models)} base models: give one, or one each")
     library = effect_library() if effects is None else tuple(effects)
     channels = with_shared_gains(channels, models)
     seed = int(rng.integers(2**32))  # makes a channel's result independent of the other channels

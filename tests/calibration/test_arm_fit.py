@@ -61,16 +61,16 @@ def test_drive_parameters_are_identified_together(path):
 
 
 def test_two_standard_errors_cover_95_percent(path):
-    """15 recordings of 10 values; the band is wide enough for that number of draws."""
+    """30 recordings of 10 values; the band is wide enough for that number of draws."""
     clean = measured(path, np.random.default_rng(0), noise=0.0, duration=15.0)
     covered = []
-    for seed in range(15):
+    for seed in range(30):
         noise = np.random.default_rng(seed).normal(0, 0.02, clean.measured_nm.shape)
         fit = fit_arm(replace(clean, measured_nm=clean.measured_nm + noise), BODY)
         for estimate, true in ((fit.gain, 1.0), (fit.offset_nm, 0.0), (fit.coulomb_nm, 0.0)):
             covered += [*(np.abs(estimate.value - true) < 2 * estimate.std_err)]
         covered.append(abs(fit.tilt_rad.value[0]) < 2 * fit.tilt_rad.std_err[0])
-    assert 0.90 < np.mean(covered) < 0.995
+    assert 0.90 < np.mean(covered) < 0.99
 
 
 def test_planar_motion_does_not_identify_roll(path):

@@ -33,7 +33,7 @@ def test_estimator_has_metadata_and_recovers_the_truth(name):
 
 @EVERY
 def test_errors_and_intervals_match_the_scatter(name):
-    draws = 14 if issubclass(ESTIMATORS[name], OnlineEstimator) else 30
+    draws = 20 if issubclass(ESTIMATORS[name], OnlineEstimator) else 40
     found = [fit(name, problem(np.random.default_rng(seed), noise=GENTLE_NOISE)) for seed in range(draws)]
     assert np.mean([covered(each) for each in found]) > 0.85
     scatter = np.std([values(each) for each in found], axis=0)

@@ -22,6 +22,7 @@ from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
+from palpate.robot_io.errors import InputError
 from tests.estimation.presses import NOISE_N, K, channel, kelvin_voigt, maxwell, session
 from tests.estimation.swings import DAMPING, INERTIA, NOISE_NM, WEIGHT, read, swings
 
@@ -399,3 +400,9 @@ def test_answer_does_not_depend_on_the_scale_of_a_recording(time, length, force)
     assert found.final.rmse / force == pytest.approx(NOISE_N, rel=0.05)
     tau = "stress_relaxation.tau"
     assert found.final.parameters[tau].value / time == pytest.approx(0.3, rel=0.1)
+
+
+def test_every_channel_needs_a_model():
+    data, rng = swings(1, runs=2), np.random.default_rng(0)
+    with pytest.raises(InputError, match="2 channels, but 1 base models"):
+        diagnose([data, replace(data, name="joint_2")], [SWING], rng=rng)

@@ -1,5 +1,7 @@
 """Robstride's frames and moteus' registers against examples of the makers and independent packers."""
 
+import struct
+
 import bitstruct
 import pytest
 from hypothesis import given
@@ -53,6 +55,18 @@ def test_torque_is_encoded_in_the_id_with_zero_gains(torque_nm):
     assert abs(sent_nm - min(max(torque_nm, -60), 60)) <= 60 / 65535 + 1e-9
 
 
+@given(*(st.integers(0, 65535) for _ in range(3)), st.integers(0, 2), st.integers(0, 63))
+def test_state_matches_a_bit_packer(position, velocity, torque, mode, faults):
+    can_id = int.from_bytes(bitstruct.pack("p3u5u2u6u8u8", 2, mode, faults, 9, 0xFD), "big")
+    frame = CanFrame(can_id, bitstruct.pack("u16u16u16u16", position, velocity, torque, 251), extended=True)
+    assert FRAMES.sender(frame) == 9
+    state = FRAMES.state(frame, RS03)
+    assert (state.motor_id, state.enabled, state.error) == (9, mode == 2, faults)
+    assert state.position_rad == pytest.approx((position / 65535 - 0.5) * 8 * 3.141592653589793)
+    assert state.velocity_rad_s == pytest.approx(-20 + 40 * velocity / 65535)
+    assert state.torque_nm == pytest.approx(-60 + 120 * torque / 65535)
+
+
 def test_faults_have_manual_names_and_an_unread_parameter_is_no_zero():
     """Recorded from an RS03 in huggingface/lerobot#4070: index 1003, which it does not know."""
     frame = CanFrame(0x110115FD, bytes(8), extended=True)
@@ -99,6 +113,21 @@ def test_answers_decode_like_the_vendor_library():
     assert (state.home, state.supply_v, state.temperature_c, state.fault) == (2, 24.0, 31, 0)
     assert state.is_known
     assert not state.error
+
+
+@pytest.mark.parametrize("place", [0, 1, 3, 4, 17, 18, 19])
+def test_answer_of_another_form_is_refused(place):
+    other = bytearray(ANSWER)
+    other[place] ^= 1
+    for data in (bytes(other), ANSWER[:-1], ANSWER + b"\x50"):
+        with pytest.raises(ProtocolError):
+            moteus.decode_state(CanFrame(0x300, data, fd=True))
+
+
+@pytest.mark.parametrize("values", [(float("nan"), 0, 0), (0, float("inf"), 0), (0, 0, -float("inf"))])
+def test_nonfinite_values_are_ignored(values):
+    data = ANSWER[:5] + struct.pack("<3f", *values) + ANSWER[17:]
+    assert not moteus.decode_state(CanFrame(0x300, data, fd=True)).is_known
 
 
 @pytest.mark.parametrize(
