@@ -53,11 +53,12 @@ def find_layouts(rows: Sequence[Sequence[str]], decimal: str) -> Iterator[TableL
         rows: cells of the file's rows, as text.
         decimal: decimal mark.
     """
-    is_body = [_is_body(rows[first : first + _ALIKE], decimal) for first in range(len(rows))]
+    is_body = _is_body(rows[:_ALIKE], decimal)
     for first in range(1, len(rows)):
-        if not is_body[first] or is_body[first - 1]:
-            continue
         body = rows[first : first + _ALIKE]
+        was_body, is_body = is_body, _is_body(body, decimal)
+        if not is_body or was_body:
+            continue
         width = max(len(_strip_empty(row)) for row in body)
         # Remarks with one entry per column, such as "# columns: a b c".
         above = [row for row in _preamble(rows, first, decimal) if len(row) == width + 1]
@@ -300,6 +301,7 @@ def find_dialect(content: bytes) -> TextDialect | None:
         counts = len(lines) > 1 and is_number(line_cells(lines[1][1] + first, first)[0], dialect.decimal)
         first_table = TextTable(named, begin, end, (), counts)
         return replace(dialect, tables=(first_table, *(t for t in dialect.tables if t.head > begin)))
+    # A tab may be the delimiter, and is also a blank.
     separate = {*"".join(text for _, text in lines).replace("\t", "\t ")}
     dialects = [_dialect(lines, delimiter) for delimiter in (*DELIMITERS, BLANKS) if delimiter in separate]
 

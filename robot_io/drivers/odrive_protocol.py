@@ -214,7 +214,7 @@ def decode_two_floats(frame: CanFrame, what: str) -> tuple[float, float]:
 
 
 def decode_version(frame: CanFrame) -> tuple[int, int, int]:
-    """Decode major, minor and revision number of the firmware (0.6); raise `ProtocolError` if too short.
+    """Decode major, minor and revision number of the firmware (0.6); raise `ProtocolError` if not 8 bytes.
 
     Args:
         frame: received frame.

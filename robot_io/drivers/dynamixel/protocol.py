@@ -181,6 +181,10 @@ _AROUND_DATA = 4  # error, id and checksum of a part
 class FastReply:
     """Form of the answer to one fast sync read.
 
+    Args:
+        servo_ids: Servos that were asked, in this order.
+        data_size: Number of bytes that each was asked for.
+
     Attributes:
         size: Bytes of the whole answer.
         length: Its length field.

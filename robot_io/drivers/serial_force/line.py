@@ -50,7 +50,7 @@ class SerialReader:
 
     If more time than usual passes between two reads of the port, the arrival of the bytes is unknown, and
     they get the time of the earlier read. So a reader that falls behind shows an old sample, never a fresh
-    one. The range ends at `capacity_n`.
+    one.
 
     Many protocols have no checksum. After damaged data the next two readings are discarded, and more of them
     if damage recurs. A jump by more than 1 % of the capacity is accepted only with the next reading, if that
@@ -59,6 +59,12 @@ class SerialReader:
 
     A reading that is late by the sensor's own time gets an earlier time, and a requested reading gets the
     time of its request; see `ReadingStream`.
+
+    Args:
+        file_descriptor: an open port that does not block.
+        stream: parser of the bytes.
+        clock: robot's clock.
+        capacity_n: end of the sensor's range [N].
 
     Attributes:
         newest: the newest reading; None before the first.
