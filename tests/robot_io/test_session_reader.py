@@ -359,11 +359,11 @@ def test_damaged_chunk_of_a_truncated_session_is_skipped(tmp_path, flip, count):
         ({"header": {"streams": "[" * 50_000}}, "streams"),
         (
             {"header": {"streams": streams_to_json((SLOW,)).replace('"batch": 1', '"batch": 0')}},
-            "batch 0 is no number",
+            "batch 0 must be a positive integer",
         ),
         (
             {"header": {"streams": streams_to_json((SLOW,)).replace('"batch": 1', '"batch": "9"')}},
-            "batch '9' is no number",
+            "batch '9' must be a positive integer",
         ),
         (
             {"header": {"streams": streams_to_json((SLOW,)).replace('"batch": 1', '"batch": 9999')}},
