@@ -96,9 +96,9 @@ def scenario_names() -> list[str]:
     """Return the shipped scenarios, and the user's own files."""
     from palpate.sim_backend.scenario import shipped_scenarios  # noqa: PLC0415
 
-    return [*shipped_scenarios(), *user_effect_files()]
+    return [*shipped_scenarios(), *yaml_files()]
 
 
-def user_effect_files() -> list[str]:
+def yaml_files() -> list[str]:
     """Return the YAML files of the current folder."""
     return sorted(path.name for pattern in _YAML for path in Path().glob(pattern))

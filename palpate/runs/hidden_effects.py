@@ -5,7 +5,7 @@ from pathlib import Path
 
 from palpate.common.console import as_command
 from palpate.common.files import existing_file
-from palpate.common.options import user_effect_files
+from palpate.common.options import yaml_files
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import FileModel, parse_yaml
 from palpate.robot_io.session import Session
@@ -63,7 +63,7 @@ def open_answer(session: Session) -> SealedAnswer:
 
 def hidden_names() -> list[str]:
     """Return the effects that can be hidden, and the user's own files, for shell completion."""
-    return [RANDOM, *IMPERFECTIONS, *user_effect_files()]
+    return [RANDOM, *IMPERFECTIONS, *yaml_files()]
 
 
 def command_line(arguments: Sequence[str], hidden: str | None) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from palpate.common.options import user_effect_files
+from palpate.common.options import yaml_files
 from palpate.common.user_effects import user_code
 from palpate.robot_io.clock import Clock
 from palpate.robot_io.driver import DriverCatalog
@@ -31,7 +31,7 @@ def shipped_robots() -> dict[str, Path]:
 
 def robot_names() -> list[str]:
     """Return the shipped arms, and the user's own files, for shell completion."""
-    return [*shipped_robots(), *user_effect_files()]
+    return [*shipped_robots(), *yaml_files()]
 
 
 def find_robot(robot: str) -> RobotFile:
