@@ -592,12 +592,15 @@ def _column(tables: Columns, spec: Mapping[str, Any], item: str, count: int) -> 
 
     `zero` is the number of first samples whose mean is subtracted, or `mean` for that of all. `item` stands
     for {} in the names of columns. `unwrap` is the period of an encoder that starts anew.
-    `signed_by` names the column whose sign the values take, where only their size was measured.
+    `signed_by` names the column whose sign the values take, where only their size was measured. Values from
+    `sign_bit` on stand for negative ones, as servos report them: the size with that bit set.
     """
     values: NDArray[np.float64] = np.arange(count, dtype=np.float64) * float(spec.get("step", 0.0))
     for name, factor in spec.get("sum", {}).items():
         values = values + float(factor) * tables[str(name).replace("{}", item)]
     values = values + float(spec.get("offset", 0.0))
+    if "sign_bit" in spec:
+        values = np.where(values < spec["sign_bit"], values, spec["sign_bit"] - values)
     if "unwrap" in spec:
         values = np.unwrap(values, period=float(spec["unwrap"]))
     if "signed_by" in spec:

@@ -79,6 +79,13 @@ def trials(folder, **read):
     return converted(folder, TRIALS, **SEMICOLONS, skip=1, decimal=",", **read)
 
 
+def test_reading_whose_sign_bit_is_set_is_negative(tmp_path):
+    (tmp_path / "servo.txt").write_text("0 40\n1 1074\n")
+    load = {"sum": {"1": 1.0}, "sign_bit": 1024}
+    table = converted(tmp_path, {"time_s": "0", "torque_Nm": load}, format="text", files=["servo.txt"])
+    assert table["torque_Nm"] == [40.0, -50.0]
+
+
 def test_conversion_scales_zeroes_and_numbers_runs(tmp_path):
     table = trials(tmp_path)
     assert table["run"] == [0] * 6 + [1] * 6
