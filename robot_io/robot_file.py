@@ -3,6 +3,7 @@
 import math
 import os.path
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -168,6 +169,19 @@ def parse_robot_file(text: str, origin: str | Path) -> RobotFile:
         InputError: as for `load_robot_file`.
     """
     return _from_document(parse_yaml(text, str(origin)))
+
+
+def replace_data(robot_file: RobotFile, data: dict[str, object]) -> RobotFile:
+    """Make a robot file of other data; its text stays, and errors state the lines of that text.
+
+    Args:
+        robot_file: the original.
+        data: all sections, as in `robot_file.document.data`.
+
+    Raises:
+        InputError: as for `parse_robot_file`.
+    """
+    return _from_document(replace(robot_file.document, data=data))
 
 
 def _from_document(document: YamlDocument) -> RobotFile:

@@ -6,14 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from palpate.common.options import yaml_files
 from palpate.common.user_effects import user_code
 from palpate.robot_io.clock import Clock
 from palpate.robot_io.driver import DriverCatalog
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.robot_file import RobotFile, load_robot_file, parse_robot_file
+from palpate.robot_io.robot_file import RobotFile, load_robot_file, replace_data
 from palpate.sim_backend import ARMS
 from palpate.sim_backend.drivers import SimulatedBus
 from palpate.sim_backend.emulators.wiring import WiredArm, wire_up
@@ -134,8 +132,7 @@ def emulate(
     for name, bus in arm.robot_file.buses.items():  # only the addresses of devices change
         known = as_built.buses[name].settings.items()
         data["buses"][name].update(dict(item for item in bus.settings.items() if item not in known))
-    adjusted = parse_robot_file(yaml.safe_dump(data, sort_keys=False), robot_file.path)
-    return replace(arm, robot_file=adjusted)
+    return replace(arm, robot_file=replace_data(robot_file, data))
 
 
 def describe_wires(robot_file: RobotFile) -> str:

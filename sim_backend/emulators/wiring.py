@@ -6,14 +6,12 @@ from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import yaml
-
 from palpate.robot_io.clock import Clock, SimulatedClock
 from palpate.robot_io.driver import SettingsModel
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import validate
 from palpate.robot_io.registry import Registry
-from palpate.robot_io.robot_file import DeviceSection, RobotFile, parse_robot_file
+from palpate.robot_io.robot_file import DeviceSection, RobotFile, replace_data
 from palpate.sim_backend.emulators.faults import Faults
 from palpate.sim_backend.emulators.hardware import EmulatedWire, HardwareEmulator, Plant
 from palpate.sim_backend.hooks import NO_EFFECTS, HiddenEffects
@@ -134,8 +132,7 @@ def wire_up(
             request = WireRequest(robot_file, bus, plant, wire_faults, start_s, in_lock_step)
             wires[bus], reach = WIRE_MAKERS[section.driver]().make(request)
             data["buses"][bus].update(reach)  # type: ignore[index]
-        text = "# Wired to emulated devices.\n" + yaml.safe_dump(data, sort_keys=False)
-        wired_file = parse_robot_file(text, robot_file.path)
+        wired_file = replace_data(robot_file, data)
     except InputError:
         for wire in wires.values():
             wire.close()

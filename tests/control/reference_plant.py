@@ -4,6 +4,8 @@ It shares no code with the simulator, so that a controller that works on both di
 """
 
 from dataclasses import dataclass, field
+from itertools import accumulate
+from math import cos, sin
 
 import numpy as np
 import pinocchio as pin
@@ -43,6 +45,7 @@ URDF = arm_urdf()
 TOOL_AXIS_TIP = np.array([1.0, 0.0, 0.0])
 TORQUE_LIMIT_NM = np.array([60.0, 40.0, 20.0])
 DOWN = np.array([0.0, 0.0, -1.0])
+NOTHING = np.zeros(3)
 
 
 def test_arm() -> RigidBody:
@@ -50,13 +53,6 @@ def test_arm() -> RigidBody:
 
 
 test_arm.__test__ = False
-
-
-def forward_dynamics(
-    body: RigidBody, position_rad: np.ndarray, velocity_rad_s: np.ndarray, torque_nm: np.ndarray
-) -> np.ndarray:
-    """Accelerations (n,) [rad/s^2] under these torques (n,) [N m], in free air."""
-    return np.array(pin.aba(body._model, body._data, position_rad, velocity_rad_s, torque_nm))
 
 
 @dataclass
@@ -81,14 +77,22 @@ class ReferencePlant:
         self.generator = np.random.default_rng(self.seed)
         self.force_history = [0.0]
 
+    def contact(self) -> tuple[float, np.ndarray]:
+        """Force of the object [N], and the torques with which it pushes the joints, shape (3,) [N m]."""
+        (_, first_m), (_, second_m), (_, third_m) = RODS
+        one, two, three = accumulate(self.position_rad.tolist())  # directions of the rods, from x downwards
+        height_m = -first_m * sin(one) - second_m * sin(two) - third_m * sin(three)
+        if height_m >= self.surface_height_m:
+            return 0.0, NOTHING
+        by_third = -third_m * cos(three)  # how the tip rises with the third joint
+        by_second = by_third - second_m * cos(two)
+        rise_m = np.array([by_second - first_m * cos(one), by_second, by_third])
+        spring_n = self.stiffness_n_m * (self.surface_height_m - height_m)
+        force_n = max(spring_n - self.damping_n_s_m * (rise_m @ self.velocity_rad_s), 0.0)
+        return force_n, force_n * rise_m
+
     def contact_force_n(self) -> float:
-        model, data = self.body._model, self.body._data
-        pin.forwardKinematics(model, data, self.position_rad)
-        depth_m = self.surface_height_m - pin.updateFramePlacement(model, data, self.body._tip).translation[2]
-        if depth_m <= 0.0:
-            return 0.0
-        rising_m_s = self.body.tip_jacobian(self.position_rad)[2] @ self.velocity_rad_s
-        return max(self.stiffness_n_m * depth_m - self.damping_n_s_m * rising_m_s, 0.0)
+        return self.contact()[0]
 
     def measure(self) -> Measurement:
         self.force_history.append(self.contact_force_n())
@@ -107,11 +111,11 @@ class ReferencePlant:
 
     def advance(self, torque_nm: np.ndarray, duration_s: float) -> None:
         self.torque_nm = np.clip(torque_nm, -TORQUE_LIMIT_NM, TORQUE_LIMIT_NM)
+        model, data = self.body._model, self.body._data
         for _ in range(round(duration_s / SUBSTEP_S)):
-            torque_nm = self.torque_nm
-            if force_n := self.contact_force_n():
-                torque_nm = torque_nm + self.body.tip_jacobian(self.position_rad)[:3].T @ (-force_n * DOWN)
-            acceleration = forward_dynamics(self.body, self.position_rad, self.velocity_rad_s, torque_nm)
-            self.velocity_rad_s = self.velocity_rad_s + acceleration * SUBSTEP_S
-            self.position_rad = self.position_rad + self.velocity_rad_s * SUBSTEP_S
+            _, pushed_nm = self.contact()
+            torque_nm = self.torque_nm if pushed_nm is NOTHING else self.torque_nm + pushed_nm
+            acceleration = pin.aba(model, data, self.position_rad, self.velocity_rad_s, torque_nm)
+            self.velocity_rad_s += acceleration * SUBSTEP_S
+            self.position_rad += self.velocity_rad_s * SUBSTEP_S
         self.time_s += duration_s

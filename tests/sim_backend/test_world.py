@@ -4,15 +4,17 @@ import gc
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.robot_file import load_robot_file
 from palpate.sim_backend.contact_laws.standard import EngineContact, HuntCrossleyLaw, KelvinVoigtLaw
 from palpate.sim_backend.hooks import ContactEffect, HiddenEffects, JointEffect, SensorHook
-from palpate.sim_backend.world import world_of
+from palpate.sim_backend.world import ArmDescription, world_of
 from tests.sim_backend.parts import (
     ARMS_DIR,
     GRAVITY_M_S2,
+    SLIDER_URDF,
     column,
     make_world,
     scenario,
@@ -80,6 +82,17 @@ def test_engine_contact_pushes_the_probe_at_the_tip_frame():
     world.advance_to(0.1)
     assert world.truth().force_n == pytest.approx(4.0, rel=0.02)
     assert world.truth().depth_m == pytest.approx(0.004, rel=0.02)
+
+
+@OWN_CONTACT
+def test_engine_contact_is_at_the_origin_of_a_shifted_and_turned_tip_frame():
+    rpy = (0.4, -0.7, 0.3)
+    down = Rotation.from_euler("xyz", rpy).inv().apply((0.0, 0.0, -1.0))
+    origin = '<origin xyz="0.02 -0.03 -0.05" rpy="{} {} {}"/></joint>\n</robot>'.format(*rpy)
+    urdf = SLIDER_URDF.format(mass_kg=1.0).replace("</joint>\n</robot>", origin)
+    law = EngineContact(stiffness_n_m=500, damping_n_s_m=22)
+    world = make_world(ArmDescription(urdf, "probe", tuple(down), (0.052,)), scenario(law))
+    assert settled_depth(world, 2.0) == pytest.approx(WEIGHT_N / 500, rel=0.01)
 
 
 @OWN_CONTACT

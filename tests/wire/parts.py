@@ -5,6 +5,7 @@ from pathlib import Path
 
 import can
 import numpy as np
+import yaml
 
 from palpate.robot_io.clock import SimulatedClock
 from palpate.robot_io.driver import DriverCatalog
@@ -96,6 +97,11 @@ class EmulatedRobot:
         )
         self.robot: Robot = build_robot(self.arm.robot_file, DriverCatalog(), self.clock)
         self.period_s = 1.0 / robot_file.control_rate_hz
+
+    @property
+    def text(self) -> str:
+        """The robot file of the emulated devices."""
+        return yaml.safe_dump(self.arm.robot_file.document.data, sort_keys=False)
 
     def start(self) -> "EmulatedRobot":
         self.robot.configure()

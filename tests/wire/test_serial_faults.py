@@ -86,7 +86,7 @@ def test_silent_sensor_keeps_its_value_and_its_time(sensor):
 )
 def test_another_sensor_than_stated_is_refused(make_robot, path, old, new, problem):
     arm = make_robot(path)
-    stated = parse_robot_file(arm.arm.robot_file.text.replace(old, new), path)
+    stated = parse_robot_file(arm.text.replace(old, new), path)
     robot = build_robot(stated, DriverCatalog(), arm.clock)
     with pytest.raises(DeviceError, match=problem):
         robot.configure()

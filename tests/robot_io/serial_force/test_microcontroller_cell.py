@@ -119,7 +119,7 @@ def arm(make_robot):
 def test_another_cell_than_stated_is_refused(arm, old, new, problem):
     if not old:
         arm.sensor.receive = lambda data, now_s: new
-    text = arm.arm.robot_file.text
+    text = arm.text
     stated = parse_robot_file(text.replace(old, new) if old else text, ODRIVE)
     with pytest.raises(DeviceError, match=problem):
         build_robot(stated, DriverCatalog(), arm.clock).configure()

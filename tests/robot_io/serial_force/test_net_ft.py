@@ -170,7 +170,7 @@ def test_sensor_that_is_set_up_otherwise_is_refused(arm, spoil, said):
 
 
 def configure_with(arm, old, new):
-    text, changes = re.subn(old, new, arm.arm.robot_file.text)
+    text, changes = re.subn(old, new, arm.text)
     assert changes
     with build_robot(parse_robot_file(text, ODRIVE), DriverCatalog(), arm.clock) as robot:
         robot.configure()
