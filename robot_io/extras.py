@@ -70,7 +70,12 @@ class LazyModule(ModuleType):
         ModuleNotFoundError: at first use; the message states the command that installs the module.
     """
 
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        # Asked only for what is not there yet (PEP 562); a method of the class would slow down every access.
+        self.__dict__["__getattr__"] = self._load
+
+    def _load(self, name: str) -> Any:  # noqa: ANN401
         """Import the module, and keep what was asked for."""
         try:
             value = getattr(import_module(self.__name__), name)

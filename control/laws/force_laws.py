@@ -53,6 +53,9 @@ class QuickEstimator:
 
     Source: Ljung and Soderstrom, "Theory and Practice of Recursive Identification", MIT Press 1983, section
     2.2.
+
+    Attributes:
+        compliance: the estimate, within bounds.
     """
 
     def __init__(self) -> None:
@@ -62,11 +65,7 @@ class QuickEstimator:
         """Reset the estimate."""
         self._k = self._c = self._p_kc = 0.0
         self._p_kk, self._p_cc = _STIFFNESS_SPREAD_N_M**2, _DAMPING_SPREAD_N_S_M**2
-
-    @property
-    def compliance(self) -> Compliance:
-        """The estimate, within bounds."""
-        return within_bounds(Compliance(self._k, self._c))
+        self.compliance = within_bounds(Compliance(self._k, self._c))
 
     def update(self, depth_m: float, speed_m_s: float, force_n: float, dt_s: float) -> None:
         """Update the estimate with one sample; samples slower than 2 mm/s are ignored.
@@ -91,6 +90,7 @@ class QuickEstimator:
         self._p_cc = min((self._p_cc - gain_c**2 / spread) / forget, _DAMPING_SPREAD_N_S_M**2)
         bound = math.sqrt(max(self._p_kk * self._p_cc, 0.0))
         self._p_kc = clip((self._p_kc - gain_k * gain_c / spread) / forget, -bound, bound)
+        self.compliance = within_bounds(Compliance(self._k, self._c))
 
 
 _DAMPING_SHARE = 0.4  # used share of the object's damping; all of it would overshoot, none would creep

@@ -225,7 +225,7 @@ class HybridController:
         """Return the acceleration of the reference [m/s^2]."""
         compliance, gains = self.quick_estimator.compliance, self._contact_gains
         if goal.hold:
-            state = self.state._replace(speed_m_s=speed_m_s)
+            state = LineState(self.state.travel_m, speed_m_s, self.state.acceleration_m_s2)
             hold = HoldState(goal.force_n, force_n, state, self._environment())
             acceleration_m_s2 = self._hold_law(hold, gains, dt_s)
             acceleration_m_s2 = min(acceleration_m_s2, (goal.speed_limit_m_s - speed_m_s) / dt_s)

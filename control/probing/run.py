@@ -51,6 +51,7 @@ class ProbingRun:
     ) -> None:
         self._control, self._site, self._plan, self.spec = control, site, plan, spec
         self._touch_gains = gains.touch
+        self._loading_goal = ForceGoal(plan.force_limit_n, spec.speed_m_s, hold=False)
         self._air, self._held = RunningMean(), RunningMean()
         self._step: Callable[[Measurement, float], ControlOutput] = self._free_air
         self._time_s = self._lost_s = 0.0
@@ -112,11 +113,10 @@ class ProbingRun:
         return output
 
     def _approach(self, measurement: Measurement, dt_s: float) -> ControlOutput:
-        goal = ForceGoal(self._plan.force_limit_n, self.spec.speed_m_s, hold=False)
-        reference = HybridReference(self._blend.at(self._time_s), goal)
+        reference = HybridReference(self._blend.at(self._time_s), self._loading_goal)
         output = self._control.step(measurement, reference, dt_s)
         if output.in_contact:
-            self.desired_force_n = goal.force_n
+            self.desired_force_n = self._plan.force_limit_n
             speed_m_s, set_m_s = output.state.speed_m_s, self.spec.speed_m_s
             surface_m = self._control.surface_travel_m
             place = self._site.line.point_at(surface_m).tolist()
@@ -143,8 +143,7 @@ class ProbingRun:
     def _loading(self, measurement: Measurement, dt_s: float) -> ControlOutput:
         limit_n, set_m_s = self._plan.force_limit_n, self.spec.speed_m_s
         self.desired_force_n = limit_n
-        goal = ForceGoal(limit_n, set_m_s, hold=False)
-        output = self._control.step(measurement, HybridReference(force=goal), dt_s)
+        output = self._control.step(measurement, HybridReference(force=self._loading_goal), dt_s)
         is_slow = abs(output.state.speed_m_s) < max(_SLOW_SHARE * set_m_s, _SLOW_M_S)
         if self._is_too_deep(output):
             self._leave()

@@ -339,9 +339,9 @@ class CalibratedForceSensor(_Calibrated[ForceSensor], ForceSensor):
         self._curvature = values.curvature.value if values.curvature else 0.0
 
     def read_force(self) -> Reading:
-        reading = self._driver.read_force()
-        above = reading.value - self._zero
-        return reading._replace(value=above * (self._scale + self._curvature * above))
+        value, sampled_at_s, status = self._driver.read_force()
+        above = value - self._zero
+        return Reading(above * (self._scale + self._curvature * above), sampled_at_s, status)
 
 
 class CalibratedEncoder(_Calibrated[JointEncoder], JointEncoder):
@@ -356,8 +356,8 @@ class CalibratedEncoder(_Calibrated[JointEncoder], JointEncoder):
         return self._driver.joint_count
 
     def read_position(self) -> Reading:
-        reading = self._driver.read_position()
-        return reading._replace(value=reading.value + self._offset_rad)
+        value, sampled_at_s, status = self._driver.read_position()
+        return Reading(value + self._offset_rad, sampled_at_s, status)
 
     def read_velocity(self) -> Reading:
         return self._driver.read_velocity()
@@ -383,11 +383,11 @@ class CalibratedTorque(_Calibrated[JointTorque], JointTorque):
         return self._driver.joint_count
 
     def read_torque(self) -> Reading:
-        reading = self._driver.read_torque()
-        return reading._replace(value=self._gain * reading.value + self._offset_nm)
+        value, sampled_at_s, status = self._driver.read_torque()
+        return Reading(self._gain * value + self._offset_nm, sampled_at_s, status)
 
     def stage_torque(self, torque_nm: FloatArray) -> FloatArray:
         """See `JointTorque.stage_torque`; argument and return value are true torques."""
         command_nm = (torque_nm - self._command_offset_nm) / self._gain
-        staged_nm = self._driver.stage_torque(np.clip(command_nm, -self._limit_nm, self._limit_nm))
+        staged_nm = self._driver.stage_torque(command_nm.clip(-self._limit_nm, self._limit_nm))
         return np.asarray(self._gain * staged_nm + self._command_offset_nm)

@@ -203,13 +203,14 @@ class LimitChecks:
 
 
 def _sample_problem(device: str, status: Status, age_s: float, oldest_s: float) -> Problem | None:
+    # Younger than the start of the tick is no fault: the robot judges against the end of its reading.
+    is_young = -inf < age_s <= oldest_s
+    if is_young and status <= Status.STALE:  # as in most ticks
+        return None
     if status is Status.FAULT:
         return Problem(f"{device}: reports a fault, or its bus has failed", _EXAMINE)
     if status is Status.SATURATED:
         return Problem(f"{device}: at the end of its range", _END_OF_RANGE)
-    # Younger than the start of the tick is no fault: the robot judges against the end of its reading.
-    if -inf < age_s <= oldest_s:
-        return None
     if age_s == inf:
         return Problem(f"{device}: no sample yet", _EXAMINE)
     return Problem(f"{device}: newest sample is {age_s:.4g} s old, limit {oldest_s:.4g} s", _LATE)

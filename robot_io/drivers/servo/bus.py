@@ -243,4 +243,4 @@ class ServoEncoder(BusEncoder):
             raw_rad_s = (position.value - last_position.value) / elapsed_s
             share = 1.0 - exp(-2.0 * pi * self._settings.bandwidth_hz * elapsed_s)
             self._smooth_rad_s = self._smooth_rad_s + share * (raw_rad_s - self._smooth_rad_s)
-        return reported._replace(value=self._smooth_rad_s)
+        return Reading(self._smooth_rad_s, reported.sampled_at_s, reported.status)
