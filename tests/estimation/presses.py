@@ -1,6 +1,7 @@
 """Presses onto an object, made from formulas, for the tests of the diagnosis."""
 
-from functools import partial
+from copy import deepcopy
+from functools import cache, partial
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -33,6 +34,21 @@ def motion(rng, runs=6, depth_m=0.012):
     return time_s, x, v, run
 
 
+def frozen(*arrays):
+    """The arrays, which nobody may change: what palpate computes from them alone, it computes once."""
+    for array in arrays:
+        array.setflags(write=False)
+    return arrays
+
+
+@cache
+def _seeded_motion(seed, runs):
+    """The motion of a session, its acceleration, and the generator's state after it."""
+    rng = np.random.default_rng(seed)
+    time_s, x, v, run = motion(rng, runs)
+    return frozen(time_s, x, v, run, np.gradient(v, 1.0 / RATE_HZ)), rng
+
+
 def kelvin_voigt(x, v, extra=0.0):
     """Force of a spring, a damper and something more; an object can only push."""
     return np.where(x > 0, np.maximum(K * x + C * v + extra, 0.0), 0.0)
@@ -43,17 +59,16 @@ def colored_noise(rng, count, correlation):
     return lfilter([1.0], [1.0, -correlation], noise)
 
 
-def channel(force, time_s, x, v, run):
-    a = np.gradient(v, 1.0 / RATE_HZ)
+def channel(force, time_s, x, v, run, a=None):
+    a = np.gradient(v, 1.0 / RATE_HZ) if a is None else a
     return ChannelData("contact", ChannelKind.CONTACT, time_s, x, v, a, force, run, np.full(len(x), -1))
 
 
 def session(seed, law=lambda t, x, v, run: kelvin_voigt(x, v), correlation=0.0, runs=3):
     """A session whose force is `law(time, depth, speed, run)` with noise of a colour."""
-    rng = np.random.default_rng(seed)
-    time_s, x, v, run = motion(rng, runs)
-    force = law(time_s, x, v, run) + colored_noise(rng, len(x), correlation)
-    return channel(force, time_s, x, v, run)
+    (time_s, x, v, run, a), rng = _seeded_motion(seed, runs)
+    force = law(time_s, x, v, run) + colored_noise(deepcopy(rng), len(x), correlation)
+    return channel(force, time_s, x, v, run, a)
 
 
 long_session = partial(session, runs=6)  # where what is tested goes by the number of runs

@@ -1,13 +1,14 @@
 """Swinging joints made from formulas, and their motion read coarsely or noisily."""
 
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.fit.measurement_model import channel_derivative
+from tests.estimation.presses import frozen
 
 NOISE_NM, INERTIA, WEIGHT, DAMPING = 0.02, 0.05, 2.0, 0.15
 
@@ -16,8 +17,9 @@ def no_torque(q, v, a):
     return 0.0 * q
 
 
-def swings(seed, extra=no_torque, *, sensor=lambda torque, run: torque, runs=3, seconds=3.0, rate_hz=250.0):
-    """A pendulum's swings with a hidden torque `extra(q, v, a)`; `sensor(torque, run)` bends its reading."""
+@cache
+def _motion(seed, runs, seconds, rate_hz):
+    """Time, run and motion, each array read-only: what depends on the motion alone is computed once."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, seconds, 1.0 / rate_hz)
     w, p = rng.uniform([1.5, 3.0, 6.0], [2.5, 4.5, 9.0], (runs, 3)), rng.uniform(0.0, 6.0, (runs, 3))
@@ -25,9 +27,13 @@ def swings(seed, extra=no_torque, *, sensor=lambda torque, run: torque, runs=3, 
     q, v = (size * np.sin(waves)).sum(1).ravel(), (size * w * np.cos(waves)).sum(1).ravel()
     a = -(size * w**2 * np.sin(waves)).sum(1).ravel()
     run = np.repeat(np.arange(runs), len(t))
-    torque = sensor(INERTIA * a + WEIGHT * np.sin(q) + DAMPING * v + extra(q, v, a), run)
-    torque = torque + rng.normal(0.0, NOISE_NM, len(q))
-    time_s = np.tile(t, runs) + 2.0 * seconds * run
+    return frozen(np.tile(t, runs) + 2.0 * seconds * run, q, v, a, run), rng.normal(0.0, NOISE_NM, len(q))
+
+
+def swings(seed, extra=no_torque, *, sensor=lambda torque, run: torque, runs=3, seconds=3.0, rate_hz=250.0):
+    """A pendulum's swings with a hidden torque `extra(q, v, a)`; `sensor(torque, run)` bends its reading."""
+    (time_s, q, v, a, run), noise = _motion(seed, runs, seconds, rate_hz)
+    torque = sensor(INERTIA * a + WEIGHT * np.sin(q) + DAMPING * v + extra(q, v, a), run) + noise
     return ChannelData("joint_1", ChannelKind.REVOLUTE, time_s, q, v, a, torque, run, np.full(len(q), -1))
 
 

@@ -1,6 +1,7 @@
 """Acceptance criteria: an effect is needed, no part of another, and no stand-in for a law."""
 
 from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 from unittest.mock import Mock
 
@@ -25,7 +26,7 @@ from palpate.estimation.diagnosis.completeness import Completeness
 from palpate.estimation.diagnosis.forms import analyze_kinds, form_tests
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.kinds import Kind
-from tests.estimation.searches import SWING, measured, reached, searched
+from tests.estimation.searches import measured, reached, searched
 from tests.estimation.swings import one_way_turns, swings
 
 SPRING, RUB, BIAS, SQUARE = "joint_spring", "coulomb_friction", "bias", "quadratic_friction"
@@ -52,17 +53,19 @@ LAWS = {
 }
 
 
-@pytest.fixture(scope="module")
-def searches():
-    made = {}
+@cache
+def searched_law(law):
+    return searched(swings(1, LAWS[law]), SPRING, RUB, BIAS, SQUARE)
 
-    def of(law, base=SWING):
-        if law not in made:
-            search = searched(swings(1, LAWS[law]), SPRING, RUB, BIAS, SQUARE, base=base)
-            made[law] = search, measured(search)
-        return made[law]
 
-    return of
+@cache
+def kinds_of(law):
+    return analyze_kinds(searched_law(law))
+
+
+@cache
+def reached_in(law, *names):
+    return reached(searched_law(law), *names)
 
 
 @pytest.mark.parametrize(
@@ -75,20 +78,18 @@ def searches():
         ("a large spring and a friction above the noise", (SPRING, RUB), {SPRING, RUB}),  # also less
     ],
 )
-def test_complete_model_keeps_its_needed_effects(searches, law, found, kept):
-    search, measurement = searches(law)
+def test_complete_model_keeps_its_needed_effects(law, found, kept):
+    search = searched_law(law)
     checks = Completeness(search.start, search.rng)
-    end = accept_effects(search, reached(search, *found), measurement, checks.is_complete)
+    end = accept_effects(search, reached_in(law, *found), measured(search), checks.is_complete)
     assert set(search.added_effects(end)) == kept
 
 
 @pytest.mark.parametrize("without_it_complete", [True, False])
-def test_effect_below_the_noise_is_kept_only_if_the_model_is_incomplete_without_it(
-    searches, without_it_complete
-):
-    search, measurement = searches("a large friction and a small zero")
-    fit = reached(search, RUB, BIAS)
-    end = accept_effects(search, fit, measurement, lambda reduced: without_it_complete)
+def test_effect_below_the_noise_is_kept_only_if_the_model_is_incomplete_without_it(without_it_complete):
+    search = searched_law("a large friction and a small zero")
+    fit = reached_in("a large friction and a small zero", RUB, BIAS)
+    end = accept_effects(search, fit, measured(search), lambda reduced: without_it_complete)
     assert (BIAS in search.added_effects(end)) is not without_it_complete
 
 
@@ -105,9 +106,9 @@ def test_effect_below_the_noise_is_kept_only_if_the_model_is_incomplete_without_
         ("a friction and what nobody knows", (RUB, BIAS), {RUB}),
     ],
 )
-def test_incomplete_model_keeps_effects_of_known_form(searches, law, found, kept):
-    search, _ = searches(law)
-    end, tests = accept_forms(search, analyze_kinds(search), reached(search, *found), measured(search))
+def test_incomplete_model_keeps_effects_of_known_form(law, found, kept):
+    search = searched_law(law)
+    end, tests = accept_forms(search, kinds_of(law), reached_in(law, *found), measured(search))
     assert set(search.added_effects(end)) == kept
     assert {test.effect for test in tests} == kept
 
@@ -121,9 +122,9 @@ def test_incomplete_model_keeps_effects_of_known_form(searches, law, found, kept
         ("a friction and what nobody knows", (RUB,), RUB, ""),
     ],
 )
-def test_failed_criterion_is_stated(searches, law, found, failed, reason):
-    search, _ = searches(law)
-    criteria = FormCriteria(search, analyze_kinds(search), reached(search, *found))
+def test_failed_criterion_is_stated(law, found, failed, reason):
+    search = searched_law(law)
+    criteria = FormCriteria(search, kinds_of(law), reached_in(law, *found))
     stated = criteria.failed_by(next(test for test in criteria.tests if test.effect == failed))
     assert reason in stated if reason else stated == ""
 
@@ -189,16 +190,16 @@ def test_weight_replaces_a_bias_only_if_it_fits_better(monkeypatch, name, left, 
     assert (module._with_weight(search, None, fit, None) is not None) is replaced
 
 
-def test_effect_that_drives_a_base_gain_out_of_bounds_is_not_accepted(searches, monkeypatch):
-    search, measurement = searches("a friction")
-    end = reached(search, RUB)
+def test_effect_that_drives_a_base_gain_out_of_bounds_is_not_accepted(monkeypatch):
+    search = searched_law("a friction")
+    end = reached_in("a friction", RUB)
     monkeypatch.setattr(type(search), "is_sensible", lambda self, one: one is not end)
-    assert accept_effects(search, end, measurement, lambda _: True) is search.start
+    assert accept_effects(search, end, measured(search), lambda _: True) is search.start
 
 
-def test_effects_are_ordered_by_improvement(searches):
-    search, _ = searches("a spring and a friction")
-    end = reached(search, RUB, SPRING)
+def test_effects_are_ordered_by_improvement():
+    search = searched_law("a spring and a friction")
+    end = reached_in("a spring and a friction", RUB, SPRING)
     assert _effects_by_importance(search, end) == [SPRING, RUB]
     assert [set(search.added_effects(one)) for one in models_by_importance(search, end)] == [
         {SPRING},
@@ -208,10 +209,10 @@ def test_effects_are_ordered_by_improvement(searches):
     assert _effects_by_importance(search, search.start) == []
 
 
-def test_flexible_law_outperforms_effects_only_if_it_explains_what_they_do_not(searches):
+def test_flexible_law_outperforms_effects_only_if_it_explains_what_they_do_not():
     """Beside a base model that lacks a friction, such a law finds it; beside the friction, nothing."""
-    search, _ = searches("a friction")
-    end = reached(search, RUB)
+    search = searched_law("a friction")
+    end = reached_in("a friction", RUB)
     assert not is_outperformed(search.start, end)
     assert search.start.flexible.held_out.sum() < 3.0 * end.flexible.before.sum()
 
@@ -253,21 +254,21 @@ def names(fit):
     return {one.name for one in fit.solution.model.effects} - {"pendulum", "viscous_friction"}
 
 
-def test_smallest_sufficient_part_of_a_model_is_selected(searches, refused):
-    search, measurement = searches("a spring and a friction")
-    end = reached(search, SPRING, RUB)
+def test_smallest_sufficient_part_of_a_model_is_selected(refused):
+    search = searched_law("a spring and a friction")
+    end = reached_in("a spring and a friction", SPRING, RUB)
     asked = refused(lambda before, after: not names(before))  # only the base model is refused
-    assert names(accept_effects(search, end, measurement, lambda _: True)) == {SPRING}
+    assert names(accept_effects(search, end, measured(search), lambda _: True)) == {SPRING}
     assert [names(before) for before, after, _ in asked if after is end] == [set(), {SPRING}]
 
 
 @pytest.mark.parametrize("others_refused", [False, True])
-def test_rival_explains_half_of_the_effect_and_is_not_rejected(searches, refused, others_refused):
+def test_rival_explains_half_of_the_effect_and_is_not_rejected(refused, others_refused):
     """Of friction: a spring explains nothing of it."""
-    search, measurement = searches("a friction")
-    end = reached(search, RUB)
+    search = searched_law("a friction")
+    end = reached_in("a friction", RUB)
     asked = refused(lambda before, after: others_refused)
-    found = indistinguishable_models(search, end, RUB, measurement)
+    found = indistinguishable_models(search, end, RUB, measured(search))
     assert RUB not in found
     assert SPRING not in found
     assert all(after is end for _, after, _ in asked)
@@ -316,10 +317,10 @@ def test_curves_are_equal_up_to_a_small_share(one, other, without, same):
     assert module._is_same_curve(*map(curve, (one, other, without))) is same
 
 
-def test_effect_that_removes_more_than_remains_is_not_negligible(searches):
+def test_effect_that_removes_more_than_remains_is_not_negligible():
     """Though nobody looked at its interval."""
-    search, _ = searches("a friction")
-    end = reached(search, RUB, BIAS)
+    search = searched_law("a friction")
+    end = reached_in("a friction", RUB, BIAS)
     assert not module._has_zero_size(search.start, end, RUB)
     assert module._has_zero_size(search.without(end, BIAS), end, BIAS)
     half, whole = (
@@ -390,10 +391,10 @@ def test_parts_with_fewer_parameters_are_compared_with_their_whole():
     ],
 )
 def test_form_is_named_where_its_kind_explains_some_error(
-    searches, share, necessary, others, unexplained, by_other, by_all, told
+    share, necessary, others, unexplained, by_other, by_all, told
 ):
-    search, _ = searches("a friction and what nobody knows")
-    end, partial = reached(search, RUB), analyze_kinds(search)
+    law = "a friction and what nobody knows"
+    search, end, partial = searched_law(law), reached_in(law, RUB), kinds_of(law)
     (test,) = form_tests(partial, end)
     entry = share is not None and BudgetEntry(
         Kind.FRICTION, share, (share, share), necessary, share, tuple(others)
