@@ -159,10 +159,10 @@ class HeldOutError(SquaredErrors):
         """Predict each fold from the others with these columns, for each ridge penalty, shape (n,)."""
         is_base = chosen < self.base.columns.shape[1]
         lower, upper = np.where(self._nonnegative[chosen], 0.0, -np.inf), np.full(len(chosen), np.inf)
-        grams = self._grams[:, chosen[:, None], chosen]
+        grams = self._grams.take(chosen, axis=1).take(chosen, axis=2)
         moments = self._moments[:, chosen]
         gram, total_moment = grams.sum(axis=0), moments.sum(axis=0)
-        columns, one_sided = self._columns[:, chosen], self._one_sided[chosen]
+        columns, one_sided = self._columns.take(chosen, axis=1), self._one_sided[chosen]
         pushing = columns[:, one_sided]
         parts = [(rows, columns[rows], pushing[rows]) for rows in self._folds]
         trials = []

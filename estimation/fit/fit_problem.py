@@ -145,7 +145,8 @@ def _rows(parts: Sequence[FloatArray], target: FloatArray, indices: IntArray) ->
     ends = np.cumsum([part.shape[1] for part in parts])
     rows = np.empty((ends[-1] + 1, len(indices)))
     for part, end in zip(parts, ends, strict=True):
-        rows[end - part.shape[1] : end] = part[indices].T
+        by_column = part.flags.f_contiguous
+        rows[end - part.shape[1] : end] = part.T.take(indices, 1) if by_column else part.take(indices, 0).T
     rows[-1] = target[indices]
     return rows.T
 

@@ -35,7 +35,7 @@ class NormalEquations:
         prior = self.prior and Information(
             self.prior.matrix[:, kept[:-1, None], kept[None, :-1]], self.prior.vector[:, kept[:-1]]
         )
-        return NormalEquations(self.products[:, kept[:, None], kept[None, :]], prior)
+        return NormalEquations(self.products.take(kept, axis=1).take(kept, axis=2), prior)
 
     def with_fixed(self, columns: BoolArray, gains: FloatArray) -> "NormalEquations":
         """Return the equations without columns of fixed gains, whose effort is subtracted from the target.

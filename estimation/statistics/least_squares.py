@@ -55,7 +55,8 @@ def solve_definite(system: FloatArray, target: FloatArray) -> FloatArray:
         target: right-hand side, shape (q,).
     """
     if target.size:
-        _, solution, failed = scipy.linalg.lapack.dposv(system, target)
+        # The transpose of a symmetric matrix stored by row is stored by column, as LAPACK needs it.
+        _, solution, failed = scipy.linalg.lapack.dposv(system.T, target, lower=True)
         if not failed:
             return np.asarray(solution)
     return np.asarray(np.linalg.solve(system, target))
@@ -90,10 +91,10 @@ def solve_within_bounds(
         solution = np.where(low, lower, np.where(high, upper, 0.0))
         free = ~(low | high)
         if len(free_indices := free.nonzero()[0]):
-            rows, right_side = system[free_indices], moment[free_indices]
+            rows, right_side = system.take(free_indices, axis=0), moment[free_indices]
             if np.count_nonzero(solution):
                 right_side = right_side - rows @ solution
-            solution[free_indices] = solve_definite(rows[:, free_indices], right_side)
+            solution[free_indices] = solve_definite(rows.take(free_indices, axis=1), right_side)
         gradient = system @ solution - moment
         below, above = free & (solution < lower), free & (solution > upper)
         wrong = below | above | (low & (gradient < -tolerance)) | (high & (gradient > tolerance))
