@@ -104,7 +104,7 @@ def flexible_laws(
     """
     data, run = blocked.data, blocked.run
     is_contact = data.kind is ChannelKind.CONTACT
-    position, time_s = blocked.reduce(data.position), blocked.reduce(data.time_s)
+    position, time_s = blocked.reduce(data.position), blocked.time_s
     touching = blocked.reduce(data.engaged.astype(np.float64))
     velocity, acceleration = (blocked.reduce(s * data.engaged) for s in (data.velocity, data.acceleration))
     depth = blocked.reduce(data.position * data.engaged) if is_contact else position

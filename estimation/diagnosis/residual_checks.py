@@ -136,7 +136,7 @@ def periodic_component(end: FitResult) -> tuple[float, float] | None:
 def _strongest_line(blocked: BlockedData, residual: FloatArray) -> tuple[float, float, float] | None:
     """See `strongest_frequency`; the residual is given on blocks, shape (m,)."""
     step_s = sample_time(blocked.data.time_s, blocked.data.run) * blocked.rows.shape[1]
-    return strongest_frequency(blocked.reduce(blocked.data.time_s), blocked.run, residual, step_s)
+    return strongest_frequency(blocked.time_s, blocked.run, residual, step_s)
 
 
 def _oscillation(end: FitResult) -> ResidualFinding | None:

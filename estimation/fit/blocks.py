@@ -60,6 +60,10 @@ class BlockedData:
     cache: FitCache = field(default_factory=FitCache)
     load_cache: FitCache = field(default_factory=FitCache)  # results that depend on the load
 
+    def __post_init__(self) -> None:
+        """Make the runs read-only, so that results that depend on them are cached."""
+        self.run.setflags(write=False)
+
     def __len__(self) -> int:
         """Number of blocks m."""
         return len(self.rows)
@@ -87,6 +91,11 @@ class BlockedData:
             return signal.T.take(self.rows[:, 0], axis=-1).T
         sums = [self._sums @ column for column in np.atleast_2d(signal.T)]
         return np.asarray(np.reshape(sums, (*signal.shape[1:], len(self))).T / block)
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Times of the blocks, shape (m,) [s]."""
+        return self.cache.get_or_compute("time", lambda: self.reduce(self.data.time_s))
 
     @property
     def effort(self) -> FloatArray:

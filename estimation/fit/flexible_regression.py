@@ -160,7 +160,7 @@ _CONTEXT = frozenset({"joint_position", "joint_velocity", "load"})
 def _smooth_features(blocked: BlockedData, efforts: Sequence[FloatArray]) -> dict[str, FloatArray]:
     """Return smooth features (m, k) by signal, for efforts (m,) after and before sensor effects."""
     data, run, effort = blocked.data, blocked.run, efforts[0]
-    x, time_s = blocked.reduce(data.position), blocked.reduce(data.time_s)
+    x, time_s = blocked.reduce(data.position), blocked.time_s
     v, a = (blocked.reduce(s * data.engaged) for s in (data.velocity, data.acceleration))
     sharp, turn = (np.tanh(v / (share * _rms(v))) for share in _SHARPNESS)
     coarse_x, coarse_e = hats(x, even=0), hats(effort, even=0)
@@ -215,8 +215,7 @@ def _position(blocked: BlockedData) -> FloatArray:
 def _past(blocked: BlockedData) -> FloatArray:
     """Return features of the past motion: memory that decays over time or until a reversal."""
     data, run = blocked.data, blocked.run
-    signals = (data.position, data.time_s, data.engaged.astype(np.float64))
-    x, time_s, touching = map(blocked.reduce, signals)
+    x, touching, time_s = *map(blocked.reduce, (data.position, data.engaged.astype(float))), blocked.time_s
     pressed, a = (blocked.reduce(s * data.engaged) for s in (data.position, data.acceleration))
     times = data.time_scale * np.array(_MEMORIES)
     if blocked.data.kind is ChannelKind.CONTACT:

@@ -112,6 +112,7 @@ class FitCache:
                 self._arrays.move_to_end(key)
                 return self._arrays[key]
         array = compute()
+        array.setflags(write=False)
         with self._lock:
             self.total_bytes += array.nbytes - (self._arrays[key].nbytes if key in self._arrays else 0)
             self._arrays[key] = array

@@ -82,22 +82,25 @@ def solve_within_bounds(
         guess: minimum of a similar problem, whose active bounds are tried first, shape (q,).
     """
     fewest_wrong, patience = len(moment) + 1, _PATIENCE
-    low, high = np.zeros((2, len(moment)), dtype=np.bool_)
-    if guess is not None:
-        low, high = guess <= lower, guess >= upper
-    solution = np.zeros(len(moment))
+    is_high = np.zeros(len(moment), dtype=np.bool_) if guess is None else guess >= upper
+    is_free = ~is_high if guess is None else ~(is_high | (guess <= lower))
+    has_upper = bool((upper < np.inf).any())
+    bound, solution = lower, np.zeros(len(moment))
     tolerance = _TOLERANCE * np.max(np.abs(moment), initial=0.0)
     for _ in range(_MAX_EXCHANGES * len(moment) + 1):
-        solution = np.where(low, lower, np.where(high, upper, 0.0))
-        free = ~(low | high)
-        if len(free_indices := free.nonzero()[0]):
+        if has_upper:
+            bound = np.where(is_high, upper, lower)
+        solution = np.where(is_free, 0.0, bound)
+        if len(free_indices := is_free.nonzero()[0]):
             rows, right_side = system.take(free_indices, axis=0), moment[free_indices]
             if np.count_nonzero(solution):
                 right_side = right_side - rows @ solution
             solution[free_indices] = solve_definite(rows.take(free_indices, axis=1), right_side)
         gradient = system @ solution - moment
-        below, above = free & (solution < lower), free & (solution > upper)
-        wrong = below | above | (low & (gradient < -tolerance)) | (high & (gradient > tolerance))
+        wrong = np.where(is_free, solution < lower, gradient < -tolerance)
+        if has_upper:
+            above = is_free & (solution > upper)
+            wrong = np.where(is_high, gradient > tolerance, wrong | above)
         wrong_count = int(np.count_nonzero(wrong))
         if not wrong_count:
             break
@@ -107,7 +110,9 @@ def solve_within_bounds(
             patience -= 1
         else:  # exchanging only the last wrong variable guarantees termination (K. G. Murty 1974)
             wrong &= np.arange(len(wrong)) == np.flatnonzero(wrong)[-1]
-        low, high = (low & ~wrong) | (below & wrong), (high & ~wrong) | (above & wrong)
+        if has_upper:
+            is_high = (is_high & ~wrong) | (above & wrong)
+        is_free = is_free ^ wrong
     return np.clip(solution, lower, upper)
 
 

@@ -76,7 +76,7 @@ def test_sensor_statics_law_has_a_gain_unless_the_base_model_scales(scaled):
     fit = fit_model(session(2), MODEL, {})
     blocked = fit.problem.blocked
     effort = blocked.effort - fit.solution.residual
-    column = (effort if scaled else np.sin(blocked.reduce(blocked.data.time_s)))[:, None]
+    column = (effort if scaled else np.sin(blocked.time_s))[:, None]
     base = BaseColumns(column, np.ones(1), np.zeros(1), np.ones(1, bool))
     slope = np.zeros(len(effort))
     laws = flexible_laws(blocked, base, effort, fit.solution.residual, fit.problem.used, slope=slope)

@@ -177,7 +177,7 @@ def test_sensor_effects_are_compared_without_the_smoothing_bias(monkeypatch, own
     """A base model without the effect may hide this bias, which the laws of a sensor could imitate."""
     search = searched(swings(1), "bias")
     partial, problem = analyze_kinds(search), search.start.problem
-    wave = np.sin(problem.blocked.reduce(problem.blocked.data.time_s))
+    wave = np.sin(problem.blocked.time_s)
     monkeypatch.setattr(forms, "fit_smoothing_bias", lambda *_: (wave[:, None], None))
     adjusted = partial._adjust_problem(frozenset({own}), partial.kinds, problem, search.start.solution)
     assert (np.abs(adjusted.nuisance.remove(wave)[problem.used]).max() < 1e-6) == removed

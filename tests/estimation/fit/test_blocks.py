@@ -93,7 +93,7 @@ def test_friction_is_not_scored_at_rest_and_motion_start(phase, rests):
     t = np.arange(0.0, 10.0, 1e-3)
     q = np.where(t < 4.0, np.sin(2.0 * np.pi * t), 0.02 * t)  # 6.3 rad/s, then 20 mrad/s
     blocked = block_average(recorded(ChannelKind.REVOLUTE, q, q, phase=phase))
-    begun_s = blocked.reduce(blocked.data.time_s)
+    begun_s = blocked.time_s
     slow = np.abs(blocked.reduce(blocked.data.velocity)) < 0.05 * 6.2
     assert blocked.trusted[~slow & (begun_s > 0.26)].all()
     assert blocked.trusted[slow & (begun_s > 0.26)].any() != rests
@@ -127,14 +127,14 @@ def triangle(angle):
 
 def test_contact_corner_is_scored_only_where_data_has_nothing_else():
     sharp, round_ = block_average(press(shape=triangle)), block_average(press())
-    top = np.abs(sharp.reduce(sharp.data.time_s) - 2.0)
+    top = np.abs(sharp.time_s - 2.0)
     assert not sharp.trusted[top < 0.004].any()
     assert sharp.trusted[(top > 0.012) & (top < 0.5)].all()
     assert round_.trusted[top < 0.5].all()
     single = block_average(press(rate_hz=200.0, shape=triangle))  # a sample is a block
     assert np.sum(~single.trusted[350:450]) == 9  # the corner, its neighbours, and three more to either side
     slow = block_average(press(seconds=40.0, rate_hz=50.0, shape=triangle))
-    assert slow.trusted[np.abs(slow.reduce(slow.data.time_s) - 20.0) < 5.0].all()
+    assert slow.trusted[np.abs(slow.time_s - 20.0) < 5.0].all()
 
 
 def test_blocks_within_the_surface_error_are_excluded():
