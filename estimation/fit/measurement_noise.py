@@ -136,11 +136,19 @@ class MeasurementNoise:
 
 
 def measurement_noise(base: FitResult) -> MeasurementNoise:
-    """Estimate the noise of a channel.
+    """Estimate the noise of a channel, once for each fit.
 
     Args:
         base: the base model fitted to the channel, without added effects.
     """
+    known = vars(base)
+    if "noise" not in known:
+        known["noise"] = _estimate_noise(base)
+    noise: MeasurementNoise = known["noise"]
+    return noise
+
+
+def _estimate_noise(base: FitResult) -> MeasurementNoise:
     data = base.data.select(np.isin(base.data.run, base.data.run[base.scored]))  # the scored runs
     bound, source = base.smooth_law_error, NoiseSource.FLEXIBLE
     differences = []  # differences between the residuals of runs with the same motion
