@@ -1,4 +1,4 @@
-"""Error budgets that try few combinations; those of tests/estimation/budget are whole."""
+"""Error budgets that try few combinations, except in tests that ask for the whole budget."""
 
 import pytest
 

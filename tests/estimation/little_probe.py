@@ -10,7 +10,7 @@ from palpate.control.loop.tick_record import tick_stream
 from palpate.robot_io.session import Samples
 
 MASS_KG = 1.5
-STEP_S = 1e-4
+STEP_S = 2e-4
 TICK_S = 1e-3
 FORCE_LIMIT_N = 10.0
 NOISE_N = 0.02

@@ -22,7 +22,7 @@ from tests.palpate.presses import write_table
 GAIN_V_RAD, KT, OHM, INERTIA = 20.0, 1.28, 2.75, 0.03  # firmware gain times supply; motor; load and rotor
 STIFF = GAIN_V_RAD * KT / OHM  # torque per goal error [N m/rad]
 VISCOUS = 0.03
-STEP_S, EVERY = 2e-4, 50
+STEP_S, EVERY = 5e-4, 20
 
 
 @cache
@@ -35,7 +35,7 @@ def servo(seed, dry=0.0, weight=0.0, gap=0.0, seconds=12.0):
     goals = (np.sin(np.outer(times, rate) + phase) @ size).tolist()
     q, v, rows = goals[0], 0.0, []
     link = q  # of a load that friction holds within the gap
-    for step, goal in enumerate(goals):  # plain numbers: 60,000 steps
+    for step, goal in enumerate(goals):  # plain numbers: 24,000 steps
         if step % EVERY == 0:
             rows.append((times[step], goal, q))
         motor = KT / OHM * (GAIN_V_RAD * (goal - q) - KT * v) - VISCOUS * v - weight * math.sin(link)

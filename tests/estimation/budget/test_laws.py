@@ -14,8 +14,6 @@ from tests.estimation.presses import NOISE_N, K, kelvin_voigt, maxwell, session
 from tests.estimation.searches import PRESS, ROTOR, SWING, searched
 from tests.estimation.swings import WEIGHT, swings
 
-pytestmark = pytest.mark.usefixtures("whole_budget")
-
 
 def late(torque, run, samples=12):
     """Some samples late; before that, the first value."""
@@ -110,7 +108,7 @@ def test_law_describes_its_kind_in_longer_runs(what):
 
 
 @pytest.mark.parametrize("tau_s", [0.05, 0.13, 0.3])
-def test_relaxation_law_describes_any_time_constant(tau_s):
+def test_relaxation_law_describes_any_time_constant(tau_s, whole_budget):
     """Six constants over these runs would leave up to 30 times the noise."""
     data = press(lambda t, x, v, run: 6000.0 * maxwell(t, x, run, tau_s))
     error = error_of_kinds(searched(data, base=PRESS).start)
@@ -161,7 +159,7 @@ def test_drift_is_identified_with_epoch_times():
 
 
 @pytest.mark.parametrize("kind", OF_KIND)
-def test_hidden_kind_has_the_largest_share(kind):
+def test_hidden_kind_has_the_largest_share(kind, whole_budget):
     budget = analysed(OF_KIND[kind]()).budget
     first, *others = budget.entries
     assert first.kind is kind
@@ -173,7 +171,7 @@ def test_hidden_kind_has_the_largest_share(kind):
 
 
 @pytest.mark.parametrize("data", [lambda: swings(2), lambda: session(3)])
-def test_no_kind_has_a_share_without_hidden_effects(data):
+def test_no_kind_has_a_share_without_hidden_effects(data, whole_budget):
     assert sum(entry.share for entry in analysed(data()).budget.entries) < 0.05
 
 
