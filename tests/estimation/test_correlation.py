@@ -5,7 +5,6 @@ import tracemalloc
 import numpy as np
 import pytest
 from scipy.signal import lfilter, lombscargle
-from statsmodels.tsa.stattools import acf, ccf
 
 from palpate.estimation.signals.periodicity import strongest_frequency
 from palpate.estimation.statistics.correlation import (
@@ -42,6 +41,8 @@ def test_fit_of_a_constant_or_empty_signal_is_nan():
 
 @pytest.mark.parametrize("coefficient", [0.0, 0.5, -0.7])
 def test_autocorrelation_matches_statsmodels(coefficient):
+    from statsmodels.tsa.stattools import acf  # slow: not in every process that collects tests
+
     x = lfilter([1.0], [1.0, -coefficient], noise(1))
     ours = autocorrelation(x, ONE_RUN, LAGS)
     np.testing.assert_allclose(ours.value, acf(x, adjusted=True, nlags=LAGS), atol=1e-12)
@@ -49,6 +50,8 @@ def test_autocorrelation_matches_statsmodels(coefficient):
 
 
 def test_both_correlations_match_statsmodels():
+    from statsmodels.tsa.stattools import acf, ccf
+
     x = lfilter([1.0], [1.0, -0.5], noise(2))
     x[::7] = np.nan
     theirs = acf(x, adjusted=True, nlags=LAGS, missing="conservative")

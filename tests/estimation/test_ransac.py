@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from sklearn.linear_model import LinearRegression, RANSACRegressor
 
 from palpate.estimation.estimators.ransac import Ransac
 from palpate.estimation.model import Regression
@@ -34,6 +33,8 @@ def test_outliers_do_not_move_the_estimate(outliers):
 
 
 def test_inliers_agree_with_scikit_learn():
+    from sklearn.linear_model import LinearRegression, RANSACRegressor  # slow to import
+
     regression = problem(np.random.default_rng(2), noise=0.003, outliers=0.3)
     other = RANSACRegressor(
         LinearRegression(fit_intercept=False),

@@ -5,8 +5,6 @@ import warnings
 import numpy as np
 import pytest
 from scipy.stats import ttest_ind
-from statsmodels.stats.meta_analysis import combine_effects
-from statsmodels.stats.multitest import multipletests
 
 from palpate.batches.pooling import PooledParameter, group_differences, outliers, shared_parameters
 from palpate.batches.statistics import holm, random_effects, shrunk
@@ -20,6 +18,8 @@ def column(values, std_errs):
 
 @pytest.mark.parametrize("spread", [0.0, 0.5, 3.0, 40.0])
 def test_mean_and_spread_match_statsmodels(spread):
+    from statsmodels.stats.meta_analysis import combine_effects  # slow to import
+
     rng = np.random.default_rng(3)
     std_errs = rng.uniform(0.5, 4.0, 25)
     values = 100.0 + spread * rng.standard_normal(25) + std_errs * rng.standard_normal(25)
@@ -81,6 +81,8 @@ def test_two_group_test_equals_welch_for_exact_values():
 
 
 def test_corrected_p_values_match_statsmodels():
+    from statsmodels.stats.multitest import multipletests  # slow to import
+
     p_values = [0.04, 0.001, 0.5, 0.012, 0.012, 0.9]
     assert holm(p_values) == pytest.approx(multipletests(p_values, method="holm")[1])
     assert holm([]) == []
