@@ -55,8 +55,7 @@ def solve_definite(system: FloatArray, target: FloatArray) -> FloatArray:
         target: right-hand side, shape (q,).
     """
     if target.size:
-        # The transpose of a symmetric matrix stored by row is stored by column, as LAPACK needs it.
-        _, solution, failed = scipy.linalg.lapack.dposv(system.T, target, lower=True)
+        _, solution, failed = scipy.linalg.lapack.dposv(system, target)
         if not failed:
             return np.asarray(solution)
     return np.asarray(np.linalg.solve(system, target))
