@@ -34,9 +34,12 @@ class SimulatedArm:
         plan: what to do.
         scenario: what the world is, as in a scenario file.
         gravity: whether the guard knows the arm's weight.
+        stop: what differs in the robot file's section `safe_state`.
     """
 
-    def __init__(self, name: str, plan: ProbingPlan, scenario: dict, gravity: bool = True) -> None:
+    def __init__(
+        self, name: str, plan: ProbingPlan, scenario: dict, gravity: bool = True, **stop: float
+    ) -> None:
         robot_file = load_robot_file(ARMS / name / f"{name}.yaml")
         self.robot_file = robot_file
         self.clock, self.log = SimulatedClock(), MemoryLog()
@@ -44,7 +47,8 @@ class SimulatedArm:
         self.task = ProbingTask.from_robot_file(robot_file, plan)
         body = RigidBody.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
         weight = body.gravity if gravity else None
-        self.guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count, weight)
+        safe_state = robot_file.safe_state.model_copy(update=stop)
+        self.guard = Guard(robot_file.limits, safe_state, robot_file.joint_count, weight)
         bus = self.robot.buses["world"]
         bus.use_scenario(bus.scenario.model_validate(scenario))
         self.robot.configure()

@@ -28,7 +28,8 @@ def freeze(arm: SimulatedArm, value_n: float) -> None:
     ("name", "stiffness", "speed_m_s"), [("follower", 7100.0, 0.05), ("leader", 500.0, 0.15)]
 )
 def test_constant_force_with_fresh_stamps_is_detected_before_twice_the_limit(name, stiffness, speed_m_s):
-    arm = SimulatedArm(name, ProbingPlan(speeds_m_s=(speed_m_s,)), kelvin_voigt(stiffness))
+    plan = ProbingPlan(speeds_m_s=(speed_m_s,))
+    arm = SimulatedArm(name, plan, kelvin_voigt(stiffness), lower_time_s=0.2)
     freeze(arm, 0.01)
     with closing(arm.robot):
         result = arm.run()
@@ -42,7 +43,7 @@ def test_constant_force_with_fresh_stamps_is_detected_before_twice_the_limit(nam
 
 def test_reversed_sensor_is_detected_at_a_third_of_the_force_limit():
     """It says that the object pulls the tool in, while the joints push."""
-    arm = SimulatedArm("follower", ProbingPlan(speeds_m_s=(0.1,)), kelvin_voigt(1000.0))
+    arm = SimulatedArm("follower", ProbingPlan(speeds_m_s=(0.1,)), kelvin_voigt(1000.0), lower_time_s=0.2)
     sensor = arm.robot.force
     honest = sensor.read_force
     sensor.read_force = lambda: honest()._replace(value=-honest().value)

@@ -14,7 +14,8 @@ from typing import Any
 import pytest
 
 from palpate.estimation import diagnosis
-from palpate.estimation.study import fits, fitting, source
+from palpate.estimation.data import channels
+from palpate.estimation.study import fits, fitting, sessions, source
 
 _MOST_KEPT = 40  # results of each function
 
@@ -40,20 +41,35 @@ def kept(function: Callable[..., Any], key_of: Callable[..., Hashable]) -> Calla
     return from_known
 
 
-def _file_and_options(path, options):
-    if not Path(path).is_file():
-        return None
-    state = Path(path).stat()
-    return str(path), state.st_ino, state.st_size, state.st_mtime_ns, repr(options)
+def _content_and_options(path, options):
+    """The folder does not matter: tests write the same file into many."""
+    return (Path(path).name, Path(path).read_bytes(), repr(options)) if Path(path).is_file() else None
+
+
+def _session_and_runs(path, runs):
+    state = path.stat()
+    return str(path), state.st_ino, state.st_size, state.st_mtime_ns, runs
+
+
+def _sessions(*sessions, tared=False, joints=True):
+    return tuple(map(id, sessions)), tared, joints
+
+
+def _measured_and_arm(data, model, arm, held_out=()):
+    return id(data), model, repr(arm), tuple(held_out)
+
+
+def _extension(data, parent, effect):
+    return id(data), id(parent), type(effect), pickle.dumps(vars(effect))
 
 
 def _channel_and_model(data, model, full_data=None):
     return id(data), id(full_data), pickle.dumps(model)
 
 
-def _diagnosed(channels, models, effects, *, file, processes, **_):
+def _diagnosed(given, models, effects, *, file, processes, **_):
     kinds = tuple(type(effect) for effect in effects)
-    return tuple(map(id, channels)), pickle.dumps(models), kinds, file, processes
+    return tuple(map(id, given)), pickle.dumps(models), kinds, file, processes
 
 
 def _copied(function):
@@ -63,8 +79,13 @@ def _copied(function):
 
 KEPT = (
     (diagnosis, "diagnose", _copied(kept(diagnosis.diagnose, _diagnosed))),
-    (source, "import_file", kept(source.import_file, _file_and_options)),
+    (source, "import_file", kept(source.import_file, _content_and_options)),
+    (sessions, "read_session", kept(sessions.read_session, _session_and_runs)),
+    (channels, "session_channels", kept(channels.session_channels, _sessions)),
+    (fits, "channel_of", kept(fits.channel_of, _measured_and_arm)),
+    (fits, "quality_warnings", kept(fits.quality_warnings, _channel_and_model)),
     (fitting, "fit_base", kept(fitting.fit_base, _channel_and_model)),
+    (fits, "fit_extended", kept(fits.fit_extended, _extension)),
     (fits, "measurement_noise", kept(fits.measurement_noise, id)),
     (
         fits,

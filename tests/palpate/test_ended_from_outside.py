@@ -14,6 +14,7 @@ from palpate.robot_io.session import SessionWriter
 from palpate.runs.session import ArmSession
 from tests.palpate.cli import ROOT
 from tests.palpate.presses import write_presses
+from tests.palpate.worker_tasks import do_nothing, send_blocked
 from tests.robot_io.session_parts import METADATA, TICK
 
 HALF_WRITTEN = """
@@ -103,14 +104,6 @@ def test_only_a_real_arm_stops_when_its_log_writer_dies(world, ends, tmp_path):
     assert arm.unlogged() == ("writing the session failed (the writer process ended with -9)" * ends)
     with pytest.raises(SessionError, match="writer process ended with -9"):
         log.close()
-
-
-def send_blocked(pipe):
-    pipe.send(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))
-
-
-def do_nothing(pipe):
-    pass
 
 
 def test_ctrl_c_is_blocked_in_a_worker_and_not_here():

@@ -23,6 +23,8 @@ from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 from tests.palpate.presses import write_presses
 from tests.palpate.sessions import EVENTS, synthetic_session
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 
 def fitted(channel, runs=0, surface=None, **values):
     told = {name.replace("__", "."): value for name, value in values.items()}

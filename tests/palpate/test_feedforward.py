@@ -18,6 +18,7 @@ from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 from tests.palpate.presses import write_presses, write_table
 from tests.sim_backend.hidden_parts import hidden, quiet_scenario
 
+pytestmark = pytest.mark.usefixtures("without_figures")
 TICK_S = 2e-3
 MASS_KG, LENGTH_M, BODY_KGM2 = 0.8, 0.25, 0.004
 PENDULUM = f"""

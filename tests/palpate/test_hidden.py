@@ -24,7 +24,7 @@ from tests.mock_robot import write_mock_files
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 from tests.palpate.sessions import QUICK, QUICK_RUN
 
-pytestmark = pytest.mark.usefixtures("log_in_process")
+pytestmark = pytest.mark.usefixtures("log_in_process", "without_figures")
 BIAS = [{"effect": "bias", "channel": "contact", "bias": 0.5}]
 SHORT = ("--experiment", QUICK, "--online", "none")
 

@@ -21,6 +21,7 @@ from tests.files import saved
 from tests.palpate.cli import as_json, assert_refused, run
 from tests.palpate.presses import write_table
 
+pytestmark = pytest.mark.usefixtures("without_figures")
 HAND_MADE = """<!-- hand made -->
 <mujoco>
   <compiler angle="degree"/>

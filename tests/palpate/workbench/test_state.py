@@ -389,6 +389,7 @@ def test_probing_is_finished_when_the_server_leaves(tmp_path):
             run_command(["probe", "--realtime", "--experiment", str(QUICK), "--out", str(path)], print)
         )
         while not path.exists() or path.stat().st_size < 30_000:
+            assert not probing.done(), await probing
             await asyncio.sleep(0.1)
         probing.cancel()
         with pytest.raises(asyncio.CancelledError):
