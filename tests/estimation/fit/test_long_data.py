@@ -1,5 +1,7 @@
 """Long recordings: block averages, thinning, and what is reported."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -35,6 +37,7 @@ def channel(position, effort, run, kind=ChannelKind.CONTACT):
     )
 
 
+@cache
 def presses(quick_hz=0.4):
     """Slow presses of a hardening object, each with a swing riding on it."""
     rng, count = np.random.default_rng(1), int(RUN_S * RATE_HZ)
@@ -53,7 +56,7 @@ def presses(quick_hz=0.4):
     return channel(x + rng.normal(0, 1e-6, len(x)), effort, np.repeat(np.arange(RUNS), count))
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def recording():
     return presses()
 
@@ -124,8 +127,10 @@ def test_single_run_of_a_joint_is_thinned_by_stretches_covering_its_motion(swing
     assert len(shortened(one)[0].runs) == runs
 
 
-def quick(time_s, runs, kind):
+@cache
+def quick(runs, kind=ChannelKind.REVOLUTE):
     """A motion whose effort changes too quickly for means over more than two samples."""
+    time_s = np.arange(200_000) / RATE_HZ
     rng, swing = np.random.default_rng(3), np.sin(2 * np.pi * 0.7 * time_s)
     effort = 2.0 * swing + np.sin(2 * np.pi * 230.0 * time_s) + rng.normal(0, 0.01, len(time_s))
     return channel(swing, effort, np.arange(len(time_s)) * runs // len(time_s), kind)
@@ -143,7 +148,7 @@ def quick(time_s, runs, kind):
 )
 def test_long_recording_is_shortened_and_the_method_reported(kind, runs, words, monkeypatch):
     monkeypatch.setattr(long_data, "_MAX_SAMPLES", 3_000)
-    whole = quick(np.arange(200_000) / RATE_HZ, runs, kind)
+    whole = quick(runs, kind)
     short, said, _ = shortened(whole)
     assert len(short) <= 2 * 3_000
     assert words in said
@@ -154,10 +159,10 @@ def test_long_recording_is_shortened_and_the_method_reported(kind, runs, words, 
 @pytest.mark.parametrize(("runs", "most"), [(1, 10**6), (2, 10**6), (2, 3_000)])
 def test_motions_of_a_mostly_resting_joint_are_selected(runs, most, monkeypatch):
     monkeypatch.setattr(long_data, "_MAX_SAMPLES", most)
-    time_s = np.arange(200_000) / RATE_HZ
+    one = quick(runs)
+    time_s = one.time_s
     moves = (time_s % 25.0 > 5.0) & (time_s % 25.0 < 12.0)  # eight times
     noise = np.random.default_rng(1).normal(0.0, 2e-5, len(time_s))
-    one = quick(time_s, runs, ChannelKind.REVOLUTE)
     rests = channel(one.position * moves + noise, one.effort * moves, one.run, ChannelKind.REVOLUTE)
     short, said, run_of = shortened(rests)
     assert "in 8 motions from rest to rest" in said
@@ -193,7 +198,7 @@ def test_study_reports_averaging(recording):
 @pytest.mark.parametrize("runs", [3, 40])
 def test_held_out_runs_are_recorded_runs(runs, monkeypatch):
     monkeypatch.setattr(long_data, "_MAX_SAMPLES", 5_000)
-    whole = quick(np.arange(200_000) / RATE_HZ, runs, ChannelKind.REVOLUTE)
+    whole = quick(runs)
     source = DataSource("swings.csv", (whole,))
     study = ModelStudy(source, held_out=(1,))
     one = study.channel()
@@ -212,7 +217,7 @@ def test_held_out_runs_are_recorded_runs(runs, monkeypatch):
 
 def test_recorded_runs_of_a_cut_recording_can_be_excluded(monkeypatch):
     monkeypatch.setattr(long_data, "_MAX_SAMPLES", 5_000)
-    whole = quick(np.arange(200_000) / RATE_HZ, 3, ChannelKind.REVOLUTE)
+    whole = quick(3)
     source = ModelStudy(DataSource("swings.csv", (whole,))).source
     assert source.runs == (0, 1, 2)
     assert source.without([2]).channels[0].time_s.max() < whole.time_s[whole.run == 2][0]
@@ -229,7 +234,7 @@ def test_stretches_of_one_recording_share_their_zero(cut, monkeypatch):
         tried.extend(effect.name for effect in effects)
         raise InputError("seen")
 
-    whole = quick(np.arange(200_000) / RATE_HZ, 3, ChannelKind.REVOLUTE)
+    whole = quick(3)
     with pytest.raises(InputError, match="seen"):
         ModelStudy(DataSource("swings.csv", (whole,))).diagnose(judge=judge)
     assert "coulomb_friction" in tried
