@@ -273,6 +273,7 @@ def test_cache_evicts_the_least_recently_used(monkeypatch):
         assert cache.get_or_compute(number, lambda n=number: made(n))[0] == number
     assert asked == [0, 1, 2, 3, 1]  # 1 had to go for 3, 0 had just been asked for again
     assert cache.total_bytes == 3 * 80
+    assert not cache.get_or_compute(1, lambda: made(1)).flags.writeable  # others share it
 
 
 @pytest.mark.parametrize(

@@ -78,6 +78,7 @@ def test_position_errors_count_as_noise_through_the_model():
     base = fit_model(replace(data, position=read), MODEL, {})
     stiffness = base.solution.parameters["stiffness.k"]
     found = measurement_noise(base)
+    assert measurement_noise(base) is found  # estimated once
     assert found.motion == pytest.approx(
         stiffness * error_m * np.sqrt(np.mean(data.engaged[base.scored])), rel=0.25
     )
