@@ -1,5 +1,6 @@
 """An effort with few values is either a command that really steps or a continuous effort that is rounded."""
 
+import math
 from dataclasses import replace
 from functools import cache
 
@@ -40,7 +41,7 @@ def motor(torque_levels, switched_every_s, runs=3, coulomb=COULOMB, speed_noise=
             at_s = sample / RATE_HZ
             torque = torque_levels[int(at_s / switched_every_s + run) % len(torque_levels)]
             for _ in range(FINE):
-                friction = coulomb * np.tanh(speed / 0.01) + DAMPING * speed
+                friction = coulomb * math.tanh(speed / 0.01) + DAMPING * speed
                 rate = (torque - friction) / INERTIA
                 angle, speed = angle + step_s * speed, speed + step_s * rate
             time_s[run, sample], effort[run, sample] = at_s, torque
