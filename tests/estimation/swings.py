@@ -37,6 +37,23 @@ def swings(seed, extra=no_torque, *, sensor=lambda torque, run: torque, runs=3, 
     return ChannelData("joint_1", ChannelKind.REVOLUTE, time_s, q, v, a, torque, run, np.full(len(q), -1))
 
 
+def late(torque, run, samples=12):
+    """Some samples late; before that, the first value."""
+    parts = (torque[run == number] for number in np.unique(run))
+    return np.concatenate([np.concatenate([np.repeat(part[:1], samples), part[:-samples]]) for part in parts])
+
+
+def link_angles(q, gap, runs=3):
+    """Angles of a link that rests until its motor has crossed the gap."""
+    links = []
+    for angles in q.reshape(runs, -1).tolist():
+        link = angles[0]
+        for motor in angles:
+            link = min(max(link, motor - gap / 2), motor + gap / 2)
+            links.append(link)
+    return np.array(links)
+
+
 def one_way_turns(extra):
     """A joint that never reverses, with a hidden torque `extra(q, v)`: four runs at different speeds."""
     t = np.arange(0.0, 4.0, 0.01)

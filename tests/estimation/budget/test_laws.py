@@ -12,13 +12,7 @@ from palpate.estimation.diagnosis.forms import analyze_kinds, error_of_kinds
 from palpate.estimation.kinds import Kind
 from tests.estimation.presses import NOISE_N, K, kelvin_voigt, maxwell, session
 from tests.estimation.searches import PRESS, ROTOR, SWING, searched
-from tests.estimation.swings import WEIGHT, swings
-
-
-def late(torque, run, samples=12):
-    """Some samples late; before that, the first value."""
-    parts = (torque[run == number] for number in np.unique(run))
-    return np.concatenate([np.concatenate([np.repeat(part[:1], samples), part[:-samples]]) for part in parts])
+from tests.estimation.swings import WEIGHT, late, link_angles, swings
 
 
 def press(extra):
@@ -218,15 +212,8 @@ def test_law_uses_only_its_own_signals():
 def test_friction_law_describes_a_link_that_lags_behind_its_motor():
     """The weight acts at the angle of the link, which rests until the motor has crossed the play."""
 
-    def play(q, v, a, gap=0.1, runs=3):
-        link = np.empty_like(q).reshape(runs, -1)
-        for number, angles in enumerate(q.reshape(runs, -1)):
-            angle = angles[0]
-            for i, motor in enumerate(angles):
-                angle = link[number, i] = min(max(angle, motor - gap / 2), motor + gap / 2)
-        return WEIGHT * (np.sin(link.ravel()) - np.sin(q))
-
-    first = analysed(swings(1, play)).budget.entries[0]
+    data = swings(1, lambda q, v, a: WEIGHT * (np.sin(link_angles(q, 0.1)) - np.sin(q)))
+    first = analysed(data).budget.entries[0]
     assert (first.kind, first.share > 0.8) == (Kind.FRICTION, True)
 
 

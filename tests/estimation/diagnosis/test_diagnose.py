@@ -24,7 +24,7 @@ from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
 from palpate.robot_io.errors import InputError
 from tests.estimation.presses import NOISE_N, K, channel, kelvin_voigt, maxwell, session
-from tests.estimation.swings import DAMPING, INERTIA, NOISE_NM, WEIGHT, read, swings
+from tests.estimation.swings import DAMPING, INERTIA, NOISE_NM, WEIGHT, late, link_angles, read, swings
 
 PRESS, SWING = (MODELS[name]().build(ModelContext()) for name in ("kelvin_voigt", "pendulum"))
 
@@ -87,21 +87,11 @@ def rubbing(q, v, a):
     return 0.3 * np.tanh(v / 0.01)
 
 
-def late(torque, run):
-    """Twelve samples late; before that, the first value."""
-    parts = (torque[run == number] for number in np.unique(run))
-    return np.concatenate([np.concatenate([np.repeat(part[:1], 12), part[:-12]]) for part in parts])
-
-
 def with_a_gap(q, v, a, gap=0.12, runs=5):
     """A link that rests while the motor crosses the gap, with 0.3 of the inertia and 0.8 of the friction."""
-    link = np.empty((runs, len(q) // runs))
-    for number, angles in enumerate(q.reshape(runs, -1)):
-        angle = angles[0]
-        for i, motor in enumerate(angles):
-            angle = link[number, i] = min(max(angle, motor - gap / 2), motor + gap / 2)
-    rests = (np.diff(link, axis=1, prepend=np.nan) == 0.0).ravel()
-    return WEIGHT * (np.sin(link.ravel()) - np.sin(q)) - rests * (0.7 * INERTIA * a + 0.2 * DAMPING * v)
+    link = link_angles(q, gap, runs)
+    rests = np.diff(link.reshape(runs, -1), axis=1, prepend=np.nan).ravel() == 0.0
+    return WEIGHT * (np.sin(link) - np.sin(q)) - rests * (0.7 * INERTIA * a + 0.2 * DAMPING * v)
 
 
 # name: data, what must be named, a parameter with its truth and the share it may be off by
