@@ -133,7 +133,7 @@ def diagnose_channel(
     search = prepare_search(data, model, usable(data), effects, rng, progress)
     checks = Completeness(search.start, search.rng)
     kinds = cache(lambda: analyze_kinds(search))
-    coarse_kinds = cache(lambda: analyze_kinds(search.coarse or search))
+    coarse_kinds = cache(partial(analyze_kinds, search.coarse)) if search.coarse else kinds
 
     def evidence_of(end: FitResult, tests: list[FormTest]) -> Evidence:
         complete = checks.is_complete(end)

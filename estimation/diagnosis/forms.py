@@ -173,14 +173,17 @@ def analyze_kinds(search: Search) -> PartiallyLinear:
     return PartiallyLinear(search, tuple(error.laws), budget, error)
 
 
-def error_of_kinds(start: FitResult) -> HeldOutError:
+def error_of_kinds(start: FitResult, *, with_laws: bool = True) -> HeldOutError:
     """Prepare the held-out errors of a fitted model with the flexible laws of any set of kinds.
 
     Args:
         start: the base model.
+        with_laws: whether to compute the laws; without them, only the error of the model itself is known.
     """
     blocked, solution, used = start.problem.blocked, start.solution, start.problem.used
     base, target = _base_columns(start)
+    if not with_laws:
+        return HeldOutError(base, (), target, blocked, used)
     # A lag hardly changes a spring. If the damping were refitted too, a lag at one frequency would distort
     # it.
     has_spring = any(effect.kind is Kind.ELASTIC_SHAPE for effect in solution.model.effects)
@@ -217,7 +220,7 @@ def replacing_kinds(search: Search, end: FitResult) -> dict[str, dict[Kind, floa
     Returns:
         For each added effect, the replacing kinds with the mean square error that they add [effort^2].
     """
-    names, left = search.added_effects(end), error_of_kinds(end).mean_square()
+    names, left = search.added_effects(end), error_of_kinds(end, with_laws=False).mean_square()
     own = {name: (effect := end.solution.model.effect(name)).also | {effect.kind} for name in names}
 
     def replacements(reduced: FitResult, omitted: Kinds) -> dict[Kind, float]:

@@ -338,7 +338,7 @@ def test_law_that_leaves_hardly_more_may_replace_an_effect(monkeypatch, without,
     laws |= dict.fromkeys((Kind.FRICTION, Kind.RUN_DIFFERENCES), 1.0)  # its own, and of no form
     end = SimpleNamespace(solution=SimpleNamespace(model=SWING.with_effect(EFFECTS[RUB]())))
 
-    def error_of_kinds(fit):
+    def error_of_kinds(fit, with_laws=True):
         alone = 1.0 if fit is end else without
         return SimpleNamespace(
             kinds=frozenset(laws), mean_square=lambda kinds=(): sum(laws[kind] for kind in kinds) or alone
@@ -363,7 +363,7 @@ def test_law_that_describes_what_two_effects_do_together_may_replace_both(monkey
     base = SimpleNamespace(name="base")
     with_law = {id(base): 1.02}
 
-    def error_of_kinds(fit):
+    def error_of_kinds(fit, with_laws=True):
         alone, beside = (1.0, 1.0) if fit is end else (100.0, with_law.get(id(fit), 50.0))
         return SimpleNamespace(kinds=[kind], mean_square=lambda kinds=(): beside if kinds else alone)
 
