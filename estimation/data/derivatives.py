@@ -305,14 +305,14 @@ def local_fits(
         centers: for each piece, indices of the samples relative to its start.
         half: number of samples on each side.
     """
-    width, chosen = 2 * half + 1, list(zip(pieces, centers, strict=True))
-    steps = np.concatenate([np.diff(time_s[rows]) for rows in pieces])
-    if np.ptp(steps) <= _EVEN * steps.max() and min(rows.stop - rows.start for rows in pieces) >= width:
-        starts = [
-            np.clip(centers + rows.start - half, rows.start, rows.stop - width) for rows, centers in chosen
-        ]
-        around = np.concatenate([rows.start + centers for rows, centers in chosen])
-        return _even_fit(float(np.mean(steps)), position, around, np.concatenate(starts), width)
+    width, ends = 2 * half + 1, np.array([(rows.start, rows.stop) for rows in pieces])
+    steps = np.diff(np.concatenate([time_s[rows] for rows in pieces]))
+    steps = np.delete(steps, np.cumsum(ends[:-1, 1] - ends[:-1, 0]) - 1)  # without steps between pieces
+    if np.ptp(steps) <= _EVEN * steps.max() and (ends[:, 1] - ends[:, 0]).min() >= width:
+        first, last = np.repeat(ends, [len(chosen) for chosen in centers], axis=0).T
+        around = first + np.concatenate(centers)
+        starts = np.clip(around - half, first, last - width)
+        return _even_fit(float(np.mean(steps)), position, around, starts, width)
     return _fits_by_piece(time_s, position, pieces, centers, half)
 
 
@@ -364,19 +364,23 @@ def _uneven_fits(
 
 
 def local_derivative(time_s: FloatArray, signal: FloatArray, half: int, order: int) -> FloatArray:
-    """Differentiate a signal (n,) of one piece by local fits around all samples; see `local_fits`.
+    """Differentiate pieces of a signal by local fits around all samples, in their shape; see `local_fits`.
 
     Args:
-        time_s: times, strictly increasing, shape (n,) [s].
-        signal: signal, shape (n,).
+        time_s: times, strictly increasing in a piece, shape (n,) or (pieces, n) [s].
+        signal: signal in the shape of the times.
         half: number of samples on each side.
-        order: order of the derivative, 1 or 2.
+        order: order of the derivative, 0 to 2.
     """
-    width, steps = 2 * half + 1, np.diff(time_s)
-    if len(signal) < width or np.ptp(steps) > _EVEN * steps.max():
-        every = np.arange(len(signal))
-        return _fits_by_piece(time_s, signal, [slice(0, len(signal))], [every], half).fitted[:, order]
-    return even_derivative(signal, width, order) / float(np.mean(steps)) ** order
+    length, steps = signal.shape[-1], np.diff(time_s)
+    longest, shortest = steps.max(axis=-1, initial=0.0), steps.min(axis=-1, initial=np.inf)
+    if np.any(longest - shortest > _EVEN * longest):
+        pieces = [slice(first, first + length) for first in range(0, signal.size, length)]
+        centers = [np.arange(length)] * len(pieces)
+        fits = _fits_by_piece(time_s.ravel(), signal.ravel(), pieces, centers, half)
+        return fits.fitted[:, order].reshape(signal.shape)
+    step_s = steps.mean(axis=-1, keepdims=True) if length > 1 else 1.0
+    return even_derivative(signal, min(2 * half + 1, length), order) / step_s**order
 
 
 def uneven_derivative_operator(

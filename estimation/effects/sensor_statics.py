@@ -1,5 +1,7 @@
 """Sensor statics: zero, gain, range, dead band, hysteresis and quantization."""
 
+from functools import lru_cache
+
 import numpy as np
 import scipy
 
@@ -323,6 +325,8 @@ def _first_readings(effort: FloatArray, data: ChannelData, width: float) -> Floa
 _EDGES = (0.5, 1.5)  # edges that noise can reach, in steps
 _FURTHEST = 8.5  # standard deviations beyond which the effect of noise is below rounding errors
 _SMOOTH = 0.5  # noise, in steps, at which the expected reading has no steps left
+_SHARP = 1e-9  # least noise in steps, which avoids division by zero
+_PER_SIGMA = 400  # tabulated distances from an edge in a standard deviation of the noise
 _REACH, _TREAD = 0.2, 0.1  # half width [steps] of the difference quotient, and least slope to avoid zero
 _REPEATED = 0.5  # largest share of distinct readings
 _SHARES = (0.01, 0.05, 0.2)  # start values of the noise, in steps
@@ -352,13 +356,17 @@ class Quantisation(SensorEffect):
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         step = inner["step"]
-        noise = min(inner["noise"] / step, _SMOOTH)
+        first, spacing, cubics = _noise_table(min(max(inner["noise"] / step, _SHARP), _SMOOTH))
         steps = effort / step
         whole = np.round(steps)
         steps -= whole
-        return np.asarray(
-            step * (whole + _edges_crossed_by_noise(steps, noise) - _edges_crossed_by_noise(-steps, noise))
-        )
+        place = np.fmax((np.abs(steps) - first) / spacing, 0.0)  # zero for efforts that are not finite
+        interval = np.minimum(place.astype(np.int64), cubics.shape[1] - 1)
+        place -= interval
+        crossed = cubics[0].take(interval)
+        for coefficients in cubics[1:]:
+            crossed = crossed * place + coefficients.take(interval)
+        return np.asarray(step * (whole + np.copysign(crossed, steps)))
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: the mean distance between adjacent readings, with several noise levels.
@@ -384,10 +392,21 @@ class Quantisation(SensorEffect):
         return steepness[:, None] * columns
 
 
-def _edges_crossed_by_noise(part: FloatArray, noise: float) -> FloatArray:
-    """Return the expected number of edges above `part` that noise crosses, same shape; both in steps."""
-    over = np.zeros_like(part)
-    for edge in _EDGES:
-        near = part > edge - _FURTHEST * noise
-        over[near] += scipy.special.ndtr((part[near] - edge) / noise)
-    return over
+@lru_cache(maxsize=8)
+def _noise_table(noise: float) -> tuple[float, float, FloatArray]:
+    """Tabulate how many edges noise crosses on average, over the distance from a whole number, in steps.
+
+    Interpolation is ten times faster than the error function, and errs by less than 1e-13.
+
+    Args:
+        noise: standard deviation of the noise, in steps.
+
+    Returns:
+        First distance, spacing of the table, and coefficients of a cubic in each interval, shape (4, k).
+    """
+    first = max(0.5 - _FURTHEST * noise, 0.0)
+    distance, spacing = np.linspace(first, 0.5, int(_PER_SIGMA * (0.5 - first) / noise) + 4, retstep=True)
+    ndtr = scipy.special.ndtr
+    crossed = sum(ndtr((distance - edge) / noise) - ndtr((-distance - edge) / noise) for edge in _EDGES)
+    spline = scipy.interpolate.CubicSpline(np.arange(len(distance)), crossed)
+    return first, float(spacing), np.ascontiguousarray(spline.c)

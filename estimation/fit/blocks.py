@@ -117,12 +117,15 @@ class BlockedData:
 
         def compute() -> FloatArray:
             moved = model.moved(self.data, parameters)
-            columns = model.relaxed_columns(effect, effect.columns(moved, inner), moved, parameters)
-            signal = np.column_stack([columns, effect.known(moved, inner)])
+            signal = model.relaxed_columns(effect, effect.columns(moved, inner), moved, parameters)
+            has_known = type(effect).known is not AdditiveEffect.known
+            if has_known:
+                signal = np.column_stack([signal, effect.known(moved, inner)])
             for sensor in model.sensors:
                 if not sensor.pointwise:
                     signal = sensor.sense(signal, self.data, own_parameters(sensor, parameters))
-            return self.reduce(signal)
+            parts = self.reduce(signal)
+            return parts if has_known else np.column_stack([parts, np.zeros(len(self))])
 
         return cache.get_or_compute((IdentityKey(effect), *inner.values(), *acting_key), compute)
 
@@ -218,10 +221,12 @@ def block_average(
     grid = np.concatenate(rows)
     fold = np.unique(np.concatenate(folds), return_inverse=True)[1]
     trusted = np.ones(len(grid), dtype=np.bool_) if good is None else good[grid].all(axis=1)
-    trusted &= ~(
-        _at_rest(data, grid) | _at_corners(data, grid) | _at_starts(data, grid) | _at_stops(data, grid)
+    cache = cache or FitCache()
+    excluded = (_at_rest, _at_corners, _at_starts, _at_stops)
+    trusted &= ~cache.get_or_compute(
+        "excluded", lambda: np.logical_or.reduce([masked(data, grid) for masked in excluded])
     )
-    blocked = BlockedData(data, grid, data.run[grid[:, 0]], fold, trusted, cache or FitCache())
+    blocked = BlockedData(data, grid, data.run[grid[:, 0]], fold, trusted, cache)
     return exclude_boundaries(blocked, data)
 
 

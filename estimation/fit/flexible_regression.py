@@ -94,12 +94,13 @@ def fit_flexible(
     }
     residuals = []
     for fit in (best, without_signals):
-        residual = np.empty_like(target)
-        for fold, gains in enumerate(held_out_gains(equations.only(fit.kept), fit.ridge)):
-            test = blocked.fold == fold
-            columns = np.hstack([part[test] for part in parts])  # of one fold, all need hundreds of megabytes
-            residual[test] = target[test] - columns[:, fit.kept] @ gains
-        residuals.append(residual)
+        gains = np.zeros((len(owner), blocked.folds))
+        gains[fit.kept] = held_out_gains(equations.only(fit.kept), fit.ridge).T
+        predicted = np.zeros((len(target), blocked.folds))  # without each fold
+        for number, part in enumerate(parts, start=-2):
+            if number < 0 or number in fit.signals:
+                predicted += part @ gains[owner == number]
+        residuals.append(target - np.take_along_axis(predicted, blocked.fold[:, None], axis=1)[:, 0])
     after, before = residuals
     return FlexibleRegression(without_signals.held_out, best.held_out, after, before, by_signal)
 

@@ -206,12 +206,12 @@ def channel_derivative(data: ChannelData, signal: FloatArray, window: int, order
         order: order of the derivative.
     """
     piece = _pieces(data.time_s, data.run)
-    pieces = list(blocks(piece))
     if not is_even(data.time_s, piece):
+        pieces = list(blocks(piece))
         centers = [np.arange(rows.stop - rows.start) for rows in pieces]
         return local_fits(data.time_s, signal, pieces, centers, window).fitted[:, order]
     derivative = np.empty(len(signal))
-    for rows in pieces:
+    for rows in equal_length_blocks(piece):
         derivative[rows] = local_derivative(data.time_s[rows], signal[rows], window, order)
     return derivative
 

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.estimation.channel import ChannelData
-from palpate.robot_io.types import FloatArray
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Result = TypeVar("Result")
+Array = TypeVar("Array", bound=NDArray[Any])
 _MAX_RESULTS = 8  # results kept for each function, so that the joints of an arm are computed once
 _MAX_SAMPLES = 500_000  # samples; longer arrays are not kept alive by a cache
 MAX_BYTES = 64_000_000
@@ -93,14 +93,14 @@ class FitCache:
     """Cache of arrays by key, which discards the least recently used arrays first."""
 
     total_bytes: int = 0  # total size of the arrays [bytes]
-    _arrays: OrderedDict[Hashable, FloatArray] = field(default_factory=OrderedDict)
+    _arrays: OrderedDict[Hashable, Any] = field(default_factory=OrderedDict)
     _lock: Lock = field(default_factory=Lock)  # a page computes in several threads
 
     def __reduce__(self) -> tuple[type["FitCache"], tuple[()]]:
         """Pickle as an empty cache, since computing the arrays is faster than sending them."""
         return FitCache, ()
 
-    def get_or_compute(self, key: Hashable, compute: Callable[[], FloatArray]) -> FloatArray:
+    def get_or_compute(self, key: Hashable, compute: Callable[[], Array]) -> Array:
         """Return the cached result for a key, or compute it.
 
         Args:
@@ -110,7 +110,7 @@ class FitCache:
         with self._lock:
             if key in self._arrays:
                 self._arrays.move_to_end(key)
-                return self._arrays[key]
+                return cast("Array", self._arrays[key])
         array = compute()
         array.setflags(write=False)
         with self._lock:

@@ -7,6 +7,7 @@ import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.signals.blocks import blocks, rows_of_runs
+from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
 from palpate.robot_io.types import FloatArray
 
 _FREE_SHARE = 0.9  # share of the samples before a contact that is used; the last ones may be in contact
@@ -43,6 +44,7 @@ class FreeAirZero:
         return abs(self.rate) * self.duration_s < threshold
 
 
+@cache_by_channel_arrays("kind", "time_s", "run", "effort", "position", "touching")
 def zero_in_free_air(data: ChannelData) -> FreeAirZero | None:
     """Estimate a sensor's zero from runs that begin in free air; if none does, from later free air.
 

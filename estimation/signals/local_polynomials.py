@@ -31,15 +31,18 @@ def fit_weights(width: int, order: int) -> FloatArray:
 
 
 def even_derivative(signal: FloatArray, width: int, order: int) -> FloatArray:
-    """Differentiate an evenly sampled signal by the index of the sample, shape (n,).
+    """Differentiate evenly sampled signals by the index of the sample, in their shape.
 
-    The fit covers the window around each sample, or the first or last window of the signal.
+    The fit covers the window around each sample, or the first or last window of a signal.
 
     Args:
-        signal: signal, shape (n,), n at least `width`.
-        width: odd number of samples in a window.
+        signal: one or several signals, shape (n,) or (k, n), n at least `width`.
+        width: number of samples in a window, odd or n.
         order: order of the derivative, 0 for the smoothed signal.
     """
     weights, half = fit_weights(width, order), width // 2
-    ends = weights[:half] @ signal[:width], weights[half + 1 :] @ signal[-width:]
-    return np.concatenate([ends[0], np.correlate(signal, weights[half]), ends[1]])
+    middle = np.zeros(signal.size)  # windows across the end of a signal are not used
+    middle[: signal.size - width + 1] = np.correlate(signal.ravel(), weights[half])
+    inside = middle.reshape(signal.shape)[..., : signal.shape[-1] - width + 1]
+    ends = signal[..., :width] @ weights[:half].T, signal[..., -width:] @ weights[half + 1 :].T
+    return np.concatenate([ends[0], inside, ends[1]], axis=-1)

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from palpate.estimation.channel import ChannelData
-from palpate.estimation.signals.blocks import block_index, blocks, split_columns
+from palpate.estimation.signals.blocks import block_index, blocks, equal_length_blocks, split_columns
 from palpate.estimation.signals.cache_by_array import cache_by_array
 from palpate.estimation.signals.local_polynomials import even_derivative
 from palpate.robot_io.types import FloatArray, IntArray
@@ -232,8 +232,8 @@ def smooth_jitter(position: FloatArray, time_s: FloatArray, run: IntArray) -> Fl
 def _fit_per_run(signal: FloatArray, run: IntArray, width: int, order: int, short: FloatArray) -> FloatArray:
     """Apply `even_derivative` to each run; runs that are shorter than the window keep the values `short`."""
     result = short.copy()
-    for rows in blocks(run):
-        if rows.stop - rows.start >= width:
+    for rows in equal_length_blocks(run):
+        if rows.shape[1] >= width:
             result[rows] = even_derivative(signal[rows], width, order)
     return result
 
