@@ -204,9 +204,7 @@ def bootstrap_samples(
         effort[blocked.rows] += shuffle_noise(noise, blocked.run, rng)[:, None]
         effort = np.round(effort / step) * step if step > 0.0 else effort
         data = replace(with_derived_signals(measurement.simulate(rng, share), fit.data), effort=effort)
-        problem = FitProblem(
-            replace(blocked, data=data, cache=FitCache(), load_cache=FitCache()), fit.problem.noise_model
-        )
+        problem = FitProblem(replace(blocked, data=data, cache=FitCache()), fit.problem.noise_model)
         yield problem, solve_gains(problem, model, parameters, rounds=2)
 
 

@@ -10,7 +10,6 @@ from palpate.estimation.effect import Effect
 from palpate.estimation.fit.blocks import LOAD, LUMPED
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from palpate.estimation.fit.fit_result import FitResult, fit_model
-from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.workers import single_threaded
 from palpate.robot_io.types import BoolArray, FloatArray
 
@@ -107,6 +106,6 @@ class PackedFit:
             fit: another fit of the same channel, whose shared arrays are reused.
         """
         data = replace(data, context={**data.context, **self.derived})
-        blocked = replace(fit.problem.blocked, data=data, trusted=self.trusted, load_cache=FitCache())
+        blocked = replace(fit.problem.blocked, data=data, trusted=self.trusted)
         problem = FitProblem(blocked, fit.problem.noise_model)
         return FitResult(data, problem, self.solution, fit.validation)

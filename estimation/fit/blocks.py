@@ -1,6 +1,6 @@
 """Block averages of a channel, and cross-validation folds of whole runs."""
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -9,7 +9,7 @@ import scipy
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import reading_error
-from palpate.estimation.effect import AdditiveEffect, Parameters
+from palpate.estimation.effect import AdditiveEffect, Effect, Parameters
 from palpate.estimation.model import Model, own_parameters
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.cache_by_array import FitCache, IdentityKey
@@ -56,9 +56,8 @@ class BlockedData:
     run: IntArray  # run number of each block, shape (m,)
     fold: IntArray  # fold in which each block is held out, from 0, shape (m,)
     trusted: BoolArray  # whether a block is used, shape (m,)
-    # Results on blocks of this channel that do not depend on the load or on `trusted`.
+    # Results on blocks of this channel, with any load and any `trusted`, so that all fits share its memory.
     cache: FitCache = field(default_factory=FitCache)
-    load_cache: FitCache = field(default_factory=FitCache)  # results that depend on the load
 
     def __post_init__(self) -> None:
         """Make the runs read-only, so that results that depend on them are cached."""
@@ -111,8 +110,7 @@ class BlockedData:
             parameters: inner parameters of the model by "effect.parameter".
         """
         acting, inner = model.coupled_effects, own_parameters(effect, parameters)
-        needs = (*effect.needs, *(name for acts in acting for name in acts.needs))
-        cache = self.load_cache if LOAD in needs else self.cache  # the load depends on the model
+        load = self._load_key(effect, *acting)
         acting_key = [(IdentityKey(acts), *own_parameters(acts, parameters).values()) for acts in acting]
 
         def compute() -> FloatArray:
@@ -127,7 +125,12 @@ class BlockedData:
             parts = self.reduce(signal)
             return parts if has_known else np.column_stack([parts, np.zeros(len(self))])
 
-        return cache.get_or_compute((IdentityKey(effect), *inner.values(), *acting_key), compute)
+        return self.cache.get_or_compute((IdentityKey(effect), load, *inner.values(), *acting_key), compute)
+
+    def _load_key(self, *effects: Effect) -> IdentityKey | None:
+        """Return a key of the load, which depends on the model; None if no effect needs it."""
+        needs_load = any(LOAD in effect.needs for effect in effects)
+        return IdentityKey(self.data.context[LOAD]) if needs_load else None
 
     def at_full_rate(
         self, model: Model, effect: AdditiveEffect, data: ChannelData, parameters: Parameters
@@ -143,13 +146,15 @@ class BlockedData:
         if data is not self.data:
             return model.columns(effect, data, parameters)
         inner = own_parameters(effect, parameters)
-        cache = self.load_cache if LOAD in effect.needs else self.cache
-        key = ("at full rate", IdentityKey(effect), *inner.values())
-        columns = cache.get_or_compute(key, lambda: effect.columns(data, inner))
+        load = self._load_key(effect)
+        key: tuple[Hashable, ...] = ("at full rate", IdentityKey(effect), load, *inner.values())
+        columns = self.cache.get_or_compute(key, lambda: effect.columns(data, inner))
         if not (memories := model.memories_of(effect)):
             return columns
         key += tuple((IdentityKey(each), *own_parameters(each, parameters).values()) for each in memories)
-        return cache.get_or_compute(key, lambda: model.relaxed_columns(effect, columns, data, parameters))
+        return self.cache.get_or_compute(
+            key, lambda: model.relaxed_columns(effect, columns, data, parameters)
+        )
 
     @cached_property
     def _are_samples(self) -> bool:
@@ -251,7 +256,6 @@ def merge_blocks(blocked: BlockedData, most: int) -> BlockedData:
         fold=blocked.fold[joined[:, 0]],
         trusted=np.asarray(blocked.trusted[joined].all(axis=1)),
         cache=FitCache(),
-        load_cache=FitCache(),
     )
 
 

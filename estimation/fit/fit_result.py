@@ -296,7 +296,7 @@ def fit_problem(blocks: BlockedData, model: Model, parameters: Mapping[str, floa
     """
     data = with_load(blocks.data, model, parameters)
     if data is not blocks.data:
-        blocks = replace(blocks, data=data, load_cache=FitCache())
+        blocks = replace(blocks, data=data)
     if data.kind is ChannelKind.CONTACT and (moved := model.moved(data, parameters)) is not data:
         inside = exclude_boundaries(blocks, moved)
         if inside.trusted.sum() > _MIN_KEPT * blocks.trusted.sum():

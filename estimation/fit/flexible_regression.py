@@ -17,7 +17,7 @@ from palpate.estimation.fit.smoothing_bias import DifferentiationFilter, fit_smo
 from palpate.estimation.signals.blocks import since_start
 from palpate.estimation.signals.exponential_memory import low_pass, relax
 from palpate.estimation.signals.runwise import derivative, play, running_max, sample_time, shift
-from palpate.robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.robot_io.types import FloatArray, IntArray
 
 _RIDGES = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1)
 _MAX_SIGNALS = 4  # signals that are selected one by one
@@ -95,7 +95,7 @@ def fit_flexible(
     residuals = []
     for fit in (best, without_signals):
         gains = np.zeros((len(owner), blocked.folds))
-        gains[fit.kept] = held_out_gains(equations.only(fit.kept), fit.ridge).T
+        gains[fit.kept] = held_out_gains(equations, fit.ridge, fit.kept).T
         predicted = np.zeros((len(target), blocked.folds))  # without each fold
         for number, part in enumerate(parts, start=-2):
             if number < 0 or number in fit.signals:
@@ -110,7 +110,7 @@ class _RidgeFit:
     """Ridge regression on some of the signals."""
 
     signals: tuple[int, ...]  # numbers of the signals
-    kept: BoolArray  # mask of the columns in use, shape (q,)
+    kept: IntArray  # indices of the columns in use
     ridge: FloatArray  # ridge penalty of these columns
     held_out: FloatArray  # squared whitened residuals by fold, shape (folds,)
 
@@ -121,10 +121,9 @@ class _RidgeFit:
 
 def _fit_ridge(equations: NormalEquations, owner: IntArray, signals: tuple[int, ...]) -> _RidgeFit:
     """Fit the given signals with the ridge penalty that predicts held-out folds best."""
-    kept = (owner < 0) | np.isin(owner, signals)
-    kept_equations, is_penalized = equations.only(kept), owner[kept] >= 0
-    ridges = np.where(is_penalized, np.array(_RIDGES)[:, None], 1e-9)
-    sse = held_out_sse(kept_equations, ridges)
+    kept = np.flatnonzero((owner < 0) | np.isin(owner, signals))
+    ridges = np.where(owner[kept] >= 0, np.array(_RIDGES)[:, None], 1e-9)
+    sse = held_out_sse(equations, ridges, kept)
     best = int(np.argmin(sse.sum(axis=1)))
     return _RidgeFit(signals, kept, ridges[best], sse[best])
 

@@ -265,14 +265,13 @@ def _optimize_once(problem: FitProblem, solution: Solution, tolerance: float, st
     def values(numbers: FloatArray) -> dict[str, float]:
         return {name: scale.value(x) for (name, scale), x in zip(scales.items(), numbers, strict=True)}
 
-    last, best = [(b"", solution)], [solution]
+    last = [(b"", solution)]
 
     def solve_at(numbers: FloatArray) -> Solution:
         if last[0][0] != numbers.tobytes():
             changed = {**solution.parameters, **values(numbers)}
             solved = solve_gains(problem, solution.model, changed, max_ratio=_CONVERGED_RATIO)
             last[:] = [(numbers.tobytes(), solved)]
-            best[:] = [min(best[0], solved, key=lambda each: each.sse)]
         return last[0][1]
 
     unit = float(np.sqrt(np.mean(problem.whiten(solution.target) ** 2))) or 1.0  # for a relative tolerance

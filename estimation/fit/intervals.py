@@ -118,7 +118,6 @@ def _reading_errors(problem: FitProblem, solution: Solution, measurement: Measur
             problem.blocked,
             data=replace(measurement.simulate(rng), effort=expected),
             cache=FitCache(),
-            load_cache=FitCache(),
         )
         simulated = FitProblem(blocked, problem.noise_model)
         columns, effort = solution.model.linearize(blocked.data, solution.parameters)

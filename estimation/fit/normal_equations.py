@@ -67,6 +67,11 @@ class NormalEquations:
         return system * scale[:, None] * scale, target * scale
 
     @cached_property
+    def held_out_systems(self) -> tuple[FloatArray, FloatArray]:
+        """Linear systems without each fold for columns of unit length, see `systems`."""
+        return self.systems(self.scaled[1], by_fold=True)
+
+    @cached_property
     def scaled(self) -> tuple[FloatArray, FloatArray]:
         """Products with columns of unit length over all folds, and the factors of the columns (q,).
 
@@ -172,33 +177,38 @@ def solve_normal_equations(equations: NormalEquations, dof: int = 0) -> LinearFi
     return LinearFit(gains * scale, system, scale, dof, equations, np.arange(len(scale)))
 
 
-def held_out_sse(equations: NormalEquations, ridges: FloatArray) -> FloatArray:
+def held_out_sse(
+    equations: NormalEquations, ridges: FloatArray, columns: IntArray | None = None
+) -> FloatArray:
     """Return the held-out sum of squared residuals for several ridge penalties, shape (r, folds).
 
     Args:
         equations: normal equations by fold.
-        ridges: ridge penalties to try, on columns of unit length, shape (r, q).
+        ridges: ridge penalties to try, on columns of unit length, shape (r, k).
+        columns: indices of the columns to fit, shape (k,); None for all.
     """
-    scaled, scale = equations.scaled
-    system, target = equations.systems(scale, by_fold=True)
-    return _sse(scaled, np.array([_shrunken(system, target, ridge) for ridge in ridges]))
+    columns = np.arange(ridges.shape[1]) if columns is None else columns
+    rows = np.append(columns, -1)  # with the target
+    gains = np.array([_held_out_unit_gains(equations, ridge, columns) for ridge in ridges])
+    return _sse(equations.scaled[0][:, rows[:, None], rows], gains)
 
 
-def held_out_gains(equations: NormalEquations, ridge: FloatArray) -> FloatArray:
-    """Return the gains fitted without each fold, with a ridge penalty, shape (folds, q).
+def held_out_gains(equations: NormalEquations, ridge: FloatArray, columns: IntArray) -> FloatArray:
+    """Return the gains fitted without each fold, with a ridge penalty, shape (folds, k).
 
     Args:
         equations: normal equations by fold.
-        ridge: ridge penalty of each gain, on columns of unit length, shape (q,).
+        ridge: ridge penalty of each gain, on columns of unit length, shape (k,).
+        columns: indices of the columns to fit, shape (k,).
     """
-    _, scale = equations.scaled
-    system, target = equations.systems(scale, by_fold=True)
-    return _shrunken(system, target, ridge) * scale
+    return _held_out_unit_gains(equations, ridge, columns) * equations.scaled[1][columns]
 
 
-def _shrunken(systems: FloatArray, targets: FloatArray, ridge: FloatArray) -> FloatArray:
-    pairs = zip(systems + np.diag(ridge), targets, strict=True)
-    return np.array([solve_definite(system, target) for system, target in pairs])
+def _held_out_unit_gains(equations: NormalEquations, ridge: FloatArray, columns: IntArray) -> FloatArray:
+    systems, targets = equations.held_out_systems
+    systems, diagonal = systems[:, columns[:, None], columns], np.arange(len(columns))
+    systems[:, diagonal, diagonal] += ridge
+    return np.array(list(map(solve_definite, systems, targets[:, columns])))
 
 
 def _sse(products: FloatArray, gains: FloatArray) -> FloatArray:
