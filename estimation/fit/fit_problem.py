@@ -110,6 +110,19 @@ class FitProblem:
             gains[indices], free[indices] = at_value[at_bound], False
         return fit if free.all() else fit.with_fixed_gains(gains, np.flatnonzero(free))
 
+    def _rows(self, parts: Sequence[FloatArray], target: FloatArray, indices: IntArray) -> FloatArray:
+        """Return some weighted rows of all parts and of the target, shape (rows, q + 1), stored by column."""
+        ends = np.cumsum([part.shape[1] for part in parts])
+        rows = np.empty((ends[-1] + 1, len(indices)))
+        for part, end in zip(parts, ends, strict=True):
+            by_column = part.flags.f_contiguous
+            chosen = part.T.take(indices, axis=1) if by_column else part.take(indices, axis=0).T
+            rows[end - part.shape[1] : end] = chosen
+        rows[-1] = target[indices]
+        if self.weights is not None:
+            rows *= self.weights[indices]
+        return rows.T
+
     def normal_equations(
         self, parts: Sequence[FloatArray], target: FloatArray, names: Sequence[str] = ()
     ) -> NormalEquations:
@@ -122,8 +135,8 @@ class FitProblem:
             names: names of the gains of the first columns, which an arm's channels may share.
         """
         order, folds = self._by_fold
-        if self.noise_model is WHITE and self.weights is None and self.nuisance is None:
-            equations = gram_matrices(_rows(parts, target, order[fold]) for fold in folds)
+        if self.noise_model is WHITE and self.nuisance is None:
+            equations = gram_matrices(self._rows(parts, target, order[fold]) for fold in folds)
         else:
             white = self._white(np.concatenate([*(part.T for part in parts), target[None]]).T).T.take(
                 order, axis=1
@@ -138,17 +151,6 @@ class FitProblem:
         matrix[:, np.array(indices)[:, None], indices] = shared.information.matrix
         vector[:, indices] = shared.information.vector
         return NormalEquations(equations.products, Information(matrix, vector))
-
-
-def _rows(parts: Sequence[FloatArray], target: FloatArray, indices: IntArray) -> FloatArray:
-    """Return some rows of all parts and of the target, shape (rows, q + 1), stored by column."""
-    ends = np.cumsum([part.shape[1] for part in parts])
-    rows = np.empty((ends[-1] + 1, len(indices)))
-    for part, end in zip(parts, ends, strict=True):
-        by_column = part.flags.f_contiguous
-        rows[end - part.shape[1] : end] = part.T.take(indices, 1) if by_column else part.take(indices, 0).T
-    rows[-1] = target[indices]
-    return rows.T
 
 
 @dataclass(frozen=True)

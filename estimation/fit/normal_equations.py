@@ -188,9 +188,9 @@ def held_out_sse(
         columns: indices of the columns to fit, shape (k,); None for all.
     """
     columns = np.arange(ridges.shape[1]) if columns is None else columns
-    rows = np.append(columns, -1)  # with the target
+    rows = np.append(columns, len(equations.scaled[1]))  # with the target
     gains = np.array([_held_out_unit_gains(equations, ridge, columns) for ridge in ridges])
-    return _sse(equations.scaled[0][:, rows[:, None], rows], gains)
+    return _sse(equations.scaled[0].take(rows, axis=1).take(rows, axis=2), gains)
 
 
 def held_out_gains(equations: NormalEquations, ridge: FloatArray, columns: IntArray) -> FloatArray:
@@ -206,7 +206,7 @@ def held_out_gains(equations: NormalEquations, ridge: FloatArray, columns: IntAr
 
 def _held_out_unit_gains(equations: NormalEquations, ridge: FloatArray, columns: IntArray) -> FloatArray:
     systems, targets = equations.held_out_systems
-    systems, diagonal = systems[:, columns[:, None], columns], np.arange(len(columns))
+    systems, diagonal = systems.take(columns, axis=1).take(columns, axis=2), np.arange(len(columns))
     systems[:, diagonal, diagonal] += ridge
     return np.array(list(map(solve_definite, systems, targets[:, columns])))
 

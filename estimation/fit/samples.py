@@ -75,11 +75,12 @@ def fit_samples(
                     inner | {f"{effect.name}.{name}": value for name, value in start.items()}
                     for start in effect.starts(problem.blocked.data)
                 ]
-                solutions = [solve_gains(problem, model, _inside(model, proposal)) for proposal in proposals]
+                # Without a list, which would keep the columns of all proposals.
+                solutions = (solve_gains(problem, model, _inside(model, proposal)) for proposal in proposals)
                 start_solution = min(solutions, key=lambda start: _cost(problem, start, loss))
                 inner = {name: start_solution.parameters[name] for name in model.inner}
         search = _reweighted if robust else _optimize_precisely
-        searched[robust] = search(problem, start_solution)
+        searched[robust] = search(problem, start_solution).without_blocks()
     return _with_covariance(searched[robust], problem, loss)
 
 
@@ -130,19 +131,19 @@ def _reweighted(problem: FitProblem, solution: Solution) -> Solution:
         )
         weighted = _weighted(problem, weights)
         search = optimize_inner if absolute else _optimize_precisely
-        start = solve_gains(weighted, solution.model, solution.parameters)
-        before, solution = solution, search(weighted, start)
+        before, solution = solution.parameters, solve_gains(weighted, solution.model, solution.parameters)
+        solution = search(weighted, solution)
         if not absolute and _has_converged(before, solution):
             break
     return solution
 
 
-def _has_converged(before: Solution, after: Solution) -> bool:
+def _has_converged(before: Mapping[str, float], after: Solution) -> bool:
     """Check convergence: the largest change of gains and inner parameters is below a tolerance."""
     model, values = after.model, after.parameters
     size = dict.fromkeys(model.gains, max((abs(values[name]) for name in model.gains), default=0.0))
     size |= {name: inner.typical[1] - inner.typical[0] for name, inner in model.inner.items()}
-    return all(abs(values[name] - before.parameters[name]) <= _TOLERANCE * size[name] for name in size)
+    return all(abs(values[name] - before[name]) <= _TOLERANCE * size[name] for name in size)
 
 
 def _weighted(problem: FitProblem, squared_weights: FloatArray) -> FitProblem:

@@ -258,6 +258,8 @@ class ModelStudy(StudyFits):
         names, models = choose_estimators(estimators), model_to_estimate(self.source, self.model)
         selected = [name for name in models if channel in {None, name}]
         data: Sequence[ChannelData] = self.source.tared(selected)
+        if self.source.averaged:
+            release_freed_memory()
         if self.held_out:
             data = replace(self.source, channels=tuple(data)).without(self.held_out).channels
         if not data:

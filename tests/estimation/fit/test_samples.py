@@ -76,8 +76,7 @@ def test_search_is_converged_when_nothing_moves_by_much(stiffness, damping, expo
     model = SimpleNamespace(gains={"e.k": None, "e.c": None}, inner=inner)
     before = {"e.k": 1000.0, "e.c": 0.1, "e.n": 1.5}
     after = {"e.k": 1000.0 + stiffness, "e.c": 0.1 + damping, "e.n": 1.5 + exponent}
-    solutions = (SimpleNamespace(model=model, parameters=each) for each in (before, after))
-    assert _has_converged(*solutions) is settled
+    assert _has_converged(before, SimpleNamespace(model=model, parameters=after)) is settled
 
 
 def test_only_selected_rows_count_and_least_squares_is_not_robust():
