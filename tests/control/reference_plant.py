@@ -94,16 +94,18 @@ class ReferencePlant:
     def contact_force_n(self) -> float:
         return self.contact()[0]
 
+    def noise(self, std: float, count: int | None = None):
+        return self.generator.normal(0.0, std, count) if std else 0.0
+
     def measure(self) -> Measurement:
         self.force_history.append(self.contact_force_n())
         delayed = self.force_history[max(len(self.force_history) - 1 - self.force_delay_ticks, 0)]
         return Measurement(
             time_s=self.time_s,
             joint_position_rad=self.position_rad.copy(),
-            joint_velocity_rad_s=self.velocity_rad_s
-            + self.generator.normal(0.0, self.velocity_noise_rad_s or 1e-300, 3),
+            joint_velocity_rad_s=self.velocity_rad_s + self.noise(self.velocity_noise_rad_s, 3),
             joint_torque_nm=self.torque_nm.copy(),
-            force_n=delayed + self.force_bias_n + self.generator.normal(0.0, self.force_noise_n or 1e-300),
+            force_n=delayed + self.force_bias_n + self.noise(self.force_noise_n),
             encoder_at_s=self.time_s,
             torque_at_s=self.time_s,
             force_at_s=self.time_s,

@@ -57,9 +57,10 @@ class SimulatedArm:
         self.clock.subscribe(self._keep)
 
     def _keep(self, _time_s: float) -> None:
-        truth = self.world.truth()
-        speed_rad_s = np.abs(truth.joint_velocity_rad_s).max()
-        self.rows.append((truth.time_s, truth.tip_position_world_m[2], truth.force_n, speed_rad_s))
+        """Keep what `World.truth` would give, without its arrays."""
+        world, contact = self.world, self.world._contact
+        speed_rad_s = max(map(abs, world._joint_values()[world.joint_count :]))
+        self.rows.append((world.time_s, contact.tip_position_m[2], contact.force_n, speed_rad_s))
 
     def run(self, stop=lambda: "") -> LoopResult:
         """Probe until it is done or stopped."""

@@ -164,7 +164,7 @@ class EmulatedRobot:
     @property
     def drive_torque_nm(self) -> np.ndarray:
         """What the drives really exert."""
-        return self.arm.plant.world.truth().drive_torque_nm
+        return np.array(self.arm.plant.world._torque_nm)
 
     @property
     def problem(self) -> str:
