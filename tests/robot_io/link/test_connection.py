@@ -32,7 +32,7 @@ def any_heard(pairs, wait_s: float) -> bool:
         for sender, _, message in pairs:
             sender.send(message)
         time.sleep(0.02)
-        come = {receiver: receiver.receive() for _, receiver, _ in pairs}
+        come = {receiver: receiver.receive() for receiver in {receiver for _, receiver, _ in pairs}}
         if any(frame.message == message for _, receiver, message in pairs for _, frame in come[receiver]):
             return True
     return False
