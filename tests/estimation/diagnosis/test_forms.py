@@ -251,18 +251,13 @@ def test_ambiguous_effect_is_attributed_to_the_object(whole_budget):
     assert search.added_effects(end) == ["contact_offset"]
 
 
-def test_object_effect_is_preferred_over_an_equivalent_sensor_effect():
+def test_object_effect_is_preferred_over_an_equivalent_sensor_effect(monkeypatch):
     """The surface was read well: a dead band of the reader draws the same line."""
     search = searched(deep_presses(), "deadband", "contact_offset", base=PRESS)
-    end = most_parsimonious(search, reached(search, "deadband"), measured(search), lambda _: True)
-    assert search.added_effects(end) == ["contact_offset"]
-
-
-def test_sensor_effect_does_not_replace_an_object_effect(monkeypatch):
-    search = searched(deep_presses(), "deadband", "contact_offset", base=PRESS)
-    monkeypatch.setattr(type(search), "is_better", lambda *fits: True)
-    end = most_parsimonious(search, reached(search, "contact_offset"), measured(search), lambda _: True)
-    assert search.added_effects(end) == ["contact_offset"]
+    for found, is_better in (("deadband", type(search).is_better), ("contact_offset", lambda *fits: True)):
+        monkeypatch.setattr(type(search), "is_better", is_better)
+        end = most_parsimonious(search, reached(search, found), measured(search), lambda _: True)
+        assert search.added_effects(end) == ["contact_offset"]
 
 
 @pytest.mark.parametrize("rest", [0.0, 0.4])  # of another kind, so that the model stays incomplete
