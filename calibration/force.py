@@ -241,8 +241,8 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
     values, errors, _ = _solve(plateaus, used)
     if not values[1] > 0.0:
         raise InputError(
-            f"the reading falls by {abs(1 / values[1]):.4g} per newton of reference: change the "
-            "sensor's sign, such as `reversed` in the part `force` of the robot file"
+            f"the reading falls by {abs(1 / values[1]):.4g} per newton of reference: reverse the sign "
+            "of the sensor, for example with `reversed` in the section `force` of the robot file"
         )
     zero, scale, curvature, _, half = np.where(used, values, full_values).tolist()
     errors = np.hypot(errors, _shape_errors(plateaus, used, values))

@@ -72,7 +72,8 @@ class LazyModule(ModuleType):
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
-        # Asked only for what is not there yet (PEP 562); a method of the class would slow down every access.
+        # Python calls a module's own `__getattr__` only for missing attributes (PEP 562). If it were a method
+        # of the class, every access would be slower.
         self.__dict__["__getattr__"] = self._load
 
     def _load(self, name: str) -> Any:  # noqa: ANN401

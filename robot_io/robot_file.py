@@ -103,7 +103,7 @@ class RobotFile(FileModel):
 
     @property
     def text(self) -> str:
-        """The file as it was written."""
+        """The file as it was written, also if its data were replaced, as for emulated devices."""
         return self._document.text
 
     @property
@@ -172,7 +172,7 @@ def parse_robot_file(text: str, origin: str | Path) -> RobotFile:
 
 
 def replace_data(robot_file: RobotFile, data: dict[str, object]) -> RobotFile:
-    """Make a robot file of other data; its text stays, and errors state the lines of that text.
+    """Return a copy of a robot file with other data; the text is unchanged, and errors cite its lines.
 
     Args:
         robot_file: the original.

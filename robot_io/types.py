@@ -29,6 +29,8 @@ class Status(IntEnum):
 class Reading(NamedTuple):
     """One device's newest sample."""
 
+    # Code that runs in every tick builds a new one, because `_replace` takes several times as long.
+
     value: FloatArray  # shape (n,), n joints, or (1,) for the force sensor; unit of the device's interface
     sampled_at_s: float  # when the device itself sampled, on the robot's clock [s]
     status: Status = Status.OK  # whether the sample can be used

@@ -592,8 +592,8 @@ def _column(tables: Columns, spec: Mapping[str, Any], item: str, count: int) -> 
 
     `zero` is the number of first samples whose mean is subtracted, or `mean` for that of all. `item` stands
     for {} in the names of columns. `unwrap` is the period of an encoder that starts anew.
-    `signed_by` names the column whose sign the values take, where only their size was measured. Values from
-    `sign_bit` on stand for negative ones, as servos report them: the size with that bit set.
+    `signed_by` names the column whose sign the values take, where only their size was measured. Values of
+    at least `sign_bit` (in the output's unit) are negative: some servos report the size with this bit set.
     """
     values: NDArray[np.float64] = np.arange(count, dtype=np.float64) * float(spec.get("step", 0.0))
     for name, factor in spec.get("sum", {}).items():

@@ -364,7 +364,7 @@ def _uneven_fits(
 
 
 def local_derivative(time_s: FloatArray, signal: FloatArray, half: int, order: int) -> FloatArray:
-    """Differentiate pieces of a signal by local fits around all samples, in their shape; see `local_fits`.
+    """Differentiate pieces of a signal by local fits around all samples, in the shape of the signal.
 
     Args:
         time_s: times, strictly increasing in a piece, shape (n,) or (pieces, n) [s].

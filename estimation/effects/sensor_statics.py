@@ -325,8 +325,8 @@ def _first_readings(effort: FloatArray, data: ChannelData, width: float) -> Floa
 _EDGES = (0.5, 1.5)  # edges that noise can reach, in steps
 _FURTHEST = 8.5  # standard deviations beyond which the effect of noise is below rounding errors
 _SMOOTH = 0.5  # noise, in steps, at which the expected reading has no steps left
-_SHARP = 1e-9  # least noise in steps, which avoids division by zero
-_PER_SIGMA = 400  # tabulated distances from an edge in a standard deviation of the noise
+_SHARP = 1e-9  # least noise in steps, which replaces a smaller one, to avoid division by zero
+_PER_SIGMA = 400  # points of the table per standard deviation of the noise
 _REACH, _TREAD = 0.2, 0.1  # half width [steps] of the difference quotient, and least slope to avoid zero
 _REPEATED = 0.5  # largest share of distinct readings
 _SHARES = (0.01, 0.05, 0.2)  # start values of the noise, in steps
@@ -394,9 +394,10 @@ class Quantisation(SensorEffect):
 
 @lru_cache(maxsize=8)
 def _noise_table(noise: float) -> tuple[float, float, FloatArray]:
-    """Tabulate how many edges noise crosses on average, over the distance from a whole number, in steps.
+    """Tabulate the mean rounded value of a noisy number, minus the nearest whole number, over their distance.
 
-    Interpolation is ten times faster than the error function, and errs by less than 1e-13.
+    Interpolation is ten times faster than the error function, and errs by less than 1e-12 if the noise is
+    more than 1e-4 steps.
 
     Args:
         noise: standard deviation of the noise, in steps.

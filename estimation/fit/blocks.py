@@ -56,12 +56,15 @@ class BlockedData:
     run: IntArray  # run number of each block, shape (m,)
     fold: IntArray  # fold in which each block is held out, from 0, shape (m,)
     trusted: BoolArray  # whether a block is used, shape (m,)
-    # Results on blocks of this channel, with any load and any `trusted`, so that all fits share its memory.
+    # Results on blocks of this channel. Keys contain the load, and results do not depend on `trusted`, so all
+    # fits share one cache.
     cache: FitCache = field(default_factory=FitCache)
 
     def __post_init__(self) -> None:
-        """Make the runs read-only, so that results that depend on them are cached."""
-        self.run.setflags(write=False)
+        """Keep a read-only view of the run numbers, because only results of read-only arrays are cached."""
+        run = self.run.view()
+        run.setflags(write=False)
+        object.__setattr__(self, "run", run)
 
     def __len__(self) -> int:
         """Number of blocks m."""
@@ -93,7 +96,7 @@ class BlockedData:
 
     @property
     def time_s(self) -> FloatArray:
-        """Times of the blocks, shape (m,) [s]."""
+        """Mean time of each block, shape (m,) [s]."""
         return self.cache.get_or_compute("time", lambda: self.reduce(self.data.time_s))
 
     @property
@@ -110,7 +113,7 @@ class BlockedData:
             parameters: inner parameters of the model by "effect.parameter".
         """
         acting, inner = model.coupled_effects, own_parameters(effect, parameters)
-        load = self._load_key(effect, *acting)
+        load = self._load_of(effect, *acting)
         acting_key = [(IdentityKey(acts), *own_parameters(acts, parameters).values()) for acts in acting]
 
         def compute() -> FloatArray:
@@ -125,12 +128,12 @@ class BlockedData:
             parts = self.reduce(signal)
             return parts if has_known else np.column_stack([parts, np.zeros(len(self))])
 
-        return self.cache.get_or_compute((IdentityKey(effect), load, *inner.values(), *acting_key), compute)
+        key = IdentityKey(effect), IdentityKey(load), *inner.values(), *acting_key
+        return self.cache.get_or_compute(key, compute, load)
 
-    def _load_key(self, *effects: Effect) -> IdentityKey | None:
-        """Return a key of the load, which depends on the model; None if no effect needs it."""
-        needs_load = any(LOAD in effect.needs for effect in effects)
-        return IdentityKey(self.data.context[LOAD]) if needs_load else None
+    def _load_of(self, *effects: Effect) -> FloatArray | None:
+        """Return the load (n,), which depends on the model; None if no effect needs it."""
+        return self.data.context[LOAD] if any(LOAD in effect.needs for effect in effects) else None
 
     def at_full_rate(
         self, model: Model, effect: AdditiveEffect, data: ChannelData, parameters: Parameters
@@ -146,14 +149,14 @@ class BlockedData:
         if data is not self.data:
             return model.columns(effect, data, parameters)
         inner = own_parameters(effect, parameters)
-        load = self._load_key(effect)
-        key: tuple[Hashable, ...] = ("at full rate", IdentityKey(effect), load, *inner.values())
-        columns = self.cache.get_or_compute(key, lambda: effect.columns(data, inner))
+        load = self._load_of(effect)
+        key: tuple[Hashable, ...] = "at full rate", IdentityKey(effect), IdentityKey(load), *inner.values()
+        columns = self.cache.get_or_compute(key, lambda: effect.columns(data, inner), load)
         if not (memories := model.memories_of(effect)):
             return columns
         key += tuple((IdentityKey(each), *own_parameters(each, parameters).values()) for each in memories)
         return self.cache.get_or_compute(
-            key, lambda: model.relaxed_columns(effect, columns, data, parameters)
+            key, lambda: model.relaxed_columns(effect, columns, data, parameters), load
         )
 
     @cached_property
@@ -227,9 +230,9 @@ def block_average(
     fold = np.unique(np.concatenate(folds), return_inverse=True)[1]
     trusted = np.ones(len(grid), dtype=np.bool_) if good is None else good[grid].all(axis=1)
     cache = cache or FitCache()
-    excluded = (_at_rest, _at_corners, _at_starts, _at_stops)
+    rules = (_at_rest, _at_corners, _at_starts, _at_stops)
     trusted &= ~cache.get_or_compute(
-        "excluded", lambda: np.logical_or.reduce([masked(data, grid) for masked in excluded])
+        "excluded", lambda: np.logical_or.reduce([rule(data, grid) for rule in rules])
     )
     blocked = BlockedData(data, grid, data.run[grid[:, 0]], fold, trusted, cache)
     return exclude_boundaries(blocked, data)

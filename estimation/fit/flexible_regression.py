@@ -96,8 +96,8 @@ def fit_flexible(
     for fit in (best, without_signals):
         gains = np.zeros((len(owner), blocked.folds))
         gains[fit.kept] = held_out_gains(equations, fit.ridge, fit.kept).T
-        predicted = np.zeros((len(target), blocked.folds))  # without each fold
-        for number, part in enumerate(parts, start=-2):
+        predicted = np.zeros((len(target), blocked.folds))  # by gains fitted without each fold
+        for number, part in enumerate(parts, start=-2):  # -2: the model, -1: the smoothing bias
             if number < 0 or number in fit.signals:
                 predicted += part @ gains[owner == number]
         residuals.append(target - np.take_along_axis(predicted, blocked.fold[:, None], axis=1)[:, 0])

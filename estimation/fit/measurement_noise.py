@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import pairwise
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -135,17 +136,18 @@ class MeasurementNoise:
         return f"{'at most ' if self.is_bound else ''}{size}, from {source}"
 
 
+_KNOWN = WeakKeyDictionary[FitResult, MeasurementNoise]()
+
+
 def measurement_noise(base: FitResult) -> MeasurementNoise:
-    """Estimate the noise of a channel, once for each fit.
+    """Return the noise of a channel, which is estimated once for each fit.
 
     Args:
         base: the base model fitted to the channel, without added effects.
     """
-    known = vars(base)
-    if "noise" not in known:
-        known["noise"] = _estimate_noise(base)
-    noise: MeasurementNoise = known["noise"]
-    return noise
+    if base not in _KNOWN:
+        _KNOWN[base] = _estimate_noise(base)
+    return _KNOWN[base]
 
 
 def _estimate_noise(base: FitResult) -> MeasurementNoise:

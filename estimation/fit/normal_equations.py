@@ -188,9 +188,9 @@ def held_out_sse(
         columns: indices of the columns to fit, shape (k,); None for all.
     """
     columns = np.arange(ridges.shape[1]) if columns is None else columns
-    rows = np.append(columns, len(equations.scaled[1]))  # with the target
+    indices = np.append(columns, len(equations.scaled[1]))  # with the target
     gains = np.array([_held_out_unit_gains(equations, ridge, columns) for ridge in ridges])
-    return _sse(equations.scaled[0].take(rows, axis=1).take(rows, axis=2), gains)
+    return _sse(equations.scaled[0].take(indices, axis=1).take(indices, axis=2), gains)
 
 
 def held_out_gains(equations: NormalEquations, ridge: FloatArray, columns: IntArray) -> FloatArray:
@@ -205,6 +205,7 @@ def held_out_gains(equations: NormalEquations, ridge: FloatArray, columns: IntAr
 
 
 def _held_out_unit_gains(equations: NormalEquations, ridge: FloatArray, columns: IntArray) -> FloatArray:
+    """Return gains of columns of unit length, fitted without each fold, shape (folds, k)."""
     systems, targets = equations.held_out_systems
     systems, diagonal = systems.take(columns, axis=1).take(columns, axis=2), np.arange(len(columns))
     systems[:, diagonal, diagonal] += ridge

@@ -57,7 +57,8 @@ def fit_samples(
         data: whole runs of the channel, since effects with memory need all samples.
         rows: mask of the samples to fit, shape (n,); None for all.
         loss: loss function; `Loss.CAUCHY` and `Loss.BIWEIGHT` are robust against outliers.
-        searched: results of earlier searches on these samples, by whether they are robust; extended here.
+        searched: results of earlier searches on these samples, without their blocks, by whether they are
+            robust; extended here.
     """
     count = len(data)
     used = np.ones(count, dtype=np.bool_) if rows is None else rows
@@ -75,7 +76,7 @@ def fit_samples(
                     inner | {f"{effect.name}.{name}": value for name, value in start.items()}
                     for start in effect.starts(problem.blocked.data)
                 ]
-                # Without a list, which would keep the columns of all proposals.
+                # A list would keep the columns of all proposals in memory.
                 solutions = (solve_gains(problem, model, _inside(model, proposal)) for proposal in proposals)
                 start_solution = min(solutions, key=lambda start: _cost(problem, start, loss))
                 inner = {name: start_solution.parameters[name] for name in model.inner}

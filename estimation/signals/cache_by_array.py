@@ -1,6 +1,6 @@
 """Cache results by the identity of the arrays from which they were computed."""
 
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from functools import lru_cache, wraps
@@ -92,30 +92,50 @@ def cache_by_channel_arrays(
 class FitCache:
     """Cache of arrays by key, which discards the least recently used arrays first."""
 
-    total_bytes: int = 0  # total size of the arrays [bytes]
-    _arrays: OrderedDict[Hashable, Any] = field(default_factory=OrderedDict)
+    total_bytes: int = 0  # total size of the arrays and of those that the keys keep alive [bytes]
+    _entries: OrderedDict[Hashable, tuple[NDArray[Any], NDArray[Any] | None]] = field(
+        default_factory=OrderedDict
+    )
+    _uses: Counter[int] = field(default_factory=Counter)  # keys that keep an array alive, by its identity
     _lock: Lock = field(default_factory=Lock)  # a page computes in several threads
 
     def __reduce__(self) -> tuple[type["FitCache"], tuple[()]]:
         """Pickle as an empty cache, since computing the arrays is faster than sending them."""
         return FitCache, ()
 
-    def get_or_compute(self, key: Hashable, compute: Callable[[], Array]) -> Array:
-        """Return the cached result for a key, or compute it.
+    def get_or_compute(
+        self, key: Hashable, compute: Callable[[], Array], kept: NDArray[Any] | None = None
+    ) -> Array:
+        """Return the cached result for a key, or compute it and make it read-only, since callers share it.
 
         Args:
             key: key of the array.
             compute: function without arguments that computes the array if it is not cached.
+            kept: array that the key keeps alive.
         """
         with self._lock:
-            if key in self._arrays:
-                self._arrays.move_to_end(key)
-                return cast("Array", self._arrays[key])
+            if key in self._entries:
+                self._entries.move_to_end(key)
+                return cast("Array", self._entries[key][0])
         array = compute()
         array.setflags(write=False)
         with self._lock:
-            self.total_bytes += array.nbytes - (self._arrays[key].nbytes if key in self._arrays else 0)
-            self._arrays[key] = array
-            while self.total_bytes > MAX_BYTES and len(self._arrays) > 1:
-                self.total_bytes -= self._arrays.popitem(last=False)[1].nbytes
+            if key in self._entries:  # computed by two threads at once
+                self._discard(key)
+            self._entries[key] = array, kept
+            self.total_bytes += array.nbytes
+            if kept is not None:
+                self.total_bytes += 0 if self._uses[id(kept)] else kept.nbytes
+                self._uses[id(kept)] += 1
+            while self.total_bytes > MAX_BYTES and len(self._entries) > 1:
+                self._discard(next(iter(self._entries)))
         return array
+
+    def _discard(self, key: Hashable) -> None:
+        array, kept = self._entries.pop(key)
+        self.total_bytes -= array.nbytes
+        if kept is not None:
+            self._uses[id(kept)] -= 1
+            if not self._uses[id(kept)]:
+                del self._uses[id(kept)]
+                self.total_bytes -= kept.nbytes

@@ -31,7 +31,7 @@ def fit_weights(width: int, order: int) -> FloatArray:
 
 
 def even_derivative(signal: FloatArray, width: int, order: int) -> FloatArray:
-    """Differentiate evenly sampled signals by the index of the sample, in their shape.
+    """Differentiate evenly sampled signals with respect to the sample index, in the shape of the signals.
 
     The fit covers the window around each sample, or the first or last window of a signal.
 
@@ -41,7 +41,7 @@ def even_derivative(signal: FloatArray, width: int, order: int) -> FloatArray:
         order: order of the derivative, 0 for the smoothed signal.
     """
     weights, half = fit_weights(width, order), width // 2
-    middle = np.zeros(signal.size)  # windows across the end of a signal are not used
+    middle = np.zeros(signal.size)  # windows that span two signals are not used
     middle[: signal.size - width + 1] = np.correlate(signal.ravel(), weights[half])
     inside = middle.reshape(signal.shape)[..., : signal.shape[-1] - width + 1]
     ends = signal[..., :width] @ weights[:half].T, signal[..., -width:] @ weights[half + 1 :].T

@@ -157,8 +157,8 @@ class ForceCalibration(Calibration):
         if not self.values.scale.value > 0.0:
             raise problem_at(
                 "values.scale.value",
-                f"must be positive (is {self.values.scale.value:.3g}); change the sensor's sign, such as "
-                "`reversed` in the part `force` of the robot file",
+                f"must be positive (is {self.values.scale.value:.3g}); reverse the sign of the sensor, "
+                "for example with `reversed` in the section `force` of the robot file",
             )
         if unit == "N" and not _SMALLEST_SCALE <= self.values.scale.value <= _LARGEST_SCALE:
             raise problem_at(

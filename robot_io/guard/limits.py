@@ -203,9 +203,9 @@ class LimitChecks:
 
 
 def _sample_problem(device: str, status: Status, age_s: float, oldest_s: float) -> Problem | None:
-    # Younger than the start of the tick is no fault: the robot judges against the end of its reading.
-    is_young = -inf < age_s <= oldest_s
-    if is_young and status <= Status.STALE:  # as in most ticks
+    # A sample newer than the start of the tick is no fault, because the robot checks ages after reading.
+    is_recent = -inf < age_s <= oldest_s
+    if is_recent and status <= Status.STALE:  # as in most ticks
         return None
     if status is Status.FAULT:
         return Problem(f"{device}: reports a fault, or its bus has failed", _EXAMINE)

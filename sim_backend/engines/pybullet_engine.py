@@ -87,7 +87,7 @@ class PyBulletEngine(Engine):
         return state[4], state[6], state[5]
 
     def push(self, torque_nm: Joints, tip_force_z_n: float, tip_position_m: Sequence[float]) -> None:
-        # With keywords PyBullet would take twice as long; in this mode it ignores the zeros.
+        # Keyword arguments would double the time of this call. In this mode PyBullet ignores the zeros.
         body, joints, mode, zeros = self._body, self._joints, bullet.TORQUE_CONTROL, self._zeros
         bullet.setJointMotorControlArray(
             body, joints, mode, zeros, zeros, torque_nm, zeros, zeros, self._client

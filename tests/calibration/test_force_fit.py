@@ -21,7 +21,7 @@ def record(rng, *, zero=1.3, gain=0.9, bend=0.0, play=0.0, noise=0.02, step=0.02
 
 @cache
 def straight(seed):
-    """Fit to a straight sensor."""
+    """Fit the calibration of a linear sensor."""
     return fit_force(record(np.random.default_rng(seed)))
 
 
@@ -127,7 +127,7 @@ def test_glitches_and_settling_are_excluded():
     [
         ([0.0, 1.0, 0.0, 1.0, 0.0, 1.0], [0, 1, 0, 1, 0, 1], "at 2 different forces"),
         ([0.0, 1.0, 2.0], [0, 1, 2], "3 plateaus"),
-        ([0.0, 1.0, 2.0, 3.0, 2.0, 1.0, 0.0], [0, -1, -2, -3, -2, -1, 0], "change the sensor's sign"),
+        ([0.0, 1.0, 2.0, 3.0, 2.0, 1.0, 0.0], [0, -1, -2, -3, -2, -1, 0], "reverse the sign of the sensor"),
         ([0.0, 1.0, 2.0, 3.0, 2.0, 1.0, 0.0], [5] * 7, "does not respond"),
     ],
 )

@@ -80,11 +80,11 @@ class ReferencePlant:
     def contact(self) -> tuple[float, np.ndarray]:
         """Force of the object [N], and the torques with which it pushes the joints, shape (3,) [N m]."""
         (_, first_m), (_, second_m), (_, third_m) = RODS
-        one, two, three = accumulate(self.position_rad.tolist())  # directions of the rods, from x downwards
+        one, two, three = accumulate(self.position_rad.tolist())  # angles of the rods below the x axis
         height_m = -first_m * sin(one) - second_m * sin(two) - third_m * sin(three)
         if height_m >= self.surface_height_m:
             return 0.0, NOTHING
-        by_third = -third_m * cos(three)  # how the tip rises with the third joint
+        by_third = -third_m * cos(three)  # rise of the tip per angle of the third joint [m/rad]
         by_second = by_third - second_m * cos(two)
         rise_m = np.array([by_second - first_m * cos(one), by_second, by_third])
         spring_n = self.stiffness_n_m * (self.surface_height_m - height_m)

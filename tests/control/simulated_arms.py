@@ -34,7 +34,7 @@ class SimulatedArm:
         plan: what to do.
         scenario: what the world is, as in a scenario file.
         gravity: whether the guard knows the arm's weight.
-        stop: what differs in the robot file's section `safe_state`.
+        stop: changed values of the robot file's section `safe_state`.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class SimulatedArm:
         self.clock.subscribe(self._keep)
 
     def _keep(self, _time_s: float) -> None:
-        """Keep what `World.truth` would give, without its arrays."""
+        """Record the true state without the arrays of `World.truth`."""
         world, contact = self.world, self.world._contact
         speed_rad_s = max(map(abs, world._joint_values()[world.joint_count :]))
         self.rows.append((world.time_s, contact.tip_position_m[2], contact.force_n, speed_rad_s))

@@ -35,7 +35,7 @@ def motion(rng, runs=6, depth_m=0.012):
 
 
 def frozen(*arrays):
-    """The arrays, which nobody may change: what palpate computes from them alone, it computes once."""
+    """Make arrays read-only, so that palpate caches results that depend only on them."""
     for array in arrays:
         array.setflags(write=False)
     return arrays
@@ -65,7 +65,7 @@ def channel(force, time_s, x, v, run, a=None):
 
 
 def session(seed, law=lambda t, x, v, run: kelvin_voigt(x, v), correlation=0.0, runs=3):
-    """A session whose force is `law(time, depth, speed, run)` with noise of a colour."""
+    """A session whose force is `law(time, depth, speed, run)` with autocorrelated noise."""
     (time_s, x, v, run, a), rng = _seeded_motion(seed, runs)
     force = law(time_s, x, v, run) + colored_noise(deepcopy(rng), len(x), correlation)
     return channel(force, time_s, x, v, run, a)

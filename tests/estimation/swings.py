@@ -19,7 +19,7 @@ def no_torque(q, v, a):
 
 @cache
 def _motion(seed, runs, seconds, rate_hz):
-    """Time, run and motion, each array read-only: what depends on the motion alone is computed once."""
+    """Return time, position, velocity, acceleration and run, read-only, and the noise of the torque."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, seconds, 1.0 / rate_hz)
     w, p = rng.uniform([1.5, 3.0, 6.0], [2.5, 4.5, 9.0], (runs, 3)), rng.uniform(0.0, 6.0, (runs, 3))
@@ -38,7 +38,7 @@ def swings(seed, extra=no_torque, *, sensor=lambda torque, run: torque, runs=3, 
 
 
 def late(torque, run, samples=12):
-    """Some samples late; before that, the first value."""
+    """Delay a torque in each run by some samples, and repeat the first value before."""
     parts = (torque[run == number] for number in np.unique(run))
     return np.concatenate([np.concatenate([np.repeat(part[:1], samples), part[:-samples]]) for part in parts])
 

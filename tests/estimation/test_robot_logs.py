@@ -147,7 +147,7 @@ def test_episode_arrays_are_joints_and_an_action_is_an_effort_on_request(episode
 def store(path, messages, topics=(("/js", "sensor_msgs/msg/JointState"),)):
     """A recording in SQLite: messages (topic number from 1 on, time [ns], bytes)."""
     with closing(sqlite3.connect(path)) as database:
-        database.execute("PRAGMA synchronous=OFF")  # nobody waits for the disk
+        database.execute("PRAGMA synchronous=OFF")  # no need to flush to disk
         database.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT)")
         database.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp INTEGER, data)")
         database.executemany("INSERT INTO topics(name, type) VALUES (?, ?)", topics)

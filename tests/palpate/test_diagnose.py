@@ -139,7 +139,7 @@ def test_recorded_column_that_explains_the_error_is_named(tmp_path):
 
 def test_next_commands_name_their_joint(tmp_path, monkeypatch):
     try_few_effects(monkeypatch, few=("coulomb_friction", "bias", "joint_spring"))
-    monkeypatch.setattr(os, "cpu_count", lambda: 1)  # no processes for two channels
+    monkeypatch.setattr(os, "cpu_count", lambda: 1)  # diagnose both channels in this process
     run_number, t = np.repeat(np.arange(3), 150), np.tile(np.arange(150) * 0.02, 3)
     w = 2 * np.pi * (0.5 + 0.1 * run_number)
     q, v, a = np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)

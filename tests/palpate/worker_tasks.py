@@ -1,4 +1,4 @@
-"""Functions for worker processes, which import nothing else with them."""
+"""Functions that run in worker processes; this module imports little, so that workers start quickly."""
 
 import signal
 

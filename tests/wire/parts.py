@@ -163,7 +163,7 @@ class EmulatedRobot:
 
     @property
     def drive_torque_nm(self) -> np.ndarray:
-        """What the drives really exert."""
+        """True torques of the drives, shape (n,) [N m]."""
         return np.array(self.arm.plant.world._torque_nm)
 
     @property

@@ -169,7 +169,7 @@ def test_no_kind_has_a_share_without_hidden_effects(data, whole_budget):
     assert sum(entry.share for entry in analysed(data()).budget.entries) < 0.05
 
 
-def test_two_kinds_share_the_error_by_their_energies():
+def test_two_kinds_share_the_error_by_their_energies(whole_budget):
     both = lambda q, v, a: 0.4 * np.tanh(v / 0.02) + 0.3 * np.sin(15.0 * q)  # noqa: E731
     alone = [
         searched(swings(1, law)).start.held_out_mean_square

@@ -49,9 +49,9 @@ def improvement(before, after, effect=""):
 
 
 @cache
-def fits_of_friction(force_nm=0.05):
-    """Fits without and with a Coulomb friction, of three times the noise unless stated otherwise."""
-    data = swings(3, lambda q, v, a: force_nm * np.tanh(v / 0.01))
+def fits_of_friction(torque_nm=0.05):
+    """Fits without and with a Coulomb friction, of 2.5 times the noise unless stated otherwise."""
+    data = swings(3, lambda q, v, a: torque_nm * np.tanh(v / 0.01))
     friction = SWING.with_effect(EFFECTS["coulomb_friction"]())
     return fit_model(data, SWING, {}), fit_model(data, friction, {})
 
@@ -193,7 +193,7 @@ def test_statistic_is_the_share_of_the_held_out_error():
     measurement = identify_measurement_model(before.data)
     left = lack_of_fit_test(before, measurement, np.random.default_rng(0))
     assert left.observed == before.explainable_share()
-    # of what no law is in, a law of many signals explains next to nothing
+    # a flexible law explains almost nothing of pure noise
     assert np.abs(left.simulated).max() < 0.05
 
 

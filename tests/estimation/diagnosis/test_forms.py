@@ -154,7 +154,7 @@ def test_form_is_exact_if_only_noise_is_left_and_no_law_replaces_it(
 
 
 def test_form_is_exact_only_if_a_deviation_of_five_percent_would_exceed_the_noise():
-    """Coulomb friction of 6 times the noise is the truth; of 30 times the noise, see test_diagnose."""
+    """The true effect is Coulomb friction of 6 times the noise; test_diagnose has the exact one."""
     friction = swings(1, lambda q, v, a: 6.0 * NOISE_NM * np.tanh(v / 0.02))
     found = decide(friction, SWING, RUB, SPRING, DRAG)
     assert {entry.effect: entry.form for entry in found.accepted} == {RUB: Form.APPROXIMATE}
@@ -301,17 +301,21 @@ def test_weight_is_likelier_than_a_spring_over_a_short_way(torque_of_angle):
 
 
 @pytest.mark.parametrize(
-    ("name", "law"), [("weight", lambda q: 2.0 * np.sin(q)), ("joint_spring", lambda q: -2.0 * q)]
+    ("name", "law"),
+    [
+        ("weight", lambda q: 2.0 * np.sin(q)),
+        ("joint_spring", lambda q: 2.0 * q),
+        ("joint_spring", lambda q: -2.0 * q),
+    ],
 )
 def test_wide_motion_distinguishes_weight_and_spring(name, law):
-    """A negative stiffness is not described as a passive spring."""
+    """A negative stiffness is described as not passive."""
     (entry,) = decide(slow_swings(law, 2.5), ROTOR, "joint_spring", "weight", "bias").accepted
     assert entry.effect == name
     spring = EFFECTS["joint_spring"]()
-    negative = spring.describe_physics({"k": -2.0, "preload": 0.1})
-    assert entry.physics == (EFFECTS["weight"].physics if name == "weight" else negative)
-    assert "no passive spring" in negative
-    assert spring.describe_physics({"k": 2.0, "preload": 0.1}) == spring.physics
+    described = spring.describe_physics({"k": law(1.0), "preload": 0.1})
+    assert entry.physics == (EFFECTS["weight"].physics if name == "weight" else described)
+    assert ("no passive spring" in described) == (law(1.0) < 0.0)
 
 
 @pytest.mark.parametrize("returns", [False, True])

@@ -22,7 +22,7 @@ from palpate.estimation.fit.normal_equations import (
 )
 from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
-from palpate.estimation.signals.cache_by_array import FitCache
+from palpate.estimation.signals.cache_by_array import FitCache, IdentityKey
 from tests.estimation.fits import MODEL, fits
 from tests.estimation.presses import K, channel, kelvin_voigt, session
 from tests.estimation.swings import DAMPING, INERTIA, NOISE_NM, WEIGHT, read, swings
@@ -273,7 +273,19 @@ def test_cache_evicts_the_least_recently_used(monkeypatch):
         assert cache.get_or_compute(number, lambda n=number: made(n))[0] == number
     assert asked == [0, 1, 2, 3, 1]  # 1 had to go for 3, 0 had just been asked for again
     assert cache.total_bytes == 3 * 80
-    assert not cache.get_or_compute(1, lambda: made(1)).flags.writeable  # others share it
+    assert not cache.get_or_compute(1, lambda: made(1)).flags.writeable  # callers share the array
+
+
+def test_cache_counts_an_array_that_its_keys_keep_alive_once(monkeypatch):
+    monkeypatch.setattr("palpate.estimation.signals.cache_by_array.MAX_BYTES", 4 * 80)
+    cache, load = FitCache(), np.zeros(20)
+    for number in range(2):
+        cache.get_or_compute((IdentityKey(load), number), lambda: np.ones(10), load)
+    assert cache.total_bytes == 4 * 80
+    cache.get_or_compute("a", lambda: np.ones(10))
+    assert cache.total_bytes == 4 * 80  # one of the two results is discarded, and the other keeps the load
+    cache.get_or_compute("b", lambda: np.ones(10))
+    assert cache.total_bytes == 2 * 80
 
 
 @pytest.mark.parametrize(

@@ -281,7 +281,7 @@ def test_peer_without_our_certificate_is_refused_and_other_keys_are_denied(tmp_p
         # The certificates of these two are good, the key is not.
         elsewhere = [line(role, "side", other_port, "elsewhere") for role in ("leader", "follower")]
         pairs = [(stranger, follower, intent(target())), (plain, follower, intent(target(2)))]
-        # A leader that begins last is heard: those that began before it have had the time.
+        # The leader that starts last is heard, so those that started earlier had enough time.
         assert heard(line("leader", "side", port), follower, intent(target()))
         assert not any_heard([*pairs, (*elsewhere, intent(target(1)))], 0.5)
 
