@@ -3,10 +3,10 @@
 import xml.etree.ElementTree as ET
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from math import cos, sin
 from typing import ClassVar
 
 import numpy as np
+import scipy
 
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.urdf_text import joints_to_root, linked_name, parse_urdf
@@ -83,11 +83,9 @@ def _in_last_moving_link(robot: ET.Element, link: str, point: FloatArray) -> tup
             xyz, rpy = (
                 [float(number) for number in origin.get(key, "0 0 0").split()] for key in ("xyz", "rpy")
             )
-            point = point.copy()
-            for i, j, angle in zip((1, 2, 0), (2, 0, 1), rpy, strict=True):  # about fixed x, then y, then z
-                sine, cosine = sin(angle), cos(angle)
-                point[[i, j]] = cosine * point[i] - sine * point[j], sine * point[i] + cosine * point[j]
-            point += xyz
+            if any(rpy):  # importing scipy.spatial takes long
+                point = scipy.spatial.transform.Rotation.from_euler("xyz", rpy).apply(point)
+            point = point + xyz
         link = linked_name(joint, "parent")
     return link, point
 
