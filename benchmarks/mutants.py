@@ -126,7 +126,7 @@ def _changed(node: ast.AST) -> str:
             return f"({text(operand)})"
         case ast.Constant(bool() as value):
             return str(not value)
-        case ast.Constant(int() | float() as value) if not 0.0 < value < 1e-100:  # it only avoids 0 / 0
+        case ast.Constant(int() | float() as value) if not 0.0 < value < 1e-8:  # it only allows for rounding
             return str(value + 1 if isinstance(value, int) else 2.0 * value or 1.0)
         case ast.IfExp(test, body, changed):
             return f"({text(changed)} if {text(test)} else {text(body)})"

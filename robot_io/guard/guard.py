@@ -98,11 +98,6 @@ class SafeStop:
 # After a longer time without a command, the rate limit starts from the measured torque.
 PAUSE_S = 0.1
 
-_STUCK_ENCODER = (
-    "turn the joint by hand without power: if it turns freely, check encoder and coupling; if friction holds "
-    "it, raise limits.stuck_encoder_s"
-)
-
 
 @dataclass(frozen=True, slots=True)
 class Trip:
@@ -200,13 +195,9 @@ class Guard:
             or self._stuck_force.problem(measurement)
         )
         if problem is None and reference_position_rad is not None:
-            encoders = self._stuck_encoders
-            encoders.update(measurement, reference_position_rad)
-            problem = (
-                Problem(encoders.suspicion or "", _STUCK_ENCODER)
-                if encoders.is_proven
-                else self._checks.tracking_problem(measurement, reference_position_rad)
-            )
+            problem = self._stuck_encoders.problem(
+                measurement, reference_position_rad
+            ) or self._checks.tracking_problem(measurement, reference_position_rad)
         if problem is not None:
             self.trip(problem.text, problem.remedy)
 
@@ -292,16 +283,12 @@ class Guard:
         if measurement.time_s - self._previous_s > PAUSE_S:
             measured_nm = zip(measurement.joint_torque_nm.tolist(), self._torque_limits, strict=True)
             previous_nm = [clip(torque, -largest, largest) for torque, (largest, _) in measured_nm]
-        sent_nm: list[float] = []
-        for torque, previous, (largest, rate) in zip(
-            command_nm, previous_nm, self._torque_limits, strict=True
-        ):
-            change = rate * dt_s
-            if -largest <= torque <= largest and previous - change <= torque <= previous + change:
-                sent_nm.append(torque)  # as in most ticks
-            else:
-                allowed = clip(torque, -largest, largest)
-                sent_nm.append(clip(allowed, previous - change, previous + change))
+        sent_nm = [
+            clip(clip(torque, -largest, largest), previous - rate * dt_s, previous + rate * dt_s)
+            for torque, previous, (largest, rate) in zip(
+                command_nm, previous_nm, self._torque_limits, strict=True
+            )
+        ]
         self._previous_nm, self._previous_s = sent_nm, measurement.time_s
         self._unresponsive_drives.sent(measurement.time_s, sent_nm)
         return _command(sent_nm)

@@ -46,6 +46,11 @@ _FORCE_SHARE = 0.02  # and the force has not changed by more than this share of 
 _FOLLOWED = (0.6, 1.5)  # ratio of the joint's motion to that of its reference: the joint was following
 _PACE_SHARE = 0.5  # share of the reference's earlier speed: the reference continued
 
+_ENCODER_REMEDY = (
+    "turn the joint by hand without power: if it turns freely, check encoder and coupling; if friction holds "
+    "it, raise limits.stuck_encoder_s"
+)
+
 _Mark = tuple[float, float, float]  # time [s], position and reference [rad]
 
 
@@ -108,7 +113,6 @@ class StuckEncoders:
 
     Attributes:
         suspicion: the suspect encoder and the reason; None if there is none.
-        is_proven: whether the encoder is stuck.
     """
 
     def __init__(self, limits: Limits) -> None:
@@ -124,7 +128,6 @@ class StuckEncoders:
         """Reset the history; the known size of the steps is kept."""
         self._sampled_at_s = self._marked_at_s = -inf
         self.suspicion: str | None = None
-        self.is_proven = False
         for joint in self._joints:
             joint.samples, joint.suspect = 0, False
 
@@ -139,17 +142,17 @@ class StuckEncoders:
             joint.suspect = joint.suspect and position_rad == joint.position_rad
         return [not joint.suspect for joint in self._joints]
 
-    def update(self, measurement: Measurement, reference_position_rad: FloatArray) -> None:
-        """Check one tick; without a new sample of the encoders nothing changes.
+    def problem(self, measurement: Measurement, reference_position_rad: FloatArray) -> Problem | None:
+        """Return the problem of a stuck encoder, or None; a repeated sample is ignored.
 
         Args:
             measurement: measurement of this tick.
             reference_position_rad: reference positions of the joints, shape (n,) [rad].
         """
         if not measurement.encoder_at_s > self._sampled_at_s:
-            return
+            return None
         self._sampled_at_s = time_s = measurement.encoder_at_s
-        self.suspicion, self.is_proven = None, False
+        problem = self.suspicion = None
         positions_rad = measurement.joint_position_rad.tolist()
         references_rad = reference_position_rad.tolist()
         torques_nm = measurement.joint_torque_nm.tolist()
@@ -169,17 +172,19 @@ class StuckEncoders:
             joint.samples += 1
             moved_rad = references_rad[i] - joint.reference_rad
             joint.suspect = joint.is_suspect(time_s, moved_rad)
-            if joint.suspect and not self.is_proven:
+            if joint.suspect and problem is None:
                 changed_nm = abs(torques_nm[i] - joint.torque_nm)
                 unfelt = abs(measurement.force_n - joint.force_n) <= self._unfelt_n
                 stopped = unfelt and joint.was_stopped(time_s, moved_rad)
                 share = _STOPPED_SHARE if stopped else _TORQUE_SHARE
-                self.is_proven = changed_nm > self._torques_nm[i] * share
                 self.suspicion = (
                     f"encoder of joint {i + 1}: stuck at {joint.position_rad:.4g} rad (or the joint is "
                     f"jammed) while its reference moved by {abs(moved_rad):.2g} rad and its torque by "
                     f"{changed_nm:.2g} N m"
                 )
+                if changed_nm > self._torques_nm[i] * share:
+                    problem = Problem(self.suspicion, _ENCODER_REMEDY)
+        return problem
 
 
 _LEAST_KNOWN = 100  # samples before a problem can be reported
@@ -306,7 +311,6 @@ class _Drive:
         self.floor_nm = _FLOOR_SHARE * limit_nm
         # Lowest and highest command: in this interval, in the previous one, and in both.
         self.sent_nm = self.before_nm = (inf, -inf)
-        self.low_nm, self.high_nm = inf, -inf
         self.measured_nm = nan
         self.jump_nm = inf  # resolution unknown until the reading changes
         # Smallest torques that were clearly measured, by sign.

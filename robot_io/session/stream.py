@@ -76,7 +76,6 @@ class Stream:
     batch: int = field(default=1, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "columns", tuple(self.columns))
         if not _NAME.fullmatch(self.name):
             raise InputError(f"stream name {self.name!r}: use at most 64 letters, digits and underscores")
         names = [column.name for column in self.columns]

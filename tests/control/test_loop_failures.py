@@ -36,6 +36,8 @@ def assert_came_to_rest(arm, log):
     tripped = log.column("guard_tripped")
     assert (log.column("phase")[tripped] == Phase.STOPPED).all()
     assert log.column("run")[-1] == -1
+    (stopped_at_s,) = (time_s for time_s, kind, _ in log.events if kind in {"stop", "trip"})
+    assert stopped_at_s == stop_began_s(log)
     assert log.column("time_s")[-1] - stop_began_s(log) <= STOP_TIME_S + PERIOD_S
     assert not arm.bus.powered
     assert (arm.plant.torque_nm == 0).all()

@@ -123,10 +123,11 @@ def test_deliberate_zero_and_a_ringing_blow_are_no_fault():
 
 def test_limit_is_the_robot_file_s_and_longer_for_a_repeating_sensor():
     tick, _ = ticks_until_named(StuckForce(0.1), frozen(noise(4000), 2000))
-    assert 2100 <= tick <= 2102
+    assert tick == 2100
     forces_n = np.concatenate([noise(500), np.full(16, 1.0), noise(500, seed=1), np.full(200, 2.0)])
-    tick, _ = ticks_until_named(StuckForce(LIMIT_S), forces_n)
+    tick, said = ticks_until_named(StuckForce(LIMIT_S), forces_n)
     assert tick == 1016 + 46  # three times its 15 that were equal to the one before, and one
+    assert said == "force sensor: stuck at 2 N, 47 equal samples while the arm moved"
     lazy = noise(6000, every=4, std=0.05)
     tick, _ = ticks_until_named(StuckForce(LIMIT_S), frozen(lazy, 3000))
     assert 3000 + 60 < tick < 3000 + 100
@@ -143,6 +144,34 @@ def test_chance_repetitions_of_a_coarse_sensor_are_not_reported(seed, row, accus
     """A fourth of its samples are equal to the one before: so many in a row come by chance once in 1e9."""
     forces_n = np.concatenate([noise(150, seed=seed, std=0.008), np.full(row + 1, 1.0), noise(10)])
     assert (ticks_until_named(StuckForce(5e-3), forces_n) is not None) is accused
+
+
+EDGE = [0.0, 1.0]  # on the edge between two steps of 1 N, which is no noise
+IMPROBABLE = [  # repeated forces, how often, and the number of equal samples after them that is improbable
+    ("noise of many steps: one in twenty repeats by chance", [1.0, *EDGE, *[30.0, 60.0] * 99], 1, 8),
+    ("a blow counts as eight steps", [*EDGE * 19, 0.0, 99.0], 5, 63),
+    ("too little noise to know", [*EDGE * 4, 0.0, 2.0], 20, None),
+    ("just too little", [*EDGE * 3, 0.0, 2.0], 25, None),
+    ("a push in small steps is no noise", [*(0.1, 0.0) * 60, *np.arange(0.2, 10.0, 0.2)], 1, None),
+]
+
+
+@pytest.mark.parametrize(
+    ("forces_n", "times", "count"), [row[1:] for row in IMPROBABLE], ids=[row[0] for row in IMPROBABLE]
+)
+def test_improbable_number_of_equal_samples_follows_from_the_noise(forces_n, times, count):
+    forces_n = np.concatenate([np.tile(forces_n, times)[1:], np.full(500, 0.5)])
+    tick, said = ticks_until_named(StuckForce(5e-3), forces_n) or (None, "")
+    assert tick == (count and len(forces_n) - 501 + count)
+    assert not count or f"{count} equal samples" in said
+
+
+@pytest.mark.parametrize(("moved_mrad", "named"), [(2.0, False), (2.5, True)])
+def test_arm_that_moved_by_two_milliradians_may_stand(moved_mrad, named):
+    forces_n = np.concatenate([np.tile([0.0, 1.0, 0.0, 2.0], 100), np.full(200, 3.0)])
+    speeds = np.zeros(600)
+    speeds[500] = moved_mrad
+    assert bool(ticks_until_named(StuckForce(LIMIT_S), forces_n, speeds_rad_s=speeds)) is named
 
 
 def test_old_and_initial_equal_samples_are_not_stuck():

@@ -313,7 +313,7 @@ def test_readings_before_a_pause_prove_nothing_after_it():
     """A drive that is switched on again may show its torque in another way, or not at all."""
     check = UnresponsiveDrives(LIMITS)
     assert ticks_until_named(check, HealthyDrive(noise=0.01).show, count=600) is None
-    assert ticks_until_named(check, HealthyDrive(gain=0.0).show, first=1000, count=1500) is None
+    assert ticks_until_named(check, HealthyDrive(gain=0.0).show, first=701, count=1500) is None
 
 
 class TestInTheGuard:
