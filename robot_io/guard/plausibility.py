@@ -336,7 +336,7 @@ class _Drive:
         self.measured_nm = measured_nm
         if jump_nm > 0.0:
             self.jumps += 1
-            mean_nm = self.jump_nm if self.jumps > 1 else 0.0
+            mean_nm = self.jump_nm if self.jumps > 1 else jump_nm
             self.jump_nm = mean_nm + (jump_nm - mean_nm) * max(_JUMP_SHARE, 1.0 / self.jumps)
 
     @property

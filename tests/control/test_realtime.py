@@ -161,7 +161,7 @@ def test_current_and_future_memory_is_locked_once(monkeypatch, any_amount, flags
 )
 def test_operating_system_refusal_is_reported_with_its_reason(monkeypatch, switch, refused):
     libc = SimpleNamespace(mlockall=lambda _: -1, prctl=lambda option, *_: -1 if option in refused else 0)
-    monkeypatch.setattr(ctypes, "CDLL", lambda *_, use_errno: libc)
+    monkeypatch.setattr(ctypes, "CDLL", lambda *_, use_errno: libc if use_errno else None)
     monkeypatch.setattr(ctypes, "get_errno", lambda: 12)
     monkeypatch.setattr(module, "_locked_kib", lambda: 0)
     with pytest.raises(OSError, match="Cannot allocate memory"), getattr(module, switch)():

@@ -216,6 +216,13 @@ NAMED = {  # changed limits, what is shown, what is sent, ticks a sample; the fi
         1,
         (340, 342),
     ),
+    "a reading that jumped once, once it has jumped by little seven times": (
+        {"torque_nm": (100.0, 100.0)},
+        lambda: lambda k, sent: 92.0 if k <= 500 else 25.0 + k % 2,
+        lambda k: 92.0,
+        1,
+        (517, 520),
+    ),
     "the fifth of few samples": ({}, lambda: deaf(300), lambda k: 3.0, 8, (304 + 4 * 8,) * 2),
     "noise, and a large torque": ({}, lambda: deaf(300, noise=0.3), lambda k: 3.2, 1, (301, 400)),
     **{  # what was sent before excuses it for a while

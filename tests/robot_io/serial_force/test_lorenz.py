@@ -40,6 +40,10 @@ def test_telegrams_are_parsed_from_any_chunks(telegrams, data):
     assert reader.rejected == 0
 
 
+def test_weighted_sum_carries_beyond_255():
+    assert [lorenz.checksums(bytes(content)) for content in ([255], [128, 255])] == [(255, 255), (127, 255)]
+
+
 def test_truncated_telegram_does_not_take_the_next_with_it():
     first, second = (lorenz.encode_telegram(Telegram(command, 1, 255, b"abc")) for command in (0x41, 0x42))
     reader = TelegramReader()
