@@ -354,8 +354,7 @@ class _Drive:
         may_be_nm = _MISSING_SHARE * least_nm + self.floor_nm + _JUMPS * self.jump_nm
         if missing_nm <= _CLEAR_SHARE * may_be_nm and most_nm <= _STEADY * least_nm:
             self.clear_nm[sign] = min(self.clear_nm[sign], most_nm)
-        usually_nm = sign * self.usually_off_nm
-        missing_nm += 0.0 if usually_nm > 0.0 else usually_nm
+        missing_nm += min(sign * self.usually_off_nm, 0.0)
         return missing_nm > may_be_nm and least_nm >= _SMALLER * self.clear_nm[sign]
 
 

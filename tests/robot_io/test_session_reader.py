@@ -219,12 +219,16 @@ def test_truncated_file_yields_all_earlier_records(tmp_path, whole, data):
     assert lost <= 1500 * (len(whole) - length) / len(whole) + 2 * CHUNK_BYTES / TICK.dtype.itemsize
 
 
+def third_chunk(whole):
+    """Where its third chunk begins."""
+    summary = make_reader(BytesIO(whole)).get_summary()
+    return sorted(index.chunk_start_offset for index in summary.chunk_indexes)[2]
+
+
 @pytest.mark.parametrize("kept", [0, 1, 23])
 def test_file_cut_in_a_chunk_header_gives_the_chunks_before(tmp_path, whole, kept):
-    summary = make_reader(BytesIO(whole)).get_summary()
-    third = sorted(index.chunk_start_offset for index in summary.chunk_indexes)[2]
     path = tmp_path / "s.mcap"
-    path.write_bytes(whole[: third + 1 + 8 + kept])  # behind the opcode and the length of the record
+    path.write_bytes(whole[: third_chunk(whole) + 1 + 8 + kept])  # behind opcode and length
     samples = Session.open(path).samples("tick")
     assert_ticks(samples, range(len(samples)))
     assert len(samples) > 100
@@ -282,6 +286,13 @@ def test_damage_in_a_finished_file_is_reported(tmp_path, whole, opcode, content,
     path, record = tmp_path / "s.mcap", bytes((opcode,)) + len(content).to_bytes(8, "little") + content
     path.write_bytes(whole[:8] + record + whole[8:])
     with pytest.raises(SessionError, match=said):
+        Session.open(path)
+
+
+@pytest.mark.parametrize("more", [0, 1000])
+def test_finished_file_without_its_middle_is_refused(tmp_path, whole, more):
+    path = saved(tmp_path / "s.mcap", whole[: third_chunk(whole) + more] + whole[-8:])
+    with pytest.raises(SessionError, match="its end is present, but parts before it are missing"):
         Session.open(path)
 
 
@@ -460,6 +471,10 @@ def test_writing_at_once_overwrites_nothing_and_respects_the_umask(tmp_path):
     with pytest.raises(SessionError, match="exists already"):
         written(path, 3)
     assert path.read_bytes() == before
+    late, columns = tmp_path / "late.mcap", {"time_s": np.zeros(1), "x": np.zeros(1)}
+    with pytest.raises(SessionError, match="exists already"):
+        write_session(late, [(SLOW, columns)], METADATA, progress=lambda _: late.write_bytes(b"another's"))
+    assert late.read_bytes() == b"another's"
 
 
 @pytest.mark.parametrize(
@@ -496,6 +511,9 @@ def test_growing_session_is_followed_without_reading_twice(tmp_path, whole):
     short = SessionTail(path, "tick", last=100)
     path.write_bytes(whole)
     assert_ticks(short.read(), range(1400, 1500))
+    none = {"time_s": np.zeros(0), "x": np.zeros(0)}
+    empty = write_session(tmp_path / "empty.mcap", [(SLOW, none)], METADATA)
+    assert SessionTail(empty, "slow", last=1).read() is None
 
 
 def test_chunks_of_any_order_are_read_in_the_order_of_logging(tmp_path):

@@ -382,14 +382,17 @@ def test_event_that_just_fits_is_whole():
 
 @linux_only
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="needs two cores to leave one")
-def test_writer_leaves_the_core_of_the_loop(tmp_path):
+def test_writer_leaves_the_core_and_the_priority_of_the_loop(tmp_path):
     everywhere = os.sched_getaffinity(0)
     try:
         os.sched_setaffinity(0, {min(everywhere)})
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
         with SessionWriter(tmp_path / "s", [SLOW], METADATA) as log:
             assert os.sched_getaffinity(pid(log)) == everywhere
+            assert os.sched_getscheduler(pid(log)) == os.SCHED_OTHER
     finally:
         os.sched_setaffinity(0, everywhere)
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def test_session_is_written_without_memfd(tmp_path, monkeypatch):
