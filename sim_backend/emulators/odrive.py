@@ -58,6 +58,7 @@ class EmulatedOdrive(EmulatedMotor):
         self._next_cyclic_s = cyclic_s
         self.velocity_limit_rev_s, self.current_limit_a = math.inf, math.nan
         self.velocity_limiter: tuple[float, float] | None = None
+        self.supply_v = 24.0
         self._start_up()
 
     def _start_up(self) -> None:
@@ -115,7 +116,7 @@ class EmulatedOdrive(EmulatedMotor):
             case 0x09:
                 return [self._encoder_estimates()]
             case 0x17:
-                return [self._message(0x17, struct.pack("<ff", 24.0, 0.5))]
+                return [self._message(0x17, struct.pack("<ff", self.supply_v, 0.5))]
         return []
 
     def send_unrequested(self, now_s: float) -> list[can.Message]:

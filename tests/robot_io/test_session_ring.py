@@ -161,6 +161,7 @@ def flags(count, width=1):
 
 
 def test_record_has_the_columns_in_order_and_the_largest_streams_fit():
+    assert Column("x", "m", dtype=np.int32) == Column("x", "m", dtype="int32")
     assert Stream("s", (TIME, *flags(1, 16_376))).dtype.itemsize == 16_384
     assert len(Stream("s" * 64, (TIME, *flags(999)), batch=16).columns) == 1000
     assert Column("x", "1", 16_384).shape == (16_384,)

@@ -5,6 +5,7 @@ import pytest
 
 from palpate.robot_io.drivers.can.line import CanLine, CanLineSettings
 from palpate.robot_io.errors import DeviceError
+from palpate.robot_io.examination import Level
 from palpate.robot_io.types import Status
 from palpate.sim_backend.emulators import FaultKind
 from tests.wire.parts import ODRIVE, V0_5
@@ -38,6 +39,15 @@ def test_settings_unreadable_over_can_are_printed_as_commands(make_robot, change
         *("enable_torque_mode_vel_limit = False", "vel_limit = 8.6", current, "save_configuration()"),
     ):
         assert command in unseen.text
+
+
+@pytest.mark.parametrize(("supply_v", "level"), [(8.0, Level.OK), (7.9, Level.FAIL)])
+def test_axis_without_its_power_supply_is_found_by_its_examination(make_robot, supply_v, level):
+    arm = make_robot()
+    arm.motors[1].supply_v = supply_v
+    arm.robot.configure()
+    (seen,) = (one for one in arm.robot.buses["motors"].examine() if "node 1" in one.subject)
+    assert (seen.level, f"{supply_v} V" in seen.text) == (level, True)
 
 
 def test_missing_torques_name_their_joint(make_robot):

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from palpate.robot_io.clock import SimulatedClock
 from palpate.robot_io.errors import InputError, SafetyTripError
 from palpate.robot_io.guard import Guard, Limits, SafeState
+from palpate.robot_io.guard.plausibility import StuckEncoders
 from palpate.robot_io.types import Command, Measurement, Status
 from tests.mock_robot import build_mock_robot, mock_bus, mock_robot_file
 
@@ -679,6 +680,36 @@ def test_encoder_is_suspect_beyond_a_share_of_the_tracking_limit_and_some_steps(
     reading = lambda k: seen(speed * min(k, 100))  # noqa: E731
     assert watch_many(guard, ticks, reading, lambda k: speed * k, lambda k: 0.0) is None
     assert ("encoder of joint 1" in guard.trip("stopped on request").cause) is suspect
+
+
+STUCK_EDGES = [  # steps that the joint followed before, then motion of the reference, torque and force
+    ("four steps of the encoder", (64, 2.0**-7, 9.0, 0.5), False),
+    ("more than those", (64, 2.0**-7 + 2.0**-20, 9.0, 0.5), True),
+    ("half the torque limit", (64, 2.0**-6, 5.0, 0.5), False),
+    ("more than half", (64, 2.0**-6, 5.01, 0.5), True),
+    ("a joint that followed by four steps", (4, 2.0**-6, 2.0, 0.0), False),
+    ("one that followed by more", (5, 2.0**-6, 2.0, 0.0), True),
+    ("half the earlier speed", (64, 2.0**-5, 2.0, 0.0), False),
+    ("more than half of it", (64, 2.0**-5 + 2.0**-12, 2.0, 0.0), True),
+]
+
+
+@pytest.mark.parametrize(
+    ("steps", "moved_rad", "torque_nm", "force_n", "stuck"),
+    [(*then, stuck) for _, then, stuck in STUCK_EDGES],
+    ids=[edge[0] for edge in STUCK_EDGES],
+)
+def test_stuck_encoder_is_proven_beyond_each_threshold(steps, moved_rad, torque_nm, force_n, stuck):
+    """In numbers that floats hold exactly: steps of 2^-9 rad, 2^-10 s from tick to tick."""
+    check = StuckEncoders(LIMITS.model_copy(update={"stuck_encoder_s": 2.0**-5}))
+    for k in range(120):
+        followed_rad, is_stuck = 2.0**-9 * max(min(k, 64) - 64 + steps, 0), k > 64
+        state = {"joint_position_rad": [followed_rad, 0], "joint_torque_nm": [torque_nm * is_stuck, 0]}
+        measurement = measured(k * 2.0**-10, **state, force_n=force_n * is_stuck)
+        if check.problem(measurement, np.array([followed_rad + moved_rad * is_stuck, 0.0])):
+            assert (stuck, k) == (True, 64 + 32)
+            return
+    assert not stuck
 
 
 def test_suspect_encoder_keeps_the_gravity_support():
