@@ -39,7 +39,7 @@ RUN_PREFIX = "run_"  # prefix of effects that vary between runs; held-out runs c
 
 # Parts of base models, and effects that have another name for this kind of channel.
 _EXCLUDED = {
-    ChannelKind.CONTACT: frozenset({"inertia", "pendulum"}),
+    ChannelKind.CONTACT: frozenset({"pendulum"}),
     ChannelKind.REVOLUTE: frozenset({"inertia", "pendulum", "stiffness", "damping"}),
     ChannelKind.PRISMATIC: frozenset({"inertia", "stiffness", "damping"}),
     ChannelKind.SERVO: frozenset({"inertia", "stiffness", "damping"}),

@@ -23,7 +23,7 @@ from palpate.estimation.kinds import Kind
 from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
 from palpate.robot_io.errors import InputError
-from tests.estimation.presses import NOISE_N, K, channel, kelvin_voigt, maxwell, session
+from tests.estimation.presses import NOISE_N, RATE_HZ, K, channel, kelvin_voigt, maxwell, session
 from tests.estimation.swings import DAMPING, INERTIA, NOISE_NM, WEIGHT, late, link_angles, read, swings
 
 PRESS, SWING = (MODELS[name]().build(ModelContext()) for name in ("kelvin_voigt", "pendulum"))
@@ -52,6 +52,7 @@ SOME = {
 EFFECTS_OF = {  # tried with other effects than these; () for all
     **dict.fromkeys(("a friction", "white noise", "a coarse encoder"), ()),
     "a ripple behind a delay": ("torque_ripple", "delay", "coulomb_friction"),
+    "a mass before the force sensor": ("inertia", "lag", "delay", "stress_relaxation", "cubic_stiffness"),
     "a memory": ("cubic_stiffness", "bias", "contact_offset", "plastic_set"),
 }
 
@@ -79,6 +80,10 @@ def cubic(t, x, v, run):
     return 1.5e6 * np.maximum(x, 0.0) ** 3
 
 
+def moving_mass(t, x, v, run):
+    return 1.0 * np.gradient(v, 1.0 / RATE_HZ)
+
+
 def relaxing(t, x, v, run):
     return 300.0 * maxwell(t, x, run, 0.4)
 
@@ -100,6 +105,11 @@ HIDDEN = {
         lambda: session(5, lambda t, x, v, run: kelvin_voigt(x, v, relaxing(t, x, v, run)) + 0.8),
         {"stress_relaxation", "bias"},
         ("stress_relaxation", "tau", 0.4, 0.1),
+    ),
+    "a mass before the force sensor": (
+        lambda: session(7, lambda t, x, v, run: kelvin_voigt(x, v) + moving_mass(t, x, v, run)),
+        {"inertia"},
+        ("inertia", "m", 1.0, 0.05),
     ),
     "a friction": (
         lambda: swings(1, lambda q, v, a: 2.0 * rubbing(q, v, a)),
