@@ -185,6 +185,8 @@ class ChannelData:
     averaged: int = 1  # number of readings averaged in each sample
     # Whether the readings that were averaged are a stepwise command, see `is_stepwise_command`.
     is_command: bool = False
+    # Whether an object has recovered when a run begins, so that its relaxation in earlier runs has no effect.
+    recovers: bool = field(default=False, compare=False)
     # Units of the columns in the file, by quantity, such as {"displacement": "mm"}; empty if unknown. The
     # arrays are in SI units, so these do not distinguish channels, and only messages use them.
     units: Mapping[str, str] = field(default_factory=dict, compare=False)

@@ -112,7 +112,7 @@ def flexible_laws(
 
     zero, error = zero_in_free_air(data), np.mean(residual[used] ** 2)
     has_bias = zero is None or not (zero.is_zero or zero.bias**2 < _MIN_BIAS_SHARE * error)
-    relaxed = _relaxation(time_s, run, touching, _MIN_TIME * data.time_scale, is_contact=is_contact)
+    relaxed = _relaxation(blocked, touching, _MIN_TIME * data.time_scale)
     # forces that oppose the motion and grow with speed: linearly, faster and slower
     fast = np.abs(unit_speed)
     dissipation = (unit_speed, unit_speed * fast, unit_speed**3, unit_speed / (1.0 + fast))
@@ -207,17 +207,19 @@ def _hinges(signal: FloatArray) -> FloatArray:
 
 
 def _relaxation(
-    time_s: FloatArray, run: IntArray, touching: FloatArray, shortest_s: float, *, is_contact: bool
+    blocked: BlockedData, touching: FloatArray, shortest_s: float
 ) -> Callable[[FloatArray], list[FloatArray]]:
     """Return a function that relaxes a strain (m,) with several time constants from `shortest_s` on."""
+    time_s, run, data = blocked.time_s, blocked.run, blocked.data
     step = sample_time(time_s, run)
     longest = max(2.0 * longest_run(time_s, run), 40.0 * step)
     shortest = min(max(4.0 * step, shortest_s), 0.1 * longest)
     taus = np.geomspace(shortest, longest, round(_TIMES_PER_DECADE * np.log10(longest / shortest)) + 1)
 
     def relaxed(strain: FloatArray) -> list[FloatArray]:
-        if is_contact:
-            return [relax(strain, time_s, run, tau) * touching for tau in taus]
+        if data.kind is ChannelKind.CONTACT:
+            states = (relax(strain, time_s, run, tau, independent_runs=data.recovers) for tau in taus)
+            return [state * touching for state in states]
         return [np.asarray(strain - low_pass(strain, time_s, run, tau)) for tau in taus]
 
     return relaxed

@@ -52,7 +52,7 @@ class _Relaxation(Effect):
             signal: strain or elastic force, shape (n,) or (n, k).
             data: the channel.
         """
-        remaining = memory(signal, data.time_s, data.run)
+        remaining = memory(signal, data.time_s, data.run, independent_runs=data.recovers)
         if self.form:
             first, piece = block_index(data.run)
             change = memory(signal - signal[first][piece], data.time_s, data.run, independent_runs=True)
@@ -70,7 +70,7 @@ def _begins_pressed(data: ChannelData) -> BoolArray:
 class StressRelaxation(_Relaxation, AdditiveEffect):
     """Maxwell branch parallel to the spring: F = k1 z with z' = x' - z / tau, z = 0 before the first run.
 
-    The state z persists between runs, since an object may not have recovered at the next press.
+    The state z persists between runs unless the object has recovered, see `ChannelData.recovers`.
     """
 
     name = "stress_relaxation"

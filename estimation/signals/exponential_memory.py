@@ -16,7 +16,9 @@ _SLOWEST, _FASTEST = 1e-2, 10.0  # end rates, relative to 1 / total duration and
 _LAGS = np.arange(_PIECE_LENGTH)[None, :] - np.arange(_PIECE_LENGTH)[:, None]
 
 
-def relax(signal: FloatArray, time_s: FloatArray, run: IntArray, tau_s: float) -> FloatArray:
+def relax(
+    signal: FloatArray, time_s: FloatArray, run: IntArray, tau_s: float, *, independent_runs: bool = False
+) -> FloatArray:
     """Relax a strain with one time constant: z' = signal' - z / tau; see `fading_memory`.
 
     Args:
@@ -24,11 +26,13 @@ def relax(signal: FloatArray, time_s: FloatArray, run: IntArray, tau_s: float) -
         time_s: times, shape (n,) [s].
         run: run number of each sample, shape (n,).
         tau_s: time constant [s].
+        independent_runs: whether to treat all runs as recorded independently.
 
     Returns:
         State z in the shape of the signal.
     """
-    return fading_memory(signal, time_s, run, np.array([1.0 / tau_s]), np.ones(1))
+    rates, weights = np.array([1.0 / tau_s]), np.ones(1)
+    return fading_memory(signal, time_s, run, rates, weights, independent_runs=independent_runs)
 
 
 def low_pass(signal: FloatArray, time_s: FloatArray, run: IntArray, tau_s: float) -> FloatArray:

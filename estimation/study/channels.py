@@ -15,6 +15,7 @@ from palpate.estimation.fit.blocks import LUMPED_GAINS
 from palpate.estimation.fit.measurement_model import is_acceleration_resolved
 from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
+from palpate.estimation.study.fitting import recovers_between_runs
 from palpate.estimation.study.source import DataSource
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
@@ -56,12 +57,18 @@ class StudyChannel:
         Raises:
             InputError: the channel lacks something that the model needs.
         """
-        return self.prepared or MODELS[self.model.name]().prepare(self.measured, self.context)
+        if self.prepared:
+            return self.prepared
+        data = MODELS[self.model.name]().prepare(self.measured, self.context)
+        return replace(data, recovers=recovers_between_runs(self._without_held_out(data), self.model))
 
     @cached_property
     def to_fit(self) -> ChannelData:
         """Runs of `data` that are used for fitting."""
-        return self.data.of_runs(np.setdiff1d(self.data.runs, self.held_out)) if self.held_out else self.data
+        return self._without_held_out(self.data)
+
+    def _without_held_out(self, data: ChannelData) -> ChannelData:
+        return data.of_runs(np.setdiff1d(data.runs, self.held_out)) if self.held_out else data
 
     @property
     def name(self) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from palpate.estimation.base_model import Arm
-from palpate.estimation.channel import ChannelData
+from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
 from palpate.estimation.data_quality import quality_warnings, reject_reason
 from palpate.estimation.diagnosis.candidates import effect_library
@@ -39,6 +39,7 @@ from palpate.estimation.workers import release_freed_memory
 from palpate.robot_io.errors import InputError
 
 _FitKey = tuple[ChannelKey, tuple[str, ...]]  # a channel with its base model, and the added effects
+_RECOVERS = "no relaxation carries over from run to run: the data fit better if each run begins relaxed"
 _MAX_FITS = 90  # size of the cache; the least recently used fits are dropped and computed again
 
 
@@ -94,8 +95,11 @@ class StudyFits(TableDisplay):
     @cached_property
     def warnings(self) -> dict[str, list[str]]:
         """Warnings about implausible data, for the channels that have any."""
-        warnings = ((c.name, quality_warnings(c.measured, c.model)) for c in self.channels)
-        return {name: sentences for name, sentences in warnings if sentences}
+        warnings = {c.name: quality_warnings(c.measured, c.model) for c in self.channels}
+        for channel in self.channels:
+            if channel.kind is ChannelKind.CONTACT and channel.data.recovers:
+                warnings[channel.name].append(_RECOVERS)
+        return {name: sentences for name, sentences in warnings.items() if sentences}
 
     def channel(self, name: str | None = None) -> StudyChannel:
         """Return one channel.

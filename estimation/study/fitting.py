@@ -11,15 +11,17 @@ from multiprocessing import current_process
 import numpy as np
 
 from palpate.estimation import diagnosis
-from palpate.estimation.channel import ChannelData
+from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data_quality import reject_reason, usable
 from palpate.estimation.diagnosis import Diagnosis
 from palpate.estimation.diagnosis.candidates import extended_models
 from palpate.estimation.effect import Effect
+from palpate.estimation.effects.time_memory import StressRelaxation
 from palpate.estimation.fit.fit_problem import solve_gains
 from palpate.estimation.fit.fit_result import FitResult, Validation, fit_model
 from palpate.estimation.fit.inner_search import optimize_inner, search_inner
 from palpate.estimation.model import Model
+from palpate.estimation.signals.blocks import has_one_clock
 from palpate.estimation.workers import single_threaded
 from palpate.robot_io.errors import InputError
 
@@ -46,6 +48,30 @@ def fit_base(data: ChannelData, model: Model, full_data: ChannelData | None = No
     with single_threaded():
         fit = fit_model(data, model, {}, usable(data))
         return fit if full_data is None else replace(fit, validation=Validation(full_data, usable(full_data)))
+
+
+_RECOVERED_RATIO = 0.95  # ratio of held-out errors below which an object is taken to recover between runs
+
+
+def recovers_between_runs(data: ChannelData, model: Model) -> bool:
+    """Return whether relaxation fits better if the object has recovered when each run begins.
+
+    This is so if each run presses another spot or specimen, or if the object rests for long enough.
+
+    Args:
+        data: a contact channel; the result is false for other channels, and for runs without a common clock.
+        model: the model, with or without relaxation.
+    """
+    has_memory = (
+        data.kind is ChannelKind.CONTACT and len(data.runs) > 1 and has_one_clock(data.time_s, data.run)
+    )
+    if not has_memory or reject_reason(data):
+        return False
+    relaxing = model.without(StressRelaxation.name).with_effect(StressRelaxation(), first=True)
+    with single_threaded():
+        both = (fit_model(replace(data, recovers=each), relaxing, {}, usable(data)) for each in (False, True))
+        remembering, recovered = both
+    return recovered.rmse < _RECOVERED_RATIO * remembering.rmse
 
 
 def preview_extended(parent: FitResult, effect: Effect) -> FitResult:

@@ -5,23 +5,19 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 
-from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.diagnosis.candidates import applicable_effects, is_misnamed, screen_effects
 from palpate.estimation.diagnosis.result import AcceptedEffect, FitSummary, stage_numbers
 from palpate.estimation.diagnosis.verdict import error_decrease
 from palpate.estimation.effect import Effect
-from palpate.estimation.effects.time_memory import StressRelaxation
 from palpate.estimation.fit.blocks import decimate, with_load
 from palpate.estimation.fit.fit_result import FitResult, fit_model
 from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
-from palpate.estimation.signals.blocks import since_start
 from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.study.channels import StudyChannel
 from palpate.estimation.study.comparison import FAR, Comparison
-from palpate.estimation.study.fitting import fit_base
 from palpate.estimation.study.study import ModelStudy
 from palpate.robot_io.errors import InputError
 
@@ -266,36 +262,3 @@ def better_explanation(
         return better_model(study, channel, _FAR_RATIO * final.rmse)
     max_error = min(_FAR_RATIO * base.rmse, _EQUAL_RATIO * final.rmse)
     return better_model(study, channel, max_error, len(final.parameters))
-
-
-_FRESH_RATIO = 0.95  # ratio of held-out errors below which independent runs are suggested
-
-
-def prefers_fresh_runs(data: ChannelData, model: Model) -> bool:
-    """Return whether relaxation fits better if each run presses a fresh object instead of the same one.
-
-    Args:
-        data: a contact channel; the result is false for other channels.
-        model: the model, with or without relaxation.
-    """
-    independent = replace(data, time_s=since_start(data.time_s, data.run))  # each run has its own clock
-    if data.kind is not ChannelKind.CONTACT or (independent.time_s == data.time_s).all():
-        return False
-    relaxing = model.without(StressRelaxation.name).with_effect(StressRelaxation(), first=True)
-    one_clock, own_clocks = (fit_base(channel, relaxing).rmse for channel in (data, independent))
-    return own_clocks < _FRESH_RATIO * one_clock
-
-
-def suggests_fresh_runs(study: ModelStudy, diagnosis: ChannelDiagnosis) -> bool:
-    """Return whether a diagnosis with relaxation is incomplete, and independent runs would fit better.
-
-    Args:
-        study: the measurement and its fits.
-        diagnosis: diagnosis of one of its channels.
-    """
-    named = [entry.effect for entry in diagnosis.accepted]
-    unexplained = diagnosis.verdict is Verdict.UNEXPLAINED or diagnosis.complete is False
-    if StressRelaxation.name not in named or not unexplained:
-        return False
-    channel = study.channel(diagnosis.channel)
-    return prefers_fresh_runs(channel.data, channel.model)

@@ -19,7 +19,7 @@ from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.study import StudyDiagnosis
 from palpate.estimation.study.channels import ALL_CHANNELS
 from palpate.estimation.study.estimates import ALL, DEFAULT_ESTIMATORS
-from palpate.estimation.study.other_models import better_explanation, suggests_fresh_runs
+from palpate.estimation.study.other_models import better_explanation
 from palpate.estimation.study.results import ChannelResult
 from palpate.estimation.study.saved_diagnosis import RESULT
 from palpate.render.build import NAMES, view_of, write_outcome
@@ -175,10 +175,6 @@ def _next_steps(  # noqa: PLR0917, what was typed and found
         if world is not None:
             experiment = f"palpate probe --experiment {shell_path(plan)} {world}".strip()
             yield experiment, "the most informative next experiment"
-    if study.source.session is None and any(
-        suggests_fresh_runs(study, channel) for channel in diagnosis.channels
-    ):
-        yield f"palpate diagnose {again} --fresh-runs", "if each run pressed a fresh spot: this explains more"
     if any(
         channel.verdict is Verdict.UNEXPLAINED or channel.complete is False for channel in diagnosis.channels
     ):

@@ -14,7 +14,7 @@ from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import table_of
 from palpate.estimation.models import MODELS
 from palpate.estimation.signals.blocks import since_start
-from palpate.estimation.study.other_models import prefers_fresh_runs
+from palpate.estimation.study.fitting import recovers_between_runs
 from tests.estimation.presses import RATE_HZ, kelvin_voigt, maxwell, session
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
@@ -41,8 +41,8 @@ def test_data_decide_whether_the_object_remembered(afresh):
         return kelvin_voigt(x, v, 500.0 * (maxwell(t, x, run, TAU_S) if afresh else remembered(t, x, TAU_S)))
 
     data = session(61, law)
-    assert prefers_fresh_runs(data, MODEL) == afresh
-    assert not prefers_fresh_runs(replace(data, time_s=since_start(data.time_s, data.run)), MODEL)
+    assert recovers_between_runs(data, MODEL) == afresh
+    assert not recovers_between_runs(replace(data, time_s=since_start(data.time_s, data.run)), MODEL)
 
 
 def test_fresh_runs_keep_spread_times_and_need_relaxation():
@@ -52,4 +52,4 @@ def test_fresh_runs_keep_spread_times_and_need_relaxation():
     columns = FileColumns(pa.table({"time_s": coarse_s, "displacement_m": x, "force_N": f}))
     (channel,) = import_table(table_of(columns, Path("press")), ImportOptions(fresh=True, runs=1)).channels
     assert channel.time_s == pytest.approx(t, abs=1e-6)
-    assert not prefers_fresh_runs(session(62), MODEL)
+    assert not recovers_between_runs(session(62), MODEL)
