@@ -54,7 +54,7 @@ _BINS = 8192  # position bins for the spectrum
 _WHOLE_TURN = 0.75  # range in turns above which wave numbers are whole numbers per turn
 _MIN_WAVES = 3  # least number of waves within a narrower range; fewer resemble any smooth law
 # Forces of the object, which can only push. Friction may act on the sides of the tool, and adhesion pulls.
-_OBJECT_KINDS = (Kind.ELASTIC_SHAPE, Kind.RATE_DEPENDENCE, Kind.TIME_MEMORY, Kind.CONTACT_GEOMETRY)
+OBJECT_KINDS = frozenset({Kind.ELASTIC_SHAPE, Kind.RATE_DEPENDENCE, Kind.TIME_MEMORY, Kind.CONTACT_GEOMETRY})
 COLLINEAR = 1e-9  # ridge penalty of the base model's columns, too small to shrink them
 GRAVITY_RANGE = 0.3  # [rad]; over a narrower range gravity resembles a constant and a spring
 
@@ -147,7 +147,7 @@ def flexible_laws(
     laws.append(_law(Kind.RECORDED_CONTEXT, *map(hats, recorded), *(unit * effort for unit in scaled)))
     direction = np.tanh(unit_speed / _DIRECTION_WIDTHS[-1])
     laws.append(_law((Kind.FRICTION, Kind.RECORDED_CONTEXT), *(unit * direction for unit in scaled)))
-    pushing, unseen = frozenset(_OBJECT_KINDS) if is_contact else frozenset[Kind](), unseen_kinds(data)
+    pushing, unseen = OBJECT_KINDS if is_contact else frozenset[Kind](), unseen_kinds(data)
     return [
         replace(law, one_sided=law.one_sided and law.kinds <= pushing)
         for law in laws

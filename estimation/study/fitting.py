@@ -11,10 +11,12 @@ from multiprocessing import current_process
 import numpy as np
 
 from palpate.estimation import diagnosis
+from palpate.estimation.budget.laws import OBJECT_KINDS
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data_quality import reject_reason, usable
 from palpate.estimation.diagnosis import Diagnosis
 from palpate.estimation.diagnosis.candidates import extended_models
+from palpate.estimation.diagnosis.forms import error_of_kinds
 from palpate.estimation.effect import Effect
 from palpate.estimation.effects.time_memory import StressRelaxation
 from palpate.estimation.fit.fit_problem import solve_gains
@@ -50,28 +52,34 @@ def fit_base(data: ChannelData, model: Model, full_data: ChannelData | None = No
         return fit if full_data is None else replace(fit, validation=Validation(full_data, usable(full_data)))
 
 
-_RECOVERED_RATIO = 0.95  # ratio of held-out errors below which an object is taken to recover between runs
+_RELAXING_RATIO = 0.9  # ratio of held-out errors below which an object may relax
+_RECOVERED_RATIO = 0.9  # the same below which an object is taken to recover between runs
 
 
 def recovers_between_runs(data: ChannelData, model: Model) -> bool:
-    """Return whether relaxation fits better if the object has recovered when each run begins.
+    """Return whether an object that relaxes has recovered when each run begins.
 
-    This is so if each run presses another spot or specimen, or if the object rests for long enough.
+    This is so if each run presses another spot or specimen, or if the object rests for long enough. The
+    flexible laws of the object's kinds then predict held-out runs better without the memory of earlier runs.
 
     Args:
         data: a contact channel; the result is false for other channels, and for runs without a common clock.
-        model: the model, with or without relaxation.
+        model: the base model.
     """
     has_memory = (
         data.kind is ChannelKind.CONTACT and len(data.runs) > 1 and has_one_clock(data.time_s, data.run)
     )
     if not has_memory or reject_reason(data):
         return False
-    relaxing = model.without(StressRelaxation.name).with_effect(StressRelaxation(), first=True)
+    plain, good = model.without(StressRelaxation.name), usable(data)
     with single_threaded():
-        both = (fit_model(replace(data, recovers=each), relaxing, {}, usable(data)) for each in (False, True))
-        remembering, recovered = both
-    return recovered.rmse < _RECOVERED_RATIO * remembering.rmse
+        base = fit_model(data, plain, {}, good)
+        relaxing = fit_model(data, plain.with_effect(StressRelaxation()), {}, good)
+        if relaxing.rmse > _RELAXING_RATIO * base.rmse:
+            return False
+        recovered = fit_model(replace(data, recovers=True), plain, {}, good)
+        errors = [error_of_kinds(fit).mean_square(OBJECT_KINDS) for fit in (recovered, base)]
+    return errors[0] < _RECOVERED_RATIO**2 * errors[1]
 
 
 def preview_extended(parent: FitResult, effect: Effect) -> FitResult:
