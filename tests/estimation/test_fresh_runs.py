@@ -14,6 +14,7 @@ from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import table_of
 from palpate.estimation.models import MODELS
 from palpate.estimation.signals.blocks import since_start
+from palpate.estimation.study import ModelStudy
 from palpate.estimation.study.fitting import recovers_between_runs
 from tests.estimation.presses import RATE_HZ, kelvin_voigt, maxwell, session
 
@@ -35,14 +36,22 @@ def remembered(time_s, x, tau_s):
     return z
 
 
-@pytest.mark.parametrize("afresh", [True, False])
-def test_data_decide_whether_the_object_remembered(afresh):
+def pressed(*, afresh):
     def law(t, x, v, run):
         return kelvin_voigt(x, v, 500.0 * (maxwell(t, x, run, TAU_S) if afresh else remembered(t, x, TAU_S)))
 
-    data = session(61, law)
+    return session(61, law)
+
+
+@pytest.mark.parametrize("afresh", [True, False])
+def test_data_decide_whether_the_object_remembered(afresh):
+    data = pressed(afresh=afresh)
     assert recovers_between_runs(data, MODEL) == afresh
     assert not recovers_between_runs(replace(data, time_s=since_start(data.time_s, data.run)), MODEL)
+    study = ModelStudy(data)
+    values = study.fit("contact", ["stress_relaxation"]).values
+    assert values["stress_relaxation.tau"] == pytest.approx(TAU_S, rel=0.1)
+    assert ("no relaxation carries over" in " ".join(study.warnings.get("contact", []))) == afresh
 
 
 def test_fresh_runs_keep_spread_times_and_need_relaxation():
