@@ -180,7 +180,7 @@ def test_misnamed_effect_is_judged_by_acting_motion_and_residual():
         ("joint", ("inertia", "gravity_tilt"), set(), {"weight", "gravity_tilt"} - {"weight"}),
         ("slide", ("inertia",), {"bias"}, {"damping", "stiffness", "run_gain"}),
         ("press", ("stiffness",), {"damping", "cubic_stiffness"}, {"run_gain", "run_offset", "rigid_body"}),
-        ("press", (), {"stiffness"}, {"inertia", "pendulum", "rigid_body_fitted", "weight"}),
+        ("press", (), {"stiffness", "inertia"}, {"pendulum", "rigid_body_fitted", "weight"}),
     ],
 )  # fmt: skip
 def test_candidates_suit_channel_and_model(data, base, tried, not_tried):
