@@ -81,7 +81,7 @@ _WIDER = "move over a wider range, slowly and fast, in both directions"
 _BY_SIGNAL: Mapping[str, str] = {
     "velocity": "move slower and faster",
     "past motion": "hold still for longer, then repeat the motion at once",
-    "time": _UNLOADED,
+    "time": f"repeat the same motion after a pause; {_UNLOADED}",
     "offset": _UNLOADED,
     "rare events": "repeat the motion, then at half the speed: impacts become weaker, lost readings do not",
     "run": "repeat the same motion, and see whether runs differ again",

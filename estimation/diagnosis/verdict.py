@@ -437,7 +437,8 @@ def _reason(
     signals, noise = ", ".join(evidence.signals) or "a mix of signals", evidence.noise.value
     left = f"the residual depends on {signals}"
     if last > noise > 0.0:
-        left = f"the residual is {rounded(last / noise, 2)} times the noise, and depends on {signals}"
+        times = f"{'at least ' * evidence.noise.is_bound}{rounded(last / noise, 2)}"
+        left = f"the residual is {times} times the noise, and depends on {signals}"
     if evidence.residual_finding:
         left = evidence.residual_finding.reason
     elif not evidence.signals and evidence.noise.is_bound:

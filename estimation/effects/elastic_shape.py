@@ -65,10 +65,10 @@ class CubicStiffness(AdditiveEffect):
     gains = (Parameter("k3", "{effort}/{position}^3", -1e13, 1e13, (1.0, 1e9)),)
     elastic = ("k3",)
     confused_with = {
-        "exponential_stiffness": "press deeper: an exponential soon outgrows a cubic",
-        "power_law_stiffness": "press deeper: a power law and a cubic diverge",
-        "hunt_crossley": "press deeper: a power law and a cubic diverge",
-        "layered_stiffness": "press deeper: a layer has a kink where the slope jumps, a cubic has none",
+        "exponential_stiffness": "go further: an exponential soon outgrows a cubic",
+        "power_law_stiffness": "go further: a power law and a cubic diverge",
+        "hunt_crossley": "go further: a power law and a cubic diverge",
+        "layered_stiffness": "go further: a layer has a kink where the slope jumps, a cubic has none",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -89,11 +89,11 @@ class PowerLawStiffness(AdditiveEffect):
     # 1.5 for the contact of a sphere (Hertz), 2 for that of a cone (Sneddon); below 1 the spring softens.
     inner = (Parameter("n", "1", 0.3, 6.0, (0.4, 4.0)),)
     confused_with = {
-        "cubic_stiffness": "press deeper: a power law and a cubic diverge",
-        "exponential_stiffness": "press deeper: an exponential soon outgrows any power",
+        "cubic_stiffness": "go further: a power law and a cubic diverge",
+        "exponential_stiffness": "go further: an exponential soon outgrows any power",
         "hunt_crossley": "press at two speeds: its damping grows with depth",
-        "layered_stiffness": "press deeper: layers have a kink, a power law has none",
-        "softening_stiffness": "press deeper: its force becomes straight, a power law keeps softening",
+        "layered_stiffness": "go further: layers have a kink, a power law has none",
+        "softening_stiffness": "go further: its force becomes straight, a power law keeps softening",
         "contact_offset": "find the surface by a slow touch: an offset bends the curve near the surface only",
     }
 
@@ -327,9 +327,9 @@ class ExponentialStiffness(AdditiveEffect):
     elastic = ("a",)
     inner = (Parameter("b", "1/{position}", 1e-3, 1e9, (10.0, 1000.0), log=True),)
     confused_with = {
-        "power_law_stiffness": "press deeper: an exponential soon outgrows any power",
-        "cubic_stiffness": "press deeper: an exponential soon outgrows a cubic",
-        "layered_stiffness": "press deeper: layers have a kink, an exponential has none",
+        "power_law_stiffness": "go further: an exponential soon outgrows any power",
+        "cubic_stiffness": "go further: an exponential soon outgrows a cubic",
+        "layered_stiffness": "go further: layers have a kink, an exponential has none",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:

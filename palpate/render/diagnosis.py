@@ -74,7 +74,8 @@ def _unexplained_error(left: RemainingError, floor: NoiseFloor | None) -> str:
     dependence = _dependence(left.depends_on)
     if floor is not None and floor.at_most and left.times_floor < 1.0:
         return f" The remaining error may be noise{', but ' * bool(dependence)}{dependence}."
-    size = f" of {rounded(left.times_floor, 2)} times the noise" if left.times_floor >= NOISE else ""
+    bound = "at least " if floor is not None and floor.at_most else ""
+    size = f" of {bound}{rounded(left.times_floor, 2)} times the noise" if left.times_floor >= NOISE else ""
     return f" An unexplained error{size} remains{' and ' * bool(dependence)}{dependence}."
 
 

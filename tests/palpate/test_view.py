@@ -94,7 +94,7 @@ def test_verdict_is_one_sentence(found, words, absent):
         (False, False, 1.8, "An unexplained error of 1.8 times the noise remains and depends on a."),
         (False, False, 361.9, "An unexplained error of 360 times the noise remains and depends on a."),
         (False, True, 0.9, "The remaining error may be noise, but depends on a."),
-        (False, True, 1.8, "An unexplained error of 1.8 times the noise remains and depends on a."),
+        (False, True, 1.8, "An unexplained error of at least 1.8 times the noise remains and depends on a."),
     ],
 )
 def test_accepted_effect_is_named_for_complete_and_incomplete_models(complete, at_most, times, words):
