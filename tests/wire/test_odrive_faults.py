@@ -41,13 +41,22 @@ def test_settings_unreadable_over_can_are_printed_as_commands(make_robot, change
         assert command in unseen.text
 
 
-@pytest.mark.parametrize(("supply_v", "level"), [(8.0, Level.OK), (7.9, Level.FAIL)])
-def test_axis_without_its_power_supply_is_found_by_its_examination(make_robot, supply_v, level):
+@pytest.mark.parametrize(
+    ("name", "value", "level", "said"),
+    [
+        ("supply_v", 8.0, Level.OK, "8.0 V"),
+        ("supply_v", 7.9, Level.FAIL, "7.9 V"),
+        ("error", 1, Level.WARN, "24.0 V"),
+    ],
+)
+def test_axis_without_supply_or_with_an_error_is_found_by_its_examination(
+    make_robot, name, value, level, said
+):
     arm = make_robot()
-    arm.motors[1].supply_v = supply_v
     arm.robot.configure()
+    setattr(arm.motors[1], name, value)
     (seen,) = (one for one in arm.robot.buses["motors"].examine() if "node 1" in one.subject)
-    assert (seen.level, f"{supply_v} V" in seen.text) == (level, True)
+    assert (seen.level, said in seen.text) == (level, True)
 
 
 def test_missing_torques_name_their_joint(make_robot):

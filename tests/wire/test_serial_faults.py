@@ -108,6 +108,14 @@ def test_zeroing_is_confirmed_or_refused(make_robot, answer, refused):
         arm.robot.configure()
 
 
+def test_late_answer_to_a_ping_is_not_taken_for_another(make_robot):
+    arm = make_robot(ODRIVE)
+    receive = arm.sensor.receive
+    arm.sensor.receive = lambda data, now_s: b"A\r\n\r\n" * bool(data.strip()) + receive(data, now_s)
+    arm.robot.configure()
+    assert arm.robot.force.examine()[0].text.startswith("DI-1000, counts in lb")
+
+
 @pytest.fixture
 def loadstar_line(make_robot):
     """Line of the force sensor of an arm; the sensor answers only when the simulated clock moves on."""
