@@ -44,7 +44,7 @@ class SectionTiming:
 
 def _bins_of(durations_s: FloatArray) -> IntArray:
     """Return the index of each duration's bin, in the shape of the durations [s]."""
-    octaves = np.log2(np.maximum(durations_s, 1e-9))
+    octaves = np.log2(np.clip(durations_s, 1e-9, 1e9))
     bins: IntArray = np.floor(octaves * _BINS_PER_OCTAVE).astype(np.int64)
     return bins.clip(_FIRST_BIN, _LAST_BIN) - _FIRST_BIN
 

@@ -177,6 +177,7 @@ class ChannelDiagnosis(TableDisplay, _Entry):
     next_experiment: NextExperiment | None = None  # the most informative one; None if none would help
     # How a very long recording was averaged, and why no information is lost; empty otherwise.
     averaged: str = ""
+    recovers: bool = False  # whether relaxation in earlier runs is taken to have no effect
     warnings: list[str] = Field(default_factory=list)  # implausible properties of the data, with their values
     _fits: Mapping[tuple[str, ...], PackedFit] = PrivateAttr(default_factory=dict)
     _noise: MeasurementNoise | None = PrivateAttr(None)

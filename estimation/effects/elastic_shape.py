@@ -120,10 +120,10 @@ class LayeredStiffness(AdditiveEffect):
     inner = (Parameter("depth", "{position}", 0.0, 10.0, (0.001, 0.02)),)
     start_multiples = {"depth": ("deepest", np.linspace(0.1, 0.85, 11))}
     confused_with = {
-        "exponential_stiffness": "press deeper: beyond the kink a layer is straight",
+        "exponential_stiffness": "go further: beyond the kink a layer is straight",
         "softening_stiffness": "read more often near the bend: only a layer has a kink",
-        "cubic_stiffness": "press deeper: beyond the kink a layer is straight, a cubic keeps bending",
-        "hunt_crossley": "press deeper: beyond the kink a layer is straight, a power law keeps bending",
+        "cubic_stiffness": "go further: beyond the kink a layer is straight, a cubic keeps bending",
+        "hunt_crossley": "go further: beyond the kink a layer is straight, a power law keeps bending",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -175,7 +175,7 @@ class SofteningStiffness(AdditiveEffect):
     start_multiples = {"d": ("deepest", (0.03, 0.07, 0.15, 0.3, 0.6, 1.2))}
     confused_with = {
         "layered_stiffness": "read more often near the bend: only a layer has a kink",
-        "power_law_stiffness": "press deeper: a power law keeps softening, this force becomes straight",
+        "power_law_stiffness": "go further: a power law keeps softening, this force becomes straight",
         "plastic_set": "unload: an elastic spring softens in the same way on the way out",
         "contact_offset": "find the surface by a slow touch: a wrong surface bends the curve near it only",
     }

@@ -59,8 +59,16 @@ class StudyChannel:
         """
         if self.prepared:
             return self.prepared
-        data = MODELS[self.model.name]().prepare(self.measured, self.context)
-        return replace(data, recovers=recovers_between_runs(self._without_held_out(data), self.model))
+        data = self.prepare()
+        return replace(data, recovers=recovers_between_runs(self._without_held_out(data)))
+
+    def prepare(self) -> ChannelData:
+        """Compute the signals that the model needs.
+
+        Raises:
+            InputError: see `data`.
+        """
+        return MODELS[self.model.name]().prepare(self.measured, self.context)
 
     @cached_property
     def to_fit(self) -> ChannelData:

@@ -39,7 +39,7 @@ from palpate.estimation.workers import release_freed_memory
 from palpate.robot_io.errors import InputError
 
 _FitKey = tuple[ChannelKey, tuple[str, ...]]  # a channel with its base model, and the added effects
-_RECOVERS = "no relaxation carries over from run to run: the data fit better if each run begins relaxed"
+_RECOVERS = "relaxation begins anew in each run, because the data then fit better"
 _MAX_FITS = 90  # size of the cache; the least recently used fits are dropped and computed again
 
 
@@ -95,11 +95,14 @@ class StudyFits(TableDisplay):
     @cached_property
     def warnings(self) -> dict[str, list[str]]:
         """Warnings about implausible data, for the channels that have any."""
-        warnings = {c.name: quality_warnings(c.measured, c.model) for c in self.channels}
-        for channel in self.channels:
-            if channel.kind is ChannelKind.CONTACT and channel.data.recovers:
-                warnings[channel.name].append(_RECOVERS)
-        return {name: sentences for name, sentences in warnings.items() if sentences}
+        warnings = ((c.name, quality_warnings(c.measured, c.model)) for c in self.channels)
+        return {name: sentences for name, sentences in warnings if sentences}
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """How the measurement was read and is treated, in sentences."""
+        contacts = (c for c in self.channels if c.kind is ChannelKind.CONTACT)
+        return *self.source.notes, *(f"{c.name}: {_RECOVERS}" for c in contacts if c.data.recovers)
 
     def channel(self, name: str | None = None) -> StudyChannel:
         """Return one channel.

@@ -11,6 +11,7 @@ from multiprocessing import current_process
 import numpy as np
 
 from palpate.estimation import diagnosis
+from palpate.estimation.base_model import ModelContext
 from palpate.estimation.budget.laws import OBJECT_KINDS
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data_quality import reject_reason, usable
@@ -18,11 +19,13 @@ from palpate.estimation.diagnosis import Diagnosis
 from palpate.estimation.diagnosis.candidates import extended_models
 from palpate.estimation.diagnosis.forms import error_of_kinds
 from palpate.estimation.effect import Effect
+from palpate.estimation.effects.elastic_shape import CubicStiffness
 from palpate.estimation.effects.time_memory import StressRelaxation
 from palpate.estimation.fit.fit_problem import solve_gains
 from palpate.estimation.fit.fit_result import FitResult, Validation, fit_model
 from palpate.estimation.fit.inner_search import optimize_inner, search_inner
 from palpate.estimation.model import Model
+from palpate.estimation.models import MODELS
 from palpate.estimation.signals.blocks import has_one_clock
 from palpate.estimation.workers import single_threaded
 from palpate.robot_io.errors import InputError
@@ -52,34 +55,38 @@ def fit_base(data: ChannelData, model: Model, full_data: ChannelData | None = No
         return fit if full_data is None else replace(fit, validation=Validation(full_data, usable(full_data)))
 
 
-_RELAXING_RATIO = 0.9  # ratio of held-out errors below which an object may relax
-_RECOVERED_RATIO = 0.9  # the same below which an object is taken to recover between runs
+_RELAXING_RATIO = 0.9  # ratio of held-out errors below which an object relaxes
+_RECOVERED_RATIO = 0.9  # the same below which it is taken to recover between runs
+_WORSE_RATIO = 1.05  # the same above which it is not, whatever the flexible laws show
 
 
-def recovers_between_runs(data: ChannelData, model: Model) -> bool:
+def recovers_between_runs(data: ChannelData) -> bool:
     """Return whether an object that relaxes has recovered when each run begins.
 
-    This is so if each run presses another spot or specimen, or if the object rests for long enough. The
-    flexible laws of the object's kinds then predict held-out runs better without the memory of earlier runs.
+    This is so if each run presses another spot or specimen, or if the object rests for long enough. Without
+    the memory of earlier runs, the flexible laws of the object's kinds then predict held-out runs better. A
+    cubic spring with one relaxation must not predict them worse, since few runs allow a chance result.
 
     Args:
         data: a contact channel; the result is false for other channels, and for runs without a common clock.
-        model: the base model.
     """
     has_memory = (
         data.kind is ChannelKind.CONTACT and len(data.runs) > 1 and has_one_clock(data.time_s, data.run)
     )
     if not has_memory or reject_reason(data):
         return False
-    plain, good = model.without(StressRelaxation.name), usable(data)
+    spring, good = MODELS["kelvin_voigt"]().build(ModelContext()), usable(data)
+    hardening = spring.with_effect(CubicStiffness())
+    relaxing = hardening.with_effect(StressRelaxation())
+    continued, recovered = (replace(data, recovers=each) for each in (False, True))
     with single_threaded():
-        base = fit_model(data, plain, {}, good)
-        relaxing = fit_model(data, plain.with_effect(StressRelaxation()), {}, good)
-        if relaxing.rmse > _RELAXING_RATIO * base.rmse:
+        errors = [fit_model(each, relaxing, {}, good).rmse for each in (continued, recovered)]
+        relaxes = min(errors) < _RELAXING_RATIO * fit_model(continued, hardening, {}, good).rmse
+        if not relaxes or errors[1] > _WORSE_RATIO * errors[0]:
             return False
-        recovered = fit_model(replace(data, recovers=True), plain, {}, good)
-        errors = [error_of_kinds(fit).mean_square(OBJECT_KINDS) for fit in (recovered, base)]
-    return errors[0] < _RECOVERED_RATIO**2 * errors[1]
+        laws = (error_of_kinds(fit_model(each, spring, {}, good)) for each in (continued, recovered))
+        errors = [error.mean_square(OBJECT_KINDS) for error in laws]
+    return errors[1] < _RECOVERED_RATIO**2 * errors[0]
 
 
 def preview_extended(parent: FitResult, effect: Effect) -> FitResult:

@@ -287,7 +287,8 @@ def _motion(
     planned = channels[0] if channels else None
     if planned is None or (is_new_location and planned.kind is ChannelKind.CONTACT):
         return None
-    return channel_of(planned, question.channel.model.name, study.source.arm).data
+    prepared = channel_of(planned, question.channel.model.name, study.source.arm).prepare()
+    return replace(prepared, recovers=data.recovers)
 
 
 def _rehearsal(study: ModelStudy, session: Session) -> tuple[ProbingPlan, PlanSimulation] | None:

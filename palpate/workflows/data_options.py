@@ -126,8 +126,8 @@ class DataArguments(StudyOptions):
             self.file, model, arm=arm, effects=self.effect or (), folder=folder, held_out=held_out, **read
         )
         warnings = list_warnings(study.warnings.items())
-        earlier_notes = (like.source.read, *like.source.notes) if like is not None else ()
-        notes = [note for note in (*study.source.notes, *warnings) if note not in earlier_notes]
+        earlier_notes = (like.source.read, *like.notes) if like is not None else ()
+        notes = [note for note in (*study.notes, *warnings) if note not in earlier_notes]
         console.print_read_notes("" if study.source.read in earlier_notes else study.source.read, notes)
         return study
 
