@@ -102,6 +102,7 @@ def test_error_for_unsupported_data_lists_the_supported_types(data):
         {"where": {"run": 1}},
         {"context": "temperature"},
         {"context": (3,)},
+        {"fresh": "no"},
     ],
 )
 def test_options_of_another_type_are_refused_by_name(options):
