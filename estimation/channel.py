@@ -186,7 +186,8 @@ class ChannelData:
     # Whether the readings that were averaged are a stepwise command, see `is_stepwise_command`.
     is_command: bool = False
     # Whether an object has recovered when a run begins, so that its relaxation in earlier runs has no effect.
-    recovers: bool = field(default=False, compare=False)
+    # None if the data are to decide.
+    recovers: bool | None = field(default=None, compare=False)
     # Units of the columns in the file, by quantity, such as {"displacement": "mm"}; empty if unknown. The
     # arrays are in SI units, so these do not distinguish channels, and only messages use them.
     units: Mapping[str, str] = field(default_factory=dict, compare=False)

@@ -218,7 +218,7 @@ def _relaxation(
 
     def relaxed(strain: FloatArray) -> list[FloatArray]:
         if data.kind is ChannelKind.CONTACT:
-            states = (relax(strain, time_s, run, tau, independent_runs=data.recovers) for tau in taus)
+            states = (relax(strain, time_s, run, tau, independent_runs=bool(data.recovers)) for tau in taus)
             return [state * touching for state in states]
         return [np.asarray(strain - low_pass(strain, time_s, run, tau)) for tau in taus]
 

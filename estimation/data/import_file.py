@@ -121,7 +121,11 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> ImportedD
     notes += [*_note_time(columns, rows, options.columns.values()), *_note_specimens(columns, rows, options)]
     channels = [_make_channel(source, columns, rows, notes) for source in sources]
     channels = _reverse_reactions(channels, sources, columns, ColumnUnits(table, options), notes)
-    channels = [replace(channel, context=context, recorded=frozenset(context)) for channel in channels]
+    recovers = False if options.same_object else None
+    channels = [
+        replace(channel, context=context, recorded=frozenset(context), recovers=recovers)
+        for channel in channels
+    ]
     unused = tuple(name for name in columns.unused if name not in options.context)
     read = "; ".join(filter(None, [columns.matched, *columns.table.notes]))
     joint_columns = {

@@ -28,6 +28,8 @@ class ImportOptions:
     runs: int | None = None  # number of presses in the recording; None to detect them
 
     table: str = ""  # sheet or header line of the table to read; empty for the longest table
+    # Whether all runs pressed one object that did not recover between them; otherwise the data decide.
+    same_object: bool = False
 
     def __post_init__(self) -> None:
         for name, example in _EXAMPLES.items():
@@ -39,8 +41,11 @@ class ImportOptions:
                 )
         if not (isinstance(self.context, tuple) and all(isinstance(text, str) for text in self.context)):
             raise InputError(f"context={self.context!r}: give a list of columns, such as ['temperature']")
-        if not isinstance(self.fresh, bool):
-            raise InputError(f"fresh={self.fresh!r}: give a truth value, such as True")
+        for name in ("fresh", "same_object"):
+            if not isinstance(value := getattr(self, name), bool):
+                raise InputError(f"{name}={value!r}: give a truth value, such as True")
+        if self.fresh and self.same_object:
+            raise InputError("--fresh-runs and --same-object contradict each other: give only one of them")
         if not (self.runs is None or (isinstance(self.runs, int) and self.runs > 0)):
             raise InputError(f"runs={self.runs!r}: give the number of presses, such as 4")
         if not isinstance(self.table, str):

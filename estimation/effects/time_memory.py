@@ -52,7 +52,7 @@ class _Relaxation(Effect):
             signal: strain or elastic force, shape (n,) or (n, k).
             data: the channel.
         """
-        remaining = memory(signal, data.time_s, data.run, independent_runs=data.recovers)
+        remaining = memory(signal, data.time_s, data.run, independent_runs=bool(data.recovers))
         if self.form:
             first, piece = block_index(data.run)
             change = memory(signal - signal[first][piece], data.time_s, data.run, independent_runs=True)

@@ -219,7 +219,7 @@ def _past(blocked: BlockedData) -> FloatArray:
     pressed, a = (blocked.reduce(s * data.engaged) for s in (data.position, data.acceleration))
     times = data.time_scale * np.array(_MEMORIES)
     if blocked.data.kind is ChannelKind.CONTACT:
-        fading = [relax(pressed, time_s, run, tau, independent_runs=data.recovers) for tau in times]
+        fading = [relax(pressed, time_s, run, tau, independent_runs=bool(data.recovers)) for tau in times]
     else:
         fading = [pressed - low_pass(pressed, time_s, run, tau) for tau in times]
     turns = [reversal_memory(pressed, run, share) for share in _TURNS]

@@ -60,6 +60,8 @@ class StudyChannel:
         if self.prepared:
             return self.prepared
         data = self.prepare()
+        if data.recovers is not None:
+            return data
         return replace(data, recovers=recovers_between_runs(self._without_held_out(data)))
 
     def prepare(self) -> ChannelData:

@@ -145,7 +145,7 @@ class ModelStudy(StudyFits):
                 for member, entry in zip(chosen, entries, strict=True):
                     about = {
                         "averaged": averaged.get(member.name, ""),
-                        "recovers": member.data.recovers,
+                        "recovers": bool(member.data.recovers),
                         "warnings": warnings.get(member.name, []),
                     }
                     self._diagnoses[member.key] = entry.model_copy(update=about)
