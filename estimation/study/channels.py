@@ -92,11 +92,11 @@ class StudyChannel:
 
     @cached_property
     def sha256(self) -> str:
-        """SHA-256 of all measured arrays, up to rounding, the held-out runs, and, for a joint, the arm."""
+        """SHA-256 of all measured arrays, up to rounding, of what the user states, and of a joint's arm."""
         digest = data_sha256(self.measured, self.arm)
-        if not self.held_out:
-            return digest
-        return hashlib.sha256(f"{digest} {self.held_out}".encode()).hexdigest()  # they change all fits
+        stated = [str(self.held_out)] if self.held_out else []
+        stated += ["same object"] if self.measured.recovers is False else []
+        return hashlib.sha256(" ".join([digest, *stated]).encode()).hexdigest() if stated else digest
 
     @property
     def saved_key(self) -> SavedKey:

@@ -85,8 +85,8 @@ def recovers_between_runs(data: ChannelData) -> bool:
         if not relaxes or errors[1] > _WORSE_RATIO * errors[0]:
             return False
         laws = (error_of_kinds(fit_model(each, spring, {}, good)) for each in (continued, recovered))
-        errors = [error.mean_square(OBJECT_KINDS) for error in laws]
-    return errors[1] < _RECOVERED_RATIO**2 * errors[0]
+        squares = [law.mean_square(OBJECT_KINDS) for law in laws]
+    return squares[1] < _RECOVERED_RATIO**2 * squares[0]
 
 
 def preview_extended(parent: FitResult, effect: Effect) -> FitResult:
