@@ -256,8 +256,12 @@ def _sensor_dynamics(
     def delayed(delay_s: float) -> Sense:
         return partial(shift, time_s=time_s, run=run, delay_s=delay_s)
 
-    columns, closest = list[FloatArray](), [unchanged, *(refitted(delayed(-lead)) for lead in times)]
-    for family in (lagged, delayed) if times else ():
+    def leading(lead_s: float) -> Sense:
+        return delayed(-lead_s)
+
+    columns, closest = list[FloatArray](), [unchanged, *(refitted(leading(lead)) for lead in times)]
+    families = (lagged, delayed, leading) if is_stepwise_command(blocked.data) else (lagged, delayed)
+    for family in families if times else ():
         fits = {lag: refitted(family(lag)) for lag in times}
         for _ in range(_BISECTIONS if base is not None else 0):
             near = np.array(_near_best(fits))

@@ -15,7 +15,7 @@ from palpate.estimation.effect import (
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.exponential_memory import low_pass
 from palpate.estimation.signals.free_air import zero_in_free_air
-from palpate.estimation.signals.motion import is_monotonic
+from palpate.estimation.signals.motion import is_monotonic, is_stepwise_command
 from palpate.estimation.signals.runwise import longest_run, sample_time, shift
 from palpate.robot_io.types import FloatArray
 
@@ -23,8 +23,8 @@ from palpate.robot_io.types import FloatArray
 class Delay(SensorEffect):
     """reading(t) = effort(t - T); T may be a fraction of a sample, as between multiplexed converters.
 
-    T < 0 (the motion is delayed against the effort) is plausible only up to one sample, and T > 0 only up to
-    half of the longest run, see `is_misnamed`.
+    |T| is plausible up to half of the longest run. T < 0 (the motion is delayed against the effort) is
+    plausible only up to one sample, unless the effort is a command, which acts later; see `is_misnamed`.
     """
 
     name = "delay"
@@ -46,18 +46,20 @@ class Delay(SensorEffect):
         return shift(effort, data.time_s, data.run, inner["time"])
 
     def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
-        """See `Effect.is_misnamed`: the effort leads by over a sample, or lags by half of the longest run.
+        """See `Effect.is_misnamed`: readings lead by over a sample, or are off by half of the longest run.
 
         With a longer delay, most readings of each run belong to motion before the run began.
         """
         delay_s = parameters[f"{self.name}.time"]
         longest_s = 0.5 * longest_run(data.time_s, data.run)
-        return not -sample_time(data.time_s, data.run) <= delay_s < longest_s
+        lead_s = longest_s if is_stepwise_command(data) else sample_time(data.time_s, data.run)
+        return not -lead_s <= delay_s < longest_s
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         step = sample_time(data.time_s, data.run)
         late = np.geomspace(0.25, 150.0, 13)
-        return start_grid(time=step * np.array((*-late[late < 1.0][::-1], 0.0, *late)))
+        early = late if is_stepwise_command(data) else late[late < 1.0]
+        return start_grid(time=step * np.array((*-early[::-1], 0.0, *late)))
 
 
 class Lag(SensorEffect):

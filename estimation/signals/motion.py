@@ -125,7 +125,8 @@ def is_stepwise_command(data: ChannelData) -> bool:
     effort that changes continuously, the acceleration changes no more at a step of the readings than at
     other times. More than three evenly spaced values may be a rounded measurement of real steps, and are not
     called a command, unless the effort is constant in each run while the velocity changes by half or more:
-    readings of a sensor would change there too.
+    readings of a sensor would change there too. Two opposite values, and never zero between them, are always
+    a command, because a sensor that rounds has a reading near zero.
 
     Args:
         data: the channel.
@@ -137,6 +138,8 @@ def is_stepwise_command(data: ChannelData) -> bool:
         speeds = [data.velocity[rows] for rows in rows_of_runs(data.run)]
         accelerates = [np.ptp(speed) > _HALF * np.max(np.abs(speed)) for speed in speeds]
         return len(levels) > 1 and bool(np.mean(accelerates) > _HALF)
+    if len(levels) == 2 and levels[0] == -levels[1]:
+        return True
     distances = np.diff(levels)
     if len(levels) > _FEWEST_ROUNDED and np.ptp(distances) < _EVEN * distances.mean():
         return False

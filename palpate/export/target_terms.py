@@ -45,7 +45,7 @@ _NO_PLACE = "dry friction has one level everywhere: its variation with position 
 _OF_BODIES = "includes everything the joint carries: set masses and inertias of the bodies by hand"
 _NO_BIAS = "may be a constant effort or the sensor's zero, which the motion cannot distinguish"
 _NO_LOAD = "is left out: the target has no friction that grows with the load"
-_LATE = "delays the reading; an action delay would delay the command instead"
+_LATE = "delays the reading; if it is negative, the motion is late: set a delay of the action by hand"
 _GAIN = "scales the torque reading: on the real joint, divide the reading by this gain"
 
 # Reasons for every target; `TABLE` takes precedence.
@@ -89,7 +89,10 @@ TABLE: Mapping[SimulatorFormat, Mapping[str, TargetTerm | str]] = {
         "armature": _named(armature="inertia"),
         "backlash": _named("the motor's share of inertia and friction stays with the first joint", gap="gap"),
         "cubic_stiffness": _named(cubic="k3"),
-        "delay": _named(sensor_delay_s="time"),
+        "delay": TargetTerm(
+            lambda p: {"sensor_delay_s": p["time"]} if p["time"] > 0.0 else {},
+            "if it is negative, the motion is late: set a delay of the actuator by hand",
+        ),
         "gravity_tilt": TargetTerm(lambda p: {"tilt_rad": p["tilt"]}, units=_TILT),
         "joint_elasticity": "needs a second body behind a spring",
         "joint_spring": _named(stiffness="k", preload="preload"),

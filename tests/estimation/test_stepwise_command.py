@@ -121,6 +121,29 @@ def test_friction_is_named_if_the_command_is_constant_in_each_run():
     assert Kind.RUN_DIFFERENCES not in error_of_kinds(searched(data, base=ROTOR).start).kinds
 
 
+def test_a_motion_that_follows_its_command_late_has_a_delay():
+    data = motor((0.8, -0.8, -0.8, 0.8, -0.8), 0.24, runs=2, coulomb=0.0)
+    late = 13
+    rows = np.arange(len(data)) % 1200 < 1200 - late
+    early = replace(data, effort=np.roll(data.effort, -late)).select(rows)
+    result = diagnose_channel(early, ROTOR, SOME, np.random.default_rng(0))
+    assert [step.effect for step in result.accepted] == ["delay"]
+    assert result.final.parameters["delay.time"].value == pytest.approx(-late / RATE_HZ, abs=0.2 / RATE_HZ)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "is_command"), [(-0.3, 0.3, True), (0.0, 0.6, False), (-0.3, 0.2, False)]
+)
+def test_a_sensor_with_steps_as_large_as_two_opposite_values_would_read_zero(low, high, is_command):
+    """The motion alone does not show that the effort steps: its velocity is far too smooth."""
+    time_s = np.arange(2000) / RATE_HZ
+    effort = np.where(np.sin(5.0 * time_s) > 0.0, high, low)
+    signals = time_s, np.sin(5.0 * time_s), np.cos(5.0 * time_s), -np.sin(5.0 * time_s), effort
+    run = np.zeros(len(time_s), dtype=np.int64)
+    data = ChannelData("joint", ChannelKind.REVOLUTE, *signals, run, run - 1)
+    assert is_stepwise_command(data) == is_command
+
+
 def test_a_contact_has_a_force_sensor():
     data = replace(motor((0.8, -0.8), 0.75), kind=ChannelKind.CONTACT)
     assert not is_stepwise_command(data)

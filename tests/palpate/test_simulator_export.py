@@ -192,6 +192,13 @@ def test_urdf_gets_mujoco_settings_and_every_table_effect_is_in_the_library():
     assert set(TABLE) == set(SimulatorFormat)
 
 
+def test_a_motion_that_is_late_is_no_delay_of_a_sensor():
+    delay = TABLE[SimulatorFormat.MJCF]["delay"]
+    assert not isinstance(delay, str)
+    assert delay.values({"time": 0.008}) == {"sensor_delay_s": 0.008}
+    assert delay.values({"time": -0.008}) == {}
+
+
 @pytest.fixture(scope="module")
 def swinging(tmp_path_factory):
     """A joint with Stribeck and viscous friction and a delay, recorded, and its study."""
