@@ -262,7 +262,7 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
             "that takes more effort, in several runs"
         )
         return insufficient_diagnosis(search.data, reason)
-    start = search.start.rmse
+    noise, start = noise.below(last.rmse), search.start.rmse
     ranking = sorted(  # the most promising candidates, each added alone to the base model
         (
             RankedEffect(

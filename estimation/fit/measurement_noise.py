@@ -6,7 +6,7 @@ are estimated with the base model, so they do not depend on added effects.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import pairwise
 from weakref import WeakKeyDictionary
@@ -104,6 +104,7 @@ class NoiseSource(StrEnum):
     REPEATS = "repeated runs"  # an upper bound: runs may differ by more than noise
     EACH_RUN = "runs fitted by themselves"  # an upper bound: the base model may be incomplete in each run
     FLEXIBLE = "a flexible regression"  # an upper bound: it may not follow every signal
+    MODEL = "the model's own error"  # an upper bound: it contains the noise
 
     @classmethod
     def _missing_(cls, value: object) -> "NoiseSource | None":
@@ -123,6 +124,16 @@ class MeasurementNoise:
     def is_bound(self) -> bool:
         """Whether `value` is an upper bound of the noise."""
         return self.effort is None
+
+    def below(self, error: float) -> "MeasurementNoise":
+        """Return the noise; if only an upper bound is known, it is also below the error of every model.
+
+        Args:
+            error: error of a model in held-out runs [effort].
+        """
+        if not self.is_bound or error >= self.value:
+            return self
+        return replace(self, value=error, source=NoiseSource.MODEL)
 
     def describe(self, unit: str) -> str:
         """Return the noise in words, with motion errors that matter: "at most 0.031 N, from repeated runs".

@@ -340,7 +340,16 @@ def compare(fitted: FitResult, base: FitResult, model: str, noise: MeasurementNo
         listed = ", ".join(shares)
         words.append(f"Kinds of effects that would explain it, as shares of the squared error: {listed}.")
     return Comparison(
-        data.name, unit, model, fitted, noise, is_complete, parts, tuple(words), found_patterns, kinds
+        data.name,
+        unit,
+        model,
+        fitted,
+        noise.below(fitted.rmse),
+        is_complete,
+        parts,
+        tuple(words),
+        found_patterns,
+        kinds,
     )
 
 
@@ -352,7 +361,8 @@ def _words(
     if error < AT_NOISE * noise.value:
         return (f"The error of {with_unit(error, unit)} is within the noise ({level}).",)
     times = error / noise.value if noise.value > 0.0 else float("inf")
-    sentences = [f"The error of {with_unit(error, unit)} is {times:.1f} times the noise ({level})."]
+    at_least = "at least " * noise.is_bound
+    sentences = [f"The error of {with_unit(error, unit)} is {at_least}{times:.1f} times the noise ({level})."]
     for by in sorted(parts, key=lambda by: -_contrast(parts[by]))[:_MAX_SPLITS]:
         worst, least = (pick(parts[by], key=lambda part: part.rmse) for pick in (max, min))
         if worst.rmse <= (1.0 + SMALL) * least.rmse:  # all errors are equally large: compare their means

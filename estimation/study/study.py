@@ -224,7 +224,11 @@ class ModelStudy(StudyFits):
         if saved is None or saved.baseline is None or channel.held_out:  # their scores are not comparable
             return made or saved
         with self._lock:
-            noise, names = self.noise(channel).value, [entry.effect for entry in saved.accepted]
+            final = saved.final or saved.baseline
+            noise, names = (
+                self.noise(channel).below(final.rmse).value,
+                [entry.effect for entry in saved.accepted],
+            )
             if saved.noise_floor is not None and differs_from_fit(saved.noise_floor, noise):
                 why = f"its noise is {saved.noise_floor:.4g}, but these data give {noise:.4g}"
             else:

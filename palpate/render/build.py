@@ -91,6 +91,8 @@ def channel_view(
         shown = {parameter.effect for parameter in parameters}
         spreads = ((entry.effect, entry.parameters.get("spread")) for entry in diagnosis.accepted)
         parameters += tuple(parameter_view(f"{n}.spread", v) for n, v in spreads if v and n in shown)
+    if noise is not None and fall:
+        noise = noise.below(min(error for _, error in fall))
     view = ChannelView(
         name=data.name,
         axes=axes_of(data.kind),
@@ -106,6 +108,7 @@ def channel_view(
         error_steps=tuple(fall),
         parameters=parameters,
         noise_level=noise.value if noise else 0.0,
+        noise_is_bound=noise is not None and noise.is_bound,
         noise_text=noise.describe(data.kind.effort_unit) if noise else "",
         verdict=VerdictView("", ""),
         parts=parts or {},
@@ -203,12 +206,18 @@ def _verdict(
         return VerdictView("", f"{view.name}: nothing was fitted.")
     labels, errors = [stage.label for stage in view.stages], [stage.rmse for stage in view.stages]
     unit, changes = view.axes.effort_unit, [label.removeprefix("+ ") for label in labels[1:]]
-    fall = (describe_error_decrease(view.name, errors, changes, view.noise_level, unit),) if changes else ()
+    noise, is_bound = view.noise_level, view.noise_is_bound
+    fall = (
+        (describe_error_decrease(view.name, errors, changes, noise, unit, is_bound=is_bound),)
+        if changes
+        else ()
+    )
     wrong = unphysical_remarks(view.stages[-1].unphysical) if view.stages else ()
     if diagnosis is None:
         model, times = " ".join(labels), view.times_noise(errors[-1])
         fits = complete and not wrong  # a model with impossible parameters never fits
-        far = "" if times < NOISE else f"; the error is {times:.1f} times the noise"
+        at_least = "at least " * view.noise_is_bound
+        far = "" if times < NOISE else f"; the error is {at_least}{times:.1f} times the noise"
         if complete and far:
             far = f"{far}, {MAY_BE_NOISE}" if view.noise_level > 0.0 else f"; the error is {ROUNDING}"
         text = (

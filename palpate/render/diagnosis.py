@@ -72,7 +72,7 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
 def _unexplained_error(left: RemainingError, floor: NoiseFloor | None) -> str:
     """State the error that an incomplete model leaves, and the signals on which it depends."""
     dependence = _dependence(left.depends_on)
-    if floor is not None and floor.at_most and left.times_floor < 1.0:
+    if floor is not None and floor.at_most and left.times_floor <= 1.0:
         return f" The remaining error may be noise{', but ' * bool(dependence)}{dependence}."
     bound = "at least " if floor is not None and floor.at_most else ""
     size = f" of {bound}{rounded(left.times_floor, 2)} times the noise" if left.times_floor >= NOISE else ""
@@ -135,7 +135,7 @@ def unphysical_remarks(unphysical: Sequence[str]) -> tuple[str, ...]:
 
 
 def describe_error_decrease(
-    channel: str, errors: Sequence[float], added: Sequence[str], noise: float, unit: str
+    channel: str, errors: Sequence[float], added: Sequence[str], noise: float, unit: str, *, is_bound: bool
 ) -> str:
     """Describe in one or two sentences how added effects changed the error.
 
@@ -145,13 +145,16 @@ def describe_error_decrease(
         added: added effects, one fewer than errors.
         noise: error of a complete model.
         unit: unit of the errors.
+        is_bound: whether the noise may be smaller.
     """
     first, last = errors[0], errors[-1]
     subject = f"{channel} with {_join_names(added)}: the error in held-out runs"
     if last > _NO_FALL * first:
         return f"{subject} does not fall: from {rounded(first)} to {with_unit(last, unit)}."
     times = last / noise if noise > 0.0 else float("inf")
-    ends = "down to the noise" if times < NOISE else f"to {times:.1f} times the noise"
+    ends = f"to {'at least ' * is_bound}{times:.1f} times the noise"
+    if times < NOISE:
+        ends = "to what may be noise" if is_bound else "down to the noise"
     falls = f"{subject} falls from {rounded(first)} to {with_unit(last, unit)}, {ends}."
     before = errors[-2]
     if last <= _NO_FALL * before:

@@ -187,7 +187,7 @@ def _draw_error_steps(made: go.Figure, channel: ChannelView) -> None:
     made.update_layout(barmode="stack", bargap=0.3)
     left = channel.noise_level < 0.6 * reach
     line = {"color": palette.NOISE, "width": 1.5, "dash": "dot"}
-    words = f"noise level {with_unit(channel.noise_level, unit)}"
+    words = f"{channel.noise_label} {with_unit(channel.noise_level, unit)}"
     note = {"text": words, "font_color": palette.NOISE, "xshift": 4 if left else -4}
     side = "bottom right" if left else "bottom left"
     look = {"line": line, "annotation": note, "annotation_position": side}

@@ -180,7 +180,8 @@ class ChannelView:
     error_steps: tuple[tuple[str, float], ...]  # label and error of each stage
     parameters: tuple[ParameterView, ...]  # of the last stage
     noise_level: float  # error of a complete model, 0 if unknown
-    noise_text: str  # the same with its source, in words
+    noise_is_bound: bool  # whether the noise may be smaller
+    noise_text: str  # the noise with its source, in words
     verdict: VerdictView  # verdict on the channel
     budget: BudgetView | None = None  # budget of the base model's error; None without a diagnosis
     # The last model's error by phase, run, speed and so on.
@@ -190,6 +191,11 @@ class ChannelView:
     next_experiment: NextExperiment | None = None  # what to record next; None for nothing
     # Commanded or reference effort, shape (n,), with its name; None if unknown.
     commanded: tuple[str, FloatArray] | None = None
+
+    @property
+    def noise_label(self) -> str:
+        """Label of the noise in tables and charts."""
+        return "noise at most" if self.noise_is_bound else "noise level"
 
     def times_noise(self, error: float) -> float:
         """Return an error divided by the noise level.

@@ -120,9 +120,16 @@ def test_accepted_effect_is_named_for_complete_and_incomplete_models(complete, a
 )
 def test_last_step_is_credited_only_with_its_own_decrease(errors, words):
     added = ["first", "second"][: len(errors) - 1]
-    told = describe_error_decrease("contact", errors, added, 0.01, "N")
+    told = describe_error_decrease("contact", errors, added, 0.01, "N", is_bound=False)
     assert told.endswith(words)
     assert told.startswith(f"contact with {' and '.join(added)}: the error in held-out runs")
+
+
+def test_an_error_down_to_a_bound_of_the_noise_is_not_called_noise():
+    told = describe_error_decrease("contact", (0.3, 0.01), ["first"], 0.01, "N", is_bound=True)
+    assert told.endswith("to what may be noise.")
+    told = describe_error_decrease("contact", (0.3, 0.02), ["first"], 0.01, "N", is_bound=True)
+    assert told.endswith("to at least 2.0 times the noise.")
 
 
 @pytest.mark.parametrize("n", [10, 5000, 60_001])

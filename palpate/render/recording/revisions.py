@@ -235,7 +235,7 @@ def record_rerun(view: StudyView, path: Path) -> None:
             revisions = [rr.TimeColumn(REVISION, sequence=np.arange(len(errors)))]
             levels = {
                 "held-out error": (errors, palette.MEASURED, 2.0),
-                "noise level": (np.full(len(errors), channel.noise_level), palette.NOISE, 2.0),
+                channel.noise_label: (np.full(len(errors), channel.noise_level), palette.NOISE, 2.0),
             }
             send_lines(recording, f"{channel.name}/error", revisions, levels)
             for number in range(len(channel.stages)):
@@ -243,7 +243,7 @@ def record_rerun(view: StudyView, path: Path) -> None:
                 stage, unit = channel.stages[number], channel.axes.effort_unit
                 kind = "" if number else ", the base model"
                 error = f"held-out error **{with_unit(stage.rmse, unit, 4)}**, "
-                error += f"noise level {with_unit(channel.noise_level, unit, 4)}"
+                error += f"{channel.noise_label} {with_unit(channel.noise_level, unit, 4)}"
                 lines = [f"### Revision {number}", f"**{stage.label}**{kind}", "", error, ""]
                 lines += [f"`{effect.name}` {effect.equation}  " for effect in stage.effects]
                 lines += ["", "| parameter | value | 95 % interval | unit |", "|---|---|---|---|"]

@@ -10,7 +10,12 @@ from scipy import stats
 
 from palpate.estimation.diagnosis.result import NoiseFloor
 from palpate.estimation.fit.fit_result import FitResult, fit_model
-from palpate.estimation.fit.measurement_noise import NoiseSource, fast_noise, measurement_noise
+from palpate.estimation.fit.measurement_noise import (
+    MeasurementNoise,
+    NoiseSource,
+    fast_noise,
+    measurement_noise,
+)
 from palpate.estimation.fit.permutation import COUNT, _surrogate_residuals, null_improvements
 from tests.estimation.fits import MODEL, cubic, fits
 from tests.estimation.presses import NOISE_N
@@ -55,6 +60,14 @@ def test_differences_of_readings_estimate_joint_noise():
 def test_friction_that_jumps_at_reversals_is_no_noise(times):
     data = swings(1, lambda q, v, a: times * NOISE_NM * np.tanh(v / 0.02))
     assert fast_noise(data) == pytest.approx(NOISE_NM, rel=0.1)
+
+
+def test_the_error_of_a_model_contains_the_noise():
+    bound = MeasurementNoise(0.4, NoiseSource.FLEXIBLE, None, 0.0)
+    assert bound.below(0.5) == bound
+    assert bound.below(0.1) == MeasurementNoise(0.1, NoiseSource.MODEL, None, 0.0)
+    measured = replace(bound, effort=0.4)
+    assert measured.below(0.1) == measured  # by chance
 
 
 def test_sample_and_hold_steps_and_few_jumps_are_no_noise():
