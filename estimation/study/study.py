@@ -225,10 +225,8 @@ class ModelStudy(StudyFits):
             return made or saved
         with self._lock:
             final = saved.final or saved.baseline
-            noise, names = (
-                self.noise(channel).below(final.rmse).value,
-                [entry.effect for entry in saved.accepted],
-            )
+            noise = self.noise(channel).below(final.rmse).value
+            names = [entry.effect for entry in saved.accepted]
             if saved.noise_floor is not None and differs_from_fit(saved.noise_floor, noise):
                 why = f"its noise is {saved.noise_floor:.4g}, but these data give {noise:.4g}"
             else:
