@@ -29,7 +29,10 @@ class Delay(SensorEffect):
 
     name = "delay"
     kind = Kind.SENSOR_DYNAMICS
-    physics = "Conversion, bus and buffers delay every reading by the same time."
+    physics = (
+        "Conversion, bus and buffers delay every reading by the same time. If the time is negative, the "
+        "motion follows a command late."
+    )
     equation = "reading(t) = effort(t - T)"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 3: dead time"
     signature = "readings keep their shape and lag behind the motion"
