@@ -37,7 +37,7 @@ AREAS = {  # where the program is, and the tests that are to notice, in tests/
     "fit": (
         "estimation/fit",
         "estimation/fit estimation/study estimation/diagnosis estimation/test_robust.py "
-        "estimation/test_contact_estimators.py estimation/test_misfit.py",
+        "estimation/test_contact_estimators.py",
     ),
     "diagnosis": (
         "estimation/diagnosis",

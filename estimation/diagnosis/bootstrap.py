@@ -136,7 +136,7 @@ def improvement_test(
     def fit_sample(problem: FitProblem, solution: Solution) -> tuple[Solution, float]:
         parameters = {**known, **{n: v for n, v in solution.parameters.items() if n in model.gains}}
         if not effect:
-            fitted = solve_gains(problem, model, parameters, rounds=2)
+            fitted = solve_gains(problem, model, parameters)
             return fitted, fitted.held_out
         added = model.effect(effect)
         starts = added.starts(before.data)
@@ -205,7 +205,7 @@ def bootstrap_samples(
         effort = np.round(effort / step) * step if step > 0.0 else effort
         data = replace(with_derived_signals(measurement.simulate(rng, share), fit.data), effort=effort)
         problem = FitProblem(replace(blocked, data=data, cache=FitCache()), fit.problem.noise_model)
-        yield problem, solve_gains(problem, model, parameters, rounds=2)
+        yield problem, solve_gains(problem, model, parameters)
 
 
 def _forms(model: Model, effect: Effect) -> list[tuple[Model, Effect]]:

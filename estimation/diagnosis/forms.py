@@ -295,7 +295,6 @@ def _forms_of(partial: PartiallyLinear, kinds: Kinds) -> FitResult:
     chosen: dict[Kind, tuple[Effect, dict[str, float]]] = {}
     forms = dict[object, tuple[Effect, dict[str, float]] | None]()  # by the kind and the other kinds' forms
     for _ in range(_ROUNDS):
-        before = {kind: effect.name for kind, (effect, _) in chosen.items()}
         for kind in sorted(kinds, key=list(Kind).index):
             if kind in {Kind.RUN_DIFFERENCES, Kind.RECORDED_CONTEXT}:
                 continue
@@ -306,8 +305,6 @@ def _forms_of(partial: PartiallyLinear, kinds: Kinds) -> FitResult:
             chosen.pop(kind, None)
             if (form := forms[key]) is not None:
                 chosen[kind] = form
-        if before == {kind: effect.name for kind, (effect, _) in chosen.items()}:
-            break
     model, parameters = search.model, dict(search.start.solution.parameters)
     for effect, inner in chosen.values():
         model, parameters = model.with_effect(effect), {**parameters, **inner}
@@ -329,7 +326,7 @@ def _products(partial: PartiallyLinear) -> list[FitResult]:
         for model in extended_models(start.solution.model, memory):
             for inner in memory.starts(start.data):
                 values = start.solution.parameters | {f"{memory.name}.{n}": v for n, v in inner.items()}
-                alone = FitResult(start.data, problem, solve_gains(problem, model, values, rounds=2))
+                alone = FitResult(start.data, problem, solve_gains(problem, model, values))
                 pairs += quick_screen(alone, shapes)[:1]
         if pairs:
             best = min(pairs, key=lambda pair: pair.held_out).search.best
@@ -369,7 +366,7 @@ def _screen_kind(
     for effect, inner in others:
         model, parameters = model.with_effect(effect), {**parameters, **inner}
     problem = partial._adjust_problem(frozenset({kind}), kinds, start.problem, start.solution)
-    null = FitResult(start.data, problem, solve_gains(problem, model, parameters, rounds=2))
+    null = FitResult(start.data, problem, solve_gains(problem, model, parameters))
     library = applicable_effects(start.data, model, partial.search.effects)
     effects = [effect for effect in library if kind in effect.also | {effect.kind}]
     candidates = screen_effects(null, effects, refined=refined)
@@ -447,8 +444,8 @@ def _form_test(partial: PartiallyLinear, end: FitResult, effect: Effect, kinds: 
     model, known = end.solution.model, end.solution.parameters
     own = effect.also | {effect.kind}
     problem = partial._adjust_problem(own, kinds, end.problem, end.solution)
-    with_it = solve_gains(problem, model, known, rounds=2)
-    without = solve_gains(problem, model.without(effect.name), known, rounds=2)
+    with_it = solve_gains(problem, model, known)
+    without = solve_gains(problem, model.without(effect.name), known)
     columns = partial._law_columns(own, kinds)
     law, both = _with_law(problem, without, columns), _with_law(problem, with_it, columns)
     count = max(int(end.problem.used.sum()), 1)
@@ -471,10 +468,10 @@ def _run_test(partial: PartiallyLinear, end: FitResult, kinds: Kinds, name: str)
     own = frozenset({Kind.RUN_DIFFERENCES})
     model, known = end.solution.model, end.solution.parameters
     problem = partial._adjust_problem(own, kinds, end.problem, end.solution)
-    with_it = solve_gains(problem, model, known, rounds=2).held_out
-    without = solve_gains(problem, model.without(name), known, rounds=2).held_out
+    with_it = solve_gains(problem, model, known).held_out
+    without = solve_gains(problem, model.without(name), known).held_out
     free_problem = partial._adjust_problem(frozenset(), kinds | own, end.problem, end.solution)
-    law = solve_gains(free_problem, model.without(name), known, rounds=2).held_out
+    law = solve_gains(free_problem, model.without(name), known).held_out
     count = max(int(end.problem.used.sum()), 1)
     explained_by_effect = (without - with_it) / count
     return FormTest(
@@ -508,7 +505,7 @@ class NamedFormsError(SquaredErrors):
         """See `SquaredErrors.residual`."""
         problem, model = self.end.problem, self.end.solution.model
         without = [name for name, kind in self.named.items() if kind not in kinds]
-        solution = solve_gains(problem, model.without(*without), self.end.solution.parameters, rounds=2)
+        solution = solve_gains(problem, model.without(*without), self.end.solution.parameters)
         gains = solution.linear_fit.fold_gains[problem.blocked.fold]
         left: FloatArray = solution.target - np.sum(solution.columns * gains, axis=1)
         return left[problem.used]

@@ -182,7 +182,7 @@ def block_length(data: ChannelData) -> int:
     rate_hz = max(rate_hz, _MIN_BLOCKS / longest_run(data.time_s, data.run))
     block = max(1, int(1.0 / (rate_hz * sample_time(data.time_s, data.run)) + 0.5))
     effort = data.effort[data.engaged] if data.kind is ChannelKind.CONTACT else data.effort
-    while block > 1 and (0 < len(effort) < block or _varies_within(effort, block)):
+    while block > 1 and len(effort) and (len(effort) < block or _varies_within(effort, block)):
         block //= 2
     return block
 
@@ -190,8 +190,6 @@ def block_length(data: ChannelData) -> int:
 def _varies_within(effort: FloatArray, block: int) -> bool:
     """Return whether averaging over blocks removes a part of an effort (n,) that is not noise."""
     blocks = effort[: len(effort) // block * block].reshape(-1, block)
-    if not len(blocks):
-        return False
     within = blocks - blocks.mean(axis=1, keepdims=True)
     if np.mean(within**2) < _MAX_LOST * np.var(effort):
         return False

@@ -230,7 +230,7 @@ def solve_gains(
     problem: FitProblem,
     model: Model,
     parameters: Mapping[str, float],
-    rounds: int | None = None,
+    rounds: int = 2,
     max_ratio: float = 1.02,
     *,
     parts: Parts | None = None,
@@ -241,8 +241,8 @@ def solve_gains(
         problem: data, noise weights and folds of the fit.
         model: the model.
         parameters: inner parameters and start values of gains; missing gains start at zero.
-        rounds: least number of steps; by default one, or two if the model is nonlinear in its effort. With a
-            nonlinear sensor, steps are repeated until the error agrees with its prediction.
+        rounds: least number of steps if the model is not linear on blocks. With a nonlinear sensor, steps are
+            repeated until the error agrees with its prediction.
         max_ratio: largest ratio of a squared error to its prediction at which a step has converged.
         parts: result of `Model.parts` at these inner parameters, if known.
     """
@@ -254,11 +254,9 @@ def solve_gains(
         fit = problem.solve(columns, target, list(model.gains), model.held, model.gain_bounds)
         fitted = dict(zip(model.gains, fit.gains.tolist(), strict=True))
         return Solution(model, {**fitted, **inner}, columns, target, fit)
-    is_nonlinear = not model.is_linear_in_gains or data.kind is ChannelKind.CONTACT
     values = {name: parameters.get(name, 0.0) for name in (*model.gains, *model.inner)}
     names = list(model.gains)
-    min_steps = rounds or (2 if is_nonlinear else 1)
-    max_steps = min_steps if model.is_linear_in_gains else max(_MAX_STEPS, min_steps)
+    max_steps = rounds if model.is_linear_in_gains else max(_MAX_STEPS, rounds)
     linear_fit: LinearFit | None = None
     previous_lifted = np.empty(0, dtype=np.int64)
     parts = parts or model.parts(data, values, problem.blocked.at_full_rate)
@@ -273,7 +271,7 @@ def solve_gains(
         if i and not np.abs(remaining).max() < _DIVERGED * np.abs(data.effort).max():
             break  # the last step diverged, and the next would overflow
         target, columns = remaining, block_slopes
-        if linear_fit is not None and i >= min_steps:
+        if linear_fit is not None and i >= rounds:
             expected = float(linear_fit.sse.sum())
             if np.sum(problem.whiten(target - columns @ gains) ** 2) <= max_ratio * expected:
                 break

@@ -69,6 +69,36 @@ def test_best_form_of_each_kind_is_identified():
     assert found.solution.parameters["torque_ripple.cycles"] == pytest.approx(15.0, rel=0.02)
 
 
+@pytest.mark.parametrize(
+    ("smaller", "is_sensible", "is_named"), [(1.019, True, True), (1.021, True, False), (1.0, False, False)]
+)
+def test_smallest_of_about_equally_good_sets_of_forms_is_named(monkeypatch, smaller, is_sensible, is_named):
+    drag, both = frozenset({Kind.FRICTION}), frozenset({Kind.FRICTION, Kind.PERIODIC})
+
+    def fit(partial, kinds):
+        return SimpleNamespace(
+            kinds=kinds, solution=SimpleNamespace(held_out=smaller if kinds == drag else 1.0)
+        )
+
+    monkeypatch.setattr(forms, "_forms_of", fit)
+    budget = SimpleNamespace(entries=[], sufficient_kinds=drag, alternatives=[])
+    search = SimpleNamespace(size=lambda one: len(one.kinds))
+    search.is_sensible = lambda one: is_sensible or one.kinds == both
+    found = named_forms(SimpleNamespace(kinds=both, budget=budget, search=search))
+    assert found.kinds == (drag if is_named else both)
+
+
+def test_slope_by_position_is_that_of_the_model_even_over_a_short_way():
+    data = swings(1)
+    data, cycles = replace(data, position=1e-3 * data.position), 5000.0
+    parameters = {"torque_ripple.cycles": cycles, "torque_ripple.sine": 0.3, "torque_ripple.cosine": 0.0}
+    model = SWING.with_effect(EFFECTS[RIPPLE]())
+    parameters = dict.fromkeys(model.gains, 0.0) | parameters
+    fit = SimpleNamespace(data=data, model=model, solution=SimpleNamespace(parameters=parameters))
+    expected = 0.3 * cycles * np.cos(cycles * data.position)
+    np.testing.assert_allclose(forms._slope_by_position(fit), expected, atol=1e-3 * cycles)
+
+
 def tissue():
     """Slow presses and holds of five specimens whose elastic force stiffens and relaxes in two steps."""
     rng, dt = np.random.default_rng(1), 0.2

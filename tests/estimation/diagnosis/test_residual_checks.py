@@ -500,6 +500,44 @@ def test_ripple_with_a_phase_in_each_run_must_explain_much(ripple, runs, is_foun
     end = fit_model(replace(quiet, effort=quiet.effort + waves), SWING, {})
     left = residual_checks._error_with_own_waves(end)
     assert left == (pytest.approx(NOISE_NM, rel=0.2) if is_found else None)
+    if is_found:
+        assert f"run would leave {left:.3g} N m; begin each run" in objection(end.data, end).reason
+
+
+def fractional_noise(exponent, count=3000):
+    """Noise whose differences grow by 2^exponent if their distance doubles; a random walk has 0.5."""
+    spectrum, frequency = np.fft.rfft(np.random.default_rng(0).normal(size=count)), np.fft.rfftfreq(count)
+    return np.fft.irfft(spectrum * np.append(0.0, frequency[1:] ** -(exponent + 0.5)), count)
+
+
+SLOW = np.sin(np.arange(3000) / 100.0)
+WHITE_NOISE = np.random.default_rng(0).normal(size=3000)
+
+
+@pytest.mark.parametrize(
+    ("residual", "motion", "low", "high"),
+    [
+        (SLOW + 0.1 * WHITE_NOISE, 0.0, 0.09, 0.11),
+        (fractional_noise(0.9), 0.0, 0.0, np.inf),
+        (fractional_noise(0.4), 0.0, None, None),
+        (gaussian_filter1d(WHITE_NOISE, 16.0), 0.0, None, None),  # over a small part of the run only
+        (gaussian_filter1d(WHITE_NOISE, 30.0), 0.0, 0.0, np.inf),
+        (WHITE_NOISE[:52], 0.0, None, None),
+        (WHITE_NOISE[:53], 0.0, None, None),
+        # Readings that a window of the motion smoothed show their noise beyond it, if the motion matters.
+        (SLOW + 0.3 * gaussian_filter1d(WHITE_NOISE, 4.0), 0.09, 0.0, 0.01),
+        (SLOW + 0.3 * gaussian_filter1d(WHITE_NOISE, 4.0), 0.11, 0.08, 0.13),
+    ],
+)
+def test_white_part_is_known_if_the_rest_grows_faster_than_noise(monkeypatch, residual, motion, low, high):
+    size = motion * np.sqrt(np.mean(residual**2))
+    monkeypatch.setattr(residual_checks, "fast_noise", lambda data: None)
+    monkeypatch.setattr(residual_checks, "_motion_noise", lambda *_: size)
+    blocked = SimpleNamespace(run=np.zeros(len(residual), dtype=int), rows=np.zeros((len(residual), 1)))
+    filters = ((20, 1),) if motion else (), ()
+    fit = SimpleNamespace(data=None, problem=SimpleNamespace(blocked=blocked), filters=filters)
+    found = residual_checks._white_noise(fit, residual, None, None)
+    assert found is None if low is None else low < found < high
 
 
 def test_noise_of_friction_that_grows_with_the_load_is_estimated(monkeypatch):

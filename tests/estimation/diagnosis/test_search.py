@@ -74,6 +74,19 @@ def test_simpler_law_that_leaves_more_is_not_named(monkeypatch):
     assert search.added_effects(found) == ["asymmetric_friction"]
 
 
+def test_simpler_law_replaces_an_undetermined_one_only_if_it_leaves_about_as_little():
+    """It leaves a tenth more, and the force forwards is said to be uncertain."""
+    data = swings(1, lambda q, v, a: np.where(v > 0.0, 0.3, 0.28) * np.tanh(v / 0.01))
+    search = searched(data, "coulomb_friction", "asymmetric_friction")
+    end = reached(search, "asymmetric_friction")
+    unknown = {name: replace(one, interval=(np.nan, np.nan)) for name, one in end.parameters.items()}
+    vars(end)["parameters"] = unknown
+    found = most_parsimonious(search, end, measured(search), lambda one: True)
+    assert search.without(end, "asymmetric_friction").rmse / end.rmse > 1.05
+    assert 1.05 < reached(search, "coulomb_friction").rmse / end.rmse < 1.2
+    assert search.added_effects(found) == ["asymmetric_friction"]
+
+
 @pytest.mark.parametrize(
     ("uneven", "expected"),
     [
@@ -177,6 +190,21 @@ def test_effect_is_needed_if_large_helpful_in_most_runs_and_significant(
     by_fold = [0.5] * helped + [1.0] * (5 - helped)
     before, after = left(by_fold=[1.0] * 5), left(COULOMB, rmse=rmse, by_fold=by_fold)
     assert search.is_needed(before, after) is needed
+
+
+@pytest.mark.parametrize(
+    ("zeros", "is_sound"),
+    [
+        (lambda run: np.array([0.5, -0.4, 0.1, -0.2])[run], True),
+        (lambda run: 0.5 + 0.01 * run, False),  # the model lacks a bias
+        (lambda run: np.linspace(-0.5, 0.5, len(run)), False),  # or a drift
+    ],
+)
+def test_zero_that_all_runs_share_or_that_drifts_does_not_vary_between_runs(zeros, is_sound):
+    data = swings(1, runs=4)
+    search = searched(replace(data, effort=data.effort + zeros(data.run)))
+    end = search.fitted(SWING.with_effect(EFFECTS["run_offset"]()), {"run_offset.share": 0.9})
+    assert search.is_sound(end, "run_offset") is is_sound
 
 
 def test_model_order_matters_only_for_sensor_effects():

@@ -17,7 +17,7 @@ from palpate.estimation.design.next_experiment import (
 from palpate.estimation.diagnosis import diagnose, verdict
 from palpate.estimation.diagnosis.forms import Form, analyze_kinds
 from palpate.estimation.diagnosis.residual_checks import ResidualFinding
-from palpate.estimation.diagnosis.result import Verdict
+from palpate.estimation.diagnosis.result import ParameterValue, Verdict
 from palpate.estimation.diagnosis.verdict import (
     Evidence,
     _describe_encoder_steps,
@@ -131,6 +131,20 @@ def test_residual_far_above_noise_is_not_called_noise(swung, ratio, effort_nm, l
     # The friction is so small that the noise may hide a deviation from its law.
     assert [effect.form for effect in diagnosis.accepted] == [form, Form.APPROXIMATE]
     assert (diagnosis.rest.unexplained > 0.0) == (ratio > 1.5 and effort_nm is not None)
+    if diagnosis.rest.unexplained:
+        assert diagnosis.rest.noise == pytest.approx((evidence.noise.value / search.start.rmse) ** 2)
+
+
+@pytest.mark.parametrize(
+    ("known", "words"),
+    [
+        ({"std_err": 0.5}, "1.02 to 2.98"),
+        ({"std_err": None}, "not determined"),
+        ({"std_err": 0.5, "at_bound": True}, "at its bound"),
+    ],
+)
+def test_interval_is_stated_or_why_there_is_none(known, words):
+    assert ParameterValue(value=2.0, unit="N", **known).interval_text == words
 
 
 @pytest.mark.parametrize(

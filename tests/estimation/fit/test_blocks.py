@@ -50,7 +50,9 @@ def test_block_lasts_5_or_10_ms_or_less_where_the_effort_oscillates(kind, rate_h
 
 @pytest.mark.parametrize(("seconds", "block"), [(4.0, 10), (0.5, 5), (0.03, 1)])
 def test_short_contact_has_shorter_blocks(seconds, block):
-    assert block_length(press(seconds, rate_hz=2000.0)) == block
+    data = press(seconds, rate_hz=2000.0)
+    assert block_length(data) == block
+    assert block_length(replace(data, position=data.position - 1.0)) == block  # no contact
 
 
 def test_joint_effort_noise_is_no_swing():
@@ -241,6 +243,9 @@ def test_joined_blocks_keep_their_runs_folds_and_means():
     assert np.array_equal(joined.trusted, blocked.trusted.reshape(-1, 4).all(axis=1))
     assert all(len(np.unique(blocked.data.run[rows])) == 1 for rows in joined.rows)
     assert merge_blocks(blocked, len(blocked)) is blocked
+    wave = np.sin(2.0 * np.pi * 12.0 * blocked.data.time_s)
+    waving = block_average(replace(blocked.data, effort=wave))
+    assert len(merge_blocks(waving, len(waving) // 4)) == len(waving) // 2  # four blocks are half a period
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from palpate.estimation.fit.fit_problem import linearize_inner, solve_gains
 from palpate.estimation.fit.fit_result import final_solution, fit_model, fit_problem
 from palpate.estimation.fit.intervals import _largest_error, estimate_parameters, inner_slopes
 from palpate.estimation.fit.normal_equations import (
+    WHITE,
     estimate_ar_noise,
     gram_matrices,
     held_out_sse,
@@ -108,6 +109,7 @@ def test_ar_noise_is_not_correlated_across_runs():
     run = np.repeat(np.arange(2000), 6)
     noise_model = estimate_ar_noise(noise.ravel(), run, np.ones(len(run), dtype=bool))
     assert noise_model.coefficients == pytest.approx([0.0] * 4, abs=0.04)
+    assert estimate_ar_noise(0.0 * noise.ravel(), run, run >= 0) is WHITE
 
 
 def test_blocks_stay_within_interleaved_runs():

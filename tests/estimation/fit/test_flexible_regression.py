@@ -179,6 +179,8 @@ def test_basis_represents_any_kinked_line_without_a_constant(low):
     assert hats(np.full(10, low)).shape == (10, 1)
     crowded = np.append(np.zeros(900), np.linspace(0.0, 1.0, 100))
     assert np.linalg.cond(np.column_stack([np.ones(1000), hats(crowded)])) < 1e4
+    dense = np.append(np.linspace(0.2, 0.4, 900), np.linspace(0.0, 1.0, 100))  # knots follow the samples
+    assert left(hats(dense), np.sin(2.0 * np.pi * dense / 0.1) * (dense > 0.2) * (dense < 0.4)) < 0.1
 
 
 HIDDEN = {  # and a signal that says nothing of it

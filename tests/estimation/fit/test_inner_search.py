@@ -5,16 +5,22 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from palpate.estimation.effect import Parameter
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.effect import AdditiveEffect, Parameter
+from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit import inner_search
+from palpate.estimation.fit.fit_problem import solve_gains
 from palpate.estimation.fit.inner_search import (
     GridSearch,
     _midpoints,
     _parabola_minimum,
     _Scale,
+    optimize_inner,
     refine_inner,
     search_inner,
 )
+from palpate.estimation.model import Model
+from tests.estimation.fit.test_fit_problem import pressed, problem
 
 
 @pytest.mark.parametrize(
@@ -146,3 +152,31 @@ def test_single_start_value_is_not_refined(monkeypatch):
     looked, refined = searched(monkeypatch, lambda width: width, WIDTH, starts=WIDTHS[:1])
     assert refined.solutions == looked.solutions
     assert refined.best.blocks
+
+
+class Power(AdditiveEffect):
+    """A law that is known only for exponents within their bounds."""
+
+    name, signals, gains = "power", ("position",), EFFECTS["bias"].gains
+    inner = (Parameter("n", "1", 1.0, 2.0, (1.2, 1.8)),)
+
+    def columns(self, data, inner):
+        assert 1.0 <= inner["n"] <= 2.0
+        return np.abs(data.position[:, None]) ** inner["n"]
+
+
+def test_law_is_never_evaluated_beyond_the_bounds_of_its_parameters():
+    one = problem(pressed(lambda x, v: 50.0 * np.abs(x) ** 3, ChannelKind.REVOLUTE))
+    found = optimize_inner(one, solve_gains(one, Model("m", (Power(),)), {"power.n": 1.9}))
+    assert found.parameters["power.n"] == pytest.approx(2.0, abs=0.01)
+
+
+@pytest.mark.parametrize(("held", "time_s"), [({}, 0.03), ({"delay.time": 0.01}, 0.01)])
+def test_held_delay_keeps_its_value_even_beside_a_damping_at_its_bound(held, time_s):
+    """Without the delay, the late force of a spring looks like a negative damping."""
+    data = pressed(lambda x, v: 100.0 * (x - 0.03 * v), ChannelKind.REVOLUTE)
+    model = Model("m", tuple(EFFECTS[name]() for name in ("stiffness", "damping", "delay")), held=held)
+    one = problem(data)
+    start = solve_gains(one, model, {"delay.time": 0.01})
+    assert start.fixed >= {"damping.c"}
+    assert optimize_inner(one, start).parameters["delay.time"] == pytest.approx(time_s, abs=2e-3 * (not held))

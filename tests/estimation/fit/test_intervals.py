@@ -99,6 +99,8 @@ def test_parameter_with_zero_in_its_interval_is_undetermined():
     assert known["coulomb_friction.force"].determined is Determined.NO
     assert interval_text(known["coulomb_friction.force"]) == f"{lower:.5g} to {upper:.5g} (not determined)"
     assert known["pendulum.inertia"].determined is Determined.YES
+    held = fit_model(swings(4), replace(model, held={"coulomb_friction.force": 0.0}), {}).parameters
+    assert held["coulomb_friction.force"].determined is Determined.YES
     unknown = replace(known["pendulum.inertia"], interval=(np.nan, np.nan), determined=Determined.NO)
     assert interval_text(unknown) == "not determined"
 

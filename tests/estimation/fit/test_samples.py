@@ -9,10 +9,12 @@ import pytest
 from palpate.estimation.effect import Parameter
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate import Identifiability
+from palpate.estimation.fit.fit_problem import solve_gains
 from palpate.estimation.fit.irls import Loss
 from palpate.estimation.fit.samples import _has_converged, _inside, fit_samples
 from palpate.estimation.model import Model
 from tests.estimation.contact_data import base_model, channel, estimated, swing
+from tests.estimation.fit.test_fit_problem import problem
 
 TRUTH = {"hunt_crossley.k": 2000.0, "hunt_crossley.b": 1500.0, "hunt_crossley.n": 1.3}
 NOISE_N = 0.02
@@ -113,6 +115,19 @@ def test_partner_at_its_bound_does_not_reduce_gain_uncertainty():
     slope_alone = 0.02 / np.sqrt(np.sum((x - x.mean()) ** 2))  # what it is known to
     assert level_alone < 0.1 * slope_alone
     assert found["stiffness.k"].std_err == pytest.approx(slope_alone, rel=0.5)
+
+
+def test_limit_that_nothing_reaches_leaves_the_stiffness_certain():
+    rng = np.random.default_rng(8)
+    t, x, _ = swing()
+    data = channel(2000.0 * x + NOISE_N * rng.standard_normal(len(t)), x, 0.0 * x, t)
+    model = Model("m", (EFFECTS["stiffness"](), EFFECTS["saturation"]()))
+    limit = model.inner["saturation.limit"].upper
+    start = solve_gains(problem(data), model, {"saturation.limit": limit})
+    found = fit_samples(model, data, searched={False: start})
+    force, unknown = found.covariance.std_err
+    assert force == pytest.approx(NOISE_N / np.sqrt(x @ x), rel=0.3)
+    assert np.isnan(unknown)
 
 
 def test_jacobian_matches_the_formula():
