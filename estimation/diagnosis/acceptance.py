@@ -36,6 +36,7 @@ from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import MeasurementModel
 from palpate.estimation.fit.measurement_noise import measurement_noise
 from palpate.estimation.kinds import PHYSICAL_KINDS, SENSOR_KINDS, Kind
+from palpate.estimation.signals.motion import is_stepwise_command
 from palpate.robot_io.types import FloatArray
 
 AS_GOOD = 0.9  # a flexible regression that leaves less than this share of a model's squared error is better
@@ -565,15 +566,21 @@ def _has_zero_size(reduced: FitResult, fit: FitResult, name: str) -> bool:
     # The parameters are the gains, or the first inner parameter of an effect without gains (a gap, a time).
     # Wide intervals of a large effect of the object or the drive only show that parameters are collinear.
     effect = fit.solution.model.effect(name)
+    # An infinite interval only shows that the prediction does not change near the fitted value, as that of a
+    # delay between two steps.
     is_large = fit.flexible.before.sum() <= 0.5 * reduced.flexible.before.sum()
     if is_large and effect.kind not in _FAULT_KINDS:
         return False
     sizes = [fit.parameters[f"{name}.{parameter.name}"] for parameter in effect.gains or effect.inner[:1]]
+    if is_large and not any(np.isfinite(np.ptp(size.interval)) for size in sizes):
+        return False
     return not any(abs(size.value) > 0.5 * _INTERVAL_RATIO * np.ptp(size.interval) for size in sizes)
 
 
 def _is_rounding(search: Search, fit: FitResult, name: str) -> bool:
     """Return whether an effect explains no more than the quantization of the measured effort."""
+    if name == "quantisation" or is_stepwise_command(fit.data):
+        return False
     step, reduced = grid_step(np.sort(fit.data.effort)), search.without(fit, name)
     added = np.sqrt(max(reduced.rmse**2 - fit.rmse**2, 0.0))
-    return bool(name != "quantisation" and step > 0.0 and added < step / np.sqrt(12.0) and fit.rmse < step)
+    return bool(step > 0.0 and added < step / np.sqrt(12.0) and fit.rmse < step)

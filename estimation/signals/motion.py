@@ -117,7 +117,7 @@ def is_constant_in_runs(data: ChannelData) -> bool:
     return all(np.ptp(data.effort[rows]) == 0.0 for rows in rows_of_runs(data.run))
 
 
-@cache_by_channel_arrays("velocity", "effort", "run")
+@cache_by_channel_arrays("kind", "is_command", "velocity", "effort", "run")
 def is_stepwise_command(data: ChannelData) -> bool:
     """Return whether a joint's effort is a command that changes in steps, such as a motor's voltage.
 

@@ -50,8 +50,7 @@ _ROOMY, _NARROW = 100, 80  # columns of a terminal
 _FOLDED = 12  # columns for a kind's description on a narrow terminal
 _MOST_RANKED = 5
 _RANGE = RANGE.replace(" or ", "\nor ")
-_AT_LEAST = "≥ "
-_BOUNDS = {"": "", "at most": "≤ ", "at least": _AT_LEAST}
+_BOUNDS = {"": "", "at most": "≤ ", "at least": "≥ "}
 _LOPSIDED = 0.1  # asymmetry, relative to the half-width, above which both ends of an interval are shown
 
 
@@ -205,7 +204,7 @@ def _error_steps_table(channel: ChannelView, width: int, *, narrow: bool = False
         bar = [_bar(value / worst, _grade(times), width)] * (not narrow)
         chance = [evidence.get(label, "")] * len(last)
         shown_revision = revisions[row : row + len(number)]
-        ratio = f"{_AT_LEAST * channel.noise_is_bound}{times:.2f}"
+        ratio = channel.times_noise_text(value)
         made.add_row(*shown_revision, name, f"{value:.4g}", ratio, *bar, *chance)
     level = f"[dim]{channel.noise_level:.4g}[/dim]"
     bar = [_bar(channel.noise_level / worst, "bright_black", width)] * (not narrow)
@@ -264,7 +263,7 @@ def _parts_table(channel: ChannelView, width: int, *, narrow: bool = False) -> T
             label = f"[bold]{safe(part.label)}[/bold]" if bold else safe(part.label)
             place = (f"  {label}",) if narrow else (heading if row == 0 else "", label)
             bar = () if narrow else (_bar(part.rmse / most, _grade(times), width),)
-            ratio = f"{_AT_LEAST * channel.noise_is_bound}{times:.1f}"
+            ratio = channel.times_noise_text(part.rmse, 1)
             cells = (*place, f"{part.rmse:.3g}", f"{part.mean:+.2g}", ratio, *bar)
             made.add_row(*cells, end_section=row == len(parts) - 1)
     return made if narrow or natural_width(made) <= width else _parts_table(channel, width, narrow=True)

@@ -27,6 +27,7 @@ FORM_MEANINGS = {
     "equation may differ from the true one.",
     "unknown": "Unknown: the kind is known, but no effect explains enough of its share.",
 }
+_MANY_TIMES = 1000  # largest multiple of the noise level that is stated
 NOISE = 1.1  # multiple of the noise level below which an error is within the noise
 _MOST_PARTS = 8
 
@@ -204,6 +205,18 @@ class ChannelView:
             error: error in the effort's unit.
         """
         return error / self.noise_level if self.noise_level > 0.0 else float("inf")
+
+    def times_noise_text(self, error: float, decimals: int = 2) -> str:
+        """Return `times_noise` as text, "≥ ..." if only an upper bound of the noise is known.
+
+        Args:
+            error: error in the effort's unit.
+            decimals: number of decimals.
+        """
+        times = self.times_noise(error)
+        if times > _MANY_TIMES:
+            return f"> {_MANY_TIMES}"
+        return f"{'≥ ' * self.noise_is_bound}{times:.{decimals}f}"
 
     def parts_by(self) -> Iterator[tuple[str, Sequence[ErrorPart]]]:
         """Yield each kind's name and parts; if there are very many parts, such as runs, only the worst."""

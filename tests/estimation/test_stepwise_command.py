@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data_quality import reject_reason
+from palpate.estimation.diagnosis import acceptance
 from palpate.estimation.diagnosis.candidates import applicable_effects, effect_library
 from palpate.estimation.diagnosis.diagnose import diagnose_channel
 from palpate.estimation.diagnosis.forms import error_of_kinds
@@ -129,6 +131,12 @@ def test_a_motion_that_follows_its_command_late_has_a_delay():
     result = diagnose_channel(early, ROTOR, SOME, np.random.default_rng(0))
     assert [step.effect for step in result.accepted] == ["delay"]
     assert result.final.parameters["delay.time"].value == pytest.approx(-late / RATE_HZ, abs=0.2 / RATE_HZ)
+
+
+def test_an_effect_below_the_steps_of_a_command_is_not_their_rounding():
+    whole = SimpleNamespace(data=motor((0.8, -0.8), 0.75), rmse=0.05)
+    search = SimpleNamespace(without=lambda *_: SimpleNamespace(rmse=0.06))
+    assert not acceptance._is_rounding(search, whole, "delay")
 
 
 @pytest.mark.parametrize(

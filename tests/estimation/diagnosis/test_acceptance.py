@@ -354,6 +354,13 @@ def test_sensor_fault_needs_a_size_even_if_it_removes_most_error(fault):
     end = reached(searched(swings(1, LAWS["a friction"]), RUB, fault), RUB, fault)
     large = SimpleNamespace(flexible=SimpleNamespace(before=1e9 * end.flexible.before))
     assert module._has_zero_size(large, end, fault)
+    unknown = {
+        name: replace(value, interval=(-np.inf, np.inf)) if name.startswith(fault) else value
+        for name, value in end.parameters.items()
+    }
+    vars(end)["parameters"] = unknown  # the prediction does not change near the fitted value
+    assert not module._has_zero_size(large, end, fault)
+    assert module._has_zero_size(end, end, fault)
 
 
 def test_friction_that_never_reverses_is_as_good_as_a_bias(monkeypatch):

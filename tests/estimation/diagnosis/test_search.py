@@ -282,9 +282,10 @@ def test_effect_of_zero_size_is_not_established(gap_error, may_be, sign):
     ],
 )
 def test_quantization_effect_is_limited_to_the_sensor_step(step, without, end, name, below):
-    effort = np.random.default_rng(1).normal(0.0, 1.0, 3000)
+    data = swings(1)
+    effort = np.random.default_rng(1).normal(0.0, 1.0, len(data))
     effort = step * np.round(effort / step) if step else effort
-    whole = SimpleNamespace(data=SimpleNamespace(effort=effort), rmse=end)
+    whole = SimpleNamespace(data=replace(data, effort=effort), rmse=end)
     search = SimpleNamespace(without=lambda *_: SimpleNamespace(rmse=without))
     assert acceptance._is_rounding(search, whole, name) is below
 
