@@ -89,6 +89,7 @@ def flexible_laws(
     used: BoolArray,
     *,
     slope: FloatArray,
+    has_weight: bool,
 ) -> list[FlexibleLaw]:
     """Build the laws of all kinds that can occur in a channel, and of the interactions between kinds.
 
@@ -101,6 +102,8 @@ def flexible_laws(
         residual: residual of the model on blocks, shape (m,); it selects the waves of the periodic law.
         used: blocks that the model is fitted to, shape (m,).
         slope: derivative of the prediction with respect to the position, shape (m,) [effort/position].
+        has_weight: whether the load of the joint contains a weight; otherwise a law of the load would be a
+            law of the acceleration.
     """
     data, run = blocked.data, blocked.run
     is_contact = data.kind is ChannelKind.CONTACT
@@ -138,7 +141,7 @@ def flexible_laws(
         if 1 < len(np.unique(run)) <= _MAX_RUNS:
             run_columns = periodic_columns(position, residual, is_angle=is_angle, run=run)
             laws.append(_law((Kind.PERIODIC, Kind.RUN_DIFFERENCES), run_columns))
-        load = [hats(blocked.reduce(data.context["load"]))] if "load" in data.context else []
+        load = [hats(blocked.reduce(data.context["load"]))] if has_weight else []
         if is_angle and np.ptp(position) > GRAVITY_RANGE:
             load += [np.sin(position), np.cos(position)]
         laws.append(_law(Kind.GRAVITY_LOAD, *load))

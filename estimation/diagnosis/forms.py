@@ -30,6 +30,7 @@ from palpate.estimation.diagnosis.candidates import (
 from palpate.estimation.diagnosis.search import TIE, Search
 from palpate.estimation.effect import Effect
 from palpate.estimation.effects.run_differences import RunVariation
+from palpate.estimation.fit.blocks import HEAVY
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.inner_search import optimize_inner
@@ -190,8 +191,10 @@ def error_of_kinds(start: FitResult, *, with_laws: bool = True) -> HeldOutError:
     refitted = None if has_spring else base
     is_contact = blocked.data.kind is ChannelKind.CONTACT  # whose laws do not use the slope
     slope = np.zeros(len(blocked)) if is_contact else blocked.reduce(_slope_by_position(start))
+    effort = blocked.effort - solution.residual
+    has_weight = "load" in blocked.data.context and any(e.name in HEAVY for e in solution.model.effects)
     laws = flexible_laws(
-        blocked, refitted, blocked.effort - solution.residual, solution.residual, used, slope=slope
+        blocked, refitted, effort, solution.residual, used, slope=slope, has_weight=has_weight
     )
     return HeldOutError(base, laws, target, blocked, used)
 

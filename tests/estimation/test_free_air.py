@@ -79,7 +79,9 @@ def test_sensor_statics_law_has_a_gain_unless_the_base_model_scales(scaled):
     column = (effort if scaled else np.sin(blocked.time_s))[:, None]
     base = BaseColumns(column, np.ones(1), np.zeros(1), np.ones(1, bool))
     slope = np.zeros(len(effort))
-    laws = flexible_laws(blocked, base, effort, fit.solution.residual, fit.problem.used, slope=slope)
+    laws = flexible_laws(
+        blocked, base, effort, fit.solution.residual, fit.problem.used, slope=slope, has_weight=False
+    )
     (statics,) = (law for law in laws if law.kinds == {Kind.SENSOR_STATICS})
     assert bool(np.any(np.all(effort == statics.columns.T, axis=1))) is not scaled
 
