@@ -53,7 +53,7 @@ class DiagnosisCard:
                 self._stop = ui.button("Stop", on_click=self.stop).mark("stop")
                 set_props(self._stop.props("dense outline no-caps"), title=elements.STOP)
             self._bar = ui.linear_progress(show_value=False, value=0.0).props("instant-feedback")
-            self._what = ui.label().classes("quiet").mark("progress")
+            self._what = ui.label().classes("quiet")
             self._answer = ui.element("div")
         self._running(now=False)
         ui.timer(_POLL_S, self._show_progress)

@@ -123,7 +123,7 @@ class FileDrop:
 
         text = "Drop a data file or a session here, or choose one"
         box = ui.upload(on_upload=upload, label=text, auto_upload=True, max_files=1, max_file_size=MOST_BYTES)
-        box.props("flat bordered").classes("drop").mark("drop")
+        box.props("flat bordered").classes("drop")
         self._review = ui.element("div").classes("dropped")
 
     async def begin(self, path: Path) -> bool:
@@ -154,8 +154,7 @@ class FileDrop:
                                     ui.label(heading)
                         for column in columns:
                             self._column_row(column, choices)
-                    button = ui.button("Use these columns", on_click=use)
-                    button.props("unelevated dense no-caps").mark("use")
+                    ui.button("Use these columns", on_click=use).props("unelevated dense no-caps")
             is_readable = True
         return is_readable
 

@@ -162,17 +162,17 @@ def _next_step(home: AppState, state: WorkbenchState) -> None:
         place.clear()
         with place:
             ui.label(shlex.join(["palpate", *arguments])).classes("code")
-            log = ui.log(max_lines=200).classes("told").mark("told")
+            log = ui.log(max_lines=200).classes("told")
         if failed := await run_command(arguments, log.push):
             log.push(failed)
         else:
             await _show(home, out, ImportOptions())
 
     if simulated:
-        button = _once("Resolve: probe until one explanation is left", resolve)
-        set_props(button.props("dense outline no-caps").mark("resolve"), title=elements.RESOLVE)
+        button = _once("Resolve: probe until one explanation is left", resolve).props("dense outline no-caps")
+        set_props(button, title=elements.RESOLVE)
     text = "Run it on the simulated arm" if simulated else "Run it on the robot"
-    _once(text, go).props("dense outline no-caps").mark("next")
+    _once(text, go).props("dense outline no-caps")
 
 
 def _once(text: str, work: Callable[[], Awaitable[None]]) -> ui.button:
@@ -185,8 +185,7 @@ def _once(text: str, work: Callable[[], Awaitable[None]]) -> ui.button:
         finally:
             button.enable()
 
-    button = ui.button(text, on_click=pressed)
-    return button
+    return (button := ui.button(text, on_click=pressed))
 
 
 async def _ask_permission(force_n: float, arguments: list[str]) -> bool:

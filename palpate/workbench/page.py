@@ -335,9 +335,8 @@ class Page:
             for revision in reversed(revisions[-8:]):
                 terms = " + ".join([revision.model, *revision.effects])
                 text = f"{revision.number} · {with_unit(revision.rmse, revision.effort_unit)} · {terms}"
-                work = partial(self.state.to_revision, revision)
-                button = ui.button(text, on_click=partial(self._change, work))
-                button.props("flat dense no-caps align=left").classes("revision")
+                work = partial(self._change, partial(self.state.to_revision, revision))
+                ui.button(text, on_click=work).props("flat dense no-caps align=left").classes("revision")
             if not revisions:
                 ui.label("no revisions yet").classes("quiet")
 

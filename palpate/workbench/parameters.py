@@ -33,7 +33,7 @@ class ErrorCard:
         """Build the elements that explain the number."""
         with ui.element("section").classes("card waterfall"):
             heading("Error in held-out runs", elements.ERROR)
-            self._wrong = ui.label().classes("bad unphysical").mark("unphysical")
+            self._wrong = ui.label().classes("bad unphysical")
             self._fall = set_props(ui.html("").mark("waterfall"), title=elements.FALL)
 
     def show(self, shown: DisplayedFit) -> None:

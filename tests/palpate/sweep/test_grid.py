@@ -103,8 +103,28 @@ def test_example_grids_have_their_stated_size(path, count):
     assert sum(1 for _ in load_grid(ROOT / path).cases()) == count
 
 
+def test_a_million_cases_are_not_too_many(tmp_path):
+    assert grid(tmp_path, repeats=1_000_000).repeats == 1_000_000
+
+
+def test_paper_page_has_a_section_for_each_part(tmp_path, monkeypatch):
+    named = [name for name in vars(paper) if name.endswith("_section")]
+    for name in named:
+        monkeypatch.setattr(
+            paper, name, lambda *rows, name=name: paper.ReportSection(name, None, ("".join(rows),))
+        )
+    parts = {name: f"rows of {name};" for name in paper_cases()}
+    page = paper.write_paper(tmp_path, parts, {"seed": "1"}).read_text()
+    assert len(named) == 8
+    assert all(f"<h3>{name}</h3>" in page for name in named)
+    assert all(text in page for text in parts.values())
+
+
 def test_paper_cases_match_the_paper():
     cases = paper_cases()
+    first = cases["noise"][0]
+    assert cases["ticks"][0].parameters == first.parameters
+    assert {case.seed for part in ("ticks", "ransac") for case in cases[part]} == {first.seed}
     grid_runs = cases["grid"]
     assert {tuple(case.parameters["plan"]["speeds_m_s"]) for case in grid_runs} == {(0.15, 0.09, 0.06)}
     by_object = {}
@@ -325,6 +345,8 @@ def test_torques_of_the_first_run_are_drawn_from_its_start():
     for joint, axes in enumerate(drawn, 1):
         for line, nm in zip(axes.get_lines(), (10.0 * joint, 20.0 * joint), strict=True):
             np.testing.assert_allclose(line.get_xydata(), [[0.1 * k, nm + k] for k in range(4)], atol=1e-9)
+            low, high = axes.get_ylim()
+            assert low < line.get_ydata().min() < line.get_ydata().max() < high
         (contact,) = axes.patches
         assert (contact.get_x(), contact.get_x() + contact.get_width()) == pytest.approx((0.1, 0.2))
 

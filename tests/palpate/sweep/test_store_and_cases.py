@@ -14,7 +14,7 @@ import pytest
 
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.sweep import Case, Cluster, ResultStore, case, run_cases, runner
-from palpate.sweep.case import code_version
+from palpate.sweep.case import code_version, refuse_other_files
 from palpate.sweep.rows import BOUND, HIGH, LOW, TRUE, error_table, errors_of
 from palpate.sweep.runner import run_one
 from tests.palpate.cli import ROOT
@@ -122,6 +122,31 @@ def test_partially_written_results_are_ignored(tmp_path):
         ResultStore(tmp_path).rows("a")
 
 
+def test_folder_with_other_files_is_refused_and_one_with_results_is_not(tmp_path):
+    for _ in range(2):
+        refuse_other_files(tmp_path / "out")  # does not exist yet, then is empty
+        (tmp_path / "out").mkdir(exist_ok=True)
+    (tmp_path / "out" / "notes.txt").touch()
+    with pytest.raises(InputError, match="out: holds other files; choose another"):
+        refuse_other_files(tmp_path / "out")
+    with pytest.raises(InputError, match=r"results folder .*notes\.txt/results: cannot be made"):
+        ResultStore(tmp_path / "out" / "notes.txt" / "results")
+    ResultStore(tmp_path / "out" / "results")
+    refuse_other_files(tmp_path / "out")
+
+
+@pytest.mark.parametrize("count", [3, 4])
+def test_file_of_too_many_rows_is_not_read(tmp_path, monkeypatch, count):
+    monkeypatch.setattr(case, "_MOST_ROWS", 3)
+    store = ResultStore(tmp_path)
+    store.write("a", [{"x": 1.0}] * count)
+    if count == 3:
+        assert len(store.rows("a")) == 3
+        return
+    with pytest.raises(InputError, match=r"a\.parquet: has 4 rows; the limit is 3; delete it"):
+        store.rows("a")
+
+
 def write(path, **columns):
     pq.write_table(pa.table(columns), path)
 
@@ -137,7 +162,9 @@ def test_file_under_another_case_name_does_not_count(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "change", [{"number": 2.0}, {"part": 3.0}, {"error": "no touch"}, {"part": None}], ids=str
+    "change",
+    [{"number": 2.0}, {"number": "one"}, {"part": 3.0}, {"error": "no touch"}, {"part": None}],
+    ids=str,
 )
 @pytest.mark.parametrize("names", [("a.parquet", "pack-1.parquet"), ("pack-1.parquet", "a.parquet")])
 def test_contradictory_files_of_a_case_are_refused(tmp_path, change, names):
@@ -362,6 +389,9 @@ def test_scheduler_gets_a_few_cases_at_a_time_and_all_results_arrive(tmp_path, m
         if case.seed == 4:
             raise PalpateError("no recording")
 
+    packed, pack = [], ResultStore.pack
+    monkeypatch.setattr(ResultStore, "pack", lambda store: packed.append(True) or pack(store))
+    monkeypatch.setattr(runner, "_PACK_EVERY", 4)
     monkeypatch.setattr(runner, "_AHEAD", 3)
     monkeypatch.setattr(Case, "check", check)
     scheduler, store, cases = Scheduler(monkeypatch), ResultStore(tmp_path), squares(7)
@@ -373,6 +403,8 @@ def test_scheduler_gets_a_few_cases_at_a_time_and_all_results_arrive(tmp_path, m
     assert [row["square"] for row in store.rows(addresses)] == [4, 9, 25, 36, 49, 64]
     assert scheduler.submitted == addresses
     assert scheduler.most_waiting == 3
+    assert len(packed) == 2  # after four results, and at the end
+    assert [path.name[:5] for path in tmp_path.iterdir()] == ["pack-"]
     assert not list(tmp_path.glob(".*"))
 
 

@@ -67,6 +67,17 @@ def test_every_estimator_has_a_row_near_the_truth_with_its_bound():
     assert 0.5 < np.sqrt(np.mean(np.square(errors))) < 2.5  # of an estimator that is nearly efficient
 
 
+def test_contact_estimator_of_a_power_law_returns_its_exponent_and_a_law_without_truth_no_bound():
+    law = {"name": "hunt_crossley", "stiffness": 3000.0, "damping": 1000.0, "exponent": 1.3}
+    power = PARAMETERS | {"law": law, "model": "hunt_crossley", "estimators": ["double_stage_rls"]}
+    (row,) = probing.estimate(power, 1)
+    assert row["hunt_crossley.n"] == pytest.approx(1.3, rel=0.15)
+    assert row["bound hunt_crossley.n"] > 0.0
+    (row,) = probing.estimate(PARAMETERS | {"model": "hunt_crossley", "estimators": ["lsq"]}, 1)
+    assert not [name for name in row if name.startswith("bound")]
+    assert row["hunt_crossley.n"] == pytest.approx(1.0, abs=0.2)
+
+
 def test_ticks_have_the_depth_that_explains_their_force():
     rows = probing.ticks(PARAMETERS, 1)
     samples, _ = probing.probe(PARAMETERS, 1)

@@ -244,8 +244,20 @@ def test_slider_moves_all_views_until_its_parameter_is_held_or_freed(opened, bro
             (center._state_plot, 1, plots._state_rows(motion)),
         ):
             np.testing.assert_array_equal(plot.figure["data"][trace]["y"], plots.picked(predicted, rows))
-        assert state.undo().choice.slider_values == {}  # both moves are one step
-        state.redo()
+        shown = stated_error(browser)
+        map_before = center._map.figure["data"][1]["z"]
+        await page._step(state.undo)
+        assert state.choice.slider_values == {}  # both moves are one step
+        assert stated_error(browser)[0] == fitted.rmse
+        map_of_fit = center._map.figure["data"][1]["z"]
+        assert np.nanstd(map_before) > 1.3 * np.nanstd(map_of_fit)
+        await page._step(state.redo)
+        assert stated_error(browser) == shown
+        for name in ("bias.b", "stiffness.k"):  # another model is being fitted
+            await page.move_slider(name, 1.0)
+            state.choice, chosen = replace(state.choice, effects=("bias",)), state.choice
+        assert stated_error(browser) == shown
+        state.choice = replace(chosen, effects=())
         await browser.send(browser.all(ui.button, aria_label="hold stiffness.k")[0], "click")
         assert state.choice.held == {"stiffness.k": 510.0}
         assert interval(browser, "stiffness.k") == ("510 N/m", "held")
@@ -280,6 +292,7 @@ def test_bounds_are_asked_for_and_applied(opened, browser, state):
         assert "give two numbers" in browser.said[0]
         lower.value, upper.value = 50.0, 60.0
         await browser.press("bound")
+        assert not any(each.value for each in browser.all(ui.dialog))
         assert state.choice.bounds == {"damping.c": (50.0, 60.0)}
         assert interval(browser, "damping.c")[1].startswith("within 50 to 60, ")
         for each in browser.all(ui.dialog):
@@ -287,6 +300,7 @@ def test_bounds_are_asked_for_and_applied(opened, browser, state):
         assert not browser.all(ui.dialog)
         assert [each.value for each in await ask()] == [50.0, 60.0]
         await browser.press("free")
+        assert not any(each.value for each in browser.all(ui.dialog))
         assert state.choice.bounds == {}
 
     opened(work)
@@ -317,9 +331,14 @@ def test_effects_are_ranked_by_the_error_that_they_remove(opened, browser, state
         assert 0 <= rows["drift"]["share"] <= 3
         assert sorted(names, key=lambda name: rows[name]["order"])[0] == "cubic_stiffness"
         assert -1000 <= cubic["order"] == round(-1000 * share) < rows["drift"]["order"] <= 0
+        listed.show(("lag",))
+        assert rows["lag"]["order"] == -3000  # above all others, until its share is known
         await browser.send(listed._rows, "tick", "cubic_stiffness")
         assert cubic["chosen"]
         assert cubic["order"] == round(-1000 * share) - 2000  # above all that are not chosen
+        listed._evidence = []
+        assert await listed._evaluate_extensions(state.choice.effects, ahead, page._idle)
+        assert cubic["order"] == round(-1000 * share) - 2000
         assert not await listed._evaluate_extensions((), ahead, page._idle)  # the selection has changed
         (text,) = browser.all(ui.input, aria_label="filter effects")
         text.value = " DRift "
@@ -398,6 +417,9 @@ def test_gallery_simulates_an_effect_with_sliders(opened, browser, state):
             effect, _, parameter = name.partition(".")
             await open_gallery(state, effect)
             slider = browser.all(ui.slider, aria_label=name)[-1]
+            begins = browser.texts()
+            await browser.send(slider, "update:modelValue", slider.value)
+            assert browser.texts() == begins
             await browser.send(slider, "update:modelValue", step)
             assert f"{parameter} = {with_unit(value, unit)}" in browser.texts()
 
@@ -421,7 +443,7 @@ def test_cursors_read_the_curves_and_runs_are_chosen(opened, browser, state):
         change_s, change_n = motion.time_s[at[1]] - motion.time_s[at[0]], effort[at[1]] - effort[at[0]]
         assert apart.startswith(f"B − A {change_s:.4g} s, {change_n:+.4g} N, depth ")
         assert float(apart.split()[-2]) == pytest.approx(np.diff(motion.position[at])[0], rel=1e-3)
-        await browser.send(center._time, "point", 0.7)
+        await browser.send(center._time, "point", 0.70004)
         assert (first.value, second.value) == (0.7, round(float(motion.time_s[at[1]]), 4))
         first.value = 999.0
         shapes = center._time.figure["layout"]["shapes"]
@@ -438,7 +460,8 @@ def test_cursors_read_the_curves_and_runs_are_chosen(opened, browser, state):
         assert set(
             motion.data.run[np.isin(motion.time_s.astype(np.float32), center._time.figure["data"][0]["x"])]
         ) == {2}
-        assert page._center._map is not None
+        over_state = center._state_plot.figure["data"][1]["y"]
+        np.testing.assert_array_equal(over_state, plots.picked(model, plots._state_rows(center._motion)))
         out, scored = (
             browser.all(ui.select, aria_label=f"runs to {what}")[0] for what in ("leave out", "hold out")
         )
@@ -493,13 +516,27 @@ def test_page_follows_what_other_tabs_choose(opened, browser, state, monkeypatch
         channel.value = None
         await browser.settle()
         assert (chosen, browser.reloads) == ([None], 1)
+
+        def refuse(name):
+            raise InputError("too few samples")
+
+        monkeypatch.setattr(state, "to_channel", refuse)
+        channel.value = "contact"  # its raw curves are shown
+        await browser.settle()
+        assert (state.choice, browser.reloads) == (ModelSelection("contact"), 2)
         state.choice = replace(state.choice, channel="joint_1")
         await follow()
-        assert browser.reloads == 2
+        assert browser.reloads == 3
         state.choice = replace(state.choice, channel="contact")
-        for undone in (lambda: WorkbenchState(state.study), lambda: state):
+
+        def to_another_channel():
+            state.choice = replace(state.choice, channel="joint_1")
+            return state
+
+        for undone in (to_another_channel, lambda: WorkbenchState(state.study), lambda: state):
             await page._step(undone)
-        assert (browser.reloads, page._home.state is state) == (3, False)
+            state.choice = replace(state.choice, channel="contact")
+        assert (browser.reloads, page._home.state is state) == (5, False)
 
     chosen = []
     opened(work)
@@ -559,6 +596,7 @@ def test_finished_diagnosis_renews_groups_and_noise(opened, browser, state, monk
         page.on_diagnosed()
         monkeypatch.setattr(state.study, "noise", lambda channel: SimpleNamespace(value=9.0))
         assert arranged == [True]
+        assert browser.timers[-1].once
         await browser.timers[-1].work()
         assert "a flexible regression reaches" in stated_error(browser)[1]
 
@@ -578,3 +616,45 @@ def test_other_files_are_offered_in_a_dialog(browser, state, tmp_path):
         assert not browser.all(ui.dialog)
 
     browser.use(work)
+
+
+@pytest.mark.parametrize("is_refused", [False, True])
+def test_page_fits_first_and_then_ranks_the_effects_beside_the_riddle(
+    browser, state, tmp_path, monkeypatch, is_refused
+):
+    ranked = []
+
+    async def rank(idle):
+        ranked.append(idle.is_set())
+
+    def refuse():
+        raise InputError("too few samples")
+
+    async def work():
+        page = Page(AppState(tmp_path, riddle=True), state, lambda: None, lambda: None)
+        await page.build()
+        assert browser.marked("guess").text == "That is it"
+        monkeypatch.setattr(page._effects, "rank_effects", rank)
+        if is_refused:
+            monkeypatch.setattr(state, "show", refuse)
+        (begin,) = (each for each in browser.timers if each.once)
+        await begin.work()
+        assert ranked == [] if is_refused else ranked == [True]
+        assert browser.said == (["too few samples"] if is_refused else [])
+        assert is_refused or stated_error(browser)[0] == state.show().fitted.rmse
+        assert bool(page._effects._effects) is not is_refused
+
+    browser.use(work)
+
+
+def test_effect_that_cannot_be_simulated_says_why(opened, browser, state, monkeypatch):
+    async def work(page):
+        def refuse(*_):
+            raise InputError("no arm")
+
+        monkeypatch.setattr(effects_module.EffectExample, "on_fitted_motion", refuse)
+        await open_gallery(state, "cubic_stiffness")
+        assert browser.said == ["no arm"]
+        assert not browser.all(ui.dialog)
+
+    opened(work)

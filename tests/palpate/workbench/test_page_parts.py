@@ -111,8 +111,38 @@ def test_model_is_drawn_over_position_and_velocity_and_the_residual_on_the_base_
     assert not np.isnan(one).any()
 
 
+def panels(figure, narrow=False):
+    """Left, right, bottom and top of each panel of a figure, as shares of its area."""
+    changes, found = figure["narrow"] if narrow else {}, set()
+    for trace in figure["data"]:
+        names = (f"{letter}axis{trace.get(f'{letter}axis', letter)[1:]}" for letter in "xy")
+        x, y = (figure["layout"][name] | changes.get(name, {}) for name in names)
+        if "overlaying" not in y:
+            found.add((*x.get("domain", (0.0, 1.0)), *y.get("domain", (0.0, 1.0))))
+    return sorted(found)
+
+
+def test_panels_of_a_figure_lie_beside_each_other(data):
+    motion = DrawnMotion.of(data)
+    state, maps = (
+        make(motion, *efforts)
+        for make, efforts in ((state_figure, [data.effort]), (map_figure, 2 * [data.effort]))
+    )
+    drawn = [panels(state), panels(state, narrow=True), panels(maps), panels(maps, narrow=True)]
+    drawn += [panels(time_figure(motion, None, None)), panels(live.live_figure(pressing(9)))]
+    assert [len(each) for each in drawn] == [2, 2, 2, 2, 2, 3]
+    for each in drawn:
+        for number, (left, right, bottom, top) in enumerate(each):
+            assert 0.0 <= left < right <= 1.0
+            assert 0.0 <= bottom < top <= 1.0
+            for others in each[:number]:
+                assert left > others[1] or bottom > others[3] or top < others[2]
+    assert state["narrow"]["height"] > state["layout"]["height"]
+
+
 def test_residuals_of_both_models_share_a_color_scale(data):
     motion = DrawnMotion.of(data)
+    assert time_figure(motion, None, None)["layout"]["yaxis2"]["range"] == [-1.0, 1.0]  # no model yet
     before = np.where(data.position > 0.005, 1.0, -0.5)
     figure = map_figure(motion, before, 0.1 * before)
     base, model = figure["data"]

@@ -235,6 +235,7 @@ def test_equivalent_effects_are_listed_together(state):
     study, channel = state.study, state.channel
     names = ("cubic_stiffness", "power_law_stiffness", "delay")
     found = groups([evidence_of(study, channel, (), name) for name in names])
+    assert [np.linalg.norm(one.change) for group in found for one in group] == pytest.approx([1.0] * 3)
     assert {one.effect for one in found[0]} == {"cubic_stiffness", "power_law_stiffness"}
     assert [one.effect for one in found[1]] == ["delay"]
 
@@ -287,6 +288,19 @@ def test_columns_are_guessed(tmp_path, header, expected):
     assert [f"{one.quantity} {one.unit}" for one in found] == expected
     assert all(one.unit in ("", *units_of(one.quantity)) for one in found)
     assert all(one.why.endswith("; unit not stated") is (one.unit == "") for one in found[1:])
+
+
+@pytest.mark.parametrize(
+    ("header", "expected"),
+    [
+        ("time_s,force_N,load_N", ["time s", "force N", " "]),
+        ("time_s,angle,torque_2", ["time s", "position ", "torque_2 "]),
+    ],
+)
+def test_columns_that_the_names_leave_open_are_proposed_by_name(tmp_path, header, expected):
+    path, t = tmp_path / "some.csv", np.arange(0, 1, 0.01)
+    np.savetxt(path, np.column_stack([t, np.sin(t), np.cos(t)]), delimiter=",", header=header, comments="")
+    assert [f"{one.quantity} {one.unit}" for one in suggest_columns(read_table(path))] == expected
 
 
 @pytest.mark.parametrize(
@@ -362,6 +376,7 @@ def test_curves_are_short_and_keep_their_peaks(study):
     near = motion.rows(data.effort, 200, (1.0, 1.5))
     assert np.ptp(motion.time_s[near[near >= 0]]) <= 0.5
     assert set(data.run[DrawnMotion.of(data, (2,)).rows(data.effort, 100)]) == {2}
+    assert motion.rows(data.effort, 10**6, tuple(motion.time_s[[50, 60]])).tolist() == [*range(50, 61)]
 
 
 @pytest.mark.parametrize("kind", list(ChannelKind))
@@ -438,10 +453,15 @@ def test_riddle_is_scored_against_the_diagnosis(guessed, said):
     assert alone.in_words().endswith("The diagnosis said lag: right.")
 
 
-@pytest.mark.parametrize("is_named", [True, False])
-def test_report_is_written_where_the_study_keeps_its_results_and_linked(tmp_path, monkeypatch, is_named):
+@pytest.mark.parametrize(
+    ("is_named", "effects", "is_saved", "saves"),
+    [(True, (), False, 0), (False, ("bias",), True, 0), (False, ("bias",), False, 1)],
+)
+def test_report_is_written_where_the_study_keeps_its_results_and_linked(
+    tmp_path, monkeypatch, is_named, effects, is_saved, saves
+):
     monkeypatch.chdir(tmp_path)
-    said, written = [], []
+    said, written, saved = [], [], []
     notify = lambda text, *, html, **_: said.append((text, html))  # noqa: E731
     monkeypatch.setattr(page_module, "ui", SimpleNamespace(notify=notify))
 
@@ -454,11 +474,13 @@ def test_report_is_written_where_the_study_keeps_its_results_and_linked(tmp_path
         folder=tmp_path / "mine" if is_named else None,
         report=report,
     )
-    choice = SimpleNamespace(effects=())
-    state = SimpleNamespace(study=study, choice=choice, is_saved=True, command=lambda: "")
+    choice = SimpleNamespace(effects=effects)
+    state = SimpleNamespace(study=study, choice=choice, is_saved=is_saved, command=lambda: "")
+    state.save_revisions = lambda: saved.append(True)
     home = SimpleNamespace(serve_report=str)
     shown = SimpleNamespace(state=state, _home=home, _list_revisions=lambda: None)
     asyncio.run(page_module.Page.write_report(shown))
+    assert len(saved) == saves
     folder = tmp_path / "mine" if is_named else Path("press-palpate")
     assert written == [folder / "report.html"]
     link = f'<a href="{written[0]}" target="_blank">report: {written[0]}</a>'
