@@ -23,6 +23,7 @@ from palpate.estimation.diagnosis.acceptance import (
     smallest_sufficient_model,
 )
 from palpate.estimation.diagnosis.bootstrap import BootstrapTest
+from palpate.estimation.diagnosis.candidates import Candidate
 from palpate.estimation.diagnosis.completeness import Completeness
 from palpate.estimation.diagnosis.forms import analyze_kinds, form_tests
 from palpate.estimation.effects import EFFECTS
@@ -392,6 +393,8 @@ def test_parts_with_fewer_parameters_are_compared_with_their_whole():
     data = swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.01) + 0.1)
     search = searched(data, RUB, BIAS, "asymmetric_friction")
     end = reached(search, RUB, BIAS)
+    other = Candidate(EFFECTS["asymmetric_friction"](), None)
+    assert [module._has_at_most(count, other, end) for count in (1, 9)] == [False, True]
     ((name, whole),) = module._composites(search, end, RUB)
     assert [name] == search.added_effects(whole) == ["asymmetric_friction"]
     assert whole.rmse == pytest.approx(end.rmse, rel=0.02)

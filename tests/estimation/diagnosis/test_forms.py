@@ -199,6 +199,14 @@ def test_law_of_its_kind_adds_nothing_to_a_true_form():
     assert true.is_closed
     assert rough.added_by_law > 3.0 * true.added_by_law
     assert not rough.is_closed
+    assert search.added_effects(named_forms(partial)) == ["stribeck_friction"]
+
+
+def test_kind_without_a_law_explains_nothing_even_beside_a_gain_at_its_bound():
+    fit = fit_model(swings(1, lambda q, v, a: -0.3 * v), SWING, {})
+    assert fit.solution.parameters["viscous_friction.d"] == 0.0
+    none = np.empty((len(fit.problem.blocked), 0))
+    assert forms._with_law(fit.problem, fit.solution, none) == fit.solution.held_out
 
 
 @pytest.mark.parametrize(("own", "removed"), [(Kind.SENSOR_STATICS, True), (Kind.FRICTION, False)])

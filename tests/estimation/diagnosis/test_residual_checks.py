@@ -198,6 +198,8 @@ def test_each_run_is_compared_with_the_others_and_itself():
         (size(predicted[mine]), size(alone[mine])), rel=1e-6
     )
     assert found.own_residual == pytest.approx(alone, abs=1e-6)
+    held = replace(blocked, data=replace(data, effort=1.0 * data.run))  # each zero fits a constant
+    assert run_heterogeneity(held, solve_gains(FitProblem(held, WHITE), solution.model, {})) is None
 
 
 @pytest.mark.parametrize(

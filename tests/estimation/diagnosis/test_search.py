@@ -17,6 +17,7 @@ from palpate.estimation.diagnosis.forms import analyze_kinds
 from palpate.estimation.diagnosis.search import Search, _key, _select_runs, backward_step, prepare_search
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate import ParameterEstimate
+from palpate.estimation.fit.blocks import BlockedData
 from palpate.estimation.fit.fit_problem import solve_gains
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.fit.inner_search import GridSearch
@@ -474,6 +475,9 @@ def test_coarse_search_has_one_sample_per_block_and_selects_candidates():
     assert search.coarse.coarse is None
     assert len(search.coarse.data) == len(data) // 10
     assert searched(quick(rippling, 100.0), *names).coarse is None  # a sample is a block
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(BlockedData, "can_hold_out", False)
+        assert searched(data).coarse is None
     rough = {one.effect.name: one for one in search.coarse.screen(search.coarse.start)}
     found = {one.effect.name: one.search for one in search.screen(search.start)}
     for name in (COULOMB, RIPPLE):

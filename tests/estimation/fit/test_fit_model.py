@@ -112,6 +112,19 @@ def test_ar_noise_is_not_correlated_across_runs():
     assert estimate_ar_noise(0.0 * noise.ravel(), run, run >= 0) is WHITE
 
 
+def test_coarse_problem_has_the_folds_and_nearly_the_gains_of_the_samples():
+    fit = fit_model(swings(3, rate_hz=1000.0), SWING, {})
+    blocked, coarse = fit.problem.blocked, fit.coarse_problem.blocked
+    assert coarse.rows.shape == (len(blocked), 1)
+    for name in ("effort", "fold", "run", "trusted"):
+        np.testing.assert_array_equal(getattr(coarse, name), getattr(blocked, name))
+    gains = solve_gains(fit.coarse_problem, SWING, {}).parameters
+    assert gains == pytest.approx(fit.solution.parameters, rel=0.01)
+    residual = fit.residual_on_blocks
+    np.testing.assert_array_equal(residual[blocked.trusted], fit.solution.residual[blocked.trusted])
+    assert 0 < np.sum(~blocked.trusted) == np.sum(residual == 0.0)
+
+
 def test_blocks_stay_within_interleaved_runs():
     data = session(3)
     blocked = block_average(replace(data, run=np.arange(len(data)) % 3))

@@ -68,6 +68,7 @@ def test_short_recording_is_unchanged_and_blocks_are_averaged(recording):
     assert len(two) < long_data.LONG
     short, said, run_of = shortened(two)
     assert short.averaged >= 20
+    assert len(long_data._means(two, 2)) == len(two) // 2
     assert "without loss" in said
     assert not run_of
 

@@ -70,6 +70,14 @@ def test_the_error_of_a_model_contains_the_noise():
     assert measured.below(0.1) == measured  # by chance
 
 
+@pytest.mark.parametrize(("count", "is_known"), [(55, False), (56, True)])
+def test_noise_needs_fifty_differences_of_readings(count, is_known):
+    few = swings(2).select(np.arange(count))
+    assert (
+        fast_noise(replace(few, effort=np.random.default_rng(0).normal(size=count))) is not None
+    ) is is_known
+
+
 def test_sample_and_hold_steps_and_few_jumps_are_no_noise():
     data = swings(2, lambda q, v, a: 0.0 * q)
     position = 0.01 * np.arange(len(data)) // 0.2 * 0.2  # a step every twenty readings

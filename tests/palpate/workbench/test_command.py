@@ -139,6 +139,7 @@ def test_foreign_page_opens_no_socket(port, headers, expected):
 )
 def test_foreign_page_loads_nothing(port, headers, expected):
     assert answer(port, **headers).status == expected
+    assert answer(port, "/report/guessed").status == HTTPStatus.NOT_FOUND
 
 
 def policy_of(headers):

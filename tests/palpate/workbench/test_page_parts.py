@@ -20,10 +20,11 @@ from palpate.workbench import elements, file_drop, layout, live, processes, star
 from palpate.workbench.diagnosis import DiagnosisCard, riddle_card
 from palpate.workbench.elements import Plot
 from palpate.workbench.file_drop import FileDrop
-from palpate.workbench.parameters import ErrorCard, waterfall
+from palpate.workbench.parameters import ErrorCard, Parameters, waterfall
 from palpate.workbench.plots import DrawnMotion, map_figure, state_figure, time_figure
 from palpate.workbench.processes import DiagnosisProcess, StoppedError
 from palpate.workbench.startup import AppState, raw_curves, thumbnail_svg
+from palpate.workbench.state import ModelSelection
 from tests.palpate.presses import write_presses
 from tests.palpate.test_budget import RELAXATION, SHAPE, diagnosis
 from tests.palpate.workbench.test_foxglove import pressing
@@ -168,6 +169,17 @@ def test_plot_sends_what_it_was_told_once_the_browser_is_ready(browser):
         plot.replace({"data": []})
         assert [message[0] for message in sent[1:]] == ["restyle", "replace"]
         assert plot.figure == {"data": []}
+
+    browser.use(work)
+
+
+def test_model_without_parameters_says_so(browser):
+    async def work():
+        card = Parameters(None, None, None)
+        card.build()
+        card.show(SimpleNamespace(fitted=None, values={}, choice=ModelSelection("joint_1")))
+        assert "nothing is fitted in this model" in browser.texts()
+        assert not card._back.visible
 
     browser.use(work)
 
@@ -546,7 +558,9 @@ def test_riddle_opens_the_answer_only_after_a_diagnosis(browser, tmp_path, monke
     browser.use(work)
 
 
-def test_prefetched_chain_is_fitted_once_and_errors_are_answered(data, monkeypatch):
+@pytest.mark.parametrize(("most", "again"), [(6, []), (1, ["base", "bias", "adhesion"])])
+def test_prefetched_chain_is_fitted_once_while_kept_and_errors_are_answered(data, monkeypatch, most, again):
+    monkeypatch.setattr(processes, "_MOST", most)
     channel, fits, answers = Study(data, keep=False).channel("contact"), [], []
     fit_extended, fit_base = processes.fit_extended, processes.fit_base
     monkeypatch.setattr(processes, "end_with_parent", lambda: None)
@@ -559,7 +573,7 @@ def test_prefetched_chain_is_fitted_once_and_errors_are_answered(data, monkeypat
     pipe = Worker(*requests)
     pipe.send = answers.append
     processes._fit_ahead(pipe, channel, [EFFECTS[name]() for name in ("bias", "adhesion")])
-    assert fits == [10, "base", "bias", "adhesion"]
+    assert fits == [10, "base", "bias", "adhesion", *again]
     assert isinstance(answers[2], KeyError)
 
 

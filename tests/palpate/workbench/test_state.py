@@ -168,6 +168,8 @@ def test_revision_of_another_base_model_is_refused(state, press, monkeypatch):
 
 
 def test_python_line_reproduces_the_page(state, press):
+    assert state.undo() is state.redo() is state
+    assert state.to_channel("contact").choice == state.choice
     state.choose(state.toggled("cubic_stiffness"))
     shown = state.choose(state.with_held("stiffness.k", 300.0))
     assert eval(state.python(), {"study": Study(press, keep=False)}).values == shown.fitted.values
