@@ -90,8 +90,8 @@ def check_residuals(
         return ResidualFinding(
             f"the runs do not follow one law: run {heterogeneity.run} is off by "
             f"{with_unit(heterogeneity.run_predicted, unit)} when predicted from the others, by "
-            f"{with_unit(heterogeneity.run_alone, unit)} when fitted alone; was "
-            "something else probed, or a sensor changed?",
+            f"{with_unit(heterogeneity.run_alone, unit)} when fitted alone; did "
+            "something change between the runs, such as the object or a sensor?",
             "run",
             fits_each_run=True,
         )

@@ -289,7 +289,7 @@ def test_reason_for_no_named_effect_is_shown_and_reported(tmp_path):
     assert "\nUNEXPLAINED  contact" in result.stdout
     told = " ".join(result.stdout.split())
     assert "the runs do not follow one law" in told
-    assert "a sensor changed? " in told  # one mark, not two
+    assert "or a sensor? " in told  # one mark, not two
     assert "the runs do not follow one law" in (tmp_path / "out" / "report.html").read_text()
     assert "two.csv --context warmth" in result.stderr
 
