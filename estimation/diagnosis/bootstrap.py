@@ -15,6 +15,7 @@ import scipy
 from palpate.estimation.data.derivatives import grid_step
 from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.effect import Effect
+from palpate.estimation.effects.run_differences import RunVariation
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.flexible_regression import fit_flexible
@@ -133,6 +134,10 @@ def improvement_test(
     model, known = after.solution.model, after.solution.parameters
     observed = 1.0 - float(np.sqrt(after.solution.held_out / max(before.solution.held_out, 1e-300)))
 
+    # The residual of a model without differences between runs contains them, but they are no noise.
+    variations = [effect for effect in model.effects if isinstance(effect, RunVariation)]
+    adds_variation = any(effect not in before.solution.model.effects for effect in variations)
+
     def fit_sample(problem: FitProblem, solution: Solution) -> tuple[Solution, float]:
         parameters = {**known, **{n: v for n, v in solution.parameters.items() if n in model.gains}}
         if not effect:
@@ -160,7 +165,7 @@ def improvement_test(
         return 1.0 - float(np.sqrt(sse / max(sse_before, 1e-300)))
 
     def run_test(statistic: Callable[[FitProblem, Solution], float]) -> BootstrapTest:
-        samples = bootstrap_samples(before, measurement, rng)
+        samples = bootstrap_samples(before, measurement, rng, noise_of=after if adds_variation else before)
         return sequential_test(observed, (statistic(*sample) for sample in samples))
 
     quick = run_test(improvement)
@@ -174,6 +179,7 @@ def bootstrap_samples(
     measurement: MeasurementModel,
     rng: np.random.Generator,
     effort_noise: FloatArray | None = None,
+    noise_of: FitResult | None = None,
 ) -> Iterator[tuple[FitProblem, Solution]]:
     """Simulate an unlimited number of measurements from a fitted model, and refit the model to each.
 
@@ -183,6 +189,7 @@ def bootstrap_samples(
         rng: random generator for the samples.
         effort_noise: noise of the effort itself on blocks, shape (m,) [effort]. By default it is the residual
             of the flexible regression, reduced by the variance that errors of the measured motion cause.
+        noise_of: fit whose flexible regression leaves the noise; by default `fit`.
 
     Yields:
         The simulated data as a fit problem, and the model fitted to them.
@@ -194,8 +201,11 @@ def bootstrap_samples(
     variances = [float(np.var(signal[blocked.trusted])) for signal in (motion_effect, fit.solution.residual)]
     # Errors of the motion cannot cause more than the residual; larger ones contain real motion.
     share = min(1.0, float(np.sqrt(variances[1] / max(variances[0], 1e-300))))
-    noise = _estimate_noise(fit, share**2 * variances[0]) if effort_noise is None else effort_noise.copy()
+    noise = effort_noise
+    if noise is None:
+        noise = _estimate_noise(noise_of or fit, share**2 * variances[0])
     # The error of untrusted blocks is more than noise.
+    noise = noise.copy()
     noise[~blocked.trusted] = np.resize(noise[blocked.trusted], int(np.sum(~blocked.trusted)))
     # The residual already contains the effort's quantization error; given noise does not.
     step = 0.0 if effort_noise is None else grid_step(np.sort(fit.data.effort))

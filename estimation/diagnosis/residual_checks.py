@@ -116,9 +116,9 @@ def _error_with_own_waves(end: FitResult) -> float | None:
     run, position = blocked.run[used], blocked.reduce(end.data.position)[used]
     residual = end.solution.residual[used]
     waves = periodic_columns(position, residual, is_angle=end.data.kind.is_angle, run=run)
-    columns = np.column_stack([np.ones(len(residual)), waves])
-    left = fit_each_run(residual, columns, np.unique(run, return_inverse=True)[1])
-    is_better = rmse(left) < _GAIN_OF_WAVES * rmse(residual)
+    zero, number = np.ones((len(residual), 1)), np.unique(run, return_inverse=True)[1]
+    left = fit_each_run(residual, np.hstack([zero, waves]), number)
+    is_better = rmse(left) < _GAIN_OF_WAVES * rmse(fit_each_run(residual, zero, number))
     return end.rmse * rmse(left) / rmse(residual) if is_better else None
 
 

@@ -24,6 +24,7 @@ from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.models import MODELS
+from palpate.estimation.signals.blocks import since_start
 from tests.estimation.presses import kelvin_voigt, session
 from tests.estimation.swings import read, swings
 
@@ -197,12 +198,28 @@ def test_statistic_is_the_share_of_the_held_out_error():
     assert np.abs(left.simulated).max() < 0.05
 
 
+@pytest.mark.parametrize("spread_nm", [0.0, 0.2])
+def test_zeros_of_runs_are_no_noise_of_a_model_without_them(spread_nm):
+    """Each run keeps its zero, and the model has no parameter that could adapt to it."""
+    same = swings(3, lambda q, v, a: 0.0 * q, runs=7)
+    same = replace(same, time_s=since_start(same.time_s, same.run))
+    zeros = spread_nm * np.random.default_rng(1).normal(size=7)
+    data = replace(same, effort=same.effort + zeros[same.run])
+    known = fit_model(same, SWING, {})
+    fixed = replace(SWING, held=dict(known.solution.parameters))
+    offset = fixed.with_effect(EFFECTS["run_offset"]())
+    before, after = fit_model(data, fixed, {}), fit_model(data, offset, {"run_offset.share": 0.9})
+    found = improvement(before, after, "run_offset")
+    assert found.is_significant is (spread_nm > 0.0)
+    assert np.max(found.simulated, initial=0.0) < 0.1
+
+
 def test_samples_are_drawn_from_the_model_under_test(monkeypatch):
     drawn_from, (before, after) = [], fits_of_friction()
 
-    def draws(fit, *rest):
+    def draws(fit, *rest, **noise):
         drawn_from.append(fit)
-        return bootstrap_samples(fit, *rest)
+        return bootstrap_samples(fit, *rest, **noise)
 
     monkeypatch.setattr(bootstrap, "bootstrap_samples", draws)
     improvement(before, after)

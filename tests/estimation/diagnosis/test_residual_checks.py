@@ -506,6 +506,13 @@ def test_ripple_with_a_phase_in_each_run_must_explain_much(ripple, runs, is_foun
         assert f"run would leave {left:.3g} N m; begin each run" in objection(end.data, end).reason
 
 
+def test_a_zero_of_each_run_is_no_ripple():
+    quiet = swings(2, lambda q, v, a: 0.0 * q, runs=4)
+    zeros = 10.0 * NOISE_NM * np.array([1.0, -1.0, 0.5, -0.5])
+    end = fit_model(replace(quiet, effort=quiet.effort + zeros[quiet.run]), SWING, {})
+    assert residual_checks._error_with_own_waves(end) is None
+
+
 def fractional_noise(exponent, count=3000):
     """Noise whose differences grow by 2^exponent if their distance doubles; a random walk has 0.5."""
     spectrum, frequency = np.fft.rfft(np.random.default_rng(0).normal(size=count)), np.fft.rfftfreq(count)
