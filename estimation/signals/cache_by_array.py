@@ -70,7 +70,7 @@ def cache_by_channel_arrays(
     """Cache a function of a channel that depends only on some of its arrays; very long ones are not cached.
 
     Args:
-        arrays: names of channel fields or of context signals.
+        arrays: names of channel fields or of context signals, which a channel may lack.
     """
 
     def decorate(compute: Callable[[ChannelData], Result]) -> Callable[[ChannelData], Result]:
@@ -80,7 +80,7 @@ def cache_by_channel_arrays(
         def lookup(data: ChannelData) -> Result:
             if len(data) > _MAX_SAMPLES:
                 return compute(data)
-            chosen = (getattr(data, name) if hasattr(data, name) else data.context[name] for name in arrays)
+            chosen = (getattr(data, name, data.context.get(name)) for name in arrays)
             return cached(_ChannelKey(tuple(map(IdentityKey, chosen)), data))
 
         return lookup

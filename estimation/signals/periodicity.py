@@ -5,6 +5,7 @@ from math import gcd
 import numpy as np
 
 from palpate.estimation.channel import ChannelData
+from palpate.estimation.signals.arm_signals import TORQUE
 from palpate.estimation.signals.blocks import block_index, blocks, number_pieces
 from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
 from palpate.robot_io.types import FloatArray, IntArray
@@ -90,7 +91,7 @@ _WHOLE_TURN = 0.75  # share of a turn above which waves repeat with each turn
 _MIN_REPEATS = 2.0  # least number of periods of the pattern within the range; fewer may be a smooth law
 
 
-@cache_by_channel_arrays("run", "position", "velocity", "acceleration", "effort")
+@cache_by_channel_arrays("run", "position", "velocity", "acceleration", "effort", TORQUE)
 def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
     """Find the wave number n [1/position] and its multiples (harmonics) in the ripple of an effort.
 
@@ -117,6 +118,7 @@ def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
     # Columns (n, k) of simple motion and direction, each of length 1.
     q, v = data.position, data.velocity
     parts = [np.ones(len(q)), q, np.sin(q), np.cos(q), v, np.sign(v), data.acceleration]
+    parts += [data.context[TORQUE]] if TORQUE in data.context else []  # contains the other joints' motion
     columns = np.column_stack(parts)
     motion = np.asarray(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
     waves, tried, sizes = list[float](), list[float](), np.empty(0)

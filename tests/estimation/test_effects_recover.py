@@ -12,6 +12,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.model import Model
+from palpate.estimation.signals.periodicity import harmonics
 from tests.estimation.recover import channel, recover
 from tests.estimation.swings import swings
 
@@ -376,6 +377,17 @@ def test_ripple_harmonics_are_sines_and_cosines_of_the_angle():
     assert not seen[:2].any()
     columns = EFFECTS["torque_ripple"](multiples).columns(data, {"cycles": 0.5})
     np.testing.assert_allclose(columns, expected, atol=1e-12)
+
+
+def test_harmonics_are_found_beside_the_torque_of_other_joints():
+    """The rigid-body torque of an arm depends on joints that this one does not know."""
+    lone = swings(1, lambda q, v, a: 0.2 * np.sin(16.0 * q) + 0.06 * np.sin(32.0 * q + 2.0))
+    others = 5.0 * np.sin(7.3 * lone.time_s) * np.cos(1.7 * lone.time_s)
+    torque = {"rigid_body_torque": 2.0 * np.sin(lone.position) + others}
+    data = replace(lone, effort=lone.effort + others, context=torque)
+    cycles, multiples = harmonics(data)
+    assert (cycles, multiples) == (pytest.approx(16.0, rel=0.01), (1, 2))
+    assert harmonics(replace(data, context={})) != (cycles, multiples)  # not the cached result
 
 
 def test_link_share_keeps_its_meaning_only_with_a_weight_in_the_model():
