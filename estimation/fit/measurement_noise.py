@@ -88,6 +88,7 @@ _DIFFERENCES = (1.0, -3.0, 3.0, -1.0)  # third difference of neighboring reading
 _QUANTILE, _RMS_BELOW_QUANTILE = 0.99, 0.9616
 _JUMP_RATIO = 5.0  # ratio to the mean distance between readings above which the motion jumps
 _REVERSAL = 0.1  # speed, relative to the root mean square, below which a joint may reverse
+_CLEARLY_BELOW = 0.95  # ratio to a bound of the noise below which an error is the better bound
 _WHITE_RATIO = 1.2  # ratio of differences at twice the distance up to which they contain no motion
 _REPEATED = 0.01  # largest difference between runs with the same motion, relative to the range of positions
 # Ratio of the noise from repeated runs to that from neighboring readings above which part of it is slow.
@@ -133,7 +134,8 @@ class MeasurementNoise:
         """
         if not self.is_bound or error >= self.value:
             return self
-        return replace(self, value=error, source=NoiseSource.MODEL)
+        source = NoiseSource.MODEL if error < _CLEARLY_BELOW * self.value else self.source
+        return replace(self, value=error, source=source)
 
     def describe(self, unit: str) -> str:
         """Return the noise in words, with motion errors that matter: "at most 0.031 N, from repeated runs".

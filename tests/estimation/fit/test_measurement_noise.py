@@ -66,6 +66,7 @@ def test_the_error_of_a_model_contains_the_noise():
     bound = MeasurementNoise(0.4, NoiseSource.FLEXIBLE, None, 0.0)
     assert bound.below(0.5) == bound
     assert bound.below(0.1) == MeasurementNoise(0.1, NoiseSource.MODEL, None, 0.0)
+    assert bound.below(0.39) == replace(bound, value=0.39)
     measured = replace(bound, effort=0.4)
     assert measured.below(0.1) == measured  # by chance
 
