@@ -212,8 +212,6 @@ class Parameters:
             fitted, known = self._shown.fitted.values[name], self._state.parameter(name)
             reach = 2.0 * abs(fitted) or (known.typical[1] - known.typical[0])
             low, high = max(fitted - reach, known.lower), min(fitted + reach, known.upper)
-            if not low < high:
-                low, high = fitted - reach, fitted + reach
             slider = ui.slider(min=low, max=high, step=(high - low) / _STEPS, value=value).props("dense")
             set_props(slider, aria_label=name, title=elements.SLIDER)
 

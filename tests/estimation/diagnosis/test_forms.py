@@ -434,3 +434,5 @@ def test_variation_between_runs_is_known_if_runs_differ(offsets_nm, is_known):
     if is_known:
         assert 0.6 * np.var(offsets_nm) < varied.explained_by_effect < np.var(offsets_nm)
         assert varied.unexplained < 0.1 * varied.explained_by_effect
+        (alone,) = form_tests(analyze_kinds(search), reached(search, RUB))  # beside the law of differences
+        assert alone.unexplained_by_all < 0.1 * varied.explained_by_effect

@@ -549,6 +549,16 @@ def test_white_part_is_known_if_the_rest_grows_faster_than_noise(monkeypatch, re
     assert found is None if low is None else low < found < high
 
 
+def test_motion_noise_is_the_effort_of_position_errors():
+    data, rng = session(4), np.random.default_rng(3)
+    data = replace(data, position=data.position + rng.normal(0.0, 1e-4, len(data)))
+    fit = fit_model(data, MODEL, {})
+    found = residual_checks._motion_noise(fit, identify_measurement_model(data), rng)
+    pressed = np.mean(fit.problem.blocked.reduce(1.0 * data.engaged)[fit.problem.used])
+    in_contact = fit.solution.parameters["stiffness.k"] * 1e-4 / np.sqrt(fit.problem.blocked.rows.shape[1])
+    assert found == pytest.approx(in_contact * np.sqrt(pressed), rel=0.15)
+
+
 def test_noise_of_friction_that_grows_with_the_load_is_estimated(monkeypatch):
     """The load is derived in the fit, so a simulated motion does not have it by itself."""
     monkeypatch.setattr(residual_checks, "fast_noise", lambda data: None)

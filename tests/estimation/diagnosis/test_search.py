@@ -77,7 +77,7 @@ def test_simpler_law_that_leaves_more_is_not_named(monkeypatch):
 
 def test_simpler_law_replaces_an_undetermined_one_only_if_it_leaves_about_as_little():
     """It leaves a tenth more, and the force forwards is said to be uncertain."""
-    data = swings(1, lambda q, v, a: np.where(v > 0.0, 0.3, 0.28) * np.tanh(v / 0.01))
+    data = swings(1, lambda q, v, a: np.where(v > 0.0, 0.3, 0.285) * np.tanh(v / 0.01))
     search = searched(data, "coulomb_friction", "asymmetric_friction")
     end = reached(search, "asymmetric_friction")
     unknown = {name: replace(one, interval=(np.nan, np.nan)) for name, one in end.parameters.items()}

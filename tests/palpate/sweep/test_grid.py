@@ -342,6 +342,7 @@ def test_torques_of_the_first_run_are_drawn_from_its_start():
         for k, phase in enumerate(phases)
     ]
     drawn = figures.torques(ticks).axes
+    assert [axes.get_legend() is not None for axes in drawn] == [True, False, False]
     for joint, axes in enumerate(drawn, 1):
         for line, nm in zip(axes.get_lines(), (10.0 * joint, 20.0 * joint), strict=True):
             np.testing.assert_allclose(line.get_xydata(), [[0.1 * k, nm + k] for k in range(4)], atol=1e-9)
@@ -443,6 +444,6 @@ def test_report_of_diagnoses_counts_their_verdicts(tmp_path):
 
 
 def test_cells_have_three_digits_or_whole_numbers():
-    values = (None, float("nan"), 0.0, 12, "x", -0.001234, 1.2345e-4, 5.678, 999.4, 999.6, 12345.6, 123456.0)
+    values = (None, float("nan"), 0.0, 12, "x", -0.001234, 1.2345e-4, 5.678, 999.4, 999.5, 12345.6, 123456.0)
     shown = "– – 0 12 x -0.00123 0.00012 5.68 999 1000 12346 1.2e+05"
     assert [cell(value) for value in values] == shown.split()
