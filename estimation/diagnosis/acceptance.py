@@ -13,6 +13,7 @@ import numpy as np
 
 from palpate.estimation.budget import BudgetEntry
 from palpate.estimation.budget.laws import GRAVITY_RANGE
+from palpate.estimation.channel import ChannelKind
 from palpate.estimation.data.derivatives import grid_step
 from palpate.estimation.design.discrimination import SMALL
 from palpate.estimation.diagnosis.bootstrap import encoder_step_error, improvement_test
@@ -35,6 +36,7 @@ from palpate.estimation.effect import Effect
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import MeasurementModel
 from palpate.estimation.fit.measurement_noise import measurement_noise
+from palpate.estimation.fit.smoothing_bias import looks_like_smoothing
 from palpate.estimation.kinds import PHYSICAL_KINDS, SENSOR_KINDS, Kind
 from palpate.estimation.signals.motion import is_stepwise_command
 from palpate.robot_io.types import FloatArray
@@ -212,6 +214,8 @@ class FormCriteria:
             return f"its form explains only {percent} % of the error that {law} explains"
         if not self._search.is_sound(self._fit, test.effect):
             return "its fitted parameters are physically impossible or contradict its name"
+        if is_smoothing(self._search.without(self._fit, test.effect), self._fit):
+            return "the smoothing of the derived acceleration may cause the same error"
         return ""
 
     def _is_clear(self, test: FormTest) -> bool:
@@ -297,6 +301,7 @@ def _drop_needless_effects(
         )
         is_needless = is_small or _is_rounding(search, fit, name) or _has_zero_size(reduced, fit, name)
         is_needless |= bool(explained <= encoder_step_error(reduced, measurement))
+        is_needless |= is_smoothing(reduced, fit)
         is_needed = not is_needless and search.is_needed(reduced, fit)
         if is_needed and improvement_test(reduced, fit, measurement, search.rng, name).is_significant:
             continue
@@ -575,6 +580,20 @@ def _has_zero_size(reduced: FitResult, fit: FitResult, name: str) -> bool:
     if is_large and not any(np.isfinite(np.ptp(size.interval)) for size in sizes):
         return False
     return not any(abs(size.value) > 0.5 * _INTERVAL_RATIO * np.ptp(size.interval) for size in sizes)
+
+
+def is_smoothing(reduced: FitResult, fit: FitResult) -> bool:
+    """Return whether effects change a joint's prediction as the smoothing of its motion does.
+
+    Args:
+        reduced: the model without the effects.
+        fit: the model with them.
+    """
+    if fit.filters == ((), ()) or fit.data.kind is ChannelKind.CONTACT:
+        return False
+    change = reduced.solution.residual - fit.solution.residual
+    effort = reduced.problem.blocked.effort - reduced.solution.residual
+    return looks_like_smoothing(reduced.problem, effort, change, fit.filters)
 
 
 def _is_rounding(search: Search, fit: FitResult, name: str) -> bool:

@@ -14,6 +14,7 @@ from palpate.estimation.design.next_experiment import FEW_READINGS
 from palpate.estimation.diagnosis.acceptance import (
     accept_effects,
     accept_forms,
+    is_smoothing,
     most_parsimonious,
     smallest_sufficient_model,
 )
@@ -265,12 +266,12 @@ def _accept(
 
 
 def _improves(search: Search, fit: FitResult, measurement: MeasurementModel) -> bool:
-    """Return whether plausible effects improve the base model by more than chance and encoder steps do."""
+    """Return whether effects improve the base model more than chance, encoder steps and smoothing do."""
     base = search.start
     if base.is_exact or not search.added_effects(fit) or not search.is_sensible(fit):
         return False
     explained = base.held_out_mean_square - fit.held_out_mean_square
-    if explained <= encoder_step_error(base, measurement) ** 2:
+    if explained <= encoder_step_error(base, measurement) ** 2 or is_smoothing(base, fit):
         return False
     return improvement_test(base, fit, measurement, search.rng).is_significant
 

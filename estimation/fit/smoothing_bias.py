@@ -17,6 +17,7 @@ from palpate.estimation.signals.local_polynomials import fit_weights
 from palpate.robot_io.types import FloatArray, IntArray
 
 _MOST_TIMES = 3.0  # largest plausible multiple of the expected smoothing bias
+_MOST_UNLIKE = 0.2  # largest share of a change that smoothing cannot describe, if it may cause the change
 _POWERS = 3  # powers of the smoothing operator, a series that approximates its inverse
 # A half window [samples], and the order of the derivative for which it was used.
 DerivativeWindow = tuple[int, int]
@@ -54,6 +55,26 @@ def _is_plausible_bias(bias: FloatArray, gains: FloatArray) -> bool:
     # With arbitrary gains, columns of smoothing bias could imitate a missing law, such as a spring.
     expected = bias[:, -1]  # smoothing bias of the effort for the widest window
     return bool(np.sum((bias @ gains) ** 2) <= _MOST_TIMES**2 * np.sum(expected**2))
+
+
+def looks_like_smoothing(
+    problem: FitProblem, effort: FloatArray, change: FloatArray, filters: DifferentiationFilter
+) -> bool:
+    """Return whether the smoothing of the motion may cause most of a change of the predicted effort.
+
+    Args:
+        problem: data on m blocks.
+        effort: predicted effort on blocks, shape (m,) [effort].
+        change: change of the predicted effort, shape (m,) [effort].
+        filters: the windows that derived velocity and acceleration.
+    """
+    bias = smoothing_bias(problem.blocked, effort, filters)[problem.used]
+    if not bias.size:
+        return False
+    change = change[problem.used]
+    gains = np.asarray(np.linalg.lstsq(bias, change, rcond=None)[0], dtype=np.float64)
+    is_like = np.sum((change - bias @ gains) ** 2) <= _MOST_UNLIKE * np.sum(change**2)
+    return bool(is_like) and _is_plausible_bias(bias, gains)
 
 
 def smoothing_bias(blocked: BlockedData, effort: FloatArray, filters: DifferentiationFilter) -> FloatArray:

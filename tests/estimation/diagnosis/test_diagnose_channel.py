@@ -185,6 +185,7 @@ def test_simplified_model_with_residual_is_judged_by_its_forms(simpler_is_comple
         ({"exact": True}, False),
         ({"explained": True}, False),  # tests of the single effects have decided
         ({"step": 0.5}, False),  # encoder steps cause as large an error
+        ({"smooth": True}, False),  # and so does the smoothing of the motion
     ],
     ids=str,
 )
@@ -192,7 +193,8 @@ def test_base_model_is_incomplete_if_an_incomplete_one_is_significantly_better(
     changes, is_improved, monkeypatch
 ):
     """Runs that differ make the better model incomplete; the base model's error may hide the difference."""
-    given = {"significant": True, "sensible": True, "exact": False, "explained": False, "step": 0.1} | changes
+    given = {"significant": True, "sensible": True, "exact": False, "explained": False, "step": 0.1}
+    given |= {"smooth": False} | changes
     base, better, marked = Mock(is_exact=given["exact"], held_out_mean_square=1.0), Mock(), set()
     better.held_out_mean_square = 0.8
     checks = SimpleNamespace(
@@ -206,6 +208,7 @@ def test_base_model_is_incomplete_if_an_incomplete_one_is_significantly_better(
     test = SimpleNamespace(is_significant=given["significant"])
     monkeypatch.setattr(module, "improvement_test", lambda *_: test)
     monkeypatch.setattr(module, "encoder_step_error", lambda *_: given["step"])
+    monkeypatch.setattr(module, "is_smoothing", lambda *_: given["smooth"])
     monkeypatch.setattr(module, "accept_effects", lambda *_: base)
     monkeypatch.setattr(module, "accept_forms", lambda *_: ("reduced", ["test"]))
     end = module._accept(search, better, checks, lambda: None)

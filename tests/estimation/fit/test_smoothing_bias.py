@@ -7,7 +7,12 @@ from palpate.estimation.data.derivatives import local_derivative
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.fit.flexible_regression import fit_flexible
-from palpate.estimation.fit.smoothing_bias import _is_plausible_bias, fit_smoothing_bias, smoothing_kernel
+from palpate.estimation.fit.smoothing_bias import (
+    _is_plausible_bias,
+    fit_smoothing_bias,
+    looks_like_smoothing,
+    smoothing_kernel,
+)
 from palpate.estimation.model import Model
 from tests.estimation.swings import NOISE_NM, smoothed, within
 from tests.estimation.swings import long_swings as swings
@@ -45,6 +50,27 @@ def test_smoothing_bias_of_derived_motion_is_no_law(half):
 def test_law_is_explained_beside_the_smoothing_bias():
     fit = fit_model(smoothed(swings(6, lambda q, v, a: 0.2 * np.sin(9.0 * q)), 25), SWING, {})
     assert fit_flexible(fit.problem, fit.solution, windows(25)).share_of(fit.solution) > 0.7
+
+
+@pytest.mark.parametrize(
+    ("change", "looks"),
+    [
+        (
+            lambda true, derived: 0.05 * (true.acceleration - derived.acceleration),
+            True,
+        ),  # the inertia's torque
+        (lambda true, derived: 0.3 * np.tanh(true.velocity / 0.02), False),  # friction
+        (lambda true, derived: 6.0 * derived.position, False),  # a spring
+        (lambda true, derived: 0.5 * (true.acceleration - derived.acceleration), False),  # far too large
+    ],
+)
+def test_smoothing_is_told_from_friction_and_springs(change, looks):
+    true = swings(6)
+    derived = smoothed(true, 25)
+    fit = fit_model(derived, SWING, {}, within(derived, 25))
+    blocked = fit.problem.blocked
+    effort, changed = blocked.effort - fit.solution.residual, blocked.reduce(change(true, derived))
+    assert looks_like_smoothing(fit.problem, effort, changed, windows(25)) is looks
 
 
 @pytest.mark.parametrize(("block", "least", "length"), [(1, 0.01, 43), (4, 0.05, 13)])
