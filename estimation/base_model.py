@@ -24,6 +24,7 @@ class Arm:
     # Rotor inertia that the drives add to each of the n joints, shape (n,) or empty [kg m^2].
     rotor_inertia_kg_m2: tuple[float, ...] = ()
     notes: tuple[str, ...] = ()  # notes on the arm for the user
+    joint_names: tuple[str, ...] = ()  # names of the n joints in the URDF, by which columns may be named
 
     def context_of(self, channel: ChannelData) -> "ModelContext":
         """Return the information that a base model may need about a channel besides its data.

@@ -453,8 +453,8 @@ def arm_from_urdf(path: Path, tip_frame: str | None = None) -> Arm:
                 chosen = last_link(robot) or TIP_FRAME
     note = f"{path}: no link is called '{TIP_FRAME}'; the last link, '{chosen}', is used: see --tip-frame"
     notes = () if tip_frame is not None or chosen == TIP_FRAME else (note,)
-    RigidBody.from_urdf(path, chosen)  # checked even if no model needs it
-    return Arm(read_text(path), chosen, str(path), notes=notes)
+    body = RigidBody.from_urdf(path, chosen)  # checked even if no model needs it
+    return Arm(read_text(path), chosen, str(path), notes=notes, joint_names=body.joint_names)
 
 
 def _refuse_goal_error(joints: "Sequence[FittedJoint | StudyChannel]") -> None:

@@ -151,6 +151,11 @@ class RigidBody:
         return int(self._model.nv)
 
     @property
+    def gravity_m_s2(self) -> FloatArray:
+        """Gravity vector in the axes of the root link, shape (3,) [m/s^2]."""
+        return frozen_array(self._model.gravity.linear)
+
+    @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints, from the base outwards, in the order of all arrays."""
         return tuple(self._model.names[1:])

@@ -1,7 +1,8 @@
 """Choose the columns that form channels, and number their joints."""
 
+import re
 import shlex
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 
@@ -67,6 +68,7 @@ def choose_columns(
         replace(g, joint=g.joint + shift) if g.joint is not None and g.quantity in JOINT_QUANTITIES else g
         for g in guessed
     ]
+    numbered = _number_by_names(numbered, units.options.joint_names)
     named = [g for g in numbered if g.quantity and g.column not in reserved and g.key not in known]
     is_single_joint = any(quantity in JOINT_QUANTITIES and joint == 0 for quantity, joint in known)
     if is_single_joint:  # the user named it
@@ -107,6 +109,18 @@ def choose_columns(
             f"{table.path}: {', '.join(questions)}; choose with {' '.join(dict.fromkeys(answers))}"
         )
     return chosen
+
+
+def _number_by_names(guesses: Sequence[RoleGuess], joint_names: Sequence[str]) -> list[RoleGuess]:
+    """Number the columns that contain names of the arm's joints; nothing changes unless all joints occur."""
+    patterns = [re.compile(rf"(?<![^\W_]){re.escape(name)}(?![^\W_])") for name in joint_names]
+    named: dict[str, int] = {}
+    for guess in guesses:
+        lengths = [(len(found[0]), n) for n, p in enumerate(patterns, 1) if (found := p.search(guess.column))]
+        if lengths and guess.quantity in JOINT_QUANTITIES:
+            named[guess.column] = max(lengths)[1]  # "wrist_1" also contains "wrist"
+    complete = set(named.values()) == set(range(1, len(joint_names) + 1))
+    return [replace(g, joint=named.get(g.column, g.joint)) if complete else g for g in guesses]
 
 
 def _keys_of_channels(available: Collection[Key], lengths: Collection[Key] = ()) -> list[Key]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from palpate.robot_io.errors import InputError
 
@@ -30,6 +31,8 @@ class ImportOptions:
     table: str = ""  # sheet or header line of the table to read; empty for the longest table
     # Whether all runs pressed one object that did not recover between them; otherwise the data decide.
     same_object: bool = False
+    # Names of the arm's joints from the base outwards, by which columns are numbered; not stated by the user.
+    joint_names: tuple[str, ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
         for name, example in _EXAMPLES.items():
@@ -50,6 +53,10 @@ class ImportOptions:
             raise InputError(f"runs={self.runs!r}: give the number of presses, such as 4")
         if not isinstance(self.table, str):
             raise InputError(f"table={self.table!r}: give a sheet's title, or the header's line, as text")
+
+    def stated(self) -> dict[str, Any]:
+        """Return the options that a user may state, by name."""
+        return {name: value for name, value in vars(self).items() if name != "joint_names"}
 
 
 NO_OPTIONS = ImportOptions()

@@ -6,7 +6,7 @@ import numpy as np
 
 from palpate.estimation.arm.inertial_parameters import BaseParameters, inertial_name, inertial_unit
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.effect import AdditiveEffect, Inner, Parameter
+from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, Parameters, start_grid
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.types import FloatArray
 
@@ -81,6 +81,8 @@ class RigidBodyFitted(AdditiveEffect):
 
 _STARTS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # start values of the tilt, with both signs [rad]
 _OF_TILT = ("tilt_effort_per_rad", "weight_effort")
+_OF_TURN = "weight_effort_turned"
+_MAX_TILT = 0.35  # largest tilt of a base; a joint with a larger one has another center of mass [rad]
 _OF_ARM = "payload_effort_per_kg"  # signal that all joints have if the arm's kinematics are known
 
 
@@ -88,7 +90,9 @@ class GravityTilt(AdditiveEffect):
     """effort = tilt * cos(q) in addition to a pendulum; its sin(q) absorbs the change of the weight.
 
     An arm of known weight g cannot absorb this change. If its base is turned by t about the axis of the first
-    joint, effort = sin(t) dg/dt + (cos(t) - 1) g.
+    joint, effort = sin(t) dg/dt + (cos(t) - 1) g. Otherwise, the base has a pitch p about y
+    after a roll r about x: effort = sin(p) g_p + cos(p) sin(r) g_r + (cos(p) cos(r) - 1) g, where g_p and g_r
+    are the weight's efforts after a quarter turn.
     """
 
     name = "gravity_tilt"
@@ -113,16 +117,19 @@ class GravityTilt(AdditiveEffect):
 
     def applies_to(self, data: ChannelData) -> bool:
         """See `Effect.applies_to`: the joint of an arm is not a pendulum and needs the tilt signals."""
-        return super().applies_to(data) and (_OF_ARM not in data.context or _is_known(data))
+        known = _OF_ARM not in data.context or _OF_TURN in data.context or _is_known(data)
+        return super().applies_to(data) and known
 
     def suited_to(self, data: ChannelData) -> "GravityTilt":
+        if _OF_TURN in data.context:
+            return _TiltOfTurningArm()
         return _TiltOfKnownArm() if _is_known(data) else self
 
 
 class _TiltOfKnownArm(GravityTilt):
-    needs = _OF_TILT
+    needs: ClassVar[tuple[str, ...]] = _OF_TILT
     gains = ()
-    inner = (Parameter("tilt", "rad", -np.pi, np.pi, (-0.3, 0.3)),)
+    inner: ClassVar[tuple[Parameter, ...]] = (Parameter("tilt", "rad", -np.pi, np.pi, (-0.3, 0.3)),)
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         return np.zeros((len(data), 0))
@@ -136,8 +143,31 @@ class _TiltOfKnownArm(GravityTilt):
         return tuple({"tilt": side * start} for side in (-1.0, 1.0) for start in _STARTS)
 
 
+class _TiltOfTurningArm(_TiltOfKnownArm):
+    equation = "effort = sin(p) g_p(q) + cos(p) sin(r) g_r(q) + (cos(p) cos(r) - 1) g(q), p pitch, r roll"
+    needs = (_OF_TURN,)
+    inner = tuple(Parameter(name, "rad", -np.pi, np.pi, (-0.3, 0.3)) for name in ("pitch", "roll"))
+
+    def known(self, data: ChannelData, inner: Inner) -> FloatArray:
+        across, upright = np.sin([inner["pitch"], inner["roll"]]), np.cos([inner["pitch"], inner["roll"]])
+        turn = np.array([across[0], upright[0] * across[1], upright.prod() - 1.0])
+        turned: FloatArray = data.context[_OF_TURN] @ turn
+        return turned
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: around the small angles that fit what the rigid bodies do not explain."""
+        missing = data.effort - KnownRigidBody().known(data, {})
+        angles = np.linalg.lstsq(data.context[_OF_TURN][:, :2], missing, rcond=1e-3)[0].clip(-1.0, 1.0)
+        pitch, roll = angles[:, None] + 0.5 * np.abs(angles).max() * np.array([-1.0, 0.0, 1.0])
+        return start_grid(pitch=pitch, roll=roll)
+
+    def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
+        """See `Effect.is_misnamed`: a joint alone may take another center of mass for a large tilt."""
+        return max(abs(parameters[f"{self.name}.{angle.name}"]) for angle in self.inner) > _MAX_TILT
+
+
 def _is_known(data: ChannelData) -> bool:
-    """Return whether the tilt signals exist; they are missing if the first axis is not level."""
+    """Return whether the signals of a tilt about the first axis exist; that axis is level."""
     return set(_OF_TILT) <= set(data.context)
 
 
@@ -160,6 +190,10 @@ class Payload(AdditiveEffect):
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         return data.context["payload_effort_per_kg"][:, None]
+
+    def is_misnamed(self, data: ChannelData, parameters: Parameters, errors: Errors, noise: float) -> bool:
+        """See `Effect.is_misnamed`: a negative mass is no load, but links lighter than their URDF."""
+        return parameters[f"{self.name}.mass"] < 0.0
 
 
 class Pendulum(AdditiveEffect):

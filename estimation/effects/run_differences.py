@@ -19,6 +19,7 @@ _FEWEST_RUNS = 3
 _COMMON = 2.0  # ratio of mean to standard deviation over runs that chance does not reach
 _JUMPS = 0.5  # least ratio of the jumps between consecutive runs to the changes from run to run
 _SINGULAR = 1e-10
+_SHARE = "share is the part of a run's own value in its first quarter that holds for the rest of the run."
 
 
 class RunVariation(SensorEffect):
@@ -168,7 +169,7 @@ def _least_squares(basis: FloatArray, rows: BoolArray, target: FloatArray, start
 class RunOffset(RunVariation):
     name = "run_offset"
     kind = Kind.RUN_DIFFERENCES
-    physics = "The sensor was tared, mounted or reset before each run, each time with another zero."
+    physics = "The sensor was tared, mounted or reset before each run, each time with another zero. " + _SHARE
     equation = "reading = effort + b_r, b_r ~ N(0, spread^2)"
     source = "C. R. Henderson, Biometrics 31 (1975): best linear unbiased prediction in mixed models"
     signature = "each run has its own constant offset"
@@ -197,7 +198,7 @@ def _is_spanned(effort: FloatArray, columns: FloatArray) -> bool:
 class RunGain(RunVariation):
     name = "run_gain"
     kind = Kind.RUN_DIFFERENCES
-    physics = "Specimens, spots or battery voltages differ: the whole effort of a run is scaled."
+    physics = "Specimens, spots or battery voltages differ: the whole effort of a run is scaled. " + _SHARE
     equation = "reading = (1 + b_r) effort, b_r ~ N(0, spread^2)"
     source = "N. M. Laird, J. H. Ware, Biometrics 38 (1982): random-effects models for longitudinal data"
     signature = "each run has the same shape as the others, scaled by its own factor"
@@ -263,7 +264,7 @@ def _first_effort(data: ChannelData) -> BoolArray:
 class RunRipple(RunVariation):
     name = "run_ripple"
     kind = Kind.RUN_DIFFERENCES
-    physics = "Magnets and teeth cause ripple, and the encoder's zero is where it was switched on."
+    physics = "Magnets and teeth cause ripple, and the encoder's zero is where it was switched on. " + _SHARE
     equation = "reading = effort + s_r sin(n q) + c_r cos(n q), s_r and c_r of each run"
     source = "J. Holtz, L. Springob, IEEE Trans. Industrial Electronics 43 (1996)"
     signature = "a wave over position with the same wavelength in all runs and a different phase in each"

@@ -23,6 +23,7 @@ CONTACT_LEVER = "contact_torque_per_newton"
 UNREAD_FORCE = "force_beyond_reading"
 TILT = "tilt_effort_per_rad"
 WEIGHT = "weight_effort"
+TURNED = "weight_effort_turned"
 ARM_MOTION = ("joint_position", "joint_velocity", "joint_acceleration")
 Motion = tuple[FloatArray, FloatArray, FloatArray]  # position, velocity, acceleration, each (n, joints)
 Dynamics = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
@@ -35,8 +36,7 @@ class _ArmTorques:
 
     rigid_body: FloatArray  # [N m]
     payload: FloatArray  # by a mass at the tip [N m/kg]
-    tilt: FloatArray | None  # by a rotation of the base [N m/rad]; None if the first axis is not level
-    weight: FloatArray | None  # of the weight perpendicular to the first axis [N m]; None likewise
+    tilt: dict[str, FloatArray]  # signals of a rotation of the base, see `with_rigid_body`
 
 
 def with_rigid_body(
@@ -50,6 +50,8 @@ def with_rigid_body(
     If the axis of the first joint is level, it adds `weight_effort` (n,) [N m], the torque of the weight
     perpendicular to that axis. It also adds `tilt_effort_per_rad` (n,) [N m/rad], its derivative by a
     rotation of the base about the axis, with the sign of the nearer world axis (x or y).
+    Otherwise, it adds `weight_effort_turned` (n, 3) [N m]: the torques of the weight with the base turned by
+    a quarter about y, by a quarter about x, and not at all.
 
     If the contact force is known, it adds `contact_torque` (n,) [N m], the torque of that force, and its
     lever `contact_torque_per_newton` (n,) [m]. If the torques of all joints are known too, it adds
@@ -96,8 +98,7 @@ def with_rigid_body(
             unexplained = data.context["joint_torque"] - arm.rigid_body
             others = np.delete(np.arange(body.joint_count), joint)
             context[UNREAD_FORCE] = _unread_force(data, levers_m[:, others], unexplained[:, others])
-    if arm.tilt is not None and arm.weight is not None:
-        context[TILT], context[WEIGHT] = arm.tilt[:, joint], arm.weight[:, joint]
+    context |= {name: torques[:, joint] for name, torques in arm.tilt.items()}
     return replace(data, context=context)
 
 
@@ -111,14 +112,18 @@ def _arm_torques(
     payload = body.with_load(1.0).inverse_dynamics_batch(q, v, a) - rigid_body
     axis = body.joint_axes()[0].axis_world
     if abs(axis[2]) >= 1e-6:
-        return _ArmTorques(rigid_body, payload, None, None)
+        x, y, z = body.gravity_m_s2
+        turned = np.array([[-z, 0.0, x], [0.0, z, -y], [x, y, z]])
+        per_gravity = body.inertial_and_gravity_torques(q, v, a)[1].reshape(*q.shape, 3)  # also of one joint
+        return _ArmTorques(rigid_body, payload, {TURNED: per_gravity @ turned.T})
     quarter = np.zeros(body.joint_count)
     quarter[0] = 0.5 * np.pi * np.sign(axis[np.argmax(np.abs(axis))])
     zero = np.zeros_like(q)
     at_0, at_90, at_180, at_270 = (
         body.inverse_dynamics_batch(q + turns * quarter, zero, zero) for turns in range(4)
     )
-    return _ArmTorques(rigid_body, payload, 0.5 * (at_90 - at_270), 0.5 * (at_0 - at_180))
+    tilt = {TILT: 0.5 * (at_90 - at_270), WEIGHT: 0.5 * (at_0 - at_180)}
+    return _ArmTorques(rigid_body, payload, tilt)
 
 
 @cache_by_array

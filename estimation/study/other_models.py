@@ -16,7 +16,7 @@ from palpate.estimation.fit.fit_result import FitResult, fit_model
 from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
 from palpate.estimation.signals.cache_by_array import FitCache
-from palpate.estimation.study.channels import StudyChannel
+from palpate.estimation.study.channels import ARM_MODEL, FITTED_ARM_MODEL, StudyChannel
 from palpate.estimation.study.comparison import FAR, Comparison
 from palpate.estimation.study.study import ModelStudy
 from palpate.robot_io.errors import InputError
@@ -195,6 +195,7 @@ def _size(model: Model) -> int:
 
 
 _FAR_RATIO = 0.5  # ratio of held-out errors below which another base model is suggested
+_CLEAR_RATIO = 0.9  # ratio of held-out errors below which fitted masses of an arm's links are suggested
 _EQUAL_RATIO = 1.02  # largest ratio to the error of a complete model at which another model fits equally well
 
 
@@ -262,3 +263,22 @@ def better_explanation(
         return better_model(study, channel, _FAR_RATIO * final.rmse)
     max_error = min(_FAR_RATIO * base.rmse, _EQUAL_RATIO * final.rmse)
     return better_model(study, channel, max_error, len(final.parameters))
+
+
+def error_with_fitted_masses(
+    study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis
+) -> float | None:
+    """Return the held-out error with fitted masses of the arm's links [effort]; None unless clearly lower.
+
+    Args:
+        study: the measurement and its fits.
+        channel: the channel with its base model.
+        diagnosis: the diagnosis of this channel.
+    """
+    final = diagnosis.final
+    if channel.model.name != ARM_MODEL or final is None or diagnosis.verdict is Verdict.ADEQUATE:
+        return None
+    with suppress(InputError):
+        error = study.fit(study.with_model(channel.name, FITTED_ARM_MODEL)).rmse
+        return error if error < _CLEAR_RATIO * final.rmse else None
+    return None

@@ -116,7 +116,7 @@ def open_source(data: Any, options: ImportOptions = NO_OPTIONS, arm: Arm | None 
     Raises:
         InputError: the data cannot be used.
     """
-    source = _source_of(data, options)
+    source = _source_of(data, replace(options, joint_names=arm.joint_names) if arm else options)
     return source if arm is None else replace(source, arm=arm, notes=(*source.notes, *arm.notes))
 
 

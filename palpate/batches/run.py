@@ -4,7 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -120,7 +120,7 @@ def batch(
         "model": model,
         "diagnose": diagnose,
         "add": list(add),
-        "read": asdict(read),
+        "read": read.stated(),
         "urdf": str(Path(urdf).absolute()) if urdf else None,
         "tip_frame": tip_frame,
         "effects": [f"{file.absolute()}:{name}" for file, name in own],

@@ -17,9 +17,9 @@ from palpate.estimation.diagnosis import Verdict
 from palpate.estimation.estimate import with_unit
 from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.study import StudyDiagnosis
-from palpate.estimation.study.channels import ALL_CHANNELS
+from palpate.estimation.study.channels import ALL_CHANNELS, FITTED_ARM_MODEL
 from palpate.estimation.study.estimates import ALL, DEFAULT_ESTIMATORS
-from palpate.estimation.study.other_models import better_explanation
+from palpate.estimation.study.other_models import better_explanation, error_with_fitted_masses
 from palpate.estimation.study.results import ChannelResult
 from palpate.estimation.study.saved_diagnosis import RESULT
 from palpate.render.build import NAMES, view_of, write_outcome
@@ -168,6 +168,13 @@ def _next_steps(  # noqa: PLR0917, what was typed and found
                 left = f"start from a base model with an error of {with_unit(better[1], item.effort_unit)}"
                 better_text = data.command_text(channel=typed["channel"], model=better[0])
                 yield f"palpate diagnose {better_text}", left
+    for item in diagnosis.channels if data.urdf is not None else ():
+        error = error_with_fitted_masses(study, study.channel(item.channel), item)
+        if error is not None:
+            fitted_text = data.command_text(channel=typed["channel"], model=FITTED_ARM_MODEL)
+            left = f"fit the links' masses too: {item.channel} then has an error of"
+            yield f"palpate diagnose {fitted_text}", f"{left} {with_unit(error, item.effort_unit)}"
+            break  # the model is one of the whole arm
     if plan is not None and study.source.session is not None:
         from palpate.planning.next_probe import same_world  # noqa: PLC0415, as above
 

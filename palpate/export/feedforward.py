@@ -175,7 +175,8 @@ def make_feedforward(joints: Sequence[FittedJoint]) -> Feedforward:
         values = asdict(JointTerms())
         for effect, parameters in joint.by_effect.items():
             fields = _FIELDS.get(effect)
-            if fields is None or (effect == "gravity_tilt" and parameters["tilt"].unit == "rad"):
+            units = {parameter.unit for parameter in parameters.values()}
+            if fields is None or (effect == "gravity_tilt" and units == {"rad"}):
                 left_out.append(f"{joint.name}: '{effect}' {reason_left_out(effect, _REASONS, 'table')}")
                 continue
             for own, parameter in parameters.items():

@@ -111,7 +111,11 @@ JOINT: Mapping[str, Term] = {
 }
 
 ARM: Mapping[str, Term] = {  # effects of the whole arm
-    "gravity_tilt": _renamed("gravity_tilt", pitch_rad="tilt"),
+    "gravity_tilt": lambda p: (
+        _renamed("gravity_tilt", pitch_rad="tilt")(p)
+        if "tilt" in p
+        else _renamed("gravity_tilt", pitch_rad="pitch", roll_rad="roll")(p)
+    ),
     "force_deadband": lambda p: [{"effect": "deadband", "half_width": p["width"], "channel": "contact"}],
     "payload": _renamed("payload", mass_kg="mass"),
 }

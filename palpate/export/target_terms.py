@@ -58,7 +58,7 @@ REASONS: Mapping[str, str] = {
     "weight": _OF_BODIES,
 }
 SILENT = frozenset({"rigid_body"})  # stated in the arm's own file
-_TILT = {"tilt": "rad"}
+_TILT = dict.fromkeys(("tilt", "pitch", "roll"), "rad")
 
 
 def _friction(dry: Sequence[str], viscous: str) -> dict[str, TargetTerm | str]:
@@ -93,7 +93,7 @@ TABLE: Mapping[SimulatorFormat, Mapping[str, TargetTerm | str]] = {
             lambda p: {"sensor_delay_s": p["time"]} if p["time"] > 0.0 else {},
             "if it is negative, the motion is late: set a delay of the actuator by hand",
         ),
-        "gravity_tilt": TargetTerm(lambda p: {"tilt_rad": p["tilt"]}, units=_TILT),
+        "gravity_tilt": TargetTerm(lambda p: {f"{key}_rad": angle for key, angle in p.items()}, units=_TILT),
         "joint_elasticity": "needs a second body behind a spring",
         "joint_spring": _named(stiffness="k", preload="preload"),
         "payload": _named(payload_kg="mass"),
@@ -145,7 +145,7 @@ TABLE: Mapping[SimulatorFormat, Mapping[str, TargetTerm | str]] = {
         "torque_gain": _GAIN,
     },
 }
-OF_ARM = frozenset({"tilt_rad", "payload_kg"})  # values of the whole arm
+OF_ARM = frozenset({"tilt_rad", "pitch_rad", "roll_rad", "payload_kg"})  # values of the whole arm
 
 
 @dataclass(frozen=True)
@@ -215,7 +215,8 @@ def express(
         for effect, parameters in joint.by_effect.items():
             term = TABLE[target].get(effect, reason_left_out(effect, REASONS, "file"))
             fitted = tuple(f"{effect}.{name} {_shown(each)}" for name, each in parameters.items())
-            if isinstance(term, str) or any(parameters[p].unit != u for p, u in term.units.items()):
+            units = {} if isinstance(term, str) else term.units
+            if isinstance(term, str) or any(units.get(p, e.unit) != e.unit for p, e in parameters.items()):
                 if effect not in SILENT:
                     reason = term if isinstance(term, str) else REASONS[effect]
                     lost.append("; ".join([f"'{effect}' {reason}", *fitted]))
@@ -226,13 +227,11 @@ def express(
                     before = own.get(key, TermValue(0.0, ()))
                     own[key] = TermValue(before.number + number, before.fitted + fitted)
                     continue
-                (half,) = (each.half_interval for each in parameters.values())
+                half = max(each.half_interval for each in parameters.values())
                 rank = half if isfinite(half) else float("inf")
-                if key in arm:
-                    lost.append(
-                        f"'{effect}' has one value for the whole arm; it is taken from the channel with the "
-                        "smallest interval"
-                    )
+                once = f"'{effect}' has one value for the whole arm; it is taken from the channel with the "
+                if key in arm and (once := f"{once}smallest interval") not in lost:
+                    lost.append(once)
                 if key not in arm or rank < arm[key][0]:
                     arm[key] = (rank, TermValue(number, fitted), joint.name)
             if term.lost:

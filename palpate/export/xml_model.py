@@ -112,11 +112,13 @@ def patch_mjcf(
         model.set_joint(element, joint)
         if servo_gain_nm_rad is not None:
             model.check_servo(element, joint, servo_gain_nm_rad)
-    if (tilt := arm.arm.get("tilt_rad")) is not None:
+    if (tilt := arm.arm.get("tilt_rad", arm.arm.get("pitch_rad"))) is not None:
         from scipy.spatial.transform import Rotation  # noqa: PLC0415, slow to import
 
-        turn = Rotation.from_rotvec(-tilt.number * mounting.tilt_axis)
-        gravity = turn.apply(mounting.gravity_m_s2)
+        turn = Rotation.from_rotvec(tilt.number * mounting.tilt_axis)
+        if "roll_rad" in arm.arm:
+            turn = Rotation.from_euler("YX", [tilt.number, arm.arm["roll_rad"].number])
+        gravity = turn.inv().apply(mounting.gravity_m_s2)
         option = root.find("option")
         option = _inserted(root, 0, "option") if option is None else option
         option.set("gravity", " ".join(f"{value:.9g}" for value in gravity))

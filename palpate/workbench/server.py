@@ -182,7 +182,7 @@ def open_page(study: "Study", port: int = 0, *, browser: bool = True) -> PageAdd
     early = early_server(port)
     address = PageAddress(f"http://{LOOPBACK}:{early.port}")
     home = AppState(Path(), state=WorkbenchState(study))
-    home.open = lambda path, options: WorkbenchState(type(study)(path, **vars(options)))
+    home.open = lambda path, options: WorkbenchState(type(study)(path, **options.stated()))
     Thread(target=serve, args=(home, early.release_socket()), daemon=True).start()
     _pages.append(address)
     if browser:

@@ -124,7 +124,7 @@ class DataArguments(StudyOptions):
         if self.urdf is None and self.tip_frame is not None:
             raise InputError(f"--tip-frame {self.tip_frame}: needs --urdf FILE")
         arm = None if self.urdf is None else arm_from_urdf(self.urdf, self.tip_frame)
-        held_out, read = _run_numbers(self.held_out), vars(self.options)
+        held_out, read = _run_numbers(self.held_out), self.options.stated()
         study = Study(
             self.file, model, arm=arm, effects=self.effect or (), folder=folder, held_out=held_out, **read
         )

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from palpate.estimation.base_model import Arm
 from palpate.estimation.data.import_file import import_file
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import read_table
+from palpate.estimation.study.source import open_source
 from palpate.robot_io.errors import InputError
 from palpate.workbench.file_drop import options_of, suggest_columns
 from tests.files import write_csv
@@ -100,3 +102,31 @@ def test_ambiguous_column_is_asked_by_number_and_the_page_takes_every_joint(log)
     options = options_of(suggest_columns(read_table(path)))
     assert options.columns["position_0"] == "position_0_rad"
     assert pairs(path, columns=options.columns, units=options.units) == [(0, 2, 1.0), (1, 3, 1.0)]
+
+
+UR = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint")
+
+
+@pytest.mark.parametrize("order", [UR, sorted(UR)], ids=["of the arm", "alphabetical"])
+def test_joints_named_in_the_urdf_have_its_order(order):
+    """Joint states are often published in the alphabetical order of the joints."""
+    places = {name: place for place, name in enumerate(UR)}
+    columns = {"time_s": T} | {
+        f"/joint_states/{name}/{what}": SIGNALS[:, places[name]] * factor
+        for what, factor in (("position", 1.0), ("effort", 2.0))
+        for name in order
+    }
+    channels = open_source(columns, arm=Arm(joint_names=UR)).channels
+    assert [channel.name for channel in channels] == ["joint_1", "joint_2", "joint_3", "joint_4"]
+    for signal, channel in zip(SIGNALS.T, channels, strict=False):
+        np.testing.assert_allclose((channel.position, channel.effort), (signal, 2.0 * signal))
+
+
+def test_joint_names_count_only_if_all_occur():
+    columns = {"time_s": T}
+    for number, name in enumerate(("elbow", "lift")):
+        columns |= {f"/{name}/position [rad]": SIGNALS[:, number], f"/{name}/torque [Nm]": SIGNALS[:, number]}
+    (first, _) = open_source(columns, arm=Arm(joint_names=("pan", "lift", "elbow"))).channels
+    np.testing.assert_allclose(first.position, SIGNALS[:, 0])
+    (first, _) = open_source(columns, arm=Arm(joint_names=("lift", "elbow"))).channels
+    np.testing.assert_allclose(first.position, SIGNALS[:, 1])

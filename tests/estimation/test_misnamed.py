@@ -79,6 +79,8 @@ def test_layer_presses_back_above_and_below_its_kink(k, k2, error, more, layer):
         ("hysteresis", session(1), ("width",), {(0.5,): True, (50.0,): False}),
         # Samples are needed in the bend.
         ("softening_stiffness", PRESS, ("a", "d"), {(1.0, 1e-6): False, (1.0, 2e-3): True}),
+        # Less than nothing is no load.
+        ("payload", JOINT, ("mass",), {(0.4,): True, (-0.1,): False}),
         # Less than half of a run of half a second, and a lead of less than a sample.
         (
             *("delay", JOINT, ("time",)),
@@ -132,3 +134,11 @@ def test_slow_noise_at_the_end_of_a_range_is_no_curve(share):
         data = channel(force, time_s, way, np.full(count, 1e-3), np.zeros(count, dtype=np.int64))
         flags += is_misnamed("saturation", data, {"limit": 9.5})
     assert flags <= 1
+
+
+def test_large_tilt_of_one_joint_is_another_center_of_mass():
+    turns = replace(JOINT, context={**JOINT.context, "weight_effort_turned": np.ones((len(JOINT), 3))})
+    tilt = EFFECTS["gravity_tilt"]().suited_to(turns)
+    for roll, is_large in ((0.2, False), (-0.4, True)):
+        given = {"gravity_tilt.pitch": 0.1, "gravity_tilt.roll": roll}
+        assert tilt.is_misnamed(turns, given, dict, NOISE_N) is is_large

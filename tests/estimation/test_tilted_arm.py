@@ -16,21 +16,24 @@ from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.model import Model
 from palpate.estimation.signals.arm_signals import with_rigid_body
 from palpate.estimation.study.estimates import estimate_with
+from palpate.robot_io.calibration.applied import gravity_base_m_s2
 from tests.estimation.press_tables import imported
+from tests.palpate.test_feedforward import PENDULUM
 
 URDF = Path(sim_backend.__file__).parent / "arms/follower/follower.urdf"
+TURNING = URDF.read_text().replace('"0 -1 0"', '"0 0 1"', 1)  # its first axis is vertical
 HOME_RAD = np.array([0.87, -1.47, -0.98])
 STEP_S, RUNS = 0.01, 3
 
 
-def swinging(joint, dip_rad, swing_rad=0.1, noise_nm=0.0):
-    """Slow swings of an arm whose base dips towards its front, which its model does not know."""
+def swinging(joint, dip_rad, swing_rad=0.1, noise_nm=0.0, urdf=URDF, roll_rad=0.0):
+    """Slow swings of an arm whose base dips towards its front and side, which its model does not know."""
     t = np.arange(0.0, 4.0, STEP_S)
     swings = [HOME_RAD + swing_rad * np.sin(np.outer(t, [1.3, 1.7, 2.1]) + run) for run in range(RUNS)]
     q = np.concatenate(swings)
     v = np.concatenate([np.gradient(swing, STEP_S, axis=0) for swing in swings])
     a = np.concatenate([np.gradient(speed, STEP_S, axis=0) for speed in np.split(v, RUNS)])
-    tilted = RigidBody.from_urdf(URDF, "tip", 9.81 * np.array([np.sin(dip_rad), 0.0, -np.cos(dip_rad)]))
+    tilted = RigidBody.from_urdf(urdf, "tip", gravity_base_m_s2(dip_rad, roll_rad))
     torque = np.array([tilted.inverse_dynamics(*rows)[joint] for rows in zip(q, v, a, strict=True)])
     torque += np.random.default_rng(4).normal(0.0, 1.0, len(torque)) * noise_nm
     run = np.repeat(np.arange(RUNS), len(t))
@@ -38,7 +41,7 @@ def swinging(joint, dip_rad, swing_rad=0.1, noise_nm=0.0):
     motion = (np.tile(t, RUNS), q[:, joint], v[:, joint], a[:, joint])
     name = f"joint_{joint + 1}"
     data = ChannelData(name, ChannelKind.REVOLUTE, *motion, torque, run, np.full(len(run), -1), context)
-    return with_rigid_body(data, RigidBody.from_urdf(URDF, "tip"), joint)
+    return with_rigid_body(data, RigidBody.from_urdf(urdf, "tip"), joint)
 
 
 @pytest.mark.parametrize(("joint", "dip_rad"), [(0, 0.14), (1, -0.6), (2, -0.6)])
@@ -47,6 +50,40 @@ def test_tilted_base_equals_tilted_gravity(joint, dip_rad):
     tilt = EFFECTS["gravity_tilt"]().suited_to(data)
     added = tilt.known(data, {"tilt": dip_rad})  # about y, though the follower's joints turn about -y
     np.testing.assert_allclose(data.effort - data.context["rigid_body_torque"], added, atol=1e-9)
+
+
+@pytest.mark.parametrize("joint", [0, 1, 2])
+def test_base_of_a_turning_arm_has_two_angles(joint):
+    data = swinging(joint, 0.5, swing_rad=0.6, urdf=TURNING, roll_rad=-0.3)
+    tilt = EFFECTS["gravity_tilt"]().suited_to(data)
+    added = tilt.known(data, {"pitch": 0.5, "roll": -0.3})
+    np.testing.assert_allclose(data.effort - data.context["rigid_body_torque"], added, atol=1e-9)
+    assert tilt.applies_to(data)
+
+
+def test_arm_of_one_inclined_joint_has_tilt_signals_too():
+    inclined = PENDULUM.replace('"0 -1 0"', '"0 0.6 0.8"')
+    q, rest, run = np.linspace(-1.0, 1.0, 5), np.zeros(5), np.zeros(5, dtype=np.int64)
+    context = {f"joint_{what}": q * (what == "position") for what in ("position", "velocity", "acceleration")}
+    alone = ChannelData("joint_1", ChannelKind.REVOLUTE, q, q, rest, rest, rest, run, run, context)
+    ready = with_rigid_body(alone, RigidBody.from_urdf(inclined, "probe"), 0)
+    dipped = RigidBody.from_urdf(inclined, "probe", gravity_base_m_s2(0.2, 0.1))
+    expected = dipped.inverse_dynamics_batch(q[:, None], *np.zeros((2, 5, 1)))[:, 0]
+    added = EFFECTS["gravity_tilt"]().suited_to(ready).known(ready, {"pitch": 0.2, "roll": 0.1})
+    np.testing.assert_allclose(ready.context["rigid_body_torque"] + added, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("joint", [0, 2])
+def test_tilt_of_a_turning_arm_is_named_with_both_angles(joint):
+    angles = {"pitch": 0.04, "roll": -0.03}
+    data = swinging(joint, angles["pitch"], 0.6, noise_nm=0.005, urdf=TURNING, roll_rad=angles["roll"])
+    effects = [EFFECTS[name]() for name in ("gravity_tilt", "joint_spring", "bias", "torque_gain", "payload")]
+    model, rng = Model("arm", (KnownRigidBody(),)), np.random.default_rng(1)
+    (entry,) = diagnose(data, model, effects, rng=rng).channels[0].accepted
+    assert entry.effect == "gravity_tilt"
+    for name, true in angles.items():
+        fitted = entry.parameters[name]
+        assert abs(fitted.value - true) < 4.0 * fitted.std_err < 0.02
 
 
 def test_tilt_is_no_spring_though_the_joint_moves_little():

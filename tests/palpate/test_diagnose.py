@@ -9,13 +9,15 @@ import pytest
 
 from palpate.estimation.study.saved_diagnosis import RESULT
 from palpate.study import Study
+from tests.estimation.arm.test_joint_models import arm
 from tests.few_effects import try_few_effects
-from tests.files import saved
-from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
+from tests.files import saved, write_csv
+from tests.palpate.cli import ROOT, as_json, assert_refused, done, next_commands, run
 from tests.palpate.presses import CUBIC, press_columns, write_own_effect, write_presses, write_table
 
 # What needs the whole library is made before: a module's fixture.
 pytestmark = pytest.mark.usefixtures("few_effects", "without_figures")
+FOLLOWER = ROOT / "sim_backend" / "arms" / "follower" / "follower.urdf"
 KEYS = {
     *("channel", "verdict", "reason", "noise_floor", "baseline", "accepted", "ranking", "final"),
     *("depends_on", "next_experiment"),
@@ -42,6 +44,26 @@ def test_hidden_cubic_stiffness_is_identified_with_its_value(applied):
     k3 = accepted["parameters"]["k3"]
     assert abs(k3["value"] - CUBIC) < 4 * k3["std_err"]
     assert accepted["rmse_after"] < accepted["rmse_before"] / 5
+
+
+def test_fitted_masses_are_advised_if_a_link_is_heavier_than_its_urdf(tmp_path):
+    """The second joint names no effect of its kinds, and the fitted masses leave only noise."""
+    path, urdf = write_arm(tmp_path / "arm.csv"), tmp_path / "arm.urdf"
+    for mass, is_advised in (("1.2", False), ("0.9", True)):
+        urdf.write_text(FOLLOWER.read_text().replace('mass value="1.2"', f'mass value="{mass}"'))
+        result = run("diagnose", path, "--urdf", urdf, "--channel", "joint_2")
+        advised = [words for words in next_commands(result) if "rigid_body_fitted" in words]
+        assert bool(advised) is is_advised, result.stderr
+        assert not advised or "--channel" in advised[0]
+
+
+def write_arm(path):
+    """Swings of the simulated follower, with noise of 0.02 N m."""
+    channels = arm(1)
+    table = {"time_s": channels[0].time_s, "run": channels[0].run}
+    for number, channel in enumerate(channels, 1):
+        table |= {f"position_{number}_rad": channel.position, f"torque_{number}_Nm": channel.effort}
+    return write_csv(path, table)
 
 
 def test_budget_precedes_the_verdict_and_no_other_base_model_is_advised(applied):

@@ -85,6 +85,12 @@ def test_arm_parameters_are_exported_once():
     assert all("taken from joint_1" in line for line in export.left_out)
 
 
+def test_tilt_of_a_turning_arm_has_both_angles():
+    joints = [fitted(f"joint_{n}", 3, gravity_tilt__pitch=0.1, gravity_tilt__roll=-0.2) for n in (1, 2)]
+    (entry,) = export_scenario(Scenario(), joints, "x").scenario.hidden
+    assert (entry.pitch_rad, entry.roll_rad) == (0.1, -0.2)
+
+
 def pressed(**more):
     """A spring of 500 N/m that the sensor first shows at 49 mm along the press."""
     return fitted("contact", 0, Surface(0.049, 1e-6), stiffness__k=500.0, damping__c=20.0, **more)

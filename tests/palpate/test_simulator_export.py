@@ -14,8 +14,11 @@ from benchmarks import simulator_round_trip
 from benchmarks.simulator_round_trip import CASES, NOISE_NM, URDF, round_trip
 from palpate import Study
 from palpate.estimation.effects import EFFECTS
-from palpate.export.target_terms import TABLE, SimulatorFormat, TargetArm, TargetJoint, TermValue
+from palpate.estimation.estimate import ParameterEstimate
+from palpate.export.feedforward import make_feedforward
+from palpate.export.target_terms import TABLE, SimulatorFormat, TargetArm, TargetJoint, TermValue, express
 from palpate.export.xml_model import Mounting, patch_mjcf, patch_urdf
+from palpate.robot_io.calibration.applied import gravity_base_m_s2
 from palpate.robot_io.errors import InputError
 from tests.files import saved
 from tests.palpate.cli import as_json, assert_refused, run
@@ -116,11 +119,26 @@ def test_payload_goes_to_the_tip_and_a_tilt_into_gravity():
     assert model.body_mass[load] == 0.4
     assert data.xpos[load] == pytest.approx([0.55, 0.0, 0.02])
     assert model.opt.gravity == pytest.approx(9.81 * np.array([np.sin(0.1), 0.0, -np.cos(0.1)]))
+    model, _ = patched(arm_of({"pitch_rad": 0.1, "roll_rad": -0.2}))
+    assert model.opt.gravity == pytest.approx(gravity_base_m_s2(0.1, -0.2))
     site = '<site name="tip" pos="0.2 0 0"/></body></body>'
     model, _ = patched(arm_of({"payload_kg": 0.4}), HAND_MADE.replace("</body>\n    </body>", site))
     assert model.body_pos[-1] == pytest.approx([0.2, 0.0, 0.0])
     _, result = patched(arm_of({"payload_kg": -0.1}))
     assert any("is negative" in line for line in result.left_out)
+
+
+def test_both_angles_of_a_tilt_are_those_of_the_most_certain_joint():
+    def joint(number, pitch, half):
+        angles = {"pitch": pitch, "roll": 0.2}
+        tilt = {k: ParameterEstimate(k, "rad", v, half, (v - half, v + half)) for k, v in angles.items()}
+        return SimpleNamespace(name=f"joint_{number}", number=number, by_effect={"gravity_tilt": tilt})
+
+    joints = [joint(1, 0.11, 0.02), joint(2, 0.1, 0.001)]
+    found = express(joints, SimulatorFormat.MJCF, "swing.csv")
+    assert {key: each.number for key, each in found.arm.items()} == {"pitch_rad": 0.1, "roll_rad": 0.2}
+    assert sum("smallest interval" in line for line in found.left_out) == 1
+    assert "inverse dynamics" in make_feedforward(joints).left_out[0]
 
 
 def test_gap_lets_the_link_move_freely_within_it():
