@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -31,8 +32,10 @@ from palpate.estimation.data.column_names import (
     guess_columns,
     is_absolute,
     parse_role,
+    quantity_in,
     role_of_option,
     si_unit,
+    split_unit,
     unit_in_name,
 )
 from palpate.estimation.data.column_units import AssignedColumn, Chosen, ColumnUnits
@@ -40,7 +43,15 @@ from palpate.estimation.data.file_columns import list_first, pa
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.presses import MIN_RUN_ROWS, press_sides
 from palpate.estimation.data.table import Table
-from palpate.estimation.data.units import describe_fault, dimension_of, invalid_rows
+from palpate.estimation.data.units import (
+    SI,
+    describe_fault,
+    dimension_of,
+    invalid_rows,
+    normalize_unit,
+    read_as,
+)
+from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
 
@@ -190,8 +201,11 @@ def assign_columns(table: Table, options: ImportOptions) -> ColumnAssignment:
     time = chosen[TIME][1] if TIME in chosen else None
     table, rate_notes = _with_one_rate(table, time, efforts, motions, run)
     notes += rate_notes
+    chosen, position_notes = _press_or_axis(ColumnUnits(table, options), chosen)
+    original = table
+    table, chosen, sensor_notes = _subtract_deflection(table, chosen, options)
+    notes += [*sensor_notes, *_note_other_columns(original, chosen, options)]
     units = ColumnUnits(table, options)
-    chosen, position_notes = _press_or_axis(units, chosen)
     chosen = dict(sorted(chosen.items(), key=lambda item: table.names.index(item[1][1])))
     units.check_force_of_angle(chosen)
     units.check_known(chosen)
@@ -199,7 +213,7 @@ def assign_columns(table: Table, options: ImportOptions) -> ColumnAssignment:
     units.check_used(chosen)
     assigned, two_sided, sign_notes = _orient_signs(units, assigned, shift)
     phase = options.columns.get(PHASE, PHASE if PHASE in table.names else None)
-    notes += [*_note_other_efforts(table, chosen, options), *position_notes, *sign_notes]
+    notes += [*_note_preamble(units, chosen, assigned), *position_notes, *sign_notes]
     return ColumnAssignment(table, assigned, run, phase, tuple(notes), two_sided, shift)
 
 
@@ -310,15 +324,82 @@ def _press_or_axis(units: ColumnUnits, chosen: Chosen) -> tuple[Chosen, list[str
     return chosen, as_axis
 
 
-def _note_other_efforts(table: Table, chosen: Chosen, options: ImportOptions) -> Iterator[str]:
-    """Yield a note for each effort that further columns with a unit of the same dimension may hold."""
+def _subtract_deflection(
+    table: Table, chosen: Chosen, options: ImportOptions
+) -> tuple[Table, Chosen, list[str]]:
+    """Replace a displacement that is proportional to the force within rounding, with a note.
+
+    Such a column is the deflection of the force sensor, as of the cantilever of an atomic force microscope.
+    The displacement of the other end of the sensor minus its deflection is the indentation.
+    """
+    if not {DISPLACEMENT, FORCE} <= set(chosen):
+        return table, chosen, []
+    column, force = chosen[DISPLACEMENT][1], chosen[FORCE][1]
+    way, effort = table.numbers(column), table.numbers(force)
+    if np.ptp(way) == 0.0 or np.ptp(effort) == 0.0:
+        return table, chosen, []
+    line = np.polyfit(way, effort, 1)
+    steps = [float(np.diff(np.unique(values)).min()) for values in (way, effort)]
+    rounding = max(abs(line[0]) * steps[0] + steps[1], _EXACT * np.ptp(effort))
+    if max(rounding / _FINE / np.ptp(effort), np.abs(effort - np.polyval(line, way)).max() / rounding) > 1.0:
+        return table, chosen, []
+    fact, is_named = f"'{column}' is proportional to '{force}'", column in options.columns.values()
+    guesses = [g for g in guess_columns(table.names) if g.key == DISPLACEMENT and g.column != column]
+    bases = [g.column for g in guesses if dimension_of(g.unit) == "length" and table.varies(g.column)]
+    unit = unit_in_name(column)
+    if is_named or len(bases) != 1 or dimension_of(unit) != "length" or "deflection" not in column.lower():
+        note = (
+            f"{fact} within rounding: one may be computed from the other, or the stiffness is that of the "
+            "force sensor; if another column holds the displacement, add --column displacement=COLUMN"
+        )
+        return table, chosen, [note]
+    stem, base_unit = split_unit(bases[0])
+    base, scale = table.numbers(bases[0]), SI["length"][unit] / SI["length"][base_unit]
+    scale *= np.sign(correlation_coefficient(base, way))
+    name = f"{stem.strip()} minus {split_unit(column)[0].strip()} [{base_unit}]"
+    note = (
+        f"{fact}, as the deflection of a force sensor or cantilever is: the displacement is '{bases[0]}' "
+        f"minus '{column}'; --column displacement={shlex.quote(column)} reads that column alone"
+    )
+    table = replace(table, columns=table.columns.append_column(name, pa.array(base - scale * way)))
+    return table, chosen | {DISPLACEMENT: (Role(*DISPLACEMENT, base_unit), name)}, [note]
+
+
+def _note_preamble(units: ColumnUnits, chosen: Chosen, assigned: dict[Key, AssignedColumn]) -> Iterator[str]:
+    """Yield a note for each line above the header that gives a quantity another unit than its column."""
+    motions = {DISPLACEMENT[0], POSITION[0]}
+    for line in units.table.preamble:
+        quantity = ""
+        if re.search(r"(?<!\w)\d", line):  # a setting, such as "Force limit: 5 kN"
+            continue
+        for part in re.split(r"[,;|\t]", line):
+            quantity = quantity_in(part) or quantity
+            words = re.findall(r"[^\s:=()\[\]{}<>]+", part)
+            for key, (role, column) in chosen.items():
+                source, names = assigned.get(key), motions if quantity in motions else {quantity}
+                if source is None or key[0] not in names or units.option_names(role, column):
+                    continue
+                stated = [read_as(normalize_unit(word), QUANTITIES[key[0]]) for word in words if word != "in"]
+                stated = [unit for unit in stated if dimension_of(unit) == source.dimension]
+                if stated and SI[source.dimension][stated[0]] != abs(source.factor):
+                    yield (
+                        f"the line '{line:.60}' above the header contradicts column '{column}', which is "
+                        f"read in {source.unit}; if {stated[0]} is right, add --unit "
+                        f"{role.numbered}={stated[0]}"
+                    )
+
+
+def _note_other_columns(table: Table, chosen: Chosen, options: ImportOptions) -> Iterator[str]:
+    """Yield a note for each effort or displacement that other columns of its dimension may hold, too."""
     used = {column for _, column in chosen.values()} | {*options.context}
     guesses = [guess for guess in guess_columns(table.names) if guess.column not in used]
     for key, (role, column) in chosen.items():
         dimension = dimension_of(unit_in_name(column))
         alike = (g.column for g in guesses if g.key == key and dimension_of(g.unit) == dimension)
         others = [f"'{name}'" for name in alike if table.varies(name)]
-        if key[0] in EFFORTS and dimension and others and column not in options.columns.values():
+        is_listed = key[0] in (*EFFORTS, DISPLACEMENT[0]) and column in table.names
+        is_listed = is_listed and column not in options.columns.values()
+        if is_listed and dimension and others:
             yield (
                 f"'{column}' is read as the {key[0]}, and not {list_first(others)}; if "
                 f"another column holds it, add --column {role.numbered}=COLUMN"
@@ -399,6 +480,7 @@ def _own_name(column: str) -> bool:
     return role is not None and bool(role.unit)
 
 
+_EXACT, _FINE = 1e-9, 1e-3  # errors of rounding, relative to the range of the force
 _SYSTEMATIC = 0.1  # least share of empty cells of a slower sensor; fewer are faults of the file
 _SLOW = 2.0  # ratio to the slowest rate up to which an effort counts as slow
 _SHARED = 0.5  # least share of the slowest column's values that must be in complete rows

@@ -32,6 +32,7 @@ from palpate.robot_io.errors import InputError
 
 # Usual units of the quantities of a channel.
 _UNITS = {"displacement": "mm", "force": "N", "position": "rad", "torque": "Nm"}
+_RISES = 0.9  # least share of rows in which a clock rises; it may restart in each run
 _MIN_COLUMNS = 3  # least number of columns of which one may be a clock
 
 
@@ -204,7 +205,7 @@ def _options_without_names(columns: ColumnAssignment) -> str:
     options = []
     if "time" not in given and len(left) >= _MIN_COLUMNS:
         clocks = clocks_of(table.columns)
-        is_clock = (name in clocks or (np.diff(table.numbers(name)) > 0.0).all() for name in valid)
+        is_clock = (name in clocks or np.mean(np.diff(table.numbers(name)) > 0.0) > _RISES for name in valid)
         clock = next(compress(valid, is_clock), None)
         if clock is not None:
             options.append(f"--column time={shlex.quote(clock)}")

@@ -15,6 +15,7 @@ from palpate.estimation.data.file_columns import is_bag, natural_key, pa
 from palpate.estimation.data.import_file import ImportedData, import_table, with_arm
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import ENDINGS, Table, read_table
+from palpate.estimation.data.text_table import is_prose
 from palpate.robot_io.errors import InputError
 
 _MAX_FILES = 2000
@@ -65,6 +66,7 @@ def import_files(
     places = [path.resolve() for path in paths]
     if twice := [path for number, path in enumerate(paths) if places[number] in places[:number]]:
         raise InputError(f"{twice[0]}: is given twice; its runs would count as repeated measurements")
+    given, paths = paths, _without_prose(paths)
     parts = []
     for number, table in enumerate(read_tables(paths, options)):
         which = f"file {number + 1} of {len(paths)}" if len(paths) > 1 else "the file"
@@ -91,6 +93,10 @@ def import_files(
         for note in (*part.notes, *ignored):
             noted.setdefault(note, path.name)  # keep the first file with this note
     notes = tuple(f"{name}: {note}" for note, name in noted.items())
+    notes += tuple(
+        f"{name}: left out, a text without numbers"
+        for name in sorted({path.name for path in given} - {path.name for path in paths})
+    )
     unused = tuple(name for name in parts[0].unused if all(name in part.unused for part in parts))
     ways = list(dict.fromkeys(part.read for part in parts if part.read))
     differ = " (others differ)" if len(ways) > 1 else ""
@@ -110,6 +116,7 @@ def read_tables(paths: Sequence[Path], options: ImportOptions) -> Iterator[Table
     Raises:
         InputError: a file cannot be read.
     """
+    paths = _without_prose(paths)
     first = read_table(paths[0], options.table)
     if len(paths) > 1:
         try:
@@ -122,6 +129,11 @@ def read_tables(paths: Sequence[Path], options: ImportOptions) -> Iterator[Table
     yield first
     for path in paths[1:]:
         yield read_table(path, options.table)
+
+
+def _without_prose(paths: Sequence[Path]) -> Sequence[Path]:
+    """Return the paths without text files that hold no table, such as a readme.txt beside data files."""
+    return [path for path in paths if not (path.is_file() and is_prose(path))] or paths
 
 
 def _side_by_side(first: Table, further: Iterable[Table]) -> Table | None:

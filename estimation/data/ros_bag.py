@@ -132,7 +132,10 @@ def read_ros_table(path: Path) -> FileColumns:
     """
     groups = _joint_states(path)
     if not groups:
-        raise InputError(f"{path}: no messages of type {_TYPE}")
+        raise InputError(
+            f"{path}: no messages of type {_TYPE}, the only ones that are read; write other ones, such as "
+            "wrenches, with time and motion to a table, and read it as a CSV file"
+        )
     with_torque = dict.fromkeys((group.topic for group in groups), 0)
     for group in groups:
         with_torque[group.topic] += len(group.messages) * ("torque" in group.places)

@@ -28,6 +28,7 @@ MIN_NUMBERS = 2  # least number of numbers in such a line
 _MAX_SETTINGS = 4  # most rows between the names and the numbers
 _COMMENT = "#%/;! \ufeff"
 _COMMENT_SIGNS = frozenset("#%/;!")
+_COMMENTS = ("#", "%", "!", "//")
 _LABVIEW = ("X_Value", "Y_Unit_Label", "X_Dimension")
 _BRACKETS = "[](){}<>"
 _LIKE_A_UNIT = re.compile(r"[%‰]|[\w°%]{1,8}(?:[ ./·⋅*^_-]+[\w°]{1,8})*")
@@ -116,7 +117,8 @@ def _header_rows(
             and (row[0].strip() and not is_number(row[0], decimal))
             and any(_are_numbers(row[1:], decimal))
         )
-        if not header and first - place <= _MAX_SETTINGS and (is_remark or is_setting):
+        is_comment = row[0].lstrip().startswith(_COMMENTS) and len(row) < width
+        if not header and first - place <= _MAX_SETTINGS and (is_remark or is_setting or is_comment):
             continue
         if has_labels and len(_strip_empty(row)) == width - 1:  # R writes no name for the row labels
             row = ["", *row]
@@ -242,7 +244,7 @@ _WORDS = re.compile(  # a line that begins with a word, possibly after the numbe
 # Cells with numbers
 _CELLS = re.compile(rb"(?:^|[\r\n\t,;|])[ \"]*[-+]?[\d.,]*\d(?:[eE][-+]?\d+)?[ \"]*(?=$|[\t,;|])")
 _MAX_HEADERS, _BELOW = 10_000, 8  # most lines with words, and lines below each, that are examined
-_LEFT_OUT = "(lines left out)"
+_LEFT_OUT = "..."  # neither words nor numbers
 _BLANK = re.compile(r"[ \t]+(?![\[(])")  # except a blank between a name and its unit
 _ANY_BLANK, _ONLY_UNITS = re.compile(r"[ \t]+"), re.compile(r"([\[(][^])]*[])][ \t]*)+")  # "(s) (mm) (N)"
 
@@ -447,7 +449,7 @@ class TableBlock:
 
 
 def same_columns(blocks: Sequence[TableBlock], selected: str, place: Path) -> tuple[list[int], list[str]]:
-    """Select the longest table that forms a channel, or the requested one, and all with the same columns.
+    """Select the longest table that forms a channel and all with the same columns, or the requested one.
 
     Args:
         blocks: tables, at least one.
@@ -466,13 +468,16 @@ def same_columns(blocks: Sequence[TableBlock], selected: str, place: Path) -> tu
         titles = ", ".join(dict.fromkeys(block.title for block in blocks))
         raise InputError(f"--table {selected}: {place} has no such table. Available: {titles}")
     longest = max(titled, key=lambda block: (_is_measurement(block.names), block.rows))
-    chosen = [n for n, block in enumerate(blocks) if sorted(block.names) == sorted(longest.names)]
-    omitted = [block for number, block in enumerate(blocks) if number not in chosen]
+    same = [n for n, block in enumerate(blocks) if sorted(block.names) == sorted(longest.names)]
+    chosen = [n for n in same if blocks[n] in titled]
+    omitted = [block for number, block in enumerate(blocks) if number not in same]
     if not omitted:
         return chosen, []
-    sizes = [f"'{block.title}' ({block.rows:,} row{'s' * (block.rows != 1)})" for block in omitted]
+    sizes = [
+        f"{'line ' * b.title.isdecimal()}'{b.title}' ({b.rows:,} row{'s' * (b.rows != 1)})" for b in omitted
+    ]
     option = f"--table {shlex.quote(omitted[0].title)}"
-    note = f"tables not read because their columns differ: {list_first(sizes)}; {option} selects one"
+    note = f"not read, because the columns differ: {list_first(sizes)}; {option} reads one"
     # A line of words among the rows, such as a remark with as many cells, looks like column names.
     alike = (block for block in omitted if len(block.names) == len(longest.names))
     doubtful = next((block.title for block in alike if not _is_measurement(block.names)), "")

@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from palpate.estimation.data.text_dialect import (
     TextTable,
     find_dialect,
     is_footer,
+    is_missing,
     is_number,
     line_cells,
     numbered_names,
@@ -77,9 +79,10 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
         line, rows = (1 + content.count(b"\n", *span) for span in ((0, table.head), (table.start, end - 1)))
         blocks.append(TableBlock(str(line), table.names, rows))
     chosen, note = same_columns(blocks, selected, path)
-    tests = [filled[place] for place in chosen]
-    lead = sum(bool(line.strip()) for line in content[: tests[0][0].head].splitlines())
-    notes = [*dialect.notes, *(preamble_notes(lead) if chosen[0] == 0 else []), *note]
+    tests = [block for place in chosen for block in _blocks(content, *filled[place], dialect.delimiter)]
+    lead = content[: tests[0][0].head if chosen[0] == 0 else 0].decode(errors="replace").splitlines()
+    preamble = tuple(line.strip() for line in lead if line.strip())
+    notes = [*dialect.notes, *preamble_notes(len(preamble)), *note]
     notes += [f"a footer of {len(footer)} line{'s' if len(footer) > 1 else ''}"] if footer else []
     notes += [f"text in {encoding}"] if encoding else []
     parts, lines, repairs = [], [], dict[str, None]()
@@ -96,9 +99,19 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
     elif len(parts) > 1:
         parts = [with_run(part, str(number)) for number, part in enumerate(parts, 1)]
         notes.append(f"{len(parts)} tests one after the other, read as runs")
+    numbers = np.concatenate(lines)
     return FileColumns(
-        pa.concat_tables(parts), dialect.decimal, tuple(notes), titles, np.concatenate(lines), "line"
+        pa.concat_tables(parts), dialect.decimal, tuple(notes), titles, numbers, "line", preamble
     )
+
+
+def is_prose(path: Path) -> bool:
+    """Return whether a short text file, such as a readme.txt, has no line that begins with a number."""
+    if path.suffix.lower() != ".txt" or path.stat().st_size > _LOOKED_AT:
+        return False
+    with suppress(InputError):
+        return not re.search(rb"(?m)^[^\w\n]*\d", _read_text(path)[0])
+    return False
 
 
 def _read_text(path: Path) -> tuple[bytes, str]:
@@ -125,6 +138,22 @@ def _one_line(match: re.Match[bytes]) -> bytes:
     """Move quoted line breaks to the end of their row, so that later line numbers are preserved."""
     cells: bytes = match.group()
     return re.sub(rb"[ \t]*\r?\n[ \t]*", b" ", cells) + b"\n" * cells.count(b"\n")
+
+
+def _blocks(content: bytes, table: TextTable, end: int, delimiter: str) -> list[tuple[TextTable, int]]:
+    """Return the blocks of rows, each with its end, into which lines of comments divide a table."""
+    edges = [table.start]
+    for match in _COMMENT_LINE.finditer(content, max(table.start - 1, 0), end):
+        cells = line_cells(match.group().decode(errors="replace").strip(), delimiter)
+        # "#N/A" is a missing value, and a first column of words may contain "#1".
+        if cells and not is_missing(cells[0]) and (table.counts or len(cells) < len(table.names)):
+            edges += [match.start() + 1, min(match.end() + 1, end)]
+    pairs = zip(edges[::2], [*edges[1::2], end], strict=True)
+    filled = [(replace(table, start=start), stop) for start, stop in pairs if content[start:stop].strip()]
+    return filled or [(table, end)]
+
+
+_COMMENT_LINE = re.compile(rb"\n[ \t]*(?:[#%!]|//)[^\n]*")
 
 
 def _continued_clock(parts: Sequence[pa.Table], decimal: str) -> str:
@@ -167,7 +196,8 @@ def _parse_rows(
             number, expected = invalid[0].actual_columns, invalid[0].expected_columns
             cells = f"{number} {'cell' if number == 1 else 'cells'}"
             text = " ".join(invalid[0].text.split())[:_SHOWN]
-            problem = f"line {lines[invalid[0].number - 1]} has {cells} and the header {expected}: {text!r}"
+            line = lines[invalid[0].number - 1]
+            problem = f"line {line} has {cells} and the header {expected}: {text!r}; correct or remove it"
         raise InputError(f"{place}: {problem}") from error
     lines = _line_numbers(content, table.start, end, len(part))
     # A quotation mark without a second one may have swallowed rows of numbers.
@@ -251,8 +281,8 @@ def _raise_no_table(content: bytes, path: Path) -> TextDialect:
     if with_unit := _WITH_UNIT.search(first):
         remedy = f"write a unit in the name of its column, not behind numbers as in {with_unit[0]!r}"
     raise InputError(
-        f"{path}: no line of column names is followed by rows of numbers; the file begins with "
-        f"{' '.join(header.split())[:_SHOWN]!r}; {remedy}"
+        f"{path}: no line of column names above rows of numbers was found; the file begins with "
+        f"{' '.join(header.split())[:_SHOWN]!r}; {remedy}; if it is no measurement, leave it out"
     )
 
 

@@ -102,7 +102,8 @@ def test_unit_of_another_dimension_is_kept_and_reported(tmp_path, quantity, unit
     path = write_csv(tmp_path / "cell.csv", {"time_s": T, "weight_N": F, "force_N": F})
     imported = import_file(path, ImportOptions(columns={quantity: "weight_N"}, units=units))
     np.testing.assert_allclose(only(imported).position, F)
-    assert "'weight_N' is read as displacement in m" in imported.notes[0]
+    assert "'weight_N' is proportional to 'force_N' within rounding" in imported.notes[0]
+    assert "'weight_N' is read as displacement in m" in imported.notes[1]
 
 
 def test_numbered_runs_keep_their_numbers_and_are_grouped(contact):
@@ -616,5 +617,5 @@ def test_stated_number_of_presses_does_not_fix_clock_restarts(contact):
         import_file(path, ImportOptions(runs=2))
     imported = import_file(path, ImportOptions(runs=1))
     assert len(imported.run_labels) == 3
-    assert "if that is wrong, name the column that numbers them" in imported.notes[0]
-    assert "--runs" not in imported.notes[0]
+    assert "if that is wrong, name the column that numbers them" in imported.notes[-1]
+    assert "--runs" not in imported.notes[-1]

@@ -284,8 +284,8 @@ def test_sheets_with_reordered_columns_are_runs_and_others_are_named(tmp_path):
     table = read_table(tmp_path / "order.xlsx")
     np.testing.assert_array_equal(table.numbers("Load (N)"), 3.0 * table.numbers("Time (s)"))
     assert len(table) == 60
-    omitted = "tables not read because their columns differ: 'C:1' (30 rows), 'C:33' (5 rows)"
-    assert f"{omitted}; --table C:1 selects one" in table.notes
+    omitted = "not read, because the columns differ: 'C:1' (30 rows), 'C:33' (5 rows)"
+    assert f"{omitted}; --table C:1 reads one" in table.notes
     selected = [read_table(tmp_path / "order.xlsx", title).names for title in ("C:33", "C")]
     assert selected == [("Day", "Rain (mm)"), ("Time (s)", "Way (mm)")]
 

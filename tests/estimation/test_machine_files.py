@@ -6,6 +6,7 @@ import pytest
 from scipy.io import savemat
 
 from palpate.estimation.data.import_file import import_file
+from palpate.estimation.data.import_files import data_files, import_files
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import read_table
 from palpate.robot_io.errors import InputError
@@ -163,7 +164,7 @@ def test_rows_below_a_line_of_words_are_counted_and_the_line_is_named(tmp_path):
     path = tmp_path / "press.csv"
     lines = [f"{line},0" for line in rows().splitlines()]
     path.write_text("\n".join(["Time [s],Way [mm],Force [N],run", *lines[:50], "a,b,c,d", *lines[50:], ""]))
-    note = f"'52' ({len(lines) - 50} rows); --table 52 selects one; if line 52 names no columns, remove it"
+    note = f"'52' ({len(lines) - 50} rows); --table 52 reads one; if line 52 names no columns, remove it"
     assert note in import_file(path).read
 
 
@@ -192,7 +193,7 @@ def test_other_tables_are_named_with_the_option_that_selects_them(tmp_path):
     )
     line = str(4 + len(TIME_S))
     assert (
-        f"tables not read because their columns differ: '{line}' (2 rows); --table {line} selects one; "
+        f"not read, because the columns differ: line '{line}' (2 rows); --table {line} reads one; "
         f"if line {line} names no columns, remove it"
     ) in import_file(path).read
     columns = {"displacement_mm": "Heat [K]"}
@@ -213,3 +214,82 @@ def test_two_tables_of_one_sheet_are_runs(tmp_path):
     (channel,) = import_file(tmp_path / "tests.xlsx").channels
     assert len(channel.runs) == 2
     np.testing.assert_allclose(channel.position, np.tile(WAY_M, 2), atol=1e-12)
+
+
+@pytest.mark.parametrize("mark", [",", " ", "\t"])
+@pytest.mark.parametrize("names", [HEADER, ""])
+def test_blocks_between_comments_are_runs_of_one_table(tmp_path, mark, names):
+    """The first block is longer than the lines in which names are looked for."""
+    path, lines = tmp_path / "press.txt", rows(mark).splitlines(keepends=True)
+    lines *= 1 + 420 // len(lines)
+    text = names.replace(",", mark) + "".join(f"# run {n}\n" + "".join(lines) for n in range(3))
+    path.write_text(text + "# end\n")
+    table = read_table(path)
+    assert len(table) == 3 * len(lines)
+    assert table.labels("run")[0] == ("1", "2", "3")
+    assert table.names[0] == ("Time [s]" if names else "column 1")
+
+
+def test_comment_inside_a_recording_does_not_divide_it(tmp_path):
+    path = tmp_path / "press.csv"
+    path.write_text(HEADER + "".join([*LINES[:50], "# pause\n", "\n", *LINES[50:]]))
+    table = read_table(path)
+    assert len(table) == len(LINES)
+    assert "run" not in table.names
+    assert table.row_name(50) == "line 54"
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("Force unit: kN", "add --unit force=kN"),
+        ("Weg in um; Force [mN]", "add --unit force=mN"),
+        ("Units: time ms, displacement mm", "add --unit time=ms"),
+        ("Force limit: 5 kN", ""),
+        ("Force [kN],5", ""),
+        ("Max. force [kN]", ""),
+        ("Force in N", ""),
+    ],
+)
+def test_unit_above_the_header_that_contradicts_a_column_is_reported(tmp_path, line, said):
+    path = tmp_path / "press.csv"
+    path.write_text(f"{line}\n{HEADER}{rows()}")
+    notes = " ".join(import_file(path).notes)
+    assert said in notes
+    assert ("contradicts" in notes) == bool(said)
+
+
+def test_deflection_of_a_cantilever_is_subtracted_from_the_displacement_of_its_base(tmp_path):
+    base = 1e3 * WAY_M + 20.0 * FORCE_N / 1e3
+    cells = zip(TIME_S, base, 20.0 * FORCE_N, FORCE_N, strict=True)
+    text = "".join(f"{t:.3f},{z:.6f},{d:.3f},{f:.5f}\n" for t, z, d, f in cells)
+    path = tmp_path / "cell.csv"
+    path.write_text("Time [s],Z piezo [um],Deflection [nm],Force [nN]\n" + text)
+    imported = import_file(path)
+    np.testing.assert_allclose(imported.channels[0].position, 1e-6 * 1e3 * WAY_M, atol=3e-12)
+    assert "the displacement is 'Z piezo [um]' minus 'Deflection [nm]'" in imported.notes[0]
+    alone = import_file(path, ImportOptions(columns={"displacement": "Deflection [nm]"}))
+    assert "'Deflection [nm]' is proportional to 'Force [nN]' within rounding" in alone.notes[0]
+
+
+def test_other_displacement_is_named(tmp_path):
+    path = tmp_path / "press.csv"
+    lines = [f"{line},{2.0 * way:.6f}" for line, way in zip(rows().splitlines(), WAY_M, strict=True)]
+    path.write_text("Time [s],Crosshead [mm],Force [N],LVDT [mm]\n" + "\n".join(lines))
+    assert "'Crosshead [mm]' is read as the displacement, and not 'LVDT [mm]'" in import_file(path).notes[0]
+
+
+def test_text_without_numbers_beside_data_files_is_left_out(tmp_path):
+    for name in ("1.csv", "2.csv"):
+        (tmp_path / name).write_text(HEADER + rows())
+    (tmp_path / "readme.txt").write_text("Foam at 4 speeds.\nOperator: A\n")
+    imported = import_files(data_files(tmp_path), ImportOptions())
+    assert "readme.txt: left out, a text without numbers" in imported.notes
+    assert len(imported.run_labels) >= 2
+
+
+def test_fields_of_several_structs_are_named_by_their_structs(tmp_path):
+    structs = {name: {"Time": TIME_S, "Data": data} for name, data in (("force", FORCE_N), ("way", WAY_M))}
+    savemat(tmp_path / "series.mat", structs)
+    names = read_table(tmp_path / "series.mat").names
+    assert sorted(names) == ["force.Data", "force.Time", "way.Data", "way.Time"]

@@ -211,7 +211,7 @@ def test_voltage_or_pressure_is_converted_to_force_by_a_constant(column, unit, n
 def test_effort_without_a_constant_is_used_with_a_note(column, factor, words):
     found = imported(**{"t [s]": T, "Travel [m]": X, column: FORCE})
     np.testing.assert_allclose(found.channels[0].effort, factor * FORCE)
-    assert words in found.notes[0]
+    assert words in " ".join(found.notes)
     beside = imported(**{"t [s]": T, "Travel [m]": X, column: T, "Load [N]": FORCE})
     np.testing.assert_allclose(beside.channels[0].effort, FORCE)
 
