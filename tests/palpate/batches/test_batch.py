@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import asdict
 
 import numpy as np
 import pyarrow as pa
@@ -226,7 +225,7 @@ def test_report_has_the_diagnosis_and_added_effects_of_its_batch(
     few_effects, without_figures, hardening, tmp_path
 ):
     options = {"model": None, "diagnose": True, "add": ["bias", "backlash"], "urdf": None}
-    options |= {"tip_frame": None, "effects": [], "read": asdict(NO_OPTIONS)}
+    options |= {"tip_frame": None, "effects": [], "read": NO_OPTIONS.stated()}
     write_measurement_report([hardening], {"where": {}, "options": options}, tmp_path / "report.html")
     page = " ".join(re.sub(r"<[^>]*>", " ", (tmp_path / "report.html").read_text()).split())
     assert re.search("cubic_stiffness .{0,80}is missing from the base model", page)
