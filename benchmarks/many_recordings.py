@@ -14,7 +14,6 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict
 from datetime import date, timedelta
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -93,7 +92,7 @@ def speed(folder: Path, number: int) -> None:
     """Compare a batch of one worker with the same work in this process, and state the time of two workers."""
     data, single = presses(folder / "data", number), presses(folder / "single", 1)
     plain = {"model": None, "add": [], "urdf": None, "tip_frame": None, "effects": []}
-    plain["read"] = asdict(NO_OPTIONS)
+    plain["read"] = NO_OPTIONS.stated()
     for name, options in (("estimate and compare", ()), ("with diagnosis", ("--diagnose",))):
         asked = {"where": {}, "options": plain | {"diagnose": bool(options)}}
         with threadpool_limits(1):

@@ -197,11 +197,15 @@ def _flaws(revision: Revision, number: int) -> Iterator[str]:
         return  # a user-defined effect may have the name of another effect but different parameters
     names = {*effects, *(name.partition(".")[0] for name in revision.parameters)}
     fixed = [EFFECTS[name] for name in names if name in EFFECTS]
-    expected = {f"{effect.name}.{p.name}" for effect in fixed for p in (*effect.gains, *effect.inner)}
+    saved, expected = set(revision.parameters), set[str]()
+    for effect in fixed:
+        own = {f"{effect.name}.{parameter.name}" for parameter in (*effect.gains, *effect.inner)}
+        is_other_form = own.isdisjoint(saved) and any(name.startswith(f"{effect.name}.") for name in saved)
+        expected |= set() if is_other_form else own  # see `Effect.suited_to`
     with suppress(InputError):  # the parameters of some base models depend on the arm
         base = MODELS[revision.model]().build(ModelContext())
         expected |= {*base.gains, *base.inner}
-    if missing := sorted(expected - set(revision.parameters)):
+    if missing := sorted(expected - saved):
         yield f"its parameter {missing[0]} is missing"
     for name in (name for name in effects if name in EFFECTS):
         for parameter in EFFECTS[name].inner:

@@ -115,3 +115,11 @@ def test_several_stages_are_saved_atomically(tmp_path):
     first, second = kept.save(revision), kept.save(revision)
     kept.discard([second])
     assert kept.all() == (first,)
+
+
+@pytest.mark.parametrize("names", [("tilt",), ("pitch", "roll")])
+def test_tilt_of_each_kind_of_arm_can_be_read_again(names, tmp_path):
+    tilt = {f"gravity_tilt.{name}": {"value": 0.1, "std_err": None, "unit": "rad"} for name in names}
+    told = {"channel": "joint_1", "model": "rigid_body", "effects": ["gravity_tilt"], "parameters": tilt}
+    kept = Revisions(tmp_path).save(lambda number: revision(number, added="gravity_tilt", **told))
+    assert Revisions(tmp_path).all() == (kept,)
