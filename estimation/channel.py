@@ -191,6 +191,8 @@ class ChannelData:
     # Units of the columns in the file, by quantity, such as {"displacement": "mm"}; empty if unknown. The
     # arrays are in SI units, so these do not distinguish channels, and only messages use them.
     units: Mapping[str, str] = field(default_factory=dict, compare=False)
+    # Doubts about times and motion that arose on reading the file.
+    import_warnings: tuple[str, ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
         """Check lengths, finiteness, and that the context contains all recorded signals.

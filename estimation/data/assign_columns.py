@@ -28,6 +28,7 @@ from palpate.estimation.data.column_names import (
     TIME,
     Key,
     Role,
+    RoleGuess,
     channel_pairs,
     guess_columns,
     is_absolute,
@@ -116,6 +117,14 @@ class ColumnAssignment:
         """Names of the numeric columns that are not used and not constant."""
         used = self.used
         return tuple(name for name in self.table.names if name not in used and self.table.varies(name))
+
+    @cached_property
+    def unused_velocities(self) -> tuple[RoleGuess, ...]:
+        """Unused complete columns that hold a velocity according to their names and units."""
+        unused, table = set(self.unused), self.table
+        guesses = guess_columns(table.names) if any("_" in unit_in_name(name) for name in unused) else ()
+        named = (g for g in guesses if g.quantity == "velocity" and g.unit and g.column in unused)
+        return tuple(g for g in named if len(invalid_rows(table.numbers(g.column))) == 0)
 
     @cached_property
     def run_candidate(self) -> str:

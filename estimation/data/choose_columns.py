@@ -9,6 +9,7 @@ from itertools import chain
 import numpy as np
 
 from palpate.estimation.data.column_names import (
+    DISPLACEMENT,
     JOINT_QUANTITIES,
     TIME,
     Key,
@@ -74,6 +75,8 @@ def choose_columns(
     if is_single_joint:  # the user named it
         named = [guess for guess in named if guess.quantity not in JOINT_QUANTITIES or not guess.joint]
     free = [guess for guess in named if table.numeric_share(guess.column) > 0.5]
+    if any(guess.quantity == "position" for guess in free):  # a constant length is then a lever arm
+        free = [guess for guess in free if guess.key != DISPLACEMENT or table.varies(guess.column)]
     available = {*known, *(guess.key for guess in free)}
     if not (_keys_of_channels(available) and TIME in available):
         keys = _keys_of_channels({*known, *(guess.key for guess in named)})

@@ -73,6 +73,7 @@ class AssignedColumn:
     factor: float  # factor from this unit to SI
     note: str = ""  # note for the user, or empty
     zero: float = 0.0  # zero of the quantity, in SI; subtracted from the numbers
+    is_fixed: bool = False  # whether --unit has a number before the unit
 
 
 @dataclass(frozen=True)
@@ -161,7 +162,8 @@ class ColumnUnits:
         elif not user_unit or not (self.is_scaled_by_user(role, column) or _agree(role, named_unit, unit)):
             note = _note_on_name(role, column, named_unit, unit) or note
         factor = scale * SI[dimension][unit]
-        return AssignedColumn(column, dimension, user_unit if scale != 1.0 else unit, factor, note)
+        unit, is_fixed = user_unit if scale != 1.0 else unit, self.is_scaled_by_user(role, column)
+        return AssignedColumn(column, dimension, unit, factor, note, is_fixed=is_fixed)
 
     def missing(self, chosen: Chosen) -> list[tuple[str, str]]:
         """Return the columns of unknown unit, each with the option that states the likely unit."""

@@ -12,16 +12,16 @@ import scipy
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.assign_columns import ColumnAssignment, assign_columns, in_blocks
 from palpate.estimation.data.channel_sources import ChannelSource, channel_sources, check_options_are_used
-from palpate.estimation.data.column_names import TIME, Key, quantity_in, unit_in_name
+from palpate.estimation.data.column_names import TIME, Key, quantity_in, unit_in_name, words_of
 from palpate.estimation.data.column_units import ColumnUnits
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
 from palpate.estimation.data.import_rows import UNKNOWN_PHASE, ImportedRows, arrange_rows
-from palpate.estimation.data.measured_derivatives import is_difference, mistaken_scale
+from palpate.estimation.data.measured_derivatives import is_difference, mistaken_scale, unwrap_angle
 from palpate.estimation.data.presses import press_phases
 from palpate.estimation.data.table import Table, read_table
-from palpate.estimation.data.units import MAX_STEP_S, MIN_STEP_S, SI, other_time_unit
+from palpate.estimation.data.units import MAX_STEP_S, MIN_STEP_S, SI, is_scaled, other_time_unit, scaled_unit
 from palpate.estimation.signals.arm_signals import ARM_MOTION, PAYLOAD, REGRESSOR, TORQUE
 from palpate.estimation.signals.blocks import blocks, number_pieces
 from palpate.estimation.signals.runwise import sample_time
@@ -43,6 +43,8 @@ _SPECIMENS_NOTE = (
     "{1} {0} objects, whose runs are read as runs of one object: add either --where {2} to read only one "
     "of them, or --fresh-runs to read all and state that no run affects another"
 )
+_SAME_RATIO = 0.05  # largest relative deviation of a wrong unit from a known one
+_MOTOR_WORDS, _JOINT_WORDS = frozenset(["motor", "rotor"]), frozenset(["joint", "output", "link"])
 _JOINT_KINDS = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
 _CONTRADICTING_INERTIA = 0.1  # variance that a positive inertia explains, relative to a negative damping's
 _CERTAIN_SIGN = 0.5  # absolute correlation of effort and velocity above which the effort's sign is certain
@@ -118,8 +120,13 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> ImportedD
             "no column holds an effort; goal minus position [rad] is used instead, which is the "
             "torque divided by the servo's position gain (model position_servo)"
         )
-    notes += [*_note_time(columns, rows, options.columns.values()), *_note_specimens(columns, rows, options)]
-    channels = [_make_channel(source, columns, rows, notes) for source in sources]
+    time_warnings = [*_note_time(columns, rows, options.columns.values())]
+    notes += [*time_warnings, *_note_specimens(columns, rows, options)]
+    channels = []
+    for source in sources:
+        before = len(notes)
+        channel = _make_channel(source, columns, rows, notes)
+        channels.append(replace(channel, import_warnings=(*time_warnings, *notes[before:])))
     channels = _reverse_reactions(channels, sources, columns, ColumnUnits(table, options), notes)
     recovers = False if options.same_object else None
     channels = [
@@ -252,6 +259,7 @@ def _make_channel(
     velocity_key, acceleration_key = (("velocity", source.joint), ("acceleration", source.joint))
     position, pieces = columns.values(source.position)[rows.order], number_pieces(rows.time_s, rows.run)
     name = f"'{columns.name(source.position)}'"
+    notes += [*_note_gear(source, columns)]
     measured: FloatArray | None
     if source.position == velocity_key:
         measured = position
@@ -271,9 +279,13 @@ def _make_channel(
                 "for other conditions of the rows, such as a load"
             )
     else:
+        if source.kind.is_angle:
+            position = _continuous_angle(columns, source, rows, position, notes)
         derived = differentiate(rows.time_s, position, pieces)
         signal = (name, position, derived.velocity)
         measured = _measured_derivative(columns, velocity_key, source, rows, signal, notes)
+        if velocity_key not in columns:
+            notes += [*_note_unused_velocity(columns, source, rows, position)]
     if measured is None:
         velocity, acceleration, name = derived.velocity, derived.acceleration, "the velocity"
     else:
@@ -284,7 +296,9 @@ def _make_channel(
     acceleration = acceleration if measured is None else measured
     effort, phase = columns.values(source.effort)[rows.order], rows.phase
     if source.kind is ChannelKind.SERVO:
-        effort = effort - position
+        effort = effort - columns.values(source.position)[rows.order]
+        if np.ptp(position) > np.ptp(columns.values(source.position)):  # a goal jumps when its angle does not
+            effort -= 2.0 * np.pi * np.round(effort / (2.0 * np.pi))
     is_contact = source.kind is ChannelKind.CONTACT
     both_ways = np.ones(len(position), dtype=np.bool_) if is_contact and columns.two_sided else None
     if is_contact and (phase == UNKNOWN_PHASE).all():
@@ -295,6 +309,39 @@ def _make_channel(
     return ChannelData(
         source.name, source.kind, *motion, effort, rows.run, phase, touching=both_ways, units=units
     )
+
+
+def _continuous_angle(
+    columns: ColumnAssignment, source: ChannelSource, rows: ImportedRows, angle: FloatArray, notes: list[str]
+) -> FloatArray:
+    """Return an angle (n,) without jumps by a whole turn, and append a note if there are any."""
+    column, full = columns.assigned[source.position], 2.0 * np.pi
+    (scale, unit), is_scaled_unit = scaled_unit(column.unit, ""), is_scaled(column.unit)
+    if column.is_fixed and scale == 1.0:  # the user keeps the readings as they are
+        return angle
+    pieces, count = number_pieces(rows.time_s, rows.run), abs(column.factor) * is_scaled_unit
+    other, turn_in_other = ("deg", 360.0) if unit == "rad" else ("rad", full * SI["angle"]["deg"])
+    for turn in (full, full * abs(scale), turn_in_other):
+        unwrapped, jumps, size = unwrap_angle(angle, pieces, rows.run, turn, count)
+        if jumps:
+            break
+    else:
+        return angle
+    option = f"--unit {columns.role(source.position).numbered}"
+    steps = f"{size / abs(column.factor):.4g} {'counts' if is_scaled_unit else unit}"
+    note = f"position '{column.column}' jumps by {steps} at {jumps} place{'s' * (jumps > 1)}"
+    if turn == turn_in_other:
+        notes.append(f"{note}, one turn in {other}; if the angle is in {other}, add {option}={other}")
+    elif unwrapped is None:
+        notes.append(
+            f"{note}, about one turn, but its other motion is not smooth enough to read the jumps as turns; "
+            "remove wrong readings, record faster, or save a continuous angle"
+        )
+    else:
+        keep = "" if is_scaled_unit else f"; {option}=1{unit} prevents this"
+        notes.append(f"{note}, a whole turn, and is read as continuous{keep}")
+        return unwrapped
+    return angle
 
 
 def _measured_derivative(  # noqa: PLR0917
@@ -330,10 +377,55 @@ def _measured_derivative(  # noqa: PLR0917
         another = f"--column {columns.role(key).numbered}=COLUMN"
         problem = f"does not follow {rate}; if another column does, add {another}"
     else:
-        remedy = "it has the wrong sign" if ratio < 0.0 else "a unit is wrong: correct it with --unit"
+        example = _likely_unit(columns, source, ratio) if key[0] == "velocity" else ""
+        remedy = f"a unit is wrong: correct it with --unit{example}"
+        remedy = "it has the wrong sign" if ratio < 0.0 else remedy
         problem = f"is {ratio:.3g} times {rate}; {remedy}"
     notes.append(f"column '{columns.name(key)}' {problem}")
     return None
+
+
+def _note_unused_velocity(
+    columns: ColumnAssignment, source: ChannelSource, rows: ImportedRows, position: FloatArray
+) -> Iterator[str]:
+    """Yield a note on an unused velocity that contradicts the position (n,) by a constant factor."""
+    rates = SI.get(f"{columns.assigned[source.position].dimension}_rate", {})
+    for guess in columns.unused_velocities:
+        joint = 0 if guess.joint is None else guess.joint + columns.shift
+        if joint != source.joint or guess.unit not in rates:
+            continue
+        velocity = rates[guess.unit] * columns.table.numbers(guess.column)[rows.order]
+        ratio = mistaken_scale(rows.time_s, position, velocity, rows.run)
+        if ratio is not None and np.isfinite(ratio):
+            likely = _likely_unit(columns, source, ratio)
+            gear = "; a gear between them also explains this" * (source.kind.is_angle and not likely)
+            yield (
+                f"column '{guess.column}', which is not used, is {ratio:.3g} times the rate of change of "
+                f"'{columns.name(source.position)}'; if a unit is wrong, correct it with --unit{likely}{gear}"
+            )
+
+
+def _likely_unit(columns: ColumnAssignment, source: ChannelSource, ratio: float) -> str:
+    """Suggest the unit in which the position agrees with a velocity that is `ratio` times its slope."""
+    position, option = columns.assigned[source.position], columns.role(source.position).numbered
+    units = SI[position.dimension].items()
+    likely = [unit for unit, size in units if abs(size / position.factor / ratio - 1.0) < _SAME_RATIO]
+    return f", such as --unit {option}={likely[0]}" if likely else ""
+
+
+def _note_gear(source: ChannelSource, columns: ColumnAssignment) -> Iterator[str]:
+    """Yield a note if one of position and effort is named after the motor, and the other after the joint."""
+    for motor, joint in ((source.position, source.effort), (source.effort, source.position)):
+        words = [set(words_of(columns.name(key))) for key in (motor, joint)]
+        of_motor = words[0] & _MOTOR_WORDS and not words[0] & _JOINT_WORDS
+        if of_motor and words[1] & _JOINT_WORDS and not words[1] & _MOTOR_WORDS:
+            unit, is_torque = columns.assigned[motor].unit, motor == source.effort
+            example = f"{columns.role(motor).numbered}={'50' if is_torque else '0.02'}{unit}"
+            if not any(columns.assigned[key].is_fixed for key in (motor, joint)):
+                yield (
+                    f"'{columns.name(motor)}' belongs to the motor and '{columns.name(joint)}' to the joint, "
+                    f"according to their names; for a gear of 50:1 between them, add --unit {example}"
+                )
 
 
 def _reverse_reactions(

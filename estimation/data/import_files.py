@@ -186,4 +186,5 @@ def joined_channels(parts: Sequence[ChannelData]) -> ChannelData:
         units={n: unit for n, unit in first.units.items() if all(p.units.get(n) == unit for p in parts)},
         touching=None if all(part.touching is None for part in parts) else np.concatenate(touching),
         shared=None,
+        import_warnings=tuple(dict.fromkeys(chain.from_iterable(part.import_warnings for part in parts))),
     )

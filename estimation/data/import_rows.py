@@ -21,6 +21,7 @@ _MAX_DIGITS = 18  # digits of a run number; longer ones are names, such as seria
 _MAX_REPEATED_SHARE = 0.05  # largest share of rows that may repeat the time of the previous row
 _GAP, _QUICK = 1.5, 0.75  # least step of a gap and largest step in a burst, relative to the usual step
 _FEW_GAPS, _MAX_BURST = 0.05, 50  # largest share of gaps; most steps of a gap and its burst
+_MAX_OVERFLOW_STEP = 10.0  # longest step at which a counter overflows, relative to the usual step
 _MIN_ROWS = 5  # least number of samples in a run; with fewer the acceleration is meaningless
 _REPEATED_NOTE = (  # note with the number of rows and the column
     "repeats times: {0} rows are spaced evenly up to the next time; if this column is not the time of each "
@@ -69,6 +70,11 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
             "no time column: rows are assumed to be 1 s apart, so speeds, damping, inertia and relaxation "
             "times are not in seconds; if a column holds the time, add --column time=COLUMN"
         )
+    elif (added_s := float(np.max(_times(columns) - columns.values(TIME)))) > 0.0:
+        notes.append(
+            f"'{columns.name(TIME)}' falls as a counter of 32 bits does when it is full: it is continued, "
+            f"by {added_s:.9g} s in all"
+        )
     is_repeated = np.abs(np.diff(time_s, prepend=-np.inf)) < MIN_INCREASE_S
     is_repeated[1:] &= np.diff(run[order]) == 0
     if 0 < np.sum(is_repeated) < _MAX_REPEATED_SHARE * len(order):
@@ -110,7 +116,16 @@ def _numbered_runs(table: Table, column: str) -> tuple[IntArray, dict[int, str]]
 
 
 def _times(columns: ColumnAssignment) -> FloatArray:
-    return columns.values(TIME) if TIME in columns else np.arange(len(columns.table), dtype=np.float64)
+    """Return the time of each row, shape (n,) [s]; a counter of 32 bits continues after an overflow."""
+    if TIME not in columns:
+        return np.arange(len(columns.table), dtype=np.float64)
+    time_s = columns.values(TIME)
+    steps_s = np.diff(time_s)
+    longest_s = _MAX_OVERFLOW_STEP * float(np.median(steps_s)) if len(steps_s) else 0.0
+    for range_s in (2**32 * 1e-3, 2**32 * 1e-6, 2**32 * 1e-9):
+        overflows = (steps_s + range_s > 0.0) & (steps_s + range_s <= longest_s)
+        time_s[1:] += range_s * np.cumsum(overflows & (steps_s < 0.0))
+    return time_s
 
 
 def _detect_runs(

@@ -1,4 +1,4 @@
-"""Check velocities and accelerations of a data file against the motion of which they are derivatives."""
+"""Make angles continuous, and check velocities and accelerations against the motion."""
 
 import numpy as np
 
@@ -16,7 +16,44 @@ _PAUSE = 5.0  # ratio to the usual step above which sampling paused
 _MIN_SPANS = 0.5  # least share of the samples at which a span begins
 _HALVES = (1, 2, 3, 4, 5, 8, 10, 16, 32)  # number of samples on each side of a central difference
 _REACHES = (*((half, half) for half in _HALVES), (1, 0), (0, 1))  # central, backward and forward
+# Least size of a jump and largest range of an angle that is measured within one turn, in turns; largest other
+# step; largest bend of the motion at a jump, in turns and relative to the largest bend elsewhere.
+_JUMP, _ONE_TURN, _MAX_STEP, _SMALL_BEND, _MAX_BEND = 0.75, 1.01, 0.25, 1e-3, 3.0
 _DIFFERENCE_NOISE = 0.5  # largest squared deviation from a finite difference, relative to its noise
+
+
+def unwrap_angle(
+    position: FloatArray, piece: IntArray, run: IntArray, turn: float, count: float = 0.0
+) -> tuple[FloatArray | None, int, float]:
+    """Make an angle that is measured within one turn continuous; also return the jumps' number and size.
+
+    The angle is None if the motion at the jumps is less smooth than elsewhere, as in isolated wrong readings,
+    or if other steps are so large that the direction of a jump is uncertain.
+
+    Args:
+        position: angle, shape (n,).
+        piece: number of the smooth motion that each sample belongs to, shape (n,).
+        run: run number of each sample, shape (n,).
+        turn: size of one turn, in the unit of the angle.
+        count: size of one count of an encoder if `turn` is only known to 1 %; the turn is then taken from the
+            jumps, in whole counts.
+    """
+    steps, inside = np.diff(position), np.diff(piece) == 0
+    jumps = inside & (np.abs(steps) > _JUMP * turn)
+    if not jumps.any() or np.ptp(position) > _ONE_TURN * turn:
+        return position, 0, turn
+    if count:
+        usual = np.append(0.0, steps[:-1])[jumps]
+        turn = count * round(float(np.median(np.abs(steps[jumps] - usual))) / count)
+    moves = steps - turn * np.round(steps / turn)
+    change = np.where(inside[1:] & inside[:-1], np.abs(np.diff(moves)), np.inf)
+    bend = np.minimum(np.append(change, np.inf), np.append(np.inf, change))
+    largest = float(np.max(bend[inside & ~jumps & np.isfinite(bend)], initial=0.0))
+    is_smooth = bend[jumps].max() <= max(_SMALL_BEND * turn, _MAX_BEND * largest)
+    if not is_smooth or np.abs(moves[inside]).max() > _MAX_STEP * turn:
+        return None, int(np.sum(jumps)), turn
+    parts = [np.unwrap(position[rows], period=turn) for rows in blocks(run)]
+    return np.concatenate(parts), int(np.sum(jumps)), turn
 
 
 def mistaken_scale(
@@ -81,13 +118,13 @@ def is_difference(
     first, last = np.empty_like(at), np.empty_like(at)
     for rows in blocks(run):
         first[rows], last[rows] = rows.start, rows.stop - 1
-    for back, ahead in _REACHES:  # differences within each run, over shorter spans at its ends
-        before, after = np.maximum(at - back, first), np.minimum(at + ahead, last)
-        apart_s = time_s[after] - time_s[before]
-        moved = position[after] - position[before]
-        difference = np.divide(moved, apart_s, out=np.zeros_like(moved), where=apart_s > 0.0)
-        if np.mean((difference - given) ** 2) < _DIFFERENCE_NOISE * np.mean(
-            (difference - wide_derivative) ** 2
-        ):
+    for back, ahead in _REACHES:
+        inside = (at - back >= first) & (at + ahead <= last)  # the file may hold differences across runs
+        if np.mean(inside) <= _MIN_SPANS:
+            continue
+        before, after = at[inside] - back, at[inside] + ahead
+        difference = (position[after] - position[before]) / (time_s[after] - time_s[before])
+        error, other = (float(np.mean((difference - x[inside]) ** 2)) for x in (given, wide_derivative))
+        if error < _DIFFERENCE_NOISE * other:
             return True
     return False

@@ -234,6 +234,9 @@ _MIN_ZEROS, _MIN_VALUES = 0.3, 50
 # Clipping does not change the remaining readings: 1.0 to 1.1, also with an effect of ten times the noise. A
 # dead band subtracts its width everywhere: 3 or more, or less if the weight hardly turns and looks constant.
 _MIN_GAIN = 1.5
+# Largest ratio of the residual energies of a law for an effort whose sign was lost and of the same law for
+# the effort as recorded: 0.002 for such efforts, 1 or more for others; most corrections of the signs.
+_MAX_MAGNITUDE_ERROR, _MAX_SIGN_STEPS = 0.1, 20
 _CLEAR = 4.0  # multiple of the noise above which no reading is rectified noise
 _FOLDED = (
     "no reading is below zero, though {count} lie within the noise of zero, {noise:.2g} {unit}: "
@@ -279,8 +282,43 @@ def rectified(data: ChannelData) -> str | None:
                     "sign cut off? record the signal with its sign"
                 )
     count, noise = _count_folded(effort, data.run)
+    if not count and _is_magnitude(effort, data):
+        return (
+            "no reading is below zero, but without its sign the effort does not follow the motion: it is the "
+            "size of an effort that changes sign; record it with its sign"
+        )
     reason = _FOLDED.format(count=count, noise=noise, unit=data.kind.effort_unit)
     return f"{reason}; record it with its sign" if count else None
+
+
+def _is_magnitude(effort: FloatArray, data: ChannelData) -> bool:
+    """Return whether a law of the motion fits the effort (n,) of a joint only as the size of a signed effort.
+
+    The signs are first those of the velocity, since a joint dissipates energy, and then those of the fit.
+    """
+    q, v = data.position, data.velocity
+    law = np.column_stack(
+        [
+            np.sin(q),
+            np.cos(q),
+            q,
+            q**2,
+            q**3,
+            v,
+            np.sign(v),
+            v * np.abs(v),
+            data.acceleration,
+            np.ones(len(q)),
+        ]
+    )
+    as_recorded, sign = effort - law @ solve(law, effort), np.sign(v)
+    for _ in range(_MAX_SIGN_STEPS):
+        fitted = law @ solve(law, sign * effort)
+        before, sign = sign, np.sign(fitted)
+        if np.array_equal(sign, before):
+            break
+    error = np.mean((effort - np.abs(fitted)) ** 2)
+    return bool(error < _MAX_MAGNITUDE_ERROR * np.mean(as_recorded**2))
 
 
 def folded_in_contact(data: ChannelData) -> BoolArray:

@@ -146,7 +146,7 @@ class ModelStudy(StudyFits):
                     about = {
                         "averaged": averaged.get(member.name, ""),
                         "recovers": bool(member.data.recovers),
-                        "warnings": warnings.get(member.name, []),
+                        "warnings": [*member.measured.import_warnings, *warnings.get(member.name, ())],
                     }
                     self._diagnoses[member.key] = entry.model_copy(update=about)
         entries = [self._diagnoses[member.key] for member in chosen]

@@ -102,7 +102,6 @@ def test_unit_of_another_dimension_is_kept_and_reported(tmp_path, quantity, unit
     path = write_csv(tmp_path / "cell.csv", {"time_s": T, "weight_N": F, "force_N": F})
     imported = import_file(path, ImportOptions(columns={quantity: "weight_N"}, units=units))
     np.testing.assert_allclose(only(imported).position, F)
-    assert "'weight_N' is proportional to 'force_N' within rounding" in imported.notes[0]
     assert "'weight_N' is read as displacement in m" in imported.notes[1]
 
 
@@ -619,3 +618,103 @@ def test_stated_number_of_presses_does_not_fix_clock_restarts(contact):
     assert len(imported.run_labels) == 3
     assert "if that is wrong, name the column that numbers them" in imported.notes[-1]
     assert "--runs" not in imported.notes[-1]
+
+
+SWING_S = np.tile(np.arange(400) * 0.01, 2)
+SWING = {"time_s": SWING_S, "run": np.repeat([0.0, 1.0], 400), "torque_Nm": np.sin(SWING_S) + 2.0}
+ANGLE = 4.0 * SWING_S + 3.0 * np.sin(3.0 * SWING_S) + 2.0  # rad
+
+
+@pytest.mark.parametrize(
+    ("name", "low", "turn", "unit"),
+    [
+        ("angle_deg", 0.0, 360.0, {}),
+        ("angle_deg", -180.0, 360.0, {}),
+        ("position_rad", 0.0, 2.0 * np.pi, {}),
+        ("position", 0.0, 1.0, {"position": "rev"}),
+        ("encoder_counts", 0.0, 4096.0, {"position": "0.00153rad"}),
+    ],
+)
+def test_angle_measured_within_one_turn_is_continuous(tmp_path, name, low, turn, unit):
+    factor = 0.00153 if "0.00153rad" in unit.values() else 2.0 * np.pi / turn
+    wrapped = (ANGLE / (2.0 * np.pi) * turn - low) % turn + low
+    imported = import_file(
+        write_csv(tmp_path / "joint.csv", SWING | {name: np.round(wrapped, 4)}), ImportOptions(units=unit)
+    )
+    channel = only(imported)
+    moved = channel.position.reshape(2, -1) - channel.position[[0, 400]][:, None]
+    np.testing.assert_allclose(moved, (ANGLE - 2.0).reshape(2, -1) * factor * turn / (2.0 * np.pi), atol=2e-3)
+    assert np.max(np.abs(channel.velocity)) < 14.0
+    assert f"jumps by {turn:.4g} " in " ".join(imported.notes)
+    assert "is read as continuous" in " ".join(channel.import_warnings)
+
+
+def test_jumps_that_are_no_whole_turns_are_kept(tmp_path):
+    degrees = np.minimum(20.0 * SWING_S, 60.0) + 290.0 + 0.0 * ANGLE
+    lost = np.where(np.arange(800) % 300 == 50, 0.0, degrees)
+    fast = (ANGLE * 180.0 / np.pi * 20.0) % 360.0
+    names = "linear_m", "angle_deg", "angle_deg"
+    for name, column in zip(names, (ANGLE % (2.0 * np.pi), lost, fast), strict=True):
+        effort = {"force_N": SWING["torque_Nm"]} if name == "linear_m" else {}
+        table = {key: values for key, values in SWING.items() if not (effort and key == "torque_Nm")} | effort
+        path = write_csv(tmp_path / "joint.csv", table | {name.replace("linear", "position"): column})
+        imported = import_file(path)
+        factor = 1.0 if effort else np.pi / 180.0
+        np.testing.assert_allclose(only(imported).position, factor * column, rtol=1e-6)
+        assert ("is not smooth enough" in " ".join(imported.notes)) is (name != "linear_m")
+    path = write_csv(tmp_path / "joint.csv", SWING | {"angle_deg": np.degrees(ANGLE) % 360.0})
+    assert np.ptp(only(import_file(path, ImportOptions(units={"position": "1deg"}))).position) < 6.3
+
+
+def test_angle_in_the_other_unit_is_told_by_the_size_of_its_jumps(tmp_path):
+    for name, wrapped, other in (
+        ("position_rad", np.degrees(ANGLE) % 360.0, "deg"),
+        ("position_deg", ANGLE % 6.283185307, "rad"),
+    ):
+        imported = import_file(write_csv(tmp_path / "joint.csv", SWING | {name: wrapped}))
+        assert f"add --unit position={other}" in " ".join(only(imported).import_warnings)
+
+
+def test_goal_and_angle_of_a_servo_turn_together(tmp_path):
+    goal = (ANGLE + 0.05) % (2.0 * np.pi)
+    columns = {
+        "time_s": SWING_S,
+        "run": SWING["run"],
+        "position_rad": ANGLE % (2.0 * np.pi),
+        "goal_rad": goal,
+    }
+    np.testing.assert_allclose(
+        only(import_file(write_csv(tmp_path / "s.csv", columns))).effort, 0.05, atol=1e-6
+    )
+
+
+SPEED = np.gradient(ANGLE, 0.01)  # rad/s
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        ({"Angle [rad]": np.degrees(ANGLE), "Velocity [rad/s]": SPEED}, "--unit position=deg"),
+        ({"motor_pos_rad": 50.0 * ANGLE, "link_vel_rad_s": SPEED}, "is 0.02 times the rate"),
+        ({"Motor pos [turns]": ANGLE, "Joint torque [Nm]": SWING_S}, "add --unit position=0.02rev"),
+        ({"Joint angle [deg]": ANGLE, "Motor torque [Nm]": SWING_S}, "add --unit torque=50Nm"),
+    ],
+)
+def test_columns_of_two_units_or_of_two_sides_of_a_gear_are_reported(tmp_path, columns, words):
+    torque = {} if any("torque" in name for name in columns) else {"tau_Nm": SWING["torque_Nm"]}
+    table = {"time_s": SWING_S, "run": SWING["run"], **torque, **columns}
+    assert words in " ".join(only(import_file(write_csv(tmp_path / "joint.csv", table))).import_warnings)
+
+
+def test_counter_that_overflows_is_continued(tmp_path):
+    micros = (np.arange(400) * 10_000 + 2**32 - 2_000_000) % 2**32
+    table = {"micros": micros, "angle_deg": ANGLE[:400], "torque_Nm": SWING["torque_Nm"][:400]}
+    imported = import_file(write_csv(tmp_path / "joint.csv", table))
+    np.testing.assert_allclose(np.diff(only(imported).time_s), 0.01, atol=1e-5)
+    assert "as a counter of 32 bits" in " ".join(imported.notes)
+
+
+def test_constant_lever_arm_is_no_displacement(tmp_path):
+    table = {"Time [s]": SWING_S[:400], "Angle [deg]": ANGLE[:400], "Force [N]": np.sin(SWING_S[:400])}
+    path = write_csv(tmp_path / "lever.csv", table | {"Arm [m]": np.full(400, 0.25)})
+    assert "--unit torque=0.1Nm" in refusal(path)

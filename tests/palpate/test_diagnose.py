@@ -328,12 +328,15 @@ def test_session_is_judged_in_the_named_channel(probed):
 def test_warnings_reach_the_diagnosis_file_and_the_terminal(tmp_path):
     file = write_presses(tmp_path / "presses.csv", cubic=0.0)
     columns = press_columns(file)
-    write_table(file, **columns | {"displacement_m": 50.0 * columns["displacement_m"]})
+    depth = 50.0 * columns["displacement_m"]
+    fast = 2.0 * np.gradient(depth, columns["time_s"])
+    write_table(file, **columns | {"displacement_m": depth, "velocity_m_s": fast})
     result = done("diagnose", file, "--json", "--out", tmp_path / "out")
     (channel,) = json.loads(result.stdout)["channels"]
     assert channel["verdict"] == "adequate"
     words = "the deepest indentation is 0.5 m, more than 0.2 m"
-    assert words in channel["warnings"][0]
+    assert words in channel["warnings"][1]
+    assert "is 2 times the rate of change" in channel["warnings"][0]
     assert words in " ".join(result.stderr.split())
     kept = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert kept["channels"][0]["warnings"] == channel["warnings"]

@@ -82,6 +82,14 @@ def moving_in_one_run(phase):
     return ChannelData("joint_1", ChannelKind.REVOLUTE, t, q, v, -25 * q, q + np.sign(v), run, phase)
 
 
+def with_lost_sign(friction):
+    """A joint without weight, whose recorded torque is an absolute value."""
+    data = swinging()
+    effort = 0.02 * data.acceleration + 0.1 * data.velocity + friction * np.sign(data.velocity)
+    noise = np.random.default_rng(1).normal(0.0, 0.005, len(data))
+    return replace(data, effort=np.abs(effort + noise))
+
+
 def glitch_in_each_block():
     """A press sampled at 20 kHz; every block of 5 ms holds one reading far off its neighbors."""
     t, run = np.tile(np.arange(20_000) / 20e3, 4), np.repeat(np.arange(4), 20_000)
@@ -110,12 +118,13 @@ REJECTED = {
     "check times and units": press(velocity=1e3 * DATA.velocity),
     "check the sign": press(effort=-F),
     "too coarse": press(effort=4.0 * np.round(F / 4.0)),
-    "2 different readings": lambda: replace(swinging(), effort=np.sign(swinging().effort)),
+    "2 different readings": lambda: replace(swinging(), effort=1.0 + np.sign(swinging().effort)),
     "runs with --where run=N,N": very_long,
     "take shorter recordings": lambda: replace(very_long(), run=np.zeros(len(very_long()), np.int64)),
     "record at least 60": lambda: DATA.select(COUNT[:59]),
     "only 0 samples": lambda: DATA.select(COUNT[:0]),
     "was rectified; record it with its sign": lambda: replace(swinging(), effort=np.abs(swinging().effort)),
+    "size of an effort that changes sign": lambda: with_lost_sign(0.3),
     "was the sign cut off": lambda: replace(swinging(), effort=np.maximum(swinging().effort, 0.0)),
     "fewer than two runs have": press(**SHORT_RUNS, run=np.maximum(COUNT - 1500, 0) // 5),
     "runs last": press(run=COUNT // 8),
