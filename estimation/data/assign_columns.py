@@ -345,7 +345,7 @@ def _subtract_deflection(
         return table, chosen, []
     column, force = chosen[DISPLACEMENT][1], chosen[FORCE][1]
     way, effort = table.numbers(column), table.numbers(force)
-    if np.ptp(way) == 0.0 or np.ptp(effort) == 0.0:
+    if abs(correlation_coefficient(way, effort)) < 1.0 - _FINE:
         return table, chosen, []
     line = np.polyfit(way, effort, 1)
     steps = [float(np.diff(np.unique(values)).min()) for values in (way, effort)]

@@ -72,8 +72,10 @@ def import_files(
         which = f"file {number + 1} of {len(paths)}" if len(paths) > 1 else "the file"
         progress(f"deriving the motion of {which}", (number + 0.5) / len(paths))
         parts.append(import_table(table, options))
+    left_out = sorted({path.name for path in given} - {path.name for path in paths})
+    prose = tuple(f"{name}: left out, a text without numbers" for name in left_out)
     if len(parts) == 1:
-        return parts[0]
+        return replace(parts[0], notes=(*prose, *parts[0].notes))
     channels = []
     for first in parts[0].channels:
         same_channel = []
@@ -92,11 +94,7 @@ def import_files(
         ignored = [f"{', '.join(extra)} left out, since {paths[0].name} has none"] if extra else []
         for note in (*part.notes, *ignored):
             noted.setdefault(note, path.name)  # keep the first file with this note
-    notes = tuple(f"{name}: {note}" for note, name in noted.items())
-    notes += tuple(
-        f"{name}: left out, a text without numbers"
-        for name in sorted({path.name for path in given} - {path.name for path in paths})
-    )
+    notes = (*prose, *(f"{name}: {note}" for note, name in noted.items()))
     unused = tuple(name for name in parts[0].unused if all(name in part.unused for part in parts))
     ways = list(dict.fromkeys(part.read for part in parts if part.read))
     differ = " (others differ)" if len(ways) > 1 else ""

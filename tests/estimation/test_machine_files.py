@@ -286,6 +286,8 @@ def test_text_without_numbers_beside_data_files_is_left_out(tmp_path):
     imported = import_files(data_files(tmp_path), ImportOptions())
     assert "readme.txt: left out, a text without numbers" in imported.notes
     assert len(imported.run_labels) >= 2
+    alone = import_files([tmp_path / "1.csv", tmp_path / "readme.txt"], ImportOptions())
+    assert "readme.txt: left out, a text without numbers" in alone.notes
 
 
 def test_fields_of_several_structs_are_named_by_their_structs(tmp_path):
