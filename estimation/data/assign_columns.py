@@ -45,12 +45,13 @@ from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.presses import MIN_RUN_ROWS, press_sides
 from palpate.estimation.data.table import Table
 from palpate.estimation.data.units import (
-    SI,
     describe_fault,
     dimension_of,
     invalid_rows,
     normalize_unit,
     read_as,
+    scaled_unit,
+    si_factor,
 )
 from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.errors import InputError
@@ -309,7 +310,7 @@ def _press_or_axis(units: ColumnUnits, chosen: Chosen) -> tuple[Chosen, list[str
         return chosen, []
     table, (role, column) = units.table, chosen[POSITION]
     unit, is_named = units.unit_of(role, column), column in units.options.columns.values()
-    if is_named or dimension_of(unit) != "length":
+    if is_named or dimension_of(scaled_unit(unit, "")[1]) != "length":
         return chosen, []
     quoted, force = shlex.quote(column), chosen[FORCE][1]
     as_axis = [
@@ -363,7 +364,7 @@ def _subtract_deflection(
         )
         return table, chosen, [note]
     stem, base_unit = split_unit(bases[0])
-    base, scale = table.numbers(bases[0]), SI["length"][unit] / SI["length"][base_unit]
+    base, scale = table.numbers(bases[0]), si_factor(unit) / si_factor(base_unit)
     scale *= np.sign(correlation_coefficient(base, way))
     name = f"{stem.strip()} minus {split_unit(column)[0].strip()} [{base_unit}]"
     note = (
@@ -390,7 +391,7 @@ def _note_preamble(units: ColumnUnits, chosen: Chosen, assigned: dict[Key, Assig
                     continue
                 stated = [read_as(normalize_unit(word), QUANTITIES[key[0]]) for word in words if word != "in"]
                 stated = [unit for unit in stated if dimension_of(unit) == source.dimension]
-                if stated and SI[source.dimension][stated[0]] != abs(source.factor):
+                if stated and si_factor(stated[0]) != abs(source.factor):
                     yield (
                         f"the line '{line:.60}' above the header contradicts column '{column}', which is "
                         f"read in {source.unit}; if {stated[0]} is right, add --unit "
@@ -445,7 +446,7 @@ def _orient_signs(
             "--column force=COLUMN"
         )
     if flipped:
-        keep = " ".join(f"--unit {key[0]}=1{assigned[key].unit}" for key in flipped)
+        keep = " ".join(f"--unit {key[0]}={assigned[key].fixed_unit}" for key in flipped)
         are, signs = ("are", "their signs are") if len(flipped) > 1 else ("is", "its sign is")
         reason = f"{' and '.join(map(repr, flipped.values()))} {are} negative in compression"
         if sides.never_free:  # an element in tension, which is never compressed
@@ -456,8 +457,8 @@ def _orient_signs(
         result[DISPLACEMENT] = replace(result[DISPLACEMENT], zero=sides.zero_m)
         notes.append(
             f"the zero of '{depth.column}' is set to {sides.zero_m / result[DISPLACEMENT].factor:.6g} "
-            f"{depth.unit}, where the force begins; --unit displacement=1{depth.unit} keeps the recorded "
-            "zero, and `palpate add FILE contact_offset` fits it"
+            f"{depth.unit}, where the force begins; --unit displacement={depth.fixed_unit} keeps the "
+            "recorded zero, and `palpate add FILE contact_offset` fits it"
         )
     is_named = depth.column in units.options.columns.values()
     if not sides.two_sided or (is_named and not sides.never_free):

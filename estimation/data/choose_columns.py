@@ -24,7 +24,7 @@ from palpate.estimation.data.column_names import (
 from palpate.estimation.data.column_units import Chosen, ColumnUnits
 from palpate.estimation.data.table import Table
 from palpate.estimation.data.table_layout import clocks_of
-from palpate.estimation.data.units import SI, dimension_of
+from palpate.estimation.data.units import dimension_of, si_factor
 from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import FloatArray
@@ -202,9 +202,7 @@ def have_equal_values(table: Table, key: Key, first: tuple[str, str], second: tu
     if dimension is None or dimension != dimension_of(second[1]):
         return False
     try:
-        values, other_values = (
-            SI[dimension][unit] * table.numbers(column) for column, unit in (first, second)
-        )
+        values, other_values = (si_factor(unit) * table.numbers(column) for column, unit in (first, second))
     except InputError:
         return False
     if key == TIME:

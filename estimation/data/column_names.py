@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from palpate.estimation.data.quantity_words import CURRENT, WORDS, plain, without_accents
-from palpate.estimation.data.units import SI, dimension_of, normalize_unit, read_as
+from palpate.estimation.data.units import BRACKETED, SI, dimension_of, normalize_unit, read_as, scaled_unit
 
 RUN, PHASE = "run", "phase"
 
@@ -47,6 +47,7 @@ _BRACKETED = re.compile(r"\s*[\[({<]\s*(?!\d+\s*\])([^\])}>]*?)\s*[\])}>]\s*$") 
 RUN_AFTER_UNIT = re.compile(  # as in "Force (N) Run #1"
     r"(?<=[])}]) (?:run|test|trial|specimen) ?#? ?\d+$", re.IGNORECASE
 )
+SENSITIVITY = re.compile(r"\s*[\[({]\s*([\d.][^\])}]*/[^\])}]*)[\])}]")  # as in "Load [V] (5 N/V)"
 _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _BRACKETED_IN_FRONT = re.compile(r"^\s*[\[({<]\s*([^\])}>]+?)\s*[\])}>]\s*(?=\S)")  # "[mm] Travel"
 _UNIT_AFTER_SIGN = re.compile(r"\s*(?:/|,|:|\||\bin\b)\s*([^\s/,:|]+)\s*$")
@@ -120,6 +121,10 @@ def split_unit(name: str) -> tuple[str, str]:
     """
     name = unicodedata.normalize("NFKC", name)  # converts full-width characters
     name = _unit_behind(RUN_AFTER_UNIT.sub("", name))
+    if stated := SENSITIVITY.search(name):
+        stem, own = split_unit(SENSITIVITY.sub("", name))
+        if dimension_of(own) in PROXIES and (unit := _unit_by_sensitivity(normalize_unit(stated[1]), own)):
+            return stem, unit
     match = _BRACKETED.search(name)
     stem, _, last = name.strip().rpartition(" ")
     if not match and stem and "/" in last and dimension_of(unit := normalize_unit(last)):
@@ -135,9 +140,20 @@ def split_unit(name: str) -> tuple[str, str]:
             continue
         for mark in ("_", ""):  # "mm s" may be mm/s, "kgf cm" is a product
             ending = normalize_unit(mark.join(parts[-count:]))
-            if dimension_of(ending):
+            if dimension_of(ending) and ending not in BRACKETED and "×" not in ending:
                 return "_".join(parts[:-count]), ending
     return name, ""
+
+
+def _unit_by_sensitivity(sensitivity: str, own: str) -> str:
+    """Return the unit of numbers in `own` by a sensitivity, such as "×5.0N" for "5N_V" or "0.2V_N"."""
+    scale, unit = scaled_unit(sensitivity, own)
+    if "_" in unit:  # volts per newton
+        above, _, unit = unit.partition("_")
+        below, scale = f"1{unit}_{above}", 1.0 / scale if scale else 0.0
+        ratio, unit = scaled_unit(normalize_unit(below), own)
+        scale *= ratio
+    return f"×{scale:.12g}{unit}" if scale and dimension_of(unit) in {"force", "torque", "length"} else ""
 
 
 def _unit_behind(name: str) -> str:

@@ -13,6 +13,7 @@ from palpate.estimation.data.column_names import (
     POSITION,
     PROXIES,
     QUANTITIES,
+    SENSITIVITY,
     Key,
     Role,
     guess_column,
@@ -38,6 +39,7 @@ from palpate.estimation.data.units import (
     normalize_unit,
     read_as,
     scaled_unit,
+    si_factor,
 )
 from palpate.robot_io.errors import InputError
 
@@ -53,6 +55,7 @@ _MAX_STRAIN = 2.0  # largest range of a strain without a unit that is read as a 
 _LARGE_UNITS = tuple(unit for _, unit in _MAX_RANGE.values())
 _MAX_CURRENT_A = 200.0  # largest plausible range of a current in A; a larger one is in mA
 _COUNT_OF_ENCODER = "0.00153rad"  # one of 4096 counts per turn, an example
+_LETTERS = {("force", "t"): "tf", ("time", "d"): "day"}  # units that are known only beside their quantity
 
 
 _FACTOR = re.compile(  # as in "Load x1000 (N)" and "Force*10^3"
@@ -75,6 +78,11 @@ class AssignedColumn:
     zero: float = 0.0  # zero of the quantity, in SI; subtracted from the numbers
     is_fixed: bool = False  # whether --unit has a number before the unit
 
+    @property
+    def fixed_unit(self) -> str:
+        """Unit with a number, which keeps the sign in --unit."""
+        return self.unit if is_scaled(self.unit) else f"1{self.unit}"
+
 
 @dataclass(frozen=True)
 class ColumnUnits:
@@ -90,7 +98,7 @@ class ColumnUnits:
     def option_names(self, role: Role, column: str) -> list[str]:
         """Return the names in --unit that refer to a column: its name, quantity, or quantity and joint.
 
-        A column such as `pos` that is read as a displacement is still called a position, too.
+        A column such as `pos` may be called a position or a displacement if there is no other displacement.
         The name of another column refers only to that column, unless --column gives it another meaning.
         """
         if not self.options.units:  # the usual case, and a table may have thousands of columns
@@ -98,8 +106,10 @@ class ColumnUnits:
         columns = self.options.columns
         exact = {name for name in self.table.names if name not in columns or name in columns.values()}
         parsed = {name: role_of_option(name, role.shift) for name in self.options.units if name not in exact}
-        is_position = role.key == DISPLACEMENT and guess_column(column).quantity == "position"
-        keys = {role.key, POSITION} if is_position else {role.key}
+        is_either = role.key in {DISPLACEMENT, POSITION} and guess_column(column).quantity == "position"
+        if role.key == POSITION:
+            is_either &= not any(guess_column(name).key == DISPLACEMENT for name in self.table.names)
+        keys = {DISPLACEMENT, POSITION} if is_either else {role.key}
         role_names = {name for name, named in parsed.items() if named is not None and named.key in keys}
         if role.quantity in parsed:
             role_names.add(role.quantity)
@@ -107,15 +117,15 @@ class ColumnUnits:
 
     def unit_of(self, role: Role, column: str) -> str:
         """Return the unit from --unit, the column's name or the role, in this order; empty if unknown."""
-        named_unit = read_as(self._named_unit(column), QUANTITIES[role.quantity])
-        fits = dimension_of(named_unit) in QUANTITIES[role.quantity]
         guess = guess_column(column)  # knows names whose unit is specified, such as "rpm" and "millis"
         specified = guess.unit if guess.quantity == role.quantity else ""
         # A strain whose range is too large for most materials may be in percent.
         is_unclear = role.unit == "strain" and unknown_unit(column) not in _WITHOUT_UNIT
         is_unclear = is_unclear and self.table.varies(column)
         usual = "" if is_unclear and np.ptp(self.table.numbers(column)) > _MAX_STRAIN else role.unit
-        return self._user_unit(role, column) or (named_unit if fits else "") or usual or specified
+        stated = (self._named_unit(role, column), usual, specified)
+        fitting = (unit for unit in stated if dimension_of(unit) in QUANTITIES[role.quantity])
+        return self._user_unit(role, column) or next(fitting, "")
 
     def is_scaled_by_user(self, role: Role, column: str) -> bool:
         """Return whether --unit has a number before the unit, which also fixes the sign."""
@@ -132,20 +142,23 @@ class ColumnUnits:
             raise InputError(
                 f"{place} holds clock times, expected {role.quantity}; name another one with --column"
             )
-        user_unit, named_unit = self._user_unit(role, column), self._named_unit(column)
+        user_unit, named_unit = self._user_unit(role, column), self._named_unit(role, column)
         unit = self.unit_of(role, column)
         note = ""
         if not unit and role.quantity == "time":
             if unknown := unknown_unit(column):
                 raise InputError(
-                    f"{place}: '{unknown}' is not a known unit of time; use --unit time=s, or ms, us, min, h"
+                    f"{place}: '{unknown}' is not a known unit of time; give it as a multiple of s, ms, us, "
+                    "min, h or day, as in --unit time=0.01s"
                 )
             unit = self._likely_unit(role, column)
             note = (
                 f"column '{column}' states no unit and is read in {unit}, from its sample step; if that is "
                 f"wrong, add --unit time={'ms' if unit == 's' else 's'}"
             )
-        scale, unit = scaled_unit(unit, named_unit)
+        # The unit of the numbers, also beside a sensitivity, as in "Load [mV] (5 N/V)".
+        own = unit_in_name(SENSITIVITY.sub("", column)) if named_unit.startswith("×") else named_unit
+        stated, (scale, unit) = unit.lstrip("×"), scaled_unit(unit, own)
         dimension = dimension_of(unit)
         if dimension not in dimensions:
             valid = ", ".join(unit for name in dimensions for unit in SI[name])
@@ -159,10 +172,13 @@ class ColumnUnits:
                 f"1 {si_unit(dimension)} counts as 1 {effort}; give the {constant}, as in "
                 f"--unit {role.numbered}={example}"
             )
-        elif not user_unit or not (self.is_scaled_by_user(role, column) or _agree(role, named_unit, unit)):
-            note = _note_on_name(role, column, named_unit, unit) or note
+        elif not user_unit:
+            is_capital = " ".join(self.table.names).isupper()
+            note = _note_on_name(role, column, named_unit, unit, is_capital=is_capital) or note
+        elif abs(scale) == 1.0 and not _agree(column, named_unit, unit, exactly=True):
+            note = f"column '{column}' is read as {role.quantity} in {unit}, whatever its name says"
         factor = scale * SI[dimension][unit]
-        unit, is_fixed = user_unit if scale != 1.0 else unit, self.is_scaled_by_user(role, column)
+        unit, is_fixed = stated if scale != 1.0 else unit, self.is_scaled_by_user(role, column)
         return AssignedColumn(column, dimension, unit, factor, note, is_fixed=is_fixed)
 
     def missing(self, chosen: Chosen) -> list[tuple[str, str]]:
@@ -171,8 +187,10 @@ class ColumnUnits:
         for role, column in chosen.values():
             if role.quantity != "time" and not self.unit_of(role, column):
                 linear = ("force", role.joint) in chosen and ("torque", role.joint) not in chosen
-                unit = self._likely_unit(role, column, linear=linear)
-                missing.append((column, f"--unit {role.quantity}={unit}"))
+                unit, unknown = self._likely_unit(role, column, linear=linear), _unknown_unit(column)
+                in_capitals = dimension_of(normalize_unit(unknown.lower())) in QUANTITIES[role.quantity]
+                size = "10" if unknown and not in_capitals and not holds_counts(column) else ""
+                missing.append((column, f"--unit {role.quantity}={size}{unit}"))
         return missing
 
     def check_known(self, chosen: Chosen) -> None:
@@ -183,12 +201,13 @@ class ColumnUnits:
         """
         if missing := self.missing(chosen):
             columns = list_first([f"'{column}'" for column, _ in missing])
-            unknown = next(filter(None, (unknown_unit(column) for column, _ in missing)), "")
+            unknown = next(filter(None, (_unknown_unit(column) for column, _ in missing)), "")
             known = f" that is known ('{unknown}' is not)" if unknown else ""
             by_quantity = {option.partition("=")[0]: option for _, option in missing}
             by_quantity |= {o.partition("=")[0]: o for _, o in missing if o.endswith(_LARGE_UNITS)}
             options = " ".join(by_quantity.values())
             options += ", the value of one count" * any(holds_counts(column) for column, _ in missing)
+            options += ", with the size of the unknown unit" * ("=10" in options)
             if len(missing) == 1:
                 problem = f"column {columns} states no unit{known}; give it, as in {options}"
             else:
@@ -216,14 +235,18 @@ class ColumnUnits:
             if quantity != "position" or ("force", joint) not in chosen:
                 continue
             force_role, force = chosen["force", joint]
-            unit = self.unit_of(force_role, force)
-            in_n = SI["force"].get(unit)
-            if dimension_of(self.unit_of(role, column)) == "angle" and (in_n or not unit):
+            scale, unit = scaled_unit(self.unit_of(force_role, force), "")
+            if dimension_of(scaled_unit(self.unit_of(role, column), "")[1]) == "angle" and (
+                unit in SI["force"] or not unit
+            ):
                 torque = Role("torque", joint, "", role.shift).numbered
+                what = f"'{force}' a force, not a torque; if the force acts on a lever arm of 0.1 m"
+                if not unit:
+                    what = f"'{force}' states no unit of torque; if a value of 1 is a torque of 0.1 N m"
                 raise InputError(
-                    f"{self.table.path}: column '{column}' is an angle and '{force}' a force, not a torque; "
-                    f"if the force acts on a lever arm of 0.1 m, use --column {torque}={shlex.quote(force)} "
-                    f"--unit {torque}={0.1 * (in_n or 1.0):g}Nm"
+                    f"{self.table.path}: column '{column}' is an angle and {what}, use --column "
+                    f"{torque}={shlex.quote(force)} --unit "
+                    f"{torque}={0.1 * scale * SI['force'].get(unit, 1.0):g}Nm"
                 )
 
     def check_used(self, chosen: Chosen) -> None:
@@ -242,13 +265,15 @@ class ColumnUnits:
                 )
 
     def _user_unit(self, role: Role, column: str) -> str:
-        return normalize_unit(
-            next((self.options.units[name] for name in self.option_names(role, column)), "")
-        )
+        unit = next((self.options.units[name] for name in self.option_names(role, column)), "")
+        return _LETTERS.get((role.quantity, unit), normalize_unit(unit))
 
-    def _named_unit(self, column: str) -> str:
+    def _named_unit(self, role: Role, column: str) -> str:
         """Return the unit in a column's name, or seconds if the column has clock times."""
-        return "s" if column in clocks_of(self.table.columns) else unit_in_name(column)
+        if column in clocks_of(self.table.columns):
+            return "s"
+        unit = unit_in_name(column) or _LETTERS.get((role.quantity, unknown_unit(column)), "")
+        return read_as(unit, QUANTITIES[role.quantity])
 
     def _likely_unit(self, role: Role, column: str, *, linear: bool = False) -> str:
         """Return the SI unit (`linear`: of a linear axis), or the laboratory's if numbers are too large."""
@@ -257,7 +282,7 @@ class ColumnUnits:
         if role.quantity == "time":
             step = float(np.median(np.diff(values))) if len(values) > 1 else 0.0
             return likely_time_unit(step, span if step > 0.0 else np.inf)
-        is_length = linear and role.quantity == "position" and not is_angle(column)
+        is_length = linear and role.quantity == "position" and (not is_angle(column) or holds_counts(column))
         if role.unit == "strain":
             return "%"
         quantity = "displacement" if is_length else role.quantity
@@ -271,8 +296,23 @@ class ColumnUnits:
         return usual if span > largest else si
 
 
-def _note_on_name(role: Role, column: str, named_unit: str, unit: str) -> str:
+def _unknown_unit(column: str) -> str:
+    """Return the text in a column's name that states no known unit of its quantity; empty for none."""
+    return unknown_unit(column) or unit_in_name(column)
+
+
+def _note_on_name(role: Role, column: str, named_unit: str, unit: str, *, is_capital: bool) -> str:
     """Return a note if a column name has a factor, two units, or another unit than `unit`; else empty."""
+    if named_unit.startswith("×"):
+        return (
+            f"the factor in the name of column '{column}' is applied: it is read in {named_unit[1:]}; if that"
+            f" is wrong, give its unit, such as --unit {role.numbered}={unit}"
+        )
+    if is_capital and unit.startswith("MN"):
+        return (
+            f"no column name has a lower-case letter, so the M in '{column}' may be mega or milli: it is read"
+            f" in {unit}; if that is wrong, add --unit {role.numbered}=m{unit[1:]}"
+        )
     if factor := _FACTOR.search(column):
         return (
             f"the factor '{factor[0].strip()}' in the name of column '{column}' is ignored: it is read in "
@@ -285,12 +325,15 @@ def _note_on_name(role: Role, column: str, named_unit: str, unit: str) -> str:
             f"column '{column}' may state two units: it is read in {named_unit}; if {other} is right, "
             f"add --unit {role.numbered}={other}"
         )
-    if not _agree(role, named_unit, unit):
+    if not _agree(column, named_unit, unit):
         return f"column '{column}' is read as {role.quantity} in {unit}, whatever its name says"
     return ""
 
 
-def _agree(role: Role, named_unit: str, unit: str) -> bool:
-    """Return whether the unit in a name, if there is one, has the dimension of the unit in use."""
-    named = dimension_of(read_as(named_unit, QUANTITIES[role.quantity]))
-    return named in {None, dimension_of(unit)}
+def _agree(column: str, named_unit: str, unit: str, *, exactly: bool = False) -> bool:
+    """Return whether the unit in a name, if there is one, has the dimension or exactly the size of `unit`."""
+    if not named_unit and exactly:
+        unknown = unknown_unit(column)
+        return unknown in {"", *_WITHOUT_UNIT} or normalize_unit(unknown.lower()) == unit
+    is_alike = dimension_of(named_unit) in {None, dimension_of(unit)}
+    return is_alike and not (exactly and named_unit and si_factor(named_unit) != si_factor(unit))

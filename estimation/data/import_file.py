@@ -21,7 +21,16 @@ from palpate.estimation.data.import_rows import UNKNOWN_PHASE, ImportedRows, arr
 from palpate.estimation.data.measured_derivatives import is_difference, mistaken_scale, unwrap_angle
 from palpate.estimation.data.presses import press_phases
 from palpate.estimation.data.table import Table, read_table
-from palpate.estimation.data.units import MAX_STEP_S, MIN_STEP_S, SI, is_scaled, other_time_unit, scaled_unit
+from palpate.estimation.data.units import (
+    MAX_STEP_S,
+    MIN_STEP_S,
+    SI,
+    dimension_of,
+    is_scaled,
+    other_time_unit,
+    scaled_unit,
+    si_factor,
+)
 from palpate.estimation.signals.arm_signals import ARM_MOTION, PAYLOAD, REGRESSOR, TORQUE
 from palpate.estimation.signals.blocks import blocks, number_pieces
 from palpate.estimation.signals.runwise import sample_time
@@ -225,7 +234,7 @@ def _note_other_clock(columns: ColumnAssignment) -> Iterator[str]:
         if not all((np.diff(clock) > 0.0).all() for clock in (time_s, times)):
             continue
         unit = unit_in_name(name)
-        factors = [SI["time"][unit]] if unit in SI["time"] else _CLOCK_UNITS
+        factors = [si_factor(unit)] if dimension_of(unit) == "time" else _CLOCK_UNITS
         spans_s = [factor * np.ptp(times) for factor in factors]
         span_s = min(spans_s, key=lambda span: abs(np.log(span / np.ptp(time_s))))
         if not 1.0 / _SAME_SPAN < span_s / np.ptp(time_s) < _SAME_SPAN:
@@ -458,7 +467,7 @@ def _reverse_reactions(
     if reversed_efforts:
         names = ", ".join(f"'{effort.column}'" for effort in reversed_efforts.values())
         chosen = (source for source in sources if source.name in reversed_efforts)
-        options = [f"--unit {s.effort[0]}=1{reversed_efforts[s.name].unit}" for s in chosen]
+        options = [f"--unit {s.effort[0]}={reversed_efforts[s.name].fixed_unit}" for s in chosen]
         opposes, signs = ("opposes", "its sign is") if len(options) == 1 else ("oppose", "their signs are")
         notes.append(
             f"{names} {opposes} the velocity, as the reaction to a drive does: {signs} reversed; "

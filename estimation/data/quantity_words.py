@@ -52,7 +52,7 @@ _BY_QUANTITY = {
     "torque": """
         iq tau tor trq torque torques effort efforts cur current currents moment drehmoment strom motorstrom
         couple courant corriente momento coppia corrente koppel tork
-        扭矩 转矩 轉矩 电流 トルク 電流
+        момент ток 扭矩 转矩 轉矩 电流 トルク 電流
     """,
     "position": """
         q ang angle angles theta pos position positions encoder encoders enc winkel posición ángulo
@@ -73,7 +73,7 @@ WORDS: Mapping[str, frozenset[str]] = MappingProxyType(
 """Words for each quantity, spelled as by `plain`; words of three or more letters may be part of a name."""
 
 CURRENT = frozenset(
-    map(plain, "cur current currents i iq strom motorstrom courant corriente corrente 电流 電流".split())  # noqa: SIM905
+    map(plain, "cur current currents i iq strom motorstrom courant corriente corrente ток 电流 電流".split())  # noqa: SIM905
 )
 """Words for a motor's current, which may represent a torque."""
 

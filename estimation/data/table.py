@@ -56,6 +56,7 @@ _GROUPED = {  # numbers with thousands separators, by the separator
 _BLANKS = "[ \u00a0\u202f]"  # blanks used as thousands separators
 _BLANKS_GROUP = rf"^[+-]?[1-9]\d{{0,2}}({_BLANKS}\d{{3}})+([.,]\d*)?([eE][+-]?\d+)?$"
 _HAS_POINT_TOO = r",\d{3}\.\d+$"  # a comma before a decimal point is not a decimal comma
+_HUNDREDS, _UNGROUPED = r"^[+-]?[1-9]\d\d(\.|$)", r"^[+-]?\d{4}"  # of which only the first go with "1,000"
 
 
 @dataclass(frozen=True)
@@ -221,6 +222,8 @@ class Table:
         filled = np.flatnonzero(self.filled_rows(name))[:_LOOKED_AT]
         cells = _with_decimal_points(self._column(name).take(filled), self.decimal).to_pylist()
         numbers = np.array([number_of(cell) for cell in cells], dtype=np.float64)
+        if any("," in str(cell) for cell in cells) and self.varies(name):
+            return 1.0  # the whole column decides whether commas group thousands
         return 1.0 - len(invalid_rows(numbers)) / len(numbers) if len(numbers) else 0.0
 
     def _column(self, name: str) -> pa.ChunkedArray:
@@ -346,7 +349,12 @@ def _with_decimal_points(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArr
         separated = pc.any(pc.and_not(pc.match_substring(trimmed, mark), grouped)).as_py()
         plain = trimmed if separated else pc.replace_substring(trimmed, mark, "")
         return pc.replace_substring(plain, decimal, ".")
-    if not pc.any(pc.match_substring_regex(trimmed, _HAS_POINT_TOO)).as_py():
+    has_point, hundreds, ungrouped = (
+        pc.any(pc.match_substring_regex(trimmed, pattern)).as_py()
+        for pattern in (_HAS_POINT_TOO, _HUNDREDS, _UNGROUPED)
+    )
+    is_grouped = not pc.any(pc.and_not(pc.match_substring(trimmed, mark), grouped)).as_py()
+    if not has_point and not (is_grouped and hundreds and not ungrouped):
         return column
     return pc.if_else(grouped, pc.replace_substring(trimmed, mark, ""), trimmed)
 

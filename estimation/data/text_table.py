@@ -125,12 +125,18 @@ def _read_text(path: Path) -> tuple[bytes, str]:
         raise InputError(f"{path}: no rows of data; the file is empty")
     if content.count(b"\r") > content.count(b"\r\n"):  # line ends of old programs
         content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    content = re.sub(rb"\xe2\x88\x92(?<![0-9A-DF-Za-df-z]\xe2\x88\x92)(?=[\d.])", b"-", content)
+    for mark in (b"'", b"\xe2\x80\x99"):  # in "1'000"
+        content = re.sub(mark + rb"(?<=\d" + mark + rb")(?=\d{3}(?!\d))", b"", content)
+    if _FORTRAN.search(content[:_LOOKED_AT]):
+        content = re.sub(rb"[dD](?<=[\d.]\d[dD])(?=[-+]\d\d)", b"e", content)
     first_lines = content.lstrip()[: _MAX_LINE_BYTES + 1]
     if len(first_lines) > _MAX_LINE_BYTES and b"\n" not in first_lines:
         raise InputError(f"{path}: its first line is longer than 1 MiB; put the names of the columns there")
     return content, encoding
 
 
+_FORTRAN = re.compile(rb"\d\.\d*[dD][-+]\d\d")  # a number of double precision, such as "1.5D+03"
 _NAMES_IN_QUOTES = re.compile(rb'(?:[^"\r\n]|"[^"]{0,1000}")+')  # one row with quoted line breaks
 
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from palpate.robot_io.types import FloatArray
 
-_PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6}
+_PREFIXES = {"p": 1e-12, "n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "d": 0.1, "da": 10.0, "h": 100.0}
+_PREFIXES |= {"k": 1e3, "M": 1e6}
 _STANDARD_GRAVITY = 9.80665  # [m/s^2]; converts grams and kilograms that are used as units of force
 _POUND = 0.45359237 * _STANDARD_GRAVITY
 _INCH = 0.0254
@@ -20,48 +21,49 @@ MIN_RECORDING_S = 1.0  # shortest plausible duration of a recording
 _SLOW_STEP_S = 1.0  # longest step between samples of a slow recording, in a unit of time that is proposed
 
 
-def _with_prefixes(unit: str, prefixes: str) -> dict[str, float]:
-    """Return the factors of an SI unit and its multiples."""
-    return {unit: 1.0} | {prefix + unit: _PREFIXES[prefix] for prefix in prefixes}
+def _with_prefixes(unit: str, prefixes: str, factor: float = 1.0) -> dict[str, float]:
+    """Return the factors of a unit, given its own, and of its multiples."""
+    return {unit: factor} | {prefix + unit: _PREFIXES[prefix] * factor for prefix in prefixes.split()}
 
 
-_LENGTH = _with_prefixes("m", "mcun") | {"in": _INCH, "ft": 12.0 * _INCH}
-_ANGLE = _with_prefixes("rad", "mu") | {"deg": math.pi / 180.0, "rev": 2.0 * math.pi}
-_TIME = _with_prefixes("s", "mun") | {"min": 60.0, "h": 3600.0}
-_FORCE = _with_prefixes("N", "munkM") | {
-    "pN": 1e-12,
+_LENGTH = _with_prefixes("m", "m c u n d") | {"in": _INCH, "ft": 12.0 * _INCH}
+_ANGLE = _with_prefixes("rad", "m u") | _with_prefixes("deg", "m c d", math.pi / 180.0)
+_ANGLE |= {"gon": math.pi / 200.0, "rev": 2.0 * math.pi}
+_TIME = _with_prefixes("s", "m u n") | {"min": 60.0, "h": 3600.0, "day": 86400.0}
+_FORCE = _with_prefixes("N", "m u n k M p c d da h") | {
     "gf": 1e-3 * _STANDARD_GRAVITY,
     "kgf": _STANDARD_GRAVITY,
+    "tf": 1e3 * _STANDARD_GRAVITY,
     "ozf": _POUND / 16.0,
     "lbf": _POUND,
     "kip": 1e3 * _POUND,
 }
 _PRODUCTS = ("N.mm", "kN.mm", "N.cm", "gf.cm", "kgf.cm", "kgf.m", "ozf.in", "lbf.in", "lbf.ft")
-_TORQUE = _with_prefixes("Nm", "mukM") | {
+_TORQUE = _with_prefixes("Nm", "m u k M c d da h") | {
     force + length: _FORCE[force] * _LENGTH[length]
     for force, length in (product.split(".") for product in _PRODUCTS)
 }
-_PRESSURE = _with_prefixes("Pa", "mkM") | {"mbar": 1e2, "bar": 1e5, "psi": _POUND / _INCH**2}
+_PRESSURE = _with_prefixes("Pa", "m k M h") | {"mbar": 1e2, "bar": 1e5, "psi": _POUND / _INCH**2}
 
 
-def _rates(units: Mapping[str, float], ending: str) -> dict[str, float]:
-    """Append an ending for a rate to units: per second (`mm_s`) or per second squared (`mm_s2`)."""
-    return {unit + ending: factor for unit, factor in units.items()}
+def _rates(units: Mapping[str, float], ending: str, time: float = 1.0) -> dict[str, float]:
+    """Append an ending for a rate to units, such as per minute (`mm_min`) or per second squared (`mm_s2`)."""
+    return {unit + ending: factor / time for unit, factor in units.items()}
 
 
 SI: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
         "time": _TIME,
         "length": _LENGTH,
-        "length_rate": _rates(_LENGTH, "_s"),
+        "length_rate": _rates(_LENGTH, "_s") | _rates(_LENGTH, "_min", 60.0),
         "length_rate_2": _rates(_LENGTH, "_s2"),
         "angle": _ANGLE,
-        "angle_rate": _rates(_ANGLE, "_s") | {"rpm": 2.0 * math.pi / 60.0},
+        "angle_rate": _rates(_ANGLE, "_s") | {"rpm": 2.0 * math.pi / 60.0, "deg_min": math.pi / 10800.0},
         "angle_rate_2": _rates(_ANGLE, "_s2"),
         "force": _FORCE,
         "torque": _TORQUE,
         "current": _with_prefixes("A", "m"),
-        "voltage": _with_prefixes("V", "mu"),
+        "voltage": _with_prefixes("V", "m u"),
         "pressure": _PRESSURE,
         "strain": {"strain": 1.0, "%": 0.01},
     }
@@ -70,7 +72,8 @@ SI: Mapping[str, Mapping[str, float]] = MappingProxyType(
 
 _FACTORS = {unit: (dimension, factor) for dimension, units in SI.items() for unit, factor in units.items()}
 
-_PREFIX_NAMES = {"p": "pico", "n": "nano", "u": "micro", "m": "milli", "c": "centi", "k": "kilo", "M": "mega"}
+_PREFIX_NAMES = {"p": "pico", "n": "nano", "u": "micro", "m": "milli", "c": "centi", "d": "deci"}
+_PREFIX_NAMES |= {"da": "deca", "h": "hecto", "k": "kilo", "M": "mega"}
 _UNIT_NAMES = {  # names that may have a prefix and a plural
     "s": "second sec",
     "m": "meter metre",
@@ -82,33 +85,39 @@ _UNIT_NAMES = {  # names that may have a prefix and a plural
     "Pa": "pascal",
 }
 _SPELLINGS = {  # other spellings of units, in lower case
-    "s": "sek sekunde sekunden seg segundos secondes с сек",
-    "min": "mins minute minutes minuten",
-    "h": "hr hrs hour hours std stunde stunden heure heures",
-    "ms": "msec msecs мс",
-    "us": "usec usecs",
+    "s": "sek sekunde sekunden seg segundos secondes с сек 秒 초",
+    "min": "mins minute minutes minuten мин",
+    "h": "hr hrs hour hours std stunde stunden heure heures ч",
+    "day": "days tag tage jour jours",
+    "ms": "msec msecs мс 毫秒",
+    "us": "usec usecs мкс 微秒",
     "ns": "nsec nsecs",
-    "um": "micron microns мкм",
-    "mm": "мм",
-    "N": "н",
-    "kN": "кн",
+    "m": "м 米",
+    "cm": "см 厘米",
+    "um": "micron microns мкм 微米",
+    "mm": "мм 毫米",
+    "nm": "нм",  # a torque in N m, see `read_as`
+    "rad": "рад 弧度",
+    "N": "н 牛 牛顿",
+    "kN": "кн 千牛",
     "in": 'inch inches "',
     "ft": "foot feet",
-    "deg": "degree degrees degs grad °",
+    "deg": "degree degrees degs grad ° град 度 도",
     "rev": "revs revolution revolutions turn turns",
-    "rpm": "rev_min u_min 1_min",
-    "gf": "g gram grams gramm",
-    "kgf": "kg kp",
+    "rpm": "rev_min u_min 1_min об_мин",
+    "gf": "g gram grams gramm гс 克",
+    "kgf": "kg kp кгс 公斤 千克",
+    "tf": "tonf tonne tonnes тс 吨",
     "ozf": "oz ounce ounces",
     "lbf": "lb lbs pound pounds",
     "kip": "kips kipf klbf",
-    "Nm": "n.m n-m",
+    "Nm": "n.m n-m 牛米",
     "gfcm": "gcm",
     "kgfcm": "kgcm kpcm",
     "kgfm": "kgm",
     "ozfin": "ozin inoz",
-    "lbfin": "lbin inlbf inlb",
-    "lbfft": "lbft ftlbf ftlb",
+    "lbfin": "lbin inlbf inlb inlbs",
+    "lbfft": "lbft ftlbf ftlb ftlbs",
     "psi": "psig lbf_in2",
     "%": "percent pct prozent",
 }
@@ -127,27 +136,33 @@ def _lower_case(unit: str) -> str:
     return "M" + unit[1:].lower() if unit.startswith("M") else unit.lower()
 
 
+BRACKETED = frozenset(["dm", "dN", "hN", "cN", "day"])
+"""Units that are words or parts of names too, and are read in brackets only."""
 # "KN" is kN, and "NM" is Nm.
-_BY_LETTERS = {_lower_case(unit): unit for unit in _FACTORS if unit != "nm"} | {"Min": "min"}
+_BY_LETTERS = {_lower_case(unit): unit for unit in _FACTORS if unit not in {"nm", *BRACKETED}} | {
+    "Min": "min"
+}
 
-_SCALED = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)(.+)")
+_SCALED = re.compile(r"×?([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)(.+)")
+_POWER_OF_TEN = re.compile(  # before a unit, as in "0.1 N", "10^-3 N", "1/100 s" and "x1000 N"
+    r"([x×*·]?) ?(1 ?/ ?10+|0?[.,]0*1|10 ?(?:\^|\*\*|(?=[-+])) ?[-+]?\d\d?|1e[-+]?\d\d?|10+) ?[x×*·]? ?(\D.*)"
+)
 _CLOCK = re.compile(r"(h{1,2}:)?m{1,2}:s{1,2}([.,:][sf0mx]+)?", re.IGNORECASE)  # format of a clock time
 
 
 def normalize_unit(unit: str) -> str:
     """Convert a unit to its standard spelling: "mm/s^2" to "mm_s2", "N m" and "N*m" to "Nm".
 
-    A capital M is mega and a small m is milli: "MN" is not a millinewton. Unknown units are unchanged.
+    A capital M is mega and a small m is milli: "MN" is not a millinewton. "10^-3 N" becomes "×1e-3N".
+    Unknown units are unchanged.
 
     Args:
         unit: unit as written, such as "mm/s^2".
     """
     plain = unit.strip().replace("²", "2").replace("^", "").replace("/", "_")
     plain = re.sub("[ *·⋅∙×]", "", re.sub("[µμ]", "u", plain)).rstrip(".")
-    if _CLOCK.fullmatch(plain):
-        return "s"
-    if dimension_of(plain):
-        return plain
+    if dimension_of(known := "s" if _CLOCK.fullmatch(plain) else _power_of_ten(unit) or plain):
+        return known
     upright, _, per = plain.partition("_")
     for whole, rest in ((plain, ""), (upright, f"_{per.lower()}")):
         spelt = _SPELT.get(whole.lower()) or _BY_LETTERS.get(_lower_case(whole), "")
@@ -159,6 +174,18 @@ def normalize_unit(unit: str) -> str:
         product = normalize_unit(re.sub("[.-]", "", plain))
         return product if dimension_of(product) == "torque" else plain
     return plain
+
+
+def _power_of_ten(unit: str) -> str:
+    """Convert "10^-3 N" to "×1e-3N"; empty for other text. "100 N" may be the range of a sensor."""
+    match = _POWER_OF_TEN.fullmatch(unit.strip().replace("−", "-"))
+    base = normalize_unit(match[3]) if match else ""
+    if not match or not dimension_of(base):
+        return ""
+    if match[2].isdecimal() and not match[1] and dimension_of(base) != "time":
+        return ""
+    number = re.sub(r"^10(\^|\*\*|(?=[-+]))", "1e", match[2].replace(" ", "").replace(",", "."))
+    return f"×{1.0 / float(number[2:]):g}{base}" if "/" in number else f"×{number}{base}"
 
 
 def read_as(unit: str, dimensions: Collection[str]) -> str:
@@ -175,9 +202,20 @@ def dimension_of(unit: str) -> str | None:
     """Return the dimension of a unit, or None for an unknown unit.
 
     Args:
-        unit: unit in the standard spelling of `normalize_unit`, such as "mm_s2".
+        unit: unit in the standard spelling of `normalize_unit`, such as "mm_s2" or "×0.1N".
     """
-    return _FACTORS[unit][0] if unit in _FACTORS else None
+    base = scaled_unit(unit, "")[1] if unit.startswith("×") else unit
+    return _FACTORS[base][0] if base in _FACTORS else None
+
+
+def si_factor(unit: str) -> float:
+    """Return the factor of a known unit to SI.
+
+    Args:
+        unit: unit in the standard spelling of `normalize_unit`, such as "mm_s2" or "×0.1N".
+    """
+    scale, base = scaled_unit(unit, "")
+    return scale * _FACTORS[base][1]
 
 
 def likely_time_unit(step: float, span: float = math.inf) -> str:

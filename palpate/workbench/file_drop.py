@@ -72,7 +72,8 @@ def suggest_columns(table: Table) -> list[ColumnGuess]:
             quantity, unit = proposed.get(each.column, ("", ""))
             values = ", ".join(f"{value:.4g}" for value in table.head(_SHOWN).numbers(each.column))
             why = each.why if unit or not quantity else f"{each.why}; unit not stated"
-            columns.append(ColumnGuess(each.column, quantity, unit, why, values, each.unit))
+            known = unit if unit in units_of(quantity) else ""  # none with a factor, as in "[0.1 N]"
+            columns.append(ColumnGuess(each.column, quantity, known, why, values, each.unit))
     if not any(column.quantity == "time" for column in columns):
         for column in columns:
             if not column.quantity and np.all(np.diff(table.numbers(column.name)) > 0.0):

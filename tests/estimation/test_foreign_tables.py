@@ -45,6 +45,30 @@ def test_blanks_separate_thousands(tmp_path, mark, quote):
     np.testing.assert_allclose(channel.effort, force, atol=0.006)
 
 
+@pytest.mark.parametrize(
+    ("header", "write"),
+    [
+        ("t [s];Travel [um];Load [mN]", lambda value: f"{value:,.3f}".replace(",", "'")),
+        ("t [s];Travel [um];Load [mN]", lambda value: f"{value:,.3f}".replace(",", "\u2019")),
+        ("t [s];Travel [um];Load [mN]", lambda value: f"{value:.3f}".replace("-", "\u2212")),
+        ("t [s];Travel [um];Load [mN]", lambda value: f"{value:.7E}".replace("E", "D")),
+        ("t [s],Travel [um],Load [mN]", lambda value: f'"{value:,.3f}"'),
+    ],
+)
+def test_numbers_with_apostrophes_minus_signs_and_exponents_of_fortran(tmp_path, header, write):
+    cells = ([write(value) for value in row] for row in zip(TIME_S, 1e6 * WAY_M, 1e3 * FORCE_N, strict=True))
+    text = "".join((";" if ";" in header else ",").join(row) + "\n" for row in cells)
+    (channel,) = import_file(saved(tmp_path / "table.csv", f"{header}\n{text}")).channels
+    np.testing.assert_allclose(channel.position, WAY_M, atol=1e-8)
+    np.testing.assert_allclose(channel.effort, FORCE_N, atol=1e-5)
+
+
+def test_commas_group_thousands_where_hundreds_have_none_and_points_are_decimal(tmp_path):
+    cells = (f"{t:.4f};{1e6 * x:,.0f};{f:.6f}\n" for t, x, f in zip(TIME_S, WAY_M, FORCE_N, strict=True))
+    path = saved(tmp_path / "table.csv", f"t [s];Travel [um];Load [N]\n{''.join(cells)}")
+    np.testing.assert_allclose(import_file(path).channels[0].position, WAY_M, atol=1e-6)
+
+
 SWING_RAD = 0.8 + 0.4 * np.sin(6.0 * TIME_S)
 TORQUE_NM = 3.0 * np.sin(6.0 * TIME_S)
 

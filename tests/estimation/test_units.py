@@ -64,13 +64,23 @@ def test_prefix_is_read_by_its_letter_in_any_notation(form, unit, newtons):
         ("bridge [mV]", "voltage", 1e-3),
         ("Speed mm/s", "length_rate", 1e-3),
         ("speed [rpm]", "angle_rate", np.pi / 30.0),
+        ("speed [mm/min]", "length_rate", 1e-3 / 60.0),
+        ("Load (daN)", "force", 10.0),
+        ("Load [cN]", "force", 0.01),
+        ("Torque [dNm]", "torque", 0.1),
+        ("Torque [in-lbs]", "torque", 0.45359237 * G * 0.0254),
+        ("Winkel [gon]", "angle", np.pi / 200.0),
+        ("pos_mdeg", "angle", np.pi / 180e3),
+        ("力(公斤)", "force", G),
+        ("Угол, град", "angle", np.pi / 180.0),
+        ("时间(秒)", "time", 1.0),
     ],
 )
 def test_machine_units_are_known(name, dimension, factor):
     assert factor_of(name) == (dimension, pytest.approx(factor, rel=1e-12))
 
 
-@pytest.mark.parametrize("unit", ["MM", "MS", "MV", "xN", "furlong"])
+@pytest.mark.parametrize("unit", ["MM", "MS", "MV", "xN", "furlong", "DN", "t", "d", "500 N", "100 N"])
 def test_words_are_not_read_as_units(unit):
     assert dimension_of(normalize_unit(unit)) is None
 
@@ -202,6 +212,52 @@ def test_voltage_or_pressure_is_converted_to_force_by_a_constant(column, unit, n
 
 
 @pytest.mark.parametrize(
+    ("column", "newtons"),
+    [
+        *(
+            ("Load [0.1 N]", 0.1),
+            ("Load [10^-3 N]", 1e-3),
+            ("Load (x10^-1 N)", 0.1),
+            ("Load (1/100 kN)", 10.0),
+        ),
+        *(("Load [V] (5 N/V)", 5.0), ("Load [mV] (5 N/V)", 5e-3), ("Load (0.2 V/N) [V]", 5.0)),
+    ],
+)
+def test_factor_or_sensitivity_in_a_name_is_applied_and_noted(column, newtons):
+    press = {"t [s]": T, "Travel [m]": X, column: FORCE}
+    found = imported(**press)
+    np.testing.assert_allclose(found.channels[0].effort, newtons * FORCE)
+    assert f"the factor in the name of column '{column}' is applied" in " ".join(found.notes)
+    found = imported(ImportOptions(units={"force": "N"}), **press)
+    np.testing.assert_allclose(found.channels[0].effort, FORCE)
+    assert f"column '{column}' is read as force in N, whatever its name says" in " ".join(found.notes)
+
+
+def test_units_of_one_letter_belong_to_their_quantity():
+    (press,) = imported(**{"Time [d]": T / 86400.0, "Travel [m]": X, "Load [t]": FORCE}).channels
+    np.testing.assert_allclose(press.effort, 1e3 * G * FORCE)
+    np.testing.assert_allclose(press.time_s, T, atol=1e-9)
+    for name in ("q_d", "force_t", "pos_dm", "cell_day"):
+        assert not dimension_of(split_unit(name)[1])
+
+
+def test_prefix_in_a_header_of_capitals_is_noted():
+    found = imported(**{"TIME [S]": T, "ANGLE [DEG]": X, "TORQUE [MNM]": FORCE})
+    assert found.notes[0].endswith("read in MNm; if that is wrong, add --unit torque=mNm")
+
+
+def test_counts_beside_a_force_are_lengths():
+    press = {"Time [s]": T, "Encoder [counts]": np.round(2e6 * X), "Load [N]": FORCE}
+    with pytest.raises(InputError, match=r"--unit position=0\.001mm, the value of one count"):
+        imported(**press)
+    for quantity in ("position", "displacement"):
+        (channel,) = imported(ImportOptions(units={quantity: "0.0005mm"}), **press).channels
+        np.testing.assert_allclose(channel.position, X, atol=1e-6)
+    with pytest.raises(InputError, match="lever arm"):
+        imported(ImportOptions(units={"position": "0.00153rad"}), **press)
+
+
+@pytest.mark.parametrize(
     ("column", "factor", "words"),
     [
         ("Load [kPa]", 1e3, "is a pressure used as the force: 1 Pa counts as 1 N; give the area, as"),
@@ -241,7 +297,7 @@ def test_strain_and_stress_are_used_if_there_is_no_displacement_and_force(strain
 def test_missing_or_unknown_unit_is_asked_for():
     with pytest.raises(InputError, match="'stress' states no unit; give it, as in --unit force=MPa"):
         imported(strain=X, stress=FORCE)
-    with pytest.raises(InputError, match=r"'cycles' is not a known unit of time; use --unit time=s"):
+    with pytest.raises(InputError, match=r"'cycles' is not a known unit of time; give it as a multiple"):
         imported(**{"Time (cycles)": T, "Travel (mm)": 1e3 * X, "Load (N)": FORCE})
     with pytest.raises(InputError, match=r"\('MM' is not\); give it, as in --unit displacement"):
         imported(**{"Time (s)": T, "Travel (MM)": 1e3 * X, "Load (N)": FORCE})
