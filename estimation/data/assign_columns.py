@@ -351,7 +351,7 @@ def _subtract_deflection(
     line = np.polyfit(way, effort, 1)
     steps = [float(np.diff(np.unique(values)).min()) for values in (way, effort)]
     rounding = max(abs(line[0]) * steps[0] + steps[1], _EXACT * np.ptp(effort))
-    if max(rounding / _FINE / np.ptp(effort), np.abs(effort - np.polyval(line, way)).max() / rounding) > 1.0:
+    if rounding > _FINE * np.ptp(effort) or np.abs(effort - np.polyval(line, way)).max() > rounding:
         return table, chosen, []
     fact, is_named = f"'{column}' is proportional to '{force}'", column in options.columns.values()
     guesses = [g for g in guess_columns(table.names) if g.key == DISPLACEMENT and g.column != column]
@@ -407,9 +407,8 @@ def _note_other_columns(table: Table, chosen: Chosen, options: ImportOptions) ->
         dimension = dimension_of(unit_in_name(column))
         alike = (g.column for g in guesses if g.key == key and dimension_of(g.unit) == dimension)
         others = [f"'{name}'" for name in alike if table.varies(name)]
-        is_listed = key[0] in (*EFFORTS, DISPLACEMENT[0]) and column in table.names
-        is_listed = is_listed and column not in options.columns.values()
-        if is_listed and dimension and others:
+        is_checked = key[0] in (*EFFORTS, DISPLACEMENT[0]) and column not in options.columns.values()
+        if is_checked and column in table.names and dimension and others:
             yield (
                 f"'{column}' is read as the {key[0]}, and not {list_first(others)}; if "
                 f"another column holds it, add --column {role.numbered}=COLUMN"

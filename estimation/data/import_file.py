@@ -26,7 +26,6 @@ from palpate.estimation.data.units import (
     MIN_STEP_S,
     SI,
     dimension_of,
-    is_scaled,
     other_time_unit,
     scaled_unit,
     si_factor,
@@ -305,8 +304,9 @@ def _make_channel(
     acceleration = acceleration if measured is None else measured
     effort, phase = columns.values(source.effort)[rows.order], rows.phase
     if source.kind is ChannelKind.SERVO:
-        effort = effort - columns.values(source.position)[rows.order]
-        if np.ptp(position) > np.ptp(columns.values(source.position)):  # a goal jumps when its angle does not
+        recorded = columns.values(source.position)[rows.order]
+        effort = effort - recorded
+        if not np.array_equal(position, recorded):  # a goal jumps when its angle does not
             effort -= 2.0 * np.pi * np.round(effort / (2.0 * np.pi))
     is_contact = source.kind is ChannelKind.CONTACT
     both_ways = np.ones(len(position), dtype=np.bool_) if is_contact and columns.two_sided else None
@@ -325,19 +325,20 @@ def _continuous_angle(
 ) -> FloatArray:
     """Return an angle (n,) without jumps by a whole turn, and append a note if there are any."""
     column, full = columns.assigned[source.position], 2.0 * np.pi
-    (scale, unit), is_scaled_unit = scaled_unit(column.unit, ""), is_scaled(column.unit)
+    scale, unit = scaled_unit(column.unit, "")
     if column.is_fixed and scale == 1.0:  # the user keeps the readings as they are
         return angle
-    pieces, count = number_pieces(rows.time_s, rows.run), abs(column.factor) * is_scaled_unit
+    pieces, count = number_pieces(rows.time_s, rows.run), abs(column.factor) * (abs(scale) != 1.0)
     other, turn_in_other = ("deg", 360.0) if unit == "rad" else ("rad", full * SI["angle"]["deg"])
-    for turn in (full, full * abs(scale), turn_in_other):
-        unwrapped, jumps, size = unwrap_angle(angle, pieces, rows.run, turn, count)
+    # A scaled angle is that of an encoder, whose turn has whole counts, or that of a motor before a gear.
+    for turn, step in ((full, count), (full * abs(scale), 0.0), (turn_in_other, 0.0)):
+        unwrapped, jumps, size = unwrap_angle(angle, pieces, rows.run, turn, step)
         if jumps:
             break
     else:
         return angle
     option = f"--unit {columns.role(source.position).numbered}"
-    steps = f"{size / abs(column.factor):.4g} {'counts' if is_scaled_unit else unit}"
+    steps = f"{size / abs(column.factor):.4g} {'counts' if step else unit}"
     note = f"position '{column.column}' jumps by {steps} at {jumps} place{'s' * (jumps > 1)}"
     if turn == turn_in_other:
         notes.append(f"{note}, one turn in {other}; if the angle is in {other}, add {option}={other}")
@@ -347,7 +348,7 @@ def _continuous_angle(
             "remove wrong readings, record faster, or save a continuous angle"
         )
     else:
-        keep = "" if is_scaled_unit else f"; {option}=1{unit} prevents this"
+        keep = "" if scale != 1.0 else f"; {option}=1{unit} prevents this"
         notes.append(f"{note}, a whole turn, and is read as continuous{keep}")
         return unwrapped
     return angle
@@ -387,8 +388,8 @@ def _measured_derivative(  # noqa: PLR0917
         problem = f"does not follow {rate}; if another column does, add {another}"
     else:
         example = _likely_unit(columns, source, ratio) if key[0] == "velocity" else ""
-        remedy = f"a unit is wrong: correct it with --unit{example}"
-        remedy = "it has the wrong sign" if ratio < 0.0 else remedy
+        wrong_unit = f"a unit is wrong: correct it with --unit{example}"
+        remedy = "it has the wrong sign" if ratio < 0.0 else wrong_unit
         problem = f"is {ratio:.3g} times {rate}; {remedy}"
     notes.append(f"column '{columns.name(key)}' {problem}")
     return None

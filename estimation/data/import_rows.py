@@ -21,7 +21,8 @@ _MAX_DIGITS = 18  # digits of a run number; longer ones are names, such as seria
 _MAX_REPEATED_SHARE = 0.05  # largest share of rows that may repeat the time of the previous row
 _GAP, _QUICK = 1.5, 0.75  # least step of a gap and largest step in a burst, relative to the usual step
 _FEW_GAPS, _MAX_BURST = 0.05, 50  # largest share of gaps; most steps of a gap and its burst
-_MAX_OVERFLOW_STEP = 10.0  # longest step at which a counter overflows, relative to the usual step
+# Longest unit of a counter, and its longest step at an overflow, relative to the usual step.
+_MAX_COUNT_S, _MAX_OVERFLOW_STEP = 1e-3, 10.0
 _MIN_ROWS = 5  # least number of samples in a run; with fewer the acceleration is meaningless
 _REPEATED_NOTE = (  # note with the number of rows and the column
     "repeats times: {0} rows are spaced evenly up to the next time; if this column is not the time of each "
@@ -54,8 +55,9 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
         InputError: times do not increase within a run, a run is too short, or a phase is unknown.
     """
     table = columns.table
+    times_s = _times(columns)
     if columns.run is None:
-        run, notes = _detect_runs(columns, _times(columns), count)
+        run, notes = _detect_runs(columns, times_s, count)
         labels = {number: str(number) for number in np.unique(run).tolist()}
     else:
         run, labels = _numbered_runs(table, columns.run)
@@ -64,13 +66,13 @@ def arrange_rows(columns: ColumnAssignment, *, fresh: bool, count: int | None) -
             given = list_first(list(labels.values()))
             raise InputError(f"--runs {count}: the file already gives the runs ('{columns.run}': {given})")
     order = np.argsort(run, kind="stable")
-    time_s = _times(columns)[order]
+    time_s = times_s[order]
     if TIME not in columns:
         notes.append(
             "no time column: rows are assumed to be 1 s apart, so speeds, damping, inertia and relaxation "
             "times are not in seconds; if a column holds the time, add --column time=COLUMN"
         )
-    elif (added_s := float(np.max(_times(columns) - columns.values(TIME)))) > 0.0:
+    elif (added_s := float(np.max(times_s - columns.values(TIME)))) > 0.0:
         notes.append(
             f"'{columns.name(TIME)}' falls as a counter of 32 bits does when it is full: it is continued, "
             f"by {added_s:.9g} s in all"
@@ -119,12 +121,12 @@ def _times(columns: ColumnAssignment) -> FloatArray:
     """Return the time of each row, shape (n,) [s]; a counter of 32 bits continues after an overflow."""
     if TIME not in columns:
         return np.arange(len(columns.table), dtype=np.float64)
-    time_s = columns.values(TIME)
-    steps_s = np.diff(time_s)
-    longest_s = _MAX_OVERFLOW_STEP * float(np.median(steps_s)) if len(steps_s) else 0.0
-    for range_s in (2**32 * 1e-3, 2**32 * 1e-6, 2**32 * 1e-9):
-        overflows = (steps_s + range_s > 0.0) & (steps_s + range_s <= longest_s)
-        time_s[1:] += range_s * np.cumsum(overflows & (steps_s < 0.0))
+    time_s, count_s = columns.values(TIME), columns.assigned[TIME].factor
+    if len(time_s) > 1 and count_s <= _MAX_COUNT_S:
+        steps_s, range_s = np.diff(time_s), 2**32 * count_s
+        longest_s = _MAX_OVERFLOW_STEP * np.median(steps_s)
+        overflows = (steps_s < 0.0) & (steps_s + range_s > 0.0) & (steps_s + range_s <= longest_s)
+        time_s[1:] += range_s * np.cumsum(overflows)
     return time_s
 
 

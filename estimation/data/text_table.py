@@ -129,7 +129,7 @@ def _read_text(path: Path) -> tuple[bytes, str]:
     for mark in (b"'", b"\xe2\x80\x99"):  # in "1'000"
         content = re.sub(mark + rb"(?<=\d" + mark + rb")(?=\d{3}(?!\d))", b"", content)
     if _FORTRAN.search(content[:_LOOKED_AT]):
-        content = re.sub(rb"[dD](?<=[\d.]\d[dD])(?=[-+]\d\d)", b"e", content)
+        content = re.sub(rb"[dD](?<=[\d.]{2}[dD])(?=[-+]\d\d)", b"e", content)
     first_lines = content.lstrip()[: _MAX_LINE_BYTES + 1]
     if len(first_lines) > _MAX_LINE_BYTES and b"\n" not in first_lines:
         raise InputError(f"{path}: its first line is longer than 1 MiB; put the names of the columns there")
@@ -165,14 +165,15 @@ _COMMENT_LINE = re.compile(rb"\n[ \t]*(?:[#%!]|//)[^\n]*")
 def _continued_clock(parts: Sequence[pa.Table], decimal: str) -> str:
     """Return the clock that continues from part to part, as in a table split into pages; empty for none."""
     clocks = [guess.column for guess in guess_columns(parts[0].column_names) if guess.key == TIME]
-    if len(clocks) != 1 or min(map(len, parts)) < 2:
+    if len(clocks) != 1 or not all(map(len, parts)):
         return ""
     ends = []
     for part in parts:
-        cells = (str(part.column(clocks[0])[row].as_py()) for row in (0, -2, -1))
+        cells = (str(part.column(clocks[0])[row].as_py()) for row in (0, max(-2, -len(part)), -1))
         ends.append([number_of(cell.replace(decimal, ".")) for cell in cells])
     first, last_but_one, last = np.array(ends).T
     gaps, steps = first[1:] - last[:-1], last - last_but_one
+    steps = np.where(steps > 0.0, steps, steps.max())  # one row between comments has no step
     return clocks[0] if ((gaps > 0.0) & (gaps <= _ONE_STEP * steps[:-1])).all() else ""
 
 

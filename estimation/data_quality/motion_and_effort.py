@@ -171,14 +171,12 @@ def no_contact(data: ChannelData) -> str | None:
     # Negative if a spring from the surface on has a negative stiffness.
     is_negative = float(depth @ (data.effort - air_level)) < 0.0
     if is_negative and trend < _NEGATIVE and not rises and misaligned(data) is None:
-        force, depth_unit = data.units.get("force", "N"), data.units.get("displacement", "m")
-        remedy = f"--unit force=-{'' if force[0].isdigit() else 1}{force} reverses the force"
-        if force.startswith("-"):
-            number = "" if depth_unit[0].isalpha() else "-"  # a number is given already
-            remedy = (
-                f"--unit displacement={number or 1}{depth_unit.lstrip('-')} changes that of the displacement"
-            )
-        return f"force falls with depth (correlation {trend:.2f}); check the signs: {remedy}"
+        unit = data.units.get("force", "N")
+        opposite = unit[1:] if unit.startswith("-") else f"-{'1' * unit[0].isalpha()}{unit}"
+        return (
+            f"force falls with depth (correlation {trend:.2f}); check the signs of force and displacement: "
+            f"--unit force={opposite} reverses the force"
+        )
     return None
 
 

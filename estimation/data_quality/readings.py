@@ -298,18 +298,7 @@ def _is_magnitude(effort: FloatArray, data: ChannelData) -> bool:
     """
     q, v = data.position, data.velocity
     law = np.column_stack(
-        [
-            np.sin(q),
-            np.cos(q),
-            q,
-            q**2,
-            q**3,
-            v,
-            np.sign(v),
-            v * np.abs(v),
-            data.acceleration,
-            np.ones(len(q)),
-        ]
+        [np.sin(q), np.cos(q), np.vander(q, 4), v, np.sign(v), v * np.abs(v), data.acceleration]
     )
     as_recorded, sign = effort - law @ solve(law, effort), np.sign(v)
     for _ in range(_MAX_SIGN_STEPS):

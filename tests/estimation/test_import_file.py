@@ -649,6 +649,15 @@ def test_angle_measured_within_one_turn_is_continuous(tmp_path, name, low, turn,
     assert "is read as continuous" in " ".join(channel.import_warnings)
 
 
+@pytest.mark.parametrize(("unit", "factor"), [("-1rad", -1.0), ("0.02rad", 0.02), ("-1deg", -np.pi / 180.0)])
+def test_turns_of_a_reversed_or_geared_angle_are_exact(tmp_path, unit, factor):
+    path = write_csv(
+        tmp_path / "joint.csv", SWING | {"angle": ANGLE % (360.0 if "deg" in unit else 2 * np.pi)}
+    )
+    channel = only(import_file(path, ImportOptions(units={"position": unit})))
+    np.testing.assert_allclose(np.diff(channel.position[:400]), factor * np.diff(ANGLE[:400]), atol=1e-6)
+
+
 def test_jumps_that_are_no_whole_turns_are_kept(tmp_path):
     degrees = np.minimum(20.0 * SWING_S, 60.0) + 290.0 + 0.0 * ANGLE
     lost = np.where(np.arange(800) % 300 == 50, 0.0, degrees)
@@ -675,17 +684,11 @@ def test_angle_in_the_other_unit_is_told_by_the_size_of_its_jumps(tmp_path):
         assert f"add --unit position={other}" in " ".join(only(imported).import_warnings)
 
 
-def test_goal_and_angle_of_a_servo_turn_together(tmp_path):
-    goal = (ANGLE + 0.05) % (2.0 * np.pi)
-    columns = {
-        "time_s": SWING_S,
-        "run": SWING["run"],
-        "position_rad": ANGLE % (2.0 * np.pi),
-        "goal_rad": goal,
-    }
-    np.testing.assert_allclose(
-        only(import_file(write_csv(tmp_path / "s.csv", columns))).effort, 0.05, atol=1e-6
-    )
+@pytest.mark.parametrize("angle", [ANGLE, np.sin(SWING_S)])  # over several turns, and across one border
+def test_goal_and_angle_of_a_servo_turn_together(tmp_path, angle):
+    motion = {"position_rad": angle % (2.0 * np.pi), "goal_rad": (angle + 0.05) % (2.0 * np.pi)}
+    path = write_csv(tmp_path / "s.csv", {"time_s": SWING_S, "run": SWING["run"]} | motion)
+    np.testing.assert_allclose(only(import_file(path)).effort, 0.05, atol=1e-6)
 
 
 SPEED = np.gradient(ANGLE, 0.01)  # rad/s
@@ -712,6 +715,14 @@ def test_counter_that_overflows_is_continued(tmp_path):
     imported = import_file(write_csv(tmp_path / "joint.csv", table))
     np.testing.assert_allclose(np.diff(only(imported).time_s), 0.01, atol=1e-5)
     assert "as a counter of 32 bits" in " ".join(imported.notes)
+
+
+@pytest.mark.parametrize("unit", ["s", "us"])
+def test_clock_that_restarts_after_the_range_of_another_counter_starts_a_run(tmp_path, unit):
+    clock_s = np.tile(np.arange(430) * 0.01, 2)  # 2^32 ns are 4.29 s
+    table = {f"time_{unit}": clock_s / {"s": 1.0, "us": 1e-6}[unit], "angle_rad": np.sin(clock_s)}
+    path = write_csv(tmp_path / "joint.csv", table | {"torque_Nm": np.cos(clock_s)})
+    assert len(import_file(path).run_labels) == 2
 
 
 def test_constant_lever_arm_is_no_displacement(tmp_path):

@@ -230,9 +230,11 @@ def test_blocks_between_comments_are_runs_of_one_table(tmp_path, mark, names):
     assert table.names[0] == ("Time [s]" if names else "column 1")
 
 
-def test_comment_inside_a_recording_does_not_divide_it(tmp_path):
+@pytest.mark.parametrize("single", [[], [*LINES[50:51], "# end of pause\n"]])
+def test_comment_inside_a_recording_does_not_divide_it(tmp_path, single):
     path = tmp_path / "press.csv"
-    path.write_text(HEADER + "".join([*LINES[:50], "# pause\n", "\n", *LINES[50:]]))
+    rest = LINES[51:] if single else LINES[50:]
+    path.write_text(HEADER + "".join([*LINES[:50], "# pause\n", "\n", *single, *rest]))
     table = read_table(path)
     assert len(table) == len(LINES)
     assert "run" not in table.names

@@ -1,6 +1,7 @@
 """Signs of displacement and force, and elements that pull as well as push."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -135,7 +136,9 @@ def test_pressed_recording_keeps_its_zero_and_a_unit_factor_its_sign():
         options, time_s=PRESS_T, run=PRESS_RUN, displacement_m=PRESS_X, force_N=-PUSH
     ).channels
     np.testing.assert_allclose(channel.effort, -PUSH)
-    assert "check the sign" in reject_reason(channel)
+    assert "check the signs of force and displacement: --unit force=-1N " in reject_reason(channel)
+    reversed_twice = replace(channel, units=channel.units | {"force": "-.5N"})
+    assert "--unit force=.5N reverses the force" in reject_reason(reversed_twice)
 
 
 def test_absolute_force_keeps_its_sign_and_other_forces_are_named():
