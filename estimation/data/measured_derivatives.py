@@ -118,13 +118,13 @@ def is_difference(
     first, last = np.empty_like(at), np.empty_like(at)
     for rows in blocks(run):
         first[rows], last[rows] = rows.start, rows.stop - 1
-    for back, ahead in _REACHES:
-        inside = (at - back >= first) & (at + ahead <= last)  # the file may hold differences across runs
-        if np.mean(inside) <= _MIN_SPANS:
-            continue
-        before, after = at[inside] - back, at[inside] + ahead
-        difference = (position[after] - position[before]) / (time_s[after] - time_s[before])
-        error, other = (float(np.mean((difference - x[inside]) ** 2)) for x in (given, wide_derivative))
-        if error < _DIFFERENCE_NOISE * other:
+    for back, ahead in _REACHES:  # differences within each run, over shorter spans at its ends
+        before, after = np.maximum(at - back, first), np.minimum(at + ahead, last)
+        apart_s = time_s[after] - time_s[before]
+        moved = position[after] - position[before]
+        difference = np.divide(moved, apart_s, out=np.zeros_like(moved), where=apart_s > 0.0)
+        if np.mean((difference - given) ** 2) < _DIFFERENCE_NOISE * np.mean(
+            (difference - wide_derivative) ** 2
+        ):
             return True
     return False

@@ -238,7 +238,7 @@ def other_time_unit(step_s: float, span_s: float, factor: float) -> str:
     """Return the unit of time to propose if the one in use gives an implausible step between samples.
 
     It is the unit with the most plausible step and duration; of equally plausible ones, the unit that is
-    closest to the one in use. The unit in use is never returned.
+    closest to the one in use. The unit in use is never returned, nor is a day, in which no clock counts.
 
     Args:
         step_s: step between samples in the unit in use, converted to seconds.
@@ -254,7 +254,8 @@ def other_time_unit(step_s: float, span_s: float, factor: float) -> str:
         )
         return excess, abs(math.log(ratio))
 
-    return min((unit for unit in _TIME if not math.isclose(_TIME[unit], factor)), key=distance)
+    counted = (unit for unit in _TIME if unit != "day" and not math.isclose(_TIME[unit], factor))
+    return min(counted, key=distance)
 
 
 def is_scaled(unit: str) -> bool:

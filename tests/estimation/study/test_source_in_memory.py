@@ -11,7 +11,7 @@ from palpate.estimation.study.source import limit_length, open_source
 from palpate.robot_io.errors import InputError
 
 T = np.arange(200) * 0.01
-COLUMNS = {"time_s": T, "displacement_m": 0.01 * np.sin(T), "force_N": 5.0 * np.sin(T)}
+COLUMNS = {"time_s": T, "displacement_m": 0.01 * np.sin(T), "force_N": 5.0 * np.sin(T) + 0.5 * np.cos(T)}
 
 
 def test_duplicate_channel_names_are_refused():
