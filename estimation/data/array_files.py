@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import zipfile
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -125,16 +125,16 @@ def read_mat(path: Path) -> FileColumns:
     vectors: dict[str, NDArray[Any]] = {}
     named = [(k, v) for k, v in content.items() if isinstance(k, str) and not k.startswith("__")]
     # Fields of several structs, such as force.Data and way.Data, are named by their structs too.
-    fields = [str(key) for _, value in named if isinstance(value, Mapping) for key in value]
+    fields = Counter(str(key) for _, value in named if isinstance(value, Mapping) for key in value)
     pending = deque[tuple[str, Any]](named)
     while pending:
         name, value = pending.popleft()
         if isinstance(value, Mapping) and {"time", "signals"} <= set(value):
             pending += _scope_signals(value)
         elif isinstance(value, Mapping):
-            repeated = {*vectors, *(key for key in fields if fields.count(key) > 1)}
             pending += [
-                (f"{name}.{key}" if str(key) in repeated else str(key), v) for key, v in value.items()
+                (f"{name}.{key}" if str(key) in vectors or fields[str(key)] > 1 else str(key), v)
+                for key, v in value.items()
             ]
         elif isinstance(value, np.ndarray):
             cells = value.tolist() if value.ndim == 1 and value.dtype == object else []

@@ -123,7 +123,8 @@ class ColumnAssignment:
     def unused_velocities(self) -> tuple[RoleGuess, ...]:
         """Unused complete columns that hold a velocity according to their names and units."""
         unused, table = set(self.unused), self.table
-        guesses = guess_columns(table.names) if any("_" in unit_in_name(name) for name in unused) else ()
+        has_rates = any((dimension_of(unit_in_name(name)) or "").endswith("_rate") for name in unused)
+        guesses = guess_columns(table.names) if has_rates else ()
         named = (g for g in guesses if g.quantity == "velocity" and g.unit and g.column in unused)
         return tuple(g for g in named if len(invalid_rows(table.numbers(g.column))) == 0)
 

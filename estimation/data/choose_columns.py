@@ -190,7 +190,7 @@ def _best_matches(table: Table, key: Key, guesses: list[RoleGuess]) -> list[Role
 
 
 def have_equal_values(table: Table, key: Key, first: tuple[str, str], second: tuple[str, str]) -> bool:
-    """Return whether two columns have equal values, possibly in different units.
+    """Return whether two columns have equal values, possibly in different units, or both without one.
 
     Args:
         table: the table.
@@ -198,11 +198,12 @@ def have_equal_values(table: Table, key: Key, first: tuple[str, str], second: tu
         first: name and unit of a column.
         second: name and unit of the other column.
     """
-    dimension = dimension_of(first[1])
-    if dimension is None or dimension != dimension_of(second[1]):
+    if dimension_of(first[1]) != dimension_of(second[1]):
         return False
     try:
-        values, other_values = (si_factor(unit) * table.numbers(column) for column, unit in (first, second))
+        values, other_values = (
+            table.numbers(column) * (si_factor(unit) if unit else 1.0) for column, unit in (first, second)
+        )
     except InputError:
         return False
     if key == TIME:

@@ -175,7 +175,7 @@ class ColumnUnits:
         elif not user_unit:
             is_capital = " ".join(self.table.names).isupper()
             note = _note_on_name(role, column, named_unit, unit, is_capital=is_capital) or note
-        elif abs(scale) == 1.0 and not _agree(column, named_unit, unit, exactly=True):
+        elif abs(scale) == 1.0 and not _fits_name(column, named_unit, unit):
             note = f"column '{column}' is read as {role.quantity} in {unit}, whatever its name says"
         factor = scale * SI[dimension][unit]
         unit, is_fixed = stated if scale != 1.0 else unit, self.is_scaled_by_user(role, column)
@@ -325,15 +325,14 @@ def _note_on_name(role: Role, column: str, named_unit: str, unit: str, *, is_cap
             f"column '{column}' may state two units: it is read in {named_unit}; if {other} is right, "
             f"add --unit {role.numbered}={other}"
         )
-    if not _agree(column, named_unit, unit):
+    if dimension_of(named_unit) not in {None, dimension_of(unit)}:
         return f"column '{column}' is read as {role.quantity} in {unit}, whatever its name says"
     return ""
 
 
-def _agree(column: str, named_unit: str, unit: str, *, exactly: bool = False) -> bool:
-    """Return whether the unit in a name, if there is one, has the dimension or exactly the size of `unit`."""
-    if not named_unit and exactly:
-        unknown = unknown_unit(column)
-        return unknown in {"", *_WITHOUT_UNIT} or normalize_unit(unknown.lower()) == unit
-    is_alike = dimension_of(named_unit) in {None, dimension_of(unit)}
-    return is_alike and not (exactly and named_unit and si_factor(named_unit) != si_factor(unit))
+def _fits_name(column: str, named_unit: str, unit: str) -> bool:
+    """Return whether the name of a column states no unit, or one of the dimension and size of `unit`."""
+    if named_unit:
+        return (dimension_of(named_unit), si_factor(named_unit)) == (dimension_of(unit), si_factor(unit))
+    unknown = unknown_unit(column)
+    return unknown in {"", *_WITHOUT_UNIT} or normalize_unit(unknown.lower()) == unit

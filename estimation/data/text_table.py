@@ -106,11 +106,12 @@ def read_text_table(path: Path, selected: str) -> FileColumns:
 
 
 def is_prose(path: Path) -> bool:
-    """Return whether a short text file, such as a readme.txt, has no line that begins with a number."""
+    """Return whether a short .txt file, as a readme, has no table and no line that begins with a number."""
     if path.suffix.lower() != ".txt" or path.stat().st_size > _LOOKED_AT:
         return False
     with suppress(InputError):
-        return not re.search(rb"(?m)^[^\w\n]*\d", _read_text(path)[0])
+        content, _ = _read_text(path)
+        return not re.search(rb"(?m)^[^\w\n]*\d", content) and find_dialect(content) is None
     return False
 
 

@@ -699,6 +699,7 @@ SPEED = np.gradient(ANGLE, 0.01)  # rad/s
     [
         ({"Angle [rad]": np.degrees(ANGLE), "Velocity [rad/s]": SPEED}, "--unit position=deg"),
         ({"motor_pos_rad": 50.0 * ANGLE, "link_vel_rad_s": SPEED}, "is 0.02 times the rate"),
+        ({"angle_rad": ANGLE, "motor speed (rpm)": 50.0 * SPEED * 30.0 / np.pi}, "is 50 times the rate"),
         ({"Motor pos [turns]": ANGLE, "Joint torque [Nm]": SWING_S}, "add --unit position=0.02rev"),
         ({"Joint angle [deg]": ANGLE, "Motor torque [Nm]": SWING_S}, "add --unit torque=50Nm"),
     ],

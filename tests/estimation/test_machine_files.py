@@ -290,6 +290,9 @@ def test_text_without_numbers_beside_data_files_is_left_out(tmp_path):
     assert len(imported.run_labels) >= 2
     alone = import_files([tmp_path / "1.csv", tmp_path / "readme.txt"], ImportOptions())
     assert "readme.txt: left out, a text without numbers" in alone.notes
+    (tmp_path / "named.txt").write_text(f"Specimen,{HEADER}" + "".join(f"steel,{line}" for line in LINES))
+    both = import_files([tmp_path / "1.csv", tmp_path / "named.txt"], ImportOptions())
+    assert any(label.startswith("named.txt") for label in both.run_labels.values())
 
 
 def test_fields_of_several_structs_are_named_by_their_structs(tmp_path):
@@ -297,3 +300,6 @@ def test_fields_of_several_structs_are_named_by_their_structs(tmp_path):
     savemat(tmp_path / "series.mat", structs)
     names = read_table(tmp_path / "series.mat").names
     assert sorted(names) == ["force.Data", "force.Time", "way.Data", "way.Time"]
+    columns, units = {"force": "force.Data", "displacement": "way.Data"}, {"force": "N", "displacement": "m"}
+    imported = import_file(tmp_path / "series.mat", ImportOptions(columns=columns, units=units))
+    assert "'force.Time' states no unit" in imported.notes[0]  # the times are equal, so either may be read
