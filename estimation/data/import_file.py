@@ -426,16 +426,15 @@ def _likely_unit(columns: ColumnAssignment, source: ChannelSource, ratio: float)
 def _note_gear(source: ChannelSource, columns: ColumnAssignment) -> Iterator[str]:
     """Yield a note if one of position and effort is named after the motor, and the other after the joint."""
     for motor, joint in ((source.position, source.effort), (source.effort, source.position)):
-        words = [set(words_of(columns.name(key))) for key in (motor, joint)]
-        of_motor = words[0] & _MOTOR_WORDS and not words[0] & _JOINT_WORDS
-        if of_motor and words[1] & _JOINT_WORDS and not words[1] & _MOTOR_WORDS:
-            unit, is_torque = columns.assigned[motor].unit, motor == source.effort
-            example = f"{columns.role(motor).numbered}={'50' if is_torque else '0.02'}{unit}"
-            if not any(columns.assigned[key].is_fixed for key in (motor, joint)):
-                yield (
-                    f"'{columns.name(motor)}' belongs to the motor and '{columns.name(joint)}' to the joint, "
-                    f"according to their names; for a gear of 50:1 between them, add --unit {example}"
-                )
+        sides = [set(words_of(columns.name(key))) & (_MOTOR_WORDS | _JOINT_WORDS) for key in (motor, joint)]
+        is_split = all(sides) and sides[0] <= _MOTOR_WORDS and sides[1] <= _JOINT_WORDS
+        if is_split and not any(columns.assigned[key].is_fixed for key in (motor, joint)):
+            example = f"{'50' if motor == source.effort else '0.02'}{columns.assigned[motor].unit}"
+            yield (
+                f"'{columns.name(motor)}' belongs to the motor and '{columns.name(joint)}' to the joint, "
+                "according to their names; for a gear of 50:1 between them, add --unit "
+                f"{columns.role(motor).numbered}={example}"
+            )
 
 
 def _reverse_reactions(

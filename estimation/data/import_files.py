@@ -66,14 +66,13 @@ def import_files(
     places = [path.resolve() for path in paths]
     if twice := [path for number, path in enumerate(paths) if places[number] in places[:number]]:
         raise InputError(f"{twice[0]}: is given twice; its runs would count as repeated measurements")
-    given, paths = paths, _without_prose(paths)
-    parts = []
+    kept = _without_prose(paths)
+    prose = tuple(f"{path.name}: left out, a text without numbers" for path in paths if path not in kept)
+    paths, parts = kept, []
     for number, table in enumerate(read_tables(paths, options)):
         which = f"file {number + 1} of {len(paths)}" if len(paths) > 1 else "the file"
         progress(f"deriving the motion of {which}", (number + 0.5) / len(paths))
         parts.append(import_table(table, options))
-    left_out = sorted({path.name for path in given} - {path.name for path in paths})
-    prose = tuple(f"{name}: left out, a text without numbers" for name in left_out)
     if len(parts) == 1:
         return replace(parts[0], notes=(*prose, *parts[0].notes))
     channels = []

@@ -179,10 +179,8 @@ def normalize_unit(unit: str) -> str:
 def _power_of_ten(unit: str) -> str:
     """Convert "10^-3 N" to "×1e-3N"; empty for other text. "100 N" may be the range of a sensor."""
     match = _POWER_OF_TEN.fullmatch(unit.strip().replace("−", "-"))
-    base = normalize_unit(match[3]) if match else ""
-    if not match or not dimension_of(base):
-        return ""
-    if match[2].isdecimal() and not match[1] and dimension_of(base) != "time":
+    dimension = dimension_of(base := normalize_unit(match[3])) if match else None
+    if not match or not dimension or (match[2].isdecimal() and not match[1] and dimension != "time"):
         return ""
     number = re.sub(r"^10(\^|\*\*|(?=[-+]))", "1e", match[2].replace(" ", "").replace(",", "."))
     return f"×{1.0 / float(number[2:]):g}{base}" if "/" in number else f"×{number}{base}"
