@@ -222,7 +222,7 @@ def assign_columns(table: Table, options: ImportOptions) -> ColumnAssignment:
     units.check_known(chosen)
     assigned = {key: units.assign(role, name) for key, (role, name) in chosen.items()}
     units.check_used(chosen)
-    assigned, two_sided, sign_notes = _orient_signs(units, assigned, shift)
+    assigned, two_sided, sign_notes = _orient_signs(units, assigned)
     phase = options.columns.get(PHASE, PHASE if PHASE in table.names else None)
     notes += [*_note_preamble(units, chosen, assigned), *position_notes, *sign_notes]
     return ColumnAssignment(table, assigned, run, phase, tuple(notes), two_sided, shift)
@@ -417,7 +417,7 @@ def _note_other_columns(table: Table, chosen: Chosen, options: ImportOptions) ->
 
 
 def _orient_signs(
-    units: ColumnUnits, assigned: dict[Key, AssignedColumn], shift: int
+    units: ColumnUnits, assigned: dict[Key, AssignedColumn]
 ) -> tuple[dict[Key, AssignedColumn], bool, list[str]]:
     """Make displacement and force positive in compression, with notes, and detect elements that can pull.
 
@@ -428,11 +428,7 @@ def _orient_signs(
         return assigned, False, []
     depth, force = assigned[DISPLACEMENT], assigned[FORCE]
     sides = press_sides(*(side.factor * units.table.numbers(side.column) for side in (depth, force)))
-    scaled = {
-        key
-        for key, source in ((DISPLACEMENT, depth), (FORCE, force))
-        if units.is_scaled_by_user(Role(*key, "", shift), source.column)
-    }
+    scaled = {key for key in (DISPLACEMENT, FORCE) if assigned[key].is_fixed}
     factors = {DISPLACEMENT: sides.displacement, FORCE: sides.force}
     flipped = {key: assigned[key].column for key in factors if factors[key] < 0.0 and key not in scaled}
     is_magnitude = is_absolute(force.column) and units.table.numbers(force.column).min() >= 0.0

@@ -76,7 +76,7 @@ class AssignedColumn:
     factor: float  # factor from this unit to SI
     note: str = ""  # note for the user, or empty
     zero: float = 0.0  # zero of the quantity, in SI; subtracted from the numbers
-    is_fixed: bool = False  # whether --unit has a number before the unit
+    is_fixed: bool = False  # whether --unit has a number before the unit, which also fixes the sign
 
     @property
     def fixed_unit(self) -> str:
@@ -127,10 +127,6 @@ class ColumnUnits:
         fitting = (unit for unit in stated if dimension_of(unit) in QUANTITIES[role.quantity])
         return self._user_unit(role, column) or next(fitting, "")
 
-    def is_scaled_by_user(self, role: Role, column: str) -> bool:
-        """Return whether --unit has a number before the unit, which also fixes the sign."""
-        return any(is_scaled(self.options.units[name]) for name in self.option_names(role, column))
-
     def assign(self, role: Role, column: str) -> AssignedColumn:
         """Determine the unit of a column and its factor to SI.
 
@@ -178,7 +174,8 @@ class ColumnUnits:
         elif abs(scale) == 1.0 and not _fits_name(column, named_unit, unit):
             note = f"column '{column}' is read as {role.quantity} in {unit}, whatever its name says"
         factor = scale * SI[dimension][unit]
-        unit, is_fixed = stated if scale != 1.0 else unit, self.is_scaled_by_user(role, column)
+        unit = stated if scale != 1.0 else unit
+        is_fixed = any(is_scaled(self.options.units[name]) for name in self.option_names(role, column))
         return AssignedColumn(column, dimension, unit, factor, note, is_fixed=is_fixed)
 
     def missing(self, chosen: Chosen) -> list[tuple[str, str]]:

@@ -13,7 +13,6 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.assign_columns import ColumnAssignment, assign_columns, in_blocks
 from palpate.estimation.data.channel_sources import ChannelSource, channel_sources, check_options_are_used
 from palpate.estimation.data.column_names import TIME, Key, quantity_in, unit_in_name, words_of
-from palpate.estimation.data.column_units import ColumnUnits
 from palpate.estimation.data.derivatives import differentiate
 from palpate.estimation.data.file_columns import list_first
 from palpate.estimation.data.import_options import NO_OPTIONS, ImportOptions
@@ -135,7 +134,7 @@ def import_table(table: Table, options: ImportOptions = NO_OPTIONS) -> ImportedD
         before = len(notes)
         channel = _make_channel(source, columns, rows, notes)
         channels.append(replace(channel, import_warnings=(*time_warnings, *notes[before:])))
-    channels = _reverse_reactions(channels, sources, columns, ColumnUnits(table, options), notes)
+    channels = _reverse_reactions(channels, sources, columns, notes)
     recovers = False if options.same_object else None
     channels = [
         replace(channel, context=context, recorded=frozenset(context), recovers=recovers)
@@ -441,7 +440,6 @@ def _reverse_reactions(
     channels: Sequence[ChannelData],
     sources: Sequence[ChannelSource],
     columns: ColumnAssignment,
-    units: ColumnUnits,
     notes: list[str],
 ) -> list[ChannelData]:
     """Reverse the efforts of joints if they are reactions to the drive, and append a note to `notes`.
@@ -462,7 +460,7 @@ def _reverse_reactions(
         for source in sources
         if source.name in power
         and (not is_mixed or power[source.name] < -_CERTAIN_SIGN)
-        and not units.is_scaled_by_user(columns.role(source.effort), columns.name(source.effort))
+        and not columns.assigned[source.effort].is_fixed
     }
     if reversed_efforts:
         names = ", ".join(f"'{effort.column}'" for effort in reversed_efforts.values())
