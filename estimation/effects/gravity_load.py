@@ -146,7 +146,8 @@ class _TiltOfKnownArm(GravityTilt):
 class _TiltOfTurningArm(_TiltOfKnownArm):
     equation = "effort = sin(p) g_p(q) + cos(p) sin(r) g_r(q) + (cos(p) cos(r) - 1) g(q), p pitch, r roll"
     needs = (_OF_TURN,)
-    inner = tuple(Parameter(name, "rad", -np.pi, np.pi, (-0.3, 0.3)) for name in ("pitch", "roll"))
+    # Within a quarter turn, since a vertical joint has the same torque in a base that is upside down.
+    inner = tuple(Parameter(name, "rad", -np.pi / 2, np.pi / 2, (-0.3, 0.3)) for name in ("pitch", "roll"))
 
     def known(self, data: ChannelData, inner: Inner) -> FloatArray:
         across, upright = np.sin([inner["pitch"], inner["roll"]]), np.cos([inner["pitch"], inner["roll"]])

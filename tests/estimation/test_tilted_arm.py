@@ -86,6 +86,15 @@ def test_tilt_of_a_turning_arm_is_named_with_both_angles(joint):
         assert abs(fitted.value - true) < 4.0 * fitted.std_err < 0.02
 
 
+def test_a_vertical_joint_is_not_fitted_upside_down():
+    """In a base that is upside down, its torque would be the same."""
+    data = swinging(0, 0.04, 0.6, urdf=TURNING, roll_rad=-0.03)
+    tilt = EFFECTS["gravity_tilt"]().suited_to(data)
+    upright, turned = (tilt.known(data, {"pitch": 0.1, "roll": roll}) for roll in (0.2, np.pi - 0.2))
+    np.testing.assert_allclose(upright, turned, atol=1e-9)
+    assert all(-np.pi / 2 <= angle.lower < angle.upper <= np.pi / 2 for angle in tilt.inner)
+
+
 def test_tilt_is_no_spring_though_the_joint_moves_little():
     """A tenth of a radian of swing, and 1 % of the weight that the tilt takes off: more than half of it."""
     data = swinging(0, dip_rad=0.14, noise_nm=0.01)
