@@ -338,21 +338,21 @@ def _press_or_axis(units: ColumnUnits, chosen: Chosen) -> tuple[Chosen, list[str
 def _subtract_deflection(
     table: Table, chosen: Chosen, options: ImportOptions
 ) -> tuple[Table, Chosen, list[str]]:
-    """Replace a displacement that is proportional to the force within rounding, with a note.
+    """Note a displacement that is proportional to the force, and replace it if it is a deflection.
 
-    Such a column is the deflection of the force sensor, as of the cantilever of an atomic force microscope.
-    The displacement of the other end of the sensor minus its deflection is the indentation.
+    The deflection of a force sensor, such as the cantilever of an atomic force microscope, is proportional
+    to the force. The indentation is the displacement of the sensor's other end minus this deflection.
     """
     if not {DISPLACEMENT, FORCE} <= set(chosen):
         return table, chosen, []
     column, force = chosen[DISPLACEMENT][1], chosen[FORCE][1]
     way, effort = table.numbers(column), table.numbers(force)
-    if abs(correlation_coefficient(way, effort)) < 1.0 - _FINE:
+    if abs(correlation_coefficient(way, effort)) < 1.0 - _MAX_ROUNDING:
         return table, chosen, []
     line = np.polyfit(way, effort, 1)
     steps = [float(np.diff(np.unique(values)).min()) for values in (way, effort)]
-    rounding = max(abs(line[0]) * steps[0] + steps[1], _EXACT * np.ptp(effort))
-    if rounding > _FINE * np.ptp(effort) or np.abs(effort - np.polyval(line, way)).max() > rounding:
+    rounding = max(abs(line[0]) * steps[0] + steps[1], _MIN_ROUNDING * np.ptp(effort))
+    if rounding > _MAX_ROUNDING * np.ptp(effort) or np.abs(effort - np.polyval(line, way)).max() > rounding:
         return table, chosen, []
     fact, is_named = f"'{column}' is proportional to '{force}'", column in options.columns.values()
     guesses = [g for g in guess_columns(table.names) if g.key == DISPLACEMENT and g.column != column]
@@ -486,7 +486,7 @@ def _own_name(column: str) -> bool:
     return role is not None and bool(role.unit)
 
 
-_EXACT, _FINE = 1e-9, 1e-3  # errors of rounding, relative to the range of the force
+_MIN_ROUNDING, _MAX_ROUNDING = 1e-9, 1e-3  # relative to the range of the force
 _SYSTEMATIC = 0.1  # least share of empty cells of a slower sensor; fewer are faults of the file
 _SLOW = 2.0  # ratio to the slowest rate up to which an effort counts as slow
 _SHARED = 0.5  # least share of the slowest column's values that must be in complete rows

@@ -303,10 +303,12 @@ def _make_channel(
     acceleration = acceleration if measured is None else measured
     effort, phase = columns.values(source.effort)[rows.order], rows.phase
     if source.kind is ChannelKind.SERVO:
-        recorded = columns.values(source.position)[rows.order]
+        recorded, turn = columns.values(source.position)[rows.order], 2.0 * np.pi
+        goal, _, _ = unwrap_angle(effort, pieces, rows.run, turn)
+        jumps = goal is not None and not np.array_equal(goal, effort)
         effort = effort - recorded
-        if not np.array_equal(position, recorded):  # a goal jumps when its angle does not
-            effort -= 2.0 * np.pi * np.round(effort / (2.0 * np.pi))
+        if jumps or not np.array_equal(position, recorded):  # they jump at different times
+            effort -= turn * np.round(effort / turn)
     is_contact = source.kind is ChannelKind.CONTACT
     both_ways = np.ones(len(position), dtype=np.bool_) if is_contact and columns.two_sided else None
     if is_contact and (phase == UNKNOWN_PHASE).all():
@@ -386,7 +388,7 @@ def _measured_derivative(  # noqa: PLR0917
         another = f"--column {columns.role(key).numbered}=COLUMN"
         problem = f"does not follow {rate}; if another column does, add {another}"
     else:
-        example = _likely_unit(columns, source, ratio) if key[0] == "velocity" else ""
+        example = _unit_example(columns, source, ratio) if key[0] == "velocity" else ""
         wrong_unit = f"a unit is wrong: correct it with --unit{example}"
         remedy = "it has the wrong sign" if ratio < 0.0 else wrong_unit
         problem = f"is {ratio:.3g} times {rate}; {remedy}"
@@ -406,7 +408,7 @@ def _note_unused_velocity(
         velocity = rates[guess.unit] * columns.table.numbers(guess.column)[rows.order]
         ratio = mistaken_scale(rows.time_s, position, velocity, rows.run)
         if ratio is not None and np.isfinite(ratio):
-            likely = _likely_unit(columns, source, ratio)
+            likely = _unit_example(columns, source, ratio)
             gear = "; a gear between them also explains this" * (source.kind.is_angle and not likely)
             yield (
                 f"column '{guess.column}', which is not used, is {ratio:.3g} times the rate of change of "
@@ -414,8 +416,8 @@ def _note_unused_velocity(
             )
 
 
-def _likely_unit(columns: ColumnAssignment, source: ChannelSource, ratio: float) -> str:
-    """Suggest the unit in which the position agrees with a velocity that is `ratio` times its slope."""
+def _unit_example(columns: ColumnAssignment, source: ChannelSource, ratio: float) -> str:
+    """Return an example of --unit by which a velocity agrees that is `ratio` times the position's slope."""
     position, option = columns.assigned[source.position], columns.role(source.position).numbered
     units = SI[position.dimension].items()
     likely = [unit for unit, size in units if abs(size / position.factor / ratio - 1.0) < _SAME_RATIO]

@@ -684,7 +684,8 @@ def test_angle_in_the_other_unit_is_told_by_the_size_of_its_jumps(tmp_path):
         assert f"add --unit position={other}" in " ".join(only(imported).import_warnings)
 
 
-@pytest.mark.parametrize("angle", [ANGLE, np.sin(SWING_S)])  # over several turns, and across one border
+# Over several turns, across one border, and only the goal across it.
+@pytest.mark.parametrize("angle", [ANGLE, np.sin(SWING_S), 0.02 * np.sin(SWING_S) - 0.04])
 def test_goal_and_angle_of_a_servo_turn_together(tmp_path, angle):
     motion = {"position_rad": angle % (2.0 * np.pi), "goal_rad": (angle + 0.05) % (2.0 * np.pi)}
     path = write_csv(tmp_path / "s.csv", {"time_s": SWING_S, "run": SWING["run"]} | motion)
