@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -33,7 +32,6 @@ from palpate.estimation.data.column_names import (
     guess_columns,
     is_absolute,
     parse_role,
-    quantity_in,
     role_of_option,
     si_unit,
     split_unit,
@@ -48,8 +46,6 @@ from palpate.estimation.data.units import (
     describe_fault,
     dimension_of,
     invalid_rows,
-    normalize_unit,
-    read_as,
     scaled_unit,
     si_factor,
 )
@@ -377,27 +373,18 @@ def _subtract_deflection(
 
 
 def _note_preamble(units: ColumnUnits, chosen: Chosen, assigned: dict[Key, AssignedColumn]) -> Iterator[str]:
-    """Yield a note for each line above the header that gives a quantity another unit than its column."""
-    motions = {DISPLACEMENT[0], POSITION[0]}
-    for line in units.table.preamble:
-        quantity = ""
-        if re.search(r"(?<!\w)\d", line):  # a setting, such as "Force limit: 5 kN"
+    """Yield a note for each quantity to which a line above the header gives another unit than its column."""
+    for key, (role, column) in chosen.items():
+        source = assigned.get(key)
+        if source is None or units.option_names(role, column):
             continue
-        for part in re.split(r"[,;|\t]", line):
-            quantity = quantity_in(part) or quantity
-            words = re.findall(r"[^\s:=()\[\]{}<>]+", part)
-            for key, (role, column) in chosen.items():
-                source, names = assigned.get(key), motions if quantity in motions else {quantity}
-                if source is None or key[0] not in names or units.option_names(role, column):
-                    continue
-                stated = [read_as(normalize_unit(word), QUANTITIES[key[0]]) for word in words if word != "in"]
-                stated = [unit for unit in stated if dimension_of(unit) == source.dimension]
-                if stated and si_factor(stated[0]) != abs(source.factor):
-                    yield (
-                        f"the line '{line:.60}' above the header contradicts column '{column}', which is "
-                        f"read in {source.unit}; if {stated[0]} is right, add --unit "
-                        f"{role.numbered}={stated[0]}"
-                    )
+        above = ((line, u) for line, u in units.units_above(key[0]) if dimension_of(u) == source.dimension)
+        line, unit = next(above, ("", ""))
+        if unit and si_factor(unit) != abs(source.factor):
+            yield (
+                f"the line '{line:.60}' above the header contradicts column '{column}', which is "
+                f"read in {source.unit}; if {unit} is right, add --unit {role.numbered}={unit}"
+            )
 
 
 def _note_other_columns(table: Table, chosen: Chosen, options: ImportOptions) -> Iterator[str]:

@@ -3,6 +3,7 @@
 import math
 import re
 import shlex
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ from palpate.estimation.data.column_names import (
     guess_column,
     holds_counts,
     is_angle,
+    quantity_in,
     role_of_option,
     si_unit,
     split_unit,
@@ -272,6 +274,24 @@ class ColumnUnits:
         unit = unit_in_name(column) or _LETTERS.get((role.quantity, unknown_unit(column)), "")
         return read_as(unit, QUANTITIES[role.quantity])
 
+    def units_above(self, quantity: str) -> Iterator[tuple[str, str]]:
+        """Yield the lines above the header that state a unit of a quantity, each with this unit.
+
+        Args:
+            quantity: quantity of a column; the lines may call a position a displacement, and vice versa.
+        """
+        motions = {"displacement", "position"}
+        for line in self.table.preamble:
+            named = ""
+            if re.search(r"(?<!\w)\d", line):  # a setting, such as "Force limit: 5 kN"
+                continue
+            for part in re.split(r"[,;|\t]", line):
+                named = quantity_in(part) or named
+                words = [word for word in re.findall(r"[^\s:=()\[\]{}<>]+", part) if word != "in"]
+                if quantity in (motions if named in motions else {named}):
+                    units = (read_as(normalize_unit(word), QUANTITIES[quantity]) for word in words)
+                    yield from ((line, unit) for unit in units if dimension_of(unit) in QUANTITIES[quantity])
+
     def _likely_unit(self, role: Role, column: str, *, linear: bool = False) -> str:
         """Return the SI unit (`linear`: of a linear axis), or the laboratory's if numbers are too large."""
         values = self.table.numbers(column) if self.table.numeric_share(column) == 1.0 else np.zeros(1)
@@ -282,6 +302,8 @@ class ColumnUnits:
         is_length = linear and role.quantity == "position" and (not is_angle(column) or holds_counts(column))
         if role.unit == "strain":
             return "%"
+        if above := next(self.units_above(role.quantity), None):
+            return above[1]
         quantity = "displacement" if is_length else role.quantity
         largest, usual = _MAX_RANGE.get(quantity, (np.inf, ""))
         if quantity == "torque" and not CURRENT.isdisjoint(words_of(column)):

@@ -261,6 +261,13 @@ def test_unit_above_the_header_that_contradicts_a_column_is_reported(tmp_path, l
     assert ("contradicts" in notes) == bool(said)
 
 
+def test_unit_above_the_header_is_proposed_for_a_column_without_unit(tmp_path):
+    path = tmp_path / "press.csv"
+    path.write_text(f"Force unit: kN\n{HEADER.replace('[N]', '')}{rows()}")
+    with pytest.raises(InputError, match=r"--unit force=kN$"):
+        import_file(path)
+
+
 def test_deflection_of_a_cantilever_is_subtracted_from_the_displacement_of_its_base(tmp_path):
     base = 1e3 * WAY_M + 20.0 * FORCE_N / 1e3
     cells = zip(TIME_S, base, 20.0 * FORCE_N, FORCE_N, strict=True)
