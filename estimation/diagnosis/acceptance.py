@@ -301,7 +301,7 @@ def _drop_needless_effects(
         )
         is_needless = is_small or _is_rounding(search, fit, name) or _has_zero_size(reduced, fit, name)
         is_needless |= bool(explained <= encoder_step_error(reduced, measurement))
-        is_needless |= is_smoothing(reduced, fit)
+        is_needless = is_needless or is_smoothing(reduced, fit)
         is_needed = not is_needless and search.is_needed(reduced, fit)
         if is_needed and improvement_test(reduced, fit, measurement, search.rng, name).is_significant:
             continue

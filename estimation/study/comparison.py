@@ -339,17 +339,9 @@ def compare(fitted: FitResult, base: FitResult, model: str, noise: MeasurementNo
             shares.append(f"{share} (or {replacing})" if replacing else share)
         listed = ", ".join(shares)
         words.append(f"Kinds of effects that would explain it, as shares of the squared error: {listed}.")
+    noise = noise.below(fitted.rmse)
     return Comparison(
-        data.name,
-        unit,
-        model,
-        fitted,
-        noise.below(fitted.rmse),
-        is_complete,
-        parts,
-        tuple(words),
-        found_patterns,
-        kinds,
+        data.name, unit, model, fitted, noise, is_complete, parts, tuple(words), found_patterns, kinds
     )
 
 

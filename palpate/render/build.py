@@ -206,12 +206,10 @@ def _verdict(
         return VerdictView("", f"{view.name}: nothing was fitted.")
     labels, errors = [stage.label for stage in view.stages], [stage.rmse for stage in view.stages]
     unit, changes = view.axes.effort_unit, [label.removeprefix("+ ") for label in labels[1:]]
-    noise, is_bound = view.noise_level, view.noise_is_bound
-    fall = (
-        (describe_error_decrease(view.name, errors, changes, noise, unit, is_bound=is_bound),)
-        if changes
-        else ()
-    )
+    fall = list[str]()
+    if changes:
+        level, is_bound = view.noise_level, view.noise_is_bound
+        fall.append(describe_error_decrease(view.name, errors, changes, level, unit, is_bound=is_bound))
     wrong = unphysical_remarks(view.stages[-1].unphysical) if view.stages else ()
     if diagnosis is None:
         model, times = " ".join(labels), view.times_noise(errors[-1])
