@@ -35,7 +35,6 @@ from palpate.robot_io.robot_file import load_robot_file
 from palpate.robot_io.types import Measurement, Status
 from palpate.runs.probing import TickRecords
 from palpate.sim_backend.emulators import Fault, FaultKind, Faults
-from palpate.sim_backend.emulators.serial_line import PtyLine
 from palpate.sim_backend.emulators.wiring import WiredArm, wire_up
 from palpate.sim_backend.scenario import load_scenario
 
@@ -123,9 +122,6 @@ def probe(name: str, rng: np.random.Generator, tally: Tally) -> None:
     planned = {bus: faults_of(section.driver, rng) if faulty else [] for bus, section in buses}
     faults = {bus: Faults(some, seed=seed, start_s=clock.now_s()) for bus, some in planned.items()}
     arm = wire_up(robot_file, load_scenario("default"), clock, faults)
-    for wire in arm.wires.values():
-        if isinstance(wire, PtyLine):
-            wire.stalls = True  # bytes on a serial line do not overtake others
     truth = TruthLog(arm)
     plan = ProbingPlan(speeds_m_s=(SPEEDS_M_S.get(name, 0.1),), hold_s=0.5)
     begun_s, cause = clock.now_s(), ""

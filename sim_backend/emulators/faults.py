@@ -131,8 +131,8 @@ class FrameWire(EmulatedWire, Generic[Frame]):
     Faults may be added at any time.
 
     Attributes:
-        stalls: whether a late frame holds back all frames behind it, which then arrive together, as on a
-            serial line that stalls. Otherwise later frames overtake it.
+        stalls: whether a late frame holds back all frames behind it, as on a serial line that stalls.
+            Otherwise later frames overtake it.
     """
 
     stalls = False
@@ -159,11 +159,10 @@ class FrameWire(EmulatedWire, Generic[Frame]):
         if trigger(FaultKind.REORDER, device, now_s) and device not in self._held_back:
             self._held_back[device] = frame
             return
-        if self.stalls and self._late:
-            self._late.append((self._late[-1][0], frame))
-            return
-        if delay := trigger(FaultKind.DELAY, device, now_s):
-            self._late.append((now_s + delay.delay_s, frame))
+        delay, is_held_back = trigger(FaultKind.DELAY, device, now_s), self.stalls and self._late
+        if delay or is_held_back:
+            due_s = now_s + (delay.delay_s if delay else 0.0)
+            self._late.append((max(due_s, self._late[-1][0]) if is_held_back else due_s, frame))
             return
         self._put(frame, now_s)
         if trigger(FaultKind.DUPLICATE, device, now_s):

@@ -161,8 +161,10 @@ class PtyLine(SensorWire):
     """A pseudo terminal, `path` for the driver, and its sensor; see `SensorWire`.
 
     In lockstep, all bytes of an advance are written at its end, because the kernel may hand on two writes at
-    different times. A sensor without a baud rate understands any [bit/s].
+    different times. A sensor without a baud rate understands any [bit/s]. No byte overtakes another one.
     """
+
+    stalls = True
 
     def __init__(
         self,

@@ -191,6 +191,7 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         self._in_use = False  # whether the driver has opened the port
         self._had_faults = False  # whether faults were planned in the last step
         self._free_s = start_s  # when the line is free again
+        self._due_s = start_s  # when the last answer arrives, which none behind it overtakes
 
     @staticmethod
     @abstractmethod
@@ -316,7 +317,8 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         self._free_s = max(self._free_s, now_s) + senders[0].return_delay_s
         self._free_s += self._byte_s * len(packet)
         late_s = max((fault.delay_s for fault in trigger(FaultKind.DELAY)), default=0.0)
-        return ServoFrame(senders[0].id, packet, self._free_s + late_s)
+        self._due_s = max(self._due_s, self._free_s + late_s)
+        return ServoFrame(senders[0].id, packet, self._due_s)
 
     def _sent_id(self, servo_id: int, now_s: float) -> int:
         wrong = self.faults.trigger(FaultKind.WRONG_ID, servo_id, now_s)

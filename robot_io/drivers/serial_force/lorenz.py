@@ -18,7 +18,7 @@ from typing import Annotated
 from pydantic import AfterValidator, Field, field_validator
 
 from palpate.robot_io.drivers.serial_force.line import SerialForceSensor, SerialForceSettings
-from palpate.robot_io.drivers.serial_force.stream import ReadingStream, check_unit, newtons_per
+from palpate.robot_io.drivers.serial_force.stream import ReadingStream, SensorClock, check_unit, newtons_per
 from palpate.robot_io.errors import DeviceError, InputError, ProtocolError
 from palpate.robot_io.examination import Examinable
 from palpate.robot_io.files.file_model import Positive
@@ -160,6 +160,7 @@ def decode_header_block(parameters: Sequence[int]) -> SensorHeader:
 
 _SYNC_SAMPLES = 5  # consecutive counters before a stream is accepted
 _NEAR_COUNTS = 128  # half of a step of the high byte
+_COUNTERS = 256
 
 
 def _signed(high: int, low: int) -> int:
@@ -173,16 +174,20 @@ class LorenzStream(ReadingStream):
     arrived and is larger by one. If that counter value also occurs within the sample, bytes may have been
     lost before it. The sample is then left out, unless it is near the last one and the force after such a
     loss would be far from it. After a gap, the stream is accepted again once five consecutive counters fit. A
-    flipped bit in a value is not detected.
+    flipped bit in a value is not detected. The counters also date the samples, see `sensor_clock`.
 
     Args:
         rate_hz: sample rate [Hz]; a sample waits for the next counter for one period, 0 by default.
     """
 
+    sensor_clock: SensorClock
+
     def __init__(self, newtons_per_count: float, rate_hz: float = inf) -> None:
         self._factor, self.held_back_s = newtons_per_count, 1.0 / rate_hz
+        self.sensor_clock = SensorClock(longest_gap_s=(_COUNTERS - 1) / rate_hz)
         self._unprocessed = b""
         self._in_step = False  # whether the remaining bytes begin with a counter
+        self._last_counter = 0  # of the last sample that was accepted
         self._last_counts = nan  # of the last sample that was accepted
 
     def feed(self, data: bytes) -> list[float]:
@@ -200,7 +205,9 @@ class LorenzStream(ReadingStream):
             index += 3
             counts = _signed(high, low)
             if following not in (high, low) or self._is_likelier(counts, high, low, following):
-                self._last_counts = counts
+                elapsed = (counter - self._last_counter) % _COUNTERS
+                self.sensor_clock.advance(elapsed * self.held_back_s)
+                self._last_counter, self._last_counts = counter, counts
                 samples.append(counts * self._factor)
         self._unprocessed = buffer[index:]
         return samples
